@@ -1,0 +1,1 @@
+"""The controller of the inspection cell: everything that decides."""

@@ -1,0 +1,57 @@
+"""Errors of all drivers, sorted by what the caller can do next (not by where they arose).
+
+A bug of ours is a plain ``ValueError``; ``asyncio.CancelledError`` always passes through.
+"""
+
+
+class DeviceError(Exception):
+    """Root of everything a driver raises on purpose."""
+
+
+class LinkError(DeviceError):
+    """No bytes get through: reconnect, re-reference if power was lost, ask again."""
+
+
+class UnpluggedError(LinkError):
+    """The device left while it was open: its node or connection is gone."""
+
+
+class ReplyTimeoutError(LinkError):
+    """No reply in time: done or not? Read the state back before repeating anything."""
+
+
+class BadReplyError(DeviceError):
+    """Bytes that the manual forbids: stop, log them in hex, never guess."""
+
+
+class WrongDeviceError(DeviceError):
+    """Something answers at this address, but it is not the device that belongs there."""
+
+
+class RefusedError(DeviceError):
+    """Understood, and answered no.
+
+    Attributes
+    ----------
+    code : the device's own code
+    """
+
+    def __init__(self, message: str, code: int) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+class FaultError(DeviceError):
+    """The device reports a fault of its own; ``code`` is the device's number for it."""
+
+    def __init__(self, message: str, code: int) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+class PositionLostError(DeviceError):
+    """The device restarted: every position it had is void until it is referenced again."""
+
+
+class StalledError(DeviceError):
+    """A motion ended against something that should not have been there."""
