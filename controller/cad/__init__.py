@@ -1,0 +1,44 @@
+"""What follows from the CAD model alone: solid, surfaces, stable poses, what a camera would see.
+
+Plain functions: a file or arrays in, dataclasses out. The facts are of the paper's section 2 and
+planning.md 4.
+"""
+
+from ._faces import Face
+from ._samples import SurfaceSamples, sample_surface
+from ._solid import Solid, load_solid, make_solid
+from ._stable import StablePose, stable_poses
+from .camera import Camera, inverse_pose, transform
+from .errors import (
+    CadError,
+    EmptyCadError,
+    ManySolidsCadError,
+    OpenCadError,
+    UnreadableCadError,
+)
+from .rays import RayCaster
+from .views import Roi, ViewMaps, render_maps, view_roi
+
+__all__ = [
+    "CadError",
+    "Camera",
+    "EmptyCadError",
+    "Face",
+    "ManySolidsCadError",
+    "OpenCadError",
+    "RayCaster",
+    "Roi",
+    "Solid",
+    "StablePose",
+    "SurfaceSamples",
+    "UnreadableCadError",
+    "ViewMaps",
+    "inverse_pose",
+    "load_solid",
+    "make_solid",
+    "render_maps",
+    "sample_surface",
+    "stable_poses",
+    "transform",
+    "view_roi",
+]

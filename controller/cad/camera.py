@@ -1,0 +1,98 @@
+"""The camera model: pin-hole with OpenCV's lens distortion, posed in the world.
+
+Camera frame as OpenCV's: x right, y down, z along the view. Pixel (0, 0) is the centre of the
+first pixel.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def transform(T: Array, points: Array) -> Array:
+    """Return points (n, 3) taken through the pose ``T`` (4, 4)."""
+    return points @ T[:3, :3].T + T[:3, 3]
+
+
+def inverse_pose(T: Array) -> Array:
+    """Return the inverse of a rigid pose (4, 4)."""
+    out = np.eye(4)
+    out[:3, :3] = T[:3, :3].T
+    out[:3, 3] = -T[:3, :3].T @ T[:3, 3]
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A calibrated camera.
+
+    Attributes
+    ----------
+    size_px : (width, height)
+    K : (3, 3) camera matrix [px]
+    distortion : (5,) k1 k2 p1 p2 k3, OpenCV's
+    T_world_cam : (4, 4) pose of the camera in the world [mm]
+    """
+
+    size_px: tuple[int, int]
+    K: Array
+    distortion: Array
+    T_world_cam: Array
+
+    @property
+    def position_mm(self) -> Array:
+        """Centre of projection in the world, (3,)."""
+        return self.T_world_cam[:3, 3]
+
+    def project(self, p_world_mm: Array) -> Array:
+        """Return the pixels (n, 2) of world points (n, 3), lens distortion included."""
+        T_cam_world = inverse_pose(self.T_world_cam)
+        rvec, _ = cv2.Rodrigues(T_cam_world[:3, :3])
+        pixels, _ = cv2.projectPoints(
+            np.ascontiguousarray(p_world_mm, dtype=np.float64).reshape(-1, 1, 3),
+            rvec,
+            T_cam_world[:3, 3],
+            self.K,
+            self.distortion,
+        )
+        return np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+
+    def sight_lines(self, pixels: Array) -> Array:
+        """Return the directions (n, 3) in the world, scaled to depth 1, of pixels (n, 2)."""
+        # undistortPoints stops after 5 steps unless told otherwise: 1e-3 px are lost near a corner
+        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 1e-9)
+        plane = cv2.undistortPoints(
+            np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 1, 2),
+            self.K,
+            self.distortion,
+            None,
+            None,
+            None,
+            criteria,
+        ).reshape(-1, 2)
+        d_cam = np.column_stack([plane, np.ones(len(plane))])
+        return d_cam @ self.T_world_cam[:3, :3].T
+
+    @cached_property
+    def sight_line_table(self) -> NDArray[np.float32]:
+        """Directions (height, width, 3) in the world, scaled to depth 1, of all pixels."""
+        width, height = self.size_px
+        v, u = np.mgrid[0:height, 0:width]
+        pixels = np.column_stack([u.ravel(), v.ravel()]).astype(np.float64)
+        return self.sight_lines(pixels).reshape(height, width, 3).astype(np.float32)
+
+    def on_plane(self, pixels: Array, height_mm: float = 0.0) -> Array:
+        """Return where the sight lines of pixels (n, 2) meet the plane z = height, (n, 3)."""
+        d = self.sight_lines(pixels)
+        s = (height_mm - self.position_mm[2]) / d[:, 2]
+        return self.position_mm + s[:, None] * d
+
+    def mm_per_px(self, p_world_mm: Array) -> float:
+        """Return the size of a pixel [mm] at the depth of a world point (3,)."""
+        depth = float((p_world_mm - self.position_mm) @ self.T_world_cam[:3, 2])
+        return depth / float(self.K[0, 0])

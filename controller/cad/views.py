@@ -1,0 +1,68 @@
+"""What a calibrated camera sees of a posed solid: which triangle in which pixel, and how far.
+
+The one picture predictor of the controller; recognition and inspection compare against it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .camera import Camera, inverse_pose, transform
+from .rays import RayCaster
+
+Array = NDArray[np.float64]
+Roi = tuple[int, int, int, int]  # x0, y0, x1, y1 [px], the last ones excluded
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ViewMaps:
+    """A region of a predicted picture.
+
+    Attributes
+    ----------
+    roi : the region in the picture
+    triangle : (height, width) int32 triangle seen, -1 where the part is not
+    depth_mm : (height, width) depth along the camera's axis, inf where the part is not
+    """
+
+    roi: Roi
+    triangle: NDArray[np.int32]
+    depth_mm: Array
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """Where the part is seen, (height, width)."""
+        return self.triangle >= 0
+
+
+def view_roi(
+    vertices_mm: Array, T_world_part: Array, camera: Camera, margin_px: int = 4
+) -> Roi | None:
+    """Return the picture region of a posed vertex cloud (n, 3), None where it is out of sight."""
+    width, height = camera.size_px
+    pixels = camera.project(transform(T_world_part, vertices_mm))
+    x0, y0 = np.floor(pixels.min(axis=0)).astype(int) - margin_px
+    x1, y1 = np.ceil(pixels.max(axis=0)).astype(int) + margin_px + 1
+    x0, y0, x1, y1 = max(x0, 0), max(y0, 0), min(x1, width), min(y1, height)
+    return None if x0 >= x1 or y0 >= y1 else (int(x0), int(y0), int(x1), int(y1))
+
+
+def render_maps(
+    caster: RayCaster, T_world_part: Array, camera: Camera, roi: Roi, step_px: int = 1
+) -> ViewMaps:
+    """Cast the sight lines of every ``step_px``-th pixel of a region against a posed part.
+
+    Parameters
+    ----------
+    caster : of the part's mesh, in the CAD frame
+    T_world_part : (4, 4) pose of the CAD frame in the world [mm]
+    """
+    x0, y0, x1, y1 = roi
+    lines = camera.sight_line_table[y0:y1:step_px, x0:x1:step_px].astype(np.float64)
+    shape = lines.shape[:2]
+    T_part_world = inverse_pose(T_world_part)
+    directions = lines.reshape(-1, 3) @ T_part_world[:3, :3].T
+    origin = transform(T_part_world, camera.position_mm[None])[0]
+    triangle, depth = caster.first_hit(np.broadcast_to(origin, directions.shape), directions)
+    return ViewMaps(roi, triangle.reshape(shape), depth.reshape(shape))
