@@ -76,7 +76,8 @@ class Camera:
             criteria,
         ).reshape(-1, 2)
         d_cam = np.column_stack([plane, np.ones(len(plane))])
-        return d_cam @ self.T_world_cam[:3, :3].T
+        d_world: Array = d_cam @ self.T_world_cam[:3, :3].T
+        return d_world
 
     @cached_property
     def sight_line_table(self) -> NDArray[np.float32]:

@@ -33,7 +33,7 @@ class RayCaster:
         Returns
         -------
         triangle : (n,) int, -1 where the ray meets nothing
-        distance_mm : (n,) along the ray in units of its direction's length, inf where nothing is met
+        distance_mm : (n,) in units of the direction's length, inf where nothing is met
         """
         hits = self._scene.run(
             np.ascontiguousarray(origins_mm, dtype=np.float32),
