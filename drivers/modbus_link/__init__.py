@@ -1,0 +1,25 @@
+"""The one owner of a Modbus line: transports, one request at a time, time-outs, resynchronisation.
+
+Several devices may stand behind one link (a gateway, an RS-485 line); each speaks through its own
+`ModbusUnit`. Framing is pymodbus' (pinned exactly); everything a late reply, a lost line or a
+silent device means for the caller is decided here. Knows no register of any device.
+Source: the reference page modbus_devices.md, sections 8 and 9.
+"""
+
+from ._address import Address, RtuAddress, RtuOverTcpAddress, TcpAddress
+from ._connection import Trace
+from ._link import ModbusLink
+from ._request import FunctionCode, Request
+from ._unit import ModbusUnit
+
+__all__ = [
+    "Address",
+    "FunctionCode",
+    "ModbusLink",
+    "ModbusUnit",
+    "Request",
+    "RtuAddress",
+    "RtuOverTcpAddress",
+    "TcpAddress",
+    "Trace",
+]

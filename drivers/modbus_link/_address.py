@@ -1,0 +1,156 @@
+"""Where a Modbus line is, how it is opened, and why it could not be."""
+
+import asyncio
+import os
+import stat
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from pymodbus import FramerType
+from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
+from pymodbus.client.base import ModbusBaseClient
+from pymodbus.pdu import ModbusPDU
+
+CONNECT_TIMEOUT_WALL_S = 3.0  # opening is the host's business: it does not scale with cell time
+
+
+@dataclass(frozen=True, slots=True)
+class Hooks:
+    """What a client calls while it works; the first two hand back what they were given."""
+
+    packet: Callable[[bool, bytes], bytes]
+    pdu: Callable[[bool, ModbusPDU], ModbusPDU]
+    connected: Callable[[bool], None]
+
+
+@dataclass(frozen=True, slots=True)
+class TcpAddress:
+    """Modbus TCP: a device of its own, or a gateway to RS-485 (then units are slave ids)."""
+
+    host: str
+    port: int = 502
+
+    def __str__(self) -> str:
+        return f"Modbus TCP {self.host}:{self.port}"
+
+    @property
+    def check(self) -> str:
+        """What to look at when it cannot be reached."""
+        return f"check cable, power, the address {self.host} and that port {self.port} is Modbus"
+
+    def client(self, hooks: Hooks) -> ModbusBaseClient:
+        """Return an unconnected client; needs a running loop."""
+        return _tcp_client(self.host, self.port, FramerType.SOCKET, hooks)
+
+    async def why_not(self) -> str:
+        """Return the host's own words for a connection that fails."""
+        return await _why_no_connection(self.host, self.port)
+
+
+@dataclass(frozen=True, slots=True)
+class RtuOverTcpAddress:
+    """RTU frames on a TCP stream, without MBAP header: transparent device servers, UR RS485."""
+
+    host: str
+    port: int
+
+    def __str__(self) -> str:
+        return f"Modbus RTU over TCP {self.host}:{self.port}"
+
+    @property
+    def check(self) -> str:
+        """What to look at when it cannot be reached."""
+        return (
+            f"check cable, power, the address {self.host} and that port {self.port} passes "
+            "the serial line through unchanged"
+        )
+
+    def client(self, hooks: Hooks) -> ModbusBaseClient:
+        """Return an unconnected client; needs a running loop."""
+        return _tcp_client(self.host, self.port, FramerType.RTU, hooks)
+
+    async def why_not(self) -> str:
+        """Return the host's own words for a connection that fails."""
+        return await _why_no_connection(self.host, self.port)
+
+
+@dataclass(frozen=True, slots=True)
+class RtuAddress:
+    """Modbus RTU on a serial line of this computer, 8 data bits."""
+
+    device: str
+    baudrate: int
+    parity: Literal["N", "E", "O"] = "N"
+    stopbits: Literal[1, 2] = 1
+
+    def __str__(self) -> str:
+        return f"Modbus RTU {self.device} at {self.baudrate} 8{self.parity}{self.stopbits}"
+
+    @property
+    def check(self) -> str:
+        """What to look at when it cannot be opened."""
+        return f"check the USB/RS-485 adapter, the device name {self.device} and its permissions"
+
+    def client(self, hooks: Hooks) -> ModbusBaseClient:
+        """Return an unconnected client; needs a running loop."""
+        return AsyncModbusSerialClient(
+            self.device,
+            framer=FramerType.RTU,
+            baudrate=self.baudrate,
+            bytesize=8,
+            parity=self.parity,
+            stopbits=self.stopbits,
+            name=str(self),
+            reconnect_delay=0,
+            timeout=CONNECT_TIMEOUT_WALL_S,
+            retries=0,
+            trace_packet=hooks.packet,
+            trace_pdu=hooks.pdu,
+            trace_connect=hooks.connected,
+        )
+
+    async def why_not(self) -> str:
+        """Return why the device node cannot be opened, as far as looking at it tells."""
+        try:
+            mode = Path(self.device).stat().st_mode  # noqa: ASYNC240  a stat of /dev does not block
+        except OSError as error:
+            return os.strerror(error.errno or 0)
+        if not stat.S_ISCHR(mode):
+            return "not a character device"
+        if not os.access(self.device, os.R_OK | os.W_OK):
+            return "permission denied"
+        return "another program holds it, or the line settings are refused"
+
+
+Address = TcpAddress | RtuAddress | RtuOverTcpAddress
+
+
+def _tcp_client(host: str, port: int, framer: FramerType, hooks: Hooks) -> ModbusBaseClient:
+    # Reconnecting, retrying and timing out are the link's: pymodbus would re-execute writes.
+    return AsyncModbusTcpClient(
+        host,
+        port=port,
+        framer=framer,
+        name=f"{host}:{port}",
+        reconnect_delay=0,
+        timeout=CONNECT_TIMEOUT_WALL_S,
+        retries=0,
+        trace_packet=hooks.packet,
+        trace_pdu=hooks.pdu,
+        trace_connect=hooks.connected,
+    )
+
+
+async def _why_no_connection(host: str, port: int) -> str:
+    # pymodbus answers a bare False; a second try by hand is the public way to the reason.
+    try:
+        async with asyncio.timeout(CONNECT_TIMEOUT_WALL_S):
+            _reader, writer = await asyncio.open_connection(host, port)
+    except TimeoutError:
+        return f"no answer within {CONNECT_TIMEOUT_WALL_S:g} s"
+    except OSError as error:
+        return os.strerror(error.errno) if error.errno and error.errno > 0 else str(error)
+    writer.close()
+    return "it answers now, but did not a moment ago"

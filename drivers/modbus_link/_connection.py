@@ -1,0 +1,137 @@
+"""One open connection: pymodbus' client with its silences, losses and late replies made visible.
+
+Raises pymodbus' troubles as three plain outcomes and decides nothing about them: that is the
+link's. A connection is used once; a new try is a new one.
+"""
+
+import asyncio
+import logging
+import termios
+from collections.abc import Callable
+
+from pymodbus.exceptions import ConnectionException, ModbusIOException
+from pymodbus.pdu import ModbusPDU
+
+from ._address import Address, Hooks
+from ._request import Request
+
+wire_log = logging.getLogger("cellctl.wire.modbus")
+
+Trace = Callable[[bool, bytes], None]
+"""Called with (sending, frame) for everything that crosses the wire; must not block."""
+
+
+class NoAnswer(Exception):  # noqa: N818  an outcome between two private files, never shown
+    """Time is up; holds what arrived instead of an answer."""
+
+    def __init__(self, received: bytes) -> None:
+        super().__init__(received)
+        self.received = received
+
+
+class Lost(Exception):  # noqa: N818  an outcome between two private files, never shown
+    """The connection ended."""
+
+
+class Connection:
+    """A connection that is opened once, asked many things one after the other, and closed."""
+
+    def __init__(self, address: Address, trace: Trace | None) -> None:
+        pymodbus_log = logging.getLogger("pymodbus.logging")
+        if pymodbus_log.level == logging.NOTSET:
+            # It shouts with frame dumps about what the link handles; whoever wants it sets a level.
+            pymodbus_log.setLevel(logging.CRITICAL + 1)
+        self._address = address
+        self._trace = trace
+        self._client = address.client(Hooks(self._on_packet, self._on_pdu, self._on_connected))
+        self._lost = asyncio.Event()
+        self._is_asking = False
+        self._unconsumed = b""
+        self._received = bytearray()
+        self.late_reply = asyncio.Event()  # set by a reply that nobody waits for any more
+
+    async def open(self) -> str | None:
+        """Open it; return None, or why that failed."""
+        try:
+            if await self._client.connect():
+                return None
+        except (termios.error, ValueError) as error:  # parity or baud rate the line cannot do
+            return f"the line refuses the settings ({error})"
+        finally:
+            await asyncio.sleep(0)  # a serial transport starts reading one turn later
+        return await self._address.why_not()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a request has a chance."""
+        return self._client.connected and not self._lost.is_set()
+
+    async def aclose(self) -> None:
+        """Close it; what was written is not waited for."""
+        self._client.close()
+        await asyncio.sleep(0)  # the socket itself is closed by the loop's next turn
+
+    async def ask(self, request: Request, unit: int, timeout_wall_s: float) -> ModbusPDU:
+        """Send a request and return what pymodbus takes for its answer.
+
+        Raises
+        ------
+        NoAnswer : nothing usable arrived in time
+        Lost : the connection ended before or meanwhile
+        """
+        self._received.clear()
+        self._unconsumed = b""
+        self._is_asking = True
+        answer = asyncio.ensure_future(self._send(request, unit))
+        lost = asyncio.ensure_future(self._lost.wait())
+        try:
+            await asyncio.wait(
+                {answer, lost}, timeout=timeout_wall_s, return_when=asyncio.FIRST_COMPLETED
+            )
+            if answer.done():
+                return answer.result()
+            if lost.done():
+                raise Lost
+            raise NoAnswer(bytes(self._received))
+        except ConnectionException as error:
+            raise Lost from error
+        except ModbusIOException as error:
+            raise NoAnswer(bytes(self._received)) from error
+        finally:
+            self._is_asking = False
+            self.late_reply.clear()
+            answer.cancel()
+            lost.cancel()
+            await asyncio.gather(answer, lost, return_exceptions=True)
+
+    async def _send(self, request: Request, unit: int) -> ModbusPDU:
+        return await request.send(self._client, unit)  # the call itself may raise, hence in a task
+
+    def _on_packet(self, sending: bool, data: bytes) -> bytes:
+        if sending:
+            self._show(">", True, data)
+            return data
+        # pymodbus shows the whole unconsumed buffer each time; the trace wants each byte once.
+        is_growing = len(data) > len(self._unconsumed) and data.startswith(self._unconsumed)
+        fresh = data[len(self._unconsumed) :] if is_growing else data
+        self._unconsumed = data
+        self._received += fresh
+        self._show("<" if self._is_asking else "< (late)", False, fresh)
+        return data
+
+    def _on_pdu(self, sending: bool, pdu: ModbusPDU) -> ModbusPDU:
+        if not sending:
+            self._unconsumed = b""
+            if not self._is_asking:
+                self.late_reply.set()
+        return pdu
+
+    def _on_connected(self, connected: bool) -> None:
+        if not connected:
+            self._lost.set()
+
+    def _show(self, mark: str, sending: bool, data: bytes) -> None:
+        if wire_log.isEnabledFor(logging.DEBUG):
+            wire_log.debug("%s %s %s", self._address, mark, data.hex(" "))
+        if self._trace is not None:
+            self._trace(sending, data)

@@ -1,0 +1,314 @@
+"""The policy of a Modbus line: who may speak when, and what silence means.
+
+Rules (modbus_devices.md 8.1, 8.7, 9): one request at a time; a pause between requests to one
+device; reads are repeated once, writes never; after a time-out on RTU nothing is commanded until
+a harmless read has proved that its answer is not an older one; reconnecting backs off.
+"""
+
+import asyncio
+import logging
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Final, Self
+
+from pymodbus.pdu import ExceptionResponse, ModbusPDU
+
+from ..clock import REAL_TIME, CellClock
+from ..errors import BadReplyError, LinkError, RefusedError, ReplyTimeoutError, UnpluggedError
+from ._address import Address, TcpAddress
+from ._connection import Connection, Lost, NoAnswer, Trace
+from ._request import FunctionCode, Request
+from ._unit import ModbusUnit
+
+log = logging.getLogger(__name__)
+
+REPLY_TIMEOUT_S: Final = 0.3  # modbus_devices.md 9, rule 1: 0.1 to 0.3 s
+BACK_OFF_FIRST_S: Final = 0.1
+BACK_OFF_MAX_S: Final = 2.0
+SILENCES_UNTIL_REOPENED: Final = 3  # a half-open connection looks like silent devices
+OVERDUE_S: Final = 3.0  # ten reply time-outs: nobody answers later than that
+RESYNC_TRIES: Final = 3
+GATEWAY_SILENCE: Final = {
+    0x0A: "no path to it",
+    0x0B: "it did not answer the gateway",
+}  # Modbus application protocol V1.1b3, 7
+
+
+class _LateReplyError(ReplyTimeoutError):
+    """The answer to an earlier request came in the place of this one's."""
+
+
+@dataclass(slots=True)
+class _Unit:
+    """What the link remembers of one unit."""
+
+    ready_at_s: float = 0.0
+    quiet_until_s: float = 0.0
+    owed: list[tuple[Request, float]] = field(default_factory=list)  # unanswered, and since when
+
+
+class ModbusLink:
+    """One line or connection, shared by every device behind it.
+
+    It connects when it is first used and again, with back-off, after it was lost. Every duration
+    is in cell seconds.
+
+    Parameters
+    ----------
+    address : the transport and where it is
+    clock : the cell's clock
+    reply_timeout_s : how long a unit may take to answer [cell s]
+    trace : called with (sending, bytes) for everything on the wire
+    """
+
+    def __init__(
+        self,
+        address: Address,
+        clock: CellClock = REAL_TIME,
+        *,
+        reply_timeout_s: float = REPLY_TIMEOUT_S,
+        trace: Trace | None = None,
+    ) -> None:
+        self.address = address
+        self.clock = clock
+        self._reply_timeout_s = reply_timeout_s
+        self._trace = trace
+        self._lock = asyncio.Lock()
+        self._units: dict[int, _Unit] = {}
+        self._connection: Connection | None = None
+        self._is_closed = False
+        self._was_connected = False
+        self._silence_count = 0
+        self._back_off_s = BACK_OFF_FIRST_S
+        self._next_try_at_s = 0.0
+        self._reason = ""
+
+    async def __aenter__(self) -> Self:
+        await self.connect()
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        await self.aclose()
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the line is open at this moment; devices may be silent all the same."""
+        return self._connection is not None and self._connection.is_open
+
+    def unit(
+        self,
+        unit: int,
+        name: str,
+        *,
+        spacing_s: float = 0.0,
+        probes: tuple[Request, ...] = (),
+        check: str = "its power, its unit id and its wiring",
+    ) -> ModbusUnit:
+        """Return the way to one device.
+
+        Parameters
+        ----------
+        unit : unit id, or slave id on RS-485, 1..247
+        name : what messages call the device
+        spacing_s : least pause between two exchanges with it [cell s]
+        probes : harmless reads with answers of different shape, to resynchronise RTU with
+        check : what the message says to check when it is silent
+        """
+        return ModbusUnit(self, unit, name, spacing_s, probes, check)
+
+    async def connect(self) -> None:
+        """Open the line now, without regard to back-off; nothing to do when it is open.
+
+        Raises
+        ------
+        LinkError : it cannot be opened; says where, why and what to check
+        """
+        async with self._lock:
+            self._next_try_at_s = 0.0
+            await self._opened()
+
+    async def aclose(self) -> None:
+        """Close the line for good. A request that is under way is let finish first."""
+        self._is_closed = True
+        async with self._lock:
+            await self._drop()
+
+    async def exchange(self, request: Request, who: ModbusUnit) -> tuple[int, ...]:
+        """Ask a unit and return the registers or bits of a read, nothing of a write.
+
+        A read is repeated once when no answer came; a write never is.
+
+        Raises
+        ------
+        LinkError : not connected, and it cannot be reached now
+        UnpluggedError : the connection ended while the answer was due
+        ReplyTimeoutError : the unit is silent, or its gateway says so
+        BadReplyError : something answered that is no answer to this
+        RefusedError : the unit answered with a Modbus exception, which is its ``code``
+        """
+        if request.is_read:
+            try:
+                return await self._locked_attempt(request, who)
+            except (ReplyTimeoutError, UnpluggedError) as error:
+                log.debug("asking again: %s", error)
+        return await self._locked_attempt(request, who)
+
+    async def _locked_attempt(self, request: Request, who: ModbusUnit) -> tuple[int, ...]:
+        async with self._lock:  # released between attempts: another unit's stop must get through
+            connection = await self._opened()
+            memory = self._units.setdefault(who.unit, _Unit())
+            if memory.owed:
+                await self._resync(connection, memory, who)
+            reply = await self._ask(connection, request, memory, who)
+        if isinstance(reply, ExceptionResponse):
+            raise self._refusal(reply.exception_code, request, who)
+        if request.function in (FunctionCode.READ_COILS, FunctionCode.READ_DISCRETE_INPUTS):
+            return tuple(int(bit) for bit in reply.bits[: request.count])
+        return tuple(reply.registers) if request.is_read else ()
+
+    async def _ask(
+        self, connection: Connection, request: Request, memory: _Unit, who: ModbusUnit
+    ) -> ModbusPDU:
+        """Return a reply of the right shape, a Modbus exception included."""
+        await self.clock.sleep(memory.ready_at_s - self.clock.now_s())
+        has_no_number = not isinstance(self.address, TcpAddress)
+        if has_no_number:
+            memory.owed.append((request, self.clock.now_s()))
+        try:
+            reply = await connection.ask(
+                request, who.unit, self.clock.timeout_wall_s(self._reply_timeout_s)
+            )
+        except NoAnswer as error:
+            raise await self._silence(error.received, request, who) from None
+        except Lost:
+            await self._drop()
+            raise UnpluggedError(
+                f"{who.name}: the connection to {self.address} ended before unit {who.unit} "
+                f"answered {request}; {self.address.check}"
+            ) from None
+        finally:
+            now_s = self.clock.now_s()
+            memory.ready_at_s = now_s + who.spacing_s
+            memory.quiet_until_s = now_s + self._reply_timeout_s
+        self._silence_count = 0
+        if request.is_answered_by(reply):
+            memory.owed = [owed for owed in memory.owed if owed[0] is not request]
+            return reply
+        message = f"{who.name}: unit {who.unit} at {self.address} was asked {request}, got {reply}"
+        if has_no_number:
+            raise _LateReplyError(f"{message}, the late answer to something earlier")
+        raise BadReplyError(message)
+
+    async def _resync(self, connection: Connection, memory: _Unit, who: ModbusUnit) -> None:
+        """Wait until every answer the unit still owes has come or can no longer be mistaken.
+
+        A device answers in the order it was asked. So once a read whose answer looks like none
+        of the owed ones has been answered properly, those will not come any more.
+        """
+        for _ in range(RESYNC_TRIES):
+            await self._quiet(connection, memory)
+            now_s = self.clock.now_s()
+            memory.owed = [owed for owed in memory.owed if now_s - owed[1] < OVERDUE_S]
+            if not memory.owed or not who.probes:
+                memory.owed.clear()
+                return
+            probe = next(
+                (
+                    probe
+                    for probe in who.probes
+                    if not any(probe.looks_like(request) for request, _ in memory.owed)
+                ),
+                who.probes[0],
+            )
+            try:
+                await self._ask(connection, probe, memory, who)
+            except _LateReplyError as error:
+                log.info("%s", error)
+                continue
+            memory.owed.clear()
+            return
+        raise ReplyTimeoutError(
+            f"{who.name}: unit {who.unit} at {self.address} keeps answering earlier requests; "
+            "look for a second master on the line or a gateway that stores requests"
+        )
+
+    async def _quiet(self, connection: Connection, memory: _Unit) -> None:
+        """Wait one reply time after a time-out, or until the late reply is in."""
+        remaining_s = memory.quiet_until_s - self.clock.now_s()
+        if remaining_s <= 0 or connection.late_reply.is_set():
+            return
+        try:
+            async with self.clock.timeout(remaining_s):
+                await connection.late_reply.wait()
+        except TimeoutError:
+            return
+
+    async def _silence(self, received: bytes, request: Request, who: ModbusUnit) -> LinkError:
+        self._silence_count += 1
+        if self._silence_count >= SILENCES_UNTIL_REOPENED:
+            log.warning("%s: nobody answers, opening it anew", self.address)
+            await self._drop()
+        instead = f", only {received.hex(' ')}" if received else ""
+        return ReplyTimeoutError(
+            f"{who.name}: no answer{instead} from unit {who.unit} at {self.address} within "
+            f"{self._reply_timeout_s:g} s to {request}; check {who.check}"
+        )
+
+    def _refusal(
+        self, code: int, request: Request, who: ModbusUnit
+    ) -> RefusedError | ReplyTimeoutError:
+        if code in GATEWAY_SILENCE:
+            return ReplyTimeoutError(
+                f"{who.name}: the gateway at {self.address} cannot reach unit {who.unit}: "
+                f"{GATEWAY_SILENCE[code]} (exception {code:02X} to {request}); check {who.check}"
+            )
+        return RefusedError(
+            f"{who.name}: unit {who.unit} at {self.address} refused {request} "
+            f"with exception {code:02X}",
+            code,
+        )
+
+    async def _opened(self) -> Connection:
+        """Return an open connection, opening it if back-off allows. Call with the lock held."""
+        if self._is_closed:
+            raise LinkError(f"{self.address}: this link has been closed")
+        if self._connection is not None:
+            if self._connection.is_open:
+                return self._connection
+            await self._drop()
+        now_s = self.clock.now_s()
+        if now_s < self._next_try_at_s:
+            raise LinkError(
+                f"{self.address}: not connected ({self._reason}), next try in "
+                f"{self._next_try_at_s - now_s:.1f} s; {self.address.check}"
+            )
+        connection = Connection(self.address, self._trace)
+        try:
+            reason = await connection.open()
+        except asyncio.CancelledError:
+            await connection.aclose()
+            raise
+        if reason is not None:
+            await connection.aclose()
+            self._reason = reason
+            self._next_try_at_s = self.clock.now_s() + self._back_off_s
+            self._back_off_s = min(2 * self._back_off_s, BACK_OFF_MAX_S)
+            raise LinkError(f"{self.address}: cannot connect: {reason}; {self.address.check}")
+        if self._was_connected:
+            log.warning("%s: connected again", self.address)
+        self._was_connected = True
+        self._back_off_s = BACK_OFF_FIRST_S
+        self._next_try_at_s = 0.0
+        self._silence_count = 0
+        self._connection = connection
+        return connection
+
+    async def _drop(self) -> None:
+        if self._connection is not None:
+            connection, self._connection = self._connection, None
+            await connection.aclose()
