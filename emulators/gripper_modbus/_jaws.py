@@ -1,0 +1,134 @@
+"""The jaws of a parallel gripper: how wide they are, what stops them, how hard they press.
+
+Figures are a Robotiq 2F-85's: modbus_devices.md 2.5. Time is handed in; where a part stands
+between the jaws is told by the world.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+STROKE_MM: Final = 85.0
+MIN_SPEED_MM_PER_S: Final = 20.0
+MAX_SPEED_MM_PER_S: Final = 150.0
+MIN_FORCE_N: Final = 20.0
+MAX_FORCE_N: Final = 235.0
+TOUCH_MM: Final = 0.01  # a gap that nothing can tell from contact
+FORCE_RISE_S: Final = 0.03  # from touching to the force asked for (typical, not from the manual)
+
+
+@dataclass(slots=True)
+class JawModel:
+    """Two jaws driven by one motor through a self-locking gear.
+
+    Attributes
+    ----------
+    opening_mm : distance of the jaws
+    target_mm : where they are going
+    speed_mm_per_s : how fast, both jaws together
+    force_limit_n : how hard they may press
+    is_driven : whether the motor runs; if not, jaws stay where they are and keep what they hold
+    grip_limit_mm : width of what stands between the jaws, told by the world before each step;
+        None: nothing there
+    inner_limit_mm : opening at which the jaws touch a part from inside; None: nothing there
+    jammed : the fingers do not move, whatever the motor does, which it cannot tell from contact
+    force_n : force on what the jaws touch
+    current_ma : current of the motor
+    closing_current_ma, opening_current_ma : current of free motion, as in the manual's printed
+        status frames (modbus_devices.md 2.7)
+    current_ma_per_n : current while the force is building up
+    """
+
+    opening_mm: float = STROKE_MM
+    target_mm: float = STROKE_MM
+    speed_mm_per_s: float = MAX_SPEED_MM_PER_S
+    force_limit_n: float = MIN_FORCE_N
+    is_driven: bool = False
+    grip_limit_mm: float | None = None
+    inner_limit_mm: float | None = None
+    jammed: bool = False
+    force_n: float = 0.0
+    current_ma: float = 0.0
+    closing_current_ma: float = 100.0
+    opening_current_ma: float = 160.0
+    current_ma_per_n: float = 3.0
+
+    @property
+    def touches_while_closing(self) -> bool:
+        """Tell whether something between the jaws keeps them from closing on."""
+        if self.target_mm >= self.opening_mm - TOUCH_MM:
+            return False
+        limit_mm = self.grip_limit_mm
+        return self.jammed or (limit_mm is not None and self.opening_mm <= limit_mm + TOUCH_MM)
+
+    @property
+    def touches_while_opening(self) -> bool:
+        """Tell whether a part around the jaws keeps them from opening on."""
+        if self.target_mm <= self.opening_mm + TOUCH_MM:
+            return False
+        limit_mm = self.inner_limit_mm
+        return self.jammed or (limit_mm is not None and self.opening_mm >= limit_mm - TOUCH_MM)
+
+    @property
+    def is_pressing(self) -> bool:
+        """Tell whether the jaws press on a part, from outside or inside."""
+        return self.touches_while_closing or self.touches_while_opening
+
+    @property
+    def is_holding(self) -> bool:
+        """Tell whether the jaws press with all the force asked for."""
+        return self.force_n > 0.0 and self.force_n >= self.force_limit_n
+
+    @property
+    def is_at_target(self) -> bool:
+        """Tell whether the jaws are where they were sent."""
+        return abs(self.target_mm - self.opening_mm) <= TOUCH_MM
+
+    def drive(self, target_mm: float, speed_mm_per_s: float, force_limit_n: float) -> None:
+        """Send the jaws to an opening; the mechanism's ends limit it [mm, mm/s, N]."""
+        self.target_mm = min(max(target_mm, 0.0), STROKE_MM)
+        self.speed_mm_per_s = speed_mm_per_s
+        self.force_limit_n = force_limit_n
+        self.is_driven = True
+
+    def stop(self) -> None:
+        """Stop the motor; the gear holds."""
+        self.is_driven = False
+        self.current_ma = 0.0
+
+    def advance(self, dt_s: float) -> None:
+        """Let time pass [world s]."""
+        if not self.is_driven:
+            if self.force_n and not self.is_pressing:
+                self.force_n = 0.0  # what was held is gone, and no motor follows it
+            return
+        away_mm = self.target_mm - self.opening_mm
+        if not self.jammed and away_mm:
+            self.opening_mm += self._free_way_mm(away_mm, self.speed_mm_per_s * dt_s)
+        self._press(dt_s, away_mm)
+
+    def _free_way_mm(self, away_mm: float, reach_mm: float) -> float:
+        if away_mm < 0.0:
+            way_mm = max(away_mm, -reach_mm)
+            if self.grip_limit_mm is not None:
+                way_mm = min(0.0, max(way_mm, self.grip_limit_mm - self.opening_mm))
+            return way_mm
+        way_mm = min(away_mm, reach_mm)
+        if self.inner_limit_mm is not None:
+            way_mm = max(0.0, min(way_mm, self.inner_limit_mm - self.opening_mm))
+        return way_mm
+
+    def _press(self, dt_s: float, away_mm: float) -> None:
+        if self.is_pressing:
+            if self.force_n < self.force_limit_n:
+                rise_n = self.force_limit_n * dt_s / FORCE_RISE_S
+                self.force_n = min(self.force_n + rise_n, self.force_limit_n)
+                self.current_ma = self.force_n * self.current_ma_per_n
+            else:
+                self.force_n = self.force_limit_n
+                self.current_ma = 0.0  # the gear holds, the motor rests
+            return
+        self.force_n = 0.0
+        if self.is_at_target:
+            self.current_ma = 0.0
+        else:
+            self.current_ma = self.closing_current_ma if away_mm < 0.0 else self.opening_current_ma

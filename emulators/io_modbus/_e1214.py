@@ -1,0 +1,126 @@
+"""Moxa ioLogik E1214: six inputs and six relays on Modbus TCP, with the factory's register map.
+
+Sources: modbus_devices.md 7.1 (map), 7.4 (what is wired where in this cell). Peer-to-peer I/O and
+the web console are not emulated; their status bits read 0.
+"""
+
+from dataclasses import dataclass
+
+from ._map import E1214Config, build_map
+from ._signals import CellSignals
+from ._state import BlockState
+
+
+@dataclass(frozen=True, slots=True)
+class StackLight:
+    """What the operator sees."""
+
+    is_red: bool
+    is_amber: bool
+    is_green: bool
+
+
+class E1214Device:
+    """The block. `advance` samples the contacts, runs pulse trains and the watchdog.
+
+    Attributes
+    ----------
+    unit : Modbus number
+    signals : the contacts behind the inputs
+    broken_wires : inputs whose wire is off; they read 0
+    is_powered : off, the block is silent and its relays are open
+    """
+
+    hears_broadcast = False
+
+    def __init__(
+        self,
+        signals: CellSignals | None = None,
+        unit: int = 1,
+        config: E1214Config | None = None,
+    ) -> None:
+        self.unit = unit
+        self.signals = CellSignals() if signals is None else signals
+        self.broken_wires: set[int] = set()
+        self._config = E1214Config() if config is None else config
+        self._is_powered = True
+        self._boot()
+
+    def _boot(self) -> None:
+        self._state = BlockState()
+        self._sampled: tuple[bool, ...] = ()
+        self._points = build_map(self._state, self.inputs, self._config)
+
+    @property
+    def is_powered(self) -> bool:
+        """Tell whether the supply is on."""
+        return self._is_powered
+
+    @is_powered.setter
+    def is_powered(self, is_powered: bool) -> None:
+        self._is_powered = is_powered
+        if not is_powered:
+            self._boot()
+
+    def is_closed(self, relay: int) -> bool:
+        """Tell whether a relay's contact is closed, channels from 0."""
+        return self._state.relays[relay].is_closed
+
+    @property
+    def stack_light(self) -> StackLight:
+        """Return the stack light as it shows."""
+        config = self._config
+        return StackLight(
+            is_red=self.is_closed(config.stack_red),
+            is_amber=self.is_closed(config.stack_amber),
+            is_green=self.is_closed(config.stack_green),
+        )
+
+    def inputs(self) -> tuple[bool, ...]:
+        """Return the six inputs as the block sees them, in the order of 7.4."""
+        signals = self.signals
+        contacts = (
+            signals.is_estop_chain_ok,
+            signals.is_door_closed,
+            signals.is_part_in_nest,
+            signals.is_part_between_jaws,
+            signals.is_24v_ok,
+            signals.is_operator_acknowledging,
+        )
+        if not self.broken_wires:
+            return contacts
+        return tuple(on and n not in self.broken_wires for n, on in enumerate(contacts))
+
+    def request(self, pdu: bytes, now_s: float) -> bytes | None:
+        """Carry out one request; None without power."""
+        if not self._is_powered:
+            return None
+        self._state.idle_s = 0.0
+        self._sample()
+        return self._points.answer(pdu)
+
+    def advance(self, dt_s: float) -> None:
+        """Let time pass [world s]."""
+        if not self._is_powered:
+            return
+        state = self._state
+        state.uptime_s += dt_s
+        state.idle_s += dt_s
+        self._sample()
+        for relay in state.relays:
+            if relay.is_pulsing:
+                relay.advance(dt_s)
+        limit_s = self._config.watchdog_s
+        if limit_s is not None and state.idle_s >= limit_s and not state.has_watchdog_bitten:
+            state.has_watchdog_bitten = True
+            for relay, is_closed in zip(state.relays, self._config.safe_state, strict=True):
+                relay.is_pulsing = False
+                relay.switch(is_closed)
+
+    def _sample(self) -> None:
+        inputs = self.inputs()
+        if inputs == self._sampled:
+            return
+        self._sampled = inputs
+        for counter, is_on in zip(self._state.counters, inputs, strict=True):
+            counter.see(is_on)

@@ -1,0 +1,100 @@
+"""Light of one lamp: an LED driver with a 0 to 10 V input behind a relay.
+
+Source: modbus_devices.md 6.4. Voltage dims, and does not darken: below about 0.57 V the light
+stays at its lowest level until the relay takes the driver off its supply. A broken dimming wire
+is full light. Light rises and falls over some 30 ms and droops a little as the LEDs warm up.
+"""
+
+from dataclasses import dataclass
+from math import expm1
+from typing import Final
+
+from ._analog_output import FULL_SCALE_MV, AnalogOutput8Device
+from ._relays import Relay8Device
+
+_NEGLIGIBLE: Final = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class LampWiring:
+    """How a lamp is connected; channels from 0."""
+
+    name: str
+    analog_channel: int
+    relay_channel: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LampCharacter:
+    """Properties of an LED driver and its LEDs.
+
+    Attributes
+    ----------
+    lowest_level : light at 0 mV, as a fraction; reached at this fraction of 10 V
+    ramp_s : from dark to full light or back [world s]
+    exponent : of light over voltage; 1 is a linear driver
+    droop_fraction : light lost when warm
+    warm_up_s : time constant of warming up and of cooling down [world s]
+    """
+
+    lowest_level: float = 0.057
+    ramp_s: float = 0.03
+    exponent: float = 1.0
+    droop_fraction: float = 0.03
+    warm_up_s: float = 120.0
+
+
+class LampModel:
+    """One lamp.
+
+    Attributes
+    ----------
+    wiring : where it is connected
+    is_dimming_wire_broken : the driver sees an open input: full light
+    is_dead : the LEDs give no light
+    is_supply_on : the light supply behind the relay
+    """
+
+    def __init__(
+        self,
+        wiring: LampWiring,
+        analog: AnalogOutput8Device,
+        relays: Relay8Device,
+        character: LampCharacter | None = None,
+    ) -> None:
+        self.wiring = wiring
+        self.is_dimming_wire_broken = False
+        self.is_dead = False
+        self.is_supply_on = True
+        self._analog = analog
+        self._relays = relays
+        self._character = LampCharacter() if character is None else character
+        self._drive = 0.0  # what the driver gives the LEDs, 0 to 1
+        self._warmth = 0.0  # 0 cold, 1 after long full light
+
+    @property
+    def level(self) -> float:
+        """Return the light as a fraction of the cold lamp's full light."""
+        if self.is_dead:
+            return 0.0
+        return self._drive * (1.0 - self._character.droop_fraction * self._warmth)
+
+    def advance(self, dt_s: float) -> None:
+        """Let time pass [world s]."""
+        character = self._character
+        away = self._asked_drive() - self._drive
+        if away:
+            reach = dt_s / character.ramp_s
+            self._drive += max(-reach, min(reach, away))
+        cold = self._drive - self._warmth
+        if abs(cold) > _NEGLIGIBLE:
+            self._warmth -= cold * expm1(-dt_s / character.warm_up_s)
+
+    def _asked_drive(self) -> float:
+        if not (self.is_supply_on and self._relays.is_closed(self.wiring.relay_channel)):
+            return 0.0
+        if self.is_dimming_wire_broken:
+            return 1.0
+        fraction = self._analog.output_mv(self.wiring.analog_channel) / FULL_SCALE_MV
+        light = fraction if self._character.exponent == 1.0 else fraction**self._character.exponent
+        return max(light, self._character.lowest_level)
