@@ -17,6 +17,7 @@ from .errors import (
     UnreadableCadError,
 )
 from .rays import RayCaster
+from .shading import PointLamp, predict_radiance
 from .views import Roi, ViewMaps, render_maps, view_roi
 
 __all__ = [
@@ -26,6 +27,7 @@ __all__ = [
     "Face",
     "ManySolidsCadError",
     "OpenCadError",
+    "PointLamp",
     "RayCaster",
     "Roi",
     "Solid",
@@ -36,6 +38,7 @@ __all__ = [
     "inverse_pose",
     "load_solid",
     "make_solid",
+    "predict_radiance",
     "render_maps",
     "sample_surface",
     "stable_poses",

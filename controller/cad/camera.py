@@ -47,7 +47,8 @@ class Camera:
     @property
     def position_mm(self) -> Array:
         """Centre of projection in the world, (3,)."""
-        return self.T_world_cam[:3, 3]
+        position: Array = self.T_world_cam[:3, 3]
+        return position
 
     def project(self, p_world_mm: Array) -> Array:
         """Return the pixels (n, 2) of world points (n, 3), lens distortion included."""
@@ -91,7 +92,8 @@ class Camera:
         """Return where the sight lines of pixels (n, 2) meet the plane z = height, (n, 3)."""
         d = self.sight_lines(pixels)
         s = (height_mm - self.position_mm[2]) / d[:, 2]
-        return self.position_mm + s[:, None] * d
+        points: Array = self.position_mm + s[:, None] * d
+        return points
 
     def mm_per_px(self, p_world_mm: Array) -> float:
         """Return the size of a pixel [mm] at the depth of a world point (3,)."""

@@ -1,0 +1,1 @@
+"""The cell itself: state machine, actions, journal, custody, interlocks."""

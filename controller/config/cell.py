@@ -221,7 +221,7 @@ class Cell(Section):
     lamps: dict[str, LampSection]
     arm: ArmSection
     fixture: FixtureSection
-    obstacles: dict[str, Box] = {}
+    obstacles: dict[str, Box] = Field(default_factory=dict)
     trays: TraysSection
     interlocks: InterlocksSection = InterlocksSection()
 

@@ -1,4 +1,4 @@
-"""recipe.yaml: what to inspect and how sharply. Human units; frozen dataclasses are built at the edge."""
+"""recipe.yaml: what to inspect and how sharply, in human units."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,0 +1,179 @@
+"""Sub-pixel pose: move a part until its predicted outline lies on the one in the picture.
+
+Gauss-Newton over the distance from predicted outline points to the observed outline, along its
+normal. The prediction is cast anew after each step, so that the outline's points on the part are
+the right ones for the pose reached.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from controller.cad import Camera, RayCaster, Solid, ViewMaps, render_maps, view_roi
+
+from ._contours import Contour, mask_contour
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+MAX_PAIR_PX = 25.0  # a predicted point pairs with nothing farther away
+HUBER_PX = 1.0
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PosedPart:
+    """A solid with what is needed to predict it."""
+
+    solid: Solid
+    caster: RayCaster
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PoseFit:
+    """A fitted pose.
+
+    Attributes
+    ----------
+    T_world_part : (4, 4)
+    residual_px : median distance of predicted outline points from the observed outline
+    paired : share of predicted outline points that found a partner within 2 px
+    covered : share of observed outline points within 2 px of the predicted outline
+    maps : the prediction at the fitted pose
+    """
+
+    T_world_part: Array
+    residual_px: float
+    paired: float
+    covered: float
+    maps: ViewMaps
+
+
+def _twist(rotation: Array, shift: Array, pivot: Array) -> Array:
+    R, _ = cv2.Rodrigues(rotation.reshape(3, 1))
+    T = np.eye(4)
+    T[:3, :3] = R
+    T[:3, 3] = pivot + shift - R @ pivot
+    return T
+
+
+def _outline_points(maps: ViewMaps, camera: Camera, ignore: Mask | None) -> tuple[Array, Array]:
+    """Return predicted outline pixels (n, 2) and the part's points there (n, 3), world."""
+    x0, y0, _, _ = maps.roi
+    pixels = mask_contour(maps.mask)
+    if len(pixels) == 0:
+        return pixels, np.zeros((0, 3))
+    xi, yi = pixels[:, 0].astype(int), pixels[:, 1].astype(int)
+    height, width = camera.size_px[1], camera.size_px[0]
+    gx, gy = xi + x0, yi + y0
+    keep = (gx > 1) & (gy > 1) & (gx < width - 2) & (gy < height - 2)
+    if ignore is not None:
+        keep &= ~ignore[gy, gx]
+    xi, yi, gx, gy = xi[keep], yi[keep], gx[keep], gy[keep]
+    lines = camera.sight_line_table[gy, gx].astype(np.float64)
+    points = camera.position_mm + lines * maps.depth_mm[yi, xi][:, None]
+    return np.column_stack([gx, gy]).astype(np.float64), points
+
+
+def fit_pose(
+    part: PosedPart,
+    T_world_part: Array,
+    camera: Camera,
+    observed: Contour,
+    freedom: Literal["table", "hand"],
+    ignore: Mask | None = None,
+    rounds: int = 4,
+    prior_mm: float = 1.5,
+    prior_rad: float = 0.03,
+) -> PoseFit | None:
+    """Fit a pose to an observed outline.
+
+    Parameters
+    ----------
+    T_world_part : where to begin
+    observed : outline in the picture
+    freedom : ``table``: x, y and rotation about z; ``hand``: all six, drawn towards the start by
+        a prior, since depth and tilt hardly show in one view
+    ignore : (height, width) pixels whose outline is not the part's own (the gripper's)
+    prior_mm, prior_rad : standard deviations of the start, with freedom ``hand``
+
+    Returns
+    -------
+    the fit, or None where the prediction leaves the picture
+    """
+    if len(observed.points_px) < 20:
+        return None
+    tree = cKDTree(observed.points_px)
+    T = T_world_part.copy()
+    pivot = T[:3, :3] @ part.solid.centroid_mm + T[:3, 3]
+    # the border pixels of a mask lie half a pixel inside the outline
+    start_shift, start_rotation = np.zeros(3), np.zeros(3)
+    maps: ViewMaps | None = None
+    for step in range(rounds + 1):
+        roi = view_roi(part.solid.mesh.vertices, T, camera)
+        if roi is None:
+            return None
+        maps = render_maps(part.caster, T, camera, roi)
+        pixels, points = _outline_points(maps, camera, ignore)
+        if len(pixels) < 20:
+            return None
+        reach = max(MAX_PAIR_PX / (1 + step), 3.0)
+        distance, index = tree.query(pixels, distance_upper_bound=reach)
+        ok = np.isfinite(distance)
+        if ok.sum() < 20:
+            return None
+        normals = observed.normals[index[ok]]
+        gap = ((observed.points_px[index[ok]] - pixels[ok]) * normals).sum(axis=1) - 0.5
+        if step == rounds:
+            break
+        jacobian = _jacobian(points[ok], pivot, camera, normals)
+        weight = 1.0 / np.maximum(1.0, np.abs(gap) / HUBER_PX)
+        if freedom == "table":
+            columns = [0, 1, 5]
+            step_vector = np.zeros(6)
+            partial = jacobian[:, columns]
+            step_vector[columns] = np.linalg.lstsq(
+                partial * weight[:, None] ** 0.5, gap * weight**0.5, rcond=None
+            )[0]
+        else:
+            scale = np.array([prior_mm] * 3 + [prior_rad] * 3)
+            done = np.concatenate([start_shift, start_rotation])
+            # outline points are many and correlated: they count as one in ten against the prior
+            information = 0.1 * (jacobian * weight[:, None]).T @ jacobian / 0.25
+            pull = 0.1 * (jacobian * weight[:, None]).T @ gap / 0.25
+            information += np.diag(1 / scale**2)
+            pull -= done / scale**2
+            step_vector = np.linalg.solve(information, pull)
+        start_shift = start_shift + step_vector[:3]
+        start_rotation = start_rotation + step_vector[3:]
+        T = _twist(step_vector[3:], step_vector[:3], pivot) @ T
+        pivot = pivot + step_vector[:3]
+    assert maps is not None
+    every, _ = tree.query(pixels)
+    predicted_tree = cKDTree(pixels)
+    back, _ = predicted_tree.query(observed.points_px)
+    return PoseFit(
+        T_world_part=T,
+        residual_px=float(np.median(np.abs(gap))),
+        paired=float(np.mean(every < 2.0)),
+        covered=float(np.mean(back < 2.5)),
+        maps=maps,
+    )
+
+
+def _jacobian(points: Array, pivot: Array, camera: Camera, normals: Array) -> Array:
+    """Return d(pixel along its normal)/d(shift [mm], rotation [rad] about the pivot), (n, 6)."""
+    R_cam_world = camera.T_world_cam[:3, :3].T
+    local = (points - camera.position_mm) @ R_cam_world.T
+    fx, fy = camera.K[0, 0], camera.K[1, 1]
+    z = local[:, 2]
+    # distortion changes the local scale by less than a percent: the loop takes care of it
+    du = np.column_stack([fx / z, np.zeros_like(z), -fx * local[:, 0] / z**2]) @ R_cam_world
+    dv = np.column_stack([np.zeros_like(z), fy / z, -fy * local[:, 1] / z**2]) @ R_cam_world
+    along = normals[:, :1] * du + normals[:, 1:] * dv
+    arm = points - pivot
+    turn = np.cross(arm, along)
+    return np.hstack([along, turn])
