@@ -1,0 +1,133 @@
+"""Bytes of one buffer into a grey picture. Arrays in, arrays out: no device, no clock.
+
+A measuring camera is asked for the format that says most about the light: GREY and Y10..Y16
+are the sensor's numbers, YUYV's luma went through the camera's colour matrix, MJPG lost detail.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ._abi import PixFormat, fourcc, fourcc_name
+
+Image = NDArray[np.uint8] | NDArray[np.uint16]
+
+_START_OF_IMAGE: Final = b"\xff\xd8"
+_END_OF_IMAGE: Final = b"\xff\xd9"
+
+
+class BrokenPictureError(ValueError):
+    """The bytes are not one whole picture of the format agreed on."""
+
+
+@dataclass(frozen=True, slots=True)
+class PixelKind:
+    """How a pixel format stores its grey values.
+
+    Attributes
+    ----------
+    name : FourCC without trailing blanks
+    bytes_per_px : of a raw format; 0 for a compressed one
+    bits : of one grey value; white is ``2**bits - 1``
+    """
+
+    name: str
+    bytes_per_px: int
+    bits: int
+
+
+KINDS: Final = {
+    kind.name: kind
+    for kind in (
+        PixelKind("GREY", 1, 8),
+        PixelKind("Y10", 2, 10),
+        PixelKind("Y12", 2, 12),
+        PixelKind("Y16", 2, 16),
+        PixelKind("YUYV", 2, 8),
+        PixelKind("MJPG", 0, 8),
+        PixelKind("JPEG", 0, 8),
+    )
+}
+
+
+def pixel_kind(pixel_format: PixFormat) -> PixelKind | None:
+    """Return how this format is read, None if this driver cannot."""
+    return KINDS.get(fourcc_name(pixel_format.pixelformat))
+
+
+def line_bytes(pixel_format: PixFormat) -> int:
+    """Return the distance of two rows [bytes] of a raw format; some drivers say 0 for "packed"."""
+    kind = KINDS[fourcc_name(pixel_format.pixelformat)]
+    return pixel_format.bytesperline or pixel_format.width * kind.bytes_per_px
+
+
+def check_complete(data: bytes, pixel_format: PixFormat) -> None:
+    """Raise ``BrokenPictureError`` unless ``data`` can be a whole picture.
+
+    A raw picture has exactly ``sizeimage`` bytes; a JPEG starts with SOI and ends with EOI,
+    behind which cameras leave zeros.
+    """
+    if pixel_format.pixelformat in (fourcc("MJPG"), fourcc("JPEG")):
+        if not data.startswith(_START_OF_IMAGE):
+            raise BrokenPictureError(f"a JPEG that starts with {data[:2].hex(' ') or 'nothing'}")
+        if not data.rstrip(b"\0").endswith(_END_OF_IMAGE):
+            raise BrokenPictureError("a JPEG without its end")
+        return
+    if len(data) != pixel_format.sizeimage:
+        raise BrokenPictureError(f"{len(data)} bytes of {pixel_format.sizeimage}")
+
+
+def decode(data: bytes, pixel_format: PixFormat) -> Image:
+    """Return the grey picture in one buffer.
+
+    Parameters
+    ----------
+    data : the buffer's ``bytesused`` bytes
+    pixel_format : what S_FMT answered
+
+    Returns
+    -------
+    (height, width) uint8, or uint16 for Y10, Y12 and Y16; read-only, C-contiguous
+
+    Raises
+    ------
+    BrokenPictureError : not a whole picture, or a JPEG of another size
+    """
+    check_complete(data, pixel_format)
+    kind = KINDS[fourcc_name(pixel_format.pixelformat)]
+    image = _decode_jpeg(data) if kind.bytes_per_px == 0 else _decode_raw(data, pixel_format, kind)
+    shape = (pixel_format.height, pixel_format.width)
+    if image.shape != shape:
+        raise BrokenPictureError(f"a JPEG of {image.shape[1]} x {image.shape[0]} px")
+    image.flags.writeable = False
+    return image
+
+
+def _decode_raw(data: bytes, pixel_format: PixFormat, kind: PixelKind) -> Image:
+    stride, height = line_bytes(pixel_format), pixel_format.height
+    used = pixel_format.width * kind.bytes_per_px
+    rows = np.frombuffer(data, np.uint8, count=stride * height).reshape(height, stride)[:, :used]
+    if kind.name == "YUYV":
+        return np.ascontiguousarray(rows[:, 0::2])  # Y0 U Y1 V: every second byte is luma
+    if kind.bits == 8:
+        return np.ascontiguousarray(rows)
+    words = np.ascontiguousarray(rows).view("<u2").astype(np.uint16, copy=False)
+    if kind.bits < 16:  # the bits above the value are not promised to be clear
+        words = words & np.uint16((1 << kind.bits) - 1)
+    return words
+
+
+def _decode_jpeg(data: bytes) -> NDArray[np.uint8]:
+    # the sensor's rows stay rows: an orientation tag is for photo albums
+    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except cv2.error as error:
+        raise BrokenPictureError(f"a JPEG that does not decode: {error}") from error
+    if image is None:
+        raise BrokenPictureError("a JPEG that does not decode")
+    decoded: NDArray[np.uint8] = image
+    return decoded

@@ -1,0 +1,92 @@
+"""The ring of mapped buffers: made, filled, emptied and, whatever happens, unmapped. Blocking."""
+
+import contextlib
+import errno
+import mmap
+
+from drivers.errors import BadReplyError, RefusedError
+
+from ._abi import Buffer
+from ._device import Device
+
+
+class Stream:
+    """The buffers of one open camera.
+
+    The maps stay in our hands: each holds a duplicate of the node's descriptor, and a camera that
+    was unplugged comes back under another number while one of them is open.
+
+    Parameters
+    ----------
+    device : the open camera, its format set
+    buffer_count : how many buffers to ask for
+    """
+
+    def __init__(self, device: Device, buffer_count: int) -> None:
+        self._device = device
+        self._wanted_count = buffer_count
+        self._maps: list[mmap.mmap] = []
+
+    @property
+    def buffer_count(self) -> int:
+        """Buffers the camera granted."""
+        return len(self._maps)
+
+    def start(self) -> None:
+        """Get and map buffers, queue them, start the frames.
+
+        Raises
+        ------
+        OSError : from the camera
+        RefusedError : fewer than two buffers granted
+        BadReplyError : a buffer that cannot be mapped
+        """
+        count = self._device.request_buffers(self._wanted_count)
+        if count < 2:
+            raise RefusedError(
+                f"camera {self._device.path}: {count} buffers granted of {self._wanted_count}",
+                errno.ENOMEM,
+            )
+        for index in range(count):
+            place = self._device.query_buffer(index)
+            try:
+                self._maps.append(self._device.mmap(place.length, place.offset))
+            except ValueError as error:  # a length or offset that the memory does not have
+                raise BadReplyError(
+                    f"camera {self._device.path}: buffer {index} of {place.length} bytes "
+                    f"at {place.offset}: {error}"
+                ) from error
+        self.resume()
+
+    def resume(self) -> None:
+        """Queue all buffers and start the frames."""
+        for index in range(len(self._maps)):
+            self._device.queue(index)
+        self._device.stream_on()
+
+    def pause(self) -> None:
+        """Stop the frames; the buffers stay."""
+        self._device.stream_off()
+
+    def restart(self) -> None:
+        """Start over from nothing after an I/O error."""
+        with contextlib.suppress(OSError):  # what matters is whether the start succeeds
+            self._device.stream_off()
+        self.unmap()
+        self._device.request_buffers(0)
+        self.start()
+
+    def read(self, buffer: Buffer) -> bytes:
+        """Copy a dequeued buffer's bytes out of the map."""
+        return self._maps[buffer.index][: buffer.bytesused]
+
+    def unmap(self) -> None:
+        """Give the maps back."""
+        while self._maps:
+            self._maps.pop().close()
+
+    def abandon(self) -> None:
+        """Stop and unmap whatever the camera says; it may be gone."""
+        with contextlib.suppress(OSError):
+            self._device.stream_off()
+        self.unmap()
