@@ -1,0 +1,12 @@
+"""The UMI RTX arm: motors and stops (`ArmModel`), its line (`ArmWire`), a terminal (`ArmServer`).
+
+A second reading of umi_rtx.md, shared with nobody; section 7 is the specification.
+"""
+
+from ._axes import ArmJoints, Axis
+from ._faults import Faults
+from ._model import ArmModel
+from ._server import ArmServer
+from ._wire import ArmWire
+
+__all__ = ["ArmJoints", "ArmModel", "ArmServer", "ArmWire", "Axis", "Faults"]

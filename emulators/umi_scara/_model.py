@@ -1,0 +1,333 @@
+"""The arm as a body: seven motors, what stops them, and time handed in.
+
+Knows no byte. The wire tells it what the IPs were told; the world tells it what is in the way and
+asks where the joints are. umi_rtx.md 5 and 7.
+"""
+
+import math
+import random
+from collections.abc import Iterator
+from typing import Final
+
+from ._axes import (
+    CONTROLLER_COUNT,
+    FACTS,
+    IP_COUNT,
+    PITCH_LIMITS_COUNTS,
+    ROLL_LIMITS_COUNTS,
+    YAW_COUNTS_PER_ELBOW_COUNT,
+    YAW_TO_ELBOW_LIMIT_COUNTS,
+    ArmJoints,
+    Axis,
+    gripper_mm_to_counts,
+    joints_of,
+)
+from ._motor import LAG_S, Drive, Motor
+
+MAX_STEP_S: Final = 1.0 / 240.0  # longer steps are cut, so that a test may hand in seconds
+# A cold arm stands anywhere, but high enough and folded little enough to home without a crash:
+# fractions of each range, [true counts] for zed
+START_ZED_COUNTS: Final = (-600.0, -50.0)
+START_FRACTION: Final = 0.5
+
+
+class ArmModel:
+    """Motors, stops and couplings of one arm.
+
+    Parameters
+    ----------
+    seed : of the true positions at power-up, which nobody but the world can know
+    """
+
+    def __init__(self, seed: int = 0) -> None:
+        self.motors: list[list[Motor]] = [
+            [Motor(exists=False) for _ in range(CONTROLLER_COUNT)] for _ in range(IP_COUNT)
+        ]
+        self.axes: dict[Axis, Motor] = {}
+        for axis, facts in FACTS.items():
+            motor = Motor(facts.nominal_counts_per_s, facts.max_force)
+            self.motors[facts.ip][facts.ctl] = self.axes[axis] = motor
+        self._by_ip = [[m for m in ip if m.exists] for ip in self.motors]
+        self._all = [(self.axes[axis], FACTS[axis].ip) for axis in Axis]
+        self.power_on: list[bool] = [False] * IP_COUNT
+        self.grip_limit_mm: float | None = None
+        """Opening [mm] below which an object keeps the jaws from closing; None when empty."""
+        self.estop_pressed: bool = False
+        self.estop_change_count: int = 0
+        self._routines: list[Iterator[None] | None] = [None] * IP_COUNT
+        self._decay = (0.0, 1.0)
+        self._place_at_random(random.Random(seed))
+        for motor in self.axes.values():
+            motor.restart()
+
+    def _place_at_random(self, rng: random.Random) -> None:
+        place: dict[Axis, float] = {Axis.ZED: rng.uniform(*START_ZED_COUNTS)}
+        for axis in (Axis.SHOULDER, Axis.ELBOW):
+            facts = FACTS[axis]
+            place[axis] = START_FRACTION * rng.uniform(facts.lower_counts, facts.upper_counts)
+        hand = START_FRACTION * YAW_TO_ELBOW_LIMIT_COUNTS * rng.uniform(-1.0, 1.0)
+        place[Axis.YAW] = place[Axis.ELBOW] * YAW_COUNTS_PER_ELBOW_COUNT + hand
+        pitch = START_FRACTION * rng.uniform(*PITCH_LIMITS_COUNTS)
+        roll = START_FRACTION * rng.uniform(*ROLL_LIMITS_COUNTS)
+        place[Axis.WRIST1], place[Axis.WRIST2] = (pitch + roll) / 2.0, (pitch - roll) / 2.0
+        place[Axis.GRIPPER] = rng.uniform(100.0, 1100.0)
+        self.place(place)
+
+    # --- what the world does and sees -------------------------------------------------------
+
+    def joints(self) -> ArmJoints:
+        """Return where the joints truly are."""
+        return joints_of({axis: motor.position for axis, motor in self.axes.items()})
+
+    def place(self, true_counts: dict[Axis, float]) -> None:
+        """Put axes somewhere by hand, motors at rest; the counters do not notice the way.
+
+        Parameters
+        ----------
+        true_counts : position of each axis to be moved [true counts]
+        """
+        for axis, counts in true_counts.items():
+            motor = self.axes[axis]
+            motor.origin += counts - motor.position
+            motor.position = counts
+            motor.rest(Drive.HOLD)
+
+    def reference(self) -> None:
+        """Make every counter tell the truth, as after a perfect homing."""
+        for motor in self.axes.values():
+            motor.rest(Drive.HOLD)
+            motor.origin = 0.0
+
+    def obstruct(self, axis: Axis, direction: int, blocked: bool) -> None:
+        """Put an obstacle where an axis is now, or take it away.
+
+        Parameters
+        ----------
+        direction : +1 or -1 [sign of counts], the way that is blocked
+        blocked : an obstacle that is there already stays where it is
+        """
+        motor = self.axes[axis]
+        if direction > 0:
+            if not blocked:
+                motor.barrier_high = math.inf
+            elif motor.barrier_high == math.inf:
+                motor.barrier_high = motor.position
+        elif not blocked:
+            motor.barrier_low = -math.inf
+        elif motor.barrier_low == -math.inf:
+            motor.barrier_low = motor.position
+
+    def jam(self, axis: Axis, jammed: bool = True) -> None:
+        """Block an axis both ways, or free it."""
+        self.obstruct(axis, +1, jammed)
+        self.obstruct(axis, -1, jammed)
+
+    @property
+    def jaw_force_fraction(self) -> float:
+        """How hard the jaws press on what stops them, 0 to 1: MAX_FORCE / 100, or 0 when limp."""
+        motor = self.axes[Axis.GRIPPER]
+        if self._is_limp(motor, FACTS[Axis.GRIPPER].ip):
+            return 0.0
+        is_blocked = motor.blocked_s > 0.0 and motor.set_point < motor.position
+        if motor.pressing >= 0 and not is_blocked:
+            return 0.0
+        return min(1.0, motor.max_force / 100.0)
+
+    def press_estop(self) -> None:
+        """Cut the motors' supply; the IPs live on. Motion needs `27` after the release."""
+        if not self.estop_pressed:
+            self.estop_change_count += 1
+        self.estop_pressed = True
+        self.power_on[:] = [False] * IP_COUNT
+
+    def release_estop(self) -> None:
+        """Give the motors their supply back."""
+        if self.estop_pressed:
+            self.estop_change_count += 1
+        self.estop_pressed = False
+
+    # --- what the IPs do --------------------------------------------------------------------
+
+    def restart_ip(self, ip: int) -> None:
+        """Let an IP lose its memory and its motors their power; the axes stay where they are."""
+        self._routines[ip] = None
+        self.power_on[ip] = False
+        for motor in self.motors[ip]:
+            motor.restart()
+
+    def set_power(self, ip: int, on: bool) -> None:
+        """Free the motors of an IP (26) or allow them power again (27)."""
+        if on:
+            for motor in self._by_ip[ip]:
+                if not self.power_on[ip] or motor.drive is Drive.FREE:
+                    motor.rest(Drive.HOLD)
+        else:
+            self._routines[ip] = None
+            for motor in self._by_ip[ip]:
+                motor.let_go(Drive.HOLD)
+                motor.is_stopped = True
+        self.power_on[ip] = on
+
+    def stop(self, ip: int, ramp: bool) -> None:
+        """Stop the motors of an IP at once or by a ramp, and hold them (24, 25)."""
+        self._routines[ip] = None
+        for motor in self._by_ip[ip]:
+            if ramp and motor.is_busy:
+                motor.ramp_down()
+            else:
+                motor.hold()
+                motor.is_stopped = True
+
+    def is_busy(self, ip: int, ctl: int) -> bool:
+        """Whether a controller has a move in progress."""
+        motor = self.motors[ip][ctl]
+        return motor.exists and (motor.is_busy or self._routines[ip] is not None)
+
+    def status(self, ip: int, ctl: int) -> int:
+        """Return the status byte of a controller; umi_rtx.md 2.8."""
+        motor = self.motors[ip][ctl]
+        return motor.status(motor.exists and self._routines[ip] is not None)
+
+    def go_numeric(self, ip: int, ctls: list[int]) -> bool:
+        """Start the selected axes to NEW_POSITION; if one is busy start none and return False."""
+        if any(self.is_busy(ip, ctl) for ctl in ctls):
+            return False
+        for ctl in ctls:
+            motor = self.motors[ip][ctl]
+            if self._may_go(motor, ip):
+                motor.go_to_new_position()
+        return True
+
+    def go_manual(self, ip: int, actions: list[int]) -> None:
+        """Rewrite what all controllers of an IP do; umi_rtx.md 2.6.
+
+        Parameters
+        ----------
+        actions : (5,) per controller 0 hold, 1 forward, 2 reverse, 3 free
+        """
+        self._routines[ip] = None
+        for motor, action in zip(self.motors[ip], actions, strict=True):
+            if action == 0:
+                motor.hold()
+            elif action == 3:
+                motor.let_go(Drive.FREE)
+            elif self._may_go(motor, ip):
+                motor.go_on(+1 if action == 1 else -1)
+
+    def _may_go(self, motor: Motor, ip: int) -> bool:
+        if motor.exists and not self.power_on[ip]:
+            motor.is_stopped = True  # acknowledged, and nothing happens; umi_rtx.md 8.10
+        return motor.exists and self.power_on[ip]
+
+    def nudge(self, ip: int, increments: list[int]) -> None:
+        """Add interpolation increments [counts] to the set-points of an IP; umi_rtx.md 2.7."""
+        if self.power_on[ip]:
+            for motor, increment in zip(self.motors[ip], increments, strict=True):
+                if motor.exists and motor.drive is not Drive.FREE:
+                    motor.set_point += increment
+
+    def run_routine(self, ip: int, routine: Iterator[None]) -> None:
+        """Let an IP exercise its motors by itself; without power nothing happens."""
+        self.stop(ip, ramp=False)
+        if self.power_on[ip]:
+            self._routines[ip] = routine
+
+    # --- time -------------------------------------------------------------------------------
+
+    def advance(self, dt_s: float) -> None:
+        """Let ``dt_s`` of world time [s] pass."""
+        if dt_s <= 0.0:
+            return
+        step_count = max(1, math.ceil(dt_s / MAX_STEP_S - 1e-6))
+        step_s = dt_s / step_count
+        if step_s != self._decay[0]:
+            self._decay = (step_s, math.exp(-step_s / LAG_S))
+        for _ in range(step_count):
+            for ip in range(IP_COUNT):
+                routine = self._routines[ip]
+                if routine is not None and next(routine, self) is self:
+                    self._routines[ip] = None
+            active = [(motor, ip) for motor, ip in self._all if self._is_active(motor, ip)]
+            if not active and self._routines[0] is None and self._routines[1] is None:
+                return
+            self._step(active, step_s, self._decay[1])
+
+    def _is_limp(self, motor: Motor, ip: int) -> bool:
+        return (
+            not self.power_on[ip]
+            or self.estop_pressed
+            or motor.drive is Drive.FREE
+            or motor.max_force == 0
+        )
+
+    def _is_active(self, motor: Motor, ip: int) -> bool:
+        if motor.drive is Drive.HOLD:
+            return motor.set_point != motor.position and not self._is_limp(motor, ip)
+        return motor.is_busy
+
+    def _step(self, active: list[tuple[Motor, int]], dt_s: float, decay: float) -> None:
+        steps = []
+        wanted = {id(motor): motor.position for motor in self.axes.values()}
+        for motor, ip in active:
+            limp = self._is_limp(motor, ip)
+            goal = motor.step(dt_s, decay)
+            if not limp:
+                wanted[id(motor)] = goal
+            steps.append((motor, motor.position, goal, limp))
+        self._move(wanted)
+        for motor, before, goal, limp in steps:
+            motor.settle(dt_s, before, goal, limp)
+
+    def _move(self, wanted: dict[int, float]) -> None:
+        axes = self.axes
+        for axis in (Axis.ZED, Axis.SHOULDER):
+            facts = FACTS[axis]
+            _limit(axes[axis], wanted, facts.lower_counts, facts.upper_counts)
+        facts = FACTS[Axis.GRIPPER]
+        closed = facts.lower_counts
+        if self.grip_limit_mm is not None and self.grip_limit_mm > 0.0:
+            closed = max(closed, gripper_mm_to_counts(self.grip_limit_mm))
+        _limit(axes[Axis.GRIPPER], wanted, closed, facts.upper_counts)
+        # Two motors that share a stop make way for each other within one step: the first moves,
+        # the second moves, and what the second has freed the first may use.
+        for axis in (Axis.YAW, Axis.ELBOW, Axis.YAW):
+            self._move_coupled(axis, wanted)
+        for axis in (Axis.WRIST1, Axis.WRIST2, Axis.WRIST1):
+            self._move_wrist(axis, wanted)
+
+    def _move_coupled(self, axis: Axis, wanted: dict[int, float]) -> None:
+        elbow, yaw = self.axes[Axis.ELBOW], self.axes[Axis.YAW]
+        limit = YAW_TO_ELBOW_LIMIT_COUNTS
+        yaw_is_limp = self._is_limp(yaw, FACTS[Axis.YAW].ip)
+        if axis is Axis.ELBOW:
+            low, high = FACTS[axis].lower_counts, FACTS[axis].upper_counts
+            if not yaw_is_limp:
+                low = max(low, (yaw.position - limit) / YAW_COUNTS_PER_ELBOW_COUNT)
+                high = min(high, (yaw.position + limit) / YAW_COUNTS_PER_ELBOW_COUNT)
+            _limit(elbow, wanted, low, high)
+            return
+        middle = elbow.position * YAW_COUNTS_PER_ELBOW_COUNT
+        if yaw_is_limp:  # the forearm drags the hand along
+            yaw.position = max(middle - limit, min(middle + limit, yaw.position))
+        else:
+            _limit(yaw, wanted, middle - limit, middle + limit)
+
+    def _move_wrist(self, axis: Axis, wanted: dict[int, float]) -> None:
+        motor = self.axes[axis]
+        if axis is Axis.WRIST1:
+            other = self.axes[Axis.WRIST2].position
+            low = max(PITCH_LIMITS_COUNTS[0] - other, ROLL_LIMITS_COUNTS[0] + other)
+            high = min(PITCH_LIMITS_COUNTS[1] - other, ROLL_LIMITS_COUNTS[1] + other)
+        else:
+            other = self.axes[Axis.WRIST1].position
+            low = max(PITCH_LIMITS_COUNTS[0] - other, other - ROLL_LIMITS_COUNTS[1])
+            high = min(PITCH_LIMITS_COUNTS[1] - other, other - ROLL_LIMITS_COUNTS[0])
+        _limit(motor, wanted, low, high)
+
+
+def _limit(motor: Motor, wanted: dict[int, float], low: float, high: float) -> None:
+    """Move a motor where its servo wants it, as far as stops and obstacles let it."""
+    here = motor.position
+    low = min(here, max(low, motor.barrier_low))
+    high = max(here, min(high, motor.barrier_high))
+    motor.position = max(low, min(high, wanted[id(motor)]))
