@@ -1,0 +1,32 @@
+"""Pictures of known views -> what differs from the CAD, what was seen of it, and a verdict.
+
+Arrays in, dataclasses out (inspection.md; DESIGN.md 3.7 to 3.9).
+"""
+
+from ._judge import FaceVerdict, PartVerdict, judge
+from ._types import (
+    Finding,
+    Kind,
+    Limits,
+    Verdict,
+    ViewPictures,
+    ViewResult,
+    ViewTask,
+    WorldBox,
+)
+from ._view import inspect_view
+
+__all__ = [
+    "FaceVerdict",
+    "Finding",
+    "Kind",
+    "Limits",
+    "PartVerdict",
+    "Verdict",
+    "ViewPictures",
+    "ViewResult",
+    "ViewTask",
+    "WorldBox",
+    "inspect_view",
+    "judge",
+]
