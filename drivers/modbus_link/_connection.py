@@ -45,7 +45,7 @@ class Connection:
         self._trace = trace
         self._client = address.client(Hooks(self._on_packet, self._on_pdu, self._on_connected))
         self._lost = asyncio.Event()
-        self._is_asking = False
+        self.is_asking = False  # a request is out
         self._unconsumed = b""
         self._received = bytearray()
         self.late_reply = asyncio.Event()  # set by a reply that nobody waits for any more
@@ -81,7 +81,7 @@ class Connection:
         """
         self._received.clear()
         self._unconsumed = b""
-        self._is_asking = True
+        self.is_asking = True
         answer = asyncio.ensure_future(self._send(request, unit))
         lost = asyncio.ensure_future(self._lost.wait())
         try:
@@ -98,7 +98,7 @@ class Connection:
         except ModbusIOException as error:
             raise NoAnswer(bytes(self._received)) from error
         finally:
-            self._is_asking = False
+            self.is_asking = False
             self.late_reply.clear()
             answer.cancel()
             lost.cancel()
@@ -116,13 +116,13 @@ class Connection:
         fresh = data[len(self._unconsumed) :] if is_growing else data
         self._unconsumed = data
         self._received += fresh
-        self._show("<" if self._is_asking else "< (late)", False, fresh)
+        self._show("<" if self.is_asking else "< (late)", False, fresh)
         return data
 
     def _on_pdu(self, sending: bool, pdu: ModbusPDU) -> ModbusPDU:
         if not sending:
             self._unconsumed = b""
-            if not self._is_asking:
+            if not self.is_asking:
                 self.late_reply.set()
         return pdu
 

@@ -39,6 +39,15 @@ class _LateReplyError(ReplyTimeoutError):
 
 
 @dataclass(slots=True)
+class _Turn:
+    """One caller's use of the line."""
+
+    request: Request
+    who: ModbusUnit
+    is_abandoned: bool = False
+
+
+@dataclass(slots=True)
 class _Unit:
     """What the link remembers of one unit."""
 
@@ -153,29 +162,56 @@ class ModbusLink:
         """
         if request.is_read:
             try:
-                return await self._locked_attempt(request, who)
+                return await self._take_turn(_Turn(request, who))
             except (ReplyTimeoutError, UnpluggedError) as error:
                 log.debug("asking again: %s", error)
-        return await self._locked_attempt(request, who)
+        return await self._take_turn(_Turn(request, who))
 
-    async def _locked_attempt(self, request: Request, who: ModbusUnit) -> tuple[int, ...]:
-        async with self._lock:  # released between attempts: another unit's stop must get through
-            connection = await self._opened()
-            memory = self._units.setdefault(who.unit, _Unit())
-            if memory.owed:
-                await self._resync(connection, memory, who)
-            reply = await self._ask(connection, request, memory, who)
+    async def _take_turn(self, turn: _Turn) -> tuple[int, ...]:
+        """Wait for the line and use it once.
+
+        A caller that is cancelled before its request is out sends nothing. One that is cancelled
+        later leaves at once, but the line stays taken until the answer is in: otherwise the next
+        request, most likely a stop, would have to wait for a resynchronisation.
+        """
+        await self._lock.acquire()
+        task = asyncio.ensure_future(self._use_line(turn))
+        task.add_done_callback(self._line_is_free)
+        try:
+            return await asyncio.shield(task)
+        except asyncio.CancelledError:
+            turn.is_abandoned = True
+            if self._connection is None or not self._connection.is_asking:
+                task.cancel()
+            raise
+
+    async def _use_line(self, turn: _Turn) -> tuple[int, ...]:
+        request, who = turn.request, turn.who
+        connection = await self._opened()
+        memory = self._units.setdefault(who.unit, _Unit())
+        if memory.owed:
+            await self._resync(connection, memory, turn)
+        reply = await self._ask(connection, request, memory, turn)
         if isinstance(reply, ExceptionResponse):
             raise self._refusal(reply.exception_code, request, who)
         if request.function in (FunctionCode.READ_COILS, FunctionCode.READ_DISCRETE_INPUTS):
             return tuple(int(bit) for bit in reply.bits[: request.count])
         return tuple(reply.registers) if request.is_read else ()
 
+    def _line_is_free(self, task: asyncio.Task[tuple[int, ...]]) -> None:
+        # A callback, because a task that is cancelled before its first step runs no finally.
+        self._lock.release()
+        if not task.cancelled():
+            task.exception()  # seen, even if the caller has left
+
     async def _ask(
-        self, connection: Connection, request: Request, memory: _Unit, who: ModbusUnit
+        self, connection: Connection, request: Request, memory: _Unit, turn: _Turn
     ) -> ModbusPDU:
         """Return a reply of the right shape, a Modbus exception included."""
+        who = turn.who
         await self.clock.sleep(memory.ready_at_s - self.clock.now_s())
+        if turn.is_abandoned:
+            raise asyncio.CancelledError
         has_no_number = not isinstance(self.address, TcpAddress)
         if has_no_number:
             memory.owed.append((request, self.clock.now_s()))
@@ -204,12 +240,13 @@ class ModbusLink:
             raise _LateReplyError(f"{message}, the late answer to something earlier")
         raise BadReplyError(message)
 
-    async def _resync(self, connection: Connection, memory: _Unit, who: ModbusUnit) -> None:
+    async def _resync(self, connection: Connection, memory: _Unit, turn: _Turn) -> None:
         """Wait until every answer the unit still owes has come or can no longer be mistaken.
 
         A device answers in the order it was asked. So once a read whose answer looks like none
         of the owed ones has been answered properly, those will not come any more.
         """
+        who = turn.who
         for _ in range(RESYNC_TRIES):
             await self._quiet(connection, memory)
             now_s = self.clock.now_s()
@@ -226,7 +263,7 @@ class ModbusLink:
                 who.probes[0],
             )
             try:
-                await self._ask(connection, probe, memory, who)
+                await self._ask(connection, probe, memory, turn)
             except _LateReplyError as error:
                 log.info("%s", error)
                 continue

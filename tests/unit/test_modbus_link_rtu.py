@@ -106,6 +106,54 @@ async def test_a_late_acknowledge_is_not_taken_for_the_next_writes(kind: str) ->
 
 
 @both_lines
+async def test_a_cancelled_request_does_not_put_the_line_out_of_step(kind: str) -> None:
+    held = asyncio.Event()
+    bus = Bus({9: Map(holding=dict.fromkeys(range(3), 5)).answer}, troubles=[held])
+    async with on_the_line(kind, bus, CellClock(speed=0.01)) as (_link, unit):
+        reading = asyncio.create_task(unit.read_holding_registers(0, 3))
+        await until(lambda: len(bus.requests) == 1)
+        reading.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await reading
+        stop = asyncio.create_task(unit.write_register(0, 0x0100))
+        await asyncio.sleep(0)
+        held.set()
+        async with asyncio.timeout(5):
+            await stop
+    assert [frame[1] for frame in bus.requests] == [3, 6]  # no probe and no wait before the stop
+
+
+async def test_a_request_that_is_cancelled_before_its_turn_is_never_sent() -> None:
+    held = asyncio.Event()
+    bus = Bus({9: Map(holding={0: 5, 1: 0}).answer}, troubles=[held])
+    async with on_the_line("tcp", bus, CellClock(speed=0.01)) as (_link, unit):
+        first = asyncio.create_task(unit.read_holding_registers(0, 1))
+        await until(lambda: len(bus.requests) == 1)
+        second = asyncio.create_task(unit.write_register(1, 1))
+        await asyncio.sleep(0)
+        second.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await second
+        held.set()
+        assert await first == (5,)
+        assert await unit.read_holding_registers(1, 1) == (0,)
+    assert [frame[1] for frame in bus.requests] == [3, 3]
+
+
+@pytest.mark.parametrize("turns", range(8))
+async def test_the_line_is_free_again_wherever_a_cancellation_strikes(turns: int) -> None:
+    bus = Bus({9: Map(holding={0: 5}).answer})
+    async with on_the_line("tcp", bus) as (_link, unit):
+        reading = asyncio.create_task(unit.read_holding_registers(0, 1))
+        for _ in range(turns):
+            await asyncio.sleep(0)
+        reading.cancel()
+        await asyncio.wait({reading})
+        async with asyncio.timeout(5):
+            assert await unit.read_holding_registers(0, 1) == (5,)
+
+
+@both_lines
 async def test_silence_names_line_unit_and_what_to_check(kind: str) -> None:
     bus = Bus()
     async with on_the_line(kind, bus) as (link, unit):
