@@ -1,0 +1,43 @@
+"""UMI RTX / RT100 arm on a serial line: says where its axes go, not what they carry.
+
+Source of all facts: umi_rtx.md. `kinematics` turns joints into poses and back without any device.
+"""
+
+from . import kinematics
+from ._arm import UmiScara
+from ._constants import Axis, Ip, Parameter, StatusBits
+from ._gripper import GripperLaw
+from ._homing import HomingConfig, HomingError
+from ._limits import OutOfRangeError
+from ._link import LinkConfig, Trace, WireExchange
+from ._motion import AxisStalledError, MotionStoppedError, forecast_s, synchronised_speeds
+from ._session import ArmConfig, ArmIdentity, PowerOffError, Stop
+from ._transport import SerialTransport, Transport
+from .kinematics import ArmGeometry
+
+__all__ = [
+    "ArmConfig",
+    "ArmGeometry",
+    "ArmIdentity",
+    "Axis",
+    "AxisStalledError",
+    "GripperLaw",
+    "HomingConfig",
+    "HomingError",
+    "Ip",
+    "LinkConfig",
+    "MotionStoppedError",
+    "OutOfRangeError",
+    "Parameter",
+    "PowerOffError",
+    "SerialTransport",
+    "StatusBits",
+    "Stop",
+    "Trace",
+    "Transport",
+    "UmiScara",
+    "WireExchange",
+    "forecast_s",
+    "kinematics",
+    "synchronised_speeds",
+]

@@ -1,0 +1,283 @@
+"""The UMI RTX arm as the cell uses it: connect, power, home, move, grip, stop.
+
+Facts from umi_rtx.md, whose sections the docstrings name. It does not know what it holds, plans no
+path and avoids no obstacle. Targets are checked against the joint limits of 5.2 before any byte
+goes out. Soak tests, built-in INIT and interpolation exist in the codec alone.
+"""
+
+import logging
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _constants as c
+from . import kinematics
+from ._constants import ADDRESSES, Axis, Parameter, StatusBits
+from ._homing import Homing
+from ._limits import COUNTS_ORDER, OutOfRangeError, check_limits
+from ._link import Guard
+from ._motion import (
+    AxisStalledError,
+    Watch,
+    forecast_s,
+    on_ip,
+    start,
+    synchronised_speeds,
+    verify_arrival,
+)
+from ._session import ArmSession, check_speeds
+
+log = logging.getLogger(__name__)
+
+# limits that tie axes together (5.2): to check one, the other must be known
+_PARTNERS = {
+    Axis.ELBOW: Axis.YAW,
+    Axis.YAW: Axis.ELBOW,
+    Axis.WRIST1: Axis.WRIST2,
+    Axis.WRIST2: Axis.WRIST1,
+}
+_STILL_POLL_COUNT = 3  # 9.17
+
+
+class UmiScara(ArmSession):
+    """One arm on one line. All verbs are coroutines of one event loop.
+
+    A moving verb that is cancelled or fails sends a dead stop to both IPs before it ends. Any
+    answer 0E or 0F raises PositionLostError; from then on `is_homed` is False, motors have no
+    power as far as this object is concerned, and no position is reported, until `connect`,
+    `enable_power` and `home` have been through again (1.5).
+
+    Parameters
+    ----------
+    port : device node of the serial line, or a function that opens a transport
+    trace : hears of every exchange on the wire, as does the logger ``cellctl.wire.arm``
+    """
+
+    async def home(self) -> None:
+        """Find all end stops, label them and park (4.1, 4.2); sweeps the whole workspace.
+
+        Closes the gripper: whatever it holds is dropped or crushed.
+
+        Raises
+        ------
+        PowerOffError : motor power is off
+        HomingError : an axis found no stop in time
+        AxisStalledError : an axis stalled or stopped short on the way to the park
+        MotionStoppedError : `stop` was called
+        """
+        async with self._motion() as guard:
+            self._is_homed = False
+            self._rest_counts.clear()
+            await Homing(self._axes, self._config.homing, guard).run()
+            self._dead_bands = {
+                axis: await self._axes.read(axis, Parameter.DEAD_BAND)
+                for ip in self._axes.ips()
+                for axis in on_ip(Axis, ip)
+            }
+            await self._arrive(self._config.homing.park_counts)
+            guard()
+            self._rest_counts.update(self._config.homing.park_counts)
+            self._is_homed = True
+        log.info("arm homed")
+
+    async def read_counts(self) -> dict[Axis, int]:
+        """Return the true position of all seven motors [counts], in the order of Axis.
+
+        Raises
+        ------
+        PositionLostError : not homed, or an IP has restarted
+        """
+        self._require_homed()
+        counts = await self._axes.read_actuals(Axis)
+        self._require_homed()  # it may have been lost to somebody else's request meanwhile
+        return counts
+
+    async def read_q(self) -> NDArray[np.float64]:
+        """Return the joints (6,) in `kinematics.Q_ORDER` [rad, mm]; raises as `read_counts`."""
+        counts = await self.read_counts()
+        return kinematics.counts_to_q([counts[axis] for axis in COUNTS_ORDER])
+
+    # ---- moving --------------------------------------------------------------------------------
+    async def move_counts(
+        self,
+        targets: Mapping[Axis, int],
+        deadline_s: float | None = None,
+        speeds: Mapping[Axis, int] | None = None,
+    ) -> dict[Axis, int]:
+        """Move axes to absolute targets [counts] and wait until they are there (2.7, 6.7).
+
+        Axes run side by side, each at its own SPEED; nothing else coordinates them.
+
+        Parameters
+        ----------
+        deadline_s : patience from the start on [cell s]; by default from the nominal speeds
+        speeds : SPEED of axes that get a new one, whole numbers >= 1
+
+        Returns
+        -------
+        true positions of the moved axes [counts]
+
+        Raises
+        ------
+        OutOfRangeError : a limit of 5.2, combined ones included, would be passed
+        PositionLostError : not homed, or an IP restarted
+        PowerOffError : motor power is off
+        AxisStalledError : an axis stalled, fell behind, stopped short or was too slow
+        MotionStoppedError : `stop` was called
+        """
+        wanted = {axis: int(counts) for axis, counts in targets.items()}
+        new_speeds = dict(speeds or {})
+        check_speeds(new_speeds)
+        async with self._motion() as guard:
+            self._require_homed()
+            starts = await self._starts(wanted)
+            moved = {axis: n for axis, n in wanted.items() if self._rest_counts.get(axis) != n}
+            self._check_targets(starts | moved, moved)
+            if not moved:
+                return wanted
+            speeds_now = {
+                axis: new_speeds.get(axis)
+                or self._axes.written(axis, Parameter.SPEED)
+                or c.NOMINAL_SPEED
+                for axis in moved
+            }
+            if deadline_s is None:
+                distances = {axis: moved[axis] - starts[axis] for axis in moved}
+                nominal = self._config.nominal_counts_per_s
+                deadline_s = 2 * forecast_s(distances, speeds_now, nominal) + 2.0
+            for axis in moved:
+                self._rest_counts.pop(axis, None)
+            await start(self._axes, moved, new_speeds, guard)
+            await Watch(self._axes, moved, deadline_s, guard).until_rest()
+            guard()
+            got = await self._arrive(moved)
+            guard()
+            self._rest_counts.update(moved)
+        return {axis: got.get(axis, wanted[axis]) for axis in wanted}
+
+    async def move_joints(
+        self, q: ArrayLike, speed: int = c.NOMINAL_SPEED, deadline_s: float | None = None
+    ) -> None:
+        """Move to joints (6,) in `kinematics.Q_ORDER` [rad, mm], all axes arriving together.
+
+        Parameters
+        ----------
+        speed : SPEED of the axis that needs longest; the others get less (8.13)
+
+        Raises
+        ------
+        as `move_counts`
+        """
+        row = np.asarray(q, dtype=np.float64)
+        if row.shape != (6,) or not np.isfinite(row).all():
+            raise ValueError(f"joints are six finite numbers, not {row}")
+        targets = dict(zip(COUNTS_ORDER, kinematics.q_to_counts(row).tolist(), strict=True))
+        self._require_homed()
+        starts = await self._starts(targets)
+        distances = {axis: targets[axis] - starts[axis] for axis in targets}
+        speeds = synchronised_speeds(distances, self._config.nominal_counts_per_s, speed)
+        await self.move_counts(targets, deadline_s, speeds)
+
+    # ---- gripper -------------------------------------------------------------------------------
+    async def move_gripper_mm(self, width_mm: float) -> float:
+        """Open or close the jaws to a width [mm] in empty air; return the width reached (5.5).
+
+        Raises
+        ------
+        OutOfRangeError : the jaws do not open so far
+        AxisStalledError : something is in the way; to hold it, use `grip`
+        """
+        counts = self._config.gripper.counts(width_mm)
+        await self._axes.write(Axis.GRIPPER, Parameter.MAX_FORCE, self._config.gripper_force)
+        got = await self.move_counts({Axis.GRIPPER: counts})
+        return self._config.gripper.width_mm(got[Axis.GRIPPER])
+
+    async def open_jaws(self) -> float:
+        """Open the jaws as far as they go; return the width [mm]."""
+        return await self.move_gripper_mm(self._config.gripper.max_width_mm)
+
+    async def close_jaws(self) -> float:
+        """Close empty jaws; return the width [mm]. Raises AxisStalledError on anything held."""
+        return await self.move_gripper_mm(0.0)
+
+    async def grip(self, force: int, deadline_s: float = 10.0) -> float:
+        """Close the jaws until they stall, on something or on each other (5.5).
+
+        Parameters
+        ----------
+        force : MAX_FORCE, which stays; 20 to 60 have been used
+
+        Returns
+        -------
+        jaw opening [mm]; near 0 means that nothing is held, which is for the caller to judge
+
+        Raises
+        ------
+        AxisStalledError : the jaws have not come to rest against anything by the deadline
+        """
+        if force < 1:
+            raise ValueError(f"a grip needs force, not {force}")
+        gripper = Axis.GRIPPER
+        async with self._motion() as guard:
+            self._require_homed()
+            self._rest_counts.pop(gripper, None)
+            await self._axes.write(gripper, Parameter.SPEED, self._config.grip_speed, guard)
+            await self._axes.write(gripper, Parameter.MAX_FORCE, force, guard)
+            await self._axes.write(gripper, Parameter.NEW_POSITION, c.GRIP_COUNTS, guard)
+            await self._axes.numeric_go(ADDRESSES[gripper].ip, [gripper], guard)
+            counts = await self._until_held(deadline_s, guard)
+        return self._config.gripper.width_mm(counts)
+
+    async def jaw_width_mm(self) -> float:
+        """Return the jaw opening [mm] as it is now; raises as `read_counts`."""
+        self._require_homed()
+        counts = await self._axes.read_actual(Axis.GRIPPER)
+        self._require_homed()
+        return self._config.gripper.width_mm(counts)
+
+    # ---- parts of the verbs --------------------------------------------------------------------
+    async def _starts(self, targets: Iterable[Axis]) -> dict[Axis, int]:
+        """Return where the axes of a move are now, and those that share a limit with them."""
+        needed = {*targets, *(_PARTNERS[axis] for axis in targets if axis in _PARTNERS)}
+        unknown = [axis for axis in Axis if axis in needed and axis not in self._rest_counts]
+        read = await self._axes.read_actuals(unknown)
+        return {axis: self._rest_counts.get(axis, read.get(axis, 0)) for axis in needed}
+
+    def _check_targets(self, counts: Mapping[Axis, int], moved: Iterable[Axis]) -> None:
+        changed = set(moved)
+        if Axis.GRIPPER in changed:
+            low, high = c.GRIPPER_RANGE
+            asked = counts[Axis.GRIPPER]
+            if not low <= asked <= high:
+                raise OutOfRangeError("gripper", asked, low if asked < low else high)
+        # an axis that is not part of the move has no limit in common with one that is
+        check_limits([counts.get(axis, 0) for axis in COUNTS_ORDER], changed)
+
+    async def _arrive(self, targets: Mapping[Axis, int]) -> dict[Axis, int]:
+        slack = self._config.arrival_slack_counts
+        tolerances = {axis: self._dead_bands.get(axis, 0) + slack for axis in targets}
+        return await verify_arrival(self._axes, targets, tolerances, self._config.settle_s)
+
+    async def _until_held(self, deadline_s: float, guard: Guard) -> int:
+        """Return the counts of the gripper once it rests against something (2.8, 9.17)."""
+        clock = self._axes.clock
+        until_s = clock.now_s() + deadline_s
+        still_poll_count, before = 0, None
+        while True:
+            guard()
+            bits = await self._axes.status(Axis.GRIPPER)
+            counts = await self._axes.read_actual(Axis.GRIPPER)
+            still_poll_count = still_poll_count + 1 if counts == before else 0
+            before = counts
+            if still_poll_count >= _STILL_POLL_COUNT and not bits & StatusBits.MOVING:
+                if bits & c.TROUBLE:
+                    return counts
+                why = "rests against nothing (is motor power on?)"
+                break
+            if clock.now_s() > until_s:
+                why = f"still closes after {deadline_s:.1f} s"
+                break
+            await clock.sleep(c.POLL_S)
+        await self._halt_quietly()
+        raise AxisStalledError(Axis.GRIPPER, c.GRIP_COUNTS, counts, why)

@@ -1,0 +1,214 @@
+"""The seven motors as the line offers them: parameters, status, go, stop (umi_rtx.md 2).
+
+Knows which IP a motor hangs on, what has been written already, and how to learn after a broken
+exchange whether it was carried out. Knows nothing of limits, homing or joints.
+"""
+
+import logging
+from collections.abc import Callable, Iterable, Mapping
+from typing import TypeVar
+
+from drivers.clock import CellClock
+from drivers.errors import BadReplyError, DeviceError, PositionLostError, RefusedError
+
+from . import _codec as codec
+from . import _constants as c
+from ._codec import Reply, Status, Value, Version
+from ._constants import ADDRESSES, Axis, Drive, Ip, Mode, Parameter, Simple, StatusBits
+from ._link import Guard, Link, breaks_step
+
+log = logging.getLogger(__name__)
+R = TypeVar("R", Status, Value, Version)
+
+BUSY_LIMIT_S = 10.0  # a go that is refused as busy (2.9 code 03) for longer is stuck
+
+
+def _the(kind: type[R], reply: Reply) -> R:
+    if not isinstance(reply, kind):
+        raise BadReplyError(f"arm: {reply} where a {kind.__name__} was due")
+    return reply
+
+
+class Axes:
+    """The motors behind a link; `on_position_lost` hears of every 0E and 0F."""
+
+    def __init__(self, link: Link, clock: CellClock, on_position_lost: Callable[[], None]) -> None:
+        self.link = link
+        self.clock = clock
+        self._on_position_lost = on_position_lost
+        self._written: dict[tuple[Axis, Parameter], int] = {}
+
+    # ---- the line ------------------------------------------------------------------------------
+    def ips(self, axes: Iterable[Axis] = Axis) -> list[Ip]:
+        """Return the IPs that axes hang on, the listening one first: it needs no hand-over."""
+        found = {ADDRESSES[axis].ip for axis in axes}
+        return sorted(found, key=lambda ip: (ip is not self.link.listening, ip))
+
+    async def _ask(
+        self, ip: Ip, *frames: bytes, repeats: bool = False, guard: Guard | None = None
+    ) -> Reply:
+        try:
+            return (await self.link.ask(ip, *frames, repeats=repeats, guard=guard))[-1]
+        except PositionLostError:
+            self._lose()
+            raise
+
+    def _lose(self) -> None:
+        self._written.clear()  # what a restart does to parameters is unknown (9.23)
+        self._on_position_lost()
+
+    async def tell(self, ip: Ip, request: bytes, guard: Guard | None = None) -> None:
+        """Send a command that says what should be so, and may therefore be said twice.
+
+        Not for hand-overs, relative moves and interpolation.
+        """
+        try:
+            await self._ask(ip, request, guard=guard)
+        except DeviceError as error:
+            if not breaks_step(error):
+                raise
+            log.warning("said again after %s", error)
+            await self._ask(ip, request, guard=guard)
+
+    async def tell_both(self, command: Simple, guard: Guard | None = None) -> None:
+        """Send such a command to both IPs, the listening one first."""
+        if command is Simple.LOAD_DEFAULTS:
+            for axis, parameter in list(self._written):
+                if parameter in c.RELOADED:
+                    del self._written[axis, parameter]
+        for ip in self.ips():
+            await self.tell(ip, codec.encode_simple(command), guard)
+
+    async def halt(self, command: Simple) -> None:
+        """Send a stop to both IPs, ahead of everything else."""
+        try:
+            await self.link.halt(codec.encode_simple(command))
+        except PositionLostError:
+            self._lose()
+            raise
+
+    # ---- reading -------------------------------------------------------------------------------
+    async def status(self, axis: Axis) -> StatusBits:
+        """Return the status of one controller (2.8)."""
+        ip, ctl = ADDRESSES[axis]
+        reply = await self._ask(ip, codec.encode_controller_status(ctl), repeats=True)
+        return _the(Status, reply).bits
+
+    async def general_status(self, ip: Ip) -> StatusBits:
+        """Return the status of one IP (2.8)."""
+        reply = await self._ask(ip, codec.encode_simple(Simple.GENERAL_STATUS), repeats=True)
+        return _the(Status, reply).bits
+
+    async def version(self, ip: Ip) -> Version:
+        """Return the ROM version of one IP (2.3)."""
+        reply = await self._ask(ip, codec.encode_simple(Simple.VERSION), repeats=True)
+        return _the(Version, reply)
+
+    async def read(self, axis: Axis, parameter: Parameter) -> int:
+        """Return a parameter, by the transport it takes (2.5)."""
+        ip, ctl = ADDRESSES[axis]
+        if parameter in c.IMMEDIATE:
+            frames: tuple[bytes, ...] = (codec.encode_immediate_read(parameter, ctl),)
+        else:
+            frames = codec.encode_deferred_read(parameter, ctl)
+        return _the(Value, await self._ask(ip, *frames, repeats=True)).value
+
+    async def read_actual(self, axis: Axis) -> int:
+        """Return where a motor truly is [counts]: CURRENT_POSITION less CP_ERROR (2.5, nr 15)."""
+        commanded = await self.read(axis, Parameter.CURRENT_POSITION)
+        return commanded - await self.read(axis, Parameter.CP_ERROR)
+
+    async def read_actuals(self, axes: Iterable[Axis]) -> dict[Axis, int]:
+        """Return where motors truly are [counts], with one hand-over at most."""
+        wanted = list(axes)
+        found = {}
+        for ip in self.ips(wanted):
+            for axis in wanted:
+                if ADDRESSES[axis].ip is ip:
+                    found[axis] = await self.read_actual(axis)
+        return {axis: found[axis] for axis in wanted}
+
+    # ---- writing -------------------------------------------------------------------------------
+    def written(self, axis: Axis, parameter: Parameter) -> int | None:
+        """Return what a parameter was last set to in this session; None if that is not known."""
+        return self._written.get((axis, parameter))
+
+    async def write(
+        self, axis: Axis, parameter: Parameter, value: int, guard: Guard | None = None
+    ) -> None:
+        """Set a deferred parameter, unless it is known to have the value already."""
+        if self._written.get((axis, parameter)) == value:
+            return
+        ip, ctl = ADDRESSES[axis]
+        frames = codec.encode_deferred_write(parameter, ctl, value)
+        self._written.pop((axis, parameter), None)
+        try:
+            await self._ask(ip, *frames, guard=guard)
+        except DeviceError as error:
+            if not breaks_step(error):
+                raise
+            if await self.read(axis, parameter) != value:
+                await self._ask(ip, *frames, guard=guard)
+        self._written[axis, parameter] = value
+
+    async def label(self, axis: Axis, counts: int, guard: Guard | None = None) -> None:
+        """Declare the present position of a motor at rest to be `counts`; nothing moves (2.5)."""
+        ip, ctl = ADDRESSES[axis]
+        await self.tell(ip, codec.encode_immediate_write(ctl, counts), guard)
+
+    async def set_mode(self, axis: Axis, mode: Mode) -> None:
+        """Put a controller into a mode (2.4)."""
+        ip, ctl = ADDRESSES[axis]
+        await self.tell(ip, codec.encode_mode(mode, ctl))
+
+    # ---- motion --------------------------------------------------------------------------------
+    async def manual_go(
+        self, ip: Ip, drives: Mapping[Axis, Drive], guard: Guard | None = None
+    ) -> None:
+        """Drive motors of one IP without end; every other motor of that IP holds (2.6)."""
+        by_ctl = {ADDRESSES[axis].ctl: drive for axis, drive in drives.items()}
+        await self.tell(ip, codec.encode_manual_go(by_ctl), guard)
+
+    async def numeric_go(self, ip: Ip, axes: Iterable[Axis], guard: Guard) -> None:
+        """Start motors of one IP towards their NEW_POSITION (2.7).
+
+        Waits while one is still busy (code 03). After a lost reply the motors themselves are
+        asked whether they have started.
+
+        Raises
+        ------
+        RefusedError : still busy after BUSY_LIMIT_S
+        """
+        started = list(axes)
+        request = codec.encode_numeric_go(ADDRESSES[axis].ctl for axis in started)
+        until_s = self.clock.now_s() + BUSY_LIMIT_S
+        while True:
+            try:
+                await self._ask(ip, request, guard=guard)
+                return
+            except RefusedError as error:
+                if error.code == c.AXIS_BUSY:
+                    if self.clock.now_s() > until_s:
+                        raise
+                    await self.clock.sleep(c.POLL_S)
+                    while self.clock.now_s() <= until_s and await self._any(
+                        started, StatusBits.MOVING
+                    ):
+                        guard()
+                        await self.clock.sleep(c.POLL_S)
+                    continue
+                if not breaks_step(error):
+                    raise
+            except DeviceError as error:
+                if not breaks_step(error):
+                    raise
+            if self.clock.now_s() > until_s:
+                raise BadReplyError("arm: no go gets through")
+            if await self._any(started, StatusBits.MOVING | c.TROUBLE):
+                return
+
+    async def _any(self, axes: Iterable[Axis], bits: StatusBits) -> bool:
+        for axis in axes:
+            if await self.status(axis) & bits:
+                return True
+        return False

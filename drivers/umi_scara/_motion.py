@@ -1,0 +1,191 @@
+"""Moves that end where they should, or say which axis did not (umi_rtx.md 2.7, 2.8, 6.7)."""
+
+from collections.abc import Iterable, Mapping
+from math import ceil
+
+from drivers.errors import DeviceError, StalledError
+
+from . import _constants as c
+from ._axes import Axes
+from ._constants import ADDRESSES, Axis, Ip, Parameter, Simple, StatusBits
+from ._link import Guard
+
+
+class MotionStoppedError(DeviceError):
+    """A motion ended because a stop was asked for; the stop itself has been sent."""
+
+
+class AxisStalledError(StalledError):
+    """An axis ended elsewhere than asked; both IPs have had their dead stop.
+
+    Attributes
+    ----------
+    axis : the axis
+    asked_counts, got_counts : where it should be, where it is
+    """
+
+    def __init__(self, axis: Axis, asked_counts: int, got_counts: int, why: str) -> None:
+        super().__init__(
+            f"arm: {axis.name.lower()} {why}: {asked_counts} counts asked, it is at {got_counts}"
+        )
+        self.axis = axis
+        self.asked_counts = asked_counts
+        self.got_counts = got_counts
+
+
+def synchronised_speeds(
+    distances: Mapping[Axis, int], nominal: Mapping[Axis, float], speed: int = c.NOMINAL_SPEED
+) -> dict[Axis, int]:
+    """Return the SPEED of each axis with which all arrive together (8.13).
+
+    Parameters
+    ----------
+    distances : counts to go, of either sign; axes with 0 are left out of the answer
+    nominal : counts per second at SPEED 100
+    speed : SPEED of the axis that needs longest
+
+    Returns
+    -------
+    whole SPEEDs >= 1, rounded up: a short axis may arrive earlier, none later than the longest
+    """
+    shares = {axis: abs(far) / nominal[axis] for axis, far in distances.items() if far}
+    longest = max(shares.values(), default=1.0)
+    return {axis: max(1, ceil(speed * share / longest - 1e-9)) for axis, share in shares.items()}
+
+
+def forecast_s(
+    distances: Mapping[Axis, int], speeds: Mapping[Axis, int], nominal: Mapping[Axis, float]
+) -> float:
+    """Return how long a move takes [s], by nominal speeds that no source vouches for (5.7, 7)."""
+    times_s = [
+        abs(far) / (nominal[axis] * speeds[axis] / c.NOMINAL_SPEED)
+        for axis, far in distances.items()
+        if far
+    ]
+    return max(times_s, default=0.0) + c.RAMP_S
+
+
+async def start(
+    axes: Axes,
+    targets: Mapping[Axis, int],
+    speeds: Mapping[Axis, int],
+    guard: Guard,
+    *,
+    in_turn: bool = False,
+) -> None:
+    """Set targets and go, all motors within two requests of each other.
+
+    With `in_turn` the first IP starts before the second is told its targets (3.4): one hand-over
+    less.
+    """
+    order = axes.ips(targets)
+    for ip in order:
+        mine = on_ip(targets, ip)
+        for axis in mine:
+            if axis in speeds:
+                await axes.write(axis, Parameter.SPEED, speeds[axis], guard)
+            await axes.write(axis, Parameter.NEW_POSITION, targets[axis], guard)
+        if in_turn:
+            await axes.numeric_go(ip, mine, guard)
+    if not in_turn:
+        for ip in reversed(order):  # the last one told is the one that listens
+            await axes.numeric_go(ip, on_ip(targets, ip), guard)
+
+
+def on_ip(axes: Iterable[Axis], ip: Ip) -> list[Axis]:
+    """Return those axes that hang on an IP, by controller number."""
+    mine = [axis for axis in axes if ADDRESSES[axis].ip is ip]
+    return sorted(mine, key=lambda axis: ADDRESSES[axis].ctl)
+
+
+class Watch:
+    """Watches started axes until all rest.
+
+    General status shows all axes of an IP in one request, but a motor that is not part of the
+    move may have left its mark in it, as a gripper that holds something does (5.5). From then on
+    that IP's axes are asked one by one.
+    """
+
+    def __init__(
+        self, axes: Axes, targets: Mapping[Axis, int], deadline_s: float, guard: Guard
+    ) -> None:
+        self._axes = axes
+        self._targets = targets
+        self._until_s = axes.clock.now_s() + deadline_s
+        self._deadline_s = deadline_s
+        self._guard = guard
+        self._marked: set[Ip] = set()
+
+    async def until_rest(self, *, in_turn: bool = False) -> None:
+        """Return when no axis moves; `in_turn` watches one IP to its rest, then the other (3.4).
+
+        Raises
+        ------
+        AxisStalledError : bit 2 or 3 of a moved axis, or not at rest by the deadline
+        """
+        moving = {ADDRESSES[axis].ip for axis in self._targets}
+        while moving:
+            for ip in self._axes.ips(
+                axis for axis in self._targets if ADDRESSES[axis].ip in moving
+            ):
+                if await self._rests(ip):
+                    moving.discard(ip)
+                elif in_turn:
+                    break
+            if moving:
+                if self._axes.clock.now_s() > self._until_s:
+                    await self._give_up(moving)
+                await self._axes.clock.sleep(c.POLL_S)
+
+    async def _rests(self, ip: Ip) -> bool:
+        self._guard()
+        if ip not in self._marked:
+            bits = await self._axes.general_status(ip)
+            if not bits & c.TROUBLE:
+                return not bits & StatusBits.MOVING
+            self._marked.add(ip)
+        any_moving = False
+        for axis in on_ip(self._targets, ip):
+            bits = await self._axes.status(axis)
+            if bits & c.TROUBLE:
+                await self._stalled(axis, bits)
+            any_moving = any_moving or bool(bits & StatusBits.MOVING)
+        return not any_moving
+
+    async def _stalled(self, axis: Axis, bits: StatusBits) -> None:
+        self._guard()  # after a stop that somebody asked for, these bits mean nothing
+        await self._axes.halt(Simple.DEAD_STOP)
+        got = await self._axes.read_actual(axis)
+        why = "stalled" if bits & StatusBits.STALLED else "fell behind its error limit"
+        raise AxisStalledError(axis, self._targets[axis], got, why)
+
+    async def _give_up(self, moving: set[Ip]) -> None:
+        await self._axes.halt(Simple.DEAD_STOP)
+        late = [axis for axis in self._targets if ADDRESSES[axis].ip in moving]
+        got = await self._axes.read_actuals(late)
+        worst = max(late, key=lambda axis: abs(got[axis] - self._targets[axis]))
+        raise AxisStalledError(
+            worst, self._targets[worst], got[worst], f"moves after {self._deadline_s:.1f} s"
+        )
+
+
+async def verify_arrival(
+    axes: Axes, targets: Mapping[Axis, int], tolerances: Mapping[Axis, int], settle_s: float
+) -> dict[Axis, int]:
+    """Read where resting axes are; return that if all are within tolerance [counts] of the target.
+
+    Raises
+    ------
+    AxisStalledError : one is not, `settle_s` later either
+    """
+    until_s = axes.clock.now_s() + settle_s
+    while True:
+        got = await axes.read_actuals(targets)
+        worst = max(targets, key=lambda axis: abs(got[axis] - targets[axis]) - tolerances[axis])
+        if abs(got[worst] - targets[worst]) <= tolerances[worst]:
+            return got
+        if axes.clock.now_s() > until_s:
+            await axes.halt(Simple.DEAD_STOP)
+            why = "rests off its target (is motor power on?)"
+            raise AxisStalledError(worst, targets[worst], got[worst], why)
+        await axes.clock.sleep(c.POLL_S)

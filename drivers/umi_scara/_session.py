@@ -1,0 +1,301 @@
+"""One arm's session: the line, motor power, what is known of positions, and how a motion ends.
+
+Facts from umi_rtx.md, whose sections the docstrings name.
+"""
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from enum import Enum
+from types import TracebackType
+from typing import Self
+
+from drivers.clock import REAL_TIME, CellClock
+from drivers.errors import DeviceError, LinkError, PositionLostError
+
+from . import _constants as c
+from ._axes import Axes
+from ._constants import Axis, Ip, Parameter, Simple, StatusBits
+from ._gripper import GripperLaw
+from ._homing import HomingConfig
+from ._link import Guard, Link, LinkConfig, Trace
+from ._motion import AxisStalledError, MotionStoppedError
+from ._tasks import run_to_end
+from ._transport import SerialTransport, Transport
+
+log = logging.getLogger(__name__)
+
+
+class PowerOffError(DeviceError):
+    """A motion without motor power: the arm would acknowledge it and do nothing (8.10)."""
+
+
+class Stop(Enum):
+    """Ways to stop (2.3)."""
+
+    DEAD = Simple.DEAD_STOP
+    """At once; motors hold."""
+    RAMP = Simple.RAMP_STOP
+    """Slow down, then hold."""
+    FREE = Simple.FREE_STOP
+    """Power removed: axes can be moved by hand and may sink (8.6)."""
+
+
+@dataclass(frozen=True, slots=True)
+class ArmIdentity:
+    """Who answered `connect`.
+
+    Attributes
+    ----------
+    rom_versions : per IP, (revision, version); the order of the two bytes is a guess (9.4)
+    restarted_ips : those that had lost their positions and were given GO (1.5)
+    """
+
+    rom_versions: Mapping[Ip, tuple[int, int]]
+    restarted_ips: frozenset[Ip]
+
+    @property
+    def was_restarted(self) -> bool:
+        """Whether any IP came out of a restart."""
+        return bool(self.restarted_ips)
+
+
+@dataclass(frozen=True, slots=True)
+class ArmConfig:
+    """Settings of one arm; all durations in cell seconds.
+
+    Attributes
+    ----------
+    arrival_slack_counts : tolerance of arrival beyond the axis' own DEAD_BAND
+    settle_s : how long an axis at rest may take to come within that tolerance
+    nominal_counts_per_s : speed of each axis at SPEED 100 (7), for forecasts and speed ratios
+    gripper_force : MAX_FORCE with which the jaws open and close in position moves (5.6)
+    grip_speed : SPEED with which the jaws close on something (5.6)
+    """
+
+    link: LinkConfig = field(default_factory=LinkConfig)
+    homing: HomingConfig = field(default_factory=HomingConfig)
+    gripper: GripperLaw = field(default_factory=GripperLaw)
+    arrival_slack_counts: int = 2
+    settle_s: float = 0.5
+    nominal_counts_per_s: Mapping[Axis, float] = field(
+        default_factory=lambda: dict(c.NOMINAL_COUNTS_PER_S)
+    )
+    gripper_force: int = 40
+    grip_speed: int = 50
+
+
+def check_speeds(speeds: Mapping[Axis, int]) -> None:
+    """Raise ValueError for a SPEED that no driver has ever used (2.5)."""
+    for axis, speed in speeds.items():
+        if not 1 <= speed <= c.MAX_SPEED or int(speed) != speed:
+            raise ValueError(f"{axis.name}: SPEED is a whole 1 to {c.MAX_SPEED}, not {speed}")
+
+
+class ArmSession:
+    """Everything about an arm but its moves; `UmiScara` adds those and tells the whole story."""
+
+    def __init__(
+        self,
+        port: str | Callable[[], Transport],
+        *,
+        config: ArmConfig | None = None,
+        clock: CellClock = REAL_TIME,
+        trace: Trace | None = None,
+    ) -> None:
+        self._open_transport = (lambda: SerialTransport(port)) if isinstance(port, str) else port
+        self._config = config or ArmConfig()
+        self._clock = clock
+        self._trace = trace
+        self._axes_or_none: Axes | None = None
+        self._identity: ArmIdentity | None = None
+        self._is_powered = False
+        self._is_homed = False
+        self._rest_counts: dict[Axis, int] = {}  # targets that axes were seen to rest at
+        self._dead_bands: dict[Axis, int] = {}
+        self._stop_count = 0
+        self._one_motion = asyncio.Lock()
+
+    # ---- connection ----------------------------------------------------------------------------
+    async def connect(self) -> ArmIdentity:
+        """Open the line and bring both IPs to running (1.6, steps 1-7); nothing moves.
+
+        Raises
+        ------
+        LinkError : no port, or silence on it ("check power, cable, boards")
+        WrongDeviceError : text instead of the protocol (8.7), or not two different IPs
+        BadReplyError : bytes that make no sense
+        """
+        await self._disconnect()
+        link = Link(self._open_transport(), self._clock, self._config.link, self._trace)
+        axes = Axes(link, self._clock, self._lose_position)
+        try:
+            restarted = await link.open()
+            versions = {ip: await axes.version(ip) for ip in axes.ips()}
+        except BaseException:
+            await link.aclose()
+            raise
+        self._axes_or_none = axes
+        rom_versions = {ip: (v.revision, v.version) for ip, v in sorted(versions.items())}
+        self._identity = ArmIdentity(rom_versions, restarted)
+        log.info("arm connected: ROM %s, restarted: %s", rom_versions, sorted(restarted))
+        return self._identity
+
+    async def aclose(self) -> None:
+        """Dead-stop both IPs (8.20) and let go of the line; motors keep holding."""
+        if self._axes_or_none is not None:
+            self._stop_count += 1
+            await run_to_end(self._halt_quietly())
+        await self._disconnect()
+
+    async def _disconnect(self) -> None:
+        axes, self._axes_or_none = self._axes_or_none, None
+        self._lose_position()
+        if axes is not None:
+            await axes.link.aclose()
+
+    async def __aenter__(self) -> Self:
+        await self.connect()
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        await self.aclose()
+
+    @property
+    def identity(self) -> ArmIdentity | None:
+        """What `connect` found; None when not connected or after a restart of an IP."""
+        return self._identity
+
+    @property
+    def is_homed(self) -> bool:
+        """Whether counts mean positions."""
+        return self._is_homed
+
+    @property
+    def is_powered(self) -> bool:
+        """Whether motor power has been enabled and nothing is known to have taken it away."""
+        return self._is_powered
+
+    @property
+    def config(self) -> ArmConfig:
+        """The settings this arm was built with."""
+        return self._config
+
+    @property
+    def _axes(self) -> Axes:
+        if self._axes_or_none is None:
+            raise LinkError("arm: not connected")
+        return self._axes_or_none
+
+    def _require_connected(self) -> None:
+        if self._identity is None and self._axes_or_none is not None:
+            raise PositionLostError("arm: an IP has restarted; connect, enable power and home")
+
+    def _lose_position(self) -> None:
+        if self._is_homed:
+            log.error("arm: positions are lost")
+        self._is_homed = self._is_powered = False
+        self._identity = None
+        self._rest_counts.clear()
+
+    def _require_homed(self) -> None:
+        if not self._is_homed:
+            raise PositionLostError("arm: not homed, so that no position of it is known")
+
+    async def enable_power(self) -> None:
+        """Allow motor power on both IPs (`27`, 1.6 step 9): only once people agree to motion."""
+        self._require_connected()
+        await self._axes.tell_both(Simple.FREE_OFF)
+        self._is_powered = True
+
+    # ---- settings and raw registers ------------------------------------------------------------
+    async def read_parameter(self, axis: Axis, parameter: Parameter) -> int:
+        """Return any parameter of a motor (2.5); a raw register, valid as a position or not."""
+        return await self._axes.read(axis, parameter)
+
+    async def write_parameter(self, axis: Axis, parameter: Parameter, value: int) -> None:
+        """Set a parameter of a motor (2.5).
+
+        Raises
+        ------
+        ValueError : read-only, or CURRENT_POSITION, which only homing may label
+        """
+        if parameter in c.READ_ONLY or parameter is Parameter.CURRENT_POSITION:
+            raise ValueError(f"{parameter.name} is not for writing")
+        await self._axes.write(axis, parameter, value)
+
+    async def set_speed(self, axis: Axis, speed: int) -> None:
+        """Set SPEED of an axis: 1 to 160, 100 is "top speed" (2.5, 5.6)."""
+        check_speeds({axis: speed})
+        await self._axes.write(axis, Parameter.SPEED, speed)
+
+    async def set_force(self, axis: Axis, force: int) -> None:
+        """Set MAX_FORCE of an axis; 0 makes the motor limp (2.5), 20 to 60 have been used."""
+        if not 0 <= force <= 100:
+            raise ValueError(f"{axis.name}: MAX_FORCE is 0 to 100, not {force}")
+        await self._axes.write(axis, Parameter.MAX_FORCE, force)
+
+    async def status(self, axis: Axis) -> StatusBits:
+        """Return the status of one controller (2.8)."""
+        return await self._axes.status(axis)
+
+    async def general_status(self) -> dict[Ip, StatusBits]:
+        """Return the status of both IPs (2.8)."""
+        return {ip: await self._axes.general_status(ip) for ip in self._axes.ips()}
+
+    # ---- how a motion ends ---------------------------------------------------------------------
+    async def stop(self, kind: Stop = Stop.DEAD) -> None:
+        """Stop both IPs (2.3), ahead of all other traffic; a running verb ends with an error.
+
+        Motions that were waiting for their turn end too, before they begin.
+
+        Raises
+        ------
+        LinkError, PositionLostError : one IP may not have heard it; the other one was told
+        """
+        self._stop_count += 1
+        self._rest_counts.clear()
+        if kind is Stop.FREE:
+            self._is_powered = False
+        await run_to_end(self._axes.halt(kind.value))
+
+    @asynccontextmanager
+    async def _motion(self) -> AsyncIterator[Guard]:
+        """Hold the arm for one motion; whatever ends it but success or a stop stops both IPs.
+
+        Yields a guard that raises once `stop` has been called, which also ends those motions that
+        were still waiting for the arm at that time.
+        """
+        stop_count = self._stop_count
+
+        def guard() -> None:
+            if self._stop_count != stop_count:
+                raise MotionStoppedError("arm: the motion was stopped on request")
+
+        async with self._one_motion:
+            guard()
+            if not self._is_powered:
+                self._require_connected()
+                raise PowerOffError("arm: motor power is off: enable it first")
+            try:
+                yield guard
+            except (MotionStoppedError, AxisStalledError):
+                raise  # their stop has been sent
+            except BaseException:
+                self._rest_counts.clear()
+                await run_to_end(self._halt_quietly())
+                raise
+
+    async def _halt_quietly(self) -> None:
+        """Dead-stop both IPs on the way out; what failed before is what the caller must hear."""
+        try:
+            await self._axes.halt(Simple.DEAD_STOP)
+        except DeviceError as error:
+            log.error("arm: the dead stop failed too: %s", error)

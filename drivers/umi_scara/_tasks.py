@@ -1,0 +1,60 @@
+"""What must not be interrupted half-way, and what may overtake: a request, its reply, a stop."""
+
+import asyncio
+from collections.abc import AsyncIterator, Coroutine
+from contextlib import asynccontextmanager
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+
+
+async def run_to_end(work: Coroutine[Any, Any, T]) -> T:
+    """Await `work` to its end even when the caller is cancelled, and cancel the caller then.
+
+    `work` must be bounded in time. If it fails while the caller is being cancelled, the
+    cancellation wins.
+    """
+    task = asyncio.create_task(work)
+    was_cancelled = False
+    while not task.done():
+        try:
+            await asyncio.wait({task})
+        except asyncio.CancelledError:
+            was_cancelled = True
+    if was_cancelled:
+        if not task.cancelled():
+            task.exception()  # looked at, so that asyncio does not report it as forgotten
+        raise asyncio.CancelledError
+    return task.result()
+
+
+class Turns:
+    """A lock that hands the line to whoever is urgent before anyone who is not."""
+
+    def __init__(self) -> None:
+        self._lock = asyncio.Lock()
+        self._urgent_count = 0
+        self._calm = asyncio.Event()
+        self._calm.set()
+
+    @asynccontextmanager
+    async def take(self, *, urgent: bool = False) -> AsyncIterator[None]:
+        """Hold the line for the length of the block."""
+        if urgent:
+            self._urgent_count += 1
+            self._calm.clear()
+            try:
+                async with self._lock:
+                    yield
+            finally:
+                self._urgent_count -= 1
+                if not self._urgent_count:
+                    self._calm.set()
+            return
+        while True:
+            await self._calm.wait()
+            async with self._lock:
+                if self._urgent_count:  # a stop came while this turn was waiting in the queue
+                    continue
+                yield
+                return

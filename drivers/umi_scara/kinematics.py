@@ -1,0 +1,257 @@
+"""Where the hand is for given joints, and which joints bring it somewhere: closed form, no I/O.
+
+Joints are rows q = [shoulder, elbow, yaw, zed, pitch, roll]: shoulder, elbow and the yaw MOTOR's
+angle, pitch and roll in rad, zed in mm (0 at the top stop, negative downwards). Frames (6.2): `arm`
+has its origin on the table plane under the shoulder axis, x straight ahead, y left, z up; `tip`
+has its origin at the gripper tip, x along the approach axis, and the jaws open along y. Everything
+is vectorised over leading dimensions. Sections are those of umi_rtx.md.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _constants as c
+from ._limits import COUNTS_ORDER, limit_margins, worst_violation
+
+__all__ = [
+    "COUNTS_ORDER",
+    "HEADINGS_RAD",
+    "Q_ORDER",
+    "ArmGeometry",
+    "counts_to_q",
+    "forward",
+    "inverse",
+    "limit_report",
+    "q_to_counts",
+    "within_limits",
+]
+
+Floats = NDArray[np.float64]
+
+Q_ORDER: Final = ("shoulder_rad", "elbow_rad", "yaw_rad", "zed_mm", "pitch_rad", "roll_rad")
+HEADINGS_RAD: Final = np.deg2rad(np.arange(-180.0, 180.0, 15.0))  # tried where heading is free
+
+_SHOULDER, _ELBOW, _YAW, _ZED, _PITCH, _ROLL = range(6)
+_REACH_SLACK_MM: Final = 1e-9  # rounding of a fully stretched arm must not make it unreachable
+_GIMBAL_RAD: Final = 1e-10  # pitch closer to +-90 deg than this says nothing about the heading
+# 5.2: ranges short of a full turn but not centred on 0; the image nearest to the centre is the one
+_ROLL_CENTRE_RAD: Final = np.deg2rad((-132.0 + 181.0) / 2)
+_ELBOW_CENTRE_RAD: Final = np.deg2rad((-180.0 + 151.0) / 2)
+
+# counts = q @ _COUNTS_PER_Q in COUNTS_ORDER (5.1, 5.3)
+_COUNTS_PER_Q: Final = np.zeros((6, 6))
+_COUNTS_PER_Q[_ELBOW, 0] = np.rad2deg(c.ELBOW_COUNTS_PER_DEG)
+_COUNTS_PER_Q[_SHOULDER, 1] = np.rad2deg(c.SHOULDER_COUNTS_PER_DEG)
+_COUNTS_PER_Q[_ZED, 2] = c.ZED_COUNTS_PER_MM
+_COUNTS_PER_Q[_PITCH, 3:5] = np.rad2deg(c.WRIST_COUNTS_PER_DEG)
+_COUNTS_PER_Q[_ROLL, 3:5] = np.rad2deg(c.WRIST_COUNTS_PER_DEG) * np.array([1.0, -1.0])
+_COUNTS_PER_Q[_YAW, 5] = np.rad2deg(c.YAW_COUNTS_PER_DEG)
+_Q_PER_COUNT: Final = np.linalg.inv(_COUNTS_PER_Q)
+
+
+@dataclass(frozen=True, slots=True)
+class ArmGeometry:
+    """Lengths of one arm (6.1) [mm]; tool and wrist height want measuring on the arm itself.
+
+    Attributes
+    ----------
+    upper_mm, fore_mm : shoulder axis to elbow axis, elbow axis to wrist centre
+    tool_mm : wrist centre to gripper tip
+    wrist_height_mm : wrist centre above the table at zed 0
+    """
+
+    upper_mm: float = 253.5
+    fore_mm: float = 253.5
+    tool_mm: float = 177.0
+    wrist_height_mm: float = 915.0
+
+    def __post_init__(self) -> None:
+        if not (self.upper_mm > 0 and self.fore_mm > 0 and self.tool_mm >= 0):
+            raise ValueError(f"lengths must be positive: {self}")
+
+
+_DEFAULT: Final = ArmGeometry()
+
+
+def _wrap(angle_rad: Floats) -> Floats:
+    """Return the image of an angle in [-pi, pi)."""
+    return (angle_rad + np.pi) % (2 * np.pi) - np.pi
+
+
+# ---- counts ------------------------------------------------------------------------------------
+def q_to_counts(q: ArrayLike) -> NDArray[np.int64]:
+    """Return the whole counts nearest to joints (5.1, 5.3).
+
+    Parameters
+    ----------
+    q : (..., 6) joints, finite
+
+    Returns
+    -------
+    (..., 6) counts in COUNTS_ORDER: elbow, shoulder, zed, wrist 1, wrist 2, yaw
+    """
+    joints = np.asarray(q, dtype=np.float64)
+    if not np.isfinite(joints).all():
+        raise ValueError("joints without a pose have no counts")
+    return np.rint(joints @ _COUNTS_PER_Q).astype(np.int64)
+
+
+def counts_to_q(counts: ArrayLike) -> Floats:
+    """Return the joints (..., 6) of counts (..., 6) in COUNTS_ORDER (6.3)."""
+    return np.asarray(counts, dtype=np.float64) @ _Q_PER_COUNT
+
+
+# ---- limits ------------------------------------------------------------------------------------
+def within_limits(q: ArrayLike) -> NDArray[np.bool_]:
+    """Tell whether the arm would accept joints (..., 6): all of 5.2, on whole counts.
+
+    Joints are rounded to counts first, so that this answer and the arm's are the same one.
+    NaN is outside.
+    """
+    margins = limit_margins(np.rint(np.asarray(q, dtype=np.float64) @ _COUNTS_PER_Q))
+    return np.asarray((margins >= 0).all(axis=-1), dtype=np.bool_)
+
+
+def limit_report(q: ArrayLike) -> str:
+    """Return the worst passed limit of one q (6,), and by how much; "within limits" if none is."""
+    violation = worst_violation(np.rint(np.asarray(q, dtype=np.float64) @ _COUNTS_PER_Q))
+    return "within limits" if violation is None else str(violation)
+
+
+# ---- forward -----------------------------------------------------------------------------------
+def forward(q: ArrayLike, geometry: ArmGeometry = _DEFAULT) -> Floats:
+    """Return T_arm_tip of joints (6.4).
+
+    Parameters
+    ----------
+    q : (..., 6) joints; limits are not checked
+
+    Returns
+    -------
+    (..., 4, 4) pose of the tip in the arm's frame [mm]
+    """
+    joints = np.asarray(q, dtype=np.float64)
+    shoulder, elbow, yaw, zed, pitch, roll = np.moveaxis(joints, -1, 0)
+    heading = shoulder + elbow / 2 + yaw  # the yaw belt takes back half of the elbow's turn (5.4)
+    sin_h, cos_h = np.sin(heading), np.cos(heading)
+    sin_p, cos_p = np.sin(pitch), np.cos(pitch)
+    sin_r, cos_r = np.sin(roll), np.cos(roll)
+    T_arm_tip = np.zeros((*joints.shape[:-1], 4, 4))
+    # Rz(heading) Ry(-pitch) Rx(roll)
+    T_arm_tip[..., 0, 0] = cos_h * cos_p
+    T_arm_tip[..., 1, 0] = sin_h * cos_p
+    T_arm_tip[..., 2, 0] = sin_p
+    T_arm_tip[..., 0, 1] = -cos_h * sin_p * sin_r - sin_h * cos_r
+    T_arm_tip[..., 1, 1] = -sin_h * sin_p * sin_r + cos_h * cos_r
+    T_arm_tip[..., 2, 1] = cos_p * sin_r
+    T_arm_tip[..., 0, 2] = -cos_h * sin_p * cos_r + sin_h * sin_r
+    T_arm_tip[..., 1, 2] = -sin_h * sin_p * cos_r - cos_h * sin_r
+    T_arm_tip[..., 2, 2] = cos_p * cos_r
+    fore_heading = shoulder + elbow
+    wrist_x = geometry.upper_mm * np.cos(shoulder) + geometry.fore_mm * np.cos(fore_heading)
+    wrist_y = geometry.upper_mm * np.sin(shoulder) + geometry.fore_mm * np.sin(fore_heading)
+    wrist = np.stack([wrist_x, wrist_y, geometry.wrist_height_mm + zed], axis=-1)
+    T_arm_tip[..., :3, 3] = wrist + geometry.tool_mm * T_arm_tip[..., :3, 0]
+    T_arm_tip[..., 3, 3] = 1.0
+    return T_arm_tip
+
+
+# ---- inverse -----------------------------------------------------------------------------------
+def inverse(
+    T_arm_tip: ArrayLike,
+    geometry: ArmGeometry = _DEFAULT,
+    *,
+    heading_rad: ArrayLike | None = None,
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return all joints that bring the tip to a pose (6.5), and which of them the arm accepts.
+
+    Branches are both elbow signs times the ways to hold the hand. Where the heading follows from
+    the pose, these are two: pitch p, and 180 deg - p with heading and roll half a turn further.
+    Where the hand points straight up or down it does not: then each of `heading_rad` is one
+    branch, and roll makes up for it.
+
+    Parameters
+    ----------
+    T_arm_tip : (..., 4, 4) [mm], proper rotations
+    heading_rad : (k,) or scalar headings of the hand [rad] to try at pitch +-90 deg;
+        HEADINGS_RAD if None
+
+    Returns
+    -------
+    q : (..., B, 6) joints, NaN where a branch does not exist; B = 2 max(2, k), the elbow-positive
+        half first
+    legal : (..., B) bool, whether the branch exists and lies within_limits
+    """
+    pose = np.asarray(T_arm_tip, dtype=np.float64)
+    free_headings = np.atleast_1d(
+        np.asarray(HEADINGS_RAD if heading_rad is None else heading_rad, dtype=np.float64)
+    )
+    hand = _hand_branches(pose[..., :3, :3], free_headings)  # (..., H, 3)
+    wrist = pose[..., :3, 3] - geometry.tool_mm * pose[..., :3, 0]
+    elbow_positive = _with_elbow(wrist, hand, +1.0, geometry)
+    elbow_negative = _with_elbow(wrist, hand, -1.0, geometry)
+    q = np.concatenate([elbow_positive, elbow_negative], axis=-2)
+    return q, within_limits(q)
+
+
+def _hand_branches(R: Floats, free_headings: Floats) -> Floats:
+    """Return (..., H, 3) heading, pitch, roll that give rotations (..., 3, 3); NaN fills up."""
+    slot_count = max(2, len(free_headings))
+    level = np.hypot(R[..., 0, 0], R[..., 1, 0])
+    pitch = np.arctan2(R[..., 2, 0], level)
+    heading = np.arctan2(R[..., 1, 0], R[..., 0, 0])
+    is_locked = level < _GIMBAL_RAD
+
+    regular = np.full((*pitch.shape, slot_count, 2), np.nan)
+    regular[..., 0, :] = np.stack([heading, pitch], axis=-1)
+    other_pitch = np.where(pitch < 0, -np.pi, np.pi) - pitch
+    regular[..., 1, :] = np.stack([heading + np.pi, other_pitch], axis=-1)
+
+    locked = np.full_like(regular, np.nan)
+    locked[..., : len(free_headings), 0] = free_headings
+    locked[..., 1] = pitch[..., None]
+
+    branches = np.where(is_locked[..., None, None], locked, regular)
+    psi, p = branches[..., 0], branches[..., 1]
+    # the second row of Rz(-psi) R is (Rx(roll)) row two at every pitch, so gimbal lock spares it
+    cos_roll = -np.sin(psi) * R[..., None, 0, 1] + np.cos(psi) * R[..., None, 1, 1]
+    sin_roll = np.sin(psi) * R[..., None, 0, 2] - np.cos(psi) * R[..., None, 1, 2]
+    roll = _wrap(np.arctan2(sin_roll, cos_roll) - _ROLL_CENTRE_RAD) + _ROLL_CENTRE_RAD
+    return np.stack([psi, np.where(np.isnan(psi), np.nan, p), roll], axis=-1)
+
+
+def _with_elbow(wrist: Floats, hand: Floats, sign: float, geometry: ArmGeometry) -> Floats:
+    """Return (..., H, 6) joints for wrists (..., 3), hands (..., H, 3) and one elbow sign."""
+    upper, fore = geometry.upper_mm, geometry.fore_mm
+    x, y = wrist[..., 0], wrist[..., 1]
+    reach = np.hypot(x, y)
+    # half angle: tan(e/2)^2 = ((U+F)^2 - r^2) / (r^2 - (U-F)^2); its arctan keeps precision where
+    # the arccos of 6.5 loses it
+    outer = (upper + fore - reach) * (upper + fore + reach)
+    inner = (reach - abs(upper - fore)) * (reach + abs(upper - fore))
+    slack = _REACH_SLACK_MM * (upper + fore)
+    is_reachable = (outer >= -slack) & (inner >= -slack)
+    root_outer, root_inner = np.sqrt(np.maximum(outer, 0)), np.sqrt(np.maximum(inner, 0))
+    elbow = sign * 2 * np.arctan2(root_outer, root_inner)
+    elbow = _wrap(elbow - _ELBOW_CENTRE_RAD) + _ELBOW_CENTRE_RAD
+    bend = np.arctan2(fore * np.sin(elbow), upper + fore * np.cos(elbow))
+    psi = hand[..., 0]
+    shoulder = _wrap(np.arctan2(y, x) - bend)[..., None]  # (..., 1)
+    # folded back on itself the wrist stands in the shoulder axis and any shoulder angle will do:
+    # the one that keeps the hand nearest to straight ahead of the forearm
+    is_folded = (reach < _REACH_SLACK_MM)[..., None]
+    ahead = np.clip(_wrap(psi - elbow[..., None]), -np.pi / 2, np.pi / 2)
+    shoulder = np.where(is_folded, ahead, shoulder)
+    hand_yaw = _wrap(psi - shoulder - elbow[..., None])  # relative to the forearm (5.4)
+    yaw = hand_yaw + elbow[..., None] / 2
+    q = np.empty((*hand.shape[:-1], 6))
+    q[..., _SHOULDER] = shoulder
+    q[..., _ELBOW] = elbow[..., None]
+    q[..., _YAW] = yaw
+    q[..., _ZED] = (wrist[..., 2] - geometry.wrist_height_mm)[..., None]
+    q[..., _PITCH:] = hand[..., 1:]
+    is_real = is_reachable[..., None] & np.isfinite(hand).all(axis=-1)
+    return np.where(is_real[..., None], q, np.nan)
