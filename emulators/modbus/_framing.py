@@ -145,6 +145,9 @@ class RtuReader:
         self._data.clear()
         if not 4 <= len(data) <= MAX_RTU_FRAME:
             return None
+        # a CRC does not notice zeros after its frame, so the length is checked on its own
+        if request_length(data) not in (None, len(data)):
+            return None
         if crc16(data[:-2]) != struct.unpack("<H", data[-2:])[0]:
             return None
         return RtuFrame(unit=data[0], pdu=data[1:-2])

@@ -131,13 +131,14 @@ def not_activated() -> RobotiqDevice:
 
 def action_delayed() -> RobotiqDevice:
     device = send(gripper(open_counts=0, activation_s=10.0), CLEAR, ACTIVATE)
+    device.jaws.closing_current_ma = 0.0  # only the fault byte is the manual's, says the page
     send(device, bytes.fromhex("06 03E8 0900"), bytes.fromhex("06 03E8 0100"))
     return let(device, 2 * STEP_S)  # 17 mm/s have not yet made a count of 0.37 mm
 
 
 def releasing() -> RobotiqDevice:
     device = let(send(active(), CLOSE), 2.0)
-    device.jaws.opening_current_ma = 0.0  # the page's frame shows none; it says the byte is its own
+    device.jaws.opening_current_ma = 0.0  # only the fault byte is the manual's, says the page
     return until(send(device, RELEASE_OPENING), shows(0x50))
 
 
