@@ -112,7 +112,8 @@ def _confirm(
 ) -> tuple[list[tuple[str, Finding]], list[tuple[str, Finding]]]:
     """Split findings into those that decide and those nobody else saw."""
     every = [(view.view_id, f) for view in views for f in view.findings]
-    sure, doubtful = [], []
+    sure: list[tuple[str, Finding]] = []
+    doubtful: list[tuple[str, Finding]] = []
     for view_id, finding in every:
         seconded = any(
             (other_id, other.lamp) != (view_id, finding.lamp)
@@ -139,7 +140,7 @@ def _face(
     face_id: int,
     shown: NDArray[np.bool_],
     views: Sequence[ViewResult],
-    bad: bool,  # noqa: FBT001 - one of two outcomes of the caller's own count
+    bad: bool,
     unseen_reasons: Mapping[int, str],
 ) -> FaceVerdict:
     face = solid.faces[face_id]

@@ -33,7 +33,7 @@ from controller.recognition import (
 )
 from controller.recognition import fit_pose as fit_outline
 
-from ._types import Finding, Kind, Limits, Mask, ViewPictures, ViewResult, ViewTask, WorldBox
+from ._types import Finding, Kind, Mask, ViewPictures, ViewResult, ViewTask, WorldBox
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
@@ -144,7 +144,8 @@ def _box_mesh(boxes: tuple[WorldBox, ...]) -> trimesh.Trimesh:
 
 def _grow(mask: Mask, px: int) -> Mask:
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * px + 1, 2 * px + 1))
-    return cv2.dilate(mask.astype(np.uint8), kernel) > 0
+    grown: Mask = cv2.dilate(mask.astype(np.uint8), kernel) > 0
+    return grown
 
 
 def _make_scene(task: ViewTask) -> _Scene:
@@ -268,7 +269,7 @@ def _blobs(
     T: Array,
     corner: tuple[int, int],
 ) -> list[Finding]:
-    """Return connected differences large enough to matter; `corner` is the window's in the picture."""
+    """Return differences large enough to matter; `corner` is the window's in the picture."""
     com = transform(T, part.solid.centroid_mm[None])[0]
     mm = task.camera.mm_per_px(com)
     radius = max(1, round(0.12 * task.limits.smallest_defect_mm / mm))
@@ -336,7 +337,7 @@ def _seen(
     towards = camera.position_mm - points
     distance = np.linalg.norm(towards, axis=1)
     unit = towards / distance[:, None]
-    seen = (unit * normals).sum(axis=1) > MAX_INCIDENCE_COS
+    seen: Mask = (unit * normals).sum(axis=1) > MAX_INCIDENCE_COS
     pixels = np.round(camera.project(points)).astype(int)
     width, height = camera.size_px
     seen &= (pixels[:, 0] >= 0) & (pixels[:, 0] < width)
