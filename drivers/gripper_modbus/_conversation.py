@@ -1,0 +1,138 @@
+"""The conversation with a gripper below its verbs: asking, writing once, keeping it awake.
+
+Knows when a part is lost, since every reading passes here. Moves nothing.
+"""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from typing import Final
+
+from ..errors import DeviceError, FaultError, ReplyTimeoutError, StalledError, UnpluggedError
+from ..modbus_link import FunctionCode, ModbusLink, Request
+from ._config import GripperConfig
+from ._registers import (
+    INPUT_COUNT,
+    INPUT_REGISTER,
+    OUTPUT_REGISTER,
+    FaultClass,
+    decode_inputs,
+    fault_of,
+)
+from ._status import GripperStatus, GripResult, Hold, judge_hold
+
+log = logging.getLogger(__name__)
+
+NOT_KNOWN_TO_BE_DONE: Final = (ReplyTimeoutError, UnpluggedError)  # errors after which one looks
+
+
+class Conversation:
+    """Everything said to one gripper; the verbs are built on it."""
+
+    def __init__(self, link: ModbusLink, config: GripperConfig, name: str) -> None:
+        self.clock = link.clock
+        self.config = config
+        self.name = name
+        self.unit = link.unit(
+            config.unit,
+            name,
+            spacing_s=config.spacing_s,
+            probes=tuple(
+                Request(FunctionCode.READ_HOLDING_REGISTERS, INPUT_REGISTER, count)
+                for count in (1, 2)
+            ),
+            check=(
+                f"its 24 V supply, its slave id {config.unit}, RS-485 A and B, 115200 8N1 "
+                "(a Robotiq also stays silent when it does not like a request)"
+            ),
+        )
+        self.grip: GripResult | None = None
+        self.latest: GripperStatus | None = None
+        self.lost = asyncio.Event()
+        self._asked_at_s = self.clock.now_s()
+        self._keeper: asyncio.Task[None] | None = None
+
+    def keep_awake(self) -> None:
+        """Start asking it often enough for fault 09 to stay away."""
+        if self._keeper is None:
+            self._keeper = asyncio.create_task(self._keep_alive(), name=f"{self.name} keep-alive")
+
+    async def aclose(self) -> None:
+        """End the keep-alive."""
+        keeper, self._keeper = self._keeper, None
+        if keeper is not None:
+            keeper.cancel()
+            (outcome,) = await asyncio.gather(keeper, return_exceptions=True)
+            if isinstance(outcome, Exception):
+                raise outcome  # a bug ended it early
+
+    async def status(self) -> GripperStatus:
+        """Read the input block."""
+        at_s = self.clock.now_s()
+        self._asked_at_s = at_s
+        registers = await self.unit.read_holding_registers(INPUT_REGISTER, INPUT_COUNT)
+        status = GripperStatus.of(decode_inputs(registers), self.config, at_s)
+        self.latest = status
+        if judge_hold(self.grip, status, self.config) is Hold.LOST and not self.lost.is_set():
+            log.warning("%s: part lost, jaws now at %.1f mm", self.name, status.width_mm)
+            self.lost.set()
+        return status
+
+    async def write(
+        self, outputs: tuple[int, int, int], has_arrived: Callable[[GripperStatus], bool]
+    ) -> None:
+        """Write the output block; after silence look whether it arrived before repeating it.
+
+        Outputs are absolute, so the one repetition moves nothing twice.
+        """
+        self._asked_at_s = self.clock.now_s()
+        try:
+            await self.unit.write_registers(OUTPUT_REGISTER, outputs)
+        except NOT_KNOWN_TO_BE_DONE as error:
+            log.warning("reading back: %s", error)
+            if not has_arrived(await self.status()):
+                await self.unit.write_registers(OUTPUT_REGISTER, outputs)
+
+    async def until(
+        self,
+        claim: Callable[[GripperStatus], bool],
+        limit_s: float,
+        what: str,
+        *,
+        stop_at_major: bool = False,
+    ) -> GripperStatus:
+        """Ask until a claim about the status holds, for at most ``limit_s`` [cell s]."""
+        deadline_s = self.deadline_s(limit_s)
+        while True:
+            status = await self.status()
+            if stop_at_major and fault_of(status.fault).kind is FaultClass.MAJOR:
+                raise FaultError(f"{self.name}: {what}: {status.fault_text}", status.fault)
+            if claim(status):
+                return status
+            if self.clock.now_s() > deadline_s:
+                message = f"{self.name}: {what} not finished after {limit_s:g} s"
+                if status.has_fault:
+                    raise FaultError(f"{message}; {status.fault_text}", status.fault)
+                raise StalledError(f"{message}; check that the fingers are free")
+            await self.clock.sleep(self.config.move_poll_s)
+
+    def deadline_s(self, limit_s: float) -> float:
+        """Return the cell instant at which ``limit_s`` from now is over."""
+        return self.clock.now_s() + self.clock.timeout_wall_s(limit_s) * self.clock.speed
+
+    async def _keep_alive(self) -> None:
+        is_failing = False
+        while True:
+            period_s = self.config.hold_poll_s if self.grip else self.config.keep_alive_s
+            remaining_s = self._asked_at_s + period_s - self.clock.now_s()
+            if remaining_s > 0:
+                await self.clock.sleep(remaining_s)
+                continue
+            try:
+                await self.status()
+            except DeviceError as error:
+                if not is_failing:
+                    log.warning("keep-alive: %s", error)
+                is_failing = True
+            else:
+                is_failing = False

@@ -1,0 +1,357 @@
+"""The verbs of a Robotiq 2F gripper: open, grip, stop, in millimetres and newtons.
+
+Sequences after modbus_devices.md 2.6. It does not know which part it holds, and it never decides
+to drop one: activating, which moves the jaws, happens only when asked for.
+"""
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+from types import TracebackType
+from typing import Final, Self
+
+from ..errors import (
+    BadReplyError,
+    DeviceError,
+    FaultError,
+    PositionLostError,
+    RefusedError,
+    StalledError,
+    WrongDeviceError,
+)
+from ..modbus_link import ModbusLink
+from ._config import GripperConfig
+from ._conversation import NOT_KNOWN_TO_BE_DONE, Conversation
+from ._registers import (
+    ACTIVATE,
+    GO_TO,
+    OUTPUT_REGISTER,
+    RELEASING_FAULT,
+    ActivationState,
+    Counts,
+    FaultClass,
+    ObjectState,
+    encode_outputs,
+    fault_of,
+)
+from ._status import GripperStatus, GripResult, Hold, judge_grip, judge_hold
+
+log = logging.getLogger(__name__)
+
+STOP_TRIES: Final = 3
+RESET_TIMEOUT_S: Final = 1.0
+RELEASE_TIMEOUT_S: Final = 10.0  # a full stroke at the slowest speed is 4.3 s, 2.5
+MOVE_MARGIN: Final = 1.5  # speed is only quasi linear, 2.5
+MOVE_MARGIN_S: Final = 1.0
+
+
+class StoppedError(DeviceError):
+    """A move was ended by `Gripper.stop`, or by another master, before it arrived."""
+
+
+class Gripper:
+    """A Robotiq 2F gripper behind a Modbus link that others may share.
+
+    Usable as ``async with``; leaving it ends the keep-alive and moves nothing. Every verb may
+    raise what `ModbusUnit` raises besides its own errors.
+
+    Parameters
+    ----------
+    link : the line it is on; not closed by the gripper
+    config : its slave id, calibration and limits
+    name : what messages call it
+    """
+
+    def __init__(
+        self, link: ModbusLink, config: GripperConfig | None = None, name: str = "gripper"
+    ) -> None:
+        self.config = config or GripperConfig()
+        self.name = name
+        self._talk = Conversation(link, self.config, name)
+        self._verb = asyncio.Lock()
+        self._stopping: set[asyncio.Future[None]] = set()
+
+    async def __aenter__(self) -> Self:
+        await self.connect()
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        await self.aclose()
+
+    async def connect(self) -> GripperStatus:
+        """Read the status, check as far as the map allows that this is a 2F, keep it awake.
+
+        Moves nothing. A gripper that is already holding a part is taken over as it is.
+
+        Raises
+        ------
+        WrongDeviceError : what answers is no Robotiq 2F
+        """
+        expected = "expected a Robotiq 2F gripper, which never answers with an exception"
+        remedy = "check slave id and port, or which device is wired there"
+        try:
+            status = await self.status()
+        except RefusedError as error:
+            raise WrongDeviceError(
+                f"{self._talk.unit}: {expected}, found {error}; {remedy}"
+            ) from error
+        except BadReplyError as error:
+            raise WrongDeviceError(
+                f"{self._talk.unit}: expected a Robotiq 2F gripper, found {error}; {remedy}"
+            ) from error
+        if self._talk.grip is None and status.is_activated and status.is_going:
+            contact = status.object
+            if contact in (ObjectState.CONTACT_CLOSING, ObjectState.CONTACT_OPENING):
+                self._talk.grip = judge_grip(status, contact, 0.0, self.config)
+        self._talk.keep_awake()
+        return status
+
+    async def aclose(self) -> None:
+        """End the keep-alive. The jaws stay as they are; the gripper will show fault 09."""
+        if self._stopping:
+            await asyncio.wait(self._stopping)
+        await self._talk.aclose()
+
+    @property
+    def latest(self) -> GripperStatus | None:
+        """The last reading, at most ``keep_alive_s`` old while all is well; see its ``at_s``."""
+        return self._talk.latest
+
+    async def status(self) -> GripperStatus:
+        """Ask the gripper how it is. Faults are in the answer, not raised."""
+        return await self._talk.status()
+
+    async def hold(self) -> Hold:
+        """Ask whether the part of the last grip is still there. A loss stays a loss."""
+        status = await self.status()
+        if self._talk.lost.is_set():
+            return Hold.LOST
+        return judge_hold(self._talk.grip, status, self.config)
+
+    async def wait_lost(self) -> None:
+        """Wait until the keep-alive, or any reading, notices that the gripped part is gone."""
+        await self._talk.lost.wait()
+
+    async def activate(self) -> GripperStatus:
+        """Make the gripper ready to move; nothing happens when it is.
+
+        **Moves the jaws** unless it is already active, and so drops what they hold. Also the way
+        out of a major fault. Cancelling it deactivates the gripper, which is what stops it.
+
+        Raises
+        ------
+        FaultError : activation failed; says why and what to do
+        """
+        async with self._verb:
+            status = await self.status()
+            if status.is_activated and not (
+                status.has_fault and fault_of(status.fault).kind is FaultClass.MAJOR
+            ):
+                return status
+            self._forget_grip()
+            try:
+                return await self._activate(status)
+            except asyncio.CancelledError:
+                await self._on_the_way_out(self._deactivate)
+                raise
+
+    async def open_to(
+        self, width_mm: float, speed_mm_s: float | None = None, force_n: float | None = None
+    ) -> GripperStatus:
+        """Move the jaws to a width, wider or narrower, with nothing between them.
+
+        Parameters
+        ----------
+        width_mm : between the fingertips, 0..85 for a 2F-85 [mm]
+        speed_mm_s : 20..150 for a 2F-85 [mm/s]
+        force_n : 20..235 for a 2F-85 [N]
+
+        Raises
+        ------
+        StalledError : something was in the way, or they never arrived
+        FaultError : the gripper has a fault, which is its ``code``
+        PositionLostError : it is not activated, or lost its power meanwhile
+        StoppedError : `stop` ended it
+        """
+        status = await self._move(self.config.width_mm_to_counts(width_mm), speed_mm_s, force_n)
+        is_there = abs(status.width_mm - width_mm) <= self.config.arrival_tolerance_mm
+        if status.object is not ObjectState.AT_POSITION and not is_there:
+            raise StalledError(
+                f"{self.name}: the jaws met something at {status.width_mm:.1f} mm on their way to "
+                f"{width_mm:.1f} mm; see what is between or beside them"
+            )
+        return status
+
+    async def close_on(
+        self, width_mm: float = 0.0, speed_mm_s: float | None = None, force_n: float | None = None
+    ) -> GripResult:
+        """Close on a part and hold it.
+
+        Parameters
+        ----------
+        width_mm : expected width of the part, 0 when unknown; the jaws are sent
+            ``over_travel_mm`` further, so a missing part does not close them altogether [mm]
+
+        Raises
+        ------
+        What `open_to` raises, but contact is the aim here.
+        """
+        target_mm = max(0.0, width_mm - self.config.over_travel_mm)
+        return await self._take(
+            target_mm, width_mm, ObjectState.CONTACT_CLOSING, speed_mm_s, force_n
+        )
+
+    async def open_on(
+        self, width_mm: float, speed_mm_s: float | None = None, force_n: float | None = None
+    ) -> GripResult:
+        """Open inside a part, such as a ring, and hold it from within; else as `close_on`."""
+        target_mm = min(self.config.open_mm, width_mm + self.config.over_travel_mm)
+        return await self._take(
+            target_mm, width_mm, ObjectState.CONTACT_OPENING, speed_mm_s, force_n
+        )
+
+    async def stop(self) -> GripperStatus:
+        """Stop the jaws where they are, and confirm it; what they hold they keep holding.
+
+        A gripper without activation is left alone: the stop command carries rACT = 1, which
+        would start one. One that is activating is deactivated, since nothing else stops it.
+        """
+        status = self._talk.latest
+        if status is None or not status.is_activated:
+            status = await self.status()
+        for _ in range(STOP_TRIES):
+            if not status.is_powered_on:
+                return status
+            try:
+                if status.activation is ActivationState.ACTIVATING:
+                    await self._deactivate()
+                else:
+                    await self._talk.unit.write_register(OUTPUT_REGISTER, ACTIVATE << 8)
+            except NOT_KNOWN_TO_BE_DONE as error:
+                log.warning("stopping: %s", error)
+            status = await self.status()
+            if status.is_activated and not status.is_going:
+                return status
+        raise StalledError(
+            f"{self.name}: acknowledged, but did not obey {STOP_TRIES} stop commands; "
+            "cut its power if the jaws still move"
+        )
+
+    async def _take(
+        self,
+        target_mm: float,
+        expected_mm: float,
+        contact: ObjectState,
+        speed_mm_s: float | None,
+        force_n: float | None,
+    ) -> GripResult:
+        self.config.width_mm_to_counts(expected_mm)  # the jaws must be able to be that wide
+        status = await self._move(self.config.width_mm_to_counts(target_mm), speed_mm_s, force_n)
+        self._talk.grip = judge_grip(status, contact, expected_mm, self.config)
+        return self._talk.grip
+
+    async def _move(
+        self, target: Counts, speed_mm_s: float | None, force_n: float | None
+    ) -> GripperStatus:
+        """Go to a position and return the reading that ended the move."""
+        config = self.config
+        speed_mm_s = config.default_speed_mm_s if speed_mm_s is None else speed_mm_s
+        outputs = encode_outputs(
+            ACTIVATE | GO_TO,
+            target,
+            config.speed_to_byte(speed_mm_s),
+            config.force_to_byte(config.default_force_n if force_n is None else force_n),
+        )
+        async with self._verb:
+            before = await self.status()
+            self._require_ready(before)
+            self._forget_grip()
+            distance_mm = abs(before.width_mm - config.counts_to_width_mm(target))
+            limit_s = MOVE_MARGIN * distance_mm / speed_mm_s + MOVE_MARGIN_S
+            was_asked = before.is_going and before.requested_counts == target
+            try:
+                await self._talk.write(
+                    outputs,
+                    lambda now: now.is_going and now.requested_counts == target and not was_asked,
+                )
+                return await self._arrival(target, limit_s)
+            except asyncio.CancelledError:
+                await self._on_the_way_out(self.stop)
+                raise
+
+    async def _arrival(self, target: Counts, limit_s: float) -> GripperStatus:
+        deadline_s = self._talk.deadline_s(limit_s)
+        is_under_way = False
+        while True:
+            status = await self.status()
+            self._require_ready(status)
+            if status.is_going and status.requested_counts == target:
+                is_under_way = True
+                if status.object is not ObjectState.MOVING:
+                    return status
+            elif is_under_way:  # before that it is the old state: refreshed every 5 ms only
+                raise StoppedError(f"{self.name}: stopped at {status.width_mm:.1f} mm")
+            if self._talk.clock.now_s() > deadline_s:
+                await self._quietly(self.stop)
+                raise StalledError(
+                    f"{self.name}: not arrived after {limit_s:.1f} s, stopped at "
+                    f"{status.width_mm:.1f} mm; look at the jaws"
+                )
+            await self._talk.clock.sleep(self.config.move_poll_s)
+
+    async def _activate(self, status: GripperStatus) -> GripperStatus:
+        if status.fault == RELEASING_FAULT:
+            status = await self._talk.until(
+                lambda now: now.fault != RELEASING_FAULT, RELEASE_TIMEOUT_S, "automatic release"
+            )
+        is_activating = status.is_powered_on and status.activation is ActivationState.ACTIVATING
+        if not is_activating or fault_of(status.fault).kind is FaultClass.MAJOR:
+            await self._deactivate()
+            await self._talk.until(
+                lambda now: now.activation is ActivationState.RESET and not now.is_powered_on,
+                RESET_TIMEOUT_S,
+                "reset",
+            )
+            await self._talk.write(encode_outputs(ACTIVATE), lambda now: now.is_powered_on)
+        return await self._talk.until(
+            lambda now: now.is_activated,
+            self.config.activation_timeout_s,
+            "activation",
+            stop_at_major=True,
+        )
+
+    async def _deactivate(self) -> None:
+        await self._talk.write(encode_outputs(0), lambda now: not now.is_powered_on)
+
+    def _require_ready(self, status: GripperStatus) -> None:
+        if status.has_fault:
+            raise FaultError(f"{self.name}: {status.fault_text}", status.fault)
+        if not status.is_activated:
+            raise PositionLostError(
+                f"{self.name}: not activated (gSTA {int(status.activation)}), so it was just "
+                "switched on or lost its power; see what it holds, then activate it: its jaws "
+                "will move"
+            )
+
+    def _forget_grip(self) -> None:
+        self._talk.grip = None
+        self._talk.lost.clear()
+
+    async def _on_the_way_out(self, action: Callable[[], Awaitable[object]]) -> None:
+        """Stop before a cancellation leaves; a second one does not keep it from being sent."""
+        task = asyncio.ensure_future(self._quietly(action))
+        self._stopping.add(task)
+        task.add_done_callback(self._stopping.discard)
+        await asyncio.shield(task)
+
+    async def _quietly(self, action: Callable[[], Awaitable[object]]) -> None:
+        """Stop on the way out of a verb: another error is already on its way."""
+        try:
+            await action()
+        except DeviceError as error:
+            log.error("%s: could not be stopped: %s", self.name, error)

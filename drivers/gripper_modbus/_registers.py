@@ -1,0 +1,142 @@
+"""Register map of Robotiq's 2F grippers, transcribed: modbus_devices.md 2.2 to 2.4.
+
+Numbers in, numbers out: no link, no millimetres, no clock.
+"""
+
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+from typing import Final, NewType
+
+from ..errors import BadReplyError
+
+Counts = NewType("Counts", int)  # 0 open .. 255 closed, of the encoders or of a request
+
+OUTPUT_REGISTER: Final = 0x03E8  # 2.1: master to gripper
+OUTPUT_COUNT: Final = 3
+INPUT_REGISTER: Final = 0x07D0  # 2.1: gripper to master
+INPUT_COUNT: Final = 3
+
+ACTIVATE: Final = 0x01  # rACT, 2.2
+GO_TO: Final = 0x08  # rGTO, 2.2
+FULLY_OPEN: Final = Counts(0x00)
+FULLY_CLOSED: Final = Counts(0xFF)
+
+_RESERVED_STATUS_BITS: Final = 0x06  # 2.3: bits 1 and 2 of the status byte have no meaning
+
+
+class ActivationState(IntEnum):
+    """gSTA, 2.3."""
+
+    RESET = 0
+    ACTIVATING = 1
+    ACTIVE = 3
+
+
+class ObjectState(IntEnum):
+    """gOBJ, 2.3; means nothing while the gripper is not told to go anywhere."""
+
+    MOVING = 0
+    CONTACT_OPENING = 1
+    CONTACT_CLOSING = 2
+    AT_POSITION = 3
+
+
+class FaultClass(Enum):
+    """How a fault ends, 2.4."""
+
+    NONE = "none"
+    PRIORITY = "priority"  # the order of commands was wrong
+    MINOR = "minor"  # ends by itself
+    MAJOR = "major"  # needs a new activation, which moves the jaws
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """What a fault number means and what to do about it."""
+
+    kind: FaultClass
+    text: str
+    remedy: str
+
+
+_REACTIVATE: Final = "take the part out if one is held, then activate the gripper again"
+
+FAULTS: Final[dict[int, Fault]] = {  # 2.4
+    0x00: Fault(FaultClass.NONE, "no fault", "nothing to do"),
+    0x05: Fault(FaultClass.PRIORITY, "action delayed by an activation", "let it finish activating"),
+    0x07: Fault(FaultClass.PRIORITY, "not activated", "activate it before it is moved"),
+    0x08: Fault(FaultClass.MINOR, "over-temperature, 85 degC or more", "let it cool below 80 degC"),
+    0x09: Fault(FaultClass.MINOR, "no communication for 1 s", "nothing to do: any message ends it"),
+    0x0A: Fault(FaultClass.MAJOR, "supply under-voltage", f"check its 24 V supply; {_REACTIVATE}"),
+    0x0B: Fault(
+        FaultClass.MAJOR, "automatic release in progress", f"wait for its end; {_REACTIVATE}"
+    ),
+    0x0C: Fault(
+        FaultClass.MAJOR, "internal fault", f"{_REACTIVATE}; if it returns, ask Robotiq's support"
+    ),
+    0x0D: Fault(FaultClass.MAJOR, "activation fault", f"free the fingers; {_REACTIVATE}"),
+    0x0E: Fault(FaultClass.MAJOR, "over-current", f"look for jammed fingers; {_REACTIVATE}"),
+    0x0F: Fault(FaultClass.MAJOR, "automatic release completed", _REACTIVATE),
+}
+_UNLISTED: Final = Fault(
+    FaultClass.MAJOR, "a fault that the manual does not list", f"note it; {_REACTIVATE}"
+)
+NO_MESSAGE_FAULT: Final = 0x09
+RELEASING_FAULT: Final = 0x0B
+
+
+def fault_of(code: int) -> Fault:
+    """Return what a gFLT number means."""
+    return FAULTS.get(code, _UNLISTED)
+
+
+@dataclass(frozen=True, slots=True)
+class Inputs:
+    """The three input registers, taken apart (2.3)."""
+
+    activation_echo: bool  # gACT
+    go_to_echo: bool  # gGTO
+    activation: ActivationState  # gSTA
+    object: ObjectState  # gOBJ
+    fault: int  # gFLT
+    controller_fault: int  # kFLT
+    requested: Counts  # gPR
+    position: Counts  # gPO
+    current_ma: int  # gCU is about 10 mA per count
+
+
+def decode_inputs(registers: tuple[int, ...]) -> Inputs:
+    """Take the input registers apart.
+
+    Raises
+    ------
+    BadReplyError : a bit is set that the manual gives no meaning, or gSTA is 2
+    """
+    status = registers[0] >> 8
+    activation = status >> 4 & 0x03
+    if status & _RESERVED_STATUS_BITS or activation not in (0, 1, 3):
+        raise BadReplyError(
+            f"no Robotiq 2F says {' '.join(f'{register:04X}' for register in registers)}: "
+            f"bits of its status byte {status:02X} have no meaning"
+        )
+    faults = registers[1] >> 8
+    return Inputs(
+        activation_echo=bool(status & ACTIVATE),
+        go_to_echo=bool(status & GO_TO),
+        activation=ActivationState(activation),
+        object=ObjectState(status >> 6),
+        fault=faults & 0x0F,
+        controller_fault=faults >> 4,
+        requested=Counts(registers[1] & 0xFF),
+        position=Counts(registers[2] >> 8),
+        current_ma=(registers[2] & 0xFF) * 10,
+    )
+
+
+def encode_outputs(
+    action: int, position: Counts = FULLY_OPEN, speed: int = 0, force: int = 0
+) -> tuple[int, int, int]:
+    """Return the three output registers: action << 8, rPR, rSP << 8 | rFR (2.2)."""
+    if not all(0 <= byte <= 0xFF for byte in (action, position, speed, force)):
+        raise ValueError(f"bytes hold 0..255, not {action}, {position}, {speed}, {force}")
+    return action << 8, position, speed << 8 | force

@@ -1,0 +1,160 @@
+"""What the gripper said at an instant, in millimetres, and what that means for a part."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+from ._config import GripperConfig
+from ._registers import (
+    NO_MESSAGE_FAULT,
+    ActivationState,
+    Counts,
+    FaultClass,
+    Inputs,
+    ObjectState,
+    fault_of,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class GripperStatus:
+    """One reading of the gripper.
+
+    Attributes
+    ----------
+    at_s : cell instant just before it was asked: the reading is not older than this [s]
+    is_powered_on : gACT, false after a power loss until the next activation
+    is_going : gGTO, whether it is told to go to ``requested_counts``
+    activation : gSTA
+    object : gOBJ; no meaning unless ``is_going``
+    fault, controller_fault : gFLT and kFLT; 0 is none
+    requested_counts, position_counts : gPR and gPO
+    width_mm : between the fingertips [mm]
+    current_ma : of the motor [mA]
+    """
+
+    at_s: float
+    is_powered_on: bool
+    is_going: bool
+    activation: ActivationState
+    object: ObjectState
+    fault: int
+    controller_fault: int
+    requested_counts: Counts
+    position_counts: Counts
+    width_mm: float
+    current_ma: int
+
+    @classmethod
+    def of(cls, inputs: Inputs, config: GripperConfig, at_s: float) -> "GripperStatus":
+        """Build it from the registers."""
+        return cls(
+            at_s=at_s,
+            is_powered_on=inputs.activation_echo,
+            is_going=inputs.go_to_echo,
+            activation=inputs.activation,
+            object=inputs.object,
+            fault=inputs.fault,
+            controller_fault=inputs.controller_fault,
+            requested_counts=inputs.requested,
+            position_counts=inputs.position,
+            width_mm=config.counts_to_width_mm(inputs.position),
+            current_ma=inputs.current_ma,
+        )
+
+    @property
+    def is_activated(self) -> bool:
+        """Whether it can be moved without activating it first."""
+        return self.is_powered_on and self.activation is ActivationState.ACTIVE
+
+    @property
+    def has_fault(self) -> bool:
+        """Whether a fault stands in the way.
+
+        09 does not: it is read back after an idle second, by the very message that ends it.
+        """
+        return fault_of(self.fault).kind is not FaultClass.NONE and self.fault != NO_MESSAGE_FAULT
+
+    @property
+    def fault_text(self) -> str:
+        """The fault in words, with what to do."""
+        fault = fault_of(self.fault)
+        return f"fault {self.fault:02X}, {fault.text}: {fault.remedy}"
+
+
+class GripEvidence(Enum):
+    """Why a part is believed to be between the jaws."""
+
+    NONE = "none"
+    CONTACT = "contact"  # gOBJ reported it
+    WIDTH = "width"  # gOBJ missed it, but the jaws stand at the expected width
+
+
+@dataclass(frozen=True, slots=True)
+class GripResult:
+    """How a grip ended. An empty grip is a result, not an error.
+
+    Attributes
+    ----------
+    object_detected : whether something is between the jaws
+    width_mm : between the fingertips [mm]
+    evidence : what ``object_detected`` rests on
+    status : the reading it was judged by
+    """
+
+    object_detected: bool
+    width_mm: float
+    evidence: GripEvidence
+    status: GripperStatus
+
+
+class Hold(Enum):
+    """Whether the part of the last grip is still there."""
+
+    NOTHING = "nothing"  # no part was gripped
+    HELD = "held"
+    LOST = "lost"
+    UNKNOWN = "unknown"  # the gripper restarted or its jaws are moving: go and look
+
+
+def judge_grip(
+    status: GripperStatus, contact: ObjectState, expected_mm: float, config: GripperConfig
+) -> GripResult:
+    """Judge the end of a gripping move; modbus_devices.md 2.3: use gOBJ *and* gPO.
+
+    Parameters
+    ----------
+    contact : what gOBJ says when the part stops the jaws in this direction
+    expected_mm : width of the part; 0 when unknown [mm]
+    """
+    evidence = GripEvidence.NONE
+    if status.object is contact:
+        touch_each_other = (
+            contact is ObjectState.CONTACT_CLOSING
+            and status.position_counts >= config.counts_closed
+        )
+        if not touch_each_other:
+            evidence = GripEvidence.CONTACT
+    elif expected_mm > 0 and status.object is ObjectState.AT_POSITION:
+        requested_mm = config.counts_to_width_mm(status.requested_counts)
+        is_short_of_request = abs(status.width_mm - requested_mm) > config.over_travel_mm / 2
+        is_at_part = abs(status.width_mm - expected_mm) <= config.match_tolerance_mm
+        if is_short_of_request and is_at_part:
+            evidence = GripEvidence.WIDTH
+    return GripResult(evidence is not GripEvidence.NONE, status.width_mm, evidence, status)
+
+
+def judge_hold(grip: GripResult | None, status: GripperStatus, config: GripperConfig) -> Hold:
+    """Judge whether the part of a grip is still held."""
+    if grip is None or not grip.object_detected:
+        return Hold.NOTHING
+    if not status.is_activated:
+        return Hold.UNKNOWN
+    if abs(status.width_mm - grip.width_mm) > config.slip_tolerance_mm:
+        return Hold.LOST
+    if not status.is_going:
+        return Hold.HELD  # stopped fingers hold; gOBJ means nothing now
+    if status.object is ObjectState.MOVING:
+        return Hold.UNKNOWN
+    if status.object is ObjectState.AT_POSITION and grip.evidence is GripEvidence.CONTACT:
+        return Hold.LOST  # "at position, or the object was lost", 2.3
+    return Hold.HELD
