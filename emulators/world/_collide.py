@@ -1,0 +1,126 @@
+"""What the arm runs into: boxes and held parts against the cell, and which motors that stops."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from ._layout import ArmLayout, Array, Box
+from ._poses import MOTOR_EFFECT, Joints, JointValues, forward, invert
+
+BOX_MM: Final = 0.3  # boxes may overlap by this much: servo and rounding
+PIECE_MM: Final = 1.5  # convex pieces are fatter than the part by about this
+PUSH_MM: Final = 3.0  # a free part that cannot give way any more
+_STEP: Final = 1e-4  # for the velocity of a point with one motor [rad, mm]
+
+Obstruct = Callable[[str, int, bool], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Collision:
+    """Something of the arm ran into something.
+
+    Attributes
+    ----------
+    at_s : world time it began
+    moving, other : names
+    depth_mm : of the overlap when it was noticed
+    """
+
+    at_s: float
+    moving: str
+    other: str
+    depth_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Touch:
+    """An overlap of something that moves with a link; ``normal`` points out of the obstacle."""
+
+    moving: str
+    other: str
+    frame: str
+    depth_mm: float
+    point_mm: Array
+    normal: Array
+
+
+class BoxSet:
+    """Boxes in frames, and their bounds in the world."""
+
+    def __init__(self, boxes: Sequence[Box]) -> None:
+        lows = np.array([box.low_mm for box in boxes]).reshape(-1, 3)
+        highs = np.array([box.high_mm for box in boxes]).reshape(-1, 3)
+        self._centres, self._halves = (lows + highs) / 2.0, (highs - lows) / 2.0
+
+    def bounds(self, frames: Sequence[Array]) -> tuple[Array, Array]:
+        """Return the bounds of the boxes in their frames, two (n, 3) [mm]."""
+        T = np.array(frames).reshape(-1, 4, 4)
+        centres = np.einsum("nij,nj->ni", T[:, :3, :3], self._centres) + T[:, :3, 3]
+        reach = np.einsum("nij,nj->ni", np.abs(T[:, :3, :3]), self._halves)
+        return centres - reach, centres + reach
+
+
+def values_of(joints: Joints) -> JointValues:
+    """Return a copy of joint values that can be changed one at a time."""
+    return JointValues(
+        joints.shoulder_rad,
+        joints.elbow_rad,
+        joints.yaw_rad,
+        joints.zed_mm,
+        joints.pitch_rad,
+        joints.roll_rad,
+        joints.jaw_opening_mm,
+    )
+
+
+class Stall:
+    """Stops the motors that drive into something, and frees them when nothing overlaps."""
+
+    def __init__(self, arm: ArmLayout, obstruct: Obstruct) -> None:
+        self._arm = arm
+        self._obstruct = obstruct
+        self._blocked: set[tuple[str, int]] = set()
+
+    @property
+    def is_blocking(self) -> bool:
+        """Whether some motor is stopped."""
+        return bool(self._blocked)
+
+    def apply(self, touches: Sequence[Touch], before: JointValues, now: JointValues) -> None:
+        """Block the motors that have just moved into ``touches``; without any, free all."""
+        if not touches:
+            for motor, direction in self._blocked:
+                self._obstruct(motor, direction, False)
+            self._blocked.clear()
+            return
+        moved = _motor_steps(before, now)
+        here = forward(self._arm, now)
+        for touch in touches:
+            for motor, step in moved.items():
+                if abs(step) < 1e-9:
+                    continue
+                direction = 1 if step > 0.0 else -1
+                effect = {
+                    name: getattr(now, name) + share * _STEP * direction
+                    for name, share in MOTOR_EFFECT[motor].items()
+                }
+                T = forward(self._arm, replace(now, **effect))[touch.frame]
+                local = invert(here[touch.frame]) @ np.append(touch.point_mm, 1.0)
+                way = (T @ local)[:3] - touch.point_mm
+                if way @ touch.normal < -0.05 * np.linalg.norm(way) - 1e-12:
+                    self._obstruct(motor, direction, True)
+                    self._blocked.add((motor, direction))
+
+
+def _motor_steps(before: JointValues, now: JointValues) -> dict[str, float]:
+    pitch, roll = now.pitch_rad - before.pitch_rad, now.roll_rad - before.roll_rad
+    return {
+        "shoulder": now.shoulder_rad - before.shoulder_rad,
+        "elbow": now.elbow_rad - before.elbow_rad,
+        "yaw": now.yaw_rad - before.yaw_rad,
+        "zed": now.zed_mm - before.zed_mm,
+        "wrist1": pitch + roll,
+        "wrist2": pitch - roll,
+    }

@@ -1,0 +1,33 @@
+"""Convex pieces of a part by pybullet's V-HACD, in a process of its own: it prints on fd 1.
+
+``python -m emulators.world._decompose MESH.obj PIECES.obj LOG`` ; see `_solid`.
+"""
+
+import sys
+from typing import Final
+
+import pybullet
+
+RESOLUTION: Final = 300_000  # voxels: 1 mm across on a 130 mm part, 1 to 4 s of time
+CONCAVITY: Final = 0.001
+GAMMA: Final = 0.0002  # of merging: larger values melt an L into one piece
+MAX_VERTICES: Final = 64
+
+
+def main(argv: list[str]) -> int:
+    """Decompose ``argv[0]`` into ``argv[1]``, V-HACD's own log in ``argv[2]``."""
+    mesh_path, pieces_path, log_path = argv
+    pybullet.vhacd(
+        mesh_path,
+        pieces_path,
+        log_path,
+        resolution=RESOLUTION,
+        concavity=CONCAVITY,
+        gamma=GAMMA,
+        maxNumVerticesPerCH=MAX_VERTICES,
+    )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,320 @@
+"""The cell file as the world reads it: where everything stands and what the lamps and cameras are.
+
+The controller reads the same file by itself; nothing of its reading is used here. Lengths stay in
+mm; `m_from_mm` is the one edge to pybullet's metres.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from ruamel.yaml import YAML
+
+Array = NDArray[np.float64]
+
+MM_PER_M: Final = 1000.0
+
+
+class LayoutError(Exception):
+    """The cell file cannot be emulated: says which entry and why."""
+
+
+def m_from_mm(value_mm: Array) -> Array:
+    """Return metres, pybullet's unit, of millimetres."""
+    return value_mm / MM_PER_M
+
+
+def mm_from_m(value_m: Array) -> Array:
+    """Return millimetres of metres, pybullet's unit."""
+    return value_m * MM_PER_M
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Box:
+    """An upright box in the frame of what it belongs to.
+
+    Attributes
+    ----------
+    low_mm, high_mm : (3,) corners
+    """
+
+    name: str
+    low_mm: Array
+    high_mm: Array
+
+    @property
+    def centre_mm(self) -> Array:
+        """Its middle, (3,) [mm]."""
+        return (self.low_mm + self.high_mm) / 2.0
+
+    @property
+    def half_mm(self) -> Array:
+        """Half its edges, (3,) [mm]."""
+        return (self.high_mm - self.low_mm) / 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Fingers:
+    """Two straight fingers in the tip frame: x approach, y the jaws' axis, origin between tips.
+
+    A finger fills x from -length to 0, z within half the width, and y from half the opening
+    outwards by the thickness; its pad is the inner face's first ``pad_length_mm``.
+    """
+
+    length_mm: float
+    width_mm: float
+    thickness_mm: float
+    pad_length_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraLayout:
+    """A camera; T_world_cam as OpenCV has it: z forwards, y down, pixel (0, 0) a pixel's centre."""
+
+    name: str
+    width_px: int
+    height_px: int
+    focal_px: float
+    centre_px: tuple[float, float]
+    distortion: Array
+    T_world_cam: Array
+    exposure_s: float
+    fps: float
+    formats: tuple[str, ...]
+
+    @property
+    def camera_matrix(self) -> Array:
+        """OpenCV's camera matrix, (3, 3) [px]."""
+        cx, cy = self.centre_px
+        return np.array([[self.focal_px, 0.0, cx], [0.0, self.focal_px, cy], [0.0, 0.0, 1.0]])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LampLayout:
+    """A lamp: a glowing panel, a ring of light, or a spot.
+
+    Attributes
+    ----------
+    analog, relay : channels of the two light modules, from 0
+    kind : ``panel``, ``ring`` or ``spot``
+    centre_mm : (3,) in the world
+    normal, up : (3,) of a panel: where it shines to, and the direction of ``size_mm[1]``
+    size_mm : of a panel, across and along ``up``
+    radius_mm : of a ring
+    """
+
+    name: str
+    analog: int
+    relay: int
+    kind: str
+    centre_mm: Array
+    normal: Array
+    up: Array
+    size_mm: tuple[float, float]
+    radius_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrayLayout:
+    """A tray: a floor at z = 0 with low walls."""
+
+    name: str
+    centre_mm: Array
+    size_mm: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GripperLayout:
+    """One of the two grippers: boxes and fingers in its tip frame.
+
+    Attributes
+    ----------
+    T_world_tip : of the fixed one; identity for the arm's, which moves
+    """
+
+    T_world_tip: Array
+    boxes: tuple[Box, ...]
+    fingers: Fingers
+    jaw_max_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmLayout:
+    """The arm: two equal links, a wrist whose three axes meet, a hand; umi_rtx.md 6."""
+
+    T_world_base: Array
+    upper_mm: float
+    fore_mm: float
+    tool_mm: float
+    wrist_height_mm: float
+    column: Box
+    carriage: Box
+    upper: Box
+    fore: Box
+    hand: GripperLayout
+    park_rad: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """The cell, in mm and rad, world frame: table plane z = 0, origin under the shoulder axis."""
+
+    name: str
+    drop_low_mm: Array
+    drop_high_mm: Array
+    cameras: Mapping[str, CameraLayout]
+    station_mm: Array
+    lamps: Mapping[str, LampLayout]
+    arm: ArmLayout
+    fixture: GripperLayout
+    post: Box
+    obstacles: tuple[Box, ...]
+    trays: tuple[TrayLayout, ...]
+    inputs: Mapping[str, int]
+
+
+def read_layout(path: Path) -> Layout:
+    """Read a cell file.
+
+    Raises
+    ------
+    LayoutError : the file cannot be read, or an entry is missing or of the wrong kind
+    """
+    try:
+        raw = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise LayoutError(f"{path}: {error.strerror}") from error
+    except Exception as error:  # noqa: BLE001  (ruamel raises its own family; all mean "not YAML")
+        raise LayoutError(f"{path}: not YAML: {error}") from error
+    if not isinstance(raw, dict):
+        raise LayoutError(f"{path}: a cell file is a mapping, found {type(raw).__name__}")
+    try:
+        return _layout(raw)
+    except KeyError as error:
+        raise LayoutError(f"{path}: entry {error} is missing") from error
+    except (TypeError, ValueError) as error:
+        raise LayoutError(f"{path}: {error}") from error
+
+
+def _layout(raw: dict[str, Any]) -> Layout:
+    drop = raw["table"]["drop_area"]
+    return Layout(
+        name=str(raw["name"]),
+        drop_low_mm=np.array([drop["x"][0], drop["y"][0]], dtype=float),
+        drop_high_mm=np.array([drop["x"][1], drop["y"][1]], dtype=float),
+        cameras={name: _camera(name, one) for name, one in raw["cameras"].items()},
+        station_mm=_vector(raw["station"]["position"]),
+        lamps={name: _lamp(name, one) for name, one in raw["lamps"].items()},
+        arm=_arm(raw["arm"]),
+        fixture=GripperLayout(
+            T_world_tip=_pose(raw["fixture"]["pose"]),
+            boxes=_boxes(raw["fixture"]["body"]),
+            fingers=_fingers(raw["fixture"]["fingers"]),
+            jaw_max_mm=float(raw["fixture"]["jaw_max_mm"]),
+        ),
+        post=_box("post", raw["fixture"]["post"]),
+        obstacles=_boxes(raw["obstacles"]),
+        trays=tuple(
+            TrayLayout(name, np.array(one["centre"], float), np.array(one["size"], float))
+            for name, one in raw["trays"].items()
+        ),
+        inputs={name: int(channel) for name, channel in raw["interlocks"].items()},
+    )
+
+
+def _arm(raw: dict[str, Any]) -> ArmLayout:
+    links = raw["links"]
+    return ArmLayout(
+        T_world_base=_pose(raw["pose"]),
+        upper_mm=float(raw["upper_mm"]),
+        fore_mm=float(raw["fore_mm"]),
+        tool_mm=float(raw["tool_mm"]),
+        wrist_height_mm=float(raw["wrist_height_mm"]),
+        column=_box("column", links["column"]),
+        carriage=_box("carriage", links["carriage"]),
+        upper=_box("upper", links["upper"]),
+        fore=_box("fore", links["fore"]),
+        hand=GripperLayout(
+            T_world_tip=np.eye(4),
+            boxes=_boxes(raw["hand"]),
+            fingers=_fingers(raw["fingers"]),
+            jaw_max_mm=float(raw["jaw_max_mm"]),
+        ),
+        park_rad={name: math.radians(value) for name, value in raw["park_deg"].items()},
+    )
+
+
+def _camera(name: str, raw: dict[str, Any]) -> CameraLayout:
+    width_px, height_px = raw["size_px"]
+    cx_px, cy_px = raw["centre_px"]
+    return CameraLayout(
+        name=name,
+        width_px=int(width_px),
+        height_px=int(height_px),
+        focal_px=float(raw["focal_px"]),
+        centre_px=(float(cx_px), float(cy_px)),
+        distortion=np.array(raw["distortion"], dtype=float),
+        T_world_cam=_pose(raw["pose"]),
+        exposure_s=float(raw["exposure_s"]),
+        fps=float(raw["fps"]),
+        formats=tuple(str(one) for one in raw["formats"]),
+    )
+
+
+def _lamp(name: str, raw: dict[str, Any]) -> LampLayout:
+    kind = str(raw["kind"])
+    if kind not in ("panel", "ring", "spot"):
+        raise ValueError(f"lamps.{name}.kind: {kind!r} is none of panel, ring, spot")
+    size = raw.get("size", [0.0, 0.0])
+    return LampLayout(
+        name=name,
+        analog=int(raw["analog"]),
+        relay=int(raw["relay"]),
+        kind=kind,
+        centre_mm=_vector(raw["centre"]),
+        normal=_vector(raw.get("normal", [0, 0, 1])),
+        up=_vector(raw.get("up", [1, 0, 0])),
+        size_mm=(float(size[0]), float(size[1])),
+        radius_mm=float(raw.get("radius", 0.0)),
+    )
+
+
+def _fingers(raw: dict[str, Any]) -> Fingers:
+    return Fingers(
+        length_mm=float(raw["length_mm"]),
+        width_mm=float(raw["width_mm"]),
+        thickness_mm=float(raw["thickness_mm"]),
+        pad_length_mm=float(raw["pad_length_mm"]),
+    )
+
+
+def _boxes(raw: dict[str, Any]) -> tuple[Box, ...]:
+    return tuple(_box(name, one) for name, one in raw.items())
+
+
+def _box(name: str, raw: list[float]) -> Box:
+    if len(raw) != 6:
+        raise ValueError(f"box {name}: six numbers x0 x1 y0 y1 z0 z1, found {len(raw)}")
+    corners = np.array(raw, dtype=float).reshape(3, 2)
+    return Box(name, corners[:, 0], corners[:, 1])
+
+
+def _vector(raw: list[float]) -> Array:
+    vector = np.array(raw, dtype=float)
+    if vector.shape != (3,):
+        raise ValueError(f"three numbers expected, found {raw}")
+    return vector
+
+
+def _pose(raw: dict[str, Any]) -> Array:
+    x, y = _vector(raw["x_axis"]), _vector(raw["y_axis"])
+    if abs(x @ y) > 1e-9 or abs(x @ x - 1.0) > 1e-9 or abs(y @ y - 1.0) > 1e-9:
+        raise ValueError(f"axes {raw['x_axis']} and {raw['y_axis']} are not of length 1 and square")
+    T = np.eye(4)
+    T[:3, 0], T[:3, 1], T[:3, 2] = x, y, np.cross(x, y)
+    T[:3, 3] = _vector(raw["position"])
+    return T

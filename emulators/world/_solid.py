@@ -1,0 +1,291 @@
+"""What a part is as a body: exact mesh, mass, rests on a table, convex pieces for contacts.
+
+Contacts with table, trays and fingers use V-HACD's pieces (some tenths of a mm fat, small holes
+filled); rests and grips use the exact mesh. Pieces are cached by content hash in the user's cache
+directory.
+"""
+
+import hashlib
+import logging
+import math
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import trimesh
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+from numpy.typing import NDArray
+from shapely.geometry import MultiPoint
+
+from . import _decompose
+from ._layout import MM_PER_M, Array, LayoutError
+from ._poses import invert, transform
+
+log = logging.getLogger(__name__)
+
+ALUMINIUM_KG_PER_MM3: Final = 2700e-9
+_DECOMPOSE_TIMEOUT_S: Final = 120.0
+_SNAP_VOXELS: Final = 2.0  # V-HACD puts vertices on voxel corners; nearer than this they are pulled in
+MIN_TIP_RAD: Final = math.radians(5.0)  # below, a facet is a strip to roll over or to topple from
+MIN_SOLID_ANGLE: Final = 0.01  # smaller facets are where nothing comes to lie by itself
+_COPLANAR: Final = 1.0 - 0.5 * math.radians(0.3) ** 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rest:
+    """A way to lie on a table.
+
+    Attributes
+    ----------
+    down : (3,) outward normal of the hull facet that lies on the table, CAD frame
+    R : (3, 3) CAD -> upright
+    solid_angle : of the facet seen from the centre of mass, as a fraction of the sphere
+    tip_rad : how far the part may be tilted over the nearest edge before it topples
+    """
+
+    down: Array
+    R: Array
+    solid_angle: float
+    tip_rad: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solid:
+    """A part as a rigid body.
+
+    Attributes
+    ----------
+    vertices_mm, faces : the exact mesh, CAD frame
+    hull_mm : (n, 3) corners of its convex hull
+    mass_kg, centre_mm : of the filled solid
+    T_part_body : principal axes of inertia at the centre of mass; pybullet's frame of the body
+    inertia_kg_m2 : (3,) about those axes
+    pieces_path : Wavefront file of the convex pieces, body frame, metres
+    rests : stable ones first, each kind with the larger solid angle first
+    """
+
+    name: str
+    vertices_mm: Array
+    faces: NDArray[np.int32]
+    hull_mm: Array
+    mass_kg: float
+    centre_mm: Array
+    T_part_body: Array
+    inertia_kg_m2: Array
+    pieces_path: Path
+    rests: tuple[Rest, ...]
+
+    @property
+    def stable_rests(self) -> tuple[Rest, ...]:
+        """The rests that neither roll nor topple at a touch."""
+        return tuple(rest for rest in self.rests if _is_stable(rest))
+
+    def ray_scene(self) -> Any:  # noqa: ANN401  (embreex has no types)
+        """Return a fresh embree scene of the exact mesh, CAD frame [mm]."""
+        return ray_scene(self.vertices_mm, self.faces)
+
+
+def ray_scene(vertices_mm: Array, faces: NDArray[np.int32]) -> Any:  # noqa: ANN401  (no types)
+    """Return an embree scene of triangles; `robust` keeps rays from slipping through seams."""
+    scene = EmbreeScene(robust=True)
+    TriangleMesh(
+        scene,
+        np.ascontiguousarray(vertices_mm, dtype=np.float32),
+        np.ascontiguousarray(faces, dtype=np.int32),
+    )
+    return scene
+
+
+def cache_dir() -> Path:
+    """Return where derived shapes are kept: $XDG_CACHE_HOME/cellctl or ~/.cache/cellctl."""
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "cellctl" / "emulators"
+
+
+def load_solid(path: Path, density_kg_per_mm3: float = ALUMINIUM_KG_PER_MM3) -> Solid:
+    """Read a part.
+
+    Raises
+    ------
+    LayoutError : no such file, not a mesh, empty, or not watertight (it then has no mass)
+    """
+    try:
+        mesh = trimesh.load_mesh(path)
+    except OSError as error:
+        raise LayoutError(f"{path}: {error.strerror or error}") from error
+    except Exception as error:  # noqa: BLE001  (trimesh's loaders raise what they like)
+        raise LayoutError(f"{path}: not a mesh that can be read: {error}") from error
+    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
+        raise LayoutError(f"{path}: no triangles in it")
+    mesh.merge_vertices()
+    if not mesh.is_watertight:
+        raise LayoutError(f"{path}: not watertight, so it has no volume and no mass")
+    return solid_of(mesh, path.stem, density_kg_per_mm3)
+
+
+def solid_of(
+    mesh: trimesh.Trimesh, name: str, density_kg_per_mm3: float = ALUMINIUM_KG_PER_MM3
+) -> Solid:
+    """Return the body of a watertight mesh [mm]."""
+    if mesh.volume < 0.0:
+        mesh.invert()
+    mass_kg = float(mesh.volume) * density_kg_per_mm3
+    centre_mm = np.array(mesh.center_mass, dtype=float)
+    moments, axes = np.linalg.eigh(np.asarray(mesh.moment_inertia, dtype=float))
+    if np.linalg.det(axes) < 0.0:
+        axes[:, 2] = -axes[:, 2]
+    T_part_body = np.eye(4)
+    T_part_body[:3, :3], T_part_body[:3, 3] = axes, centre_mm
+    hull = mesh.convex_hull
+    return Solid(
+        name=name,
+        vertices_mm=np.array(mesh.vertices, dtype=float),
+        faces=np.array(mesh.faces, dtype=np.int32),
+        hull_mm=np.array(hull.vertices, dtype=float),
+        mass_kg=mass_kg,
+        centre_mm=centre_mm,
+        T_part_body=T_part_body,
+        inertia_kg_m2=moments * density_kg_per_mm3 / MM_PER_M**2,
+        pieces_path=_pieces(mesh, T_part_body),
+        rests=_rests(hull, centre_mm),
+    )
+
+
+# --- rests -----------------------------------------------------------------------------------
+
+
+def _rests(hull: trimesh.Trimesh, centre_mm: Array) -> tuple[Rest, ...]:
+    rests: list[Rest] = []
+    normals, areas = np.asarray(hull.face_normals), np.asarray(hull.area_faces)
+    triangles = np.asarray(hull.triangles)
+    free = np.ones(len(normals), dtype=bool)
+    for index in np.argsort(-areas):
+        if not free[index]:
+            continue
+        same = free & (normals @ normals[index] > _COPLANAR)
+        free &= ~same
+        down = (normals[same] * areas[same, None]).sum(axis=0)
+        down /= np.linalg.norm(down)
+        points = triangles[same].reshape(-1, 3)
+        margin_mm, height_mm = _margin(points, down, centre_mm)
+        if margin_mm <= 0.0 or areas[same].sum() < 1e-3:
+            continue
+        rests.append(
+            Rest(
+                down=down,
+                R=upright(down),
+                solid_angle=_solid_angle(triangles[same] - centre_mm),
+                tip_rad=math.atan2(margin_mm, height_mm),
+            )
+        )
+    rests.sort(key=lambda rest: (not _is_stable(rest), -rest.solid_angle))
+    return tuple(rests)
+
+
+def _is_stable(rest: Rest) -> bool:
+    return rest.tip_rad >= MIN_TIP_RAD and rest.solid_angle >= MIN_SOLID_ANGLE
+
+
+def _margin(points_mm: Array, down: Array, centre_mm: Array) -> tuple[float, float]:
+    """Return how far inside the facet's outline the centre of mass is, and how high above [mm]."""
+    R = upright(down)
+    flat = points_mm @ R.T
+    centre = R @ centre_mm
+    outline = MultiPoint(flat[:, :2]).convex_hull
+    if outline.geom_type != "Polygon":
+        return -1.0, 1.0
+    corners = np.array(outline.exterior.coords)
+    edge = np.roll(corners[:-1], -1, axis=0) - corners[:-1]
+    to_centre = centre[:2] - corners[:-1]
+    length = np.linalg.norm(edge, axis=1)
+    cross = (edge[:, 0] * to_centre[:, 1] - edge[:, 1] * to_centre[:, 0]) / np.maximum(length, 1e-9)
+    if not outline.exterior.is_ccw:
+        cross = -cross
+    return float(cross.min()), float(centre[2] - flat[:, 2].min())
+
+
+def upright(down: Array) -> Array:
+    """Return the smallest rotation that turns a direction to -z, (3, 3)."""
+    target = np.array((0.0, 0.0, -1.0))
+    v, c = np.cross(down, target), float(down @ target)
+    if c < -1.0 + 1e-12:
+        return np.diag((1.0, -1.0, -1.0))
+    K = np.array(((0.0, -v[2], v[1]), (v[2], 0.0, -v[0]), (-v[1], v[0], 0.0)))
+    R: Array = np.eye(3) + K + K @ K / (1.0 + c)
+    return R
+
+
+def _solid_angle(triangles_mm: Array) -> float:
+    """Return the fraction of the sphere that triangles fill, seen from 0 (van Oosterom 1983)."""
+    a, b, c = (triangles_mm[:, i] for i in range(3))
+    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+    volume = np.abs(np.einsum("ij,ij->i", a, np.cross(b, c)))
+    flat = la * lb * lc
+    flat += np.einsum("ij,ij->i", a, b) * lc
+    flat += np.einsum("ij,ij->i", a, c) * lb + np.einsum("ij,ij->i", b, c) * la
+    return float(np.sum(2.0 * np.arctan2(volume, flat)) / (4.0 * math.pi))
+
+
+# --- convex pieces ---------------------------------------------------------------------------
+
+
+def _pieces(mesh: trimesh.Trimesh, T_part_body: Array) -> Path:
+    digest = hashlib.sha256()
+    digest.update(np.ascontiguousarray(mesh.vertices, dtype=np.float64).tobytes())
+    digest.update(np.ascontiguousarray(mesh.faces, dtype=np.int64).tobytes())
+    settings = (_decompose.RESOLUTION, _decompose.CONCAVITY, _decompose.GAMMA, _SNAP_VOXELS)
+    digest.update(repr(("pieces 2", settings)).encode())
+    path = cache_dir() / f"pieces-{digest.hexdigest()[:32]}.obj"
+    if path.exists():
+        return path
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        raw = Path(folder) / "pieces.obj"
+        mesh_path = Path(folder) / "mesh.obj"
+        mesh_path.write_text(trimesh.exchange.obj.export_obj(mesh, include_normals=False))
+        arguments = (str(mesh_path), str(raw), str(Path(folder) / "log.txt"))
+        command = (sys.executable, "-m", _decompose.__name__, *arguments)
+        log.info("decomposing a part of %d triangles into convex pieces", len(mesh.faces))
+        subprocess.run(command, check=True, capture_output=True, timeout=_DECOMPOSE_TIMEOUT_S)
+        pieces = [_snap(mesh, piece) for piece in read_pieces(raw)]
+        finished = Path(folder) / "finished.obj"
+        _write_pieces(finished, [transform(invert(T_part_body), p) / MM_PER_M for p in pieces])
+        finished.replace(path)  # a second process that decomposes the same part does no harm
+    return path
+
+
+def read_pieces(path: Path) -> list[Array]:
+    """Return the corners of each piece in a Wavefront file, (n, 3) each, in the file's unit."""
+    pieces: list[list[list[float]]] = []
+    for line in path.read_text().splitlines():
+        if line.startswith("o "):
+            pieces.append([])
+        elif line.startswith("v ") and pieces:
+            pieces[-1].append([float(word) for word in line.split()[1:4]])
+    return [np.array(piece) for piece in pieces if len(piece) > 3]
+
+
+def _snap(mesh: trimesh.Trimesh, corners_mm: Array) -> Array:
+    """Pull corners that stick out by about a voxel back onto the surface they stand for."""
+    voxel_mm = float(np.prod(mesh.extents) / _decompose.RESOLUTION) ** (1.0 / 3.0)
+    nearest, distance_mm, _ = trimesh.proximity.closest_point(mesh, corners_mm)
+    near = distance_mm < _SNAP_VOXELS * voxel_mm
+    return np.where(near[:, None], nearest, corners_mm)
+
+
+def _write_pieces(path: Path, pieces: list[Array]) -> None:
+    lines: list[str] = []
+    first = 1
+    for number, corners in enumerate(pieces):
+        hull = trimesh.convex.convex_hull(corners)
+        lines.append(f"o piece{number}")
+        lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in hull.vertices]
+        lines += ["f " + " ".join(str(first + i) for i in face) for face in hull.faces]
+        first += len(hull.vertices)
+    path.write_text("\n".join(lines) + "\n")
