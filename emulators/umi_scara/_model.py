@@ -29,6 +29,11 @@ MAX_STEP_S: Final = 1.0 / 240.0  # longer steps are cut, so that a test may hand
 # fractions of each range, [true counts] for zed
 START_ZED_COUNTS: Final = (-600.0, -50.0)
 START_FRACTION: Final = 0.5
+ZED_LIMITS, SHOULDER_LIMITS, ELBOW_LIMITS, GRIPPER_LIMITS = (
+    (FACTS[axis].lower_counts, FACTS[axis].upper_counts)
+    for axis in (Axis.ZED, Axis.SHOULDER, Axis.ELBOW, Axis.GRIPPER)
+)
+YAW_IP, GRIPPER_IP = FACTS[Axis.YAW].ip, FACTS[Axis.GRIPPER].ip
 
 
 class ArmModel:
@@ -49,6 +54,11 @@ class ArmModel:
             self.motors[facts.ip][facts.ctl] = self.axes[axis] = motor
         self._by_ip = [[m for m in ip if m.exists] for ip in self.motors]
         self._all = [(self.axes[axis], FACTS[axis].ip) for axis in Axis]
+        # looked up once: an Enum's hash is too slow for every step of a world
+        self._zed, self._shoulder = self.axes[Axis.ZED], self.axes[Axis.SHOULDER]
+        self._elbow, self._yaw = self.axes[Axis.ELBOW], self.axes[Axis.YAW]
+        self._gripper = self.axes[Axis.GRIPPER]
+        self._w1, self._w2 = self.axes[Axis.WRIST1], self.axes[Axis.WRIST2]
         self.power_on: list[bool] = [False] * IP_COUNT
         self.grip_limit_mm: float | None = None
         """Opening [mm] below which an object keeps the jaws from closing; None when empty."""
@@ -92,6 +102,18 @@ class ArmModel:
             motor.position = counts
             motor.rest(Drive.HOLD)
 
+    def push(self, axis: Axis, counts: float) -> None:
+        """Push an axis by hand, as far as its stops let it; a motor with drive does not yield.
+
+        The encoder notices: CURRENT_POSITION stays, CP_ERROR takes the way. umi_rtx.md 2.3 (26).
+        """
+        motor = self.axes[axis]
+        if self._is_limp(motor, FACTS[axis].ip):
+            for other, _ in self._all:
+                other.goal = other.position
+            motor.goal = motor.position + counts
+            self._move()
+
     def reference(self) -> None:
         """Make every counter tell the truth, as after a perfect homing."""
         for motor in self.axes.values():
@@ -125,8 +147,8 @@ class ArmModel:
     @property
     def jaw_force_fraction(self) -> float:
         """How hard the jaws press on what stops them, 0 to 1: MAX_FORCE / 100, or 0 when limp."""
-        motor = self.axes[Axis.GRIPPER]
-        if self._is_limp(motor, FACTS[Axis.GRIPPER].ip):
+        motor = self._gripper
+        if self._is_limp(motor, GRIPPER_IP):
             return 0.0
         is_blocked = motor.blocked_s > 0.0 and motor.set_point < motor.position
         if motor.pressing >= 0 and not is_blocked:
@@ -141,10 +163,11 @@ class ArmModel:
         self.power_on[:] = [False] * IP_COUNT
 
     def release_estop(self) -> None:
-        """Give the motors their supply back."""
+        """Give the motors their supply back; a `27` sent meanwhile does not count."""
         if self.estop_pressed:
             self.estop_change_count += 1
         self.estop_pressed = False
+        self.power_on[:] = [False] * IP_COUNT
 
     # --- what the IPs do --------------------------------------------------------------------
 
@@ -266,68 +289,50 @@ class ArmModel:
         return motor.is_busy
 
     def _step(self, active: list[tuple[Motor, int]], dt_s: float, decay: float) -> None:
+        for motor, _ in self._all:
+            motor.goal = motor.position
         steps = []
-        wanted = {id(motor): motor.position for motor in self.axes.values()}
         for motor, ip in active:
-            limp = self._is_limp(motor, ip)
+            is_limp = self._is_limp(motor, ip)
             goal = motor.step(dt_s, decay)
-            if not limp:
-                wanted[id(motor)] = goal
-            steps.append((motor, motor.position, goal, limp))
-        self._move(wanted)
-        for motor, before, goal, limp in steps:
-            motor.settle(dt_s, before, goal, limp)
+            if not is_limp:
+                motor.goal = goal
+            steps.append((motor, motor.position, is_limp))
+        self._move()
+        for motor, before, is_limp in steps:
+            motor.settle(dt_s, before, is_limp)
 
-    def _move(self, wanted: dict[int, float]) -> None:
-        axes = self.axes
-        for axis in (Axis.ZED, Axis.SHOULDER):
-            facts = FACTS[axis]
-            _limit(axes[axis], wanted, facts.lower_counts, facts.upper_counts)
-        facts = FACTS[Axis.GRIPPER]
-        closed = facts.lower_counts
+    def _move(self) -> None:
+        self._zed.approach_goal(*ZED_LIMITS)
+        self._shoulder.approach_goal(*SHOULDER_LIMITS)
+        closed, opened = GRIPPER_LIMITS
         if self.grip_limit_mm is not None and self.grip_limit_mm > 0.0:
             closed = max(closed, gripper_mm_to_counts(self.grip_limit_mm))
-        _limit(axes[Axis.GRIPPER], wanted, closed, facts.upper_counts)
+        self._gripper.approach_goal(closed, opened)
         # Two motors that share a stop make way for each other within one step: the first moves,
         # the second moves, and what the second has freed the first may use.
-        for axis in (Axis.YAW, Axis.ELBOW, Axis.YAW):
-            self._move_coupled(axis, wanted)
-        for axis in (Axis.WRIST1, Axis.WRIST2, Axis.WRIST1):
-            self._move_wrist(axis, wanted)
+        self._move_yaw_and_elbow(self._yaw, self._elbow)
+        w1, w2 = self._w1, self._w2
+        if w1.goal != w1.position or w2.goal != w2.position:
+            for _ in range(2):
+                p, q = PITCH_LIMITS_COUNTS, ROLL_LIMITS_COUNTS
+                at = w2.position
+                w1.approach_goal(max(p[0] - at, q[0] + at), min(p[1] - at, q[1] + at))
+                at = w1.position
+                w2.approach_goal(max(p[0] - at, at - q[1]), min(p[1] - at, at - q[0]))
 
-    def _move_coupled(self, axis: Axis, wanted: dict[int, float]) -> None:
-        elbow, yaw = self.axes[Axis.ELBOW], self.axes[Axis.YAW]
-        limit = YAW_TO_ELBOW_LIMIT_COUNTS
-        yaw_is_limp = self._is_limp(yaw, FACTS[Axis.YAW].ip)
-        if axis is Axis.ELBOW:
-            low, high = FACTS[axis].lower_counts, FACTS[axis].upper_counts
-            if not yaw_is_limp:
-                low = max(low, (yaw.position - limit) / YAW_COUNTS_PER_ELBOW_COUNT)
-                high = min(high, (yaw.position + limit) / YAW_COUNTS_PER_ELBOW_COUNT)
-            _limit(elbow, wanted, low, high)
+    def _move_yaw_and_elbow(self, yaw: Motor, elbow: Motor) -> None:
+        if yaw.goal == yaw.position and elbow.goal == elbow.position:
             return
-        middle = elbow.position * YAW_COUNTS_PER_ELBOW_COUNT
-        if yaw_is_limp:  # the forearm drags the hand along
+        limit, ratio = YAW_TO_ELBOW_LIMIT_COUNTS, YAW_COUNTS_PER_ELBOW_COUNT
+        if self._is_limp(yaw, YAW_IP):  # the forearm drags the hand along
+            elbow.approach_goal(*ELBOW_LIMITS)
+            middle = elbow.position * ratio
+            yaw.approach_goal(middle - limit, middle + limit)
             yaw.position = max(middle - limit, min(middle + limit, yaw.position))
-        else:
-            _limit(yaw, wanted, middle - limit, middle + limit)
-
-    def _move_wrist(self, axis: Axis, wanted: dict[int, float]) -> None:
-        motor = self.axes[axis]
-        if axis is Axis.WRIST1:
-            other = self.axes[Axis.WRIST2].position
-            low = max(PITCH_LIMITS_COUNTS[0] - other, ROLL_LIMITS_COUNTS[0] + other)
-            high = min(PITCH_LIMITS_COUNTS[1] - other, ROLL_LIMITS_COUNTS[1] + other)
-        else:
-            other = self.axes[Axis.WRIST1].position
-            low = max(PITCH_LIMITS_COUNTS[0] - other, other - ROLL_LIMITS_COUNTS[1])
-            high = min(PITCH_LIMITS_COUNTS[1] - other, other - ROLL_LIMITS_COUNTS[0])
-        _limit(motor, wanted, low, high)
-
-
-def _limit(motor: Motor, wanted: dict[int, float], low: float, high: float) -> None:
-    """Move a motor where its servo wants it, as far as stops and obstacles let it."""
-    here = motor.position
-    low = min(here, max(low, motor.barrier_low))
-    high = max(here, min(high, motor.barrier_high))
-    motor.position = max(low, min(high, wanted[id(motor)]))
+            return
+        for _ in range(2):
+            middle = elbow.position * ratio
+            yaw.approach_goal(middle - limit, middle + limit)
+            low, high = (yaw.position - limit) / ratio, (yaw.position + limit) / ratio
+            elbow.approach_goal(max(ELBOW_LIMITS[0], low), min(ELBOW_LIMITS[1], high))

@@ -56,9 +56,6 @@ class Drive(Enum):
     RAMP = "ramp"
 
 
-BUSY: Final = frozenset({Drive.NUMERIC, Drive.MANUAL, Drive.RAMP})
-
-
 @dataclass(slots=True)
 class Motor:
     """State of one controller and its motor; every position is in true counts.
@@ -67,6 +64,7 @@ class Motor:
     ----------
     exists : False for controllers without a motor, which keep parameters and never move
     position, set_point : where the axis is, and where the servo wants it
+    goal : where the servo would take the axis in the present step, were nothing in the way
     origin : true position that the counter calls 0
     barrier_low, barrier_high : obstacles in the way, infinite when there are none
     pressing : -1 or +1 while a stalled motor keeps pushing that way, else 0
@@ -77,6 +75,7 @@ class Motor:
     exists: bool = True
     position: float = 0.0
     set_point: float = 0.0
+    goal: float = 0.0
     origin: float = 0.0
     velocity: float = 0.0
     target: float = 0.0
@@ -153,7 +152,8 @@ class Motor:
     @property
     def is_busy(self) -> bool:
         """Whether a move is in progress."""
-        return self.drive in BUSY
+        drive = self.drive
+        return drive is Drive.NUMERIC or drive is Drive.MANUAL or drive is Drive.RAMP
 
     def status(self, is_in_routine: bool) -> int:
         """Return the controller status byte; umi_rtx.md 2.8."""
@@ -267,15 +267,23 @@ class Motor:
     def _approach(self, velocity: float, change: float) -> None:
         self.velocity = max(self.velocity - change, min(self.velocity + change, velocity))
 
-    def settle(self, dt_s: float, before: float, wanted: float, is_limp: bool) -> None:
+    def approach_goal(self, low: float, high: float) -> None:
+        """Move to the goal, as far as stops [true counts] and obstacles let it."""
+        here = self.position
+        if self.goal > here:
+            self.position = min(self.goal, max(here, min(high, self.barrier_high)))
+        elif self.goal < here:
+            self.position = max(self.goal, min(here, max(low, self.barrier_low)))
+
+    def settle(self, dt_s: float, before: float, is_limp: bool) -> None:
         """Judge one step after the arm has limited it; umi_rtx.md 7, the rows on stalls and moves.
 
         Parameters
         ----------
-        before, wanted : position before the step, and where the servo wanted it
+        before : position before the step
         is_limp : the motor has no power or no force
         """
-        is_held_back = is_limp or abs(self.position - wanted) > 1e-9
+        is_held_back = is_limp or abs(self.position - self.goal) > 1e-9
         if is_held_back and abs(self.position - before) < STANDSTILL_COUNTS_PER_S * dt_s:
             self.blocked_s += dt_s
         else:

@@ -34,10 +34,12 @@ def home(model: ArmModel, ip: int) -> Iterator[None]:
         yield from _drive(axes[Axis.SHOULDER], +1)
         error_limit = yaw.parameters[Parameter.ERROR_LIMIT]
         yaw.parameters[Parameter.ERROR_LIMIT] = YAW_ERROR_LIMIT
-        axes[Axis.ELBOW].go_on(-1)
-        yaw.go_on(-1)
-        yield from _rest(axes[Axis.ELBOW], yaw)
-        yaw.parameters[Parameter.ERROR_LIMIT] = error_limit
+        try:
+            axes[Axis.ELBOW].go_on(-1)
+            yaw.go_on(-1)
+            yield from _rest(axes[Axis.ELBOW], yaw)
+        finally:  # a stop command ends the routine here as well
+            yaw.parameters[Parameter.ERROR_LIMIT] = error_limit
     own = [axis for axis in Axis if FACTS[axis].ip == ip]
     for axis in own:
         axes[axis].label(FACTS[axis].home_counts)

@@ -127,7 +127,6 @@ def test_after_the_emergency_stop_nothing_moves_until_27() -> None:
     at = line.model.joints()
     line.pass_time(0.5)
     assert line.model.joints() == at
-    line.model.press_estop()
     line.model.release_estop()
     line.run(("60 0e 00", "c0"), ("6a", "d1 01 00"), ("80 10 00", "00"))
     line.pass_time(0.5)

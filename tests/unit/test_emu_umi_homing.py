@@ -176,6 +176,18 @@ def test_a_stop_ends_the_built_in_homing(stop: str) -> None:
     assert line.model.joints() == at
 
 
+def test_a_built_in_homing_stopped_at_the_elbow_leaves_no_limit_changed() -> None:
+    line = Line(seed=1)
+    line.on(1).run(("08", "00"))
+    yaw = line.model.axes[Axis.YAW]
+    for _ in range(200):
+        if yaw.is_busy:
+            break
+        line.pass_time(0.1)
+    line.run(("60 02 00", "c0"), ("6b", "d4 dc 05"), ("24", "00"))  # 1500, umi_rtx.md 4.1
+    line.run(("60 02 00", "c0"), ("6b", "d5 e8 03"), ("17", "17 0a 00"))
+
+
 def test_the_soak_test_runs_until_it_is_stopped() -> None:
     line = Line(seed=1)
     line.on(0).run(("09", "00"))

@@ -200,6 +200,23 @@ def test_the_elbow_with_a_held_yaw_stops_where_the_hand_meets_its_stop() -> None
     assert line.true(Axis.YAW) == -800.0
 
 
+def test_freed_axes_can_be_pushed_by_hand_and_the_encoders_notice() -> None:
+    line = line_in_the_middle()
+    line.model.push(Axis.SHOULDER, 300.0)
+    assert line.true(Axis.SHOULDER) == 0.0  # held
+    line.run(("26", "00"))
+    for axis, way in {Axis.SHOULDER: 300, Axis.YAW: -250, Axis.ELBOW: 120}.items():
+        line.model.push(axis, way)
+        assert line.true(axis) == MIDDLE[axis] + way
+        # the host computes ACTUAL_POSITION = CURRENT_POSITION - CP_ERROR; umi_rtx.md 2.5
+        assert line.counter(axis) - line.error(axis) == way
+    line.model.push(Axis.SHOULDER, 9999.0)
+    assert line.true(Axis.SHOULDER) == 2630.0
+    line.on(1).run(("27", "00"))
+    line.pass_time(0.5)
+    assert (line.true(Axis.SHOULDER), line.counter(Axis.SHOULDER)) == (2630.0, 2630)
+
+
 def test_a_motor_without_force_never_drives() -> None:
     line = line_in_the_middle()
     line.write(Axis.SHOULDER, 10, 0)

@@ -195,8 +195,11 @@ async def test_a_file_in_the_place_of_the_link_is_not_overwritten(
 
 
 async def test_an_unread_line_does_not_block_the_arm(
-    server: ArmServer, client: Client, caplog: pytest.LogCaptureFixture
+    wire: ArmWire, caplog: pytest.LogCaptureFixture
 ) -> None:
+    server = ArmServer(wire, WorldClock(speed=1000.0))
+    await server.start()
+    client = Client(server.path)
     clock = asyncio.get_running_loop().time
     deadline_s = clock() + PATIENCE_S
     while "nobody reads" not in caplog.text:  # more replies than the terminal holds
@@ -208,6 +211,8 @@ async def test_an_unread_line_does_not_block_the_arm(
     second = Client(server.path)
     assert await second.read(1)  # what is still on the line goes on coming
     second.close()
+    client.close()
+    await server.aclose()
 
 
 async def test_the_path_of_a_server_that_does_not_run_is_an_error(wire: ArmWire) -> None:
