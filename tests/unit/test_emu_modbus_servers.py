@@ -7,7 +7,16 @@ import pytest
 from emu_modbus_bench import EchoDevice, PtyClient, open_fds, tcp_client, until
 
 from emulators.clock import WorldClock
-from emulators.modbus import Bus, RtuOverTcpServer, RtuPtyServer, TcpGateway, TcpServer, encode_rtu
+from emulators.gripper_modbus import RobotiqDevice
+from emulators.modbus import (
+    Bus,
+    RtuOverTcpServer,
+    RtuPtyServer,
+    Stepper,
+    TcpGateway,
+    TcpServer,
+    encode_rtu,
+)
 
 READ = bytes.fromhex("03 0000 0001")
 LINE_GRAIN_S = 0.0006  # waits nearer than half a millisecond count as over (see the pacer)
@@ -386,3 +395,56 @@ async def test_a_fast_world_does_not_lose_frames(bus: Bus) -> None:
         assert await master.read_exactly(8) == frame
     master.close()
     await server.aclose()
+
+
+# --- time without a world -------------------------------------------------------------------------
+
+
+async def test_a_stepper_advances_devices_with_the_clock_and_stops() -> None:
+    class Aging:
+        age_s = 0.0
+
+        def advance(self, dt_s: float) -> None:
+            self.age_s += dt_s
+
+    device, clock = Aging(), WorldClock(speed=20.0)
+    stepper = Stepper(clock, [device])
+    started_s = clock.now_s()
+    await stepper.start()
+    await until(lambda: device.age_s > 1.0)
+    await stepper.aclose()
+    stopped_s = device.age_s
+    assert stopped_s <= clock.now_s() - started_s
+    await asyncio.sleep(0.02)
+    assert device.age_s == stopped_s
+
+
+async def test_a_gripper_is_activated_and_closed_through_a_gateway() -> None:
+    clock = WorldClock(speed=10.0)
+    gripper = RobotiqDevice()
+    gateway, stepper = TcpGateway(Bus([gripper]), clock), Stepper(clock, [gripper])
+    await gateway.start()
+    await stepper.start()
+
+    async with tcp_client(gateway.address) as client:
+
+        async def write(action: int, position: int) -> None:
+            request = bytes.fromhex("10 03E8 0003 06") + bytes((action, 0, 0, position, 255, 255))
+            await ask(client, mbap(1, 9, request), 12)
+
+        async def status(expected: int) -> None:
+            async with asyncio.timeout(5):
+                while True:
+                    reply = await ask(client, mbap(2, 9, bytes.fromhex("03 07D0 0003")), 15)
+                    if reply[9] == expected:
+                        return
+
+        await write(0x00, 0x00)
+        await status(0x00)
+        await write(0x01, 0x00)
+        await status(0x31)
+        await write(0x09, 0xFF)
+        await status(0xF9)
+    assert gripper.jaws.opening_mm == pytest.approx(0.0, abs=0.02)
+    await stepper.aclose()
+    await gateway.aclose()
