@@ -356,6 +356,22 @@ def test_interpolation_adds_signed_nibbles_to_the_set_points(opcode: int) -> Non
         assert line.model.axes[axis].error == 0
 
 
+def test_interpolation_without_power_leaves_the_set_points_alone() -> None:
+    line = line_in_the_middle()
+    line.run(("26", "00"), ("e0 d2 17", "00"), ("4a", "83 24 fa"), ("42", "80 00 00"))
+
+
+def test_a_target_just_past_a_stop_but_within_the_dead_band_is_an_arrival_not_a_stall() -> None:
+    line = line_in_the_middle()
+    line.write(Axis.GRIPPER, 3, -31)  # one count past the closed stop, DEAD_BAND is 2
+    assert line.go(Axis.GRIPPER) == "00"
+    line.wait_for(0, 0, Axis.GRIPPER)
+    line.pass_time(1.0)
+    assert line.status(Axis.GRIPPER) == 0
+    assert line.true(Axis.GRIPPER) == -30.0
+    assert (line.counter(Axis.GRIPPER), line.error(Axis.GRIPPER)) == (-31, -1)
+
+
 def test_jaws_close_on_an_object_stall_there_and_keep_pressing_until_told_otherwise() -> None:
     line = line_in_the_middle()
     line.model.grip_limit_mm = 20.0
