@@ -88,7 +88,9 @@ class FakeBuffer:
 
 
 class FakeCamera:
-    def __init__(self, width: int = 8, height: int = 4, formats: tuple[str, ...] = ("GREY",)):
+    def __init__(
+        self, width: int = 8, height: int = 4, formats: tuple[str, ...] = ("GREY",)
+    ) -> None:
         self.width, self.height, self.formats = width, height, formats
         self.row_padding = 0
         self.forced_format: str | None = None
@@ -162,26 +164,31 @@ class FakeCamera:
 
     def ioctl(self, request: int, buffer: bytearray) -> None:
         name, size = NAMES.get(request & 0xFF, "?"), request >> 16 & 0x3FFF
-        self.log.append(name)
-        self.seen[name] += 1
+        self.log.append(name)  # asked
         if self.hold is not None:
             assert self.hold.wait(5.0)
         with self.lock:
-            if self.is_gone:
-                raise OSError(UNPLUGGED, "gone")
-            if size != len(buffer):
-                raise OSError(errno.EFAULT, f"{name}: {len(buffer)} bytes, not {size}")
-            if self.failures.get(name):
-                code = self.failures[name].pop(0)
-                if code:
-                    raise OSError(code, os.strerror(code))
-            verb: Callable[[bytearray], None] | None = getattr(self, "_" + name.lower(), None)
-            if verb is None:
-                raise OSError(errno.ENOTTY, name)
-            verb(buffer)
-            assert len(buffer) == size, name
+            try:
+                self._answer(name, size, buffer)
+            finally:
+                self.seen[name] += 1  # answered
         if name in ("DQBUF", "STREAMOFF", "REQBUFS"):
             self.changed(False)
+
+    def _answer(self, name: str, size: int, buffer: bytearray) -> None:
+        if self.is_gone:
+            raise OSError(UNPLUGGED, "gone")
+        if size != len(buffer):
+            raise OSError(errno.EFAULT, f"{name}: {len(buffer)} bytes, not {size}")
+        if self.failures.get(name):
+            code = self.failures[name].pop(0)
+            if code:
+                raise OSError(code, os.strerror(code))
+        verb: Callable[[bytearray], None] | None = getattr(self, "_" + name.lower(), None)
+        if verb is None:
+            raise OSError(errno.ENOTTY, name)
+        verb(buffer)
+        assert len(buffer) == size, name
 
     def _querycap(self, b: bytearray) -> None:
         caps = (0x060102, self.capabilities, self.device_caps)
@@ -330,7 +337,7 @@ class FakeCamera:
 class FakeCalls:
     """The driver's system calls, answered in-process by whichever cameras are plugged in."""
 
-    def __init__(self, camera: FakeCamera, path: str = "/dev/video0"):
+    def __init__(self, camera: FakeCamera, path: str = "/dev/video0") -> None:
         self.nodes: dict[str, FakeCamera] = {path: camera}
         self.open_cameras: dict[int, FakeCamera] = {}
         self.maps: list[LoggedMap] = []
@@ -415,7 +422,7 @@ class LoggedMap(mmap.mmap):
 class SocketServer:
     """One camera at a unix socket; a thread for its one client."""
 
-    def __init__(self, camera: FakeCamera, path: Path):
+    def __init__(self, camera: FakeCamera, path: Path) -> None:
         self.camera, self.path = camera, path
         self.is_mute = False
         self.listener = socket.socket(socket.AF_UNIX)

@@ -124,9 +124,10 @@ async def test_a_server_that_falls_silent_is_a_time_out_and_then_gone(
 async def test_the_event_loop_goes_on_while_the_camera_thinks(server: SocketServer) -> None:
     fake = server.camera
     async with camera_at(server) as camera:
+        fake.log.clear()
         fake.hold = threading.Event()
         task = asyncio.create_task(camera.controls())
-        await until(lambda: fake.seen["QUERYCTRL"] > 0)
+        await until(lambda: "QUERYCTRL" in fake.log)
         for _ in range(100):
             await asyncio.sleep(0)
         assert not task.done()
@@ -150,7 +151,7 @@ async def test_no_server_and_no_socket_are_said_to_be(tmp_path: Path) -> None:
 class Peer:
     """A hand-written other end, for the bytes themselves."""
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path) -> None:
         self.listener = socket.socket(socket.AF_UNIX)
         self.listener.bind(str(path))
         self.listener.listen(1)
