@@ -1,0 +1,94 @@
+"""Which signal is on which channel of the I/O block, and how its changes are believed."""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+INPUT_COUNT: Final = 6  # modbus_devices.md 7.1
+RELAY_COUNT: Final = 6
+
+
+class Debounce(Enum):
+    """Which changes need two equal polls before they are believed."""
+
+    NONE = "none"
+    RISING = "rising"  # bad news at once, good news twice: safety copies
+    BOTH = "both"
+
+
+def _check(name: str, channel: int, count: int) -> None:
+    if not 0 <= channel < count:
+        raise ValueError(f"channel {name!r}: 0..{count - 1}, not {channel}")
+
+
+@dataclass(frozen=True, slots=True)
+class InputChannel:
+    """One input; 1 on the wire is healthy, so a broken wire is not."""
+
+    name: str
+    channel: int
+    debounce: Debounce = Debounce.RISING
+
+    def __post_init__(self) -> None:
+        _check(self.name, self.channel, INPUT_COUNT)
+
+
+@dataclass(frozen=True, slots=True)
+class OutputChannel:
+    """One relay."""
+
+    name: str
+    channel: int
+
+    def __post_init__(self) -> None:
+        _check(self.name, self.channel, RELAY_COUNT)
+
+
+PLANNED_INPUTS: Final = (  # the channel plan of modbus_devices.md 7.4
+    InputChannel("estop_ok", 0),
+    InputChannel("guard_closed", 1),
+    InputChannel("part_in_nest", 2, Debounce.BOTH),
+    InputChannel("part_in_gripper", 3, Debounce.BOTH),
+    InputChannel("supply_ok", 4),
+    InputChannel("acknowledge", 5, Debounce.BOTH),
+)
+PLANNED_OUTPUTS: Final = (
+    OutputChannel("backlight", 0),
+    OutputChannel("ring_light", 1),
+    OutputChannel("bar_light", 2),
+    OutputChannel("stack_red", 3),
+    OutputChannel("stack_amber", 4),
+    OutputChannel("stack_green", 5),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class IoConfig:
+    """The I/O block and what is wired to it.
+
+    Attributes
+    ----------
+    unit : unit id
+    model : text that the block's own model name must contain
+    inputs, outputs : named channels, numbered from 0 as on the block
+    poll_s : from one reading of the inputs to the next, 20 to 50 ms [cell s]
+    stale_s : a reading older than this says nothing any more [cell s]
+    """
+
+    unit: int = 1
+    model: str = "E1214"
+    inputs: tuple[InputChannel, ...] = PLANNED_INPUTS
+    outputs: tuple[OutputChannel, ...] = PLANNED_OUTPUTS
+    poll_s: float = 0.04
+    stale_s: float = 0.2
+
+    def __post_init__(self) -> None:
+        for channels in (self.inputs, self.outputs):
+            if len({channel.name for channel in channels}) != len(channels):
+                raise ValueError("two channels have the same name")
+            if len({channel.channel for channel in channels}) != len(channels):
+                raise ValueError("two names are on the same channel")
+        if not 0 < self.poll_s < self.stale_s:
+            raise ValueError(
+                f"poll_s must be positive and below stale_s, not {self.poll_s} and {self.stale_s}"
+            )

@@ -1,0 +1,296 @@
+"""The Moxa ioLogik E1214: inputs polled all the time, relays switched by name.
+
+Register map: modbus_devices.md 7.1. What is read here of the safety chain is a copy: it may stop
+work early, it must never be what makes the machine safe (7.4).
+"""
+
+import asyncio
+import logging
+import math
+from collections.abc import AsyncIterator, Callable, Mapping
+from types import TracebackType
+from typing import Final, Self
+
+from ..errors import DeviceError, RefusedError, WrongDeviceError
+from ..modbus_link import FunctionCode, ModbusLink, Request
+from ._config import INPUT_COUNT, RELAY_COUNT, IoConfig
+from ._signals import Believer, Change, Signal, Snapshot
+
+log = logging.getLogger(__name__)
+
+FIRST_INPUT: Final = 0  # discrete inputs
+FIRST_RELAY: Final = 0  # coils
+MODEL_REGISTER: Final = 5000  # input registers, 10 of them
+MODEL_COUNT: Final = 10
+WATCHDOG_COIL: Final = 4144
+
+Observer = Callable[[Change], None]
+
+
+class Watch(AsyncIterator[Change]):
+    """Changes from the moment it was got, in order; ends when the driver is closed."""
+
+    def __init__(self, on_close: Callable[["Watch"], None]) -> None:
+        self._queue: asyncio.Queue[Change | None] = asyncio.Queue()
+        self._on_close = on_close
+
+    def put(self, change: Change | None) -> None:
+        """Add a change; None ends it."""
+        self._queue.put_nowait(change)
+
+    def close(self) -> None:
+        """Stop collecting changes."""
+        self._on_close(self)
+        self.put(None)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    async def __anext__(self) -> Change:
+        change = await self._queue.get()
+        if change is None:
+            self.put(None)  # for whoever asks again
+            raise StopAsyncIteration
+        return change
+
+
+class CellIo:
+    """The cell's inputs and relays. Polls from `connect` to `aclose`; usable as ``async with``.
+
+    Parameters
+    ----------
+    link : connection to the block; not closed by this
+    config : what is wired where
+    on_change : called with every change; must return at once
+    name : what messages call it
+    """
+
+    def __init__(
+        self,
+        link: ModbusLink,
+        config: IoConfig | None = None,
+        on_change: Observer | None = None,
+        name: str = "I/O block",
+    ) -> None:
+        self.config = config or IoConfig()
+        self.name = name
+        self._clock = link.clock
+        self._unit = link.unit(
+            self.config.unit,
+            name,
+            probes=(
+                Request(FunctionCode.READ_INPUT_REGISTERS, MODEL_REGISTER, 1),
+                Request(FunctionCode.READ_INPUT_REGISTERS, MODEL_REGISTER, 2),
+            ),
+            check=f"its power, its network cable, and its unit id {self.config.unit}",
+        )
+        self._on_change = on_change
+        self._believer = Believer(self.config.inputs)
+        self._relay_of = {channel.name: channel.channel for channel in self.config.outputs}
+        self._relays: tuple[bool, ...] | None = None
+        self._switching = asyncio.Lock()
+        self._read_at_s = -math.inf
+        self._watches: set[Watch] = set()
+        self._poller: asyncio.Task[None] | None = None
+
+    async def __aenter__(self) -> Self:
+        await self.connect()
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        await self.aclose()
+
+    async def connect(self) -> str:
+        """Check the model, start polling, return the model name. Switches nothing.
+
+        Raises
+        ------
+        WrongDeviceError : another device answers
+        """
+        model = await self.identify()
+        if self._poller is None:
+            self._poller = asyncio.create_task(self._poll(), name=f"{self.name} poll")
+        return model
+
+    async def aclose(self) -> None:
+        """End polling; relays stay as they are, signals become unknown."""
+        poller, self._poller = self._poller, None
+        if poller is None:
+            return
+        poller.cancel()
+        (outcome,) = await asyncio.gather(poller, return_exceptions=True)
+        self._publish(self._believer.forget(self._clock.now_s()))
+        for watch in self._watches:
+            watch.put(None)
+        if isinstance(outcome, Exception):
+            raise outcome  # a bug ended it early
+
+    async def identify(self) -> str:
+        """Return the model name.
+
+        Raises
+        ------
+        WrongDeviceError : it is not the expected model, or something that tells none
+        """
+        remedy = "check address and unit id, or which device is connected there"
+        try:
+            registers = await self._unit.read_input_registers(MODEL_REGISTER, MODEL_COUNT)
+        except RefusedError as error:
+            raise WrongDeviceError(
+                f"{self._unit}: expected a Moxa {self.config.model}, found {error}; {remedy} "
+                "(its register map may also have been redefined in its web console)"
+            ) from error
+        raw = b"".join(register.to_bytes(2, "big") for register in registers)
+        model = raw.split(b"\0")[0].decode("ascii", "replace").strip()
+        if self.config.model.lower() not in model.lower():
+            raise WrongDeviceError(
+                f"{self._unit}: expected a Moxa {self.config.model}, found {model!r}; {remedy}"
+            )
+        return model
+
+    # --- inputs ---
+
+    def snapshot(self) -> Snapshot:
+        """Return what is known of all inputs at this moment; stale readings count as unknown."""
+        if self._is_stale():
+            return Snapshot(self._read_at_s, dict.fromkeys(self._believer.signals, Signal.UNKNOWN))
+        return Snapshot(self._read_at_s, dict(self._believer.signals))
+
+    def signal(self, name: str) -> Signal:
+        """Return what is known of one input at this moment.
+
+        Raises
+        ------
+        ValueError : no such input
+        """
+        if name not in self._believer.signals:
+            raise ValueError(f"no input {name!r}; there are {', '.join(self._believer.signals)}")
+        return Signal.UNKNOWN if self._is_stale() else self._believer.signals[name]
+
+    def watch(self) -> Watch:
+        """Return all changes from now on: ``with io.watch() as changes: async for ...``."""
+        watch = Watch(self._watches.discard)
+        self._watches.add(watch)
+        return watch
+
+    async def wait_for(self, name: str, signal: Signal) -> None:
+        """Wait until an input is known to be so. Put a time-out around it."""
+        with self.watch() as changes:
+            if self.signal(name) is signal:
+                return
+            async for change in changes:
+                if change.name == name and change.signal is signal:
+                    return
+        raise DeviceError(f"{self.name}: closed while waiting for {name}")
+
+    # --- relays ---
+
+    async def set_outputs(self, outputs: Mapping[str, bool], *, force: bool = False) -> None:
+        """Close (True) or open relays by name, all in one request; others stay as they are.
+
+        Writes only when something changes, unless ``force``.
+
+        Raises
+        ------
+        ValueError : no such output; nothing has been sent
+        LinkError : done or not; the next call asks first
+        """
+        unknown = [name for name in outputs if name not in self._relay_of]
+        if unknown:
+            raise ValueError(f"no output {unknown[0]!r}; there are {', '.join(self._relay_of)}")
+        async with self._switching:
+            known = self._relays
+            if known is None:
+                known = await self._unit.read_coils(FIRST_RELAY, RELAY_COUNT)
+            wanted = list(known)
+            for name, is_closed in outputs.items():
+                wanted[self._relay_of[name]] = is_closed
+            self._relays = known
+            if tuple(wanted) == known and not force:
+                return
+            self._relays = None
+            await self._unit.write_coils(FIRST_RELAY, wanted)
+            self._relays = tuple(wanted)
+
+    async def read_outputs(self) -> dict[str, bool]:
+        """Ask which relays are closed."""
+        async with self._switching:
+            self._relays = await self._unit.read_coils(FIRST_RELAY, RELAY_COUNT)
+            return {name: self._relays[channel] for name, channel in self._relay_of.items()}
+
+    async def has_watchdog_tripped(self) -> bool:
+        """Return whether the block missed us and put its outputs into their safe state."""
+        return (await self._unit.read_coils(WATCHDOG_COIL, 1))[0]
+
+    async def clear_watchdog(self) -> None:
+        """Clear that flag; the relays are then asked for before they are next switched."""
+        async with self._switching:
+            self._relays = None
+            await self._unit.write_coil(WATCHDOG_COIL, True)
+
+    # --- polling ---
+
+    def _is_stale(self) -> bool:
+        return self._clock.now_s() - self._read_at_s > self._stale_s
+
+    @property
+    def _stale_s(self) -> float:
+        return self._clock.timeout_wall_s(self.config.stale_s) * self._clock.speed
+
+    async def _poll(self) -> None:
+        due_s = self._clock.now_s()
+        while True:
+            await self._read_once()
+            due_s = max(due_s + self.config.poll_s, self._clock.now_s())
+            await self._clock.sleep(due_s - self._clock.now_s())
+
+    async def _read_once(self) -> None:
+        at_s = self._clock.now_s()
+        reading = asyncio.ensure_future(self._unit.read_discrete_inputs(FIRST_INPUT, INPUT_COUNT))
+        try:
+            # A silent block holds this up for longer than a reading may be old.
+            fresh_for_s = max(0.0, self._read_at_s + self._stale_s - at_s)
+            await asyncio.wait({reading}, timeout=self._clock.to_wall_s(fresh_for_s))
+            if not reading.done():
+                self._publish(self._believer.forget(self._clock.now_s()))
+            try:
+                bits = await reading
+            except DeviceError as error:
+                self._fail(error)
+                return
+        finally:
+            reading.cancel()
+        if self._clock.now_s() - at_s > self._stale_s:
+            return  # too old on arrival; signals are unknown already
+        self._read_at_s = at_s
+        self._publish(self._believer.take(bits, at_s))
+
+    def _fail(self, error: DeviceError) -> None:
+        if self._read_at_s != -math.inf:
+            log.warning("inputs unknown: %s", error)
+        self._read_at_s = -math.inf
+        self._relays = None  # it may have restarted, with all relays open
+        self._publish(self._believer.forget(self._clock.now_s()))
+
+    def _publish(self, changes: list[Change]) -> None:
+        for change in changes:
+            for watch in tuple(self._watches):
+                watch.put(change)
+            if self._on_change is not None:
+                try:
+                    self._on_change(change)
+                except Exception:  # an observer cannot stop the polling
+                    log.exception("observer of %s failed", self.name)
