@@ -1,0 +1,55 @@
+"""How a part gets shown: grips, views, hand-offs, motions, their forecast, and "why not".
+
+Arrays and dataclasses in, dataclasses out; no files, no clock, no device; same input, same plan.
+The approach is that of planning.md 1.3 and 2.2.
+"""
+
+from ._planner import plan_part
+from ._prepare import PlanOptions, PreparedPart, prepare_part
+from ._select import resting_pose
+from .errors import NoMotionError, NoPlanError, NotGraspableError, OutOfReachError
+from .grip import Grip, GripRules
+from .layout import Box, CellLayout, Jaw, Pace, Tray
+from .plan import (
+    HandOver,
+    Motion,
+    Park,
+    Pick,
+    Place,
+    Plan,
+    Present,
+    Step,
+    TakeBack,
+    Unseen,
+    shown_pose,
+)
+
+__all__ = [
+    "Box",
+    "CellLayout",
+    "Grip",
+    "GripRules",
+    "HandOver",
+    "Jaw",
+    "Motion",
+    "NoMotionError",
+    "NoPlanError",
+    "NotGraspableError",
+    "OutOfReachError",
+    "Pace",
+    "Park",
+    "Pick",
+    "Place",
+    "Plan",
+    "PlanOptions",
+    "PreparedPart",
+    "Present",
+    "Step",
+    "TakeBack",
+    "Tray",
+    "Unseen",
+    "plan_part",
+    "prepare_part",
+    "resting_pose",
+    "shown_pose",
+]

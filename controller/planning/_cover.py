@@ -1,0 +1,136 @@
+"""Which views to take under a pair of grips, and in which order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ._prepare import PreparedPart
+from .layout import FloatArray
+
+View = tuple[int, int]  # which of the grips held in turn (0, 1), direction
+EXACT_ORDER_N = 9
+
+
+def square_views(part: PreparedPart, grips: Sequence[int]) -> list[View]:
+    """Return the best square view of every large planar face that one of the grips can show."""
+    chosen: list[View] = []
+    for v, face_id in enumerate(part.directions.square_to):
+        if face_id < 0 or part.solid.faces[face_id].kind != "plane":
+            continue
+        of_face = (part.samples.face_ids == face_id) & part.visible[v]
+        best: tuple[int, int] | None = None
+        for phase, g in enumerate(grips):
+            if v in part.view_q[g]:
+                count = int(part.shown_by(g)[v][of_face].sum())
+                if best is None or count > best[0]:
+                    best = (count, phase)
+        enough = part.options.square_share * max(1, int(of_face.sum()))
+        if best is not None and best[0] >= enough:
+            chosen.append((best[1], v))
+    return chosen
+
+
+def cover(part: PreparedPart, grips: Sequence[int]) -> list[View]:
+    """Return the views to take: square ones first, then greedily what adds most, none in vain."""
+    weights = part.weights
+    chosen = square_views(part, grips)
+    seen = np.zeros(len(weights), dtype=bool)
+    for phase, v in chosen:
+        seen |= part.shown_by(grips[phase])[v]
+    square_n = len(chosen)
+    candidates = [(phase, v) for phase, g in enumerate(grips) for v in sorted(part.view_q[g])]
+    if not candidates:
+        return chosen
+    shown = np.stack([part.shown_by(grips[phase])[v] for phase, v in candidates])
+    table = shown.astype(np.float32)
+    while len(chosen) < square_n + part.options.max_views:
+        gain = table @ np.where(seen, 0.0, weights).astype(np.float32)
+        k = int(np.argmax(gain))
+        if gain[k] < part.options.least_gain:
+            break
+        chosen.append(candidates[k])
+        seen |= shown[k]
+    # an early pick may have become needless by the later ones
+    for view in chosen[square_n:][::-1]:
+        others = np.zeros(len(weights), dtype=bool)
+        for phase, v in chosen:
+            if (phase, v) != view:
+                others |= part.shown_by(grips[phase])[v]
+        only = part.shown_by(grips[view[0]])[view[1]] & ~others
+        if weights[only].sum() < part.options.least_gain:
+            chosen.remove(view)
+    return chosen
+
+
+def best_order(
+    start: FloatArray, options: Sequence[FloatArray], end: FloatArray | None, speed: FloatArray
+) -> list[tuple[int, int]]:
+    """Order stops for short motion and pick one of the configurations (k, 6) of each.
+
+    Returns
+    -------
+    (stop, configuration) in the order to drive them
+    """
+    n = len(options)
+    if n == 0:
+        return []
+
+    def seconds(a: FloatArray, b: FloatArray) -> FloatArray:
+        return np.asarray((np.abs(a[:, None] - b[None]) / speed).max(axis=2))
+
+    first = [float(seconds(start[None], o).min()) for o in options]
+    last = [0.0 if end is None else float(seconds(o, end[None]).min()) for o in options]
+    between = np.array([[float(seconds(a, b).min()) for b in options] for a in options])
+    order = _held_karp(first, between, last) if n <= EXACT_ORDER_N else _nearest(first, between)
+
+    # the order fixed, the cheapest configurations along it (Viterbi)
+    cost = seconds(start[None], options[order[0]])[0]
+    back: list[FloatArray] = []
+    for a, b in zip(order[:-1], order[1:], strict=True):
+        total = cost[:, None] + seconds(options[a], options[b])
+        back.append(total.argmin(axis=0))
+        cost = total.min(axis=0)
+    if end is not None:
+        cost = cost + seconds(options[order[-1]], end[None])[:, 0]
+    k = int(cost.argmin())
+    picks = [k]
+    for pointers in reversed(back):
+        k = int(pointers[k])
+        picks.append(k)
+    return list(zip(order, picks[::-1], strict=True))
+
+
+def _held_karp(first: list[float], between: FloatArray, last: list[float]) -> list[int]:
+    n = len(first)
+    cost = {(1 << i, i): (first[i], -1) for i in range(n)}
+    for mask in range(1, 1 << n):
+        for i in range(n):
+            if (mask, i) not in cost or not mask & (1 << i):
+                continue
+            base = cost[mask, i][0]
+            for j in range(n):
+                if mask & (1 << j):
+                    continue
+                key = (mask | (1 << j), j)
+                value = base + between[i, j]
+                if key not in cost or value < cost[key][0]:
+                    cost[key] = (value, i)
+    full = (1 << n) - 1
+    i = min(range(n), key=lambda i: cost[full, i][0] + last[i])
+    order, mask = [], full
+    while i >= 0:
+        order.append(i)
+        previous = cost[mask, i][1]
+        mask ^= 1 << i
+        i = previous
+    return order[::-1]
+
+
+def _nearest(first: list[float], between: FloatArray) -> list[int]:
+    order = [int(np.argmin(first))]
+    while len(order) < len(first):
+        left = [j for j in range(len(first)) if j not in order]
+        order.append(min(left, key=lambda j: between[order[-1], j]))
+    return order

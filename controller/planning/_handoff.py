@@ -1,0 +1,171 @@
+"""Passing the part between the hand and the fixed gripper: which pairs of grips can do it.
+
+The part stands where the fixture's grip puts it. It comes in along the fixture's approach, the
+hand leaves along its own; both ways are straight lines on one elbow branch. Taking back is the
+same two lines the other way round, so one table serves both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.cad import inverse_pose
+
+from ._boxes import stack
+from ._scene import Scene, inverse_rows, tip_pose
+from .grip import Grip
+from .layout import Box, CellLayout, FloatArray
+
+WAY_MM = 70.0  # straight in and out
+STEP_MM = 10.0
+CLOSE_MARGIN_MM = 2.0  # between two hands at one part, where both stand still or creep
+PART_MARGIN_MM = 5.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandOff:
+    """One way to pass the part: joints while both hold, and along both lines.
+
+    Attributes
+    ----------
+    q : (6,) both hold
+    entry : (k, 6) from the far end of the part's way in up to `q`
+    retreat : (k, 6) from `q` to where the empty hand is clear
+    """
+
+    q: FloatArray
+    entry: FloatArray
+    retreat: FloatArray
+
+
+def hand_offs(
+    layout: CellLayout, part: Box, fixture_grip: Grip, hand_grips: Sequence[Grip]
+) -> dict[int, HandOff]:
+    """Return how each arm grip (by its place in the sequence) can meet one grip of the fixture.
+
+    Parameters
+    ----------
+    part : the part as a box in its CAD frame
+    """
+    T_fixture = layout.T_world_fixture
+    T_world_part = T_fixture @ inverse_pose(fixture_grip.T_part_hand)
+    T_hold = np.stack([T_world_part @ g.T_part_hand for g in hand_grips])
+    grip, branch, q = inverse_rows(layout, T_hold)
+    if len(grip) == 0:
+        return {}
+    steps = np.arange(1, round(WAY_MM / STEP_MM) + 1) * STEP_MM
+
+    hand_part = _hand_with_part(layout, part, hand_grips)
+    hand_only = _hand_opening(layout, hand_grips)
+    around = Scene(
+        layout, 0.0, fixture_grip.pre_open_mm, ignore=frozenset({"fixture", "fixture fingers"})
+    )
+    gripper = Scene(layout, 0.0, fixture_grip.pre_open_mm)
+    closed = Scene(layout, 0.0, fixture_grip.opening_mm)
+
+    def ok(rows_q: FloatArray, rows_grip: FloatArray) -> FloatArray:
+        """Free with both jaws at any opening they have here, the part clear of all but them."""
+        hand = hand_only[0][rows_grip], hand_only[1][rows_grip]
+        with_part = hand_part[0][rows_grip], hand_part[1][rows_grip]
+        free = gripper.free(rows_q, CLOSE_MARGIN_MM, hand=hand)
+        free &= closed.free(rows_q, CLOSE_MARGIN_MM, hand=hand)
+        free &= around.free(rows_q, PART_MARGIN_MM, hand=with_part)
+        return np.asarray(free)
+
+    keep = np.flatnonzero(ok(q, grip))
+    found: dict[int, HandOff] = {}
+    # at most a few branches per grip are followed along their lines
+    tried: dict[int, int] = {}
+    chosen = []
+    for row in keep:
+        g = int(grip[row])
+        if tried.get(g, 0) < 3:
+            tried[g] = tried.get(g, 0) + 1
+            chosen.append(row)
+    if not chosen:
+        return {}
+    rows = np.array(chosen)
+    forward = T_fixture[:3, 0]
+    T_rows = T_hold[grip[rows]]
+    T_in = np.repeat(T_rows[:, None], len(steps), axis=1)
+    T_in[..., :3, 3] += steps[None, :, None] * forward
+    T_out = np.repeat(T_rows[:, None], len(steps), axis=1)
+    T_out[..., :3, 3] -= steps[None, :, None] * T_rows[:, None, :3, 0]
+    entry = same_branch(layout, T_in, branch[rows])
+    retreat = same_branch(layout, T_out, branch[rows])
+    whole = np.isfinite(entry).all(axis=(1, 2)) & np.isfinite(retreat).all(axis=(1, 2))
+    rows, entry, retreat = rows[whole], entry[whole], retreat[whole]
+    if len(rows) == 0:
+        return {}
+    k = len(steps)
+    owner = np.repeat(grip[rows], k)
+    good = ok(entry.reshape(-1, 6), owner).reshape(-1, k).all(axis=1)
+    hand = hand_only[0][owner], hand_only[1][owner]
+    good &= (
+        closed.free(retreat.reshape(-1, 6), CLOSE_MARGIN_MM, hand=hand).reshape(-1, k).all(axis=1)
+    )
+    for place in np.flatnonzero(good):
+        g = int(grip[rows[place]])
+        if g not in found:
+            contact = q[rows[place]]
+            found[g] = HandOff(
+                contact,
+                fewest_waypoints(layout, np.vstack([entry[place][::-1], contact])),
+                fewest_waypoints(layout, np.vstack([contact, retreat[place]])),
+            )
+    return found
+
+
+def same_branch(layout: CellLayout, T: FloatArray, branch: FloatArray) -> FloatArray:
+    """Return joints (n, k, 6) of poses (n, k, 4, 4) on branch (n,); NaN where it does not exist."""
+    n, k = T.shape[:2]
+    index, found, q = inverse_rows(layout, T.reshape(-1, 4, 4))
+    out = np.full((n * k, 6), np.nan)
+    match = found == np.repeat(branch, k)[index]
+    out[index[match]] = q[match]
+    return out.reshape(n, k, 6)
+
+
+def fewest_waypoints(layout: CellLayout, q: FloatArray, sag_mm: float = 1.5) -> FloatArray:
+    """Thin a straight Cartesian way (k, 6) to the joint waypoints that keep it straight."""
+    kept = [0]
+    while kept[-1] < len(q) - 1:
+        a = kept[-1]
+        b = len(q) - 1
+        while b > a + 1 and _sag(layout, q[a : b + 1]) > sag_mm:
+            b -= 1
+        kept.append(b)
+    return q[kept]
+
+
+def _sag(layout: CellLayout, q: FloatArray) -> float:
+    share = np.linspace(0, 1, len(q))[:, None]
+    straight = tip_pose(layout, q[0] + share * (q[-1] - q[0]))[:, :3, 3]
+    return float(np.linalg.norm(straight - tip_pose(layout, q)[:, :3, 3], axis=1).max())
+
+
+def _hand_opening(layout: CellLayout, grips: Sequence[Grip]) -> tuple[FloatArray, FloatArray]:
+    pairs = [
+        stack([*layout.hand.body, *layout.hand.fingers(g.opening_mm, until_mm=g.pre_open_mm)])
+        for g in grips
+    ]
+    return np.stack([p[0] for p in pairs]), np.stack([p[1] for p in pairs])
+
+
+def _hand_with_part(
+    layout: CellLayout, part: Box, grips: Sequence[Grip]
+) -> tuple[FloatArray, FloatArray]:
+    pairs = [
+        stack(
+            [
+                *layout.hand.body,
+                *layout.hand.fingers(g.opening_mm),
+                part.placed(inverse_pose(g.T_part_hand)),
+            ]
+        )
+        for g in grips
+    ]
+    return np.stack([p[0] for p in pairs]), np.stack([p[1] for p in pairs])

@@ -1,0 +1,111 @@
+"""Taking a resting part off the table, and why it cannot be taken."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.umi_scara.kinematics import limit_report
+
+from ._handoff import CLOSE_MARGIN_MM, PART_MARGIN_MM, fewest_waypoints, same_branch
+from ._prepare import PreparedPart
+from ._scene import Scene, inverse_rows
+from ._select import TABLE_MARGIN_MM, clear_of_table
+from .errors import NoMotionError, NotGraspableError, OutOfReachError
+from .layout import CellLayout, FloatArray
+
+DOWN_MM = 85.0
+LIFT_MM = 85.0
+STEP_MM = 10.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PickWay:
+    """How one arm grip takes the part: joints down (k, 6) to the hold and up (k, 6) from it."""
+
+    grip: int
+    down: FloatArray
+    up: FloatArray
+
+
+def pick_ways(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) -> list[PickWay]:
+    """Return how each arm grip that can takes the part where it lies.
+
+    Raises
+    ------
+    NotGraspableError, OutOfReachError, NoMotionError : none can, with the nearest reason
+    """
+    grips = part.arm_grips
+    x, y = (T_world_part[:3, :3] @ part.solid.centroid_mm + T_world_part[:3, 3])[:2]
+    where = f"{part.solid.name} on the table at ({x:.0f}, {y:.0f})"
+    members = np.flatnonzero(clear_of_table(T_world_part, grips, layout.hand))
+    if len(members) == 0:
+        raise NotGraspableError(
+            f"{where}: lying like this it offers no grip from above that clears the table; "
+            "lay it down another way up"
+        )
+    T_hold = T_world_part @ np.stack([grips[k].T_part_hand for k in members])
+    index, branch, q = inverse_rows(layout, T_hold)
+    if len(index) == 0:
+        raise _out_of_reach(layout, T_hold, where)
+    k = np.arange(1, round(LIFT_MM / STEP_MM) + 1) * STEP_MM
+    T_above = np.repeat(T_hold[index][:, None], len(k), axis=1)
+    T_above[..., :3, 3] -= k[None, :, None] * T_hold[index][:, None, :3, 0]
+    T_up = np.repeat(T_hold[index][:, None], len(k), axis=1)
+    T_up[..., 2, 3] += k
+    above, up = same_branch(layout, T_above, branch), same_branch(layout, T_up, branch)
+    whole = np.isfinite(above).all(axis=(1, 2)) & np.isfinite(up).all(axis=(1, 2))
+    ways: list[PickWay] = []
+    blocked: set[str] = set()
+    for row in np.flatnonzero(whole):
+        grip = grips[members[index[row]]]
+        scene = Scene(layout, grip.pre_open_mm, layout.fixture.max_mm)
+        down = np.vstack([above[row][::-1], q[row]])
+        contacts = scene.contacts(down, CLOSE_MARGIN_MM, table_margin_mm=TABLE_MARGIN_MM)
+        if (contacts >= 0).any():
+            blocked.add(scene.names()[contacts.max()])
+            continue
+        scene = Scene(layout, grip.opening_mm, layout.fixture.max_mm, part.carried_box(grip))
+        lift = np.vstack([q[row], up[row]])
+        contacts = scene.contacts(lift, PART_MARGIN_MM, table_margin_mm=-1.0)
+        if (contacts >= 0).any():
+            blocked.add(scene.names()[contacts.max()])
+            continue
+        ways.append(
+            PickWay(
+                int(members[index[row]]),
+                fewest_waypoints(layout, down),
+                fewest_waypoints(layout, lift),
+            )
+        )
+    if not ways:
+        if blocked:
+            raise NoMotionError(
+                f"{where}: every way down touches {', '.join(sorted(blocked))}; move the part away"
+            )
+        raise _out_of_reach(layout, T_up[:, -1], where)
+    return ways
+
+
+def _out_of_reach(layout: CellLayout, T_tip: FloatArray, where: str) -> OutOfReachError:
+    T = np.linalg.inv(layout.T_world_arm) @ T_tip
+    wrist = T[:, :3, 3] - layout.arm.tool_mm * T[:, :3, 0]
+    reach = np.hypot(wrist[:, 0], wrist[:, 1])
+    limit = layout.arm.upper_mm + layout.arm.fore_mm
+    best = float(reach.min())
+    if best > limit:
+        text = f"{where}: {best:.0f} mm asked of the wrist, the arm reaches {limit:.0f} mm; move it closer"
+    else:
+        text = f"{where}: {_nearest_limit(layout, T_tip)}; turn the part or move it"
+    return OutOfReachError(text, reach_mm=best, limit_mm=limit, where=where)
+
+
+def _nearest_limit(layout: CellLayout, T_tip: FloatArray) -> str:
+    """Name the joint limit that is passed by the least, over all ways to hold the hand there."""
+    from drivers.umi_scara.kinematics import inverse
+
+    q, _ = inverse(np.linalg.inv(layout.T_world_arm) @ T_tip, layout.arm)
+    q = q.reshape(-1, 6)
+    q = q[np.isfinite(q).all(axis=1)]
+    return limit_report(q[0]) if len(q) else "beyond the arm's reach"

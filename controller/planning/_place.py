@@ -1,0 +1,123 @@
+"""Putting the part into a tray: set down flat if the last grip allows, else let go leaning."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.cad import inverse_pose
+
+from ._handoff import fewest_waypoints, same_branch
+from ._prepare import PreparedPart
+from ._scene import Scene, inverse_rows
+from .grip import Grip
+from .layout import CellLayout, FloatArray, Tray
+
+RELEASE_MM = 3.0  # above the tray's floor
+UP_MM = 100.0
+STEP_MM = 10.0
+MARGIN_MM = 3.0
+TRIED_N = 60
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlaceWay:
+    """Joints down (k, 6) to where the part is let go, up (k, 6) from there."""
+
+    down: FloatArray
+    up: FloatArray
+    T_world_part: FloatArray
+    tilt_rad: float
+
+
+def place_ways(
+    part: PreparedPart, layout: CellLayout, grip: Grip, tray: Tray, count: int = 4
+) -> list[PlaceWay]:
+    """Return ways to let the part go in a tray with one grip, flattest first."""
+    R_all = _hand_orientations()
+    hull = np.asarray(part.solid.mesh.convex_hull.vertices)
+    R_part_hand = grip.T_part_hand[:3, :3]
+    T_part = np.tile(np.eye(4), (len(R_all), 1, 1))
+    T_part[:, :3, :3] = R_all @ R_part_hand.T
+    tilts = np.arccos(
+        np.clip(np.stack([T_part[:, 2, :3] @ p.R[2] for p in part.poses], axis=1), -1, 1)
+    ).min(axis=1)
+    # part axes to world axes of a resting pose exactly, where the hand comes nearly like that
+    for k in np.flatnonzero(tilts > 1e-6):
+        if tilts[k] < np.radians(3.0):
+            T_part[k, :3, :3] = _flattened(T_part[k, :3, :3], part)
+            tilts[k] = 0.0
+    centre = T_part[:, :3, :3] @ part.solid.centroid_mm
+    lowest = np.einsum("nj,kj->nk", T_part[:, 2, :3], hull).min(axis=1)
+    T_part[:, 0, 3] = tray.centre_mm[0] - centre[:, 0]
+    T_part[:, 1, 3] = tray.centre_mm[1] - centre[:, 1]
+    T_part[:, 2, 3] = RELEASE_MM - lowest
+    T_hold = T_part @ grip.T_part_hand
+    index, branch, q = inverse_rows(layout, T_hold)
+    if len(index) == 0:
+        return []
+    order = np.argsort(np.round(tilts[index], 2), kind="stable")
+    shut = Scene(layout, grip.opening_mm, layout.fixture.max_mm, part.carried_box(grip))
+    open_ = Scene(layout, grip.pre_open_mm, layout.fixture.max_mm)
+    good = shut.free(q[order], MARGIN_MM, table_margin_mm=1.0)
+    good &= open_.free(q[order], MARGIN_MM)
+    order = order[good][:TRIED_N]
+    if len(order) == 0:
+        return []
+    k = np.arange(1, round(UP_MM / STEP_MM) + 1) * STEP_MM
+    T_down = np.repeat(T_hold[index[order]][:, None], len(k), axis=1)
+    T_down[..., 2, 3] += k
+    T_up = np.repeat(T_hold[index[order]][:, None], len(k), axis=1)
+    T_up[..., :3, 3] -= k[None, :, None] * T_hold[index[order]][:, None, :3, 0]
+    down, up = same_branch(layout, T_down, branch[order]), same_branch(layout, T_up, branch[order])
+    ways: list[PlaceWay] = []
+    for place, row in enumerate(order):
+        if not (np.isfinite(down[place]).all() and np.isfinite(up[place]).all()):
+            continue
+        if not shut.free(down[place], MARGIN_MM, table_margin_mm=1.0).all():
+            continue
+        if not open_.free(up[place], MARGIN_MM).all():
+            continue
+        ways.append(
+            PlaceWay(
+                fewest_waypoints(layout, np.vstack([down[place][::-1], q[row]])),
+                fewest_waypoints(layout, np.vstack([q[row], up[place]])),
+                T_hold[index[row]] @ inverse_pose(grip.T_part_hand),
+                float(tilts[index[row]]),
+            )
+        )
+        if len(ways) == count:
+            break
+    return ways
+
+
+def _hand_orientations() -> FloatArray:
+    """Return hand rotations (n, 3, 3) over pitch, heading and roll, straight down first."""
+    found = []
+    for pitch in np.radians([-90.0, -75.0, -60.0, -45.0, -30.0, -15.0, 0.0]):
+        headings = [0.0] if pitch < np.radians(-89) else np.radians(np.arange(-180, 180, 20.0))
+        for heading in headings:
+            for roll in np.radians(np.arange(-180, 180, 15.0)):
+                ch, sh = np.cos(heading), np.sin(heading)
+                cp, sp = np.cos(pitch), np.sin(pitch)
+                cr, sr = np.cos(roll), np.sin(roll)
+                x = np.array([ch * cp, sh * cp, sp])
+                y0, z0 = np.array([-sh, ch, 0.0]), np.array([-ch * sp, -sh * sp, cp])
+                found.append(np.column_stack([x, cr * y0 + sr * z0, cr * z0 - sr * y0]))
+    return np.stack(found)
+
+
+def _flattened(R: FloatArray, part: PreparedPart) -> FloatArray:
+    """Turn a nearly resting orientation by the little it takes to rest exactly."""
+    ups = np.stack([p.R[2] for p in part.poses])
+    up = ups[int(np.argmax(ups @ R[2]))]
+    now = R @ up  # nearly +z
+    axis = np.cross(now, [0.0, 0.0, 1.0])
+    s, c = float(np.linalg.norm(axis)), float(now[2])
+    if s < 1e-12:
+        return R
+    k = axis / s
+    K = np.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
+    out: FloatArray = (np.eye(3) + s * K + (1 - c) * (K @ K)) @ R
+    return out

@@ -1,0 +1,444 @@
+"""From a part lying on the table to the steps that show its surface and sort it.
+
+Pairs of grips are ranked by what they can show between them and by seconds; the best ones are
+worked out with all motions until one goes through. Same input, same plan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from controller.cad import Solid, StablePose, SurfaceSamples
+
+from ._boxes import BoolArray, segments_hit
+from ._cover import View, best_order, cover
+from ._handoff import HandOff
+from ._motion import connect, move_seconds
+from ._pick import PickWay, pick_ways
+from ._place import place_ways
+from ._prepare import PlanOptions, PreparedPart, prepare_part
+from ._scene import Scene
+from ._why import unseen_pieces
+from .errors import NoMotionError, NoPlanError, OutOfReachError
+from .grip import Grip
+from .layout import CellLayout, FloatArray
+from .plan import HandOver, Motion, Park, Pick, Place, Plan, Present, Step, TakeBack, shown_pose
+
+SQUARE_WORTH = 0.3  # a main face seen square counts this much of its area on top
+RANKED_N = 24  # grip sequences whose views are worked out
+BUILT_N = 8  # grip sequences whose motions are tried
+SHADOW_LOSS = 0.005  # of the surface; configurations hiding more than the best one are dropped
+MOTION_TRIES = 12
+
+
+@dataclass(frozen=True, slots=True)
+class _Sequence:
+    """A grip to pick with and, unless it does alone, a fixture grip and a grip after."""
+
+    first: int
+    fixture: int = -1
+    second: int = -1
+
+    @property
+    def grips(self) -> tuple[int, ...]:
+        return (self.first,) if self.second < 0 else (self.first, self.second)
+
+
+@dataclass(slots=True)
+class _Build:
+    """Steps so far, and where the arm stands."""
+
+    q: FloatArray
+    steps: list[Step] = field(default_factory=list)
+
+
+def plan_part(
+    solid: Solid,
+    samples: SurfaceSamples,
+    stable_pose: StablePose,
+    T_world_part: FloatArray,
+    layout: CellLayout,
+    rng_seed: int = 0,
+    options: PlanOptions | None = None,
+    prepared: PreparedPart | None = None,
+) -> Plan:
+    """Return the steps that pick, show, pass over, show and place a part.
+
+    Parameters
+    ----------
+    stable_pose : which way up it lies; T_world_part : (4, 4) where
+    prepared : of `prepare_part` for the same solid, samples and layout; made here if None
+
+    Raises
+    ------
+    NoPlanError : and its kinds, with one sentence: what, where, what to do
+    """
+    part = prepared or prepare_part(solid, samples, layout, options)
+    picks = pick_ways(part, layout, T_world_part)
+    pickable = sorted({way.grip for way in picks})
+    ranked = _ranked(part, layout, pickable)
+    failure: NoPlanError | None = None
+    for sequence, views in ranked[:BUILT_N]:
+        ways = [w for w in picks if w.grip == sequence.first]
+        for way in sorted(ways, key=lambda w: move_seconds(layout, [layout.park_q, w.down[0]]))[:2]:
+            try:
+                return _Planner(part, layout, T_world_part, rng_seed).build(
+                    sequence, way, views, pickable, stable_pose
+                )
+            except NoPlanError as error:
+                failure = failure or error
+    raise failure or NoMotionError(
+        f"{solid.name}: no view can be shown with any of the {len(pickable)} grips that can pick it"
+    )
+
+
+def _ranked(
+    part: PreparedPart, layout: CellLayout, pickable: Sequence[int]
+) -> list[tuple[_Sequence, list[View]]]:
+    """Return grip sequences with their views, the best first."""
+    options, weights = part.options, part.weights
+    covered = part.covered.astype(np.float32) * weights.astype(np.float32)
+    own = covered.sum(axis=1)
+    both = own[:, None] + own[None] - covered @ part.covered.T.astype(np.float32)
+    faces, square = _squares(part)
+    single = own + SQUARE_WORTH * (square @ faces)
+    pair = (
+        both
+        + SQUARE_WORTH * np.einsum("gf,hf,f->gh", 1.0 - square, 1.0 - square, -faces)
+        + SQUARE_WORTH * faces.sum()
+    )
+    found: list[tuple[float, float, _Sequence]] = []
+    able = set(pickable)
+    for f, table in enumerate(part.hand_offs):
+        members = sorted(table)
+        for g in members:
+            if g not in able:
+                continue
+            for h in members:
+                if h != g:
+                    turn_s = np.abs(table[g].retreat[-1] - table[h].retreat[-1])
+                    seconds = float((turn_s / np.array(layout.pace.joint_per_s)).max())
+                    risk = 3.0 - sum(
+                        x.score
+                        for x in (part.arm_grips[g], part.arm_grips[h], part.fixture_grips[f])
+                    )
+                    found.append((float(pair[g, h]), seconds + 6.0 * risk, _Sequence(g, f, h)))
+    alone = [
+        (float(single[g]), 6.0 * (1.0 - part.arm_grips[g].score), _Sequence(g)) for g in pickable
+    ]
+    best_pair = max((v for v, *_ in found), default=-1.0)
+    best_alone = max((v for v, *_ in alone), default=-1.0)
+    # nearly equal worth is equal: then the quicker and surer one
+    found.sort(key=lambda c: (-np.floor((c[0] - best_pair) / 0.004), c[1], c[2].grips))
+    alone.sort(key=lambda c: (-np.floor((c[0] - best_alone) / 0.004), c[1], c[2].grips))
+    if best_pair >= best_alone + options.hand_off_gain:
+        ordered = found[:RANKED_N] + alone[:3]
+    else:
+        ordered = alone[:RANKED_N] + found[:3]
+    result = []
+    for place, (_, seconds, sequence) in enumerate(ordered):
+        views = cover(part, sequence.grips)
+        if views:
+            cost = seconds + len(views) * (layout.pace.look_s + 2.0)
+            kind = 0 if place < RANKED_N else 1
+            seen = np.zeros(len(weights), dtype=bool)
+            for phase, v in views:
+                seen |= part.shown_by(sequence.grips[phase])[v]
+            result.append((kind, -round(float(weights[seen].sum()), 2), cost, sequence, views))
+    result.sort(key=lambda r: (r[0], r[1], r[2], r[3].grips, r[3].fixture))
+    return [(sequence, views) for *_, sequence, views in result]
+
+
+def _squares(part: PreparedPart) -> tuple[FloatArray, FloatArray]:
+    """Return the area share of each main face (f,) and which grips show it square (g, f)."""
+    main = [
+        (v, int(face_id))
+        for v, face_id in enumerate(part.directions.square_to)
+        if face_id >= 0 and part.solid.faces[face_id].kind == "plane"
+    ]
+    shares, square = [], np.zeros((len(part.arm_grips), len(main)))
+    for column, (v, face_id) in enumerate(main):
+        of_face = (part.samples.face_ids == face_id) & part.visible[v]
+        shares.append(float(part.weights[of_face].sum()))
+        for g in range(len(part.arm_grips)):
+            if v in part.view_q[g] and of_face.any():
+                share = float(part.shown_by(g)[v][of_face].mean())
+                square[g, column] = share if share >= part.options.square_share else 0.0
+    return np.array(shares), square
+
+
+class _Planner:
+    """Works one grip sequence out to the last waypoint."""
+
+    def __init__(
+        self, part: PreparedPart, layout: CellLayout, T_world_part: FloatArray, seed: int
+    ) -> None:
+        self._part = part
+        self._layout = layout
+        self._T_start = T_world_part
+        self._seed = seed
+        self._seen: BoolArray = np.zeros(len(part.samples.points_mm), dtype=bool)
+
+    def build(
+        self,
+        sequence: _Sequence,
+        way: PickWay,
+        views: Sequence[View],
+        pickable: Sequence[int],
+        stable_pose: StablePose,
+    ) -> Plan:
+        """Return the whole plan.
+
+        Raises
+        ------
+        NoPlanError : one of the motions cannot be done
+        """
+        part, layout = self._part, self._layout
+        build = _Build(layout.park_q)
+        self._pick(build, way)
+        passing = part.hand_offs[sequence.fixture] if sequence.second >= 0 else {}
+        leave = passing.get(sequence.first)
+        self._show(build, sequence, 0, views, leave)
+        if leave is not None:
+            self._pass_over(build, sequence, leave, passing[sequence.second])
+            self._show(build, sequence, 1, views, None)
+        last = part.arm_grips[sequence.grips[-1]]
+        place, park = self._sort(build, last)
+        slowest = max(place[t].seconds + park[t].seconds for t in place)
+        reach = set(pickable)
+        for table in part.hand_offs:
+            if reach & set(table):
+                reach |= set(table)
+        grips = [part.arm_grips[g] for g in sequence.grips]
+        if leave is not None:
+            grips.insert(1, part.fixture_grips[sequence.fixture])
+        return Plan(
+            steps=tuple(build.steps),
+            place=place,
+            park=park,
+            forecast_s=sum(s.seconds for s in build.steps) + slowest,
+            covered_fraction=float(part.weights[self._seen].sum()),
+            reachable_fraction=float(part.weights[part.covered.any(axis=0)].sum()),
+            unseen=unseen_pieces(part, layout, self._seen, sequence.grips, reach),
+            grips=tuple(grips),
+        )
+
+    def _connect(self, build: _Build, q: FloatArray, scene: Scene, what: str) -> Motion:
+        motion = connect(build.q, q, scene, f"{self._part.solid.name}: {what}", self._seed)
+        return motion
+
+    def _seconds(self, start: FloatArray, *motions: Sequence[FloatArray]) -> float:
+        return move_seconds(self._layout, [start, *(q for m in motions for q in m)])
+
+    def _carrying(self, grip: Grip) -> Scene:
+        return Scene(
+            self._layout,
+            grip.opening_mm,
+            self._layout.fixture.max_mm,
+            self._part.carried_box(grip),
+        )
+
+    def _pick(self, build: _Build, way: PickWay) -> None:
+        part, layout = self._part, self._layout
+        grip = part.arm_grips[way.grip]
+        lying = part.part_box.placed(self._T_start)
+        scene = Scene(layout, grip.pre_open_mm, layout.fixture.max_mm, standing=(lying,))
+        motion_in = self._connect(build, way.down[0], scene, "way to the pick")
+        down, up = tuple(way.down[1:]), tuple(way.up[1:])
+        seconds = self._seconds(build.q, motion_in, down, up) + layout.pace.grip_s
+        build.steps.append(
+            Pick(
+                seconds=seconds,
+                label=f"pick with grip {grip.id}, {grip.opening_mm:.1f} mm",
+                grip=grip,
+                motion_in=motion_in,
+                pre_open_mm=grip.pre_open_mm,
+                motion_down=down,
+                expected_opening_mm=grip.opening_mm,
+                motion_up=up,
+            )
+        )
+        build.q = way.up[-1]
+
+    def _show(
+        self,
+        build: _Build,
+        sequence: _Sequence,
+        phase: int,
+        views: Sequence[View],
+        leave: HandOff | None,
+    ) -> None:
+        """Add the views of one holding phase; views without a way are dropped, not the plan."""
+        part, layout = self._part, self._layout
+        g = sequence.grips[phase]
+        grip = part.arm_grips[g]
+        scene = self._carrying(grip)
+        todo = {v: self._clear_configurations(grip, g, v, scene) for p, v in views if p == phase}
+        speed = np.array(layout.pace.joint_per_s)
+        end = None if leave is None else leave.entry[0]
+        tries = 0
+        while todo:
+            names = list(todo)
+            order = best_order(build.q, [todo[v] for v in names], end, speed)
+            i, k = order[0]
+            v = names[i]
+            q = todo[v][k]
+            try:
+                motion = self._connect(build, q, scene, f"way to view {v}")
+            except NoMotionError:
+                tries += 1
+                todo[v] = np.delete(todo[v], k, axis=0)
+                if len(todo[v]) == 0 or tries > MOTION_TRIES:
+                    del todo[v]
+                continue
+            del todo[v]
+            self._present(build, grip, g, v, q, motion, scene)
+
+    def _clear_configurations(self, grip: Grip, g: int, v: int, scene: Scene) -> FloatArray:
+        """Return the configurations of a view in which the arm's links hide the least."""
+        rows = self._part.view_q[g][v]
+        shares = np.array(
+            [self._part.weights[self._in_sight(grip, g, v, q, scene)].sum() for q in rows]
+        )
+        kept: FloatArray = rows[shares >= shares.max() - SHADOW_LOSS]
+        return kept
+
+    def _in_sight(self, grip: Grip, g: int, v: int, q: FloatArray, scene: Scene) -> BoolArray:
+        part, layout = self._part, self._layout
+        seen = part.shown_by(g)[v].copy()
+        T = shown_pose(layout, q, grip.T_part_hand)
+        points = part.samples.points_mm[seen] @ T[:3, :3].T + T[:3, 3]
+        hidden = segments_hit(points, layout.inspection.position_mm, scene.arm_boxes(q))
+        seen[np.flatnonzero(seen)[hidden]] = False
+        return seen
+
+    def _present(
+        self,
+        build: _Build,
+        grip: Grip,
+        g: int,
+        v: int,
+        q: FloatArray,
+        motion: Motion,
+        scene: Scene,
+    ) -> None:
+        part, layout = self._part, self._layout
+        seen = self._in_sight(grip, g, v, q, scene)
+        self._seen |= seen
+        face_id = int(part.directions.square_to[v])
+        label = f"show with grip {grip.id}"
+        if face_id >= 0:
+            label += f", square to {part.solid.faces[face_id].label}"
+        build.steps.append(
+            Present(
+                seconds=self._seconds(build.q, motion) + layout.pace.look_s,
+                label=label,
+                view_id=f"{grip.id}-V{v}",
+                grip=grip,
+                motion=motion,
+                q=q,
+                T_world_part=shown_pose(layout, q, grip.T_part_hand),
+                direction_part=part.directions.vectors[v],
+                seen=seen,
+                square_to=face_id,
+                expected_opening_mm=grip.opening_mm,
+            )
+        )
+        build.q = q
+
+    def _pass_over(self, build: _Build, sequence: _Sequence, leave: HandOff, take: HandOff) -> None:
+        part, layout = self._part, self._layout
+        first, second = part.arm_grips[sequence.first], part.arm_grips[sequence.second]
+        held = part.fixture_grips[sequence.fixture]
+        pace = layout.pace
+        scene = Scene(layout, first.opening_mm, held.pre_open_mm, part.carried_box(first))
+        motion = (
+            *self._connect(build, leave.entry[0], scene, "way to the fixture"),
+            *leave.entry[1:],
+        )
+        retreat = tuple(leave.retreat[1:])
+        build.steps.append(
+            HandOver(
+                seconds=self._seconds(build.q, motion, retreat) + pace.grip_s + pace.release_s,
+                label=f"hand over to the fixture, grip {held.id}",
+                grip=first,
+                fixture_grip=held,
+                fixture_pre_open_mm=held.pre_open_mm,
+                motion=motion,
+                fixture_expected_opening_mm=held.opening_mm,
+                hand_open_mm=first.pre_open_mm,
+                retreat=retreat,
+            )
+        )
+        build.q = leave.retreat[-1]
+        T_part = shown_pose(layout, leave.q, first.T_part_hand)
+        standing = part.part_box.placed(T_part)
+        widest = max(first.pre_open_mm, second.pre_open_mm)
+        scene = Scene(layout, widest, held.opening_mm, standing=(standing,))
+        way = take.retreat[::-1]
+        motion_in = self._connect(build, way[0], scene, "way round the fixture")
+        motion_out = tuple(take.entry[::-1][1:])
+        build.steps.append(
+            TakeBack(
+                seconds=self._seconds(build.q, motion_in, way[1:], motion_out)
+                + pace.grip_s
+                + pace.release_s,
+                label=f"take back with grip {second.id}, {second.opening_mm:.1f} mm",
+                grip=second,
+                fixture_grip=held,
+                motion_in=motion_in,
+                pre_open_mm=second.pre_open_mm,
+                approach=tuple(way[1:]),
+                expected_opening_mm=second.opening_mm,
+                fixture_open_mm=held.pre_open_mm,
+                motion_out=motion_out,
+            )
+        )
+        build.q = take.entry[0]
+
+    def _sort(self, build: _Build, grip: Grip) -> tuple[dict[str, Place], dict[str, Park]]:
+        part, layout = self._part, self._layout
+        place: dict[str, Place] = {}
+        park: dict[str, Park] = {}
+        carrying = self._carrying(grip)
+        for name, tray in layout.trays.items():
+            failure: NoPlanError = OutOfReachError(
+                f"{part.solid.name}: grip {grip.id} cannot let it go anywhere over tray {name} at "
+                f"({tray.centre_mm[0]:.0f}, {tray.centre_mm[1]:.0f}); move the tray nearer",
+                reach_mm=float(np.hypot(*tray.centre_mm)),
+                limit_mm=layout.arm.upper_mm + layout.arm.fore_mm,
+                where=f"tray {name}",
+            )
+            for way in place_ways(part, layout, grip, tray):
+                try:
+                    motion = self._connect(build, way.down[0], carrying, f"way to tray {name}")
+                    empty = Scene(layout, grip.pre_open_mm, layout.fixture.max_mm)
+                    home = connect(
+                        way.up[-1], layout.park_q, empty, f"{part.solid.name}: way home", self._seed
+                    )
+                except NoMotionError as error:
+                    failure = error
+                    continue
+                down, up = tuple(way.down[1:]), tuple(way.up[1:])
+                place[name] = Place(
+                    seconds=self._seconds(build.q, motion, down, up) + layout.pace.release_s,
+                    label=f"place in tray {name}",
+                    tray=name,
+                    grip=grip,
+                    motion=motion,
+                    motion_down=down,
+                    open_mm=grip.pre_open_mm,
+                    motion_up=up,
+                    T_world_part=way.T_world_part,
+                    tilt_rad=way.tilt_rad,
+                )
+                park[name] = Park(
+                    seconds=self._seconds(way.up[-1], home), label="park", motion=home
+                )
+                break
+            else:
+                raise failure
+        return place, park

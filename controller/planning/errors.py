@@ -1,0 +1,30 @@
+"""Why there is no plan, sorted by what the caller can do about it."""
+
+from __future__ import annotations
+
+
+class NoPlanError(Exception):
+    """Root: this part, lying like this in this cell, cannot be handled."""
+
+
+class NotGraspableError(NoPlanError):
+    """No grip of the CAD model holds: another gripper or finger is needed, or another start pose."""
+
+
+class OutOfReachError(NoPlanError):
+    """The arm does not get there: move the part (or the thing named).
+
+    Attributes
+    ----------
+    reach_mm, limit_mm : what was asked of the wrist, and what the arm has; where : what for
+    """
+
+    def __init__(self, message: str, *, reach_mm: float, limit_mm: float, where: str) -> None:
+        super().__init__(message)
+        self.reach_mm = reach_mm
+        self.limit_mm = limit_mm
+        self.where = where
+
+
+class NoMotionError(NoPlanError):
+    """Both ends can be held, but no collision-free way between them was found."""

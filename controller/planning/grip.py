@@ -1,0 +1,375 @@
+"""Where a parallel jaw can hold a part: seeds from opposed faces and walls, one evaluator for all.
+
+Seeds come from exactly opposed planar faces (their overlap as polygons) and from rays through the
+walls (curved, drafted, between a bore and a rim). Every seed is judged alike: rays from both pads
+inwards give the true contact, its area and offset, the jaw opening and the centring shift
+(planning.md 2.2). Clearance of the open hand and of its way in is checked on the mesh.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import fcl
+import numpy as np
+import shapely
+
+from controller.cad import RayCaster, Solid, SurfaceSamples
+
+from ._boxes import BoolArray
+from .errors import NotGraspableError
+from .layout import Box, FloatArray, Jaw
+
+Holder = Literal["arm", "fixture"]
+OPPOSED_COS = np.cos(np.radians(2.0))
+
+
+@dataclass(frozen=True, slots=True)
+class GripRules:
+    """What counts as a grip; each with its reason."""
+
+    friction: float = 0.6  # rubber pads on machined aluminium, dry
+    force_n: float = 40.0  # the arm's hand; the fixture is stronger
+    density_kg_mm3: float = 2.7e-6  # aluminium
+    max_load: float = 0.8  # share of the friction limit that weight may use, worst attitude
+    compliance_mm: float = 0.4  # pads give this much, so that near-touching cells carry
+    min_contact_mm2: float = 24.0  # per pad; less is a line or a corner
+    max_offset_mm: float = 4.0  # between the two contacts along the pads: more tips the part
+    clearance_mm: float = 4.0  # per finger while open, for 1-2 mm of pose error
+    jaw_reserve_mm: float = 5.0  # of the full opening, so that the open hand gets over the part
+    approach_mm: float = 70.0  # straight way in and out
+    ray_step_mm: float = 2.0
+    seeds_n: int = 150
+    spin_n: int = 12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grip:
+    """One way to hold the part.
+
+    Attributes
+    ----------
+    T_part_hand : (4, 4) tip frame of the jaw in the part's CAD frame while it holds
+    opening_mm, pre_open_mm : jaw width holding, and before and after
+    contact_mm2 : of the smaller of both contacts; load : share of the friction limit in use
+    score : 0..1, larger is surer
+    """
+
+    id: str
+    T_part_hand: FloatArray
+    opening_mm: float
+    pre_open_mm: float
+    contact_mm2: float
+    load: float
+    score: float
+    holder: Holder
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seeds:
+    middle: FloatArray  # (n, 3)
+    axis: FloatArray  # (n, 3) the jaws' axis
+    gap: FloatArray  # (n,)
+
+
+def synthesise_grips(
+    solid: Solid,
+    samples: SurfaceSamples,
+    caster: RayCaster,
+    jaw: Jaw,
+    holder: Holder,
+    downs: FloatArray,
+    rules: GripRules,
+) -> tuple[Grip, ...]:
+    """Return every grip of one jaw on the part that holds and is clear of the part.
+
+    Parameters
+    ----------
+    downs : (k, 3) which way is down, in the part frame, in each stable pose
+
+    Raises
+    ------
+    NotGraspableError : no two walls can be held
+    """
+    widest = jaw.max_mm - rules.jaw_reserve_mm
+    seeds = _join(_plane_seeds(solid, widest), _wall_seeds(solid, samples, caster, widest, rules))
+    if len(seeds.gap) == 0:
+        raise NotGraspableError(
+            f"{solid.name}: no two opposed walls at most {widest:.0f} mm apart; "
+            "fit a wider jaw or other fingers"
+        )
+    T, gap = _candidates(solid, seeds, jaw, downs, rules)
+    found = _contacts(solid, caster, T, gap, jaw, rules)
+    clear = _clearances(solid, found, jaw, rules)
+    grips = []
+    for k in np.flatnonzero(clear):
+        area, load = float(found.area[k]), float(found.load[k])
+        score = min(1.0, area / 120.0) * (1.0 - load) * (1.0 - found.offset[k] / 12.0)
+        grips.append(
+            Grip(
+                f"{holder[0].upper()}{len(grips)}",
+                found.T[k],
+                float(found.opening[k]),
+                _pre_open(float(found.opening[k]), jaw, rules),
+                area,
+                load,
+                float(score),
+                holder,
+            )
+        )
+    if not grips:
+        raise NotGraspableError(
+            f"{solid.name}: {len(T)} grips of the {holder} tried, none touches enough wall on both "
+            f"sides ({rules.min_contact_mm2:.0f} mm2) clear of the part; fit other fingers"
+        )
+    return tuple(grips)
+
+
+def _pre_open(opening_mm: float, jaw: Jaw, rules: GripRules) -> float:
+    return min(jaw.max_mm, opening_mm + 2 * rules.clearance_mm)
+
+
+def _join(a: _Seeds, b: _Seeds) -> _Seeds:
+    return _Seeds(
+        np.vstack([a.middle, b.middle]),
+        np.vstack([a.axis, b.axis]),
+        np.concatenate([a.gap, b.gap]),
+    )
+
+
+def _plane_seeds(solid: Solid, widest_mm: float) -> _Seeds:
+    """Return seeds in the overlap of exactly opposed planar faces."""
+    planes = [f for f in solid.faces if f.kind == "plane" and f.area_mm2 > 40.0]
+    middle, axis, gaps = [], [], []
+    shapes: dict[tuple[int, int], shapely.Geometry] = {}
+    corners = np.asarray(solid.mesh.triangles)
+    for i, a in enumerate(planes):
+        for j in range(i + 1, len(planes)):
+            b = planes[j]
+            if a.normal @ b.normal > -OPPOSED_COS:
+                continue
+            gap = float((a.centre_mm - b.centre_mm) @ a.normal)
+            if not 1.0 < gap <= widest_mm:
+                continue
+            u, v = _across(a.normal)
+            for k, f in ((i, a), (j, b)):
+                if (i, k) not in shapes:
+                    flat = corners[solid.face_of_triangle == f.id] @ np.column_stack([u, v])
+                    shapes[i, k] = shapely.union_all(shapely.polygons(flat), grid_size=1e-4)
+            common = shapely.intersection(shapes[i, i], shapes[i, j])
+            if common.area < 20.0:
+                continue
+            height = float((a.centre_mm + b.centre_mm) @ a.normal) / 2
+            for x, y in _inside(common):
+                middle.append(x * u + y * v + height * a.normal)
+                axis.append(a.normal)
+                gaps.append(gap)
+    return _Seeds(
+        np.reshape(middle, (-1, 3)), np.reshape(axis, (-1, 3)), np.array(gaps, dtype=float)
+    )
+
+
+def _inside(shape: shapely.Geometry, step_mm: float = 12.0, most: int = 24) -> list[FloatArray]:
+    """Return points of a polygon: one surely inside, its centroid, and a grid."""
+    x0, y0, x1, y1 = shape.bounds
+    step = max(step_mm, float(np.sqrt(shape.area / most)))
+    xs = np.arange(x0 + step / 2, x1, step)
+    ys = np.arange(y0 + step / 2, y1, step)
+    grid = np.array(np.meshgrid(xs, ys)).reshape(2, -1).T
+    sure, centroid = shape.representative_point(), shape.centroid
+    points = np.vstack([[sure.x, sure.y], [centroid.x, centroid.y], grid])
+    keep = shapely.contains_xy(shape, points[:, 0], points[:, 1])
+    keep[0] = True
+    return list(points[keep])
+
+
+def _wall_seeds(
+    solid: Solid,
+    samples: SurfaceSamples,
+    caster: RayCaster,
+    widest_mm: float,
+    rules: GripRules,
+) -> _Seeds:
+    """Return seeds across walls: from each sample through the material to the next way out, and
+    right across the part to its far side.
+    """
+    p, n = samples.points_mm, samples.normals
+    face_normals = np.asarray(solid.mesh.face_normals)
+    cone = np.cos(np.arctan(rules.friction))
+    triangle, depth = caster.first_hit(p - 0.02 * n, -n)
+    through = (triangle >= 0) & (depth > 0.5) & (depth <= widest_mm)
+    through &= np.einsum("ij,ij->i", face_normals[triangle], -n) >= cone
+    outside = widest_mm + 1.0
+    triangle, depth = caster.first_hit(p - outside * n, n)
+    across = (triangle >= 0) & (depth > 1.0) & (depth < outside - 0.5)
+    across &= np.einsum("ij,ij->i", face_normals[triangle], -n) >= cone
+    middle, axis, gap = [], [], []
+    for ok, far in ((through, None), (across, outside - depth)):
+        width = caster.first_hit(p[ok] - 0.02 * n[ok], -n[ok])[1] if far is None else far[ok]
+        middle.append(p[ok] - n[ok] * width[:, None] / 2)
+        axis.append(n[ok])
+        gap.append(width)
+    middles, axes, gaps = np.vstack(middle), np.vstack(axis), np.concatenate(gap)
+    # a grip seen from the other side is the same grip
+    sign = np.where((axes @ np.array([0.9511, 0.2839, 0.1213])) < 0, -1.0, 1.0)
+    features = np.hstack([middles / 15.0, axes * sign[:, None], gaps[:, None] / 20.0])
+    chosen = farthest(features, rules.seeds_n)
+    return _Seeds(middles[chosen], axes[chosen], gaps[chosen])
+
+
+def farthest(features: FloatArray, count: int, start: int = 0) -> list[int]:
+    """Return up to `count` indices spread over the features (n, d), greedily the farthest next."""
+    if len(features) == 0:
+        return []
+    chosen = [start]
+    distance = np.linalg.norm(features - features[start], axis=1)
+    while len(chosen) < min(count, len(features)):
+        k = int(np.argmax(distance))
+        if distance[k] < 1e-6:
+            break
+        chosen.append(k)
+        distance = np.minimum(distance, np.linalg.norm(features - features[k], axis=1))
+    return chosen
+
+
+def _across(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return two unit vectors square to the axis and each other, along part axes if possible."""
+    helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    u = helper - axis * (helper @ axis)
+    u = u / np.linalg.norm(u)
+    return u, np.cross(axis, u)
+
+
+def _candidates(
+    solid: Solid, seeds: _Seeds, jaw: Jaw, downs: FloatArray, rules: GripRules
+) -> tuple[FloatArray, FloatArray]:
+    """Return tip poses (n, 4, 4) round each seed, at a few depths, and the nominal gaps (n,)."""
+    hull = np.asarray(solid.mesh.convex_hull.vertices)
+    poses, gaps = [], []
+    for middle, axis, gap in zip(seeds.middle, seeds.axis, seeds.gap, strict=True):
+        u, v = _across(axis)
+        turn = np.arange(rules.spin_n) * 2 * np.pi / rules.spin_n
+        approaches = list(np.outer(np.cos(turn), u) + np.outer(np.sin(turn), v))
+        for down in downs[np.abs(downs @ axis) < 0.02]:
+            square = down - axis * (down @ axis)
+            approaches.append(square / np.linalg.norm(square))
+        for a in approaches:
+            ahead = float(((hull - middle) @ a).max())
+            depths = {jaw.pad_centre_mm, jaw.pad_centre_mm - 7.0}
+            # flat parts on the table: as deep as the tips get without touching it
+            if 0.0 < ahead - 3.0 < jaw.pad_centre_mm:
+                depths.add(ahead - 3.0)
+            for depth in sorted(depths):
+                T = np.eye(4)
+                T[:3, 0], T[:3, 1], T[:3, 2] = a, axis, np.cross(a, axis)
+                T[:3, 3] = middle + a * depth
+                poses.append(T)
+                gaps.append(gap)
+    return np.stack(poses), np.array(gaps)
+
+
+@dataclass(slots=True)
+class _Found:
+    T: FloatArray
+    opening: FloatArray
+    area: FloatArray
+    load: FloatArray
+    offset: FloatArray
+
+
+def _contacts(
+    solid: Solid, caster: RayCaster, T: FloatArray, gap: FloatArray, jaw: Jaw, rules: GripRules
+) -> _Found:
+    """Close the pads on the mesh, ray by ray, and keep the candidates that hold."""
+    step = rules.ray_step_mm
+    nx = max(2, round(jaw.pad_length_mm / step))
+    nz = max(2, round(jaw.finger_width_mm / step) + 1)
+    x = -(np.arange(nx) + 0.5) * jaw.pad_length_mm / nx
+    # out to the pads' edges, which are what touches the wall of a bore
+    z = np.linspace(-0.5, 0.5, nz) * jaw.finger_width_mm
+    grid = np.array(np.meshgrid(x, z, indexing="ij")).reshape(2, -1).T
+    cell = jaw.pad_length_mm * jaw.finger_width_mm / len(grid)
+    face_normals = np.asarray(solid.mesh.face_normals)
+    cone = np.cos(np.arctan(rules.friction))
+    start = gap / 2 + rules.clearance_mm
+    n = len(T)
+    side_at, area, centroid, radius, spread = [], [], [], [], []
+    good = np.ones(n, dtype=bool)
+    for side in (1.0, -1.0):
+        local = np.zeros((n, len(grid), 3))
+        local[:, :, 0], local[:, :, 2] = grid[:, 0], grid[:, 1]
+        local[:, :, 1] = side * start[:, None]
+        origin = np.einsum("nij,nkj->nki", T[:, :3, :3], local) + T[:, None, :3, 3]
+        inward = np.broadcast_to(-side * T[:, None, :3, 1], origin.shape)
+        triangle, distance = caster.first_hit(origin.reshape(-1, 3), inward.reshape(-1, 3))
+        triangle = triangle.reshape(n, -1)
+        distance = distance.reshape(n, -1)
+        facing = np.einsum("nki,nki->nk", face_normals[triangle], inward)
+        good &= ~np.any((triangle >= 0) & (facing > 0), axis=1)  # the pad starts inside material
+        first = distance.min(axis=1)
+        good &= np.isfinite(first)
+        first = np.where(np.isfinite(first), first, 0.0)
+        touch = (distance <= (first + rules.compliance_mm)[:, None]) & (-facing >= cone)
+        count = np.maximum(touch.sum(axis=1), 1)
+        middle = np.einsum("nk,kj->nj", touch, grid) / count[:, None]
+        off = np.linalg.norm(grid[None] - middle[:, None], axis=2) * touch
+        side_at.append(start - first)
+        area.append(touch.sum(axis=1) * cell)
+        centroid.append(middle)
+        radius.append(off.sum(axis=1) / count)
+        spread.append(np.sqrt(np.einsum("nk,nk->n", off, off) / count))
+    opening = side_at[0] + side_at[1]
+    smaller = np.minimum(area[0], area[1])
+    offset = np.linalg.norm(centroid[0] - centroid[1], axis=1)
+    good &= (smaller >= rules.min_contact_mm2) & (offset <= rules.max_offset_mm)
+    good &= (opening > 1.0) & (opening <= jaw.max_mm - rules.jaw_reserve_mm)
+
+    T = T.copy()
+    T[:, :3, 3] += T[:, :3, 1] * ((side_at[0] - side_at[1]) / 2)[:, None]
+    held = (centroid[0] + centroid[1]) / 2
+    at = T[:, :3, 3] + T[:, :3, 0] * held[:, :1] + T[:, :3, 2] * held[:, 1:]
+    arm_mm = np.linalg.norm(np.cross(solid.centroid_mm - at, T[:, :3, 1]), axis=1)
+    weight_n = solid.volume_mm3 * rules.density_kg_mm3 * 9.81
+    force = rules.force_n
+    slide = weight_n / (2 * rules.friction * force)
+    r = np.maximum((radius[0] + radius[1]) / 2, 1.0)
+    twist = weight_n * arm_mm / (2 * rules.friction * force * r)
+    tilt = weight_n * arm_mm / (2 * force * np.maximum((spread[0] + spread[1]) / 2, 1.0))
+    load = np.maximum(np.hypot(slide, twist), tilt)
+    good &= load <= rules.max_load
+    keep = np.flatnonzero(good)
+    return _Found(T[keep], opening[keep], smaller[keep], load[keep], offset[keep])
+
+
+def _clearances(solid: Solid, found: _Found, jaw: Jaw, rules: GripRules) -> BoolArray:
+    """Tell which hands, open, come straight in and close without touching the part elsewhere."""
+    model = fcl.BVHModel()
+    mesh = solid.mesh
+    model.beginModel(len(mesh.faces), len(mesh.vertices))
+    model.addSubModel(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    model.endModel()
+    part = fcl.CollisionObject(model)
+    request = fcl.CollisionRequest()
+    clear = np.zeros(len(found.T), dtype=bool)
+    for k, T in enumerate(found.T):
+        opening = float(found.opening[k])
+        wide = _pre_open(opening, jaw, rules)
+        boxes = [_swept(b, rules.approach_mm) for b in jaw.body]
+        boxes += list(jaw.fingers(wide, behind_mm=rules.approach_mm))
+        boxes += list(jaw.fingers(opening + 2 * rules.compliance_mm))
+        clear[k] = not any(_touches(part, b.placed(T), request) for b in boxes)
+    return clear
+
+
+def _swept(box: Box, behind_mm: float) -> Box:
+    T = box.T.copy()
+    T[0, 3] -= behind_mm / 2
+    return Box(T, box.half_mm + np.array([behind_mm / 2, 0.0, 0.0]))
+
+
+def _touches(part: fcl.CollisionObject, box: Box, request: fcl.CollisionRequest) -> bool:
+    solid_box = fcl.CollisionObject(
+        fcl.Box(*(2 * box.half_mm)), fcl.Transform(box.T[:3, :3], box.T[:3, 3])
+    )
+    return bool(fcl.collide(part, solid_box, request, fcl.CollisionResult()))

@@ -1,0 +1,137 @@
+"""What stands where in the cell, as the planner needs it: boxes, frames, cameras, joint speeds.
+
+Lengths in mm, angles in rad, poses in the world frame (table plane z = 0, z up). Nothing here
+reads a file: `controller.config` builds a `CellLayout` from the cell's YAML.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.cad import Camera
+from drivers.umi_scara.kinematics import ArmGeometry
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Box:
+    """A solid box in the frame of whatever it belongs to.
+
+    Attributes
+    ----------
+    T : (4, 4) pose of the box's centre in that frame
+    half_mm : (3,) half of each edge
+    """
+
+    T: FloatArray
+    half_mm: FloatArray
+
+    @classmethod
+    def from_bounds(cls, x0: float, x1: float, y0: float, y1: float, z0: float, z1: float) -> Self:
+        """Return the axis-aligned box between the bounds [mm]."""
+        low, high = np.array([x0, y0, z0], float), np.array([x1, y1, z1], float)
+        if np.any(high <= low):
+            raise ValueError(f"a box needs low < high on every axis, got {low} and {high}")
+        T = np.eye(4)
+        T[:3, 3] = (low + high) / 2
+        return cls(T, (high - low) / 2)
+
+    def placed(self, T_world_frame: FloatArray) -> Box:
+        """Return this box carried from its frame to the world."""
+        return Box(T_world_frame @ self.T, self.half_mm)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Jaw:
+    """A parallel gripper in its tip frame: x = approach, y = the jaws' axis, origin between tips."""
+
+    body: tuple[Box, ...]
+    finger_length_mm: float
+    finger_width_mm: float
+    finger_thickness_mm: float
+    pad_length_mm: float
+    max_mm: float
+
+    def fingers(
+        self, opening_mm: float, behind_mm: float = 0.0, until_mm: float | None = None
+    ) -> tuple[Box, Box]:
+        """Return the two fingers at an opening.
+
+        `behind_mm` lengthens them backwards (the way in); `until_mm` is a second, wider opening:
+        the boxes then hold all openings between.
+        """
+        x0, z = -self.finger_length_mm - behind_mm, self.finger_width_mm / 2
+        near = opening_mm / 2
+        far = (opening_mm if until_mm is None else until_mm) / 2 + self.finger_thickness_mm
+        return (
+            Box.from_bounds(x0, 0.0, near, far, -z, z),
+            Box.from_bounds(x0, 0.0, -far, -near, -z, z),
+        )
+
+    @property
+    def pad_centre_mm(self) -> float:
+        """How far behind the tips the middle of the pads is."""
+        return self.pad_length_mm / 2
+
+
+@dataclass(frozen=True, slots=True)
+class Tray:
+    """Where parts of one verdict are put down."""
+
+    centre_mm: tuple[float, float]
+    size_mm: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """Nominal speeds and the fixed times of a cycle; the forecast is as good as these.
+
+    Joint speeds are those of umi_rtx.md 5.7 (unsourced there, so replaced once an arm is timed).
+    """
+
+    joint_per_s: tuple[float, ...] = tuple(
+        [*np.radians([23.0, 44.0, 110.0]).tolist(), 110.0, *np.radians([100.0, 100.0]).tolist()]
+    )
+    start_stop_s: float = 0.35  # reaching speed, braking and the last poll, once per waypoint
+    grip_s: float = 2.0  # close, force up, width read back
+    release_s: float = 1.2
+    look_s: float = 3.0  # settle, switch lamps, expose after the change, transfer
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CellLayout:
+    """Everything of the cell that planning depends on.
+
+    Attributes
+    ----------
+    column : box in the world; carriage, upper, fore : boxes in their links' frames (shoulder axis,
+        upper arm, forearm; all at wrist height)
+    T_world_fixture : pose of the fixed gripper's tip frame
+    obstacles : world boxes by name, the fixture's post among them
+    station_mm : (3,) where the part's centre of mass is shown to the `inspection` camera
+    park_q : (6,) rad and mm, as `drivers.umi_scara.kinematics`
+    """
+
+    arm: ArmGeometry
+    T_world_arm: FloatArray
+    column: Box
+    carriage: Box
+    upper: Box
+    fore: Box
+    hand: Jaw
+    fixture: Jaw
+    T_world_fixture: FloatArray
+    obstacles: Mapping[str, Box]
+    station_mm: FloatArray
+    inspection: Camera
+    overhead: Camera
+    trays: Mapping[str, Tray]
+    park_q: FloatArray
+    pace: Pace = field(default_factory=Pace)

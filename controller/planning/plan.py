@@ -1,0 +1,172 @@
+"""What the planner answers: steps to drive, their forecast, what gets seen and why not the rest.
+
+A motion is a tuple of waypoints q (6,), the last one being where the arm shall stand; where it
+starts is where the step before ended. Joints are those of `drivers.umi_scara.kinematics`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.cad import inverse_pose
+
+from ._boxes import BoolArray
+from ._scene import tip_pose
+from .grip import Grip
+from .layout import CellLayout, FloatArray
+
+Motion = tuple[FloatArray, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Step:
+    """One thing the cell does; `seconds` is the forecast, `label` is for people."""
+
+    seconds: float
+    label: str
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Pick(Step):
+    """Take the part off the table: go above it, open, come down, close, lift."""
+
+    grip: Grip
+    motion_in: Motion
+    pre_open_mm: float
+    motion_down: Motion
+    expected_opening_mm: float
+    motion_up: Motion
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Present(Step):
+    """Show the part to the inspection camera.
+
+    Attributes
+    ----------
+    q : (6,) where the arm stands; T_world_part : (4, 4) where the part then is
+    direction_part : (3,) unit, from the centre of mass to the camera, in the part frame
+    seen : (n,) bool, per sample
+    square_to : id of the planar face or bore this view is square to, -1 if none
+    """
+
+    view_id: str
+    grip: Grip
+    motion: Motion
+    q: FloatArray
+    T_world_part: FloatArray
+    direction_part: FloatArray
+    seen: BoolArray
+    square_to: int
+    expected_opening_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class HandOver(Step):
+    """Give the part to the fixed gripper: open it, bring the part in, close it, open the hand."""
+
+    grip: Grip
+    fixture_grip: Grip
+    fixture_pre_open_mm: float
+    motion: Motion
+    fixture_expected_opening_mm: float
+    hand_open_mm: float
+    retreat: Motion
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TakeBack(Step):
+    """Take the part from the fixed gripper with another grip."""
+
+    grip: Grip
+    fixture_grip: Grip
+    motion_in: Motion
+    pre_open_mm: float
+    approach: Motion
+    expected_opening_mm: float
+    fixture_open_mm: float
+    motion_out: Motion
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Place(Step):
+    """Put the part into a tray.
+
+    Attributes
+    ----------
+    tilt_rad : how far from lying flat the part is when it is let go; 0 where it is set down
+    """
+
+    tray: str
+    grip: Grip
+    motion: Motion
+    motion_down: Motion
+    open_mm: float
+    motion_up: Motion
+    T_world_part: FloatArray
+    tilt_rad: float
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Park(Step):
+    """Go where the arm is in nobody's way."""
+
+    motion: Motion
+
+
+@dataclass(frozen=True, slots=True)
+class Unseen:
+    """A piece of a face that no view of the plan shows: which share of all surface, and why."""
+
+    face_id: int
+    area_fraction: float
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """One part's way through the cell.
+
+    Attributes
+    ----------
+    steps : in order, up to where the verdict is known
+    place, park : per tray, what comes then
+    forecast_s : all steps and the slowest tray
+    covered_fraction : of the surface, in sight at least once
+    reachable_fraction : what any grip and any view of this cell could show, re-grips aside
+    """
+
+    steps: tuple[Step, ...]
+    place: Mapping[str, Place]
+    park: Mapping[str, Park]
+    forecast_s: float
+    covered_fraction: float
+    reachable_fraction: float
+    unseen: tuple[Unseen, ...]
+    grips: tuple[Grip, ...]
+
+    @property
+    def seconds_by_step(self) -> tuple[tuple[str, float], ...]:
+        """Return the forecast step by step, the slowest tray last."""
+        last = max(self.place, key=lambda t: self.place[t].seconds + self.park[t].seconds)
+        steps = (*self.steps, self.place[last], self.park[last])
+        return tuple((s.label, s.seconds) for s in steps)
+
+    @property
+    def presents(self) -> tuple[Present, ...]:
+        """Return the views in order."""
+        return tuple(s for s in self.steps if isinstance(s, Present))
+
+    @property
+    def regrip_count(self) -> int:
+        """Return how often the part changes grip."""
+        return sum(isinstance(s, TakeBack) for s in self.steps)
+
+
+def shown_pose(layout: CellLayout, q: FloatArray, T_part_hand: FloatArray) -> FloatArray:
+    """Return T_world_part of a part held at `T_part_hand`, measured or planned, at joints (6,)."""
+    T: FloatArray = tip_pose(layout, np.asarray(q)) @ inverse_pose(T_part_hand)
+    return T

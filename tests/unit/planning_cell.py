@@ -1,0 +1,76 @@
+"""The emulated cell's file as a `CellLayout`, for the planner's tests and its benchmark."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from ruamel.yaml import YAML
+
+from controller.cad import Camera
+from controller.planning import Box, CellLayout, Jaw, Tray
+from drivers.umi_scara.kinematics import ArmGeometry
+
+ROOT = Path(__file__).resolve().parents[2]
+CELL_FILE = ROOT / "recipes" / "cells" / "emulated.yaml"
+PARTS = ROOT / "recipes" / "parts"
+
+
+def pose(entry: Any) -> np.ndarray:
+    T = np.eye(4)
+    x, y = np.array(entry["x_axis"], float), np.array(entry["y_axis"], float)
+    T[:3, :4] = np.column_stack([x, y, np.cross(x, y), np.array(entry["position"], float)])
+    return T
+
+
+def camera(entry: Any) -> Camera:
+    f, (cx, cy) = entry["focal_px"], entry["centre_px"]
+    K = np.array([[f, 0, cx], [0, f, cy], [0, 0, 1.0]])
+    width, height = entry["size_px"]
+    return Camera((width, height), K, np.array(entry["distortion"], float), pose(entry["pose"]))
+
+
+def jaw(body: Any, fingers: Any, max_mm: float) -> Jaw:
+    return Jaw(
+        tuple(Box.from_bounds(*b) for b in body.values()),
+        fingers["length_mm"],
+        fingers["width_mm"],
+        fingers["thickness_mm"],
+        fingers["pad_length_mm"],
+        max_mm,
+    )
+
+
+def read_cell(path: Path = CELL_FILE) -> Any:
+    return YAML(typ="safe").load(path.read_text())
+
+
+def layout_of(cell: Any) -> CellLayout:
+    arm, fixture, park = cell["arm"], cell["fixture"], cell["arm"]["park_deg"]
+    q = np.radians([park["shoulder"], park["elbow"], park["yaw"], 0.0, park["pitch"], park["roll"]])
+    q[3] = -10.0  # as high as the soft limit below the top stop lets it (umi_rtx.md 5.2)
+    return CellLayout(
+        arm=ArmGeometry(arm["upper_mm"], arm["fore_mm"], arm["tool_mm"], arm["wrist_height_mm"]),
+        T_world_arm=pose(arm["pose"]),
+        column=Box.from_bounds(*arm["links"]["column"]),
+        carriage=Box.from_bounds(*arm["links"]["carriage"]),
+        upper=Box.from_bounds(*arm["links"]["upper"]),
+        fore=Box.from_bounds(*arm["links"]["fore"]),
+        hand=jaw(arm["hand"], arm["fingers"], arm["jaw_max_mm"]),
+        fixture=jaw(fixture["body"], fixture["fingers"], fixture["jaw_max_mm"]),
+        T_world_fixture=pose(fixture["pose"]),
+        obstacles={
+            "fixture's post": Box.from_bounds(*fixture["post"]),
+            **{k.replace("_", " "): Box.from_bounds(*v) for k, v in cell["obstacles"].items()},
+        },
+        station_mm=np.array(cell["station"]["position"], float),
+        inspection=camera(cell["cameras"]["inspection"]),
+        overhead=camera(cell["cameras"]["overhead"]),
+        trays={k: Tray(tuple(v["centre"]), tuple(v["size"])) for k, v in cell["trays"].items()},
+        park_q=q,
+    )
+
+
+def emulated_layout() -> CellLayout:
+    return layout_of(read_cell())
