@@ -2,6 +2,18 @@
 
 from ._yaml import ConfigError
 from .cell import EMULATED, Cell, load_cell
+from .layout import build_lamps, build_layout, panel_corners, table_corners
 from .recipe import Recipe, load_recipe
 
-__all__ = ["EMULATED", "Cell", "ConfigError", "Recipe", "load_cell", "load_recipe"]
+__all__ = [
+    "EMULATED",
+    "Cell",
+    "ConfigError",
+    "Recipe",
+    "build_lamps",
+    "build_layout",
+    "load_cell",
+    "load_recipe",
+    "panel_corners",
+    "table_corners",
+]

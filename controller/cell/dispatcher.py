@@ -1,0 +1,220 @@
+"""The one task that owns all state: events in, decisions by the table, effects as supervised tasks.
+
+A stop halts metal first and cancels the task afterwards; what an overtaken task still reports is
+ignored by the table on purpose.
+"""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Literal
+
+from drivers.clock import CellClock
+from drivers.errors import DeviceError
+from drivers.io_modbus import Signal
+from drivers.umi_scara import AxisStalledError, Stop
+
+from .actions import REQUIRED_SIGNALS, Actions, explain_stall
+from .custody import where_it_is
+from .devices import Devices
+from .errors import CellError, PartProblemError
+from .journal import Journal, JournalError
+from .machine import CellMachine, Effect, Event
+
+log = logging.getLogger(__name__)
+
+End = Literal["complete", "held", "stopped", "aborted"]
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a batch ended.
+
+    Attributes
+    ----------
+    end : state it came to rest in
+    message : what happened, for the operator; empty when all went well
+    code : stable short name of the trouble
+    where : where the part is
+    """
+
+    end: End
+    message: str
+    code: str
+    where: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Note:
+    """An event with what goes with it; `of` is the effect it reports on."""
+
+    event: Event
+    of: Effect | None = None
+    message: str = ""
+    code: str = ""
+
+
+class Dispatcher:
+    """Runs one batch to a state of rest."""
+
+    def __init__(
+        self,
+        actions: Actions,
+        devices: Devices,
+        journal: Journal,
+        clock: CellClock,
+        on_progress: Callable[[], None],
+    ) -> None:
+        self._actions = actions
+        self._devices = devices
+        self._journal = journal
+        self._clock = clock
+        self._on_progress = on_progress
+        self._machine = CellMachine()
+        self._inbox: asyncio.Queue[_Note] = asyncio.Queue()
+        self._running: tuple[Effect, asyncio.Task[None]] | None = None
+        self._message = ""
+        self._code = ""
+
+    @property
+    def state(self) -> str:
+        """Present state of the cell."""
+        return self._machine.state
+
+    def request_stop(self) -> None:
+        """Ask for a stop that releases nothing (Ctrl-C)."""
+        self._inbox.put_nowait(_Note(Event.STOP, message="stopped by the operator", code="stop"))
+
+    async def run(self, count: int) -> Outcome:
+        """Reset the cell, work through ``count`` parts, come to rest."""
+        self._actions.parts_left = count
+        watchers = [
+            asyncio.create_task(self._watch_interlocks(), name="interlocks"),
+            asyncio.create_task(self._watch_fixture(), name="fixture"),
+        ]
+        try:
+            self._inbox.put_nowait(_Note(Event.RESET))
+            while True:
+                note = await self._inbox.get()
+                await self._take(note)
+                match self._machine.state:
+                    case "idle":
+                        self._inbox.put_nowait(_Note(Event.START))
+                    case "complete" | "held" | "aborted" as end:
+                        return self._outcome(end)
+                    case "stopped" if note.event is Event.STOP_DONE:
+                        return self._outcome("stopped")
+        finally:
+            for watcher in watchers:
+                watcher.cancel()
+            await asyncio.gather(*watchers, return_exceptions=True)
+            await self._end_running(halt=False)
+
+    def _outcome(self, end: End) -> Outcome:
+        custody = self._actions.part.custody
+        where = where_it_is(custody, self._actions.part.tray or "")
+        self._journal.record(
+            "event",
+            "at_rest",
+            {"state": end, "message": self._message, "code": self._code, "custody": custody.name},
+        )
+        return Outcome(end, self._message, self._code, where)
+
+    async def _take(self, note: _Note) -> None:
+        decision = self._machine.dispatch(note.event)
+        self._journal.record(
+            "event",
+            note.event.value,
+            {
+                "answer": decision.answer,
+                "from": decision.source,
+                "to": decision.target,
+                **({"message": note.message, "code": note.code} if note.message else {}),
+                **({"reason": decision.reason} if decision.reason else {}),
+            },
+        )
+        if decision.answer != "handled":
+            log.debug("%s in %s: %s", note.event.value, decision.source, decision.reason)
+            return
+        if note.message:
+            self._message, self._code = note.message, note.code
+        self._actions.progress.state = decision.target.removeprefix("execute_")
+        self._on_progress()
+        if self._running is not None and self._running[0] is not note.of:
+            await self._end_running(halt=True)
+        for effect in decision.effects:
+            task = asyncio.create_task(self._act(effect), name=f"effect {effect.value}")
+            self._running = (effect, task)
+
+    async def _end_running(self, *, halt: bool) -> None:
+        """End the task at work; metal first, since a cancelled task stops nothing by itself."""
+        if self._running is None:
+            return
+        _, task = self._running
+        self._running = None
+        if task.done():
+            return
+        if halt:
+            # the effect of the state now entered stops everything properly and says so; here the
+            # arm is only kept from going on while the task unwinds
+            with suppress(DeviceError, TimeoutError):
+                async with self._clock.timeout(2.0):
+                    await self._devices.arm.stop(Stop.DEAD)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+    async def _act(self, effect: Effect) -> None:
+        note = await self._outcome_of(effect)
+        self._inbox.put_nowait(note)
+
+    async def _outcome_of(self, effect: Effect) -> _Note:
+        try:
+            return _Note(await self._actions.perform(effect), effect)
+        except PartProblemError as problem:
+            return _Note(Event.PART_PROBLEM, effect, str(problem), problem.code)
+        except AxisStalledError as error:
+            return _Note(Event.FAULT, effect, explain_stall(error), "stall")
+        except (DeviceError, CellError, JournalError, OSError) as error:
+            return _Note(Event.FAULT, effect, str(error), _code_of(error))
+        except ExceptionGroup as group:
+            first = group.exceptions[0]
+            return _Note(Event.FAULT, effect, str(first), _code_of(first))
+        except Exception as error:
+            # a bug of ours must stop the cell like any fault, and be seen as a bug
+            log.exception("effect %s failed", effect.value)
+            return _Note(
+                Event.FAULT, effect, f"internal error in {effect.value}: {error!r}", "internal"
+            )
+
+    async def _watch_interlocks(self) -> None:
+        """Turn a safety copy that is not healthy into a fault, at once."""
+        with self._devices.io.watch() as changes:
+            async for change in changes:
+                if change.name in REQUIRED_SIGNALS and change.signal is not Signal.OK:
+                    remedy = REQUIRED_SIGNALS[change.name]
+                    if change.signal is Signal.UNKNOWN:
+                        remedy = "the I/O block gives no fresh reading; check its cable and power"
+                    self._inbox.put_nowait(
+                        _Note(
+                            Event.FAULT,
+                            message=f"{change.name}: {remedy}",
+                            code=change.name.removesuffix("_ok"),
+                        )
+                    )
+
+    async def _watch_fixture(self) -> None:
+        await self._devices.gripper.wait_lost()
+        self._inbox.put_nowait(
+            _Note(
+                Event.PART_PROBLEM,
+                message="the part slipped out of the fixed gripper; look below it",
+                code="part_lost",
+            )
+        )
+
+
+def _code_of(error: Exception) -> str:
+    name = type(error).__name__.removesuffix("Error")
+    return "".join("_" + c.lower() if c.isupper() else c for c in name).lstrip("_")

@@ -1,0 +1,26 @@
+"""What goes wrong at the level of the cell; driver and room errors are turned into these words."""
+
+
+class CellError(Exception):
+    """The cell cannot go on: it aborts, and a person has to look."""
+
+
+class InterlockError(CellError):
+    """A safety copy is not healthy: emergency stop, door, supply."""
+
+
+class PartProblemError(Exception):
+    """The part, not the cell, is the trouble: hold where it is safe and say so.
+
+    Attributes
+    ----------
+    code : stable short name, as in the manual
+    """
+
+    def __init__(self, code: str, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+class GripMissedError(PartProblemError):
+    """The jaws closed on nothing."""

@@ -1,0 +1,151 @@
+"""One batch, from connecting to rest: builds the cell, runs the dispatcher, cleans up."""
+
+import asyncio
+import platform
+import sys
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from controller.config import Cell, Recipe, build_layout
+from drivers.clock import CellClock
+
+from . import workers
+from .actions import Actions, PartRecord, Progress
+from .custody import where_it_is
+from .devices import Devices, resolve
+from .dispatcher import Dispatcher, Outcome
+from .journal import Journal
+
+EMULATED_TIMEOUT_WALL_S = 5.0  # an emulated cell shares two cores with its controller
+JOURNAL_NAME = "journal.sqlite"
+
+
+@dataclass(frozen=True, slots=True)
+class RunOrder:
+    """What to run, and where its traces go.
+
+    Attributes
+    ----------
+    emulated : what the emulator said of itself, empty on a real cell
+    runs_dir : folder of all runs; the cell's journal stands in it
+    """
+
+    recipe_path: Path
+    cell_path: Path
+    recipe: Recipe
+    cell: Cell
+    count: int
+    speed: float
+    emulated: Mapping[str, Any]
+    runs_dir: Path
+    run_id: str
+
+    @property
+    def folder(self) -> Path:
+        """The run's own folder."""
+        return self.runs_dir / self.run_id
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """How the run ended and what became of each part."""
+
+    outcome: Outcome
+    parts: tuple[PartRecord, ...]
+
+
+def new_run_id(recipe: Recipe) -> str:
+    """Return a name for a run that sorts by time."""
+    now = datetime.now(UTC)
+    return f"{now:%Y%m%d-%H%M%S}-{now.microsecond // 1000:03d}-{recipe.name}"
+
+
+async def run_batch(
+    order: RunOrder,
+    pool: ProcessPoolExecutor,
+    on_progress: Callable[[Progress], None],
+    on_dispatcher: Callable[[Dispatcher], None],
+) -> RunResult:
+    """Run a batch to rest; everything from here on is in the journal.
+
+    Raises
+    ------
+    JournalError : nothing may move without a journal
+    DeviceError : a device is not there, before anything moved
+    """
+    order.folder.mkdir(parents=True, exist_ok=True)
+    journal = Journal(order.runs_dir / JOURNAL_NAME, order.run_id)
+    try:
+        where = resolve(order.cell, order.emulated.get("devices", {}))
+        journal.record("event", "run_began", _who_and_what(order, where))
+        clock = CellClock(
+            order.speed, EMULATED_TIMEOUT_WALL_S if order.cell.emulated_devices else 0.0
+        )
+        devices = Devices.build(order.cell, where, clock)
+        progress = Progress()
+        actions = Actions(
+            workers.Job(order.recipe_path, order.cell_path),
+            order.recipe,
+            build_layout(order.cell),
+            devices,
+            clock,
+            journal,
+            pool,
+            order.folder,
+            progress,
+            lambda: on_progress(progress),
+        )
+        dispatcher = Dispatcher(actions, devices, journal, clock, lambda: on_progress(progress))
+        on_dispatcher(dispatcher)
+        try:
+            progress.label = "connecting"
+            on_progress(progress)
+            who = await devices.connect()
+            journal.record("event", "connected", who)
+            outcome = await dispatcher.run(order.count)
+        except BaseException as error:
+            journal.record(
+                "event",
+                "run_broke_off",
+                {
+                    "error": str(error) or type(error).__name__,
+                    "where": where_it_is(actions.part.custody),
+                },
+            )
+            raise
+        finally:
+            await devices.aclose()
+        parts = list(actions.finished)
+        if actions.part.number and actions.part not in parts:
+            parts.append(actions.part)
+        journal.record(
+            "event",
+            "run_ended",
+            {"end": outcome.end, "message": outcome.message, "parts": len(parts)},
+        )
+        return RunResult(outcome, tuple(parts))
+    finally:
+        await asyncio.to_thread(journal.close)
+
+
+def _who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
+    emulated = {k: v for k, v in order.emulated.items() if k != "devices"}
+    return {
+        "recipe": order.recipe.model_dump(mode="json"),
+        "cell": order.cell.model_dump(mode="json"),
+        "devices": {name: dict(settings) for name, settings in where.items()},
+        "emulated_devices": list(order.cell.emulated_devices),
+        "emulator": emulated,
+        "speed": order.speed,
+        "count": order.count,
+        "software": {
+            "cellctl": version("cellctl"),
+            "python": sys.version.split()[0],
+            "system": platform.platform(terse=True),
+        },
+    }

@@ -1,0 +1,268 @@
+"""Heavy computation, run in worker processes so that the event loop is never held.
+
+Every function takes plain data and a `Job`, from which a worker builds, once, what cannot travel
+between processes (meshes with their ray casters, tables of sight lines).
+"""
+
+import hashlib
+import os
+import pickle
+import tempfile
+import time
+from collections.abc import Mapping
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from multiprocessing import get_context
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from controller import inspection as inspecting
+from controller import recognition as recognising
+from controller.cad import (
+    Camera,
+    RayCaster,
+    Solid,
+    StablePose,
+    SurfaceSamples,
+    load_solid,
+    sample_surface,
+    stable_poses,
+)
+from controller.config import (
+    Cell,
+    Recipe,
+    build_lamps,
+    build_layout,
+    load_cell,
+    load_recipe,
+    panel_corners,
+    table_corners,
+)
+from controller.planning import Plan, PlanOptions, PreparedPart, plan_part, prepare_part
+from controller.planning.layout import CellLayout
+
+Array = NDArray[np.float64]
+Grey = NDArray[np.uint8]
+
+TABLE_LAMPS = ("table_ring", "table_side")
+STATION_LAMPS = ("station_ring", "station_side")
+CACHE_FORMAT = 1  # raised when the meaning of cached plans changes
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """Which recipe on which cell; small enough to travel with every call."""
+
+    recipe_path: Path
+    cell_path: Path
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Context:
+    """What a worker keeps of a job."""
+
+    recipe: Recipe
+    cell: Cell
+    layout: CellLayout
+    solid: Solid
+    caster: RayCaster
+    samples: SurfaceSamples
+    poses: tuple[StablePose, ...]
+    overhead: Camera
+    inspection: Camera
+    catalogue: tuple[recognising.CatalogueEntry, ...]
+    glowing: NDArray[np.bool_]
+
+
+def make_pool() -> ProcessPoolExecutor:
+    """Return the pool; fresh processes, since a fork would copy open devices into them."""
+    return ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn"))
+
+
+@lru_cache(maxsize=2)
+def context(job: Job) -> Context:
+    """Return the job's context, built once per process.
+
+    Raises
+    ------
+    ConfigError, CadError : recipe, cell or a CAD file is wrong
+    """
+    cv2.setNumThreads(1)  # two cores, and an emulated cell beside us
+    recipe = load_recipe(job.recipe_path)
+    cell = load_cell(job.cell_path)
+    layout = build_layout(cell)
+    solid = load_solid(recipe.part)
+    solids = [solid, *(load_solid(other) for other in recipe.others)]
+    return Context(
+        recipe=recipe,
+        cell=cell,
+        layout=layout,
+        solid=solid,
+        caster=RayCaster(solid.mesh),
+        samples=sample_surface(solid),
+        poses=stable_poses(solid),
+        overhead=layout.overhead,
+        inspection=layout.inspection,
+        catalogue=recognising.make_catalogue(solids, layout.overhead),
+        glowing=glowing_mask(layout.overhead, table_corners(cell)),
+    )
+
+
+def glowing_mask(camera: Camera, corners_mm: Array) -> NDArray[np.bool_]:
+    """Return where in the picture a glowing rectangle (4, 3) is, a few pixels shrunk."""
+    width, height = camera.size_px
+    mask = np.zeros((height, width), dtype=np.uint8)
+    along = np.linspace(0, 1, 30, endpoint=False)
+    edge = np.vstack(
+        [
+            corners_mm[i] + along[:, None] * (corners_mm[(i + 1) % 4] - corners_mm[i])
+            for i in range(4)
+        ]
+    )
+    cv2.fillPoly(mask, [np.round(camera.project(edge)).astype(np.int32)], 1)
+    shrunk = cv2.erode(mask, np.ones((7, 7), np.uint8), borderValue=1) > 0
+    return np.asarray(shrunk)
+
+
+def recognise(job: Job, backlit: Grey, lit: Mapping[str, Grey]) -> tuple[recognising.Sighting, ...]:
+    """Return what lies on the table."""
+    c = context(job)
+    lamps = build_lamps(c.cell, TABLE_LAMPS)
+    return recognising.recognise(backlit, c.glowing, c.overhead, c.catalogue, lit, lamps)
+
+
+def prepare(job: Job) -> float:
+    """Do all planning that does not depend on where the part lies; return its seconds."""
+    started = time.monotonic()
+    _prepared(job)
+    return time.monotonic() - started
+
+
+def plan(job: Job, pose_index: int, T_world_part: Array) -> Plan:
+    """Return the plan for a part at rest.
+
+    Raises
+    ------
+    NoPlanError : and why not
+    """
+    c = context(job)
+    pose = next(p for p in c.poses if p.index == pose_index)
+    return plan_part(c.solid, c.samples, pose, T_world_part, c.layout, prepared=_prepared(job))
+
+
+@lru_cache(maxsize=2)
+def _prepared(job: Job) -> PreparedPart:
+    c = context(job)
+    options = plan_options(c.recipe)
+    key = hashlib.sha256(
+        "|".join(
+            (
+                str(CACHE_FORMAT),
+                c.solid.content_hash,
+                c.cell.model_dump_json(),
+                c.recipe.model_dump_json(exclude={"name", "part", "others", "cell", "count"}),
+                _code_hash(),
+            )
+        ).encode()
+    ).hexdigest()
+    path = cache_dir() / f"plan-{c.solid.name}-{key[:24]}.pickle"
+    cached = _load_cached(path)
+    if cached is not None:
+        return cached
+    prepared = prepare_part(c.solid, c.samples, c.layout, options)
+    _save_cached(path, prepared)
+    return prepared
+
+
+def plan_options(recipe: Recipe) -> PlanOptions:
+    """Return the planner's options a recipe asks for."""
+    return replace(PlanOptions(), max_incidence_deg=recipe.inspection.max_incidence_deg)
+
+
+def cache_dir() -> Path:
+    """Return the folder for what can always be computed again."""
+    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(base) / "cellctl"
+
+
+@lru_cache(maxsize=1)
+def _code_hash() -> str:
+    """Return a hash of the planner's own source: a changed planner makes its old plans void."""
+    root = Path(__file__).parents[1]
+    digest = hashlib.sha256()
+    for folder in ("cad", "planning"):
+        for source in sorted((root / folder).glob("*.py")):
+            digest.update(source.read_bytes())
+    return digest.hexdigest()
+
+
+def _load_cached(path: Path) -> PreparedPart | None:
+    try:
+        data = path.read_bytes()
+        digest, body = data[:32], data[32:]
+        if hashlib.sha256(body).digest() != digest:
+            return None
+        found = pickle.loads(body)
+    except (OSError, pickle.UnpicklingError, EOFError, AttributeError, ImportError, ValueError):
+        return None  # missing, cut short or of an older version: it is made anew
+    return found if isinstance(found, PreparedPart) else None
+
+
+def _save_cached(path: Path, prepared: PreparedPart) -> None:
+    body = pickle.dumps(prepared, protocol=pickle.HIGHEST_PROTOCOL)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+            file.write(hashlib.sha256(body).digest() + body)
+        Path(file.name).replace(path)
+    except OSError:
+        return  # a full or read-only disk costs time, not correctness
+
+
+def inspect(
+    job: Job,
+    view_id: str,
+    T_world_part: Array,
+    holder: tuple[inspecting.WorldBox, ...],
+    backlit: Grey,
+    lit: Mapping[str, Grey],
+) -> inspecting.ViewResult:
+    """Judge one view."""
+    c = context(job)
+    task = inspecting.ViewTask(
+        view_id=view_id,
+        camera=c.inspection,
+        T_world_part=T_world_part,
+        holder=holder,
+        panel_mm=panel_corners(c.cell, "station_backlight"),
+        lamps=build_lamps(c.cell, STATION_LAMPS),
+        limits=inspection_limits(c.recipe),
+    )
+    part = recognising.PosedPart(c.solid, c.caster)
+    return inspecting.inspect_view(
+        part, c.samples, task, inspecting.ViewPictures(backlit=backlit, lit=lit)
+    )
+
+
+def inspection_limits(recipe: Recipe) -> inspecting.Limits:
+    """Return inspection's tolerances a recipe asks for."""
+    return inspecting.Limits(smallest_defect_mm=recipe.inspection.smallest_defect_mm)
+
+
+def judge(
+    job: Job, views: tuple[inspecting.ViewResult, ...], unseen: Mapping[int, str]
+) -> inspecting.PartVerdict:
+    """Weigh all views of a part."""
+    c = context(job)
+    return inspecting.judge(
+        c.solid,
+        c.samples,
+        views,
+        unseen,
+        c.recipe.inspection.min_coverage,
+        inspection_limits(c.recipe),
+    )
