@@ -26,7 +26,7 @@ REPLY_TIMEOUT_S: Final = 0.3  # modbus_devices.md 9, rule 1: 0.1 to 0.3 s
 BACK_OFF_FIRST_S: Final = 0.1
 BACK_OFF_MAX_S: Final = 2.0
 SILENCES_UNTIL_REOPENED: Final = 3  # a half-open connection looks like silent devices
-OVERDUE_S: Final = 3.0  # ten reply time-outs: nobody answers later than that
+OVERDUE_TIMEOUTS: Final = 10.0  # nobody answers later than so many reply time-outs
 RESYNC_TRIES: Final = 3
 GATEWAY_SILENCE: Final = {
     0x0A: "no path to it",
@@ -130,6 +130,11 @@ class ModbusLink:
         """
         return ModbusUnit(self, unit, name, spacing_s, probes, check)
 
+    @property
+    def _patience_s(self) -> float:
+        """The reply time-out as it really passes on the wall clock [cell s]."""
+        return self.clock.timeout_wall_s(self._reply_timeout_s) * self.clock.speed
+
     async def connect(self) -> None:
         """Open the line now, without regard to back-off; nothing to do when it is open.
 
@@ -230,7 +235,7 @@ class ModbusLink:
         finally:
             now_s = self.clock.now_s()
             memory.ready_at_s = now_s + who.spacing_s
-            memory.quiet_until_s = now_s + self._reply_timeout_s
+            memory.quiet_until_s = now_s + self._patience_s
         self._silence_count = 0
         if request.is_answered_by(reply):
             memory.owed = [owed for owed in memory.owed if owed[0] is not request]
@@ -247,10 +252,11 @@ class ModbusLink:
         of the owed ones has been answered properly, those will not come any more.
         """
         who = turn.who
+        overdue_s = OVERDUE_TIMEOUTS * self._patience_s
         for _ in range(RESYNC_TRIES):
             await self._quiet(connection, memory)
             now_s = self.clock.now_s()
-            memory.owed = [owed for owed in memory.owed if now_s - owed[1] < OVERDUE_S]
+            memory.owed = [owed for owed in memory.owed if now_s - owed[1] < overdue_s]
             if not memory.owed or not who.probes:
                 memory.owed.clear()
                 return

@@ -30,7 +30,8 @@ from drivers.gripper_modbus import (
 )
 from drivers.modbus_link import ModbusLink, RtuAddress, RtuOverTcpAddress, TcpAddress
 
-FAST = CellClock(speed=20.0, min_timeout_wall_s=0.03)
+FAST = CellClock(speed=20.0, min_timeout_wall_s=1.0)  # no busy host looks like a silent gripper
+IMPATIENT = CellClock(speed=20.0, min_timeout_wall_s=0.12)  # where a time-out is what is tested
 
 
 @dataclass
@@ -252,7 +253,7 @@ async def test_an_activation_that_fails_names_the_fault_and_the_remedy() -> None
 
 async def test_an_activation_that_never_ends_is_given_up() -> None:
     device = Robotiq(is_active=False)
-    async with gripper_on(device) as gripper:
+    async with gripper_on(device, clock=IMPATIENT) as gripper:
         device.frozen = True
         with pytest.raises(StalledError, match=r"activation not finished after 5 s"):
             await gripper.activate()
@@ -417,7 +418,7 @@ async def test_the_old_object_state_is_not_believed_before_the_request_is_echoed
 
 async def test_jaws_that_never_arrive_are_stopped_and_reported() -> None:
     device = Robotiq()
-    async with gripper_on(device) as gripper:
+    async with gripper_on(device, clock=IMPATIENT) as gripper:
         device.frozen = True
         with pytest.raises(StalledError, match=r"not arrived after .* s, stopped at 85\.0 mm"):
             await gripper.close_on(speed_mm_s=150.0)
@@ -474,7 +475,7 @@ async def test_a_stop_whose_acknowledge_is_lost_is_confirmed_by_reading() -> Non
     device = Robotiq(position=100, part_outside=100)
     device.outputs[:] = bytes([9, 0, 0, 255, 0, 0])
     bus = Bus({9: device.answer})
-    async with link_to(bus, "rtu") as link, Gripper(link) as gripper:
+    async with link_to(bus, "rtu", IMPATIENT) as link, Gripper(link) as gripper:
         bus.troubles = ["silent"]
         assert not (await gripper.stop()).is_going
 
@@ -482,7 +483,7 @@ async def test_a_stop_whose_acknowledge_is_lost_is_confirmed_by_reading() -> Non
 async def test_a_move_whose_acknowledge_is_lost_is_looked_at_and_not_repeated() -> None:
     device = Robotiq(part_outside=150)
     bus = Bus({9: device.answer})
-    async with link_to(bus, "rtu") as link, Gripper(link) as gripper:
+    async with link_to(bus, "rtu", IMPATIENT) as link, Gripper(link) as gripper:
         bus.troubles = [None, "silent"]  # the status before it, then the move
         assert (await gripper.close_on(30.0)).object_detected
     assert len(device.writes) == 1
@@ -501,7 +502,7 @@ async def test_a_move_that_never_reached_the_gripper_is_sent_again_after_looking
         return device.answer(pdu)
 
     bus.units[9] = answer
-    async with link_to(bus, "rtu") as link, Gripper(link) as gripper:
+    async with link_to(bus, "rtu", IMPATIENT) as link, Gripper(link) as gripper:
         assert (await gripper.close_on(30.0)).object_detected
     assert lost == 1
     assert len(device.writes) == 1
@@ -543,7 +544,7 @@ async def test_fault_09_after_an_idle_second_does_not_stand_in_the_way() -> None
 
 async def test_an_idle_gripper_is_asked_at_least_every_half_second() -> None:
     device = Robotiq()
-    clock = CellClock(speed=10.0)
+    clock = CellClock(speed=10.0, min_timeout_wall_s=1.0)
     loop = asyncio.get_running_loop()
     at_s: list[float] = []
 
@@ -635,7 +636,7 @@ def test_a_configuration_that_cannot_be_is_refused() -> None:
 async def test_a_gripper_that_falls_silent_during_a_move_is_a_link_error() -> None:
     device = Robotiq(counts_per_read=1)
     bus = Bus({9: device.answer})
-    async with link_to(bus) as link, Gripper(link) as gripper:
+    async with link_to(bus, clock=IMPATIENT) as link, Gripper(link) as gripper:
         closing = asyncio.create_task(gripper.close_on())
         await until(lambda: device.position > 5)
         bus.silent_units.add(9)

@@ -13,7 +13,8 @@ from drivers.errors import LinkError, ReplyTimeoutError, WrongDeviceError
 from drivers.lighting_modbus import LampChannel, Lights, LightsConfig
 from drivers.modbus_link import ModbusLink, RtuAddress, RtuOverTcpAddress, TcpAddress
 
-FAST = CellClock(speed=20.0, min_timeout_wall_s=0.03)
+FAST = CellClock(speed=20.0, min_timeout_wall_s=1.0)  # no busy host looks like a silent module
+IMPATIENT = CellClock(speed=20.0, min_timeout_wall_s=0.12)  # where a time-out is what is tested
 CONFIG = LightsConfig(
     (
         LampChannel("backlight", analog_channel=1, relay_channel=1),
@@ -261,7 +262,7 @@ async def test_an_unknown_lamp_or_level_is_refused_before_the_wire() -> None:
 
 async def test_after_a_write_without_acknowledge_the_modules_are_asked_before_the_next() -> None:
     rig = Rig()
-    async with lights_on(rig) as lights:
+    async with lights_on(rig, clock=IMPATIENT) as lights:
         rig.bus.troubles = ["silent"]  # the relay request: done, but not acknowledged
         with pytest.raises(ReplyTimeoutError, match="relay module"):
             await lights.set({"backlight": 1.0})
@@ -272,7 +273,7 @@ async def test_after_a_write_without_acknowledge_the_modules_are_asked_before_th
 
 async def test_all_off_opens_the_relays_even_if_the_analog_module_is_silent() -> None:
     rig = Rig()
-    async with lights_on(rig) as lights:
+    async with lights_on(rig, clock=IMPATIENT) as lights:
         await lights.set({"backlight": 1.0})
         rig.bus.silent_units.add(1)
         with pytest.raises(LinkError, match="analog output module"):

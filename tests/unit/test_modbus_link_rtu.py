@@ -21,7 +21,8 @@ from drivers.modbus_link import (
     RtuOverTcpAddress,
 )
 
-FAST = CellClock(speed=10.0)
+CALM = CellClock(speed=10.0, min_timeout_wall_s=1.0)  # no busy host looks like a silent unit
+FAST = CellClock(speed=10.0, min_timeout_wall_s=0.12)  # where a time-out is what is tested
 PROBES = (
     Request(FunctionCode.READ_HOLDING_REGISTERS, 0, 1),
     Request(FunctionCode.READ_HOLDING_REGISTERS, 0, 2),
@@ -52,7 +53,7 @@ async def test_the_manuals_frames_go_out_and_come_back(kind: str) -> None:
     move, acknowledge = golden("robotiq", "move_80_40_20")
     answers = {request[1:-2]: reply[1:-2], move[1:-2]: acknowledge[1:-2]}
     bus = Bus({9: answers.__getitem__})
-    async with on_the_line(kind, bus) as (_link, unit):
+    async with on_the_line(kind, bus, CALM) as (_link, unit):
         await unit.write_registers(0x03E8, [0x0900, 0x0080, 0x4020])
         assert await unit.read_holding_registers(0x07D0, 3) == (0xB900, 0x00FF, 0xBD00)
     assert bus.requests == [move, request]
@@ -143,7 +144,7 @@ async def test_a_request_that_is_cancelled_before_its_turn_is_never_sent() -> No
 @pytest.mark.parametrize("turns", range(8))
 async def test_the_line_is_free_again_wherever_a_cancellation_strikes(turns: int) -> None:
     bus = Bus({9: Map(holding={0: 5}).answer})
-    async with on_the_line("tcp", bus) as (_link, unit):
+    async with on_the_line("tcp", bus, CALM) as (_link, unit):
         reading = asyncio.create_task(unit.read_holding_registers(0, 1))
         for _ in range(turns):
             await asyncio.sleep(0)

@@ -17,7 +17,8 @@ from drivers.errors import (
 )
 from drivers.modbus_link import ModbusLink, TcpAddress
 
-FAST = CellClock(speed=10.0)  # a reply time-out of 0.3 cell seconds is over in 30 ms
+CALM = CellClock(speed=10.0, min_timeout_wall_s=1.0)  # no busy host looks like a silent unit
+FAST = CellClock(speed=10.0, min_timeout_wall_s=0.12)  # where a time-out is what is tested
 
 
 def registers(*values: int) -> Map:
@@ -30,7 +31,7 @@ async def test_reading_the_inputs_of_an_e1214_puts_the_golden_bytes_on_the_wire(
     seen: list[tuple[bool, bytes]] = []
     async with tcp_gateway(bus) as port:
         link = ModbusLink(
-            TcpAddress("127.0.0.1", port), FAST, trace=lambda out, data: seen.append((out, data))
+            TcpAddress("127.0.0.1", port), CALM, trace=lambda out, data: seen.append((out, data))
         )
         async with link:
             values = await link.unit(1, "io").read_discrete_inputs(0, 6)
@@ -45,7 +46,7 @@ async def test_the_wire_log_shows_both_directions_in_hex(
     request, reply = golden("moxa_e1214", "read_inputs")
     bus = Bus({1: lambda pdu: reply[7:]})
     caplog.set_level(logging.DEBUG, "cellctl.wire.modbus")
-    async with tcp_gateway(bus) as port, ModbusLink(TcpAddress("127.0.0.1", port), FAST) as link:
+    async with tcp_gateway(bus) as port, ModbusLink(TcpAddress("127.0.0.1", port), CALM) as link:
         await link.unit(1, "io").read_discrete_inputs(0, 6)
     lines = [r.getMessage() for r in caplog.records if r.name == "cellctl.wire.modbus"]
     assert lines[0].endswith("> " + request.hex(" "))
@@ -60,7 +61,7 @@ async def test_every_kind_of_access_reads_back_what_it_wrote() -> None:
         discrete={0: True},
     )
     bus = Bus({3: unit_map.answer})
-    async with tcp_gateway(bus) as port, ModbusLink(TcpAddress("127.0.0.1", port), FAST) as link:
+    async with tcp_gateway(bus) as port, ModbusLink(TcpAddress("127.0.0.1", port), CALM) as link:
         unit = link.unit(3, "block")
         await unit.write_registers(0, [1, 2, 65535])
         await unit.write_register(3, 0x0800)
@@ -78,7 +79,7 @@ async def test_a_gateway_that_reports_a_silent_unit_is_a_reply_timeout_naming_bo
     code: int,
 ) -> None:
     bus = Bus(gateway_code=code)
-    async with tcp_gateway(bus) as port, ModbusLink(TcpAddress("127.0.0.1", port), FAST) as link:
+    async with tcp_gateway(bus) as port, ModbusLink(TcpAddress("127.0.0.1", port), CALM) as link:
         unit = link.unit(9, "gripper", check="its 24 V supply")
         with pytest.raises(ReplyTimeoutError) as caught:
             await unit.write_register(0, 1)
@@ -92,7 +93,7 @@ async def test_a_gateway_that_reports_a_silent_unit_is_a_reply_timeout_naming_bo
 
 async def test_another_exception_is_a_refusal_with_its_code_and_is_not_repeated() -> None:
     bus = Bus({1: registers(0).answer})
-    async with tcp_gateway(bus) as port, ModbusLink(TcpAddress("127.0.0.1", port), FAST) as link:
+    async with tcp_gateway(bus) as port, ModbusLink(TcpAddress("127.0.0.1", port), CALM) as link:
         with pytest.raises(RefusedError, match="exception 02") as caught:
             await link.unit(1, "io").read_holding_registers(0x1234, 1)
     assert caught.value.code == 2
@@ -133,14 +134,14 @@ async def test_a_late_reply_with_an_old_number_is_not_taken_for_the_next_answer(
 
 async def test_a_reply_with_the_wrong_register_count_is_a_bad_reply() -> None:
     bus = Bus({1: lambda pdu: bytes.fromhex("03 02 00 07")})
-    async with tcp_gateway(bus) as port, ModbusLink(TcpAddress("127.0.0.1", port), FAST) as link:
+    async with tcp_gateway(bus) as port, ModbusLink(TcpAddress("127.0.0.1", port), CALM) as link:
         with pytest.raises(BadReplyError, match="read_holding_registers 0x0000 x 2"):
             await link.unit(1, "io").read_holding_registers(0, 2)
 
 
 async def test_an_acknowledge_of_another_address_is_a_bad_reply() -> None:
     bus = Bus({1: lambda pdu: bytes.fromhex("06 00 05 00 07")})
-    async with tcp_gateway(bus) as port, ModbusLink(TcpAddress("127.0.0.1", port), FAST) as link:
+    async with tcp_gateway(bus) as port, ModbusLink(TcpAddress("127.0.0.1", port), CALM) as link:
         with pytest.raises(BadReplyError):
             await link.unit(1, "io").write_register(4, 7)
 
@@ -148,7 +149,7 @@ async def test_an_acknowledge_of_another_address_is_a_bad_reply() -> None:
 async def test_nobody_at_the_port_names_transport_host_port_and_what_to_check(
     unused_tcp_port: int,
 ) -> None:
-    link = ModbusLink(TcpAddress("127.0.0.1", unused_tcp_port), FAST)
+    link = ModbusLink(TcpAddress("127.0.0.1", unused_tcp_port), CALM)
     with pytest.raises(LinkError) as caught:
         await link.connect()
     await link.aclose()
@@ -181,7 +182,7 @@ async def test_a_connection_cut_while_a_write_is_under_way_is_unplugged_at_once(
 
 async def test_a_read_survives_a_cut_connection_by_connecting_again() -> None:
     bus = Bus({1: registers(42).answer}, troubles=["drop"])
-    async with tcp_gateway(bus) as port, ModbusLink(TcpAddress("127.0.0.1", port), FAST) as link:
+    async with tcp_gateway(bus) as port, ModbusLink(TcpAddress("127.0.0.1", port), CALM) as link:
         assert await link.unit(1, "io").read_holding_registers(0, 1) == (42,)
     assert bus.connection_count == 2
 
@@ -254,14 +255,14 @@ async def test_a_cancelled_request_leaves_the_link_usable() -> None:
 
 
 async def test_a_closed_link_says_so() -> None:
-    link = ModbusLink(TcpAddress("127.0.0.1", 1), FAST)
+    link = ModbusLink(TcpAddress("127.0.0.1", 1), CALM)
     await link.aclose()
     with pytest.raises(LinkError, match="closed"):
         await link.unit(1, "io").read_holding_registers(0, 1)
 
 
 async def test_impossible_requests_are_bugs_and_reach_no_wire() -> None:
-    link = ModbusLink(TcpAddress("127.0.0.1", 1), FAST)
+    link = ModbusLink(TcpAddress("127.0.0.1", 1), CALM)
     unit = link.unit(1, "io")
     with pytest.raises(ValueError, match="count"):
         await unit.read_holding_registers(0, 126)
