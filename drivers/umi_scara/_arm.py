@@ -6,7 +6,7 @@ goes out. Soak tests, built-in INIT and interpolation exist in the codec alone.
 """
 
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -66,7 +66,7 @@ class UmiScara(ArmSession):
         AxisStalledError : an axis stalled or stopped short on the way to the park
         MotionStoppedError : `stop` was called
         """
-        async with self._motion() as guard:
+        async with self._motion(needs_home=False) as guard:
             self._is_homed = False
             self._rest_counts.clear()
             await Homing(self._axes, self._config.homing, guard).run()
@@ -126,35 +126,9 @@ class UmiScara(ArmSession):
         AxisStalledError : an axis stalled, fell behind, stopped short or was too slow
         MotionStoppedError : `stop` was called
         """
-        wanted = {axis: int(counts) for axis, counts in targets.items()}
         new_speeds = dict(speeds or {})
         check_speeds(new_speeds)
-        async with self._motion() as guard:
-            self._require_homed()
-            starts = await self._starts(wanted)
-            moved = {axis: n for axis, n in wanted.items() if self._rest_counts.get(axis) != n}
-            self._check_targets(starts | moved, moved)
-            if not moved:
-                return wanted
-            speeds_now = {
-                axis: new_speeds.get(axis)
-                or self._axes.written(axis, Parameter.SPEED)
-                or c.NOMINAL_SPEED
-                for axis in moved
-            }
-            if deadline_s is None:
-                distances = {axis: moved[axis] - starts[axis] for axis in moved}
-                nominal = self._config.nominal_counts_per_s
-                deadline_s = 2 * forecast_s(distances, speeds_now, nominal) + 2.0
-            for axis in moved:
-                self._rest_counts.pop(axis, None)
-            await start(self._axes, moved, new_speeds, guard)
-            await Watch(self._axes, moved, deadline_s, guard).until_rest()
-            guard()
-            got = await self._arrive(moved)
-            guard()
-            self._rest_counts.update(moved)
-        return {axis: got.get(axis, wanted[axis]) for axis in wanted}
+        return await self._move(targets, deadline_s, lambda distances: new_speeds)
 
     async def move_joints(
         self, q: ArrayLike, speed: int = c.NOMINAL_SPEED, deadline_s: float | None = None
@@ -173,11 +147,9 @@ class UmiScara(ArmSession):
         if row.shape != (6,) or not np.isfinite(row).all():
             raise ValueError(f"joints are six finite numbers, not {row}")
         targets = dict(zip(COUNTS_ORDER, kinematics.q_to_counts(row).tolist(), strict=True))
-        self._require_homed()
-        starts = await self._starts(targets)
-        distances = {axis: targets[axis] - starts[axis] for axis in targets}
-        speeds = synchronised_speeds(distances, self._config.nominal_counts_per_s, speed)
-        await self.move_counts(targets, deadline_s, speeds)
+        check_speeds({Axis.ELBOW: speed})
+        nominal = self._config.nominal_counts_per_s
+        await self._move(targets, deadline_s, lambda far: synchronised_speeds(far, nominal, speed))
 
     # ---- gripper -------------------------------------------------------------------------------
     async def move_gripper_mm(self, width_mm: float) -> float:
@@ -189,8 +161,8 @@ class UmiScara(ArmSession):
         AxisStalledError : something is in the way; to hold it, use `grip`
         """
         counts = self._config.gripper.counts(width_mm)
-        await self._axes.write(Axis.GRIPPER, Parameter.MAX_FORCE, self._config.gripper_force)
-        got = await self.move_counts({Axis.GRIPPER: counts})
+        forces = {Axis.GRIPPER: self._config.gripper_force}
+        got = await self._move({Axis.GRIPPER: counts}, None, lambda _: {}, forces)
         return self._config.gripper.width_mm(got[Axis.GRIPPER])
 
     async def open_jaws(self) -> float:
@@ -220,7 +192,6 @@ class UmiScara(ArmSession):
             raise ValueError(f"a grip needs force, not {force}")
         gripper = Axis.GRIPPER
         async with self._motion() as guard:
-            self._require_homed()
             self._rest_counts.pop(gripper, None)
             await self._axes.write(gripper, Parameter.SPEED, self._config.grip_speed, guard)
             await self._axes.write(gripper, Parameter.MAX_FORCE, force, guard)
@@ -237,6 +208,43 @@ class UmiScara(ArmSession):
         return self._config.gripper.width_mm(counts)
 
     # ---- parts of the verbs --------------------------------------------------------------------
+    async def _move(
+        self,
+        targets: Mapping[Axis, int],
+        deadline_s: float | None,
+        speeds_for: Callable[[Mapping[Axis, int]], Mapping[Axis, int]],
+        forces: Mapping[Axis, int] | None = None,
+    ) -> dict[Axis, int]:
+        """Move as `move_counts` does, with speeds that follow from the distances [counts]."""
+        wanted = {axis: int(counts) for axis, counts in targets.items()}
+        async with self._motion() as guard:
+            starts = await self._starts(wanted)
+            moved = {axis: n for axis, n in wanted.items() if self._rest_counts.get(axis) != n}
+            self._check_targets(starts | moved, moved)
+            if not moved:
+                return wanted
+            distances = {axis: moved[axis] - starts[axis] for axis in moved}
+            new_speeds = speeds_for(distances)
+            if deadline_s is None:
+                nominal = self._config.nominal_counts_per_s
+                speeds = {axis: self._speed(axis, new_speeds) for axis in moved}
+                deadline_s = 2 * forecast_s(distances, speeds, nominal) + 2.0
+            for axis in moved:
+                self._rest_counts.pop(axis, None)
+            for axis, force in (forces or {}).items():
+                await self._axes.write(axis, Parameter.MAX_FORCE, force, guard)
+            await start(self._axes, moved, new_speeds, guard)
+            await Watch(self._axes, moved, deadline_s, guard).until_rest()
+            guard()
+            got = await self._arrive(moved)
+            guard()
+            self._rest_counts.update(moved)
+        return {axis: got.get(axis, wanted[axis]) for axis in wanted}
+
+    def _speed(self, axis: Axis, new_speeds: Mapping[Axis, int]) -> int:
+        known = new_speeds.get(axis) or self._axes.written(axis, Parameter.SPEED)
+        return known or c.NOMINAL_SPEED
+
     async def _starts(self, targets: Iterable[Axis]) -> dict[Axis, int]:
         """Return where the axes of a move are now, and those that share a limit with them."""
         needed = {*targets, *(_PARTNERS[axis] for axis in targets if axis in _PARTNERS)}

@@ -20,6 +20,7 @@ from ._axes import Axes
 from ._constants import Axis, Ip, Parameter, Simple, StatusBits
 from ._gripper import GripperLaw
 from ._homing import HomingConfig
+from ._limits import OutOfRangeError
 from ._link import Guard, Link, LinkConfig, Trace
 from ._motion import AxisStalledError, MotionStoppedError
 from ._tasks import run_to_end
@@ -267,11 +268,11 @@ class ArmSession:
         await run_to_end(self._axes.halt(kind.value))
 
     @asynccontextmanager
-    async def _motion(self) -> AsyncIterator[Guard]:
+    async def _motion(self, *, needs_home: bool = True) -> AsyncIterator[Guard]:
         """Hold the arm for one motion; whatever ends it but success or a stop stops both IPs.
 
-        Yields a guard that raises once `stop` has been called, which also ends those motions that
-        were still waiting for the arm at that time.
+        A refusal before any byte has gone out needs no stop. Yields a guard that raises once `stop`
+        has been called, which also ends those motions that were still waiting for the arm.
         """
         stop_count = self._stop_count
 
@@ -284,10 +285,12 @@ class ArmSession:
             if not self._is_powered:
                 self._require_connected()
                 raise PowerOffError("arm: motor power is off: enable it first")
+            if needs_home:
+                self._require_homed()
             try:
                 yield guard
-            except (MotionStoppedError, AxisStalledError):
-                raise  # their stop has been sent
+            except (MotionStoppedError, AxisStalledError, OutOfRangeError):
+                raise  # the first two have had their stop, the third has sent nothing
             except BaseException:
                 self._rest_counts.clear()
                 await run_to_end(self._halt_quietly())

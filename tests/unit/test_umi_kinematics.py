@@ -173,7 +173,7 @@ def test_headings_are_sampled_when_none_are_given() -> None:
 
 
 def test_steep_pitches_have_a_second_branch_beyond_straight_down() -> None:
-    # half a turn of heading takes the hand from -100 to +80 deg, half a turn of roll from -17 to 163
+    # half a turn takes the hand from -100 to +80 deg, and roll from -17 to +163 deg
     q = np.array([0.2, 0.9, 0.45 - np.deg2rad(100.0), -600.0, np.deg2rad(-85.0), -0.3])
     answers, legal = inverse(forward(q))
     pitches = np.rad2deg(answers[legal][:, 4])

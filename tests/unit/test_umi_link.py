@@ -1,0 +1,354 @@
+"""The arm's line: opening, pacing, handing over, and back in step after every kind of loss."""
+
+import asyncio
+import tomllib
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from umi_fakes import FakeArm, FakeClock, as_text, once
+
+from drivers.errors import (
+    BadReplyError,
+    LinkError,
+    PositionLostError,
+    RefusedError,
+    ReplyTimeoutError,
+    WrongDeviceError,
+)
+from drivers.umi_scara import Ip, LinkConfig, WireExchange
+from drivers.umi_scara._codec import Status, Value
+from drivers.umi_scara._link import Link
+
+GOLDEN = tomllib.loads(
+    (Path(__file__).parents[1] / "golden" / "umi_rtx.toml").read_text(encoding="utf-8")
+)
+READ_ZED = b"\x4a"
+DEAD_STOP = b"\x24"
+
+
+def session(name: str) -> list[tuple[str, str]]:
+    found = next(s for s in GOLDEN["session"] if s["name"] == name)
+    return [(x["request"], x["reply"]) for x in found["exchange"]]
+
+
+class Bench:
+    def __init__(self, *, running: bool = True, listening: int = 0) -> None:
+        self.clock = FakeClock()
+        self.arm = FakeArm(self.clock, running=running, listening=listening)
+        self.trace: list[WireExchange] = []
+        self.link = Link(self.arm, self.clock, LinkConfig(), self.trace.append)
+
+    async def opened(self) -> "Bench":
+        await self.link.open()
+        self.trace.clear()
+        self.arm.heard.clear()
+        self.arm.spoken.clear()
+        return self
+
+    async def value(self, ip: Ip, *frames: bytes) -> int:
+        reply = (await self.link.ask(ip, *frames, repeats=True))[-1]
+        assert isinstance(reply, Value)
+        return reply.value
+
+
+# ---- opening -----------------------------------------------------------------------------------
+async def test_a_cold_open_is_the_references_session() -> None:
+    bench = Bench(running=False)
+    assert await bench.link.open() == {Ip.WRIST, Ip.ARM}
+    assert as_text(bench.trace) == session("cold open")[:9]
+    assert bench.link.listening is Ip.ARM
+
+
+async def test_a_warm_open_is_the_references_session() -> None:
+    bench = Bench()
+    assert await bench.link.open() == frozenset()
+    assert as_text(bench.trace) == session("warm open")
+
+
+async def test_opening_does_not_assume_who_listens() -> None:
+    bench = Bench(running=False, listening=1)
+    assert await bench.link.open() == {Ip.WRIST, Ip.ARM}
+    assert bench.link.listening is Ip.WRIST
+
+
+async def test_one_restarted_board_is_told_from_the_other() -> None:
+    bench = Bench()
+    bench.arm.boards[1].restarted = True
+    assert await bench.link.open() == {Ip.ARM}
+
+
+async def test_automatic_toggling_left_behind_is_switched_off() -> None:
+    bench = Bench()
+    for board in bench.arm.boards:
+        board.auto_toggle = True
+    await bench.link.open()
+    assert not any(board.auto_toggle for board in bench.arm.boards)
+    assert bench.link.listening == bench.arm.listening
+
+
+async def test_silence_says_what_to_check() -> None:
+    bench = Bench()
+    for board in bench.arm.boards:
+        board.mute = True
+    with pytest.raises(LinkError, match=r"neither IP.*check power, cable, boards"):
+        await bench.link.open()
+    assert [data for _, data in bench.arm.writes] == [b"\x28", b"\x28"]  # 1.6 step 2
+
+
+async def test_one_silent_board_is_named() -> None:
+    bench = Bench()
+    bench.arm.boards[1].mute = True
+    with pytest.raises(LinkError, match=r"beside IP0.*check power, cable, boards"):
+        await bench.link.open()
+
+
+async def test_two_boards_of_one_name_are_refused() -> None:
+    bench = Bench()
+    bench.arm.boards[1].number = 0
+    with pytest.raises(WrongDeviceError, match="IP0"):
+        await bench.link.open()
+
+
+@pytest.mark.parametrize("banner", [b"\r\nMSP 01.00 UMI 1987\r\n", b"ERROR\r\n"])
+async def test_a_rom_that_answers_in_text_is_refused(banner: bytes) -> None:
+    bench = Bench()
+    bench.arm.mishap = lambda _request, _reply: [
+        (0.003 + number * 0.001, bytes([byte])) for number, byte in enumerate(banner)
+    ]
+    with pytest.raises(WrongDeviceError, match="unsupported ROM or monitor mode"):
+        await bench.link.open()
+
+
+async def test_what_was_on_the_line_before_is_discarded() -> None:
+    bench = Bench()
+    bench.arm.pending.append((bench.clock.now_s() + 0.015, b"\x0b"))
+    await bench.link.open()
+    assert as_text(bench.trace) == session("warm open")
+
+
+# ---- pacing ------------------------------------------------------------------------------------
+async def test_requests_start_at_least_8_ms_apart_and_go_out_in_one_piece() -> None:
+    bench = await Bench().opened()
+    for _ in range(5):
+        await bench.link.ask(Ip.ARM, b"\x70\x04\x00", b"\x7a\x1e\x00")
+        await bench.link.ask(Ip.WRIST, b"\x17")
+    starts_s = [at_s for at_s, _ in bench.arm.writes]
+    gaps_s = [after - before for before, after in pairwise(starts_s)]
+    assert min(gaps_s) >= 0.008
+    assert max(gaps_s) < 0.012  # nor is time wasted while replies come at once
+    assert {len(data) for _, data in bench.arm.writes} == {1, 3}
+
+
+def test_less_than_the_arms_spacing_cannot_be_configured() -> None:
+    with pytest.raises(ValueError, match=r"1\.2"):
+        LinkConfig(spacing_s=0.007)
+
+
+async def test_one_request_is_in_flight_however_many_ask() -> None:
+    bench = await Bench().opened()
+    replies = await asyncio.gather(
+        *(bench.link.ask(Ip(number % 2), b"\x17", repeats=True) for number in range(6))
+    )
+    assert all(isinstance(reply[0], Status) for reply in replies)
+    for before, after in pairwise(bench.trace):
+        assert after.at_s >= before.at_s + 0.008
+        assert before.reply
+
+
+# ---- handing over ------------------------------------------------------------------------------
+async def test_the_line_changes_hands_only_when_it_must() -> None:
+    bench = await Bench().opened()  # IP1 listens
+    await bench.link.ask(Ip.ARM, b"\x10")
+    await bench.link.ask(Ip.ARM, b"\x11")
+    await bench.link.ask(Ip.WRIST, b"\x12")
+    await bench.link.ask(Ip.WRIST, b"\x13")
+    assert bench.arm.heard == [
+        (1, b"\x10"),
+        (1, b"\x11"),
+        (1, b"\x29"),
+        (0, b"\x12"),
+        (0, b"\x13"),
+    ]
+
+
+@pytest.mark.parametrize("delay_s", [None, 0.3])
+async def test_a_hand_over_whose_reply_is_lost_or_late_is_not_done_twice(
+    delay_s: float | None,
+) -> None:
+    bench = await Bench().opened()
+    bench.arm.mishap = once(b"\x29", lambda reply: [] if delay_s is None else [(delay_s, reply)])
+    await bench.link.ask(Ip.WRIST, b"\x12", repeats=True)
+    assert bench.arm.heard[-1] == (0, b"\x12")
+    assert bench.link.listening == bench.arm.listening == 0
+    # before the line is handed over again, somebody has asked who listens
+    requests = [data for _, data in bench.arm.heard]
+    assert requests.index(b"\x01") < requests.index(b"\x29", 1)
+
+
+# ---- back in step ------------------------------------------------------------------------------
+LOSSES = {
+    "a lost byte": lambda reply: [(0.003, reply[:-1])],
+    "all bytes lost": lambda reply: [],
+    "an extra byte": lambda reply: [(0.003, reply + b"\x55")],
+    "an extra byte later": lambda reply: [(0.003, reply), (0.006, b"\x55")],
+    "the reply 300 ms late": lambda reply: [(0.300, reply)],
+    "a reply in pieces, one late": lambda reply: [(0.003, reply[:1]), (0.300, reply[1:])],
+    "a bit flipped": lambda reply: [(0.003, reply[:1] + bytes([reply[1] ^ 0x10]) + reply[2:])],
+    "another kind of reply": lambda reply: [(0.003, b"\xf0")],
+    "no such class": lambda reply: [(0.003, b"\x9a")],
+    "frame timeout": lambda reply: [(0.011, b"\x0b")],
+    "frame overrun": lambda reply: [(0.003, b"\x0c")],
+}
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+async def test_a_read_comes_through_every_mishap_with_the_right_value(loss: str) -> None:
+    bench = await Bench().opened()
+    bench.arm.motor(1, 2).counts = -1000
+    bench.arm.mishap = once(READ_ZED, LOSSES[loss])
+    assert await bench.value(Ip.ARM, READ_ZED) == -1000
+    assert await bench.value(Ip.ARM, b"\x41") == 0
+    assert bench.link.listening == bench.arm.listening
+    assert not bench.arm.pending
+
+
+async def test_a_reply_50_ms_late_is_no_mishap() -> None:
+    bench = await Bench().opened()
+    bench.arm.mishap = lambda _request, reply: [(0.050, reply)]
+    assert await bench.value(Ip.ARM, READ_ZED) == 0
+    assert [data for _, data in bench.arm.heard] == [READ_ZED]
+
+
+async def test_only_reads_are_repeated_unasked() -> None:
+    bench = await Bench().opened()
+    write = (b"\x70\x03\x00", b"\x7a\xe8\x03")
+    bench.arm.mishap = once(write[1], lambda _: [])
+    with pytest.raises(ReplyTimeoutError):
+        await bench.link.ask(Ip.ARM, *write)
+    assert [data for _, data in bench.arm.heard].count(write[1]) == 1
+    assert await bench.value(Ip.ARM, b"\x60\x03\x00", b"\x6a") == 1000  # the line is in step
+
+
+async def test_both_frames_of_a_deferred_read_are_repeated() -> None:
+    bench = await Bench().opened()
+    bench.arm.mishap = once(b"\x6a", lambda _: [(0.003, b"\x0b")])
+    assert await bench.value(Ip.ARM, b"\x60\x04\x00", b"\x6a") == 100
+    requests = [data for _, data in bench.arm.heard]
+    assert requests.count(b"\x60\x04\x00") == requests.count(b"\x6a") == 2
+
+
+async def test_a_line_that_dies_says_what_to_check() -> None:
+    bench = await Bench().opened()
+    bench.arm.boards[0].mute = bench.arm.boards[1].mute = True
+    with pytest.raises(LinkError, match="check power, cable, boards"):
+        await bench.link.ask(Ip.ARM, READ_ZED, repeats=True)
+
+
+async def test_a_line_that_only_babbles_is_given_up() -> None:
+    bench = await Bench().opened()
+    bench.arm.mishap = lambda _request, _reply: [(0.003, b"\x9a")]
+    with pytest.raises(BadReplyError):
+        await bench.link.ask(Ip.ARM, READ_ZED, repeats=True)
+
+
+@pytest.mark.parametrize("code", [0x01, 0x02, 0x04])
+async def test_a_busy_board_is_asked_again_after_10_ms(code: int) -> None:
+    bench = await Bench().opened()
+    bench.arm.mishap = once(READ_ZED, lambda _: [(0.003, bytes([code]))])
+    assert await bench.value(Ip.ARM, READ_ZED) == 0
+    assert bench.trace[1].at_s - bench.trace[0].at_s >= 0.010
+
+
+@pytest.mark.parametrize("code", [0x03, 0x05, 0x06, 0x07, 0x08, 0x09, 0x0A])
+async def test_a_refusal_is_raised_and_not_argued_with(code: int) -> None:
+    bench = await Bench().opened()
+    bench.arm.mishap = lambda _request, _reply: [(0.003, bytes([code]))]
+    with pytest.raises(RefusedError) as refusal:
+        await bench.link.ask(Ip.ARM, READ_ZED, repeats=True)
+    assert refusal.value.code == code
+    assert len(bench.trace) == 1
+
+
+# ---- restarts ----------------------------------------------------------------------------------
+async def test_a_restarted_board_is_not_given_go_on_the_way() -> None:
+    bench = await Bench().opened()
+    bench.arm.boards[1].restart()
+    for _ in range(2):  # now, and for as long as nobody opens again
+        with pytest.raises(PositionLostError):
+            await bench.link.ask(Ip.ARM, b"\x11", repeats=True)
+    assert (1, b"\x00") not in bench.arm.heard
+    assert await bench.link.open() == {Ip.ARM}
+
+
+async def test_a_restart_behind_a_lost_byte_is_still_a_restart() -> None:
+    bench = await Bench().opened()
+    bench.arm.mishap = once(READ_ZED, lambda reply: [(0.003, reply[:1])])
+    bench.arm.boards[0].restart()  # the resync meets it on the other side of the line
+    with pytest.raises(PositionLostError):
+        await bench.link.ask(Ip.ARM, READ_ZED, repeats=True)
+
+
+# ---- stops -------------------------------------------------------------------------------------
+def stops(bench: Bench) -> list[int]:
+    return [ip for ip, data in bench.arm.heard if data == DEAD_STOP]
+
+
+async def test_a_stop_goes_to_both_boards() -> None:
+    bench = await Bench().opened()
+    await bench.link.halt(DEAD_STOP)
+    assert bench.arm.heard == [(1, DEAD_STOP), (1, b"\x29"), (0, DEAD_STOP)]
+
+
+async def test_a_stop_overtakes_everything_that_waits() -> None:
+    bench = await Bench().opened()
+    waiting = [asyncio.create_task(bench.link.ask(Ip.ARM, b"\x11")) for _ in range(4)]
+    await bench.arm.spoken.wait()
+    await bench.link.halt(DEAD_STOP)
+    assert stops(bench) == [1, 0]
+    assert [data for _, data in bench.arm.heard].index(DEAD_STOP) == 1
+    await asyncio.gather(*waiting)
+
+
+@pytest.mark.parametrize("restarted", [0, 1])
+async def test_a_restarted_board_does_not_keep_the_other_from_stopping(restarted: int) -> None:
+    bench = await Bench().opened()
+    bench.arm.boards[restarted].restart()
+    with pytest.raises(PositionLostError):
+        await bench.link.halt(DEAD_STOP)
+    assert {0, 1} <= set(stops(bench))
+    assert bench.arm.heard[-1][1] == DEAD_STOP
+    assert not bench.arm.motor(restarted, 2).powered
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+async def test_a_stop_gets_through_every_mishap(loss: str) -> None:
+    bench = await Bench().opened()
+    pieces = LOSSES[loss]
+    bench.arm.mishap = once(DEAD_STOP, lambda reply: pieces(reply + b"\x00\x00"))
+    await bench.link.halt(DEAD_STOP)
+    assert set(stops(bench)) == {0, 1}
+
+
+async def test_an_exchange_that_is_cancelled_ends_in_step() -> None:
+    bench = await Bench().opened()
+    task = asyncio.create_task(bench.link.ask(Ip.ARM, b"\x60\x04\x00", b"\x6a"))
+    await bench.arm.spoken.wait()
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert [data for _, data in bench.arm.heard] == [b"\x60\x04\x00", b"\x6a"]
+    assert await bench.value(Ip.ARM, READ_ZED) == 0
+    assert len(bench.trace) == 3
+
+
+async def test_who_is_cancelled_while_waiting_for_the_line_says_nothing() -> None:
+    bench = await Bench().opened()
+    first = asyncio.create_task(bench.link.ask(Ip.ARM, b"\x11"))
+    second = asyncio.create_task(bench.link.ask(Ip.ARM, b"\xa2"))
+    await bench.arm.spoken.wait()
+    second.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await second
+    await first
+    assert [data for _, data in bench.arm.heard] == [b"\x11"]
