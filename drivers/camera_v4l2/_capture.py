@@ -95,24 +95,20 @@ class Capture:
     # -- opening and closing -----------------------------------------------------------------
 
     def open(self, exposure_s: float | None) -> None:
-        """Find, open, check, set and start the camera; on an error nothing stays open."""
+        """Find, open, check, set and start the camera; after an error, ``close`` is due."""
         config = self._config
         node = find_node(config.device, config.dev_root, config.sysfs_root)
         try:
             self._device = Device(self._calls, node)
         except OSError as error:
             raise explain_open(error, node) from error
-        try:
-            self._caps = check_kind(self._device)
-            self.format = agree_on_format(self._device, config)
-            self.period_s = agree_on_period(self._device, 1 / config.fps)
-            self._lock(exposure_s)
-            self._stream = Stream(self._device, config.buffer_count)
-            with explained(node, "start of the stream"):
-                self._stream.start()
-        except BaseException:
-            self.close()
-            raise
+        self._caps = check_kind(self._device)
+        self.format = agree_on_format(self._device, config)
+        self.period_s = agree_on_period(self._device, 1 / config.fps)
+        self._lock(exposure_s)
+        self._stream = Stream(self._device, config.buffer_count)
+        with explained(node, "start of the stream"):
+            self._stream.start()
 
     def close(self) -> None:
         """Stop, unmap, close: in this order, and each whatever became of the one before."""

@@ -212,6 +212,18 @@ async def test_nothing_is_asked_of_the_camera_while_it_has_nothing(
     assert fake.seen["DQBUF"] == 1
 
 
+async def test_between_waits_the_event_loop_does_not_watch_the_camera(
+    fake: FakeCamera, calls: FakeCalls, connect: Connect
+) -> None:
+    camera, t_s = await connect(), past_s()
+    task = await waiting(fake, camera, t_s)
+    (fd,) = calls.open_cameras
+    fake.finish(picture(1), t_s + 0.5)
+    await task
+    # a reader left behind would be called over and over once the next frame is done
+    assert not asyncio.get_running_loop().remove_reader(fd)
+
+
 async def test_a_wait_that_is_cancelled_leaves_the_camera_usable(
     fake: FakeCamera, connect: Connect
 ) -> None:

@@ -70,6 +70,21 @@ async def test_frames_come_through_the_memory_the_camera_shares(server: SocketSe
         assert camera.stats.lost_count == 0
 
 
+async def test_an_event_wakes_the_driver_once(server: SocketServer) -> None:
+    fake = server.camera
+    async with camera_at(server) as camera:
+        t_s = time.monotonic() - 1.0
+        task = asyncio.create_task(camera.frame_after(t_s))
+        await until(lambda: fake.seen["DQBUF"] == 1)
+        fake.finish(picture(1), t_s - 0.5)  # stale: taken, and the wait goes on
+        await until(lambda: fake.seen["DQBUF"] == 3)
+        done, _ = await asyncio.wait([task], timeout=0.1)
+        assert not done
+        assert fake.seen["DQBUF"] == 3
+        fake.finish(picture(2), t_s + 0.5)
+        assert (await asyncio.wait_for(task, 5)).image[0, 0] == 2
+
+
 async def test_replies_that_come_byte_by_byte_are_put_together(server: SocketServer) -> None:
     server.piece_bytes = 1
     async with camera_at(server) as camera:
