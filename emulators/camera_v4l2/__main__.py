@@ -11,7 +11,6 @@ import contextlib
 import json
 import signal
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +53,8 @@ def _obey(order: dict[str, Any], server: CameraServer, devices: dict[str, V4l2De
     elif "plug" in order:
         server.plug(order["plug"], order.get("as"))
     elif "faults" in order:
-        devices[order.pop("faults")].faults = replace(Faults(), **order)
+        name = order.pop("faults")
+        devices[name].faults = Faults(**order)
 
 
 async def _main(args: argparse.Namespace) -> None:

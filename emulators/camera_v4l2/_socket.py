@@ -27,6 +27,7 @@ log = logging.getLogger(__name__)
 _REQUEST: Final = Struct("<IIQ")
 _REPLY: Final = Struct("<iI")
 _RANGE: Final = Struct("<QQ")  # length, offset
+_DEAD_HANDLE: Final = 0  # no device counts its handles from there
 _PAYLOAD_MAX_BYTES: Final = 0x3FFF  # the largest struct that an ioctl's number can tell of
 
 
@@ -66,12 +67,12 @@ class SocketCamera:
         self.path.unlink(missing_ok=True)
         with contextlib.suppress(OSError):
             self._listener.shutdown(socket.SHUT_RDWR)  # wakes accept, which closing does not
+        self._acceptor.join()  # before the camera comes back: nobody slips from one to the other
+        self._listener.close()
 
     def close(self) -> None:
         """Hang up on everybody and free everything."""
         self.retire()
-        self._acceptor.join()
-        self._listener.close()
         with self._lock:
             clients = dict(self._clients)
         for client, thread in clients.items():
@@ -97,12 +98,12 @@ class SocketCamera:
         while True:
             try:
                 connection, _ = self._listener.accept()
-                number = self._device.open()
             except OSError:  # retired
                 return
-            except Refused:  # unplugged a moment ago
-                connection.close()
-                continue
+            try:
+                number = self._device.open()
+            except Refused:  # unplugged a moment ago: a file that only hears ENODEV
+                number = _DEAD_HANDLE
             client = _Client(connection, self._device, number, self._memory_fd)
             thread = threading.Thread(target=self._serve, args=(client,), daemon=True)
             with self._lock:
