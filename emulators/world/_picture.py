@@ -1,0 +1,388 @@
+"""Pictures by ray casting: what a camera's sensor gets, without noise; docs/adr/0003-pictures.md.
+
+A picture is a sum over lamps. What stands still is cast once per camera and lamp; for a picture,
+only the pixels that moving things or their shadows may touch are cast again, one ray each, and
+those where the light jumps to the next pixel once more with many rays, so that an edge covers as
+much of a pixel as it does in truth.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._layout import Array
+from ._light import Lamps
+from ._optics import Array32, RayTable, project
+from ._poses import transform
+from ._scene import Scene, Surface
+from ._solid import ray_scene
+
+Index = NDArray[np.intp]
+Rect = tuple[int, int, int, int]  # top, bottom, left, right
+
+JUMP: Final = 0.012  # of radiance between neighbours: 2.5 grey at unit level
+SAMPLE_COUNT: Final = 36
+_CHUNK: Final = 60_000  # rays at a time: what they need stays in the processor's cache
+_MARGIN_PX: Final = 2
+_LIFT_MM: Final = 0.05  # shadow rays start off the surface by this much
+_NEAR_MM: Final = 20.0
+
+
+def sample_offsets(count: int = SAMPLE_COUNT) -> Array32:
+    """Return points that fill a pixel evenly seen from any side, (count, 2) from its centre [px].
+
+    The R2 sequence: both projections, and slanted ones, are nearly equidistant, which a square
+    grid is not along its own axes.
+    """
+    g = 1.32471795724474602596
+    i = np.arange(count)
+    points = np.stack(((0.5 + i / g) % 1.0, (0.5 + i / (g * g)) % 1.0), axis=1)
+    return (points - points.mean(axis=0)).astype(np.float32)
+
+
+class _Mover:
+    """A rigid thing that moves: its surface and the corners that bound it."""
+
+    def __init__(self, surface: Surface) -> None:
+        self.surface = surface
+        low, high = surface.vertices_mm.min(axis=0), surface.vertices_mm.max(axis=0)
+        self._bound = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
+        self.T_world = np.eye(4)
+        self.corners_mm: Array = self._bound
+
+    def place(self, T_world: Array) -> None:
+        self.T_world = T_world
+        self.corners_mm = transform(T_world, self._bound)
+
+
+class _Assembly:
+    """Triangles of the fixed and of some moving things, in the world, ready for rays.
+
+    To build it anew for every picture takes milliseconds, and then each ray is cast once.
+    """
+
+    def __init__(self, fixed: Surface, movers: Sequence[_Mover]) -> None:
+        surfaces = [fixed, *(mover.surface for mover in movers)]
+        starts = np.cumsum([0] + [len(surface.vertices_mm) for surface in surfaces])
+        vertices = [fixed.vertices_mm]
+        normals = [fixed.normals]
+        for mover in movers:
+            vertices.append(transform(mover.T_world, mover.surface.vertices_mm))
+            normals.append(mover.surface.normals @ mover.T_world[:3, :3].T.astype(np.float32))
+        faces = [surface.faces + start for surface, start in zip(surfaces, starts, strict=False)]
+        self.scene: Any = ray_scene(np.vstack(vertices), np.vstack(faces))
+        self.normals = np.concatenate(normals)
+        self.material = np.concatenate([surface.material for surface in surfaces])
+        self.panel = np.concatenate([surface.panel for surface in surfaces])
+        self.fixed_count = len(fixed.faces)
+
+
+@dataclass(slots=True, eq=False)
+class _Hits:
+    """What some rays met: triangle (-1: nothing), distance in lengths of the ray, where in it."""
+
+    triangle: NDArray[np.int32]
+    far: Array32
+    u: Array32
+    v: Array32
+
+
+class Eye:
+    """One camera: its rays, what it sees of what stands still, and the picture it gets."""
+
+    def __init__(self, scene: Scene, number: int) -> None:
+        self.camera = scene.cameras[number]
+        self.rays = RayTable(self.camera)
+        self.lamps = Lamps(scene)
+        self._fixed = _without_own_box(scene, self.camera.T_world_cam[:3, 3])
+        self._movers = {surface.name: _Mover(surface) for surface in scene.moving}
+        self._shape = (self.camera.height_px, self.camera.width_px)
+        self._still = _Assembly(self._fixed, ())
+        self._layers: dict[int, Array32] = {}
+        self._offsets = sample_offsets()
+        self._origins = np.tile(self.rays.origin_mm, (_CHUNK, 1))
+
+    def layer(self, lamp: int) -> Array32:
+        """Return what the camera sees of the fixed things under one lamp at level 1, (h, w)."""
+        if lamp not in self._layers:
+            layer = np.zeros(self._shape, np.float32)
+            flat = layer.reshape(-1)
+            for part in _chunks(flat.size, _CHUNK):
+                directions = self.rays.directions[part]
+                hits = self._meet(self._still, directions)
+                flat[part] = self._shade(self._still, lamp, hits, directions)
+            jumping = np.flatnonzero(_jumps(layer))
+            flat[jumping] = self._fine(self._still, jumping, (lamp,))[lamp]
+            self._layers[lamp] = layer
+        return self._layers[lamp]
+
+    # --- pictures -------------------------------------------------------------------------------
+
+    def picture(self, poses: Mapping[str, Array], levels: Mapping[int, float]) -> Array32:
+        """Return the radiance that reaches the sensor, (h, w); a panel's middle at level 1 is 1.
+
+        Parameters
+        ----------
+        poses : T_world_* of everything that moves and is there
+        levels : level of each lamp that is lit, by its number
+        """
+        picture = np.zeros(self._shape, np.float32)
+        lit = [lamp for lamp, level in levels.items() if level > 0.0]
+        for lamp in lit:
+            picture += np.float32(levels[lamp]) * self.layer(lamp)
+        movers = self._place(poses)
+        touched = np.zeros(self._shape, bool)
+        shaded = np.zeros(self._shape, bool)
+        for mover in movers.values():
+            _fill(touched, self._rect(mover.corners_mm))
+            for rect in self._shadow_rects(mover, lit):
+                _fill(shaded, rect)
+        if not lit or not (touched.any() or shaded.any()):
+            return picture
+        in_play = self._in_play(movers, lit)
+        assembly = _Assembly(self._fixed, in_play)
+        layers = self._cast(assembly, touched, shaded, lit)
+        changed = np.flatnonzero(touched | shaded)
+        total = np.zeros(len(changed), np.float32)
+        for lamp in lit:
+            total += np.float32(levels[lamp]) * layers[lamp].reshape(-1)[changed]
+        picture.reshape(-1)[changed] = total
+        return picture
+
+    def depends_on(self, poses: Mapping[str, Array], lit: Sequence[int]) -> bytes:
+        """Return what a picture depends on: poses of what is in sight or throws a shadow there."""
+        movers = self._place(poses)
+        return b"".join(
+            mover.surface.name.encode() + mover.T_world.tobytes()
+            for mover in self._in_play(movers, lit)
+        )
+
+    def _in_play(self, movers: Mapping[str, _Mover], lit: Sequence[int]) -> list[_Mover]:
+        return [
+            mover
+            for mover in movers.values()
+            if lit
+            and (self._rect(mover.corners_mm) is not None or self._may_shade(mover, movers, lit))
+        ]
+
+    def _may_shade(
+        self, mover: _Mover, movers: Mapping[str, _Mover], lit: Sequence[int]
+    ) -> bool:
+        """Whether a thing out of sight may stand between a lamp and something in sight."""
+        if self._shadow_rects(mover, lit):
+            return True
+        if not any(self.lamps.casts_shadows(lamp) for lamp in lit):
+            return False
+        return any(self._rect(other.corners_mm) is not None for other in movers.values())
+
+    def _place(self, poses: Mapping[str, Array]) -> dict[str, _Mover]:
+        movers: dict[str, _Mover] = {}
+        for name, mover in self._movers.items():
+            if name in poses:
+                mover.place(poses[name])
+                movers[name] = mover
+        return movers
+
+    def _rect(self, points_mm: Array) -> Rect | None:
+        """Return the rectangle of pixels that points lie in, None if out of the picture."""
+        pixels, depth = project(self.camera, points_mm)
+        height, width = self._shape
+        if np.all(depth < _NEAR_MM):
+            return None
+        if np.any(depth < _NEAR_MM):  # it reaches behind the lens: anything is possible
+            return 0, height, 0, width
+        left, top = np.floor(pixels.min(axis=0)).astype(int) - _MARGIN_PX
+        right, bottom = np.ceil(pixels.max(axis=0)).astype(int) + _MARGIN_PX + 1
+        left, top, right, bottom = max(0, left), max(0, top), min(width, right), min(height, bottom)
+        if left >= right or top >= bottom:
+            return None
+        return int(top), int(bottom), int(left), int(right)
+
+    def _shadow_rects(self, mover: _Mover, lit: Sequence[int]) -> list[Rect]:
+        """Return where the shadows of a thing may fall on the table and on panels."""
+        rects = []
+        for lamp in lit:
+            if not self.lamps.casts_shadows(lamp):
+                continue
+            source = self.lamps.lamps[lamp].centre_mm
+            for point, normal in self._screens():
+                rect = self._shadow_rect(source, mover.corners_mm, point, normal)
+                if rect is not None:
+                    rects.append(rect)
+        return rects
+
+    def _screens(self) -> list[tuple[Array, Array]]:
+        table = (np.zeros(3), np.array((0.0, 0.0, 1.0)))
+        standing = [
+            (lamp.centre_mm, lamp.normal)
+            for lamp in self.lamps.lamps
+            if lamp.kind == "panel" and abs(lamp.normal[2]) < 0.99
+        ]
+        return [table, *standing]
+
+    def _shadow_rect(
+        self, source: Array, corners: Array, point: Array, normal: Array
+    ) -> Rect | None:
+        height = (corners - point) @ normal
+        lamp_height = float((source - point) @ normal)
+        if lamp_height <= 0.0 or np.all(height <= 0.0):
+            return None
+        reach = lamp_height - np.clip(height, 0.0, None)
+        if np.any(reach < 1.0):
+            return None  # beside or above the lamp: its shadow runs off
+        scale = (lamp_height / reach)[:, None]
+        shadow = source + (corners - source) * scale
+        return self._rect(shadow)
+
+    def _cast(
+        self,
+        assembly: _Assembly,
+        touched: NDArray[np.bool_],
+        shaded: NDArray[np.bool_],
+        lit: Sequence[int],
+    ) -> dict[int, Array32]:
+        """Return the layers of lit lamps with all that moves in them, (h, w) each."""
+        spots = [lamp for lamp in lit if self.lamps.casts_shadows(lamp)]
+        layers = {lamp: self.layer(lamp).copy() for lamp in lit}
+        fresh = {lamp: np.zeros(self._shape, bool) for lamp in lit}
+        pixels = np.flatnonzero(touched | shaded if spots else touched)
+        for part in _chunks(len(pixels), _CHUNK):
+            some = pixels[part]
+            directions = self.rays.directions[some]
+            hits = self._meet(assembly, directions)
+            moves = np.flatnonzero(hits.triangle >= assembly.fixed_count)
+            on_mover = _Hits(
+                hits.triangle[moves], hits.far[moves], hits.u[moves], hits.v[moves]
+            )
+            for lamp in lit:
+                light = self._shade(assembly, lamp, on_mover, directions[moves])
+                layers[lamp].reshape(-1)[some[moves]] = light
+                fresh[lamp].reshape(-1)[some[moves]] = True
+            still = (hits.triangle >= 0) & (hits.triangle < assembly.fixed_count)
+            for lamp in spots:
+                flat = layers[lamp].reshape(-1)
+                bright = np.flatnonzero(still & (flat[some] > 0.0))
+                points = self.rays.origin_mm + directions[bright] * hits.far[bright, None]
+                normals = assembly.normals[hits.triangle[bright], 0]
+                dark = some[bright[self._is_dark(assembly, lamp, points, normals)]]
+                flat[dark] = 0.0
+                fresh[lamp].reshape(-1)[dark] = True
+        jumps = np.zeros(self._shape, bool)
+        for lamp in lit:
+            jumps |= _jumps(layers[lamp], fresh[lamp])
+        jumping = np.flatnonzero(jumps)
+        for lamp, values in self._fine(assembly, jumping, lit).items():
+            layers[lamp].reshape(-1)[jumping] = values
+        return layers
+
+    def _fine(
+        self, assembly: _Assembly, pixels: Index, lit: Sequence[int]
+    ) -> dict[int, Array32]:
+        """Return the mean radiance over pixels, per lamp, by many rays in each."""
+        count = len(self._offsets)
+        values = {lamp: np.zeros(len(pixels), np.float32) for lamp in lit}
+        for part in _chunks(len(pixels), _CHUNK // count):
+            directions = self.rays.fractions(pixels[part], self._offsets)
+            hits = self._meet(assembly, directions)
+            for lamp in lit:
+                light = self._shade(assembly, lamp, hits, directions)
+                values[lamp][part] = light.reshape(-1, count).mean(axis=1)
+        return values
+
+    def _meet(self, assembly: _Assembly, directions: Array32) -> _Hits:
+        found = assembly.scene.run(self._origins[: len(directions)], directions, output=True)
+        return _Hits(found["primID"], found["tfar"], found["u"], found["v"])
+
+    def _shade(
+        self, assembly: _Assembly, lamp: int, hits: _Hits, directions: Array32
+    ) -> Array32:
+        light = np.zeros(len(hits.far), np.float32)
+        met = np.flatnonzero(hits.triangle >= 0)
+        if len(met) == 0:
+            return light
+        triangle, views = hits.triangle[met], directions[met]
+        points = self.rays.origin_mm + views * hits.far[met, None]
+        corner = assembly.normals[triangle]
+        u, v = hits.u[met, None], hits.v[met, None]
+        normals = corner[:, 0] * (1.0 - u - v) + corner[:, 1] * u + corner[:, 2] * v
+        normals /= np.sqrt(np.einsum("ij,ij->i", normals, normals))[:, None] + np.float32(1e-9)
+        away = np.einsum("ij,ij->i", normals, views) > 0.0
+        normals[away] = -normals[away]
+        material, panel = assembly.material[triangle], assembly.panel[triangle]
+        here = self.lamps.shade(lamp, points, normals, views, material, panel)
+        if self.lamps.casts_shadows(lamp):
+            bright = np.flatnonzero(here > 0.0)
+            flat = _flat_normals(assembly, triangle[bright], views[bright])
+            here[bright[self._is_dark(assembly, lamp, points[bright], flat)]] = 0.0
+        light[met] = here
+        return light
+
+    def _is_dark(
+        self, assembly: _Assembly, lamp: int, points: Array32, normals: Array32
+    ) -> NDArray[np.bool_]:
+        """Return which points something keeps a lamp's light from, (n,) bool."""
+        starts = points + np.float32(_LIFT_MM) * normals
+        towards = self.lamps.lamps[lamp].centre_mm.astype(np.float32) - starts
+        length = np.ones(len(starts), np.float32)
+        met: NDArray[np.int32] = assembly.scene.run(starts, towards, length, query="OCCLUDED")
+        return met >= 0
+
+
+def _flat_normals(assembly: _Assembly, triangle: NDArray[np.int32], views: Array32) -> Array32:
+    """Return normals good enough to lift shadow rays off a surface, towards the camera."""
+    normals: Array32 = assembly.normals[triangle].mean(axis=1)
+    away = np.einsum("ij,ij->i", normals, views) > 0.0
+    normals[away] = -normals[away]
+    return normals
+
+
+def _fill(mask: NDArray[np.bool_], rect: Rect | None) -> None:
+    if rect is not None:
+        top, bottom, left, right = rect
+        mask[top:bottom, left:right] = True
+
+
+def _chunks(count: int, size: int) -> list[slice]:
+    return [slice(start, min(count, start + size)) for start in range(0, count, size)]
+
+
+def _jumps(values: Array32, only: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+    """Return the pixels whose light differs from a neighbour's; both sides of each jump.
+
+    Parameters
+    ----------
+    only : at least one of the two neighbours must be one of these
+    """
+    jumps = np.zeros(values.shape, bool)
+    across = np.abs(np.diff(values, axis=1)) > JUMP
+    down = np.abs(np.diff(values, axis=0)) > JUMP
+    if only is not None:
+        across &= only[:, 1:] | only[:, :-1]
+        down &= only[1:] | only[:-1]
+    jumps[:, 1:] |= across
+    jumps[:, :-1] |= across
+    jumps[1:] |= down
+    jumps[:-1] |= down
+    return jumps
+
+
+def _without_own_box(scene: Scene, eye_mm: Array) -> Surface:
+    """Return the fixed things but the camera's own housing, which it would look at from within."""
+    fixed = scene.fixed
+    own = [
+        i
+        for i, box in enumerate(scene.owner_boxes)
+        if np.all(eye_mm >= box.low_mm) and np.all(eye_mm <= box.high_mm)
+    ]
+    keep = ~np.isin(scene.owner, own)
+    return Surface(
+        "",
+        fixed.vertices_mm,
+        fixed.faces[keep],
+        fixed.normals[keep],
+        fixed.material[keep],
+        fixed.panel[keep],
+    )

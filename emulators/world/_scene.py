@@ -1,0 +1,245 @@
+"""What cameras look at: triangles with materials, some fixed to the world and some moving.
+
+A plain description that travels to the picture worker once; poses travel with every picture.
+"""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._grip import make_gripper
+from ._layout import Array, Box, CameraLayout, LampLayout, Layout
+from ._solid import Solid
+
+Faces = NDArray[np.int32]
+
+_CREASE_COS: Final = 0.9  # facets of one curved face meet at less than 25 degrees
+_TABLE_MM: Final = (-700.0, 1100.0, -1100.0, 900.0)  # x, x, y, y of the plate
+_TRAY_HEIGHT_MM: Final = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Material:
+    """How a surface gives light back.
+
+    Attributes
+    ----------
+    albedo : of its diffuse part
+    gloss : height of its highlight, and ``shine`` its exponent (Blinn)
+    """
+
+    albedo: float
+    gloss: float = 0.0
+    shine: float = 20.0
+
+
+MACHINED: Final = Material(albedo=0.60, gloss=0.18, shine=24.0)
+PAINTED: Final = Material(albedo=0.12, gloss=0.03)
+STEEL: Final = Material(albedo=0.22, gloss=0.08)
+TABLE: Final = Material(albedo=0.18)
+OPAL: Final = Material(albedo=0.20)  # a panel that does not glow
+TRAY: Final = Material(albedo=0.30)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """Triangles of one rigid thing.
+
+    Attributes
+    ----------
+    name : of the pose that moves it; empty if it does not move
+    vertices_mm, faces : in its own frame
+    normals : (m, 3, 3) at the corners of each face, smooth across curved faces
+    material : (m,) index into ``materials``
+    panel : (m,) number of the lamp that glows there, -1 for none
+    """
+
+    name: str
+    vertices_mm: Array
+    faces: Faces
+    normals: NDArray[np.float32]
+    material: NDArray[np.int16]
+    panel: NDArray[np.int16]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """The cell as light sees it.
+
+    Attributes
+    ----------
+    fixed : what stands still; ``owner`` names the layout box of each of its triangles
+    aims_mm : (lamps, 3) what each lamp points at
+    """
+
+    cameras: tuple[CameraLayout, ...]
+    lamps: tuple[LampLayout, ...]
+    aims_mm: Array
+    materials: tuple[Material, ...]
+    fixed: Surface
+    owner_boxes: tuple[Box, ...]
+    owner: NDArray[np.int16]
+    moving: tuple[Surface, ...]
+
+
+def build_scene(layout: Layout, solids: Sequence[Solid]) -> Scene:
+    """Return the cell's scene; parts are called ``part 0`` and so on, as in a snapshot."""
+    materials = (MACHINED, PAINTED, STEEL, TABLE, OPAL, TRAY)
+    lamps = tuple(layout.lamps.values())
+    fixed, owner_boxes, owner = _fixed(layout, lamps)
+    moving = [_boxes(name, (box,), 1) for name, box in _links(layout)]
+    moving.append(_boxes("tip", layout.arm.hand.boxes, 1))
+    for name, gripper in (("arm", layout.arm.hand), ("fixture", layout.fixture)):
+        for box in make_gripper(name, gripper, gripper.jaw_max_mm).finger_boxes:
+            moving.append(_boxes(box.name, (box,), 2))
+    for index, solid in enumerate(solids):
+        moving.append(_surface(f"part {index}", solid.vertices_mm, solid.faces, 0, smooth=True))
+    drop_middle = (layout.drop_low_mm + layout.drop_high_mm) / 2.0
+    table_mm = np.array((drop_middle[0], drop_middle[1], 0.0))
+    aims = [layout.station_mm if lamp.name.startswith("station") else table_mm for lamp in lamps]
+    return Scene(
+        cameras=tuple(layout.cameras.values()),
+        lamps=lamps,
+        aims_mm=np.array(aims),
+        materials=materials,
+        fixed=fixed,
+        owner_boxes=owner_boxes,
+        owner=owner,
+        moving=tuple(moving),
+    )
+
+
+def panel_frame(lamp: LampLayout) -> Array:
+    """Return the pose of a panel: x across, y along ``up``, z where it shines; (4, 4) mm."""
+    T = np.eye(4)
+    T[:3, 2], T[:3, 1] = lamp.normal, lamp.up
+    T[:3, 0] = np.cross(lamp.up, lamp.normal)
+    T[:3, 3] = lamp.centre_mm
+    return T
+
+
+def _links(layout: Layout) -> tuple[tuple[str, Box], ...]:
+    arm = layout.arm
+    return (("carriage", arm.carriage), ("upper", arm.upper), ("fore", arm.fore))
+
+
+def _fixed(
+    layout: Layout, lamps: Sequence[LampLayout]
+) -> tuple[Surface, tuple[Box, ...], NDArray[np.int16]]:
+    pieces: list[Surface] = []
+    boxes = [layout.arm.column, layout.post, *layout.obstacles]
+    for box in boxes:
+        pieces.append(_boxes("", (box,), 1))
+    owner = [np.full(len(piece.faces), i) for i, piece in enumerate(pieces)]
+    body = _boxes("", layout.fixture.boxes, 1)
+    T = layout.fixture.T_world_tip
+    pieces.append(
+        _surface("", body.vertices_mm @ T[:3, :3].T + T[:3, 3], body.faces, 1, smooth=False)
+    )
+    for tray in layout.trays:
+        low = np.append(tray.centre_mm - tray.size_mm / 2.0, -1.0)
+        high = np.append(tray.centre_mm + tray.size_mm / 2.0, _TRAY_HEIGHT_MM)
+        pieces.append(_boxes("", (Box(tray.name, low, high),), 5))
+    holes = []
+    for number, lamp in enumerate(lamps):
+        if lamp.kind != "panel":
+            continue
+        corners = _panel_corners(lamp)
+        pieces.append(_quad(corners, 4, number))
+        if abs(lamp.normal[2]) > 0.99 and abs(lamp.centre_mm[2]) < 5.0:
+            holes.append((corners.min(axis=0), corners.max(axis=0)))
+    pieces += [_quad(corners, 3, -1) for corners in _table(holes)]
+    owner += [np.full(len(piece.faces), -1) for piece in pieces[len(boxes) :]]
+    return _join(pieces), tuple(boxes), np.concatenate(owner).astype(np.int16)
+
+
+def _panel_corners(lamp: LampLayout) -> Array:
+    T = panel_frame(lamp)
+    w, h = lamp.size_mm[0] / 2.0, lamp.size_mm[1] / 2.0
+    local = np.array(((-w, -h, 0.0), (w, -h, 0.0), (w, h, 0.0), (-w, h, 0.0)))
+    corners: Array = local @ T[:3, :3].T + T[:3, 3]
+    return corners
+
+
+def _table(holes: Sequence[tuple[Array, Array]]) -> list[Array]:
+    """Return the table's plate as rectangles that leave out one glowing window."""
+    x0, x1, y0, y1 = _TABLE_MM
+    if not holes:
+        return [_rectangle(x0, x1, y0, y1)]
+    (a, c, _), (b, d, _) = holes[0]
+    return [
+        _rectangle(x0, a, y0, y1),
+        _rectangle(b, x1, y0, y1),
+        _rectangle(a, b, y0, c),
+        _rectangle(a, b, d, y1),
+    ]
+
+
+def _rectangle(x0: float, x1: float, y0: float, y1: float) -> Array:
+    return np.array(((x0, y0, 0.0), (x1, y0, 0.0), (x1, y1, 0.0), (x0, y1, 0.0)))
+
+
+def _quad(corners_mm: Array, material: int, panel: int) -> Surface:
+    faces = np.array(((0, 1, 2), (0, 2, 3)), dtype=np.int32)
+    return _surface("", corners_mm, faces, material, smooth=False, panel=panel)
+
+
+def _boxes(name: str, boxes: Sequence[Box], material: int) -> Surface:
+    corners = np.array(list(itertools.product((0, 1), repeat=3)), dtype=float)
+    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    triangles = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], np.int32)
+    vertices = [box.low_mm + corners * (box.high_mm - box.low_mm) for box in boxes]
+    faces = np.vstack([triangles + 8 * i for i in range(len(boxes))])
+    return _surface(name, np.vstack(vertices), faces, material, smooth=False)
+
+
+def _surface(
+    name: str, vertices_mm: Array, faces: Faces, material: int, *, smooth: bool, panel: int = -1
+) -> Surface:
+    return Surface(
+        name,
+        vertices_mm,
+        faces,
+        corner_normals(vertices_mm, faces, smooth=smooth),
+        np.full(len(faces), material, np.int16),
+        np.full(len(faces), panel, np.int16),
+    )
+
+
+def _join(pieces: Sequence[Surface]) -> Surface:
+    starts = np.cumsum([0] + [len(piece.vertices_mm) for piece in pieces])
+    return Surface(
+        "",
+        np.vstack([piece.vertices_mm for piece in pieces]),
+        np.vstack([p.faces + s for p, s in zip(pieces, starts, strict=False)]).astype(np.int32),
+        np.concatenate([piece.normals for piece in pieces]),
+        np.concatenate([piece.material for piece in pieces]),
+        np.concatenate([piece.panel for piece in pieces]),
+    )
+
+
+def corner_normals(vertices_mm: Array, faces: Faces, *, smooth: bool) -> NDArray[np.float32]:
+    """Return normals at the corners of triangles, (m, 3, 3), averaged where facets nearly agree."""
+    a, b, c = (vertices_mm[faces[:, i]] for i in range(3))
+    weighted = np.cross(b - a, c - a)
+    normals = weighted / np.maximum(np.linalg.norm(weighted, axis=1, keepdims=True), 1e-12)
+    corners = np.repeat(normals[:, None], 3, axis=1)
+    if smooth:
+        vertex = faces.ravel()
+        order = np.argsort(vertex, kind="stable")
+        count = np.bincount(vertex, minlength=len(vertices_mm))
+        first = np.concatenate(([0], np.cumsum(count)))
+        mates = count[vertex]
+        corner = np.repeat(np.arange(len(vertex)), mates)
+        within = np.arange(mates.sum()) - np.repeat(np.cumsum(mates) - mates, mates)
+        mate = order[first[vertex[corner]] + within] // 3
+        agree = np.einsum("ij,ij->i", normals[corner // 3], normals[mate]) > _CREASE_COS
+        total = np.zeros((len(vertex), 3))
+        np.add.at(total, corner[agree], weighted[mate[agree]])
+        total /= np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12)
+        corners = total.reshape(-1, 3, 3)
+    return corners.astype(np.float32)

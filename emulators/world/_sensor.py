@@ -1,0 +1,65 @@
+"""The sensor behind the lens: blur, exposure, gain, shot and read noise, saturation, digits."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ._optics import Array32
+
+NOMINAL_EXPOSURE_S: Final = 0.010
+GREY_AT_UNIT: Final = 210.0  # of radiance 1 at nominal exposure and gain 1, above black
+BLACK_GREY: Final = 4.0
+BLUR_SIGMA_PX: Final = 0.6  # of the lens; a pixel's own area is in the samples already
+ELECTRONS_PER_GREY: Final = 60.0  # at gain 1: 15 300 electrons fill 255 grey
+READ_NOISE_ELECTRONS: Final = 12.0
+
+
+@dataclass(frozen=True, slots=True)
+class Exposure:
+    """How a picture is taken.
+
+    Attributes
+    ----------
+    exposure_s : how long light is gathered
+    gain : of the amplifier behind it, 1 is none
+    seed : of the noise
+    bits : 8, or 16 (then full scale is 65535)
+    """
+
+    exposure_s: float
+    gain: float = 1.0
+    seed: int = 0
+    bits: int = 8
+
+
+def blurred(radiance: Array32) -> Array32:
+    """Return what the lens makes of a sharp picture."""
+    soft: Array32 = cv2.GaussianBlur(
+        radiance, (5, 5), BLUR_SIGMA_PX, borderType=cv2.BORDER_REPLICATE
+    )
+    return soft
+
+
+def develop(
+    radiance: Array32, exposure: Exposure, *, noisy: bool = True
+) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """Return the digits of a blurred picture, (h, w)."""
+    scale = GREY_AT_UNIT * exposure.exposure_s / NOMINAL_EXPOSURE_S
+    electrons = radiance * np.float32(scale * ELECTRONS_PER_GREY)
+    if noisy:
+        rng = np.random.Generator(np.random.SFC64(exposure.seed))
+        noise = rng.standard_normal(electrons.shape, dtype=np.float32)
+        # of light and of reading, which are independent, in one draw
+        noise *= np.sqrt(electrons + np.float32(READ_NOISE_ELECTRONS**2))
+        electrons += noise
+    grey = electrons
+    grey *= np.float32(exposure.gain / ELECTRONS_PER_GREY)
+    grey += np.float32(BLACK_GREY + 0.5)
+    if exposure.bits == 8:
+        np.clip(grey, 0.0, 255.0, out=grey)
+        return grey.astype(np.uint8)
+    grey = (grey - np.float32(0.5)) * np.float32(257.0)
+    return np.clip(grey + np.float32(0.5), 0.0, 65535.0).astype(np.uint16)
