@@ -580,6 +580,14 @@ async def test_a_part_that_turns_between_the_jaws_counts_as_lost() -> None:
             await gripper.wait_lost()
 
 
+async def test_contact_that_ends_without_the_jaws_moving_is_a_loss() -> None:
+    device = Robotiq(part_outside=150)
+    async with gripper_on(device) as gripper:
+        await gripper.close_on(30.0)
+        device.misses_contact = True  # gOBJ 3 at the same width: "or the object was lost"
+        assert await gripper.hold() is Hold.LOST
+
+
 async def test_a_stopped_gripper_still_holds() -> None:
     device = Robotiq(part_outside=150)
     async with gripper_on(device) as gripper:

@@ -271,6 +271,18 @@ async def test_after_a_write_without_acknowledge_the_modules_are_asked_before_th
     assert rig.closed == []
 
 
+async def test_a_dimming_without_acknowledge_is_not_taken_for_undone() -> None:
+    rig = Rig()
+    async with lights_on(rig, clock=IMPATIENT) as lights:
+        await lights.set({"backlight": 1.0})
+        rig.bus.troubles = ["silent"]
+        with pytest.raises(ReplyTimeoutError, match="analog output module"):
+            await lights.set({"backlight": 0.5})
+        assert rig.outputs_mv[0] == 5000
+        await lights.set({"backlight": 1.0})
+    assert rig.outputs_mv[0] == 10000
+
+
 async def test_all_off_opens_the_relays_even_if_the_analog_module_is_silent() -> None:
     rig = Rig()
     async with lights_on(rig, clock=IMPATIENT) as lights:

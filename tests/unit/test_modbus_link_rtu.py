@@ -141,6 +141,22 @@ async def test_a_request_that_is_cancelled_before_its_turn_is_never_sent() -> No
     assert [frame[1] for frame in bus.requests] == [3, 3]
 
 
+async def test_a_write_that_is_cancelled_during_a_resynchronisation_is_never_sent() -> None:
+    bus = Bus({9: Map(holding={0: 5, 1: 0}).answer}, troubles=["silent"])
+    async with on_the_line("tcp", bus) as (_link, unit):
+        with pytest.raises(ReplyTimeoutError):
+            await unit.write_register(0, 5)
+        probed = asyncio.Event()
+        bus.troubles = [probed]
+        second = asyncio.create_task(unit.write_register(1, 1))
+        await until(lambda: len(bus.requests) == 2)
+        second.cancel()
+        await asyncio.wait({second})
+        probed.set()
+        assert await unit.read_holding_registers(1, 1) == (0,)
+    assert [frame[1] for frame in bus.requests if frame[1] == 6] == [6]
+
+
 @pytest.mark.parametrize("turns", range(8))
 async def test_the_line_is_free_again_wherever_a_cancellation_strikes(turns: int) -> None:
     bus = Bus({9: Map(holding={0: 5}).answer})
