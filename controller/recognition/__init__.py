@@ -3,7 +3,13 @@
 Arrays in, dataclasses out (paper, section 3; DESIGN.md 3.5).
 """
 
-from ._contours import Contour, mask_contour, subpixel_contour, threshold_levels
+from ._contours import (
+    Contour,
+    mask_contour,
+    subpixel_contour,
+    table_contrast,
+    threshold_levels,
+)
 from ._pose_fit import PosedPart, PoseFit, fit_pose
 from ._recognise import (
     Alternative,
@@ -31,5 +37,6 @@ __all__ = [
     "mask_contour",
     "recognise",
     "subpixel_contour",
+    "table_contrast",
     "threshold_levels",
 ]

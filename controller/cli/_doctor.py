@@ -1,0 +1,166 @@
+"""`cellctl doctor`: is everything there that a run needs? Moves nothing."""
+
+import asyncio
+import os
+import platform
+import shutil
+from collections.abc import Awaitable, Callable
+from contextlib import nullcontext
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from controller.cell.actions import REQUIRED_SIGNALS
+from controller.cell.devices import Devices, resolve
+from controller.cell.run import EMULATED_TIMEOUT_WALL_S
+from controller.config import Cell, load_cell
+from drivers.clock import CellClock
+from drivers.errors import DeviceError
+from drivers.io_modbus import Signal
+
+from ._emulator import emulated_cell, emulator_command
+from ._output import emit, say, stdout
+
+Check = dict[str, Any]
+
+PACKAGES = ("pymodbus", "pyserial", "opencv-python-headless", "numpy", "trimesh", "pybullet")
+LEAST_DISK_MB = 500
+
+
+def examine(cell_path: Path, *, as_json: bool) -> int:
+    """Check machine and devices; 1 if anything is not as it should be."""
+    cell = load_cell(cell_path)
+    checks = [*_machine(), *_permissions(cell)]
+    emulator: Any = (
+        emulated_cell(emulator_command(cell_path, (), speed=1.0, seed=1))
+        if cell.emulated_devices
+        else nullcontext({})
+    )
+    with emulator as ready:
+        checks += asyncio.run(_devices(cell, ready))
+    bad = [check for check in checks if not check["ok"]]
+    if as_json:
+        for check in checks:
+            emit(check)
+    else:
+        for check in checks:
+            mark = "ok  " if check["ok"] else "BAD "
+            stdout.print(
+                f"{mark}{check['check']:22} {check['found']}",
+                style=None if check["ok"] else "bold red",
+                markup=False,
+            )
+            if not check["ok"]:
+                say(f"      {check['remedy']}")
+        say("all well" if not bad else f"{len(bad)} of {len(checks)} checks failed")
+    return 1 if bad else 0
+
+
+def _check(name: str, found: str, *, ok: bool, remedy: str = "") -> Check:
+    return {"check": name, "ok": ok, "found": found, "remedy": remedy}
+
+
+def _machine() -> list[Check]:
+    checks = [
+        _check("python", platform.python_version(), ok=platform.python_version().startswith("3.11"),
+               remedy="Python 3.11 is asked"),
+    ]  # fmt: skip
+    for package in PACKAGES:
+        try:
+            checks.append(_check(package, version(package), ok=True))
+        except PackageNotFoundError:
+            checks.append(_check(package, "missing", ok=False, remedy=f"pip install {package}"))
+    free_mb = shutil.disk_usage(Path.cwd()).free // 2**20
+    checks.append(
+        _check("disk", f"{free_mb} MB free", ok=free_mb > LEAST_DISK_MB,
+               remedy=f"make room: runs need {LEAST_DISK_MB} MB and more")
+    )  # fmt: skip
+    return checks
+
+
+def _permissions(cell: Cell) -> list[Check]:
+    checks = []
+    for name in ("arm", "overhead", "inspection"):
+        address = getattr(cell.devices, name).address
+        if not address.startswith("/"):
+            continue
+        there = Path(address).exists()
+        allowed = there and os.access(address, os.R_OK | os.W_OK)
+        group = "dialout" if name == "arm" else "video"
+        checks.append(
+            _check(
+                f"{name} permission",
+                f"{address}: {_access(there=there, allowed=allowed)}",
+                ok=allowed,
+                remedy=f"add the user to the group {group}, or check the cable",
+            )
+        )
+    return checks
+
+
+def _access(*, there: bool, allowed: bool) -> str:
+    if not there:
+        return "is not there"
+    return "may be used" if allowed else "may not be used"
+
+
+async def _devices(cell: Cell, ready: dict[str, Any]) -> list[Check]:
+    emulated = bool(cell.emulated_devices)
+    clock = CellClock(1.0, EMULATED_TIMEOUT_WALL_S if emulated else 0.0)
+    devices = Devices.build(cell, resolve(cell, ready.get("devices", {})), clock)
+    checks: list[Check] = []
+
+    async def ask(name: str, asking: Callable[[], Awaitable[object]]) -> None:
+        kind = "emulated" if getattr(cell.devices, name).address == "emulated" else "real"
+        try:
+            found = await asking()
+        except DeviceError as error:
+            checks.append(
+                _check(name, str(error), ok=False, remedy="see the message; then run doctor again")
+            )
+        else:
+            checks.append(_check(name, f"{found} ({kind})", ok=True))
+
+    async def lights() -> str:
+        analog, relays = await devices.lights.identify()
+        return f"analog output {analog}, relays {relays}"
+
+    async def arm() -> str:
+        identity = await devices.arm.connect()
+        restarted = ", was restarted: homing needed" if identity.was_restarted else ""
+        return f"both IPs answer{restarted}"
+
+    async def camera(name: str) -> str:
+        device = devices.overhead if name == "overhead" else devices.inspection
+        await device.connect()
+        return f"{device.identity().card}, {device.shape[1]} x {device.shape[0]} px"
+
+    async def gripper() -> str:
+        status = await devices.gripper.connect()
+        return (
+            f"2F, {'active' if status.is_activated else 'not activated'}, {status.width_mm:.0f} mm"
+        )
+
+    try:
+        await ask("io", devices.io.connect)
+        await ask("arm", arm)
+        await ask("gripper", gripper)
+        await ask("lights", lights)
+        await ask("overhead", lambda: camera("overhead"))
+        await ask("inspection", lambda: camera("inspection"))
+        for name, remedy in REQUIRED_SIGNALS.items():
+            signal = await _settled(devices, name, clock)
+            checks.append(_check(name, signal.value, ok=signal is Signal.OK, remedy=remedy))
+    finally:
+        await devices.aclose()
+    return checks
+
+
+async def _settled(devices: Devices, name: str, clock: CellClock) -> Signal:
+    """Return a signal once it has been read twice, or what is known after a second."""
+    try:
+        async with clock.timeout(1.0):
+            await devices.io.wait_for(name, Signal.OK)
+    except TimeoutError:
+        pass
+    return devices.io.signal(name)

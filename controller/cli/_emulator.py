@@ -1,0 +1,113 @@
+"""The emulated cell as a process beside a command. Only its addresses come back."""
+
+import json
+import os
+import queue
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+READY_TIMEOUT_S = 120.0  # the first use of a part decomposes it into convex pieces
+STOP_TIMEOUT_S = 10.0
+
+
+class EmulatorError(Exception):
+    """The emulated cell did not start."""
+
+
+def emulator_command(
+    cell: Path, parts: Sequence[Path], *, speed: float, seed: int | None, more: Sequence[str] = ()
+) -> list[str]:
+    """Return the command line of the emulator; it is its own program on purpose."""
+    command = [sys.executable, "-m", "emulators", "--cell", str(cell), "--speed", f"{speed:g}"]
+    for part in parts:
+        command += ["--part", str(part)]
+    if not parts:
+        command.append("--empty")
+    if seed is not None:
+        command += ["--seed", str(seed)]
+    return [*command, *more]
+
+
+@contextmanager
+def emulated_cell(command: Sequence[str], log_path: Path | None = None) -> Iterator[dict[str, Any]]:
+    """Start the emulator, yield what it says of itself, end it.
+
+    Raises
+    ------
+    EmulatorError : it did not become ready
+    """
+    log: IO[bytes] | int = subprocess.DEVNULL
+    if log_path is not None:
+        log_path.parent.mkdir(parents=True, exist_ok=True)
+        log = log_path.open("wb")
+    # a session of its own: Ctrl-C is for us, the cell must live until the arm has stopped
+    process = subprocess.Popen(
+        [*command, "--die-with-parent"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=log,
+        start_new_session=True,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+    )
+    if not isinstance(log, int):
+        log.close()
+    try:
+        yield _ready(process, log_path)
+    finally:
+        _end(process)
+
+
+def _ready(process: "subprocess.Popen[bytes]", log_path: Path | None) -> dict[str, Any]:
+    lines: queue.Queue[bytes] = queue.Queue()
+    stream = process.stdout
+    assert stream is not None
+
+    def pump() -> None:
+        for line in stream:
+            lines.put(line)
+        lines.put(b"")
+
+    threading.Thread(target=pump, daemon=True, name="emulator output").start()
+    tail = f"; see {log_path}" if log_path is not None else ""
+    while True:
+        try:
+            line = lines.get(timeout=READY_TIMEOUT_S)
+        except queue.Empty:
+            raise EmulatorError(
+                f"the emulated cell was not ready within {READY_TIMEOUT_S:.0f} s{tail}"
+            ) from None
+        if not line:
+            code = process.wait()
+            words = _last_words(log_path)
+            raise EmulatorError(f"the emulated cell ended with code {code}: {words}{tail}")
+        try:
+            body = json.loads(line)
+        except ValueError:
+            continue
+        if isinstance(body, dict) and body.get("event") == "ready":
+            return body
+
+
+def _last_words(log_path: Path | None) -> str:
+    if log_path is None or not log_path.is_file():
+        return "no message"
+    lines = [line for line in log_path.read_text(errors="replace").splitlines() if line.strip()]
+    return lines[-1] if lines else "no message"
+
+
+def _end(process: "subprocess.Popen[bytes]") -> None:
+    if process.stdin is not None:
+        process.stdin.close()
+    process.terminate()
+    try:
+        process.wait(STOP_TIMEOUT_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+    if process.stdout is not None:
+        process.stdout.close()

@@ -1,0 +1,125 @@
+"""`cellctl recognise`: stored pictures of the table, one answer per object."""
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.cad import Camera, load_solid
+from controller.config import ConfigError
+from controller.recognition import Sighting, make_catalogue, recognise, table_contrast
+
+from ._output import emit, say
+
+Grey = NDArray[np.uint8]
+
+
+def load_calibration(path: Path) -> Camera:
+    """Read a camera from JSON: size_px, K, distortion, T_world_cam.
+
+    Raises
+    ------
+    ConfigError : missing, or not such a file
+    """
+    try:
+        body = json.loads(path.read_text(encoding="utf-8"))
+        width, height = body["size_px"]
+        K = np.array(body["K"], dtype=float).reshape(3, 3)
+        distortion = np.array(body["distortion"], dtype=float).reshape(5)
+        T = np.array(body["T_world_cam"], dtype=float).reshape(4, 4)
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}; check the path") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise ConfigError(
+            f"{path}: no camera calibration ({type(error).__name__}: {error}); asked are size_px "
+            "[width, height], K (3 x 3), distortion (5) and T_world_cam (4 x 4)"
+        ) from error
+    if not (np.isfinite(K).all() and np.isfinite(distortion).all() and np.isfinite(T).all()):
+        raise ConfigError(f"{path}: the calibration holds values that are no numbers")
+    return Camera((int(width), int(height)), K, distortion, T)
+
+
+def recognise_images(
+    images: list[Path], parts: list[Path], calibration: Path, lighting: str, *, as_json: bool
+) -> int:
+    """Recognise what lies in each picture; 1 if a picture shows nothing known."""
+    camera = load_calibration(calibration)
+    catalogue = make_catalogue([load_solid(p) for p in _cad_files(parts)], camera)
+    known = 0
+    for path in images:
+        picture = _read(path, camera)
+        started = time.monotonic()
+        backlit = picture if lighting == "backlit" else table_contrast(picture)
+        sightings = recognise(backlit, np.ones(picture.shape, dtype=bool), camera, catalogue)
+        seconds = (time.monotonic() - started) / max(1, len(sightings))
+        if not sightings and not as_json:
+            say(f"{path.name}: nothing on the table")
+        for sighting in sightings:
+            known += sighting.part is not None
+            body = _answer(path, sighting, seconds)
+            if as_json:
+                emit(body)
+            else:
+                say(_sentence(body))
+    return 0 if known else 1
+
+
+def _cad_files(parts: list[Path]) -> list[Path]:
+    found: list[Path] = []
+    for path in parts:
+        found += sorted(path.glob("*.stl")) if path.is_dir() else [path]
+    if not found:
+        raise ConfigError(f"--parts {', '.join(map(str, parts))}: no CAD file there")
+    return found
+
+
+def _read(path: Path, camera: Camera) -> Grey:
+    if not path.is_file():
+        raise ConfigError(f"{path}: no such picture")
+    picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if picture is None:
+        raise ConfigError(f"{path}: is no picture that can be read (PNG, JPEG, TIFF)")
+    width, height = camera.size_px
+    if picture.shape != (height, width):
+        raise ConfigError(
+            f"{path}: {picture.shape[1]} x {picture.shape[0]} px, the calibration is for "
+            f"{width} x {height} px"
+        )
+    return np.asarray(picture, dtype=np.uint8)
+
+
+def _answer(path: Path, s: Sighting, seconds: float) -> dict[str, Any]:
+    return {
+        "image": path.name,
+        "part": s.part,
+        "stable_pose_R": None if s.R is None else s.R.tolist(),
+        "x_mm": s.x_mm,
+        "y_mm": s.y_mm,
+        "theta_deg": float(np.degrees(s.theta_rad)),
+        "score": s.score,
+        "ambiguous_with": [
+            {
+                "part": a.part,
+                "pose_index": a.pose_index,
+                "theta_deg": float(np.degrees(a.theta_rad)),
+            }
+            for a in s.ambiguous_with
+        ],
+        "reason": s.reason,
+        "seconds": seconds,
+    }
+
+
+def _sentence(body: dict[str, Any]) -> str:
+    where = f"x {body['x_mm']:.1f} mm, y {body['y_mm']:.1f} mm"
+    if body["part"] is None:
+        return f"{body['image']}: unknown object at {where}: {body['reason']}"
+    also = f"; could also be {len(body['ambiguous_with'])} others" if body["ambiguous_with"] else ""
+    return (
+        f"{body['image']}: {body['part']} at {where}, {body['theta_deg']:.1f} deg, "
+        f"score {body['score']:.3f}{also}"
+    )

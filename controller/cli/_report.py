@@ -1,0 +1,24 @@
+"""`cellctl report`: what a run found, from the journal."""
+
+import json
+from pathlib import Path
+
+from controller.results import load_run, report_json, write_html
+
+from ._output import emit, say
+
+
+def write_report(runs_dir: Path, run: str | None, form: str, output: Path | None) -> int:
+    """Write the report of a run; return the exit code."""
+    record = load_run(runs_dir, run)
+    if form == "json":
+        body = report_json(record)
+        if output is None:
+            emit(body)
+        else:
+            output.write_text(json.dumps(body, indent=1, ensure_ascii=False), encoding="utf-8")
+            say(f"report: {output}")
+        return 0
+    path = write_html(record, output or runs_dir / record.run_id / "report.html")
+    say(f"report: {path}")
+    return 0

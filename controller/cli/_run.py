@@ -1,0 +1,238 @@
+"""`cellctl run`: the main job, with live progress and an orderly stop."""
+
+import asyncio
+import logging
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.live import Live
+from rich.table import Table
+
+from controller.cad import load_solid
+from controller.cell.actions import PartRecord, Progress
+from controller.cell.dispatcher import Dispatcher
+from controller.cell.run import RunOrder, RunResult, new_run_id, run_batch
+from controller.cell.workers import Job, context, make_pool
+from controller.config import ConfigError, load_cell, load_recipe
+from controller.results import load_run, write_html
+
+from ._emulator import emulated_cell, emulator_command
+from ._output import emit, say, stderr, warn
+
+log = logging.getLogger(__name__)
+
+
+def run_recipe(
+    recipe_path: Path,
+    cell_path: Path | None,
+    *,
+    count: int | None,
+    speed: float,
+    seed: int | None,
+    lay: tuple[Path, ...],
+    empty: bool,
+    emulator_args: tuple[str, ...],
+    runs_dir: Path,
+    as_json: bool,
+) -> int:
+    """Run a recipe and return the exit code: 0 all passed, 1 the cell or a part said no."""
+    recipe = load_recipe(recipe_path)
+    cell_file = cell_path or recipe.cell
+    cell = load_cell(cell_file)
+    for part in (recipe.part, *recipe.others, *lay):
+        load_solid(part)  # before anything starts: a bad CAD file is the command line's fault
+    emulated = cell.emulated_devices
+    if speed != 1 and len(emulated) < len(type(cell.devices).model_fields):
+        real = sorted(set(type(cell.devices).model_fields) - set(emulated))
+        raise ConfigError(f"--speed {speed:g}: time cannot run faster on real devices: {real}")
+    run_id = new_run_id(recipe)
+    folder = runs_dir / run_id
+    if emulated:
+        warn(f"EMULATED: {', '.join(emulated)} ({speed:g} x real time)")
+    parts = () if empty else (lay or (recipe.part,) * 1)
+    command = emulator_command(cell_file, parts, speed=speed, seed=seed, more=emulator_args)
+    with make_pool() as pool:
+        # the worker reads the CAD while the emulated cell comes up
+        pool.submit(context, Job(recipe_path, cell_file))
+        cell_beside: Any = (
+            emulated_cell(command, folder / "emulator.log") if emulated else nullcontext({})
+        )
+        with cell_beside as ready:
+            _say_transport(ready)
+            order = RunOrder(
+                recipe_path=recipe_path,
+                cell_path=cell_file,
+                recipe=recipe,
+                cell=cell,
+                count=count or recipe.count,
+                speed=speed,
+                emulated=ready,
+                runs_dir=runs_dir,
+                run_id=run_id,
+            )
+            with _display(as_json=as_json) as on_progress:
+                result = asyncio.run(_drive(order, pool, on_progress))
+    report = write_html(load_run(runs_dir, run_id), folder / "report.html")
+    return _tell_result(result, run_id, report, as_json=as_json)
+
+
+def _say_transport(ready: dict[str, Any]) -> None:
+    if ready.get("camera_transport") == "socket":
+        warn(
+            "cameras: the emulated cameras speak V4L2 over unix sockets, since FUSE cannot be "
+            f"mounted here ({ready.get('why_not_fuse')})"
+        )
+
+
+async def _drive(
+    order: RunOrder,
+    pool: ProcessPoolExecutor,
+    on_progress: Callable[[Progress], None],
+) -> RunResult:
+    loop = asyncio.get_running_loop()
+    task = asyncio.current_task()
+    assert task is not None
+
+    def on_dispatcher(dispatcher: Dispatcher) -> None:
+        stops = 0
+
+        def stop() -> None:
+            nonlocal stops
+            stops += 1
+            if stops == 1:
+                warn("stopping: the arm halts, nothing is released (Ctrl-C again: give up)")
+                dispatcher.request_stop()
+            else:
+                task.cancel()
+
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, stop)
+
+    return await run_batch(order, pool, on_progress, on_dispatcher)
+
+
+@contextmanager
+def _display(*, as_json: bool) -> Iterator[Callable[[Progress], None]]:
+    """Yield what shows progress: JSON lines, a live table, or plain lines."""
+    if as_json:
+        yield _json_progress
+    elif stderr.is_terminal:
+        with Live(console=stderr, refresh_per_second=4, transient=True) as live:
+            started = time.monotonic()
+            yield lambda progress: live.update(_table(progress, time.monotonic() - started))
+    else:
+        last = [""]
+
+        def plain(progress: Progress) -> None:
+            line = _line(progress)
+            if line != last[0]:
+                last[0] = line
+                warn(line)
+
+        yield plain
+
+
+def _json_progress(progress: Progress) -> None:
+    emit(
+        {
+            "event": "progress",
+            "state": progress.state,
+            "step": progress.step,
+            "step_count": progress.step_count,
+            "label": progress.label,
+            "part_pose": progress.part_pose,
+            "remaining_s": progress.remaining_s,
+            "custody": progress.custody.name.lower(),
+        }
+    )
+
+
+def _line(progress: Progress) -> str:
+    step = f" {progress.step}/{progress.step_count}" if progress.step_count else ""
+    left = f" ({progress.remaining_s:.0f} s left)" if progress.remaining_s is not None else ""
+    pose = f" | {progress.part_pose}" if progress.part_pose else ""
+    return f"{progress.state}{step}: {progress.label}{left}{pose}"
+
+
+def _table(progress: Progress, elapsed_s: float) -> Table:
+    table = Table.grid(padding=(0, 2))
+    table.add_row("state", progress.state)
+    if progress.step_count:
+        done = round(30 * progress.step / progress.step_count)
+        bar = "#" * done + "." * (30 - done)
+        table.add_row("step", f"{bar} {progress.step} of {progress.step_count}")
+    table.add_row("now", progress.label)
+    table.add_row("part", progress.part_pose or "-")
+    table.add_row("held by", progress.custody.value)
+    left = "-" if progress.remaining_s is None else f"{progress.remaining_s:.0f} s of cell time"
+    table.add_row("left", f"{left}, {elapsed_s:.0f} s gone")
+    return table
+
+
+def _tell_result(result: RunResult, run_id: str, report: Path, *, as_json: bool) -> int:
+    good = result.outcome.end == "complete" and all(part.tray == "accept" for part in result.parts)
+    if as_json:
+        emit(
+            {
+                "event": "result",
+                "run": run_id,
+                "end": result.outcome.end,
+                "code": result.outcome.code,
+                "message": result.outcome.message,
+                "where": result.outcome.where,
+                "parts": [_part_json(part) for part in result.parts],
+                "report": str(report),
+            }
+        )
+        return 0 if good else 1
+    for part in result.parts:
+        if part.verdict is None:
+            continue
+        say(f"part {part.number}: {part.verdict.verdict.value.upper()} -> {part.tray}")
+        for reason in part.verdict.reasons[:6]:
+            say(f"  {reason}")
+    if result.outcome.end != "complete":
+        warn(f"cellctl: {result.outcome.end}: {result.outcome.message}")
+        warn(result.outcome.where)
+    say(f"report: {report}")
+    return 0 if good else 1
+
+
+def _part_json(part: PartRecord) -> dict[str, Any]:
+    s = part.sighting
+    return {
+        "part": part.number,
+        "custody": part.custody.name.lower(),
+        "tray": part.tray,
+        "verdict": None if part.verdict is None else part.verdict.verdict.value,
+        "reasons": [] if part.verdict is None else list(part.verdict.reasons),
+        "covered_fraction": None if part.verdict is None else part.verdict.covered_fraction,
+        "views": len(part.results),
+        "views_evaluated": sum(r.evaluated for r in part.results),
+        "sighting": None
+        if s is None
+        else {
+            "part": s.part,
+            "pose_index": s.pose_index,
+            "x_mm": s.x_mm,
+            "y_mm": s.y_mm,
+            "theta_deg": float(np.degrees(s.theta_rad)),
+            "score": s.score,
+        },
+    }
+
+
+def quiet_logs(*, verbose: bool) -> None:
+    """Send logs to stderr: warnings, or everything."""
+    logging.basicConfig(
+        level=logging.INFO if verbose else logging.ERROR,
+        stream=sys.stderr,
+        format="%(asctime)s %(name)s %(levelname)s %(message)s",
+    )

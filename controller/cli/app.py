@@ -1,0 +1,258 @@
+"""The command line. Each command is thin: parse, build, run, one sentence and an exit code.
+
+Exit codes: 0 done, 1 the cell or the part said no, 2 the command line or a file is wrong.
+"""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import click
+import typer
+
+from controller.cad import CadError
+from controller.cell.errors import CellError
+from controller.cell.journal import JournalError
+from controller.config import ConfigError
+from controller.planning import NoPlanError
+from controller.results import ResultsError
+from drivers.errors import DeviceError
+
+from ._emulator import EmulatorError
+from ._output import warn
+
+app = typer.Typer(
+    name="cellctl",
+    help="Runs a robotic inspection cell: recognises, grasps, shows, checks and sorts machined "
+    "parts from their CAD models.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+RecipeArg = Annotated[Path, typer.Argument(help="recipe file (YAML)")]
+CellOption = Annotated[
+    Path | None, typer.Option("--cell", help="cell file (YAML); the recipe's cell otherwise")
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="one JSON object a line on stdout")]
+RunsOption = Annotated[Path, typer.Option("--runs", help="folder of all runs and the journal")]
+SpeedOption = Annotated[
+    float, typer.Option("--speed", min=0.1, max=100, help="emulated cell: times real time")
+]
+SeedOption = Annotated[
+    int | None, typer.Option("--seed", help="emulated cell: same seed, same world")
+]
+LayOption = Annotated[
+    list[Path] | None,
+    typer.Option("--lay", help="emulated cell: CAD of what lies on the table; may be repeated"),
+]
+EmptyOption = Annotated[bool, typer.Option("--empty", help="emulated cell: an empty table")]
+PoseOption = Annotated[
+    int | None, typer.Option("--pose", help="emulated cell: which stable pose the part lies in")
+]
+AtOption = Annotated[
+    str | None, typer.Option("--at", help="emulated cell: where it lies, as X,Y,THETA_DEG")
+]
+ControlOption = Annotated[
+    Path | None,
+    typer.Option("--control", help="emulated cell: unix socket for injecting faults in tests"),
+]
+VerboseOption = Annotated[bool, typer.Option("--verbose", "-v", help="log to stderr")]
+
+
+def _emulator_args(pose: int | None, at: str | None, control: Path | None) -> tuple[str, ...]:
+    more: list[str] = []
+    if pose is not None:
+        more += ["--pose", str(pose)]
+    if at is not None:
+        more += ["--at", at]
+    if control is not None:
+        more += ["--control", str(control)]
+    return tuple(more)
+
+
+@app.command(epilog="Example: cellctl run recipes/featuretype.yaml --speed 10")
+def run(
+    recipe: RecipeArg,
+    cell: CellOption = None,
+    count: Annotated[int | None, typer.Option("--count", min=1, help="how many parts")] = None,
+    speed: SpeedOption = 1.0,
+    seed: SeedOption = None,
+    lay: LayOption = None,
+    empty: EmptyOption = False,
+    pose: PoseOption = None,
+    at: AtOption = None,
+    control: ControlOption = None,
+    runs: RunsOption = Path("runs"),
+    json: JsonOption = False,
+    verbose: VerboseOption = False,
+) -> None:
+    """Inspect and sort parts: the main job. Emulated devices are started beside it."""
+    from ._run import quiet_logs, run_recipe
+
+    quiet_logs(verbose=verbose)
+    code = run_recipe(
+        recipe,
+        cell,
+        count=count,
+        speed=speed,
+        seed=seed,
+        lay=tuple(lay or ()),
+        empty=empty,
+        emulator_args=_emulator_args(pose, at, control),
+        runs_dir=runs,
+        as_json=json,
+    )
+    raise typer.Exit(code)
+
+
+@app.command(epilog="Example: cellctl check recipes/flange_xy.yaml")
+def check(recipe: RecipeArg, cell: CellOption = None, json: JsonOption = False) -> None:
+    """Find everything that can be wrong before anything moves: files, CAD, grips, views, reach."""
+    from ._offline import check_recipe
+
+    raise typer.Exit(check_recipe(recipe, cell, as_json=json))
+
+
+@app.command(name="compile", epilog="Example: cellctl compile recipes/parts/featuretype.stl --json")
+def compile_(
+    parts: Annotated[list[Path], typer.Argument(help="CAD files")], json: JsonOption = False
+) -> None:
+    """Show what follows from a CAD file: surfaces, stable poses and their odds."""
+    from ._offline import compile_parts
+
+    raise typer.Exit(compile_parts(parts, as_json=json))
+
+
+@app.command(
+    epilog="Example: cellctl recognise table.png --parts recipes/parts --calibration camera.json"
+)
+def recognise(
+    images: Annotated[list[Path], typer.Argument(help="pictures of the table")],
+    parts: Annotated[list[Path], typer.Option("--parts", help="CAD files, or folders of them")],
+    calibration: Annotated[Path, typer.Option("--calibration", help="camera calibration (JSON)")],
+    lighting: Annotated[
+        str,
+        typer.Option(
+            "--lighting", help="backlit or front", click_type=click.Choice(["backlit", "front"])
+        ),
+    ] = "backlit",
+    json: JsonOption = False,
+) -> None:
+    """Say what lies on the table in stored pictures: part, stable pose, place, or "unknown"."""
+    from ._recognise import recognise_images
+
+    raise typer.Exit(recognise_images(images, parts, calibration, lighting, as_json=json))
+
+
+@app.command(epilog="Example: cellctl plan recipes/parts/featuretype.stl --json")
+def plan(
+    part: Annotated[Path, typer.Argument(help="CAD file")],
+    cell: Annotated[Path, typer.Option("--cell", help="cell file (YAML)")] = Path(
+        "recipes/cells/emulated.yaml"
+    ),
+    pose: Annotated[int, typer.Option("--pose", help="stable pose it lies in")] = 0,
+    at: Annotated[str | None, typer.Option("--at", help="where it lies, as X,Y,THETA_DEG")] = None,
+    json: JsonOption = False,
+) -> None:
+    """Plan how a part would be shown: steps, forecast, coverage, and why not the rest."""
+    from ._offline import plan_part_file
+
+    raise typer.Exit(plan_part_file(part, cell, pose, at, as_json=json))
+
+
+@app.command(epilog="Example: cellctl emulate --part recipes/parts/holder.stl --speed 5")
+def emulate(
+    cell: Annotated[Path, typer.Option("--cell", help="cell file (YAML)")] = Path(
+        "recipes/cells/emulated.yaml"
+    ),
+    part: Annotated[
+        list[Path] | None, typer.Option("--part", help="CAD of what lies on the table")
+    ] = None,
+    speed: SpeedOption = 1.0,
+    seed: SeedOption = None,
+    pose: PoseOption = None,
+    at: AtOption = None,
+    control: ControlOption = None,
+    lines: Annotated[
+        str | None, typer.Option("--lines", help="Modbus lines: tcp, rtu-pty or rtu-tcp")
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Bring up the emulated cell on its ports for any client; Ctrl-C ends it."""
+    from ._emulate import serve
+
+    more = list(_emulator_args(pose, at, control))
+    if lines is not None:
+        more += ["--lines", lines]
+    raise typer.Exit(serve(cell, tuple(part or ()), speed, seed, tuple(more), as_json=json))
+
+
+@app.command(epilog="Example: cellctl report --format json")
+def report(
+    run_name: Annotated[
+        str | None, typer.Argument(metavar="[RUN]", help="run, the newest otherwise")
+    ] = None,
+    form: Annotated[
+        str,
+        typer.Option("--format", help="html or json", click_type=click.Choice(["html", "json"])),
+    ] = "html",
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="file to write")] = None,
+    runs: RunsOption = Path("runs"),
+    json: JsonOption = False,
+) -> None:
+    """Write what a run found."""
+    from ._report import write_report
+
+    raise typer.Exit(write_report(runs, run_name, "json" if json else form, output))
+
+
+@app.command(epilog="Example: cellctl doctor --cell recipes/cells/emulated.yaml")
+def doctor(
+    cell: Annotated[Path, typer.Option("--cell", help="cell file (YAML)")] = Path(
+        "recipes/cells/emulated.yaml"
+    ),
+    json: JsonOption = False,
+) -> None:
+    """Check what a run needs: every device reachable and the right one, versions, permissions."""
+    from ._doctor import examine
+
+    raise typer.Exit(examine(cell, as_json=json))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command line and return its exit code."""
+    try:
+        code = app(args=list(argv) if argv is not None else None, standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError as error:
+        warn(error.format_message())
+        return 2
+    except click.ClickException as error:
+        error.show()
+        return 2
+    except click.exceptions.Exit as error:
+        return int(error.exit_code)
+    except (ConfigError, CadError) as error:
+        warn(f"cellctl: {error}")
+        return 2
+    except (
+        CellError,
+        DeviceError,
+        EmulatorError,
+        JournalError,
+        NoPlanError,
+        ResultsError,
+    ) as error:
+        warn(f"cellctl: {error}")
+        return 1
+    except (KeyboardInterrupt, click.Abort):
+        warn("cellctl: given up")
+        return 1
+    return int(code or 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
