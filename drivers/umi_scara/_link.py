@@ -351,7 +351,7 @@ class Link:
             try:
                 await self._halt_one(ip, request)
             except DeviceError as error:
-                log.exception("the stop of IP%d failed", ip)
+                log.warning("the stop of IP%d: %s", ip, error)
                 failures.append(error)
         # a lost position outlasts any trouble of the line, so it is what the caller must hear
         failures.sort(key=lambda error: not isinstance(error, PositionLostError))
