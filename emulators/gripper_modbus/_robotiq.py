@@ -159,11 +159,10 @@ class RobotiqDevice:
         start = address - OUTPUT_START
         if start < 0 or start + len(values) > OUTPUT_COUNT:
             raise RefusedRequest(0)
-        was_active_bit = bool(self._action & ACTIVATE)
         self._output[start : start + len(values)] = values
         if start == 0 and not self._action & ACTIVATE:
             self._deactivate()
-        self._obey(was_active_bit)
+        self._obey()
 
     # --- the firmware ---------------------------------------------------------------------------
 
@@ -171,7 +170,7 @@ class RobotiqDevice:
     def _action(self) -> int:
         return self._output[0] >> 8
 
-    def _obey(self, was_active_bit: bool) -> None:
+    def _obey(self) -> None:
         action = self._action
         if not action & ACTIVATE:
             if action & GO_TO:
@@ -185,7 +184,7 @@ class RobotiqDevice:
         if self._fault is not Fault.NONE:
             return  # a major fault or an automatic release ends by rACT 0 only
         if self._status is GripperStatus.RESET:
-            if was_active_bit or not self._is_clear:
+            if not self._is_clear:
                 return
             self._start_activation()
         if self._status is GripperStatus.ACTIVATING:

@@ -39,11 +39,12 @@ async def tcp_client(
 
 
 class PtyClient:
-    """A master that opens a terminal raw, as a serial driver does."""
+    """A master on a terminal: raw as a serial driver has it, or as it was found."""
 
-    def __init__(self, path: str) -> None:
+    def __init__(self, path: str, *, is_made_raw: bool = True) -> None:
         self._fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        tty.setraw(self._fd, termios.TCSANOW)
+        if is_made_raw:
+            tty.setraw(self._fd, termios.TCSANOW)
         self.received = bytearray()
         self.arrivals: list[tuple[float, int]] = []
         self._news = asyncio.Event()

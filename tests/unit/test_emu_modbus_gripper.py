@@ -88,6 +88,11 @@ def test_after_power_up_the_activation_bit_must_be_cleared_first() -> None:
     bench.write(0x01)
     bench.wait(3.0)
     assert bench.status == RESET
+    bench = Bench()
+    assert bench.device.request(bytes.fromhex("06 03E9 0000"), 0.0) is not None
+    bench.write(0x01)
+    bench.wait(3.0)
+    assert bench.status == RESET  # a position of 0 is not an activation bit of 0
     bench.activate()
     bench.device.is_powered = False
     assert bench.device.request(bytes.fromhex("03 07D0 0003"), 0.0) is None

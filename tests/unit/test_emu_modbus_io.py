@@ -102,6 +102,18 @@ def test_a_running_counter_counts_closing_edges_high_word_first(device: E1214Dev
     assert words(device, 20, 2) == [0, 0]
 
 
+def test_an_input_that_stays_on_is_one_edge_whatever_its_neighbours_do(
+    device: E1214Device,
+) -> None:
+    device.advance(STEP_S)
+    ask(device, "0F 0100 0006 01 3F")
+    device.signals.is_part_in_nest = True
+    for is_on in (True, False, True):
+        device.signals.is_operator_acknowledging = is_on
+        device.advance(STEP_S)
+    assert words(device, 16, 12) == [0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 2]
+
+
 def test_a_counter_overflows_into_its_flag(device: E1214Device) -> None:
     device.advance(STEP_S)
     counter = device._state.counters[0]

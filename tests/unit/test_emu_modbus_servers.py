@@ -275,11 +275,13 @@ async def master(pty: RtuPtyServer) -> AsyncIterator[PtyClient]:
     master.close()
 
 
-async def test_every_byte_value_passes_a_raw_terminal(master: PtyClient) -> None:
+async def test_every_byte_value_passes_a_terminal_raw_from_the_start(pty: RtuPtyServer) -> None:
+    master = PtyClient(pty.path, is_made_raw=False)
     for start in range(0, 256, 64):
         frame = encode_rtu(1, b"\x10\x00\x00\x00\x20\x40" + bytes(range(start, start + 64)))
         master.write(frame)
         assert await master.read_exactly(len(frame)) == frame
+    master.close()
 
 
 async def test_a_unit_nobody_has_is_silence_on_a_serial_line(master: PtyClient) -> None:
@@ -382,6 +384,21 @@ async def test_rtu_frames_travel_over_tcp_and_faults_with_them(bus: Bus, clock: 
         bus.faults(1).is_connection_dropped = True
         with pytest.raises((ConnectionError, asyncio.IncompleteReadError)):
             await ask(client, frame, 8)
+    await server.aclose()
+
+
+async def test_replies_to_two_clients_of_one_line_follow_each_other(
+    bus: Bus, clock: WorldClock
+) -> None:
+    server = RtuOverTcpServer(bus, clock, baudrate=9600)
+    await server.start()
+    one, two = encode_rtu(1, READ), encode_rtu(2, READ)
+    async with tcp_client(server.address) as first, tcp_client(server.address) as second:
+        before_s = time.monotonic()
+        replies = await asyncio.gather(ask(first, one, 8), ask(second, two, 8))
+        # request and silence may coincide, the two replies of 8 characters may not
+        assert time.monotonic() - before_s >= (8 + 3.5 + 16) * 10 / 9600 - 2 * LINE_GRAIN_S
+        assert replies == [one, two]
     await server.aclose()
 
 
