@@ -6,6 +6,7 @@ picture is made (a `PictureSource` does, elsewhere, and `deliver` brings it).
 """
 
 import asyncio
+import contextlib
 import errno
 import itertools
 import threading
@@ -181,7 +182,8 @@ class V4l2Device:
         due = asyncio.Event()
 
         def rouse() -> None:
-            loop.call_soon_threadsafe(due.set)
+            with contextlib.suppress(RuntimeError):  # the loop is closed, and `run` with it
+                loop.call_soon_threadsafe(due.set)
 
         self._rouse = rouse
         try:

@@ -1,7 +1,8 @@
 """Cameras as files of a FUSE mount: unmodified clients get a real fd with ioctl, poll and mmap.
 
 A client must be another process than this one: a page fault that it takes while holding our
-interpreter's lock would wait for the threads here, which wait for that lock.
+interpreter's lock would wait for the threads here, which wait for that lock. Whether a DQBUF
+blocks is decided when the file is opened: a later F_SETFL is not told to a FUSE server.
 """
 
 import atexit
@@ -352,7 +353,7 @@ class FuseMount:
 
     def _interrupt(self, unique: int, victim: int) -> None:
         """End a waiting DQBUF because its client got a signal."""
-        for node in self._nodes.values():
+        for node in list(self._nodes.values()):
             with node.lock:
                 hit = [wait for wait in node.waiting if wait.unique == victim]
                 node.waiting = [wait for wait in node.waiting if wait.unique != victim]

@@ -1,6 +1,7 @@
 """All cameras of a cell on their wires: FUSE nodes where that is possible, else sockets."""
 
 import asyncio
+import contextlib
 import errno
 import fcntl
 import os
@@ -83,7 +84,8 @@ class CameraServer:
         loop = asyncio.get_running_loop()
 
         def fail() -> None:
-            loop.call_soon_threadsafe(self._failed.set)
+            with contextlib.suppress(RuntimeError):  # the loop is closed, nobody asks any more
+                loop.call_soon_threadsafe(self._failed.set)
 
         self._mount = FuseMount(self._directory, fail)
         try:

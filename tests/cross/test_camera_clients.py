@@ -16,7 +16,8 @@ from emu_camera_process import CameraProcess, cameras
 
 from emulators.camera_v4l2 import can_mount
 
-pytestmark = pytest.mark.skipif(can_mount() is not None, reason=f"no FUSE: {can_mount()}")
+WHY_NOT = can_mount()
+pytestmark = pytest.mark.skipif(WHY_NOT is not None, reason=f"no FUSE: {WHY_NOT}")
 
 PATIENCE_S = 40.0
 
