@@ -488,6 +488,17 @@ async def test_a_stop_reaches_both_boards_and_ends_the_running_move(kind: Stop, 
     assert bench.arm.is_homed
 
 
+async def test_after_a_stop_nothing_is_taken_to_be_where_it_was() -> None:
+    bench = await Bench().homed()
+    await bench.arm.move_counts({Axis.SHOULDER: 1000})
+    await bench.arm.stop(Stop.FREE)
+    bench.wire.motor(1, 1).counts = 700.0  # somebody moves the arm by hand
+    assert (await bench.arm.read_counts())[Axis.SHOULDER] == 700
+    await bench.arm.enable_power()
+    assert await bench.arm.move_counts({Axis.SHOULDER: 1000}) == {Axis.SHOULDER: 1000}
+    assert bench.wire.motor(1, 1).counts == 1000
+
+
 async def test_a_stop_before_the_go_keeps_the_go_from_going_out() -> None:
     bench = await Bench().homed()
     move = asyncio.create_task(bench.arm.move_counts({Axis.SHOULDER: 2000}))

@@ -230,6 +230,14 @@ async def test_only_reads_are_repeated_unasked() -> None:
     assert await bench.value(Ip.ARM, b"\x60\x03\x00", b"\x6a") == 1000  # the line is in step
 
 
+async def test_a_byte_left_behind_does_not_spoil_the_command_that_follows() -> None:
+    bench = await Bench().opened()
+    bench.arm.mishap = once(READ_ZED, lambda reply: [(0.003, reply), (0.006, b"\x55")])
+    await bench.link.ask(Ip.ARM, READ_ZED, repeats=True)
+    await bench.link.ask(Ip.ARM, b"\x70\x03\x00", b"\x7a\xe8\x03")
+    assert [data for _, data in bench.arm.heard].count(b"\x7a\xe8\x03") == 1
+
+
 async def test_both_frames_of_a_deferred_read_are_repeated() -> None:
     bench = await Bench().opened()
     bench.arm.mishap = once(b"\x6a", lambda _: [(0.003, b"\x0b")])
