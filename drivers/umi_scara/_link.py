@@ -323,6 +323,7 @@ class Link:
     ) -> tuple[Reply, ...]:
         for _ in range(_ATTEMPT_COUNT):
             try:
+                await self._pace()
                 if await self._transport.read(0):  # an earlier exchange has left bytes behind
                     await self._resync()
                 await self._select(ip)
