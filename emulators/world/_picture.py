@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,12 +22,13 @@ from ._scene import Scene, Surface
 from ._solid import ray_scene
 
 Index = NDArray[np.intp]
-Rect = tuple[int, int, int, int]  # top, bottom, left, right
+Outline = NDArray[np.int32]
 
 JUMP: Final = 0.012  # of radiance between neighbours: 2.5 grey at unit level
 SAMPLE_COUNT: Final = 36
 _CHUNK: Final = 60_000  # rays at a time: what they need stays in the processor's cache
-_MARGIN_PX: Final = 2
+_MARGIN_PX: Final = 4  # the lens bends the edges of what spans the picture by less
+_FAR_PX: Final = 20_000  # where coordinates are cut off, for OpenCV's sake
 _LIFT_MM: Final = 0.05  # shadow rays start off the surface by this much
 _NEAR_MM: Final = 20.0
 
@@ -73,7 +75,8 @@ class _Assembly:
             vertices.append(transform(mover.T_world, mover.surface.vertices_mm))
             normals.append(mover.surface.normals @ mover.T_world[:3, :3].T.astype(np.float32))
         faces = [surface.faces + start for surface, start in zip(surfaces, starts, strict=False)]
-        self.scene: Any = ray_scene(np.vstack(vertices), np.vstack(faces))
+        # quick rays may slip through a seam; that is a jump of light, and many rays mend it
+        self.scene: Any = ray_scene(np.vstack(vertices), np.vstack(faces), robust=False)
         self.normals = np.concatenate(normals)
         self.material = np.concatenate([surface.material for surface in surfaces])
         self.panel = np.concatenate([surface.panel for surface in surfaces])
@@ -134,12 +137,12 @@ class Eye:
         for lamp in lit:
             picture += np.float32(levels[lamp]) * self.layer(lamp)
         movers = self._place(poses)
-        touched = np.zeros(self._shape, bool)
-        shaded = np.zeros(self._shape, bool)
+        touched = np.zeros(self._shape, np.uint8)
+        shaded = np.zeros(self._shape, np.uint8)
         for mover in movers.values():
-            _fill(touched, self._rect(mover.corners_mm))
-            for rect in self._shadow_rects(mover, lit):
-                _fill(shaded, rect)
+            _fill(touched, self._outline(mover.corners_mm))
+            for outline in self._shadow_outlines(mover, lit):
+                _fill(shaded, outline)
         if not lit or not (touched.any() or shaded.any()):
             return picture
         in_play = self._in_play(movers, lit)
@@ -165,18 +168,18 @@ class Eye:
             mover
             for mover in movers.values()
             if lit
-            and (self._rect(mover.corners_mm) is not None or self._may_shade(mover, movers, lit))
+            and (self._outline(mover.corners_mm) is not None or self._may_shade(mover, movers, lit))
         ]
 
     def _may_shade(
         self, mover: _Mover, movers: Mapping[str, _Mover], lit: Sequence[int]
     ) -> bool:
         """Whether a thing out of sight may stand between a lamp and something in sight."""
-        if self._shadow_rects(mover, lit):
+        if self._shadow_outlines(mover, lit):
             return True
         if not any(self.lamps.casts_shadows(lamp) for lamp in lit):
             return False
-        return any(self._rect(other.corners_mm) is not None for other in movers.values())
+        return any(self._outline(other.corners_mm) is not None for other in movers.values())
 
     def _place(self, poses: Mapping[str, Array]) -> dict[str, _Mover]:
         movers: dict[str, _Mover] = {}
@@ -186,33 +189,33 @@ class Eye:
                 movers[name] = mover
         return movers
 
-    def _rect(self, points_mm: Array) -> Rect | None:
-        """Return the rectangle of pixels that points lie in, None if out of the picture."""
+    def _outline(self, points_mm: Array) -> Outline | None:
+        """Return the convex outline of points in the picture, (n, 2) px; None if out of it."""
         pixels, depth = project(self.camera, points_mm)
         height, width = self._shape
         if np.all(depth < _NEAR_MM):
             return None
         if np.any(depth < _NEAR_MM):  # it reaches behind the lens: anything is possible
-            return 0, height, 0, width
-        left, top = np.floor(pixels.min(axis=0)).astype(int) - _MARGIN_PX
-        right, bottom = np.ceil(pixels.max(axis=0)).astype(int) + _MARGIN_PX + 1
-        left, top, right, bottom = max(0, left), max(0, top), min(width, right), min(height, bottom)
-        if left >= right or top >= bottom:
+            return np.array(((0, 0), (width, 0), (width, height), (0, height)), np.int32)
+        low, high = pixels.min(axis=0) - _MARGIN_PX, pixels.max(axis=0) + _MARGIN_PX
+        if high[0] < 0 or high[1] < 0 or low[0] >= width or low[1] >= height:
             return None
-        return int(top), int(bottom), int(left), int(right)
+        near = np.clip(np.rint(pixels), -_FAR_PX, _FAR_PX).astype(np.int32)
+        outline: Outline = cv2.convexHull(near)[:, 0]
+        return outline
 
-    def _shadow_rects(self, mover: _Mover, lit: Sequence[int]) -> list[Rect]:
+    def _shadow_outlines(self, mover: _Mover, lit: Sequence[int]) -> list[Outline]:
         """Return where the shadows of a thing may fall on the table and on panels."""
-        rects = []
+        outlines = []
         for lamp in lit:
             if not self.lamps.casts_shadows(lamp):
                 continue
             source = self.lamps.lamps[lamp].centre_mm
             for point, normal in self._screens():
-                rect = self._shadow_rect(source, mover.corners_mm, point, normal)
-                if rect is not None:
-                    rects.append(rect)
-        return rects
+                outline = self._shadow_outline(source, mover.corners_mm, point, normal)
+                if outline is not None:
+                    outlines.append(outline)
+        return outlines
 
     def _screens(self) -> list[tuple[Array, Array]]:
         table = (np.zeros(3), np.array((0.0, 0.0, 1.0)))
@@ -223,9 +226,9 @@ class Eye:
         ]
         return [table, *standing]
 
-    def _shadow_rect(
+    def _shadow_outline(
         self, source: Array, corners: Array, point: Array, normal: Array
-    ) -> Rect | None:
+    ) -> Outline | None:
         height = (corners - point) @ normal
         lamp_height = float((source - point) @ normal)
         if lamp_height <= 0.0 or np.all(height <= 0.0):
@@ -235,13 +238,13 @@ class Eye:
             return None  # beside or above the lamp: its shadow runs off
         scale = (lamp_height / reach)[:, None]
         shadow = source + (corners - source) * scale
-        return self._rect(shadow)
+        return self._outline(shadow)
 
     def _cast(
         self,
         assembly: _Assembly,
-        touched: NDArray[np.bool_],
-        shaded: NDArray[np.bool_],
+        touched: NDArray[np.uint8],
+        shaded: NDArray[np.uint8],
         lit: Sequence[int],
     ) -> dict[int, Array32]:
         """Return the layers of lit lamps with all that moves in them, (h, w) each."""
@@ -339,10 +342,11 @@ def _flat_normals(assembly: _Assembly, triangle: NDArray[np.int32], views: Array
     return normals
 
 
-def _fill(mask: NDArray[np.bool_], rect: Rect | None) -> None:
-    if rect is not None:
-        top, bottom, left, right = rect
-        mask[top:bottom, left:right] = True
+def _fill(mask: NDArray[np.uint8], outline: Outline | None) -> None:
+    """Mark what is within an outline, and a margin that lens distortion may need."""
+    if outline is not None:
+        cv2.fillConvexPoly(mask, outline, 1)
+        cv2.polylines(mask, [outline], isClosed=True, color=1, thickness=2 * _MARGIN_PX + 1)
 
 
 def _chunks(count: int, size: int) -> list[slice]:

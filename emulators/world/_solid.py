@@ -91,9 +91,11 @@ class Solid:
         return ray_scene(self.vertices_mm, self.faces)
 
 
-def ray_scene(vertices_mm: Array, faces: NDArray[np.int32]) -> Any:  # noqa: ANN401  (no types)
-    """Return an embree scene of triangles; `robust` keeps rays from slipping through seams."""
-    scene = EmbreeScene(robust=True)
+def ray_scene(
+    vertices_mm: Array, faces: NDArray[np.int32], *, robust: bool = True
+) -> Any:  # noqa: ANN401  (embree has no types)
+    """Return an embree scene of triangles; ``robust`` keeps rays from slipping through seams."""
+    scene = EmbreeScene(robust=robust)
     TriangleMesh(
         scene,
         np.ascontiguousarray(vertices_mm, dtype=np.float32),

@@ -1,0 +1,316 @@
+"""All devices of one emulated cell, the world behind them, and where each is to be found."""
+
+import logging
+import os
+from collections.abc import Hashable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from emulators.camera_v4l2 import CameraConfig, CameraServer, PixelFormat, V4l2Device
+from emulators.clock import WorldClock
+from emulators.gripper_modbus import JawModel, RobotiqDevice
+from emulators.io_modbus import CellSignals, E1214Device
+from emulators.lighting_modbus import AnalogOutput8Device, LampModel, LampWiring, Relay8Device
+from emulators.modbus import (
+    Bus,
+    RtuOverTcpServer,
+    RtuPtyServer,
+    Steppable,
+    TcpGateway,
+    TcpServer,
+)
+from emulators.umi_scara import ArmModel, ArmServer, ArmWire, Axis
+from emulators.world import (
+    Picture,
+    PictureDesk,
+    World,
+    build_scene,
+    load_solid,
+    read_layout,
+)
+from emulators.world import LayoutError as LayoutError
+
+log = logging.getLogger(__name__)
+
+STEP_S: Final = 1.0 / 240.0
+SLICE_STEPS: Final = 4  # the world's longest step
+GRIPPER_UNIT: Final = 9
+ANALOG_UNIT: Final = 1
+RELAY_UNIT: Final = 2
+IO_UNIT: Final = 1
+GRIPPER_BAUD: Final = 115_200
+LIGHTS_BAUD: Final = 9_600  # what the light modules leave the factory with
+_PRESENCE_S: Final = 0.05  # how often the light barrier of the fixture is looked at
+
+Line = TcpGateway | RtuOverTcpServer | RtuPtyServer
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CellOptions:
+    """What the emulated cell is to be.
+
+    Attributes
+    ----------
+    rest : number of a part's way to lie, None for a likely one at random
+    at : x, y [mm] and turn [rad] of the first part, None for anywhere
+    """
+
+    cell: Path
+    parts: tuple[Path, ...] = ()
+    is_empty: bool = False
+    seed: int = 0
+    speed: float = 1.0
+    rest: int | None = None
+    at: tuple[float, float, float] | None = None
+    lines: Literal["tcp", "rtu-pty", "rtu-tcp"] = "tcp"
+    camera_transport: Literal["auto", "fuse", "socket"] = "auto"
+
+
+class _FixtureJaws:
+    """The fixed gripper for the world: its firmware moves the jaws."""
+
+    def __init__(self, device: RobotiqDevice) -> None:
+        self._device = device
+
+    @property
+    def opening_mm(self) -> float:
+        return self._device.jaws.opening_mm
+
+    @property
+    def grip_limit_mm(self) -> float | None:
+        return self._device.jaws.grip_limit_mm
+
+    @grip_limit_mm.setter
+    def grip_limit_mm(self, limit_mm: float | None) -> None:
+        self._device.jaws.grip_limit_mm = limit_mm
+
+    def advance(self, dt_s: float) -> None:
+        self._device.advance(dt_s)
+
+
+class _View:
+    """What one camera sees, as its device orders it."""
+
+    def __init__(self, desk: PictureDesk, camera: int, *, is_deep: bool) -> None:
+        self._desk, self._camera = desk, camera
+        self._bits = 16 if is_deep else 8
+        self.device: V4l2Device | None = None
+
+    def expose(
+        self, start_s: float, end_s: float, exposure_s: float, gain: float
+    ) -> Hashable | None:
+        """Order the picture of an exposure; it shows the world at its middle."""
+        middle_s = (start_s + end_s) / 2.0
+        return self._desk.order(
+            self._camera, middle_s, exposure_s, gain, self._bits, self._deliver
+        )
+
+    def _deliver(self, ticket: Hashable, picture: Picture) -> None:
+        if self.device is not None:
+            self.device.deliver(ticket, picture)
+
+
+class Cell:
+    """One emulated cell: `start`, then `advance` whenever `behind_s` says so, `aclose`.
+
+    Raises
+    ------
+    LayoutError : the cell file or a part cannot be used
+    """
+
+    step_s: Final = STEP_S * SLICE_STEPS
+
+    def __init__(self, options: CellOptions, folder: Path) -> None:
+        self.options = options
+        self.layout = read_layout(options.cell)
+        self.solids = [load_solid(path) for path in options.parts]
+        self.skipped_s = 0.0
+        self._presence_s = 0.0
+        seed = options.seed
+        self.arm = ArmModel(seed)
+        self.arm_wire = ArmWire(self.arm)
+        self.jaws = JawModel()
+        self.gripper = RobotiqDevice(self.jaws, GRIPPER_UNIT)
+        self.analog, self.relays = AnalogOutput8Device(ANALOG_UNIT), Relay8Device(RELAY_UNIT)
+        self.lamps = {
+            name: LampModel(LampWiring(name, lamp.analog, lamp.relay), self.analog, self.relays)
+            for name, lamp in self.layout.lamps.items()
+        }
+        self.signals = CellSignals()
+        self.io = E1214Device(self.signals, IO_UNIT)
+        self._steppable: list[Steppable] = [self.relays, self.io]
+        self._steppable += list(self.lamps.values())
+        jaws = _FixtureJaws(self.gripper)
+        self.world = World(self.layout, self.solids, self.arm, jaws, self._obstruct, seed)
+        self._drop_parts(options)
+        self.desk = PictureDesk(build_scene(self.layout, self.solids), self, seed)
+        # the clock starts when all that takes seconds is done, and the parts lie
+        self.clock = WorldClock(options.speed)
+        self.cameras: dict[str, V4l2Device] = {}
+        self._folder = folder
+        self._open: list[Any] = []
+
+    def _obstruct(self, motor: str, direction: int, blocked: bool) -> None:
+        self.arm.obstruct(Axis(motor), direction, blocked)
+
+    def _drop_parts(self, options: CellOptions) -> None:
+        if options.is_empty:
+            return
+        for index, solid in enumerate(self.solids):
+            if options.rest is not None and not 0 <= options.rest < len(solid.rests):
+                raise LayoutError(
+                    f"--pose {options.rest}: {solid.name} has the numbers 0 to "
+                    f"{len(solid.rests) - 1}"
+                )
+            x_mm, y_mm, theta_rad = options.at if options.at and index == 0 else (None,) * 3
+            self.world.drop(index, x_mm, y_mm, options.rest, theta_rad)
+            self.world.settle()
+            self._keep_apart(index)
+
+    def _keep_apart(self, index: int) -> None:
+        """Drop a part elsewhere while it lies on another one."""
+        for _ in range(50):
+            low, high = self.world.parts[index].bounds_mm
+            others = [part.bounds_mm for part in self.world.parts[:index]]
+            if all((low > h).any() or (high < o).any() for o, h in others):
+                return
+            self.world.drop(index, rest=self.options.rest)
+            self.world.settle()
+
+    # --- wires ----------------------------------------------------------------------------------
+
+    async def start(self) -> None:
+        """Open all wires and start the picture worker."""
+        self.desk.start()
+        self.clock = WorldClock(self.options.speed)
+        self._origin_s = self.world.time_s
+        self.arm_server = ArmServer(self.arm_wire, self.clock)
+        self.gripper_bus = Bus([self.gripper])
+        self.lights_bus = Bus([self.analog, self.relays])
+        self.gripper_line = self._line(self.gripper_bus, GRIPPER_BAUD)
+        self.lights_line = self._line(self.lights_bus, LIGHTS_BAUD)
+        self.io_bus = Bus([self.io])
+        self.io_line = TcpServer(self.io_bus, self.clock)
+        for server in (self.arm_server, self.gripper_line, self.lights_line, self.io_line):
+            await server.start()
+            self._open.append(server)
+        for number, (name, camera) in enumerate(self.layout.cameras.items()):
+            config = self._camera_config(name)
+            is_deep = PixelFormat.Y16 in config.formats
+            view = _View(self.desk, number, is_deep=is_deep)
+            view.device = self.cameras[name] = V4l2Device(view, self.clock, config)
+            log.info("camera %s: %d x %d px", name, camera.width_px, camera.height_px)
+        self.camera_server = CameraServer(
+            self.cameras, self._folder / "cameras", self.options.camera_transport
+        )
+        await self.camera_server.start()
+        self._open.append(self.camera_server)
+
+    def _line(self, bus: Bus, baudrate: int) -> Line:
+        if self.options.lines == "rtu-pty":
+            return RtuPtyServer(bus, self.clock, baudrate)
+        if self.options.lines == "rtu-tcp":
+            return RtuOverTcpServer(bus, self.clock, baudrate=baudrate)
+        return TcpGateway(bus, self.clock, baudrate=baudrate)
+
+    def _camera_config(self, name: str) -> CameraConfig:
+        camera = self.layout.cameras[name]
+        rate_hz = round(camera.fps)
+        try:
+            formats = tuple(PixelFormat[one] for one in camera.formats)
+        except KeyError as error:
+            raise LayoutError(f"cameras.{name}.formats: {error} is unknown") from error
+        return CameraConfig(
+            card=f"Emulated {name}",
+            bus_info=f"usb-0000:00:14.0-{1 + list(self.layout.cameras).index(name)}",
+            sizes_px=(
+                (camera.width_px, camera.height_px),
+                (camera.width_px // 2, camera.height_px // 2),
+            ),
+            formats=formats,
+            rates_hz=tuple(sorted({rate_hz, 5, 2, 1}, reverse=True)),
+            default_rate_hz=rate_hz,
+        )
+
+    async def run_cameras(self) -> None:
+        """Let the cameras take frames, until cancelled."""
+        await self.camera_server.run()
+
+    async def aclose(self) -> None:
+        """Close all wires, end the worker; may be called half-way through `start`."""
+        for server in reversed(self._open):
+            await server.aclose()
+        self._open.clear()
+        self.desk.close()
+        self.world.close()
+
+    def announcement(self) -> dict[str, Any]:
+        """Return what clients need to know: where everything is."""
+        host, port = self.io_line.address
+        lights = self._where(self.lights_line)
+        return {
+            "event": "ready",
+            "speed": self.options.speed,
+            "seed": self.options.seed,
+            "devices": {
+                "arm": str(self.arm_server.path),
+                "gripper": {**self._where(self.gripper_line), "unit": GRIPPER_UNIT},
+                "lights": {**lights, "analog_unit": ANALOG_UNIT, "relay_unit": RELAY_UNIT},
+                "io": {"transport": "tcp", "host": host, "port": port, "unit": IO_UNIT},
+                **self.camera_server.addresses,
+            },
+            "camera_transport": self.camera_server.transport,
+            "why_not_fuse": self.camera_server.why_not_fuse,
+            "pid": os.getpid(),
+            "started_wall_s": self.clock.started_wall_s,
+        }
+
+    def _where(self, line: Line) -> dict[str, Any]:
+        if isinstance(line, RtuPtyServer):
+            return {"transport": "rtu-pty", "path": line.path}
+        host, port = line.address
+        transport = "tcp" if isinstance(line, TcpGateway) else "rtu-tcp"
+        return {"transport": transport, "host": host, "port": port}
+
+    # --- time -----------------------------------------------------------------------------------
+
+    @property
+    def now_s(self) -> float:
+        """World time on the clock's scale: how far everything has been advanced."""
+        return self.world.time_s - self._origin_s + self.skipped_s
+
+    @property
+    def behind_s(self) -> float:
+        """How far the world is behind the clock [world s]."""
+        return self.clock.now_s() - self.now_s
+
+    def advance(self) -> None:
+        """Let one slice of time pass for everything, and have due pictures noted."""
+        dt_s = self.step_s
+        self.world.advance(dt_s)
+        for device in self._steppable:
+            device.advance(dt_s)
+        self._presence_s += dt_s
+        if self._presence_s >= _PRESENCE_S:
+            self._presence_s = 0.0
+            self.signals.is_part_between_jaws = self.world.part_in_fixture
+        self.desk.note(self.now_s)
+
+    def skip(self, dt_s: float) -> None:
+        """Lose world time that this machine has no time for."""
+        if self.skipped_s == 0.0:
+            log.warning("this machine is too slow for --speed %g: time is lost", self.clock.speed)
+        self.skipped_s += dt_s
+
+    # --- what pictures show ----------------------------------------------------------------------
+
+    def poses(self) -> dict[str, Any]:
+        """Return where everything that moves is."""
+        return self.world.snapshot().poses
+
+    def levels(self) -> dict[int, float]:
+        """Return the light of each lamp, by number."""
+        return {number: lamp.level for number, lamp in enumerate(self.lamps.values())}
+
+

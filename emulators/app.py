@@ -1,0 +1,178 @@
+"""The emulated cell as one process: devices on their wires, one world behind them, pictures of it.
+
+Prints one JSON line on stdout when everything can be used, and nothing else there; see `main`.
+No truth about the world leaves it but through the devices, and through the control port that
+``--control`` opens for tests.
+"""
+
+import argparse
+import asyncio
+import contextlib
+import json
+import logging
+import math
+import os
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from emulators._cell import Cell, CellOptions
+from emulators._control import ControlPort
+from emulators.world import LayoutError
+
+log = logging.getLogger(__name__)
+
+SLICE_WALL_S: Final = 0.003  # the longest the world is stepped before the wires get their turn
+IDLE_WALL_S: Final = 0.001
+LAG_WALL_S: Final = 0.5  # a machine that is too slow for the speed asked for loses world time
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the command line of ``python -m emulators``."""
+    parser = argparse.ArgumentParser(
+        prog="emulators",
+        description="The emulated cell on its wires; prints where they are as one JSON line.",
+        epilog="example: python -m emulators --cell recipes/cells/emulated.yaml "
+        "--part recipes/parts/featuretype.stl --seed 7",
+    )
+    parser.add_argument("--cell", type=Path, required=True, help="cell file (YAML)")
+    parser.add_argument("--part", type=Path, action="append", default=[], help="CAD of a part")
+    parser.add_argument("--empty", action="store_true", help="parts are known, none is dropped")
+    parser.add_argument("--seed", type=int, default=0, help="of everything random")
+    parser.add_argument("--speed", type=float, default=1.0, help="world seconds in a second")
+    parser.add_argument("--pose", type=int, help="way to lie, by number; else a likely one")
+    parser.add_argument("--at", help="X,Y,THETA of the first part in mm, mm, degrees")
+    parser.add_argument("--lines", choices=("tcp", "rtu-pty", "rtu-tcp"), default="tcp")
+    parser.add_argument("--camera-transport", choices=("auto", "fuse", "socket"), default="auto")
+    parser.add_argument("--control", type=Path, help="unix socket on which tests cause faults")
+    parser.add_argument("--ready-fd", type=int, help="write the line here instead of stdout")
+    parser.add_argument("--json", action="store_true", help="no effect: the line is JSON always")
+    parser.add_argument("--die-with-parent", action="store_true", help="end when stdin closes")
+    parser.add_argument("--verbose", action="store_true", help="log to stderr")
+    return parser
+
+
+def options_of(args: argparse.Namespace) -> CellOptions:
+    """Return what the command line asks for.
+
+    Raises
+    ------
+    LayoutError : a value makes no sense
+    """
+    if not (math.isfinite(args.speed) and args.speed > 0.0):
+        raise LayoutError(f"--speed {args.speed}: a factor above 0")
+    at = None
+    if args.at is not None:
+        try:
+            x_mm, y_mm, theta_deg = (float(word) for word in args.at.split(","))
+        except ValueError as error:
+            raise LayoutError(f"--at {args.at}: three numbers X,Y,THETA_DEG") from error
+        at = (x_mm, y_mm, math.radians(theta_deg))
+    return CellOptions(
+        cell=args.cell,
+        parts=tuple(args.part),
+        is_empty=args.empty,
+        seed=args.seed,
+        speed=args.speed,
+        rest=args.pose,
+        at=at,
+        lines=args.lines,
+        camera_transport=args.camera_transport,
+    )
+
+
+async def step_world(cell: Cell) -> None:
+    """Let the world keep up with the clock, in slices that leave the wires their time."""
+    while True:
+        begun = time.monotonic()
+        while cell.behind_s >= cell.step_s:
+            cell.advance()
+            if time.monotonic() - begun > SLICE_WALL_S:
+                break
+        if cell.behind_s > LAG_WALL_S * cell.clock.speed:
+            cell.skip(cell.behind_s)
+        is_late = cell.behind_s >= cell.step_s
+        await asyncio.sleep(0.0 if is_late else IDLE_WALL_S)
+
+
+async def serve(options: CellOptions, control: Path | None, ready: Any, stdin_ends: bool) -> None:  # noqa: ANN401  (a text stream)
+    """Run an emulated cell until it is told to end."""
+    ended = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, ended.set)
+    folder = Path(tempfile.mkdtemp(prefix="cellctl-cell-"))
+    try:
+        async with contextlib.AsyncExitStack() as stack:
+            cell = Cell(options, folder)
+            stack.push_async_callback(cell.aclose)
+            # SIGTERM during the seconds of loading must not leave mounts or children behind
+            await cell.start()
+            if control is not None:
+                port = ControlPort(cell, control)
+                await port.start()
+                stack.push_async_callback(port.aclose)
+            tasks = [
+                asyncio.create_task(step_world(cell), name="world"),
+                asyncio.create_task(cell.run_cameras(), name="cameras"),
+                asyncio.create_task(ended.wait(), name="end"),
+            ]
+            if stdin_ends:
+                tasks.append(asyncio.create_task(_stdin_closed(), name="stdin"))
+            stack.push_async_callback(_cancel, tasks)
+            ready.write(json.dumps(cell.announcement()) + "\n")
+            ready.flush()
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                task.result()
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+async def _cancel(tasks: Sequence[asyncio.Task[Any]]) -> None:
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def _stdin_closed() -> None:
+    reader = asyncio.StreamReader()
+    loop = asyncio.get_running_loop()
+    transport, _ = await loop.connect_read_pipe(
+        lambda: asyncio.StreamReaderProtocol(reader), sys.stdin
+    )
+    try:
+        while await reader.read(4096):
+            pass
+    finally:
+        transport.close()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run ``python -m emulators``; exit code 0, 1 (it broke) or 2 (command line or files).
+
+    The line on stdout: ``{"event": "ready", "speed", "seed", "devices": {"arm", "gripper",
+    "lights", "io", <camera>...}, "camera_transport", "why_not_fuse", "pid", "started_wall_s"}``.
+    """
+    args = build_parser().parse_args(argv)
+    logging.basicConfig(
+        stream=sys.stderr,
+        level=logging.INFO if args.verbose else logging.WARNING,
+        format="%(name)s: %(message)s",
+    )
+    try:
+        options = options_of(args)
+        with contextlib.ExitStack() as stack:
+            ready = sys.stdout
+            if args.ready_fd is not None:
+                ready = stack.enter_context(os.fdopen(args.ready_fd, "w"))
+            asyncio.run(serve(options, args.control, ready, args.die_with_parent))
+    except LayoutError as error:
+        log.error("%s", error)  # noqa: TRY400  (one sentence for whoever typed it)
+        return 2
+    return 0
