@@ -41,23 +41,23 @@ def _separating_axis(
     R_a: FloatArray, a: FloatArray, R_b: FloatArray, b: FloatArray, offset: FloatArray
 ) -> BoolArray:
     """Gottschalk's 15 axes, all pairs at once."""
-    C = np.einsum("nki,nkj->nij", R_a, R_b)
-    A = np.abs(C) + _EPS
+    turn = np.einsum("nki,nkj->nij", R_a, R_b)
+    across = np.abs(turn) + _EPS
     t = np.einsum("nki,nk->ni", R_a, offset)
-    apart = np.any(np.abs(t) > a + np.einsum("nij,nj->ni", A, b), axis=1)
+    apart = np.any(np.abs(t) > a + np.einsum("nij,nj->ni", across, b), axis=1)
     apart |= np.any(
-        np.abs(np.einsum("nij,ni->nj", C, t)) > b + np.einsum("nij,ni->nj", A, a), axis=1
+        np.abs(np.einsum("nij,ni->nj", turn, t)) > b + np.einsum("nij,ni->nj", across, a), axis=1
     )
     for i in range(3):
         i1, i2 = (i + 1) % 3, (i + 2) % 3
         for j in range(3):
             j1, j2 = (j + 1) % 3, (j + 2) % 3
-            distance = np.abs(t[:, i2] * C[:, i1, j] - t[:, i1] * C[:, i2, j])
+            distance = np.abs(t[:, i2] * turn[:, i1, j] - t[:, i1] * turn[:, i2, j])
             reach = (
-                a[:, i1] * A[:, i2, j]
-                + a[:, i2] * A[:, i1, j]
-                + b[:, j1] * A[:, i, j2]
-                + b[:, j2] * A[:, i, j1]
+                a[:, i1] * across[:, i2, j]
+                + a[:, i2] * across[:, i1, j]
+                + b[:, j1] * across[:, i, j2]
+                + b[:, j2] * across[:, i, j1]
             )
             apart |= distance > reach
     return np.asarray(~apart)

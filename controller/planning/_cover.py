@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -88,7 +89,7 @@ def best_order(
     # the order fixed, the cheapest configurations along it (Viterbi)
     cost = seconds(start[None], options[order[0]])[0]
     back: list[FloatArray] = []
-    for a, b in zip(order[:-1], order[1:], strict=True):
+    for a, b in pairwise(order):
         total = cost[:, None] + seconds(options[a], options[b])
         back.append(total.argmin(axis=0))
         cost = total.min(axis=0)

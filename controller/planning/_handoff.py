@@ -14,12 +14,12 @@ import numpy as np
 
 from controller.cad import inverse_pose
 
-from ._boxes import stack
+from ._boxes import BoolArray, stack
 from ._scene import Scene, inverse_rows, tip_pose
 from .grip import Grip
-from .layout import Box, CellLayout, FloatArray
+from .layout import Box, CellLayout, FloatArray, IntArray
 
-WAY_MM = 70.0  # straight in and out
+WAY_MM = 80.0  # straight in and out
 STEP_MM = 10.0
 CLOSE_MARGIN_MM = 2.0  # between two hands at one part, where both stand still or creep
 PART_MARGIN_MM = 5.0
@@ -66,7 +66,7 @@ def hand_offs(
     gripper = Scene(layout, 0.0, fixture_grip.pre_open_mm)
     closed = Scene(layout, 0.0, fixture_grip.opening_mm)
 
-    def ok(rows_q: FloatArray, rows_grip: FloatArray) -> FloatArray:
+    def ok(rows_q: FloatArray, rows_grip: IntArray) -> BoolArray:
         """Free with both jaws at any opening they have here, the part clear of all but them."""
         hand = hand_only[0][rows_grip], hand_only[1][rows_grip]
         with_part = hand_part[0][rows_grip], hand_part[1][rows_grip]
@@ -113,13 +113,13 @@ def hand_offs(
             contact = q[rows[place]]
             found[g] = HandOff(
                 contact,
-                fewest_waypoints(layout, np.vstack([entry[place][::-1], contact])),
-                fewest_waypoints(layout, np.vstack([contact, retreat[place]])),
+                np.vstack([entry[place][::-1], contact]),
+                np.vstack([contact, retreat[place]]),
             )
     return found
 
 
-def same_branch(layout: CellLayout, T: FloatArray, branch: FloatArray) -> FloatArray:
+def same_branch(layout: CellLayout, T: FloatArray, branch: IntArray) -> FloatArray:
     """Return joints (n, k, 6) of poses (n, k, 4, 4) on branch (n,); NaN where it does not exist."""
     n, k = T.shape[:2]
     index, found, q = inverse_rows(layout, T.reshape(-1, 4, 4))

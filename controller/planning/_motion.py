@@ -8,6 +8,7 @@ space with a tube of 10 mm round everything that moves (planning.md 3.3).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -47,7 +48,7 @@ def line(q_from: FloatArray, q_to: FloatArray) -> FloatArray:
 
 def path_free(scene: Scene, path: Sequence[FloatArray]) -> bool:
     """Tell whether joint lines through waypoints are free, with a thinner tube at both ends."""
-    q = np.vstack([line(a, b) for a, b in zip(path[:-1], path[1:], strict=True)])
+    q = np.vstack([line(a, b) for a, b in pairwise(path)])
     if not within_limits(q).all():
         return False
     tip = tip_pose(scene.layout, q)[:, :3, 3]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.umi_scara.kinematics import limit_report
+from drivers.umi_scara.kinematics import inverse, limit_report
 
 from ._handoff import CLOSE_MARGIN_MM, PART_MARGIN_MM, fewest_waypoints, same_branch
 from ._prepare import PreparedPart
@@ -95,7 +95,10 @@ def _out_of_reach(layout: CellLayout, T_tip: FloatArray, where: str) -> OutOfRea
     limit = layout.arm.upper_mm + layout.arm.fore_mm
     best = float(reach.min())
     if best > limit:
-        text = f"{where}: {best:.0f} mm asked of the wrist, the arm reaches {limit:.0f} mm; move it closer"
+        text = (
+            f"{where}: {best:.0f} mm asked of the wrist, the arm reaches {limit:.0f} mm; "
+            "move the part closer"
+        )
     else:
         text = f"{where}: {_nearest_limit(layout, T_tip)}; turn the part or move it"
     return OutOfReachError(text, reach_mm=best, limit_mm=limit, where=where)
@@ -103,8 +106,6 @@ def _out_of_reach(layout: CellLayout, T_tip: FloatArray, where: str) -> OutOfRea
 
 def _nearest_limit(layout: CellLayout, T_tip: FloatArray) -> str:
     """Name the joint limit that is passed by the least, over all ways to hold the hand there."""
-    from drivers.umi_scara.kinematics import inverse
-
     q, _ = inverse(np.linalg.inv(layout.T_world_arm) @ T_tip, layout.arm)
     q = q.reshape(-1, 6)
     q = q[np.isfinite(q).all(axis=1)]

@@ -44,10 +44,9 @@ def place_ways(
         np.clip(np.stack([T_part[:, 2, :3] @ p.R[2] for p in part.poses], axis=1), -1, 1)
     ).min(axis=1)
     # part axes to world axes of a resting pose exactly, where the hand comes nearly like that
-    for k in np.flatnonzero(tilts > 1e-6):
-        if tilts[k] < np.radians(3.0):
-            T_part[k, :3, :3] = _flattened(T_part[k, :3, :3], part)
-            tilts[k] = 0.0
+    for leaning in np.flatnonzero((tilts > 1e-6) & (tilts < np.radians(3.0))):
+        T_part[leaning, :3, :3] = _flattened(T_part[leaning, :3, :3], part)
+        tilts[leaning] = 0.0
     centre = T_part[:, :3, :3] @ part.solid.centroid_mm
     lowest = np.einsum("nj,kj->nk", T_part[:, 2, :3], hull).min(axis=1)
     T_part[:, 0, 3] = tray.centre_mm[0] - centre[:, 0]

@@ -15,7 +15,7 @@ from controller.cad import Solid, StablePose, SurfaceSamples
 
 from ._boxes import BoolArray, segments_hit
 from ._cover import View, best_order, cover
-from ._handoff import HandOff
+from ._handoff import HandOff, fewest_waypoints
 from ._motion import connect, move_seconds
 from ._pick import PickWay, pick_ways
 from ._place import place_ways
@@ -227,8 +227,7 @@ class _Planner:
         )
 
     def _connect(self, build: _Build, q: FloatArray, scene: Scene, what: str) -> Motion:
-        motion = connect(build.q, q, scene, f"{self._part.solid.name}: {what}", self._seed)
-        return motion
+        return connect(build.q, q, scene, f"{self._part.solid.name}: {what}", self._seed)
 
     def _seconds(self, start: FloatArray, *motions: Sequence[FloatArray]) -> float:
         return move_seconds(self._layout, [start, *(q for m in motions for q in m)])
@@ -308,7 +307,7 @@ class _Planner:
 
     def _in_sight(self, grip: Grip, g: int, v: int, q: FloatArray, scene: Scene) -> BoolArray:
         part, layout = self._part, self._layout
-        seen = part.shown_by(g)[v].copy()
+        seen: BoolArray = part.shown_by(g)[v].copy()
         T = shown_pose(layout, q, grip.T_part_hand)
         points = part.samples.points_mm[seen] @ T[:3, :3].T + T[:3, 3]
         hidden = segments_hit(points, layout.inspection.position_mm, scene.arm_boxes(q))
@@ -357,9 +356,9 @@ class _Planner:
         scene = Scene(layout, first.opening_mm, held.pre_open_mm, part.carried_box(first))
         motion = (
             *self._connect(build, leave.entry[0], scene, "way to the fixture"),
-            *leave.entry[1:],
+            *fewest_waypoints(layout, leave.entry)[1:],
         )
-        retreat = tuple(leave.retreat[1:])
+        retreat = tuple(fewest_waypoints(layout, leave.retreat)[1:])
         build.steps.append(
             HandOver(
                 seconds=self._seconds(build.q, motion, retreat) + pace.grip_s + pace.release_s,
@@ -378,9 +377,9 @@ class _Planner:
         standing = part.part_box.placed(T_part)
         widest = max(first.pre_open_mm, second.pre_open_mm)
         scene = Scene(layout, widest, held.opening_mm, standing=(standing,))
-        way = take.retreat[::-1]
+        way = tuple(fewest_waypoints(layout, take.retreat[::-1]))
         motion_in = self._connect(build, way[0], scene, "way round the fixture")
-        motion_out = tuple(take.entry[::-1][1:])
+        motion_out = tuple(fewest_waypoints(layout, take.entry[::-1])[1:])
         build.steps.append(
             TakeBack(
                 seconds=self._seconds(build.q, motion_in, way[1:], motion_out)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from ._views import (
     visible_from,
 )
 from .errors import NotGraspableError
-from .grip import Grip, GripRules, synthesise_grips
+from .grip import Grip, GripRules, find_seeds, synthesise_grips
 from .layout import Box, CellLayout, FloatArray
 
 
@@ -34,11 +34,11 @@ class PlanOptions:
     arm_grips_per_pose: int = 8
     arm_grips_round: int = 16
     fixture_grips: int = 16
-    max_views: int = 9  # beside square views of main faces
-    least_gain: float = 0.004  # share of the area a further view must add
-    hand_off_gain: float = 0.01  # share of the area that is worth passing the part over
+    max_views: int = 12  # beside square views of main faces
+    least_gain: float = 0.003  # share of the area a further view must add
+    hand_off_gain: float = 0.002  # share of the area that is worth passing the part over
     square_share: float = 0.5  # of a face must show for a view to count as its square view
-    rules: GripRules = GripRules()
+    rules: GripRules = field(default_factory=GripRules)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,13 +104,15 @@ def prepare_part(
     poses = tuple(p for p in stable_poses(solid) if not p.rolling)
     caster = RayCaster(solid.mesh)
     downs = np.stack([-p.R[2] for p in poses]) if poses else np.zeros((0, 3))
-    every = synthesise_grips(solid, samples, caster, layout.hand, "arm", downs, options.rules)
+    widest = max(layout.hand.max_mm, layout.fixture.max_mm) - options.rules.jaw_reserve_mm
+    seeds = find_seeds(solid, samples, caster, widest, options.rules)
+    every = synthesise_grips(solid, seeds, caster, layout.hand, "arm", downs, options.rules)
     base = select_arm_grips(
         solid, poses, every, layout.hand, options.arm_grips_per_pose, options.arm_grips_round
     )
     try:
         fixed = synthesise_grips(
-            solid, samples, caster, layout.fixture, "fixture", downs, options.rules
+            solid, seeds, caster, layout.fixture, "fixture", downs, options.rules
         )
     except NotGraspableError:
         fixed = ()  # views without a hand-off may still do; the plan says what stays hidden

@@ -34,7 +34,7 @@ def clear_of_table(T_world_part: FloatArray, grips: Sequence[Grip], jaw: Jaw) ->
     """Tell which grips keep the open hand off the table and come from above: (n,) bool."""
     T = T_world_part @ np.stack([g.T_part_hand for g in grips])
     ok = T[:, 2, 0] <= STEEPEST
-    for k in np.flatnonzero(ok):
+    for k in np.flatnonzero(ok).tolist():
         T_box, half = stack([*jaw.body, *jaw.fingers(grips[k].pre_open_mm)])
         ok[k] = lowest_z(T[k] @ T_box, half).min() >= TABLE_MARGIN_MM
     return np.asarray(ok)

@@ -104,8 +104,12 @@ def hidden_by_hand(
 def view_poses(
     solid: Solid, layout: CellLayout, vectors: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
-    """Return T_world_part (v, r, 4, 4) showing each direction at each camera roll, and which of
-    them have the whole part inside the picture (v, r).
+    """Return how to hold the part for each direction and camera roll.
+
+    Returns
+    -------
+    T_world_part : (v, r, 4, 4)
+    inside : (v, r) bool, the whole part is inside the picture
     """
     camera = layout.inspection
     towards = camera.position_mm - layout.station_mm
@@ -113,17 +117,17 @@ def view_poses(
     right = camera.T_world_cam[:3, 0]
     right = right - towards * (right @ towards)
     right = right / np.linalg.norm(right)
-    B = np.column_stack([right, np.cross(towards, right), towards])
+    at_station = np.column_stack([right, np.cross(towards, right), towards])
     T = np.zeros((len(vectors), ROLLS_N, 4, 4))
     T[..., 3, 3] = 1.0
     for v, d in enumerate(vectors):
         helper = np.eye(3)[int(np.argmin(np.abs(d)))]
         u = helper - d * (helper @ d)
         u = u / np.linalg.norm(u)
-        A = np.column_stack([u, np.cross(d, u), d])
+        on_part = np.column_stack([u, np.cross(d, u), d])
         for r in range(ROLLS_N):
             c, s = np.cos(2 * np.pi * r / ROLLS_N), np.sin(2 * np.pi * r / ROLLS_N)
-            T[v, r, :3, :3] = B @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ A.T
+            T[v, r, :3, :3] = at_station @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ on_part.T
             T[v, r, :3, 3] = layout.station_mm - T[v, r, :3, :3] @ solid.centroid_mm
     hull = np.asarray(solid.mesh.convex_hull.vertices)
     points = np.einsum("vrij,kj->vrki", T[..., :3, :3], hull) + T[..., None, :3, 3]

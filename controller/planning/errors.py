@@ -8,7 +8,7 @@ class NoPlanError(Exception):
 
 
 class NotGraspableError(NoPlanError):
-    """No grip of the CAD model holds: another gripper or finger is needed, or another start pose."""
+    """No grip holds: another gripper or finger is needed, or another start pose."""
 
 
 class OutOfReachError(NoPlanError):

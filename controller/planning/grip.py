@@ -38,7 +38,7 @@ class GripRules:
     max_offset_mm: float = 4.0  # between the two contacts along the pads: more tips the part
     clearance_mm: float = 4.0  # per finger while open, for 1-2 mm of pose error
     jaw_reserve_mm: float = 5.0  # of the full opening, so that the open hand gets over the part
-    approach_mm: float = 70.0  # straight way in and out
+    approach_mm: float = 90.0  # straight way in and out
     ray_step_mm: float = 2.0
     seeds_n: int = 150
     spin_n: int = 12
@@ -67,7 +67,9 @@ class Grip:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Seeds:
+class Seeds:
+    """Where to try: between two walls, the jaws closing along an axis."""
+
     middle: FloatArray  # (n, 3)
     axis: FloatArray  # (n, 3) the jaws' axis
     gap: FloatArray  # (n,)
@@ -75,7 +77,7 @@ class _Seeds:
 
 def synthesise_grips(
     solid: Solid,
-    samples: SurfaceSamples,
+    seeds: Seeds,
     caster: RayCaster,
     jaw: Jaw,
     holder: Holder,
@@ -86,6 +88,7 @@ def synthesise_grips(
 
     Parameters
     ----------
+    seeds : of `find_seeds`
     downs : (k, 3) which way is down, in the part frame, in each stable pose
 
     Raises
@@ -93,7 +96,6 @@ def synthesise_grips(
     NotGraspableError : no two walls can be held
     """
     widest = jaw.max_mm - rules.jaw_reserve_mm
-    seeds = _join(_plane_seeds(solid, widest), _wall_seeds(solid, samples, caster, widest, rules))
     if len(seeds.gap) == 0:
         raise NotGraspableError(
             f"{solid.name}: no two opposed walls at most {widest:.0f} mm apart; "
@@ -102,7 +104,7 @@ def synthesise_grips(
     T, gap = _candidates(solid, seeds, jaw, downs, rules)
     found = _contacts(solid, caster, T, gap, jaw, rules)
     clear = _clearances(solid, found, jaw, rules)
-    grips = []
+    grips: list[Grip] = []
     for k in np.flatnonzero(clear):
         area, load = float(found.area[k]), float(found.load[k])
         score = min(1.0, area / 120.0) * (1.0 - load) * (1.0 - found.offset[k] / 12.0)
@@ -130,34 +132,51 @@ def _pre_open(opening_mm: float, jaw: Jaw, rules: GripRules) -> float:
     return min(jaw.max_mm, opening_mm + 2 * rules.clearance_mm)
 
 
-def _join(a: _Seeds, b: _Seeds) -> _Seeds:
-    return _Seeds(
-        np.vstack([a.middle, b.middle]),
-        np.vstack([a.axis, b.axis]),
-        np.concatenate([a.gap, b.gap]),
+def find_seeds(
+    solid: Solid, samples: SurfaceSamples, caster: RayCaster, widest_mm: float, rules: GripRules
+) -> Seeds:
+    """Return where to try jaws of up to a width: the same for both holders."""
+    planes = _plane_seeds(solid, widest_mm)
+    walls = _wall_seeds(solid, samples, caster, widest_mm, rules)
+    found = []
+    for seeds in (planes, walls):
+        # a grip seen from the other side is the same grip
+        sign = np.where((seeds.axis @ np.array([0.9511, 0.2839, 0.1213])) < 0, -1.0, 1.0)
+        features = np.hstack(
+            [seeds.middle / 15.0, seeds.axis * sign[:, None], seeds.gap[:, None] / 20.0]
+        )
+        chosen = farthest(features, rules.seeds_n)
+        found.append(Seeds(seeds.middle[chosen], seeds.axis[chosen], seeds.gap[chosen]))
+    return Seeds(
+        np.vstack([f.middle for f in found]),
+        np.vstack([f.axis for f in found]),
+        np.concatenate([f.gap for f in found]),
     )
 
 
-def _plane_seeds(solid: Solid, widest_mm: float) -> _Seeds:
+def _plane_seeds(solid: Solid, widest_mm: float) -> Seeds:
     """Return seeds in the overlap of exactly opposed planar faces."""
     planes = [f for f in solid.faces if f.kind == "plane" and f.area_mm2 > 40.0]
     middle, axis, gaps = [], [], []
-    shapes: dict[tuple[int, int], shapely.Geometry] = {}
     corners = np.asarray(solid.mesh.triangles)
+    shapes: dict[tuple[int, tuple[float, ...]], shapely.Geometry] = {}
     for i, a in enumerate(planes):
-        for j in range(i + 1, len(planes)):
-            b = planes[j]
-            if a.normal @ b.normal > -OPPOSED_COS:
-                continue
+        for b in planes[i + 1 :]:
             gap = float((a.centre_mm - b.centre_mm) @ a.normal)
-            if not 1.0 < gap <= widest_mm:
+            if a.normal @ b.normal > -OPPOSED_COS or not 1.0 < gap <= widest_mm:
                 continue
-            u, v = _across(a.normal)
-            for k, f in ((i, a), (j, b)):
-                if (i, k) not in shapes:
-                    flat = corners[solid.face_of_triangle == f.id] @ np.column_stack([u, v])
-                    shapes[i, k] = shapely.union_all(shapely.polygons(flat), grid_size=1e-4)
-            common = shapely.intersection(shapes[i, i], shapes[i, j])
+            # one frame for both senses of a direction, so that outlines are drawn once
+            towards = np.round(a.normal, 6)
+            first = towards[np.flatnonzero(np.abs(towards) > 1e-6)[0]]
+            u, v = _across(towards * np.sign(first))
+            flat = np.column_stack([u, v])
+            key = tuple(np.round(flat, 6).ravel().tolist())
+            for f in (a, b):
+                if (f.id, key) not in shapes:
+                    triangles = shapely.polygons(corners[solid.face_of_triangle == f.id] @ flat)
+                    outline = shapely.coverage_union_all(triangles[shapely.area(triangles) > 1e-9])
+                    shapes[f.id, key] = shapely.make_valid(outline)
+            common = shapely.intersection(shapes[a.id, key], shapes[b.id, key])
             if common.area < 20.0:
                 continue
             height = float((a.centre_mm + b.centre_mm) @ a.normal) / 2
@@ -165,7 +184,7 @@ def _plane_seeds(solid: Solid, widest_mm: float) -> _Seeds:
                 middle.append(x * u + y * v + height * a.normal)
                 axis.append(a.normal)
                 gaps.append(gap)
-    return _Seeds(
+    return Seeds(
         np.reshape(middle, (-1, 3)), np.reshape(axis, (-1, 3)), np.array(gaps, dtype=float)
     )
 
@@ -190,10 +209,8 @@ def _wall_seeds(
     caster: RayCaster,
     widest_mm: float,
     rules: GripRules,
-) -> _Seeds:
-    """Return seeds across walls: from each sample through the material to the next way out, and
-    right across the part to its far side.
-    """
+) -> Seeds:
+    """Return seeds across walls: to the next way out of the material, and to the far side."""
     p, n = samples.points_mm, samples.normals
     face_normals = np.asarray(solid.mesh.face_normals)
     cone = np.cos(np.arctan(rules.friction))
@@ -210,12 +227,7 @@ def _wall_seeds(
         middle.append(p[ok] - n[ok] * width[:, None] / 2)
         axis.append(n[ok])
         gap.append(width)
-    middles, axes, gaps = np.vstack(middle), np.vstack(axis), np.concatenate(gap)
-    # a grip seen from the other side is the same grip
-    sign = np.where((axes @ np.array([0.9511, 0.2839, 0.1213])) < 0, -1.0, 1.0)
-    features = np.hstack([middles / 15.0, axes * sign[:, None], gaps[:, None] / 20.0])
-    chosen = farthest(features, rules.seeds_n)
-    return _Seeds(middles[chosen], axes[chosen], gaps[chosen])
+    return Seeds(np.vstack(middle), np.vstack(axis), np.concatenate(gap))
 
 
 def farthest(features: FloatArray, count: int, start: int = 0) -> list[int]:
@@ -242,31 +254,32 @@ def _across(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _candidates(
-    solid: Solid, seeds: _Seeds, jaw: Jaw, downs: FloatArray, rules: GripRules
+    solid: Solid, seeds: Seeds, jaw: Jaw, downs: FloatArray, rules: GripRules
 ) -> tuple[FloatArray, FloatArray]:
     """Return tip poses (n, 4, 4) round each seed, at a few depths, and the nominal gaps (n,)."""
     hull = np.asarray(solid.mesh.convex_hull.vertices)
+    turn = np.arange(rules.spin_n) * 2 * np.pi / rules.spin_n
     poses, gaps = [], []
     for middle, axis, gap in zip(seeds.middle, seeds.axis, seeds.gap, strict=True):
         u, v = _across(axis)
-        turn = np.arange(rules.spin_n) * 2 * np.pi / rules.spin_n
-        approaches = list(np.outer(np.cos(turn), u) + np.outer(np.sin(turn), v))
-        for down in downs[np.abs(downs @ axis) < 0.02]:
-            square = down - axis * (down @ axis)
-            approaches.append(square / np.linalg.norm(square))
-        for a in approaches:
-            ahead = float(((hull - middle) @ a).max())
-            depths = {jaw.pad_centre_mm, jaw.pad_centre_mm - 7.0}
-            # flat parts on the table: as deep as the tips get without touching it
-            if 0.0 < ahead - 3.0 < jaw.pad_centre_mm:
-                depths.add(ahead - 3.0)
-            for depth in sorted(depths):
-                T = np.eye(4)
-                T[:3, 0], T[:3, 1], T[:3, 2] = a, axis, np.cross(a, axis)
-                T[:3, 3] = middle + a * depth
-                poses.append(T)
-                gaps.append(gap)
-    return np.stack(poses), np.array(gaps)
+        square = downs[np.abs(downs @ axis) < 0.02]
+        square = square - np.outer(square @ axis, axis)
+        square /= np.linalg.norm(square, axis=1, keepdims=True)
+        approach = np.vstack([np.outer(np.cos(turn), u) + np.outer(np.sin(turn), v), square])
+        ahead = ((hull - middle) @ approach.T).max(axis=0)
+        deep = np.repeat(jaw.pad_centre_mm, len(approach))
+        # flat parts on the table: as deep as the tips get without touching it
+        table = (ahead > 3.0) & (ahead - 3.0 < jaw.pad_centre_mm)
+        approach = np.vstack([approach, approach, approach[table]])
+        depth = np.concatenate([deep, deep - 7.0, ahead[table] - 3.0])
+        T = np.zeros((len(approach), 4, 4))
+        T[:, 3, 3] = 1.0
+        T[:, :3, 0], T[:, :3, 1] = approach, axis
+        T[:, :3, 2] = np.cross(approach, np.broadcast_to(axis, approach.shape))
+        T[:, :3, 3] = middle + approach * depth[:, None]
+        poses.append(T)
+        gaps.append(np.repeat(gap, len(T)))
+    return np.concatenate(poses), np.concatenate(gaps)
 
 
 @dataclass(slots=True)

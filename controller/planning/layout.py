@@ -50,7 +50,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Jaw:
-    """A parallel gripper in its tip frame: x = approach, y = the jaws' axis, origin between tips."""
+    """A parallel gripper; tip frame: x = approach, y = the jaws' axis, origin between tips."""
 
     body: tuple[Box, ...]
     finger_length_mm: float
@@ -96,8 +96,10 @@ class Pace:
     Joint speeds are those of umi_rtx.md 5.7 (unsourced there, so replaced once an arm is timed).
     """
 
-    joint_per_s: tuple[float, ...] = tuple(
-        [*np.radians([23.0, 44.0, 110.0]).tolist(), 110.0, *np.radians([100.0, 100.0]).tolist()]
+    joint_per_s: tuple[float, ...] = (
+        *np.radians([23.0, 44.0, 110.0]).tolist(),
+        110.0,
+        *np.radians([100.0, 100.0]).tolist(),
     )
     start_stop_s: float = 0.35  # reaching speed, braking and the last poll, once per waypoint
     grip_s: float = 2.0  # close, force up, width read back

@@ -1,0 +1,189 @@
+"""Whole plans for a recipe part, judged by triangles, FCL and rays of their own."""
+
+from __future__ import annotations
+
+import pickle
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from planning_cell import PARTS, emulated_layout
+from planning_checker import check
+from trimesh.ray.ray_triangle import RayMeshIntersector
+
+from controller.cad import StablePose, load_solid, sample_surface, stable_poses
+from controller.planning import (
+    HandOver,
+    NoPlanError,
+    OutOfReachError,
+    Pick,
+    Plan,
+    PlanOptions,
+    PreparedPart,
+    Present,
+    TakeBack,
+    plan_part,
+    prepare_part,
+    resting_pose,
+    shown_pose,
+)
+from drivers.umi_scara.kinematics import forward, within_limits
+
+LAYOUT = emulated_layout()
+SOLID = load_solid(PARTS / "holder.stl")
+SAMPLES = sample_surface(SOLID, 5.0)
+POSE: StablePose = stable_poses(SOLID)[0]
+T_START = resting_pose(SOLID, POSE, 350.0, 40.0, 0.7)
+OPTIONS = PlanOptions(arm_grips_per_pose=6, arm_grips_round=10, fixture_grips=10)
+
+
+@pytest.fixture(scope="module")
+def prepared() -> PreparedPart:
+    return prepare_part(SOLID, SAMPLES, LAYOUT, OPTIONS)
+
+
+@pytest.fixture(scope="module")
+def plan(prepared: PreparedPart) -> Plan:
+    return plan_part(SOLID, SAMPLES, POSE, T_START, LAYOUT, prepared=prepared)
+
+
+def test_a_resting_part_touches_the_table_with_its_centre_of_mass_over_the_place() -> None:
+    points = SOLID.mesh.vertices @ T_START[:3, :3].T + T_START[:3, 3]
+    assert points[:, 2].min() == pytest.approx(0.0, abs=1e-6)
+    com = T_START[:3, :3] @ SOLID.centroid_mm + T_START[:3, 3]
+    np.testing.assert_allclose(com[:2], [350.0, 40.0], atol=1e-9)
+
+
+def test_nothing_touches_anything_along_the_whole_plan(plan: Plan) -> None:
+    assert check(plan, LAYOUT, SOLID, T_START) == []
+
+
+def test_every_waypoint_is_one_the_arm_accepts(plan: Plan) -> None:
+    motions = []
+    for step in (*plan.steps, *plan.place.values(), *plan.park.values()):
+        for name in dir(step):
+            value = getattr(step, name)
+            if isinstance(value, tuple) and value and isinstance(value[0], np.ndarray):
+                motions.append(np.stack(value))
+    assert len(motions) > 10
+    assert within_limits(np.vstack(motions)).all()
+
+
+def test_the_part_is_one_and_the_same_on_both_sides_of_every_change_of_hands(plan: Plan) -> None:
+    pick = next(s for s in plan.steps if isinstance(s, Pick))
+    tip = LAYOUT.T_world_arm @ forward(pick.motion_down[-1], LAYOUT.arm)
+    np.testing.assert_allclose(tip @ np.linalg.inv(pick.grip.T_part_hand), T_START, atol=0.05)
+    give = next(s for s in plan.steps if isinstance(s, HandOver))
+    take = next(s for s in plan.steps if isinstance(s, TakeBack))
+    given = shown_pose(LAYOUT, give.motion[-1], give.grip.T_part_hand)
+    in_fixture = LAYOUT.T_world_fixture @ np.linalg.inv(give.fixture_grip.T_part_hand)
+    taken = shown_pose(LAYOUT, take.approach[-1], take.grip.T_part_hand)
+    np.testing.assert_allclose(given, in_fixture, atol=0.2)
+    np.testing.assert_allclose(taken, in_fixture, atol=0.2)
+
+
+def test_straight_ways_are_straight_and_keep_the_hand_as_it_is(plan: Plan) -> None:
+    pick = next(s for s in plan.steps if isinstance(s, Pick))
+    way = [pick.motion_in[-1], *pick.motion_down]
+    ends = forward(np.stack([way[0], way[-1]]), LAYOUT.arm)
+    along = ends[1, :3, 3] - ends[0, :3, 3]
+    for a, b in pairwise(way):
+        for share in np.linspace(0, 1, 9):
+            tip = forward(a + share * (b - a), LAYOUT.arm)
+            off = np.cross(tip[:3, 3] - ends[0, :3, 3], along / np.linalg.norm(along))
+            assert np.linalg.norm(off) < 2.0
+
+
+def test_every_view_has_the_part_at_the_station_inside_the_picture(plan: Plan) -> None:
+    hull = SOLID.mesh.convex_hull.vertices
+    for view in plan.presents:
+        com = view.T_world_part[:3, :3] @ SOLID.centroid_mm + view.T_world_part[:3, 3]
+        np.testing.assert_allclose(com, LAYOUT.station_mm, atol=0.5)
+        towards = LAYOUT.inspection.position_mm - LAYOUT.station_mm
+        direction = view.T_world_part[:3, :3] @ view.direction_part
+        np.testing.assert_allclose(direction, towards / np.linalg.norm(towards), atol=2e-3)
+        pixels = LAYOUT.inspection.project(
+            hull @ view.T_world_part[:3, :3].T + view.T_world_part[:3, 3]
+        )
+        assert (pixels > 0).all()
+        assert (pixels < np.array(LAYOUT.inspection.size_px)).all()
+
+
+def test_what_a_view_claims_to_show_has_a_free_line_of_sight(plan: Plan) -> None:
+    cos_limit = np.cos(np.radians(OPTIONS.max_incidence_deg)) - 1e-3
+    for view in plan.presents:
+        eye = np.linalg.inv(view.T_world_part) @ np.append(LAYOUT.inspection.position_mm, 1.0)
+        points, normals = SAMPLES.points_mm[view.seen], SAMPLES.normals[view.seen]
+        sight = eye[:3] - points
+        sight = sight / np.linalg.norm(sight, axis=1)[:, None]
+        assert (np.einsum("ij,ij->i", sight, normals) >= cos_limit).all()
+        # trimesh' own slow caster on a few of them: no triangle between
+        few = np.linspace(0, len(points) - 1, 12).astype(int)
+        hits = RayMeshIntersector(SOLID.mesh).intersects_any(
+            points[few] + 0.05 * normals[few], sight[few]
+        )
+        assert not hits.any()
+
+
+def test_the_pads_hide_what_they_hold(plan: Plan) -> None:
+    for view in plan.presents:
+        hand = np.linalg.inv(view.grip.T_part_hand)
+        at = SAMPLES.points_mm @ hand[:3, :3].T + hand[:3, 3]
+        under = (at[:, 0] < -1) & (at[:, 0] > -LAYOUT.hand.pad_length_mm + 1)
+        under &= np.abs(at[:, 2]) < LAYOUT.hand.finger_width_mm / 2 - 1
+        under &= np.abs(np.abs(at[:, 1]) - view.grip.opening_mm / 2) < 0.1
+        assert not view.seen[under].any()
+
+
+def test_one_hand_off_shows_more_than_95_percent_within_200_seconds(plan: Plan) -> None:
+    assert plan.regrip_count == 1
+    assert plan.covered_fraction > 0.95
+    assert plan.forecast_s < 200.0
+    assert plan.forecast_s == pytest.approx(sum(s for _, s in plan.seconds_by_step))
+
+
+def test_seen_and_unseen_add_up_to_the_whole_surface(plan: Plan) -> None:
+    seen = np.any([v.seen for v in plan.presents], axis=0)
+    weights = SAMPLES.areas_mm2 / SAMPLES.areas_mm2.sum()
+    assert plan.covered_fraction == pytest.approx(weights[seen].sum())
+    missing = sum(u.area_fraction for u in plan.unseen)
+    assert plan.covered_fraction + missing == pytest.approx(1.0, abs=2e-3)
+    assert all(u.reason for u in plan.unseen)
+
+
+def test_both_flat_faces_are_shown_square(plan: Plan) -> None:
+    flats = {f.id for f in SOLID.faces if f.kind == "plane" and f.area_mm2 > 1000}
+    assert flats <= {v.square_to for v in plan.presents}
+
+
+def test_the_same_input_gives_the_same_plan(plan: Plan, prepared: PreparedPart) -> None:
+    again = plan_part(
+        SOLID, SAMPLES, POSE, T_START, LAYOUT, prepared=pickle.loads(pickle.dumps(prepared))
+    )
+    assert again.seconds_by_step == plan.seconds_by_step
+    for a, b in zip(again.presents, plan.presents, strict=True):
+        np.testing.assert_array_equal(a.q, b.q)
+        np.testing.assert_array_equal(a.seen, b.seen)
+
+
+def test_a_part_beyond_the_arm_is_refused_with_reach_and_limit(prepared: PreparedPart) -> None:
+    far = resting_pose(SOLID, POSE, 900.0, 0.0, 0.0)
+    with pytest.raises(OutOfReachError, match="reaches 507 mm") as error:
+        plan_part(SOLID, SAMPLES, POSE, far, LAYOUT, prepared=prepared)
+    assert error.value.reach_mm > error.value.limit_mm == 507.0
+    assert "(900, 0)" in error.value.where
+
+
+def test_a_part_under_the_column_is_refused_without_a_crash(prepared: PreparedPart) -> None:
+    near = resting_pose(SOLID, POSE, -100.0, 0.0, 0.0)
+    with pytest.raises(NoPlanError, match="holder on the table at \\(-100, 0\\)"):
+        plan_part(SOLID, SAMPLES, POSE, near, LAYOUT, prepared=prepared)
+
+
+def test_views_follow_a_measured_grip(plan: Plan) -> None:
+    view: Present = plan.presents[0]
+    slipped = view.grip.T_part_hand.copy()
+    slipped[:3, 3] += 2.0 * slipped[:3, 0]  # the hand 2 mm further in: the part 2 mm further back
+    moved = shown_pose(LAYOUT, view.q, slipped)
+    hand_x = moved[:3, :3] @ slipped[:3, 0]
+    np.testing.assert_allclose(moved[:3, 3] - view.T_world_part[:3, 3], -2.0 * hand_x, atol=1e-9)
