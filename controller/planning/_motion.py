@@ -63,9 +63,17 @@ def path_free(scene: Scene, path: Sequence[FloatArray]) -> bool:
 
 
 def connect(
-    q_from: FloatArray, q_to: FloatArray, scene: Scene, what: str, seed: int = 0
+    q_from: FloatArray,
+    q_to: FloatArray,
+    scene: Scene,
+    what: str,
+    seed: int = 0,
+    search: bool = True,
 ) -> tuple[FloatArray, ...]:
     """Return waypoints from `q_from` (left out) to `q_to` (the last) without contact.
+
+    Tried in turn: the joint line; over the top, the quickest first; two random trees, unless
+    `search` is False because the caller has another goal to try.
 
     Raises
     ------
@@ -73,15 +81,11 @@ def connect(
     """
     if path_free(scene, [q_from, q_to]):
         return (q_to,)
-    best: tuple[float, tuple[FloatArray, ...]] | None = None
-    for middle in _over_the_top(q_from, q_to):
-        path = [q_from, *middle, q_to]
-        seconds = move_seconds(scene.layout, path)
-        if (best is None or seconds < best[0]) and path_free(scene, path):
-            best = (seconds, tuple(path[1:]))
-    if best is not None:
-        return best[1]
-    found = _rrt_connect(q_from, q_to, scene, seed)
+    ways = [[q_from, *middle, q_to] for middle in _over_the_top(q_from, q_to)]
+    for path in sorted(ways, key=lambda w: move_seconds(scene.layout, w)):
+        if path_free(scene, path):
+            return tuple(path[1:])
+    found = _rrt_connect(q_from, q_to, scene, seed) if search else None
     if found is None:
         raise NoMotionError(
             f"{what}: no way free of contact found from {_degrees(q_from)} to {_degrees(q_to)}; "
@@ -96,19 +100,33 @@ def _degrees(q: FloatArray) -> str:
 
 
 def _over_the_top(a: FloatArray, b: FloatArray) -> list[list[FloatArray]]:
-    """Return middles of ways that rise, turn and come down, some with the arm drawn in."""
+    """Return middles of ways that rise, turn and come down.
+
+    Plain, with the arm drawn in, and with the hand hanging down, which at the top is above
+    everything that stands in the cell.
+    """
     ways = []
     for zed in RAISED_MM:
         up_a, up_b = a.copy(), b.copy()
         up_a[3], up_b[3] = max(zed, a[3]), max(zed, b[3])
         ways.append([up_a, up_b])
+        hang_a, hang_b = up_a.copy(), up_b.copy()
+        hang_a[4] = hang_b[4] = -np.pi / 2
+        ways.append([up_a, hang_a, hang_b, up_b])
         for elbow in np.radians([-140.0, -90.0, 90.0, 140.0]):
-            drawn_a, drawn_b = up_a.copy(), up_b.copy()
-            for drawn in (drawn_a, drawn_b):
-                drawn[2] += (elbow - drawn[1]) / 2  # the hand keeps its place on the forearm
-                drawn[1] = elbow
+            drawn_a, drawn_b = _drawn_in(up_a, elbow), _drawn_in(up_b, elbow)
             ways.append([up_a, drawn_a, drawn_b, up_b])
+            drawn_a, drawn_b = _drawn_in(hang_a, elbow), _drawn_in(hang_b, elbow)
+            ways.append([up_a, hang_a, drawn_a, drawn_b, hang_b, up_b])
     return ways
+
+
+def _drawn_in(q: FloatArray, elbow_rad: float) -> FloatArray:
+    """Return `q` with another elbow, the hand keeping its place on the forearm."""
+    out = q.copy()
+    out[2] += (elbow_rad - q[1]) / 2
+    out[1] = elbow_rad
+    return out
 
 
 def _rrt_connect(

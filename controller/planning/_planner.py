@@ -18,7 +18,7 @@ from ._cover import View, best_order, cover
 from ._handoff import HandOff, fewest_waypoints
 from ._motion import connect, move_seconds
 from ._pick import PickWay, pick_ways
-from ._place import place_ways
+from ._place import PlaceWay, place_ways
 from ._prepare import PlanOptions, PreparedPart, prepare_part
 from ._scene import Scene
 from ._why import unseen_pieces
@@ -402,7 +402,6 @@ class _Planner:
         part, layout = self._part, self._layout
         place: dict[str, Place] = {}
         park: dict[str, Park] = {}
-        carrying = self._carrying(grip)
         for name, tray in layout.trays.items():
             failure: NoPlanError = OutOfReachError(
                 f"{part.solid.name}: grip {grip.id} cannot let it go anywhere over tray {name} at "
@@ -411,33 +410,44 @@ class _Planner:
                 limit_mm=layout.arm.upper_mm + layout.arm.fore_mm,
                 where=f"tray {name}",
             )
-            for way in place_ways(part, layout, grip, tray):
+            ways = place_ways(part, layout, grip, tray)
+            # every place is tried with the plain ways before any is searched for
+            for way, search in [(w, False) for w in ways] + [(w, True) for w in ways]:
                 try:
-                    motion = self._connect(build, way.down[0], carrying, f"way to tray {name}")
-                    empty = Scene(layout, grip.pre_open_mm, layout.fixture.max_mm)
-                    home = connect(
-                        way.up[-1], layout.park_q, empty, f"{part.solid.name}: way home", self._seed
-                    )
+                    place[name], park[name] = self._let_go(build.q, grip, name, way, search)
                 except NoMotionError as error:
                     failure = error
                     continue
-                down, up = tuple(way.down[1:]), tuple(way.up[1:])
-                place[name] = Place(
-                    seconds=self._seconds(build.q, motion, down, up) + layout.pace.release_s,
-                    label=f"place in tray {name}",
-                    tray=name,
-                    grip=grip,
-                    motion=motion,
-                    motion_down=down,
-                    open_mm=grip.pre_open_mm,
-                    motion_up=up,
-                    T_world_part=way.T_world_part,
-                    tilt_rad=way.tilt_rad,
-                )
-                park[name] = Park(
-                    seconds=self._seconds(way.up[-1], home), label="park", motion=home
-                )
                 break
             else:
                 raise failure
         return place, park
+
+    def _let_go(
+        self, start: FloatArray, grip: Grip, tray: str, way: PlaceWay, search: bool
+    ) -> tuple[Place, Park]:
+        layout, name = self._layout, self._part.solid.name
+        motion = connect(
+            start,
+            way.down[0],
+            self._carrying(grip),
+            f"{name}: way to tray {tray}",
+            self._seed,
+            search,
+        )
+        empty = Scene(layout, grip.pre_open_mm, layout.fixture.max_mm)
+        home = connect(way.up[-1], layout.park_q, empty, f"{name}: way home", self._seed, search)
+        down, up = tuple(way.down[1:]), tuple(way.up[1:])
+        place = Place(
+            seconds=self._seconds(start, motion, down, up) + layout.pace.release_s,
+            label=f"place in tray {tray}",
+            tray=tray,
+            grip=grip,
+            motion=motion,
+            motion_down=down,
+            open_mm=grip.pre_open_mm,
+            motion_up=up,
+            T_world_part=way.T_world_part,
+            tilt_rad=way.tilt_rad,
+        )
+        return place, Park(seconds=self._seconds(way.up[-1], home), label="park", motion=home)
