@@ -17,7 +17,7 @@ from .errors import (
     UnreadableCadError,
 )
 from .rays import RayCaster
-from .shading import PointLamp, predict_radiance
+from .shading import PointLamp, predict_light, predict_radiance
 from .views import Roi, ViewMaps, render_maps, view_roi
 
 __all__ = [
@@ -38,6 +38,7 @@ __all__ = [
     "inverse_pose",
     "load_solid",
     "make_solid",
+    "predict_light",
     "predict_radiance",
     "render_maps",
     "sample_surface",

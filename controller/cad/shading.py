@@ -53,7 +53,6 @@ def predict_radiance(
     T_world_part: Array,
     camera: Camera,
     lamp: PointLamp,
-    others: RayCaster | None = None,
     step_px: int = 1,
 ) -> NDArray[np.float32]:
     """Return the relative radiance of a region under one lamp, (height, width) float32.
@@ -64,18 +63,39 @@ def predict_radiance(
     Parameters
     ----------
     maps : of the same pose, region and step
+    """
+    radiance, _ = predict_light(mesh, caster, maps, T_world_part, camera, lamp, None, step_px)
+    return radiance
+
+
+def predict_light(
+    mesh: trimesh.Trimesh,
+    caster: RayCaster,
+    maps: ViewMaps,
+    T_world_part: Array,
+    camera: Camera,
+    lamp: PointLamp,
+    others: RayCaster | None,
+    step_px: int = 1,
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Return `predict_radiance`, and where anything else keeps light of the lamp away.
+
+    Parameters
+    ----------
     others : what else throws shadows, in the world frame (the gripper that holds the part)
     """
     out = np.zeros(maps.triangle.shape, dtype=np.float32)
+    shaded = np.zeros(maps.triangle.shape, dtype=bool)
     seen = maps.mask
     if not seen.any():
-        return out
+        return out, shaded
     x0, y0, x1, y1 = maps.roi
     lines = camera.sight_line_table[y0:y1:step_px, x0:x1:step_px][seen].astype(np.float64)
     points = camera.position_mm + lines * maps.depth_mm[seen][:, None]
     normals = np.asarray(mesh.face_normals)[maps.triangle[seen]] @ T_world_part[:3, :3].T
     T_part_world = inverse_pose(T_world_part)
     total = np.zeros(len(points))
+    touched = np.zeros(len(points), dtype=bool)
     reference = float(np.mean(np.linalg.norm(lamp.points_mm - T_world_part[:3, 3], axis=1)))
     start = points + SHADOW_OFFSET_MM * normals
     start_part = transform(T_part_world, start)
@@ -83,13 +103,12 @@ def predict_radiance(
         towards = position - start
         distance = np.linalg.norm(towards, axis=1)
         cosine = (towards * normals).sum(axis=1) / distance
-        lit = cosine > 0
+        lit = np.flatnonzero(cosine > 0)
         unit = towards[lit] / distance[lit][:, None]
         dark = caster.blocked(start_part[lit], unit @ T_world_part[:3, :3])
+        total[lit] += np.where(dark, 0.0, cosine[lit] * (reference / distance[lit]) ** 2)
         if others is not None:
-            dark |= others.blocked(start[lit], unit, None)
-        gain = np.zeros(len(points))
-        gain[lit] = np.where(dark, 0.0, cosine[lit] * (reference / distance[lit]) ** 2)
-        total += gain
+            touched[lit] |= others.blocked(start[lit], unit)
     out[seen] = (total / len(lamp.points_mm)).astype(np.float32)
-    return out
+    shaded[seen] = touched
+    return out, shaded

@@ -20,7 +20,7 @@ from controller.cad import (
     SurfaceSamples,
     ViewMaps,
     inverse_pose,
-    predict_radiance,
+    predict_light,
     render_maps,
     transform,
 )
@@ -39,6 +39,7 @@ Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
 HOLDER_MARGIN_PX = 9  # the hand's shape and place are known to about a millimetre
+SHADING_STEP_PX = 2  # shading is compared on every second pixel: defects are many pixels large
 MAX_INCIDENCE_COS = np.cos(np.radians(75.0))
 
 
@@ -155,9 +156,9 @@ def _make_scene(task: ViewTask) -> _Scene:
     if task.holder:
         mesh = _box_mesh(task.holder)
         holder = RayCaster(mesh)
-        # every second pixel is enough under a margin of nine
-        maps = render_maps(holder, np.eye(4), task.camera, (0, 0, width, height), step_px=2)
-        coarse = np.repeat(np.repeat(maps.mask, 2, axis=0), 2, axis=1)[:height, :width]
+        # every fourth pixel is enough under a margin of nine
+        maps = render_maps(holder, np.eye(4), task.camera, (0, 0, width, height), step_px=4)
+        coarse = np.repeat(np.repeat(maps.mask, 4, axis=0), 4, axis=1)[:height, :width]
         holder_mask = _grow(coarse, HOLDER_MARGIN_PX)
     panel = np.zeros((height, width), dtype=np.uint8)
     edges = [
@@ -215,48 +216,57 @@ def _shading(
     picture: Grey,
 ) -> list[Finding]:
     """Compare grey levels on plane faces, in bores and through them."""
+    whole = maps
+    maps = ViewMaps(
+        whole.roi,
+        whole.triangle[::SHADING_STEP_PX, ::SHADING_STEP_PX],
+        whole.depth_mm[::SHADING_STEP_PX, ::SHADING_STEP_PX],
+    )
     lamp = next(lamp for lamp in task.lamps if lamp.name == lamp_name)
     x0, y0, x1, y1 = maps.roi
+    window = (slice(y0, y1, SHADING_STEP_PX), slice(x0, x1, SHADING_STEP_PX))
     solid, limits = part.solid, task.limits
-    predicted = predict_radiance(solid.mesh, part.caster, maps, T, task.camera, lamp)
-    valid = ~scene.holder_mask[y0:y1, x0:x1]
-    if scene.holder is not None:
-        shaded = predict_radiance(
-            solid.mesh, part.caster, maps, T, task.camera, lamp, others=scene.holder
-        )
-        valid &= ~_grow(np.abs(shaded - predicted) > 0.02, HOLDER_MARGIN_PX)
+    slack = max(1, round(limits.slack_px / SHADING_STEP_PX))
+    predicted, shaded = predict_light(
+        solid.mesh, part.caster, maps, T, task.camera, lamp, scene.holder, SHADING_STEP_PX
+    )
+    valid = ~scene.holder_mask[window]
+    valid &= ~_grow(shaded, HOLDER_MARGIN_PX // SHADING_STEP_PX + 1)
     face = np.where(maps.mask, solid.face_of_triangle[maps.triangle], -1)
     trusted = np.array([f.kind == "plane" or (f.kind == "cylinder" and f.concave)
                         for f in solid.faces])  # fmt: skip
-    valid &= ~_grow(maps.mask & ~trusted[face], limits.slack_px)
+    valid &= ~_grow(maps.mask & ~trusted[face], slack)
     # only inside the outline: beside it stands whatever stands behind the part
     outline = np.zeros(maps.mask.shape, dtype=np.uint8)
     contours, _ = cv2.findContours(
         maps.mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
     )
     cv2.drawContours(outline, contours, -1, 1, thickness=cv2.FILLED)
-    valid &= ~_grow(outline == 0, limits.slack_px)
-    observed = cv2.GaussianBlur(picture[y0:y1, x0:x1], (0, 0), 0.8).astype(np.float32)
-    expected = cv2.GaussianBlur(predicted, (0, 0), 1.0)
+    valid &= ~_grow(outline == 0, slack)
+    observed = cv2.GaussianBlur(picture[y0:y1, x0:x1], (0, 0), 1.0)
+    observed = observed[::SHADING_STEP_PX, ::SHADING_STEP_PX].astype(np.float32)
+    expected = cv2.GaussianBlur(predicted, (0, 0), 0.7)
     bright = valid & maps.mask & (predicted > 0.25)
-    if bright.sum() < 400:
+    if bright.sum() < 150:
         return []
     gain = float(np.median(observed[bright] / expected[bright]))
+    if gain < limits.min_contrast / 2:  # too dark to say anything
+        return []
     gains = np.full(len(solid.faces) + 1, gain, dtype=np.float32)
     for face_id in np.unique(face[bright]):
         here = bright & (face == face_id)
         # a plane may throw the lamp's highlight back: its own brightness is its reference
-        if solid.faces[face_id].kind == "plane" and here.sum() > 600:
+        if solid.faces[face_id].kind == "plane" and here.sum() > 200:
             ratio = float(np.median(observed[here] / expected[here]))
             gains[face_id] = np.clip(ratio, 0.4 * gain, 2.5 * gain)
     scaled = expected * gains[face]
-    kernel = np.ones((2 * limits.slack_px + 1,) * 2, np.uint8)
+    kernel = np.ones((2 * slack + 1,) * 2, np.uint8)
     brightest, darkest = cv2.dilate(scaled, kernel), cv2.erode(scaled, kernel)
     play = np.maximum(limits.grey_levels, limits.grey_share * brightest)
     wrong = valid & ((observed > brightest + play) | (observed < darkest - play))
-    if gain < limits.min_contrast / 2:  # too dark to say anything
-        return []
-    return _blobs(wrong, Kind.SURFACE, lamp_name, part, maps, task, T, (x0, y0))
+    full = np.repeat(np.repeat(wrong, SHADING_STEP_PX, axis=0), SHADING_STEP_PX, axis=1)
+    full = full[: y1 - y0, : x1 - x0]
+    return _blobs(full, Kind.SURFACE, lamp_name, part, whole, task, T, (x0, y0))
 
 
 def _blobs(

@@ -5,6 +5,7 @@ normal. The prediction is cast anew after each step, so that the outline's point
 the right ones for the pose reached.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -60,7 +61,9 @@ def _twist(rotation: Array, shift: Array, pivot: Array) -> Array:
     return T
 
 
-def _outline_points(maps: ViewMaps, camera: Camera, ignore: Mask | None) -> tuple[Array, Array]:
+def _outline_points(
+    maps: ViewMaps, camera: Camera, ignore: Mask | None, step_px: int
+) -> tuple[Array, Array]:
     """Return predicted outline pixels (n, 2) and the part's points there (n, 3), world."""
     x0, y0, _, _ = maps.roi
     pixels = mask_contour(maps.mask)
@@ -68,7 +71,7 @@ def _outline_points(maps: ViewMaps, camera: Camera, ignore: Mask | None) -> tupl
         return pixels, np.zeros((0, 3))
     xi, yi = pixels[:, 0].astype(int), pixels[:, 1].astype(int)
     height, width = camera.size_px[1], camera.size_px[0]
-    gx, gy = xi + x0, yi + y0
+    gx, gy = xi * step_px + x0, yi * step_px + y0
     keep = (gx > 1) & (gy > 1) & (gx < width - 2) & (gy < height - 2)
     if ignore is not None:
         keep &= ~ignore[gy, gx]
@@ -85,7 +88,7 @@ def fit_pose(
     observed: Contour,
     freedom: Literal["table", "hand"],
     ignore: Mask | None = None,
-    rounds: int = 4,
+    steps_px: Sequence[int] = (2, 2, 1),
     prior_mm: float = 1.5,
     prior_rad: float = 0.03,
 ) -> PoseFit | None:
@@ -98,6 +101,8 @@ def fit_pose(
     freedom : ``table``: x, y and rotation about z; ``hand``: all six, drawn towards the start by
         a prior, since depth and tilt hardly show in one view
     ignore : (height, width) pixels whose outline is not the part's own (the gripper's)
+    steps_px : one round of fitting for each, the outline predicted on every so many-th pixel; a
+        last prediction on every pixel is what the answer is judged by
     prior_mm, prior_rad : standard deviations of the start, with freedom ``hand``
 
     Returns
@@ -109,15 +114,15 @@ def fit_pose(
     tree = cKDTree(observed.points_px)
     T = T_world_part.copy()
     pivot = T[:3, :3] @ part.solid.centroid_mm + T[:3, 3]
-    # the border pixels of a mask lie half a pixel inside the outline
     start_shift, start_rotation = np.zeros(3), np.zeros(3)
     maps: ViewMaps | None = None
-    for step in range(rounds + 1):
+    rounds = len(steps_px)
+    for step, step_px in enumerate((*steps_px, 1)):
         roi = view_roi(part.solid.mesh.vertices, T, camera)
         if roi is None:
             return None
-        maps = render_maps(part.caster, T, camera, roi)
-        pixels, points = _outline_points(maps, camera, ignore)
+        maps = render_maps(part.caster, T, camera, roi, step_px)
+        pixels, points = _outline_points(maps, camera, ignore, step_px)
         if len(pixels) < 20:
             return None
         reach = max(MAX_PAIR_PX / (1 + step), 3.0)
@@ -126,7 +131,9 @@ def fit_pose(
         if ok.sum() < 20:
             return None
         normals = observed.normals[index[ok]]
-        gap = ((observed.points_px[index[ok]] - pixels[ok]) * normals).sum(axis=1) - 0.5
+        gap = ((observed.points_px[index[ok]] - pixels[ok]) * normals).sum(axis=1)
+        # the border pixels of a mask lie half a step inside the outline
+        gap -= 0.5 * step_px
         if step == rounds:
             break
         jacobian = _jacobian(points[ok], pivot, camera, normals)
