@@ -19,6 +19,7 @@ UP_MM = 100.0
 STEP_MM = 10.0
 MARGIN_MM = 3.0
 TRIED_N = 60
+TOP_MM = -20.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +71,8 @@ def place_ways(
     T_up = np.repeat(T_hold[index[order]][:, None], len(k), axis=1)
     T_up[..., :3, 3] -= k[None, :, None] * T_hold[index[order]][:, None, :3, 0]
     down, up = same_branch(layout, T_down, branch[order]), same_branch(layout, T_up, branch[order])
-    ways: list[PlaceWay] = []
+    rising: list[PlaceWay] = []
+    trapped: list[PlaceWay] = []
     for place, row in enumerate(order):
         if not (np.isfinite(down[place]).all() and np.isfinite(up[place]).all()):
             continue
@@ -78,17 +80,25 @@ def place_ways(
             continue
         if not open_.free(up[place], MARGIN_MM).all():
             continue
-        ways.append(
-            PlaceWay(
-                fewest_waypoints(layout, np.vstack([down[place][::-1], q[row]])),
-                fewest_waypoints(layout, np.vstack([q[row], up[place]])),
-                T_hold[index[row]] @ inverse_pose(grip.T_part_hand),
-                float(tilts[index[row]]),
-            )
+        way = PlaceWay(
+            fewest_waypoints(layout, np.vstack([down[place][::-1], q[row]])),
+            fewest_waypoints(layout, np.vstack([q[row], up[place]])),
+            T_hold[index[row]] @ inverse_pose(grip.T_part_hand),
+            float(tilts[index[row]]),
         )
-        if len(ways) == count:
+        # an elbow under the station's panel can come down here, but hardly get there
+        free = shut.free(_risen(down[place][-1])) & open_.free(_risen(up[place][-1]))
+        (rising if free.all() else trapped).append(way)
+        if len(rising) == count:
             break
-    return ways
+    return (rising + trapped)[:count]
+
+
+def _risen(q: FloatArray) -> FloatArray:
+    """Return `q` at heights from its own to the top (k, 6)."""
+    out = np.repeat(q[None], 20, axis=0)
+    out[:, 3] = np.linspace(q[3], max(TOP_MM, q[3]), 20)
+    return out
 
 
 def _hand_orientations() -> FloatArray:

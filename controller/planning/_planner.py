@@ -14,12 +14,13 @@ import numpy as np
 from controller.cad import Solid, StablePose, SurfaceSamples
 
 from ._boxes import BoolArray, segments_hit
-from ._cover import View, best_order, cover
+from ._cover import View, best_order
 from ._handoff import HandOff, fewest_waypoints
 from ._motion import connect, move_seconds
 from ._pick import PickWay, pick_ways
 from ._place import PlaceWay, place_ways
 from ._prepare import PlanOptions, PreparedPart, prepare_part
+from ._rank import GripSequence, ranked_sequences
 from ._scene import Scene
 from ._why import unseen_pieces
 from .errors import NoMotionError, NoPlanError, OutOfReachError
@@ -27,24 +28,9 @@ from .grip import Grip
 from .layout import CellLayout, FloatArray
 from .plan import HandOver, Motion, Park, Pick, Place, Plan, Present, Step, TakeBack, shown_pose
 
-SQUARE_WORTH = 0.3  # a main face seen square counts this much of its area on top
-RANKED_N = 24  # grip sequences whose views are worked out
 BUILT_N = 8  # grip sequences whose motions are tried
 SHADOW_LOSS = 0.005  # of the surface; configurations hiding more than the best one are dropped
 MOTION_TRIES = 12
-
-
-@dataclass(frozen=True, slots=True)
-class _Sequence:
-    """A grip to pick with and, unless it does alone, a fixture grip and a grip after."""
-
-    first: int
-    fixture: int = -1
-    second: int = -1
-
-    @property
-    def grips(self) -> tuple[int, ...]:
-        return (self.first,) if self.second < 0 else (self.first, self.second)
 
 
 @dataclass(slots=True)
@@ -79,7 +65,7 @@ def plan_part(
     part = prepared or prepare_part(solid, samples, layout, options)
     picks = pick_ways(part, layout, T_world_part)
     pickable = sorted({way.grip for way in picks})
-    ranked = _ranked(part, layout, pickable)
+    ranked = ranked_sequences(part, layout, pickable)
     failure: NoPlanError | None = None
     for sequence, views in ranked[:BUILT_N]:
         ways = [w for w in picks if w.grip == sequence.first]
@@ -93,81 +79,6 @@ def plan_part(
     raise failure or NoMotionError(
         f"{solid.name}: no view can be shown with any of the {len(pickable)} grips that can pick it"
     )
-
-
-def _ranked(
-    part: PreparedPart, layout: CellLayout, pickable: Sequence[int]
-) -> list[tuple[_Sequence, list[View]]]:
-    """Return grip sequences with their views, the best first."""
-    options, weights = part.options, part.weights
-    covered = part.covered.astype(np.float32) * weights.astype(np.float32)
-    own = covered.sum(axis=1)
-    both = own[:, None] + own[None] - covered @ part.covered.T.astype(np.float32)
-    faces, square = _squares(part)
-    single = own + SQUARE_WORTH * (square @ faces)
-    pair = (
-        both
-        + SQUARE_WORTH * np.einsum("gf,hf,f->gh", 1.0 - square, 1.0 - square, -faces)
-        + SQUARE_WORTH * faces.sum()
-    )
-    found: list[tuple[float, float, _Sequence]] = []
-    able = set(pickable)
-    for f, table in enumerate(part.hand_offs):
-        members = sorted(table)
-        for g in members:
-            if g not in able:
-                continue
-            for h in members:
-                if h != g:
-                    turn_s = np.abs(table[g].retreat[-1] - table[h].retreat[-1])
-                    seconds = float((turn_s / np.array(layout.pace.joint_per_s)).max())
-                    risk = 3.0 - sum(
-                        x.score
-                        for x in (part.arm_grips[g], part.arm_grips[h], part.fixture_grips[f])
-                    )
-                    found.append((float(pair[g, h]), seconds + 6.0 * risk, _Sequence(g, f, h)))
-    alone = [
-        (float(single[g]), 6.0 * (1.0 - part.arm_grips[g].score), _Sequence(g)) for g in pickable
-    ]
-    best_pair = max((v for v, *_ in found), default=-1.0)
-    best_alone = max((v for v, *_ in alone), default=-1.0)
-    # nearly equal worth is equal: then the quicker and surer one
-    found.sort(key=lambda c: (-np.floor((c[0] - best_pair) / 0.004), c[1], c[2].grips))
-    alone.sort(key=lambda c: (-np.floor((c[0] - best_alone) / 0.004), c[1], c[2].grips))
-    if best_pair >= best_alone + options.hand_off_gain:
-        ordered = found[:RANKED_N] + alone[:3]
-    else:
-        ordered = alone[:RANKED_N] + found[:3]
-    result = []
-    for place, (_, seconds, sequence) in enumerate(ordered):
-        views = cover(part, sequence.grips)
-        if views:
-            cost = seconds + len(views) * (layout.pace.look_s + 2.0)
-            kind = 0 if place < RANKED_N else 1
-            seen = np.zeros(len(weights), dtype=bool)
-            for phase, v in views:
-                seen |= part.shown_by(sequence.grips[phase])[v]
-            result.append((kind, -round(float(weights[seen].sum()), 2), cost, sequence, views))
-    result.sort(key=lambda r: (r[0], r[1], r[2], r[3].grips, r[3].fixture))
-    return [(sequence, views) for *_, sequence, views in result]
-
-
-def _squares(part: PreparedPart) -> tuple[FloatArray, FloatArray]:
-    """Return the area share of each main face (f,) and which grips show it square (g, f)."""
-    main = [
-        (v, int(face_id))
-        for v, face_id in enumerate(part.directions.square_to)
-        if face_id >= 0 and part.solid.faces[face_id].kind == "plane"
-    ]
-    shares, square = [], np.zeros((len(part.arm_grips), len(main)))
-    for column, (v, face_id) in enumerate(main):
-        of_face = (part.samples.face_ids == face_id) & part.visible[v]
-        shares.append(float(part.weights[of_face].sum()))
-        for g in range(len(part.arm_grips)):
-            if v in part.view_q[g] and of_face.any():
-                share = float(part.shown_by(g)[v][of_face].mean())
-                square[g, column] = share if share >= part.options.square_share else 0.0
-    return np.array(shares), square
 
 
 class _Planner:
@@ -184,7 +95,7 @@ class _Planner:
 
     def build(
         self,
-        sequence: _Sequence,
+        sequence: GripSequence,
         way: PickWay,
         views: Sequence[View],
         pickable: Sequence[int],
@@ -265,7 +176,7 @@ class _Planner:
     def _show(
         self,
         build: _Build,
-        sequence: _Sequence,
+        sequence: GripSequence,
         phase: int,
         views: Sequence[View],
         leave: HandOff | None,
@@ -348,7 +259,9 @@ class _Planner:
         )
         build.q = q
 
-    def _pass_over(self, build: _Build, sequence: _Sequence, leave: HandOff, take: HandOff) -> None:
+    def _pass_over(
+        self, build: _Build, sequence: GripSequence, leave: HandOff, take: HandOff
+    ) -> None:
         part, layout = self._part, self._layout
         first, second = part.arm_grips[sequence.first], part.arm_grips[sequence.second]
         held = part.fixture_grips[sequence.fixture]
@@ -412,7 +325,7 @@ class _Planner:
             )
             ways = place_ways(part, layout, grip, tray)
             # every place is tried with the plain ways before any is searched for
-            for way, search in [(w, False) for w in ways] + [(w, True) for w in ways]:
+            for way, search in [(w, False) for w in ways] + [(w, True) for w in ways[:2]]:
                 try:
                     place[name], park[name] = self._let_go(build.q, grip, name, way, search)
                 except NoMotionError as error:
