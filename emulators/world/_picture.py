@@ -25,7 +25,7 @@ Index = NDArray[np.intp]
 Outline = NDArray[np.int32]
 
 JUMP: Final = 0.012  # of radiance between neighbours: 2.5 grey at unit level
-SAMPLE_COUNT: Final = 36
+SAMPLE_COUNT: Final = 60
 _CHUNK: Final = 60_000  # rays at a time: what they need stays in the processor's cache
 _MARGIN_PX: Final = 4  # the lens bends the edges of what spans the picture by less
 _FAR_PX: Final = 20_000  # where coordinates are cut off, for OpenCV's sake
@@ -33,15 +33,16 @@ _LIFT_MM: Final = 0.05  # shadow rays start off the surface by this much
 _NEAR_MM: Final = 20.0
 
 
-def sample_offsets(count: int = SAMPLE_COUNT) -> Array32:
-    """Return points that fill a pixel evenly seen from any side, (count, 2) from its centre [px].
+def sample_offsets() -> Array32:
+    """Return points that fill a pixel evenly seen from any side, (n, 2) from its centre [px].
 
-    The R2 sequence: both projections, and slanted ones, are nearly equidistant, which a square
-    grid is not along its own axes.
+    The R2 sequence (Roberts 2018): along rows, columns and slanted lines the points are nearly
+    equidistant, where a square grid has steps of 1/8 px along its own axes.
     """
-    g = 1.32471795724474602596
-    i = np.arange(count)
-    points = np.stack(((0.5 + i / g) % 1.0, (0.5 + i / (g * g)) % 1.0), axis=1)
+    plastic = 1.32471795724474602596  # the root of x**3 = x + 1
+    i = np.arange(SAMPLE_COUNT)
+    x, y = (0.5 + i / plastic) % 1.0, (0.5 + i / plastic**2) % 1.0
+    points = np.stack((x, y), axis=1)
     return (points - points.mean(axis=0)).astype(np.float32)
 
 

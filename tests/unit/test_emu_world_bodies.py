@@ -1,0 +1,521 @@
+"""The emulated world as matter: arm, parts, grips and what runs into what."""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.typing import NDArray
+
+from emulators.world import Layout, LayoutError, Solid, World, load_solid, read_layout
+from emulators.world._grip import apart
+from emulators.world._pads import Pads
+from emulators.world._poses import JointValues, forward, quat_xyzw_of, rotation_of
+from emulators.world._solid import read_pieces, solid_of
+
+Array = NDArray[np.float64]
+
+ROOT = Path(__file__).parents[2]
+CELL = ROOT / "recipes" / "cells" / "emulated.yaml"
+STEP_S = 1.0 / 240.0
+BLOCK_MM = (60.0, 40.0, 20.0)
+DOWN = -math.pi / 2.0
+
+pytestmark = pytest.mark.usefixtures("cache")
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    with pytest.MonkeyPatch.context() as patch:
+        folder = tmp_path_factory.mktemp("cache")
+        patch.setenv("XDG_CACHE_HOME", str(folder))
+        yield folder
+
+
+@pytest.fixture(scope="module")
+def layout() -> Layout:
+    return read_layout(CELL)
+
+
+@pytest.fixture(scope="module")
+def block(cache: Path) -> Solid:
+    return solid_of(trimesh.creation.box(BLOCK_MM), "block")
+
+
+class Arm:
+    """An arm that is where it is put, with jaws that stop at the limit they are told."""
+
+    def __init__(self, **joints: float) -> None:
+        start = {"shoulder_rad": math.radians(80.0), "pitch_rad": DOWN, "jaw_opening_mm": 85.0}
+        self.at = JointValues(**{**start, **joints})
+        self.grip_limit_mm: float | None = None
+        self.blocked: set[tuple[str, int]] = set()
+
+    def advance(self, dt_s: float) -> None:
+        pass
+
+    def joints(self) -> JointValues:
+        return self.at
+
+    def obstruct(self, motor: str, direction: int, blocked: bool) -> None:
+        (self.blocked.add if blocked else self.blocked.discard)((motor, direction))
+
+
+class Jaws:
+    """The fixed gripper's jaws."""
+
+    def __init__(self) -> None:
+        self.opening_mm = 85.0
+        self.grip_limit_mm: float | None = None
+
+    def advance(self, dt_s: float) -> None:
+        pass
+
+
+class Bench:
+    """A world with an arm and jaws that a test moves."""
+
+    def __init__(self, layout: Layout, *solids: Solid, seed: int = 1) -> None:
+        self.layout, self.arm, self.jaws = layout, Arm(), Jaws()
+        self.world = World(layout, solids, self.arm, self.jaws, self.arm.obstruct, seed)
+
+    def go(self, seconds: float, **joints: float) -> None:
+        start, count = self.arm.at, round(seconds / STEP_S)
+        for i in range(count):
+            f = (i + 1) / count
+            way = {k: getattr(start, k) * (1 - f) + v * f for k, v in joints.items()}
+            self.arm.at = replace(self.arm.at, **way)
+            self.world.advance(STEP_S)
+
+    def tip_to(self, seconds: float, x: float, y: float, z: float, psi: float) -> None:
+        """Move the tip, approach straight down; umi_rtx.md 6.5 by hand."""
+        there = self.world.hand.T_world_tip[:2, 3]
+        if math.hypot(x - there[0], y - there[1]) > 150.0:  # far: over everything
+            self.go(0.2, zed_mm=0.0)
+            self._turn_to(seconds, x, y, 0.0, psi)
+        self._turn_to(seconds, x, y, z + 177.0 - 915.0, psi)
+
+    def _turn_to(self, seconds: float, x: float, y: float, zed_mm: float, psi: float) -> None:
+        radius = math.hypot(x, y)
+        elbow = 2.0 * math.acos(radius / 507.0)
+        phi = math.atan2(y, x)
+        self.go(
+            seconds,
+            shoulder_rad=phi - elbow / 2.0,
+            elbow_rad=elbow,
+            yaw_rad=psi - phi,
+            zed_mm=zed_mm,
+            pitch_rad=DOWN,
+        )
+
+    def _jaws(self, to_mm: float, now: Callable[[], float], put: Callable[[float], None]) -> None:
+        for _ in range(2000):
+            step = max(-0.3, min(0.3, to_mm - now()))
+            limit = self.arm.grip_limit_mm if put == self._put_hand else self.jaws.grip_limit_mm
+            after = now() + step
+            if limit is not None and step < 0.0:
+                after = max(after, min(now(), limit))
+            if after == now():
+                return
+            put(after)
+            self.world.advance(STEP_S)
+
+    def _put_hand(self, opening_mm: float) -> None:
+        self.arm.at = replace(self.arm.at, jaw_opening_mm=opening_mm)
+
+    def _put_fixture(self, opening_mm: float) -> None:
+        self.jaws.opening_mm = opening_mm
+
+    def hand(self, to_mm: float) -> None:
+        self._jaws(to_mm, lambda: self.arm.at.jaw_opening_mm, self._put_hand)
+
+    def fixture(self, to_mm: float) -> None:
+        self._jaws(to_mm, lambda: self.jaws.opening_mm, self._put_fixture)
+
+    def pick_block(self, theta_rad: float = 0.0, off_mm: float = 0.0) -> None:
+        """Grip a block that lies at (360, 0) across its 40 mm, and lift it."""
+        self.world.drop(0, 360.0, 0.0, rest=0, theta_rad=theta_rad)
+        assert self.world.settle()
+        self.tip_to(0.5, 360.0, off_mm, 150.0, 0.0)
+        self.tip_to(0.5, 360.0, off_mm, 5.0, 0.0)
+        self.hand(0.0)
+        self.tip_to(0.5, 360.0, off_mm, 150.0, 0.0)
+
+
+@pytest.fixture
+def bench(layout: Layout, block: Solid) -> Iterator[Bench]:
+    one = Bench(layout, block)
+    yield one
+    one.world.close()
+
+
+# --- layout and arm --------------------------------------------------------------------------------
+
+
+def test_the_arm_stands_where_the_reference_table_says(layout: Layout) -> None:
+    # umi_rtx.md 6.6: S E Z W1 W2 Y -> wrist, tip, heading
+    rows = [
+        (0, 0, 0, 0, 0, 0, (684.00, 0.0, 915.00), 0.0),
+        (0, 0, -1875, 0, 0, 0, (684.00, 0.0, 415.00), 0.0),
+        (1315, -1315, -1875, -607, -607, 0, (483.65, 0.01, 289.83), 0.002),
+        (500, 1461, -1500, -1214, -1214, 487, (126.80, 300.21, 338.00), 117.108),
+        (-1000, 1500, -2000, 300, -500, 400, (395.31, 242.33, 358.83), 58.177),
+        (0, 2206, -1000, 0, 0, 735, (-122.92, 208.91, 648.33), 150.953),
+    ]
+    for s, e, z, w1, w2, y, tip_mm, heading_deg in rows:
+        joints = JointValues(
+            shoulder_rad=math.radians(s / 29.221),
+            elbow_rad=math.radians(e / 14.611),
+            yaw_rad=math.radians(y / 9.740),
+            zed_mm=z / 3.750,
+            pitch_rad=math.radians((w1 + w2) / (2 * 13.487)),
+            roll_rad=math.radians((w1 - w2) / (2 * 13.487)),
+        )
+        T = forward(layout.arm, joints)["tip"]
+        assert T[:3, 3] == pytest.approx(tip_mm, abs=0.006)
+        pitch = joints.pitch_rad
+        if abs(math.cos(pitch)) > 1e-3:
+            heading = math.degrees(math.atan2(T[1, 0], T[0, 0]))
+            assert heading == pytest.approx(heading_deg, abs=0.001)
+        assert T[2, 0] == pytest.approx(math.sin(pitch))
+        assert T[:3, :3] @ T[:3, :3].T == pytest.approx(np.eye(3), abs=1e-12)
+        assert np.linalg.det(T[:3, :3]) == pytest.approx(1.0)
+
+
+def test_quaternions_are_pybullets_and_back() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        q = rng.normal(size=4)
+        R = rotation_of(tuple(q / np.linalg.norm(q)))
+        assert rotation_of(quat_xyzw_of(R)) == pytest.approx(R, abs=1e-12)
+    # about z by 90 degrees: x -> y
+    half = math.sqrt(0.5)
+    assert rotation_of((0.0, 0.0, half, half)) @ (1, 0, 0) == pytest.approx((0, 1, 0), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[1, 2]", "mapping"),
+        ("name: x\n", "table"),
+        ("name: [", "not YAML"),
+    ],
+)
+def test_a_cell_file_that_cannot_be_used_says_why(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "cell.yaml"
+    path.write_text(text)
+    with pytest.raises(LayoutError, match=words):
+        read_layout(path)
+
+
+def test_parts_that_cannot_be_used_say_why(tmp_path: Path) -> None:
+    with pytest.raises(LayoutError, match=r"no\.stl"):
+        load_solid(tmp_path / "no.stl")
+    open_box = trimesh.creation.box((10.0, 10.0, 10.0))
+    open_box.update_faces(np.arange(len(open_box.faces)) > 1)
+    open_box.export(tmp_path / "open.stl")
+    with pytest.raises(LayoutError, match="watertight"):
+        load_solid(tmp_path / "open.stl")
+
+
+# --- parts as bodies --------------------------------------------------------------------------------
+
+
+def test_a_block_weighs_and_turns_as_aluminium_does(block: Solid) -> None:
+    a, b, c = BLOCK_MM
+    mass_kg = a * b * c * 2700e-9
+    assert block.mass_kg == pytest.approx(mass_kg)
+    moments = [mass_kg / 12.0 * (p * p + q * q) * 1e-6 for p, q in ((b, c), (a, c), (a, b))]
+    assert np.sort(block.inertia_kg_m2) == pytest.approx(np.sort(moments))
+
+
+def test_a_block_rests_on_six_sides_by_their_solid_angles(block: Solid) -> None:
+    assert len(block.rests) == 6
+    assert sum(rest.solid_angle for rest in block.rests) == pytest.approx(1.0)
+    # the rectangle 2a x 2b seen from h above its middle: 4 asin(ab / sqrt((a2+h2)(b2+h2))) / 4 pi
+    a, b, h = 30.0, 20.0, 10.0
+    share = math.asin(a * b / math.sqrt((a * a + h * h) * (b * b + h * h))) / math.pi
+    assert block.rests[0].solid_angle == pytest.approx(share)
+    assert abs(block.rests[0].down[2]) == pytest.approx(1.0)
+    assert block.rests[0].tip_rad == pytest.approx(math.atan2(20.0, 10.0))
+    assert block.rests[0].R @ block.rests[0].down == pytest.approx((0.0, 0.0, -1.0))
+
+
+def test_a_round_bar_has_only_its_ends_to_stand_on() -> None:
+    bar = solid_of(trimesh.creation.cylinder(radius=10.0, height=12.0, sections=64), "bar")
+    assert len(bar.stable_rests) == 2
+    assert len(bar.rests) > 60
+
+
+def test_convex_pieces_follow_an_angle_and_are_made_once(cache: Path) -> None:
+    angle = trimesh.creation.extrude_polygon(
+        trimesh.path.polygons.Polygon([(0, 0), (60, 0), (60, 10), (10, 10), (10, 50), (0, 50)]),
+        30.0,
+    )
+    solid = solid_of(angle, "angle")
+    pieces = [p * 1000.0 @ solid.T_part_body[:3, :3].T + solid.centre_mm
+              for p in read_pieces(solid.pieces_path)]
+    assert len(pieces) >= 2
+    volume = sum(trimesh.convex.convex_hull(p).volume for p in pieces)
+    assert volume == pytest.approx(angle.volume, rel=0.12)  # one hull would be 70 % too much
+    stamp = solid.pieces_path.stat().st_mtime_ns
+    assert solid_of(angle.copy(), "again").pieces_path.stat().st_mtime_ns == stamp
+
+
+def test_a_dropped_block_comes_to_rest_exactly_on_the_table(bench: Bench) -> None:
+    world = bench.world
+    world.drop(0, 400.0, 50.0, rest=0, theta_rad=0.7)
+    assert not world.is_at_rest
+    assert world.settle(2.0)
+    T = world.part_pose(0)
+    assert T is not None
+    assert abs(T[2, 2]) == pytest.approx(1.0, abs=1e-12)
+    assert T[2, 3] == pytest.approx(BLOCK_MM[2] / 2.0, abs=1e-9)
+    assert T[:2, 3] == pytest.approx((400.0, 50.0), abs=1.0)
+    assert world.custody(0) == "free"
+
+
+def test_a_block_stood_on_its_edge_topples(bench: Bench) -> None:
+    T = np.eye(4)
+    c, s = math.cos(0.5), math.sin(0.5)
+    T[:3, :3] = ((1, 0, 0), (0, c, -s), (0, s, c))
+    T[:3, 3] = 360.0, 0.0, 40.0
+    bench.world.place(0, T)
+    assert bench.world.settle(5.0)
+    after = bench.world.part_pose(0)
+    assert after is not None
+    assert np.abs(after[2, :3]).max() == pytest.approx(1.0, abs=1e-9)
+
+
+def test_the_same_seed_gives_the_same_world(layout: Layout, block: Solid) -> None:
+    poses = []
+    for seed in (5, 5, 6):
+        one = Bench(layout, block, seed=seed)
+        one.world.drop(0)
+        assert one.world.settle()
+        poses.append(one.world.part_pose(0))
+        one.world.close()
+    assert np.array_equal(poses[0], poses[1])
+    assert not np.allclose(poses[0], poses[2], atol=1.0)
+
+
+def test_random_drops_fill_the_drop_area_and_stay_in_it(layout: Layout, block: Solid) -> None:
+    one = Bench(layout, block)
+    spots = []
+    for _ in range(40):
+        one.world.drop(0)
+        spots.append(one.world.parts[0].centre_mm[:2].copy())
+    one.world.close()
+    low, high = np.min(spots, axis=0), np.max(spots, axis=0)
+    assert np.all(low >= layout.drop_low_mm)
+    assert np.all(high <= layout.drop_high_mm)
+    assert np.all(high - low > 0.7 * (layout.drop_high_mm - layout.drop_low_mm))
+
+
+def test_two_parts_push_each_other_apart(layout: Layout, block: Solid) -> None:
+    one = Bench(layout, block, block)
+    one.world.drop(0, 360.0, 0.0, rest=0, theta_rad=0.0)
+    one.world.settle()
+    one.world.drop(1, 360.0, 0.0, rest=0, theta_rad=0.4)
+    T = one.world.part_pose(1)
+    assert T is not None
+    T[2, 3] += 25.0
+    one.world.place(1, T)
+    assert one.world.settle()
+    assert one.world.parts[1].centre_mm[2] > 25.0  # it lies on the other, not in it
+    one.world.close()
+
+
+# --- gripping ----------------------------------------------------------------------------------------
+
+
+def test_a_grip_centres_and_squares_the_part_and_the_jaws_stop_at_its_width(bench: Bench) -> None:
+    bench.pick_block(theta_rad=math.radians(2.0), off_mm=1.0)
+    assert bench.world.custody(0) == "arm"
+    assert bench.arm.at.jaw_opening_mm == pytest.approx(40.0, abs=0.002)
+    T_world_part, T_world_tip = bench.world.part_pose(0), bench.world.hand.T_world_tip
+    assert T_world_part is not None
+    T = np.linalg.inv(T_world_tip) @ T_world_part
+    assert abs(T[1, 3]) < 0.01  # in the middle between the pads
+    assert abs(abs(T[1, 1]) - 1.0) < 1e-6  # flush
+    assert [event.what for event in bench.world.events][-1] == "gripped"
+
+
+def test_closing_on_nothing_closes(bench: Bench) -> None:
+    bench.tip_to(0.2, 360.0, 0.0, 150.0, 0.0)
+    bench.hand(0.0)
+    assert bench.arm.at.jaw_opening_mm == 0.0
+    assert bench.arm.grip_limit_mm is None
+
+
+def test_a_held_part_does_not_move_in_the_hand(bench: Bench) -> None:
+    bench.pick_block()
+    T_before = np.linalg.inv(bench.world.hand.T_world_tip) @ bench.world.parts[0].T_world_part
+    bench.tip_to(1.0, 250.0, 200.0, 300.0, 1.3)
+    bench.go(1.0, pitch_rad=-0.3, roll_rad=0.9)
+    bench.tip_to(1.0, 380.0, -80.0, 260.0, 0.4)
+    T_after = np.linalg.inv(bench.world.hand.T_world_tip) @ bench.world.parts[0].T_world_part
+    off_mm, off_rad = apart(T_before, T_after)
+    assert off_mm < 0.001
+    assert off_rad < math.radians(0.001)
+
+
+def test_a_released_part_falls_and_lies_in_the_tray_below(bench: Bench) -> None:
+    bench.pick_block()
+    bench.tip_to(1.0, 250.0, 250.0, 200.0, 1.0)
+    bench.tip_to(1.0, 100.0, 390.0, 8.0, 1.0)
+    bench.hand(85.0)
+    assert bench.world.settle()
+    assert bench.world.custody(0) == "free"
+    assert bench.world.tray_of(0) == "accept"
+    # the fingers let go of both sides at once, so it falls straight
+    assert bench.world.parts[0].centre_mm[:2] == pytest.approx((100.0, 390.0), abs=2.0)
+
+
+def test_a_finger_pushes_a_part_along(bench: Bench) -> None:
+    bench.world.drop(0, 360.0, 0.0, rest=0, theta_rad=0.0)
+    bench.world.settle()
+    bench.hand(20.0)
+    bench.tip_to(0.5, 360.0, -70.0, 150.0, 0.0)
+    bench.tip_to(0.5, 360.0, -70.0, 8.0, 0.0)
+    bench.tip_to(1.0, 360.0, -10.0, 8.0, 0.0)
+    # the finger's outer face is 10 + 8 mm ahead of the tip: at y = 8, and half the block beyond
+    assert bench.world.parts[0].centre_mm[1] == pytest.approx(28.0, abs=2.5)
+    assert bench.world.custody(0) == "free"
+
+
+def test_a_part_gripped_by_a_corner_falls_out(bench: Bench) -> None:
+    bench.world.drop(0, 360.0, 0.0, rest=0, theta_rad=0.0)
+    bench.world.settle()
+    # only 0.4 mm of the block's end is between the pads, which are 12 mm wide
+    bench.tip_to(0.5, 360.0 + 30.0 + 5.6, 0.0, 150.0, 0.0)
+    bench.tip_to(0.5, 360.0 + 30.0 + 5.6, 0.0, 5.0, 0.0)
+    bench.hand(0.0)
+    bench.tip_to(0.5, 360.0 + 30.0 + 5.6, 0.0, 100.0, 0.0)
+    assert bench.world.settle()
+    assert bench.world.custody(0) == "free"
+    assert bench.world.parts[0].centre_mm[2] < 25.0
+
+
+def test_a_lost_part_is_not_caught_again_before_the_jaws_have_opened(bench: Bench) -> None:
+    bench.pick_block()
+    bench.world.lose_grip("arm")
+    assert bench.world.custody(0) == "free"
+    bench.hand(30.0)
+    assert bench.world.settle()
+    assert bench.world.custody(0) == "free"
+    assert bench.world.parts[0].centre_mm[2] < 25.0
+
+
+# --- handing over ------------------------------------------------------------------------------------
+
+
+def bring_to_fixture(bench: Bench, off_mm: float = 0.0) -> None:
+    """Put the block into the open fixed gripper: its 20 mm between the pads, held across 40."""
+    bench.pick_block()
+    tip = bench.layout.fixture.T_world_tip
+    # approach down and jaws along x: the block's 60 along y, 40 along x, 20 upright
+    bench.tip_to(1.0, 220.0, -200.0, 550.0, math.pi / 2.0)
+    x, y, z = tip[:3, 3] + (0.0, 18.0, off_mm)
+    grip_z = z - (bench.world.parts[0].centre_mm[2] - bench.world.hand.T_world_tip[2, 3])
+    bench.tip_to(1.0, x, y, 550.0, math.pi / 2.0)
+    bench.tip_to(1.0, x, y, grip_z, math.pi / 2.0)
+
+
+def test_a_part_is_passed_on_without_ever_being_loose(bench: Bench) -> None:
+    bring_to_fixture(bench)
+    assert bench.world.custody(0) == "arm"
+    assert bench.world.part_in_fixture
+    bench.fixture(0.0)
+    assert bench.jaws.opening_mm == pytest.approx(20.0, abs=0.01)
+    assert bench.world.custody(0) == "both"
+    before = bench.world.parts[0].centre_mm.copy()
+    bench.hand(85.0)
+    assert bench.world.custody(0) == "fixture"
+    bench.go(0.5, zed_mm=bench.arm.at.zed_mm + 120.0)
+    assert bench.world.custody(0) == "fixture"
+    assert bench.world.parts[0].centre_mm == pytest.approx(before, abs=1.5)
+    bench.fixture(85.0)
+    assert bench.world.settle()
+    assert bench.world.custody(0) == "free"
+    assert bench.world.parts[0].centre_mm[2] < 40.0
+
+
+def test_pads_give_a_little_and_then_the_part_is_torn_from_the_arm(bench: Bench) -> None:
+    bring_to_fixture(bench)
+    bench.fixture(0.0)
+    bench.go(0.2, zed_mm=bench.arm.at.zed_mm + 2.0)
+    assert bench.world.custody(0) == "both"
+    bench.go(0.2, zed_mm=bench.arm.at.zed_mm + 6.0)
+    assert bench.world.custody(0) == "fixture"
+    assert "torn" in [event.what for event in bench.world.events]
+
+
+def test_a_part_far_off_the_middle_stops_one_finger_and_is_not_held(bench: Bench) -> None:
+    bring_to_fixture(bench, off_mm=8.0)
+    bench.fixture(0.0)
+    # the upper finger meets the block at 10 + 8 mm from the middle, the lower one nothing yet
+    assert bench.jaws.opening_mm == pytest.approx(36.0, abs=0.7)
+    assert bench.world.custody(0) == "arm"
+
+
+# --- running into things --------------------------------------------------------------------------------
+
+
+def test_the_hand_stops_at_the_table_and_comes_up_again(bench: Bench) -> None:
+    bench.tip_to(0.5, 360.0, 100.0, 20.0, 0.0)
+    bench.go(0.3, zed_mm=bench.arm.at.zed_mm - 20.8)
+    assert ("zed", -1) in bench.arm.blocked
+    assert {c.other for c in bench.world.collisions} == {"table"}
+    bench.go(0.3, zed_mm=bench.arm.at.zed_mm + 20.0)
+    assert not bench.arm.blocked
+
+
+def test_a_hand_swung_into_the_station_panel_stops_the_axis_that_swings_it(bench: Bench) -> None:
+    bench.tip_to(0.5, 330.0, 150.0, 450.0, 0.0)
+    assert not bench.world.collisions
+    bench.go(1.0, shoulder_rad=bench.arm.at.shoulder_rad + 0.6)
+    assert ("shoulder", 1) in bench.arm.blocked
+    assert not {motor for motor, _ in bench.arm.blocked} & {"zed", "wrist1", "wrist2"}
+    assert {c.other for c in bench.world.collisions} == {"station_panel"}
+
+
+def test_a_held_part_meets_the_table_before_the_hand_does(bench: Bench) -> None:
+    bench.pick_block()
+    bench.tip_to(0.5, 360.0, 0.0, 2.0, 0.0)
+    assert [(c.moving, c.other) for c in bench.world.collisions] == [("part 0", "table")]
+
+
+def test_the_park_position_and_a_pick_run_into_nothing(bench: Bench) -> None:
+    bench.go(0.1, **{f"{k}_rad": v for k, v in bench.layout.arm.park_rad.items()})
+    bench.pick_block()
+    assert bench.world.collisions == []
+
+
+def test_pads_find_the_width_of_a_round_bar_to_a_hundredth(layout: Layout) -> None:
+    bar = trimesh.creation.cylinder(radius=15.0, height=40.0, sections=256)
+    solid = solid_of(bar, "bar")
+    pads = Pads(layout.arm.hand.fingers)
+    T = np.eye(4)
+    T[:3, 3] = -12.0, 0.7, 0.0  # 0.7 off the middle
+    seat = pads.seat(solid.ray_scene(), T, 34.0)
+    assert seat.opening_mm == pytest.approx(30.0, abs=0.02)
+    assert seat.shift_mm == pytest.approx(0.7, abs=0.02)
+
+
+def test_a_calm_world_costs_next_to_nothing(bench: Bench) -> None:
+    bench.world.drop(0, 360.0, 0.0, rest=0)
+    bench.world.settle()
+    steps = 0
+
+    def count() -> None:
+        nonlocal steps
+        steps += 1
+
+    bench.world.bodies.step = count  # type: ignore[method-assign]  # counts physics steps
+    bench.world.advance(60.0)
+    assert steps == 0
+    assert bench.world.time_s > 60.0
