@@ -67,13 +67,22 @@ def plan_part(
     pickable = sorted({way.grip for way in picks})
     ranked = ranked_sequences(part, layout, pickable)
     failure: NoPlanError | None = None
-    for sequence, views in ranked[:BUILT_N]:
+    built = 0
+    no_tray: set[int] = set()  # last grips found unable to let the part go
+    for sequence, views in ranked:
+        if built == BUILT_N or sequence.grips[-1] in no_tray:
+            continue
+        built += 1
         ways = [w for w in picks if w.grip == sequence.first]
         for way in sorted(ways, key=lambda w: move_seconds(layout, [layout.park_q, w.down[0]]))[:2]:
             try:
                 return _Planner(part, layout, T_world_part, rng_seed).build(
                     sequence, way, views, pickable, stable_pose
                 )
+            except OutOfReachError as error:
+                failure = failure or error
+                no_tray.add(sequence.grips[-1])
+                break  # another way down changes nothing about the trays
             except NoPlanError as error:
                 failure = failure or error
     raise failure or NoMotionError(

@@ -72,9 +72,9 @@ def ranked_sequences(
     found.sort(key=lambda c: (-np.floor((c[0] - best_pair) / 0.004), c[1], c[2].grips))
     alone.sort(key=lambda c: (-np.floor((c[0] - best_alone) / 0.004), c[1], c[2].grips))
     if best_pair >= best_alone + options.hand_off_gain:
-        ordered = found[:RANKED_N] + alone[:3]
+        ordered = _varied(found)[:RANKED_N] + alone[:3]
     else:
-        ordered = alone[:RANKED_N] + found[:3]
+        ordered = alone[:RANKED_N] + _varied(found)[:3]
     result = []
     for place, (_, seconds, sequence) in enumerate(ordered):
         views = cover(part, sequence.grips)
@@ -87,6 +87,20 @@ def ranked_sequences(
             result.append((kind, -round(float(weights[seen].sum()), 2), cost, sequence, views))
     result.sort(key=lambda r: (r[0], r[1], r[2], r[3].grips, r[3].fixture))
     return [(sequence, views) for *_, sequence, views in result]
+
+
+def _varied(
+    ranked: list[tuple[float, float, GripSequence]], per_last: int = 3
+) -> list[tuple[float, float, GripSequence]]:
+    """Keep few sequences per last grip: if it cannot reach a tray, none of them can."""
+    count: dict[int, int] = {}
+    kept = []
+    for entry in ranked:
+        last = entry[2].grips[-1]
+        count[last] = count.get(last, 0) + 1
+        if count[last] <= per_last:
+            kept.append(entry)
+    return kept
 
 
 def _squares(part: PreparedPart) -> tuple[FloatArray, FloatArray]:
