@@ -21,6 +21,7 @@ from emulators.modbus import (
     TcpServer,
 )
 from emulators.umi_scara import ArmModel, ArmServer, ArmWire, Axis
+from emulators.world import LayoutError as LayoutError
 from emulators.world import (
     Picture,
     PictureDesk,
@@ -29,7 +30,6 @@ from emulators.world import (
     load_solid,
     read_layout,
 )
-from emulators.world import LayoutError as LayoutError
 
 log = logging.getLogger(__name__)
 
@@ -102,9 +102,7 @@ class _View:
     ) -> Hashable | None:
         """Order the picture of an exposure; it shows the world at its middle."""
         middle_s = (start_s + end_s) / 2.0
-        return self._desk.order(
-            self._camera, middle_s, exposure_s, gain, self._bits, self._deliver
-        )
+        return self._desk.order(self._camera, middle_s, exposure_s, gain, self._bits, self._deliver)
 
     def _deliver(self, ticket: Hashable, picture: Picture) -> None:
         if self.device is not None:
@@ -312,5 +310,3 @@ class Cell:
     def levels(self) -> dict[int, float]:
         """Return the light of each lamp, by number."""
         return {number: lamp.level for number, lamp in enumerate(self.lamps.values())}
-
-

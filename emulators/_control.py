@@ -15,6 +15,7 @@ from typing import Any
 
 from emulators._cell import Cell
 from emulators.umi_scara import Axis
+from emulators.world import truth
 
 Answer = dict[str, Any]
 
@@ -89,7 +90,7 @@ class ControlPort:
     # --- truth ----------------------------------------------------------------------------------
 
     def _truth(self) -> Answer:
-        return self._cell.world.truth()
+        return truth(self._cell.world)
 
     def _time(self) -> Answer:
         cell = self._cell

@@ -173,6 +173,6 @@ def main(argv: Sequence[str] | None = None) -> int:
                 ready = stack.enter_context(os.fdopen(args.ready_fd, "w"))
             asyncio.run(serve(options, args.control, ready, args.die_with_parent))
     except LayoutError as error:
-        log.error("%s", error)  # noqa: TRY400  (one sentence for whoever typed it)
+        log.error("%s", error)
         return 2
     return 0

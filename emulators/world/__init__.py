@@ -5,11 +5,13 @@ Lengths are mm and angles rad, but for pybullet's metres, which stay inside.
 """
 
 from ._collide import Collision
-from ._layout import LayoutError, Layout, read_layout
+from ._layout import Layout, LayoutError, read_layout
+from ._models import Event, Snapshot
 from ._picture_worker import Picture, PictureDesk, Studio
 from ._scene import Scene, build_scene
 from ._solid import Solid, load_solid
-from ._world import Event, Snapshot, World
+from ._truth import truth
+from ._world import World
 
 __all__ = [
     "Collision",
@@ -26,4 +28,5 @@ __all__ = [
     "build_scene",
     "load_solid",
     "read_layout",
+    "truth",
 ]

@@ -78,7 +78,7 @@ class Gripper:
     must_open: bool = False
     passing: set[int] = field(default_factory=set)
 
-    def T_world_finger(self, side: int) -> Array:  # noqa: N802  (a pose, named as poses are)
+    def T_world_finger(self, side: int) -> Array:
         """Return the frame that a finger's box stands in; side 0 is +y."""
         sign = 1.0 if side == 0 else -1.0
         T = self.T_world_tip.copy()
@@ -100,7 +100,13 @@ class Gripper:
         """Begin to hold a part; the jaws will stop at the seat's opening."""
         self.limit_mm = min(seat.opening_mm, self.opening_mm)
         self.hold = Hold(
-            part, seat, T_tip_part, T_tip_part, max(self.opening_mm, seat.opening_mm), False, force_n
+            part,
+            seat,
+            T_tip_part,
+            T_tip_part,
+            max(self.opening_mm, seat.opening_mm),
+            False,
+            force_n,
         )
 
     def follow_jaws(self) -> bool:
@@ -214,9 +220,7 @@ def make_gripper(name: str, layout: GripperLayout, opening_mm: float) -> Gripper
         np.array((-f.length_mm, -f.thickness_mm, -half)),
         np.array((0.0, 0.0, half)),
     )
-    return Gripper(
-        name, layout, layout.T_world_tip, opening_mm, opening_mm, (plus, minus), Pads(f)
-    )
+    return Gripper(name, layout, layout.T_world_tip, opening_mm, opening_mm, (plus, minus), Pads(f))
 
 
 def relative(T_world_tip: Array, T_world_part: Array) -> Array:

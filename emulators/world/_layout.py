@@ -188,7 +188,7 @@ def read_layout(path: Path) -> Layout:
         raw = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise LayoutError(f"{path}: {error.strerror}") from error
-    except Exception as error:  # noqa: BLE001  (ruamel raises its own family; all mean "not YAML")
+    except Exception as error:
         raise LayoutError(f"{path}: not YAML: {error}") from error
     if not isinstance(raw, dict):
         raise LayoutError(f"{path}: a cell file is a mapping, found {type(raw).__name__}")

@@ -30,7 +30,7 @@ class Lamps:
         self._aims = scene.aims_mm
 
     def casts_shadows(self, lamp: int) -> bool:
-        """Whether a lamp is small and off the camera's axis; a ring's shadows hide behind things."""
+        """Whether a lamp is small and off the camera's axis; a ring's shadows hide."""
         return self.lamps[lamp].kind == "spot"
 
     def shade(

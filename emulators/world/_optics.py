@@ -14,7 +14,7 @@ _UNDISTORT_STEPS: Final = 10  # each gains two digits at the lens' 1 % of distor
 
 
 def distort(xy: Array, distortion: Array) -> Array:
-    """Return where the lens puts normalised coordinates, (n, 2) -> (n, 2); OpenCV k1 k2 p1 p2 k3."""
+    """Return where the lens puts normalised coordinates, (n, 2) -> (n, 2); OpenCV's model."""
     k1, k2, p1, p2, k3 = (float(v) for v in distortion[:5])
     x, y = xy[..., 0], xy[..., 1]
     r2 = x * x + y * y
@@ -36,7 +36,9 @@ def project(camera: CameraLayout, points_mm: Array) -> tuple[Array, Array]:
     """Return pixels (n, 2) and depths (n,) [mm] of world points (n, 3)."""
     seen = transform(invert(camera.T_world_cam), points_mm)
     depth = seen[:, 2]
-    xy = distort(seen[:, :2] / np.where(np.abs(depth) < 1e-9, 1e-9, depth)[:, None], camera.distortion)
+    xy = distort(
+        seen[:, :2] / np.where(np.abs(depth) < 1e-9, 1e-9, depth)[:, None], camera.distortion
+    )
     return xy * camera.focal_px + np.array(camera.centre_px), depth
 
 
@@ -51,8 +53,8 @@ class RayTable:
         pixels = np.stack((u, v), axis=-1).reshape(-1, 2).astype(float)
         xy = undistort((pixels - camera.centre_px) / camera.focal_px, camera.distortion)
         plane = xy.reshape(camera.height_px, camera.width_px, 2)
-        self._du = np.gradient(plane, axis=1).reshape(-1, 2).astype(np.float32)
-        self._dv = np.gradient(plane, axis=0).reshape(-1, 2).astype(np.float32)
+        self._du = _slope(plane, 1)
+        self._dv = _slope(plane, 0)
         R = camera.T_world_cam[:3, :3]
         self.origin_mm = camera.T_world_cam[:3, 3].astype(np.float32)
         self._across = np.ascontiguousarray(R[:, :2].T, dtype=np.float32)
@@ -69,4 +71,11 @@ class RayTable:
         du, dv = self._du[pixels] @ self._across, self._dv[pixels] @ self._across
         fine = self.directions[pixels][:, None] + du[:, None] * offsets[None, :, :1]
         fine += dv[:, None] * offsets[None, :, 1:]
-        return fine.reshape(-1, 3)
+        flat: Array32 = fine.reshape(-1, 3)
+        return flat
+
+
+def _slope(plane: Array, axis: int) -> Array32:
+    """Return how directions change from pixel to pixel, (h, w, 2) -> (h * w, 2)."""
+    slope: Array = np.asarray(np.gradient(plane, axis=axis))
+    return slope.reshape(-1, 2).astype(np.float32)

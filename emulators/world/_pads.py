@@ -92,9 +92,7 @@ class Pads:
         sign = math.copysign(1.0, start_mm)
         direction = -sign * T_part_tip[:3, 1]
         directions = np.broadcast_to(direction.astype(np.float32), origins.shape)
-        hit = scene.run(
-            origins.astype(np.float32), np.ascontiguousarray(directions), output=True
-        )
+        hit = scene.run(origins.astype(np.float32), np.ascontiguousarray(directions), output=True)
         y = start_mm - sign * hit["tfar"].astype(float)
         # what lies beyond the other pad is not between the jaws
         seen = (hit["primID"] >= 0) & (sign * y > -abs(start_mm))

@@ -40,6 +40,11 @@ class Part:
         self._corners = None
 
     @property
+    def body(self) -> int:
+        """The pybullet body that stands for it at present."""
+        return self.carried if self.state == HELD else self.falling
+
+    @property
     def centre_mm(self) -> Array:
         """Its centre of mass, (3,) in the world."""
         centre: Array = self.T_world_part[:3, :3] @ self.solid.centre_mm + self.T_world_part[:3, 3]

@@ -43,7 +43,8 @@ def sample_offsets() -> Array32:
     i = np.arange(SAMPLE_COUNT)
     x, y = (0.5 + i / plastic) % 1.0, (0.5 + i / plastic**2) % 1.0
     points = np.stack((x, y), axis=1)
-    return (points - points.mean(axis=0)).astype(np.float32)
+    offsets: Array32 = (points - points.mean(axis=0)).astype(np.float32)
+    return offsets
 
 
 class _Mover:
@@ -172,9 +173,7 @@ class Eye:
             and (self._outline(mover.corners_mm) is not None or self._may_shade(mover, movers, lit))
         ]
 
-    def _may_shade(
-        self, mover: _Mover, movers: Mapping[str, _Mover], lit: Sequence[int]
-    ) -> bool:
+    def _may_shade(self, mover: _Mover, movers: Mapping[str, _Mover], lit: Sequence[int]) -> bool:
         """Whether a thing out of sight may stand between a lamp and something in sight."""
         if self._shadow_outlines(mover, lit):
             return True
@@ -258,9 +257,7 @@ class Eye:
             directions = self.rays.directions[some]
             hits = self._meet(assembly, directions)
             moves = np.flatnonzero(hits.triangle >= assembly.fixed_count)
-            on_mover = _Hits(
-                hits.triangle[moves], hits.far[moves], hits.u[moves], hits.v[moves]
-            )
+            on_mover = _Hits(hits.triangle[moves], hits.far[moves], hits.u[moves], hits.v[moves])
             for lamp in lit:
                 light = self._shade(assembly, lamp, on_mover, directions[moves])
                 layers[lamp].reshape(-1)[some[moves]] = light
@@ -282,9 +279,7 @@ class Eye:
             layers[lamp].reshape(-1)[jumping] = values
         return layers
 
-    def _fine(
-        self, assembly: _Assembly, pixels: Index, lit: Sequence[int]
-    ) -> dict[int, Array32]:
+    def _fine(self, assembly: _Assembly, pixels: Index, lit: Sequence[int]) -> dict[int, Array32]:
         """Return the mean radiance over pixels, per lamp, by many rays in each."""
         count = len(self._offsets)
         values = {lamp: np.zeros(len(pixels), np.float32) for lamp in lit}
@@ -300,9 +295,7 @@ class Eye:
         found = assembly.scene.run(self._origins[: len(directions)], directions, output=True)
         return _Hits(found["primID"], found["tfar"], found["u"], found["v"])
 
-    def _shade(
-        self, assembly: _Assembly, lamp: int, hits: _Hits, directions: Array32
-    ) -> Array32:
+    def _shade(self, assembly: _Assembly, lamp: int, hits: _Hits, directions: Array32) -> Array32:
         light = np.zeros(len(hits.far), np.float32)
         met = np.flatnonzero(hits.triangle >= 0)
         if len(met) == 0:

@@ -65,7 +65,7 @@ class Studio:
     def radiance(
         self, camera: int, poses: Mapping[str, Array], levels: Mapping[int, float]
     ) -> Array32:
-        """Return the blurred picture before noise and digits, (h, w); kept while nothing changes."""
+        """Return the blurred picture before noise and digits, (h, w); kept if nothing changes."""
         if camera not in self._eyes:
             self._eyes[camera] = Eye(self._scene, camera)
         eye = self._eyes[camera]
@@ -212,9 +212,7 @@ class PictureDesk:
             seed = (self._seed * 1_000_003 + camera) * 1_000_003 + count
             exposure = Exposure(exposure_s, gain, seed % 2**63, bits)
             number = next(self._numbers)
-            self._waiting.append(
-                _Wish(number, camera, due_s, exposure, deliver, self._free.pop())
-            )
+            self._waiting.append(_Wish(number, camera, due_s, exposure, deliver, self._free.pop()))
             return number
 
     def note(self, now_s: float) -> None:

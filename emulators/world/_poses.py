@@ -14,19 +14,19 @@ class Joints(Protocol):
     """Where the arm's joints truly are; umi_rtx.md 6.2, 6.3 (``yaw_rad`` is the yaw motor's)."""
 
     @property
-    def shoulder_rad(self) -> float: ...  # noqa: D102  (named in the class)
+    def shoulder_rad(self) -> float: ...
     @property
-    def elbow_rad(self) -> float: ...  # noqa: D102
+    def elbow_rad(self) -> float: ...
     @property
-    def yaw_rad(self) -> float: ...  # noqa: D102
+    def yaw_rad(self) -> float: ...
     @property
-    def zed_mm(self) -> float: ...  # noqa: D102
+    def zed_mm(self) -> float: ...
     @property
-    def pitch_rad(self) -> float: ...  # noqa: D102
+    def pitch_rad(self) -> float: ...
     @property
-    def roll_rad(self) -> float: ...  # noqa: D102
+    def roll_rad(self) -> float: ...
     @property
-    def jaw_opening_mm(self) -> float: ...  # noqa: D102
+    def jaw_opening_mm(self) -> float: ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -60,6 +60,8 @@ def develop(
     grey += np.float32(BLACK_GREY + 0.5)
     if exposure.bits == 8:
         np.clip(grey, 0.0, 255.0, out=grey)
-        return grey.astype(np.uint8)
+        digits: NDArray[np.uint8] = grey.astype(np.uint8)
+        return digits
     grey = (grey - np.float32(0.5)) * np.float32(257.0)
-    return np.clip(grey + np.float32(0.5), 0.0, 65535.0).astype(np.uint16)
+    deep: NDArray[np.uint16] = np.clip(grey + np.float32(0.5), 0.0, 65535.0).astype(np.uint16)
+    return deep

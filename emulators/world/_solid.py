@@ -25,15 +25,18 @@ from shapely.geometry import MultiPoint
 
 from . import _decompose
 from ._layout import MM_PER_M, Array, LayoutError
-from ._poses import invert, transform
+from ._poses import invert, transform, turn_z
 
 log = logging.getLogger(__name__)
 
 ALUMINIUM_KG_PER_MM3: Final = 2700e-9
 _DECOMPOSE_TIMEOUT_S: Final = 120.0
-_SNAP_VOXELS: Final = 2.0  # V-HACD puts vertices on voxel corners; nearer than this they are pulled in
+_SNAP_VOXELS: Final = (
+    2.0  # V-HACD puts vertices on voxel corners; nearer than this they are pulled in
+)
 MIN_TIP_RAD: Final = math.radians(5.0)  # below, a facet is a strip to roll over or to topple from
 MIN_SOLID_ANGLE: Final = 0.01  # smaller facets are where nothing comes to lie by itself
+DROP_HEIGHT_MM: Final = 2.0
 _COPLANAR: Final = 1.0 - 0.5 * math.radians(0.3) ** 2
 
 
@@ -86,14 +89,26 @@ class Solid:
         """The rests that neither roll nor topple at a touch."""
         return tuple(rest for rest in self.rests if _is_stable(rest))
 
+    def likely_rest(self, choice: float) -> Rest:
+        """Return a stable rest by its likelihood; ``choice`` in [0, 1) picks it."""
+        rests = self.stable_rests or self.rests
+        sums = np.cumsum([rest.solid_angle for rest in rests])
+        return rests[min(int(np.searchsorted(sums, choice * sums[-1])), len(rests) - 1)]
+
+    def lying(self, rest: Rest, x_mm: float, y_mm: float, theta_rad: float) -> Array:
+        """Return T_world_part just above the table, the centre of mass over (x, y)."""
+        T = turn_z(theta_rad)
+        T[:3, :3] = T[:3, :3] @ rest.R
+        T[:2, 3] = np.array((x_mm, y_mm)) - T[:2, :3] @ self.centre_mm
+        T[2, 3] = DROP_HEIGHT_MM - float((self.hull_mm @ T[2, :3]).min())
+        return T
+
     def ray_scene(self) -> Any:  # noqa: ANN401  (embreex has no types)
         """Return a fresh embree scene of the exact mesh, CAD frame [mm]."""
         return ray_scene(self.vertices_mm, self.faces)
 
 
-def ray_scene(
-    vertices_mm: Array, faces: NDArray[np.int32], *, robust: bool = True
-) -> Any:  # noqa: ANN401  (embree has no types)
+def ray_scene(vertices_mm: Array, faces: NDArray[np.int32], *, robust: bool = True) -> Any:  # noqa: ANN401  (embree has no types)
     """Return an embree scene of triangles; ``robust`` keeps rays from slipping through seams."""
     scene = EmbreeScene(robust=robust)
     TriangleMesh(
@@ -121,7 +136,7 @@ def load_solid(path: Path, density_kg_per_mm3: float = ALUMINIUM_KG_PER_MM3) -> 
         mesh = trimesh.load_mesh(path)
     except OSError as error:
         raise LayoutError(f"{path}: {error.strerror or error}") from error
-    except Exception as error:  # noqa: BLE001  (trimesh's loaders raise what they like)
+    except Exception as error:
         raise LayoutError(f"{path}: not a mesh that can be read: {error}") from error
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
         raise LayoutError(f"{path}: no triangles in it")

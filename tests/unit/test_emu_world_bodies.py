@@ -15,6 +15,7 @@ from emulators.world._grip import apart
 from emulators.world._pads import Pads
 from emulators.world._poses import JointValues, forward, quat_xyzw_of, rotation_of
 from emulators.world._solid import read_pieces, solid_of
+from emulators.world._truth import custody, part_pose, tray_of
 
 Array = NDArray[np.float64]
 
@@ -152,7 +153,7 @@ def bench(layout: Layout, block: Solid) -> Iterator[Bench]:
     one.world.close()
 
 
-# --- layout and arm --------------------------------------------------------------------------------
+# --- layout and arm ------------------------------------------------------------------------------
 
 
 def test_the_arm_stands_where_the_reference_table_says(layout: Layout) -> None:
@@ -221,7 +222,7 @@ def test_parts_that_cannot_be_used_say_why(tmp_path: Path) -> None:
         load_solid(tmp_path / "open.stl")
 
 
-# --- parts as bodies --------------------------------------------------------------------------------
+# --- parts as bodies -----------------------------------------------------------------------------
 
 
 def test_a_block_weighs_and_turns_as_aluminium_does(block: Solid) -> None:
@@ -256,8 +257,10 @@ def test_convex_pieces_follow_an_angle_and_are_made_once(cache: Path) -> None:
         30.0,
     )
     solid = solid_of(angle, "angle")
-    pieces = [p * 1000.0 @ solid.T_part_body[:3, :3].T + solid.centre_mm
-              for p in read_pieces(solid.pieces_path)]
+    pieces = [
+        p * 1000.0 @ solid.T_part_body[:3, :3].T + solid.centre_mm
+        for p in read_pieces(solid.pieces_path)
+    ]
     assert len(pieces) >= 2
     volume = sum(trimesh.convex.convex_hull(p).volume for p in pieces)
     assert volume == pytest.approx(angle.volume, rel=0.12)  # one hull would be 70 % too much
@@ -270,12 +273,12 @@ def test_a_dropped_block_comes_to_rest_exactly_on_the_table(bench: Bench) -> Non
     world.drop(0, 400.0, 50.0, rest=0, theta_rad=0.7)
     assert not world.is_at_rest
     assert world.settle(2.0)
-    T = world.part_pose(0)
+    T = part_pose(world, 0)
     assert T is not None
     assert abs(T[2, 2]) == pytest.approx(1.0, abs=1e-12)
     assert T[2, 3] == pytest.approx(BLOCK_MM[2] / 2.0, abs=1e-9)
     assert T[:2, 3] == pytest.approx((400.0, 50.0), abs=1.0)
-    assert world.custody(0) == "free"
+    assert custody(world, 0) == "free"
 
 
 def test_a_block_stood_on_its_edge_topples(bench: Bench) -> None:
@@ -285,7 +288,7 @@ def test_a_block_stood_on_its_edge_topples(bench: Bench) -> None:
     T[:3, 3] = 360.0, 0.0, 40.0
     bench.world.place(0, T)
     assert bench.world.settle(5.0)
-    after = bench.world.part_pose(0)
+    after = part_pose(bench.world, 0)
     assert after is not None
     assert np.abs(after[2, :3]).max() == pytest.approx(1.0, abs=1e-9)
 
@@ -296,7 +299,7 @@ def test_the_same_seed_gives_the_same_world(layout: Layout, block: Solid) -> Non
         one = Bench(layout, block, seed=seed)
         one.world.drop(0)
         assert one.world.settle()
-        poses.append(one.world.part_pose(0))
+        poses.append(part_pose(one.world, 0))
         one.world.close()
     assert np.array_equal(poses[0], poses[1])
     assert not np.allclose(poses[0], poses[2], atol=1.0)
@@ -320,7 +323,7 @@ def test_two_parts_push_each_other_apart(layout: Layout, block: Solid) -> None:
     one.world.drop(0, 360.0, 0.0, rest=0, theta_rad=0.0)
     one.world.settle()
     one.world.drop(1, 360.0, 0.0, rest=0, theta_rad=0.4)
-    T = one.world.part_pose(1)
+    T = part_pose(one.world, 1)
     assert T is not None
     T[2, 3] += 25.0
     one.world.place(1, T)
@@ -329,14 +332,14 @@ def test_two_parts_push_each_other_apart(layout: Layout, block: Solid) -> None:
     one.world.close()
 
 
-# --- gripping ----------------------------------------------------------------------------------------
+# --- gripping ------------------------------------------------------------------------------------
 
 
 def test_a_grip_centres_and_squares_the_part_and_the_jaws_stop_at_its_width(bench: Bench) -> None:
     bench.pick_block(theta_rad=math.radians(2.0), off_mm=1.0)
-    assert bench.world.custody(0) == "arm"
+    assert custody(bench.world, 0) == "arm"
     assert bench.arm.at.jaw_opening_mm == pytest.approx(40.0, abs=0.002)
-    T_world_part, T_world_tip = bench.world.part_pose(0), bench.world.hand.T_world_tip
+    T_world_part, T_world_tip = part_pose(bench.world, 0), bench.world.hand.T_world_tip
     assert T_world_part is not None
     T = np.linalg.inv(T_world_tip) @ T_world_part
     assert abs(T[1, 3]) < 0.01  # in the middle between the pads
@@ -369,8 +372,8 @@ def test_a_released_part_falls_and_lies_in_the_tray_below(bench: Bench) -> None:
     bench.tip_to(1.0, 100.0, 390.0, 8.0, 1.0)
     bench.hand(85.0)
     assert bench.world.settle()
-    assert bench.world.custody(0) == "free"
-    assert bench.world.tray_of(0) == "accept"
+    assert custody(bench.world, 0) == "free"
+    assert tray_of(bench.world, 0) == "accept"
     # the fingers let go of both sides at once, so it falls straight
     assert bench.world.parts[0].centre_mm[:2] == pytest.approx((100.0, 390.0), abs=2.0)
 
@@ -384,7 +387,7 @@ def test_a_finger_pushes_a_part_along(bench: Bench) -> None:
     bench.tip_to(1.0, 360.0, -10.0, 8.0, 0.0)
     # the finger's outer face is 10 + 8 mm ahead of the tip: at y = 8, and half the block beyond
     assert bench.world.parts[0].centre_mm[1] == pytest.approx(28.0, abs=2.5)
-    assert bench.world.custody(0) == "free"
+    assert custody(bench.world, 0) == "free"
 
 
 def test_a_part_gripped_by_a_corner_falls_out(bench: Bench) -> None:
@@ -396,21 +399,21 @@ def test_a_part_gripped_by_a_corner_falls_out(bench: Bench) -> None:
     bench.hand(0.0)
     bench.tip_to(0.5, 360.0 + 30.0 + 5.6, 0.0, 100.0, 0.0)
     assert bench.world.settle()
-    assert bench.world.custody(0) == "free"
+    assert custody(bench.world, 0) == "free"
     assert bench.world.parts[0].centre_mm[2] < 25.0
 
 
 def test_a_lost_part_is_not_caught_again_before_the_jaws_have_opened(bench: Bench) -> None:
     bench.pick_block()
     bench.world.lose_grip("arm")
-    assert bench.world.custody(0) == "free"
+    assert custody(bench.world, 0) == "free"
     bench.hand(30.0)
     assert bench.world.settle()
-    assert bench.world.custody(0) == "free"
+    assert custody(bench.world, 0) == "free"
     assert bench.world.parts[0].centre_mm[2] < 25.0
 
 
-# --- handing over ------------------------------------------------------------------------------------
+# --- handing over --------------------------------------------------------------------------------
 
 
 def bring_to_fixture(bench: Bench, off_mm: float = 0.0) -> None:
@@ -427,20 +430,20 @@ def bring_to_fixture(bench: Bench, off_mm: float = 0.0) -> None:
 
 def test_a_part_is_passed_on_without_ever_being_loose(bench: Bench) -> None:
     bring_to_fixture(bench)
-    assert bench.world.custody(0) == "arm"
+    assert custody(bench.world, 0) == "arm"
     assert bench.world.part_in_fixture
     bench.fixture(0.0)
     assert bench.jaws.opening_mm == pytest.approx(20.0, abs=0.01)
-    assert bench.world.custody(0) == "both"
+    assert custody(bench.world, 0) == "both"
     before = bench.world.parts[0].centre_mm.copy()
     bench.hand(85.0)
-    assert bench.world.custody(0) == "fixture"
+    assert custody(bench.world, 0) == "fixture"
     bench.go(0.5, zed_mm=bench.arm.at.zed_mm + 120.0)
-    assert bench.world.custody(0) == "fixture"
+    assert custody(bench.world, 0) == "fixture"
     assert bench.world.parts[0].centre_mm == pytest.approx(before, abs=1.5)
     bench.fixture(85.0)
     assert bench.world.settle()
-    assert bench.world.custody(0) == "free"
+    assert custody(bench.world, 0) == "free"
     assert bench.world.parts[0].centre_mm[2] < 40.0
 
 
@@ -448,9 +451,9 @@ def test_pads_give_a_little_and_then_the_part_is_torn_from_the_arm(bench: Bench)
     bring_to_fixture(bench)
     bench.fixture(0.0)
     bench.go(0.2, zed_mm=bench.arm.at.zed_mm + 2.0)
-    assert bench.world.custody(0) == "both"
+    assert custody(bench.world, 0) == "both"
     bench.go(0.2, zed_mm=bench.arm.at.zed_mm + 6.0)
-    assert bench.world.custody(0) == "fixture"
+    assert custody(bench.world, 0) == "fixture"
     assert "torn" in [event.what for event in bench.world.events]
 
 
@@ -459,10 +462,10 @@ def test_a_part_far_off_the_middle_stops_one_finger_and_is_not_held(bench: Bench
     bench.fixture(0.0)
     # the upper finger meets the block at 10 + 8 mm from the middle, the lower one nothing yet
     assert bench.jaws.opening_mm == pytest.approx(36.0, abs=0.7)
-    assert bench.world.custody(0) == "arm"
+    assert custody(bench.world, 0) == "arm"
 
 
-# --- running into things --------------------------------------------------------------------------------
+# --- running into things -------------------------------------------------------------------------
 
 
 def test_the_hand_stops_at_the_table_and_comes_up_again(bench: Bench) -> None:

@@ -58,9 +58,12 @@ def lying(theta_rad: float, x_mm: float = 365.0, y_mm: float = 10.0) -> Array:
 
 
 def grey(eye: Eye, poses: Mapping[str, Array], levels: Mapping[int, float]) -> Array:
-    return develop(
-        blurred(eye.picture(poses, levels)), Exposure(0.010, bits=16), noisy=False
-    ).astype(float) / 257.0
+    return (
+        develop(blurred(eye.picture(poses, levels)), Exposure(0.010, bits=16), noisy=False).astype(
+            float
+        )
+        / 257.0
+    )
 
 
 def silhouette_corners_px(camera: CameraLayout, T: Array) -> tuple[Array, Array]:
@@ -225,7 +228,9 @@ def test_a_side_lamp_throws_a_shadow_away_from_itself(layout: Layout, overhead: 
     foot = np.array((corner[0], corner[1], -1.0))
     inside = foot + 0.7 * (tip - foot)
     beyond = foot + 1.5 * (tip - foot)
-    (iu, iv), (bu, bv) = np.rint(project(overhead.camera, np.array((inside, beyond)))[0]).astype(int)
+    (iu, iv), (bu, bv) = np.rint(project(overhead.camera, np.array((inside, beyond)))[0]).astype(
+        int
+    )
     assert picture[iv, iu] < BLACK_GREY + 1.0 < empty[iv, iu] - 10.0
     assert picture[bv, bu] == pytest.approx(empty[bv, bu], abs=0.1)
 
@@ -258,9 +263,12 @@ def test_too_much_light_saturates_and_does_not_wrap() -> None:
 def test_noise_is_that_of_photons_and_of_reading() -> None:
     shape = (400, 400)
     for radiance in (0.0, 0.1, 0.5):
-        picture = develop(
-            np.full(shape, radiance, np.float32), Exposure(0.010, seed=5, bits=16)
-        ).astype(float) / 257.0
+        picture = (
+            develop(np.full(shape, radiance, np.float32), Exposure(0.010, seed=5, bits=16)).astype(
+                float
+            )
+            / 257.0
+        )
         electrons = radiance * 210.0 * ELECTRONS_PER_GREY
         expected = math.sqrt(electrons + 12.0**2) / ELECTRONS_PER_GREY
         assert picture.mean() == pytest.approx(BLACK_GREY + radiance * 210.0, abs=0.03)

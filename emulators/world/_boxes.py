@@ -1,0 +1,172 @@
+"""The boxes of the cell, fixed and moving, as bodies: where they are and what overlaps."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from ._bodies import Bodies
+from ._collide import BOX_MM, PIECE_MM, PUSH_MM, BoxSet, Touch
+from ._grip import Gripper
+from ._layout import Array, Box, Layout
+from ._parts import AWAY, HELD, Part
+
+_NEAR_MM = 2.0  # a finger this near wakes a lying part
+_TABLE_MM = 0.3
+_UP = np.array((0.0, 0.0, 1.0))
+
+
+class CellBoxes:
+    """All boxes of the cell but the parts; follows arm and jaws, and feels what they touch."""
+
+    def __init__(
+        self,
+        layout: Layout,
+        bodies: Bodies,
+        links: Mapping[str, Array],
+        hand: Gripper,
+        fixture: Gripper,
+    ) -> None:
+        self._bodies, self._links, self._hand, self._fixture = bodies, links, hand, fixture
+        identity = np.eye(4)
+        arm = layout.arm
+        fixed: list[tuple[Box, Array]] = [(arm.column, identity), (layout.post, identity)]
+        fixed += [(box, identity) for box in layout.obstacles]
+        fixed += [(box, fixture.T_world_tip) for box in layout.fixture.boxes]
+        moving: list[tuple[str, Box]] = [("upper", arm.upper), ("fore", arm.fore)]
+        moving += [("tip", box) for box in arm.hand.boxes]
+        self._fixed_names = [box.name for box, _ in fixed]
+        self._fixed_bodies = [bodies.add_box(box, T) for box, T in fixed]
+        self._moving = [(frame, box, bodies.add_box(box, links[frame])) for frame, box in moving]
+        for gripper in (hand, fixture):
+            one, two = (
+                bodies.add_box(box, gripper.T_world_finger(side))
+                for side, box in enumerate(gripper.finger_boxes)
+            )
+            gripper.finger_bodies = (one, two)
+        self._fixed_names += [box.name for box in fixture.finger_boxes]
+        self._fixed_bodies += list(fixture.finger_bodies)
+        self._fixed_boxes = BoxSet([box for box, _ in fixed] + list(fixture.finger_boxes))
+        self._fixed_frames = [T for _, T in fixed]
+        self._moving_names = [box.name for _, box, _ in self._moving]
+        self._moving_names += [box.name for box in hand.finger_boxes]
+        self._moving_boxes = BoxSet([box for _, box, _ in self._moving] + list(hand.finger_boxes))
+        self.follow_arm(links)
+        self.place_fixture_fingers()
+
+    def follow_arm(self, links: Mapping[str, Array]) -> None:
+        """Put the arm's boxes where its links are, its fingers where its jaws are."""
+        self._links = links
+        for frame, box, body in self._moving:
+            self._bodies.place_box(body, box, links[frame])
+        self._place_fingers(self._hand)
+
+    def place_fixture_fingers(self) -> None:
+        """Put the fixed gripper's fingers where its jaws are."""
+        self._place_fingers(self._fixture)
+
+    def _place_fingers(self, gripper: Gripper) -> None:
+        for side, box in enumerate(gripper.finger_boxes):
+            body = gripper.finger_bodies[side]
+            self._bodies.place_box(body, box, gripper.T_world_finger(side))
+
+    def touches(self, parts: Sequence[Part], wake: Callable[[], None]) -> list[Touch]:
+        """Return what the arm and what it holds overlap with; wake the parts that it comes near."""
+        frames = [self._links[frame] for frame, _, _ in self._moving]
+        frames += [self._hand.T_world_finger(0), self._hand.T_world_finger(1)]
+        low, high = self._moving_boxes.bounds(frames)
+        fixed = self._fixed_bounds()
+        held = None if self._hand.hold is None else parts[self._hand.hold.part]
+        touches = self._of_boxes(low, high, fixed)
+        if held is not None:
+            touches += self._of_held(held, fixed)
+        for part in parts:
+            if part.state != AWAY and part is not held:
+                touches += self._near_part(part, low, high, wake)
+                if held is not None and part.state != HELD:
+                    touches += self._held_on_part(held, part, wake)
+        return touches
+
+    def _fixed_bounds(self) -> tuple[Array, Array]:
+        fingers = [self._fixture.T_world_finger(0), self._fixture.T_world_finger(1)]
+        return self._fixed_boxes.bounds(self._fixed_frames + fingers)
+
+    def _moving_body(self, index: int) -> tuple[int, str]:
+        if index < len(self._moving):
+            return self._moving[index][2], self._moving[index][0]
+        return self._hand.finger_bodies[index - len(self._moving)], "tip"
+
+    def _of_boxes(self, low: Array, high: Array, fixed: tuple[Array, Array]) -> list[Touch]:
+        touches: list[Touch] = []
+        for index in np.flatnonzero(low[:, 2] < -BOX_MM):
+            point = (low[index] + high[index]) / 2.0
+            point[2] = low[index, 2]
+            name, frame = self._moving_names[index], self._moving_body(int(index))[1]
+            touches.append(Touch(name, "table", frame, -float(low[index, 2]), point, _UP))
+        for i, j in np.argwhere(_overlap(low, high, *fixed)):
+            body, frame = self._moving_body(int(i))
+            nearest = self._bodies.deepest(body, self._fixed_bodies[j])
+            if nearest is not None and nearest[0] < -BOX_MM:
+                name, other = self._moving_names[i], self._fixed_names[j]
+                touches.append(Touch(name, other, frame, -nearest[0], nearest[1], nearest[2]))
+        return touches
+
+    def _of_held(self, part: Part, fixed: tuple[Array, Array]) -> list[Touch]:
+        """Return what the arm's part overlaps with; fingers that hold it as well are no foe."""
+        touches: list[Touch] = []
+        depth_mm = -part.lowest_mm
+        if depth_mm > _TABLE_MM:
+            touches.append(Touch(part.name, "table", "tip", depth_mm, part.lowest_point_mm, _UP))
+        hold = self._fixture.hold
+        is_shared = hold is not None and hold.part == part.index
+        low, high = part.bounds_mm
+        for _, j in np.argwhere(_overlap(low[None], high[None], *fixed)):
+            body = self._fixed_bodies[j]
+            if is_shared and body in self._fixture.finger_bodies:
+                continue
+            nearest = self._bodies.deepest(part.carried, body)
+            if nearest is not None and nearest[0] < -PIECE_MM:
+                other = self._fixed_names[j]
+                touches.append(Touch(part.name, other, "tip", -nearest[0], nearest[1], nearest[2]))
+        return touches
+
+    def _near_part(
+        self, part: Part, low: Array, high: Array, wake: Callable[[], None]
+    ) -> list[Touch]:
+        """Return where the arm overlaps with a part that it does not hold and that cannot yield."""
+        touches: list[Touch] = []
+        p_low, p_high = part.bounds_mm
+        near = _overlap(low, high, p_low[None] - _NEAR_MM, p_high[None] + _NEAR_MM)[:, 0]
+        for i in np.flatnonzero(near):
+            body, frame = self._moving_body(int(i))
+            if body in self._hand.finger_bodies and part.index in self._hand.passing:
+                continue
+            nearest = self._bodies.deepest(body, part.body, _NEAR_MM)
+            if nearest is None:
+                continue
+            if part.state != HELD:
+                wake()
+            if nearest[0] < -PUSH_MM:
+                name = self._moving_names[i]
+                touches.append(Touch(name, part.name, frame, -nearest[0], nearest[1], nearest[2]))
+        return touches
+
+    def _held_on_part(self, held: Part, part: Part, wake: Callable[[], None]) -> list[Touch]:
+        low, high = held.bounds_mm
+        p_low, p_high = part.bounds_mm
+        if not _overlap(low[None], high[None], p_low[None], p_high[None])[0, 0]:
+            return []
+        nearest = self._bodies.deepest(held.carried, part.falling, _NEAR_MM)
+        if nearest is None:
+            return []
+        wake()
+        if nearest[0] >= -PUSH_MM:
+            return []
+        return [Touch(held.name, part.name, "tip", -nearest[0], nearest[1], nearest[2])]
+
+
+def _overlap(low: Array, high: Array, other_low: Array, other_high: Array) -> Array:
+    """Return which boxes' bounds overlap, (n, m) bool."""
+    overlaps: Array = np.all(
+        (low[:, None] < other_high[None]) & (high[:, None] > other_low[None]), axis=2
+    )
+    return overlaps

@@ -1,0 +1,58 @@
+"""What the world takes in and gives out: models that others command, events, snapshots."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from ._layout import Array
+from ._poses import Joints
+
+
+class ArmBody(Protocol):
+    """The arm as the world sees it."""
+
+    grip_limit_mm: float | None
+
+    def advance(self, dt_s: float) -> None:
+        """Let time pass [s]."""
+        ...
+
+    def joints(self) -> Joints:
+        """Return where the joints truly are."""
+        ...
+
+
+class JawBody(Protocol):
+    """The fixed gripper's jaws as the world sees them."""
+
+    grip_limit_mm: float | None
+
+    @property
+    def opening_mm(self) -> float:
+        """How far the jaws are apart."""
+        ...
+
+    def advance(self, dt_s: float) -> None:
+        """Let time pass [s]."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something happened to a part: ``gripped``, ``released``, ``fell_out``, ``torn``, ``lies``."""
+
+    at_s: float
+    what: str
+    part: int
+    by: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot:
+    """Where everything that moves was at one instant: poses ``T_world_*`` by name [mm].
+
+    Parts are ``part 0``, ``part 1`` ...; the arm's links ``upper``, ``fore``, ``tip``,
+    ``carriage``; fingers ``arm finger +`` and so on.
+    """
+
+    at_s: float
+    poses: dict[str, Array]

@@ -1,0 +1,66 @@
+"""What is so in the world. For tests and the control port only: no device may look in here."""
+
+from typing import Any
+
+import numpy as np
+
+from ._layout import Array
+from ._parts import AWAY, HELD, LYING
+from ._world import World
+
+
+def part_pose(world: World, index: int) -> Array | None:
+    """Return T_world_part [mm] of a part; None if it is not in the cell."""
+    part = world.parts[index]
+    return None if part.state == AWAY else part.T_world_part.copy()
+
+
+def custody(world: World, index: int) -> str:
+    """Return who has a part: away, free, arm, fixture or both."""
+    if world.parts[index].state == AWAY:
+        return "away"
+    holders = [
+        gripper.name
+        for gripper in (world.hand, world.fixture)
+        if gripper.hold is not None and gripper.hold.part == index
+    ]
+    return "both" if len(holders) == 2 else (holders[0] if holders else "free")
+
+
+def tray_of(world: World, index: int) -> str | None:
+    """Return the tray a part lies in, by its centre of mass; None if in none."""
+    part = world.parts[index]
+    if part.state in (AWAY, HELD):
+        return None
+    for tray in world.layout.trays:
+        if np.all(np.abs(part.centre_mm[:2] - tray.centre_mm) <= tray.size_mm / 2.0):
+            return tray.name
+    return None
+
+
+def truth(world: World) -> dict[str, Any]:
+    """Return all of that, and what has happened, as plain values."""
+    parts = []
+    for part in world.parts:
+        T = part_pose(world, part.index)
+        parts.append(
+            {
+                "name": part.solid.name,
+                "custody": custody(world, part.index),
+                "tray": tray_of(world, part.index),
+                "at_rest": part.state == LYING,
+                "T_world_part": None if T is None else T.tolist(),
+            }
+        )
+    return {
+        "time_s": world.time_s,
+        "at_rest": world.is_at_rest,
+        "parts": parts,
+        "collisions": [
+            {"at_s": c.at_s, "moving": c.moving, "other": c.other, "depth_mm": c.depth_mm}
+            for c in world.collisions
+        ],
+        "events": [
+            {"at_s": e.at_s, "what": e.what, "part": e.part, "by": e.by} for e in world.events
+        ],
+    }
