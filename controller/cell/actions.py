@@ -53,7 +53,7 @@ Grey = NDArray[np.uint8]
 Result = TypeVar("Result")
 
 GRIP_TRIES = 3
-LOOK_TIMEOUT_S = 6.0
+LOOK_TIMEOUT_S = 30.0  # a camera that stalls is a fault, a slow one is not
 SETTLE_S = 0.3  # a long arm rings after it stops
 LOST_MM = 1.5  # jaws that close by more than this while carrying have lost the part
 REQUIRED_SIGNALS = {

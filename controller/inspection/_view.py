@@ -260,13 +260,25 @@ def _shading(
             ratio = float(np.median(observed[here] / expected[here]))
             gains[face_id] = np.clip(ratio, 0.4 * gain, 2.5 * gain)
     scaled = expected * gains[face]
+    # through a hole the wall behind is seen, lit or in the part's shadow
+    ground = _ground_level(picture, whole, scene)
     kernel = np.ones((2 * slack + 1,) * 2, np.uint8)
-    brightest, darkest = cv2.dilate(scaled, kernel), cv2.erode(scaled, kernel)
+    brightest = cv2.dilate(np.where(maps.mask, scaled, np.float32(ground)), kernel)
+    darkest = cv2.erode(np.where(maps.mask, scaled, np.float32(0)), kernel)
     play = np.maximum(limits.grey_levels, limits.grey_share * brightest)
     wrong = valid & ((observed > brightest + play) | (observed < darkest - play))
     full = np.repeat(np.repeat(wrong, SHADING_STEP_PX, axis=0), SHADING_STEP_PX, axis=1)
     full = full[: y1 - y0, : x1 - x0]
     return _blobs(full, Kind.SURFACE, lamp_name, part, whole, task, T, (x0, y0))
+
+
+def _ground_level(picture: Grey, maps: ViewMaps, scene: _Scene) -> float:
+    """Return how bright the wall behind the part is under a lamp, where no shadow falls."""
+    clear = scene.panel & ~scene.holder_mask
+    x0, y0, x1, y1 = maps.roi
+    clear[y0:y1, x0:x1] = False
+    values = picture[clear]
+    return float(np.quantile(values[::7], 0.9)) if len(values) > 700 else 255.0
 
 
 def _blobs(
