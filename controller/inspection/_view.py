@@ -40,6 +40,7 @@ Grey = NDArray[np.uint8]
 
 HOLDER_MARGIN_PX = 9  # the hand's shape and place are known to about a millimetre
 SHADING_STEP_PX = 2  # shading is compared on every second pixel: defects are many pixels large
+HIGHLIGHT = 2.0  # of a matt surface square to the lamp
 MAX_INCIDENCE_COS = np.cos(np.radians(75.0))
 
 
@@ -263,7 +264,10 @@ def _shading(
     # through a hole the wall behind is seen, lit or in the part's shadow
     ground = _ground_level(picture, whole, scene)
     kernel = np.ones((2 * slack + 1,) * 2, np.uint8)
-    brightest = cv2.dilate(np.where(maps.mask, scaled, np.float32(ground)), kernel)
+    # a curved wall throws the lamp's highlight back somewhere: there, too bright means nothing
+    curved = np.array([f.kind != "plane" for f in solid.faces] + [False])
+    most = np.where(curved[face], np.maximum(scaled, HIGHLIGHT * gain), scaled)
+    brightest = cv2.dilate(np.where(maps.mask, most, ground).astype(np.float32), kernel)
     darkest = cv2.erode(np.where(maps.mask, scaled, np.float32(0)), kernel)
     play = np.maximum(limits.grey_levels, limits.grey_share * brightest)
     wrong = valid & ((observed > brightest + play) | (observed < darkest - play))
