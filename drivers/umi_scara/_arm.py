@@ -269,8 +269,7 @@ class UmiScara(ArmSession):
 
     async def _until_held(self, deadline_s: float, guard: Guard) -> int:
         """Return the counts of the gripper once it rests against something (2.8, 9.17)."""
-        clock = self._axes.clock
-        until_s = clock.now_s() + deadline_s
+        until_s = self._axes.deadline_s(deadline_s)
         still_poll_count, before = 0, None
         while True:
             guard()
@@ -283,9 +282,9 @@ class UmiScara(ArmSession):
                     return counts
                 why = "rests against nothing (is motor power on?)"
                 break
-            if clock.now_s() > until_s:
+            if self._axes.clock.now_s() > until_s:
                 why = f"still closes after {deadline_s:.1f} s"
                 break
-            await clock.sleep(c.POLL_S)
+            await self._axes.pause()
         await self._halt_quietly()
         raise AxisStalledError(Axis.GRIPPER, c.GRIP_COUNTS, counts, why)

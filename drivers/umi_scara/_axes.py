@@ -21,6 +21,8 @@ log = logging.getLogger(__name__)
 R = TypeVar("R", Status, Value, Version)
 
 BUSY_LIMIT_S = 10.0  # a go that is refused as busy (2.9 code 03) for longer is stuck
+# An emulated cell that runs fast shares the host: asking more often costs it more than it learns.
+MIN_POLL_WALL_S = 0.004
 
 
 def _the(kind: type[R], reply: Reply) -> R:
@@ -37,6 +39,15 @@ class Axes:
         self.clock = clock
         self._on_position_lost = on_position_lost
         self._written: dict[tuple[Axis, Parameter], int] = {}
+
+    # ---- time ----------------------------------------------------------------------------------
+    async def pause(self) -> None:
+        """Wait as long as between two polls of the same thing."""
+        await self.clock.sleep(max(c.POLL_S, MIN_POLL_WALL_S * self.clock.speed))
+
+    def deadline_s(self, patience_s: float) -> float:
+        """Return the instant at which a patience that begins now ends [cell s]."""
+        return self.clock.now_s() + self.clock.timeout_wall_s(patience_s) * self.clock.speed
 
     # ---- the line ------------------------------------------------------------------------------
     def ips(self, axes: Iterable[Axis] = Axis) -> list[Ip]:
@@ -181,7 +192,7 @@ class Axes:
         """
         started = list(axes)
         request = codec.encode_numeric_go(ADDRESSES[axis].ctl for axis in started)
-        until_s = self.clock.now_s() + BUSY_LIMIT_S
+        until_s = self.deadline_s(BUSY_LIMIT_S)
         while True:
             try:
                 await self._ask(ip, request, guard=guard)
@@ -190,12 +201,12 @@ class Axes:
                 if error.code == c.AXIS_BUSY:
                     if self.clock.now_s() > until_s:
                         raise
-                    await self.clock.sleep(c.POLL_S)
+                    await self.pause()
                     while self.clock.now_s() <= until_s and await self._any(
                         started, StatusBits.MOVING
                     ):
                         guard()
-                        await self.clock.sleep(c.POLL_S)
+                        await self.pause()
                     continue
                 if not breaks_step(error):
                     raise

@@ -158,8 +158,7 @@ class Homing:
 
     async def _lean(self, drives: Mapping[Axis, Drive], timeout_s: float) -> None:
         """Wait for bit 3 of all axes, and none moving any more for three polls (8.12, 9.17)."""
-        clock = self._axes.clock
-        until_s = clock.now_s() + timeout_s
+        until_s = self._axes.deadline_s(timeout_s)
         still_poll_count = 0
         before: list[int] = []
         while still_poll_count < _STILL_POLL_COUNT:
@@ -175,11 +174,11 @@ class Homing:
             else:
                 still_poll_count, before = 0, []
                 self._check(bits)
-            if clock.now_s() > until_s:
+            if self._axes.clock.now_s() > until_s:
                 waiting = [axis for axis, b in bits.items() if not b & StatusBits.STALLED]
                 names = ", ".join(axis.name.lower() for axis in waiting or drives)
                 raise HomingError(f"arm: {names} found no stop within {timeout_s:.0f} s")
-            await clock.sleep(c.POLL_S)
+            await self._axes.pause()
 
     def _check(self, bits: Mapping[Axis, StatusBits]) -> None:
         ended = StatusBits.MOVING | c.TROUBLE
@@ -193,9 +192,9 @@ class Homing:
         """Move one axis from its origin; ending against a stop is no error before homing."""
         await self._write(axis, Parameter.NEW_POSITION, counts)
         await self._axes.numeric_go(ADDRESSES[axis].ip, [axis], self._guard)
-        until_s = self._axes.clock.now_s() + self._config.timeout_s
+        until_s = self._axes.deadline_s(self._config.timeout_s)
         while await self._axes.status(axis) & StatusBits.MOVING:
             self._guard()
             if self._axes.clock.now_s() > until_s:
                 raise HomingError(f"arm: {axis.name.lower()} does not come to rest")
-            await self._axes.clock.sleep(c.POLL_S)
+            await self._axes.pause()

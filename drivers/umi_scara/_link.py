@@ -33,6 +33,8 @@ wire_log = logging.getLogger("cellctl.wire.arm")
 SILENT: Final = "nothing answers: check power, cable, boards"  # 8.8
 _ATTEMPT_COUNT: Final = 3  # 1.7
 _DRAIN_LIMIT_S: Final = 2.0  # a line that talks longer than that is no arm's
+# A host that is busy delivers what has arrived a little late, however fast the cell's clock runs.
+_MIN_SILENCE_WALL_S: Final = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,8 +287,9 @@ class Link:
 
         Silence is longer than the 8 ms after which an IP gives up on a broken request (2.9).
         """
-        silence_wall_s = self._clock.timeout_wall_s(c.SILENCE_S)
-        until_s = self._clock.now_s() + max(_DRAIN_LIMIT_S, 10 * silence_wall_s)
+        # every opening waits this long: it is no time-out, to be generous with
+        silence_wall_s = max(self._clock.to_wall_s(c.SILENCE_S), _MIN_SILENCE_WALL_S)
+        until_s = self._clock.now_s() + max(_DRAIN_LIMIT_S, 10 * silence_wall_s * self._clock.speed)
         while data := await self._transport.read(silence_wall_s):
             self._suspect += data
             if self._clock.now_s() > until_s:

@@ -101,9 +101,10 @@ def on_ip(axes: Iterable[Axis], ip: Ip) -> list[Axis]:
 class Watch:
     """Watches started axes until all rest.
 
-    General status shows all axes of an IP in one request, but a motor that is not part of the
-    move may have left its mark in it, as a gripper that holds something does (5.5). From then on
-    that IP's axes are asked one by one.
+    One axis of an IP is asked for its own status (3.5); several by the IP's general status (3.4),
+    which shows them all in one request. But a motor that is not part of the move may have left its
+    mark in that, as a gripper that holds something does (5.5): from then on the axes of that IP are
+    asked one by one.
     """
 
     def __init__(
@@ -111,7 +112,7 @@ class Watch:
     ) -> None:
         self._axes = axes
         self._targets = targets
-        self._until_s = axes.clock.now_s() + deadline_s
+        self._until_s = axes.deadline_s(deadline_s)
         self._deadline_s = deadline_s
         self._guard = guard
         self._marked: set[Ip] = set()
@@ -135,17 +136,18 @@ class Watch:
             if moving:
                 if self._axes.clock.now_s() > self._until_s:
                     await self._give_up(moving)
-                await self._axes.clock.sleep(c.POLL_S)
+                await self._axes.pause()
 
     async def _rests(self, ip: Ip) -> bool:
         self._guard()
-        if ip not in self._marked:
+        mine = on_ip(self._targets, ip)
+        if len(mine) > 1 and ip not in self._marked:
             bits = await self._axes.general_status(ip)
             if not bits & c.TROUBLE:
                 return not bits & StatusBits.MOVING
             self._marked.add(ip)
         any_moving = False
-        for axis in on_ip(self._targets, ip):
+        for axis in mine:
             bits = await self._axes.status(axis)
             if bits & c.TROUBLE:
                 await self._stalled(axis, bits)
@@ -155,8 +157,12 @@ class Watch:
     async def _stalled(self, axis: Axis, bits: StatusBits) -> None:
         self._guard()  # after a stop that somebody asked for, these bits mean nothing
         await self._axes.halt(Simple.DEAD_STOP)
-        got = await self._axes.read_actual(axis)
-        why = "stalled" if bits & StatusBits.STALLED else "fell behind its error limit"
+        error = await self._axes.read(axis, Parameter.CP_ERROR)  # first of all, as in 3.6
+        got = await self._axes.read(axis, Parameter.CURRENT_POSITION) - error
+        if bits & StatusBits.STALLED:
+            why = "stalled"
+        else:
+            why = f"fell behind its error limit, by {error} counts"
         raise AxisStalledError(axis, self._targets[axis], got, why)
 
     async def _give_up(self, moving: set[Ip]) -> None:
@@ -188,4 +194,4 @@ async def verify_arrival(
             await axes.halt(Simple.DEAD_STOP)
             why = "rests off its target (is motor power on?)"
             raise AxisStalledError(worst, targets[worst], got[worst], why)
-        await axes.clock.sleep(c.POLL_S)
+        await axes.pause()

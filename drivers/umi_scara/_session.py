@@ -153,7 +153,7 @@ class ArmSession:
 
     async def _disconnect(self) -> None:
         axes, self._axes_or_none = self._axes_or_none, None
-        self._lose_position()
+        self._forget_position()
         if axes is not None:
             await axes.link.aclose()
 
@@ -202,6 +202,9 @@ class ArmSession:
     def _lose_position(self) -> None:
         if self._is_homed:
             log.error("arm: positions are lost")
+        self._forget_position()
+
+    def _forget_position(self) -> None:
         self._is_homed = self._is_powered = False
         self._identity = None
         self._rest_counts.clear()

@@ -17,6 +17,8 @@ from ._wire import ArmWire
 log = logging.getLogger(__name__)
 
 READ_SIZE: Final = 4096
+# The loop's timer rounds a wait up to whole milliseconds; half of one early is as near as half late
+TIMER_GRAIN_WALL_S: Final = 0.0005
 
 
 class ArmServer:
@@ -110,7 +112,8 @@ class ArmServer:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        data = self._wire.due(self._clock.now_s())
+        grain_s = TIMER_GRAIN_WALL_S * self._clock.speed
+        data = self._wire.due(self._clock.now_s(), early_s=grain_s)
         if data:
             try:
                 written = os.write(self._master_fd, data)

@@ -82,11 +82,17 @@ class ArmWire:
                 self._request.clear()
                 self._obey(request, arrival_s)
 
-    def due(self, now_s: float) -> bytes:
-        """Return, once, the reply bytes whose time has come by ``now_s`` [world s]."""
+    def due(self, now_s: float, early_s: float = 0.0) -> bytes:
+        """Return, once, the reply bytes whose time has come.
+
+        Parameters
+        ----------
+        now_s : the present, by which the line's own time-out is judged [world s]
+        early_s : bytes that are due within this time come along [world s]
+        """
         self._expire(now_s)
         out = bytearray()
-        while self._replies and self._replies[0][0] <= now_s + EPSILON_S:
+        while self._replies and self._replies[0][0] <= now_s + early_s + EPSILON_S:
             out.append(self._replies.popleft()[1])
         return bytes(out)
 

@@ -70,7 +70,7 @@ class Bench:
 
     def _hear(self, exchange: WireExchange) -> None:
         self.trace.append(exchange)
-        if exchange.request == b"\x17":
+        if exchange.request in (b"\x11", b"\x12", b"\x17"):
             self.polled.set()
 
     async def homed(self) -> "Bench":

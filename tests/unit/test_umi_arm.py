@@ -433,7 +433,7 @@ async def test_a_go_that_was_carried_out_is_not_repeated() -> None:
 async def test_a_cancelled_move_sends_a_dead_stop_to_both_boards_before_it_ends() -> None:
     bench = await Bench().homed()
     move = asyncio.create_task(bench.arm.move_counts({Axis.SHOULDER: 2000}))
-    bench.when(b"\x17", lambda: move.cancel() and None)
+    bench.when(b"\x11", lambda: move.cancel() and None)
     with pytest.raises(asyncio.CancelledError):
         await move
     assert bench.requests()[-3:] == [b"\x24", b"\x29", b"\x24"]
@@ -444,7 +444,7 @@ async def test_a_cancelled_move_sends_a_dead_stop_to_both_boards_before_it_ends(
 async def test_a_second_cancellation_does_not_cut_the_stop_short() -> None:
     bench = await Bench().homed()
     move = asyncio.create_task(bench.arm.move_counts({Axis.SHOULDER: 2000}))
-    bench.when(b"\x17", lambda: move.cancel() and None)
+    bench.when(b"\x11", lambda: move.cancel() and None)
     await bench.wire.spoken.wait()
     while b"\x24" not in bench.requests():
         bench.wire.spoken.clear()
@@ -457,7 +457,7 @@ async def test_a_second_cancellation_does_not_cut_the_stop_short() -> None:
 
 async def test_a_move_cancelled_by_a_time_out_stops_too() -> None:
     bench = await Bench().homed()
-    bench.when(b"\x17", lambda: task.cancel() and None)
+    bench.when(b"\x11", lambda: task.cancel() and None)
 
     async def work() -> None:
         async with asyncio.TaskGroup() as group:
@@ -542,7 +542,7 @@ async def test_a_stop_ends_homing() -> None:
 @pytest.mark.parametrize("board", [0, 1])
 async def test_a_restart_in_mid_move_loses_every_position(board: int) -> None:
     bench = await Bench().homed()
-    bench.when(b"\x17", lambda: bench.wire.boards[board].restart())
+    bench.when(b"\x11", lambda: bench.wire.boards[board].restart())
     with pytest.raises(PositionLostError):
         await bench.arm.move_counts({Axis.SHOULDER: 2000, Axis.WRIST1: -2000})
     assert bench.stops() == {0, 1}

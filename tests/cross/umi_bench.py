@@ -1,0 +1,113 @@
+"""The arm's driver on a real terminal against the emulated arm: everything but the metal.
+
+Driver and emulator share one event loop and one speed, and nothing else; the model is stepped in
+world time as the emulated cell does it.
+"""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from drivers.clock import CellClock
+from drivers.errors import DeviceError
+from drivers.umi_scara import ArmConfig, Axis, UmiScara, WireExchange
+from emulators.clock import WorldClock
+from emulators.modbus import Stepper
+from emulators.umi_scara import ArmModel, ArmServer, ArmWire
+from emulators.umi_scara import Axis as EmulatedAxis
+
+PATIENCE_WALL_S = 2.0  # of every time-out: no busy host looks like a silent arm
+EMULATED = {axis: EmulatedAxis[axis.name] for axis in Axis}
+
+
+@dataclass
+class ArmBench:
+    """One driver, one emulated arm, and everything that went over the line between them."""
+
+    arm: UmiScara
+    model: ArmModel
+    wire: ArmWire
+    server: ArmServer
+    clock: CellClock
+    world: WorldClock
+    trace: list[WireExchange] = field(default_factory=list)
+    _heard: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def hear(self, exchange: WireExchange) -> None:
+        self.trace.append(exchange)
+        self._heard.set()
+
+    async def exchanged(self, is_it: Callable[[WireExchange], bool]) -> None:
+        """Wait for an exchange that is yet to come."""
+        seen_count = len(self.trace)
+        async with asyncio.timeout(20.0):
+            while not any(is_it(exchange) for exchange in self.trace[seen_count:]):
+                self._heard.clear()
+                await self._heard.wait()
+
+    async def moving(self) -> None:
+        """Wait until the driver has seen an axis move."""
+        await self.exchanged(
+            lambda x: (
+                x.request[0] in range(0x10, 0x18) and len(x.reply) == 3 and bool(x.reply[1] & 1)
+            )
+        )
+
+    async def homed(self) -> "ArmBench":
+        await self.arm.connect()
+        await self.arm.enable_power()
+        await self.arm.home()
+        self.trace.clear()
+        return self
+
+    async def pass_time(self, duration_s: float) -> None:
+        """Let world time pass [world s]."""
+        await self.world.sleep(duration_s)
+
+    def true_counts(self) -> dict[Axis, float]:
+        """Return where the axes truly are, which no byte tells [counts]."""
+        return {axis: self.model.axes[EMULATED[axis]].position for axis in Axis}
+
+    def refused(self) -> list[WireExchange]:
+        """Return the exchanges that ended with a code that means a mistake of the host."""
+        return [x for x in self.trace if len(x.reply) == 1 and 0x05 <= x.reply[0] <= 0x0D]
+
+
+def open_fds() -> set[str]:
+    """Return what this process has open, each with its number in the kernel."""
+    fds = set()
+    for entry in Path("/proc/self/fd").iterdir():
+        with suppress(FileNotFoundError):  # the listing's own descriptor
+            fds.add(f"{entry.name} {entry.readlink()}")
+    return {fd for fd in fds if "/proc/" not in fd}
+
+
+@asynccontextmanager
+async def arm_bench(
+    *,
+    speed: float = 30.0,
+    seed: int = 0,
+    listening: int = 0,
+    strict: bool = False,
+    config: ArmConfig | None = None,
+    patience_wall_s: float = PATIENCE_WALL_S,
+) -> AsyncIterator[ArmBench]:
+    """Start an arm that was just switched on, and a driver that has not connected yet."""
+    clock, world = CellClock(speed, patience_wall_s), WorldClock(speed)
+    model = ArmModel(seed)
+    wire = ArmWire(model, strict=strict, listening=listening)
+    server, stepper = ArmServer(wire, world), Stepper(world, [model])
+    await server.start()
+    await stepper.start()
+    benches: list[ArmBench] = []
+    arm = UmiScara(str(server.path), config=config, clock=clock, trace=lambda x: benches[0].hear(x))
+    benches.append(ArmBench(arm, model, wire, server, clock, world))
+    try:
+        yield benches[0]
+    finally:
+        with suppress(DeviceError):  # a test may have broken the arm for good
+            await arm.aclose()
+        await stepper.aclose()
+        await server.aclose()
