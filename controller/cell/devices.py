@@ -101,7 +101,9 @@ class Devices:
                     pixel_formats=section.formats,
                     fps=section.fps,
                     exposure_s=section.exposure_s,
-                    buffer_count=3,
+                    buffer_count=2,
+                    settle_frame_count=section.settle_frames,
+                    frame_margin_s=section.margin_s,
                 ),
                 clock=clock,
             )

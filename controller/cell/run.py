@@ -21,7 +21,7 @@ from .devices import Devices, resolve
 from .dispatcher import Dispatcher, Outcome
 from .journal import Journal
 
-EMULATED_TIMEOUT_WALL_S = 5.0  # an emulated cell shares two cores with its controller
+EMULATED_TIMEOUT_WALL_S = 10.0  # an emulated cell shares two cores with its controller
 JOURNAL_NAME = "journal.sqlite"
 
 

@@ -101,6 +101,8 @@ class CameraSection(Section):
     exposure_s: float = Field(0.01, gt=0, le=1)
     fps: float = Field(10, gt=0, le=240)
     formats: tuple[Literal["GREY", "YUYV", "MJPG", "Y16"], ...] = ("GREY", "YUYV", "MJPG")
+    settle_frames: int = Field(3, ge=0, le=30)  # of a stream just started, before one is trusted
+    margin_s: float | None = Field(None, ge=0, le=1)  # a stamp's play; the driver's own otherwise
 
     def build(self) -> Camera:
         """Return the calibrated camera."""
