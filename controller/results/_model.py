@@ -1,0 +1,298 @@
+"""A run as the report tells it: frozen, complete, and free of everything that moves.
+
+All of it is folded from the journal (`_fold`); nothing here touches a file. Seconds of steps are
+*cell* seconds (an emulated cell may run faster than the wall); all other durations are wall
+seconds, and say so in their names.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Literal
+
+from controller.cell.custody import Custody
+
+End = Literal["complete", "held", "stopped", "aborted", "broke_off", "cut_off"]
+Box = tuple[int, int, int, int]
+Points = tuple[tuple[float, float], ...]
+
+
+class ResultsError(Exception):
+    """There is no such run, or its journal cannot be read; the message names what there is."""
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceReport:
+    """A device of the run.
+
+    Attributes
+    ----------
+    address : where it was, as resolved at the start
+    identity : what it said of itself; empty if it never answered
+    """
+
+    name: str
+    address: str
+    is_emulated: bool
+    identity: str
+
+
+@dataclass(frozen=True, slots=True)
+class SightingReport:
+    """One object found on the table.
+
+    Attributes
+    ----------
+    part : name, None for an unknown object
+    score : overlap of predicted and observed silhouette, 0..1
+    grey_score : of the shading, None where the silhouette was enough
+    residual_px : median distance of the outlines, None if unknown
+    box_px : x0, y0, x1, y1 in the overhead picture
+    ambiguous_with : other readings that fit as well, in words
+    """
+
+    part: str | None
+    pose_index: int
+    x_mm: float
+    y_mm: float
+    theta_deg: float
+    score: float
+    grey_score: float | None
+    residual_px: float | None
+    box_px: Box
+    ambiguous_with: tuple[str, ...]
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class UnseenReport:
+    """A piece of a surface the plan cannot show: its share of all surface (0..1), and why."""
+
+    face_id: int
+    area_fraction: float
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class PlanReport:
+    """What was going to be done; the last two steps are forecast for the slowest tray."""
+
+    labels: tuple[str, ...]
+    seconds: tuple[float, ...]
+    forecast_s: float
+    covered_fraction: float
+    reachable_fraction: float
+    unseen: tuple[UnseenReport, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StepReport:
+    """One step [cell s]; `actual_s` is None for a step that was not finished (or is not timed).
+
+    Attributes
+    ----------
+    view : id of the view it showed, empty otherwise
+    jaw_mm, expected_mm : opening of the jaws after a grip, measured and planned
+    """
+
+    label: str
+    forecast_s: float | None
+    actual_s: float | None
+    view: str = ""
+    tray: str = ""
+    jaw_mm: float | None = None
+    expected_mm: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FindingReport:
+    """One place where picture and CAD disagree; see `controller.inspection.Finding`.
+
+    Attributes
+    ----------
+    number : of the finding on its part, from 1, in the order the views were judged
+    """
+
+    number: int
+    view_id: str
+    kind: str
+    lamp: str
+    area_mm2: float
+    size_mm: float
+    at_px: tuple[float, float]
+    box_px: Box
+    p_part_mm: tuple[float, ...]
+    face_ids: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ViewReport:
+    """One view shown to the inspection camera.
+
+    Attributes
+    ----------
+    pictures : file by lamp, relative to the run's folder
+    evaluated : None where the run ended before the view was judged
+    reason : why it was not evaluated
+    shift_mm, turn_deg, residual_px : measured pose against the expected one; None if unknown
+    outline_px : border pixels of the prediction, every third
+    """
+
+    view_id: str
+    pictures: Mapping[str, str]
+    evaluated: bool | None
+    reason: str = ""
+    shift_mm: float | None = None
+    turn_deg: float | None = None
+    residual_px: float | None = None
+    outline_px: Points = ()
+    findings: tuple[FindingReport, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class FaceReport:
+    """What is known of one surface; `seen_fraction` is of its own area, 0..1."""
+
+    face_id: int
+    label: str
+    area_mm2: float
+    seen_fraction: float
+    verdict: str
+    views: tuple[str, ...]
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class VerdictReport:
+    """The verdict on a part; `reasons` has the most important first."""
+
+    verdict: str
+    reasons: tuple[str, ...]
+    covered_fraction: float
+    faces: tuple[FaceReport, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PartReport:
+    """One part's way through the cell.
+
+    Attributes
+    ----------
+    looks : how often the table was looked at; more than once after a missed grip
+    table_pictures : of the last look, file by lamp
+    sightings : of the last look
+    steps : of the last plan, done or not
+    custody : where the journal last knew it
+    in_doubt : what was begun and never confirmed, so that `custody` may be out of date; or empty
+    tray : where it was put, None if it was not
+    """
+
+    number: int
+    looks: int
+    table_pictures: Mapping[str, str]
+    sightings: tuple[SightingReport, ...]
+    plan: PlanReport | None
+    steps: tuple[StepReport, ...]
+    grips_missed: tuple[str, ...]
+    views: tuple[ViewReport, ...]
+    verdict: VerdictReport | None
+    tray: str | None
+    custody: Custody
+    custody_detail: str
+    in_doubt: str
+
+    @property
+    def findings(self) -> tuple[FindingReport, ...]:
+        """Return the findings of all views."""
+        return tuple(f for view in self.views for f in view.findings)
+
+
+@dataclass(frozen=True, slots=True)
+class LogEntry:
+    """One row of the journal; `t_s` is wall seconds since the run's first row."""
+
+    seq: int
+    at: datetime
+    t_s: float
+    part: int | None
+    kind: str
+    name: str
+    body: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class StageReport:
+    """Wall time spent in a state of the cell, all visits together."""
+
+    state: str
+    visits: int
+    wall_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How the run ended.
+
+    Attributes
+    ----------
+    end : the state of rest; ``broke_off`` where it could not come to rest, ``cut_off`` where the
+        journal just stops
+    message : what happened; empty when all went well
+    code : stable short name of the trouble
+    where : where the part is, as a sentence
+    """
+
+    end: End
+    message: str
+    code: str
+    custody: Custody
+    where: str
+
+
+@dataclass(frozen=True, slots=True)
+class RunRecord:
+    """A run, folded from its journal.
+
+    Attributes
+    ----------
+    folder : the run's own folder, where its pictures are
+    recipe, cell : as they were read, whole
+    emulator : what the emulator said of itself, empty on a real cell
+    speed : cell seconds per wall second
+    ordered : how many parts were asked for
+    first_broken_row : number of the first journal row whose hash does not fit; None if all fit
+    """
+
+    run_id: str
+    folder: Path
+    recipe: Mapping[str, Any]
+    cell: Mapping[str, Any]
+    devices: tuple[DeviceReport, ...]
+    emulator: Mapping[str, Any]
+    software: Mapping[str, str]
+    speed: float
+    ordered: int
+    start: datetime
+    end: datetime
+    wall_s: float
+    outcome: Outcome
+    parts: tuple[PartReport, ...]
+    stages: tuple[StageReport, ...]
+    log: tuple[LogEntry, ...]
+    first_broken_row: int | None
+
+    @property
+    def recipe_name(self) -> str:
+        """Return how people call the recipe."""
+        return str(self.recipe.get("name", "unknown"))
+
+    @property
+    def cell_name(self) -> str:
+        """Return the cell's name."""
+        return str(self.cell.get("name", "unknown"))
+
+    @property
+    def emulated_devices(self) -> tuple[str, ...]:
+        """Return the names of the devices that were not real."""
+        return tuple(device.name for device in self.devices if device.is_emulated)

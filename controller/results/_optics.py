@@ -1,0 +1,46 @@
+"""How large a pixel is and where a place on the table stands in the picture, from the cell data."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from controller.config import Cell
+
+ARROW_MM = 25.0
+
+
+class Optics:
+    """The two calibrated cameras of a run.
+
+    Attributes
+    ----------
+    table_mm_per_px, station_mm_per_px : at the height of the table, and where the part is shown
+    """
+
+    def __init__(self, cell: Cell) -> None:
+        self._overhead = cell.cameras.overhead.build()
+        station = np.array(cell.station.position, dtype=float)
+        self.station_mm_per_px = cell.cameras.inspection.build().mm_per_px(station)
+        (x0, x1), (y0, y1) = cell.table.glowing_area.x, cell.table.glowing_area.y
+        middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, 0.0])
+        self.table_mm_per_px = self._overhead.mm_per_px(middle)
+
+    @classmethod
+    def of(cls, cell: Mapping[str, Any]) -> "Optics | None":
+        """Return the optics of a cell as journaled; None if this version cannot read it."""
+        try:
+            return cls(Cell.model_validate(cell))
+        except ValidationError:
+            return None
+
+    def arrow_px(self, x_mm: float, y_mm: float, theta_deg: float) -> tuple[float, ...]:
+        """Return x0, y0, x1, y1 in the overhead picture of an arrow on the table.
+
+        It begins at the sighting's place and points where the part's turned x axis points.
+        """
+        theta = np.radians(theta_deg)
+        tip = (x_mm + ARROW_MM * np.cos(theta), y_mm + ARROW_MM * np.sin(theta))
+        pixels = self._overhead.project(np.array([[x_mm, y_mm, 0.0], [*tip, 0.0]]))
+        return tuple(float(v) + 0.5 for v in pixels.ravel())
