@@ -18,8 +18,11 @@ from .errors import (
 
 Array = NDArray[np.float64]
 
-FORMATS = (".stl", ".obj", ".ply", ".3mf", ".off")
-MERGE_MM = 1e-4  # corners closer than this are one: STL repeats each corner per triangle
+FORMATS = (".stl", ".obj", ".ply", ".off")
+MERGE_DIGITS = 4  # corners within 1e-4 mm are one: STL repeats each corner per triangle
+SMALLEST_MM = 1.0  # below this no jaw holds it; a part in metres ends here too
+STL_HEADER_BYTES = 84  # 80 of text, then the count of triangles
+STL_TRIANGLE_BYTES = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,11 +52,11 @@ def load_solid(path: Path) -> Solid:
 
     Parameters
     ----------
-    path : STL, OBJ, PLY, 3MF or OFF, lengths in mm
+    path : STL, OBJ, PLY or OFF, lengths in mm
 
     Raises
     ------
-    UnreadableCadError : missing, unknown format, or damaged
+    UnreadableCadError : missing, unknown format, damaged, or not in millimetres
     EmptyCadError : no triangles
     OpenCadError : does not enclose a volume
     ManySolidsCadError : more than one body
@@ -68,14 +71,49 @@ def load_solid(path: Path) -> Solid:
         data = path.read_bytes()
     except OSError as error:
         raise UnreadableCadError(f"{path}: {error.strerror or error}; check the path") from error
+    if not data.strip():
+        raise EmptyCadError(f"{path}: the file is empty; export the part again")
+    if path.suffix.lower() == ".stl":
+        _check_stl(data, path)
+    elif path.suffix.lower() in {".obj", ".off"}:
+        _check_text(data, path)
     try:
-        mesh = trimesh.load(path, force="mesh", process=True)
+        # unprocessed: trimesh would drop triangles with broken coordinates without a word
+        with np.errstate(all="ignore"):
+            mesh = trimesh.load(path, force="mesh", process=False)
     except Exception as error:
         raise UnreadableCadError(
             f"{path}: cannot be read as {path.suffix[1:].upper()} "
             f"({type(error).__name__}: {error}); export it again"
         ) from error
     return make_solid(mesh, path.stem, hashlib.sha256(data).hexdigest(), where=str(path))
+
+
+def _check_stl(data: bytes, path: Path) -> None:
+    """Raise UnreadableCadError where an STL is cut short or none, which trimesh may not notice."""
+    promised = int.from_bytes(data[80:STL_HEADER_BYTES], "little")
+    if len(data) == STL_HEADER_BYTES + STL_TRIANGLE_BYTES * promised:
+        return  # first, since binary files too may begin with "solid"
+    if data.lstrip()[:5].lower() == b"solid":
+        _check_text(data, path)
+        if b"endsolid" not in data.lower():
+            raise UnreadableCadError(f"{path}: the text breaks off; copy or export it again")
+    elif b"\0" not in data or len(data) < STL_HEADER_BYTES:
+        raise UnreadableCadError(f"{path}: is no STL, whatever its name says; export it again")
+    else:
+        held = (len(data) - STL_HEADER_BYTES) / STL_TRIANGLE_BYTES
+        raise UnreadableCadError(
+            f"{path}: promises {promised} triangles and holds {held:.1f}; copy or export it again"
+        )
+
+
+def _check_text(data: bytes, path: Path) -> None:
+    try:
+        data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise UnreadableCadError(
+            f"{path}: byte {error.start} is no text (UTF-8); is it the right file? export it again"
+        ) from error
 
 
 def make_solid(mesh: trimesh.Trimesh, name: str, content_hash: str, where: str) -> Solid:
@@ -89,15 +127,27 @@ def make_solid(mesh: trimesh.Trimesh, name: str, content_hash: str, where: str) 
         raise EmptyCadError(f"{where}: holds no triangles; export the solid body, not a sketch")
     if not np.isfinite(mesh.vertices).all():
         raise UnreadableCadError(f"{where}: holds coordinates that are no numbers; export it again")
-    mesh.merge_vertices(digits_vertex=4)
+    size_mm = np.asarray(mesh.extents)
+    if size_mm.max() < SMALLEST_MM:
+        across = " x ".join(f"{edge:.4g}" for edge in size_mm)
+        raise UnreadableCadError(
+            f"{where}: is {across} mm; were these metres or inches? export it in millimetres"
+        )
+    mesh.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=MERGE_DIGITS)
     mesh.update_faces(mesh.nondegenerate_faces(height=1e-9))
+    mesh.remove_unreferenced_vertices()
     if not mesh.is_watertight:
         broken = len(mesh.faces) * 3 - 2 * len(mesh.face_adjacency)
         raise OpenCadError(
             f"{where}: the surface is not closed ({broken} open triangle sides); "
             "repair it in the CAD system and export it again"
         )
-    if not mesh.is_winding_consistent or mesh.volume <= 0:
+    if not mesh.is_winding_consistent:
+        raise OpenCadError(
+            f"{where}: some triangles face inwards, others outwards; "
+            "repair it in the CAD system and export it again"
+        )
+    if mesh.volume <= 0:
         raise OpenCadError(
             f"{where}: the surface is turned inside out (volume "
             f"{mesh.volume:.1f} mm3); flip its normals and export it again"
