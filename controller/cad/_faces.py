@@ -74,7 +74,7 @@ def find_faces(mesh: trimesh.Trimesh) -> tuple[tuple[Face, ...], NDArray[np.int3
     curved = ~is_plane[facet]
     joins = adjacency[smooth & curved[adjacency[:, 0]] & curved[adjacency[:, 1]]]
     flat = adjacency[angles < COPLANAR_RAD]
-    group = _components(count, np.vstack([joins, flat]))
+    group = _split_pairs(_components(count, np.vstack([joins, flat])), facet)
     order = np.argsort(-np.bincount(group, weights=mesh.area_faces), kind="stable")
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
@@ -83,6 +83,14 @@ def find_faces(mesh: trimesh.Trimesh) -> tuple[tuple[Face, ...], NDArray[np.int3
     runs = np.split(by_face, np.cumsum(np.bincount(face_of_triangle))[:-1])
     faces = tuple(_describe(i, mesh, run) for i, run in enumerate(runs))
     return faces, face_of_triangle
+
+
+def _split_pairs(group: NDArray[np.int32], facet: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Take groups of two facets apart (n,): a roof or a slope is two planes, never a curve."""
+    _, first = np.unique(facet, return_index=True)
+    strip_counts = np.bincount(group[first])
+    apart = np.where(strip_counts[group] == 2, group.max() + 1 + facet, group)
+    return np.asarray(np.unique(apart, return_inverse=True)[1], dtype=np.int32)
 
 
 def _describe(face_id: int, mesh: trimesh.Trimesh, triangles: NDArray[np.int64]) -> Face:

@@ -9,6 +9,8 @@ from ._solid import Solid
 
 Array = NDArray[np.float64]
 
+OFF_EDGE = 0.04  # least barycentric coordinate of a sample in its triangle
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SurfaceSamples:
@@ -46,10 +48,11 @@ def sample_surface(solid: Solid, spacing_mm: float = 4.0, per_face: int = 6) -> 
         # stratified along the cumulated area, so that no part of a surface is left bare
         marks = (np.arange(count) + rng.random(count)) / count * shares[-1]
         chosen = run[np.minimum(np.searchsorted(shares, marks), len(run) - 1)]
-        # kept off the edges, where a ray may slip between two triangles
-        a, b = 0.04 + 0.92 * rng.random((2, count))
+        a, b = rng.random((2, count))
         flip = a + b > 1
         a, b = np.where(flip, 1 - a, a), np.where(flip, 1 - b, b)
+        # kept off all three edges, where a ray may slip between two triangles
+        a, b = OFF_EDGE + (1 - 3 * OFF_EDGE) * a, OFF_EDGE + (1 - 3 * OFF_EDGE) * b
         c = corners[chosen]
         points.append(c[:, 0] + a[:, None] * (c[:, 1] - c[:, 0]) + b[:, None] * (c[:, 2] - c[:, 0]))
         normals.append(np.asarray(solid.mesh.face_normals)[chosen])
