@@ -52,12 +52,13 @@ class Camera:
 
     def project(self, p_world_mm: Array) -> Array:
         """Return the pixels (n, 2) of world points (n, 3), lens distortion included."""
-        T_cam_world = inverse_pose(self.T_world_cam)
-        rvec, _ = cv2.Rodrigues(T_cam_world[:3, :3])
+        # posed here: OpenCV's rotation vectors round turns of less than 1e-5 rad to 0 or pi,
+        # which is 0.03 px for a camera that looks almost straight down
+        p_cam_mm = transform(inverse_pose(self.T_world_cam), np.asarray(p_world_mm, np.float64))
         pixels, _ = cv2.projectPoints(
-            np.ascontiguousarray(p_world_mm, dtype=np.float64).reshape(-1, 1, 3),
-            rvec,
-            T_cam_world[:3, 3],
+            np.ascontiguousarray(p_cam_mm).reshape(-1, 1, 3),
+            np.zeros(3),
+            np.zeros(3),
             self.K,
             self.distortion,
         )
