@@ -45,9 +45,9 @@ class RayCaster:
         return triangle, np.where(triangle >= 0, distance, np.inf)
 
     def blocked(
-        self, origins_mm: Array, directions: Array, max_distance_mm: float | None = None
+        self, origins_mm: Array, directions: Array, max_distance_mm: float | Array | None = None
     ) -> NDArray[np.bool_]:
-        """Return which rays, (n, 3) each, meet anything before ``max_distance_mm``."""
+        """Return which rays, (n, 3) each, meet anything before ``max_distance_mm``, (n,) or one."""
         _, distance = self.first_hit(origins_mm, directions)
         limit = np.inf if max_distance_mm is None else max_distance_mm
         return np.isfinite(distance) & (distance < limit)

@@ -108,7 +108,8 @@ def predict_light(
         dark = caster.blocked(start_part[lit], unit @ T_world_part[:3, :3])
         total[lit] += np.where(dark, 0.0, cosine[lit] * (reference / distance[lit]) ** 2)
         if others is not None:
-            touched[lit] |= others.blocked(start[lit], unit)
+            # what stands behind the lamp takes none of its light
+            touched[lit] |= others.blocked(start[lit], unit, distance[lit])
     out[seen] = (total / len(lamp.points_mm)).astype(np.float32)
     shaded[seen] = touched
     return out, shaded
