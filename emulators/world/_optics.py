@@ -10,7 +10,7 @@ from ._poses import invert, transform
 
 Array32 = NDArray[np.float32]
 
-_UNDISTORT_STEPS: Final = 10  # each gains two digits at the lens' 1 % of distortion
+_UNDISTORT_STEPS: Final = 6  # each gains two digits at the lens' 1 % of distortion
 
 
 def distort(xy: Array, distortion: Array) -> Array:

@@ -102,6 +102,7 @@ class Eye:
         self.camera = scene.cameras[number]
         self.rays = RayTable(self.camera)
         self.lamps = Lamps(scene)
+        self._aims_mm = scene.aims_mm
         self._fixed = _without_own_box(scene, self.camera.T_world_cam[:3, 3])
         self._movers = {surface.name: _Mover(surface) for surface in scene.moving}
         self._shape = (self.camera.height_px, self.camera.width_px)
@@ -123,6 +124,14 @@ class Eye:
             flat[jumping] = self._fine(self._still, jumping, (lamp,))[lamp]
             self._layers[lamp] = layer
         return self._layers[lamp]
+
+    def warm_up(self) -> None:
+        """Make what the first picture would wait for: the layers of lamps that point into sight."""
+        pixels, depth = project(self.camera, self._aims_mm)
+        inside = (pixels >= 0.0).all(axis=1) & (pixels[:, 0] < self._shape[1])
+        inside &= (pixels[:, 1] < self._shape[0]) & (depth > 0.0)
+        for lamp in np.flatnonzero(inside):
+            self.layer(int(lamp))
 
     # --- pictures -------------------------------------------------------------------------------
 

@@ -62,13 +62,21 @@ class Studio:
         self._eyes: dict[int, Eye] = {}
         self._last: dict[int, tuple[bytes, Array32]] = {}
 
+    def warm_up(self) -> None:
+        """Make what the first pictures would wait for, seconds of work."""
+        for camera in range(len(self._scene.cameras)):
+            self._eye(camera).warm_up()
+
+    def _eye(self, camera: int) -> Eye:
+        if camera not in self._eyes:
+            self._eyes[camera] = Eye(self._scene, camera)
+        return self._eyes[camera]
+
     def radiance(
         self, camera: int, poses: Mapping[str, Array], levels: Mapping[int, float]
     ) -> Array32:
         """Return the blurred picture before noise and digits, (h, w); kept if nothing changes."""
-        if camera not in self._eyes:
-            self._eyes[camera] = Eye(self._scene, camera)
-        eye = self._eyes[camera]
+        eye = self._eye(camera)
         lit = {lamp: level for lamp, level in sorted(levels.items()) if level > 0.0}
         key = repr(lit).encode() + eye.depends_on(poses, list(lit))
         last = self._last.get(camera)
@@ -89,6 +97,7 @@ def _work(connection: Connection, memory_name: str, slot_bytes: int, scene: Scen
     memory = SharedMemory(memory_name)
     studio = Studio(scene)
     try:
+        studio.warm_up()
         connection.send(("ready", -1, (0, 0), ""))
         while True:
             order = connection.recv()
