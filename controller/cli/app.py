@@ -5,10 +5,10 @@ Exit codes: 0 done, 1 the cell or the part said no, 2 the command line or a file
 
 import sys
 from collections.abc import Sequence
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
-import click
 import typer
 
 from controller.cad import CadError
@@ -61,6 +61,28 @@ ControlOption = Annotated[
     typer.Option("--control", help="emulated cell: unix socket for injecting faults in tests"),
 ]
 VerboseOption = Annotated[bool, typer.Option("--verbose", "-v", help="log to stderr")]
+
+
+class Lighting(StrEnum):
+    """How a stored picture was lit."""
+
+    BACKLIT = "backlit"
+    FRONT = "front"
+
+
+class Form(StrEnum):
+    """What a report is written as."""
+
+    HTML = "html"
+    JSON = "json"
+
+
+class Lines(StrEnum):
+    """What the emulated Modbus lines are."""
+
+    TCP = "tcp"
+    RTU_PTY = "rtu-pty"
+    RTU_TCP = "rtu-tcp"
 
 
 def _emulator_args(pose: int | None, at: str | None, control: Path | None) -> tuple[str, ...]:
@@ -135,17 +157,14 @@ def recognise(
     parts: Annotated[list[Path], typer.Option("--parts", help="CAD files, or folders of them")],
     calibration: Annotated[Path, typer.Option("--calibration", help="camera calibration (JSON)")],
     lighting: Annotated[
-        str,
-        typer.Option(
-            "--lighting", help="backlit or front", click_type=click.Choice(["backlit", "front"])
-        ),
-    ] = "backlit",
+        Lighting, typer.Option("--lighting", help="how the table was lit")
+    ] = Lighting.BACKLIT,
     json: JsonOption = False,
 ) -> None:
     """Say what lies on the table in stored pictures: part, stable pose, place, or "unknown"."""
     from ._recognise import recognise_images
 
-    raise typer.Exit(recognise_images(images, parts, calibration, lighting, as_json=json))
+    raise typer.Exit(recognise_images(images, parts, calibration, lighting.value, as_json=json))
 
 
 @app.command(epilog="Example: cellctl plan recipes/parts/featuretype.stl --json")
@@ -178,7 +197,7 @@ def emulate(
     at: AtOption = None,
     control: ControlOption = None,
     lines: Annotated[
-        str | None, typer.Option("--lines", help="Modbus lines: tcp, rtu-pty or rtu-tcp")
+        Lines | None, typer.Option("--lines", help="what the Modbus lines are")
     ] = None,
     json: JsonOption = False,
 ) -> None:
@@ -187,7 +206,7 @@ def emulate(
 
     more = list(_emulator_args(pose, at, control))
     if lines is not None:
-        more += ["--lines", lines]
+        more += ["--lines", lines.value]
     raise typer.Exit(serve(cell, tuple(part or ()), speed, seed, tuple(more), as_json=json))
 
 
@@ -196,10 +215,7 @@ def report(
     run_name: Annotated[
         str | None, typer.Argument(metavar="[RUN]", help="run, the newest otherwise")
     ] = None,
-    form: Annotated[
-        str,
-        typer.Option("--format", help="html or json", click_type=click.Choice(["html", "json"])),
-    ] = "html",
+    form: Annotated[Form, typer.Option("--format", help="what to write")] = Form.HTML,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="file to write")] = None,
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
@@ -207,7 +223,7 @@ def report(
     """Write what a run found."""
     from ._report import write_report
 
-    raise typer.Exit(write_report(runs, run_name, "json" if json else form, output))
+    raise typer.Exit(write_report(runs, run_name, "json" if json else form.value, output))
 
 
 @app.command(epilog="Example: cellctl doctor --cell recipes/cells/emulated.yaml")
@@ -226,15 +242,9 @@ def doctor(
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line and return its exit code."""
     try:
-        code = app(args=list(argv) if argv is not None else None, standalone_mode=False)
-    except click.exceptions.NoArgsIsHelpError as error:
-        warn(error.format_message())
-        return 2
-    except click.ClickException as error:
-        error.show()
-        return 2
-    except click.exceptions.Exit as error:
-        return int(error.exit_code)
+        app(args=list(argv) if argv is not None else None)
+    except SystemExit as end:  # how the parser ends each command, and each wrong command line
+        return end.code if isinstance(end.code, int) else int(end.code is not None)
     except (ConfigError, CadError) as error:
         warn(f"cellctl: {error}")
         return 2
@@ -248,10 +258,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     ) as error:
         warn(f"cellctl: {error}")
         return 1
-    except (KeyboardInterrupt, click.Abort):
+    except KeyboardInterrupt:
         warn("cellctl: given up")
         return 1
-    return int(code or 0)
+    return 0
 
 
 if __name__ == "__main__":
