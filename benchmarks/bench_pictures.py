@@ -1,0 +1,132 @@
+"""How long pictures take: ray casting as built, against pybullet's own renderer.
+
+``python benchmarks/bench_pictures.py [--json]``: milliseconds of one core for 1280 x 1024 px.
+"""
+
+import argparse
+import json
+import math
+import os
+import sys
+import time
+from pathlib import Path
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[_name] = "1"
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))
+
+import cv2  # noqa: E402  (threads and path come first)
+import numpy as np  # noqa: E402
+import pybullet  # noqa: E402
+
+from emulators.world import build_scene, load_solid, read_layout  # noqa: E402
+from emulators.world._layout import Array  # noqa: E402
+from emulators.world._picture import Eye  # noqa: E402
+from emulators.world._poses import JointValues, forward, rotation_about  # noqa: E402
+from emulators.world._scene import Scene  # noqa: E402
+from emulators.world._sensor import Exposure, blurred, develop  # noqa: E402
+
+REPEATS = 5
+
+
+def poses_in_hand(scene: Scene, centre_mm: Array) -> dict[str, Array]:
+    """Return a cell whose arm shows a part at the station, approach level and away."""
+    layout = read_layout(ROOT / "recipes" / "cells" / "emulated.yaml")
+    arm, psi = layout.arm, math.radians(115.0)
+    tip = layout.station_mm - 15.0 * np.array((math.cos(psi), math.sin(psi), 0.0))
+    wrist = tip - arm.tool_mm * np.array((math.cos(psi), math.sin(psi), 0.0))
+    reach = float(np.hypot(*wrist[:2]))
+    elbow = 2.0 * math.acos(reach / (2.0 * arm.upper_mm))
+    phi = math.atan2(wrist[1], wrist[0])
+    joints = JointValues(
+        shoulder_rad=phi - elbow / 2.0,
+        elbow_rad=elbow,
+        yaw_rad=psi - phi,
+        zed_mm=float(tip[2]) - arm.wrist_height_mm,
+    )
+    poses = forward(arm, joints)
+    for sign in (1.0, -1.0):
+        T = poses["tip"].copy()
+        T[:3, 3] += sign * 32.0 * T[:3, 1]
+        poses["arm finger +" if sign > 0 else "arm finger -"] = T
+    T = poses["tip"].copy()
+    T[:3, :3] = T[:3, :3] @ rotation_about(np.array((0.0, 1.0, 0.0)), 0.5)
+    T[:3, 3] = layout.station_mm - T[:3, :3] @ centre_mm
+    return {**poses, "part 0": T}
+
+
+def cast_ms(eye: Eye, poses: dict[str, Array], lamps: list[int]) -> dict[str, float]:
+    """Return wall and CPU milliseconds of one picture, the best of some."""
+    levels = dict.fromkeys(lamps, 1.0)
+    eye.picture(poses, levels)
+    cpu, wall = [], []
+    for _ in range(REPEATS):
+        c, w = time.process_time(), time.perf_counter()
+        develop(blurred(eye.picture(poses, levels)), Exposure(0.010))
+        cpu.append(time.process_time() - c)
+        wall.append(time.perf_counter() - w)
+    return {"cpu_ms": 1e3 * min(cpu), "wall_ms": 1e3 * min(wall)}
+
+
+def tiny_renderer_ms(path: Path) -> dict[str, float]:
+    """Return what pybullet's software renderer takes for one part and a plane; hard edges."""
+    client = pybullet.connect(pybullet.DIRECT)
+    shape = pybullet.createVisualShape(
+        pybullet.GEOM_MESH, fileName=str(path), meshScale=[1e-3] * 3, physicsClientId=client
+    )
+    pybullet.createMultiBody(0.0, -1, shape, physicsClientId=client)
+    view = pybullet.computeViewMatrix([0.05, 0.03, 0.6], [0.05, 0.03, 0.0], [0, 1, 0])
+    lens = pybullet.computeProjectionMatrixFOV(20.0, 1280 / 1024, 0.1, 2.0)
+    cpu, wall = [], []
+    for _ in range(3):
+        c, w = time.process_time(), time.perf_counter()
+        pybullet.getCameraImage(
+            1280, 1024, view, lens, renderer=pybullet.ER_TINY_RENDERER, physicsClientId=client
+        )
+        cpu.append(time.process_time() - c)
+        wall.append(time.perf_counter() - w)
+    pybullet.disconnect(client)
+    return {"cpu_ms": 1e3 * min(cpu), "wall_ms": 1e3 * min(wall)}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.add_argument("--part", default="featuretype")
+    args = parser.parse_args()
+    cv2.setNumThreads(1)
+    path = ROOT / "recipes" / "parts" / f"{args.part}.stl"
+    solid = load_solid(path)
+    scene = build_scene(read_layout(ROOT / "recipes" / "cells" / "emulated.yaml"), [solid])
+    lamps = [lamp.name for lamp in scene.lamps]
+    begun = time.perf_counter()
+    eyes = [Eye(scene, number) for number in range(2)]
+    for eye in eyes:
+        eye.warm_up()
+    result = {"warm_up": {"cpu_ms": 0.0, "wall_ms": 1e3 * (time.perf_counter() - begun)}}
+    table = {"part 0": solid.lying(solid.rests[0], 360.0, 0.0, 0.4)}
+    hand = poses_in_hand(scene, solid.centre_mm)
+    for place, eye, poses in (("table", eyes[0], table), ("station", eyes[1], hand)):
+        for light in (("backlight",), ("ring",), ("side",), ("ring", "side")):
+            numbers = [lamps.index(f"{place}_{one}") for one in light]
+            result[f"{place} {'+'.join(light)}"] = cast_ms(eye, poses, numbers)
+    sharp = np.full((1024, 1280), 0.5, np.float32)
+    c, w = time.process_time(), time.perf_counter()
+    for _ in range(REPEATS):
+        develop(blurred(sharp), Exposure(0.010))
+    result["blur, noise, digits alone"] = {
+        "cpu_ms": 1e3 * (time.process_time() - c) / REPEATS,
+        "wall_ms": 1e3 * (time.perf_counter() - w) / REPEATS,
+    }
+    result["pybullet TinyRenderer"] = tiny_renderer_ms(path)
+    if args.json:
+        print(json.dumps(result))
+        return
+    print(f"{'1280 x 1024 px, ' + args.part:34}{'CPU ms':>9}{'wall ms':>9}")
+    for name, row in result.items():
+        print(f"{name:34}{row['cpu_ms']:9.0f}{row['wall_ms']:9.0f}")
+
+
+if __name__ == "__main__":
+    main()
