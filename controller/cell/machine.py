@@ -125,8 +125,9 @@ TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
     (Event.PLACED, (_stage("placing"),), "completing"),
     (Event.PART_DONE, ("completing",), _stage("acquiring")),
     (Event.BATCH_DONE, ("completing",), "complete"),
-    # the part, not the cell, is the trouble: stop where it is safe and ask a person
-    (Event.PART_PROBLEM, _IN_EXECUTE, "holding"),
+    # the part, not the cell, is the trouble: stop where it is safe and ask a person; homing finds
+    # a fixture that still holds something, and a part may slip out of it until the batch rests
+    (Event.PART_PROBLEM, ("resetting", "completing", *_IN_EXECUTE), "holding"),
     (Event.HOLD_DONE, ("holding",), "held"),
     (Event.STOP, _STOPPABLE, "stopping"),
     (Event.STOP_DONE, ("stopping",), "stopped"),
@@ -135,6 +136,8 @@ TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
     (Event.CLEAR, ("aborted",), "clearing"),
     (Event.CLEAR_DONE, ("clearing",), "stopped"),
 )
+
+_HANDLED: Final = frozenset((source, event) for event, sources, _ in TABLE for source in sources)
 
 # Pairs that are no mistake and change nothing
 IGNORED: Final[Mapping[tuple[str, Event], str]] = {
@@ -153,6 +156,7 @@ IGNORED: Final[Mapping[tuple[str, Event], str]] = {
             Event.PART_PROBLEM, Event.HOLD_DONE, Event.STOP_DONE, Event.ABORT_DONE,
             Event.CLEAR_DONE,
         )
+        if (s, e) not in _HANDLED
     },
 }  # fmt: skip
 
@@ -219,9 +223,6 @@ class CellMachine:
         if state not in STATES:
             raise ValueError(f"no state {state!r}")
         self._machine.set_state(state, self)
-
-
-_HANDLED: Final = frozenset((source, event) for event, sources, _ in TABLE for source in sources)
 
 
 def verdict_on(state: str, event: Event) -> tuple[Answer, str]:
