@@ -50,7 +50,9 @@ def write_html(record: RunRecord, path: Path) -> Path:
 def render(record: RunRecord, max_bytes: int = MAX_BYTES) -> str:
     """Return the page; pictures are made smaller until it is small enough."""
     count = sum(
-        len(part.table_pictures) + sum(len(view.pictures) for view in part.views)
+        len(part.table_pictures)
+        + len(part.findings)
+        + sum(len(view.pictures) for view in part.views)
         for part in record.parts
     )
     budget = min(PICTURE_BYTES, max_bytes)

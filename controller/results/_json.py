@@ -13,7 +13,7 @@ are cell seconds, `wall_s` is wall seconds. Unknown is null, never a made-up num
 | `devices[]` | `name`, `address`, `emulated`, `identity` (null if it never answered) |
 | `software` | versions by name |
 | `outcome` | `end` (complete, held, stopped, aborted, broke_off, cut_off), `message`, `code`, `custody`, `where` |
-| `verdict` | of the run: the worst of its parts; `no verdict` if one was not judged |
+| `verdict` | of the run: the worst of its parts; `no verdict` if one was not judged, `incomplete` if all passed that were begun and not all were |
 | `ordered`, `parts[]` | parts asked for; what became of those begun |
 | `parts[].verdict` | `pass`, `fail`, `indeterminate` or null; with `reasons`, `covered_fraction`, `tray`, `custody`, `in_doubt` (null, or what was begun and never confirmed) |
 | `parts[].faces[]` | `face`, `label`, `area_mm2`, `area_fraction` (they add up to 1), `seen_fraction`, `verdict`, `views`, `reason` |

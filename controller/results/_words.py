@@ -114,6 +114,8 @@ def headline(record: RunRecord) -> tuple[str, str]:
     missing = record.ordered - len(record.parts)
     unstarted = f"; {missing} not begun" if missing > 0 else ""
     worst = next((w for w in ("fail", "no verdict", "indeterminate") if w in words), words[0])
+    if worst == "pass" and missing > 0:
+        worst = "incomplete"  # nobody shall read "pass" over parts that were never looked at
     sentence = f"{count_of(len(words), 'part')} of {record.ordered} ordered: {tally}{unstarted}."
     return worst, sentence
 

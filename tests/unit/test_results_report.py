@@ -17,6 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from results_bench import PART_PX, RunWriter, bad_run, good_run, sighting, verdict, view
 
+from controller.inspection import Verdict
 from controller.results import load_run, report_json, write_html
 from controller.results._html import render
 from controller.results._ledger import rounded_to_whole
@@ -297,8 +298,6 @@ def test_a_run_without_a_part_still_gets_its_page(tmp_path: Path) -> None:
 
 
 def test_a_batch_is_summed_up_and_its_worst_verdict_leads(tmp_path: Path) -> None:
-    from controller.inspection import Verdict
-
     writer = RunWriter(tmp_path, count=3)
     writer.whole_part((view("G1-V0"), view("G1-V3")), verdict(), "accept")
     writer.whole_part(
@@ -309,6 +308,15 @@ def test_a_batch_is_summed_up_and_its_worst_verdict_leads(tmp_path: Path) -> Non
     assert "2 parts of 3 ordered: 1 pass, 1 fail; 1 not begun." in page.text
     assert report_json(load_run(tmp_path))["verdict"] == "fail"
     assert [row[0] for row in page.table("Part")[1:]] == ["1", "2"]
+
+
+def test_a_batch_that_was_not_finished_is_no_pass(tmp_path: Path) -> None:
+    writer = RunWriter(tmp_path, count=2)
+    writer.whole_part((view("G1-V0"), view("G1-V3")), verdict(), "accept")
+    writer.end("stopped", "stopped by the operator", "stop")
+    body = report_json(load_run(tmp_path))
+    assert body["verdict"] == "incomplete"
+    assert body["parts"][0]["verdict"] == "pass"
 
 
 def test_a_part_in_the_wrong_tray_is_told(tmp_path: Path) -> None:
