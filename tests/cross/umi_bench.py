@@ -14,10 +14,11 @@ from drivers.clock import CellClock
 from drivers.errors import DeviceError
 from drivers.umi_scara import ArmConfig, Axis, UmiScara, WireExchange
 from emulators.clock import WorldClock
-from emulators.modbus import Stepper
 from emulators.umi_scara import ArmModel, ArmServer, ArmWire
 from emulators.umi_scara import Axis as EmulatedAxis
 
+TICK_WALL_S = 0.002
+LONGEST_TICK_WALL_S = 0.01
 PATIENCE_WALL_S = 2.0  # of every time-out: no busy host looks like a silent arm
 EMULATED = {axis: EmulatedAxis[axis.name] for axis in Axis}
 
@@ -75,6 +76,16 @@ class ArmBench:
         return [x for x in self.trace if len(x.reply) == 1 and 0x05 <= x.reply[0] <= 0x0D]
 
 
+async def step(model: ArmModel, world: WorldClock) -> None:
+    """Let time pass for the arm; a pause of the host does not count, or nobody sees it move."""
+    then_s = world.now_s()
+    while True:
+        await asyncio.sleep(TICK_WALL_S)
+        now_s = world.now_s()
+        model.advance(min(now_s - then_s, LONGEST_TICK_WALL_S * world.speed))
+        then_s = now_s
+
+
 def open_fds() -> set[str]:
     """Return what this process has open, each with its number in the kernel."""
     fds = set()
@@ -98,9 +109,9 @@ async def arm_bench(
     clock, world = CellClock(speed, patience_wall_s), WorldClock(speed)
     model = ArmModel(seed)
     wire = ArmWire(model, strict=strict, listening=listening)
-    server, stepper = ArmServer(wire, world), Stepper(world, [model])
+    server = ArmServer(wire, world)
     await server.start()
-    await stepper.start()
+    stepping = asyncio.create_task(step(model, world))
     benches: list[ArmBench] = []
     arm = UmiScara(str(server.path), config=config, clock=clock, trace=lambda x: benches[0].hear(x))
     benches.append(ArmBench(arm, model, wire, server, clock, world))
@@ -109,5 +120,6 @@ async def arm_bench(
     finally:
         with suppress(DeviceError):  # a test may have broken the arm for good
             await arm.aclose()
-        await stepper.aclose()
+        stepping.cancel()
+        await asyncio.gather(stepping, return_exceptions=True)
         await server.aclose()
