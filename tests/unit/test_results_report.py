@@ -134,7 +134,7 @@ def test_the_coverage_column_adds_up_to_one_hundred_percent(tmp_path: Path) -> N
     assert total[share] == "100.00"
     assert total[header.index("Area [mm²]")] == "3000.0"
     # one face of three is seen to 91 %: (100 + 91 + 100) / 3
-    assert total[header.index("Seen [%]")] == "97.0"
+    assert total[header.index("Seen [%]")] == "97.00"
     assert [row[:1] for row in rows] == [["F0 plane"], ["F1 bore 8.0 mm"], ["F2 plane"]]
     _, (reason, unseen) = page.table("Not seen, because")
     assert (reason, unseen) == ("in the jaws' shadow", "3.00")
