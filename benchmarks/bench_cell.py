@@ -1,0 +1,245 @@
+"""The whole cell, many times: random places and stable poses, and seeded defects.
+
+Every run is a `cellctl run` of its own on a fresh emulated cell. What became of the part is asked
+of the emulated world itself over its control port, which the run does not know: a part that the
+controller thinks it placed and that lies elsewhere counts as dropped silently.
+
+    python benchmarks/bench_cell.py                       three recipes, ten places each
+    python benchmarks/bench_cell.py --recipes holder --places 3
+    python benchmarks/bench_cell.py --defects             seeded defects of featuretype
+    python benchmarks/bench_cell.py --json                one JSON object at the end
+"""
+
+import argparse
+import json
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from controller.cad import load_solid
+
+ROOT = Path(__file__).parents[1]
+RECIPES = ("featuretype", "flange_xy", "idler_riser")
+RUN_LIMIT_S = 300.0
+
+
+@dataclass
+class Trial:
+    """One run and the truth about it."""
+
+    recipe: str
+    what: str
+    seed: int
+    exit_code: int
+    wall_s: float
+    end: str = ""
+    code: str = ""
+    message: str = ""
+    verdict: str | None = None
+    tray: str | None = None
+    true_tray: str | None = None
+    covered: float | None = None
+    views: int = 0
+    pose: int | None = None
+    collisions: int = 0
+    run: str = ""
+
+    @property
+    def done(self) -> bool:
+        return self.end == "complete" and self.verdict in ("pass", "fail")
+
+    @property
+    def dropped_silently(self) -> bool:
+        return self.tray is not None and self.true_tray != self.tray
+
+
+class Witness(threading.Thread):
+    """Asks the emulated world where the part is, while a run lasts; keeps the last answer."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(daemon=True)
+        self._path = path
+        self.over = threading.Event()
+        self.last: dict[str, Any] = {}
+
+    def run(self) -> None:
+        while not self.over.wait(0.3):
+            if not self._path.exists():
+                continue
+            try:
+                with socket.socket(socket.AF_UNIX) as line:
+                    line.settimeout(5)
+                    line.connect(str(self._path))
+                    with line.makefile("rwb") as file:
+                        while not self.over.wait(0.3):
+                            file.write(b'{"do": "truth"}\n')
+                            file.flush()
+                            answer = file.readline()
+                            if not answer:
+                                break
+                            self.last = json.loads(answer)
+            except (OSError, ValueError):
+                continue
+
+
+def one_run(recipe: str, seed: int, speed: float, lay: Path | None, what: str, runs: Path) -> Trial:
+    """Run once; never raises for what the cell does."""
+    with tempfile.TemporaryDirectory(prefix="cellbench") as scratch:
+        control = Path(scratch) / "control.sock"
+        witness = Witness(control)
+        witness.start()
+        command = [
+            str(Path(sys.executable).with_name("cellctl")), "run", f"recipes/{recipe}.yaml",
+            "--speed", f"{speed:g}", "--seed", str(seed), "--json",
+            "--runs", str(runs), "--control", str(control),
+        ]  # fmt: skip
+        if lay is not None:
+            command += ["--lay", str(lay)]
+        started = time.monotonic()
+        try:
+            done = subprocess.run(
+                command, cwd=ROOT, capture_output=True, text=True, timeout=RUN_LIMIT_S, check=False
+            )
+            code, out, err = done.returncode, done.stdout, done.stderr
+        except subprocess.TimeoutExpired:
+            code, out, err = -1, "", f"not done after {RUN_LIMIT_S:.0f} s"
+        wall_s = time.monotonic() - started
+        witness.over.set()
+        witness.join()
+    trial = Trial(recipe, what, seed, code, round(wall_s, 1))
+    results = [json.loads(line) for line in out.splitlines() if line.startswith("{")]
+    result = next((r for r in results if r.get("event") == "result"), None)
+    if result is None:
+        trial.end, trial.message = "no result", err.strip()[-300:]
+        return trial
+    trial.end, trial.code, trial.message = result["end"], result["code"], result["message"]
+    trial.run = result["run"]
+    if result["parts"]:
+        part = result["parts"][-1]
+        trial.verdict, trial.tray = part["verdict"], part["tray"]
+        trial.covered, trial.views = part["covered_fraction"], part["views"]
+        if part["sighting"]:
+            trial.pose = part["sighting"]["pose_index"]
+        if trial.verdict not in ("pass", None) and not trial.message:
+            trial.message = "; ".join(part["reasons"][:3])
+    truth = witness.last.get("parts") or []
+    if truth:
+        trial.true_tray = truth[0]["tray"]
+    trial.collisions = len(witness.last.get("collisions") or [])
+    return trial
+
+
+def make_defects(folder: Path) -> list[tuple[str, Path]]:
+    """Write three spoilt featuretypes: a filled hole, a missing block, a cut-off corner of 5 mm."""
+    whole = trimesh.load(ROOT / "recipes/parts/featuretype.stl")
+    plug = trimesh.creation.cylinder(radius=5.2, height=63.0, sections=64)
+    turn = trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0])
+    plug.apply_transform(turn)
+    plug.apply_translation(_bore_middle())
+    filled = trimesh.boolean.union([whole, plug])
+    cutter = trimesh.creation.box(extents=[70.0, 40.0, 20.0])
+    cutter.apply_translation([0.0, 0.0, 25.4 + 10.0])
+    blockless = trimesh.boolean.difference([whole, cutter])
+    # the corner's tip, 5 mm along each of its three edges
+    corner = np.array([whole.bounds[0][0], whole.bounds[0][1], whole.bounds[0][2]])
+    inward = np.ones(3) / np.sqrt(3.0)
+    block = trimesh.creation.box(extents=[40.0, 40.0, 40.0])
+    block.apply_transform(trimesh.geometry.align_vectors([0.0, 0.0, 1.0], inward))
+    block.apply_translation(corner + inward * (5.0 / np.sqrt(3.0) - 20.0))
+    cut = trimesh.boolean.difference([whole, block])
+    made = []
+    for name, mesh in (("filled hole", filled), ("missing block", blockless), ("cut corner", cut)):
+        path = folder / f"featuretype_{name.replace(' ', '_')}.stl"
+        assert mesh.is_watertight, name
+        assert abs(mesh.volume - whole.volume) > 15.0, name
+        mesh.export(path)
+        made.append((name, path))
+    return made
+
+
+def _bore_middle() -> list[float]:
+    """Return the middle of the 9.9 mm bore through the long sides."""
+    solid = load_solid(ROOT / "recipes/parts/featuretype.stl")
+    bore = next(
+        f for f in solid.faces if f.kind == "cylinder" and f.concave and abs(f.normal[1]) > 0.99
+    )
+    return [float(bore.centre_mm[0]), 0.0, float(bore.centre_mm[2])]
+
+
+def table(trials: list[Trial]) -> str:
+    lines = [
+        f"{'recipe':12} {'what':14} {'seed':>4} {'pose':>4} {'end':9} {'verdict':13} {'tray':10} "
+        f"{'truth':10} {'seen':>6} {'views':>5} {'wall s':>7}  message"
+    ]
+    for t in trials:
+        seen = "" if t.covered is None else f"{100 * t.covered:.1f}%"
+        lines.append(
+            f"{t.recipe:12} {t.what:14} {t.seed:>4} {t.pose if t.pose is not None else '':>4} "
+            f"{t.end:9} {t.verdict or '':13} {t.tray or '':10} {t.true_tray or '':10} {seen:>6} "
+            f"{t.views:>5} {t.wall_s:>7.1f}  {t.message[:110]}"
+        )
+    return "\n".join(lines)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--recipes", nargs="+", default=list(RECIPES))
+    parser.add_argument("--places", type=int, default=10)
+    parser.add_argument("--first-seed", type=int, default=100)
+    parser.add_argument("--speed", type=float, default=10.0)
+    parser.add_argument("--defects", action="store_true")
+    parser.add_argument("--runs", type=Path, default=None)
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args()
+    trials: list[Trial] = []
+    with tempfile.TemporaryDirectory(prefix="cellbench") as scratch:
+        runs = args.runs or Path(scratch) / "runs"
+        if args.defects:
+            jobs = [
+                ("featuretype", args.first_seed + i, path, name)
+                for i, (name, path) in enumerate(make_defects(Path(scratch)))
+            ]
+        else:
+            jobs = [
+                (recipe, args.first_seed + i, None, "perfect")
+                for recipe in args.recipes
+                for i in range(args.places)
+            ]
+        for recipe, seed, lay, what in jobs:
+            trial = one_run(recipe, seed, args.speed, lay, what, runs)
+            trials.append(trial)
+            if not args.json:
+                print(table([trial]).splitlines()[1], flush=True)
+    wanted = "fail" if args.defects else "pass"
+    summary = {
+        "trials": len(trials),
+        "done": sum(t.done for t in trials),
+        "right_verdict": sum(t.verdict == wanted for t in trials),
+        "wrong_verdict": sum(t.done and t.verdict != wanted for t in trials),
+        "dropped_silently": sum(t.dropped_silently for t in trials),
+        "wall_s_median": sorted(t.wall_s for t in trials)[len(trials) // 2],
+        "wall_s_max": max(t.wall_s for t in trials),
+        "speed": args.speed,
+        "cores": os.cpu_count(),
+    }
+    if args.json:
+        print(json.dumps(summary | {"rows": [asdict(t) for t in trials]}))
+    else:
+        print()
+        print(table(trials))
+        print("  ".join(f"{k} {v}" for k, v in summary.items()))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
