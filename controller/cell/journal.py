@@ -38,6 +38,10 @@ CREATE TRIGGER IF NOT EXISTS journal_keeps_rows BEFORE UPDATE ON journal
 BEGIN SELECT RAISE(ABORT, 'the journal is append-only'); END;
 CREATE TRIGGER IF NOT EXISTS journal_loses_none BEFORE DELETE ON journal
 BEGIN SELECT RAISE(ABORT, 'the journal is append-only'); END;
+-- REPLACE takes rows away without asking the trigger on DELETE
+CREATE TRIGGER IF NOT EXISTS journal_only_grows BEFORE INSERT ON journal
+WHEN NEW.seq <= (SELECT coalesce(max(seq), 0) FROM journal)
+BEGIN SELECT RAISE(ABORT, 'the journal is append-only'); END;
 """
 GENESIS = "0" * 64
 
@@ -99,31 +103,40 @@ class Journal:
         self, kind: Kind, name: str, body: Mapping[str, Any], part: int | None, *, full: bool
     ) -> int:
         text = json.dumps(body, separators=(",", ":"), ensure_ascii=False)
-        t_utc = datetime.now(UTC).isoformat(timespec="microseconds")
-        t_mono = time.monotonic()
+        # file names may hold bytes that are no text; the row matters more than their spelling
+        text = text.encode("utf-8", "backslashreplace").decode("utf-8")
         with self._lock:
             try:
                 if full:
                     self._db.execute("PRAGMA synchronous = FULL")
-                # IMMEDIATE: number and chain are read under the same lock they are written under,
-                # since another run may share the cell's journal
+                # IMMEDIATE: number, time and chain are read under the same lock they are written
+                # under, since another run may share the cell's journal
                 self._db.execute("BEGIN IMMEDIATE")
-                last = self._db.execute(
-                    "SELECT seq, hash FROM journal ORDER BY seq DESC LIMIT 1"
-                ).fetchone()
-                seq, prev = (last[0] + 1, last[1]) if last else (1, GENESIS)
-                digest = _digest(prev, seq, t_utc, t_mono, self.run, part, kind, name, text)
-                self._db.execute(
-                    "INSERT INTO journal VALUES (?,?,?,?,?,?,?,?,?,?)",
-                    (seq, t_utc, t_mono, self.run, part, kind, name, text, prev, digest),
-                )
-                self._db.execute("COMMIT")
+                try:
+                    seq = self._append(kind, name, text, part)
+                    self._db.execute("COMMIT")
+                except BaseException:
+                    if self._db.in_transaction:
+                        self._db.execute("ROLLBACK")
+                    raise
                 if full:
                     self._db.execute("PRAGMA synchronous = NORMAL")
             except sqlite3.Error as error:
-                if self._db.in_transaction:
-                    self._db.execute("ROLLBACK")
                 raise JournalError(f"journal {self.path}: {error}") from error
+        return seq
+
+    def _append(self, kind: Kind, name: str, text: str, part: int | None) -> int:
+        t_utc = datetime.now(UTC).isoformat(timespec="microseconds")
+        t_mono = time.monotonic()
+        last = self._db.execute(
+            "SELECT seq, hash FROM journal ORDER BY seq DESC LIMIT 1"
+        ).fetchone()
+        seq, prev = (last[0] + 1, last[1]) if last else (1, GENESIS)
+        digest = _digest(prev, seq, t_utc, t_mono, self.run, part, kind, name, text)
+        self._db.execute(
+            "INSERT INTO journal VALUES (?,?,?,?,?,?,?,?,?,?)",
+            (seq, t_utc, t_mono, self.run, part, kind, name, text, prev, digest),
+        )
         return int(seq)
 
     def close(self) -> None:
@@ -139,9 +152,7 @@ def read_rows(path: Path, run: str | None = None) -> Iterator[Row]:
     ------
     JournalError : no journal there
     """
-    if not path.is_file():
-        raise JournalError(f"no journal at {path}")
-    db = sqlite3.connect(f"file:{path}?mode=ro", uri=True)
+    db = _open_to_read(path)
     try:
         query = "SELECT seq, t_utc, t_mono, run, part, kind, name, body FROM journal"
         rows = (
@@ -151,15 +162,24 @@ def read_rows(path: Path, run: str | None = None) -> Iterator[Row]:
         )
         for seq, t_utc, t_mono, run_id, part, kind, name, body in rows:
             yield Row(seq, t_utc, t_mono, run_id, part, kind, name, json.loads(body))
-    except sqlite3.Error as error:
-        raise JournalError(f"journal {path}: {error}") from error
+    except (sqlite3.Error, ValueError) as error:  # no database, or a body that is no JSON
+        raise JournalError(f"journal {path}: {error}; it is damaged or no journal") from error
     finally:
         db.close()
 
 
 def first_broken_row(path: Path) -> int | None:
-    """Return the number of the first row whose hash does not fit, None if the chain is whole."""
-    db = sqlite3.connect(f"file:{path}?mode=ro", uri=True)
+    """Return the number of the first row whose hash does not fit, None if the chain is whole.
+
+    Rows taken off the end leave a whole chain: only a copy of its last hash kept elsewhere tells.
+
+    Raises
+    ------
+    JournalError : no journal there
+    """
+    db = _open_to_read(path)
+    # a byte that is no text any more is a changed row like any other
+    db.text_factory = lambda raw: raw.decode("utf-8", "replace")
     try:
         prev = GENESIS
         for row in db.execute("SELECT * FROM journal ORDER BY seq"):
@@ -167,6 +187,15 @@ def first_broken_row(path: Path) -> int | None:
             if prev_hash != prev or _digest(prev, *fields) != digest:
                 return int(fields[0])
             prev = digest
+    except sqlite3.Error as error:
+        raise JournalError(f"journal {path}: {error}; it is damaged or no journal") from error
     finally:
         db.close()
     return None
+
+
+def _open_to_read(path: Path) -> sqlite3.Connection:
+    if not path.is_file():
+        raise JournalError(f"no journal at {path}")
+    # as a URI, since a folder's name may hold # ? or %
+    return sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
