@@ -55,6 +55,7 @@ Result = TypeVar("Result")
 GRIP_TRIES = 3
 LOOK_TIMEOUT_S = 30.0  # a camera that stalls is a fault, a slow one is not
 SETTLE_S = 0.3  # a long arm rings after it stops
+NOTHING_MM = 3.0  # jaws this near to each other hold nothing
 LOST_MM = 1.5  # jaws that close by more than this while carrying have lost the part
 REQUIRED_SIGNALS = {
     "estop_ok": "the emergency stop is pressed, or its chain is open; release and reset it",
@@ -406,17 +407,18 @@ class Actions:
         await self._move(step.motion_down)
         width = await self._close(step.expected_opening_mm, "grip")
         if width < step.expected_opening_mm - self._recipe.grip.width_tolerance_mm:
-            await arm.move_gripper_mm(step.pre_open_mm)
-            await self._move(step.motion_up)
-            await self._move((self._layout.park_q,))
             self.part.grip_tries += 1
-            found = "on nothing" if width < 3.0 else f"to {width:.1f} mm"
+            found = "on nothing" if width < NOTHING_MM else f"to {width:.1f} mm"
             message = (
                 f"the jaws closed {found}, {step.expected_opening_mm:.1f} mm was expected "
                 f"(try {self.part.grip_tries} of {GRIP_TRIES})"
             )
             self._journal.record("outcome", "grip_missed", {"message": message}, self.part.number)
+            await arm.move_gripper_mm(step.pre_open_mm)
             await self._custody(Custody.ON_TABLE)
+            await self._move(step.motion_up)
+            # back the way it came: that way is known to be free
+            await self._move((*reversed(step.motion_in[:-1]), self._layout.park_q))
             if self.part.grip_tries >= GRIP_TRIES:
                 raise GripMissedError("grip_missed", message + "; check the fingers and the part")
             return Event.GRIP_MISSED
