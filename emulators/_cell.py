@@ -229,6 +229,8 @@ class Cell:
             formats=formats,
             rates_hz=tuple(sorted({rate_hz, 5, 2, 1}, reverse=True)),
             default_rate_hz=rate_hz,
+            # a second picture in the making would only keep the one that is wanted waiting
+            in_flight_max=1,
         )
 
     async def run_cameras(self) -> None:

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ._edges import BLOCK_PX, Edges, any_in_blocks, fine_blocks, spread
 from ._layout import Array
 from ._light import Lamps
 from ._optics import Array32, RayTable, project
@@ -25,9 +26,11 @@ Index = NDArray[np.intp]
 Outline = NDArray[np.int32]
 
 JUMP: Final = 0.012  # of radiance between neighbours: 2.5 grey at unit level
-SAMPLE_COUNT: Final = 60
+SAMPLE_COUNT: Final = 48
+_PIXEL_CORNERS: Final = np.array(((-1, -1), (-1, 1), (1, -1), (1, 1)), np.float32) / 2.0
 _CHUNK: Final = 60_000  # rays at a time: what they need stays in the processor's cache
 _MARGIN_PX: Final = 4  # the lens bends the edges of what spans the picture by less
+_CORNERS: Final = ((0, 0), (0, 1), (1, 0), (1, 1))  # of a block: down, right
 _FAR_PX: Final = 20_000  # where coordinates are cut off, for OpenCV's sake
 _LIFT_MM: Final = 0.05  # shadow rays start off the surface by this much
 _NEAR_MM: Final = 20.0
@@ -52,6 +55,7 @@ class _Mover:
 
     def __init__(self, surface: Surface) -> None:
         self.surface = surface
+        self.edges = Edges(surface)
         low, high = surface.vertices_mm.min(axis=0), surface.vertices_mm.max(axis=0)
         self._bound = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
         self.T_world = np.eye(4)
@@ -109,6 +113,7 @@ class Eye:
         self._still = _Assembly(self._fixed, ())
         self._layers: dict[int, Array32] = {}
         self._offsets = sample_offsets()
+        self._spread = spread()
         self._origins = np.tile(self.rays.origin_mm, (_CHUNK, 1))
 
     def layer(self, lamp: int) -> Array32:
@@ -158,7 +163,7 @@ class Eye:
             return picture
         in_play = self._in_play(movers, lit)
         assembly = _Assembly(self._fixed, in_play)
-        layers = self._cast(assembly, touched, shaded, lit)
+        layers = self._cast(assembly, in_play, touched, shaded, lit)
         changed = np.flatnonzero(touched | shaded)
         total = np.zeros(len(changed), np.float32)
         for lamp in lit:
@@ -252,34 +257,27 @@ class Eye:
     def _cast(
         self,
         assembly: _Assembly,
+        in_play: Sequence[_Mover],
         touched: NDArray[np.uint8],
         shaded: NDArray[np.uint8],
         lit: Sequence[int],
     ) -> dict[int, Array32]:
         """Return the layers of lit lamps with all that moves in them, (h, w) each."""
-        spots = [lamp for lamp in lit if self.lamps.casts_shadows(lamp)]
         layers = {lamp: self.layer(lamp).copy() for lamp in lit}
         fresh = {lamp: np.zeros(self._shape, bool) for lamp in lit}
-        pixels = np.flatnonzero(touched | shaded if spots else touched)
-        for part in _chunks(len(pixels), _CHUNK):
-            some = pixels[part]
-            directions = self.rays.directions[some]
-            hits = self._meet(assembly, directions)
-            moves = np.flatnonzero(hits.triangle >= assembly.fixed_count)
-            on_mover = _Hits(hits.triangle[moves], hits.far[moves], hits.u[moves], hits.v[moves])
+        has_shadows = any(self.lamps.casts_shadows(lamp) for lamp in lit)
+        wanted = (touched | shaded if has_shadows else touched).astype(bool)
+        crossed = fine_blocks(self._edges(in_play))
+        smooth = np.argwhere(any_in_blocks(wanted) & ~crossed)
+        rough = self._fill_blocks(assembly, smooth, layers, fresh)
+        crossed[smooth[rough, 0], smooth[rough, 1]] = True
+        closely = np.repeat(np.repeat(crossed, BLOCK_PX, axis=0), BLOCK_PX, axis=1) & wanted
+        for part in _chunks(int(closely.sum()), _CHUNK):
+            some = np.flatnonzero(closely)[part]
+            light, is_new = self._sample(assembly, some, lit, layers)
             for lamp in lit:
-                light = self._shade(assembly, lamp, on_mover, directions[moves])
-                layers[lamp].reshape(-1)[some[moves]] = light
-                fresh[lamp].reshape(-1)[some[moves]] = True
-            still = (hits.triangle >= 0) & (hits.triangle < assembly.fixed_count)
-            for lamp in spots:
-                flat = layers[lamp].reshape(-1)
-                bright = np.flatnonzero(still & (flat[some] > 0.0))
-                points = self.rays.origin_mm + directions[bright] * hits.far[bright, None]
-                normals = assembly.normals[hits.triangle[bright], 0]
-                dark = some[bright[self._is_dark(assembly, lamp, points, normals)]]
-                flat[dark] = 0.0
-                fresh[lamp].reshape(-1)[dark] = True
+                layers[lamp].reshape(-1)[some[is_new[lamp]]] = light[lamp][is_new[lamp]]
+                fresh[lamp].reshape(-1)[some[is_new[lamp]]] = True
         jumps = np.zeros(self._shape, bool)
         for lamp in lit:
             jumps |= _jumps(layers[lamp], fresh[lamp])
@@ -288,17 +286,121 @@ class Eye:
             layers[lamp].reshape(-1)[jumping] = values
         return layers
 
+    def _edges(self, in_play: Sequence[_Mover]) -> NDArray[np.uint8]:
+        """Return where edges of moving things may be seen, (h, w)."""
+        mask = np.zeros(self._shape, np.uint8)
+        for mover in in_play:
+            outline = self._outline(mover.corners_mm)
+            if outline is not None and not mover.edges.draw(mask, self.camera, mover.T_world):
+                _fill(mask, outline)
+        return mask
+
+    def _fill_blocks(
+        self,
+        assembly: _Assembly,
+        blocks: Index,
+        layers: dict[int, Array32],
+        fresh: dict[int, NDArray[np.bool_]],
+    ) -> NDArray[np.bool_]:
+        """Fill blocks that no edge crosses from the light at their corners.
+
+        Returns
+        -------
+        (n,) bool: blocks that are not smooth after all, a shadow's border for instance
+        """
+        height, width = self._shape
+        corners = np.zeros((height // BLOCK_PX, width // BLOCK_PX), bool)
+        for down, right in _CORNERS:
+            corners[blocks[:, 0] + down, blocks[:, 1] + right] = True
+        nodes = np.argwhere(corners)
+        place = np.zeros(corners.shape, np.intp)
+        place[nodes[:, 0], nodes[:, 1]] = np.arange(len(nodes))
+        pixels = (nodes[:, 0] * width + nodes[:, 1]) * BLOCK_PX
+        lit = list(layers)
+        light = {lamp: np.zeros(len(pixels), np.float32) for lamp in lit}
+        is_new = {lamp: np.zeros(len(pixels), bool) for lamp in lit}
+        for part in _chunks(len(pixels), _CHUNK):
+            some_light, some_new = self._sample(assembly, pixels[part], lit, layers)
+            for lamp in lit:
+                light[lamp][part], is_new[lamp][part] = some_light[lamp], some_new[lamp]
+        at = np.stack([place[blocks[:, 0] + d, blocks[:, 1] + r] for d, r in _CORNERS], axis=1)
+        rough = np.zeros(len(blocks), bool)
+        for lamp in lit:
+            values, news = light[lamp][at], is_new[lamp][at]
+            rough |= news.any(axis=1) != news.all(axis=1)
+            rough |= news.all(axis=1) & (np.ptp(values, axis=1) > JUMP)
+        if any(self.lamps.casts_shadows(lamp) for lamp in lit):
+            rough = _with_neighbours(rough, blocks, corners.shape)
+        for lamp in lit:
+            good = is_new[lamp][at].all(axis=1) & ~rough
+            rows, columns = blocks[good, 0], blocks[good, 1]
+            values = (light[lamp][at[good]] @ self._spread).reshape(-1, BLOCK_PX, BLOCK_PX)
+            folded = (height // BLOCK_PX, BLOCK_PX, width // BLOCK_PX, BLOCK_PX)
+            layers[lamp].reshape(folded)[rows, :, columns] = values
+            fresh[lamp].reshape(folded)[rows, :, columns] = True
+        return rough
+
+    def _sample(
+        self,
+        assembly: _Assembly,
+        pixels: Index,
+        lit: Sequence[int],
+        layers: Mapping[int, Array32],
+    ) -> tuple[dict[int, Array32], dict[int, NDArray[np.bool_]]]:
+        """Return the light in the middle of pixels, per lamp, and where it is not the layer's.
+
+        Where something fixed is seen as before, the layer's value, finely sampled, stays.
+        """
+        directions = self.rays.directions[pixels]
+        hits = self._meet(assembly, directions)
+        moves = np.flatnonzero(hits.triangle >= assembly.fixed_count)
+        on_mover = _Hits(hits.triangle[moves], hits.far[moves], hits.u[moves], hits.v[moves])
+        still = (hits.triangle >= 0) & (hits.triangle < assembly.fixed_count)
+        light: dict[int, Array32] = {}
+        is_new: dict[int, NDArray[np.bool_]] = {}
+        for lamp in lit:
+            light[lamp] = layers[lamp].reshape(-1)[pixels]
+            is_new[lamp] = np.zeros(len(pixels), bool)
+            if self.lamps.casts_shadows(lamp):
+                bright = np.flatnonzero(still & (light[lamp] > 0.0))
+                points = self.rays.origin_mm + directions[bright] * hits.far[bright, None]
+                normals = assembly.normals[hits.triangle[bright], 0]
+                dark = bright[self._is_dark(assembly, lamp, points, normals)]
+                light[lamp][dark], is_new[lamp][dark] = 0.0, True
+            light[lamp][moves] = self._shade(assembly, lamp, on_mover, directions[moves])
+            is_new[lamp][moves] = True
+        return light, is_new
+
     def _fine(self, assembly: _Assembly, pixels: Index, lit: Sequence[int]) -> dict[int, Array32]:
-        """Return the mean radiance over pixels, per lamp, by many rays in each."""
-        count = len(self._offsets)
-        values = {lamp: np.zeros(len(pixels), np.float32) for lamp in lit}
+        """Return the mean radiance over pixels, per lamp, by many rays where light jumps within.
+
+        A straight edge crosses a pixel if and only if its corners see different things.
+        """
+        corners = self._means(assembly, pixels, lit, _PIXEL_CORNERS)
+        values = {lamp: mean for lamp, (mean, _) in corners.items()}
+        crossed = np.zeros(len(pixels), bool)
+        for _, spans in corners.values():
+            crossed |= spans > JUMP / 2.0
+        at = np.flatnonzero(crossed)
+        for lamp, (mean, _) in self._means(assembly, pixels[at], lit, self._offsets).items():
+            values[lamp][at] = mean
+        return values
+
+    def _means(
+        self, assembly: _Assembly, pixels: Index, lit: Sequence[int], offsets: Array32
+    ) -> dict[int, tuple[Array32, Array32]]:
+        """Return mean and span of the radiance at some points of each pixel, per lamp."""
+        count = len(offsets)
+        means = {lamp: np.zeros(len(pixels), np.float32) for lamp in lit}
+        spans = {lamp: np.zeros(len(pixels), np.float32) for lamp in lit}
         for part in _chunks(len(pixels), _CHUNK // count):
-            directions = self.rays.fractions(pixels[part], self._offsets)
+            directions = self.rays.fractions(pixels[part], offsets)
             hits = self._meet(assembly, directions)
             for lamp in lit:
-                light = self._shade(assembly, lamp, hits, directions)
-                values[lamp][part] = light.reshape(-1, count).mean(axis=1)
-        return values
+                light = self._shade(assembly, lamp, hits, directions).reshape(-1, count)
+                means[lamp][part] = light.mean(axis=1)
+                spans[lamp][part] = np.ptp(light, axis=1)
+        return {lamp: (means[lamp], spans[lamp]) for lamp in lit}
 
     def _meet(self, assembly: _Assembly, directions: Array32) -> _Hits:
         found = assembly.scene.run(self._origins[: len(directions)], directions, output=True)
@@ -311,10 +413,13 @@ class Eye:
             return light
         triangle, views = hits.triangle[met], directions[met]
         points = self.rays.origin_mm + views * hits.far[met, None]
-        corner = assembly.normals[triangle]
-        u, v = hits.u[met, None], hits.v[met, None]
-        normals = corner[:, 0] * (1.0 - u - v) + corner[:, 1] * u + corner[:, 2] * v
-        normals /= np.sqrt(np.einsum("ij,ij->i", normals, normals))[:, None] + np.float32(1e-9)
+        if self.lamps.lamps[lamp].kind == "panel":  # its faint spill shows no curvature
+            normals = assembly.normals[triangle, 0]
+        else:
+            corner = assembly.normals[triangle]
+            u, v = hits.u[met, None], hits.v[met, None]
+            normals = corner[:, 0] * (1.0 - u - v) + corner[:, 1] * u + corner[:, 2] * v
+            normals /= np.sqrt(np.einsum("ij,ij->i", normals, normals))[:, None] + np.float32(1e-9)
         away = np.einsum("ij,ij->i", normals, views) > 0.0
         normals[away] = -normals[away]
         material, panel = assembly.material[triangle], assembly.panel[triangle]
@@ -350,6 +455,17 @@ def _fill(mask: NDArray[np.uint8], outline: Outline | None) -> None:
     if outline is not None:
         cv2.fillConvexPoly(mask, outline, 1)
         cv2.polylines(mask, [outline], isClosed=True, color=1, thickness=2 * _MARGIN_PX + 1)
+
+
+def _with_neighbours(
+    chosen: NDArray[np.bool_], blocks: Index, shape: tuple[int, ...]
+) -> NDArray[np.bool_]:
+    """Return which blocks are chosen or next to a chosen one."""
+    mask = np.zeros(shape, np.uint8)
+    mask[blocks[chosen, 0], blocks[chosen, 1]] = 1
+    wide = cv2.dilate(mask, np.ones((3, 3), np.uint8))
+    near: NDArray[np.bool_] = wide[blocks[:, 0], blocks[:, 1]] > 0
+    return near
 
 
 def _chunks(count: int, size: int) -> list[slice]:

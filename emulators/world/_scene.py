@@ -17,7 +17,7 @@ from ._solid import Solid
 
 Faces = NDArray[np.int32]
 
-_CREASE_COS: Final = 0.9  # facets of one curved face meet at less than 25 degrees
+CREASE_COS: Final = 0.9  # facets of one curved face meet at less than 25 degrees
 _TABLE_MM: Final = (-700.0, 1100.0, -1100.0, 900.0)  # x, x, y, y of the plate
 _TRAY_HEIGHT_MM: Final = 0.5
 
@@ -237,7 +237,7 @@ def corner_normals(vertices_mm: Array, faces: Faces, *, smooth: bool) -> NDArray
         corner = np.repeat(np.arange(len(vertex)), mates)
         within = np.arange(mates.sum()) - np.repeat(np.cumsum(mates) - mates, mates)
         mate = order[first[vertex[corner]] + within] // 3
-        agree = np.einsum("ij,ij->i", normals[corner // 3], normals[mate]) > _CREASE_COS
+        agree = np.einsum("ij,ij->i", normals[corner // 3], normals[mate]) > CREASE_COS
         total = np.zeros((len(vertex), 3))
         np.add.at(total, corner[agree], weighted[mate[agree]])
         total /= np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12)
