@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from controller import inspection as inspecting
 from controller.cad import inverse_pose
-from controller.config import Recipe
+from controller.config import Cell, Recipe
 from controller.planning import (
     HandOver,
     NoPlanError,
@@ -117,6 +117,7 @@ class Actions:
         self,
         job: workers.Job,
         recipe: Recipe,
+        cell: Cell,
         layout: CellLayout,
         devices: Devices,
         clock: CellClock,
@@ -139,6 +140,10 @@ class Actions:
         self.parts_left = 0
         self.finished: list[PartRecord] = []
         self._recipe = recipe
+        self._is_quick = {
+            name: getattr(cell.cameras, name).settle_frames == 0
+            for name in ("overhead", "inspection")
+        }
         self._preparing: asyncio.Future[float] | None = None
         self._effects: Mapping[Effect, Callable[[], Awaitable[Event]]] = {
             Effect.HOME: self.home,
@@ -210,7 +215,14 @@ class Actions:
         everything = dict.fromkeys(self._devices.lights.names, 0.0) | dict(lamps)
         lit_at_s = await self._devices.lights.set(everything, settle=True)
         device = self._devices.overhead if camera == "overhead" else self._devices.inspection
-        frame = await device.frame_after(lit_at_s, LOOK_TIMEOUT_S)
+        if device.is_paused:
+            await device.resume()
+        try:
+            frame = await device.frame_after(lit_at_s, LOOK_TIMEOUT_S)
+        finally:
+            if self._is_quick[camera]:
+                # a stream that starts at once need not run while nobody looks
+                await device.pause()
         image = frame.image
         if image.dtype != np.uint8:
             image = (image.astype(np.float32) * (255.0 / frame.white)).astype(np.uint8)
@@ -296,7 +308,6 @@ class Actions:
         self.part.next_step = 0
         self._tell("taking pictures of the table", step=0, step_count=0, remaining_s=None)
         camera = self._devices.overhead
-        await camera.resume()
         try:
             self.part.pictures = {
                 "table_backlight": await self._shoot("overhead", {"table_backlight": 1.0})
@@ -453,7 +464,6 @@ class Actions:
         After each new grip one view is judged before the next: the hold is verified by sight.
         """
         camera = self._devices.inspection
-        await camera.resume()
         try:
             while (step := self._step(Present)) is not None:
                 assert isinstance(step, Present)

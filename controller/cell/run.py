@@ -91,6 +91,7 @@ async def run_batch(
         actions = Actions(
             workers.Job(order.recipe_path, order.cell_path),
             order.recipe,
+            order.cell,
             build_layout(order.cell),
             devices,
             clock,
