@@ -2,14 +2,24 @@
 
 import difflib
 from pathlib import Path
-from typing import Any, TypeVar
+from types import UnionType
+from typing import Annotated, Any, Final, TypeVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 Model = TypeVar("Model", bound=BaseModel)
+
+# pydantic speaks of Python's types, our readers write YAML
+_PLAIN_WORDS: Final = {
+    "model_type": "must be a section of `key: value` lines",
+    "dict_type": "must be a section of `name: value` lines",
+    "tuple_type": "must be a list, as in [a, b]",
+    "path_type": "must be the name of a file",
+    "string_type": "must be text; put it in quotes if it looks like a number or a date",
+}
 
 
 class ConfigError(Exception):
@@ -20,6 +30,14 @@ class Section(BaseModel):
     """What every section of our files is: frozen, and closed to unknown keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _true_is_no_number(cls, value: object, info: ValidationInfo) -> object:
+        field = cls.model_fields[info.field_name or ""]
+        if isinstance(value, bool) and field.annotation is not bool:
+            raise ValueError("true and false mean nothing here")  # pydantic would read 1 and 0
+        return value
 
 
 def load_yaml(path: Path, model: type[Model]) -> Model:
@@ -43,13 +61,15 @@ def load_yaml(path: Path, model: type[Model]) -> Model:
         where = f":{mark.line + 1}" if mark is not None else ""
         raise ConfigError(f"{path}{where}: not valid YAML: {error.problem}") from error
     except YAMLError as error:
-        raise ConfigError(f"{path}: not valid YAML: {error}") from error
+        told = " ".join(str(error).split())
+        raise ConfigError(f"{path}: not valid YAML: {told}") from error
     if not isinstance(tree, CommentedMap):
         raise ConfigError(f"{path}: is empty or not a list of `key: value` lines")
     try:
         return model.model_validate(_plain(tree))
     except ValidationError as error:
-        problems = [_explain(path, tree, model, dict(e)) for e in error.errors()]
+        found = sorted(error.errors(), key=lambda e: _line(tree, e["loc"]) or 0)
+        problems = [_explain(path, tree, model, dict(e)) for e in found]
         raise ConfigError("\n".join(problems)) from error
 
 
@@ -80,18 +100,27 @@ def _keys_at(model: type[BaseModel], location: tuple[int | str, ...]) -> list[st
     """Return the keys a section may have, following the models along a location."""
     current: Any = model
     for key in location:
-        if not (isinstance(current, type) and issubclass(current, BaseModel)):
+        if isinstance(current, type) and issubclass(current, BaseModel):
+            field = current.model_fields.get(str(key))
+            if field is None:
+                return []
+            current = _section_in(field.annotation)
+        elif get_origin(current) in (dict, tuple, list):
+            current = _section_in(get_args(current)[-1])  # any name, or any number, of sections
+        else:
             return []
-        field = current.model_fields.get(str(key))
-        if field is None:
-            return []
-        current = field.annotation
-        for inner in getattr(current, "__args__", ()):
-            if isinstance(inner, type) and issubclass(inner, BaseModel):
-                current = inner
     if isinstance(current, type) and issubclass(current, BaseModel):
         return list(current.model_fields)
     return []
+
+
+def _section_in(annotation: Any) -> Any:  # noqa: ANN401 - an annotation is any value
+    """Return what an optional or annotated section is without its `None` and its limits."""
+    if get_origin(annotation) in (Union, UnionType, Annotated):
+        for inner in get_args(annotation):
+            if isinstance(inner, type) and issubclass(inner, BaseModel):
+                return inner
+    return annotation
 
 
 def _explain(path: Path, tree: Any, model: type[BaseModel], error: dict[str, Any]) -> str:  # noqa: ANN401
@@ -105,5 +134,13 @@ def _explain(path: Path, tree: Any, model: type[BaseModel], error: dict[str, Any
         hint = f"did you mean `{near[0]}`?" if near else f"known here: {', '.join(known)}"
         return f"{where}: unknown key `{dotted}`; {hint}"
     if error["type"] == "missing":
+        # a list that is too short lacks a place, not a key
+        if isinstance(location[-1], int):
+            short = ".".join(str(part) for part in location[:-1])
+            return f"{where}: `{short}` has too few values"
         return f"{where}: `{dotted}` is missing"
-    return f"{where}: `{dotted}`: {error['msg']} (found {error['input']!r:.60})"
+    about = f"`{dotted}`: " if dotted else ""
+    if error["type"] == "value_error":  # one of our own sentences
+        return f"{where}: {about}{error['ctx']['error']}"
+    told = _PLAIN_WORDS.get(error["type"], error["msg"])
+    return f"{where}: {about}{told} (found {error['input']!r:.60})"

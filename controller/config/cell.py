@@ -1,11 +1,12 @@
 """cell.yaml: where the devices are and how the cell stands in the world. mm, degrees, seconds."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from controller.cad import Camera
 
@@ -14,7 +15,34 @@ from ._yaml import ConfigError, Section, load_yaml
 Array = NDArray[np.float64]
 Vec2 = tuple[float, float]
 Vec3 = tuple[float, float, float]
-Box = tuple[float, float, float, float, float, float]
+
+
+def _rising(bounds: tuple[float, ...]) -> tuple[float, ...]:
+    """Raise ValueError unless (low, high) pairs are in this order."""
+    for low, high in zip(bounds[::2], bounds[1::2], strict=True):
+        if low >= high:
+            raise ValueError(f"bounds go from low to high, not from {low:g} to {high:g}")
+    return bounds
+
+
+def _positive(size: tuple[float, ...]) -> tuple[float, ...]:
+    if min(size) <= 0:
+        raise ValueError(f"sizes are more than 0, not {min(size):g}")
+    return size
+
+
+def _all_different(what: str, values: Mapping[str, int]) -> None:
+    """Raise ValueError where two names have one number."""
+    owner: dict[int, str] = {}
+    for name, value in values.items():
+        if value in owner:
+            raise ValueError(f"{what} {value} is given to both {owner[value]} and {name}")
+        owner[value] = name
+
+
+Range = Annotated[Vec2, AfterValidator(_rising)]
+Size = Annotated[Vec2, AfterValidator(_positive)]
+Box = Annotated[tuple[float, float, float, float, float, float], AfterValidator(_rising)]
 EMULATED = "emulated"
 
 
@@ -64,6 +92,12 @@ class LightsSection(Section):
     relay_unit: int = Field(2, ge=1, le=247)
     baudrate: int = Field(9600, ge=1200, le=1_000_000)
 
+    @model_validator(mode="after")
+    def _units_differ(self) -> "LightsSection":
+        if self.analog_unit == self.relay_unit:
+            raise ValueError(f"both modules on one line have unit {self.analog_unit}; set one anew")
+        return self
+
 
 class DevicesSection(Section):
     """Where each device is; `emulated` asks the emulator started beside the run."""
@@ -79,8 +113,8 @@ class DevicesSection(Section):
 class Range2(Section):
     """A rectangle on the table."""
 
-    x: Vec2
-    y: Vec2
+    x: Range
+    y: Range
 
 
 class TableSection(Section):
@@ -93,7 +127,7 @@ class TableSection(Section):
 class CameraSection(Section):
     """A camera: its calibration and how it is run."""
 
-    size_px: tuple[int, int]
+    size_px: Annotated[tuple[int, int], AfterValidator(_positive)]
     focal_px: float = Field(gt=0)
     centre_px: Vec2
     distortion: tuple[float, float, float, float, float] = (0, 0, 0, 0, 0)
@@ -138,8 +172,19 @@ class LampSection(Section):
     centre: Vec3
     normal: Vec3 | None = None
     up: Vec3 | None = None
-    size: Vec2 | None = None
-    radius: float | None = None
+    size: Size | None = None
+    radius: float | None = Field(None, gt=0)
+
+    @model_validator(mode="after")
+    def _panels_are_whole(self) -> "LampSection":
+        if self.kind != "panel":
+            return self
+        if self.normal is None or self.up is None or self.size is None:
+            raise ValueError("a panel needs normal, up and size")
+        normal, up = np.array(self.normal), np.array(self.up)
+        if abs(normal @ up) > 1e-6 or abs(normal @ normal - 1) > 1e-6 or abs(up @ up - 1) > 1e-6:
+            raise ValueError("normal and up must be of length 1 and at right angles")
+        return self
 
 
 class FingersSection(Section):
@@ -161,6 +206,15 @@ class ParkSection(Section):
     roll: float
 
 
+class LinksSection(Section):
+    """What the arm's links take up, each in its own frame."""
+
+    column: Box
+    carriage: Box
+    upper: Box
+    fore: Box
+
+
 class ArmSection(Section):
     """The arm: where it stands and what shape it has."""
 
@@ -171,7 +225,7 @@ class ArmSection(Section):
     wrist_height_mm: float = Field(gt=0)
     jaw_max_mm: float = Field(gt=0)
     park_deg: ParkSection
-    links: dict[str, Box]
+    links: LinksSection
     hand: dict[str, Box]
     fingers: FingersSection
 
@@ -190,7 +244,7 @@ class TraySection(Section):
     """A place to put parts."""
 
     centre: Vec2
-    size: Vec2
+    size: Size
 
 
 class InterlocksSection(Section):
@@ -202,6 +256,11 @@ class InterlocksSection(Section):
     part_in_fixture: Annotated[int, Field(ge=0, le=5)] = 3
     supply: Annotated[int, Field(ge=0, le=5)] = 4
     acknowledge: Annotated[int, Field(ge=0, le=5)] = 5
+
+    @model_validator(mode="after")
+    def _inputs_differ(self) -> "InterlocksSection":
+        _all_different("input", self.model_dump())
+        return self
 
 
 class TraysSection(Section):
@@ -231,7 +290,9 @@ class Cell(Section):
     def _lamps_are_all_there(self) -> "Cell":
         missing = [lamp for lamp in REQUIRED_LAMPS if lamp not in self.lamps]
         if missing:
-            raise ValueError(f"lamps lacks {', '.join(missing)}")
+            raise ValueError(f"`lamps` lacks {', '.join(missing)}")
+        _all_different("`lamps`: analog channel", {n: x.analog for n, x in self.lamps.items()})
+        _all_different("`lamps`: relay", {n: x.relay for n, x in self.lamps.items()})
         return self
 
     @property

@@ -20,16 +20,15 @@ PARK_ZED_MM = -10.0  # below the noisy last counts under the top stop (umi_rtx.m
 def build_layout(cell: Cell) -> CellLayout:
     """Return the layout that planning works on [mm, rad]."""
     arm, park = cell.arm, cell.arm.park_deg
-    links = {name: Box.from_bounds(*box) for name, box in arm.links.items()}
     obstacles = {name: Box.from_bounds(*box) for name, box in cell.obstacles.items()}
     obstacles["fixture_post"] = Box.from_bounds(*cell.fixture.post)
     return CellLayout(
         arm=ArmGeometry(arm.upper_mm, arm.fore_mm, arm.tool_mm, arm.wrist_height_mm),
         T_world_arm=arm.pose.build(),
-        column=links["column"],
-        carriage=links["carriage"],
-        upper=links["upper"],
-        fore=links["fore"],
+        column=Box.from_bounds(*arm.links.column),
+        carriage=Box.from_bounds(*arm.links.carriage),
+        upper=Box.from_bounds(*arm.links.upper),
+        fore=Box.from_bounds(*arm.links.fore),
         hand=_jaw(arm.hand.values(), arm.fingers, arm.jaw_max_mm),
         fixture=_jaw(cell.fixture.body.values(), cell.fixture.fingers, cell.fixture.jaw_max_mm),
         T_world_fixture=cell.fixture.pose.build(),

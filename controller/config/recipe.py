@@ -3,11 +3,12 @@
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from ._yaml import ConfigError, Section, load_yaml
 
 DEFAULT_CELL = Path("cells/emulated.yaml")
+CAD_FORMATS = (".stl", ".obj", ".ply", ".off")
 
 
 class InspectionSection(Section):
@@ -25,6 +26,13 @@ class GripSection(Section):
     width_tolerance_mm: float = Field(2.0, ge=0.2, le=10)
 
 
+def _fit_for_a_folder(name: str) -> str:
+    """Raise ValueError where a name cannot be part of a run's folder."""
+    if not name.strip() or len(name) > 80 or any(c in "/\\" or not c.isprintable() for c in name):
+        raise ValueError("1 to 80 characters without slashes: it becomes part of a folder's name")
+    return name
+
+
 class Recipe(Section):
     """One product.
 
@@ -37,7 +45,7 @@ class Recipe(Section):
     cell : cell file, relative to the recipe; the emulated cell if nothing is said
     """
 
-    name: str
+    name: Annotated[str, AfterValidator(_fit_for_a_folder)]
     part: Path
     others: tuple[Path, ...] = ()
     density_g_cm3: float = Field(2.7, gt=0, le=25)
@@ -52,7 +60,7 @@ def load_recipe(path: Path) -> Recipe:
 
     Raises
     ------
-    ConfigError : the file, or a file it names, is wrong
+    ConfigError : the file is wrong, or a CAD file it names is not there
     """
     recipe = load_yaml(path, Recipe)
     base = path.parent
@@ -71,6 +79,8 @@ def load_recipe(path: Path) -> Recipe:
 
 def _unknown_part(recipe: Path, cad: Path) -> str:
     folder = cad.parent
-    known = sorted(p.name for p in folder.glob("*") if p.suffix.lower() in {".stl", ".obj", ".ply"})
+    known = sorted(
+        p.name for p in folder.glob("*") if p.suffix.lower() in {".stl", ".obj", ".ply", ".off"}
+    )
     have = f"the folder has {', '.join(known)}" if known else f"there is nothing in {folder}"
     return f"{recipe}: unknown part: no file {cad}; {have}"
