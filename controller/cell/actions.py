@@ -510,6 +510,7 @@ class Actions:
                 holder,
                 pictures["station_backlight"],
                 lit,
+                self.part.is_hold_seen,
             )
         )
         self.part.pending.append((q, task))
@@ -779,6 +780,10 @@ def describe_verdict(v: inspecting.PartVerdict) -> dict[str, Any]:
         "verdict": v.verdict.value,
         "reasons": list(v.reasons),
         "covered_fraction": round(v.covered_fraction, 4),
+        "confirmed": [
+            {"view": view_id, "kind": f.kind.value, "lamp": f.lamp, "faces": list(f.face_ids)}
+            for view_id, f in v.confirmed
+        ],
         "faces": [
             {
                 "face": f.face_id,

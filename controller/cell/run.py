@@ -1,6 +1,7 @@
 """One batch, from connecting to rest: builds the cell, runs the dispatcher, cleans up."""
 
 import asyncio
+import hashlib
 import platform
 import sys
 from collections.abc import Callable, Mapping
@@ -138,6 +139,15 @@ def _who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> dict[
     emulated = {k: v for k, v in order.emulated.items() if k != "devices"}
     return {
         "recipe": order.recipe.model_dump(mode="json"),
+        "files": {
+            str(path): hashlib.sha256(path.read_bytes()).hexdigest()
+            for path in (
+                order.recipe_path,
+                order.cell_path,
+                order.recipe.part,
+                *order.recipe.others,
+            )
+        },
         "cell": order.cell.model_dump(mode="json"),
         "devices": {name: dict(settings) for name, settings in where.items()},
         "emulated_devices": list(order.cell.emulated_devices),

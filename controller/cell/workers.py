@@ -230,6 +230,7 @@ def inspect(
     holder: tuple[inspecting.WorldBox, ...],
     backlit: Grey,
     lit: Mapping[str, Grey],
+    is_hold_seen: bool,
 ) -> inspecting.ViewResult:
     """Judge one view."""
     c = context(job)
@@ -241,6 +242,7 @@ def inspect(
         panel_mm=panel_corners(c.cell, "station_backlight"),
         lamps=build_lamps(c.cell, STATION_LAMPS),
         limits=inspection_limits(c.recipe),
+        is_hold_seen=is_hold_seen,
     )
     part = recognising.PosedPart(c.solid, c.caster)
     return inspecting.inspect_view(

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import secrets
 import signal
 import sys
 import time
@@ -52,10 +53,12 @@ def run_recipe(
     if speed != 1 and len(emulated) < len(type(cell.devices).model_fields):
         real = sorted(set(type(cell.devices).model_fields) - set(emulated))
         raise ConfigError(f"--speed {speed:g}: time cannot run faster on real devices: {real}")
+    if seed is None:
+        seed = secrets.randbelow(1_000_000)
     run_id = new_run_id(recipe)
     folder = runs_dir / run_id
     if emulated:
-        warn(f"EMULATED: {', '.join(emulated)} ({speed:g} x real time)")
+        warn(f"EMULATED: {', '.join(emulated)} ({speed:g} x real time, --seed {seed} repeats it)")
     parts = () if empty else (lay or (recipe.part,) * 1)
     command = emulator_command(cell_file, parts, speed=speed, seed=seed, more=emulator_args)
     with make_pool() as pool:

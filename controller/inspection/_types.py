@@ -80,6 +80,8 @@ class ViewTask:
     panel_mm : (4, 3) corners of the glowing panel behind the part, world
     lamps : lamps of the lit pictures
     limits : tolerances
+    is_hold_seen : the expected pose was measured in an earlier view under this grip, so that it is
+        good to a fraction of a millimetre; else it is the plan's
     """
 
     view_id: str
@@ -89,6 +91,7 @@ class ViewTask:
     panel_mm: Array
     lamps: tuple[PointLamp, ...]
     limits: Limits
+    is_hold_seen: bool = False
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -40,6 +40,8 @@ Grey = NDArray[np.uint8]
 
 HOLDER_MARGIN_PX = 9  # the hand's shape and place are known to about a millimetre
 SHADING_STEP_PX = 2  # shading is compared on every second pixel: defects are many pixels large
+PLANNED_HOLD = (1.5, 0.03)  # [mm, rad] how far a fresh grip may be from the planned one
+SEEN_HOLD = (0.3, 0.005)  # the same once a view has measured it
 HIGHLIGHT = 2.0  # of a matt surface square to the lamp
 MAX_INCIDENCE_COS = np.cos(np.radians(75.0))
 
@@ -76,8 +78,16 @@ def inspect_view(
     dark_part = dark & ~scene.holder_mask
     contour = subpixel_contour(pictures.backlit, dark, level)
     contour = _outside(contour, scene.holder_mask | ~scene.panel)
+    prior_mm, prior_rad = SEEN_HOLD if task.is_hold_seen else PLANNED_HOLD
     fit = fit_outline(
-        part, task.T_world_part, task.camera, contour, freedom="hand", ignore=scene.holder_mask
+        part,
+        task.T_world_part,
+        task.camera,
+        contour,
+        freedom="hand",
+        ignore=scene.holder_mask,
+        prior_mm=prior_mm,
+        prior_rad=prior_rad,
     )
     if fit is None:
         return _not_evaluated(task, samples, "no outline of the part where it should be")
