@@ -54,7 +54,8 @@ class Edges:
         eye_mm = T_world[:3, :3].T @ (camera.T_world_cam[:3, 3] - T_world[:3, 3])
         front = np.einsum("ij,ij->i", self._normals, eye_mm - self._points) > 0.0
         one, two = front[self._pairs[:, 0]], front[self._pairs[:, 1]]
-        drawn = (one != two) | (self._is_crease & (one | two))
+        turns_away: NDArray[np.bool_] = np.not_equal(one, two)
+        drawn: NDArray[np.bool_] = turns_away | (self._is_crease & (one | two))
         sides = np.concatenate((self._sides[drawn], self._open))
         pixels, depth = project(camera, transform(T_world, self._vertices_mm))
         if (depth < _NEAR_MM).any():

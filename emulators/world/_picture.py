@@ -8,19 +8,18 @@ much of a pixel as it does in truth.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ._edges import BLOCK_PX, Edges, any_in_blocks, fine_blocks, spread
+from ._assembly import Assembly, Mover, without_own_box
+from ._edges import BLOCK_PX, any_in_blocks, fine_blocks, spread
 from ._layout import Array
 from ._light import Lamps
 from ._optics import Array32, RayTable, project
-from ._poses import transform
-from ._scene import Scene, Surface
-from ._solid import ray_scene
+from ._scene import Scene
 
 Index = NDArray[np.intp]
 Outline = NDArray[np.int32]
@@ -50,45 +49,6 @@ def sample_offsets() -> Array32:
     return offsets
 
 
-class _Mover:
-    """A rigid thing that moves: its surface and the corners that bound it."""
-
-    def __init__(self, surface: Surface) -> None:
-        self.surface = surface
-        self.edges = Edges(surface)
-        low, high = surface.vertices_mm.min(axis=0), surface.vertices_mm.max(axis=0)
-        self._bound = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
-        self.T_world = np.eye(4)
-        self.corners_mm: Array = self._bound
-
-    def place(self, T_world: Array) -> None:
-        self.T_world = T_world
-        self.corners_mm = transform(T_world, self._bound)
-
-
-class _Assembly:
-    """Triangles of the fixed and of some moving things, in the world, ready for rays.
-
-    To build it anew for every picture takes milliseconds, and then each ray is cast once.
-    """
-
-    def __init__(self, fixed: Surface, movers: Sequence[_Mover]) -> None:
-        surfaces = [fixed, *(mover.surface for mover in movers)]
-        starts = np.cumsum([0] + [len(surface.vertices_mm) for surface in surfaces])
-        vertices = [fixed.vertices_mm]
-        normals = [fixed.normals]
-        for mover in movers:
-            vertices.append(transform(mover.T_world, mover.surface.vertices_mm))
-            normals.append(mover.surface.normals @ mover.T_world[:3, :3].T.astype(np.float32))
-        faces = [surface.faces + start for surface, start in zip(surfaces, starts, strict=False)]
-        # quick rays may slip through a seam; that is a jump of light, and many rays mend it
-        self.scene: Any = ray_scene(np.vstack(vertices), np.vstack(faces), robust=False)
-        self.normals = np.concatenate(normals)
-        self.material = np.concatenate([surface.material for surface in surfaces])
-        self.panel = np.concatenate([surface.panel for surface in surfaces])
-        self.fixed_count = len(fixed.faces)
-
-
 @dataclass(slots=True, eq=False)
 class _Hits:
     """What some rays met: triangle (-1: nothing), distance in lengths of the ray, where in it."""
@@ -107,10 +67,10 @@ class Eye:
         self.rays = RayTable(self.camera)
         self.lamps = Lamps(scene)
         self._aims_mm = scene.aims_mm
-        self._fixed = _without_own_box(scene, self.camera.T_world_cam[:3, 3])
-        self._movers = {surface.name: _Mover(surface) for surface in scene.moving}
+        self._fixed = without_own_box(scene, self.camera.T_world_cam[:3, 3])
+        self._movers = {surface.name: Mover(surface) for surface in scene.moving}
         self._shape = (self.camera.height_px, self.camera.width_px)
-        self._still = _Assembly(self._fixed, ())
+        self._still = Assembly(self._fixed, ())
         self._layers: dict[int, Array32] = {}
         self._offsets = sample_offsets()
         self._spread = spread()
@@ -162,7 +122,7 @@ class Eye:
         if not lit or not (touched.any() or shaded.any()):
             return picture
         in_play = self._in_play(movers, lit)
-        assembly = _Assembly(self._fixed, in_play)
+        assembly = Assembly(self._fixed, in_play)
         layers = self._cast(assembly, in_play, touched, shaded, lit)
         changed = np.flatnonzero(touched | shaded)
         total = np.zeros(len(changed), np.float32)
@@ -179,7 +139,7 @@ class Eye:
             for mover in self._in_play(movers, lit)
         )
 
-    def _in_play(self, movers: Mapping[str, _Mover], lit: Sequence[int]) -> list[_Mover]:
+    def _in_play(self, movers: Mapping[str, Mover], lit: Sequence[int]) -> list[Mover]:
         return [
             mover
             for mover in movers.values()
@@ -187,7 +147,7 @@ class Eye:
             and (self._outline(mover.corners_mm) is not None or self._may_shade(mover, movers, lit))
         ]
 
-    def _may_shade(self, mover: _Mover, movers: Mapping[str, _Mover], lit: Sequence[int]) -> bool:
+    def _may_shade(self, mover: Mover, movers: Mapping[str, Mover], lit: Sequence[int]) -> bool:
         """Whether a thing out of sight may stand between a lamp and something in sight."""
         if self._shadow_outlines(mover, lit):
             return True
@@ -195,8 +155,8 @@ class Eye:
             return False
         return any(self._outline(other.corners_mm) is not None for other in movers.values())
 
-    def _place(self, poses: Mapping[str, Array]) -> dict[str, _Mover]:
-        movers: dict[str, _Mover] = {}
+    def _place(self, poses: Mapping[str, Array]) -> dict[str, Mover]:
+        movers: dict[str, Mover] = {}
         for name, mover in self._movers.items():
             if name in poses:
                 mover.place(poses[name])
@@ -218,7 +178,7 @@ class Eye:
         outline: Outline = cv2.convexHull(near)[:, 0]
         return outline
 
-    def _shadow_outlines(self, mover: _Mover, lit: Sequence[int]) -> list[Outline]:
+    def _shadow_outlines(self, mover: Mover, lit: Sequence[int]) -> list[Outline]:
         """Return where the shadows of a thing may fall on the table and on panels."""
         outlines = []
         for lamp in lit:
@@ -256,8 +216,8 @@ class Eye:
 
     def _cast(
         self,
-        assembly: _Assembly,
-        in_play: Sequence[_Mover],
+        assembly: Assembly,
+        in_play: Sequence[Mover],
         touched: NDArray[np.uint8],
         shaded: NDArray[np.uint8],
         lit: Sequence[int],
@@ -286,7 +246,7 @@ class Eye:
             layers[lamp].reshape(-1)[jumping] = values
         return layers
 
-    def _edges(self, in_play: Sequence[_Mover]) -> NDArray[np.uint8]:
+    def _edges(self, in_play: Sequence[Mover]) -> NDArray[np.uint8]:
         """Return where edges of moving things may be seen, (h, w)."""
         mask = np.zeros(self._shape, np.uint8)
         for mover in in_play:
@@ -297,7 +257,7 @@ class Eye:
 
     def _fill_blocks(
         self,
-        assembly: _Assembly,
+        assembly: Assembly,
         blocks: Index,
         layers: dict[int, Array32],
         fresh: dict[int, NDArray[np.bool_]],
@@ -342,7 +302,7 @@ class Eye:
 
     def _sample(
         self,
-        assembly: _Assembly,
+        assembly: Assembly,
         pixels: Index,
         lit: Sequence[int],
         layers: Mapping[int, Array32],
@@ -371,7 +331,7 @@ class Eye:
             is_new[lamp][moves] = True
         return light, is_new
 
-    def _fine(self, assembly: _Assembly, pixels: Index, lit: Sequence[int]) -> dict[int, Array32]:
+    def _fine(self, assembly: Assembly, pixels: Index, lit: Sequence[int]) -> dict[int, Array32]:
         """Return the mean radiance over pixels, per lamp, by many rays where light jumps within.
 
         A straight edge crosses a pixel if and only if its corners see different things.
@@ -387,7 +347,7 @@ class Eye:
         return values
 
     def _means(
-        self, assembly: _Assembly, pixels: Index, lit: Sequence[int], offsets: Array32
+        self, assembly: Assembly, pixels: Index, lit: Sequence[int], offsets: Array32
     ) -> dict[int, tuple[Array32, Array32]]:
         """Return mean and span of the radiance at some points of each pixel, per lamp."""
         count = len(offsets)
@@ -402,11 +362,11 @@ class Eye:
                 spans[lamp][part] = np.ptp(light, axis=1)
         return {lamp: (means[lamp], spans[lamp]) for lamp in lit}
 
-    def _meet(self, assembly: _Assembly, directions: Array32) -> _Hits:
+    def _meet(self, assembly: Assembly, directions: Array32) -> _Hits:
         found = assembly.scene.run(self._origins[: len(directions)], directions, output=True)
         return _Hits(found["primID"], found["tfar"], found["u"], found["v"])
 
-    def _shade(self, assembly: _Assembly, lamp: int, hits: _Hits, directions: Array32) -> Array32:
+    def _shade(self, assembly: Assembly, lamp: int, hits: _Hits, directions: Array32) -> Array32:
         light = np.zeros(len(hits.far), np.float32)
         met = np.flatnonzero(hits.triangle >= 0)
         if len(met) == 0:
@@ -432,7 +392,7 @@ class Eye:
         return light
 
     def _is_dark(
-        self, assembly: _Assembly, lamp: int, points: Array32, normals: Array32
+        self, assembly: Assembly, lamp: int, points: Array32, normals: Array32
     ) -> NDArray[np.bool_]:
         """Return which points something keeps a lamp's light from, (n,) bool."""
         starts = points + np.float32(_LIFT_MM) * normals
@@ -442,7 +402,7 @@ class Eye:
         return met >= 0
 
 
-def _flat_normals(assembly: _Assembly, triangle: NDArray[np.int32], views: Array32) -> Array32:
+def _flat_normals(assembly: Assembly, triangle: NDArray[np.int32], views: Array32) -> Array32:
     """Return normals good enough to lift shadow rays off a surface, towards the camera."""
     normals: Array32 = assembly.normals[triangle].mean(axis=1)
     away = np.einsum("ij,ij->i", normals, views) > 0.0
@@ -490,22 +450,3 @@ def _jumps(values: Array32, only: NDArray[np.bool_] | None = None) -> NDArray[np
     jumps[1:] |= down
     jumps[:-1] |= down
     return jumps
-
-
-def _without_own_box(scene: Scene, eye_mm: Array) -> Surface:
-    """Return the fixed things but the camera's own housing, which it would look at from within."""
-    fixed = scene.fixed
-    own = [
-        i
-        for i, box in enumerate(scene.owner_boxes)
-        if np.all(eye_mm >= box.low_mm) and np.all(eye_mm <= box.high_mm)
-    ]
-    keep = ~np.isin(scene.owner, own)
-    return Surface(
-        "",
-        fixed.vertices_mm,
-        fixed.faces[keep],
-        fixed.normals[keep],
-        fixed.material[keep],
-        fixed.panel[keep],
-    )

@@ -1,0 +1,71 @@
+"""Things as rays meet them: movers in place, and all triangles of a picture in one structure."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ._edges import Edges
+from ._layout import Array
+from ._poses import transform
+from ._scene import Scene, Surface
+from ._solid import ray_scene
+
+
+class Mover:
+    """A rigid thing that moves: its surface and the corners that bound it."""
+
+    def __init__(self, surface: Surface) -> None:
+        self.surface = surface
+        self.edges = Edges(surface)
+        low, high = surface.vertices_mm.min(axis=0), surface.vertices_mm.max(axis=0)
+        self._bound = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
+        self.T_world = np.eye(4)
+        self.corners_mm: Array = self._bound
+
+    def place(self, T_world: Array) -> None:
+        """Put it somewhere."""
+        self.T_world = T_world
+        self.corners_mm = transform(T_world, self._bound)
+
+
+class Assembly:
+    """Triangles of the fixed and of some moving things, in the world, ready for rays.
+
+    To build it anew for every picture takes milliseconds, and then each ray is cast once.
+    """
+
+    def __init__(self, fixed: Surface, movers: Sequence[Mover]) -> None:
+        surfaces = [fixed, *(mover.surface for mover in movers)]
+        starts = np.cumsum([0] + [len(surface.vertices_mm) for surface in surfaces])
+        vertices = [fixed.vertices_mm]
+        normals = [fixed.normals]
+        for mover in movers:
+            vertices.append(transform(mover.T_world, mover.surface.vertices_mm))
+            normals.append(mover.surface.normals @ mover.T_world[:3, :3].T.astype(np.float32))
+        faces = [surface.faces + start for surface, start in zip(surfaces, starts, strict=False)]
+        # quick rays may slip through a seam; that is a jump of light, and many rays mend it
+        self.scene: Any = ray_scene(np.vstack(vertices), np.vstack(faces), robust=False)
+        self.normals = np.concatenate(normals)
+        self.material = np.concatenate([surface.material for surface in surfaces])
+        self.panel = np.concatenate([surface.panel for surface in surfaces])
+        self.fixed_count = len(fixed.faces)
+
+
+def without_own_box(scene: Scene, eye_mm: Array) -> Surface:
+    """Return the fixed things but the camera's own housing, which it would look at from within."""
+    fixed = scene.fixed
+    own = [
+        i
+        for i, box in enumerate(scene.owner_boxes)
+        if np.all(eye_mm >= box.low_mm) and np.all(eye_mm <= box.high_mm)
+    ]
+    keep = ~np.isin(scene.owner, own)
+    return Surface(
+        "",
+        fixed.vertices_mm,
+        fixed.faces[keep],
+        fixed.normals[keep],
+        fixed.material[keep],
+        fixed.panel[keep],
+    )
