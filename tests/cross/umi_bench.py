@@ -25,7 +25,12 @@ EMULATED = {axis: EmulatedAxis[axis.name] for axis in Axis}
 
 @dataclass
 class ArmBench:
-    """One driver, one emulated arm, and everything that went over the line between them."""
+    """One driver, one emulated arm, and everything that went over the line between them.
+
+    Attributes
+    ----------
+    lived_s : how much time has passed for the arm [world s]
+    """
 
     arm: UmiScara
     model: ArmModel
@@ -34,11 +39,15 @@ class ArmBench:
     clock: CellClock
     world: WorldClock
     trace: list[WireExchange] = field(default_factory=list)
+    lived_s: float = 0.0
+    on_exchange: Callable[[WireExchange], None] | None = None
     _heard: asyncio.Event = field(default_factory=asyncio.Event)
 
     def hear(self, exchange: WireExchange) -> None:
         self.trace.append(exchange)
         self._heard.set()
+        if self.on_exchange is not None:
+            self.on_exchange(exchange)
 
     async def exchanged(self, is_it: Callable[[WireExchange], bool]) -> None:
         """Wait for an exchange that is yet to come."""
@@ -63,6 +72,21 @@ class ArmBench:
         self.trace.clear()
         return self
 
+    async def as_if_homed(self) -> "ArmBench":
+        """Connect to an arm that stands at its park, counters true, and believe them.
+
+        Homing takes a second and has its own tests.
+        """
+        self.model.place(dict.fromkeys(EmulatedAxis, 0.0) | {EmulatedAxis.ZED: -18.0})
+        self.wire.run_warm()
+        await self.arm.connect()
+        await self.arm.enable_power()
+        self.model.reference()
+        self.arm._is_homed = True
+        self.arm._dead_bands = dict.fromkeys(Axis, 2)
+        self.trace.clear()
+        return self
+
     async def pass_time(self, duration_s: float) -> None:
         """Let world time pass [world s]."""
         await self.world.sleep(duration_s)
@@ -71,18 +95,25 @@ class ArmBench:
         """Return where the axes truly are, which no byte tells [counts]."""
         return {axis: self.model.axes[EMULATED[axis]].position for axis in Axis}
 
+    def stopped_ips(self) -> set[int]:
+        """Return the IPs that have had their dead stop since the trace began."""
+        return {int(x.ip) for x in self.trace if x.request == b"\x24" and x.ip is not None}
+
     def refused(self) -> list[WireExchange]:
         """Return the exchanges that ended with a code that means a mistake of the host."""
         return [x for x in self.trace if len(x.reply) == 1 and 0x05 <= x.reply[0] <= 0x0D]
 
 
-async def step(model: ArmModel, world: WorldClock) -> None:
+async def step(bench: ArmBench) -> None:
     """Let time pass for the arm; a pause of the host does not count, or nobody sees it move."""
+    world = bench.world
     then_s = world.now_s()
     while True:
         await asyncio.sleep(TICK_WALL_S)
         now_s = world.now_s()
-        model.advance(min(now_s - then_s, LONGEST_TICK_WALL_S * world.speed))
+        dt_s = min(now_s - then_s, LONGEST_TICK_WALL_S * world.speed)
+        bench.model.advance(dt_s)
+        bench.lived_s += dt_s
         then_s = now_s
 
 
@@ -111,10 +142,10 @@ async def arm_bench(
     wire = ArmWire(model, strict=strict, listening=listening)
     server = ArmServer(wire, world)
     await server.start()
-    stepping = asyncio.create_task(step(model, world))
     benches: list[ArmBench] = []
     arm = UmiScara(str(server.path), config=config, clock=clock, trace=lambda x: benches[0].hear(x))
     benches.append(ArmBench(arm, model, wire, server, clock, world))
+    stepping = asyncio.create_task(step(benches[0]))
     try:
         yield benches[0]
     finally:
