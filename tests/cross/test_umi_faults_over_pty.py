@@ -9,7 +9,8 @@ import random
 from collections.abc import AsyncIterator, Awaitable, Callable
 
 import pytest
-from umi_bench import ArmBench, arm_bench, open_fds
+from cross_bench import nothing_is_left, open_fds
+from umi_bench import ArmBench, arm_bench
 
 from drivers.errors import (
     BadReplyError,
@@ -41,9 +42,7 @@ AT_REST = 0.5
 async def nothing_left_behind() -> AsyncIterator[None]:
     fds = open_fds()
     yield
-    await asyncio.sleep(0)
-    assert asyncio.all_tasks() == {asyncio.current_task()}
-    assert open_fds() == fds
+    await nothing_is_left(fds)
 
 
 @pytest.fixture

@@ -7,7 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from umi_bench import EMULATED, ArmBench, arm_bench, open_fds
+from cross_bench import nothing_is_left, open_fds
+from umi_bench import EMULATED, ArmBench, arm_bench
 
 from drivers.errors import LinkError, PositionLostError
 from drivers.umi_scara import (
@@ -35,9 +36,7 @@ ARRIVAL_TOLERANCE = 4  # DEAD_BAND and the driver's slack of 2
 async def nothing_left_behind() -> AsyncIterator[None]:
     fds = open_fds()
     yield
-    await asyncio.sleep(0)
-    assert asyncio.all_tasks() == {asyncio.current_task()}
-    assert open_fds() == fds
+    await nothing_is_left(fds)
 
 
 @pytest.fixture

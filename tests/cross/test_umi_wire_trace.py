@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from umi_bench import open_fds
+from cross_bench import open_fds
 from umi_sessions import COLD_OPEN, HOME_ZED, SESSIONS, Verdict, compare, run_sessions
 
 from drivers.umi_scara import Ip, WireExchange

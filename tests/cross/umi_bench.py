@@ -8,7 +8,8 @@ import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
-from pathlib import Path
+
+from cross_bench import end, live
 
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
@@ -17,8 +18,6 @@ from emulators.clock import WorldClock
 from emulators.umi_scara import ArmModel, ArmServer, ArmWire
 from emulators.umi_scara import Axis as EmulatedAxis
 
-TICK_WALL_S = 0.002
-LONGEST_TICK_WALL_S = 0.01
 PATIENCE_WALL_S = 2.0  # of every time-out: no busy host looks like a silent arm
 EMULATED = {axis: EmulatedAxis[axis.name] for axis in Axis}
 
@@ -42,6 +41,11 @@ class ArmBench:
     lived_s: float = 0.0
     on_exchange: Callable[[WireExchange], None] | None = None
     _heard: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def advance(self, dt_s: float) -> None:
+        """Let time pass for the arm [world s]."""
+        self.model.advance(dt_s)
+        self.lived_s += dt_s
 
     def hear(self, exchange: WireExchange) -> None:
         self.trace.append(exchange)
@@ -104,28 +108,6 @@ class ArmBench:
         return [x for x in self.trace if len(x.reply) == 1 and 0x05 <= x.reply[0] <= 0x0D]
 
 
-async def step(bench: ArmBench) -> None:
-    """Let time pass for the arm; a pause of the host does not count, or nobody sees it move."""
-    world = bench.world
-    then_s = world.now_s()
-    while True:
-        await asyncio.sleep(TICK_WALL_S)
-        now_s = world.now_s()
-        dt_s = min(now_s - then_s, LONGEST_TICK_WALL_S * world.speed)
-        bench.model.advance(dt_s)
-        bench.lived_s += dt_s
-        then_s = now_s
-
-
-def open_fds() -> set[str]:
-    """Return what this process has open, each with its number in the kernel."""
-    fds = set()
-    for entry in Path("/proc/self/fd").iterdir():
-        with suppress(FileNotFoundError):  # the listing's own descriptor
-            fds.add(f"{entry.name} {entry.readlink()}")
-    return {fd for fd in fds if "/proc/" not in fd}
-
-
 @asynccontextmanager
 async def arm_bench(
     *,
@@ -145,12 +127,11 @@ async def arm_bench(
     benches: list[ArmBench] = []
     arm = UmiScara(str(server.path), config=config, clock=clock, trace=lambda x: benches[0].hear(x))
     benches.append(ArmBench(arm, model, wire, server, clock, world))
-    stepping = asyncio.create_task(step(benches[0]))
+    living = asyncio.create_task(live(world, benches[0].advance))
     try:
         yield benches[0]
     finally:
         with suppress(DeviceError):  # a test may have broken the arm for good
             await arm.aclose()
-        stepping.cancel()
-        await asyncio.gather(stepping, return_exceptions=True)
+        await end(living)
         await server.aclose()
