@@ -35,11 +35,12 @@ class Assembly:
     To build it anew for every picture takes milliseconds, and then each ray is cast once.
     """
 
-    def __init__(self, fixed: Surface, movers: Sequence[Mover]) -> None:
-        surfaces = [fixed, *(mover.surface for mover in movers)]
+    def __init__(self, fixed: Surface | None, movers: Sequence[Mover]) -> None:
+        still = [] if fixed is None else [fixed]
+        surfaces = [*still, *(mover.surface for mover in movers)]
         starts = np.cumsum([0] + [len(surface.vertices_mm) for surface in surfaces])
-        vertices = [fixed.vertices_mm]
-        normals = [fixed.normals]
+        vertices = [surface.vertices_mm for surface in still]
+        normals = [surface.normals for surface in still]
         for mover in movers:
             vertices.append(transform(mover.T_world, mover.surface.vertices_mm))
             normals.append(mover.surface.normals @ mover.T_world[:3, :3].T.astype(np.float32))
@@ -49,7 +50,7 @@ class Assembly:
         self.normals = np.concatenate(normals)
         self.material = np.concatenate([surface.material for surface in surfaces])
         self.panel = np.concatenate([surface.panel for surface in surfaces])
-        self.fixed_count = len(fixed.faces)
+        self.fixed_count = sum(len(surface.faces) for surface in still)
 
 
 def without_own_box(scene: Scene, eye_mm: Array) -> Surface:

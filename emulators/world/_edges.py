@@ -12,14 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._layout import Array, CameraLayout
-from ._optics import project
-from ._poses import transform
+from ._optics import distort
+from ._poses import invert, transform
 from ._scene import CREASE_COS, Surface
 
 BLOCK_PX: Final = 4
 _LINE_PX: Final = 5  # of the lines: two pixels either side, more than a lens bends a short edge
 _LONG_PX: Final = 100.0  # edges longer than this are drawn in pieces
 _NEAR_MM: Final = 20.0
+_PIECES: Final = 64
+_FAR_PX: Final = 20_000.0  # where coordinates are cut off, for OpenCV's sake
 _SHIFT: Final = 3  # fractional bits of OpenCV's line ends
 
 
@@ -49,42 +51,62 @@ class Edges:
         # an edge of one facet, or of three, is always drawn
         self._open = sides[start[count != 2]]
 
-    def draw(self, mask: NDArray[np.uint8], camera: CameraLayout, T_world: Array) -> bool:
-        """Draw the edges that may be seen; False if some reach behind the camera."""
-        eye_mm = T_world[:3, :3].T @ (camera.T_world_cam[:3, 3] - T_world[:3, 3])
+    def draw(self, mask: NDArray[np.uint8], camera: CameraLayout, T_world: Array) -> None:
+        """Draw the edges that may be seen into a picture's mask."""
+        T_cam = invert(camera.T_world_cam) @ T_world
+        eye_mm = -T_cam[:3, :3].T @ T_cam[:3, 3]
         front = np.einsum("ij,ij->i", self._normals, eye_mm - self._points) > 0.0
         one, two = front[self._pairs[:, 0]], front[self._pairs[:, 1]]
-        turns_away: NDArray[np.bool_] = np.not_equal(one, two)
-        drawn: NDArray[np.bool_] = turns_away | (self._is_crease & (one | two))
-        sides = np.concatenate((self._sides[drawn], self._open))
-        pixels, depth = project(camera, transform(T_world, self._vertices_mm))
-        if (depth < _NEAR_MM).any():
-            return False
-        ends = pixels[sides]
-        height, width = mask.shape
-        low, high = ends.min(axis=1), ends.max(axis=1)
-        inside = (high >= -_LINE_PX).all(axis=1)
-        inside &= (low[:, 0] < width + _LINE_PX) & (low[:, 1] < height + _LINE_PX)
-        sides, ends = sides[inside], ends[inside]
-        long = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) > _LONG_PX
-        lines = [np.rint(ends[~long] * 2**_SHIFT).astype(np.int32)]
-        if long.any():
-            lines.append(self._in_pieces(camera, T_world, sides[long]))
-        together = np.concatenate(lines)
-        cv2.polylines(mask, list(together), False, 1, _LINE_PX, cv2.LINE_8, _SHIFT)
-        return True
+        drawn = np.logical_xor(one, two) | (self._is_crease & np.logical_or(one, two))
+        sides = np.concatenate((self._sides[np.asarray(drawn)], self._open))
+        ends = _before_lens(transform(T_cam, self._vertices_mm)[sides])
+        ends = ends[_may_be_seen(_pixels(camera, ends), mask.shape)]
+        pixels = _pixels(camera, ends)
+        long = np.linalg.norm(pixels[:, 1] - pixels[:, 0], axis=1) > _LONG_PX
+        pieces = _pixels(camera, _in_pieces(ends[long]))
+        lines = np.concatenate((pixels[~long], pieces[_may_be_seen(pieces, mask.shape)]))
+        near = np.clip(lines, -_FAR_PX, _FAR_PX)
+        whole = np.rint(near * 2**_SHIFT).astype(np.int32)
+        cv2.polylines(mask, list(whole), False, 1, _LINE_PX, cv2.LINE_8, _SHIFT)
 
-    def _in_pieces(
-        self, camera: CameraLayout, T_world: Array, sides: NDArray[np.int64]
-    ) -> NDArray[np.int32]:
-        """Return long edges as short lines that follow the lens' bend, (n, 2, 2)."""
-        ends = transform(T_world, self._vertices_mm[sides].reshape(-1, 3)).reshape(-1, 2, 3)
-        share = np.linspace(0.0, 1.0, 17)[None, :, None]
-        points = ends[:, :1] * (1.0 - share) + ends[:, 1:] * share
-        pixels = project(camera, points.reshape(-1, 3))[0].reshape(-1, 17, 2)
-        pieces = np.stack((pixels[:, :-1], pixels[:, 1:]), axis=2).reshape(-1, 2, 2)
-        near = np.clip(pieces, -20_000.0, 20_000.0)
-        return np.rint(near * 2**_SHIFT).astype(np.int32)
+
+def _before_lens(ends_mm: Array) -> Array:
+    """Return the parts of lines that are before the camera, (n, 2, 3) in its frame."""
+    depth = ends_mm[..., 2]
+    ends_mm = ends_mm[(depth > _NEAR_MM).any(axis=1)]
+    depth = ends_mm[..., 2]
+    cut = ends_mm.copy()
+    for this, other in ((0, 1), (1, 0)):
+        behind = np.flatnonzero(depth[:, this] < _NEAR_MM)
+        share = (_NEAR_MM - depth[behind, other]) / (depth[behind, this] - depth[behind, other])
+        way = ends_mm[behind, this] - ends_mm[behind, other]
+        cut[behind, this] = ends_mm[behind, other] + share[:, None] * way
+    return cut
+
+
+def _pixels(camera: CameraLayout, ends_mm: Array) -> Array:
+    """Return where lines end in the picture, (n, 2, 3) in the camera's frame -> (n, 2, 2)."""
+    xy = distort(ends_mm[..., :2] / ends_mm[..., 2:], camera.distortion)
+    pixels: Array = xy * camera.focal_px + np.array(camera.centre_px)
+    return pixels
+
+
+def _may_be_seen(ends_px: Array, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    low, high = ends_px.min(axis=1), ends_px.max(axis=1)
+    limit = np.array((shape[1], shape[0])) + _LINE_PX
+    inside: NDArray[np.bool_] = np.all((high > -_LINE_PX) & (low < limit), axis=1)
+    return inside
+
+
+def _in_pieces(ends_mm: Array) -> Array:
+    """Return long lines as short ones, equal in the picture, which follow the lens' bend."""
+    share = np.linspace(0.0, 1.0, _PIECES + 1)[None, :, None]
+    inverse = 1.0 / ends_mm[..., 2:]  # linear along a line in the picture, as x / z and y / z are
+    flat = np.concatenate((ends_mm[..., :2] * inverse, inverse), axis=2)
+    points = flat[:, :1] * (1.0 - share) + flat[:, 1:] * share
+    points = np.concatenate((points[..., :2] / points[..., 2:], 1.0 / points[..., 2:]), axis=2)
+    pieces: Array = np.stack((points[:, :-1], points[:, 1:]), axis=2).reshape(-1, 2, 3)
+    return pieces
 
 
 def fine_blocks(edges: NDArray[np.uint8]) -> NDArray[np.bool_]:

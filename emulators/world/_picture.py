@@ -70,7 +70,6 @@ class Eye:
         self._fixed = without_own_box(scene, self.camera.T_world_cam[:3, 3])
         self._movers = {surface.name: Mover(surface) for surface in scene.moving}
         self._shape = (self.camera.height_px, self.camera.width_px)
-        self._still = Assembly(self._fixed, ())
         self._layers: dict[int, Array32] = {}
         self._offsets = sample_offsets()
         self._spread = spread()
@@ -79,15 +78,11 @@ class Eye:
     def layer(self, lamp: int) -> Array32:
         """Return what the camera sees of the fixed things under one lamp at level 1, (h, w)."""
         if lamp not in self._layers:
-            layer = np.zeros(self._shape, np.float32)
-            flat = layer.reshape(-1)
-            for part in _chunks(flat.size, _CHUNK):
-                directions = self.rays.directions[part]
-                hits = self._meet(self._still, directions)
-                flat[part] = self._shade(self._still, lamp, hits, directions)
-            jumping = np.flatnonzero(_jumps(layer))
-            flat[jumping] = self._fine(self._still, jumping, (lamp,))[lamp]
-            self._layers[lamp] = layer
+            still = Mover(self._fixed)  # which moves from nothing to where it stands
+            dark = {lamp: np.zeros(self._shape, np.float32)}
+            everywhere = np.ones(self._shape, bool)
+            assembly = Assembly(None, (still,))
+            self._layers[lamp] = self._cast(assembly, (still,), everywhere, dark)[lamp]
         return self._layers[lamp]
 
     def warm_up(self) -> None:
@@ -123,7 +118,10 @@ class Eye:
             return picture
         in_play = self._in_play(movers, lit)
         assembly = Assembly(self._fixed, in_play)
-        layers = self._cast(assembly, in_play, touched, shaded, lit)
+        has_shadows = any(self.lamps.casts_shadows(lamp) for lamp in lit)
+        wanted = (touched | shaded if has_shadows else touched).astype(bool)
+        before = {lamp: self.layer(lamp).copy() for lamp in lit}
+        layers = self._cast(assembly, in_play, wanted, before)
         changed = np.flatnonzero(touched | shaded)
         total = np.zeros(len(changed), np.float32)
         for lamp in lit:
@@ -218,15 +216,18 @@ class Eye:
         self,
         assembly: Assembly,
         in_play: Sequence[Mover],
-        touched: NDArray[np.uint8],
-        shaded: NDArray[np.uint8],
-        lit: Sequence[int],
+        wanted: NDArray[np.bool_],
+        layers: dict[int, Array32],
     ) -> dict[int, Array32]:
-        """Return the layers of lit lamps with all that moves in them, (h, w) each."""
-        layers = {lamp: self.layer(lamp).copy() for lamp in lit}
+        """Return layers of lit lamps with all that moves in them, (h, w) each.
+
+        Parameters
+        ----------
+        wanted : (h, w) pixels where something may have changed
+        layers : as they are without what moves; changed in place
+        """
+        lit = list(layers)
         fresh = {lamp: np.zeros(self._shape, bool) for lamp in lit}
-        has_shadows = any(self.lamps.casts_shadows(lamp) for lamp in lit)
-        wanted = (touched | shaded if has_shadows else touched).astype(bool)
         crossed = fine_blocks(self._edges(in_play))
         smooth = np.argwhere(any_in_blocks(wanted) & ~crossed)
         rough = self._fill_blocks(assembly, smooth, layers, fresh)
@@ -250,9 +251,7 @@ class Eye:
         """Return where edges of moving things may be seen, (h, w)."""
         mask = np.zeros(self._shape, np.uint8)
         for mover in in_play:
-            outline = self._outline(mover.corners_mm)
-            if outline is not None and not mover.edges.draw(mask, self.camera, mover.T_world):
-                _fill(mask, outline)
+            mover.edges.draw(mask, self.camera, mover.T_world)
         return mask
 
     def _fill_blocks(
