@@ -129,7 +129,7 @@ def any_in_blocks(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which blocks hold a set pixel, (h, w) -> (h / 4, w / 4)."""
     height, width = mask.shape
     folded = mask.reshape(height // BLOCK_PX, BLOCK_PX, width // BLOCK_PX, BLOCK_PX)
-    blocks: NDArray[np.bool_] = folded.any(axis=(1, 3))
+    blocks: NDArray[np.bool_] = np.any(folded, axis=(1, 3))
     return blocks
 
 
