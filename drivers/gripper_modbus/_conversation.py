@@ -23,6 +23,9 @@ from ._status import GripperStatus, GripResult, Hold, judge_hold
 
 log = logging.getLogger(__name__)
 
+# An emulated cell that runs fast shares the host: asking more often costs it more than it learns.
+MIN_MOVE_POLL_WALL_S: Final = 0.004
+MIN_HOLD_POLL_WALL_S: Final = 0.02
 NOT_KNOWN_TO_BE_DONE: Final = (ReplyTimeoutError, UnpluggedError)  # errors after which one looks
 
 
@@ -114,7 +117,13 @@ class Conversation:
                 if status.has_fault:
                     raise FaultError(f"{message}; {status.fault_text}", status.fault)
                 raise StalledError(f"{message}; check that the fingers are free")
-            await self.clock.sleep(self.config.move_poll_s)
+            await self.pause()
+
+    async def pause(self) -> None:
+        """Wait as long as between two readings while the jaws move."""
+        await self.clock.sleep(
+            max(self.config.move_poll_s, MIN_MOVE_POLL_WALL_S * self.clock.speed)
+        )
 
     def deadline_s(self, limit_s: float) -> float:
         """Return the cell instant at which ``limit_s`` from now is over."""
@@ -123,7 +132,10 @@ class Conversation:
     async def _keep_alive(self) -> None:
         is_failing = False
         while True:
-            period_s = self.config.hold_poll_s if self.grip else self.config.keep_alive_s
+            period_s = self.config.keep_alive_s
+            if self.grip:
+                hold_poll_s = max(self.config.hold_poll_s, MIN_HOLD_POLL_WALL_S * self.clock.speed)
+                period_s = min(period_s, hold_poll_s)
             remaining_s = self._asked_at_s + period_s - self.clock.now_s()
             if remaining_s > 0:
                 await self.clock.sleep(remaining_s)

@@ -302,7 +302,7 @@ class Gripper:
                     f"{self.name}: not arrived after {limit_s:.1f} s, stopped at "
                     f"{status.width_mm:.1f} mm; look at the jaws"
                 )
-            await self._talk.clock.sleep(self.config.move_poll_s)
+            await self._talk.pause()
 
     async def _activate(self, status: GripperStatus) -> GripperStatus:
         if status.fault == RELEASING_FAULT:
