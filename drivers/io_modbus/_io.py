@@ -265,7 +265,7 @@ class CellIo:
             fresh_for_s = max(0.0, self._read_at_s + self._stale_s - at_s)
             await asyncio.wait({reading}, timeout=self._clock.to_wall_s(fresh_for_s))
             if not reading.done():
-                self._publish(self._believer.forget(self._clock.now_s()))
+                self._forget()
             try:
                 bits = await reading
             except DeviceError as error:
@@ -282,7 +282,10 @@ class CellIo:
         if self._read_at_s != -math.inf:
             log.warning("inputs unknown: %s", error)
         self._read_at_s = -math.inf
-        self._relays = None  # it may have restarted, with all relays open
+        self._forget()
+
+    def _forget(self) -> None:
+        self._relays = None  # it may be restarting, with all relays open
         self._publish(self._believer.forget(self._clock.now_s()))
 
     def _publish(self, changes: list[Change]) -> None:

@@ -1,0 +1,196 @@
+"""The I/O driver and the emulated Moxa E1214: healthy is 1, and what is not fresh is unknown."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from cross_bench import nothing_is_left, open_fds, until
+from modbus_bench import ModbusBench, modbus_bench
+
+from drivers.errors import LinkError, WrongDeviceError
+from drivers.io_modbus import CellIo, Change, IoConfig, Signal
+from emulators.gripper_modbus import RobotiqDevice
+from emulators.io_modbus import CellSignals, E1214Config, E1214Device, StackLight
+
+# modbus_devices.md 7.4: the channel plan, and what each contact shows of a sound, empty cell
+SOUND = {
+    "estop_ok": Signal.OK,
+    "guard_closed": Signal.OK,
+    "part_in_nest": Signal.NOT_OK,
+    "part_in_gripper": Signal.NOT_OK,
+    "supply_ok": Signal.OK,
+    "acknowledge": Signal.NOT_OK,
+}
+UNKNOWN = dict.fromkeys(SOUND, Signal.UNKNOWN)
+SHORT_PATIENCE_WALL_S = 0.15
+
+
+@pytest.fixture(autouse=True)
+async def nothing_left_behind() -> AsyncIterator[None]:
+    fds = open_fds()
+    yield
+    await nothing_is_left(fds)
+
+
+@dataclass
+class Bench:
+    line: ModbusBench
+    device: E1214Device
+    signals: CellSignals
+    io: CellIo
+    changes: list[Change]
+
+    def known(self) -> dict[str, Signal]:
+        return dict(self.io.snapshot().signals)
+
+    async def shows(self, **signals: Signal) -> None:
+        """Wait until some signals are what they should be."""
+        await until(lambda: self.known() == SOUND | signals)
+
+
+@asynccontextmanager
+async def io_bench(
+    folder: Path,
+    *,
+    speed: float = 10.0,
+    patience_wall_s: float = 2.0,
+    config: E1214Config | None = None,
+) -> AsyncIterator[Bench]:
+    signals = CellSignals()
+    device = E1214Device(signals, 1, config)
+    async with modbus_bench(
+        "block", [device], [device], folder, speed=speed, patience_wall_s=patience_wall_s
+    ) as line:
+        changes: list[Change] = []
+        io = CellIo(line.link, IoConfig(), on_change=changes.append)
+        try:
+            yield Bench(line, device, signals, io, changes)
+        finally:
+            await io.aclose()
+
+
+@pytest.fixture
+async def bench(tmp_path: Path) -> AsyncIterator[Bench]:
+    async with io_bench(tmp_path) as bench:
+        assert await bench.io.connect() == "E1214"
+        await bench.shows()
+        yield bench
+
+
+async def test_nothing_is_ok_before_it_was_read(tmp_path: Path) -> None:
+    async with io_bench(tmp_path) as bench:
+        assert bench.known() == UNKNOWN
+        await bench.io.connect()
+        await bench.shows()
+        await bench.io.aclose()
+        assert bench.known() == UNKNOWN
+
+
+@pytest.mark.parametrize("speed", [1.0, 10.0])
+async def test_an_emergency_stop_is_seen_at_once_and_good_news_twice(
+    tmp_path: Path, speed: float
+) -> None:
+    async with io_bench(tmp_path, speed=speed) as bench:
+        await bench.io.connect()
+        await bench.shows()
+        bench.signals.press_estop()
+        await bench.io.wait_for("estop_ok", Signal.NOT_OK)
+        bench.signals.release_estop()  # 7.4: released is not reset
+        await bench.line.pass_time(0.3)
+        assert bench.io.signal("estop_ok") is Signal.NOT_OK
+        bench.signals.reset()
+        await bench.io.wait_for("estop_ok", Signal.OK)
+        await bench.shows()
+        order = [c.signal for c in bench.changes if c.name == "estop_ok"]
+        assert order == [Signal.OK, Signal.NOT_OK, Signal.OK]
+
+
+async def test_every_contact_is_on_the_channel_of_the_plan(bench: Bench) -> None:
+    bench.signals.is_door_closed = False
+    await bench.shows(guard_closed=Signal.NOT_OK)
+    bench.signals.is_door_closed = True
+    bench.signals.is_part_in_nest = True
+    await bench.shows(part_in_nest=Signal.OK)
+    bench.signals.is_part_in_nest = False
+    bench.signals.is_part_between_jaws = True
+    await bench.shows(part_in_gripper=Signal.OK)
+    bench.signals.is_part_between_jaws = False
+    bench.signals.is_24v_ok = False
+    await bench.shows(supply_ok=Signal.NOT_OK)
+    bench.signals.is_24v_ok = True
+    bench.signals.is_operator_acknowledging = True
+    await bench.shows(acknowledge=Signal.OK)
+
+
+@pytest.mark.parametrize(("channel", "name"), [(0, "estop_ok"), (1, "guard_closed")])
+async def test_a_broken_wire_is_not_healthy(bench: Bench, channel: int, name: str) -> None:
+    bench.device.broken_wires.add(channel)
+    await bench.shows(**{name: Signal.NOT_OK})
+
+
+async def test_relays_are_switched_by_name_and_the_others_left(bench: Bench) -> None:
+    await bench.io.set_outputs({"stack_green": True, "backlight": True})
+    assert [bench.device.is_closed(n) for n in range(6)] == [True, *[False] * 4, True]
+    await bench.io.set_outputs({"stack_green": False, "stack_red": True})
+    assert bench.device.stack_light == StackLight(is_red=True, is_amber=False, is_green=False)
+    assert bench.device.is_closed(0)
+    closed = {name for name, is_closed in (await bench.io.read_outputs()).items() if is_closed}
+    assert closed == {"backlight", "stack_red"}
+
+
+async def test_a_block_that_is_switched_off_is_unknown_within_the_staleness_limit(
+    tmp_path: Path,
+) -> None:
+    async with io_bench(tmp_path, patience_wall_s=SHORT_PATIENCE_WALL_S) as bench:
+        await bench.io.connect()
+        await bench.shows()
+        await bench.io.set_outputs({"stack_green": True})
+        bench.device.is_powered = False
+        loop = asyncio.get_running_loop()
+        began_s = loop.time()
+        await until(lambda: bench.known() == UNKNOWN)
+        # stale_s is 20 ms of wall time here, below the patience that a host is given
+        assert loop.time() - began_s < SHORT_PATIENCE_WALL_S + 1.0
+        bench.device.is_powered = True
+        await bench.shows()
+        await bench.io.set_outputs({"stack_amber": True})  # what is known of relays was forgotten
+        assert bench.device.stack_light == StackLight(is_red=False, is_amber=True, is_green=False)
+
+
+async def test_a_server_that_dies_makes_all_unknown_and_is_found_again(bench: Bench) -> None:
+    await bench.line.server.aclose()
+    await until(lambda: bench.known() == UNKNOWN)
+    with pytest.raises(LinkError):
+        await bench.io.set_outputs({"stack_red": True})
+    bench.signals.press_estop()
+    await bench.line.server.start()
+    await bench.shows(estop_ok=Signal.NOT_OK)
+    order = [c.signal for c in bench.changes if c.name == "estop_ok"]
+    assert order == [Signal.OK, Signal.UNKNOWN, Signal.NOT_OK]
+
+
+async def test_the_blocks_own_watchdog_is_told_and_cleared(tmp_path: Path) -> None:
+    config = E1214Config(watchdog_s=1.0, safe_state=(False, False, False, True, False, False))
+    async with io_bench(tmp_path, config=config) as bench:
+        await bench.io.connect()
+        await bench.io.set_outputs({"stack_green": True})
+        assert not await bench.io.has_watchdog_tripped()
+        await bench.io.aclose()
+        await bench.line.pass_time(1.5)
+        assert bench.device.stack_light.is_red
+        await bench.io.connect()
+        assert await bench.io.has_watchdog_tripped()
+        await bench.io.clear_watchdog()
+        assert not await bench.io.has_watchdog_tripped()
+        await bench.io.set_outputs({"stack_red": False, "stack_green": True})
+        assert bench.device.stack_light == StackLight(is_red=False, is_amber=False, is_green=True)
+
+
+async def test_a_gripper_at_the_address_is_no_io_block(tmp_path: Path) -> None:
+    device = RobotiqDevice(unit=1)
+    async with modbus_bench("block", [device], [device], tmp_path, patience_wall_s=0.15) as line:
+        with pytest.raises((WrongDeviceError, LinkError)):
+            await CellIo(line.link).connect()
