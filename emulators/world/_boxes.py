@@ -8,7 +8,7 @@ from ._bodies import Bodies
 from ._collide import BOX_MM, PIECE_MM, PUSH_MM, BoxSet, Touch
 from ._grip import Gripper
 from ._layout import Array, Box, Layout
-from ._parts import AWAY, HELD, Part
+from ._parts import AWAY, FALLING, HELD, Part
 
 _NEAR_MM = 2.0  # a finger this near wakes a lying part
 _TABLE_MM = 0.3
@@ -52,6 +52,8 @@ class CellBoxes:
         self._moving_boxes = BoxSet([box for _, box, _ in self._moving] + list(hand.finger_boxes))
         self.follow_arm(links)
         self.place_fixture_fingers()
+        self._note_fingers()
+        self._entered: dict[tuple[int, int], Array] = {}
 
     def follow_arm(self, links: Mapping[str, Array]) -> None:
         """Put the arm's boxes where its links are, its fingers where its jaws are."""
@@ -84,7 +86,11 @@ class CellBoxes:
                 touches += self._near_part(part, low, high, wake)
                 if held is not None and part.state != HELD:
                     touches += self._held_on_part(held, part, wake)
+        self._note_fingers()
         return touches
+
+    def _note_fingers(self) -> None:
+        self._fingers_before = [self._hand.T_world_finger(side)[:3, 3] for side in (0, 1)]
 
     def _fixed_bounds(self) -> tuple[Array, Array]:
         fingers = [self._fixture.T_world_finger(0), self._fixture.T_world_finger(1)]
@@ -138,7 +144,8 @@ class CellBoxes:
         near = _overlap(low, high, p_low[None] - _NEAR_MM, p_high[None] + _NEAR_MM)[:, 0]
         for i in np.flatnonzero(near):
             body, frame = self._moving_body(int(i))
-            if body in self._hand.finger_bodies and part.index in self._hand.passing:
+            if body in self._hand.finger_bodies:
+                touches += self._finger_on_part(self._hand.finger_bodies.index(body), part)
                 continue
             nearest = self._bodies.deepest(body, part.body, _NEAR_MM)
             if nearest is None:
@@ -149,6 +156,29 @@ class CellBoxes:
                 name = self._moving_names[i]
                 touches.append(Touch(name, part.name, frame, -nearest[0], nearest[1], nearest[2]))
         return touches
+
+    def _finger_on_part(self, side: int, part: Part) -> list[Touch]:
+        """Push a lying part along with a finger; what it comes down on stops it. Exact mesh."""
+        if part.state == FALLING:  # it falls out of the way
+            return []
+        box, T = self._hand.finger_boxes[side], self._hand.T_world_finger(side)
+        way = T[:3, 3] - self._fingers_before[side]
+        length_mm = float(np.linalg.norm(way))
+        key = (side, part.index)
+        if not part.overlaps(box, T):
+            self._entered.pop(key, None)
+            return []
+        # the way back out stays free: what counts is how the finger came in
+        out = self._entered.setdefault(key, -way / length_mm if length_mm > 1e-9 else _UP)
+        end = box.centre_mm.copy()
+        end[0] = box.high_mm[0]
+        tip = T[:3, :3] @ end + T[:3, 3]
+        if part.state == HELD or abs(out[2]) >= np.hypot(out[0], out[1]):
+            return [Touch(box.name, part.name, "tip", length_mm, tip, out)]
+        if way @ out < 0.0:
+            part.slide(tip, way)
+            self._bodies.place_part(part.falling, part.solid, part.T_world_part)
+        return []
 
     def _held_on_part(self, held: Part, part: Part, wake: Callable[[], None]) -> list[Touch]:
         low, high = held.bounds_mm

@@ -1,7 +1,7 @@
 """Who holds what: jaws that close on the exact part, and a hold as compliant pads give it.
 
 A rigid friction grip of a physics engine creeps and twists; docs/adr/0002-grip-model.md says what
-is done instead. Fingers push parts physically; once both pads are on a part, the part is eased
+is done instead. A finger pushes a lying part along; once both pads are on it, it is eased
 into the seat that `_pads` finds on the exact mesh and is then carried by the hand, until the jaws
 open, the load is too much for the area that touches, or another gripper tears it away.
 """
@@ -17,7 +17,6 @@ from ._pads import Felt, Pads, Seat
 from ._poses import between, invert, rotation_about, rotation_angle
 
 CAPTURE_MM: Final = 1.5  # both exact gaps below this: the pads are on the part
-PHANTOM_MM: Final = 8.0  # both fingers touch convex pieces, and the exact gaps together are less
 COMPLIANCE_MM: Final = 2.5  # how far off-centre a part held elsewhere may be for both pads to bear
 TEAR_MM: Final = 4.0  # pads give no more than this when two grippers pull at one part
 TEAR_RAD: Final = math.radians(5.0)
@@ -190,20 +189,17 @@ def apart(T_one: Array, T_other: Array) -> tuple[float, float]:
     return float(np.linalg.norm(T_one[:3, 3] - T_other[:3, 3])), rotation_angle(R)
 
 
-def bears(felt: Felt, opening_mm: float, both_touch: bool, is_held: bool) -> bool:
+def bears(felt: Felt, opening_mm: float, *, is_held: bool) -> bool:
     """Return whether both pads are on a part.
 
     Parameters
     ----------
-    both_touch : both fingers touch the part's convex pieces, which are fatter than the part
     is_held : another gripper keeps it where it is; pads then give by `COMPLIANCE_MM`
     """
     upper_mm, lower_mm = felt.gaps_mm(opening_mm)
     if is_held:
         return min(upper_mm, lower_mm) <= 0.5 and abs(upper_mm - lower_mm) / 2.0 <= COMPLIANCE_MM
-    if max(upper_mm, lower_mm) <= CAPTURE_MM:
-        return True
-    return both_touch and upper_mm + lower_mm <= PHANTOM_MM
+    return max(upper_mm, lower_mm) <= CAPTURE_MM
 
 
 def make_gripper(name: str, layout: GripperLayout, opening_mm: float) -> Gripper:

@@ -71,13 +71,15 @@ class Pads:
     """The two pads of a gripper."""
 
     def __init__(self, fingers: Fingers) -> None:
-        nx = max(2, round(fingers.pad_length_mm / _GRID_MM))
+        # the whole inner face: what stands higher than the pads stops a straight finger as well
+        nx = max(2, round(fingers.length_mm / _GRID_MM))
         nz = max(2, round(fingers.width_mm / _GRID_MM))
-        x = -(np.arange(nx) + 0.5) * fingers.pad_length_mm / nx
+        x = -(np.arange(nx) + 0.5) * fingers.length_mm / nx
         z = ((np.arange(nz) + 0.5) / nz - 0.5) * fingers.width_mm
         gx, gz = np.meshgrid(x, z, indexing="ij")
         self._x, self._z = gx.ravel(), gz.ravel()
-        self._cell_mm2 = fingers.pad_length_mm * fingers.width_mm / (nx * nz)
+        self._cell_mm2 = fingers.length_mm * fingers.width_mm / (nx * nz)
+        self._pivot_mm = np.array((-fingers.pad_length_mm / 2.0, 0.0, 0.0))
 
     def feel(self, scene: Any, T_tip_part: Array, opening_mm: float) -> Felt:  # noqa: ANN401
         """Return what the pads see of a part whose embree scene is ``scene``."""
@@ -85,6 +87,23 @@ class Pads:
         start_mm = opening_mm / 2.0 + _BACK_MM
         upper = self._heights(scene, T_part_tip, start_mm)
         return Felt(upper, self._heights(scene, T_part_tip, -start_mm))
+
+    def push(self, felt: Felt, opening_mm: float) -> tuple[Array, float] | None:
+        """Return where (3,) and how far along y [mm] the deeper finger pushes; None if neither.
+
+        Positive pushes towards +y: the finger on -y does that.
+        """
+        upper_mm, lower_mm = felt.gaps_mm(opening_mm)
+        if min(upper_mm, lower_mm) >= 0.0:
+            return None
+        if upper_mm < lower_mm:
+            touching = felt.upper_mm > np.nanmax(felt.upper_mm) - _TOUCH_MM
+            y, way_mm = opening_mm / 2.0, upper_mm
+        else:
+            touching = felt.lower_mm < np.nanmin(felt.lower_mm) + _TOUCH_MM
+            y, way_mm = -opening_mm / 2.0, -lower_mm
+        point = np.array((self._x[touching].mean(), y, self._z[touching].mean()))
+        return point, way_mm
 
     def _heights(self, scene: Any, T_part_tip: Array, start_mm: float) -> Array:  # noqa: ANN401
         origins = np.column_stack((self._x, np.full(len(self._x), start_mm), self._z))
@@ -142,7 +161,7 @@ class Pads:
         two angles; a grid that zooms in finds its least value.
         """
         up, low = np.isfinite(felt.upper_mm), np.isfinite(felt.lower_mm)
-        x, z = self._x - self._x.mean(), self._z
+        x, z = self._x - self._pivot_mm[0], self._z
         best, half = np.zeros(2), _SEAT_STEP_RAD
         offsets = np.linspace(-1.0, 1.0, _SIDE)
         grid = np.stack(np.meshgrid(offsets, offsets, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -162,7 +181,7 @@ class Pads:
         R = np.array(((cz, -sz, 0.0), (sz, cz, 0.0), (0.0, 0.0, 1.0))) @ np.array(
             ((1.0, 0.0, 0.0), (0.0, cx, -sx), (0.0, sx, cx))
         )
-        pivot = np.array((float(self._x.mean()), 0.0, 0.0))
+        pivot = self._pivot_mm
         T = np.eye(4)
         T[:3, :3] = R @ T_tip_part[:3, :3]
         T[:3, 3] = R @ (T_tip_part[:3, 3] - pivot) + pivot

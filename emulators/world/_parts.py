@@ -1,12 +1,13 @@
 """One part in the world: where it is, who has it, and whether it has come to rest."""
 
 import math
-from typing import Final
+from typing import Any, Final
 
+import fcl
 import numpy as np
 
-from ._layout import Array
-from ._poses import transform
+from ._layout import Array, Box
+from ._poses import transform, turn_z
 from ._solid import Solid, upright
 
 AWAY: Final = "away"
@@ -19,6 +20,7 @@ _CALM_RAD_PER_S: Final = 0.05
 _CALM_S: Final = 0.2
 _SNAP_RAD: Final = math.radians(4.0)  # convex pieces are a little off: they tilt a lying part
 _SNAP_MM: Final = 2.5
+_FRICTION_RADIUS: Final = 0.27  # of friction about the middle, by the diagonal; a disc has 0.24
 
 
 class Part:
@@ -30,6 +32,7 @@ class Part:
         self.falling, self.carried = falling, carried
         self.state, self.holder, self.calm_s = AWAY, "", 0.0
         self.scene = solid.ray_scene()
+        self._exact = fcl.CollisionObject(_exact_shape(solid))
         self.T_world_part = np.eye(4)
         self._radius_mm = float(np.linalg.norm(solid.hull_mm - solid.centre_mm, axis=1).max())
         self._corners: Array | None = None
@@ -78,6 +81,40 @@ class Part:
         gap_mm = float(np.linalg.norm(self.centre_mm - centre_mm)) - self._radius_mm
         return gap_mm < radius_mm
 
+    def overlaps(self, box: Box, T_world_box: Array) -> bool:
+        """Whether a box reaches into the exact mesh."""
+        self._exact.setTransform(_fcl_pose(self.T_world_part))
+        shape = fcl.CollisionObject(fcl.Box(*(2.0 * box.half_mm)), _fcl_pose(T_world_box, box))
+        request, result = fcl.CollisionRequest(), fcl.CollisionResult()
+        return bool(fcl.collide(self._exact, shape, request, result))
+
+    def slide(self, point_mm: Array, way_mm: Array) -> None:
+        """Let something push a lying part at a point; it moves and turns on the table.
+
+        Quasi-static, with an ellipsoid as limit surface of the friction: Lynch and Mason 1996.
+
+        Parameters
+        ----------
+        point_mm : (3,) that is pushed, world
+        way_mm : (3,) by which the point has to give way; only what is level counts
+        """
+        length_mm = math.hypot(way_mm[0], way_mm[1])
+        if length_mm < 1e-9:
+            return
+        n = way_mm[:2] / length_mm
+        centre = self.centre_mm
+        arm_mm = point_mm[:2] - centre[:2]
+        lever_mm = float(arm_mm[0] * n[1] - arm_mm[1] * n[0])
+        low, high = self.bounds_mm
+        spread_mm2 = (_FRICTION_RADIUS * float(np.hypot(*(high - low)[:2]))) ** 2
+        share = length_mm / (1.0 + lever_mm * lever_mm / spread_mm2)
+        turn = turn_z(share * lever_mm / spread_mm2)
+        T = self.T_world_part.copy()
+        T[:3, :3] = turn[:3, :3] @ T[:3, :3]
+        T[:3, 3] = centre + turn[:3, :3] @ (self.T_world_part[:3, 3] - centre)
+        T[:2, 3] += share * n
+        self.move(T)
+
     def watch(self, speed: tuple[float, float], dt_s: float) -> None:
         """Count how long the part has hardly moved [mm/s, rad/s]."""
         is_slow = speed[0] < _CALM_MM_PER_S and speed[1] < _CALM_RAD_PER_S
@@ -105,3 +142,16 @@ class Part:
         T[:3, 3] = self.centre_mm - T[:3, :3] @ self.solid.centre_mm
         T[2, 3] = -float((self.solid.hull_mm @ T[2, :3]).min())
         return T
+
+
+def _exact_shape(solid: Solid) -> Any:  # noqa: ANN401  (python-fcl has no types)
+    shape = fcl.BVHModel()
+    shape.beginModel(len(solid.vertices_mm), len(solid.faces))
+    shape.addSubModel(solid.vertices_mm, solid.faces.astype(np.int64))
+    shape.endModel()
+    return shape
+
+
+def _fcl_pose(T: Array, box: Box | None = None) -> Any:  # noqa: ANN401  (python-fcl has no types)
+    position = T[:3, 3] if box is None else T[:3, :3] @ box.centre_mm + T[:3, 3]
+    return fcl.Transform(T[:3, :3], position)

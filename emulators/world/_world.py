@@ -61,6 +61,9 @@ class World:
         self.hand = make_gripper("arm", layout.arm.hand, joints.jaw_opening_mm)
         self.fixture = make_gripper("fixture", layout.fixture, jaws.opening_mm)
         self._boxes = CellBoxes(layout, self.bodies, self._links, self.hand, self.fixture)
+        for part in self.parts:  # the hand's fingers meet the exact mesh, not the fatter pieces
+            for body in self.hand.finger_bodies:
+                self.bodies.pair(body, part.falling, False)
 
     def close(self) -> None:
         """Give pybullet's client back."""
@@ -152,10 +155,7 @@ class World:
             if not felt.is_between:
                 continue
             held = part.state == HELD
-            both = not held and all(
-                self.bodies.deepest(body, part.falling, 0.2) for body in gripper.finger_bodies
-            )
-            if bears(felt, gripper.opening_mm, both, held):
+            if bears(felt, gripper.opening_mm, is_held=held):
                 seat = gripper.pads.seat(part.scene, T_tip_part, gripper.opening_mm)
                 gripper.capture(part.index, seat, T_tip_part, self._force_n(gripper))
                 self._take(part, gripper)
@@ -165,6 +165,12 @@ class World:
                 gripper.limit_mm = gripper.opening_mm  # one finger pushes at what cannot give way
                 gripper.must_open = True
                 return
+            push = gripper.pads.push(felt, gripper.opening_mm)
+            if part.state == LYING and push is not None:
+                point, way_mm = push
+                tip = gripper.T_world_tip
+                part.slide(tip[:3, :3] @ point + tip[:3, 3], way_mm * tip[:3, 1])
+                self.bodies.place_part(part.falling, part.solid, part.T_world_part)
 
     def _take(self, part: Part, gripper: Gripper) -> None:
         if part.state != HELD:
@@ -190,9 +196,10 @@ class World:
                 part.holder = other.name
                 other.hold.T_tip_part = relative(other.T_world_tip, part.T_world_part)
             return
-        for body in gripper.finger_bodies:
-            self.bodies.pair(body, part.falling, False)
-        gripper.passing.add(part.index)
+        if gripper is self.fixture:
+            for body in gripper.finger_bodies:
+                self.bodies.pair(body, part.falling, False)
+            gripper.passing.add(part.index)
         self._set_free(part)
 
     def _set_free(self, part: Part) -> None:
@@ -277,9 +284,8 @@ class World:
         for part in falling:
             part.move(self.bodies.part_pose(part.falling, part.solid))
             part.watch(self.bodies.speed(part.falling), dt_s)
-        for gripper in (self.hand, self.fixture):
-            for index in list(gripper.passing):
-                self._end_passing(gripper, self.parts[index])
+        for index in list(self.fixture.passing):
+            self._end_passing(self.fixture, self.parts[index])
         if all(part.is_calm for part in falling):
             for part in falling:
                 self._come_to_rest(part)

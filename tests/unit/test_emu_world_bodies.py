@@ -486,6 +486,63 @@ def test_a_hand_swung_into_the_station_panel_stops_the_axis_that_swings_it(bench
     assert {c.other for c in bench.world.collisions} == {"station_panel"}
 
 
+def test_a_finger_that_comes_down_on_a_part_stops_and_may_go_up_again(bench: Bench) -> None:
+    bench.world.drop(0, 360.0, 0.0, rest=0, theta_rad=0.0)
+    bench.world.settle()
+    bench.hand(20.0)
+    bench.tip_to(0.5, 360.0, 0.0, 60.0, 0.0)
+    bench.go(0.5, zed_mm=bench.arm.at.zed_mm - 42.0)
+    assert ("zed", -1) in bench.arm.blocked
+    assert {c.other for c in bench.world.collisions} == {"part 0"}
+    bench.go(0.5, zed_mm=bench.arm.at.zed_mm + 10.0)
+    assert not bench.arm.blocked
+    assert bench.world.parts[0].centre_mm[:2] == pytest.approx((360.0, 0.0), abs=1.0)
+
+
+def test_fingers_in_a_hollow_that_convex_pieces_would_fill_do_not_move_the_part(
+    layout: Layout,
+) -> None:
+    # a disc with a hub: one convex piece would be a cone where the fingers stand
+    disc = trimesh.creation.cylinder(radius=50.0, height=8.0, sections=64)
+    hub = trimesh.creation.cylinder(radius=15.0, height=16.0, sections=64)
+    disc.apply_translation((0.0, 0.0, 4.0))
+    hub.apply_translation((0.0, 0.0, 16.0))
+    both = trimesh.boolean.union([disc, hub])
+    bench = Bench(layout, solid_of(both, "flange"))
+    bench.world.drop(0, 360.0, 0.0, rest=0, theta_rad=0.0)
+    bench.world.settle()
+    top_mm = bench.world.parts[0].bounds_mm[1][2]
+    assert top_mm == pytest.approx(24.0, abs=0.01)
+    before = bench.world.parts[0].centre_mm.copy()
+    bench.hand(40.0)
+    bench.tip_to(0.5, 360.0, 2.0, 60.0, 0.0)
+    bench.tip_to(0.5, 360.0, 2.0, 10.0, 0.0)
+    assert bench.world.parts[0].centre_mm == pytest.approx(before, abs=1e-9)
+    bench.hand(0.0)
+    assert custody(bench.world, 0) == "arm"
+    assert bench.arm.at.jaw_opening_mm == pytest.approx(30.0, abs=0.05)
+    assert bench.world.parts[0].centre_mm[1] == pytest.approx(2.0, abs=0.1)
+    assert bench.world.collisions == []
+    bench.world.close()
+
+
+def test_a_push_beside_the_middle_turns_a_part_and_leaves_the_point_where_it_is_pushed(
+    bench: Bench,
+) -> None:
+    bench.world.drop(0, 360.0, 0.0, rest=0, theta_rad=0.0)
+    bench.world.settle()
+    part = bench.world.parts[0]
+    centre = part.centre_mm.copy()
+    point = centre + np.array((20.0, -20.0, 0.0))
+    local = np.linalg.inv(part.T_world_part) @ np.append(point, 1.0)
+    part.slide(point, np.array((0.0, 0.01, 5.0)))
+    moved = (part.T_world_part @ local)[:3] - point
+    assert moved[1] == pytest.approx(0.01, rel=1e-3)
+    assert moved[2] == pytest.approx(0.0, abs=1e-9)
+    assert part.T_world_part[1, 0] * part.T_world_part[0, 0] > 0.0  # counter-clockwise
+    assert 0.0 < part.centre_mm[1] - centre[1] < 0.01
+
+
 def test_a_held_part_meets_the_table_before_the_hand_does(bench: Bench) -> None:
     bench.pick_block()
     bench.tip_to(0.5, 360.0, 0.0, 2.0, 0.0)
