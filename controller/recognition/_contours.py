@@ -15,6 +15,7 @@ Mask = NDArray[np.bool_]
 
 REACH_PX = 2.5  # how far along the gradient a crossing is looked for
 STEP_PX = 0.25
+DARK_SHARE = 0.6  # of the ground's level: no glowing plate fades by more, no object glows so much
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -34,13 +35,19 @@ class Contour:
 def threshold_levels(image: NDArray[np.uint8], inside: Mask) -> tuple[float, float, float]:
     """Return (object level, half level, ground level) of a backlit picture within a mask.
 
-    Otsu's cut first; the two levels are the medians on its sides.
+    Otsu's cut first; the two levels are the medians on its sides. A small object on a ground that
+    fades to its rim makes Otsu cut the ground in two: then only what is much darker counts. Object
+    and ground level are one where nothing is.
     """
     values = image[inside]
     cut, _ = cv2.threshold(values.reshape(1, -1), 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
     dark, bright = values[values <= cut], values[values > cut]
-    low = float(np.median(dark)) if len(dark) else 0.0
-    high = float(np.median(bright)) if len(bright) else low
+    high = float(np.median(bright if len(bright) else dark))
+    low = float(np.median(dark)) if len(dark) else high
+    if low > DARK_SHARE * high:
+        high = float(np.median(values))
+        dark = values[values <= DARK_SHARE * high]
+        low = float(np.median(dark)) if len(dark) else high
     return low, 0.5 * (low + high), high
 
 

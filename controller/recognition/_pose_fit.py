@@ -132,8 +132,9 @@ def fit_pose(
             return None
         normals = observed.normals[index[ok]]
         gap = ((observed.points_px[index[ok]] - pixels[ok]) * normals).sum(axis=1)
-        # the border pixels of a mask lie half a step inside the outline
-        gap -= 0.5 * step_px
+        # border pixels lie inside the outline by half a step along the rows or columns, whichever
+        # crosses it more steeply: less along the normal of a slanting edge
+        gap -= 0.5 * step_px * np.abs(normals).max(axis=1)
         if step == rounds:
             break
         jacobian = _jacobian(points[ok], pivot, camera, normals)

@@ -10,19 +10,21 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from controller.cad import (
+    CadError,
     Camera,
     PointLamp,
     RayCaster,
     Solid,
     StablePose,
     SurfaceSamples,
+    inverse_pose,
     predict_radiance,
     render_maps,
     sample_surface,
     stable_poses,
+    transform,
     view_roi,
 )
 
@@ -33,6 +35,8 @@ from ._signature import Signature, best_turns, signature, turn_scores
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Grey = NDArray[np.uint8]
+
+SAME_MM = 0.6  # surfaces this close are one: coarser than any fit, finer than any feature
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +59,7 @@ class Limits:
     coarse_score: float = 0.84
     min_iou: float = 0.95
     max_residual_px: float = 1.0
-    near_iou: float = 0.02
+    near_iou: float = 0.012
     near_residual_px: float = 0.35
     near_grey: float = 0.03
     max_hypotheses: int = 12
@@ -141,22 +145,34 @@ def lying(solid: Solid, pose: StablePose, x_mm: float, y_mm: float, theta_rad: f
 def make_catalogue(
     solids: Sequence[Solid], camera: Camera, min_probability: float = 0.01
 ) -> tuple[CatalogueEntry, ...]:
-    """Prepare the parts that may turn up: silhouettes of all their ways to lie."""
+    """Prepare the parts that may turn up: silhouettes of all their ways to lie.
+
+    Raises
+    ------
+    CadError : a part is too large for the camera's picture
+    """
     return tuple(_entry(solid, camera, min_probability) for solid in solids)
 
 
 def _entry(solid: Solid, camera: Camera, min_probability: float) -> CatalogueEntry:
     caster = RayCaster(solid.mesh)
     poses = tuple(
-        p for p in stable_poses(solid) if p.probability >= min_probability and not p.rolling
+        # what would roll on or tip at a touch is seen lying all the same; planning refuses it
+        p
+        for p in stable_poses(solid)
+        if p.probability >= min_probability
     )
-    aim = camera.on_plane(np.array([[camera.size_px[0] / 2, camera.size_px[1] / 2]]))[0]
+    width, height = camera.size_px
+    aim = camera.on_plane(np.array([[width / 2, height / 2]]))[0]
     signatures = []
     for pose in poses:
         T = lying(solid, pose, aim[0], aim[1], 0.0)
-        roi = view_roi(solid.mesh.vertices, T, camera)
-        if roi is None:
-            raise ValueError(f"{solid.name} does not fit into the camera's picture")
+        roi = view_roi(solid.mesh.vertices, T, camera, margin_px=0)
+        if roi is None or min(roi[:2]) <= 0 or roi[2] >= width or roi[3] >= height:
+            raise CadError(
+                f"{solid.name}: {solid.mesh.extents.max():.0f} mm long, lying it does not fit into "
+                "the overhead camera's picture; use another camera or a smaller part"
+            )
         maps = render_maps(caster, T, camera, roi, step_px=2)
         mm = 2 * camera.mm_per_px(np.array([aim[0], aim[1], 0.0]))
         signatures.append(signature(maps.mask, mm, _reach_mm(solid)))
@@ -395,17 +411,16 @@ def _distinct(hypotheses: list[_Hypothesis]) -> list[_Hypothesis]:
 def _same_surface(a: _Hypothesis, b: _Hypothesis) -> bool:
     if a.entry is not b.entry:
         return False
-    points = a.entry.samples.points_mm
-    T_a, T_b = a.fit.T_world_part, b.fit.T_world_part
-    # samples of a taken into b's CAD frame must lie on its surface
-    in_world = points @ T_a[:3, :3].T + T_a[:3, 3]
-    back = (in_world - T_b[:3, 3]) @ T_b[:3, :3]
-    tree = cKDTree(a.entry.solid.mesh.triangles_center)
-    near = tree.query(back, k=1)[1]
-    triangles = a.entry.solid.mesh.triangles[near]
-    normal = a.entry.solid.mesh.face_normals[near]
-    plane = np.abs(((back - triangles[:, 0]) * normal).sum(axis=1))
-    return bool(np.quantile(plane, 0.97) < 0.6)
+    samples = a.entry.samples
+    T_b_a = inverse_pose(b.fit.T_world_part) @ a.fit.T_world_part
+    # a surface must lie within SAME_MM of each sample of a taken into b's place
+    normals = samples.normals @ T_b_a[:3, :3].T
+    start = transform(T_b_a, samples.points_mm) + SAME_MM * normals
+    met = b.entry.caster.blocked(start, -normals, 2 * SAME_MM)
+    # every face by itself: a small hole elsewhere is few of all samples, and all of its own
+    count = np.bincount(samples.face_ids)
+    share = np.bincount(samples.face_ids, weights=met)[count > 0] / count[count > 0]
+    return bool(share.min() >= 0.5 and met.mean() >= 0.97)
 
 
 def _grey_score(

@@ -1,0 +1,399 @@
+"""Which part, which way up, where: on pictures made by exact area coverage in the test."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from cad_solids import Body, box, prism, rod, solid_of
+from lit_pictures import Renderer, Scene, placed
+from numpy.typing import NDArray
+from table_pictures import SIZE, coverage, overhead, picture, resting, silhouette
+
+from controller.cad import (
+    CadError,
+    PointLamp,
+    Solid,
+    StablePose,
+    inverse_pose,
+    sample_surface,
+    stable_poses,
+    transform,
+)
+from controller.recognition import (
+    CatalogueEntry,
+    Limits,
+    Sighting,
+    find_objects,
+    lying,
+    make_catalogue,
+    recognise,
+    threshold_levels,
+)
+
+Array = NDArray[np.float64]
+CAMERA = overhead()
+GLOWING = np.ones(SIZE[::-1], dtype=bool)
+TABLE = np.array([[-150.0, -120, 0], [150, -120, 0], [150, 120, 0], [-150, 120, 0]])
+
+ELBOW = [(0, 0), (60, 0), (60, 18), (22, 18), (22, 42), (0, 42)]
+
+
+def elbow() -> Body:
+    """No symmetry at all once it lies on its large face."""
+    return prism([(float(x), float(y)) for x, y in ELBOW], 8) - rod(4, 40, 48).translate((45, 9, 0))
+
+
+def hand() -> Body:
+    """A plate that can lie on one large face only: a post stands on the other. It has a hand."""
+    plate = prism([(0, 0), (50, 0), (50, 12), (20, 20), (20, 36), (0, 36)], 6)
+    return plate + box(8, 8, 40).translate((10, 18, 20))
+
+
+@cache
+def solids() -> dict[str, Solid]:
+    bodies = {
+        "elbow": elbow(),
+        "plate": box(60, 40, 10) - rod(3, 40, 48).translate((18, 8, 0)),
+        "nut": rod(18, 12, 6) - rod(6, 40, 48),
+        "block": box(50, 30, 20),
+        "hand": hand(),
+        "other_hand": hand().mirror((1, 0, 0)),
+    }
+    return {name: solid_of(body, name) for name, body in bodies.items()}
+
+
+@cache
+def catalogue() -> tuple[CatalogueEntry, ...]:
+    return make_catalogue(list(solids().values()), CAMERA)
+
+
+def poses(name: str) -> tuple[StablePose, ...]:
+    return stable_poses(solids()[name])
+
+
+def shape(name: str, T: Array) -> shapely.Geometry:
+    return silhouette(solids()[name].mesh, T, CAMERA)
+
+
+def look(image: NDArray[np.uint8], **more: object) -> tuple[Sighting, ...]:
+    return recognise(image, GLOWING, CAMERA, catalogue(), **more)  # type: ignore[arg-type]
+
+
+def surface_gap_mm(name: str, T_found: Array, T_true: Array) -> Array:
+    """How far each surface of the part lies from where the answer puts it, (faces,), mean."""
+    solid = solids()[name]
+    samples = sample_surface(solid)
+    points = transform(inverse_pose(T_found), transform(T_true, samples.points_mm))
+    gap = trimesh.proximity.closest_point(solid.mesh, points)[1]
+    return np.bincount(samples.face_ids, weights=gap) / np.bincount(samples.face_ids)
+
+
+def assert_right(seen: Sighting, name: str, T_true: Array, tolerance_mm: float = 0.03) -> None:
+    assert seen.part == name, seen.reason
+    assert seen.T_world_part is not None
+    assert seen.R is not None
+    assert surface_gap_mm(name, seen.T_world_part, T_true).max() < tolerance_mm
+    # the answer's parts say the same as its pose (DESIGN.md 4)
+    (pose,) = (p for p in poses(name) if p.index == seen.pose_index)
+    told = lying(solids()[name], pose, seen.x_mm, seen.y_mm, seen.theta_rad)
+    assert seen.T_world_part == pytest.approx(told, abs=1e-6)
+    np.testing.assert_allclose(seen.R, pose.R)
+    com = transform(T_true, solids()[name].centroid_mm[None])[0]
+    assert (seen.x_mm, seen.y_mm) == pytest.approx(com[:2], abs=tolerance_mm)
+
+
+def test_coverage_of_a_square_is_its_area() -> None:
+    share = coverage(shapely.box(10.25, 20.5, 30.75, 40.5))
+    assert share.sum() == pytest.approx(20.5 * 20)
+    # pixel 10 spans 9.5 to 10.5
+    assert share[30, 9:12] == pytest.approx([0, 0.25, 1])
+    triangle = shapely.Polygon([(5, 5), (90, 20), (30, 77)])
+    assert coverage(triangle).sum() == pytest.approx(triangle.area, rel=1e-4)
+
+
+PLACES = [
+    (name, pose, x, y, theta)
+    for name, pose, x, y, theta in (
+        ("elbow", 0, 0.0, 0.0, 0.0),
+        ("elbow", 1, 48.2, -37.3, 2.9),
+        ("elbow", 0, -51.7, 40.1, -1.1),
+        ("plate", 0, 12.3, -40.4, 0.61),
+        ("plate", 1, -47.0, 22.2, 3.0),
+        ("nut", 0, 55.1, 31.3, 0.4),
+        ("block", 0, -60.5, -31.1, 1.3),
+        ("block", 2, 5.5, 9.9, -2.2),
+        ("block", 4, 44.4, 44.4, 0.77),
+        ("hand", 0, -20.2, 15.7, 2.0),
+        ("other_hand", 0, 30.3, -25.5, -0.5),
+    )
+]
+
+
+@pytest.mark.parametrize(("name", "pose", "x", "y", "theta"), PLACES)
+def test_a_part_alone_is_named_and_placed_to_hundredths_of_a_millimetre(
+    name: str, pose: int, x: float, y: float, theta: float
+) -> None:
+    T = resting(solids()[name], poses(name)[pose].R, x, y, theta)
+    (seen,) = look(picture([shape(name, T)], seed=pose))
+    assert_right(seen, name, T)
+    assert seen.score > 0.99
+    assert seen.residual_px < 0.5
+    assert {a.part for a in seen.ambiguous_with} <= {name}
+
+
+def test_blur_and_noise_cost_little() -> None:
+    T = resting(solids()["elbow"], poses("elbow")[0].R, 31.0, -17.0, 0.9)
+    for blur, noise in ((0.4, 0.0), (1.5, 4.0), (2.5, 8.0)):
+        (seen,) = look(picture([shape("elbow", T)], blur_px=blur, noise=noise))
+        assert_right(seen, "elbow", T, tolerance_mm=0.08)
+
+
+def test_contrast_may_be_weak() -> None:
+    T = resting(solids()["elbow"], poses("elbow")[0].R, 31.0, -17.0, 0.9)
+    (seen,) = look(picture([shape("elbow", T)], ground=95.0, dark=12.0))
+    assert_right(seen, "elbow", T)
+
+
+@pytest.mark.parametrize("fading", [0.0, 0.15, 0.3, 0.45])
+@pytest.mark.parametrize("size", [(12.0, 10.0, 10.0), (50.0, 30.0, 20.0)])
+def test_a_table_that_fades_to_its_rim_hides_no_small_part(
+    fading: float, size: tuple[float, float, float]
+) -> None:
+    small = solid_of(box(*size), "small")
+    entries = make_catalogue([small], CAMERA)
+    T = resting(small, entries[0].poses[0].R, 20.0, -15.0, 0.4)
+    v, u = np.mgrid[0 : SIZE[1], 0 : SIZE[0]]
+    light = 1 - fading * (((u - 400) / 400) ** 2 + ((v - 320) / 320) ** 2) / 2
+    image = picture([silhouette(small.mesh, T, CAMERA)], noise=0.0) * light
+    image += np.random.default_rng(3).normal(0, 2.0, image.shape)
+    seen = recognise(np.clip(image, 0, 255).astype(np.uint8), GLOWING, CAMERA, entries)
+    assert [s.part for s in seen] == ["small"]
+    assert (seen[0].x_mm, seen[0].y_mm) == pytest.approx((20.0, -15.0), abs=0.15)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.5, 6.0])
+@pytest.mark.parametrize("fading", [0.0, 0.3])
+def test_an_empty_table_is_an_empty_answer(noise: float, fading: float) -> None:
+    v, u = np.mgrid[0 : SIZE[1], 0 : SIZE[0]]
+    light = 1 - fading * (((u - 400) / 400) ** 2 + ((v - 320) / 320) ** 2) / 2
+    image = 210 * light + np.random.default_rng(4).normal(0, noise, light.shape)
+    assert look(np.clip(image, 0, 255).astype(np.uint8)) == ()
+
+
+def test_chips_and_dust_are_no_objects() -> None:
+    specks = [shapely.Point(200 + 90 * i, 300).buffer(3 + 3 * i) for i in range(4)]
+    assert look(picture(specks)) == ()
+    # 12 px are 3.4 mm: above the smallest area it is an object, and none of ours
+    (blob,) = look(picture([shapely.Point(400, 320).buffer(20)]))
+    assert blob.part is None
+    assert blob.area_mm2 == pytest.approx(np.pi * (20 * 0.28) ** 2, rel=0.02)
+
+
+def test_two_parts_apart_are_two_answers_largest_first() -> None:
+    T_plate = resting(solids()["plate"], poses("plate")[0].R, -45.0, 20.0, 0.3)
+    T_nut = resting(solids()["nut"], poses("nut")[0].R, 50.0, -25.0, 1.0)
+    first, second = look(picture([shape("plate", T_plate), shape("nut", T_nut)]))
+    assert_right(first, "plate", T_plate)
+    assert_right(second, "nut", T_nut)
+    assert first.area_mm2 > second.area_mm2
+
+
+def test_two_parts_that_touch_are_one_unknown_object() -> None:
+    T_plate = resting(solids()["plate"], poses("plate")[0].R, -20.0, 0.0, 0.0)
+    T_block = resting(solids()["block"], poses("block")[0].R, 34.5, 0.0, 0.0)
+    (seen,) = look(picture([shape("plate", T_plate), shape("block", T_block)]))
+    assert seen.part is None
+    assert "none of the known parts" in seen.reason
+
+
+def test_a_strange_object_is_refused_with_what_came_nearest() -> None:
+    strange = solid_of(box(60, 40, 10) - box(20, 12, 20).translate((20, 14, 0)), "strange")
+    T = resting(strange, stable_poses(strange)[0].R, 10.0, 10.0, 0.5)
+    (seen,) = look(picture([silhouette(strange.mesh, T, CAMERA)]))
+    assert seen.part is None
+    assert (seen.pose_index, seen.T_world_part, seen.R) == (-1, None, None)
+    assert "plate" in seen.reason
+    assert (seen.x_mm, seen.y_mm) == pytest.approx((10.0, 10.0), abs=3.0)
+
+
+@pytest.mark.parametrize("size", [(54.5, 30, 20), (50, 33, 20), (47, 28.5, 20)])
+def test_a_block_of_another_size_is_not_our_block(size: tuple[float, float, float]) -> None:
+    other = solid_of(box(*size), "other")
+    T = resting(other, np.eye(3), 5.0, -5.0, 0.8)
+    (seen,) = look(picture([silhouette(other.mesh, T, CAMERA)]))
+    assert seen.part is None
+
+
+@pytest.mark.parametrize(
+    ("x", "y"), [(98.0, 0.0), (-100.0, 10.0), (0.0, 80.0), (20.0, -82.0), (96.0, 77.0)]
+)
+def test_a_part_at_the_pictures_border_is_asked_to_move_inwards(x: float, y: float) -> None:
+    T = resting(solids()["block"], poses("block")[0].R, x, y, 0.3)
+    (seen,) = look(picture([shape("block", T)]))
+    assert seen.part is None
+    assert "move it inwards" in seen.reason
+
+
+def test_a_part_half_off_the_glowing_area_is_asked_to_move_inwards() -> None:
+    glowing = np.zeros(SIZE[::-1], dtype=bool)
+    glowing[100:540, 150:650] = True
+    image = picture([])
+    T = resting(solids()["block"], poses("block")[0].R, 62.0, 0.0, 0.3)
+    image = picture([shape("block", T)])
+    image[~glowing] = 25
+    (seen,) = recognise(image, glowing, CAMERA, catalogue())
+    assert seen.part is None
+    assert "move it inwards" in seen.reason
+    T = resting(solids()["block"], poses("block")[0].R, 20.0, 0.0, 0.3)
+    image = picture([shape("block", T)])
+    image[~glowing] = 25
+    (seen,) = recognise(image, glowing, CAMERA, catalogue())
+    assert_right(seen, "block", T)
+
+
+@pytest.mark.parametrize("theta", [0.0, 1.0, 2.5, -1.4])
+@pytest.mark.parametrize("name", ["hand", "other_hand"])
+def test_a_part_is_not_taken_for_its_mirror_image(name: str, theta: float) -> None:
+    plate_down = next(p for p in poses(name) if abs(p.R[2, 2]) > 0.99)
+    T = resting(solids()[name], plate_down.R, 15.0, -10.0, theta)
+    (seen,) = look(picture([shape(name, T)]))
+    assert_right(seen, name, T)
+    assert seen.ambiguous_with == ()
+
+
+@pytest.mark.parametrize("index", range(6))
+def test_a_plain_block_is_not_ambiguous_with_itself_turned(index: int) -> None:
+    T = resting(solids()["block"], poses("block")[index].R, 12.0, 7.0, 0.5)
+    (seen,) = look(picture([shape("block", T)]))
+    assert_right(seen, "block", T)
+    assert seen.ambiguous_with == ()
+
+
+def test_a_nut_is_not_ambiguous_with_itself_turned_by_a_sixth() -> None:
+    T = resting(solids()["nut"], poses("nut")[1].R, 12.0, 7.0, 0.5)
+    (seen,) = look(picture([shape("nut", T)]))
+    assert_right(seen, "nut", T)
+    assert seen.ambiguous_with == ()
+
+
+@pytest.mark.parametrize("theta", [0.2, 1.9, -2.6])
+def test_one_small_hole_decides_how_a_plate_is_turned(theta: float) -> None:
+    # the hole is 1.2 % of the area: turned or turned over, 2.4 % of the pixels differ
+    T = resting(solids()["plate"], poses("plate")[0].R, -30.0, 18.0, theta)
+    (seen,) = look(picture([shape("plate", T)]))
+    assert_right(seen, "plate", T)
+    assert seen.ambiguous_with == ()
+
+
+def test_a_rod_that_would_roll_on_is_seen_lying_all_the_same() -> None:
+    round_bar = solid_of(rod(8, 60, 64), "bar")
+    lying_down = next(p for p in stable_poses(round_bar) if p.rolling)
+    entries = make_catalogue([round_bar], CAMERA)
+    T = resting(round_bar, lying_down.R, 10.0, 20.0, 0.6)
+    (seen,) = recognise(picture([silhouette(round_bar.mesh, T, CAMERA)]), GLOWING, CAMERA, entries)
+    assert seen.part == "bar"
+    assert seen.T_world_part is not None
+    axis = seen.T_world_part[:3, 2]
+    assert abs(axis @ T[:3, 2]) == pytest.approx(1.0, abs=1e-5)
+    assert (seen.x_mm, seen.y_mm) == pytest.approx((10.0, 20.0), abs=0.1)
+
+
+# --- where silhouettes cannot decide ------------------------------------------------------------
+
+
+LAMPS = (
+    PointLamp.ring("ring", np.array([0.0, 0, 690]), np.array([0.0, 0, -1]), 60.0, count=4),
+    PointLamp("side", np.array([[400.0, 350, 450]])),
+)
+
+
+@cache
+def pocketed() -> tuple[CatalogueEntry, ...]:
+    body = box(60, 40, 12) - box(16, 10, 8).translate((15, 8, 6))
+    return make_catalogue([solid_of(body, "pocket")], CAMERA)
+
+
+@pytest.mark.parametrize("theta", [0.7, 2.6])
+def test_lamps_tell_where_a_pocket_is_that_the_outline_does_not_show(theta: float) -> None:
+    (entry,) = pocketed()
+    solid = entry.solid
+    up = next(p for p in entry.poses if p.R[2, 2] > 0.99)
+    T = resting(solid, up.R, 12.0, -8.0, theta)
+    shots = Renderer(Scene(placed(solid.mesh, T), None, TABLE), CAMERA, seed=2)
+    backlit, lit = shots.backlit(), {lamp.name: shots.lit(lamp) for lamp in LAMPS}
+
+    (dark,) = recognise(backlit, GLOWING, CAMERA, pocketed())
+    # four readings put other surfaces in the same outline: two sides up, two turns
+    assert dark.part == "pocket"
+    assert len(dark.ambiguous_with) == 3
+    assert dark.grey_score is None
+
+    (seen,) = recognise(backlit, GLOWING, CAMERA, pocketed(), lit, LAMPS)
+    assert seen.pose_index == up.index
+    assert seen.T_world_part == pytest.approx(T, abs=0.05)
+    assert seen.ambiguous_with == ()
+    assert seen.grey_score is not None
+    assert seen.grey_score > 0.9
+
+
+def test_a_pocket_that_lies_face_down_leaves_two_turns_that_no_lamp_can_tell() -> None:
+    (entry,) = pocketed()
+    down = next(p for p in entry.poses if p.R[2, 2] < -0.99)
+    T = resting(entry.solid, down.R, 12.0, -8.0, 0.7)
+    shots = Renderer(Scene(placed(entry.solid.mesh, T), None, TABLE), CAMERA, seed=3)
+    lit = {lamp.name: shots.lit(lamp) for lamp in LAMPS}
+    (seen,) = recognise(shots.backlit(), GLOWING, CAMERA, pocketed(), lit, LAMPS)
+    assert seen.pose_index == down.index
+    (other,) = seen.ambiguous_with
+    assert other.pose_index == down.index
+    turn = (other.theta_rad - seen.theta_rad) % (2 * np.pi)
+    assert turn == pytest.approx(np.pi, abs=0.01)
+
+
+# --- the steps by themselves --------------------------------------------------------------------
+
+
+def test_levels_are_those_of_object_edge_and_ground() -> None:
+    image = np.full((100, 100), 200, np.uint8)
+    image[20:50, 30:60] = 20
+    inside = np.ones_like(image, dtype=bool)
+    assert threshold_levels(image, inside) == (20.0, 110.0, 200.0)
+    empty = np.full((100, 100), 200, np.uint8)
+    low, _, high = threshold_levels(empty, inside)
+    assert low == high == 200.0
+
+
+def test_what_is_outside_the_glowing_area_does_not_count() -> None:
+    image = np.full((100, 100), 200, np.uint8)
+    image[:, :40] = 20
+    inside = np.zeros_like(image, dtype=bool)
+    inside[:, 45:] = True
+    low, _, high = threshold_levels(image, inside)
+    assert low == high == 200.0
+
+
+def test_objects_come_with_their_own_mask_and_box() -> None:
+    image = picture([shapely.box(100, 100, 180, 160), shapely.box(300, 200, 420, 330)])
+    found = find_objects(image, GLOWING, CAMERA, Limits())
+    assert len(found) == 2
+    boxes = sorted(where for _, where in found)
+    assert boxes == [
+        pytest.approx((100, 100, 181, 161), abs=1),
+        pytest.approx((300, 200, 421, 331), abs=1),
+    ]
+    for mask, (x0, y0, x1, y1) in found:
+        rest = mask.copy()
+        rest[y0:y1, x0:x1] = False
+        assert mask.any()
+        assert not rest.any()
+
+
+def test_a_part_too_large_for_the_picture_is_refused_by_name() -> None:
+    # the picture shows 224 x 179 mm of the table
+    with pytest.raises(CadError, match=r"rail: 240 mm long.*does not fit"):
+        make_catalogue([solid_of(box(240, 30, 10), "rail")], CAMERA)
+    assert make_catalogue([solid_of(box(150, 100, 10), "sheet")], CAMERA)
