@@ -140,6 +140,8 @@ class Actions:
         self.parts_left = 0
         self.finished: list[PartRecord] = []
         self._recipe = recipe
+        # MAX_FORCE has no unit of its own; 20 to 60 have been used (umi_rtx.md 5.6)
+        self._grip_force = max(20, min(60, round(recipe.grip.force_n)))
         self._is_quick = {
             name: getattr(cell.cameras, name).settle_frames == 0
             for name in ("overhead", "inspection")
@@ -200,8 +202,12 @@ class Actions:
             await self._devices.arm.move_joints(q)
 
     async def _require_held(self) -> None:
-        """Look at the jaws after a move: a part that fell out lets them close."""
-        width = await self._devices.arm.jaw_width_mm()
+        """Press once more and look at the jaws: with nothing between them they close.
+
+        A jaw that stalled on the part stands where it stalled even when the part has gone
+        (umi_rtx.md 7), so that its width alone proves nothing.
+        """
+        width = await self._devices.arm.grip(self._grip_force)
         if width < self.part.gripped_mm - LOST_MM:
             await self._custody(Custody.LOST, f"jaws at {width:.1f} mm")
             raise PartProblemError(
@@ -451,9 +457,8 @@ class Actions:
         self.part.is_hold_seen = False
 
     async def _close(self, expected_mm: float, name: str) -> float:
-        force = max(20, min(60, round(self._recipe.grip.force_n)))
         width = await self._once(
-            name, {"expected_mm": expected_mm}, lambda: self._devices.arm.grip(force)
+            name, {"expected_mm": expected_mm}, lambda: self._devices.arm.grip(self._grip_force)
         )
         self.part.gripped_mm = width
         return width
@@ -474,7 +479,7 @@ class Actions:
                 pictures = {
                     "station_backlight": await self._shoot("inspection", {"station_backlight": 1.0})
                 }
-                for lamp in workers.STATION_LAMPS:
+                for lamp in _lamps_for(step):
                     pictures[lamp] = await self._shoot("inspection", {lamp: 1.0})
                 q = await self._devices.arm.read_q()
                 names = {
@@ -501,7 +506,7 @@ class Actions:
         assert grip is not None
         expected = shown_pose(self._layout, q, grip)
         holder = holder_boxes(self._layout, q, self.part.gripped_mm)
-        lit = {lamp: pictures[lamp] for lamp in workers.STATION_LAMPS}
+        lit = {lamp: pictures[lamp] for lamp in _lamps_for(step)}
         task = asyncio.ensure_future(
             self._compute(
                 workers.inspect,
@@ -714,6 +719,15 @@ class Actions:
         for _, task in self.part.pending:
             task.cancel()
         self.part.pending.clear()
+
+
+def _lamps_for(step: Present) -> tuple[str, ...]:
+    """Return the lamps a view is lit with.
+
+    The side lamp's shadows tell pockets and steps on a plane that is looked at squarely; on
+    slanting views they fall mostly where the prediction is not trusted.
+    """
+    return workers.STATION_LAMPS if step.square_to >= 0 else workers.STATION_LAMPS[:1]
 
 
 def explain_stall(error: AxisStalledError) -> str:

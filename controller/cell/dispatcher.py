@@ -167,6 +167,12 @@ class Dispatcher:
 
     async def _act(self, effect: Effect) -> None:
         note = await self._outcome_of(effect)
+        if self._running is None or self._running[1] is not asyncio.current_task():
+            # overtaken: what it says now is about a stop that somebody else has ordered
+            self._journal.record(
+                "event", "overtaken", {"effect": effect.value, "message": note.message}
+            )
+            return
         self._inbox.put_nowait(note)
 
     async def _outcome_of(self, effect: Effect) -> _Note:

@@ -1,0 +1,145 @@
+"""Faults the cell must survive: a clear message, the arm stopped, nothing released, the journal whole."""
+
+import contextlib
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from conftest import Ran, Run, once_in
+
+from controller.cell.journal import first_broken_row, read_rows
+
+
+def has_ended_well(ran: Ran, code: str, *words: str) -> None:
+    """Check what every survived fault has in common."""
+    assert ran.code == 1, ran.stderr
+    assert ran.result["code"] == code, ran.result
+    for word in words:
+        assert word in ran.result["message"], ran.result["message"]
+    rows = list(read_rows(ran.journal, ran.result["run"]))
+    assert rows[-1].name == "run_ended"
+    assert first_broken_row(ran.journal) is None
+    assert (ran.folder / "report.html").stat().st_size > 0
+
+
+def test_an_empty_table_is_said_and_nothing_is_gripped(start: Callable[..., Run]) -> None:
+    ran = start("recipes/holder.yaml", "--empty").follow()
+    has_ended_well(ran, "no_part", "no part on the table")
+    assert not [r for r in read_rows(ran.journal) if r.kind == "intent"]
+
+
+def test_an_emergency_stop_in_motion_stops_the_arm_and_says_so(start: Callable[..., Run]) -> None:
+    poses: list[Any] = []
+
+    def press(run: Run) -> None:
+        run.control("estop", pressed=True)
+        # the world is asked until the run has ended it
+        with contextlib.suppress(OSError, ValueError):
+            while True:
+                poses.append(run.control("truth")["parts"][0])
+
+    ran = start("recipes/holder.yaml", "--seed", "6").follow(once_in("presenting", press))
+    has_ended_well(ran, "estop", "emergency stop")
+    assert ran.result["end"] == "aborted"
+    assert "hand" in ran.result["where"]
+    # the part still hangs in the hand, and it hangs still
+    assert len(poses) > 2
+    assert poses[-1]["custody"] == "arm"
+    assert poses[-1]["T_world_part"] == poses[-2]["T_world_part"]
+
+
+def test_a_part_lost_in_transit_is_noticed(start: Callable[..., Run]) -> None:
+    ran = start("recipes/holder.yaml", "--seed", "7").follow(
+        once_in("presenting", lambda run: run.control("lose_part"))
+    )
+    has_ended_well(ran, "part_lost", "gone from the arm's hand")
+    custody = [r.name for r in read_rows(ran.journal) if r.kind == "custody"]
+    assert custody[-1] == "lost"
+
+
+def test_ctrl_c_stops_the_arm_and_releases_nothing(start: Callable[..., Run]) -> None:
+    ran = start("recipes/holder.yaml", "--seed", "8").follow(
+        once_in("presenting", lambda run: run.interrupt())
+    )
+    has_ended_well(ran, "stop")
+    assert ran.result["end"] == "stopped"
+    assert "arm's hand" in ran.result["where"]
+    opened = [r for r in read_rows(ran.journal) if r.kind == "intent" and r.name == "release"]
+    assert not opened
+
+
+@pytest.mark.slow
+def test_a_door_that_opens_in_motion_aborts(start: Callable[..., Run]) -> None:
+    ran = start("recipes/holder.yaml", "--seed", "9").follow(
+        once_in("grasping", lambda run: run.control("door", closed=False))
+    )
+    has_ended_well(ran, "guard_closed", "door is open")
+
+
+@pytest.mark.slow
+def test_two_parts_are_refused_with_both_places(start: Callable[..., Run]) -> None:
+    ran = start(
+        "recipes/holder.yaml", "--lay", "recipes/parts/holder.stl",
+        "--lay", "recipes/parts/idler_riser.stl", "--seed", "3",
+    ).follow()  # fmt: skip
+    has_ended_well(ran, "many_parts", "2 objects on the table")
+
+
+@pytest.mark.slow
+def test_a_stranger_is_not_touched(start: Callable[..., Run]) -> None:
+    ran = start(
+        "recipes/holder.yaml", "--lay", "recipes/parts/featuretype.stl", "--seed", "3"
+    ).follow()
+    has_ended_well(ran, "unknown_object", "none of the known parts")
+    assert not [r for r in read_rows(ran.journal) if r.kind == "intent"]
+
+
+@pytest.mark.slow
+def test_a_part_out_of_reach_is_named_with_the_reach(start: Callable[..., Run]) -> None:
+    ran = start("recipes/holder.yaml", "--at", "495,180,0", "--pose", "0").follow()
+    has_ended_well(ran, "no_plan", "mm")
+
+
+@pytest.mark.slow
+def test_a_part_that_vanishes_before_the_grip_is_looked_for_again(
+    start: Callable[..., Run],
+) -> None:
+    ran = start("recipes/holder.yaml", "--seed", "4").follow(
+        once_in("grasping", lambda run: run.control("remove"))
+    )
+    has_ended_well(ran, "no_part")
+    assert [r for r in read_rows(ran.journal) if r.name == "grip_missed"]
+
+
+@pytest.mark.slow
+def test_a_camera_pulled_out_is_named(start: Callable[..., Run]) -> None:
+    ran = start("recipes/holder.yaml", "--seed", "4").follow(
+        once_in("presenting", lambda run: run.control("unplug", camera="inspection"))
+    )
+    has_ended_well(ran, "unplugged", "inspection")
+
+
+@pytest.mark.slow
+def test_an_arm_that_restarts_in_motion_has_lost_its_position(start: Callable[..., Run]) -> None:
+    ran = start("recipes/holder.yaml", "--seed", "4").follow(
+        once_in("presenting", lambda run: run.control("arm_ip", ip=1, what="restart"))
+    )
+    has_ended_well(ran, "position_lost", "restart")
+    assert "arm's hand" in ran.result["where"]
+
+
+@pytest.mark.slow
+def test_a_killed_run_leaves_a_whole_journal_and_a_report_that_says_so(
+    start: Callable[..., Run],
+) -> None:
+    from controller.results import load_run, write_html
+
+    run = start("recipes/holder.yaml", "--seed", "4")
+    watch = once_in("presenting", lambda run: run.kill())
+    ran = run.follow(watch)
+    assert ran.code == -9
+    assert first_broken_row(ran.journal) is None
+    record = load_run(ran.runs, None)
+    page = write_html(record, ran.runs / "cut.html").read_text()
+    assert "cut off" in page
+    assert [r.name for r in read_rows(ran.journal) if r.kind == "custody"][-1] == "in_arm"
