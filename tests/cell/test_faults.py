@@ -1,11 +1,13 @@
 """Faults the cell must survive: a clear message, the arm stopped, nothing released, the journal whole."""
 
 import contextlib
+import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import Ran, Run, once_in
+from conftest import ROOT, Ran, Run, once_in
 
 from controller.cell.journal import first_broken_row, read_rows
 
@@ -95,9 +97,19 @@ def test_a_stranger_is_not_touched(start: Callable[..., Run]) -> None:
 
 
 @pytest.mark.slow
-def test_a_part_out_of_reach_is_named_with_the_reach(start: Callable[..., Run]) -> None:
-    ran = start("recipes/holder.yaml", "--at", "495,180,0", "--pose", "0").follow()
-    has_ended_well(ran, "no_plan", "mm")
+def test_a_part_out_of_reach_is_named_with_the_reach(
+    start: Callable[..., Run], tmp_path: Path
+) -> None:
+    # a much shorter arm on the same table
+    text = (ROOT / "recipes/cells/emulated.yaml").read_text()
+    short = re.sub(r"(upper_mm|fore_mm): 253.5", r"\1: 150.0", text)
+    assert short != text
+    cell = tmp_path / "short.yaml"
+    cell.write_text(short)
+    ran = start(
+        "recipes/holder.yaml", "--cell", str(cell), "--at", "490,170,0", "--pose", "0"
+    ).follow()
+    has_ended_well(ran, "no_plan", "reach", "mm")
 
 
 @pytest.mark.slow
