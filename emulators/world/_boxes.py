@@ -12,6 +12,8 @@ from ._parts import AWAY, FALLING, HELD, Part
 
 _NEAR_MM = 2.0  # a finger this near wakes a lying part
 _TABLE_MM = 0.3
+_GRAZES_MM = 0.3  # a lying part that a finger's face slides along
+_GIVES_MM = 1.5  # pads of the other gripper give by this and more
 _UP = np.array((0.0, 0.0, 1.0))
 
 
@@ -161,21 +163,29 @@ class CellBoxes:
         """Push a lying part along with a finger; what it comes down on stops it. Exact mesh."""
         if part.state == FALLING:  # it falls out of the way
             return []
+        if part.index in self._hand.passing:
+            # let go by this hand, it fell past the fingers: they part from it before they push it
+            fingers = enumerate(self._hand.finger_boxes)
+            if any(part.overlaps(box, self._hand.T_world_finger(i)) for i, box in fingers):
+                return []
+            self._hand.passing.discard(part.index)
+        is_held = part.state == HELD
         box, T = self._hand.finger_boxes[side], self._hand.T_world_finger(side)
         way = T[:3, 3] - self._fingers_before[side]
         length_mm = float(np.linalg.norm(way))
         key = (side, part.index)
-        if not part.overlaps(box, T):
+        if not part.overlaps(_shrunk(box, _GIVES_MM if is_held else _GRAZES_MM), T):
             self._entered.pop(key, None)
             return []
         # the way back out stays free: what counts is how the finger came in
-        out = self._entered.setdefault(key, -way / length_mm if length_mm > 1e-9 else _UP)
+        into = self._entered.setdefault(key, way / length_mm if length_mm > 1e-9 else -_UP)
         end = box.centre_mm.copy()
         end[0] = box.high_mm[0]
         tip = T[:3, :3] @ end + T[:3, 3]
-        if part.state == HELD or abs(out[2]) >= np.hypot(out[0], out[1]):
-            return [Touch(box.name, part.name, "tip", length_mm, tip, out)]
-        if way @ out < 0.0:
+        is_level = abs(into[2]) < np.hypot(into[0], into[1])
+        if is_held or (into[2] < 0.0 and not is_level):
+            return [Touch(box.name, part.name, "tip", length_mm, tip, -into)]
+        if is_level and way @ into > 0.0:
             part.slide(tip, way)
             self._bodies.place_part(part.falling, part.solid, part.T_world_part)
         return []
@@ -192,6 +202,10 @@ class CellBoxes:
         if nearest[0] >= -PUSH_MM:
             return []
         return [Touch(held.name, part.name, "tip", -nearest[0], nearest[1], nearest[2])]
+
+
+def _shrunk(box: Box, by_mm: float) -> Box:
+    return Box(box.name, box.low_mm + by_mm, box.high_mm - by_mm)
 
 
 def _overlap(low: Array, high: Array, other_low: Array, other_high: Array) -> Array:

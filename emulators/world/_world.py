@@ -5,6 +5,7 @@ advance, follows them, tells them what is in their way, and lets parts lie, fall
 held. What a test may know about it is at the end; nothing of that goes over a wire.
 """
 
+import logging
 import math
 from collections.abc import Sequence
 from typing import Final
@@ -20,6 +21,8 @@ from ._models import ArmBody, Event, JawBody, Snapshot
 from ._parts import AWAY, FALLING, HELD, LYING, Part
 from ._poses import JointValues, forward
 from ._solid import Solid
+
+log = logging.getLogger(__name__)
 
 QUIET_STEPS: Final = 4  # with nothing falling and no jaw moving, steps are this much longer
 _TABLE_MM: Final = 0.3
@@ -59,6 +62,7 @@ class World:
             Part(i, solid, *self.bodies.add_part(solid)) for i, solid in enumerate(solids)
         ]
         self.hand = make_gripper("arm", layout.arm.hand, joints.jaw_opening_mm)
+        self.hand.T_world_tip = self._links["tip"]
         self.fixture = make_gripper("fixture", layout.fixture, jaws.opening_mm)
         self._boxes = CellBoxes(layout, self.bodies, self._links, self.hand, self.fixture)
         for part in self.parts:  # the hand's fingers meet the exact mesh, not the fatter pieces
@@ -199,7 +203,7 @@ class World:
         if gripper is self.fixture:
             for body in gripper.finger_bodies:
                 self.bodies.pair(body, part.falling, False)
-            gripper.passing.add(part.index)
+        gripper.passing.add(part.index)
         self._set_free(part)
 
     def _set_free(self, part: Part) -> None:
@@ -266,6 +270,8 @@ class World:
                 self.collisions.append(
                     Collision(self.time_s, touch.moving, touch.other, touch.depth_mm)
                 )
+                words = "%.3f s: %s ran into %s (%.1f mm)"
+                log.warning(words, self.time_s, touch.moving, touch.other, touch.depth_mm)
         self._touching = {(touch.moving, touch.other) for touch in touches}
         if arm_moved and (touches or self._stall.is_blocking):
             self._stall.apply(touches, before, self._joints)

@@ -477,6 +477,50 @@ def test_the_hand_stops_at_the_table_and_comes_up_again(bench: Bench) -> None:
     assert not bench.arm.blocked
 
 
+def test_a_hand_that_has_not_moved_yet_is_where_the_arm_holds_it(bench: Bench) -> None:
+    tip = forward(bench.layout.arm, bench.arm.at)["tip"]
+    assert bench.world.snapshot().poses["tip"] == pytest.approx(tip)
+    assert bench.world.hand.T_world_tip == pytest.approx(tip)
+    bench.hand(60.0)
+    assert bench.world.collisions == []
+
+
+def test_a_hand_may_leave_a_part_that_lies_against_its_finger(bench: Bench) -> None:
+    bench.world.drop(0, 360.0, 0.0, rest=0, theta_rad=0.0)
+    bench.world.settle()
+    bench.hand(42.0)
+    bench.tip_to(0.5, 360.0, 0.0, 60.0, 0.0)
+    bench.tip_to(0.5, 360.0, 0.0, 5.0, 0.0)
+    part = bench.world.parts[0]
+    T = part.T_world_part.copy()
+    T[1, 3] += 1.2  # it has come to lie 0.2 mm inside a finger
+    part.move(T)
+    bench.go(0.5, zed_mm=bench.arm.at.zed_mm + 60.0)
+    assert bench.world.collisions == []
+    assert not bench.arm.blocked
+    assert part.centre_mm[2] == pytest.approx(10.0, abs=1e-6)
+
+
+def test_a_part_that_topples_when_let_go_does_not_catch_the_hand(bench: Bench) -> None:
+    T = np.eye(4)
+    T[:3, :3] = ((1, 0, 0), (0, 0, -1), (0, 1, 0))  # on its narrow long side, 20 mm thick
+    T[:3, 3] = 360.0, 0.0, 20.0
+    bench.world.place(0, T)
+    assert bench.world.settle()
+    bench.tip_to(0.5, 360.0, 0.0, 150.0, 0.0)
+    bench.tip_to(0.5, 360.0, 0.0, 20.0, 0.0)
+    bench.hand(0.0)
+    assert custody(bench.world, 0) == "arm"
+    bench.go(0.3, zed_mm=bench.arm.at.zed_mm + 10.0, roll_rad=0.5)
+    bench.hand(26.0)
+    assert bench.world.settle()
+    bench.go(0.2, zed_mm=bench.arm.at.zed_mm - 1.0)
+    bench.go(0.5, zed_mm=bench.arm.at.zed_mm + 80.0)
+    assert bench.world.collisions == []
+    assert not bench.world.hand.passing
+    bench.go(0.1, zed_mm=bench.arm.at.zed_mm + 1.0)
+
+
 def test_a_hand_swung_into_the_station_panel_stops_the_axis_that_swings_it(bench: Bench) -> None:
     bench.tip_to(0.5, 330.0, 150.0, 450.0, 0.0)
     assert not bench.world.collisions
