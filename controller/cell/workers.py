@@ -240,7 +240,7 @@ def inspect(
         T_world_part=T_world_part,
         holder=holder,
         panel_mm=panel_corners(c.cell, "station_backlight"),
-        lamps=build_lamps(c.cell, STATION_LAMPS),
+        lamps=build_lamps(c.cell, tuple(lit)),
         limits=inspection_limits(c.recipe),
         is_hold_seen=is_hold_seen,
     )
