@@ -16,10 +16,11 @@ from drivers.errors import DeviceError
 from drivers.io_modbus import Signal
 from drivers.umi_scara import AxisStalledError, Stop
 
-from .actions import REQUIRED_SIGNALS, Actions, explain_stall
+from .actions import Actions
 from .custody import where_it_is
 from .devices import Devices
 from .errors import CellError, PartProblemError
+from .interlocks import REQUIRED_SIGNALS
 from .journal import Journal, JournalError
 from .machine import CellMachine, Effect, Event
 
@@ -181,7 +182,7 @@ class Dispatcher:
         except PartProblemError as problem:
             return _Note(Event.PART_PROBLEM, effect, str(problem), problem.code)
         except AxisStalledError as error:
-            return _Note(Event.FAULT, effect, explain_stall(error), "stall")
+            return _Note(Event.FAULT, effect, _explain_stall(error), "stall")
         except (DeviceError, CellError, JournalError, OSError) as error:
             return _Note(Event.FAULT, effect, str(error), _code_of(error))
         except ExceptionGroup as group:
@@ -224,3 +225,8 @@ class Dispatcher:
 def _code_of(error: Exception) -> str:
     name = type(error).__name__.removesuffix("Error")
     return "".join("_" + c.lower() if c.isupper() else c for c in name).lstrip("_")
+
+
+def _explain_stall(error: AxisStalledError) -> str:
+    """Return what a stalled axis means for the operator."""
+    return f"the arm met something it should not have: {error}; look before you clear it"

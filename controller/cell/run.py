@@ -16,11 +16,12 @@ from controller.config import Cell, Recipe, build_layout
 from drivers.clock import CellClock
 
 from . import workers
-from .actions import Actions, PartRecord, Progress
+from .actions import Actions
 from .custody import where_it_is
 from .devices import Devices, resolve
 from .dispatcher import Dispatcher, Outcome
 from .journal import Journal
+from .records import PartRecord, Progress
 
 EMULATED_TIMEOUT_WALL_S = 10.0  # an emulated cell shares two cores with its controller
 JOURNAL_NAME = "journal.sqlite"

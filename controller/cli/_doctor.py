@@ -10,8 +10,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from controller.cell.actions import REQUIRED_SIGNALS
 from controller.cell.devices import Devices, resolve
+from controller.cell.interlocks import REQUIRED_SIGNALS
 from controller.cell.run import EMULATED_TIMEOUT_WALL_S
 from controller.config import Cell, load_cell
 from drivers.clock import CellClock

@@ -17,8 +17,8 @@ from rich.live import Live
 from rich.table import Table
 
 from controller.cad import load_solid
-from controller.cell.actions import PartRecord, Progress
 from controller.cell.dispatcher import Dispatcher
+from controller.cell.records import PartRecord, Progress
 from controller.cell.run import RunOrder, RunResult, new_run_id, run_batch
 from controller.cell.workers import Job, context, make_pool
 from controller.config import ConfigError, load_cell, load_recipe

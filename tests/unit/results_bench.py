@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from controller import inspection as inspecting
-from controller.cell.actions import describe_sighting, describe_verdict, describe_view
+from controller.cell.records import describe_sighting, describe_verdict, describe_view
 from controller.cell.custody import Custody
 from controller.cell.devices import resolve
 from controller.cell.journal import Journal
