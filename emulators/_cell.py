@@ -29,6 +29,7 @@ from emulators.world import (
     build_scene,
     load_solid,
     read_layout,
+    tray_of,
 )
 
 log = logging.getLogger(__name__)
@@ -54,6 +55,8 @@ class CellOptions:
     ----------
     rest : number of a part's way to lie, None for a likely one at random
     at : x, y [mm] and turn [rad] of the first part, None for anywhere
+    feed : how often the first part is laid anew once it lies in a tray: an unseen hand empties
+        the tray and brings the next one of its kind
     """
 
     cell: Path
@@ -65,6 +68,7 @@ class CellOptions:
     at: tuple[float, float, float] | None = None
     lines: Literal["tcp", "rtu-pty", "rtu-tcp"] = "tcp"
     camera_transport: Literal["auto", "fuse", "socket"] = "auto"
+    feed: int = 0
 
 
 class _FixtureJaws:
@@ -125,6 +129,7 @@ class Cell:
         self.solids = [load_solid(path) for path in options.parts]
         self.skipped_s = 0.0
         self._presence_s = 0.0
+        self._feed_left = options.feed
         seed = options.seed
         self.arm = ArmModel(seed)
         self.arm_wire = ArmWire(self.arm)
@@ -295,7 +300,14 @@ class Cell:
         if self._presence_s >= _PRESENCE_S:
             self._presence_s = 0.0
             self.signals.is_part_between_jaws = self.world.part_in_fixture
+            self._feed()
         self.desk.note(self.now_s)
+
+    def _feed(self) -> None:
+        """Lay the next part once the last one lies in a tray and has been let go."""
+        if self._feed_left and tray_of(self.world, 0) is not None:
+            self._feed_left -= 1
+            self.world.drop(0)
 
     def skip(self, dt_s: float) -> None:
         """Lose world time that this machine has no time for."""

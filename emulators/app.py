@@ -43,6 +43,9 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--cell", type=Path, required=True, help="cell file (YAML)")
     parser.add_argument("--part", type=Path, action="append", default=[], help="CAD of a part")
     parser.add_argument("--empty", action="store_true", help="parts are known, none is dropped")
+    parser.add_argument(
+        "--feed", type=int, default=0, help="lay so many more once the last lies in a tray"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of everything random")
     parser.add_argument("--speed", type=float, default=1.0, help="world seconds in a second")
     parser.add_argument("--pose", type=int, help="way to lie, by number; else a likely one")
@@ -83,6 +86,7 @@ def options_of(args: argparse.Namespace) -> CellOptions:
         at=at,
         lines=args.lines,
         camera_transport=args.camera_transport,
+        feed=args.feed,
     )
 
 

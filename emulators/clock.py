@@ -1,4 +1,4 @@
-"""Time of the emulated cell: world seconds, which pass ``speed`` times faster than the wall clock's.
+"""Time of the emulated cell: world seconds, ``speed`` of which pass in one of the wall clock.
 
 Models never look at a clock: time is handed to them. Only the servers that own a wire, and the
 loop that steps the world, ask this one.

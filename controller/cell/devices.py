@@ -58,8 +58,9 @@ def resolve(cell: Cell, emulated: Addresses) -> dict[str, dict[str, Any]]:
             if isinstance(offered, str):
                 settings["address"] = offered
             else:
-                where = offered.get("device") or f"{offered['host']}:{offered['port']}"
+                where = offered.get("path") or f"{offered['host']}:{offered['port']}"
                 settings |= {k: v for k, v in offered.items() if k in settings}
+                settings["transport"] = "rtu" if "path" in offered else offered["transport"]
                 settings["address"] = where
         found[name] = settings | {"emulated": section.address == EMULATED}
     return found

@@ -60,7 +60,11 @@ def run_recipe(
     if emulated:
         warn(f"EMULATED: {', '.join(emulated)} ({speed:g} x real time, --seed {seed} repeats it)")
     parts = () if empty else (lay or (recipe.part,) * 1)
-    command = emulator_command(cell_file, parts, speed=speed, seed=seed, more=emulator_args)
+    pieces = count or recipe.count
+    fed = ("--feed", str(pieces - 1)) if pieces > 1 and parts else ()
+    command = emulator_command(
+        cell_file, parts, speed=speed, seed=seed, more=(*emulator_args, *fed)
+    )
     with make_pool() as pool:
         # the worker reads the CAD while the emulated cell comes up
         pool.submit(context, Job(recipe_path, cell_file))
@@ -74,7 +78,7 @@ def run_recipe(
                 cell_path=cell_file,
                 recipe=recipe,
                 cell=cell,
-                count=count or recipe.count,
+                count=pieces,
                 speed=speed,
                 emulated=ready,
                 runs_dir=runs_dir,

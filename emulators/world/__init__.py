@@ -10,7 +10,7 @@ from ._models import Event, Snapshot
 from ._picture_worker import Picture, PictureDesk, Studio
 from ._scene import Scene, build_scene
 from ._solid import Solid, load_solid
-from ._truth import truth
+from ._truth import tray_of, truth
 from ._world import World
 
 __all__ = [
@@ -28,5 +28,6 @@ __all__ = [
     "build_scene",
     "load_solid",
     "read_layout",
+    "tray_of",
     "truth",
 ]
