@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 
 from controller import inspection as inspecting
-from controller.cell.records import describe_sighting, describe_verdict, describe_view
 from controller.cell.custody import Custody
 from controller.cell.devices import resolve
 from controller.cell.journal import Journal
+from controller.cell.records import describe_sighting, describe_verdict, describe_view
 from controller.cell.run import JOURNAL_NAME, RunOrder, _who_and_what
 from controller.config import load_cell, load_recipe
 from controller.recognition import Sighting
