@@ -1,4 +1,4 @@
-"""Faults the cell must survive: a clear message, the arm stopped, nothing released, the journal whole."""
+"""Faults the cell must survive: a clear message, the arm stopped, nothing let go, a whole journal."""
 
 import contextlib
 import re
