@@ -43,8 +43,16 @@ class WatchedBus(Bus):
         return super().request(unit, pdu, now_s)
 
 
-PATIENCE_WALL_S = 2.0  # no busy host looks like a silent device
-SHORT_PATIENCE_WALL_S = 0.12  # where silence is what is tested
+PATIENCE_WALL_S = 5.0  # no busy host looks like a silent device
+
+
+def short_patience_wall_s(transport: Transport) -> float:
+    """Return the patience where silence is what is tested [wall s].
+
+    A busy kernel holds bytes back on a terminal for tenths of a second, on a socket for
+    milliseconds.
+    """
+    return 0.8 if transport == "rtu" else 0.12
 
 
 @dataclass
@@ -78,6 +86,11 @@ class ModbusBench:
         until_s = self.lived_s + duration_s
         while self.lived_s < until_s:
             await self.world.sleep(until_s - self.lived_s)
+
+    @property
+    def patience_s(self) -> float:
+        """How long the driver waits for a reply [cell s]."""
+        return self.clock.min_timeout_wall_s * self.clock.speed
 
     def sent(self) -> list[bytes]:
         """Return all frames the driver has sent."""

@@ -56,7 +56,7 @@ async def io_bench(
     folder: Path,
     *,
     speed: float = 10.0,
-    patience_wall_s: float = 2.0,
+    patience_wall_s: float = 5.0,
     config: E1214Config | None = None,
 ) -> AsyncIterator[Bench]:
     signals = CellSignals()
