@@ -242,7 +242,7 @@ def doctor(
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line and return its exit code."""
     try:
-        app(args=list(argv) if argv is not None else None)
+        app(args=list(argv) if argv is not None else None, prog_name="cellctl")
     except SystemExit as end:  # how the parser ends each command, and each wrong command line
         return end.code if isinstance(end.code, int) else int(end.code is not None)
     except (ConfigError, CadError) as error:
