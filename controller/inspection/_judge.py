@@ -78,9 +78,10 @@ def judge(
         shown |= view.seen
     covered = float(samples.areas_mm2[shown].sum() / samples.areas_mm2.sum())
     confirmed, doubtful = _confirm(evaluated, limits)
-    bad_faces = {i for _, f in confirmed for i in f.face_ids}
+    found = dict.fromkeys((i for _, f in doubtful for i in f.face_ids), Verdict.INDETERMINATE)
+    found |= dict.fromkeys((i for _, f in confirmed for i in f.face_ids), Verdict.FAIL)
     faces = tuple(
-        _face(solid, samples, i, shown, evaluated, i in bad_faces, unseen_reasons)
+        _face(solid, samples, i, shown, evaluated, found.get(i), unseen_reasons)
         for i in range(len(solid.faces))
     )
     reasons: list[str] = [_sentence(solid, view_id, f) for view_id, f in confirmed]
@@ -140,7 +141,7 @@ def _face(
     face_id: int,
     shown: NDArray[np.bool_],
     views: Sequence[ViewResult],
-    bad: bool,
+    found: Verdict | None,
     unseen_reasons: Mapping[int, str],
 ) -> FaceVerdict:
     face = solid.faces[face_id]
@@ -148,10 +149,12 @@ def _face(
     fraction = float(shown[mine].mean()) if mine.any() else 0.0
     by = tuple(v.view_id for v in views if (v.seen & mine).any())
     reason = unseen_reasons.get(face_id, "")
-    if bad:
-        verdict, reason = Verdict.FAIL, "differs from the CAD"
+    verdict = Verdict.NOT_EVALUATED
+    if found is Verdict.FAIL:
+        verdict, reason = found, "differs from the CAD"
+    elif found is not None:
+        verdict, reason = found, "may differ from the CAD: one weak finding"
     elif fraction >= 0.5:
-        verdict, reason = Verdict.PASS, "" if fraction > 0.98 else reason
-    else:
-        verdict = Verdict.NOT_EVALUATED
+        rest = reason or f"{100 * (1 - fraction):.0f} % of it in no view that was evaluated"
+        verdict, reason = Verdict.PASS, "" if fraction > 0.98 else rest
     return FaceVerdict(face_id, face.label, face.area_mm2, fraction, verdict, by, reason)

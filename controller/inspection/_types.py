@@ -39,6 +39,8 @@ class Limits:
     ----------
     smallest_defect_mm : what the recipe asks to be found
     max_residual_px : outline fit worse than this: the view is not evaluated
+    min_outline_share : less of the predicted outline found: the view is not evaluated; a part in
+        the wrong place keeps a third by chance, one that lost its half keeps three quarters
     max_shift_mm, max_turn_rad : farther from the expected pose the part has slipped in the jaws
     slack_px : outlines and shading may be off by this much without meaning anything
     grey_share, grey_levels : a surface is as bright as predicted within these
@@ -46,6 +48,7 @@ class Limits:
 
     smallest_defect_mm: float = 3.0
     max_residual_px: float = 1.2
+    min_outline_share: float = 0.6
     max_shift_mm: float = 4.0
     max_turn_rad: float = 0.12
     slack_px: int = 2

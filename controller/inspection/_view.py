@@ -105,6 +105,13 @@ def inspect_view(
             f"outline off by {fit.residual_px:.2f} px, {limits.max_residual_px:.2f} px is allowed: "
             "not this part, or not this pose",
         )
+    if fit.paired < limits.min_outline_share:
+        return _not_evaluated(
+            task,
+            samples,
+            f"{100 * fit.paired:.0f} % of the part's outline found, "
+            f"{100 * limits.min_outline_share:.0f} % is asked: it slipped, or is another part",
+        )
     if shift > limits.max_shift_mm or turn > limits.max_turn_rad:
         return _not_evaluated(
             task,
@@ -114,10 +121,13 @@ def inspect_view(
         )
     findings = [*_silhouette(part, fit.maps, dark_part, scene, task, fit.T_world_part)]
     for lamp in task.lamps:
-        if lamp.name in pictures.lit:
-            findings += _shading(
-                part, fit.maps, scene, task, fit.T_world_part, lamp.name, pictures.lit[lamp.name]
-            )
+        picture = pictures.lit.get(lamp.name)
+        if picture is None:
+            return _not_evaluated(task, samples, f"no picture under {lamp.name}")
+        differing = _shading(part, fit.maps, scene, task, fit.T_world_part, lamp.name, picture)
+        if differing is None:
+            return _not_evaluated(task, samples, f"{lamp.name} gives no light: is the lamp on?")
+        findings += differing
     x0, y0, _, _ = fit.maps.roi
     return ViewResult(
         view_id=task.view_id,
@@ -225,8 +235,12 @@ def _shading(
     T: Array,
     lamp_name: str,
     picture: Grey,
-) -> list[Finding]:
-    """Compare grey levels on plane faces, in bores and through them."""
+) -> list[Finding] | None:
+    """Compare grey levels on plane faces, in bores and through them.
+
+    Nothing is found where the lamp lights nothing that is seen; None where it ought to and does
+    not, since then a silence would be no proof.
+    """
     whole = maps
     maps = ViewMaps(
         whole.roi,
@@ -261,8 +275,8 @@ def _shading(
     if bright.sum() < 150:
         return []
     gain = float(np.median(observed[bright] / expected[bright]))
-    if gain < limits.min_contrast / 2:  # too dark to say anything
-        return []
+    if gain < limits.min_contrast / 2:
+        return None
     gains = np.full(len(solid.faces) + 1, gain, dtype=np.float32)
     for face_id in np.unique(face[bright]):
         here = bright & (face == face_id)
@@ -315,7 +329,6 @@ def _blobs(
     found = []
     for i in range(1, count):
         x, y, w, h, area = (int(v) for v in stats[i])
-        # what the slack ate is given back before it is measured against the limit
         area_mm2 = area * mm**2
         if area_mm2 < task.limits.min_area_mm2:
             continue
