@@ -380,7 +380,7 @@ def _nearest_on_part(
 def _seen(
     part: PosedPart, samples: SurfaceSamples, camera: Camera, T: Array, scene: _Scene
 ) -> Mask:
-    """Return which surface samples the picture did show, (n,)."""
+    """Return which surface samples the picture did show, (n,); beside the hand nothing counts."""
     points = transform(T, samples.points_mm)
     normals = samples.normals @ T[:3, :3].T
     towards = camera.position_mm - points
@@ -391,6 +391,8 @@ def _seen(
     width, height = camera.size_px
     seen &= (pixels[:, 0] >= 0) & (pixels[:, 0] < width)
     seen &= (pixels[:, 1] >= 0) & (pixels[:, 1] < height)
+    x, y = np.clip(pixels, 0, [width - 1, height - 1]).T
+    seen &= ~scene.holder_mask[y, x]  # what is not compared has not been seen
     start = points + 0.05 * normals
     T_part_world = inverse_pose(T)
     index = np.nonzero(seen)[0]

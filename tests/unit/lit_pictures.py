@@ -61,8 +61,8 @@ def sight_lines(camera: Camera, pixels: Array) -> Array:
 class Renderer:
     """One scene before one camera; the sight lines are cast once for all its lamps.
 
-    Only the rectangle round the scene is sampled finely; beside it the wall is smooth, and must
-    fill the picture.
+    Only the part's surroundings are sampled finely, the rest on every eighth pixel; shadows fall on
+    the scene and on what is seen through it. The wall must fill the picture.
     """
 
     def __init__(self, scene: Scene, camera: Camera, seed: int = 0) -> None:
@@ -75,12 +75,13 @@ class Renderer:
         u, v = np.arange(0, width + 7, 8.0), np.arange(0, height + 7, 8.0)
         lines = sight_lines(camera, np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
         eye = camera.T_world_cam[:3, 3]
-        hit = self._mesh.ray.intersects_first(np.broadcast_to(eye, lines.shape), lines) >= 0
-        rows, columns = np.nonzero(hit.reshape(len(v), len(u)))
-        self._coarse = _Samples(lines, np.full(len(lines), -1), eye, self._mesh, self._wall)
+        triangle = self._mesh.ray.intersects_first(np.broadcast_to(eye, lines.shape), lines)
+        self._coarse = _Samples(lines, triangle, eye, self._mesh, self._wall)
         self._coarse_shape = (len(v), len(u))
-        x0, y0 = max(8 * columns.min() - 16, 0), max(8 * rows.min() - 16, 0)
-        x1, y1 = min(8 * columns.max() + 17, width), min(8 * rows.max() + 17, height)
+        is_part = (triangle >= 0) & (triangle < len(scene.part.faces))
+        rows, columns = np.nonzero(is_part.reshape(self._coarse_shape))
+        x0, y0 = max(8 * columns.min() - 24, 0), max(8 * rows.min() - 24, 0)
+        x1, y1 = min(8 * columns.max() + 25, width), min(8 * rows.max() + 25, height)
         self._box = (int(x0), int(y0), int(x1), int(y1))
         step = (np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
         u = (np.arange(x0, x1)[:, None] + step).ravel()
@@ -88,15 +89,20 @@ class Renderer:
         lines = sight_lines(camera, np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
         triangle = self._mesh.ray.intersects_first(np.broadcast_to(eye, lines.shape), lines)
         self._fine = _Samples(lines, triangle, eye, self._mesh, self._wall)
+        # shadows on the wall matter where it is seen through the part only
+        is_mesh = self._fine.is_mesh.reshape(len(v), len(u)).astype(np.uint8)
+        outlines, _ = cv2.findContours(is_mesh, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        filled = cv2.drawContours(is_mesh.copy(), outlines, -1, 1, thickness=cv2.FILLED)
+        self._fine.is_shaded = filled.ravel() > 0
 
-    def backlit(self, level: float = 1.0) -> Grey:
+    def backlit(self) -> Grey:
         """The wall glows, what stands before it is dark."""
-        glow = level * GLOW_GREY
-        return self._expose(
-            np.full(self._coarse_shape, glow), np.where(self._fine.is_mesh, 0.0, glow)
+        coarse, fine = (
+            np.where(samples.is_mesh, 0.0, GLOW_GREY) for samples in (self._coarse, self._fine)
         )
+        return self._expose(coarse, fine)
 
-    def lit(self, lamp: PointLamp, level: float = 1.0) -> Grey:
+    def lit(self, lamp: PointLamp) -> Grey:
         """One lamp shines, as bright as `PART_GREY` on a surface square to it amid the scene."""
         middle = self._mesh.bounds.mean(axis=0)
         fine, coarse = np.zeros(len(self._fine.points)), np.zeros(len(self._coarse.points))
@@ -104,14 +110,16 @@ class Renderer:
             far = float(np.linalg.norm(position - middle))
             fine += self._fine.light(position, far, self._mesh)
             coarse += self._coarse.light(position, far, None)
-        fine *= level / len(lamp.points_mm) * np.where(self._fine.is_mesh, PART_GREY, WALL_GREY)
-        coarse *= level / len(lamp.points_mm) * WALL_GREY
-        return self._expose(coarse.reshape(self._coarse_shape), fine)
+        each = 1 / len(lamp.points_mm)
+        fine *= each * np.where(self._fine.is_mesh, PART_GREY, WALL_GREY)
+        coarse *= each * np.where(self._coarse.is_mesh, PART_GREY, WALL_GREY)
+        return self._expose(coarse, fine)
 
     def _expose(self, coarse: Array, fine: Array) -> Grey:
         width, height = self._camera.size_px
         v, u = np.mgrid[0:height, 0:width].astype(np.float32) / 8
-        whole = cv2.remap(coarse.astype(np.float32), u, v, cv2.INTER_LINEAR).astype(np.float64)
+        rough = coarse.reshape(self._coarse_shape).astype(np.float32)
+        whole = cv2.remap(rough, u, v, cv2.INTER_LINEAR).astype(np.float64)
         x0, y0, x1, y1 = self._box
         block = fine.reshape(y1 - y0, SAMPLES, x1 - x0, SAMPLES).mean(axis=(1, 3))
         whole[y0:y1, x0:x1] = block
@@ -127,6 +135,7 @@ class _Samples:
         self, lines: Array, triangle: Array, eye: Array, mesh: trimesh.Trimesh, wall_mm: Array
     ) -> None:
         self.is_mesh = triangle >= 0
+        self.is_shaded = self.is_mesh
         a, b, _, d = wall_mm
         normal = np.cross(b - a, d - a)
         normal /= np.linalg.norm(normal)
@@ -151,7 +160,7 @@ class _Samples:
         light = (towards * self.normals).sum(axis=1) / distance * (far_mm / distance) ** 2
         light = np.maximum(light, 0.0)
         if mesh is not None:
-            lit = np.flatnonzero(light)
+            lit = np.flatnonzero(self.is_shaded & (light > 0))
             start = self.points[lit] + 0.02 * self.normals[lit]
             hit = mesh.ray.intersects_first(start, towards[lit])
             struck = hit >= 0

@@ -306,7 +306,7 @@ def test_a_rod_that_would_roll_on_is_seen_lying_all_the_same() -> None:
 
 
 LAMPS = (
-    PointLamp.ring("ring", np.array([0.0, 0, 690]), np.array([0.0, 0, -1]), 60.0, count=4),
+    PointLamp.ring("ring", np.array([0.0, 0, 690]), np.array([0.0, 0, -1]), 60.0, count=3),
     PointLamp("side", np.array([[400.0, 350, 450]])),
 )
 

@@ -1,0 +1,320 @@
+"""One shown view against the CAD, on pictures rendered by the tests' own renderer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from cad_solids import Body, box
+from lit_pictures import STRAY_GREY
+from numpy.typing import NDArray
+from shown_part import (
+    CAMERA,
+    LAMPS,
+    blank,
+    bore,
+    boss,
+    cross_bore,
+    face_id,
+    hand,
+    moved,
+    part,
+    perfect,
+    photograph,
+    pocket,
+    samples,
+    shown,
+    solid,
+    task,
+)
+
+from controller.cad import inverse_pose, transform
+from controller.inspection import Finding, Kind, ViewPictures, ViewResult, inspect_view
+
+Array = NDArray[np.float64]
+FRONT = shown(8, 6)
+VIEWS = {
+    "front": FRONT,
+    "turned": shown(20, 12, 5),
+    "from the left": shown(-25, -8, 10),
+    "side": shown(80, 0),
+    "from below": shown(10, -60),
+}
+SLIP = ((0.5, 0.3, -0.4), 0.6)  # as a jaw leaves it: mm, degrees
+
+
+@cache
+def right_pictures() -> ViewPictures:
+    return photograph(perfect(), FRONT, hand(FRONT))
+
+
+def look(pictures: ViewPictures, T: Array = FRONT) -> ViewResult:
+    return inspect_view(part(), samples(), task(T), pictures)
+
+
+def inspect(body: Body, T: Array = FRONT, T_true: Array | None = None) -> ViewResult:
+    return look(photograph(body, T if T_true is None else T_true, hand(T)), T)
+
+
+@cache
+def with_a_lump() -> ViewResult:
+    return inspect(perfect() + box(5, 6, 6).translate((5, -19, 0)))
+
+
+def darkness(seed: int = 0) -> NDArray[np.uint8]:
+    noise = np.random.default_rng(seed).normal(STRAY_GREY, 1.8, CAMERA.size_px[::-1])
+    return np.clip(np.round(noise), 0, 255).astype(np.uint8)
+
+
+def of_kind(result: ViewResult, kind: Kind) -> list[Finding]:
+    return [f for f in result.findings if f.kind is kind]
+
+
+def away_mm(finding: Finding, at: tuple[float, float, float]) -> float:
+    return float(np.linalg.norm(finding.p_part_mm - np.array(at)))
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_a_perfect_part_that_sits_a_little_askew_has_no_findings(view: str) -> None:
+    T = VIEWS[view]
+    T_true = moved(T, *SLIP)
+
+    result = inspect(perfect(), T, T_true)
+
+    assert result.evaluated, result.reason
+    assert result.findings == ()
+    assert result.view_id == "v1"
+    # across the view the pose is measured; along it a single picture cannot tell tenths
+    com = solid().centroid_mm[None]
+    off = transform(result.T_world_part, com)[0] - transform(T_true, com)[0]
+    assert np.abs(off[[0, 2]]).max() < 0.08
+    assert abs(off[1]) < 2.0
+    assert result.shift_mm == pytest.approx(np.linalg.norm(off + SLIP[0]), abs=0.25)
+    assert 0 < result.turn_rad < np.radians(1.2)
+    assert result.residual_px < 0.6
+
+
+def test_a_filled_bore_keeps_the_light_out() -> None:
+    result = inspect((blank() + boss()) - cross_bore() - pocket())
+    (dark,) = of_kind(result, Kind.EXTRA)
+    assert dark.lamp == "backlit"
+    assert away_mm(dark, (-11, 3, 12)) < 5
+    assert face_id("cylinder", (-11, 3, 0)) in dark.face_ids
+    # seen at 10 degrees the 24 mm bore of 10 mm lets a lens of 5.8 mm through
+    assert 20 < dark.area_mm2 < 45
+    # and under the lamp there is a surface where a wall in the dark was expected
+    assert any(away_mm(f, (-11, 3, 0)) < 14 for f in of_kind(result, Kind.SURFACE))
+    assert of_kind(result, Kind.MISSING) == []
+
+
+def test_a_filled_pocket_that_no_outline_shows_is_found_by_its_shadow() -> None:
+    result = inspect((blank() + boss()) - bore() - cross_bore())
+    assert of_kind(result, Kind.EXTRA) == of_kind(result, Kind.MISSING) == []
+    surface = of_kind(result, Kind.SURFACE)
+    assert surface
+    floor = face_id("plane", (8, -9, 6))
+    assert any(floor in f.face_ids for f in surface)
+    assert all(away_mm(f, (8, -9, 9)) < 12 for f in surface)
+
+
+def test_a_missing_boss_lacks_its_shadow_seen_from_the_front() -> None:
+    result = inspect(blank() - bore() - cross_bore() - pocket())
+    assert of_kind(result, Kind.EXTRA) == of_kind(result, Kind.MISSING) == []
+    surface = of_kind(result, Kind.SURFACE)
+    assert surface
+    assert all(away_mm(f, (12, 8, 12)) < 14 for f in surface)
+
+
+def test_a_missing_boss_leaves_the_outline_empty_seen_from_the_side() -> None:
+    result = inspect(blank() - bore() - cross_bore() - pocket(), VIEWS["side"])
+    (gap,) = of_kind(result, Kind.MISSING)
+    assert gap.lamp == "backlit"
+    assert set(gap.face_ids) & {
+        face_id("cylinder", (12, 8, 15)),
+        face_id("plane", (12, 8, 18)),
+    }
+    # 12 x 6 mm, less the slack and what the front's edge hides at 80 degrees
+    assert 40 < gap.area_mm2 < 72
+    assert gap.p_part_mm[2] > 12
+
+
+def test_a_corner_cut_off_by_five_millimetres_is_missing() -> None:
+    # a prism of 5 x 5 mm off the lower left edge, all along the part's depth
+    wedge = Body.cube((5 * np.sqrt(2), 5 * np.sqrt(2), 60), True).rotate((0, 0, 45))
+    result = inspect(perfect() - wedge.translate((-23, -17, 0)))
+    (gap,) = of_kind(result, Kind.MISSING)
+    assert gap.lamp == "backlit"
+    assert away_mm(gap, (-21.3, -15.3, 12)) < 5
+    # 12.5 mm2 of each cross-section, drawn out over 24 mm of depth seen at 10 degrees
+    assert 8 < gap.area_mm2 < 25
+    assert of_kind(result, Kind.EXTRA) == []
+    assert set(gap.face_ids) & {face_id("plane", (0, 0, 12)), face_id("plane", (-23, 0, 0))}
+
+
+def test_a_block_too_much_is_extra_material() -> None:
+    result = with_a_lump()
+    (lump,) = of_kind(result, Kind.EXTRA)
+    assert lump.lamp == "backlit"
+    # 5 mm wide, 5 mm beyond the lower face
+    assert 15 < lump.area_mm2 < 25
+    assert lump.p_part_mm[0] == pytest.approx(5, abs=3)
+    assert lump.p_part_mm[1] < -14
+    assert of_kind(result, Kind.MISSING) == []
+
+
+def test_a_defect_smaller_than_asked_is_no_finding() -> None:
+    result = inspect(perfect() + box(1.2, 2, 1.2).translate((5, -17.4, 0)))
+    assert result.evaluated
+    assert result.findings == ()
+
+
+def test_a_finding_tells_where_it_is_in_the_picture_and_on_the_part() -> None:
+    (lump,) = of_kind(with_a_lump(), Kind.EXTRA)
+    x0, y0, x1, y1 = lump.box_px
+    assert x0 < lump.at_px[0] < x1
+    assert y0 < lump.at_px[1] < y1
+    (pixel,) = CAMERA.project(transform(FRONT, np.array([[5.0, -19.5, 0.0]])))
+    assert lump.at_px == pytest.approx(pixel, abs=8)
+    assert lump.size_mm == pytest.approx(np.hypot(5, 5), abs=1.5)
+
+
+def test_the_outline_told_is_the_parts_own() -> None:
+    result = look(right_pictures())
+    corners = np.array([[x, y, z] for x in (-23, 23) for y in (-17, 17) for z in (-12, 12)])
+    pixels = CAMERA.project(transform(FRONT, corners.astype(float)))
+    assert result.outline_px.min(axis=0) == pytest.approx(pixels.min(axis=0), abs=2)
+    assert result.outline_px.max(axis=0) == pytest.approx(pixels.max(axis=0), abs=2)
+
+
+# --- views that prove nothing are not evaluated -------------------------------------------------
+
+
+def assert_not_evaluated(result: ViewResult, reason: str) -> None:
+    assert not result.evaluated
+    assert reason in result.reason
+    assert result.findings == ()
+    assert not result.seen.any()
+    assert np.isinf(result.residual_px)
+
+
+@pytest.mark.parametrize(
+    ("shift_mm", "turn_deg", "reason"),
+    [
+        ((4.0, 0, -3), 0.0, "slipped"),
+        ((0.0, 0, -9), 1.0, "slipped"),
+        ((0.0, 0, 0), 9.0, "slipped"),
+        ((0.0, 0, 0), 180.0, "not this pose"),
+    ],
+)
+def test_a_part_that_is_not_where_the_jaws_hold_it_is_not_judged(
+    shift_mm: tuple[float, float, float], turn_deg: float, reason: str
+) -> None:
+    # told before any lamp is asked for
+    pictures = photograph(perfect(), moved(FRONT, shift_mm, turn_deg), hand(FRONT), lamps=())
+    assert_not_evaluated(look(pictures), reason)
+
+
+def test_no_part_at_all_is_not_judged() -> None:
+    speck = box(1, 1, 1).translate((12, 8, 14))
+    pictures = photograph(speck, FRONT, hand(FRONT), lamps=())
+    assert_not_evaluated(look(pictures), "no outline of the part")
+
+
+def test_a_dead_panel_is_not_judged() -> None:
+    pictures = replace(right_pictures(), backlit=darkness())
+    assert_not_evaluated(look(pictures), "is the panel's lamp on?")
+
+
+def test_a_panel_that_burns_out_the_picture_is_not_judged() -> None:
+    burnt = np.full_like(right_pictures().backlit, 255)
+    assert not look(replace(right_pictures(), backlit=burnt)).evaluated
+
+
+@pytest.mark.parametrize("lamp", ["ring", "side"])
+def test_a_dead_lamp_is_not_taken_for_a_part_without_fault(lamp: str) -> None:
+    pictures = right_pictures()
+    dead = replace(pictures, lit={**pictures.lit, lamp: darkness()})
+    assert_not_evaluated(look(dead), f"{lamp} gives no light")
+
+
+@pytest.mark.parametrize("lamp", ["ring", "side"])
+def test_a_picture_that_was_not_taken_is_not_taken_for_one_without_fault(lamp: str) -> None:
+    pictures = right_pictures()
+    rest = {name: image for name, image in pictures.lit.items() if name != lamp}
+    assert_not_evaluated(look(replace(pictures, lit=rest)), f"no picture under {lamp}")
+
+
+def test_lamps_that_changed_places_do_not_go_unnoticed() -> None:
+    pictures = right_pictures()
+    ring, side = (pictures.lit[lamp.name] for lamp in LAMPS)
+    swapped = look(replace(pictures, lit={"ring": side, "side": ring}))
+    assert swapped.findings or not swapped.evaluated
+
+
+# --- what was seen ------------------------------------------------------------------------------
+
+
+def test_only_what_faces_the_camera_and_nothing_hides_counts_as_seen() -> None:
+    result = look(right_pictures())
+    ids, seen = samples().face_ids, result.seen
+    share = {f.id: float(seen[ids == f.id].mean()) for f in solid().faces}
+    assert share[face_id("plane", (12, 8, 18))] > 0.95  # the boss, towards the camera
+    assert share[face_id("plane", (8, -9, 6))] > 0.6  # the pocket's floor, between its walls
+    assert share[face_id("plane", (0, 0, 12))] > 0.75  # the front; the boss and the hand hide some
+    assert share[face_id("plane", (0, 0, -12))] == 0  # the back
+    assert share[face_id("cylinder", (0, -9, -4))] == 0  # the bore across
+
+
+def test_what_is_beside_the_hand_is_neither_judged_nor_counted_as_seen() -> None:
+    result = look(right_pictures())
+    points = transform(FRONT, samples().points_mm)
+    pixels = CAMERA.project(points)
+    for held in hand(FRONT)[:2]:
+        local = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+        corners = CAMERA.project(transform(held.T, local * held.half_mm))
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        inside = ((pixels > low) & (pixels < high)).all(axis=1)
+        assert inside.sum() > 10
+        assert not result.seen[inside].any()
+    # the same view without a hand shows more
+    T = FRONT
+    bare = inspect_view(part(), samples(), task(T, ()), photograph(perfect(), T, ()))
+    assert bare.evaluated
+    assert bare.findings == ()
+    assert bare.seen.sum() > result.seen.sum()
+    assert not (result.seen & ~bare.seen).any()
+
+
+def test_a_defect_behind_a_finger_is_not_judged_and_not_seen() -> None:
+    # a dent in the left flank, wholly under the finger that presses there
+    at = np.array([-23.0, 12, 0])
+    T = VIEWS["turned"]
+    result = inspect(perfect() - box(4, 6, 8).translate(tuple(at)), T)
+    assert result.evaluated
+    assert result.findings == ()
+    under = np.linalg.norm(samples().points_mm - at, axis=1) < 4
+    assert under.any()
+    assert not result.seen[under].any()
+    # the same dent lower down is in the open
+    open_dent = inspect(perfect() - box(4, 6, 8).translate((-23, -4, 4)), T)
+    assert any(away_mm(f, (-22, -4, 4)) < 8 for f in open_dent.findings)
+
+
+def test_a_hand_the_task_does_not_know_of_is_extra_material() -> None:
+    pictures = right_pictures()
+    result = inspect_view(part(), samples(), task(FRONT, ()), pictures)
+    assert not result.evaluated or any(f.kind is Kind.EXTRA for f in result.findings)
+
+
+def test_the_measured_pose_can_stand_in_for_the_expected_one() -> None:
+    # the caller takes the first view's pose as the true hold and expects the next from it
+    T_true = moved(FRONT, *SLIP)
+    pictures = photograph(perfect(), T_true, hand(FRONT))
+    first = look(pictures)
+    again = inspect_view(part(), samples(), task(first.T_world_part, hand(FRONT)), pictures)
+    assert again.evaluated
+    step = inverse_pose(first.T_world_part) @ again.T_world_part
+    assert step[:3, 3] == pytest.approx([0, 0, 0], abs=0.3)
+    assert again.shift_mm < first.shift_mm
