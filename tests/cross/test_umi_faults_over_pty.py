@@ -153,6 +153,7 @@ async def test_a_storm_on_the_line_moves_nothing_that_was_not_asked_for(
     assert await impatient.arm.read_counts() == pytest.approx(impatient.true_counts(), abs=1)
 
 
+@pytest.mark.slow
 async def test_homing_comes_through_a_storm_on_the_line() -> None:
     async with arm_bench(seed=4, patience_wall_s=SHORT_PATIENCE_WALL_S, line="socket") as bench:
         await bench.arm.connect()
