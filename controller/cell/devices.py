@@ -60,7 +60,8 @@ def resolve(cell: Cell, emulated: Addresses) -> dict[str, dict[str, Any]]:
             else:
                 where = offered.get("path") or f"{offered['host']}:{offered['port']}"
                 settings |= {k: v for k, v in offered.items() if k in settings}
-                settings["transport"] = "rtu" if "path" in offered else offered["transport"]
+                if "path" in offered:
+                    settings["transport"] = "rtu"
                 settings["address"] = where
         found[name] = settings | {"emulated": section.address == EMULATED}
     return found
