@@ -92,7 +92,7 @@ def surface_gap_mm(name: str, T_found: Array, T_true: Array) -> Array:
     return np.bincount(samples.face_ids, weights=gap) / np.bincount(samples.face_ids)
 
 
-def assert_right(seen: Sighting, name: str, T_true: Array, tolerance_mm: float = 0.03) -> None:
+def assert_right(seen: Sighting, name: str, T_true: Array, tolerance_mm: float = 0.015) -> None:
     assert seen.part == name, seen.reason
     assert seen.T_world_part is not None
     assert seen.R is not None
@@ -141,7 +141,7 @@ def test_a_part_alone_is_named_and_placed_to_hundredths_of_a_millimetre(
     (seen,) = look(picture([shape(name, T)], seed=pose))
     assert_right(seen, name, T)
     assert seen.score > 0.99
-    assert seen.residual_px < 0.5
+    assert seen.residual_px < 0.1
     assert {a.part for a in seen.ambiguous_with} <= {name}
 
 
