@@ -170,11 +170,11 @@ async def test_a_part_is_gripped_held_and_its_loss_is_noticed(bench: Bench) -> N
     assert result.width_mm == pytest.approx(41.3, abs=ONE_COUNT_MM)
     assert bench.jaws.force_n == pytest.approx(60.0, abs=1.0)
     assert await bench.gripper.hold() is Hold.HELD
-    began_s = bench.line.lived_s
+    asked_count = len(bench.line.sent())
     bench.jaws.grip_limit_mm = None
     async with asyncio.timeout(10.0):
         await bench.gripper.wait_lost()
-    assert bench.line.lived_s - began_s < 1.0  # hold_poll_s is 0.1
+    assert len(bench.line.sent()) - asked_count <= 5  # the jaws need 0.1 s to be seen elsewhere
     assert await bench.gripper.hold() is Hold.LOST
 
 
