@@ -27,8 +27,8 @@ OFFERED = {
     "gripper": {"host": "127.0.0.1", "port": 1502, "unit": 9},
     "lights": {"host": "127.0.0.1", "port": 1502},
     "io": {"host": "127.0.0.1", "port": 1503},
-    "overhead": {"device": "/dev/video7"},
-    "inspection": {"device": "/dev/video8"},
+    "overhead": "/dev/video7",
+    "inspection": "/dev/video8",
 }
 SIZE_PX = (1280, 1024)
 PART_PX = (500, 380, 800, 640)  # x0, y0, x1, y1 of the part in every picture of a view
