@@ -26,7 +26,7 @@ CAMERA = Camera(
 )
 PANEL = np.array([[-175.0, 250, -145], [175, 250, -145], [175, 250, 145], [-175, 250, 145]])
 LAMPS = (
-    PointLamp.ring("ring", np.array([0.0, -690, 0]), np.array([0.0, 1, 0]), 60.0, count=3),
+    PointLamp.ring("ring", np.array([0.0, -690, 0]), np.array([0.0, 1, 0]), 60.0, count=2),
     PointLamp("side", np.array([[-470.0, -620, 370]])),
 )
 # part frame -> world: part z towards the camera, part y up

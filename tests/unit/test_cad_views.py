@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import cv2
 import numpy as np
 import pytest
@@ -27,6 +29,7 @@ CENTRE = (319.5, 255.5)
 HEIGHT = 600.0
 
 
+@cache
 def camera(distortion: tuple[float, ...] = (0, 0, 0, 0, 0)) -> Camera:
     """Straight down from 600 mm; world x is picture right, world y picture up."""
     K = np.array([[FOCAL, 0, CENTRE[0]], [0, FOCAL, CENTRE[1]], [0, 0, 1.0]])

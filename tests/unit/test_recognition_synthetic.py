@@ -306,7 +306,7 @@ def test_a_rod_that_would_roll_on_is_seen_lying_all_the_same() -> None:
 
 
 LAMPS = (
-    PointLamp.ring("ring", np.array([0.0, 0, 690]), np.array([0.0, 0, -1]), 60.0, count=3),
+    PointLamp.ring("ring", np.array([0.0, 0, 690]), np.array([0.0, 0, -1]), 60.0, count=2),
     PointLamp("side", np.array([[400.0, 350, 450]])),
 )
 
@@ -317,8 +317,8 @@ def pocketed() -> tuple[CatalogueEntry, ...]:
     return make_catalogue([solid_of(body, "pocket")], CAMERA)
 
 
-@pytest.mark.parametrize("theta", [0.7, 2.6])
-def test_lamps_tell_where_a_pocket_is_that_the_outline_does_not_show(theta: float) -> None:
+def test_lamps_tell_where_a_pocket_is_that_the_outline_does_not_show() -> None:
+    theta = 2.6
     (entry,) = pocketed()
     solid = entry.solid
     up = next(p for p in entry.poses if p.R[2, 2] > 0.99)
