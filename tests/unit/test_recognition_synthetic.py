@@ -340,6 +340,16 @@ def test_lamps_tell_where_a_pocket_is_that_the_outline_does_not_show() -> None:
     assert seen.grey_score > 0.9
 
 
+def test_a_small_blind_hole_makes_two_readings_of_one_outline() -> None:
+    # of all the surface 2 %, and no outline shows it; but it decides where a finger may go
+    dimple = solid_of(box(60, 40, 12) - rod(2.5, 8, 24).translate((18, 8, 6)), "dimple")
+    entries = make_catalogue([dimple], CAMERA)
+    up = next(p for p in entries[0].poses if p.R[2, 2] > 0.99)
+    T = resting(dimple, up.R, 5.0, 5.0, 0.4)
+    (seen,) = recognise(picture([silhouette(dimple.mesh, T, CAMERA)]), GLOWING, CAMERA, entries)
+    assert len(seen.ambiguous_with) == 3
+
+
 def test_a_pocket_that_lies_face_down_leaves_two_turns_that_no_lamp_can_tell() -> None:
     (entry,) = pocketed()
     down = next(p for p in entry.poses if p.R[2, 2] < -0.99)
