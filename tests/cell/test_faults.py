@@ -1,4 +1,4 @@
-"""Faults the cell must survive: a clear message, the arm stopped, nothing let go, a whole journal."""
+"""Faults the cell must survive: a clear message, the arm stopped, nothing let go, all on record."""
 
 import contextlib
 import re
