@@ -7,6 +7,7 @@ homing, booking, holding, stopping.
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
 
 from drivers.gripper_modbus import Hold
 from drivers.umi_scara import Stop
@@ -15,6 +16,7 @@ from . import workers
 from .errors import PartProblemError
 from .handling import Handling
 from .interlocks import check_interlocks
+from .journal import JournalError
 from .looking import Looking
 from .machine import Effect, Event
 
@@ -117,10 +119,11 @@ class Actions(Looking, Handling):
                     await stopping()
                 self._journal.record("outcome", "stopped", {"device": name})
             except Exception as error:  # noqa: BLE001 - the next device must be stopped all the same
-                self._journal.record(
-                    "outcome", "stop_not_confirmed", {"device": name, "error": str(error)}
-                )
                 log.warning("%s did not confirm the stop: %s", name, error)
+                with suppress(JournalError):
+                    self._journal.record(
+                        "outcome", "stop_not_confirmed", {"device": name, "error": str(error)}
+                    )
         return Event.ABORT_DONE
 
     async def clear_fault(self) -> Event:

@@ -111,7 +111,9 @@ class Dispatcher:
             for watcher in watchers:
                 watcher.cancel()
             await asyncio.gather(*watchers, return_exceptions=True)
-            await self._end_running(halt=False)
+            # at rest nothing runs any more; left by an error (a journal that cannot be written),
+            # the arm must not go on
+            await self._end_running(halt=True)
 
     def _outcome(self, end: End) -> Outcome:
         custody = self._actions.part.custody

@@ -13,7 +13,7 @@ from controller.planning import HandOver, NoPlanError, Present, shown_pose
 from controller.recognition import Sighting
 
 from . import workers
-from .errors import PartProblemError
+from .errors import CellError, PartProblemError
 from .holder import holder_boxes, tip_pose
 from .machine import Event
 from .records import PartRecord, describe_sighting, describe_verdict, describe_view
@@ -24,6 +24,7 @@ log = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
+LEAST_GLOW = 60  # of 255; a glowing table shows 150 and more
 SETTLE_S = 0.3  # a long arm rings after it stops
 
 
@@ -38,9 +39,9 @@ class Looking(Toolkit):
         self._tell("taking pictures of the table", step=0, step_count=0, remaining_s=None)
         camera = self._devices.overhead
         try:
-            self.part.pictures = {
-                "table_backlight": await self._shoot("overhead", {"table_backlight": 1.0})
-            }
+            glowing = await self._shoot("overhead", {"table_backlight": 1.0})
+            self._check_glow(glowing)
+            self.part.pictures = {"table_backlight": glowing}
             for lamp in workers.TABLE_LAMPS:
                 self.part.pictures[lamp] = await self._shoot("overhead", {lamp: 1.0})
         finally:
@@ -48,6 +49,15 @@ class Looking(Toolkit):
         names = {lamp: await self._save(lamp, image) for lamp, image in self.part.pictures.items()}
         self._journal.record("observation", "table_pictures", names, self.part.number)
         return Event.PICTURE_TAKEN
+
+    def _check_glow(self, picture: Grey) -> None:
+        """Raise CellError where the table does not glow: that is no empty table."""
+        level = float(np.quantile(picture[::8, ::8], 0.9))
+        if level < LEAST_GLOW:
+            raise CellError(
+                f"the table does not glow (grey level {level:.0f}, {LEAST_GLOW} is the least): "
+                "check the lamp table_backlight, its relay and its supply, and the lens cap"
+            )
 
     async def recognise(self) -> Event:
         """Find out which part it is, which way up it lies and where."""

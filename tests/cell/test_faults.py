@@ -155,3 +155,11 @@ def test_a_killed_run_leaves_a_whole_journal_and_a_report_that_says_so(
     page = write_html(record, ran.runs / "cut.html").read_text()
     assert "cut off" in page
     assert [r.name for r in read_rows(ran.journal) if r.kind == "custody"][-1] == "in_arm"
+
+
+@pytest.mark.slow
+def test_a_dead_backlight_is_no_empty_table(start: Callable[..., Run]) -> None:
+    ran = start("recipes/holder.yaml", "--seed", "4").follow(
+        once_in("resetting", lambda run: run.control("lamp", name="table_backlight", dead=True))
+    )
+    has_ended_well(ran, "cell", "does not glow", "table_backlight")
