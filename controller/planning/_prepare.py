@@ -35,7 +35,7 @@ class PlanOptions:
     arm_grips_round: int = 16
     fixture_grips: int = 16
     max_views: int = 12  # beside square views of main faces
-    least_gain: float = 0.003  # share of the area a further view must add
+    least_gain: float = 0.007  # share of the area a further view must add: it costs seconds
     hand_off_gain: float = 0.002  # share of the area that is worth passing the part over
     square_share: float = 0.5  # of a face must show for a view to count as its square view
     rules: GripRules = field(default_factory=GripRules)
