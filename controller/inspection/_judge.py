@@ -157,4 +157,15 @@ def _face(
     elif fraction >= 0.5:
         rest = reason or f"{100 * (1 - fraction):.0f} % of it in no view that was evaluated"
         verdict, reason = Verdict.PASS, "" if fraction > 0.98 else rest
+    elif not reason and _is_beside_hand(views, mine & ~shown):
+        reason = "too near to the hand to be compared wherever it was in sight"
     return FaceVerdict(face_id, face.label, face.area_mm2, fraction, verdict, by, reason)
+
+
+def _is_beside_hand(views: Sequence[ViewResult], unseen: NDArray[np.bool_]) -> bool:
+    """Whether most of some samples were in sight, but so near to the hand that nobody compared."""
+    beside = np.zeros_like(unseen)
+    for view in views:
+        if len(view.beside_hand) == len(beside):
+            beside |= view.beside_hand
+    return bool(unseen.any() and beside[unseen].mean() >= 0.5)

@@ -1,7 +1,7 @@
 """What inspection takes and gives: one shown view in, what differs from the CAD out."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
@@ -141,7 +141,8 @@ class ViewResult:
     shift_mm, turn_rad : from the expected pose to the measured one
     residual_px : of the outline fit
     findings : differences from the CAD
-    seen : (n,) surface samples that this view did show
+    seen : (n,) surface samples that this view did show and compare
+    beside_hand : (n,) samples in sight, but too near to the hand to be compared
     outline_px : outline of the prediction at the measured pose, (k, 2), for the report
     """
 
@@ -155,3 +156,4 @@ class ViewResult:
     findings: tuple[Finding, ...]
     seen: Mask
     outline_px: Array
+    beside_hand: Mask = field(default_factory=lambda: np.zeros(0, dtype=bool))

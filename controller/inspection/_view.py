@@ -128,6 +128,7 @@ def inspect_view(
         if differing is None:
             return _not_evaluated(task, samples, f"{lamp.name} gives no light: is the lamp on?")
         findings += differing
+    seen, beside_hand = _seen(part, samples, task.camera, fit.T_world_part, scene)
     x0, y0, _, _ = fit.maps.roi
     return ViewResult(
         view_id=task.view_id,
@@ -138,7 +139,8 @@ def inspect_view(
         turn_rad=turn,
         residual_px=fit.residual_px,
         findings=tuple(findings),
-        seen=_seen(part, samples, task.camera, fit.T_world_part, scene),
+        seen=seen,
+        beside_hand=beside_hand,
         outline_px=mask_contour(fit.maps.mask) + np.array([x0, y0]),
     )
 
@@ -379,8 +381,8 @@ def _nearest_on_part(
 
 def _seen(
     part: PosedPart, samples: SurfaceSamples, camera: Camera, T: Array, scene: _Scene
-) -> Mask:
-    """Return which surface samples the picture did show, (n,); beside the hand nothing counts."""
+) -> tuple[Mask, Mask]:
+    """Return which surface samples are compared, (n,), and which are in sight beside the hand."""
     points = transform(T, samples.points_mm)
     normals = samples.normals @ T[:3, :3].T
     towards = camera.position_mm - points
@@ -391,8 +393,6 @@ def _seen(
     width, height = camera.size_px
     seen &= (pixels[:, 0] >= 0) & (pixels[:, 0] < width)
     seen &= (pixels[:, 1] >= 0) & (pixels[:, 1] < height)
-    x, y = np.clip(pixels, 0, [width - 1, height - 1]).T
-    seen &= ~scene.holder_mask[y, x]  # what is not compared has not been seen
     start = points + 0.05 * normals
     T_part_world = inverse_pose(T)
     index = np.nonzero(seen)[0]
@@ -400,4 +400,6 @@ def _seen(
     if scene.holder is not None:
         hidden |= scene.holder.blocked(start[index], unit[index])
     seen[index[hidden]] = False
-    return seen
+    x, y = np.clip(pixels, 0, [width - 1, height - 1]).T
+    beside = seen & scene.holder_mask[y, x]
+    return seen & ~beside, beside  # what is not compared has not been seen

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -129,6 +130,15 @@ def test_a_face_nobody_can_account_for_forbids_a_pass_however_small_it_is() -> N
     assert got.verdict is Verdict.INDETERMINATE
     assert got.faces[hidden].verdict is Verdict.NOT_EVALUATED
     assert any(plate().faces[hidden].label in reason for reason in got.reasons)
+
+
+def test_a_face_in_sight_only_beside_the_hand_is_accounted_for_as_such() -> None:
+    hidden = bore_id()
+    here = view(seen=all_but(hidden))
+    got = verdict(replace(here, beside_hand=~all_but(hidden)), coverage=0.5)
+    assert got.verdict is Verdict.PASS
+    assert got.faces[hidden].verdict is Verdict.NOT_EVALUATED
+    assert "hand" in got.faces[hidden].reason
 
 
 def test_a_face_the_plan_could_not_show_is_accounted_for_by_its_reason() -> None:
