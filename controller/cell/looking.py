@@ -117,12 +117,12 @@ class Looking(Toolkit):
     async def plan(self) -> Event:
         """Decide how to take it, what to show, where to pass it over."""
         self._tell("planning")
-        if self._preparing is not None:
-            await self._preparing
         sighting = self.part.sighting
         assert sighting is not None
         assert sighting.T_world_part is not None
         try:
+            if self._preparing is not None:
+                await self._preparing
             plan = await self._compute(workers.plan, sighting.pose_index, sighting.T_world_part)
         except NoPlanError as error:
             raise PartProblemError("no_plan", str(error)) from error

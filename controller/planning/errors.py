@@ -25,6 +25,14 @@ class OutOfReachError(NoPlanError):
         self.limit_mm = limit_mm
         self.where = where
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """Travel between processes: an exception is made anew from its positional arguments."""
+        return _out_of_reach, (str(self), self.reach_mm, self.limit_mm, self.where)
+
 
 class NoMotionError(NoPlanError):
     """Both ends can be held, but no collision-free way between them was found."""
+
+
+def _out_of_reach(message: str, reach_mm: float, limit_mm: float, where: str) -> OutOfReachError:
+    return OutOfReachError(message, reach_mm=reach_mm, limit_mm=limit_mm, where=where)
