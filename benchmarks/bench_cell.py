@@ -171,7 +171,7 @@ def _bore_middle() -> list[float]:
     """Return the middle of the 9.9 mm bore through the long sides."""
     solid = load_solid(ROOT / "recipes/parts/featuretype.stl")
     bore = next(
-        f for f in solid.faces if f.kind == "cylinder" and f.concave and abs(f.normal[1]) > 0.99
+        f for f in solid.faces if f.kind == "cylinder" and f.concave and abs(f.axis[1]) > 0.99
     )
     return [float(bore.centre_mm[0]), 0.0, float(bore.centre_mm[2])]
 

@@ -4,10 +4,7 @@ Plain functions: a file or arrays in, dataclasses out. The facts are of the pape
 planning.md 4.
 """
 
-from ._faces import Face
-from ._samples import SurfaceSamples, sample_surface
-from ._solid import Solid, load_solid, make_solid
-from ._stable import StablePose, stable_poses
+from .boundary import Face
 from .camera import Camera, inverse_pose, transform
 from .errors import (
     CadError,
@@ -17,7 +14,11 @@ from .errors import (
     UnreadableCadError,
 )
 from .rays import RayCaster
+from .reading import load_solid
+from .resting import StablePose, stable_poses
 from .shading import PointLamp, predict_light, predict_radiance
+from .solid import Solid, make_solid
+from .surfaces import SurfaceSamples, sample_surface
 from .views import Roi, ViewMaps, render_maps, view_roi
 
 __all__ = [

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .camera import Camera, inverse_pose, transform
 from .rays import RayCaster
-from .views import ViewMaps
+from .views.maps import ViewMaps
 
 Array = NDArray[np.float64]
 

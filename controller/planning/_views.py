@@ -50,8 +50,8 @@ def candidate_directions(solid: Solid) -> Directions:
             add(face.normal, face.id)
     for face in solid.faces:
         if face.kind == "cylinder" and face.concave:
-            add(face.normal, face.id)
-            add(-face.normal, face.id)
+            add(face.axis, face.id)
+            add(-face.axis, face.id)
     k = np.arange(SPHERE_N) + 0.5
     polar, azimuth = np.arccos(1 - 2 * k / SPHERE_N), np.pi * (1 + 5**0.5) * k
     sphere = np.column_stack(

@@ -12,7 +12,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from ._solid import Solid
+from ..solid import Solid
 
 Array = NDArray[np.float64]
 

@@ -5,51 +5,19 @@ the strips it may run into. So planes are taken first, and what is left is grown
 that are nearly smooth.
 """
 
-from dataclasses import dataclass
-from typing import Literal
-
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from ._types import NO_DIRECTION, Face
+
 Array = NDArray[np.float64]
 
 COPLANAR_RAD = np.radians(0.2)
 SMOOTH_RAD = np.radians(22.0)  # strips of a bore of 17 segments and more count as smooth
 STRIP_RATIO = 4.0  # a plane is this many times larger than the strips round it
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Face:
-    """One surface of the part.
-
-    Attributes
-    ----------
-    id : number of the face, from 0, largest area first
-    kind : what it is
-    area_mm2 : its area
-    normal : (3,) outward, of a plane; the axis of a cylinder; the mean normal otherwise
-    centre_mm : (3,) area-weighted mean of its triangles; on the axis for a cylinder
-    radius_mm : of a cylinder, else 0
-    concave : True for a bore
-    """
-
-    id: int
-    kind: Literal["plane", "cylinder", "freeform"]
-    area_mm2: float
-    normal: Array
-    centre_mm: Array
-    radius_mm: float
-    concave: bool
-
-    @property
-    def label(self) -> str:
-        """How people call it, as in ``F3 bore 8.0 mm``."""
-        if self.kind == "cylinder":
-            return f"F{self.id} {'bore' if self.concave else 'boss'} {2 * self.radius_mm:.1f} mm"
-        return f"F{self.id} {self.kind}"
 
 
 def _components(count: int, pairs: NDArray[np.int64]) -> NDArray[np.int32]:
@@ -101,13 +69,21 @@ def _describe(face_id: int, mesh: trimesh.Trimesh, triangles: NDArray[np.int64])
     centre = np.average(corners.mean(axis=1), axis=0, weights=np.maximum(weights, 1e-12))
     mean = (normals * weights[:, None]).sum(axis=0)
     if np.linalg.norm(mean) > 0.999 * area:
-        return Face(face_id, "plane", area, mean / np.linalg.norm(mean), centre, 0.0, concave=False)
+        normal = mean / np.linalg.norm(mean)
+        return Face(
+            face_id, "plane", area, normal, NO_DIRECTION, centre, 0.0, 0.0, 0.0, concave=False
+        )
+    length = float(np.linalg.norm(mean))
+    direction = mean / length if length > 1e-6 * area else NO_DIRECTION
     fit = _fit_cylinder(normals, weights, corners)
     if fit is not None:
         axis, on_axis, radius, concave = fit
-        return Face(face_id, "cylinder", area, axis, on_axis, radius, concave)
-    direction = mean / max(float(np.linalg.norm(mean)), 1e-12)
-    return Face(face_id, "freeform", area, direction, centre, 0.0, concave=False)
+        return Face(
+            face_id, "cylinder", area, direction, axis, on_axis, radius, 0.0, 0.0, concave=concave
+        )
+    return Face(
+        face_id, "freeform", area, direction, NO_DIRECTION, centre, 0.0, 0.0, 0.0, concave=False
+    )
 
 
 def _fit_cylinder(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ._solid import Solid
+from ..solid import Solid
 
 Array = NDArray[np.float64]
 

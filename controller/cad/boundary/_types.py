@@ -1,0 +1,159 @@
+"""A solid's boundary: surfaces, and the edges between them as a doubly connected edge list.
+
+The edge list is the one of the paper's section 2, with faces that hold several loops, and with
+edges that know their curve, so that a tessellated bore has two circles and not two polygons.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.int32]
+FaceKind = Literal["plane", "cylinder", "cone", "sphere", "torus", "freeform"]
+
+NO_DIRECTION: Array = np.zeros(3)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Face:
+    """One surface of the part, in the CAD frame.
+
+    Attributes
+    ----------
+    id : number of the face, from 0, largest area first
+    kind : what it is
+    area_mm2 : its area
+    normal : (3,) mean outward normal, weighted by area; zeros where it cancels, as round a bore
+    axis : (3,) of a cylinder, cone or torus; zeros otherwise
+    centre_mm : (3,) area-weighted mean of its triangles; moved onto the axis of a cylinder or a
+        cone; the centre of a sphere or a torus
+    radius_mm : of a cylinder or a sphere; of a cone at ``centre_mm``; of a torus its larger one;
+        else 0
+    minor_radius_mm : of a torus, else 0
+    half_angle_rad : of a cone, between axis and wall, else 0; the cone widens along ``axis``
+    concave : True for a bore, a fillet, a hollow
+    """
+
+    id: int
+    kind: FaceKind
+    area_mm2: float
+    normal: Array
+    axis: Array
+    centre_mm: Array
+    radius_mm: float
+    minor_radius_mm: float
+    half_angle_rad: float
+    concave: bool
+
+    @property
+    def label(self) -> str:
+        """How people call it, as in ``F3 bore 8.0 mm``."""
+        match self.kind:
+            case "cylinder":
+                name = "bore" if self.concave else "boss"
+                return f"F{self.id} {name} {2 * self.radius_mm:.1f} mm"
+            case "sphere":
+                return f"F{self.id} sphere {2 * self.radius_mm:.1f} mm"
+            case _:
+                return f"F{self.id} {self.kind}"
+
+
+class Curve(IntEnum):
+    """What an edge is, whatever its polyline."""
+
+    LINE = 0
+    CIRCLE = 1
+    OTHER = 2
+
+
+class Crease(IntEnum):
+    """How the two faces meet along an edge."""
+
+    CONVEX = 0
+    CONCAVE = 1
+    SMOOTH = 2
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Boundary:
+    """Vertices, half-edges, loops and faces of a solid.
+
+    Half-edges ``2 e`` and ``2 e + 1`` are the two sides of edge ``e``. Each runs with its face to
+    the left, seen from outside: anticlockwise round an outer loop, clockwise round a hole. A vertex
+    is where three faces or more meet; an edge that closes on itself has one vertex on it, as in
+    STEP. A face with no edge at all (a ball) has no loop.
+
+    Attributes
+    ----------
+    vertex_ids : (v,) mesh vertex of each vertex
+    vertices_mm : (v, 3)
+    origin : (h,) vertex a half-edge leaves
+    next, prev : (h,) half-edge after and before it on its loop
+    face, loop : (h,) face to its left, and the loop it is on
+    first : (l,) a half-edge of each loop
+    loop_face : (l,) face of each loop
+    is_hole : (l,) False for the outer loop of each face; a face without inside and outside, as the
+        wall of a bore, has its longest loop as the outer one
+    chain_start : (e + 1,) where each edge's run in ``chain`` starts
+    chain : (p,) mesh vertices along each edge, from the origin of half-edge ``2 e`` to its end,
+        both included
+    curve : (e,) `Curve`
+    centre_mm, axis, radius_mm : (e, 3), (e, 3), (e,) of circles, NaN otherwise
+    crease : (e,) `Crease`
+    angle_rad : (e,) mean angle between the normals of the two faces along the edge, 0 where smooth
+    shell_count : closed surfaces: 1 and one more for each void inside
+    genus : handles, as a through hole is one
+    """
+
+    vertex_ids: Ids
+    vertices_mm: Array
+    origin: Ids
+    next: Ids
+    prev: Ids
+    face: Ids
+    loop: Ids
+    first: Ids
+    loop_face: Ids
+    is_hole: NDArray[np.bool_]
+    chain_start: Ids
+    chain: Ids
+    curve: NDArray[np.int8]
+    centre_mm: Array
+    axis: Array
+    radius_mm: Array
+    crease: NDArray[np.int8]
+    angle_rad: Array
+    shell_count: int
+    genus: int
+
+    @property
+    def edge_count(self) -> int:
+        """How many edges there are."""
+        return len(self.curve)
+
+    def loop_edges(self, loop: int) -> Iterator[int]:
+        """Walk the half-edges of a loop once round (paper, section 2.0)."""
+        start = here = int(self.first[loop])
+        while True:
+            yield here
+            here = int(self.next[here])
+            if here == start:
+                return
+
+    def edges_round(self, half_edge: int) -> Iterator[int]:
+        """Walk the half-edges that leave a half-edge's vertex, once round (paper, section 2.0)."""
+        here = half_edge
+        while True:
+            yield here
+            here = int(self.prev[here]) ^ 1
+            if here == half_edge:
+                return
+
+    def chain_of(self, edge: int) -> Ids:
+        """Return the mesh vertices along an edge, (n,)."""
+        return self.chain[self.chain_start[edge] : self.chain_start[edge + 1]]

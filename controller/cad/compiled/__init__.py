@@ -1,0 +1,1 @@
+"""Everything that follows from a part alone, computed once and kept in one file."""
