@@ -22,7 +22,7 @@ def bore(solid: Solid, radius: float) -> Face:
 
 
 def along(face: Face, axis: tuple[float, float, float]) -> float:
-    return abs(float(face.normal @ np.array(axis)))
+    return abs(float(face.axis @ np.array(axis)))
 
 
 def assert_bookkeeping(solid: Solid) -> None:
