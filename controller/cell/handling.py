@@ -24,7 +24,7 @@ class Handling(Toolkit):
     async def grasp(self) -> Event:
         """Take the part off the table and prove that it is held."""
         step = self._step(Pick)
-        assert isinstance(step, Pick)
+        assert step is not None
         started = self._begin(step)
         arm = self._devices.arm
         await arm.move_gripper_mm(step.pre_open_mm)
@@ -77,7 +77,7 @@ class Handling(Toolkit):
         Two-phase, both ways: the receiver's width is confirmed before the giver opens.
         """
         over = self._step(HandOver)
-        assert isinstance(over, HandOver)
+        assert over is not None
         started = self._begin(over)
         arm, fixture = self._devices.arm, self._devices.gripper
         await fixture.open_to(over.fixture_pre_open_mm)
@@ -96,7 +96,7 @@ class Handling(Toolkit):
         self._end(over, started)
 
         back = self._step(TakeBack)
-        assert isinstance(back, TakeBack)
+        assert back is not None
         started = self._begin(back)
         await self._move(back.motion_in)
         await arm.move_gripper_mm(back.pre_open_mm)

@@ -154,7 +154,6 @@ class Looking(Toolkit):
         camera = self._devices.inspection
         try:
             while (step := self._step(Present)) is not None:
-                assert isinstance(step, Present)
                 started = self._begin(step)
                 await self._move(step.motion)
                 await self._require_held()

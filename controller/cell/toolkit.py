@@ -147,7 +147,7 @@ class Toolkit:
             raise OSError(f"{path}: cannot be written; is the disk full?")
         return str(path.relative_to(self._folder))
 
-    def _step(self, kind: type[Step]) -> Step | None:
+    def _step(self, kind: type[SomeStep]) -> SomeStep | None:
         plan = self.part.plan
         if plan is None or self.part.next_step >= len(plan.steps):
             return None

@@ -52,14 +52,12 @@ class PoseFit:
     T_world_part : (4, 4)
     residual_px : median distance of predicted outline points from the observed outline
     paired : share of predicted outline points that found a partner within 2 px
-    covered : share of observed outline points within 2 px of the predicted outline
     maps : the prediction at the fitted pose
     """
 
     T_world_part: Array
     residual_px: float
     paired: float
-    covered: float
     maps: ViewMaps
 
 
@@ -200,13 +198,10 @@ def fit_pose(
         pivot = pivot + step_vector[:3]
     assert maps is not None
     every, _ = tree.query(pixels)
-    predicted_tree = cKDTree(pixels)
-    back, _ = predicted_tree.query(observed.points_px)
     return PoseFit(
         T_world_part=T,
         residual_px=float(np.median(np.abs(gap))),
         paired=float(np.mean(every < 2.0)),
-        covered=float(np.mean(back < 2.5)),
         maps=maps,
     )
 
