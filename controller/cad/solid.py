@@ -42,8 +42,19 @@ class Solid:
     face_of_triangle: NDArray[np.int32]
 
 
-def make_solid(mesh: trimesh.Trimesh, name: str, content_hash: str, where: str) -> Solid:
+def make_solid(
+    mesh: trimesh.Trimesh,
+    name: str,
+    content_hash: str,
+    where: str,
+    *,
+    faces: tuple[Face, ...] | None = None,
+    face_of_triangle: NDArray[np.int32] | None = None,
+) -> Solid:
     """Return a checked solid of a mesh [mm]; ``where`` names its origin in messages.
+
+    Where the file itself names its surfaces, as STEP does, they come as ``faces`` and
+    ``face_of_triangle`` (n,), given together; otherwise they are found in the mesh.
 
     Raises
     ------
@@ -60,7 +71,8 @@ def make_solid(mesh: trimesh.Trimesh, name: str, content_hash: str, where: str) 
             f"{where}: is {across} mm; were these metres or inches? export it in millimetres"
         )
     mesh.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=MERGE_DIGITS)
-    mesh.update_faces(mesh.nondegenerate_faces(height=1e-9))
+    is_sound = mesh.nondegenerate_faces(height=1e-9)
+    mesh.update_faces(is_sound)
     mesh.remove_unreferenced_vertices()
     if not mesh.is_watertight:
         broken = len(mesh.faces) * 3 - 2 * len(mesh.face_adjacency)
@@ -83,7 +95,10 @@ def make_solid(mesh: trimesh.Trimesh, name: str, content_hash: str, where: str) 
             f"{where}: holds {mesh.body_count} separate bodies, one part "
             "is one body; export them one by one"
         )
-    faces, face_of_triangle = find_faces(mesh)
+    if faces is None or face_of_triangle is None:
+        faces, face_of_triangle = find_faces(mesh)
+    else:
+        face_of_triangle = face_of_triangle[is_sound]
     return Solid(
         name=name,
         mesh=mesh,
