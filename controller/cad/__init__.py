@@ -4,7 +4,7 @@ Plain functions: a file or arrays in, dataclasses out. The facts are of the pape
 planning.md 4.
 """
 
-from .boundary import Face
+from .boundary import Boundary, Crease, Curve, Face
 from .camera import Camera, inverse_pose, transform
 from .errors import (
     CadError,
@@ -22,8 +22,11 @@ from .surfaces import SurfaceSamples, sample_surface
 from .views import Roi, ViewMaps, render_maps, view_roi
 
 __all__ = [
+    "Boundary",
     "CadError",
     "Camera",
+    "Crease",
+    "Curve",
     "EmptyCadError",
     "Face",
     "ManySolidsCadError",

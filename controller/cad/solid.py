@@ -1,12 +1,13 @@
 """A part's CAD file as a solid: closed, one body, in millimetres, its surfaces named."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from .boundary import Face, find_faces
+from .boundary import Boundary, Face, find_boundary, find_faces
 from .errors import (
     EmptyCadError,
     ManySolidsCadError,
@@ -40,6 +41,14 @@ class Solid:
     centroid_mm: Array
     faces: tuple[Face, ...]
     face_of_triangle: NDArray[np.int32]
+
+    @cached_property
+    def boundary(self) -> Boundary:
+        """Edges, loops and vertices between the surfaces, found when first asked for.
+
+        A compiled part puts its stored one in place with ``vars(solid)["boundary"] = stored``.
+        """
+        return find_boundary(self.mesh, self.faces, self.face_of_triangle)
 
 
 def make_solid(
