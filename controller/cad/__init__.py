@@ -19,7 +19,21 @@ from .resting import StablePose, stable_poses
 from .shading import PointLamp, predict_light, predict_radiance
 from .solid import Solid, make_solid
 from .surfaces import SurfaceSamples, sample_surface
-from .views import Roi, ViewMaps, render_maps, view_roi
+from .views import (
+    DrawnEdge,
+    LineView,
+    Loop,
+    Roi,
+    Stroke,
+    ViewMaps,
+    ViewModel,
+    camera_view,
+    line_view,
+    outline,
+    prepare_views,
+    render_maps,
+    view_roi,
+)
 
 __all__ = [
     "Boundary",
@@ -27,8 +41,11 @@ __all__ = [
     "Camera",
     "Crease",
     "Curve",
+    "DrawnEdge",
     "EmptyCadError",
     "Face",
+    "LineView",
+    "Loop",
     "ManySolidsCadError",
     "OpenCadError",
     "PointLamp",
@@ -36,14 +53,20 @@ __all__ = [
     "Roi",
     "Solid",
     "StablePose",
+    "Stroke",
     "SurfaceSamples",
     "UnreadableCadError",
     "ViewMaps",
+    "ViewModel",
+    "camera_view",
     "inverse_pose",
+    "line_view",
     "load_solid",
     "make_solid",
+    "outline",
     "predict_light",
     "predict_radiance",
+    "prepare_views",
     "render_maps",
     "sample_surface",
     "stable_poses",

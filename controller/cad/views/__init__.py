@@ -1,6 +1,8 @@
 """What a camera sees of a posed solid: as pixels (maps), as lines (views)."""
 
+from ._model import ViewModel, prepare_views
 from ._types import DrawnEdge, LineView, Loop, Stroke
+from .lines import camera_view, line_view, outline
 from .maps import Roi, ViewMaps, render_maps, view_roi
 
 __all__ = [
@@ -10,6 +12,11 @@ __all__ = [
     "Roi",
     "Stroke",
     "ViewMaps",
+    "ViewModel",
+    "camera_view",
+    "line_view",
+    "outline",
+    "prepare_views",
     "render_maps",
     "view_roi",
 ]

@@ -1,0 +1,161 @@
+"""Which pieces of the edges the eye sees.
+
+Along an edge, visibility changes only where a rim of the part passes in front of it (Appel's
+observation, 1967). Every edge is cut there, exactly, and one ray per piece decides: it starts
+beside the middle of the piece, on the face that the eye has next to it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from ._model import ViewModel
+from ._project import BACK, EDGE_ON, FRONT, Projection
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.int32]
+Bools = NDArray[np.bool_]
+
+# Beside the edge: far above the rays' single precision (1e-5 mm) and far below what is measured.
+ASIDE_MM = 2e-3
+ABOVE_MM = 1e-3  # start of a ray over its face, for the same reason
+SHORTEST_MM = 1e-3  # of a piece; two cuts closer than that are one
+# A ray that leaves a solid meets a back first. A front at this distance or less is the face it
+# started from, over which it rises too slowly for single precision; further on, it is a sign of
+# a back that was missed on a seam between two triangles.
+GRAZING_MM = 0.05
+END_ON_RAD = 1e-4  # lines closer to the line of sight than that show as points
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Pieces:
+    """Runs of mesh edges, none of them partly hidden.
+
+    Attributes
+    ----------
+    mesh_edge : (n,) edge of the model each is of, in order along it
+    start, end : (n,) where it begins and ends along that edge, 0 to 1 in the plane
+    """
+
+    mesh_edge: Ids
+    start: Array
+    end: Array
+
+
+def candidate_edges(model: ViewModel, view: Projection) -> Ids:
+    """Return the mesh edges (n,) that would show if nothing stood in front of them."""
+    facing = view.facing[model.sides]
+    is_rim = (facing == FRONT).any(axis=1) & (facing != FRONT).any(axis=1)
+    is_drawn = (model.cad_edge >= 0) | is_rim
+    # on the far side of a ridge, or in a valley under its own overhang
+    is_away = (facing != FRONT).all(axis=1)
+    is_under = (facing == BACK).any(axis=1) & ~model.is_ridge
+    chosen = np.flatnonzero(is_drawn & ~is_away & ~is_under)
+    ends = model.ends[chosen]
+    shown = np.linalg.norm(view.points[ends[:, 1]] - view.points[ends[:, 0]], axis=1)
+    length = np.linalg.norm(model.vertices_mm[ends[:, 1]] - model.vertices_mm[ends[:, 0]], axis=1)
+    kept: Ids = chosen[shown > END_ON_RAD * length * view.scale].astype(np.int32)
+    return kept
+
+
+def cut_edges(view: Projection, model: ViewModel, edges: Ids, rims: Ids) -> Pieces:
+    """Cut edges (n,) wherever a rim crosses them in the plane, unless it does so behind them."""
+    gap = SHORTEST_MM * view.scale
+    p, q = view.points[model.ends[edges, 0]], view.points[model.ends[edges, 1]]
+    a, b = view.points[model.ends[rims, 0]], view.points[model.ends[rims, 1]]
+    tree = shapely.STRtree(shapely.linestrings(np.stack([a, b], axis=1)))
+    edge, rim = tree.query(shapely.linestrings(np.stack([p, q], axis=1)))
+    is_other = ~(model.ends[edges[edge]][:, :, None] == model.ends[rims[rim]][:, None]).any((1, 2))
+    edge, rim = edge[is_other], rim[is_other]
+    r, s, w = (q - p)[edge], (b - a)[rim], a[rim] - p[edge]
+    length, rim_length = np.linalg.norm(r, axis=1), np.linalg.norm(s, axis=1)
+    cross = _cross(r, s)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t, u = _cross(w, s) / cross, _cross(w, r) / cross
+        slack = 1e-3 * gap / rim_length
+        is_met = (t > 0) & (t < 1) & (u > -slack) & (u < 1 + slack)
+    z, z_rim = view.nearness[model.ends[edges[edge]]], view.nearness[model.ends[rims[rim]]]
+    # a rim behind cuts other rims nonetheless: there they leave or join the outline
+    both_rims = np.isin(edges, rims)[edge]
+    with np.errstate(invalid="ignore"):
+        in_front = z_rim[:, 0] + u * (z_rim[:, 1] - z_rim[:, 0]) > z[:, 0] + t * (z[:, 1] - z[:, 0])
+    is_met &= in_front | both_rims
+    # one on top of the other: whatever changes, changes at the ends of the one in front
+    is_flush = (np.abs(cross) < 1e-3 * length * rim_length) & (np.abs(_cross(w, r)) < gap * length)
+    cuts = [(edge[is_met], t[is_met])]
+    for corner in (w, w + s):
+        at = (corner[is_flush] * r[is_flush]).sum(axis=1) / length[is_flush] ** 2
+        cuts.append((edge[is_flush], at))
+    cut_edge = np.concatenate([c[0] for c in cuts])
+    cut_at = np.concatenate([c[1] for c in cuts])
+    shown = np.linalg.norm(q - p, axis=1)
+    margin = gap / shown[cut_edge]
+    keep = (cut_at > margin) & (cut_at < 1 - margin)
+    count = np.arange(len(edges))
+    owner = np.concatenate([count, count, cut_edge[keep]])
+    at = np.concatenate([np.zeros(len(edges)), np.ones(len(edges)), cut_at[keep]])
+    order = np.lexsort((at, owner))
+    owner, at = owner[order], at[order]
+    is_apart = np.ones(len(at), dtype=np.bool_)
+    is_apart[1:] = (np.diff(owner) != 0) | (np.diff(at) * shown[owner[1:]] > gap) | (at[1:] == 1)
+    owner, at = owner[is_apart], at[is_apart]
+    inside = np.flatnonzero(np.diff(owner) == 0)
+    return Pieces(edges[owner[inside]], at[inside], at[inside + 1])
+
+
+def is_seen(model: ViewModel, view: Projection, pieces: Pieces) -> Bools:
+    """Return which pieces (n,) the eye sees: those with one of their faces in sight beside them."""
+    middle = points_on(model, view, pieces.mesh_edge, (pieces.start + pieces.end) / 2)
+    seen = np.zeros(len(middle), dtype=np.bool_)
+    ends = model.vertices_mm[model.ends[pieces.mesh_edge]]
+    along = ends[:, 1] - ends[:, 0]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    for side in (0, 1):
+        triangle = model.sides[pieces.mesh_edge, side]
+        asked = np.flatnonzero((view.facing[triangle] == FRONT) & ~seen)
+        corners = model.vertices_mm[model.triangles[triangle[asked]]]
+        inwards = corners.mean(axis=1) - ends[asked, 0]
+        inwards -= (inwards * along[asked]).sum(axis=1, keepdims=True) * along[asked]
+        inwards /= np.maximum(np.linalg.norm(inwards, axis=1, keepdims=True), 1e-300)
+        step = np.minimum(ASIDE_MM, model.heights_mm[triangle[asked]] / 4)
+        beside = middle[asked] + step[:, None] * inwards
+        seen[asked] = in_sight(model, view, beside)
+    return seen
+
+
+def in_sight(model: ViewModel, view: Projection, p_cad_mm: Array) -> Bools:
+    """Return which points (n, 3) of triangles that face the eye are seen by it."""
+    directions = view.towards_eye(p_cad_mm)
+    gone = np.full(len(p_cad_mm), ABOVE_MM)
+    free = np.zeros(len(p_cad_mm), dtype=np.bool_)
+    open_rays = np.arange(len(p_cad_mm))
+    for _ in range(4):
+        if len(open_rays) == 0:
+            break
+        origins = p_cad_mm[open_rays] + gone[open_rays, None] * directions[open_rays]
+        triangle, distance = model.caster.first_hit(origins, directions[open_rays])
+        free[open_rays] = triangle < 0
+        facing = np.where(triangle >= 0, view.facing[triangle], BACK)
+        again = (facing != BACK) & (gone[open_rays] + distance < GRAZING_MM)
+        again |= facing == EDGE_ON  # a wall along the ray hides nothing
+        open_rays, distance = open_rays[again], distance[again]
+        gone[open_rays] += distance + ABOVE_MM
+    return free
+
+
+def points_on(model: ViewModel, view: Projection, mesh_edge: Ids, at: Array) -> Array:
+    """Return the points (n, 3) of the CAD frame at ``at`` (n,), 0 to 1 in the plane, of edges."""
+    ends = model.ends[mesh_edge]
+    if view.is_central:  # 1 / depth is what runs evenly in the plane
+        z = view.nearness[ends]
+        at = at * z[:, 1] / (z[:, 0] + at * (z[:, 1] - z[:, 0]))
+    start, end = model.vertices_mm[ends[:, 0]], model.vertices_mm[ends[:, 1]]
+    points: Array = start + at[:, None] * (end - start)
+    return points
+
+
+def _cross(a: Array, b: Array) -> Array:
+    product: Array = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return product
