@@ -297,8 +297,9 @@ class _Planner:
         build.q = leave.retreat[-1]
         T_part = shown_pose(layout, leave.q, first.T_part_hand)
         standing = part.part_box.placed(T_part)
-        widest = max(first.pre_open_mm, second.pre_open_mm)
-        scene = Scene(layout, widest, held.opening_mm, standing=(standing,))
+        # the jaws stay as they let go until the straight way in begins: wide ones may pass on both
+        # sides of a part that narrower ones run into
+        scene = Scene(layout, first.pre_open_mm, held.opening_mm, standing=(standing,))
         way = tuple(fewest_waypoints(layout, take.retreat[::-1]))
         motion_in = self._connect(build, way[0], scene, "way round the fixture")
         motion_out = tuple(fewest_waypoints(layout, take.entry[::-1])[1:])

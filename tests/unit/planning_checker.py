@@ -163,6 +163,7 @@ def check(plan: Plan, layout: CellLayout, solid: Solid, T_world_part: np.ndarray
     c = Checker(layout, solid)
     wide = layout.fixture.max_mm
     q = layout.park_q
+    opening = layout.hand.max_mm
     trouble: list[str] = []
     T = T_world_part
     for step in plan.steps:
@@ -187,11 +188,18 @@ def check(plan: Plan, layout: CellLayout, solid: Solid, T_world_part: np.ndarray
             T = c.frames(path[-1])["tip"] @ np.linalg.inv(g.T_part_hand)
             held = step.fixture_expected_opening_mm
             path = [path[-1], *step.retreat]
-            trouble += c.drive(path, step.hand_open_mm, held, None, T, ("fixture",), step.label)
+            opening = step.hand_open_mm
+            trouble += c.drive(path, opening, held, None, T, ("fixture",), step.label)
             q = path[-1]
         elif isinstance(step, TakeBack):
             held = step.fixture_grip.opening_mm
-            path = [q, *step.motion_in, *step.approach]
+            # the jaws are still as they let go; they open where the straight way begins
+            path = [q, *step.motion_in]
+            trouble += c.drive(path, opening, held, None, T, ("fixture",), step.label)
+            for between in np.linspace(opening, step.pre_open_mm, 9):
+                found = c.state(path[-1], float(between), held, T, ("fixture",))
+                trouble += [f"{step.label}: {contact}" for contact in found]
+            path = [path[-1], *step.approach]
             trouble += c.drive(path, step.pre_open_mm, held, None, T, ("fixture",), step.label)
             g = step.grip
             path = [path[-1], *step.motion_out]

@@ -7,11 +7,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import trimesh
 from planning_cell import PARTS, emulated_layout
 from planning_checker import check
 from trimesh.ray.ray_triangle import RayMeshIntersector
 
-from controller.cad import StablePose, load_solid, sample_surface, stable_poses
+from controller.cad import StablePose, load_solid, make_solid, sample_surface, stable_poses
 from controller.planning import (
     HandOver,
     NoPlanError,
@@ -56,6 +57,21 @@ def test_a_resting_part_touches_the_table_with_its_centre_of_mass_over_the_place
 
 def test_nothing_touches_anything_along_the_whole_plan(plan: Plan) -> None:
     assert check(plan, LAYOUT, SOLID, T_START) == []
+
+
+def test_the_way_round_the_fixture_is_free_with_the_jaws_as_they_let_go() -> None:
+    # held across 25.4 mm, handed over, taken back across 63.5 mm: hands as wide as for the second
+    # grip would pass on both sides of what hands as narrow as after the first run into
+    block = make_solid(
+        trimesh.creation.box((127.0, 63.5, 25.4)), "block", "0123456789abcdef", where="block"
+    )
+    lying = stable_poses(block)[2]
+    T = resting_pose(block, lying, 350.0, 40.0, 0.7)
+    made = plan_part(block, sample_surface(block, 8.0), lying, T, LAYOUT, options=OPTIONS)
+    (over,) = (s for s in made.steps if isinstance(s, HandOver))
+    (back,) = (s for s in made.steps if isinstance(s, TakeBack))
+    assert over.hand_open_mm < back.pre_open_mm - 30.0
+    assert check(made, LAYOUT, block, T) == []
 
 
 def test_every_waypoint_is_one_the_arm_accepts(plan: Plan) -> None:
