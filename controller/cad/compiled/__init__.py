@@ -1,1 +1,15 @@
 """Everything that follows from a part alone, computed once and kept in one file."""
+
+from ._cache import cache_dir, cached_part, load_part, make_part, source_hash
+from ._part import CompiledPart, CompileOptions, compile_part
+
+__all__ = [
+    "CompileOptions",
+    "CompiledPart",
+    "cache_dir",
+    "cached_part",
+    "compile_part",
+    "load_part",
+    "make_part",
+    "source_hash",
+]
