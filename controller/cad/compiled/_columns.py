@@ -299,21 +299,28 @@ class Arrays(Codec):
         if not isinstance(tree, list) or not tree:
             raise CodecError("an array is asked")
         match tree:
-            case ["alike", number] if (stack := of.any(number)).ndim and len(stack) == count:
-                # a stack of 0-dimensional arrays falls apart into numpy's scalars
-                arrays = list(stack) if stack.ndim > 1 else [np.asarray(one) for one in stack]
-            case ["joined", lengths, number] if (joined := of.any(number)).ndim:
+            case ["alike", number] if (stack := self._checked(number, of)).ndim > 1:
+                arrays = list(stack)
+            case ["alike", number]:  # 0-dimensional ones: what falls apart are numpy's scalars
+                arrays = [np.asarray(one) for one in self._checked(number, of)]
+            case ["joined", lengths, number] if (joined := self._checked(number, of)).ndim:
                 marks = _marks(of.get(lengths, "int64", count))
                 if marks[-1] != len(joined):
                     raise CodecError("joined arrays are longer or shorter than their parts")
                 arrays = [joined[a:b] for a, b in pairwise(marks)]
-            case ["single", *numbers] if len(numbers) == count:
-                arrays = [of.any(number) for number in numbers]
+            case ["single", *numbers]:
+                arrays = [self._checked(number, of) for number in numbers]
             case _:
                 raise CodecError(f"arrays stored as {tree[0]!r:.20}")
-        if self._dtype is not None and any(array.dtype != self._dtype for array in arrays):
-            raise CodecError(f"{self.says} is asked")
+        if len(arrays) != count:
+            raise CodecError(f"{count} arrays are asked, {len(arrays)} are there")
         return arrays
+
+    def _checked(self, number: object, of: Reader) -> AnyArray:
+        array = of.any(number)
+        if self._dtype is not None and array.dtype != self._dtype:
+            raise CodecError(f"{self.says} is asked")
+        return array
 
 
 def _marks(lengths: AnyArray) -> list[int]:

@@ -7,6 +7,7 @@ from ..reading import load_solid
 from ..resting import StablePose, stable_poses
 from ..solid import Solid
 from ..surfaces import SurfaceSamples, sample_surface
+from ..views import LineView, line_view, prepare_views
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,11 +33,13 @@ class CompiledPart:
     ----------
     solid : the part
     poses : the ways it can lie, likeliest first
+    views : of each pose, seen straight from above
     samples : points on its surfaces, which coverage is counted by
     """
 
     solid: Solid
     poses: tuple[StablePose, ...]
+    views: tuple[LineView, ...]
     samples: SurfaceSamples
 
 
@@ -49,8 +52,11 @@ def compile_part(path: Path, options: CompileOptions | None = None) -> CompiledP
     """
     options = options or CompileOptions()
     solid = load_solid(path)
+    poses = stable_poses(solid)
+    prepared = prepare_views(solid)
     return CompiledPart(
         solid=solid,
-        poses=stable_poses(solid),
+        poses=poses,
+        views=tuple(line_view(solid, pose.R, prepared=prepared) for pose in poses),
         samples=sample_surface(solid, options.sample_spacing_mm, options.samples_per_face),
     )
