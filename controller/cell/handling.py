@@ -119,6 +119,8 @@ class Handling(Toolkit):
         await self._custody(Custody.IN_ARM, f"jaws at {width:.1f} mm")
         self._hold_anew(back.grip.T_part_hand)
         await self._move(back.motion_out)
+        # ways after this one are planned past an empty fixture that stands wide open
+        await fixture.open_to(fixture.config.open_mm)
         await self._require_held()
         self._end(back, started, jaw_mm=round(width, 2), expected_mm=back.expected_opening_mm)
         return Event.HANDED_OFF
