@@ -1,0 +1,120 @@
+"""The STEP kernel as a process of its own: started with limits, its end told as a CadError.
+
+Nothing of the kernel is imported here. It may crash, hang or take all memory on a damaged file;
+what comes of it is a typed error with the reason, in bounded time.
+"""
+
+import importlib.util
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import errors
+from ..errors import CadError, UnreadableCadError
+
+REFUSED: Final = 3  # exit code of a child that says why
+SECONDS_PER_MB: Final = 5.0  # some ten times what sound files of 2 MB take
+
+
+@dataclass(frozen=True, slots=True)
+class KernelLimits:
+    """What the kernel may take.
+
+    Attributes
+    ----------
+    time_s : from start to end, for a small file; large ones get `SECONDS_PER_MB` more
+    memory_bytes : of data; its libraries, 250 MB, come on top
+    """
+
+    time_s: float = 9.0
+    memory_bytes: int = 700 << 20
+
+    def time_for_s(self, byte_count: int) -> float:
+        """Return the time a file of this size may take."""
+        return self.time_s + SECONDS_PER_MB * max(byte_count / 1e6 - 0.2, 0.0)
+
+
+class KernelRun:
+    """One run of a child script on one file; use it as a context, it leaves no process behind.
+
+    Parameters
+    ----------
+    script : beside this module
+    source : the file; ``out`` : where the child leaves its arrays
+    arguments : what the script takes after file, output, memory and time
+    """
+
+    def __init__(
+        self,
+        script: str,
+        source: Path,
+        out: Path,
+        arguments: Sequence[str] = (),
+        limits: KernelLimits | None = None,
+    ) -> None:
+        limits = limits or KernelLimits()
+        self._time_s = limits.time_for_s(source.stat().st_size)
+        self._deadline = time.monotonic() + self._time_s
+        self._out = out
+        command = [sys.executable, "-P", str(Path(__file__).with_name(script))]
+        command += [str(source), str(out), str(limits.memory_bytes), str(int(self._time_s) + 1)]
+        # the kernel talks to the terminal about each entity; what matters is in the output file
+        self._process = subprocess.Popen(
+            [*command, *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+
+    def __enter__(self) -> "KernelRun":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._process.poll() is None:
+            self._process.kill()
+        self._process.wait()
+
+    def result(self, where: str) -> Mapping[str, NDArray[np.generic]]:
+        """Wait for the child and return its arrays.
+
+        Raises
+        ------
+        CadError : the class the child names; UnreadableCadError where it crashed or hung
+        """
+        try:
+            code = self._process.wait(max(self._deadline - time.monotonic(), 0.0))
+        except subprocess.TimeoutExpired:
+            raise UnreadableCadError(
+                f"{where}: the STEP kernel did not finish within {self._time_s:.0f} s; "
+                "export the part again, alone and without drawings"
+            ) from None
+        if code == REFUSED:
+            told = json.loads(self._out.read_text())
+            error = getattr(errors, told["error"])
+            assert issubclass(error, CadError)
+            raise error(f"{where}: {told['reason']}; export the solid body again")
+        if code != 0:
+            how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+            raise UnreadableCadError(
+                f"{where}: the STEP kernel crashed on it ({how}); export the part again"
+            )
+        with np.load(self._out, allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
+
+
+def check_installed(where: str) -> None:
+    """Raise UnreadableCadError where the kernel is missing, with how to get it."""
+    if importlib.util.find_spec("OCP") is None:
+        raise UnreadableCadError(
+            f"{where}: STEP files need the STEP kernel, which is not installed; "
+            "install it with: pip install 'cellctl[step]'"
+        )

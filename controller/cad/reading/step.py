@@ -1,0 +1,255 @@
+"""STEP files: the solid with the surfaces the file names, exact, and its semantic tolerances.
+
+The kernel works in a child process (`_step_child`, `_step_pmi_child`). Here its arrays become a
+`Solid`: one face of ours per STEP face, largest first. The mesh is for the rooms that look at
+triangles; volume, centroid, areas, axes and radii are the kernel's exact ones.
+"""
+
+import hashlib
+import tempfile
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from ..boundary import Face, FaceKind
+from ..errors import CadError, EmptyCadError, OpenCadError, UnreadableCadError
+from ..solid import Solid, make_solid
+from ..surfaces.tolerances import Tolerance
+from ._kernel import KernelLimits, KernelRun, check_installed
+
+Array = NDArray[np.float64]
+
+CHORD_MM: Final = 0.01  # a fifth of what drawn edges may be off
+CHORD_SHARE: Final = 1e-4  # of the diagonal: parts beyond 100 mm need not be finer in proportion
+ANGLE_RAD: Final = 0.2  # 32 strips round a bore: enough to look round
+MESH_SHARE: Final = 0.02  # a sound tessellation misses less of the volume by far
+KINDS: Final[tuple[FaceKind, ...]] = ("plane", "cylinder", "cone", "sphere", "torus", "freeform")
+# as ISO 10303-41 and the kernel spell them; where the kernel names none it has still converted
+UNITS: Final = {
+    "millimetre": "mm",
+    "centimetre": "cm",
+    "metre": "m",
+    "inch": "inch",
+    "foot": "foot",
+}
+BEGIN, END = b"ISO-10303-21", b"END-ISO-10303-21"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class StepEdges:
+    """The edges of a STEP file, e of them.
+
+    Attributes
+    ----------
+    chain_start, chain : (e + 1,), (p,) runs of ``vertices_mm`` along each edge
+    vertices_mm : (v, 3)
+    faces : (e, 2) ids of the two faces; twice the same at the seam of a closed surface
+    curve : (e,) `controller.cad.boundary.Curve`
+    centre_mm, axis, radius_mm : (e, 3), (e, 3), (e,) of circles, NaN otherwise
+    """
+
+    chain_start: NDArray[np.int64]
+    chain: NDArray[np.int64]
+    vertices_mm: Array
+    faces: NDArray[np.int64]
+    curve: NDArray[np.int64]
+    centre_mm: Array
+    axis: Array
+    radius_mm: Array
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class StepPart:
+    """What a STEP file says.
+
+    Attributes
+    ----------
+    solid : with the file's faces
+    step_face : (f,) place of each face in the file's own order, from 0
+    edges : with their exact curves
+    area_mm2 : of the whole surface
+    inertia_mm5 : (3, 3) about the centroid, of density 1
+    tolerances : dimensions, geometric tolerances and datums; empty where the file has none
+    warnings : what could not be read, in sentences
+    """
+
+    solid: Solid
+    step_face: NDArray[np.int64]
+    edges: StepEdges
+    area_mm2: float
+    inertia_mm5: Array
+    tolerances: tuple[Tolerance, ...]
+    warnings: tuple[str, ...]
+
+
+def read_step(path: Path) -> Solid:
+    """Read a STEP file and prove that it is one closed solid.
+
+    Raises
+    ------
+    UnreadableCadError : missing, damaged, no STEP kernel installed, or one that crashed or hung
+    EmptyCadError, OpenCadError, ManySolidsCadError : not exactly one solid body
+    """
+    return read_step_part(path).solid
+
+
+def read_step_part(path: Path, limits: KernelLimits | None = None) -> StepPart:
+    """Read all a STEP file says of a part; raises as `read_step`."""
+    where = str(path)
+    data = _read_text(path)
+    check_installed(where)
+    with ExitStack() as stack:
+        # the kernel reads a copy, so that it sees what was hashed, whatever the name
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="cellctl-step-")))
+        source = folder / "part.step"
+        source.write_bytes(data)
+        arguments = [str(CHORD_MM), str(CHORD_SHARE), str(ANGLE_RAD)]
+        shape_run = stack.enter_context(
+            KernelRun("_step_child.py", source, folder / "shape.npz", arguments, limits)
+        )
+        found: dict[str, Any] = dict(shape_run.result(where))
+        tolerances: tuple[Tolerance, ...] = ()
+        warnings: tuple[str, ...] = ()
+    return _part(found, path.stem, hashlib.sha256(data).hexdigest(), where, tolerances, warnings)
+
+
+def _read_text(path: Path) -> bytes:
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise UnreadableCadError(f"{path}: {error.strerror or error}; check the path") from error
+    if not data.strip():
+        raise EmptyCadError(f"{path}: the file is empty; export the part again")
+    if BEGIN not in data[:1000]:
+        raise UnreadableCadError(
+            f"{path}: does not begin as STEP does (ISO-10303-21); is it the right file?"
+        )
+    if END not in data[-1000:]:  # the kernel would make something of half a file
+        raise UnreadableCadError(f"{path}: the text breaks off; copy or export it again")
+    return data
+
+
+def _ranks(area_mm2: Array) -> NDArray[np.int64]:
+    """Return the id of each STEP face: its place by area, largest first."""
+    rank = np.empty(len(area_mm2), dtype=np.int64)
+    rank[np.argsort(-area_mm2, kind="stable")] = np.arange(len(area_mm2))
+    return rank
+
+
+def _part(
+    found: dict[str, Any],
+    name: str,
+    content_hash: str,
+    where: str,
+    tolerances: tuple[Tolerance, ...],
+    warnings: tuple[str, ...],
+) -> StepPart:
+    for key in ("vertices_mm", "area_mm2", "volume_mm3", "centroid_mm"):
+        if not np.isfinite(found[key]).all():
+            raise UnreadableCadError(
+                f"{where}: its numbers lead to nothing finite; export it again"
+            )
+    rank = _ranks(found["area_mm2"])
+    mesh = trimesh.Trimesh(found["vertices_mm"], found["triangles"], process=False)
+    face_of_triangle = rank[found["face_of_triangle"]].astype(np.int32)
+    volume_mm3 = float(found["volume_mm3"])
+    faces = _faces(found, mesh, rank)
+    solid = make_solid(
+        mesh,
+        name,
+        content_hash,
+        where,
+        faces=faces,
+        face_of_triangle=face_of_triangle,
+        unit=UNITS.get(str(found["unit"]).lower(), "mm"),
+        unit_is_declared=True,
+    )
+    if abs(solid.mesh.volume - volume_mm3) > MESH_SHARE * abs(volume_mm3):
+        raise OpenCadError(
+            f"{where}: its surfaces hold {volume_mm3:.1f} mm3, between its edges are "
+            f"{solid.mesh.volume:.1f} mm3; surfaces and edges do not fit, export it again"
+        )
+    edges = StepEdges(
+        found["chain_start"],
+        found["chain"],
+        found["vertices_mm"],
+        np.where(found["edge_faces"] < 0, -1, rank[found["edge_faces"]]),
+        found["curve"],
+        found["curve_centre_mm"],
+        found["curve_axis"],
+        found["curve_radius_mm"],
+    )
+    return StepPart(
+        solid=replace(solid, volume_mm3=volume_mm3, centroid_mm=found["centroid_mm"]),
+        step_face=np.argsort(rank),
+        edges=edges,
+        area_mm2=float(found["surface_mm2"]),
+        inertia_mm5=found["inertia_mm5"],
+        tolerances=tolerances,
+        warnings=warnings,
+    )
+
+
+def _faces(
+    found: dict[str, Any], mesh: trimesh.Trimesh, rank: NDArray[np.int64]
+) -> tuple[Face, ...]:
+    count = len(rank)
+    of = found["face_of_triangle"]
+    corners = np.asarray(mesh.vertices)[np.asarray(mesh.faces)]
+    doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    middle = corners.mean(axis=1)
+    total = np.zeros((count, 3))
+    np.add.at(total, of, doubled / 2)
+    inward = np.zeros(count)  # of a curved surface: where its normals point to its own axis
+    np.add.at(inward, of, -(doubled * _outward(found, of, middle)).sum(axis=1))
+    faces: list[Face] = []
+    for step_face in np.argsort(rank):
+        kind = KINDS[int(found["kind"][step_face])]
+        area = float(found["area_mm2"][step_face])
+        place, axis = found["place_mm"][step_face], found["axis"][step_face]
+        centre = found["mean_mm"][step_face]
+        radius, minor, half_angle = (float(r) for r in found["radii"][step_face])
+        if kind in {"cylinder", "cone"}:
+            along = float((centre - place) @ axis)
+            centre = place + along * axis
+            radius += along * np.tan(half_angle)
+            if half_angle < 0:
+                half_angle, axis = -half_angle, -axis
+        elif kind in {"sphere", "torus"}:
+            centre = place
+        length = float(np.linalg.norm(total[step_face]))
+        faces.append(
+            Face(
+                id=int(rank[step_face]),
+                kind=kind,
+                area_mm2=area,
+                normal=total[step_face] / length if length > 1e-6 * area else np.zeros(3),
+                axis=axis if kind in {"cylinder", "cone", "torus"} else np.zeros(3),
+                centre_mm=centre,
+                radius_mm=abs(radius),
+                minor_radius_mm=minor,
+                half_angle_rad=half_angle,
+                concave=bool(inward[step_face] > 0),
+            )
+        )
+    return tuple(faces)
+
+
+def _outward(found: dict[str, Any], of: NDArray[np.int64], points: Array) -> Array:
+    """Return the way from the axis, the centre or the ring of its surface to each point, (n, 3)."""
+    kind = np.array(KINDS)[found["kind"]][of]
+    arm = points - found["place_mm"][of]
+    axis = found["axis"][of]
+    radial = arm - (arm * axis).sum(axis=1)[:, None] * axis
+    length = np.maximum(np.linalg.norm(radial, axis=1), 1e-12)[:, None]
+    ring = arm - radial / length * found["radii"][of, :1]
+    out = np.zeros_like(points)
+    for kinds, way in ((("cylinder", "cone"), radial), (("sphere",), arm), (("torus",), ring)):
+        chosen = np.isin(kind, kinds)
+        out[chosen] = way[chosen]
+    return out
