@@ -1,25 +1,26 @@
 """How a solid can lie: hull facets over which its centre of mass stands (paper, section 2.1).
 
-The odds are the quasi-static ones of Goldberg et al. as computed by trimesh; the tip energy is
-what the paper ranks by. Poses that tip at less than `ROLLING_TIP_MM` of lift are strips of a
-tessellated curve: the part rolls there and does not rest (planning.md 4).
+Two odds are told. The quasi-static ones follow from geometry alone: where a part ends that topples
+without a bounce. Parts that drop and bounce follow the product of those and the energy to tip over
+(planning.md 4: nearest to 300 drops of eight parts each). Curves lie as one family, and strips that
+are an artefact of the tessellation are no pose at all.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
 from ..solid import Solid
+from ._curves import find_strips, merge_hollows
+from ._families import Curves, Roll, RollingFamily
+from ._hull import Hull, hull_of
+from ._topple import Landscape, landscape_of
 
 Array = NDArray[np.float64]
 
 GRAVITY_M_S2 = 9.81
-ROLLING_TIP_MM = (
-    0.15  # a strip of a tessellated curve lifts by 0.1 mm, the flattest real rest by more
-)
+MARGINAL_LIFT_MM = 0.5  # planning.md 4: a pose of 0.16 mm never occurred in 900 drops
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -30,10 +31,18 @@ class StablePose:
     ----------
     index : rank, likeliest first
     R : (3, 3) rotation CAD -> upright, z up
-    probability : of a part dropped at random
-    tip_energy_mj_per_kg : work to tip it over its easiest edge
+    probability : quasi-static, of a part laid down at random; of a rolling family all of it
+    tip_energy_mj_per_kg : work to tip it over its easiest edge, and on over what is round behind
+        that edge; for a part that rolls or rocks, work to leave the curve; 0 for a ball, which
+        has no other way to lie
     com_height_mm : height of the centre of mass above the table
-    rolling : True where it rests on a strip of a curve and would roll on
+    rolling : True where it rests on a curve and would roll on; `RollingFamily` has the rest
+    drop_probability : of a part that is dropped and bounces: solid angle times tip energy
+    stability_rank : 1 for the pose hardest to tip, as the paper's Table 1 is ranked
+    tip_direction : (3,) unit, CAD frame, level in this pose: to where it tips most easily
+    marginal : True where a lift of 0.5 mm tips it: predicted, but not seen in drops
+    rocking : True where it rests on a curve with a lowest place, ``R``
+    same_as : index of the likeliest pose a symmetry of the part makes this one; itself if none
     """
 
     index: int
@@ -42,37 +51,185 @@ class StablePose:
     tip_energy_mj_per_kg: float
     com_height_mm: float
     rolling: bool
+    drop_probability: float = 0.0
+    stability_rank: int = 0
+    tip_direction: Array = field(default_factory=lambda: np.zeros(3))
+    marginal: bool = False
+    rocking: bool = False
+    same_as: int = -1
 
 
-def stable_poses(solid: Solid, min_probability: float = 0.002) -> tuple[StablePose, ...]:
-    """Return the ways a solid can lie, likeliest first."""
-    transforms, odds = trimesh.poses.compute_stable_poses(
-        solid.mesh, center_mass=solid.centroid_mm, sigma=0.0, n_samples=1, threshold=0.0
+@dataclass(frozen=True, eq=False, slots=True)
+class Resting:
+    """All ways a solid can lie.
+
+    Attributes
+    ----------
+    poses : likeliest first; a rolling family is one of them
+    families : the rolling ones
+    centre_of_mass_mm : (3,) CAD frame
+    facet_downs : (n, 3) directions to the table of every hull facet that holds the centre, CAD
+        frame, likeliest first: the poses before curves are told from planes
+    facet_odds : (n,) their quasi-static odds, which sum to 1
+    facet_pose : (n,) pose each belongs to, -1 where it is rarer than asked
+    """
+
+    poses: tuple[StablePose, ...]
+    families: tuple[RollingFamily, ...]
+    centre_of_mass_mm: Array
+    facet_downs: Array
+    facet_odds: Array
+    facet_pose: NDArray[np.int32]
+
+
+def stable_poses(
+    solid: Solid, min_probability: float = 0.002, centre_of_mass_mm: Array | None = None
+) -> tuple[StablePose, ...]:
+    """Return the ways a solid can lie, likeliest first; see `find_resting`."""
+    return find_resting(solid, min_probability, centre_of_mass_mm).poses
+
+
+def find_resting(
+    solid: Solid, min_probability: float = 0.002, centre_of_mass_mm: Array | None = None
+) -> Resting:
+    """Return the ways a solid can lie, and the curves it rolls on.
+
+    Parameters
+    ----------
+    solid : of one density, unless its centre of mass is given
+    min_probability : quasi-static; rarer poses are left out
+    centre_of_mass_mm : (3,) CAD frame; None for the centroid of the volume, hollows taken out
+
+    Raises
+    ------
+    ValueError : the centre of mass given is outside of the part's hull
+    """
+    centre = np.asarray(
+        solid.centroid_mm if centre_of_mass_mm is None else centre_of_mass_mm, dtype=np.float64
     )
-    found = []
-    hull = np.asarray(solid.mesh.convex_hull.vertices) - solid.centroid_mm
-    for T, probability in sorted(zip(transforms, odds, strict=True), key=lambda pair: -pair[1]):
-        if probability < min_probability:
-            continue
-        R = np.asarray(T[:3, :3], dtype=np.float64)
-        upright = hull @ R.T
-        height = -float(upright[:, 2].min())
-        lift = _tip_lift_mm(upright, height)
-        found.append((R, float(probability), lift, height))
-    return tuple(
-        StablePose(i, R, p, GRAVITY_M_S2 * lift, height, lift < ROLLING_TIP_MM)
-        for i, (R, p, lift, height) in enumerate(found)
+    hull = hull_of(np.asarray(solid.mesh.vertices, dtype=np.float64), centre)
+    land = landscape_of(hull)
+    strips = find_strips(hull)
+    hollow, hollow_odds = merge_hollows(hull, land, strips)
+    bottoms, odds, lift, tip_edge = _hollows(hull, land, hollow, hollow_odds)
+
+    weight = odds * np.maximum(lift, 0.0)
+    drop = weight / weight.sum() if weight.sum() > 0 else odds
+    odds, lift = np.round(odds, 12), np.round(lift, 9)  # equal ways to lie tie, whatever the noise
+    order = np.lexsort((bottoms, -odds))
+    order = order[odds[order] >= min_probability]
+    ranks = np.empty(len(order), dtype=int)
+    ranks[np.lexsort((np.arange(len(order)), -lift[order]))] = np.arange(1, len(order) + 1)
+
+    held = np.flatnonzero(land.odds > 0)
+    held = held[np.argsort(-land.odds[held], kind="stable")]
+    pose_of_bottom = np.full(hull.count, -1, dtype=np.int32)
+    curves = Curves(hull, strips)
+    poses, families = [], []
+    for index, i in enumerate(order.tolist()):
+        bottom = int(bottoms[i])
+        pose_of_bottom[bottom] = index
+        down, roll, strip_facets = hull.normals[bottom], None, held[hollow[held] == bottom]
+        if strips.is_strip[bottom]:
+            roll = curves.roll_at(bottom, strip_facets[strips.is_strip[strip_facets]])
+            down = down if roll is None else roll.down
+        R = upright_rotation(down)
+        height = float(hull.support_mm(down[None])[0])
+        poses.append(
+            StablePose(
+                index=index,
+                R=R,
+                probability=float(odds[i]),
+                tip_energy_mj_per_kg=GRAVITY_M_S2 * float(lift[i]),
+                com_height_mm=height,
+                rolling=roll is not None and roll.rolls,
+                drop_probability=float(drop[i]),
+                stability_rank=int(ranks[index]),
+                tip_direction=_tip_direction(hull, int(tip_edge[i]), down),
+                marginal=bool(tip_edge[i] >= 0 and lift[i] < MARGINAL_LIFT_MM),
+                rocking=roll is not None and not roll.rolls,
+                same_as=index,
+            )
+        )
+        if roll is not None and roll.rolls:
+            families.append(_family(hull, land, roll, strip_facets, poses[-1], centre))
+    return Resting(
+        tuple(poses),
+        tuple(families),
+        centre,
+        hull.normals[held],
+        land.odds[held],
+        pose_of_bottom[hollow[held]],
     )
 
 
-def _tip_lift_mm(upright: Array, height: float) -> float:
-    """Return how far the centre of mass rises when tipping over the nearest support edge."""
-    support = upright[upright[:, 2] < -height + 0.05, :2]
-    if len(support) < 3:
-        return 0.0
-    try:
-        hull = ConvexHull(support, qhull_options="QJ")
-    except ValueError:
-        return 0.0
-    distance = float((-hull.equations[:, 2]).min())  # of the origin, where the centre stands
-    return float(np.hypot(height, distance) - height) if distance > 0 else 0.0
+def upright_rotation(down: Array) -> Array:
+    """Return the rotation (3, 3) CAD -> upright that turns a direction (3,) down to -z.
+
+    Its x axis is level in the CAD frame's xy plane, so that equal directions give equal rotations.
+    """
+    up = -down / np.linalg.norm(down)
+    x = np.array([-up[1], up[0], 0.0])
+    length = float(np.linalg.norm(x))
+    x = np.array([1.0, 0.0, 0.0]) if length < 1e-9 else x / length
+    x = x - (x @ up) * up
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(up, x), up])
+
+
+def _hollows(
+    hull: Hull, land: Landscape, hollow: NDArray[np.int64], odds: Array
+) -> tuple[NDArray[np.int64], Array, Array, NDArray[np.int64]]:
+    """Return the hollows' bottoms (k,), odds, climbs to the lowest pass [mm], and its edge (k,)."""
+    a, b = hollow[hull.edge_facets[:, 0]], hollow[hull.edge_facets[:, 1]]
+    apart = np.flatnonzero(a != b)
+    bottoms = np.flatnonzero(odds > 0)
+    edges = np.concatenate([apart, apart])
+    sides = np.concatenate([a[apart], b[apart]])
+    order = np.lexsort((-land.pass_mm[edges], sides))  # the lowest of each side is written last
+    lowest = np.full(hull.count, -1, dtype=np.int64)
+    lowest[sides[order]] = edges[order]
+    edge = lowest[bottoms]
+    climb = np.where(edge >= 0, land.pass_mm[edge] - hull.heights_mm[bottoms], np.inf)
+    if np.isinf(climb).any():  # a ball: one hollow, nowhere to tip to
+        climb = np.where(np.isinf(climb), 0.0, climb)
+    return bottoms, odds[bottoms], np.maximum(climb, 0.0), edge
+
+
+def _tip_direction(hull: Hull, edge: int, down: Array) -> Array:
+    """Return the level direction (3,) towards an edge, zeros where there is none."""
+    if edge < 0:
+        return np.zeros(3)
+    start, end = hull.corners_mm[hull.edge_ends[edge]]
+    along = (end - start) / max(float(np.linalg.norm(end - start)), 1e-12)
+    out = start - (start @ along) * along
+    out = out - (out @ down) * down
+    length = float(np.linalg.norm(out))
+    return np.asarray(out / length) if length > 1e-9 else np.zeros(3)
+
+
+def _family(
+    hull: Hull,
+    land: Landscape,
+    roll: Roll,
+    strip_facets: NDArray[np.int64],
+    pose: StablePose,
+    centre: Array,
+) -> RollingFamily:
+    near = np.isin(hull.facet, roll.reach)
+    corners = hull.corners_mm[np.unique(hull.triangles[near])] - roll.centre_mm
+    radius = np.linalg.norm(corners - np.outer(corners @ roll.axis, roll.axis), axis=1)
+    heights = hull.heights_mm[roll.reach]
+    return RollingFamily(
+        pose=pose.index,
+        kind=roll.kind,
+        axis=roll.axis,
+        centre_mm=roll.centre_mm + centre,
+        radius_mm=np.array([radius.min(), radius.max()]),
+        heights_mm=np.array([heights.min(), heights.max()]),
+        arc_rad=roll.arc_rad,
+        probability=pose.probability,
+        drop_probability=pose.drop_probability,
+        downs=hull.normals[strip_facets],
+        odds=land.odds[strip_facets],
+    )

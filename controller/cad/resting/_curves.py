@@ -1,0 +1,150 @@
+"""Curved walls told from planes on a tessellated hull: strips, and the hollows they cannot hold.
+
+A curve in triangles has hollows the curve has not: every strip of a rod holds the rod, and a strip
+half-way round a rounded corner may hold the part in balance ("impossible" stable orientations 10
+and 11 of the paper's Table 1). Such a hollow is never deeper than the strip bulges out under the
+true curve. So a strip's hollow that a climb of about its bulge leaves is no hollow of its own, and
+belongs to the lower one beyond the pass.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from ._hull import Array, Hull, Ids
+from ._topple import Landscape
+
+SMOOTH_RAD = np.radians(31.0)  # a circle of twelve corners and more
+PLANE_RATIO = 4.0  # a plane is this many times larger than the strips it runs into
+BULGE_MARGIN = 1.5  # tessellations are uneven
+BULGE_CAP_MM = 0.5  # a deeper hollow is told as a pose, whatever it may be a part of
+NARROW_RAD = np.radians(10.0)  # strips that hold the part this near to the lowest are one balance
+ROLLING_LIFT_MM = 0.15  # on one curve a climb of less is no rest: the part rolls over it
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Strips:
+    """Facets that are pieces of a curve.
+
+    Attributes
+    ----------
+    is_strip : (f,)
+    bulge_mm : (f,) how far the curve stands out over a strip, 0 for a plane
+    is_smooth : (e,) edges inside a curve, or where it runs into a plane
+    region : (f,) number of the curve a strip is part of; each plane has one of its own
+    """
+
+    is_strip: NDArray[np.bool_]
+    bulge_mm: Array
+    is_smooth: NDArray[np.bool_]
+    region: Ids
+
+
+def find_strips(hull: Hull) -> Strips:
+    """Return which facets of a hull are pieces of a curve: planes are taken out first."""
+    first, second = hull.edge_facets[:, 0], hull.edge_facets[:, 1]
+    n1, n2 = hull.normals[first], hull.normals[second]
+    angle = 2 * np.arcsin(np.clip(np.linalg.norm(n2 - n1, axis=1) / 2, 0, 1))
+    smooth = angle < SMOOTH_RAD
+    # ways to the smooth neighbours must lead to more than one side: a slope beside a plane is none
+    here = np.concatenate([first[smooth], second[smooth]])
+    there = np.concatenate([second[smooth], first[smooth]])
+    largest = np.zeros(hull.count)
+    np.maximum.at(largest, here, hull.areas_mm2[there])
+    plane = hull.areas_mm2 > PLANE_RATIO * largest  # also true where nothing smooth is beside
+    inner = smooth & ~plane[first] & ~plane[second]
+    region = _components(hull.count, first[inner], second[inner])
+    sizes = np.bincount(region)
+    strip = ~plane & (sizes[region] >= 3)  # a roof is two planes, never a curve
+    keep = smooth & (strip[first] | strip[second])
+
+    start, end = hull.corners_mm[hull.edge_ends[:, 0]], hull.corners_mm[hull.edge_ends[:, 1]]
+    along = end - start
+    length = np.linalg.norm(along, axis=1)
+    bulge = np.zeros(hull.count)
+    for side in (first, second):
+        # the width beyond an edge, as of a strip of that length and the facet's area
+        width = hull.areas_mm2[side] / np.maximum(length, np.sqrt(hull.areas_mm2[side]))
+        np.maximum.at(bulge, side[keep], (width / 2 * np.tan(angle / 4))[keep])
+    strip &= bulge <= BULGE_CAP_MM  # wider, it is a face of its own, at a blunt angle to the next
+    bulge[~strip] = 0.0
+    smooth = keep & (strip[first] | strip[second])
+    return Strips(strip, bulge, smooth, region)
+
+
+def merge_hollows(hull: Hull, land: Landscape, strips: Strips) -> tuple[Ids, Array]:
+    """Return each facet's bottom of its hollow (f,), false ones filled, and the bottoms' odds (f,).
+
+    Passes are gone through from the lowest up. Where two hollows meet, the shallower one ends; it
+    was never one if it is a strip's and the climb out of it is no more than the strip's bulge.
+    First hollows of one curve become one; then what is left narrow, as the balance on a rounded
+    corner, falls to what lies beside, to each side alike. A wide one stays: a shaft with two flats
+    rests on its round too, wherever it stops.
+    """
+    rest = land.rest
+    a, b = rest[hull.edge_facets[:, 0]], rest[hull.edge_facets[:, 1]]
+    allowed = np.where(
+        strips.is_strip,
+        np.clip(BULGE_MARGIN * strips.bulge_mm, ROLLING_LIFT_MM, BULGE_CAP_MM),
+        0.0,
+    )
+    heights = hull.heights_mm
+    # most passes join nothing: the climb is too long for any strip
+    climb = land.pass_mm - np.maximum(heights[a], heights[b])
+    worth = strips.is_smooth & (a != b) & (climb <= BULGE_CAP_MM)
+    order = np.flatnonzero(worth)[np.argsort(land.pass_mm[worth], kind="stable")]
+    a, b, top = a[order], b[order], land.pass_mm[order]
+    parent = np.arange(hull.count)
+    curved = strips.is_strip
+    inner = curved[a] & curved[b]
+    _fill(parent, heights, allowed, a[inner], b[inner], top[inner])
+    bottom = parent[rest]
+    held = np.unique(rest)
+    cosine = np.ones(hull.count)
+    aligned = np.einsum("ij,ij->i", hull.normals[held], hull.normals[parent[held]])
+    np.minimum.at(cosine, parent[held], aligned)
+    narrow = np.where(cosine > np.cos(NARROW_RAD), allowed, 0.0)
+    before = bottom
+    if len(a):
+        a, b = parent[a], parent[b]
+        _fill(parent, heights, narrow, a, b, top)
+        bottom = parent[rest]
+    odds = np.bincount(before, land.odds, minlength=hull.count)
+    for fallen in np.unique(before[bottom != before]).tolist():
+        out = ((a == fallen) | (b == fallen)) & (top - heights[fallen] <= narrow[fallen])
+        to = np.unique(parent[np.where(a == fallen, b, a)[out]])
+        share, odds[fallen] = odds[fallen] / max(len(to), 1), 0.0
+        odds[to if len(to) else parent[fallen]] += share
+    return np.asarray(bottom), odds
+
+
+def _fill(parent: Ids, heights: Array, allowed: Array, a: Ids, b: Ids, top: Array) -> None:
+    """Join hollows a and b (n,) over passes in rising order, where the shallower one is false."""
+    up = parent.tolist()
+    height, limit = heights.tolist(), allowed.tolist()
+
+    def bottom(i: int) -> int:
+        while up[i] != i:
+            up[i] = up[up[i]]
+            i = up[i]
+        return i
+
+    for i, j, pass_mm in zip(a.tolist(), b.tolist(), top.tolist(), strict=True):
+        p, q = bottom(i), bottom(j)
+        if p == q:
+            continue
+        if (height[p], p) < (height[q], q):
+            p, q = q, p
+        if pass_mm - height[p] <= limit[p]:
+            up[p] = q
+    touched = np.unique(np.concatenate([a, b]))
+    parent[touched] = [bottom(i) for i in touched.tolist()]
+    parent[:] = parent[parent]
+
+
+def _components(count: int, a: Ids, b: Ids) -> Ids:
+    graph = coo_matrix((np.ones(len(a), dtype=np.int8), (a, b)), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
