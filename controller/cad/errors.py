@@ -9,12 +9,36 @@ class UnreadableCadError(CadError):
     """The file is missing, of an unknown format, or not what its name says."""
 
 
+class CsgCadError(CadError):
+    """A CSG text says something that cannot be built; the message names line and key."""
+
+
 class EmptyCadError(CadError):
     """The file holds no surface."""
 
 
+class LargeCadError(CadError):
+    """The file holds more than this room works on."""
+
+
+class UnitCadError(CadError):
+    """The size makes sense in another unit only; the unit must be declared."""
+
+
+class CoordinatesCadError(CadError):
+    """Coordinates that are no numbers, or beyond any part and any cell."""
+
+
 class OpenCadError(CadError):
-    """The surface does not enclose a volume: holes in it, or triangles facing inwards."""
+    """The surface does not enclose a volume: there are holes in it."""
+
+
+class InsideOutCadError(CadError):
+    """Triangles face inwards, all of them or some."""
+
+
+class SelfIntersectingCadError(CadError):
+    """The surface runs through itself, lies on itself or touches itself."""
 
 
 class ManySolidsCadError(CadError):

@@ -8,17 +8,19 @@ import trimesh
 from numpy.typing import NDArray
 
 from .boundary import Boundary, Face, find_boundary, find_faces
-from .errors import (
-    EmptyCadError,
-    ManySolidsCadError,
-    OpenCadError,
-    UnreadableCadError,
-)
+from .errors import CoordinatesCadError, EmptyCadError, LargeCadError, UnitCadError
+from .soundness import check_soundness
+from .welding import weld
 
 Array = NDArray[np.float64]
 
-MERGE_DIGITS = 4  # corners within 1e-4 mm are one: STL repeats each corner per triangle
-SMALLEST_MM = 1.0  # below this no jaw holds it; a part in metres ends here too
+MM_PER_INCH = 25.4
+MM_PER_M = 1000.0
+SMALLEST_MM = 1.0  # below this no jaw holds it
+SENSIBLE_MM = (10.0, 2000.0)  # longest side of a part whose file names no unit
+FARTHEST_MM = 1e5  # single precision there is 0.01 mm, as coarse as what is inspected
+SENSELESS_MM = 1e7  # no unit makes a part of this
+MOST_TRIANGLES = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +34,9 @@ class Solid:
     content_hash : SHA-256 of the file
     volume_mm3, centroid_mm : volume and its centroid (3,)
     faces, face_of_triangle : surfaces, and the surface each triangle belongs to (n,)
+    unit : what the file's lengths were in; all here are in mm
+    unit_is_declared : False where millimetres are no more than the usual
+    density_g_cm3 : where the file says it
     """
 
     name: str
@@ -41,6 +46,9 @@ class Solid:
     centroid_mm: Array
     faces: tuple[Face, ...]
     face_of_triangle: NDArray[np.int32]
+    unit: str = "mm"
+    unit_is_declared: bool = True
+    density_g_cm3: float | None = None
 
     @cached_property
     def boundary(self) -> Boundary:
@@ -59,55 +67,40 @@ def make_solid(
     *,
     faces: tuple[Face, ...] | None = None,
     face_of_triangle: NDArray[np.int32] | None = None,
+    unit: str = "mm",
+    unit_is_declared: bool = True,
+    density_g_cm3: float | None = None,
 ) -> Solid:
     """Return a checked solid of a mesh [mm]; ``where`` names its origin in messages.
 
     Where the file itself names its surfaces, as STEP does, they come as ``faces`` and
-    ``face_of_triangle`` (n,), given together; otherwise they are found in the mesh.
+    ``face_of_triangle`` (n,), given together; otherwise they are found in the mesh. The last three
+    are told on as they are, but that a size without a declared unit must make sense in mm.
 
     Raises
     ------
-    EmptyCadError, OpenCadError, ManySolidsCadError, UnreadableCadError : as `load_solid`
+    EmptyCadError, LargeCadError, CoordinatesCadError, UnitCadError : before anything is computed
+    OpenCadError, InsideOutCadError, ManySolidsCadError, SelfIntersectingCadError : no sound solid
     """
     if len(mesh.faces) == 0:
         raise EmptyCadError(f"{where}: holds no triangles; export the solid body, not a sketch")
-    if not np.isfinite(mesh.vertices).all():
-        raise UnreadableCadError(f"{where}: holds coordinates that are no numbers; export it again")
-    size_mm = np.asarray(mesh.extents)
-    if size_mm.max() < SMALLEST_MM:
-        across = " x ".join(f"{edge:.4g}" for edge in size_mm)
-        raise UnreadableCadError(
-            f"{where}: is {across} mm; were these metres or inches? export it in millimetres"
+    check_count(len(mesh.faces), where)
+    vertices_mm = np.asarray(mesh.vertices, dtype=np.float64)
+    triangles = np.asarray(mesh.faces, dtype=np.int64)
+    if not 0 <= triangles.min() <= triangles.max() < len(vertices_mm):
+        raise CoordinatesCadError(
+            f"{where}: triangles name corners the file does not hold; export it again"
         )
-    mesh.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=MERGE_DIGITS)
-    is_sound = mesh.nondegenerate_faces(height=1e-9)
-    mesh.update_faces(is_sound)
-    mesh.remove_unreferenced_vertices()
-    if not mesh.is_watertight:
-        broken = len(mesh.faces) * 3 - 2 * len(mesh.face_adjacency)
-        raise OpenCadError(
-            f"{where}: the surface is not closed ({broken} open triangle sides); "
-            "repair it in the CAD system and export it again"
-        )
-    if not mesh.is_winding_consistent:
-        raise OpenCadError(
-            f"{where}: some triangles face inwards, others outwards; "
-            "repair it in the CAD system and export it again"
-        )
-    if mesh.volume <= 0:
-        raise OpenCadError(
-            f"{where}: the surface is turned inside out (volume "
-            f"{mesh.volume:.1f} mm3); flip its normals and export it again"
-        )
-    if mesh.body_count != 1:
-        raise ManySolidsCadError(
-            f"{where}: holds {mesh.body_count} separate bodies, one part "
-            "is one body; export them one by one"
-        )
+    _check_size(vertices_mm, np.unique(triangles), where, unit_is_declared)
+    vertices_mm, triangles, kept = weld(vertices_mm, triangles)
+    if len(triangles) == 0:
+        raise EmptyCadError(f"{where}: no triangle has any area; export the solid body again")
+    mesh = trimesh.Trimesh(vertices_mm, triangles, process=False)
+    check_soundness(mesh, where)
     if faces is None or face_of_triangle is None:
         faces, face_of_triangle = find_faces(mesh)
     else:
-        face_of_triangle = face_of_triangle[is_sound]
+        face_of_triangle = face_of_triangle[kept]
     return Solid(
         name=name,
         mesh=mesh,
@@ -116,4 +109,54 @@ def make_solid(
         centroid_mm=np.asarray(mesh.center_mass, dtype=np.float64),
         faces=faces,
         face_of_triangle=face_of_triangle,
+        unit=unit,
+        unit_is_declared=unit_is_declared,
+        density_g_cm3=density_g_cm3,
     )
+
+
+def check_count(triangle_count: int, where: str) -> None:
+    """Raise LargeCadError for more triangles than a part is worth, at best before reading them."""
+    if triangle_count > MOST_TRIANGLES:
+        raise LargeCadError(
+            f"{where}: {triangle_count:,} triangles, the most is {MOST_TRIANGLES:,}; "
+            "export it with a coarser chord error"
+        )
+
+
+def _check_size(
+    vertices_mm: Array, used: NDArray[np.int64], where: str, unit_is_declared: bool
+) -> None:
+    if not np.isfinite(vertices_mm).all():
+        raise CoordinatesCadError(
+            f"{where}: holds coordinates that are no numbers; export it again"
+        )
+    vertices_mm = vertices_mm[used]
+    farthest = float(np.abs(vertices_mm).max())
+    if farthest > SENSELESS_MM:
+        raise CoordinatesCadError(
+            f"{where}: holds a coordinate of {farthest:.3g} mm, which is beyond sense; "
+            "export it again, or declare its unit"
+        )
+    size_mm = np.ptp(vertices_mm, axis=0)
+    longest = float(size_mm.max())
+    across = " x ".join(f"{edge:.4g}" for edge in size_mm)
+    smallest, largest = SENSIBLE_MM
+    if not unit_is_declared and not smallest <= longest <= largest:
+        inches = " x ".join(f"{edge * MM_PER_INCH:.4g}" for edge in size_mm)
+        metres = " x ".join(f"{edge * MM_PER_M:.4g}" for edge in size_mm)
+        raise UnitCadError(
+            f"{where}: names no unit, and would be {across} mm in millimetres, {inches} mm if "
+            f"these were inches, {metres} mm if they were metres; declare which with --unit, "
+            "or in a recipe with unit:"
+        )
+    if longest < SMALLEST_MM:
+        raise UnitCadError(
+            f"{where}: is {across} mm, below {SMALLEST_MM:g} mm no jaw holds it; "
+            "is its unit declared right?"
+        )
+    if farthest > FARTHEST_MM:
+        raise CoordinatesCadError(
+            f"{where}: lies up to {farthest / MM_PER_M:.0f} m from its origin, where its digits "
+            "end; move it to the origin and export it again"
+        )

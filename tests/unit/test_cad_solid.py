@@ -14,9 +14,12 @@ from cad_solids import SHARED, box, mesh_of, polygon_area, rod, solid_of
 
 from controller.cad import (
     CadError,
+    CoordinatesCadError,
     EmptyCadError,
+    InsideOutCadError,
     ManySolidsCadError,
     OpenCadError,
+    UnitCadError,
     UnreadableCadError,
     load_solid,
 )
@@ -162,7 +165,7 @@ def test_a_missing_file_and_a_folder_are_unreadable(tmp_path: Path) -> None:
     assert "directory" in refusal(tmp_path / "folder.stl", UnreadableCadError)
 
 
-@pytest.mark.parametrize("name", ["part.step", "part.3mf", "part"])
+@pytest.mark.parametrize("name", ["part.dwg", "part.iges", "part"])
 def test_an_unknown_format_is_told_with_the_known_ones(tmp_path: Path, name: str) -> None:
     message = refusal(write(tmp_path, name, b"anything"), UnreadableCadError)
     assert "STL, OBJ, PLY, OFF" in message
@@ -177,7 +180,7 @@ def test_a_coordinate_that_is_no_number_is_named(
     at = 84 + 50 * triangle + 12 + 4
     data[at : at + 4] = np.float32(value).tobytes()
     path = write(tmp_path, "nan.stl", bytes(data))
-    assert "no numbers" in refusal(path, UnreadableCadError)
+    assert "no numbers" in refusal(path, CoordinatesCadError)
 
 
 def test_a_missing_triangle_leaves_three_open_sides(tmp_path: Path) -> None:
@@ -191,7 +194,7 @@ def test_a_solid_inside_out_is_told_to_flip_its_normals(tmp_path: Path) -> None:
     body = block()
     body.invert()
     path = write(tmp_path, "inside_out.stl", binary_stl(body))
-    assert "inside out (volume -6000.0 mm3)" in refusal(path, OpenCadError)
+    assert "inside out (volume -6000.0 mm3)" in refusal(path, InsideOutCadError)
 
 
 def test_one_turned_triangle_is_not_called_inside_out(tmp_path: Path) -> None:
@@ -199,7 +202,7 @@ def test_one_turned_triangle_is_not_called_inside_out(tmp_path: Path) -> None:
     faces = body.faces.copy()
     faces[3] = faces[3][::-1]
     turned = trimesh.Trimesh(body.vertices, faces, process=False)
-    message = refusal(write(tmp_path, "turned.stl", binary_stl(turned)), OpenCadError)
+    message = refusal(write(tmp_path, "turned.stl", binary_stl(turned)), InsideOutCadError)
     assert "some triangles face inwards" in message
 
 
@@ -216,7 +219,7 @@ def test_a_part_in_metres_is_asked_for_its_unit(tmp_path: Path, scale: float) ->
     body = block()
     body.apply_scale(scale)
     path = write(tmp_path, "metres.stl", binary_stl(body))
-    assert "metres" in refusal(path, UnreadableCadError)
+    assert "metres" in refusal(path, UnitCadError)
 
 
 def test_corners_that_differ_by_rounding_are_one(tmp_path: Path) -> None:

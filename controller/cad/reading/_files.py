@@ -1,83 +1,100 @@
-"""Triangle files of the usual kinds, read whole or refused."""
+"""CAD files of the usual kinds, read whole or refused; what they promise is checked first.
+
+Triangle files go through trimesh, which reads much that is broken without a word: so lengths,
+counts and text are checked before, and `make_solid` proves the rest.
+"""
 
 import hashlib
+import io
+import warnings
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 import trimesh
 
-from ..errors import EmptyCadError, UnreadableCadError
+from ..errors import UnreadableCadError
 from ..solid import Solid, make_solid
+from ._ahead import check_ahead, read_file, size_of
+from ._threemf import check_3mf
+from ._units import check_unit, read_unit
+from .csg import read_csg
 
-FORMATS = (".stl", ".obj", ".ply", ".off")
-STL_HEADER_BYTES = 84  # 80 of text, then the count of triangles
-STL_TRIANGLE_BYTES = 50
+FORMATS: Final = (".stl", ".obj", ".ply", ".off", ".3mf", ".step", ".stp", ".yaml")
+FORMAT_NAMES: Final = "STL, OBJ, PLY, OFF, 3MF, STEP, CSG text (.csg.yaml)"
 
 
-def load_solid(path: Path) -> Solid:
+def load_solid(path: Path, *, unit: str | None = None) -> Solid:
     """Read a CAD file and prove that it is one closed solid.
 
     Parameters
     ----------
-    path : STL, OBJ, PLY or OFF, lengths in mm
+    path : STL, OBJ, PLY, OFF, 3MF, STEP or CSG text
+    unit : of the file's lengths: mm, cm, m or inch. None: what the file says or, where its format
+        has no place for it (STL, OBJ, PLY, OFF), millimetres, if these make a part of sense
 
     Raises
     ------
-    UnreadableCadError : missing, unknown format, damaged, or not in millimetres
-    EmptyCadError : no triangles
-    OpenCadError : does not enclose a volume
-    ManySolidsCadError : more than one body
+    CadError : as its classes say; each names the file, the trouble and what to do about it
     """
-    if path.suffix.lower() not in FORMATS:
-        known = ", ".join(f[1:].upper() for f in FORMATS)
+    ending = path.suffix.lower()
+    if ending not in FORMATS:
         raise UnreadableCadError(
             f"{path}: format {path.suffix or 'without ending'} is not read; "
-            f"export the part as one of {known}"
+            f"export the part as one of {FORMAT_NAMES}"
         )
+    name, mm_per_unit = read_unit(unit or "mm", path)
+    size = size_of(path)
+    if ending in {".step", ".stp"}:
+        from .step import read_step  # slow to import, and only needed here
+
+        solid = read_step(path)
+        check_unit(unit, solid.unit, path)
+        return solid
+    if ending == ".yaml":
+        solid = read_csg(path)
+        check_unit(unit, solid.unit, path)
+        return solid
+    check_ahead(path, ending, size)
+    data = read_file(path)
+    is_declared = unit is not None
+    if ending == ".3mf":
+        told = check_3mf(data, path)
+        check_unit(unit, told, path)
+        (name, mm_per_unit), is_declared = read_unit(told, path), True
+    mesh = _read_mesh(data, path, ending)
+    with np.errstate(over="ignore"):
+        mesh.vertices = np.asarray(mesh.vertices) * mm_per_unit
+    return make_solid(
+        mesh,
+        path.stem,
+        hashlib.sha256(data).hexdigest(),
+        where=str(path),
+        unit=name,
+        unit_is_declared=is_declared,
+    )
+
+
+def _read_mesh(data: bytes, path: Path, ending: str) -> trimesh.Trimesh:
+    """Return the triangles in the file's unit.
+
+    A stream has no folder, so that no file beside it (a texture, a material) is read unasked.
+    """
     try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise UnreadableCadError(f"{path}: {error.strerror or error}; check the path") from error
-    if not data.strip():
-        raise EmptyCadError(f"{path}: the file is empty; export the part again")
-    if path.suffix.lower() == ".stl":
-        _check_stl(data, path)
-    elif path.suffix.lower() in {".obj", ".off"}:
-        _check_text(data, path)
-    try:
-        # unprocessed: trimesh would drop triangles with broken coordinates without a word
-        with np.errstate(all="ignore"):
-            mesh = trimesh.load(path, force="mesh", process=False)
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("error")  # numpy warns where a text breaks off, and goes on
+            # unprocessed: trimesh would drop triangles with broken coordinates without a word
+            mesh = trimesh.load(io.BytesIO(data), file_type=ending[1:], force="mesh", process=False)
+        faces = np.asarray(mesh.faces)
     except Exception as error:
+        told = " ".join(str(error).split())
         raise UnreadableCadError(
-            f"{path}: cannot be read as {path.suffix[1:].upper()} "
-            f"({type(error).__name__}: {error}); export it again"
+            f"{path}: cannot be read as {ending[1:].upper()} "
+            f"({type(error).__name__}: {told:.200}); export it again"
         ) from error
-    return make_solid(mesh, path.stem, hashlib.sha256(data).hexdigest(), where=str(path))
-
-
-def _check_stl(data: bytes, path: Path) -> None:
-    """Raise UnreadableCadError where an STL is cut short or none, which trimesh may not notice."""
-    promised = int.from_bytes(data[80:STL_HEADER_BYTES], "little")
-    if len(data) == STL_HEADER_BYTES + STL_TRIANGLE_BYTES * promised:
-        return  # first, since binary files too may begin with "solid"
-    if data.lstrip()[:5].lower() == b"solid":
-        _check_text(data, path)
-        if b"endsolid" not in data.lower():
-            raise UnreadableCadError(f"{path}: the text breaks off; copy or export it again")
-    elif b"\0" not in data or len(data) < STL_HEADER_BYTES:
-        raise UnreadableCadError(f"{path}: is no STL, whatever its name says; export it again")
-    else:
-        held = (len(data) - STL_HEADER_BYTES) / STL_TRIANGLE_BYTES
+    if len(faces) and not 0 <= faces.min() <= faces.max() < len(mesh.vertices):
         raise UnreadableCadError(
-            f"{path}: promises {promised} triangles and holds {held:.1f}; copy or export it again"
+            f"{path}: a triangle names corner {int(faces.max())} of {len(mesh.vertices)}; "
+            "export it again"
         )
-
-
-def _check_text(data: bytes, path: Path) -> None:
-    try:
-        data.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise UnreadableCadError(
-            f"{path}: byte {error.start} is no text (UTF-8); is it the right file? export it again"
-        ) from error
+    return mesh

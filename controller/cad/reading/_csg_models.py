@@ -1,0 +1,180 @@
+"""What a CSG text may say (docs/csg.md): shapes, what joins them, where they are placed."""
+
+from typing import Annotated, Any, Final, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
+Length = Annotated[float, Field(gt=0, le=1e6)]
+Radius = Annotated[float, Field(ge=0, le=1e6)]
+Point = tuple[Coordinate, Coordinate]
+Vector = tuple[Coordinate, Coordinate, Coordinate]
+Outline = Annotated[tuple[Point, ...], Field(min_length=3, max_length=5000)]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _true_is_no_number(cls, value: object, info: ValidationInfo) -> object:
+        if isinstance(value, bool):
+            raise ValueError("true and false mean nothing here")  # pydantic would read 1 and 0
+        return value
+
+
+class Block(_Section):
+    """A box on z = 0 with the z axis through its middle, or between two corners."""
+
+    size: tuple[Length, Length, Length] | None = None
+    from_: Vector | None = Field(default=None, alias="from")
+    to: Vector | None = None
+
+    @model_validator(mode="after")
+    def _size_or_corners(self) -> Self:
+        if (self.size is None) == (self.from_ is None) or (self.from_ is None) != (self.to is None):
+            raise ValueError("say `size: [x, y, z]`, or `from: [x, y, z]` and `to: [x, y, z]`")
+        if self.from_ is not None and self.to is not None:
+            for low, high in zip(self.from_, self.to, strict=True):
+                if low >= high:
+                    raise ValueError("each coordinate of `to` must be above that of `from`")
+        return self
+
+
+class _Round(_Section):
+    @model_validator(mode="after")
+    def _radius_or_diameter(self) -> Self:
+        if (getattr(self, "radius", None) is None) == (getattr(self, "diameter", None) is None):
+            raise ValueError("say either `radius` or `diameter`")
+        return self
+
+
+class Cylinder(_Round):
+    """A cylinder up the z axis from z = 0."""
+
+    radius: Length | None = None
+    diameter: Length | None = None
+    height: Length
+
+    @property
+    def radius_units(self) -> float:
+        """The radius, in the text's unit."""
+        return self.radius if self.radius is not None else (self.diameter or 0.0) / 2
+
+
+class Cone(_Round):
+    """A cone or its frustum up the z axis from z = 0: bottom, then top."""
+
+    radius: tuple[Radius, Radius] | None = None
+    diameter: tuple[Radius, Radius] | None = None
+    height: Length
+
+    @model_validator(mode="after")
+    def _is_not_a_line(self) -> Self:
+        if max(self.radii_units) == 0:
+            raise ValueError("bottom and top cannot both be 0")
+        return self
+
+    @property
+    def radii_units(self) -> tuple[float, float]:
+        """Bottom and top radius, in the text's unit."""
+        if self.radius is not None:
+            return self.radius
+        bottom, top = self.diameter or (0.0, 0.0)
+        return bottom / 2, top / 2
+
+
+class Sphere(_Round):
+    """A ball round the origin."""
+
+    radius: Length | None = None
+    diameter: Length | None = None
+
+    @property
+    def radius_units(self) -> float:
+        """The radius, in the text's unit."""
+        return self.radius if self.radius is not None else (self.diameter or 0.0) / 2
+
+
+class Extrude(_Section):
+    """An outline in x and y, with holes, drawn up from z = 0."""
+
+    outline: Outline
+    holes: Annotated[tuple[Outline, ...], Field(max_length=500)] = ()
+    height: Length
+
+
+class Revolve(_Section):
+    """An outline in radius and z, turned once round the z axis."""
+
+    outline: Annotated[tuple[tuple[Radius, Coordinate], ...], Field(min_length=3, max_length=5000)]
+
+
+class Turn(_Section):
+    """A turn about an axis through the origin, anticlockwise seen against the axis."""
+
+    about: Literal["x", "y", "z"] | Vector
+    deg: Annotated[float, Field(ge=-360, le=360)]
+
+    @field_validator("about", mode="before")
+    @classmethod
+    def _axis(cls, value: Any) -> Any:  # noqa: ANN401 - whatever the text says
+        if isinstance(value, str) and value in {"x", "y", "z"}:
+            return value
+        if (
+            isinstance(value, list)
+            and len(value) == 3
+            and all(isinstance(v, float) for v in value)
+            and any(value)
+        ):
+            return value
+        raise ValueError("must be x, y, z or a direction as in [1, 0, 1]")
+
+
+PRIMITIVES: Final = ("block", "cylinder", "cone", "sphere", "extrude", "revolve")
+KINDS: Final = (*PRIMITIVES, "union", "difference", "intersection", "use")
+
+
+class Shape(_Section):
+    """One shape, of one kind, then turned, then moved."""
+
+    block: Block | None = None
+    cylinder: Cylinder | None = None
+    cone: Cone | None = None
+    sphere: Sphere | None = None
+    extrude: Extrude | None = None
+    revolve: Revolve | None = None
+    union: Annotated[tuple["Shape", ...], Field(min_length=1)] | None = None
+    difference: Annotated[tuple["Shape", ...], Field(min_length=2)] | None = None
+    intersection: Annotated[tuple["Shape", ...], Field(min_length=2)] | None = None
+    use: str | None = None
+    turn: tuple[Turn, ...] = ()
+    move: Vector = (0.0, 0.0, 0.0)
+
+    @field_validator("turn", mode="before")
+    @classmethod
+    def _one_turn_is_a_list_of_one(cls, value: object) -> object:
+        return [value] if isinstance(value, dict) else value
+
+    @model_validator(mode="after")
+    def _is_of_one_kind(self) -> Self:
+        said = [kind for kind in KINDS if getattr(self, kind) is not None]
+        if len(said) != 1:
+            told = " and ".join(f"`{kind}`" for kind in said) or "none"
+            raise ValueError(f"is of one kind, {told} found; say one of {', '.join(KINDS)}")
+        return self
+
+    @property
+    def kind(self) -> str:
+        """Which of `KINDS` it is."""
+        return next(kind for kind in KINDS if getattr(self, kind) is not None)
+
+
+class CsgText(_Section):
+    """A part as a CSG text."""
+
+    unit: str
+    density_g_cm3: Annotated[float, Field(gt=0, le=30)] | None = None
+    tolerance_mm: Annotated[float, Field(ge=1e-4, le=10)] = 0.01
+    shapes: dict[str, Shape] = {}
+    part: Shape

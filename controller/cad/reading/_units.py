@@ -1,0 +1,37 @@
+"""Units of length: what a caller may declare and what files say; millimetres inside."""
+
+from pathlib import Path
+from typing import Final
+
+from ..errors import UnitCadError
+from ..solid import MM_PER_INCH, MM_PER_M
+
+MM_PER_UNIT: Final = {"mm": 1.0, "cm": 10.0, "m": MM_PER_M, "inch": MM_PER_INCH}
+SPELLINGS: Final = {"in": "inch", "inches": "inch", "millimeter": "mm", "centimeter": "cm"} | {
+    "meter": "m",  # 3MF core specification 3.4: these, inch, foot and micron
+}
+OTHER_MM_PER_UNIT: Final = {"micron": 1e-3, "foot": 304.8}
+
+
+def read_unit(unit: str, where: Path) -> tuple[str, float]:
+    """Return a unit's name with us and its millimetres.
+
+    Raises
+    ------
+    UnitCadError : an unknown unit
+    """
+    name = SPELLINGS.get(unit, unit)
+    length_mm = (MM_PER_UNIT | OTHER_MM_PER_UNIT).get(name)
+    if length_mm is None:
+        known = ", ".join(MM_PER_UNIT)
+        raise UnitCadError(f"{where}: unit {unit!r:.40} is not known; declare one of {known}")
+    return name, length_mm
+
+
+def check_unit(asked: str | None, told: str, where: Path) -> None:
+    """Raise UnitCadError where a caller declares another unit than the file itself."""
+    if asked is not None and read_unit(asked, where)[0] != told:
+        raise UnitCadError(
+            f"{where}: is in {told}, as the file itself says, and not in {asked}; "
+            "leave the unit away, or mend the file"
+        )

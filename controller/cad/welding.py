@@ -1,0 +1,107 @@
+"""Corners that a file repeats for each triangle become one; triangles without area disappear."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.int64]
+
+MERGE_MM = 1e-4  # corners within are one: STL repeats each corner per triangle, rounded
+NEEDLE_MM = 1e-9  # a triangle flatter than this has no normal
+FEW_NEEDLES = 2000  # they are taken out one by one
+
+
+def weld(vertices_mm: Array, triangles: Ids) -> tuple[Array, Ids, Ids]:
+    """Merge corners and take triangles without area out, leaving no gap where they were.
+
+    Parameters
+    ----------
+    vertices_mm, triangles : (v, 3) and (n, 3), all finite
+
+    Returns
+    -------
+    vertices_mm, triangles : those left; no vertex is without a triangle
+    kept : (m,) which triangle of the input each one is, or lies in the surface of
+    """
+    first, merged = _merge(vertices_mm)
+    corners = merged[triangles]
+    kept = np.flatnonzero(
+        (corners[:, 0] != corners[:, 1])
+        & (corners[:, 1] != corners[:, 2])
+        & (corners[:, 2] != corners[:, 0])
+    )
+    points, corners = vertices_mm[first], corners[kept]
+    needles = np.flatnonzero(_heights(points, corners) <= NEEDLE_MM)
+    if 0 < len(needles) <= FEW_NEEDLES:
+        corners, still = _flip(points, corners, needles)
+        corners, kept = corners[still], kept[still]
+    used, corners = np.unique(corners, return_inverse=True)
+    return points[used], corners.reshape(-1, 3), kept
+
+
+def _merge(vertices_mm: Array) -> tuple[Ids, Ids]:
+    """Return a vertex for each cell of the grid that holds any (u,), and each vertex's cell."""
+    cells = np.round(vertices_mm / MERGE_MM).astype(np.int64)
+    cells -= cells.min(axis=0)
+    span = cells.max(axis=0) + 1
+    key = cells[:, 0] * span[1] + cells[:, 1]
+    if float(span[0]) * float(span[1]) * float(span[2]) > 2.0**62:
+        key = np.unique(key, return_inverse=True)[1]  # fewer numbers, or the product overflows
+    _, first, merged = np.unique(
+        key * span[2] + cells[:, 2], return_index=True, return_inverse=True
+    )
+    return first, merged
+
+
+def _heights(points: Array, corners: Ids) -> Array:
+    """Return the smallest height of each triangle [mm]."""
+    p = points[corners]
+    area2 = np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
+    longest = np.linalg.norm(p - np.roll(p, 1, axis=1), axis=2).max(axis=1)
+    return np.asarray(area2 / np.where(longest > 0, longest, 1.0))
+
+
+def _flip(points: Array, corners: Ids, needles: Ids) -> tuple[Ids, NDArray[np.bool_]]:
+    """Flip the long side of each needle into its neighbour, so that both have area or none is left.
+
+    A needle's three corners lie on a line; dropped, it would leave its neighbours' corners unmet.
+
+    Returns
+    -------
+    corners : (n, 3), flipped
+    still : (n,) False for pairs of needles that lay on each other
+    """
+    corners = corners.copy()
+    still = np.ones(len(corners), dtype=bool)
+    owner: dict[tuple[int, int], int] = {}
+    # only sides round the needles are looked up: their corners' triangles, not the whole mesh
+    near = np.isin(corners, np.unique(corners[needles])).any(axis=1)
+    for i in np.flatnonzero(near).tolist():
+        a, b, c = corners[i].tolist()
+        owner.update({(a, b): i, (b, c): i, (c, a): i})
+    todo = needles.tolist()
+    for _ in range(4 * len(todo)):  # a flip may make a needle of the neighbour, seldom for long
+        if not todo:
+            break
+        i = todo.pop()
+        if not still[i] or float(_heights(points, corners[i : i + 1])[0]) > NEEDLE_MM:
+            continue
+        p = points[corners[i]]
+        longest = int(np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1).argmax())
+        a, b, c = np.roll(corners[i], -longest).tolist()
+        j = owner.get((b, a))
+        if j is None:
+            continue  # an open side: the surface is refused for it
+        d = next(v for v in corners[j].tolist() if v not in (a, b))
+        if d == c:
+            still[i] = still[j] = False
+            for one, other in ((a, b), (b, c), (c, a)):
+                owner.pop((one, other), None)
+                owner.pop((other, one), None)
+            continue
+        corners[i], corners[j] = (c, a, d), (b, c, d)
+        for side in ((a, b), (b, a)):
+            owner.pop(side, None)
+        owner.update({(c, a): i, (a, d): i, (d, c): i, (b, c): j, (c, d): j, (d, b): j})
+        todo += [i, j]
+    return corners, still
