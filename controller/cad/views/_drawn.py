@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ._hidden import SHORTEST_MM, Pieces, points_on
 from ._model import ViewModel
-from ._outline import Ring
+from ._outline import ROUNDED_MM, ROUNDED_SINE, Ring
 from ._project import FRONT, Projection
 from ._types import DrawnEdge, LineKind
 
@@ -23,18 +23,23 @@ KINDS: tuple[LineKind, ...] = ("sharp", "smooth", "silhouette")
 
 def without_doubles(model: ViewModel, view: Projection, pieces: Pieces) -> Pieces:
     """Return the pieces less what lies under a nearer one, as the foot of a wall seen edge-on."""
-    tolerance = DOUBLED_MM * view.scale
     p, q = _plane_ends(model, view, pieces)
     if len(p) == 0:
         return pieces
     lines = shapely.linestrings(np.stack([p, q], axis=1))
-    under, over = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=tolerance)
+    # two rims of one bore, tessellated differently, keep the distance of their chords
+    wall = view.wall[pieces.mesh_edge]
+    reach = np.where(wall >= 0, ROUNDED_MM, DOUBLED_MM) * view.scale
+    under, over = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=reach)
     differs = pieces.mesh_edge[under] != pieces.mesh_edge[over]
     under, over = under[differs], over[differs]
     r, s = (q - p)[under], (q - p)[over]
     length, over_length = np.linalg.norm(r, axis=1), np.linalg.norm(s, axis=1)
-    is_along = np.abs(_cross(r, s)) < DOUBLED_RAD * length * over_length
+    is_rim = (wall[under] >= 0) & (wall[under] == wall[over])
+    limit = np.where(is_rim, ROUNDED_SINE, DOUBLED_RAD)
+    is_along = np.abs(_cross(r, s)) < limit * length * over_length
     under, over, r, length = under[is_along], over[is_along], r[is_along], length[is_along]
+    tolerance = np.where(is_rim[is_along], ROUNDED_MM, DOUBLED_MM) * view.scale
     # what is over it from a to b of its length, and how far beside
     to_start, to_end = p[over] - p[under], q[over] - p[under]
     at = np.stack([(to_start * r).sum(axis=1), (to_end * r).sum(axis=1)]) / length**2
@@ -223,10 +228,20 @@ def _on_rings(model: ViewModel, view: Projection, pieces: Pieces, rings: list[Ri
         [np.stack([r.points, np.roll(r.points, -1, axis=0)], axis=1) for r in rings]
     )
     tree = shapely.STRtree(shapely.linestrings(sides))
-    middle = shapely.points((p + q) / 2)
-    near, _ = tree.query(middle, predicate="dwithin", distance=DOUBLED_MM * view.scale)
+    middle = (p + q) / 2
+    near, side = tree.query(
+        shapely.points(middle), predicate="dwithin", distance=ROUNDED_MM * view.scale
+    )
+    a, b = sides[side, 0], sides[side, 1]
+    span = b - a
+    part = ((middle[near] - a) * span).sum(axis=1) / np.maximum((span**2).sum(axis=1), 1e-300)
+    foot = a + np.clip(part, 0, 1)[:, None] * span
+    distance = np.linalg.norm(middle[near] - foot, axis=1)
+    # two rims of one bore, tessellated differently, keep the distance of their chords
+    edge, label = model.cad_edge[pieces.mesh_edge[near]], np.concatenate([r.edges for r in rings])
+    is_same = (edge >= 0) & (edge == label[side])
     on = np.zeros(len(p), dtype=np.bool_)
-    on[near] = True
+    on[near[is_same | (distance < DOUBLED_MM * view.scale)]] = True
     return on
 
 

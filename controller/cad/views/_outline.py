@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 Ids = NDArray[np.int32]
 Bools = NDArray[np.bool_]
 
+ROUNDED_MM = 0.1  # between the chords of one circle, tessellated twice
+ROUNDED_SINE = 0.5
 PARALLEL = 0.05  # sine between a side and the edge it lies on, of sides long enough to tell
 
 
@@ -114,18 +116,26 @@ def _labels(
     p, q = view.points[rim_ends[:, 0]], view.points[rim_ends[:, 1]]
     tree = shapely.STRtree(shapely.linestrings(np.stack([p, q], axis=1)))
     middle = (start + end) / 2
-    side, rim = tree.query(shapely.points(middle), predicate="dwithin", distance=2 * weld)
+    wall = view.wall[rims]
+    reach = ROUNDED_MM * view.scale if (wall >= 0).any() else 2 * weld
+    side, rim = tree.query(shapely.points(middle), predicate="dwithin", distance=reach)
     along, rim_along = (end - start)[side], (q - p)[rim]
     length2 = np.maximum((rim_along**2).sum(axis=1), 1e-300)
     cross = along[:, 0] * rim_along[:, 1] - along[:, 1] * rim_along[:, 0]
     sine = np.abs(cross) / np.sqrt(np.maximum((along**2).sum(axis=1), 1e-300) * length2)
     is_short = (along**2).sum(axis=1) < (100 * weld) ** 2
-    is_along = (sine < PARALLEL) | is_short
     part = np.clip(((middle[side] - p[rim]) * rim_along).sum(axis=1) / length2, 0, 1)
+    apart = np.linalg.norm(p[rim] + part[:, None] * rim_along - middle[side], axis=1)
+    is_on = (apart < 2 * weld) & ((sine < PARALLEL) | is_short)
+    # the other rim of the bore that the side is a rim of, however it is tessellated
+    own_wall = np.full(len(start), -1, dtype=np.int32)
+    own_wall[side[is_on]] = wall[rim[is_on]]
+    is_on |= (wall[rim] >= 0) & (wall[rim] == own_wall[side]) & (sine < ROUNDED_SINE)
+    side, rim, part = side[is_on], rim[is_on], part[is_on]
     z = view.nearness[rim_ends[rim]]
     nearness = z[:, 0] + part * (z[:, 1] - z[:, 0])
-    # last of its side: along it, then nearest to the eye, then a CAD edge before a bare mesh edge
-    order = np.lexsort((model.cad_edge[rims[rim]] >= 0, nearness, is_along, side))
+    # last of its side: the nearest to the eye, and a CAD edge before a bare mesh edge
+    order = np.lexsort((model.cad_edge[rims[rim]] >= 0, nearness, side))
     side, rim = side[order], rims[rim[order]]
     last = np.flatnonzero(np.diff(side, append=-1) != 0)
     side, rim = side[last], rim[last]

@@ -15,6 +15,7 @@ from ..camera import Camera, inverse_pose, transform
 from ._model import ViewModel
 
 Array = NDArray[np.float64]
+Ids = NDArray[np.int32]
 Bools = NDArray[np.bool_]
 
 FRONT, EDGE_ON, BACK = 1, 0, -1
@@ -23,6 +24,7 @@ FRONT, EDGE_ON, BACK = 1, 0, -1
 # then shows by up to 1e-4 mm: less than that is nothing to be seen.
 EDGE_ON_RAD = 2e-5
 EDGE_ON_MM = 1e-4
+ALONG_RAD = 3e-4  # what an axis fitted to a mesh may be off
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -38,6 +40,7 @@ class Projection:
     is_central : whether ``eye`` is a position
     facing : (t,) FRONT, EDGE_ON or BACK of each triangle
     matrix : (3, 4) takes homogeneous CAD coordinates to homogeneous plane coordinates
+    wall : (e,) of each mesh edge, the bore or boss seen along its axis it bounds, a face, or -1
     camera : None from above
     """
 
@@ -48,6 +51,7 @@ class Projection:
     is_central: bool
     facing: NDArray[np.int8]
     matrix: Array
+    wall: Ids
     camera: Camera | None
 
     def towards_eye(self, p_cad_mm: Array) -> Array:
@@ -81,7 +85,10 @@ def seen_from_above(model: ViewModel, R: Array) -> Projection:
     upright = (model.vertices_mm - model.solid.centroid_mm) @ R.T
     points = np.ascontiguousarray(upright[:, :2])
     facing = _facing(model, points, np.ones(len(points)))
-    return Projection(points, upright[:, 2], 1.0, R[2], False, facing, matrix, None)
+    wall_of_triangle = _walls_edge_on(model, R[2])
+    facing[wall_of_triangle >= 0] = EDGE_ON
+    wall = wall_of_triangle[model.sides].max(axis=1)
+    return Projection(points, upright[:, 2], 1.0, R[2], False, facing, matrix, wall, None)
 
 
 def seen_by_camera(model: ViewModel, T_world_part: Array, camera: Camera) -> Projection:
@@ -105,7 +112,25 @@ def seen_by_camera(model: ViewModel, T_world_part: Array, camera: Camera) -> Pro
     eye = transform(inverse_pose(T_cam_part), np.zeros((1, 3)))[0]
     facing = _facing(model, points, focal / depth)
     scale = focal / float(depth.mean())
-    return Projection(points, 1.0 / depth, scale, eye, True, facing, matrix, camera)
+    wall = np.full(len(model.ends), -1, dtype=np.int32)
+    return Projection(points, 1.0 / depth, scale, eye, True, facing, matrix, wall, camera)
+
+
+def _walls_edge_on(model: ViewModel, direction: Array) -> Ids:
+    """Return for each triangle (t,) its face where that is a cylinder seen along its axis, or -1.
+
+    A mesh may round the two rims of a bore with different corners. The facets of its wall then
+    lean a little to the eye or away from it, and the rims cross each other at every corner; the
+    part itself has none of that.
+    """
+    wall = [
+        face.id
+        if face.kind == "cylinder" and np.linalg.norm(np.cross(face.axis, direction)) < ALONG_RAD
+        else -1
+        for face in model.solid.faces
+    ]
+    found: Ids = np.array(wall, dtype=np.int32)[model.solid.face_of_triangle]
+    return found
 
 
 def _facing(model: ViewModel, points: Array, scale: Array) -> NDArray[np.int8]:
