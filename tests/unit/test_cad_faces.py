@@ -160,11 +160,28 @@ def test_a_shallow_slope_is_a_plane_of_its_own(slope_deg: float) -> None:
     assert [f.normal[0] for f in tilted] == pytest.approx([np.sin(np.radians(slope_deg))])
 
 
-def test_sphere_and_cone_are_neither_plane_nor_cylinder() -> None:
-    ball = solid_of(Body.sphere(15, 64))
-    assert [f.kind for f in ball.faces] == ["freeform"]
-    cone = solid_of(Body.cylinder(20, 15, 8, 64))
-    assert sorted(f.kind for f in cone.faces) == ["freeform", "plane", "plane"]
+def test_a_ball_is_a_sphere_with_its_centre_and_radius() -> None:
+    solid = solid_of(Body.sphere(15, 64).translate((3, 4, 5)))
+    assert_bookkeeping(solid)
+    (ball,) = solid.faces
+    assert ball.kind == "sphere"
+    assert not ball.concave
+    assert ball.radius_mm == pytest.approx(15, abs=1e-3)
+    assert ball.centre_mm == pytest.approx([3, 4, 5], abs=1e-3)
+    assert ball.normal == pytest.approx([0, 0, 0])
+
+
+def test_a_frustum_is_a_cone_that_widens_along_its_axis() -> None:
+    # 20 high, radius 15 below and 8 on top
+    solid = solid_of(Body.cylinder(20, 15, 8, 64))
+    assert_bookkeeping(solid)
+    assert sorted(f.kind for f in solid.faces) == ["cone", "plane", "plane"]
+    (wall,) = by_kind(solid, "cone")
+    assert wall.half_angle_rad == pytest.approx(np.arctan2(7, 20), abs=1e-5)
+    assert wall.axis == pytest.approx([0, 0, -1], abs=1e-6)
+    assert wall.centre_mm[:2] == pytest.approx([0, 0], abs=1e-3)
+    assert wall.radius_mm == pytest.approx(15 - 7 / 20 * wall.centre_mm[2], abs=1e-3)
+    assert not wall.concave
 
 
 def test_a_turned_part_keeps_its_surfaces() -> None:

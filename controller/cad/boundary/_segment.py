@@ -1,108 +1,165 @@
-"""Surfaces from triangles: planes as coplanar facets, curved walls as smooth runs of strips.
+"""Surfaces from triangles: planes, cylinders, cones, spheres, tori, and what has no formula.
 
 A tessellated bore is many narrow coplanar strips; a plane is a facet that is much larger than
-the strips it may run into. So planes are taken first, and what is left is grown across edges
-that are nearly smooth.
+the strips it may run into. So planes are taken first, what is left is grown across edges that are
+nearly smooth, and last the neighbours that turn out to lie on one surface are made one.
 """
 
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
-from ._types import NO_DIRECTION, Face
+from ._describe import describe
+from ._facets import Facets, find_facets, rounding_mm
+from ._growth import LEAST_FACETS, Found, Grower, Neighbours, along_long_sides
+from ._halfedges import components
+from ._primitives import Primitive
+from ._types import Face
 
 Array = NDArray[np.float64]
+Ids = NDArray[np.int64]
 
-COPLANAR_RAD = np.radians(0.2)
-SMOOTH_RAD = np.radians(22.0)  # strips of a bore of 17 segments and more count as smooth
 STRIP_RATIO = 4.0  # a plane is this many times larger than the strips round it
-
-
-def _components(count: int, pairs: NDArray[np.int64]) -> NDArray[np.int32]:
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int32)
+ABSORB_ROUNDS = 3
+ABSORB = 5.0  # of the fit's own tolerance: where surfaces meet, kernels put corners less exactly
 
 
 def find_faces(mesh: trimesh.Trimesh) -> tuple[tuple[Face, ...], NDArray[np.int32]]:
-    """Return the surfaces of a mesh and, per triangle, the id of its surface (n,)."""
-    count = len(mesh.faces)
-    adjacency = np.asarray(mesh.face_adjacency)
-    angles = np.asarray(mesh.face_adjacency_angles)
-    facet = _components(count, adjacency[angles < COPLANAR_RAD])
-    areas = np.bincount(facet, weights=mesh.area_faces)
-    smooth = (angles >= COPLANAR_RAD) & (angles < SMOOTH_RAD)
-    a, b = facet[adjacency[smooth, 0]], facet[adjacency[smooth, 1]]
-    largest_neighbour = np.zeros(len(areas))
-    np.maximum.at(largest_neighbour, a, areas[b])
-    np.maximum.at(largest_neighbour, b, areas[a])
-    touches_smooth = largest_neighbour > 0
-    is_plane = ~touches_smooth | (areas > STRIP_RATIO * largest_neighbour)
-    curved = ~is_plane[facet]
-    joins = adjacency[smooth & curved[adjacency[:, 0]] & curved[adjacency[:, 1]]]
-    flat = adjacency[angles < COPLANAR_RAD]
-    group = _split_pairs(_components(count, np.vstack([joins, flat])), facet)
-    order = np.argsort(-np.bincount(group, weights=mesh.area_faces), kind="stable")
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    face_of_triangle = rank[group].astype(np.int32)
-    by_face = np.argsort(face_of_triangle, kind="stable")
-    runs = np.split(by_face, np.cumsum(np.bincount(face_of_triangle))[:-1])
-    faces = tuple(_describe(i, mesh, run) for i, run in enumerate(runs))
-    return faces, face_of_triangle
+    """Return the surfaces of a mesh and, per triangle, the id of its surface (n,).
+
+    Each surface is in one piece. Ids run from the largest surface to the smallest.
+    """
+    if len(mesh.faces) == 0:
+        return (), np.zeros(0, dtype=np.int32)
+    facets = find_facets(mesh)
+    corners = np.asarray(mesh.triangles, dtype=np.float64)
+    grower = Grower(facets, corners, 10 * rounding_mm(mesh))
+    curved = ~_planes(facets)
+    found = _surfaces(facets, grower, curved)
+    owner, primitives = _owners(facets, found)
+    _absorb(facets, grower, owner, primitives)
+    _leave_rest(facets, owner, primitives)
+    owner = _merged(facets, grower, owner, primitives)
+    return describe(mesh, owner[facets.of_triangle], primitives)
 
 
-def _split_pairs(group: NDArray[np.int32], facet: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Take groups of two facets apart (n,): a roof or a slope is two planes, never a curve."""
-    _, first = np.unique(facet, return_index=True)
-    strip_counts = np.bincount(group[first])
-    apart = np.where(strip_counts[group] == 2, group.max() + 1 + facet, group)
-    return np.asarray(np.unique(apart, return_inverse=True)[1], dtype=np.int32)
+def _planes(facets: Facets) -> NDArray[np.bool_]:
+    """Return which facets (m,) are planes for their size alone."""
+    largest = np.zeros(facets.count)
+    np.maximum.at(largest, facets.a, facets.areas[facets.b])
+    np.maximum.at(largest, facets.b, facets.areas[facets.a])
+    return facets.areas > STRIP_RATIO * largest
 
 
-def _describe(face_id: int, mesh: trimesh.Trimesh, triangles: NDArray[np.int64]) -> Face:
-    normals = np.asarray(mesh.face_normals)[triangles]
-    weights = np.asarray(mesh.area_faces)[triangles]
-    corners = np.asarray(mesh.triangles)[triangles]
-    area = float(weights.sum())
-    centre = np.average(corners.mean(axis=1), axis=0, weights=np.maximum(weights, 1e-12))
-    mean = (normals * weights[:, None]).sum(axis=0)
-    if np.linalg.norm(mean) > 0.999 * area:
-        normal = mean / np.linalg.norm(mean)
-        return Face(
-            face_id, "plane", area, normal, NO_DIRECTION, centre, 0.0, 0.0, 0.0, concave=False
-        )
-    length = float(np.linalg.norm(mean))
-    direction = mean / length if length > 1e-6 * area else NO_DIRECTION
-    fit = _fit_cylinder(normals, weights, corners)
-    if fit is not None:
-        axis, on_axis, radius, concave = fit
-        return Face(
-            face_id, "cylinder", area, direction, axis, on_axis, radius, 0.0, 0.0, concave=concave
-        )
-    return Face(
-        face_id, "freeform", area, direction, NO_DIRECTION, centre, 0.0, 0.0, 0.0, concave=False
-    )
+def _surfaces(facets: Facets, grower: Grower, curved: NDArray[np.bool_]) -> list[Found]:
+    inner = curved[facets.a] & curved[facets.b]
+    a, b = facets.a[inner], facets.b[inner]
+    run = components(facets.count, a, b)
+    order = np.argsort(run, kind="stable")
+    sizes = np.bincount(run)
+    start = np.concatenate([[0], np.cumsum(sizes)])
+    links, strips = Neighbours(facets.count, a, b), along_long_sides(facets, inner)
+    free = curved.copy()
+    areas = np.bincount(run, weights=facets.areas)
+    found: list[Found] = []
+    candidates = np.nonzero(sizes >= LEAST_FACETS)[0]
+    for i in candidates[np.argsort(-areas[candidates], kind="stable")].tolist():
+        found += grower.run(order[start[i] : start[i + 1]], links, strips, free)
+    # what a run's surfaces leave over may be one surface now that it stands alone
+    inner = free[a] & free[b]
+    rest = components(facets.count, a[inner], b[inner])
+    sizes = np.bincount(rest, weights=free)
+    touched = np.zeros(len(sizes), dtype=bool)
+    for piece in found:
+        touched[rest[links.of(piece.facets)]] = True
+    order = np.argsort(rest, kind="stable")
+    start = np.searchsorted(rest[order], np.arange(len(sizes) + 1))
+    for i in np.nonzero(touched & (sizes >= LEAST_FACETS))[0].tolist():
+        piece_facets = order[start[i] : start[i + 1]]
+        primitive = grower.whole(piece_facets)
+        if primitive is not None:
+            found.append(Found(primitive, piece_facets))
+    return found
 
 
-def _fit_cylinder(
-    normals: Array, weights: Array, corners: Array
-) -> tuple[Array, Array, float, bool] | None:
-    spread, vectors = np.linalg.eigh((normals * weights[:, None]).T @ normals / weights.sum())
-    if spread[0] > 1e-3 or spread[1] < 0.02:
-        return None
-    axis, e1, e2 = vectors[:, 0], vectors[:, 1], vectors[:, 2]
-    points = corners.reshape(-1, 3)
-    uv = np.column_stack([points @ e1, points @ e2])
-    system = np.column_stack([2 * uv, np.ones(len(uv))])
-    solution, *_ = np.linalg.lstsq(system, (uv**2).sum(axis=1), rcond=None)
-    centre_uv = solution[:2]
-    radius = float(np.sqrt(max(solution[2] + centre_uv @ centre_uv, 0.0)))
-    residual = np.abs(np.linalg.norm(uv - centre_uv, axis=1) - radius)
-    if radius == 0 or float(residual.max()) > 0.02 * radius + 0.02:
-        return None
-    along = float((points @ axis).mean())
-    on_axis = axis * along + e1 * centre_uv[0] + e2 * centre_uv[1]
-    outward = ((corners.mean(axis=1) - on_axis) * normals).sum(axis=1)
-    return axis, on_axis, radius, bool(np.average(outward, weights=weights) < 0)
+def _owners(facets: Facets, found: list[Found]) -> tuple[Ids, list[Primitive | None]]:
+    owner = np.full(facets.count, -1, dtype=np.int64)
+    for i, surface in enumerate(found):
+        owner[surface.facets] = i
+    return owner, [surface.primitive for surface in found]
+
+
+def _absorb(facets: Facets, grower: Grower, owner: Ids, primitives: list[Primitive | None]) -> None:
+    """Give single facets to the neighbouring surface on which all their corners lie."""
+    a = np.concatenate([facets.a, facets.b])
+    b = np.concatenate([facets.b, facets.a])
+    for _ in range(ABSORB_ROUNDS):
+        open_pair = (owner[a] < 0) & (owner[b] >= 0)
+        pairs = np.unique(np.column_stack([owner[b[open_pair]], a[open_pair]]), axis=0)
+        if len(pairs) == 0:
+            return
+        taken = False
+        surfaces, first = np.unique(pairs[:, 0], return_index=True)
+        ends = np.append(first[1:], len(pairs))
+        for surface, low, high in zip(surfaces.tolist(), first, ends, strict=True):
+            primitive = primitives[surface]
+            single = pairs[low:high, 1]
+            single = single[owner[single] < 0]
+            if primitive is None or len(single) == 0:
+                continue
+            fit = single[grower.is_on(primitive, single, ABSORB * grower.tight_mm)]
+            owner[fit] = surface
+            taken = taken or len(fit) > 0
+        if not taken:
+            return
+
+
+def _leave_rest(facets: Facets, owner: Ids, primitives: list[Primitive | None]) -> None:
+    """Make planes and surfaces without formula of what is left."""
+    left = owner < 0
+    plane = _planes(facets) & left
+    inner = left[facets.a] & left[facets.b] & ~plane[facets.a] & ~plane[facets.b]
+    run = components(facets.count, facets.a[inner], facets.b[inner])
+    sizes = np.bincount(run)
+    # a roof or a slope is two planes or three, never a curve
+    plane |= left & (sizes[run] < LEAST_FACETS)
+    for i in np.nonzero(plane)[0].tolist():
+        owner[i] = len(primitives)
+        primitives.append(Primitive("plane", facets.centres[i], facets.normals[i]))
+    left &= ~plane
+    numbers, rank = np.unique(run[left], return_inverse=True)
+    owner[left] = len(primitives) + rank.ravel()
+    primitives.extend([None] * len(numbers))
+
+
+def _merged(facets: Facets, grower: Grower, owner: Ids, primitives: list[Primitive | None]) -> Ids:
+    """Return owners (m,) with neighbours made one that lie on one surface, as halves of a bore."""
+    a, b = owner[facets.a], owner[facets.b]
+    pairs = np.unique(np.sort(np.column_stack([a, b])[a != b], axis=1), axis=0)
+    kinds = np.array([p.kind if p is not None else "freeform" for p in primitives])
+    pairs = pairs[(kinds[pairs] != "freeform").all(axis=1)]
+    order = np.argsort(owner, kind="stable")
+    start = np.searchsorted(owner[order], np.arange(len(primitives) + 1))
+    areas = np.bincount(owner, weights=facets.areas, minlength=len(primitives))
+    joins = []
+    for pair in pairs.tolist():
+        small, large = sorted(pair, key=lambda i: areas[i])
+        first, second = primitives[small], primitives[large]
+        if first is None or second is None:
+            continue
+        # the smaller may be of another kind: one row of a torus is a cone
+        its, mine = order[start[small] : start[small + 1]], order[start[large] : start[large + 1]]
+        tolerance = 2 * grower.tight_mm
+        if bool(grower.is_on(second, its, tolerance).all()) or (
+            first.kind == second.kind and bool(grower.is_on(first, mine, tolerance).all())
+        ):
+            joins.append((small, large))
+    if not joins:
+        return owner
+    both = np.array(joins)
+    label = components(len(primitives), both[:, 0], both[:, 1])
+    # the surface of the largest piece speaks for all
+    by_area = np.argsort(areas, kind="stable")
+    speaker = np.empty(len(primitives), dtype=np.int64)
+    speaker[label[by_area]] = by_area
+    return speaker[label[owner]]

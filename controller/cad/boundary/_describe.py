@@ -1,0 +1,100 @@
+"""From triangles with an owner to the list of `Face`."""
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from ._primitives import Primitive
+from ._types import NO_DIRECTION, Face
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.int64]
+
+CANCELS = 1e-3  # of its area: a mean normal shorter than this is none
+
+
+def describe(
+    mesh: trimesh.Trimesh, owner: Ids, primitives: list[Primitive | None]
+) -> tuple[tuple[Face, ...], NDArray[np.int32]]:
+    """Return the faces, largest first, and the face of each triangle (n,).
+
+    Parameters
+    ----------
+    owner : (n,) number of each triangle's surface in ``primitives``; None has no formula
+    """
+    numbers, of = np.unique(owner, return_inverse=True)
+    areas = np.asarray(mesh.area_faces)
+    weights = np.maximum(areas, 1e-12)
+    raw = of.ravel()
+    total = np.bincount(raw, weights=areas)
+    order = np.argsort(-total, kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    face = rank[raw]
+    normals = np.asarray(mesh.face_normals)
+    middles = np.asarray(mesh.triangles_center)
+    share = np.bincount(face, weights=weights)
+    mean = _sums(face, normals * areas[:, None])
+    centre = _sums(face, middles * weights[:, None]) / share[:, None]
+    formula = [primitives[numbers[i]] for i in order]
+    outward = _outward(formula, face, middles, normals, areas)
+    faces = tuple(
+        _face(i, formula[i], float(total[order[i]]), mean[i], centre[i], float(outward[i]))
+        for i in range(len(order))
+    )
+    return faces, face.astype(np.int32)
+
+
+def _sums(labels: Ids, values: Array) -> Array:
+    return np.column_stack([np.bincount(labels, weights=values[:, k]) for k in range(3)])
+
+
+def _outward(
+    formula: list[Primitive | None], face: Ids, middles: Array, normals: Array, areas: Array
+) -> Array:
+    """Return per face whether its normals leave its axis or centre (positive) or face it."""
+    outward = np.zeros(len(formula))
+    order = np.argsort(face, kind="stable")
+    start = np.searchsorted(face[order], np.arange(len(formula) + 1))
+    for i, primitive in enumerate(formula):
+        if primitive is not None and primitive.kind != "plane":
+            mine = order[start[i] : start[i + 1]]
+            leaving = (primitive.directions(middles[mine]) * normals[mine]).sum(axis=1)
+            outward[i] = leaving @ areas[mine]
+    return outward
+
+
+def _face(
+    number: int,
+    primitive: Primitive | None,
+    area_mm2: float,
+    mean: Array,
+    centre_mm: Array,
+    outward: float,
+) -> Face:
+    length = float(np.linalg.norm(mean))
+    direction = mean / length if length > CANCELS * area_mm2 else NO_DIRECTION
+    kind = "freeform" if primitive is None else primitive.kind
+    if primitive is None or kind == "plane":
+        return Face(
+            number, kind, area_mm2, direction, NO_DIRECTION, centre_mm, 0.0, 0.0, 0.0, concave=False
+        )
+    axis, middle, radius = primitive.axis, primitive.centre_mm, primitive.radius_mm
+    if kind in ("cylinder", "cone"):
+        along = float((centre_mm - middle) @ axis)
+        middle = middle + along * axis
+        radius = radius + along * float(np.tan(primitive.half_angle_rad))
+    if kind in ("cylinder", "torus") and axis[int(np.argmax(np.abs(axis)))] < 0:
+        axis = -axis
+    return Face(
+        number,
+        kind,
+        area_mm2,
+        direction,
+        axis,
+        middle,
+        float(radius),
+        float(primitive.minor_radius_mm),
+        float(primitive.half_angle_rad) if kind == "cone" else 0.0,
+        concave=outward < 0,
+    )

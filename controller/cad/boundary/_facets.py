@@ -1,0 +1,137 @@
+"""Triangles of one plane joined to facets, also where the file's rounding tilts thin triangles."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from ._halfedges import components
+from ._normals import unit
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.int64]
+
+COPLANAR_RAD = np.radians(0.2)
+ROUNDING_MM = 1e-5  # at least; single precision keeps 7 digits of the part's size
+ROUNDING_SHARE = 2e-7
+SLIVER = 20.0  # a triangle lower than so many roundings has no normal worth the name
+FLAT_MM = 0.002  # corners of a facet lie so near to its plane, or it is a slowly turning wall
+FLAT_RAD = np.radians(1.0)
+SMOOTH_RAD = np.radians(22.0)  # strips of a bore of 17 segments and more count as smooth
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Facets:
+    """Coplanar pieces of a mesh; of walls that turn too slowly to have any, its triangles.
+
+    Attributes
+    ----------
+    of_triangle : (n,) facet of each triangle
+    triangles, start : triangles of facet i are ``triangles[start[i]:start[i + 1]]``
+    normals, centres, areas : (m, 3), (m, 3), (m,)
+    a, b : (k,) facets that meet in a smooth edge, each edge once
+    lengths_mm : (k,) how long these edges are
+    """
+
+    of_triangle: Ids
+    triangles: Ids
+    start: Ids
+    normals: Array
+    centres: Array
+    areas: Array
+    a: Ids
+    b: Ids
+    lengths_mm: Array
+
+    @property
+    def count(self) -> int:
+        """How many facets there are."""
+        return len(self.areas)
+
+
+def rounding_mm(mesh: trimesh.Trimesh) -> float:
+    """Return how far a file's rounding may have moved a corner."""
+    return max(ROUNDING_MM, ROUNDING_SHARE * float(np.abs(mesh.bounds).max()))
+
+
+def find_facets(mesh: trimesh.Trimesh) -> Facets:
+    """Return the facets of a mesh."""
+    count = len(mesh.faces)
+    areas = np.asarray(mesh.area_faces)
+    normals = np.asarray(mesh.face_normals)
+    corners = np.asarray(mesh.triangles)
+    rounding = rounding_mm(mesh)
+    sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+    heights = 2 * areas / np.maximum(sides.max(axis=1), 1e-12)
+    sliver = heights < SLIVER * rounding
+    pairs = np.asarray(mesh.face_adjacency, dtype=np.int64)
+    angles = np.asarray(mesh.face_adjacency_angles)
+    doubt = 2 * rounding / np.maximum(heights, 1e-12)
+    limit = np.minimum(COPLANAR_RAD + doubt[pairs].sum(axis=1), SMOOTH_RAD / 4)
+    sound = ~sliver[pairs].any(axis=1)
+    flat = pairs[sound & (angles < limit)]
+    raw = components(count, flat[:, 0], flat[:, 1])
+    raw = _exploded(raw, sliver, corners, normals, areas)
+    raw = _slivers_joined(raw, sliver, mesh, pairs, areas)
+    of = np.asarray(np.unique(raw, return_inverse=True)[1], dtype=np.int64).ravel()
+    total = np.bincount(of, weights=areas)
+    weights = np.where(sliver, 1e-12, 1.0) * np.maximum(areas, 1e-12)
+    mean = _sums(of, normals * weights[:, None])
+    middles = _sums(of, corners.mean(axis=1) * weights[:, None])
+    middles /= np.bincount(of, weights=weights)[:, None]
+    facet_normals = unit(mean)
+    apart = of[pairs[:, 0]] != of[pairs[:, 1]]
+    a, b = of[pairs[apart, 0]], of[pairs[apart, 1]]
+    cosine = (facet_normals[a] * facet_normals[b]).sum(axis=1)
+    smooth = cosine > np.cos(SMOOTH_RAD)
+    edges = np.asarray(mesh.vertices)[np.asarray(mesh.face_adjacency_edges)[apart][smooth]]
+    lengths = np.linalg.norm(edges[:, 0] - edges[:, 1], axis=1)
+    order = np.argsort(of, kind="stable")
+    start = np.concatenate([[0], np.cumsum(np.bincount(of))])
+    return Facets(of, order, start, facet_normals, middles, total, a[smooth], b[smooth], lengths)
+
+
+def _sums(labels: Ids, values: Array) -> Array:
+    return np.column_stack([np.bincount(labels, weights=values[:, k]) for k in range(3)])
+
+
+def _exploded(
+    raw: Ids, sliver: NDArray[np.bool_], corners: Array, normals: Array, areas: Array
+) -> Ids:
+    """Return facets (n,) with those taken apart that bend: a wall of very many segments."""
+    weights = np.where(sliver, 1e-12, 1.0) * np.maximum(areas, 1e-12)
+    total = np.bincount(raw, weights=weights)
+    mean = unit(_sums(raw, normals * weights[:, None]))
+    middle = _sums(raw, corners.mean(axis=1) * weights[:, None]) / total[:, None]
+    off = np.abs(((corners - middle[raw][:, None]) * mean[raw][:, None]).sum(axis=2)).max(axis=1)
+    tilted = (normals * mean[raw]).sum(axis=1) < np.cos(FLAT_RAD)
+    bends = np.zeros(len(total), dtype=bool)
+    bends[raw[~sliver & ((off > FLAT_MM) | tilted)]] = True
+    # a coarse wall's pair of triangles may be warped by rounding; only many triangles can bend
+    bends &= np.bincount(raw) > 2
+    return np.where(bends[raw], len(total) + np.arange(len(raw)), raw)
+
+
+def _slivers_joined(
+    raw: Ids, sliver: NDArray[np.bool_], mesh: trimesh.Trimesh, pairs: Ids, areas: Array
+) -> Ids:
+    """Return facets (n,) with each sliver in the facet across its longest side."""
+    if not sliver.any():
+        return raw
+    joined = raw.copy()
+    edges = np.asarray(mesh.face_adjacency_edges)
+    vertices = np.asarray(mesh.vertices)
+    lengths = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
+    waiting = sliver.copy()
+    while waiting.any():
+        one = np.concatenate([pairs[:, 0], pairs[:, 1]])
+        other = np.concatenate([pairs[:, 1], pairs[:, 0]])
+        long = np.concatenate([lengths, lengths])
+        use = waiting[one] & ~waiting[other]
+        if not use.any():
+            break
+        order = np.lexsort((areas[other[use]], long[use]))  # the last one written wins
+        joined[one[use][order]] = joined[other[use][order]]
+        waiting[one[use]] = False
+    return joined
