@@ -17,7 +17,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from ..boundary import Face, FaceKind
-from ..errors import CadError, EmptyCadError, OpenCadError, UnreadableCadError
+from ..errors import EmptyCadError, OpenCadError, UnreadableCadError
 from ..solid import Solid, make_solid
 from ..surfaces.tolerances import Tolerance
 from ._kernel import KernelLimits, KernelRun, check_installed
