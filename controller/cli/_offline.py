@@ -1,11 +1,10 @@
-"""`cellctl check`, `compile` and `plan`: what follows from files alone; nothing moves."""
+"""`cellctl check` and `plan`: what follows from files alone; nothing moves."""
 
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from controller.cad import Solid, load_solid, sample_surface, stable_poses
 from controller.cell.workers import Job, context
@@ -15,7 +14,7 @@ from controller.config import ConfigError, build_layout, load_cell, load_recipe
 from controller.planning import NoPlanError, Plan, plan_part, prepare_part
 from controller.recognition import lying
 
-from ._output import emit, say, stdout, warn
+from ._output import emit, say, warn
 
 LIKELY = 0.03  # poses rarer than this are told, but are no reason to refuse a recipe
 
@@ -77,72 +76,6 @@ def check_recipe(recipe_path: Path, cell_path: Path | None, *, as_json: bool) ->
         warn(f"{recipe_path}: {problem}")
     say(f"{recipe_path}: {'not ready' if problems else 'ready'}")
     return 1 if problems else 0
-
-
-def compile_parts(paths: list[Path], *, as_json: bool) -> int:
-    """Tell surfaces and stable poses of CAD files."""
-    for path in paths:
-        started = time.monotonic()
-        solid = load_solid(path)
-        body = _compiled(solid) | {"seconds": time.monotonic() - started}
-        if as_json:
-            emit(body)
-        else:
-            _print_compiled(body)
-    return 0
-
-
-def _compiled(solid: Solid) -> dict[str, Any]:
-    return {
-        "part": solid.name,
-        "content_hash": solid.content_hash,
-        "size_mm": solid.mesh.extents.tolist(),
-        "volume_mm3": solid.volume_mm3,
-        "area_mm2": float(solid.mesh.area),
-        "centroid_mm": solid.centroid_mm.tolist(),
-        "triangles": len(solid.mesh.faces),
-        "stable_poses": [
-            {
-                "index": p.index,
-                "R": p.R.tolist(),
-                "probability": p.probability,
-                "tip_energy_mj_per_kg": p.tip_energy_mj_per_kg,
-                "com_height_mm": p.com_height_mm,
-                "rolling": p.rolling,
-            }
-            for p in stable_poses(solid)
-        ],
-        "faces": [
-            {
-                "face": f.id,
-                "kind": f.kind,
-                "label": f.label,
-                "area_mm2": f.area_mm2,
-                "normal": np.round(f.normal, 6).tolist(),
-                "radius_mm": f.radius_mm,
-                "concave": f.concave,
-            }
-            for f in solid.faces
-        ],
-    }
-
-
-def _print_compiled(body: dict[str, Any]) -> None:
-    size = " x ".join(f"{v:.1f}" for v in body["size_mm"])
-    say(
-        f"{body['part']}: {size} mm, {body['volume_mm3'] / 1000:.1f} cm3, "
-        f"{body['triangles']} triangles, {len(body['faces'])} surfaces"
-    )
-    table = Table("pose", "probability", "tips at", "centre of mass", "")
-    for p in body["stable_poses"]:
-        table.add_row(
-            str(p["index"]),
-            f"{p['probability']:.1%}",
-            f"{p['tip_energy_mj_per_kg']:.1f} mJ/kg",
-            f"{p['com_height_mm']:.1f} mm",
-            "rolls" if p["rolling"] else "",
-        )
-    stdout.print(table)
 
 
 def plan_part_file(

@@ -33,6 +33,16 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+
+class Unit(StrEnum):
+    """A unit of length."""
+
+    MM = "mm"
+    CM = "cm"
+    M = "m"
+    INCH = "inch"
+
+
 RecipeArg = Annotated[Path, typer.Argument(help="recipe file (YAML)")]
 CellOption = Annotated[
     Path | None, typer.Option("--cell", help="cell file (YAML); the recipe's cell otherwise")
@@ -59,6 +69,10 @@ AtOption = Annotated[
 ControlOption = Annotated[
     Path | None,
     typer.Option("--control", help="emulated cell: unix socket for injecting faults in tests"),
+]
+UnitOption = Annotated[
+    Unit | None,
+    typer.Option("--unit", help="of CAD files that name none, as STL; mm is assumed otherwise"),
 ]
 VerboseOption = Annotated[bool, typer.Option("--verbose", "-v", help="log to stderr")]
 
@@ -139,14 +153,37 @@ def check(recipe: RecipeArg, cell: CellOption = None, json: JsonOption = False) 
     raise typer.Exit(check_recipe(recipe, cell, as_json=json))
 
 
-@app.command(name="compile", epilog="Example: cellctl compile recipes/parts/featuretype.stl --json")
+@app.command(
+    name="compile",
+    epilog="Example: cellctl compile recipes/parts/featuretype.stl --report featuretype.html",
+)
 def compile_(
-    parts: Annotated[list[Path], typer.Argument(help="CAD files")], json: JsonOption = False
+    parts: Annotated[list[Path], typer.Argument(help="CAD files")],
+    unit: UnitOption = None,
+    density: Annotated[
+        float | None,
+        typer.Option("--density", min=0.01, max=25, help="g/cm3; the file's, or 2.7, otherwise"),
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option("--report", help="HTML page to write, with every pose drawn")
+    ] = None,
+    no_cache: Annotated[
+        bool, typer.Option("--no-cache", help="compile anew, and keep nothing")
+    ] = False,
+    json: JsonOption = False,
 ) -> None:
-    """Show what follows from a CAD file: surfaces, stable poses and their odds."""
-    from ._offline import compile_parts
+    """Show what follows from a CAD file: ways to lie and their odds, outlines, surfaces, edges."""
+    from ._compile import compile_parts
 
-    raise typer.Exit(compile_parts(parts, as_json=json))
+    code = compile_parts(
+        parts,
+        unit=unit and unit.value,
+        density_g_cm3=density,
+        report=report,
+        use_cache=not no_cache,
+        as_json=json,
+    )
+    raise typer.Exit(code)
 
 
 @app.command(

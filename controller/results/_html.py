@@ -6,6 +6,7 @@ template engine, since names in a recipe are whatever somebody wrote there.
 
 import os
 import tempfile
+from collections.abc import Sequence
 from datetime import datetime
 from importlib import resources
 from pathlib import Path
@@ -21,7 +22,8 @@ from ._words import END_WORDS, cautions, count_of, headline, say_row, stage_word
 MAX_BYTES = 10_000_000  # what still goes through a mail gateway
 PICTURE_BYTES = 8_000_000  # the share of it that pictures may take
 LOG_ROWS = 3000
-TEMPLATES = ("report.html.j2", "part.html.j2", "report.css")
+TEMPLATES = ("report.html.j2", "part.html.j2")
+STYLE = "report.css"
 
 
 def write_html(record: RunRecord, path: Path) -> Path:
@@ -33,7 +35,16 @@ def write_html(record: RunRecord, path: Path) -> Path:
     ------
     OSError : the file cannot be written
     """
-    text = render(record)
+    return write_page(render(record), path)
+
+
+def write_page(text: str, path: Path) -> Path:
+    """Write a page beside its place, move it into it, and return its path.
+
+    Raises
+    ------
+    OSError : the file cannot be written
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.NamedTemporaryFile(
         "w", encoding="utf-8", dir=path.parent, suffix=".part", delete=False
@@ -70,7 +81,7 @@ def _render(record: RunRecord, quality: Quality) -> str:
     word, sentence = headline(record)
     left_out = max(0, len(record.log) - LOG_ROWS)
     return (
-        _environment()
+        make_environment(__package__, TEMPLATES)
         .get_template("report.html.j2")
         .render(
             record=record,
@@ -86,10 +97,13 @@ def _render(record: RunRecord, quality: Quality) -> str:
     )
 
 
-def _environment() -> Environment:
-    folder = resources.files(__package__)
+def make_environment(package: str, names: Sequence[str]) -> Environment:
+    """Return an engine with a package's templates, the house's style sheet and its filters."""
+    folder = resources.files(package)
+    texts = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in names}
+    texts[STYLE] = resources.files(__package__).joinpath(STYLE).read_text(encoding="utf-8")
     env = Environment(
-        loader=DictLoader({n: folder.joinpath(n).read_text(encoding="utf-8") for n in TEMPLATES}),
+        loader=DictLoader(texts),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

@@ -474,7 +474,7 @@ def test_a_recipe_part_is_read_from_its_file_as_it_was_compiled(tmp_path: Path) 
     assert_same(kept, made)
 
 
-def test_many_faces_and_no_bore_are_stored_as_well(tmp_path: Path) -> None:
+def test_a_ball_without_any_edge_is_stored_as_well(tmp_path: Path) -> None:
     path = tmp_path / "ball.stl"
-    mesh_of(Body.sphere(10.0, 24)).export(path)
+    mesh_of(Body.sphere(10.0, 48)).export(path)
     assert_same(load_part(path, cache=tmp_path), compile_part(path))

@@ -1,0 +1,172 @@
+"""`cellctl compile`: what follows from CAD files alone."""
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.box import SIMPLE
+from rich.table import Table
+
+from controller.cad import CadError, StablePose
+from controller.cad.compiled import (
+    CompiledPart,
+    CompileOptions,
+    cached_part,
+    compile_part,
+    make_part,
+)
+from controller.cad.views import LineView
+from controller.config import ConfigError
+from controller.results.sheet import write_sheet
+
+from ._output import emit, say, stdout, warn
+
+
+def compile_parts(
+    paths: Sequence[Path],
+    *,
+    unit: str | None,
+    density_g_cm3: float | None,
+    report: Path | None,
+    use_cache: bool,
+    as_json: bool,
+) -> int:
+    """Tell what follows from CAD files; 2 if one is wrong, the others are told all the same.
+
+    Raises
+    ------
+    ConfigError : the report cannot be written
+    """
+    code, parts = 0, []
+    for path in paths:
+        started = time.perf_counter()
+        try:
+            part, from_cache = _compiled(path, CompileOptions(unit=unit), use_cache=use_cache)
+        except CadError as error:
+            warn(f"cellctl: {error}")
+            code = 2
+            continue
+        seconds = time.perf_counter() - started
+        parts.append(part)
+        body = part_json(part, density_g_cm3) | {"seconds": seconds, "from_cache": from_cache}
+        if as_json:
+            emit(body)
+        else:
+            _print(part, body)
+    if report is not None and parts:
+        try:
+            written = write_sheet(parts, density_g_cm3, report)
+        except OSError as error:
+            raise ConfigError(f"--report {report}: {error.strerror or error}") from error
+        if not as_json:
+            say(f"report: {written}")
+    return code
+
+
+def _compiled(path: Path, options: CompileOptions, *, use_cache: bool) -> tuple[CompiledPart, bool]:
+    if not use_cache:
+        return compile_part(path, options), False
+    kept = cached_part(path, options)
+    return (make_part(path, options), False) if kept is None else (kept, True)
+
+
+def part_json(part: CompiledPart, density_g_cm3: float | None) -> dict[str, Any]:
+    """Return a compiled part as DESIGN.md 7 promises it; R are nested row-major lists."""
+    solid, boundary = part.solid, part.solid.boundary
+    density = part.density_g_cm3(density_g_cm3)
+    return {
+        "part": solid.name,
+        "content_hash": solid.content_hash,
+        "unit": solid.unit,
+        "unit_declared": solid.unit_is_declared,
+        "size_mm": solid.mesh.extents.tolist(),
+        "volume_mm3": solid.volume_mm3,
+        "area_mm2": float(solid.mesh.area),
+        "centroid_mm": solid.centroid_mm.tolist(),
+        "density_g_cm3": density,
+        "mass_g": solid.volume_mm3 / 1000 * density,
+        "triangles": len(solid.mesh.faces),
+        "stable_poses": [
+            _pose_json(part, pose, view) for pose, view in zip(part.poses, part.views, strict=True)
+        ],
+        "faces": [
+            {
+                "face": f.id,
+                "kind": f.kind,
+                "label": f.label,
+                "area_mm2": f.area_mm2,
+                "normal": np.round(f.normal, 6).tolist(),
+                "axis": np.round(f.axis, 6).tolist(),
+                "centre_mm": f.centre_mm.tolist(),
+                "radius_mm": f.radius_mm,
+                "concave": f.concave,
+                "samples": int(part.sample_counts[f.id]),
+            }
+            for f in solid.faces
+        ],
+        "edges": boundary.edge_count,
+        "vertices": len(boundary.vertex_ids),
+        "loops": len(boundary.first),
+        "shells": boundary.shell_count,
+        "genus": boundary.genus,
+        "euler_defect": part.euler_defect,
+        "warnings": list(part.cautions),
+    }
+
+
+def _pose_json(part: CompiledPart, pose: StablePose, view: LineView) -> dict[str, Any]:
+    return {
+        "index": pose.index,
+        "R": pose.R.tolist(),
+        "down": (-pose.R[2]).tolist(),
+        "probability": pose.probability,
+        "drop_probability": pose.drop_probability,
+        "tip_energy_mj_per_kg": pose.tip_energy_mj_per_kg,
+        "stability_rank": pose.stability_rank,
+        "com_height_mm": pose.com_height_mm,
+        "rolling": pose.rolling,
+        "rocking": pose.rocking,
+        "marginal": pose.marginal,
+        "same_as": pose.same_as,
+        "view": {
+            "area_mm2": view.area,
+            "perimeter_mm": view.perimeter,
+            "loops": len(view.loops),
+            "holes": sum(loop.is_hole for loop in view.loops),
+            "edges": len(view.edges),
+        },
+    }
+
+
+def _print(part: CompiledPart, body: dict[str, Any]) -> None:
+    solid = part.solid
+    size = " x ".join(f"{v:.1f}" for v in body["size_mm"])
+    say(
+        f"{solid.name}: {size} mm, {solid.volume_mm3 / 1000:.1f} cm3, {body['mass_g']:.0f} g, "
+        f"{body['triangles']} triangles, {len(solid.faces)} surfaces, {body['edges']} edges, "
+        f"{body['genus']} handles"
+    )
+    for caution in part.cautions:
+        warn(f"{solid.name}: {caution}")
+    table = Table(box=SIMPLE)
+    table.add_column("pose", justify="right")
+    table.add_column("down", no_wrap=True)
+    for heading in ("laid\n%", "dropped\n%", "tips at\nmJ/kg", "centre\nmm"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("remarks")
+    for pose in part.poses:
+        table.add_row(
+            str(pose.index),
+            " ".join(f"{v + 0.0:g}" for v in np.round(-pose.R[2], 4)),
+            f"{100 * pose.probability:.1f}",
+            f"{100 * pose.drop_probability:.1f}",
+            f"{pose.tip_energy_mj_per_kg:.1f}",
+            f"{pose.com_height_mm:.2f}",
+            "; ".join((*(["barely stable"] if pose.marginal else []), *part.remarks(pose))),
+        )
+    stdout.print(table)
+    kinds = sorted({face.kind for face in solid.faces})
+    counts = [f"{sum(f.kind == kind for f in solid.faces)} {kind}" for kind in kinds]
+    say(f"surfaces: {', '.join(counts)}; {len(part.samples.points_mm)} samples")

@@ -1,0 +1,117 @@
+"""A part at rest, drawn in grey from a slanting view: for the eye, not for measuring."""
+
+import base64
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.cad import RayCaster, Solid
+
+Array = NDArray[np.float64]
+Grey = NDArray[np.uint8]
+
+SIZE_PX = (420, 315)  # as wide as it is shown, in the proportion of the frame it stands in
+FINER = 2  # rays a pixel, each way
+AZIMUTH_RAD, ELEVATION_RAD = np.radians(-65.0), np.radians(30.0)
+KEY_LIGHT = np.array([-0.35, -0.55, 0.76])
+FILL_LIGHT = np.array([0.8, -0.45, 0.4])
+PAPER, INK, SHADOW = 255.0, 40.0, 206.0
+CREASE_RAD = np.radians(20.0)
+LIFT_MM = 1e-3  # rays towards the light start this far from the surface, relative to its size
+
+
+def rest_picture(solid: Solid, caster: RayCaster, R: Array) -> str:
+    """Return a picture of a part lying as ``R`` (3, 3) has it, as a data URI (PNG)."""
+    image = shade(solid, caster, R)
+    _, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    return "data:image/png;base64," + base64.b64encode(data.tobytes()).decode("ascii")
+
+
+def shade(solid: Solid, caster: RayCaster, R: Array) -> Grey:
+    """Return the picture, (height, width)."""
+    corners = (np.asarray(solid.mesh.vertices) - solid.centroid_mm) @ R.T
+    right, up, back = _axes()
+    width, height = (FINER * px for px in SIZE_PX)
+    u, v = corners @ right, corners @ up
+    mm_per_px = 1.2 * max(np.ptp(u) / width, np.ptp(v) / height)
+    # a little room to the right, where the shadow falls
+    x = (np.arange(width) - 0.48 * width) * mm_per_px + (u.min() + u.max()) / 2
+    y = (0.5 * height - np.arange(height)) * mm_per_px + (v.min() + v.max()) / 2
+    grid = x[None, :, None] * right + y[:, None, None] * up
+    size_mm = float(np.linalg.norm(np.ptp(corners, axis=0)))
+    origins = grid.reshape(-1, 3) + 2 * size_mm * back
+    triangle, depth = _cast(caster, solid, R, origins, -back)
+    level = _light(solid, R, triangle)
+    table_mm = float(corners[:, 2].min())
+    level = _with_shadow(level, caster, solid, R, origins, -back, depth, table_mm, size_mm)
+    image = level.reshape(height, width)
+    image = np.where(_creases(solid, triangle.reshape(height, width)), INK, image)
+    smaller = cv2.resize(image.astype(np.float32), SIZE_PX, interpolation=cv2.INTER_AREA)
+    return np.clip(smaller, 0, 255).astype(np.uint8)
+
+
+def _axes() -> tuple[Array, Array, Array]:
+    """Return right and up of the picture and the direction back to the eye, upright frame."""
+    c, s = np.cos(ELEVATION_RAD), np.sin(ELEVATION_RAD)
+    back = np.array([c * np.cos(AZIMUTH_RAD), c * np.sin(AZIMUTH_RAD), s])
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    return right, np.cross(back, right), back
+
+
+def _cast(
+    caster: RayCaster, solid: Solid, R: Array, origins: Array, direction: Array
+) -> tuple[NDArray[np.int32], Array]:
+    """Cast parallel rays, given upright and round the centre of mass."""
+    along = np.broadcast_to(direction @ R, origins.shape)
+    return caster.first_hit(origins @ R + solid.centroid_mm, along)
+
+
+def _light(solid: Solid, R: Array, triangle: NDArray[np.int32]) -> Array:
+    """Return grey levels (n,) of what the rays met; white where they met nothing."""
+    normals = np.asarray(solid.mesh.face_normals) @ R.T
+    key = np.maximum(normals @ (KEY_LIGHT / np.linalg.norm(KEY_LIGHT)), 0)
+    fill = np.maximum(normals @ (FILL_LIGHT / np.linalg.norm(FILL_LIGHT)), 0)
+    level = 88 + 118 * key + 42 * fill
+    return np.where(triangle >= 0, level[triangle], PAPER)
+
+
+def _with_shadow(
+    level: Array,
+    caster: RayCaster,
+    solid: Solid,
+    R: Array,
+    origins: Array,
+    direction: Array,
+    depth: Array,
+    table_mm: float,
+    size_mm: float,
+) -> Array:
+    reach = (table_mm - origins[:, 2]) / direction[2]
+    on_table = np.flatnonzero(np.isinf(depth))
+    spots = origins[on_table] + reach[on_table, None] * direction
+    near = np.hypot(spots[:, 0], spots[:, 1]) < 1.5 * size_mm
+    on_table, spots = on_table[near], spots[near]
+    spots = spots + np.array([0, 0, LIFT_MM * size_mm])
+    shaded, _ = _cast(caster, solid, R, spots, KEY_LIGHT / np.linalg.norm(KEY_LIGHT))
+    level[on_table[shaded >= 0]] = SHADOW
+    return level
+
+
+def _creases(solid: Solid, triangle: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Return where the picture steps from one surface to another, or off the part."""
+    face = np.where(triangle >= 0, solid.face_of_triangle[triangle], -1)
+    normals = np.asarray(solid.mesh.face_normals)[triangle]
+    ink = np.zeros(face.shape, dtype=bool)
+    for axis in (0, 1):
+        here = [slice(None), slice(None)]
+        there = [slice(None), slice(None)]
+        here[axis], there[axis] = slice(None, -1), slice(1, None)
+        a, b = tuple(here), tuple(there)
+        bend = np.einsum("ijk,ijk->ij", normals[a], normals[b]) < np.cos(CREASE_RAD)
+        off = (face[a] < 0) != (face[b] < 0)
+        step = off | ((face[a] != face[b]) & bend)
+        ink[a] |= step
+        ink[b] |= step & off
+    return ink

@@ -1,0 +1,141 @@
+"""The page of compiled parts: one file, no network, no script, pictures inside."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.cad import RayCaster, StablePose
+from controller.cad.boundary import Crease, Curve
+from controller.cad.compiled import CompiledPart
+from controller.cad.views import LineView
+
+from .._html import make_environment, write_page
+from ._drawings import Drawing, Frame, draw, frame_of
+from ._picture import rest_picture
+from ._tables import feature_rows, tolerance_rows
+
+Array = NDArray[np.float64]
+
+TEMPLATES = ("sheet.html.j2", "sheet.css")
+SCALE_WORDS = {Curve.LINE: "straight", Curve.CIRCLE: "circular", Curve.OTHER: "other"}
+CREASE_WORDS = {Crease.CONVEX: "convex", Crease.CONCAVE: "concave", Crease.SMOOTH: "smooth"}
+
+
+@dataclass(frozen=True, slots=True)
+class PoseSheet:
+    """A stable pose on the page.
+
+    Attributes
+    ----------
+    pose, view : as compiled
+    down : which way of the CAD frame points to the table, in words
+    picture : data URI
+    drawing : its view from above
+    remarks : what else is known of it, in words
+    """
+
+    pose: StablePose
+    view: LineView
+    down: str
+    picture: str
+    drawing: Drawing
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PartSheet:
+    """A part on the page.
+
+    Attributes
+    ----------
+    part : as compiled
+    mass_g, density_g_cm3 : its mass, and what it was reckoned with
+    frame : of all its drawings
+    poses : one sheet each
+    edges_in_words : how many of which kind
+    features, tolerances : rows of their tables
+    """
+
+    part: CompiledPart
+    mass_g: float
+    density_g_cm3: float
+    frame: Frame
+    poses: tuple[PoseSheet, ...]
+    edges_in_words: str
+    features: tuple[tuple[str, ...], ...]
+    tolerances: tuple[tuple[str, ...], ...]
+
+
+def write_sheet(parts: Sequence[CompiledPart], density_g_cm3: float | None, path: Path) -> Path:
+    """Write the page of some parts and return its path; the file is whole or not there.
+
+    Parameters
+    ----------
+    density_g_cm3 : of all parts; None for what each file says, or aluminium's
+
+    Raises
+    ------
+    OSError : the file cannot be written
+    """
+    return write_page(render_sheet(parts, density_g_cm3), path)
+
+
+def render_sheet(parts: Sequence[CompiledPart], density_g_cm3: float | None) -> str:
+    """Return the page."""
+    environment = make_environment(__package__, TEMPLATES)
+    environment.filters["vector"] = vector
+    return environment.get_template("sheet.html.j2").render(
+        sheets=[_part_sheet(part, density_g_cm3) for part in parts]
+    )
+
+
+def vector(direction: Array, decimals: int = 4) -> str:
+    """Return a direction as people write it; no needless zeros, no minus before one."""
+    return "(" + ", ".join(f"{v + 0.0:g}" for v in np.round(direction, decimals)) + ")"
+
+
+def _part_sheet(part: CompiledPart, density_g_cm3: float | None) -> PartSheet:
+    density = part.density_g_cm3(density_g_cm3)
+    frame = frame_of(part.views)
+    caster = RayCaster(part.solid.mesh)
+    poses = [
+        PoseSheet(
+            pose=pose,
+            view=view,
+            down=vector(-pose.R[2]),
+            picture=rest_picture(part.solid, caster, pose.R),
+            drawing=draw(view, frame.unit),
+            remarks=part.remarks(pose),
+        )
+        for pose, view in zip(part.poses, part.views, strict=True)
+    ]
+    return PartSheet(
+        part=part,
+        mass_g=part.solid.volume_mm3 / 1000 * density,
+        density_g_cm3=density,
+        frame=frame,
+        poses=tuple(poses),
+        edges_in_words=_edges_in_words(part),
+        features=feature_rows(part),
+        tolerances=tolerance_rows(part),
+    )
+
+
+def _edges_in_words(part: CompiledPart) -> str:
+    boundary = part.solid.boundary
+    by_curve = [
+        f"{count} {SCALE_WORDS[kind]}"
+        for kind in Curve
+        if (count := int((boundary.curve == kind).sum()))
+    ]
+    by_crease = [
+        f"{count} {CREASE_WORDS[kind]}"
+        for kind in Crease
+        if (count := int((boundary.crease == kind).sum()))
+    ]
+    if not by_curve:
+        return "none"
+    return f"{boundary.edge_count}: {', '.join(by_curve)}; {', '.join(by_crease)}"
