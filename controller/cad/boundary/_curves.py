@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ._normals import unit
 from ._types import Curve, Face
 
 Array = NDArray[np.float64]
@@ -17,6 +18,7 @@ Ids = NDArray[np.int64]
 
 TOLERANCE_MM = 0.005  # files round corners to 1e-4 mm and 7 digits; a real kink is far larger
 TOLERANCE_SHARE = 0.01  # and of a short edge's length never more than this
+STRAIGHT = 0.002  # a turn of 0.1 degrees: a circle of 3600 segments
 LEAST_FIT_POINTS = 6  # a circle fits three points always, and four or five too easily
 PARALLEL = 1 - 1e-5  # cosine of 0.26 degrees
 LARGEST_RADIUS = 50.0  # of an edge's length; a flatter arc cannot be told from a line
@@ -71,7 +73,7 @@ def fit_curves(
         todo &= ~good
     straight = todo & (runs.off_line() <= tolerance)
     curves.curve[straight] = Curve.LINE
-    todo &= ~straight & (runs.sizes >= LEAST_FIT_POINTS)
+    todo &= ~straight & (runs.corner_counts >= LEAST_FIT_POINTS)
     if todo.any():
         normal = runs.plane_normals()
         guess = runs.circle_centres(normal)
@@ -100,12 +102,26 @@ class _Runs:
         steps[chain_start[1:] - 1] = 0.0
         self.lengths = np.add.reduceat(steps, self.start)
         self.closed = np.linalg.norm(points[self.start] - points[chain_start[1:] - 1], axis=1) == 0
+        self.weights = self._turning(points, chain_start)
         # the shared point of a closed run counts once, or the centre leans towards it
-        self.weights = np.ones(len(points))
         self.weights[(chain_start[1:] - 1)[self.closed]] = 0.0
         self.totals = np.add.reduceat(self.weights, self.start)
         self.means = self._mean(points)
         self.centred = points - self.means[self.run]
+
+    def _turning(self, points: Array, chain_start: Ids) -> Array:
+        """Return 1 for points where a run turns and for its ends, 0 where it goes straight on.
+
+        A point on the chord of an arc comes from a neighbour with other segments; it is not on
+        the arc. A run that turns nowhere keeps all its points.
+        """
+        steps = unit(np.diff(points, axis=0))
+        turns = np.ones(len(points), dtype=bool)
+        turns[1:-1] = np.linalg.norm(np.diff(steps, axis=0), axis=1) > STRAIGHT
+        turns[chain_start[:-1]] = turns[chain_start[1:] - 1] = True
+        self.corner_counts = np.add.reduceat(turns.astype(np.int64), self.start)
+        keep_all = (self.corner_counts < LEAST_FIT_POINTS) & (self.sizes > self.corner_counts)
+        return np.where(turns | keep_all[self.run], 1.0, 0.0)
 
     def _mean(self, values: Array) -> Array:
         weights = self.weights.reshape(-1, *[1] * (values.ndim - 1))
@@ -119,6 +135,7 @@ class _Runs:
         distance = np.linalg.norm(offset - height[:, None] * axis[self.run], axis=1)
         level, radius = self._mean(height), self._mean(distance)
         misfit = np.hypot(height - level[self.run], distance - radius[self.run])
+        misfit = np.where(self.weights > 0, misfit, 0.0)
         return (
             centre + level[:, None] * axis,
             radius,

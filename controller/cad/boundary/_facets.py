@@ -18,6 +18,7 @@ ROUNDING_SHARE = 2e-7
 SLIVER = 20.0  # a triangle lower than so many roundings has no normal worth the name
 FLAT_MM = 0.002  # corners of a facet lie so near to its plane, or it is a slowly turning wall
 FLAT_RAD = np.radians(1.0)
+STRAIGHT = 0.002  # an edge that turns by 0.1 degrees is a circle of 3600 segments
 SMOOTH_RAD = np.radians(22.0)  # strips of a bore of 17 segments and more count as smooth
 
 
@@ -135,3 +136,29 @@ def _slivers_joined(
         joined[one[use][order]] = joined[other[use][order]]
         waiting[one[use]] = False
     return joined
+
+
+def true_corners(mesh: trimesh.Trimesh, of_triangle: Ids) -> NDArray[np.bool_]:
+    """Return which corners of triangles (n, 3) lie on the surface that is tessellated.
+
+    Where two facets meet only, or on a sharp edge that does not turn, a vertex may lie on the
+    chord of a wall and not on the wall. Such vertices come from neighbours with other segments.
+    """
+    triangles = np.asarray(mesh.faces, dtype=np.int64)
+    count = int(of_triangle.max(initial=0)) + 1
+    pairs = np.unique(triangles.ravel() * count + np.repeat(of_triangle, 3))
+    is_corner = np.bincount(pairs // count, minlength=len(mesh.vertices)) > 2
+    sharp = np.asarray(mesh.face_adjacency_angles) > SMOOTH_RAD
+    edges = np.asarray(mesh.face_adjacency_edges)[sharp]
+    vertices = np.asarray(mesh.vertices)
+    along = unit(vertices[edges[:, 1]] - vertices[edges[:, 0]])
+    ends = np.concatenate([edges[:, 0], edges[:, 1]])
+    leaving = np.concatenate([along, -along])
+    turn = np.column_stack(
+        [np.bincount(ends, leaving[:, k], minlength=len(vertices)) for k in range(3)]
+    )
+    passed = np.bincount(ends, minlength=len(vertices)) == 2
+    is_corner &= ~(passed & (np.linalg.norm(turn, axis=1) < STRAIGHT))
+    mine = is_corner[triangles]
+    bare = np.bincount(of_triangle, weights=mine.any(axis=1)) == 0
+    return np.asarray(mine | bare[of_triangle][:, None])

@@ -5,6 +5,7 @@ tangentially, a surface is guessed from a few neighbouring facets and grown ring
 as corners lie on it; only what it reaches is looked at, so the work stays near n log n.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 
@@ -25,11 +26,14 @@ FACET_RAD = np.radians(16.0)  # a triangle of a ball or a ring, seen from its co
 LEAST_FACETS = 4  # three facets are a bevelled corner as well as a fillet
 LEAST_TURN_RAD = np.radians(4.0)  # a wall that turns less has no radius worth the name
 LEAST_GROWN_TURN_RAD = np.radians(15.0)  # any spline has an arc that turns less
+# where surfaces intersect, kernels put corners less exactly: such walls have to turn far
+SECOND_TRY = 5.0
+SECOND_TURN_RAD = np.radians(45.0)
 SEED_FACETS = (14, 6)
 LONG_SIDE = 0.5  # of a facet's longest side: strips of a wall meet along such sides
 GROWTH_ROUNDS = 12
 GOLDEN = 0.6180339887498949  # its multiples spread evenly
-FAILED_SEEDS = 40  # in a row: then the rest of the run has no formula
+FAILED_SEEDS = 24  # in a row: then the rest of the run has no formula
 FAILED_RUNS = 400  # in a row, largest first: then the rest of the part is noise
 
 
@@ -75,16 +79,23 @@ def rows(start: Ids, picked: Ids) -> Ids:
 class Grower:
     """Finds surfaces among the facets of one part."""
 
-    def __init__(self, facets: Facets, corners: Array, tight_mm: float) -> None:
+    def __init__(
+        self, facets: Facets, corners: Array, is_corner: NDArray[np.bool_], tight_mm: float
+    ) -> None:
         self._facets = facets
         self._corners = corners
+        self._is_corner = is_corner
         self.tight_mm = max(TIGHT_MM, tight_mm)
+        self._second = (SECOND_TRY * self.tight_mm, SECOND_TURN_RAD)
         self._failed_runs = 0
 
     def cloud(self, facets: Ids) -> Cloud:
         """Return corners and facets of a piece."""
         f = self._facets
-        points = self._corners[f.triangles[rows(f.start, facets)]].reshape(-1, 3)
+        triangles = f.triangles[rows(f.start, facets)]
+        points = self._corners[triangles][self._is_corner[triangles]]
+        if len(points) == 0:
+            points = self._corners[triangles].reshape(-1, 3)
         return Cloud(points, f.normals[facets], f.centres[facets], f.areas[facets])
 
     def is_on(self, primitive: Primitive, facets: Ids, tolerance_mm: float) -> NDArray[np.bool_]:
@@ -94,7 +105,8 @@ class Grower:
         sizes = f.start[facets + 1] - f.start[facets]
         first = np.concatenate([[0], np.cumsum(sizes)[:-1]])
         corners = self._corners[f.triangles[at]]
-        off = np.abs(primitive.distances(corners)).max(axis=1)
+        flat = ~self._is_corner[f.triangles[at]]
+        off = np.where(flat, 0.0, np.abs(primitive.distances(corners))).max(axis=1)
         near = np.maximum.reduceat(off, first) <= tolerance_mm
         if primitive.kind == "plane":
             return near
@@ -108,10 +120,10 @@ class Grower:
             normal = normal - (normal @ axis)[..., None] * axis
             away = corners - primitive.centre_mm
             away = away - (away @ axis)[..., None] * axis
-            moot = np.linalg.norm(away, axis=-1) < 10 * tolerance_mm
+            moot = flat | (np.linalg.norm(away, axis=-1) < 10 * tolerance_mm)
         else:
             limit = FACET_RAD
-            moot = np.zeros(corners.shape[:2], dtype=bool)
+            moot = flat
         sizes_product = np.linalg.norm(directions, axis=-1) * np.linalg.norm(normal, axis=-1)
         cosine = np.abs((directions * normal).sum(axis=-1)) / np.maximum(sizes_product, 1e-12)
         turned = np.where(moot, 1.0, cosine).min(axis=1) < np.cos(limit)
@@ -150,7 +162,8 @@ class Grower:
     ) -> list[Found]:
         """Return the surfaces in a run of smoothly joined facets.
 
-        ``links`` and ``strips`` are all neighbours, and those across long sides. ``free`` (m,) are the facets not yet on a surface; those used are marked off.
+        ``links`` and ``strips`` are all neighbours, and those across long sides. ``free`` (m,)
+        are the facets not yet on a surface; those used are marked off.
         """
         if self._failed_runs >= FAILED_RUNS:
             return []
@@ -159,6 +172,22 @@ class Grower:
             free[facets] = False
             self._failed_runs = 0
             return [Found(primitive, facets)]
+        found: list[Found] = []
+        for tolerance_mm, turn_rad in ((self.tight_mm, LEAST_GROWN_TURN_RAD), self._second):
+            rest = facets[free[facets]]
+            found += self._seeded(rest, links, strips, free, tolerance_mm, turn_rad)
+        self._failed_runs = 0 if found else self._failed_runs + 1
+        return found
+
+    def _seeded(
+        self,
+        facets: Ids,
+        links: Neighbours,
+        strips: Neighbours,
+        free: NDArray[np.bool_],
+        tolerance_mm: float,
+        turn_rad: float,
+    ) -> list[Found]:
         found: list[Found] = []
         failed = 0
         by_area = facets[np.argsort(-self._facets.areas[facets], kind="stable")]
@@ -169,7 +198,13 @@ class Grower:
                 break
             if not free[seed] or seed in is_tried:
                 continue
-            best = self._from_seed(seed, links, strips, free)
+            best: Found | None = None
+            best_area = 0.0
+            for primitive, patch in self._guesses(seed, (strips, links), free, tolerance_mm):
+                grown = self._grown(primitive, patch, links, free, tolerance_mm, turn_rad)
+                area = 0.0 if grown is None else float(self._facets.areas[grown.facets].sum())
+                if area > 1.01 * best_area:
+                    best, best_area = grown, area
             if best is None:
                 failed += 1
                 near = links.of(np.array([seed]))
@@ -178,16 +213,18 @@ class Grower:
             failed = 0
             free[best.facets] = False
             found.append(best)
-        self._failed_runs = 0 if found else self._failed_runs + 1
         return found
 
-    def _from_seed(
-        self, seed: int, links: Neighbours, strips: Neighbours, free: NDArray[np.bool_]
-    ) -> Found | None:
-        best: Found | None = None
-        best_area = 0.0
+    def _guesses(
+        self,
+        seed: int,
+        nearness: tuple[Neighbours, ...],
+        free: NDArray[np.bool_],
+        tolerance_mm: float,
+    ) -> Iterator[tuple[Primitive, Ids]]:
+        """Yield what a facet and some round it may be, with those facets."""
         known: list[Ids] = []
-        for wanted, near in product(SEED_FACETS, (strips, links)):
+        for wanted, near in product(SEED_FACETS, nearness):
             patch = np.sort(self._patch(seed, wanted, near, free))
             if len(patch) < LEAST_FACETS or any(np.array_equal(patch, other) for other in known):
                 continue
@@ -196,14 +233,9 @@ class Grower:
             for primitive in fits(self.cloud(patch)):
                 if few and primitive.kind not in ("plane", "cylinder"):
                     break  # so few facets fit anything
-                if not self.is_on(primitive, patch, self.tight_mm).all():
-                    continue
-                grown = self._grown(primitive, patch, links, free)
-                area = 0.0 if grown is None else float(self._facets.areas[grown.facets].sum())
-                if area > 1.01 * best_area:
-                    best, best_area = grown, area
-                break  # the simplest kind that fits is the kind
-        return best
+                if self.is_on(primitive, patch, tolerance_mm).all():
+                    yield primitive, patch
+                    break  # the simplest kind that fits is the kind
 
     def _patch(self, seed: int, wanted: int, links: Neighbours, free: NDArray[np.bool_]) -> Ids:
         """Return a facet and the rings of facets round it, about as many as wanted."""
@@ -219,28 +251,34 @@ class Grower:
         return patch
 
     def _grown(
-        self, primitive: Primitive, patch: Ids, links: Neighbours, free: NDArray[np.bool_]
+        self,
+        primitive: Primitive,
+        patch: Ids,
+        links: Neighbours,
+        free: NDArray[np.bool_],
+        tolerance_mm: float,
+        turn_rad: float,
     ) -> Found | None:
         """Return a surface grown as far as it fits, or None if it is one by chance only."""
         facets = patch
         for _ in range(GROWTH_ROUNDS):
             size = len(facets)
-            facets = self._spread(primitive, facets, links, free, self.tight_mm)
+            facets = self._spread(primitive, facets, links, free, tolerance_mm)
             if len(facets) == size:
                 break
             if primitive.kind != "plane":
                 primitive = refined(primitive, self.cloud(facets).thinned().points)
-                kept = self.is_on(primitive, facets, self.tight_mm)
+                kept = self.is_on(primitive, facets, tolerance_mm)
                 if not kept[: len(patch)].all():
                     return None
                 facets = facets[kept]
         cloud = self.cloud(facets)
         if primitive.kind == "plane":
             return Found(primitive, facets) if len(facets) >= LEAST_FACETS else None
-        if not self._is_sound(primitive, cloud, LEAST_GROWN_TURN_RAD):
+        if not self._is_sound(primitive, cloud, turn_rad):
             return None
         # a true arc ends where it ends; one that only osculates goes on with a wider tolerance
-        wider = self._spread(primitive, facets, links, free, 8 * self.tight_mm)
+        wider = self._spread(primitive, facets, links, free, 8 * tolerance_mm)
         if len(wider) > 1.3 * len(facets) + 2:
             return None
         return Found(primitive, facets)

@@ -10,7 +10,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from ._describe import describe
-from ._facets import Facets, find_facets, rounding_mm
+from ._facets import Facets, find_facets, rounding_mm, true_corners
 from ._growth import LEAST_FACETS, Found, Grower, Neighbours, along_long_sides
 from ._halfedges import components
 from ._primitives import Primitive
@@ -33,7 +33,8 @@ def find_faces(mesh: trimesh.Trimesh) -> tuple[tuple[Face, ...], NDArray[np.int3
         return (), np.zeros(0, dtype=np.int32)
     facets = find_facets(mesh)
     corners = np.asarray(mesh.triangles, dtype=np.float64)
-    grower = Grower(facets, corners, 10 * rounding_mm(mesh))
+    is_corner = true_corners(mesh, facets.of_triangle)
+    grower = Grower(facets, corners, is_corner, 10 * rounding_mm(mesh))
     curved = ~_planes(facets)
     found = _surfaces(facets, grower, curved)
     owner, primitives = _owners(facets, found)
