@@ -21,7 +21,20 @@ from .errors import (
 )
 from .rays import RayCaster
 from .reading import load_solid
-from .resting import StablePose, stable_poses
+from .resting import (
+    LookAlike,
+    PartSymmetry,
+    PoseOdds,
+    Resting,
+    RollingFamily,
+    StablePose,
+    find_resting,
+    look_alikes,
+    name_duplicates,
+    part_symmetries,
+    pose_odds,
+    stable_poses,
+)
 from .shading import PointLamp, predict_light, predict_radiance
 from .solid import Solid, make_solid
 from .surfaces import SurfaceSamples, sample_surface
@@ -55,12 +68,17 @@ __all__ = [
     "InsideOutCadError",
     "LargeCadError",
     "LineView",
+    "LookAlike",
     "Loop",
     "ManySolidsCadError",
     "OpenCadError",
+    "PartSymmetry",
     "PointLamp",
+    "PoseOdds",
     "RayCaster",
+    "Resting",
     "Roi",
+    "RollingFamily",
     "SelfIntersectingCadError",
     "Solid",
     "StablePose",
@@ -71,11 +89,16 @@ __all__ = [
     "ViewMaps",
     "ViewModel",
     "camera_view",
+    "find_resting",
     "inverse_pose",
     "line_view",
     "load_solid",
+    "look_alikes",
     "make_solid",
+    "name_duplicates",
     "outline",
+    "part_symmetries",
+    "pose_odds",
     "predict_light",
     "predict_radiance",
     "prepare_views",

@@ -1,15 +1,22 @@
-"""The ways a solid can lie on a table, and how likely each is."""
+"""The ways a solid can lie on a table, how likely each is, and which cannot be told apart."""
 
+from ._alike import LookAlike, look_alikes
 from ._families import RollingFamily
 from ._odds import PoseOdds, pose_odds
 from ._poses import Resting, StablePose, find_resting, stable_poses
+from ._symmetry import PartSymmetry, name_duplicates, part_symmetries
 
 __all__ = [
+    "LookAlike",
+    "PartSymmetry",
     "PoseOdds",
     "Resting",
     "RollingFamily",
     "StablePose",
     "find_resting",
+    "look_alikes",
+    "name_duplicates",
+    "part_symmetries",
     "pose_odds",
     "stable_poses",
 ]

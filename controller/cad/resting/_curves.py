@@ -112,13 +112,13 @@ def merge_hollows(hull: Hull, land: Landscape, strips: Strips) -> tuple[Ids, Arr
         a, b = parent[a], parent[b]
         _fill(parent, heights, narrow, a, b, top)
         bottom = parent[rest]
-    odds = np.bincount(before, land.odds, minlength=hull.count)
+    odds: Array = np.bincount(before, land.odds, minlength=hull.count).astype(np.float64)
     for fallen in np.unique(before[bottom != before]).tolist():
         out = ((a == fallen) | (b == fallen)) & (top - heights[fallen] <= narrow[fallen])
         to = np.unique(parent[np.where(a == fallen, b, a)[out]])
         share, odds[fallen] = odds[fallen] / max(len(to), 1), 0.0
         odds[to if len(to) else parent[fallen]] += share
-    return np.asarray(bottom), odds
+    return np.asarray(bottom, dtype=np.int64), odds
 
 
 def _fill(parent: Ids, heights: Array, allowed: Array, a: Ids, b: Ids, top: Array) -> None:

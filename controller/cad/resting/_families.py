@@ -150,7 +150,7 @@ class Curves:
     def _is_dome(self, axis: Array, tilt: float, heights: Array) -> bool:
         """Tell whether a narrow ring of directions goes round a dip: a dome's top, no cone."""
         top = float(self._hull.support_mm(axis[None])[0])
-        return tilt < DOME_RAD and top < heights.max() + ROLLING_LIFT_MM
+        return tilt < DOME_RAD and top < float(heights.max()) + ROLLING_LIFT_MM
 
     def _reach(self, bottom: int) -> Ids:
         """Return the facets of the curve the part gets to with a small climb from its lowest."""
@@ -175,7 +175,7 @@ class Curves:
         """Return the direction down (3,) in which a rocking part comes to rest."""
         hull = self._hull
         normals, heights = hull.normals[reach], hull.heights_mm[reach]
-        here = hull.normals[bottom]
+        here: Array = np.asarray(hull.normals[bottom], dtype=np.float64)
         near = normals @ here > np.cos(np.radians(35.0))
         normals, heights = normals[near], heights[near]
         if len(normals) < 3:
@@ -207,7 +207,7 @@ class Curves:
                 down = flat / length * np.sqrt(max(1 - tilt * tilt, 0.0)) + tilt * side
             else:
                 down = flat / max(float(np.linalg.norm(flat)), 1e-12)
-            return down if down @ here > (normals @ here).min() - 1e-9 else here
+            return np.asarray(down if down @ here > (normals @ here).min() - 1e-9 else here)
         c = np.linalg.lstsq(system, heights, rcond=None)[0]
         if one_way:
             if c[2] <= 0:

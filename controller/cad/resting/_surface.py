@@ -1,0 +1,155 @@
+"""How far a turned or mirrored part is from itself: the judge of symmetries.
+
+Points of the surface, every corner among them, are moved, and each is measured to the nearest
+triangles. One way suffices for a turn that carries a closed surface near itself, but a hole the
+moved part lacks would be overlooked; so the inverse is measured too.
+"""
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from ._curves import BULGE_CAP_MM, SMOOTH_RAD
+
+Array = NDArray[np.float64]
+
+TARGET_COUNT = 20_000  # points on the surface that lead to the nearest triangles
+PROBE_COUNT = 3_000  # points that are moved and measured
+FIRST_COUNT = 150  # of these settle most wrong guesses
+NEAR, NEARER = 6, 40  # triangles tried for each point, and where that leaves a doubt
+LOOSE = 10.0  # times the tolerance: a guess this near is worth turning a little
+DOUBT_SHARE = 0.2  # more points off than this, and no closer look is needed
+
+
+class Surface:
+    """A mesh about a centre, for measuring how well rotations and reflections carry it to itself.
+
+    Parameters
+    ----------
+    mesh : closed
+    centre_mm : (3,) which the movements keep
+    tolerance_mm : what counts as the same, besides how far chords stay inside curves
+    """
+
+    def __init__(self, mesh: trimesh.Trimesh, centre_mm: Array, tolerance_mm: float) -> None:
+        self.vertices = np.asarray(mesh.vertices, dtype=np.float64) - centre_mm
+        self._triangles = self.vertices[np.asarray(mesh.faces)]
+        self._normals = np.asarray(mesh.face_normals, dtype=np.float64)
+        areas = np.asarray(mesh.area_faces, dtype=np.float64)
+        self.tolerance_mm = tolerance_mm + bulge_of(mesh)
+        self._low, self._high = self._triangles.min(axis=1), self._triangles.max(axis=1)
+        ids, targets = _spread(self._triangles, areas)
+        self._ids, self._tree = ids, cKDTree(targets)
+        probes = np.concatenate([self.vertices, self._triangles.mean(axis=1), targets])
+        # corners first in the draw, since small features have nothing else
+        rng = np.random.default_rng(0)
+        kinds = (len(self.vertices), len(self._triangles), len(targets))
+        starts = np.cumsum((0, *kinds))
+        picks = [
+            start + rng.permutation(count)[: PROBE_COUNT // 3]
+            for start, count in zip(starts[:-1], kinds, strict=True)
+        ]
+        self._probes = probes[rng.permutation(np.concatenate(picks))]
+
+    def maps_to_itself(self, R: Array, shift: Array | None = None) -> bool:
+        """Tell whether an orthogonal matrix (3, 3), and a small shift, carry the part to itself."""
+        shift = np.zeros(3) if shift is None else shift
+        return self._carries(R, shift) and self._carries(R.T, -R.T @ shift)
+
+    def matched(self, guess: Array) -> Array | None:
+        """Return the movement (3, 3) near a guess that carries the part onto itself, if one does.
+
+        The centre may move by the tolerance, since triangles put it a little off a symmetric part's
+        axis.
+        """
+        R, shift = np.asarray(guess, dtype=np.float64), np.zeros(3)
+        for count in (FIRST_COUNT, 4 * FIRST_COUNT, 4 * FIRST_COUNT):
+            moved = self._probes[:count] @ R.T + shift
+            off, ids, foot = self._measure(moved, NEAR)
+            good = off < LOOSE * self.tolerance_mm
+            if good.mean() < 1 - DOUBT_SHARE:
+                return None
+            n = self._normals[ids[good]]
+            gap = np.einsum("ij,ij->i", foot[good] - moved[good], n)
+            system = np.column_stack([np.cross(moved[good], n), n])
+            # a surface that slides on itself leaves some movements free: those stay as guessed
+            step, *_ = np.linalg.lstsq(system, gap, rcond=1e-3)
+            turn = rotation_about(step[:3])
+            R, shift = turn @ R, turn @ shift + step[3:]
+        if np.linalg.norm(shift) > self.tolerance_mm or not self.maps_to_itself(R, shift):
+            return None
+        return R
+
+    def _carries(self, R: Array, shift: Array) -> bool:
+        for part in (self._probes[:FIRST_COUNT], self._probes[FIRST_COUNT:]):
+            moved = part @ R.T + shift
+            off = self._measure(moved, NEAR)[0]
+            doubt = np.flatnonzero(off > self.tolerance_mm)
+            if len(doubt) > DOUBT_SHARE * len(part):
+                return False
+            if len(doubt):
+                off = self._measure(moved[doubt], NEARER)[0]
+                doubt = doubt[off > self.tolerance_mm]
+            if not all(self._touches(point) for point in moved[doubt]):
+                return False
+        return True
+
+    def _touches(self, point: Array) -> bool:
+        """Tell whether a point (3,) is on the surface, trying every triangle that is near."""
+        far = self.tolerance_mm
+        ids = np.flatnonzero(((self._low - far <= point) & (point <= self._high + far)).all(axis=1))
+        if not len(ids):
+            return False
+        foot = trimesh.triangles.closest_point(self._triangles[ids], np.tile(point, (len(ids), 1)))
+        return bool(np.linalg.norm(foot - point, axis=1).min() <= far)
+
+    def _measure(self, points: Array, count: int) -> tuple[Array, NDArray[np.int64], Array]:
+        """Return distances (n,), nearest triangles (n,) and the points on them (n, 3)."""
+        count = min(count, len(self._ids))
+        _, found = self._tree.query(points, k=count)
+        ids = self._ids[np.reshape(found, (len(points), count))]
+        many = np.repeat(points, count, axis=0)
+        foot = np.asarray(
+            trimesh.triangles.closest_point(self._triangles[ids.ravel()], many)
+        ).reshape(len(points), count, 3)
+        off = np.linalg.norm(foot - points[:, None], axis=2)
+        best = np.argmin(off, axis=1)
+        row = np.arange(len(points))
+        return off[row, best], ids[row, best], foot[row, best]
+
+
+def bulge_of(mesh: trimesh.Trimesh) -> float:
+    """Return how far the chords of a mesh's curved walls stay inside the curves at most [mm]."""
+    angles = np.asarray(mesh.face_adjacency_angles)
+    smooth = (angles < SMOOTH_RAD) & (angles > 1e-4)
+    if not smooth.any():
+        return 0.0
+    ends = np.asarray(mesh.vertices)[np.asarray(mesh.face_adjacency_edges)[smooth]]
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    areas = np.asarray(mesh.area_faces)[np.asarray(mesh.face_adjacency)[smooth]].min(axis=1)
+    width = 2 * areas / np.maximum(length, np.sqrt(areas))
+    return float(min((width / 2 * np.tan(angles[smooth] / 4)).max(), BULGE_CAP_MM))
+
+
+def _spread(triangles: Array, areas: Array) -> tuple[NDArray[np.int64], Array]:
+    """Return points spread over triangles, and the triangle each is on; one at least on each."""
+    count = np.maximum(np.ceil(TARGET_COUNT * areas / areas.sum()), 1).astype(np.int64)
+    ids = np.repeat(np.arange(len(triangles)), count)
+    nth = np.arange(len(ids)) - np.repeat(np.cumsum(count) - count, count)
+    # an additive recurrence with the plastic number fills a square evenly, however many points
+    u, v = (nth * 0.7548776662466927 + 1 / 3) % 1, (nth * 0.5698402909980532 + 1 / 3) % 1
+    over = u + v > 1
+    u, v = np.where(over, 1 - u, u), np.where(over, 1 - v, v)
+    a, b, c = (triangles[ids, i] for i in range(3))
+    return ids, a + u[:, None] * (b - a) + v[:, None] * (c - a)
+
+
+def rotation_about(turn: Array) -> Array:
+    """Return the rotation (3, 3) about a vector (3,) by its length [rad]."""
+    angle = float(np.linalg.norm(turn))
+    if angle < 1e-15:
+        return np.eye(3)
+    x, y, z = turn / angle
+    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K)
