@@ -29,16 +29,21 @@ def without_doubles(model: ViewModel, view: Projection, pieces: Pieces) -> Piece
     lines = shapely.linestrings(np.stack([p, q], axis=1))
     # two rims of one bore, tessellated differently, keep the distance of their chords
     wall = view.wall[pieces.mesh_edge]
-    reach = np.where(wall >= 0, ROUNDED_MM, DOUBLED_MM) * view.scale
+    # and where a wall is all but edge-on, its facets' silhouette strays about beside its rim
+    is_bare = model.cad_edge[pieces.mesh_edge] < 0
+    face = model.solid.face_of_triangle[model.sides[pieces.mesh_edge]]
+    reach = np.where((wall >= 0) | is_bare, ROUNDED_MM, DOUBLED_MM) * view.scale
     under, over = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=reach)
     differs = pieces.mesh_edge[under] != pieces.mesh_edge[over]
     under, over = under[differs], over[differs]
     r, s = (q - p)[under], (q - p)[over]
     length, over_length = np.linalg.norm(r, axis=1), np.linalg.norm(s, axis=1)
-    is_rim = (wall[under] >= 0) & (wall[under] == wall[over])
+    is_stray = is_bare[under] & ~is_bare[over] & (face[over] == face[under, :1]).any(axis=1)
+    is_rim = (wall[under] >= 0) & (wall[under] == wall[over]) | is_stray
     limit = np.where(is_rim, ROUNDED_SINE, DOUBLED_RAD)
     is_along = np.abs(_cross(r, s)) < limit * length * over_length
     under, over, r, length = under[is_along], over[is_along], r[is_along], length[is_along]
+    is_stray = is_stray[is_along]
     tolerance = np.where(is_rim[is_along], ROUNDED_MM, DOUBLED_MM) * view.scale
     # what is over it from a to b of its length, and how far beside
     to_start, to_end = p[over] - p[under], q[over] - p[under]
@@ -53,7 +58,7 @@ def without_doubles(model: ViewModel, view: Projection, pieces: Pieces) -> Piece
     over_nearness = _nearness(model, view, pieces, over, part)
     gap = SHORTEST_MM * view.scale
     covers = ((b - a) * length > gap) & (np.maximum(*beside) < tolerance)
-    covers &= over_nearness > nearness
+    covers &= (over_nearness > nearness) | is_stray
     under, a, b, length = under[covers], a[covers], b[covers], length[covers]
     start, end = pieces.start.copy(), pieces.end.copy()
     is_left = np.ones(len(p), dtype=np.bool_)

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 Ids = NDArray[np.int32]
 Bools = NDArray[np.bool_]
 
-ROUNDED_MM = 0.1  # between the chords of one circle, tessellated twice
+ROUNDED_MM = 0.15  # between the chords of one curve, tessellated twice
 ROUNDED_SINE = 0.5
 PARALLEL = 0.05  # sine between a side and the edge it lies on, of sides long enough to tell
 
