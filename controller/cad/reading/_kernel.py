@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import ceil
 from pathlib import Path
 from typing import Final
 
@@ -23,6 +24,7 @@ from ..errors import CadError, UnreadableCadError
 
 REFUSED: Final = 3  # exit code of a child that says why
 SECONDS_PER_MB: Final = 5.0  # some ten times what sound files of 2 MB take
+PATIENCE: Final = 4.0  # the clock may run this many times longer: others use the machine too
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +33,7 @@ class KernelLimits:
 
     Attributes
     ----------
-    time_s : from start to end, for a small file; large ones get `SECONDS_PER_MB` more
+    time_s : of computing, for a small file; large ones get `SECONDS_PER_MB` more
     memory_bytes : of data; its libraries, 250 MB, come on top
     """
 
@@ -39,7 +41,7 @@ class KernelLimits:
     memory_bytes: int = 700 << 20
 
     def time_for_s(self, byte_count: int) -> float:
-        """Return the time a file of this size may take."""
+        """Return the time of computing a file of this size may take."""
         return self.time_s + SECONDS_PER_MB * max(byte_count / 1e6 - 0.2, 0.0)
 
 
@@ -63,10 +65,10 @@ class KernelRun:
     ) -> None:
         limits = limits or KernelLimits()
         self._time_s = limits.time_for_s(source.stat().st_size)
-        self._deadline = time.monotonic() + self._time_s
+        self._deadline = time.monotonic() + PATIENCE * self._time_s
         self._out = out
         command = [sys.executable, "-P", str(Path(__file__).with_name(script))]
-        command += [str(source), str(out), str(limits.memory_bytes), str(int(self._time_s) + 1)]
+        command += [str(source), str(out), str(limits.memory_bytes), str(ceil(self._time_s))]
         # the kernel talks to the terminal about each entity; what matters is in the output file
         self._process = subprocess.Popen(
             [*command, *arguments],
@@ -93,10 +95,12 @@ class KernelRun:
         try:
             code = self._process.wait(max(self._deadline - time.monotonic(), 0.0))
         except subprocess.TimeoutExpired:
+            code = -signal.SIGXCPU
+        if code == -signal.SIGXCPU:
             raise UnreadableCadError(
                 f"{where}: the STEP kernel did not finish within {self._time_s:.0f} s; "
                 "export the part again, alone and without drawings"
-            ) from None
+            )
         if code == REFUSED:
             told = json.loads(self._out.read_text())
             error = getattr(errors, told["error"])

@@ -6,6 +6,7 @@ triangles; volume, centroid, areas, axes and radii are the kernel's exact ones.
 """
 
 import hashlib
+import re
 import tempfile
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -17,10 +18,11 @@ import trimesh
 from numpy.typing import NDArray
 
 from ..boundary import Face, FaceKind
-from ..errors import EmptyCadError, OpenCadError, UnreadableCadError
+from ..errors import CadError, EmptyCadError, OpenCadError, UnreadableCadError
 from ..solid import Solid, make_solid
 from ..surfaces.tolerances import Tolerance
 from ._kernel import KernelLimits, KernelRun, check_installed
+from ._tolerances import tolerances_from
 
 Array = NDArray[np.float64]
 
@@ -37,6 +39,10 @@ UNITS: Final = {
     "inch": "inch",
     "foot": "foot",
 }
+# words of which a file with tolerances has one at least; in others the second run is spared
+SEMANTIC: Final = re.compile(
+    rb"DIMENSIONAL_SIZE|DIMENSIONAL_LOCATION|GEOMETRIC_TOLERANCE|_TOLERANCE\(|[=\s]DATUM\s*\("
+)
 BEGIN, END = b"ISO-10303-21", b"END-ISO-10303-21"
 
 
@@ -112,9 +118,24 @@ def read_step_part(path: Path, limits: KernelLimits | None = None) -> StepPart:
         shape_run = stack.enter_context(
             KernelRun("_step_child.py", source, folder / "shape.npz", arguments, limits)
         )
+        pmi_run = None
+        if SEMANTIC.search(data):
+            pmi_run = stack.enter_context(
+                KernelRun("_step_pmi_child.py", source, folder / "pmi.npz", (), limits)
+            )
         found: dict[str, Any] = dict(shape_run.result(where))
         tolerances: tuple[Tolerance, ...] = ()
         warnings: tuple[str, ...] = ()
+        if pmi_run is not None:
+            try:
+                told = pmi_run.result(where)
+            except CadError as error:  # the geometry stands without them
+                warnings = (f"its tolerances were not read: {error}",)
+            else:
+                area_mm2 = found["area_mm2"]
+                tolerances, warnings = tolerances_from(
+                    told, data, area_mm2, found["mean_mm"], _ranks(area_mm2)
+                )
     return _part(found, path.stem, hashlib.sha256(data).hexdigest(), where, tolerances, warnings)
 
 

@@ -1,0 +1,208 @@
+"""Read the semantic tolerances of one STEP file with the STEP kernel: runs as a process.
+
+Apart from `_step_child`, since reading with attributes crashes on files whose geometry is sound.
+Facts: the kernel's reference pages (Open CASCADE 7.9: XCAFDoc_DimTolTool, XCAFDimTolObjects) and
+inspection.md 4.4. Values of dimensions are left as the kernel gives them, which is wrong in part;
+the parent mends them from the file's text.
+
+Usage: ``python _step_pmi_child.py FILE OUT MEMORY_BYTES CPU_S``. It ends with 0 and in OUT the JSON
+text ``told`` and, for each surface that text names by number, ``area_mm2`` and ``mean_mm``.
+"""
+
+import json
+import resource
+import sys
+from pathlib import Path
+from typing import Any, Final
+
+NO_DIMENSION: Final = ("Location_None", "CommonLabel", "DimensionPresentation")
+
+
+class Surfaces:
+    """Numbers for the faces of the document, with what tells them apart."""
+
+    def __init__(self, document: Any) -> None:  # noqa: ANN401  the kernel's types have no stubs
+        from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE
+        from OCP.TopExp import TopExp
+        from OCP.TopTools import (
+            TopTools_IndexedDataMapOfShapeListOfShape,
+            TopTools_IndexedMapOfShape,
+        )
+        from OCP.XCAFDoc import XCAFDoc_DocumentTool
+
+        self.tool = XCAFDoc_DocumentTool.ShapeTool_s(document.Main())
+        self.faces = TopTools_IndexedMapOfShape()
+        self.faces_at = TopTools_IndexedDataMapOfShapeListOfShape()
+        whole = self.tool.GetOneShape()
+        TopExp.MapShapes_s(whole, TopAbs_FACE, self.faces)
+        TopExp.MapShapesAndAncestors_s(whole, TopAbs_EDGE, TopAbs_FACE, self.faces_at)
+
+    def named(self, labels: Any) -> list[int]:  # noqa: ANN401
+        """Return the numbers of the faces of labels; an edge stands for the faces it bounds."""
+        from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE
+        from OCP.TopExp import TopExp_Explorer
+
+        found: set[int] = set()
+        for i in range(1, labels.Length() + 1):
+            shape = self.tool.GetShape_s(labels.Value(i))
+            if shape is None or shape.IsNull():
+                continue
+            if shape.ShapeType() == TopAbs_EDGE:
+                if self.faces_at.Contains(shape):
+                    found |= {self.faces.FindIndex(f) for f in self.faces_at.FindFromKey(shape)}
+                continue
+            walk = TopExp_Explorer(shape, TopAbs_FACE)
+            while walk.More():
+                found.add(self.faces.FindIndex(walk.Current()))
+                walk.Next()
+        return sorted(i - 1 for i in found if i > 0)
+
+    def measures(self) -> dict[str, Any]:
+        """Return area and centre of area of each face."""
+        import numpy as np
+        from OCP.BRepGProp import BRepGProp
+        from OCP.GProp import GProp_GProps
+
+        area, mean = [], []
+        for i in range(1, self.faces.Extent() + 1):
+            measured = GProp_GProps()
+            BRepGProp.SurfaceProperties_s(self.faces.FindKey(i), measured)
+            p = measured.CentreOfMass()
+            area.append(measured.Mass())
+            mean.append((p.X(), p.Y(), p.Z()))
+        return {"area_mm2": np.array(area), "mean_mm": np.array(mean).reshape(-1, 3)}
+
+
+def read_document(path: str) -> Any:  # noqa: ANN401
+    """Return the document of a file, geometry and tolerances."""
+    from OCP.IFSelect import IFSelect_RetDone
+    from OCP.STEPCAFControl import STEPCAFControl_Reader
+    from OCP.TCollection import TCollection_ExtendedString
+    from OCP.TDocStd import TDocStd_Document
+    from OCP.XCAFApp import XCAFApp_Application
+
+    kind = TCollection_ExtendedString("MDTV-XCAF")
+    document = TDocStd_Document(kind)
+    XCAFApp_Application.GetApplication_s().NewDocument(kind, document)
+    reader = STEPCAFControl_Reader()
+    reader.SetGDTMode(True)
+    if reader.ReadFile(path) != IFSelect_RetDone or not reader.Transfer(document):
+        raise ValueError("the kernel does not read its attributes")
+    return document
+
+
+def name_of(value: Any, prefix: str) -> str:  # noqa: ANN401
+    """Return the end of an enumeration's name, as ``Size_Diameter``."""
+    return str(value).rsplit(".", 1)[-1].removeprefix(prefix)
+
+
+def tell(document: Any, surfaces: Surfaces) -> dict[str, Any]:  # noqa: ANN401
+    """Return what the document says, in plain values."""
+    from OCP.TDF import TDF_LabelSequence
+    from OCP.XCAFDoc import XCAFDoc_DocumentTool
+
+    tool = XCAFDoc_DocumentTool.DimTolTool_s(document.Main())
+    dimensions, tolerances, datums = (TDF_LabelSequence() for _ in range(3))
+    tool.GetDimensionLabels(dimensions)
+    tool.GetGeomToleranceLabels(tolerances)
+    tool.GetDatumLabels(datums)
+    every = [dimension(label, surfaces) for label in labels_of(dimensions)]
+    return {
+        "counts": [dimensions.Length(), tolerances.Length(), datums.Length()],
+        "dimensions": [d for d in every if d["kind"] not in NO_DIMENSION],
+        "tolerances": [tolerance(label, tool, surfaces) for label in labels_of(tolerances)],
+        "datums": [datum(label, surfaces) for label in labels_of(datums)],
+    }
+
+
+def labels_of(sequence: Any) -> list[Any]:  # noqa: ANN401
+    """Return a kernel's sequence as a list."""
+    return [sequence.Value(i) for i in range(1, sequence.Length() + 1)]
+
+
+def references(label: Any, surfaces: Surfaces) -> tuple[list[int], list[int]]:  # noqa: ANN401
+    """Return the faces at the first and at the second end of what a label holds."""
+    from OCP.TDF import TDF_LabelSequence
+    from OCP.XCAFDoc import XCAFDoc_DimTolTool
+
+    first, second = TDF_LabelSequence(), TDF_LabelSequence()
+    XCAFDoc_DimTolTool.GetRefShapeLabel_s(label, first, second)
+    return surfaces.named(first), surfaces.named(second)
+
+
+def dimension(label: Any, surfaces: Surfaces) -> dict[str, Any]:  # noqa: ANN401
+    """Return a dimension as the kernel sees it: signs and units are not to be trusted."""
+    from OCP.XCAFDoc import XCAFDoc_Dimension
+
+    # find or create: looking the attribute up raises where the kernel keeps it lazily
+    held = XCAFDoc_Dimension.Set_s(label).GetObject()
+    faces, others = references(label, surfaces)
+    told = {
+        "kind": name_of(held.GetType(), "XCAFDimTolObjects_DimensionType_"),
+        "value": held.GetValue(),
+        "faces": faces,
+        "others": others,
+    }
+    if held.IsDimWithRange():
+        told["limits"] = [held.GetLowerBound(), held.GetUpperBound()]
+    if held.IsDimWithPlusMinusTolerance():
+        told["deviations"] = [held.GetLowerTolValue(), held.GetUpperTolValue()]
+    return told
+
+
+def tolerance(label: Any, tool: Any, surfaces: Surfaces) -> dict[str, Any]:  # noqa: ANN401
+    """Return a geometric tolerance; the kernel has converted its value to mm."""
+    from OCP.TDF import TDF_LabelSequence
+    from OCP.XCAFDoc import XCAFDoc_Datum, XCAFDoc_DimTolTool, XCAFDoc_GeomTolerance
+
+    held = XCAFDoc_GeomTolerance.Set_s(label).GetObject()
+    named = TDF_LabelSequence()
+    XCAFDoc_DimTolTool.GetDatumWithObjectOfTolerLabels_s(label, named)
+    letters: dict[str, int] = {}  # a datum of several targets is listed once for each
+    for each in labels_of(named):
+        held_datum = XCAFDoc_Datum.Set_s(each).GetObject()
+        letters.setdefault(held_datum.GetName().ToCString(), held_datum.GetPosition())
+    return {
+        "kind": name_of(held.GetType(), "XCAFDimTolObjects_GeomToleranceType_"),
+        "value_mm": held.GetValue(),
+        "zone": name_of(held.GetTypeOfValue(), "XCAFDimTolObjects_GeomToleranceTypeValue_"),
+        "material": name_of(
+            held.GetMaterialRequirementModifier(), "XCAFDimTolObjects_GeomToleranceMatReqModif_"
+        ),
+        "datums": sorted(letters, key=lambda letter: letters[letter]),
+        "faces": references(label, surfaces)[0],
+    }
+
+
+def datum(label: Any, surfaces: Surfaces) -> dict[str, Any]:  # noqa: ANN401
+    """Return a datum, or one of a tolerance's references to it: the kernel lists both as one."""
+    from OCP.XCAFDoc import XCAFDoc_Datum
+
+    name = XCAFDoc_Datum.Set_s(label).GetObject().GetName()
+    letter = "" if name is None else name.ToCString()
+    return {"letter": letter, "faces": references(label, surfaces)[0]}
+
+
+def main(argv: list[str]) -> int:
+    """Read and tell, or say why not."""
+    source, out, memory, cpu = argv
+    resource.setrlimit(resource.RLIMIT_DATA, (int(memory), int(memory)))
+    resource.setrlimit(resource.RLIMIT_CPU, (int(cpu), int(cpu) + 1))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    import numpy as np
+
+    try:
+        document = read_document(source)
+        surfaces = Surfaces(document)
+        told, measures = tell(document, surfaces), surfaces.measures()
+    except Exception as error:  # noqa: BLE001  whatever the kernel throws is about this file
+        reason = f"the STEP kernel gave up ({type(error).__name__}: {error})"
+        Path(out).write_text(json.dumps({"error": "UnreadableCadError", "reason": reason}))
+        return 3
+    with Path(out).open("wb") as sink:
+        np.savez(sink, told=np.array(json.dumps(told)), **measures)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
