@@ -2,7 +2,9 @@
 
 from typing import Annotated, Any, Final, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from ._units import MM_PER_UNIT, SPELLINGS
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 Length = Annotated[float, Field(gt=0, le=1e6)]
@@ -14,13 +16,6 @@ Outline = Annotated[tuple[Point, ...], Field(min_length=3, max_length=5000)]
 
 class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-    @field_validator("*", mode="before")
-    @classmethod
-    def _true_is_no_number(cls, value: object, info: ValidationInfo) -> object:
-        if isinstance(value, bool):
-            raise ValueError("true and false mean nothing here")  # pydantic would read 1 and 0
-        return value
 
 
 class Block(_Section):
@@ -178,3 +173,12 @@ class CsgText(_Section):
     tolerance_mm: Annotated[float, Field(ge=1e-4, le=10)] = 0.01
     shapes: dict[str, Shape] = {}
     part: Shape
+
+    @field_validator("unit")
+    @classmethod
+    def _is_known(cls, unit: str) -> str:
+        if SPELLINGS.get(unit, unit) not in MM_PER_UNIT:
+            raise ValueError(
+                f"{unit!r:.40} is no unit known here; say one of {', '.join(MM_PER_UNIT)}"
+            )
+        return unit

@@ -33,7 +33,7 @@ MOST_DEPTH: Final = 60
 MOST_PROBLEMS: Final = 10  # of one text told at once
 
 _NUMBER = re.compile(r"[-+]?(\d{1,30}(\.\d{0,30})?|\.\d{1,30})([eE][-+]?\d{1,3})?")
-_WORDS: Final[dict[str, bool | None]] = {"true": True, "false": False, "null": None, "~": None}
+_NOTHING: Final = {"", "~", "null"}
 _PLAIN_WORDS: Final = {
     "model_type": "must be `key: value` pairs",
     "dict_type": "must be `name: value` pairs",
@@ -195,8 +195,8 @@ def _value(event: Event, path: Path) -> Any:  # noqa: ANN401 - a YAML value is a
     text = str(event.value)
     if event.style is not None:  # in quotes
         return text
-    if not text or text.lower() in _WORDS:
-        return _WORDS.get(text.lower())
+    if text.lower() in _NOTHING:
+        return None
     return float(text) if _NUMBER.fullmatch(text) else text
 
 

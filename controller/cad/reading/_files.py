@@ -85,13 +85,17 @@ def _read_mesh(data: bytes, path: Path, ending: str) -> trimesh.Trimesh:
             warnings.simplefilter("error")  # numpy warns where a text breaks off, and goes on
             # unprocessed: trimesh would drop triangles with broken coordinates without a word
             mesh = trimesh.load(io.BytesIO(data), file_type=ending[1:], force="mesh", process=False)
-        faces = np.asarray(mesh.faces)
+        faces, vertices = np.asarray(mesh.faces), np.asarray(mesh.vertices)
     except Exception as error:
         told = " ".join(str(error).split())
         raise UnreadableCadError(
             f"{path}: cannot be read as {ending[1:].upper()} "
             f"({type(error).__name__}: {told:.200}); export it again"
         ) from error
+    if len(faces) and (faces.shape[1:] != (3,) or vertices.shape[1:] != (3,)):
+        raise UnreadableCadError(
+            f"{path}: its corners have other than three coordinates each; export it again"
+        )
     if len(faces) and not 0 <= faces.min() <= faces.max() < len(mesh.vertices):
         raise UnreadableCadError(
             f"{path}: a triangle names corner {int(faces.max())} of {len(mesh.vertices)}; "

@@ -28,6 +28,7 @@ MOST_SIDES: Final = 4096  # of a circle; more is a tolerance mistaken
 MOST_TRIANGLES: Final = 200_000  # of all shapes before they are joined
 MOST_SHAPES: Final = 2_000
 LEAST_SIDES: Final = 12
+GLOBE_SIDES: Final = 1.65  # a globe's widest triangles stay as close as a circle's chords
 SET_OPERATIONS: Final = {
     "union": manifold3d.OpType.Add,
     "difference": manifold3d.OpType.Subtract,
@@ -138,7 +139,7 @@ class _Builder:
         sagitta = min(self._said.tolerance_mm / max(radius * self._mm_per_unit, 1e-12), 1.0)
         sides = max(float(np.pi / np.arccos(1.0 - sagitta)), LEAST_SIDES)
         if shape.sphere is not None:
-            sides *= 2**0.5  # its triangles' corners are further apart than its circles' corners
+            sides *= GLOBE_SIDES
         if sides > MOST_SIDES:
             raise self._text.problem(
                 (*at, shape.kind),
