@@ -5,7 +5,6 @@ between processes (meshes with their ray casters, tables of sight lines).
 """
 
 import hashlib
-import os
 import pickle
 import tempfile
 import time
@@ -28,9 +27,14 @@ from controller.cad import (
     Solid,
     StablePose,
     SurfaceSamples,
-    load_solid,
-    sample_surface,
-    stable_poses,
+)
+from controller.cad.compiled import (
+    CompiledPart,
+    CompileOptions,
+    cache_dir,
+    load_part,
+    options_among,
+    source_hash,
 )
 from controller.config import (
     Cell,
@@ -95,21 +99,34 @@ def context(job: Job) -> Context:
     recipe = load_recipe(job.recipe_path)
     cell = load_cell(job.cell_path)
     layout = build_layout(cell)
-    solid = load_solid(recipe.part)
-    solids = [solid, *(load_solid(other) for other in recipe.others)]
+    part, *others = load_parts(recipe)
+    solid = part.solid
     return Context(
         recipe=recipe,
         cell=cell,
         layout=layout,
         solid=solid,
         caster=RayCaster(solid.mesh),
-        samples=sample_surface(solid),
-        poses=stable_poses(solid),
+        samples=part.samples,
+        poses=part.poses,
         overhead=layout.overhead,
         inspection=layout.inspection,
-        catalogue=recognising.make_catalogue(solids, layout.overhead),
+        catalogue=recognising.make_catalogue([part, *others], layout.overhead),
         glowing=glowing_mask(layout.overhead, table_corners(cell)),
     )
+
+
+def load_parts(recipe: Recipe) -> list[CompiledPart]:
+    """Return a recipe's part, then the others that may turn up.
+
+    Raises
+    ------
+    CadError : a CAD file is wrong
+    """
+    return [
+        load_part(recipe.part, CompileOptions(unit=recipe.unit)),
+        *(load_part(other, options_among(other, recipe.unit)) for other in recipe.others),
+    ]
 
 
 def glowing_mask(camera: Camera, corners_mm: Array) -> NDArray[np.bool_]:
@@ -183,20 +200,12 @@ def plan_options(recipe: Recipe) -> PlanOptions:
     return replace(PlanOptions(), max_incidence_deg=recipe.inspection.max_incidence_deg)
 
 
-def cache_dir() -> Path:
-    """Return the folder for what can always be computed again."""
-    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(base) / "cellctl"
-
-
 @lru_cache(maxsize=1)
 def _code_hash() -> str:
     """Return a hash of the planner's own source: a changed planner makes its old plans void."""
-    root = Path(__file__).parents[1]
-    digest = hashlib.sha256()
-    for folder in ("cad", "planning"):
-        for source in sorted((root / folder).glob("*.py")):
-            digest.update(source.read_bytes())
+    digest = hashlib.sha256(source_hash().encode())
+    for source in sorted((Path(__file__).parents[1] / "planning").rglob("*.py")):
+        digest.update(source.read_bytes())
     return digest.hexdigest()
 
 

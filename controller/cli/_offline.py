@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from controller.cad import Solid, load_solid, sample_surface, stable_poses
+from controller.cad import Solid
+from controller.cad.compiled import CompileOptions, load_part
 from controller.cell.workers import Job, context
 from controller.cell.workers import plan as plan_job
 from controller.cell.workers import prepare as prepare_job
@@ -79,14 +80,20 @@ def check_recipe(recipe_path: Path, cell_path: Path | None, *, as_json: bool) ->
 
 
 def plan_part_file(
-    part: Path, cell_path: Path, pose_index: int, at: str | None, *, as_json: bool
+    part: Path,
+    cell_path: Path,
+    pose_index: int,
+    at: str | None,
+    *,
+    unit: str | None,
+    as_json: bool,
 ) -> int:
     """Plan one part at one place."""
     cell = load_cell(cell_path)
     layout = build_layout(cell)
-    solid = load_solid(part)
-    samples = sample_surface(solid)
-    poses = {p.index: p for p in stable_poses(solid)}
+    compiled = load_part(part, CompileOptions(unit=unit))
+    solid, samples = compiled.solid, compiled.samples
+    poses = {p.index: p for p in compiled.poses}
     if pose_index not in poses:
         raise ConfigError(f"--pose {pose_index}: {solid.name} has poses {sorted(poses)}")
     x_mm, y_mm, theta_deg = parse_place(at, cell.table.drop_area.x, cell.table.drop_area.y)

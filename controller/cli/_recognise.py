@@ -2,6 +2,7 @@
 
 import json
 import time
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import Camera, load_solid
+from controller.cad import Camera
+from controller.cad.compiled import is_cad_file, load_part, options_among, part_name
+from controller.cad.reading import FORMATS
 from controller.config import ConfigError
 from controller.recognition import Sighting, make_catalogue, recognise, table_contrast
 
@@ -44,11 +47,18 @@ def load_calibration(path: Path) -> Camera:
 
 
 def recognise_images(
-    images: list[Path], parts: list[Path], calibration: Path, lighting: str, *, as_json: bool
+    images: list[Path],
+    parts: list[Path],
+    calibration: Path,
+    lighting: str,
+    *,
+    unit: str | None,
+    as_json: bool,
 ) -> int:
     """Recognise what lies in each picture; 1 if a picture shows nothing known."""
     camera = load_calibration(calibration)
-    catalogue = make_catalogue([load_solid(p) for p in _cad_files(parts)], camera)
+    files = _cad_files(parts)
+    catalogue = make_catalogue([load_part(p, options_among(p, unit)) for p in files], camera)
     known = 0
     for path in images:
         picture = _read(path, camera)
@@ -71,10 +81,19 @@ def recognise_images(
 def _cad_files(parts: list[Path]) -> list[Path]:
     found: list[Path] = []
     for path in parts:
-        found += sorted(path.glob("*.stl")) if path.is_dir() else [path]
+        found += _parts_in(path) if path.is_dir() else [path]
     if not found:
         raise ConfigError(f"--parts {', '.join(map(str, parts))}: no CAD file there")
     return found
+
+
+def _parts_in(folder: Path) -> list[Path]:
+    """Return a folder's CAD files, one a part: the quickest to read where it is there twice."""
+    files = sorted(
+        (file for file in folder.iterdir() if is_cad_file(file)),
+        key=lambda file: (part_name(file), FORMATS.index(file.suffix.lower())),
+    )
+    return [next(same) for _, same in groupby(files, part_name)]
 
 
 def _read(path: Path, camera: Camera) -> Grey:

@@ -16,11 +16,11 @@ import numpy as np
 from rich.live import Live
 from rich.table import Table
 
-from controller.cad import load_solid
+from controller.cad.compiled import load_part, options_among
 from controller.cell.dispatcher import Dispatcher
 from controller.cell.records import PartRecord, Progress
 from controller.cell.run import RunOrder, RunResult, new_run_id, run_batch
-from controller.cell.workers import Job, context, make_pool
+from controller.cell.workers import Job, context, load_parts, make_pool
 from controller.config import ConfigError, load_cell, load_recipe
 from controller.results import load_run, write_html
 
@@ -47,8 +47,9 @@ def run_recipe(
     recipe = load_recipe(recipe_path)
     cell_file = cell_path or recipe.cell
     cell = load_cell(cell_file)
-    for part in (recipe.part, *recipe.others, *lay):
-        load_solid(part)  # before anything starts: a bad CAD file is the command line's fault
+    load_parts(recipe)  # before anything starts: a bad CAD file is the command line's fault
+    for part in lay:
+        load_part(part, options_among(part, recipe.unit))
     emulated = cell.emulated_devices
     if speed != 1 and len(emulated) < len(type(cell.devices).model_fields):
         real = sorted(set(type(cell.devices).model_fields) - set(emulated))

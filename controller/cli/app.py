@@ -196,12 +196,16 @@ def recognise(
     lighting: Annotated[
         Lighting, typer.Option("--lighting", help="how the table was lit")
     ] = Lighting.BACKLIT,
+    unit: UnitOption = None,
     json: JsonOption = False,
 ) -> None:
     """Say what lies on the table in stored pictures: part, stable pose, place, or "unknown"."""
     from ._recognise import recognise_images
 
-    raise typer.Exit(recognise_images(images, parts, calibration, lighting.value, as_json=json))
+    code = recognise_images(
+        images, parts, calibration, lighting.value, unit=unit and unit.value, as_json=json
+    )
+    raise typer.Exit(code)
 
 
 @app.command(epilog="Example: cellctl plan recipes/parts/featuretype.stl --json")
@@ -212,12 +216,14 @@ def plan(
     ),
     pose: Annotated[int, typer.Option("--pose", help="stable pose it lies in")] = 0,
     at: Annotated[str | None, typer.Option("--at", help="where it lies, as X,Y,THETA_DEG")] = None,
+    unit: UnitOption = None,
     json: JsonOption = False,
 ) -> None:
     """Plan how a part would be shown: steps, forecast, coverage, and why not the rest."""
     from ._offline import plan_part_file
 
-    raise typer.Exit(plan_part_file(part, cell, pose, at, as_json=json))
+    code = plan_part_file(part, cell, pose, at, unit=unit and unit.value, as_json=json)
+    raise typer.Exit(code)
 
 
 @app.command(epilog="Example: cellctl emulate --part recipes/parts/holder.stl --speed 5")

@@ -1,14 +1,18 @@
 """recipe.yaml: what to inspect and how sharply, in human units."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
+
+from controller.cad.compiled import is_cad_file
 
 from ._yaml import ConfigError, Section, load_yaml
 
 DEFAULT_CELL = Path("cells/emulated.yaml")
-CAD_FORMATS = (".stl", ".obj", ".ply", ".off")
+
+
+Unit = Literal["mm", "cm", "m", "inch"]
 
 
 class InspectionSection(Section):
@@ -41,6 +45,8 @@ class Recipe(Section):
     name : how people call it
     part : CAD file, relative to the recipe
     others : CAD files of other parts that may turn up on the table
+    unit : of the lengths in those CAD files that name none, as STL; it contradicts no part that
+        does
     density_g_cm3 : of the material, for the load on the grips
     cell : cell file, relative to the recipe; the emulated cell if nothing is said
     """
@@ -48,6 +54,7 @@ class Recipe(Section):
     name: Annotated[str, AfterValidator(_fit_for_a_folder)]
     part: Path
     others: tuple[Path, ...] = ()
+    unit: Unit | None = None
     density_g_cm3: float = Field(2.7, gt=0, le=25)
     cell: Path = DEFAULT_CELL
     inspection: InspectionSection = InspectionSection()
@@ -79,8 +86,6 @@ def load_recipe(path: Path) -> Recipe:
 
 def _unknown_part(recipe: Path, cad: Path) -> str:
     folder = cad.parent
-    known = sorted(
-        p.name for p in folder.glob("*") if p.suffix.lower() in {".stl", ".obj", ".ply", ".off"}
-    )
+    known = sorted(p.name for p in folder.glob("*") if is_cad_file(p))
     have = f"the folder has {', '.join(known)}" if known else f"there is nothing in {folder}"
     return f"{recipe}: unknown part: no file {cad}; {have}"

@@ -27,6 +27,7 @@ from controller.cad import (
     transform,
     view_roi,
 )
+from controller.cad.compiled import CompiledPart
 
 from ._contours import Contour, subpixel_contour, threshold_levels
 from ._pose_fit import PosedPart, PoseFit, fit_pose
@@ -143,7 +144,7 @@ def lying(solid: Solid, pose: StablePose, x_mm: float, y_mm: float, theta_rad: f
 
 
 def make_catalogue(
-    solids: Sequence[Solid], camera: Camera, min_probability: float = 0.01
+    parts: Sequence[Solid | CompiledPart], camera: Camera, min_probability: float = 0.01
 ) -> tuple[CatalogueEntry, ...]:
     """Prepare the parts that may turn up: silhouettes of all their ways to lie.
 
@@ -151,15 +152,19 @@ def make_catalogue(
     ------
     CadError : a part is too large for the camera's picture
     """
-    return tuple(_entry(solid, camera, min_probability) for solid in solids)
+    return tuple(_entry(part, camera, min_probability) for part in parts)
 
 
-def _entry(solid: Solid, camera: Camera, min_probability: float) -> CatalogueEntry:
+def _entry(part: Solid | CompiledPart, camera: Camera, min_probability: float) -> CatalogueEntry:
+    if isinstance(part, CompiledPart):
+        solid, known, samples = part.solid, part.poses, part.samples
+    else:
+        solid, known, samples = part, stable_poses(part), sample_surface(part)
     caster = RayCaster(solid.mesh)
     poses = tuple(
         # what would roll on or tip at a touch is seen lying all the same; planning refuses it
         p
-        for p in stable_poses(solid)
+        for p in known
         if p.probability >= min_probability
     )
     width, height = camera.size_px
@@ -176,7 +181,7 @@ def _entry(solid: Solid, camera: Camera, min_probability: float) -> CatalogueEnt
         maps = render_maps(caster, T, camera, roi, step_px=2)
         mm = 2 * camera.mm_per_px(np.array([aim[0], aim[1], 0.0]))
         signatures.append(signature(maps.mask, mm, _reach_mm(solid)))
-    return CatalogueEntry(solid, poses, caster, sample_surface(solid), tuple(signatures))
+    return CatalogueEntry(solid, poses, caster, samples, tuple(signatures))
 
 
 def _reach_mm(solid: Solid) -> float:

@@ -1,7 +1,14 @@
 """Everything that follows from a part alone, computed once and kept in one file."""
 
 from ._cache import cache_dir, cached_part, load_part, make_part, source_hash
-from ._part import CompiledPart, CompileOptions, compile_part
+from ._part import (
+    CompiledPart,
+    CompileOptions,
+    compile_part,
+    is_cad_file,
+    options_among,
+    part_name,
+)
 
 __all__ = [
     "CompileOptions",
@@ -9,7 +16,10 @@ __all__ = [
     "cache_dir",
     "cached_part",
     "compile_part",
+    "is_cad_file",
     "load_part",
     "make_part",
+    "options_among",
+    "part_name",
     "source_hash",
 ]

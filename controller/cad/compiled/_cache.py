@@ -23,11 +23,12 @@ from ._codec import make_codec
 from ._columns import Codec, CodecError, Reader, Writer
 from ._container import pack, read_file, unpack, write_file
 from ._mesh import Solids, called
-from ._part import CompiledPart, CompileOptions, compile_part
+from ._part import CompiledPart, CompileOptions, compile_part, part_name
 
 FORMAT = 1  # raised when the same source and options come to mean something else
 KEPT_FILES = 200  # the oldest ones go first; each can be computed again
 ENDING = ".cell"
+MOST_BYTES = 2**30
 
 log = logging.getLogger(__name__)
 
@@ -70,7 +71,7 @@ def cached_part(
     except (OSError, MemoryError, CodecError) as error:
         log.warning("%s %s; it is made anew", file, error)
         return None
-    return replace(part, solid=called(part.solid, path.stem))
+    return replace(part, solid=called(part.solid, part_name(path)))
 
 
 def make_part(
@@ -142,6 +143,9 @@ def _schema() -> str:
 def _file_of(path: Path, options: CompileOptions, cache: Path | None) -> Path | None:
     """Return where a CAD file's compiled part is kept, None where the file cannot be read."""
     try:
+        # a pipe or a device would keep us for ever, what is larger is refused before it is read
+        if not path.is_file() or path.stat().st_size > MOST_BYTES:
+            return None
         with path.open("rb") as file:
             content = hashlib.file_digest(file, "sha256").hexdigest()
     except OSError:
@@ -149,7 +153,7 @@ def _file_of(path: Path, options: CompileOptions, cache: Path | None) -> Path | 
     ending = path.suffix.lower()
     asked = [FORMAT, content, ending, asdict(options), source_hash(), *_versions(ending)]
     key = hashlib.sha256(json.dumps(asked).encode()).hexdigest()
-    stem = path.stem.encode()[:60].decode(errors="ignore")
+    stem = part_name(path).encode()[:60].decode(errors="ignore")
     return (cache or cache_dir()) / f"part-{stem}-{key[:32]}{ENDING}"
 
 

@@ -7,12 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..boundary import euler_defect, face_genera
-from ..reading import load_solid
+from ..reading import FORMATS, load_solid
+from ..reading._units import check_unit
 from ..resting import Resting, StablePose, find_resting
 from ..solid import Solid
 from ..surfaces import SurfaceSamples, sample_surface
+from ..surfaces.tolerances import Tolerance
 from ..views import LineView, line_view, prepare_views
 
+STEP = (".step", ".stp")
+UNITLESS = (".stl", ".obj", ".ply", ".off")  # formats that have no place for a unit
+MOST_SAMPLES = 200_000
 USUAL_DENSITY_G_CM3 = 2.7  # aluminium, as in a recipe that does not say
 
 
@@ -25,12 +30,28 @@ class CompileOptions:
     Attributes
     ----------
     unit : of a file that does not say its own; None where nobody has said
-    sample_spacing_mm, samples_per_face : how densely surfaces are sampled
+    sample_spacing_mm, samples_per_face : how densely surfaces are sampled; a large part coarser
     """
 
     unit: str | None = None
     sample_spacing_mm: float = 4.0
     samples_per_face: int = 6
+
+
+def is_cad_file(path: Path) -> bool:
+    """Tell whether a file is one of CAD by its name; of YAML only what says that it is CSG."""
+    ending = path.suffix.lower()
+    return path.name.lower().endswith(".csg.yaml") if ending == ".yaml" else ending in FORMATS
+
+
+def part_name(path: Path) -> str:
+    """Return what a part is called by its file, as reading has it."""
+    return path.stem.removesuffix(".csg") if path.suffix.lower() == ".yaml" else path.stem
+
+
+def options_among(path: Path, unit: str | None) -> CompileOptions:
+    """Return the options of one of several files: a unit is only for those that name none."""
+    return CompileOptions(unit=unit if path.suffix.lower() in UNITLESS else None)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -43,12 +64,16 @@ class CompiledPart:
     resting : the ways it can lie
     views : of each pose of ``poses``, seen straight from above
     samples : points on its surfaces, which coverage is counted by
+    tolerances : what a drawing demands, where the file holds it as meaning
+    warnings : what of the file could not be read, in sentences
     """
 
     solid: Solid
     resting: Resting
     views: tuple[LineView, ...]
     samples: SurfaceSamples
+    tolerances: tuple[Tolerance, ...]
+    warnings: tuple[str, ...]
 
     @property
     def poses(self) -> tuple[StablePose, ...]:
@@ -71,7 +96,7 @@ class CompiledPart:
     @property
     def cautions(self) -> tuple[str, ...]:
         """What a reader has to know first, one sentence each."""
-        found = []
+        found = list(self.warnings)
         if not self.solid.unit_is_declared:
             found.append(
                 f"The file names no unit; its lengths are taken as {self.solid.unit}. "
@@ -112,12 +137,27 @@ def compile_part(path: Path, options: CompileOptions | None = None) -> CompiledP
     CadError : as `load_solid`
     """
     options = options or CompileOptions()
-    solid = load_solid(path, unit=options.unit)
+    solid, tolerances, warnings = _read(path, options.unit)
     resting = find_resting(solid)
     prepared = prepare_views(solid)
+    # a part as large as a house, or one whose unit is wrong, has no more samples than any
+    coarsest_mm = float(np.sqrt(solid.mesh.area / MOST_SAMPLES))
+    spacing_mm = max(options.sample_spacing_mm, coarsest_mm)
     return CompiledPart(
         solid=solid,
         resting=resting,
         views=tuple(line_view(solid, pose.R, prepared=prepared) for pose in resting.poses),
-        samples=sample_surface(solid, options.sample_spacing_mm, options.samples_per_face),
+        samples=sample_surface(solid, spacing_mm, options.samples_per_face),
+        tolerances=tolerances,
+        warnings=warnings,
     )
+
+
+def _read(path: Path, unit: str | None) -> tuple[Solid, tuple[Tolerance, ...], tuple[str, ...]]:
+    if path.suffix.lower() not in STEP:
+        return load_solid(path, unit=unit), (), ()
+    from ..reading.step import read_step_part  # slow to import, and only needed here
+
+    found = read_step_part(path)
+    check_unit(unit, found.solid.unit, path)
+    return found.solid, found.tolerances, found.warnings

@@ -30,25 +30,27 @@ def rest_picture(solid: Solid, caster: RayCaster, R: Array) -> str:
 
 def shade(solid: Solid, caster: RayCaster, R: Array) -> Grey:
     """Return the picture, (height, width)."""
-    corners = (np.asarray(solid.mesh.vertices) - solid.centroid_mm) @ R.T
-    right, up, back = _axes()
-    width, height = (FINER * px for px in SIZE_PX)
+    # everything in the CAD frame's axes, where the rays are cast, round the centre of mass
+    right, up, back = (axis @ R for axis in _axes())
+    corners = np.asarray(solid.mesh.vertices) - solid.centroid_mm
     u, v = corners @ right, corners @ up
+    width, height = (FINER * px for px in SIZE_PX)
     mm_per_px = 1.2 * max(np.ptp(u) / width, np.ptp(v) / height)
     # a little room to the right, where the shadow falls
     x = (np.arange(width) - 0.48 * width) * mm_per_px + (u.min() + u.max()) / 2
     y = (0.5 * height - np.arange(height)) * mm_per_px + (v.min() + v.max()) / 2
-    grid = x[None, :, None] * right + y[:, None, None] * up
     size_mm = float(np.linalg.norm(np.ptp(corners, axis=0)))
-    origins = grid.reshape(-1, 3) + 2 * size_mm * back
-    triangle, depth = _cast(caster, solid, R, origins, -back)
+    eye = solid.centroid_mm + 2 * size_mm * back
+    origins = (eye + x[None, :, None] * right + y[:, None, None] * up).reshape(-1, 3)
+    triangle, _ = caster.first_hit(origins, np.broadcast_to(-back, origins.shape))
     level = _light(solid, R, triangle)
-    table_mm = float(corners[:, 2].min())
-    level = _with_shadow(level, caster, solid, R, origins, -back, depth, table_mm, size_mm)
+    beside = np.flatnonzero(triangle < 0)
+    table_mm = float((corners @ R[2]).min())
+    level[beside[_is_shaded(solid, caster, R, origins[beside], -back, table_mm, size_mm)]] = SHADOW
     image = level.reshape(height, width)
     image = np.where(_creases(solid, triangle.reshape(height, width)), INK, image)
     smaller = cv2.resize(image.astype(np.float32), SIZE_PX, interpolation=cv2.INTER_AREA)
-    return np.clip(smaller, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(smaller, 0, 255), dtype=np.uint8)
 
 
 def _axes() -> tuple[Array, Array, Array]:
@@ -60,43 +62,32 @@ def _axes() -> tuple[Array, Array, Array]:
     return right, np.cross(back, right), back
 
 
-def _cast(
-    caster: RayCaster, solid: Solid, R: Array, origins: Array, direction: Array
-) -> tuple[NDArray[np.int32], Array]:
-    """Cast parallel rays, given upright and round the centre of mass."""
-    along = np.broadcast_to(direction @ R, origins.shape)
-    return caster.first_hit(origins @ R + solid.centroid_mm, along)
-
-
 def _light(solid: Solid, R: Array, triangle: NDArray[np.int32]) -> Array:
     """Return grey levels (n,) of what the rays met; white where they met nothing."""
-    normals = np.asarray(solid.mesh.face_normals) @ R.T
-    key = np.maximum(normals @ (KEY_LIGHT / np.linalg.norm(KEY_LIGHT)), 0)
-    fill = np.maximum(normals @ (FILL_LIGHT / np.linalg.norm(FILL_LIGHT)), 0)
+    normals = np.asarray(solid.mesh.face_normals)
+    key = np.maximum(normals @ (KEY_LIGHT @ R / np.linalg.norm(KEY_LIGHT)), 0)
+    fill = np.maximum(normals @ (FILL_LIGHT @ R / np.linalg.norm(FILL_LIGHT)), 0)
     level = 88 + 118 * key + 42 * fill
     return np.where(triangle >= 0, level[triangle], PAPER)
 
 
-def _with_shadow(
-    level: Array,
-    caster: RayCaster,
+def _is_shaded(
     solid: Solid,
+    caster: RayCaster,
     R: Array,
     origins: Array,
     direction: Array,
-    depth: Array,
     table_mm: float,
     size_mm: float,
-) -> Array:
-    reach = (table_mm - origins[:, 2]) / direction[2]
-    on_table = np.flatnonzero(np.isinf(depth))
-    spots = origins[on_table] + reach[on_table, None] * direction
-    near = np.hypot(spots[:, 0], spots[:, 1]) < 1.5 * size_mm
-    on_table, spots = on_table[near], spots[near]
-    spots = spots + np.array([0, 0, LIFT_MM * size_mm])
-    shaded, _ = _cast(caster, solid, R, spots, KEY_LIGHT / np.linalg.norm(KEY_LIGHT))
-    level[on_table[shaded >= 0]] = SHADOW
-    return level
+) -> NDArray[np.bool_]:
+    """Return which rays that pass the part meet its shadow on the table, (n,)."""
+    heights = (origins - solid.centroid_mm) @ R[2] - table_mm
+    spots = origins + (heights / -(direction @ R[2]))[:, None] * direction
+    near = np.linalg.norm(spots - solid.centroid_mm, axis=1) < 2 * size_mm
+    shaded = np.zeros(len(origins), dtype=bool)
+    spots = spots[near] + LIFT_MM * size_mm * R[2]
+    shaded[near] = caster.blocked(spots, np.broadcast_to(KEY_LIGHT @ R, spots.shape))
+    return shaded
 
 
 def _creases(solid: Solid, triangle: NDArray[np.int32]) -> NDArray[np.bool_]:
