@@ -50,14 +50,14 @@ class KernelRun:
 
     Parameters
     ----------
-    script : beside this module
+    script : name of one beside this module, or a path
     source : the file; ``out`` : where the child leaves its arrays
     arguments : what the script takes after file, output, memory and time
     """
 
     def __init__(
         self,
-        script: str,
+        script: str | Path,
         source: Path,
         out: Path,
         arguments: Sequence[str] = (),
@@ -67,7 +67,7 @@ class KernelRun:
         self._time_s = limits.time_for_s(source.stat().st_size)
         self._deadline = time.monotonic() + PATIENCE * self._time_s
         self._out = out
-        command = [sys.executable, "-P", str(Path(__file__).with_name(script))]
+        command = [sys.executable, "-P", str(Path(__file__).parent / script)]
         command += [str(source), str(out), str(limits.memory_bytes), str(ceil(self._time_s))]
         # the kernel talks to the terminal about each entity; what matters is in the output file
         self._process = subprocess.Popen(

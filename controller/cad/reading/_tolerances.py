@@ -1,8 +1,8 @@
 """Semantic tolerances: the kernel's account and the file's text laid side by side.
 
 The kernel knows what each tolerance is and which surfaces it is of. Of its numbers it loses the
-sign of lower deviations, the unit of nominal values (its tolerances are converted, its nominals
-are not), and widths that are written as complex records. These come from the text, by what the
+sign of lower deviations, the unit of nominal values (it converts tolerances, but nominal values
+and limits only where they have no number of decimals), and widths that are written as complex records. These come from the text, by what the
 kernel did keep. Traps: inspection.md 4.4.
 """
 
@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from ..surfaces.tolerances import Datum, Dimension, GeometricTolerance, Tolerance
@@ -22,7 +22,11 @@ Array = NDArray[np.float64]
 
 SAME_MM: Final = 1e-3  # faces of two runs of the kernel on one file are equal to the last digits
 SAME: Final = 1e-6  # relative: one number through two readers
-KEYWORDS: Final = {
+PLAIN: Final = (  # whose keyword is the kernel's name and _TOLERANCE
+    *("Angularity", "Coaxiality", "Concentricity", "Cylindricity", "Flatness", "Parallelism"),
+    *("Perpendicularity", "Position", "Straightness", "Symmetry"),
+)
+KEYWORDS: Final = {f: f"{f.upper()}_TOLERANCE" for f in PLAIN} | {
     "ProfileOfLine": "LINE_PROFILE_TOLERANCE",
     "ProfileOfSurface": "SURFACE_PROFILE_TOLERANCE",
     "CircularityOrRoundness": "ROUNDNESS_TOLERANCE",
@@ -115,6 +119,8 @@ def _dimensions(
         )
     if lost:
         warnings.append(f"{lost} of {len(told)} dimensions have no sound value in the text")
+    if left:
+        warnings.append(f"{len(left)} of {len(written)} dimensions of the text are passed over")
     bare = sum(not d.faces for d in found)
     if bare:
         warnings.append(f"{bare} of {len(found)} dimensions name no surface")
@@ -123,20 +129,23 @@ def _dimensions(
 
 def _is_same(told: dict[str, Any], written: Written) -> bool:
     """Whether the kernel's dimension, unsigned and half converted, can be that of the text."""
-    limits = told.get("limits")
+    limits, deviations = told.get("limits"), told.get("deviations")
     if limits is not None:
-        raw = written.raw[-2:] if written.limits is not None else ()
-        return len(raw) == 2 and bool(np.allclose(limits, raw, rtol=SAME, atol=0))
-    if written.limits is not None or not np.isclose(told["value"], written.raw[0], rtol=SAME):
+        return written.limits is not None and _are_close(limits, written.limits, written.raw[-2:])
+    if written.limits is not None or (deviations is None) != (written.deviations is None):
         return False
-    deviations = told.get("deviations")
+    nominal = [written.nominal or 0.0]
+    if not _are_close([told["value"]], nominal, written.raw[:1]):
+        return False
     if deviations is None or written.deviations is None:
-        return deviations is None and written.deviations is None
-    sizes = np.abs(deviations)
-    converted, plain = np.abs(written.deviations), np.abs(written.raw[-2:])
-    return bool(
-        np.allclose(sizes, converted, rtol=SAME, atol=1e-12)
-        or np.allclose(sizes, plain, rtol=SAME, atol=1e-12)  # of angles
+        return True
+    return _are_close(np.abs(deviations), np.abs(written.deviations), np.abs(written.raw[-2:]))
+
+
+def _are_close(told: ArrayLike, converted: ArrayLike, raw: ArrayLike) -> bool:
+    """Whether numbers are those of the text; the kernel converts some kinds of record only."""
+    return any(
+        bool(np.allclose(told, written, rtol=SAME, atol=1e-12)) for written in (converted, raw)
     )
 
 
@@ -152,8 +161,7 @@ def _tolerances(
         of_kind[kind] = place + 1
         value = float(each["value_mm"])
         if value == 0.0:  # the kernel passes over widths written as complex records
-            keyword = KEYWORDS.get(kind, f"{_snake(kind).upper()}_TOLERANCE")
-            widths = part.magnitudes_mm(keyword)
+            widths = part.magnitudes_mm(KEYWORDS[kind]) if kind in KEYWORDS else []
             if len(widths) == sum(t["kind"] == kind for t in told):
                 value = widths[place]
         if not value > 0.0:  # real files hold negative ones
@@ -171,6 +179,9 @@ def _tolerances(
         )
     if lost:
         warnings.append(f"{lost} of {len(told)} geometric tolerances have no positive width")
+    in_text = sum(len(part.magnitudes_mm(keyword)) for keyword in KEYWORDS.values())
+    if in_text > len(told):
+        warnings.append(f"{in_text - len(told)} of {in_text} geometric tolerances are passed over")
     return found
 
 
