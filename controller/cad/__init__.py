@@ -37,7 +37,7 @@ from .resting import (
 )
 from .shading import PointLamp, predict_light, predict_radiance
 from .solid import Solid, make_solid
-from .surfaces import SurfaceSamples, sample_surface
+from .surfaces import Feature, SurfaceSamples, find_features, sample_surface
 from .views import (
     DrawnEdge,
     LineView,
@@ -65,6 +65,7 @@ __all__ = [
     "DrawnEdge",
     "EmptyCadError",
     "Face",
+    "Feature",
     "InsideOutCadError",
     "LargeCadError",
     "LineView",
@@ -89,6 +90,7 @@ __all__ = [
     "ViewMaps",
     "ViewModel",
     "camera_view",
+    "find_features",
     "find_resting",
     "inverse_pose",
     "line_view",

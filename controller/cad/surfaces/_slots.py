@@ -1,0 +1,138 @@
+"""Slots: long holes with round ends, and grooves between two facing walls."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..boundary import Crease, Curve, Face
+from ..solid import Solid
+from ._bands import half_edges_by_face
+from ._walls import Wall
+
+Array = NDArray[np.float64]
+
+PARALLEL = 1 - 1e-5
+SAME_MM = 0.01  # radii and places of both ends agree so well
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Slot:
+    """A slot, with sizes as in `Feature`."""
+
+    faces: tuple[int, ...]
+    width_mm: float
+    length_mm: float
+    depth_mm: float
+    inward: Array
+    position_mm: Array
+    is_through: bool
+
+
+def slots(solid: Solid, walls: dict[int, Wall]) -> list[Slot]:
+    """Return the slots of a part, with round ends and with flat floors."""
+    sides = half_edges_by_face(solid)
+    found = _round_ended(solid, walls, sides)
+    taken = {face for slot in found for face in slot.faces}
+    return found + _grooves(solid, sides, taken)
+
+
+def _points(solid: Solid, face: int) -> Array:
+    return np.asarray(solid.mesh.triangles)[solid.face_of_triangle == face].reshape(-1, 3)
+
+
+def _round_ended(solid: Solid, walls: dict[int, Wall], sides: list[list[int]]) -> list[Slot]:
+    b = solid.boundary
+    beside: dict[tuple[int, ...], list[Face]] = {}
+    for face in solid.faces:
+        if face.kind != "cylinder" or not face.concave or face.id in walls:
+            continue
+        smooth = {int(b.face[h ^ 1]) for h in sides[face.id] if b.crease[h // 2] == Crease.SMOOTH}
+        planes = tuple(sorted(i for i in smooth if solid.faces[i].kind == "plane"))
+        if len(planes) == 2:
+            beside.setdefault(planes, []).append(face)
+    found = []
+    for planes, ends in beside.items():
+        if len(ends) != 2 or abs(ends[0].radius_mm - ends[1].radius_mm) > SAME_MM:
+            continue
+        normals = [solid.faces[i].normal for i in planes]
+        if normals[0] @ normals[1] > -PARALLEL or abs(ends[0].axis @ ends[1].axis) < PARALLEL:
+            continue
+        axis = ends[0].axis
+        across = ends[1].centre_mm - ends[0].centre_mm
+        across = across - (across @ axis) * axis
+        members = (*planes, ends[0].id, ends[1].id)
+        heights = np.concatenate([_points(solid, i) for i in members]) @ axis
+        level = ends[0].centre_mm - (ends[0].centre_mm @ axis) * axis + across / 2
+        floors = _floors(solid, sides, members, axis)
+        low, high = float(heights.min()), float(heights.max())
+        floor_low = any(abs(solid.faces[i].centre_mm @ axis - low) < SAME_MM for i in floors)
+        floor_high = any(abs(solid.faces[i].centre_mm @ axis - high) < SAME_MM for i in floors)
+        if floor_low and floor_high:
+            continue
+        from_low = floor_high
+        found.append(
+            Slot(
+                tuple(sorted((*members, *floors))),
+                2 * ends[0].radius_mm,
+                float(np.linalg.norm(across)) + 2 * ends[0].radius_mm,
+                high - low,
+                axis if from_low else -axis,
+                level + axis * (low if from_low else high),
+                not (floor_low or floor_high),
+            )
+        )
+    return found
+
+
+def _floors(
+    solid: Solid, sides: list[list[int]], members: tuple[int, ...], axis: Array
+) -> list[int]:
+    b = solid.boundary
+    floors = set()
+    for member in members:
+        for h in sides[member]:
+            beyond = solid.faces[b.face[h ^ 1]]
+            if b.crease[h // 2] == Crease.CONCAVE and abs(beyond.normal @ axis) > PARALLEL:
+                floors.add(beyond.id)
+    return sorted(floors)
+
+
+def _grooves(solid: Solid, sides: list[list[int]], taken: set[int]) -> list[Slot]:
+    """Return floors with two walls that face each other, and open at both ends."""
+    b = solid.boundary
+    found = []
+    for floor in solid.faces:
+        if floor.kind != "plane" or floor.id in taken:
+            continue
+        inner = [h for h in sides[floor.id] if b.crease[h // 2] == Crease.CONCAVE]
+        walls = sorted({int(b.face[h ^ 1]) for h in inner})
+        if len(walls) != 2 or any(b.curve[h // 2] != Curve.LINE for h in inner):
+            continue
+        one, other = (solid.faces[i] for i in walls)
+        if one.kind != "plane" or other.kind != "plane":
+            continue
+        gap = other.centre_mm - one.centre_mm
+        width = float(gap @ one.normal)
+        square = abs(one.normal @ floor.normal) < 1 - PARALLEL
+        if one.normal @ other.normal > -PARALLEL or width <= SAME_MM or not square:
+            continue
+        along = np.cross(floor.normal, one.normal)
+        reach = _points(solid, floor.id) @ along
+        base = float(floor.centre_mm @ floor.normal)
+        tops = [float((_points(solid, i) @ floor.normal).max()) - base for i in walls]
+        depth = min(tops)
+        if depth <= SAME_MM:
+            continue
+        found.append(
+            Slot(
+                tuple(sorted((floor.id, *walls))),
+                width,
+                float(np.ptp(reach)),
+                depth,
+                -floor.normal,
+                floor.centre_mm + depth * floor.normal,
+                is_through=False,
+            )
+        )
+    return found
