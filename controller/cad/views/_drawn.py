@@ -29,16 +29,18 @@ def without_doubles(model: ViewModel, view: Projection, pieces: Pieces) -> Piece
     lines = shapely.linestrings(np.stack([p, q], axis=1))
     # two rims of one bore, tessellated differently, keep the distance of their chords
     wall = view.wall[pieces.mesh_edge]
-    # and where a wall is all but edge-on, its facets' silhouette strays about beside its rim
-    is_bare = model.cad_edge[pieces.mesh_edge] < 0
+    # and where a free wall is all but edge-on, its facets' silhouette strays about beside its rim
     face = model.solid.face_of_triangle[model.sides[pieces.mesh_edge]]
-    reach = np.where((wall >= 0) | is_bare, ROUNDED_MM, DOUBLED_MM) * view.scale
+    is_bare = model.cad_edge[pieces.mesh_edge] < 0
+    is_free = np.array([f.kind in ("freeform", "torus") for f in model.solid.faces])
+    is_bent = is_bare & is_free[face[:, 0]]
+    reach = np.where((wall >= 0) | is_bent, ROUNDED_MM, DOUBLED_MM) * view.scale
     under, over = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=reach)
     differs = pieces.mesh_edge[under] != pieces.mesh_edge[over]
     under, over = under[differs], over[differs]
     r, s = (q - p)[under], (q - p)[over]
     length, over_length = np.linalg.norm(r, axis=1), np.linalg.norm(s, axis=1)
-    is_stray = is_bare[under] & ~is_bare[over] & (face[over] == face[under, :1]).any(axis=1)
+    is_stray = is_bent[under] & ~is_bare[over] & (face[over] == face[under, :1]).any(axis=1)
     is_rim = (wall[under] >= 0) & (wall[under] == wall[over]) | is_stray
     limit = np.where(is_rim, ROUNDED_SINE, DOUBLED_RAD)
     is_along = np.abs(_cross(r, s)) < limit * length * over_length
