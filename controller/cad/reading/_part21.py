@@ -57,7 +57,10 @@ class Part21:
         if not isinstance(number, Reference) or number.number not in self._text:
             raise Part21Error(f"{number} names no record")
         if number.number not in self._records:
-            self._records[number.number] = _parts(self._text[number.number])
+            parts = _parts(self._text[number.number])
+            if not parts:
+                raise Part21Error(f"record {number.number} is empty")
+            self._records[number.number] = parts
         return self._records[number.number]
 
     def all_of(self, keyword: str) -> Iterator[tuple["Reference", dict[str, Arguments]]]:
@@ -189,7 +192,7 @@ class Part21:
                 return scale, True
         if "CONVERSION_BASED_UNIT" in record:
             factor = self.record(record["CONVERSION_BASED_UNIT"][-1])
-            arguments = factor.get("MEASURE_WITH_UNIT") or next(a for a in factor.values() if a)
+            arguments = factor.get("MEASURE_WITH_UNIT") or next(iter(factor.values()))
             base, is_angle = self._unit(arguments[1], depth + 1)
             return float(next(iter(arguments[0].values()))[0]) * base, is_angle
         raise Part21Error("a unit of neither length nor angle")
