@@ -131,7 +131,7 @@ def _join(
     same = np.einsum("ij,ij->i", outward[here], outward[there]) > 1 - 1e-15
     group = _components(count, here[flat | same], there[flat | same])
     weights = np.column_stack([np.bincount(group, doubled[:, i]) for i in range(3)])
-    weights /= np.maximum(np.linalg.norm(weights, axis=1), 1e-300)[:, None]
+    weights = weights / np.maximum(np.linalg.norm(weights, axis=1), 1e-300)[:, None]
     along = np.einsum("tij,tj->ti", corners[triangles], weights[group])
     low, high = np.full(len(weights), np.inf), np.full(len(weights), -np.inf)
     np.minimum.at(low, group, along.min(axis=1))

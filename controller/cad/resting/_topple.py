@@ -69,7 +69,7 @@ def _stays(hull: Hull, to_edge: Array) -> NDArray[np.bool_]:
     for side in (0, 1):
         np.minimum.at(inside, hull.edge_facets[long, side], to_edge[long, side])
     # a facet without one long side is a speck of noise
-    return (inside > 0) & np.isfinite(inside)
+    return np.asarray((inside > 0) & np.isfinite(inside))
 
 
 def _shares(hull: Hull) -> Array:
