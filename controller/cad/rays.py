@@ -23,12 +23,15 @@ class RayCaster:
         faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
         self._geometry = TriangleMesh(self._scene, vertices, faces)
 
-    def first_hit(self, origins_mm: Array, directions: Array) -> tuple[NDArray[np.int32], Array]:
+    def first_hit(
+        self, origins_mm: Array, directions: Array, within: Array | None = None
+    ) -> tuple[NDArray[np.int32], Array]:
         """Return what each ray meets first.
 
         Parameters
         ----------
         origins_mm, directions : (n, 3); directions need not have unit length
+        within : (n,) where each ray ends, in units of its direction's length; a short ray is cheap
 
         Returns
         -------
@@ -38,6 +41,7 @@ class RayCaster:
         hits = self._scene.run(
             np.ascontiguousarray(origins_mm, dtype=np.float32),
             np.ascontiguousarray(directions, dtype=np.float32),
+            dists=None if within is None else np.ascontiguousarray(within, dtype=np.float32),
             output=1,
         )
         triangle = np.asarray(hits["primID"], dtype=np.int32)

@@ -91,7 +91,9 @@ def make_solid(
         raise CoordinatesCadError(
             f"{where}: triangles name corners the file does not hold; export it again"
         )
-    _check_size(vertices_mm, np.unique(triangles), where, unit_is_declared)
+    is_used = np.zeros(len(vertices_mm), dtype=bool)
+    is_used[triangles] = True
+    _check_size(vertices_mm, is_used, where, unit_is_declared)
     vertices_mm, triangles, kept = weld(vertices_mm, triangles)
     if len(triangles) == 0:
         raise EmptyCadError(f"{where}: no triangle has any area; export the solid body again")
@@ -125,13 +127,13 @@ def check_count(triangle_count: int, where: str) -> None:
 
 
 def _check_size(
-    vertices_mm: Array, used: NDArray[np.int64], where: str, unit_is_declared: bool
+    vertices_mm: Array, is_used: NDArray[np.bool_], where: str, unit_is_declared: bool
 ) -> None:
     if not np.isfinite(vertices_mm).all():
         raise CoordinatesCadError(
             f"{where}: holds coordinates that are no numbers; export it again"
         )
-    vertices_mm = vertices_mm[used]
+    vertices_mm = vertices_mm[is_used]
     farthest = float(np.abs(vertices_mm).max())
     if farthest > SENSELESS_MM:
         raise CoordinatesCadError(

@@ -32,6 +32,7 @@ FEW_PROBES = 2  # one wrong probe may be a grazing ray
 DIRECTIONS = np.array(  # of no plane a draughtsman would draw
     [[0.613, 0.347, 0.710], [-0.291, 0.853, 0.433], [0.177, -0.529, -0.830]]
 )
+EDGES_AT_ONCE = 200_000  # a hit takes some hundred bytes on its way
 MANY_HITS = 400  # a straight line through a part that meets more surfaces is not followed on
 
 
@@ -150,10 +151,24 @@ def _check_crossings(
 ) -> None:
     """Raise where an edge runs through the inside of a triangle it shares no corner with."""
     points, triangles = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    for begin in range(0, len(ends), EDGES_AT_ONCE):
+        some = ends[begin : begin + EDGES_AT_ONCE]
+        _check_edges(points, triangles, some, caster, touch_mm, middle, where)
+
+
+def _check_edges(
+    points: Array,
+    triangles: Ids,
+    ends: Ids,
+    caster: RayCaster,
+    touch_mm: float,
+    middle: Array,
+    where: str,
+) -> None:
+    length = np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=1)
+    long = length > 2 * touch_mm
+    ends, length = ends[long], length[long]
     start, along = points[ends[:, 0]], points[ends[:, 1]] - points[ends[:, 0]]
-    length = np.linalg.norm(along, axis=1)
-    long = np.flatnonzero(length > 2 * touch_mm)
-    start, along, length, ends = start[long], along[long], length[long], ends[long]
     found = _hits(caster, start, along, touch_mm / length, 1.0 - touch_mm / length)
     for edge, triangle in found:
         corners = triangles[triangle]
@@ -292,7 +307,9 @@ def _hits(
     last = np.full((len(origins), 2), -1, dtype=np.int64)
     for _ in range(MANY_HITS):
         triangle, ahead = caster.first_hit(
-            origins[ray] + reached[ray, None] * directions[ray], directions[ray]
+            origins[ray] + reached[ray, None] * directions[ray],
+            directions[ray],
+            limit[ray] - reached[ray],
         )
         distance = reached[ray] + ahead
         met = (triangle >= 0) & (distance < limit[ray])

@@ -35,8 +35,9 @@ def weld(vertices_mm: Array, triangles: Ids) -> tuple[Array, Ids, Ids]:
     if 0 < len(needles) <= FEW_NEEDLES:
         corners, still = _flip(points, corners, needles)
         corners, kept = corners[still], kept[still]
-    used, corners = np.unique(corners, return_inverse=True)
-    return points[used], corners.reshape(-1, 3), kept
+    used = np.zeros(len(points), dtype=bool)
+    used[corners] = True
+    return points[used], (np.cumsum(used) - 1)[corners], kept
 
 
 def _merge(vertices_mm: Array) -> tuple[Ids, Ids]:

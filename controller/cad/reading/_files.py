@@ -6,6 +6,7 @@ counts and text are checked before, and `make_solid` proves the rest.
 
 import hashlib
 import io
+import logging
 import warnings
 from pathlib import Path
 from typing import Final
@@ -19,6 +20,9 @@ from ._ahead import check_ahead, read_file, size_of
 from ._threemf import check_3mf
 from ._units import check_unit, read_unit
 from .csg import read_csg
+
+# what trimesh stumbles over is told once, by our errors, and not on the terminal besides
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 FORMATS: Final = (".stl", ".obj", ".ply", ".off", ".3mf", ".step", ".stp", ".yaml")
 FORMAT_NAMES: Final = "STL, OBJ, PLY, OFF, 3MF, STEP, CSG text (.csg.yaml)"
