@@ -1,7 +1,9 @@
 """`cellctl compile`: what follows from CAD files alone."""
 
 import time
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,8 @@ from controller.cad.compiled import (
     compile_part,
     make_part,
 )
+from controller.cad.surfaces.features import Feature
+from controller.cad.surfaces.tolerances import Datum, Dimension, GeometricTolerance, Tolerance
 from controller.cad.views import LineView
 from controller.config import ConfigError
 from controller.results.sheet import write_sheet
@@ -106,6 +110,8 @@ def part_json(part: CompiledPart, density_g_cm3: float | None) -> dict[str, Any]
             }
             for f in solid.faces
         ],
+        "features": [_feature_json(feature) for feature in part.features],
+        "tolerances": [_tolerance_json(tolerance) for tolerance in part.tolerances],
         "edges": boundary.edge_count,
         "vertices": len(boundary.vertex_ids),
         "loops": len(boundary.first),
@@ -140,6 +146,28 @@ def _pose_json(part: CompiledPart, pose: StablePose, view: LineView) -> dict[str
     }
 
 
+def _feature_json(feature: Feature) -> dict[str, Any]:
+    return {
+        "kind": feature.kind,
+        "label": feature.label,
+        "faces": list(feature.faces),
+        "diameter_mm": feature.diameter_mm,
+        "depth_mm": feature.depth_mm,
+        "width_mm": feature.width_mm,
+        "length_mm": feature.length_mm,
+        "axis": feature.axis.tolist(),
+        "position_mm": feature.position_mm.tolist(),
+        "through": feature.is_through,
+        "concave": feature.is_concave,
+        "steps": [asdict(step) for step in feature.steps],
+    }
+
+
+def _tolerance_json(tolerance: Tolerance) -> dict[str, Any]:
+    what = {Dimension: "dimension", GeometricTolerance: "geometric", Datum: "datum"}
+    return {"tolerance": what[type(tolerance)], **asdict(tolerance)}
+
+
 def _print(part: CompiledPart, body: dict[str, Any]) -> None:
     solid = part.solid
     size = " x ".join(f"{v:.1f}" for v in body["size_mm"])
@@ -167,6 +195,12 @@ def _print(part: CompiledPart, body: dict[str, Any]) -> None:
             "; ".join((*(["barely stable"] if pose.marginal else []), *part.remarks(pose))),
         )
     stdout.print(table)
-    kinds = sorted({face.kind for face in solid.faces})
-    counts = [f"{sum(f.kind == kind for f in solid.faces)} {kind}" for kind in kinds]
+    kinds = Counter(face.kind for face in solid.faces)
+    counts = [f"{count} {kind}" for kind, count in sorted(kinds.items())]
     say(f"surfaces: {', '.join(counts)}; {len(part.samples.points_mm)} samples")
+    if part.features:
+        labels = Counter(feature.label for feature in part.features)
+        told = (f"{count} x {label}" if count > 1 else label for label, count in labels.items())
+        say(f"features: {'; '.join(told)}")
+    if part.tolerances:
+        say(f"tolerances: {len(part.tolerances)} demanded by the drawing")

@@ -1,6 +1,7 @@
 """What follows from a part alone: computed here, kept by `_cache`."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,19 @@ from numpy.typing import NDArray
 from ..boundary import euler_defect, face_genera
 from ..reading import FORMATS, load_solid
 from ..reading._units import check_unit
-from ..resting import Resting, StablePose, find_resting
+from ..resting import (
+    LookAlike,
+    PartSymmetry,
+    Resting,
+    StablePose,
+    find_resting,
+    look_alikes,
+    name_duplicates,
+    part_symmetries,
+)
 from ..solid import Solid
 from ..surfaces import SurfaceSamples, sample_surface
+from ..surfaces.features import Feature, find_features
 from ..surfaces.tolerances import Tolerance
 from ..views import LineView, line_view, prepare_views
 
@@ -62,16 +73,22 @@ class CompiledPart:
     ----------
     solid : the part
     resting : the ways it can lie
+    symmetry : the turns that leave it as it is
     views : of each pose of ``poses``, seen straight from above
+    look_alikes : pairs of poses that look the same from above
     samples : points on its surfaces, which coverage is counted by
+    features : holes, slots, bosses, chamfers, fillets
     tolerances : what a drawing demands, where the file holds it as meaning
     warnings : what of the file could not be read, in sentences
     """
 
     solid: Solid
     resting: Resting
+    symmetry: PartSymmetry
     views: tuple[LineView, ...]
+    look_alikes: tuple[LookAlike, ...]
     samples: SurfaceSamples
+    features: tuple[Feature, ...]
     tolerances: tuple[Tolerance, ...]
     warnings: tuple[str, ...]
 
@@ -126,6 +143,15 @@ class CompiledPart:
                 found.append(f"rolls {turn} on {shape} of {len(family.downs)} strips")
         if pose.same_as not in (-1, pose.index):
             found.append(f"the same as pose {pose.same_as} by a symmetry of the part")
+        for evidence, what in (("edges", "outline and edges"), ("outline", "outline")):
+            others = [
+                pair.other if pose.index == pair.pose else pair.pose
+                for pair in self.look_alikes
+                if pair.evidence == evidence and pose.index in (pair.pose, pair.other)
+            ]
+            if others:
+                poses = ", ".join(str(other) for other in sorted(others))
+                found.append(f"{what} as of pose {poses}")
         return tuple(found)
 
 
@@ -138,19 +164,32 @@ def compile_part(path: Path, options: CompileOptions | None = None) -> CompiledP
     """
     options = options or CompileOptions()
     solid, tolerances, warnings = _read(path, options.unit)
-    resting = find_resting(solid)
-    prepared = prepare_views(solid)
-    # a part as large as a house, or one whose unit is wrong, has no more samples than any
-    coarsest_mm = float(np.sqrt(solid.mesh.area / MOST_SAMPLES))
-    spacing_mm = max(options.sample_spacing_mm, coarsest_mm)
+    symmetry = part_symmetries(solid)
+    found = find_resting(solid)
+    resting = replace(found, poses=name_duplicates(found.poses, symmetry))
+    views = _views(solid, resting.poses)
+    spacing_mm = spacing_of(solid, options.sample_spacing_mm)
     return CompiledPart(
         solid=solid,
         resting=resting,
-        views=tuple(line_view(solid, pose.R, prepared=prepared) for pose in resting.poses),
+        symmetry=symmetry,
+        views=views,
+        look_alikes=look_alikes(solid, resting.poses, views),
         samples=sample_surface(solid, spacing_mm, options.samples_per_face),
+        features=find_features(solid),
         tolerances=tolerances,
         warnings=warnings,
     )
+
+
+def spacing_of(solid: Solid, asked_mm: float) -> float:
+    """Return the spacing of samples: a part as large as a house has no more of them than any."""
+    return max(asked_mm, float(np.sqrt(solid.mesh.area / MOST_SAMPLES)))
+
+
+def _views(solid: Solid, poses: Sequence[StablePose]) -> tuple[LineView, ...]:
+    prepared = prepare_views(solid)
+    return tuple(line_view(solid, pose.R, prepared=prepared) for pose in poses)
 
 
 def _read(path: Path, unit: str | None) -> tuple[Solid, tuple[Tolerance, ...], tuple[str, ...]]:

@@ -4,9 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from controller.cad import RayCaster, StablePose
 from controller.cad.boundary import Crease, Curve
 from controller.cad.compiled import CompiledPart
@@ -15,9 +12,8 @@ from controller.cad.views import LineView
 from .._html import make_environment, write_page
 from ._drawings import Drawing, Frame, draw, frame_of
 from ._picture import rest_picture
-from ._tables import feature_rows, tolerance_rows
-
-Array = NDArray[np.float64]
+from ._tables import Row, feature_rows, tolerance_rows
+from ._words_of import vector
 
 TEMPLATES = ("sheet.html.j2", "sheet.css")
 SCALE_WORDS = {Curve.LINE: "straight", Curve.CIRCLE: "circular", Curve.OTHER: "other"}
@@ -65,8 +61,8 @@ class PartSheet:
     frame: Frame
     poses: tuple[PoseSheet, ...]
     edges_in_words: str
-    features: tuple[tuple[str, ...], ...]
-    tolerances: tuple[tuple[str, ...], ...]
+    features: tuple[Row, ...]
+    tolerances: tuple[Row, ...]
 
 
 def write_sheet(parts: Sequence[CompiledPart], density_g_cm3: float | None, path: Path) -> Path:
@@ -90,11 +86,6 @@ def render_sheet(parts: Sequence[CompiledPart], density_g_cm3: float | None) -> 
     return environment.get_template("sheet.html.j2").render(
         sheets=[_part_sheet(part, density_g_cm3) for part in parts]
     )
-
-
-def vector(direction: Array, decimals: int = 4) -> str:
-    """Return a direction as people write it; no needless zeros, no minus before one."""
-    return "(" + ", ".join(f"{v + 0.0:g}" for v in np.round(direction, decimals)) + ")"
 
 
 def _part_sheet(part: CompiledPart, density_g_cm3: float | None) -> PartSheet:

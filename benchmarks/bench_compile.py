@@ -1,0 +1,299 @@
+"""Compiling parts: how long, how much memory, how fast from the cache, and how it grows.
+
+python benchmarks/bench_compile.py [--json] [--parts FILE...] [--growth 1000 10000 100000 1000000]
+                                   [--only parts|growth]
+
+Each part is compiled in a process of its own: seconds of the complete compile (imports left out),
+most memory the process ever held (imports taken in), and the middle of 15 loads from the cache with
+its file in the disk's cache. Growth: two families, a plate with bores and an organic body of smooth
+bumps, at the triangle counts asked, stage by stage; told is the exponent between the first and the
+last size, and how it compares with n log n: below 1.0 it grows slower.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import manifold3d
+import numpy as np
+import trimesh
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+SHARED_PARTS = ROOT.parent / "shared" / "parts"
+Result = TypeVar("Result")
+LOADS = 15
+LIMITS = {"compile_s": 5.0, "load_ms": 20.0, "rss_mb": 500.0}
+GROWTH = (1_000, 10_000, 100_000, 1_000_000)
+STAGES = ("read", "boundary", "symmetry", "poses", "views", "alike", "samples", "features")
+SLACK = 1.15  # of n log n: what one run's clock may be off by
+
+
+def child(path: Path) -> dict[str, Any]:
+    """What one process measures of one part."""
+    from controller.cad.compiled import cached_part, make_part
+    from controller.cad.errors import CadError
+
+    before_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    with tempfile.TemporaryDirectory() as folder:
+        cache = Path(folder)
+        begin = time.perf_counter()
+        try:
+            part = make_part(path, cache=cache)
+        except CadError as error:
+            return {"part": path.name, "refused": str(error)}
+        compile_s = time.perf_counter() - begin
+        kept_mb = sum(file.stat().st_size for file in cache.iterdir()) / 1e6
+        loads = []
+        for _ in range(LOADS):
+            begin = time.perf_counter()
+            assert cached_part(path, cache=cache) is not None
+            loads.append(1e3 * (time.perf_counter() - begin))
+    return {
+        "part": path.name,
+        "triangles": len(part.solid.mesh.faces),
+        "surfaces": len(part.solid.faces),
+        "poses": len(part.poses),
+        "compile_s": round(compile_s, 3),
+        "rss_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1),
+        "imports_mb": round(before_mb, 1),
+        "load_ms": round(float(np.median(loads)), 2),
+        "file_mb": round(kept_mb, 2),
+    }
+
+
+def bench_parts(paths: list[Path]) -> list[dict[str, Any]]:
+    rows = []
+    for path in paths:
+        command = [sys.executable, str(Path(__file__)), "--child", str(path)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
+        if done.returncode:
+            rows.append({"part": path.name, "refused": done.stderr.strip().splitlines()[-1]})
+            continue
+        row = json.loads(done.stdout.splitlines()[-1])
+        if "refused" not in row:
+            row["within"] = all(row[key] <= limit for key, limit in LIMITS.items())
+        rows.append(row)
+    return rows
+
+
+def plate(triangles: int) -> trimesh.Trimesh:
+    """A plate with bores of 40 sides in rows; more bores, more triangles (about 160 a bore)."""
+    count = max(1, round((triangles - 12) / 160))
+    columns = math.ceil(math.sqrt(count))
+    places = [(10.0 * (i % columns), 10.0 * (i // columns)) for i in range(count)]
+    rows = math.ceil(count / columns)
+    circle = [
+        (3 * math.cos(a), 3 * math.sin(a))
+        for a in np.linspace(0, 2 * math.pi, 40, endpoint=False).tolist()
+    ]
+    outline = [
+        (-5.0, -5.0),
+        (10.0 * columns - 5, -5.0),
+        (10.0 * columns - 5, 10.0 * rows - 5),
+        (-5.0, 10.0 * rows - 5),
+    ]
+    holes = [[(x + u, y + v) for u, v in reversed(circle)] for x, y in places]
+    section = manifold3d.CrossSection([outline, *holes])
+    return _mesh(section.extrude(8.0))
+
+
+def organic(triangles: int) -> trimesh.Trimesh:
+    """A ball of 50 mm with smooth bumps, subdivided as finely as asked."""
+    ball = manifold3d.Manifold.sphere(50.0, 4 * max(2, round(math.sqrt(triangles / 8))))
+    mesh = _mesh(ball)
+    unit = np.asarray(mesh.vertices) / np.linalg.norm(mesh.vertices, axis=1, keepdims=True)
+    bump = 1 + 0.1 * np.sin(3 * unit[:, 0] + 1) * np.cos(4 * unit[:, 1]) + 0.05 * unit[:, 2]
+    stretched = 50 * unit * bump[:, None] * np.array([1.0, 0.8, 0.6])
+    return trimesh.Trimesh(stretched, mesh.faces, process=False)
+
+
+def _mesh(body: manifold3d.Manifold) -> trimesh.Trimesh:
+    mesh = body.to_mesh()
+    return trimesh.Trimesh(
+        np.asarray(mesh.vert_properties, dtype=float)[:, :3], np.asarray(mesh.tri_verts)
+    )
+
+
+FAMILIES: dict[str, Callable[[int], trimesh.Trimesh]] = {"plate": plate, "organic": organic}
+
+
+def growth_child(family: str, triangles: int) -> dict[str, Any]:
+    """Seconds of each stage of one size of one family."""
+    from controller.cad import load_solid, sample_surface
+    from controller.cad.compiled._part import spacing_of
+    from controller.cad.resting import (
+        find_resting,
+        look_alikes,
+        name_duplicates,
+        part_symmetries,
+    )
+    from controller.cad.surfaces.features import find_features
+    from controller.cad.views import line_view, prepare_views
+
+    seconds: dict[str, float] = {}
+
+    def timed(stage: str, work: Callable[[], Result]) -> Result:
+        begin = time.perf_counter()
+        result = work()
+        seconds[stage] = time.perf_counter() - begin
+        return result
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{family}.stl"
+        FAMILIES[family](triangles).export(path)
+        solid = timed("read", lambda: load_solid(path, unit="mm"))
+    timed("boundary", lambda: solid.boundary)
+    symmetry = timed("symmetry", lambda: part_symmetries(solid))
+    poses = timed("poses", lambda: name_duplicates(find_resting(solid).poses, symmetry))
+
+    def views() -> tuple[Any, ...]:
+        prepared = prepare_views(solid)
+        return tuple(line_view(solid, pose.R, prepared=prepared) for pose in poses)
+
+    drawn = timed("views", views)
+    timed("alike", lambda: look_alikes(solid, poses, drawn))
+    timed("samples", lambda: sample_surface(solid, spacing_of(solid, 4.0)))
+    timed("features", lambda: find_features(solid))
+    return {
+        "family": family,
+        "triangles": len(solid.mesh.faces),
+        "surfaces": len(solid.faces),
+        "poses": len(poses),
+        "seconds": {stage: round(seconds[stage], 4) for stage in STAGES},
+        "total_s": round(sum(seconds.values()), 3),
+        "rss_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
+    }
+
+
+def bench_growth(sizes: list[int], limit_s: float) -> list[dict[str, Any]]:
+    found = []
+    for family in FAMILIES:
+        rows: list[dict[str, Any]] = []
+        for size in sizes:
+            command = [sys.executable, str(Path(__file__)), "--child", f"{family}:{size}"]
+            try:
+                done = subprocess.run(
+                    command, capture_output=True, text=True, timeout=limit_s, check=False
+                )
+            except subprocess.TimeoutExpired:
+                rows.append({"family": family, "asked": size, "over_s": limit_s})
+                break
+            if done.returncode:
+                told = (done.stderr.strip().splitlines() or ["ended without a word"])[-1]
+                rows.append({"family": family, "asked": size, "failed": told})
+                break
+            rows.append(json.loads(done.stdout.splitlines()[-1]))
+        found.append({"family": family, "rows": rows, "growth": _growth(rows)})
+    return found
+
+
+def _growth(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Exponents between the smallest and the largest size, and the ratio to n log n."""
+    done = [row for row in rows if "seconds" in row]
+    if len(done) < 2:
+        return {}
+    first, last = done[-2], done[-1]  # where overheads no longer hide it
+    n, m = first["triangles"], last["triangles"]
+    n_log_n = m * math.log(m) / (n * math.log(n))
+    told: dict[str, Any] = {"from": n, "to": m, "stages": {}}
+    for stage in (*STAGES, "total"):
+        a = first["total_s"] if stage == "total" else first["seconds"][stage]
+        b = last["total_s"] if stage == "total" else last["seconds"][stage]
+        if a <= 0:
+            continue
+        told["stages"][stage] = {
+            "exponent": round(math.log(b / a) / math.log(m / n), 2),
+            "of_n_log_n": round(b / a / n_log_n, 2),
+        }
+    told["within"] = told["stages"]["total"]["of_n_log_n"] <= SLACK
+    return told
+
+
+def show_parts(rows: list[dict[str, Any]]) -> None:
+    print("part                       triangles surfaces poses compile s  load ms  file MB  RSS MB")
+    for r in rows:
+        if "refused" in r:
+            print(f"{r['part']:26} refused: {r['refused'][:110]}")
+            continue
+        print(
+            f"{r['part']:26} {r['triangles']:9} {r['surfaces']:8} {r['poses']:5} "
+            f"{r['compile_s']:9.2f} {r['load_ms']:8.1f} {r['file_mb']:8.1f} {r['rss_mb']:7.0f}"
+            f"{'' if r['within'] else '   over'}"
+        )
+    print("asked: compile < 5 s (14k triangles: 10 s), load < 20 ms, RSS < 500 MB")
+
+
+def show_growth(families: list[dict[str, Any]]) -> None:
+    for one in families:
+        print(f"\n{one['family']:10}" + "".join(f"{stage:>10}" for stage in STAGES) + "     total")
+        for r in one["rows"]:
+            if "seconds" not in r:
+                print(f"{r['asked']:10}  {r.get('failed') or f'''over {r['over_s']:g} s'''}")
+                continue
+            cells = "".join(f"{r['seconds'][stage]:10.3f}" for stage in STAGES)
+            print(
+                f"{r['triangles']:10}{cells}{r['total_s']:10.2f}"
+                f"   {r['surfaces']} surfaces, {r['poses']} poses, {r['rss_mb']} MB"
+            )
+        if one["growth"]:
+            stages = one["growth"]["stages"]
+            for key, name in (("exponent", "exponent"), ("of_n_log_n", "/ n log n")):
+                cells = "".join(
+                    f"{stages[s][key]:10.2f}" if s in stages else f"{'-':>10}"
+                    for s in (*STAGES, "total")
+                )
+                print(f"{name:>10}{cells}")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--parts", nargs="*", type=Path)
+    parser.add_argument("--growth", nargs="*", type=int, default=list(GROWTH))
+    parser.add_argument("--only", choices=("parts", "growth"))
+    parser.add_argument("--limit-s", type=float, default=300.0, help="of one size of one family")
+    parser.add_argument("--child", help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.child:
+        family, _, size = args.child.partition(":")
+        row = growth_child(family, int(size)) if size.isdigit() else child(Path(args.child))
+        print(json.dumps(row))
+        return 0
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as a worker process has it
+    found: dict[str, Any] = {}
+    if args.only != "growth":
+        paths = args.parts
+        if paths is None:
+            paths = sorted(
+                file for file in SHARED_PARTS.glob("*") if file.suffix in {".stl", ".step"}
+            )
+            if not paths:
+                print(f"no parts in {SHARED_PARTS}; name some with --parts", file=sys.stderr)
+        found["parts"] = bench_parts(list(paths))
+    if args.only != "parts":
+        found["growth"] = bench_growth(args.growth, args.limit_s)
+    if args.json:
+        print(json.dumps(found))
+        return 0
+    if "parts" in found:
+        show_parts(found["parts"])
+    if "growth" in found:
+        show_growth(found["growth"])
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
