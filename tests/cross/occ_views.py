@@ -4,9 +4,9 @@ Runs as a process of its own, since the kernel may crash or never come back:
 
 python tests/cross/occ_views.py FILE.step VIEWS.npz OUT_FOLDER
 
-VIEWS.npz holds ``R`` (n, 3, 3), CAD to upright, and ``origin_mm`` (3,), which projects to
-(0, 0), and ``todo``, numbers of those to draw. Per view OUT_FOLDER gets ``<i>.npz``: ``points`` (p, 2) mm,
-at most 0.02 mm apart along the visible lines, ``length_mm`` (p,), what each stands for, and ``kind``
+VIEWS.npz holds ``R`` (n, 3, 3), CAD to upright, ``origin_mm`` (3,), which projects to (0, 0), and
+``todo``, numbers of those to draw. Per view OUT_FOLDER gets ``<i>.npz``: ``points`` (p, 2) mm, at
+most 0.02 mm apart along the visible lines, ``length_mm`` (p,), what each stands for, and ``kind``
 (p,), a number of `KINDS`.
 """
 

@@ -170,9 +170,7 @@ class Part21:
 
     def _measure_of(self, arguments: Arguments) -> "Measure":
         typed, unit = arguments[:2]
-        if not isinstance(typed, dict) or len(typed) != 1:
-            raise Part21Error("a measure without its type")
-        raw = float(next(iter(typed.values()))[0])
+        raw = _number(typed)
         factor, is_angle = self._unit(unit)
         if not isfinite(raw * factor):
             raise Part21Error("a measure that is no number")
@@ -194,7 +192,7 @@ class Part21:
             factor = self.record(record["CONVERSION_BASED_UNIT"][-1])
             arguments = factor.get("MEASURE_WITH_UNIT") or next(iter(factor.values()))
             base, is_angle = self._unit(arguments[1], depth + 1)
-            return float(next(iter(arguments[0].values()))[0]) * base, is_angle
+            return _number(arguments[0]) * base, is_angle
         raise Part21Error("a unit of neither length nor angle")
 
 
@@ -218,6 +216,13 @@ class Measure:
     raw: float
     value: float
     is_angle: bool
+
+
+def _number(typed: Any) -> float:  # noqa: ANN401  any argument
+    """Return the number of a typed value, as LENGTH_MEASURE(0.5)."""
+    if not isinstance(typed, dict) or len(typed) != 1:
+        raise Part21Error("a measure without its type")
+    return float(next(iter(typed.values()))[0])
 
 
 def _parts(text: str) -> dict[str, Arguments]:
