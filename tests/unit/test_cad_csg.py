@@ -316,3 +316,25 @@ def test_the_widgets_curves_are_found_as_curves() -> None:
     slopes = [f.normal for f in solid.faces if f.kind == "plane"]
     for direction in (SLOPE, -SLOPE):
         assert max(float(direction @ n) for n in slopes) == pytest.approx(1.0, abs=1e-9)
+
+
+def docs_blocks(kind: str) -> list[str]:
+    text = (ROOT / "docs" / "csg.md").read_text()
+    return [block.split("```")[0] for block in text.split(f"```{kind}\n")[1:]]
+
+
+def test_the_example_of_the_docs_is_the_plate_it_says_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "plate.csg.yaml"
+    path.write_text(docs_blocks("yaml")[0])
+    solid = load_solid(path)
+    assert solid.mesh.extents == pytest.approx([80, 40, 12])
+    hole = np.pi * (3.3**2 * 9 + 3 / 3 * (3.3**2 + 3.3 * 6.3 + 6.3**2))
+    trough = np.pi * 8**2 / 2 * 40
+    assert solid.volume_mm3 == pytest.approx(80 * 40 * 12 - 2 * hole - trough, rel=2e-3)
+    assert solid.mesh.euler_number == 2 - 2 * 2
+
+
+def test_the_mistake_of_the_docs_is_told_as_they_say(tmp_path: Path) -> None:
+    text = docs_blocks("yaml")[0].replace("diameter: 6.6", "diametre: 6.6", 1)
+    told = mistake(tmp_path, text).splitlines()[0]
+    assert told == docs_blocks("text")[0].strip().replace("plate.csg.yaml", "part")

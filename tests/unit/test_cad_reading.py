@@ -306,6 +306,43 @@ def test_what_runs_through_itself_is_found_wherever_and_however_it_lies() -> Non
         refused(mesh, SelfIntersectingCadError)
 
 
+def side(a: np.ndarray, b: np.ndarray, c: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Six times the signed volume of the tetrahedron a b c p, over leading axes."""
+    return np.einsum("...i,...i->...", np.cross(b - a, c - a), p - a)
+
+
+def pierced_pairs(mesh: trimesh.Trimesh) -> int:
+    """How many edges run through triangles they share no corner with: each with each, by signs."""
+    points, faces, edges = np.asarray(mesh.vertices), mesh.faces, mesh.edges_unique
+    a, b, c = (points[faces[:, i]][:, None] for i in range(3))
+    p, q = points[edges[:, 0]][None], points[edges[:, 1]][None]
+    apart = (faces[:, None, :, None] != edges[None, :, None, :]).all(axis=(2, 3))
+    turns = np.stack([side(p, q, a, b), side(p, q, b, c), side(p, q, c, a)])
+    inside = (turns > 0).all(axis=0) | (turns < 0).all(axis=0)
+    return int((apart & inside & (side(a, b, c, p) * side(a, b, c, q) < 0)).sum())
+
+
+def test_crossings_are_those_that_comparing_each_with_each_finds() -> None:
+    rng = np.random.default_rng(11)
+    body = mesh_of(box(30, 20, 10) - rod(4, 30, 12).translate((6, 2, 0)))
+    refused_count = 0
+    for _ in range(60):
+        mesh = body.copy()
+        some = rng.integers(0, len(mesh.vertices), 2)
+        mesh.vertices[some] += rng.uniform(-12, 12, (2, 3))
+        crosses = pierced_pairs(mesh) > 0
+        refused_count += crosses
+        try:
+            check_soundness(mesh, "part")
+        except SelfIntersectingCadError:
+            assert crosses
+        except InsideOutCadError:
+            continue
+        else:
+            assert not crosses
+    assert 10 < refused_count < 50, "both answers are asked for"
+
+
 def test_a_surface_that_lies_on_itself_is_found_by_its_two_sides() -> None:
     """A U whose legs overlap: in the overlap all lies in two planes and no edge pierces a face."""
     # foot 0-30 x 0-8; the left leg is 0-18 wide, the right one 12-30
