@@ -86,7 +86,9 @@ def test_a_ball_may_be_turned_any_way() -> None:
 
 def test_a_small_notch_breaks_the_symmetry() -> None:
     assert len(part_symmetries(turned(marked(box(40, 40, 20), 20, 20, 10))).rotations) == 1
-    assert part_symmetries(turned(marked(rod(10, 30, 64), 10, 0, 0))).axis is None
+    rod_with_one = part_symmetries(turned(marked(rod(10, 30, 64), 10, 0, 0)))
+    assert rod_with_one.axis is None
+    assert len(rod_with_one.rotations) == 2  # half a turn about the line through the notch
 
 
 def test_a_part_of_two_densities_keeps_only_what_keeps_its_centre() -> None:

@@ -132,9 +132,9 @@ def _try(surface: Surface, guesses: list[Array], found: list[Array], enough: int
         if any(_same(guess, known) for known in found):
             continue
         if len(wrong) and np.linalg.norm(wrong - guess, axis=(1, 2)).min() < RETRY:
-            continue  # fitting led that one nowhere either
+            continue  # fitting led that one nowhere new either
         R = surface.matched(guess)
-        if R is None:
+        if R is None or any(_same(R, known) for known in found):
             wrong = np.concatenate([wrong, guess[None]])
             continue
         found.append(R)

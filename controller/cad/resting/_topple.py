@@ -161,6 +161,6 @@ def _passes(hull: Hull, to_edge: Array) -> Array:
     arm = start - np.einsum("ij,ij->i", start, along)[:, None] * along
     # only where the centre comes to stand straight above the edge does it rise on the way
     over = (to_edge > 0).all(axis=1)
-    return np.where(
-        over, np.maximum(np.linalg.norm(arm, axis=1), heights.max(axis=1)), heights.max(axis=1)
-    )
+    top = heights.max(axis=1)
+    top[over] = np.maximum(np.linalg.norm(arm[over], axis=1), top[over])
+    return np.asarray(top)
