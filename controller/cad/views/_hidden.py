@@ -8,11 +8,11 @@ beside the middle of the piece, on the face that the eye has next to it.
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from ._model import ViewModel
 from ._project import BACK, EDGE_ON, FRONT, Projection
+from ._segments import cross, near_pairs, tree_of
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int32]
@@ -46,13 +46,12 @@ class Pieces:
 
 def candidate_edges(model: ViewModel, view: Projection) -> Ids:
     """Return the mesh edges (n,) that would show if nothing stood in front of them."""
-    facing = view.facing[model.sides]
-    is_rim = (facing == FRONT).any(axis=1) & (facing != FRONT).any(axis=1)
-    is_drawn = (model.cad_edge >= 0) | is_rim
-    # on the far side of a ridge, or in a valley under its own overhang
-    is_away = (facing != FRONT).all(axis=1)
-    is_under = (facing == BACK).any(axis=1) & ~model.is_ridge
-    chosen = np.flatnonzero(is_drawn & ~is_away & ~is_under)
+    one, other = view.facing[model.sides[:, 0]], view.facing[model.sides[:, 1]]
+    is_drawn = (model.cad_edge >= 0) | ((one == FRONT) != (other == FRONT))
+    # neither on the far side of a ridge, nor in a valley under its own overhang
+    is_shown = (one == FRONT) | (other == FRONT)
+    is_under = ((one == BACK) | (other == BACK)) & ~model.is_ridge
+    chosen = np.flatnonzero(is_drawn & is_shown & ~is_under)
     ends = model.ends[chosen]
     shown = np.linalg.norm(view.points[ends[:, 1]] - view.points[ends[:, 0]], axis=1)
     length = np.linalg.norm(model.vertices_mm[ends[:, 1]] - model.vertices_mm[ends[:, 0]], axis=1)
@@ -65,15 +64,16 @@ def cut_edges(view: Projection, model: ViewModel, edges: Ids, rims: Ids) -> Piec
     gap = SHORTEST_MM * view.scale
     p, q = view.points[model.ends[edges, 0]], view.points[model.ends[edges, 1]]
     a, b = view.points[model.ends[rims, 0]], view.points[model.ends[rims, 1]]
-    tree = shapely.STRtree(shapely.linestrings(np.stack([a, b], axis=1)))
-    edge, rim = tree.query(shapely.linestrings(np.stack([p, q], axis=1)))
-    is_other = ~(model.ends[edges[edge]][:, :, None] == model.ends[rims[rim]][:, None]).any((1, 2))
+    edge, rim = near_pairs(tree_of(a, b), p, q)
+    own, other = model.ends[edges[edge]], model.ends[rims[rim]]
+    is_other = (own[:, 0] != other[:, 0]) & (own[:, 1] != other[:, 1])
+    is_other &= (own[:, 0] != other[:, 1]) & (own[:, 1] != other[:, 0])
     edge, rim = edge[is_other], rim[is_other]
     r, s, w = (q - p)[edge], (b - a)[rim], a[rim] - p[edge]
     length, rim_length = np.linalg.norm(r, axis=1), np.linalg.norm(s, axis=1)
-    cross = _cross(r, s)
+    turn = cross(r, s)
     with np.errstate(divide="ignore", invalid="ignore"):
-        t, u = _cross(w, s) / cross, _cross(w, r) / cross
+        t, u = cross(w, s) / turn, cross(w, r) / turn
         slack = 1e-3 * gap / rim_length
         is_met = (t > 0) & (t < 1) & (u > -slack) & (u < 1 + slack)
     z, z_rim = view.nearness[model.ends[edges[edge]]], view.nearness[model.ends[rims[rim]]]
@@ -83,7 +83,7 @@ def cut_edges(view: Projection, model: ViewModel, edges: Ids, rims: Ids) -> Piec
         in_front = z_rim[:, 0] + u * (z_rim[:, 1] - z_rim[:, 0]) > z[:, 0] + t * (z[:, 1] - z[:, 0])
     is_met &= in_front | both_rims
     # one on top of the other: whatever changes, changes at the ends of the one in front
-    is_flush = (np.abs(cross) < 1e-3 * length * rim_length) & (np.abs(_cross(w, r)) < gap * length)
+    is_flush = (np.abs(turn) < 1e-3 * length * rim_length) & (np.abs(cross(w, r)) < gap * length)
     cuts = [(edge[is_met], t[is_met])]
     for corner in (w, w + s):
         at = (corner[is_flush] * r[is_flush]).sum(axis=1) / length[is_flush] ** 2
@@ -156,6 +156,17 @@ def points_on(model: ViewModel, view: Projection, mesh_edge: Ids, at: Array) -> 
     return points
 
 
-def _cross(a: Array, b: Array) -> Array:
-    product: Array = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    return product
+def plane_at(model: ViewModel, view: Projection, mesh_edge: Ids, at: Array) -> Array:
+    """Return the points (n, 2) of the plane at ``at`` (n,) of edges."""
+    ends = model.ends[mesh_edge]
+    p = view.points[ends[:, 0]]
+    points: Array = p + at[:, None] * (view.points[ends[:, 1]] - p)
+    return points
+
+
+def plane_ends(model: ViewModel, view: Projection, pieces: Pieces) -> tuple[Array, Array]:
+    """Return where pieces start and end in the plane, (n, 2) each."""
+    return (
+        plane_at(model, view, pieces.mesh_edge, pieces.start),
+        plane_at(model, view, pieces.mesh_edge, pieces.end),
+    )

@@ -10,13 +10,13 @@ with them a boss and the plate it stands on are one sheet with no seam where the
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
 from manifold3d import CrossSection, FillRule
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ._model import ViewModel
 from ._project import BACK, EDGE_ON_MM, Projection
+from ._segments import cross, near_pairs, tree_of
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int32]
@@ -40,8 +40,8 @@ class Ring:
 
 def rim_edges(model: ViewModel, view: Projection) -> Ids:
     """Return the mesh edges (n,) where the surface turns away from the eye or edge-on to it."""
-    facing = view.facing[model.sides]
-    return np.flatnonzero(facing[:, 0] != facing[:, 1]).astype(np.int32)
+    is_rim = view.facing[model.sides[:, 0]] != view.facing[model.sides[:, 1]]
+    return np.flatnonzero(is_rim).astype(np.int32)
 
 
 def find_rings(model: ViewModel, view: Projection, rims: Ids) -> list[Ring]:
@@ -114,15 +114,15 @@ def _labels(
     faces = np.full(len(start), -1, dtype=np.int32)
     rim_ends = model.ends[rims]
     p, q = view.points[rim_ends[:, 0]], view.points[rim_ends[:, 1]]
-    tree = shapely.STRtree(shapely.linestrings(np.stack([p, q], axis=1)))
     middle = (start + end) / 2
     wall = view.wall[rims]
     reach = ROUNDED_MM * view.scale if (wall >= 0).any() else 2 * weld
-    side, rim = tree.query(shapely.points(middle), predicate="dwithin", distance=reach)
+    side, rim = near_pairs(tree_of(p, q), middle, middle, reach)
     along, rim_along = (end - start)[side], (q - p)[rim]
     length2 = np.maximum((rim_along**2).sum(axis=1), 1e-300)
-    cross = along[:, 0] * rim_along[:, 1] - along[:, 1] * rim_along[:, 0]
-    sine = np.abs(cross) / np.sqrt(np.maximum((along**2).sum(axis=1), 1e-300) * length2)
+    sine = np.abs(cross(along, rim_along)) / np.sqrt(
+        np.maximum((along**2).sum(axis=1), 1e-300) * length2
+    )
     is_short = (along**2).sum(axis=1) < (100 * weld) ** 2
     part = np.clip(((middle[side] - p[rim]) * rim_along).sum(axis=1) / length2, 0, 1)
     apart = np.linalg.norm(p[rim] + part[:, None] * rim_along - middle[side], axis=1)

@@ -137,7 +137,8 @@ def _facing(model: ViewModel, points: Array, scale: Array) -> NDArray[np.int8]:
     corners = points[model.triangles]
     span = corners[:, [1, 2, 0]] - corners
     double_area = span[:, 0, 1] * span[:, 2, 0] - span[:, 0, 0] * span[:, 2, 1]
-    longest = np.sqrt((span**2).sum(axis=2).max(axis=1))
+    squares = span[..., 0] ** 2 + span[..., 1] ** 2
+    longest = np.sqrt(np.maximum(np.maximum(squares[:, 0], squares[:, 1]), squares[:, 2]))
     local = scale[model.triangles[:, 0]]
     height = double_area / np.maximum(longest, 1e-300) / local
     limit = np.maximum(EDGE_ON_MM, EDGE_ON_RAD * model.heights_mm)

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..solid import Solid
-from ._drawn import draw, subdivisions, without_doubles
+from ._doubles import without_doubles
+from ._drawn import draw, subdivisions
 from ._hidden import Pieces, candidate_edges, cut_edges, is_seen
 from ._model import ViewModel, prepare_views
 from ._outline import Ring, find_rings, rim_edges

@@ -1,0 +1,41 @@
+"""Which of many line segments of the plane come near each other."""
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Return the cross products (n,) of vectors (n, 2) of the plane."""
+    product: Array = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return product
+
+
+def tree_of(a: Array, b: Array) -> shapely.STRtree:
+    """Return a search tree over segments from a to b, (n, 2) each."""
+    return shapely.STRtree(shapely.linestrings(np.stack([a, b], axis=1)))
+
+
+def near_pairs(
+    tree: shapely.STRtree, p: Array, q: Array, reach: float | Array = 0.0
+) -> tuple[Indices, Indices]:
+    """Return the pairs of segments p to q and of the tree's whose boxes come within ``reach``.
+
+    Boxes only: callers work out the distance they need anyway, and faster than GEOS one by one.
+
+    Parameters
+    ----------
+    p, q : (n, 2); equal for points
+    reach : one or (n,)
+
+    Returns
+    -------
+    own, other : (m,) number of the segment p to q, and of the tree's
+    """
+    grown = np.asarray(reach)[..., None]
+    boxes = np.stack([np.minimum(p, q) - grown, np.maximum(p, q) + grown], axis=1)
+    own, other = tree.query(shapely.linestrings(boxes))
+    return own, other
