@@ -32,7 +32,7 @@ def check_recipe(recipe_path: Path, cell_path: Path | None, *, as_json: bool) ->
     middle = (sum(area.x) / 2, sum(area.y) / 2)
     problems, poses = [], []
     for pose in c.poses:
-        if pose.rolling or pose.probability < LIKELY:
+        if pose.rolling or pose.marginal or pose.probability < LIKELY:
             continue
         T = lying(c.solid, pose, middle[0], middle[1], 0.3)
         entry: dict[str, Any] = {"pose_index": pose.index, "probability": pose.probability}
