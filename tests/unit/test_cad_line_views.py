@@ -389,7 +389,7 @@ def test_a_mirrored_and_a_larger_part_have_drawings_to_match(seed: int) -> None:
     mesh.apply_scale(2.0)
     larger = line_view(make_solid(mesh, "double", "", "double"), R)
     assert larger.area == pytest.approx(4 * view.area)
-    # a free wall's silhouette is left out within 0.15 mm of its rim, whatever the scale
+    # a free wall's silhouette is left out within 0.05 mm of its rim, whatever the scale
     sharp, larger_sharp = ([e for e in v.edges if e.kind == "sharp"] for v in (view, larger))
     assert length(larger_sharp) == pytest.approx(2 * length(sharp), rel=1e-4)
     assert larger.second_moments == pytest.approx(4 * view.second_moments)

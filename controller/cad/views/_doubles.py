@@ -14,6 +14,7 @@ Ids = NDArray[np.int32] | NDArray[np.int64]
 
 DOUBLED_MM = 0.01  # lines closer than this all along show as one
 DOUBLED_RAD = 0.05
+STRAY_MM = 0.05  # of a free wall's silhouette from its rim: what a drawing may be off
 
 
 def without_doubles(model: ViewModel, view: Projection, pieces: Pieces) -> Pieces:
@@ -28,7 +29,8 @@ def without_doubles(model: ViewModel, view: Projection, pieces: Pieces) -> Piece
     is_bare = model.cad_edge[pieces.mesh_edge] < 0
     is_free = np.array([f.kind in ("freeform", "torus") for f in model.solid.faces])
     is_bent = is_bare & is_free[face[:, 0]]
-    reach = np.where((wall >= 0) | is_bent, ROUNDED_MM, DOUBLED_MM) * view.scale
+    reach = np.where(is_bent, STRAY_MM, DOUBLED_MM)
+    reach = np.where(wall >= 0, ROUNDED_MM, reach) * view.scale
     under, over = near_pairs(tree_of(p, q), p, q, reach)
     differs = pieces.mesh_edge[under] != pieces.mesh_edge[over]
     under, over = under[differs], over[differs]
@@ -40,7 +42,8 @@ def without_doubles(model: ViewModel, view: Projection, pieces: Pieces) -> Piece
     is_along = np.abs(cross(r, s)) < limit * length * over_length
     under, over, r, length = under[is_along], over[is_along], r[is_along], length[is_along]
     is_stray = is_stray[is_along]
-    tolerance = np.where(is_rim[is_along], ROUNDED_MM, DOUBLED_MM) * view.scale
+    tolerance = np.where(is_rim[is_along], ROUNDED_MM, DOUBLED_MM)
+    tolerance = np.where(is_stray, STRAY_MM, tolerance) * view.scale
     # what is over it from a to b of its length, and how far beside
     to_start, to_end = p[over] - p[under], q[over] - p[under]
     at = np.stack([(to_start * r).sum(axis=1), (to_end * r).sum(axis=1)]) / length**2
