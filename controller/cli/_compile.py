@@ -126,7 +126,7 @@ def _pose_json(part: CompiledPart, pose: StablePose, view: LineView) -> dict[str
     return {
         "index": pose.index,
         "R": pose.R.tolist(),
-        "down": (-pose.R[2]).tolist(),
+        "up": pose.R[2].tolist(),
         "probability": pose.probability,
         "drop_probability": pose.drop_probability,
         "tip_energy_mj_per_kg": pose.tip_energy_mj_per_kg,
@@ -178,19 +178,20 @@ def _print(part: CompiledPart, body: dict[str, Any]) -> None:
     )
     for caution in part.cautions:
         warn(f"{solid.name}: {caution}")
-    table = Table(box=SIMPLE)
+    table = Table(box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("pose", justify="right")
-    table.add_column("down", no_wrap=True)
-    for heading in ("laid\n%", "dropped\n%", "tips at\nmJ/kg", "centre\nmm"):
+    table.add_column("up", no_wrap=True)  # the view vector of the paper's Table 1
+    for heading in ("laid\n%", "dropped\n%", "tips at\nmJ/kg", "rank", "centre\nmm"):
         table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("remarks")
+    table.add_column("remarks", min_width=20)
     for pose in part.poses:
         table.add_row(
             str(pose.index),
-            " ".join(f"{v + 0.0:g}" for v in np.round(-pose.R[2], 4)),
+            " ".join(f"{v + 0.0:g}" for v in np.round(pose.R[2], 4)),
             f"{100 * pose.probability:.1f}",
             f"{100 * pose.drop_probability:.1f}",
             f"{pose.tip_energy_mj_per_kg:.1f}",
+            f"{pose.stability_rank}.",
             f"{pose.com_height_mm:.2f}",
             "; ".join((*(["barely stable"] if pose.marginal else []), *part.remarks(pose))),
         )

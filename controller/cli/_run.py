@@ -16,7 +16,7 @@ import numpy as np
 from rich.live import Live
 from rich.table import Table
 
-from controller.cad.compiled import load_part, options_among
+from controller.cad.compiled import CompiledPart, load_part, options_among
 from controller.cell.dispatcher import Dispatcher
 from controller.cell.records import PartRecord, Progress
 from controller.cell.run import RunOrder, RunResult, new_run_id, run_batch
@@ -26,6 +26,8 @@ from controller.results import load_run, write_html
 
 from ._emulator import emulated_cell, emulator_command
 from ._output import emit, say, stderr, warn
+
+EMULATOR_READS = (".stl", ".obj", ".ply", ".off")
 
 log = logging.getLogger(__name__)
 
@@ -47,9 +49,9 @@ def run_recipe(
     recipe = load_recipe(recipe_path)
     cell_file = cell_path or recipe.cell
     cell = load_cell(cell_file)
-    load_parts(recipe)  # before anything starts: a bad CAD file is the command line's fault
-    for part in lay:
-        load_part(part, options_among(part, recipe.unit))
+    # before anything starts: a bad CAD file is the command line's fault
+    first, *_ = load_parts(recipe)
+    laid = [(path, load_part(path, options_among(path, recipe.unit))) for path in lay]
     emulated = cell.emulated_devices
     if speed != 1 and len(emulated) < len(type(cell.devices).model_fields):
         real = sorted(set(type(cell.devices).model_fields) - set(emulated))
@@ -60,7 +62,8 @@ def run_recipe(
     folder = runs_dir / run_id
     if emulated:
         warn(f"EMULATED: {', '.join(emulated)} ({speed:g} x real time, --seed {seed} repeats it)")
-    parts = () if empty else (lay or (recipe.part,) * 1)
+    on_table = [] if empty else laid or [(recipe.part, first)]
+    parts = tuple(_for_emulator(path, part, folder) for path, part in on_table if emulated)
     pieces = count or recipe.count
     fed = ("--feed", str(pieces - 1)) if pieces > 1 and parts else ()
     command = emulator_command(
@@ -89,6 +92,16 @@ def run_recipe(
                 result = asyncio.run(_drive(order, pool, on_progress))
     report = write_html(load_run(runs_dir, run_id), folder / "report.html")
     return _tell_result(result, run_id, report, as_json=as_json)
+
+
+def _for_emulator(path: Path, part: CompiledPart, folder: Path) -> Path:
+    """Return a CAD file the emulated cell reads, which knows triangles in millimetres only."""
+    if path.suffix.lower() in EMULATOR_READS and part.solid.unit == "mm":
+        return path
+    folder.mkdir(parents=True, exist_ok=True)
+    copy = folder / f"{part.solid.name}.stl"
+    part.solid.mesh.export(copy)
+    return copy
 
 
 def _say_transport(ready: dict[str, Any]) -> None:

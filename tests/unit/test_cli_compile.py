@@ -73,9 +73,9 @@ def test_a_drilled_block_is_told_as_on_paper(
         R = np.array(p["R"])
         assert np.allclose(R @ R.T, np.eye(3), rtol=0, atol=1e-12)
         assert np.linalg.det(R) == pytest.approx(1.0)
-        assert (-R[2]).tolist() == p["down"]
+        assert R[2].tolist() == p["up"]
         assert p["rolling"] is False
-    flat = [p for p in poses if abs(p["down"][2]) > 0.99]
+    flat = [p for p in poses if abs(p["up"][2]) > 0.99]
     assert [p["index"] for p in flat] == [0, 1]
     for p in flat:
         assert p["com_height_mm"] == pytest.approx(5.0)
@@ -117,6 +117,19 @@ def test_people_get_a_table_and_are_told_that_the_unit_is_a_guess(
     assert "names no unit" in told.err
     assert main(["compile", str(plate), "--unit", "mm"]) == 0
     assert "unit" not in capsys.readouterr().err
+
+
+def test_the_widget_stands_as_in_table_1_of_the_paper(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["compile", str(ROOT / "recipes/parts/widget.csg.yaml"), "--json"]) == 0
+    (body,) = answers(capsys)
+    assert body["part"] == "widget"
+    assert body["unit_declared"] is True
+    ranked = sorted(body["stable_poses"], key=lambda p: p["stability_rank"])
+    a, b = np.array([2, 3]) / np.sqrt(13)
+    table = [[0, 1, 0], [0, -1, 0], [-a, 0, -b], [1, 0, 0], [0, 0, 1], [a, 0, b], [-1, 0, 0]]
+    assert np.allclose([p["up"] for p in ranked], table, atol=1e-6)
 
 
 def test_a_declared_unit_is_what_the_lengths_are_read_in(

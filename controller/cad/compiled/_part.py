@@ -151,7 +151,7 @@ class CompiledPart:
             ]
             if others:
                 poses = ", ".join(str(other) for other in sorted(others))
-                found.append(f"{what} as of pose {poses}")
+                found.append(f"{what} as of pose{'s' if len(others) > 1 else ''} {poses}")
         return tuple(found)
 
 

@@ -27,7 +27,7 @@ class PoseSheet:
     Attributes
     ----------
     pose, view : as compiled
-    down : which way of the CAD frame points to the table, in words
+    up : direction it is seen from, CAD frame, as in Table 1 of the paper
     picture : data URI
     drawing : its view from above
     remarks : what else is known of it, in words
@@ -35,7 +35,7 @@ class PoseSheet:
 
     pose: StablePose
     view: LineView
-    down: str
+    up: str
     picture: str
     drawing: Drawing
     remarks: tuple[str, ...]
@@ -96,7 +96,7 @@ def _part_sheet(part: CompiledPart, density_g_cm3: float | None) -> PartSheet:
         PoseSheet(
             pose=pose,
             view=view,
-            down=vector(-pose.R[2]),
+            up=vector(pose.R[2]),
             picture=rest_picture(part.solid, caster, pose.R),
             drawing=draw(view, frame.unit),
             remarks=part.remarks(pose),
