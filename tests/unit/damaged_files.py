@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import resource
 import select
 import struct
@@ -115,6 +116,39 @@ def nothing(data: bytes, rng: np.random.Generator) -> bytes:
     return (b"", b"\n", b" " * 5000, b"\0" * 90)[int(rng.integers(4))]
 
 
+ODD_WORDS = [b"nan", b"1e999", b"-1", b"0", b"99999999999999999999", b"1_0", b"0x10", b"", b"1,5"]
+
+
+def odd_word(data: bytes, rng: np.random.Generator) -> bytes:
+    """Some of the numbers of a text are others, or none; a package is opened for it."""
+    if data.startswith(b"PK"):
+        return _in_package(data, rng, odd_word)
+    numbers = [m.span() for m in re.finditer(rb"-?[0-9][0-9.]*(e[-+]?[0-9]+)?", data[:200_000])]
+    count = min(len(numbers), int(rng.integers(1, 4)))
+    for at in sorted(rng.choice(len(numbers), count, replace=False), reverse=True):
+        begin, end = numbers[at]
+        data = data[:begin] + ODD_WORDS[rng.integers(len(ODD_WORDS))] + data[end:]
+    return data
+
+
+def packed(data: bytes, rng: np.random.Generator) -> bytes:
+    """Damage within a package, which its checksum does not show; otherwise as bytes lost."""
+    if data.startswith(b"PK"):
+        return _in_package(data, rng, (cut, flip_bits, overwrite, lose, repeat)[rng.integers(5)])
+    return lose(data, rng)
+
+
+def _in_package(
+    data: bytes, rng: np.random.Generator, damage: Callable[[bytes, np.random.Generator], bytes]
+) -> bytes:
+    out = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(out, "w") as new:
+        for name in old.namelist():
+            held = old.read(name)
+            new.writestr(name, damage(held, rng) if name.endswith(".model") else held)
+    return out.getvalue()
+
+
 BYTES: dict[str, Callable[[bytes, np.random.Generator], bytes]] = {
     "cut short": cut,
     "bits flipped": flip_bits,
@@ -122,6 +156,8 @@ BYTES: dict[str, Callable[[bytes, np.random.Generator], bytes]] = {
     "overwritten": overwrite,
     "bytes lost": lose,
     "bytes twice": repeat,
+    "odd word": odd_word,
+    "packed": packed,
     "garbage": garbage,
     "nothing in it": nothing,
 }
