@@ -68,6 +68,9 @@ def _uncovered(pieces: Pieces, under: Ids, a: Array, b: Array, short: Array) -> 
     All (m,); rests shorter than ``short``, as a share of the piece, are dropped.
     """
     is_left = np.ones(len(pieces.mesh_edge), dtype=np.bool_)
+    is_left[under[(a <= short) & (b >= 1 - short)]] = False  # most lie under one line all along
+    partly = is_left[under]
+    under, a, b, short = under[partly], a[partly], b[partly], short[partly]
     rests: list[tuple[int, float, float]] = []
     order = np.lexsort((a, under))
     bounds = np.flatnonzero(np.diff(under[order], prepend=-1, append=-1))
