@@ -74,8 +74,8 @@ def make_solid(
     """Return a checked solid of a mesh [mm]; ``where`` names its origin in messages.
 
     Where the file itself names its surfaces, as STEP does, they come as ``faces`` and
-    ``face_of_triangle`` (n,), given together; otherwise they are found in the mesh. The last three
-    are told on as they are, but that a size without a declared unit must make sense in mm.
+    ``face_of_triangle`` (n,), given together; otherwise they are found in the mesh. ``unit`` is
+    what the file was in, for the record; where it is not declared, the size must make sense in mm.
 
     Raises
     ------

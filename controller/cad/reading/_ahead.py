@@ -21,6 +21,7 @@ HEADER_BYTES: Final = 1 << 16
 
 
 def size_of(path: Path) -> int:
+    """Return a regular file's size in bytes; raise UnreadableCadError where there is none."""
     try:
         found = path.stat()
     except (OSError, ValueError) as error:
@@ -33,11 +34,13 @@ def size_of(path: Path) -> int:
 
 
 def no_file(path: Path, error: Exception) -> UnreadableCadError:
+    """Return what to say of a file the system does not give us."""
     told = error.strerror if isinstance(error, OSError) else None
     return UnreadableCadError(f"{path}: {told or error}; check the path")
 
 
 def read_file(path: Path) -> bytes:
+    """Return a file's bytes; raise UnreadableCadError where the system does not give them."""
     try:
         return path.read_bytes()
     except OSError as error:
