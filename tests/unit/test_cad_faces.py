@@ -245,9 +245,21 @@ def test_samples_lie_on_their_surface_and_off_every_edge_of_a_triangle(drilled: 
         )
         least = (parts / parts.sum(axis=0)).min(axis=0)
         assert least[flat < 1e-6].max() >= 0.04 - 1e-6
-        assert normals[mine][np.argmax(np.where(flat < 1e-6, least, -9))] == pytest.approx(
-            samples.normals[i]
-        )
+        # a bore of 24 segments turns by 7.5 degrees from a facet's middle to its side
+        facet = normals[mine][np.argmax(np.where(flat < 1e-6, least, -9))]
+        assert facet @ samples.normals[i] >= np.cos(np.radians(7.51))
+
+
+def test_normals_of_a_bore_point_at_its_axis_and_those_of_planes_are_theirs(drilled: Solid) -> None:
+    samples = sample_surface(drilled)
+    assert np.linalg.norm(samples.normals, axis=1) == pytest.approx(1)
+    wide = bore(drilled, 5).id
+    at = samples.points_mm[samples.face_ids == wide]
+    inward = np.array([20, 10, 0]) - at * [1, 1, 0]
+    inward /= np.linalg.norm(inward, axis=1, keepdims=True)
+    assert samples.normals[samples.face_ids == wide] == pytest.approx(inward, abs=1e-4)
+    top = drilled.faces[0]
+    assert (samples.normals[samples.face_ids == top.id] == top.normal).all()
 
 
 def test_no_part_of_a_large_surface_is_left_bare() -> None:

@@ -15,7 +15,8 @@ Ids = NDArray[np.int64]
 COPLANAR_RAD = np.radians(0.2)
 ROUNDING_MM = 1e-5  # at least; single precision keeps 7 digits of the part's size
 ROUNDING_SHARE = 2e-7
-SLIVER = 20.0  # a triangle lower than so many roundings has no normal worth the name
+SLIVER = 100.0  # a triangle lower than so many roundings has no normal worth the name
+LONG_SIDE = 0.4  # of its longest side: a sliver has two such sides
 FLAT_MM = 0.002  # corners of a facet lie so near to its plane, or it is a slowly turning wall
 FLAT_RAD = np.radians(1.0)
 STRAIGHT = 0.002  # an edge that turns by 0.1 degrees is a circle of 3600 segments
@@ -76,7 +77,7 @@ def find_facets(mesh: trimesh.Trimesh) -> Facets:
     raw = _exploded(raw, sliver, corners, normals, areas)
     raw = _slivers_joined(raw, sliver, mesh, pairs, areas)
     of = np.asarray(np.unique(raw, return_inverse=True)[1], dtype=np.int64).ravel()
-    total = np.bincount(of, weights=areas)
+    total = np.bincount(of, weights=areas).astype(np.float64)
     weights = np.where(sliver, 1e-12, 1.0) * np.maximum(areas, 1e-12)
     mean = _sums(of, normals * weights[:, None])
     middles = _sums(of, corners.mean(axis=1) * weights[:, None])
@@ -125,13 +126,20 @@ def _slivers_joined(
     vertices = np.asarray(mesh.vertices)
     lengths = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
     waiting = sliver.copy()
+    one = np.concatenate([pairs[:, 0], pairs[:, 1]])
+    other = np.concatenate([pairs[:, 1], pairs[:, 0]])
+    long = np.concatenate([lengths, lengths])
+    longest = np.zeros(len(raw))
+    np.maximum.at(longest, one, long)
+    # across a short side a sliver of one plane may meet another: that is the last resort
+    share = LONG_SIDE
     while waiting.any():
-        one = np.concatenate([pairs[:, 0], pairs[:, 1]])
-        other = np.concatenate([pairs[:, 1], pairs[:, 0]])
-        long = np.concatenate([lengths, lengths])
-        use = waiting[one] & ~waiting[other]
+        use = waiting[one] & ~waiting[other] & (long >= share * longest[one])
         if not use.any():
-            break
+            if share == 0.0:
+                break
+            share = 0.0
+            continue
         order = np.lexsort((areas[other[use]], long[use]))  # the last one written wins
         joined[one[use][order]] = joined[other[use][order]]
         waiting[one[use]] = False

@@ -39,10 +39,11 @@ FAILED_RUNS = 400  # in a row, largest first: then the rest of the part is noise
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Found:
-    """A surface with the facets (k,) it is made of."""
+    """A surface with the facets (k,) it is made of, and how near to it their corners lie."""
 
     primitive: Primitive
     facets: Ids
+    tolerance_mm: float
 
 
 class Neighbours:
@@ -50,12 +51,12 @@ class Neighbours:
 
     def __init__(self, count: int, a: Ids, b: Ids) -> None:
         key = np.unique(np.concatenate([a * count + b, b * count + a]))
-        self.to = key % count
+        self.to: Ids = key % count
         self.start = np.searchsorted(key // count, np.arange(count + 1))
 
     def of(self, facets: Ids) -> Ids:
         """Return the neighbours of facets, with repeats."""
-        return self.to[rows(self.start, facets)]
+        return np.asarray(self.to[rows(self.start, facets)])
 
 
 def along_long_sides(facets: Facets, inner: NDArray[np.bool_]) -> Neighbours:
@@ -73,7 +74,7 @@ def rows(start: Ids, picked: Ids) -> Ids:
     sizes = start[picked + 1] - start[picked]
     total = int(sizes.sum())
     shift = np.repeat(start[picked] - np.concatenate([[0], np.cumsum(sizes)[:-1]]), sizes)
-    return np.arange(total) + shift
+    return np.asarray(np.arange(total) + shift, dtype=np.int64)
 
 
 class Grower:
@@ -130,9 +131,10 @@ class Grower:
         # slivers may face anywhere; the facet's normal speaks for all its triangles
         return np.asarray(near & ~np.logical_or.reduceat(turned, first))
 
-    def whole(self, facets: Ids) -> Primitive | None:
+    def whole(self, facets: Ids) -> Found | None:
         """Return the surface a whole run of facets is, if it is one."""
         cloud = self.cloud(facets)
+        some = cloud.thinned().points
         candidates = list(fits(cloud))
         for loose in (False, True):
             for primitive in candidates:
@@ -141,10 +143,12 @@ class Grower:
                     size = primitive.minor_radius_mm or primitive.radius_mm
                     tolerance = LOOSE_MM if size == 0 else min(LOOSE_MM, LOOSE_SHARE * size)
                     tolerance = max(tolerance, self.tight_mm)
+                if float(np.abs(primitive.distances(some)).max()) > tolerance:
+                    continue
                 if self._is_sound(primitive, cloud) and bool(
                     self.is_on(primitive, facets, tolerance).all()
                 ):
-                    return primitive
+                    return Found(primitive, facets, tolerance)
         return None
 
     def _is_sound(
@@ -167,11 +171,11 @@ class Grower:
         """
         if self._failed_runs >= FAILED_RUNS:
             return []
-        primitive = self.whole(facets)
-        if primitive is not None:
+        whole = self.whole(facets)
+        if whole is not None:
             free[facets] = False
             self._failed_runs = 0
-            return [Found(primitive, facets)]
+            return [whole]
         found: list[Found] = []
         for tolerance_mm, turn_rad in ((self.tight_mm, LEAST_GROWN_TURN_RAD), self._second):
             rest = facets[free[facets]]
@@ -274,14 +278,15 @@ class Grower:
                 facets = facets[kept]
         cloud = self.cloud(facets)
         if primitive.kind == "plane":
-            return Found(primitive, facets) if len(facets) >= LEAST_FACETS else None
+            enough = len(facets) >= LEAST_FACETS
+            return Found(primitive, facets, tolerance_mm) if enough else None
         if not self._is_sound(primitive, cloud, turn_rad):
             return None
         # a true arc ends where it ends; one that only osculates goes on with a wider tolerance
         wider = self._spread(primitive, facets, links, free, 8 * tolerance_mm)
         if len(wider) > 1.3 * len(facets) + 2:
             return None
-        return Found(primitive, facets)
+        return Found(primitive, facets, tolerance_mm)
 
     def _spread(
         self,

@@ -254,7 +254,10 @@ def refined(guess: Primitive, points: Array) -> Primitive:
             jacobian[:, 5] /= scale
         normal = jacobian.T @ jacobian
         system = normal + damping * max(float(np.trace(normal)), 1e-12) * np.eye(len(normal))
-        step = -np.linalg.solve(system, jacobian.T @ residual)
+        try:
+            step: Array = -np.linalg.solve(system, jacobian.T @ residual).astype(np.float64)
+        except np.linalg.LinAlgError:
+            break  # too few points for this kind
         tilt = one * step[3] - two * step[2]
         trial = _moved(best, one * step[0] + two * step[1], tilt / scale, step[4:], scale)
         trial_residual = trial.distances(points)

@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
 
 STRIP_RATIO = 4.0  # a plane is this many times larger than the strips round it
+LONE_RATIO = 50.0  # and a single triangle with smooth edges all round so much larger
 ABSORB_ROUNDS = 3
 ABSORB = 5.0  # of the fit's own tolerance: where surfaces meet, kernels put corners less exactly
 
@@ -38,7 +39,8 @@ def find_faces(mesh: trimesh.Trimesh) -> tuple[tuple[Face, ...], NDArray[np.int3
     curved = ~_planes(facets)
     found = _surfaces(facets, grower, curved)
     owner, primitives = _owners(facets, found)
-    _absorb(facets, grower, owner, primitives)
+    tolerances_mm = [max(ABSORB * grower.tight_mm, surface.tolerance_mm) for surface in found]
+    _absorb(facets, grower, owner, primitives, tolerances_mm)
     _leave_rest(facets, owner, primitives)
     owner = _merged(facets, grower, owner, primitives)
     return describe(mesh, owner[facets.of_triangle], primitives)
@@ -49,7 +51,11 @@ def _planes(facets: Facets) -> NDArray[np.bool_]:
     largest = np.zeros(facets.count)
     np.maximum.at(largest, facets.a, facets.areas[facets.b])
     np.maximum.at(largest, facets.b, facets.areas[facets.a])
-    return facets.areas > STRIP_RATIO * largest
+    # a triangle with smooth edges all round is rather the largest of a scan's than a plane
+    smooth_edges = np.bincount(facets.a, minlength=facets.count)
+    smooth_edges += np.bincount(facets.b, minlength=facets.count)
+    lone = (np.diff(facets.start) == 1) & (smooth_edges == 3)
+    return np.asarray(facets.areas > np.where(lone, LONE_RATIO, STRIP_RATIO) * largest)
 
 
 def _surfaces(facets: Facets, grower: Grower, curved: NDArray[np.bool_]) -> list[Found]:
@@ -77,9 +83,9 @@ def _surfaces(facets: Facets, grower: Grower, curved: NDArray[np.bool_]) -> list
     start = np.searchsorted(rest[order], np.arange(len(sizes) + 1))
     for i in np.nonzero(touched & (sizes >= LEAST_FACETS))[0].tolist():
         piece_facets = order[start[i] : start[i + 1]]
-        primitive = grower.whole(piece_facets)
-        if primitive is not None:
-            found.append(Found(primitive, piece_facets))
+        whole = grower.whole(piece_facets)
+        if whole is not None:
+            found.append(whole)
     return found
 
 
@@ -90,7 +96,13 @@ def _owners(facets: Facets, found: list[Found]) -> tuple[Ids, list[Primitive | N
     return owner, [surface.primitive for surface in found]
 
 
-def _absorb(facets: Facets, grower: Grower, owner: Ids, primitives: list[Primitive | None]) -> None:
+def _absorb(
+    facets: Facets,
+    grower: Grower,
+    owner: Ids,
+    primitives: list[Primitive | None],
+    tolerances_mm: list[float],
+) -> None:
     """Give single facets to the neighbouring surface on which all their corners lie."""
     a = np.concatenate([facets.a, facets.b])
     b = np.concatenate([facets.b, facets.a])
@@ -108,7 +120,7 @@ def _absorb(facets: Facets, grower: Grower, owner: Ids, primitives: list[Primiti
             single = single[owner[single] < 0]
             if primitive is None or len(single) == 0:
                 continue
-            fit = single[grower.is_on(primitive, single, ABSORB * grower.tight_mm)]
+            fit = single[grower.is_on(primitive, single, tolerances_mm[surface])]
             owner[fit] = surface
             taken = taken or len(fit) > 0
         if not taken:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..boundary import surface_normals
 from ..solid import Solid
 
 Array = NDArray[np.float64]
@@ -18,7 +19,9 @@ class SurfaceSamples:
 
     Attributes
     ----------
-    points_mm, normals : (n, 3), outward unit normals
+    points_mm : (n, 3), on triangles, off their edges
+    normals : (n, 3), outward unit normals: of the recognised surface where it has a formula, so
+        that a coarse bore's normals turn evenly; of the triangle otherwise
     face_ids : (n,) surface of each
     areas_mm2 : (n,) surface each stands for; they add up to the whole surface
     """
@@ -35,29 +38,32 @@ def sample_surface(solid: Solid, spacing_mm: float = 4.0, per_face: int = 6) -> 
     The draw is seeded by the part's content, so that the same file gives the same points.
     """
     rng = np.random.default_rng(int(solid.content_hash[:8], 16))
-    triangle_areas = np.asarray(solid.mesh.area_faces)
-    corners = np.asarray(solid.mesh.triangles)
-    points, normals, ids, areas = [], [], [], []
+    areas = np.asarray(solid.mesh.area_faces)
+    face_areas = np.bincount(solid.face_of_triangle, weights=areas, minlength=len(solid.faces))
+    counts = np.maximum(per_face, np.rint(face_areas / spacing_mm**2)).astype(np.int64)
+    counts[face_areas <= 0] = 0
+    ids = np.repeat(np.arange(len(counts)), counts)
     order = np.argsort(solid.face_of_triangle, kind="stable")
-    runs = np.split(order, np.cumsum(np.bincount(solid.face_of_triangle))[:-1])
-    for face, run in zip(solid.faces, runs, strict=True):
-        count = max(per_face, round(face.area_mm2 / spacing_mm**2))
-        shares = np.cumsum(triangle_areas[run])
-        if shares[-1] <= 0:
-            continue
-        # stratified along the cumulated area, so that no part of a surface is left bare
-        marks = (np.arange(count) + rng.random(count)) / count * shares[-1]
-        chosen = run[np.minimum(np.searchsorted(shares, marks), len(run) - 1)]
-        a, b = rng.random((2, count))
-        flip = a + b > 1
-        a, b = np.where(flip, 1 - a, a), np.where(flip, 1 - b, b)
-        # kept off all three edges, where a ray may slip between two triangles
-        a, b = OFF_EDGE + (1 - 3 * OFF_EDGE) * a, OFF_EDGE + (1 - 3 * OFF_EDGE) * b
-        c = corners[chosen]
-        points.append(c[:, 0] + a[:, None] * (c[:, 1] - c[:, 0]) + b[:, None] * (c[:, 2] - c[:, 0]))
-        normals.append(np.asarray(solid.mesh.face_normals)[chosen])
-        ids.append(np.full(count, face.id, dtype=np.int32))
-        areas.append(np.full(count, face.area_mm2 / count))
+    cumulated = np.cumsum(areas[order])
+    # stratified along the cumulated area of its surface, so that no part of it is left bare
+    place = np.arange(len(ids)) - np.repeat(np.cumsum(counts) - counts, counts)
+    marks = (place + rng.random(len(ids))) / counts[ids] * face_areas[ids]
+    ends = np.cumsum(np.bincount(solid.face_of_triangle, minlength=len(counts)))
+    begins = np.concatenate([[0], ends[:-1]])
+    offsets = np.concatenate([[0.0], cumulated])[begins]
+    at = np.searchsorted(cumulated, offsets[ids] + marks)
+    chosen = order[np.clip(at, begins[ids], ends[ids] - 1)]
+    a, b = rng.random((2, len(ids)))
+    flip = a + b > 1
+    a, b = np.where(flip, 1 - a, a), np.where(flip, 1 - b, b)
+    # kept off all three edges, where a ray may slip between two triangles
+    a, b = OFF_EDGE + (1 - 3 * OFF_EDGE) * a, OFF_EDGE + (1 - 3 * OFF_EDGE) * b
+    c = np.asarray(solid.mesh.triangles)[chosen]
+    points = c[:, 0] + a[:, None] * (c[:, 1] - c[:, 0]) + b[:, None] * (c[:, 2] - c[:, 0])
+    facets = np.asarray(solid.mesh.face_normals)[chosen]
     return SurfaceSamples(
-        np.vstack(points), np.vstack(normals), np.concatenate(ids), np.concatenate(areas)
+        points_mm=points,
+        normals=surface_normals(solid.faces, ids, points, facets),
+        face_ids=ids.astype(np.int32),
+        areas_mm2=face_areas[ids] / counts[ids],
     )

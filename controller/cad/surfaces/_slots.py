@@ -38,7 +38,8 @@ def slots(solid: Solid, walls: dict[int, Wall]) -> list[Slot]:
 
 
 def _points(solid: Solid, face: int) -> Array:
-    return np.asarray(solid.mesh.triangles)[solid.face_of_triangle == face].reshape(-1, 3)
+    mine = np.asarray(solid.mesh.triangles, dtype=np.float64)[solid.face_of_triangle == face]
+    return np.asarray(mine.reshape(-1, 3))
 
 
 def _round_ended(solid: Solid, walls: dict[int, Wall], sides: list[list[int]]) -> list[Slot]:
