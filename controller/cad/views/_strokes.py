@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 
 from ..boundary import Curve
 from ._model import ViewModel
-from ._outline import Ring
+from ._outline import ROUNDED_MM, Ring
 from ._project import Projection
 from ._types import Stroke
 
 Array = NDArray[np.float64]
 
 STRAIGHT_MM = 1e-3  # corners this close to a line are on it
-ROUND_MM = 0.02  # and this close to an arc: a mesh's own rounding, and that of its fitted circles
 FLATTEST = 0.02  # half axes of an ellipse; one flatter than that is drawn by its corners
 
 
@@ -40,7 +39,7 @@ def strokes_of(model: ViewModel, view: Projection, ring: Ring) -> tuple[Stroke, 
         corners = points[np.arange(begin, stop + 1) % count]
         edge, face = int(ring.edges[begin]), int(ring.faces[begin])
         ellipse = _ellipse(model, view, edge, face) if stop - begin > 1 else None
-        arc = None if ellipse is None else _arc(corners, *ellipse, ROUND_MM * per_mm)
+        arc = None if ellipse is None else _arc(corners, *ellipse, ROUNDED_MM * per_mm)
         if arc is not None and ellipse is not None:
             centre, axes = ellipse
             strokes.append(Stroke(corners[0], corners[-1], centre, axes, arc, edge, face))
@@ -56,7 +55,10 @@ def strokes_of(model: ViewModel, view: Projection, ring: Ring) -> tuple[Stroke, 
 
 
 def _arc(corners: Array, centre: Array, axes: Array, tolerance: float) -> float | None:
-    """Return the angle swept along corners (n, 2), None where they do not lie on the ellipse."""
+    """Return the angle swept along corners (n, 2), None where they do not lie on the ellipse.
+
+    Not all of them need be corners of the circle: a mesh may have vertices on its chords as well.
+    """
     unit = (corners - centre) @ axes.T / (axes**2).sum(axis=1)
     radius = np.linalg.norm(unit, axis=1)
     if float(np.abs(radius - 1).max()) * float(np.linalg.norm(axes, axis=1).min()) > tolerance:

@@ -74,7 +74,8 @@ class DrawnEdge:
     points_mm : (n, 3) the same in the CAD frame
     edge : CAD edge, -1 where it is the silhouette of a curved face
     face : of a silhouette, the curved face; -1 otherwise
-    kind : how the edge looks: a crease, a smooth join of two faces, or the rim of a curved face
+    kind : how the edge looks: a crease, a smooth join of two faces, or the rim of a curved face,
+        which the part may turn away along a smooth join too: that has its ``edge``
     on_outline : part of the occluding boundary
     starts_phantom, ends_phantom : its end is no corner of the part, but where it passes behind
     """
