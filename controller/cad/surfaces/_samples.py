@@ -47,13 +47,15 @@ def sample_surface(solid: Solid, spacing_mm: float = 4.0, per_face: int = 6) -> 
     cumulated = np.cumsum(areas[order])
     # stratified along the cumulated area of its surface, so that no part of it is left bare
     place = np.arange(len(ids)) - np.repeat(np.cumsum(counts) - counts, counts)
-    marks = (place + rng.random(len(ids))) / counts[ids] * face_areas[ids]
+    # drawn surface by surface, so that one more surface leaves the larger ones' points alone
+    draws = [(rng.random(count), rng.random((2, count))) for count in counts.tolist()]
+    marks = (place + np.concatenate([draw[0] for draw in draws])) / counts[ids] * face_areas[ids]
     ends = np.cumsum(np.bincount(solid.face_of_triangle, minlength=len(counts)))
     begins = np.concatenate([[0], ends[:-1]])
     offsets = np.concatenate([[0.0], cumulated])[begins]
     at = np.searchsorted(cumulated, offsets[ids] + marks)
     chosen = order[np.clip(at, begins[ids], ends[ids] - 1)]
-    a, b = rng.random((2, len(ids)))
+    a, b = np.concatenate([draw[1] for draw in draws], axis=1)
     flip = a + b > 1
     a, b = np.where(flip, 1 - a, a), np.where(flip, 1 - b, b)
     # kept off all three edges, where a ray may slip between two triangles
