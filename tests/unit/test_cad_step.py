@@ -281,7 +281,7 @@ def test_a_kernel_that_dies_or_hangs_is_a_typed_error(
     child.write_text(script)
     source.write_text("whatever")
     begin = time.monotonic()
-    limits = KernelLimits(time_s=0.5)
+    limits = KernelLimits(time_s=0.25)
     with (
         KernelRun(child, source, tmp_path / "out.npz", (), limits) as run,
         pytest.raises(UnreadableCadError, match=why),

@@ -89,7 +89,7 @@ class Part21:
             found.append(
                 Written(
                     raw=tuple(m.raw for m in measures),
-                    nominal=nominal and nominal.value,
+                    nominal=nominal.value if nominal else None,
                     limits=(lower.value, upper.value) if lower and upper else None,
                     deviations=(below.value, above.value) if below and above else None,
                     is_angle=measures[0].is_angle,

@@ -13,6 +13,7 @@ the reason.
 import json
 import resource
 import sys
+from math import sqrt
 from pathlib import Path
 from typing import Any, Final
 
@@ -240,12 +241,12 @@ def surfaces_of(solid: Any) -> dict[str, Any]:  # noqa: ANN401
         if form is not None:
             place[i] = xyz(form.Location())
             axis[i] = xyz(form.Position().Direction())
-            radii[i] = {
-                "cylinder": lambda s: (s.Radius(), 0.0, 0.0),
-                "cone": lambda s: (s.RefRadius(), 0.0, s.SemiAngle()),
-                "sphere": lambda s: (s.Radius(), 0.0, 0.0),
-                "torus": lambda s: (s.MajorRadius(), s.MinorRadius(), 0.0),
-            }.get(name, lambda _: (0.0, 0.0, 0.0))(form)
+        if name in {"cylinder", "sphere"}:
+            radii[i, 0] = form.Radius()
+        elif name == "cone":
+            radii[i] = form.RefRadius(), 0.0, form.SemiAngle()
+        elif name == "torus":
+            radii[i] = form.MajorRadius(), form.MinorRadius(), 0.0
         measured = GProp_GProps()
         BRepGProp.SurfaceProperties_s(face, measured)
         area[i], mean[i] = measured.Mass(), xyz(measured.CentreOfMass())
@@ -315,7 +316,7 @@ def extent_of(solid: Any) -> float:  # noqa: ANN401
 
     box = Bnd_Box()
     BRepBndLib.Add_s(solid, box)
-    return float(box.SquareExtent()) ** 0.5
+    return sqrt(float(box.SquareExtent()))
 
 
 def main(argv: list[str]) -> int:

@@ -18,7 +18,13 @@ import trimesh
 from numpy.typing import NDArray
 
 from ..boundary import Face, FaceKind
-from ..errors import CadError, EmptyCadError, OpenCadError, UnreadableCadError
+from ..errors import (
+    CadError,
+    EmptyCadError,
+    OpenCadError,
+    SelfIntersectingCadError,
+    UnreadableCadError,
+)
 from ..solid import Solid, make_solid
 from ..surfaces.tolerances import Tolerance
 from ._kernel import KernelLimits, KernelRun, check_installed
@@ -26,9 +32,11 @@ from ._tolerances import tolerances_from
 
 Array = NDArray[np.float64]
 
-CHORD_MM: Final = 0.01  # a fifth of what drawn edges may be off
-CHORD_SHARE: Final = 1e-4  # of the diagonal: parts beyond 100 mm need not be finer in proportion
-ANGLE_RAD: Final = 0.2  # 32 strips round a bore: enough to look round
+# chord error [mm], the same as a share of the diagonal, angle [rad]. A chord of 0.01 mm is a fifth
+# of what drawn edges may be off, parts beyond 100 mm need not be finer in proportion, and 32 strips
+# make a bore round. The kernel folds some sound blends at one fineness and not at another, hence
+# two.
+TESSELLATIONS: Final = ((0.01, 1e-4, 0.2), (0.03, 0.0, 0.3))
 MESH_SHARE: Final = 0.02  # a sound tessellation misses less of the volume by far
 KINDS: Final[tuple[FaceKind, ...]] = ("plane", "cylinder", "cone", "sphere", "torus", "freeform")
 # as ISO 10303-41 and the kernel spell them; where the kernel names none it has still converted
@@ -114,16 +122,23 @@ def read_step_part(path: Path, limits: KernelLimits | None = None) -> StepPart:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="cellctl-step-")))
         source = folder / "part.step"
         source.write_bytes(data)
-        arguments = [str(CHORD_MM), str(CHORD_SHARE), str(ANGLE_RAD)]
-        shape_run = stack.enter_context(
-            KernelRun("_step_child.py", source, folder / "shape.npz", arguments, limits)
-        )
         pmi_run = None
         if SEMANTIC.search(data):
             pmi_run = stack.enter_context(
                 KernelRun("_step_pmi_child.py", source, folder / "pmi.npz", (), limits)
             )
-        found: dict[str, Any] = dict(shape_run.result(where))
+        for fineness in TESSELLATIONS:
+            arguments = [str(number) for number in fineness]
+            with KernelRun(
+                "_step_child.py", source, folder / "shape.npz", arguments, limits
+            ) as shape_run:
+                found: dict[str, Any] = dict(shape_run.result(where))
+            try:
+                solid = _solid(found, path.stem, hashlib.sha256(data).hexdigest(), where)
+                break
+            except SelfIntersectingCadError:
+                if fineness == TESSELLATIONS[-1]:
+                    raise
         tolerances: tuple[Tolerance, ...] = ()
         warnings: tuple[str, ...] = ()
         if pmi_run is not None:
@@ -136,7 +151,7 @@ def read_step_part(path: Path, limits: KernelLimits | None = None) -> StepPart:
                 tolerances, warnings = tolerances_from(
                     told, data, area_mm2, found["mean_mm"], _ranks(area_mm2)
                 )
-    return _part(found, path.stem, hashlib.sha256(data).hexdigest(), where, tolerances, warnings)
+    return _part(found, solid, tolerances, warnings)
 
 
 def _read_text(path: Path) -> bytes:
@@ -162,14 +177,7 @@ def _ranks(area_mm2: Array) -> NDArray[np.int64]:
     return rank
 
 
-def _part(
-    found: dict[str, Any],
-    name: str,
-    content_hash: str,
-    where: str,
-    tolerances: tuple[Tolerance, ...],
-    warnings: tuple[str, ...],
-) -> StepPart:
+def _solid(found: dict[str, Any], name: str, content_hash: str, where: str) -> Solid:
     for key in ("vertices_mm", "area_mm2", "volume_mm3", "centroid_mm"):
         if not np.isfinite(found[key]).all():
             raise UnreadableCadError(
@@ -177,16 +185,14 @@ def _part(
             )
     rank = _ranks(found["area_mm2"])
     mesh = trimesh.Trimesh(found["vertices_mm"], found["triangles"], process=False)
-    face_of_triangle = rank[found["face_of_triangle"]].astype(np.int32)
     volume_mm3 = float(found["volume_mm3"])
-    faces = _faces(found, mesh, rank)
     solid = make_solid(
         mesh,
         name,
         content_hash,
         where,
-        faces=faces,
-        face_of_triangle=face_of_triangle,
+        faces=_faces(found, mesh, rank),
+        face_of_triangle=rank[found["face_of_triangle"]].astype(np.int32),
         unit=UNITS.get(str(found["unit"]).lower(), "mm"),
         unit_is_declared=True,
     )
@@ -195,6 +201,16 @@ def _part(
             f"{where}: its surfaces hold {volume_mm3:.1f} mm3, between its edges are "
             f"{solid.mesh.volume:.1f} mm3; surfaces and edges do not fit, export it again"
         )
+    return replace(solid, volume_mm3=volume_mm3, centroid_mm=found["centroid_mm"])
+
+
+def _part(
+    found: dict[str, Any],
+    solid: Solid,
+    tolerances: tuple[Tolerance, ...],
+    warnings: tuple[str, ...],
+) -> StepPart:
+    rank = _ranks(found["area_mm2"])
     edges = StepEdges(
         found["chain_start"],
         found["chain"],
@@ -206,7 +222,7 @@ def _part(
         found["curve_radius_mm"],
     )
     return StepPart(
-        solid=replace(solid, volume_mm3=volume_mm3, centroid_mm=found["centroid_mm"]),
+        solid=solid,
         step_face=np.argsort(rank),
         edges=edges,
         area_mm2=float(found["surface_mm2"]),
