@@ -37,7 +37,7 @@ class KernelLimits:
     memory_bytes : of data; its libraries, 250 MB, come on top
     """
 
-    time_s: float = 9.0
+    time_s: float = 8.0
     memory_bytes: int = 700 << 20
 
     def time_for_s(self, byte_count: int) -> float:
