@@ -81,7 +81,7 @@ def judge(
     found = dict.fromkeys((i for _, f in doubtful for i in f.face_ids), Verdict.INDETERMINATE)
     found |= dict.fromkeys((i for _, f in confirmed for i in f.face_ids), Verdict.FAIL)
     faces = tuple(
-        _face(solid, samples, i, shown, evaluated, found.get(i), unseen_reasons)
+        _face(solid, samples, i, shown, evaluated, found.get(i), unseen_reasons, limits)
         for i in range(len(solid.faces))
     )
     reasons: list[str] = [_sentence(solid, view_id, f) for view_id, f in confirmed]
@@ -143,6 +143,7 @@ def _face(
     views: Sequence[ViewResult],
     found: Verdict | None,
     unseen_reasons: Mapping[int, str],
+    limits: Limits,
 ) -> FaceVerdict:
     face = solid.faces[face_id]
     mine = samples.face_ids == face_id
@@ -159,6 +160,8 @@ def _face(
         verdict, reason = Verdict.PASS, "" if fraction > 0.98 else rest
     elif not reason and _is_beside_hand(views, mine & ~shown):
         reason = "too near to the hand to be compared wherever it was in sight"
+    elif not reason and face.area_mm2 < limits.min_area_mm2:
+        reason = "smaller than the smallest difference looked for"
     return FaceVerdict(face_id, face.label, face.area_mm2, fraction, verdict, by, reason)
 
 

@@ -23,7 +23,9 @@ SQUARE_SHARE = 0.02  # of all area: a planar face at least this large deserves a
 PICTURE_MARGIN_PX = 12.0
 KEPT_Q = 5  # configurations kept per view and grip
 TRIED_Q = 14
-FINGER_SHADOW_MM = 0.5  # pads are soft and a little wider than drawn
+# Inspection compares nothing within nine pixels of the hand (inspection/_view.py), 1.7 mm at the
+# station; a plan that counts what lies there as shown leaves it unseen
+FINGER_SHADOW_MM = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

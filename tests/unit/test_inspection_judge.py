@@ -124,12 +124,25 @@ def test_too_little_seen_is_indeterminate_and_says_how_much_is_asked() -> None:
     assert "90.0 % is asked" in got.reasons[0]
 
 
-def test_a_face_nobody_can_account_for_forbids_a_pass_however_small_it_is() -> None:
+def test_a_face_nobody_can_account_for_forbids_a_pass_whatever_else_was_seen() -> None:
     hidden = bore_id()
     got = verdict(view(seen=all_but(hidden)), coverage=0.5)
     assert got.verdict is Verdict.INDETERMINATE
     assert got.faces[hidden].verdict is Verdict.NOT_EVALUATED
     assert any(plate().faces[hidden].label in reason for reason in got.reasons)
+
+
+def test_a_face_too_small_for_the_smallest_difference_is_accounted_for_as_such() -> None:
+    block = box(40, 30, 10) + box(1.0, 1.0, 1.0).translate((0, 0, 5.0))
+    solid = solid_of(block)
+    points = sample_surface(solid, 4.0)
+    speck = solid.faces[-1]
+    assert speck.area_mm2 < 0.5 * np.pi / 4 * 3.0**2  # of a difference 3 mm across
+    seen = points.face_ids != speck.id
+    got = judge(solid, points, (view(seen=seen),), {}, 0.5, LIMITS)
+    assert got.verdict is Verdict.PASS
+    assert got.faces[speck.id].verdict is Verdict.NOT_EVALUATED
+    assert "smaller than the smallest difference" in got.faces[speck.id].reason
 
 
 def test_a_face_in_sight_only_beside_the_hand_is_accounted_for_as_such() -> None:
