@@ -139,6 +139,7 @@ class RunWriter:
         count: int = 1,
         real: bool = False,
         speed: float = 10.0,
+        unit: str | None = "mm",
     ) -> None:
         self.runs_dir, self.run_id = runs_dir, run_id
         self.folder = runs_dir / run_id
@@ -146,7 +147,7 @@ class RunWriter:
         self.journal = Journal(runs_dir / JOURNAL_NAME, run_id)
         self.number = 0
         cell = load_cell(CELL)
-        recipe = load_recipe(RECIPE).model_copy(update={"name": name})
+        recipe = load_recipe(RECIPE).model_copy(update={"name": name, "unit": unit})
         order = RunOrder(
             RECIPE, CELL, recipe, cell, count, speed, {"devices": OFFERED}, runs_dir, run_id
         )

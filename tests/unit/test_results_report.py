@@ -241,6 +241,12 @@ def test_the_time_line_names_the_worst_step(tmp_path: Path) -> None:
     assert total[1:5] == ["4 steps done", "28.0", "32.5", "+4.5"]
 
 
+def test_what_a_recipe_leaves_open_is_reported_as_such(tmp_path: Path) -> None:
+    writer = RunWriter(tmp_path, unit=None)
+    writer.end("aborted", "nothing was there", "fault")
+    assert "not said" in page_of(tmp_path).text
+
+
 def test_names_from_a_recipe_stay_text(tmp_path: Path) -> None:
     writer = RunWriter(tmp_path, name=NASTY)
     writer.whole_part((view("G1-V0"), view(NASTY.replace("/", "|"))), verdict(), "accept")
