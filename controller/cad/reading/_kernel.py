@@ -23,7 +23,7 @@ from .. import errors
 from ..errors import CadError, UnreadableCadError
 
 REFUSED: Final = 3  # exit code of a child that says why
-SECONDS_PER_MB: Final = 5.0  # some ten times what sound files of 2 MB take
+SECONDS_PER_MB: Final = 3.0  # sound files take 1 s for each, and 2 s to start
 PATIENCE: Final = 4.0  # the clock may run this many times longer: others use the machine too
 
 
@@ -37,7 +37,7 @@ class KernelLimits:
     memory_bytes : of data; its libraries, 250 MB, come on top
     """
 
-    time_s: float = 8.0
+    time_s: float = 5.0
     memory_bytes: int = 700 << 20
 
     def time_for_s(self, byte_count: int) -> float:
