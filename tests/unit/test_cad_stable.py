@@ -159,15 +159,19 @@ def manifest() -> list[dict[str, Any]]:
 def test_the_shared_parts_lie_as_their_manifest_says(entry: dict[str, Any]) -> None:
     poses = stable_poses(load_solid(SHARED / "parts" / entry["stl"]))
     assert_sound(poses)
+    # a gear's tooth rests on a run of slivers: the manifest names the likeliest of them, and the
+    # tooth itself rocks to where its centre is lowest
+    gear = entry["name"].startswith("cycloidal")
     for expected in entry["stable_poses"]:
         toward = -np.array(expected["R"])[2]
-        same = [p for p in poses if down(p) @ toward > np.cos(np.radians(1.5))]
+        within_deg = 1.5 if gear else 0.2
+        same = [p for p in poses if down(p) @ toward > np.cos(np.radians(within_deg))]
         alone = sum(p.probability for p in same)
         # the manifest pools what cannot be told apart: both sides of a disc, every tooth of a gear
         height = same[0].com_height_mm
         pooled = sum(p.probability for p in poses if abs(p.com_height_mm - height) < 0.05)
         assert min(abs(o - expected["probability"]) for o in (alone, pooled)) < 0.003
-        assert height == pytest.approx(expected["centroid_height_mm"], abs=0.05)
+        assert height == pytest.approx(expected["centroid_height_mm"], abs=0.05 if gear else 0.001)
 
 
 def trimesh_facets(solid: Any, above: float) -> list[tuple[np.ndarray, float]]:
@@ -262,6 +266,12 @@ def test_a_rod_is_one_family_about_its_axis() -> None:
     assert family.arc_rad == pytest.approx(2 * np.pi)
     assert len(family.odds) == 64
     assert family.odds.sum() == pytest.approx(family.probability, abs=1e-9)
+
+
+@pytest.mark.parametrize("scale", [1.0, 25.4, 1000.0])
+def test_a_wheel_rolls_whatever_its_size(scale: float) -> None:
+    poses = stable_poses(solid_of(rod(38.0, 12.7, 54).scale((scale, scale, scale))))
+    assert [p.rolling for p in poses] == [False, False, True]
 
 
 def test_a_cone_rolls_in_a_circle_and_stands_on_its_end() -> None:

@@ -21,6 +21,7 @@ SMOOTH_RAD = np.radians(31.0)  # a circle of twelve corners and more
 PLANE_RATIO = 4.0  # a plane is this many times larger than the strips it runs into
 BULGE_MARGIN = 1.5  # tessellations are uneven
 BULGE_CAP_MM = 0.5  # a deeper hollow is told as a pose, whatever it may be a part of
+LARGE_MM = 100.0  # a part reaching further is tessellated, and rolls, in proportion
 NARROW_RAD = np.radians(10.0)  # strips that hold the part this near to the lowest are one balance
 ROLLING_LIFT_MM = 0.15  # on one curve a climb of less is no rest: the part rolls over it
 
@@ -35,12 +36,15 @@ class Strips:
     bulge_mm : (f,) how far the curve stands out over a strip, 0 for a plane
     is_smooth : (e,) edges inside a curve, or where it runs into a plane
     region : (f,) number of the curve a strip is part of; each plane has one of its own
+    cap_mm, lift_mm : `BULGE_CAP_MM` and `ROLLING_LIFT_MM` for a part of this size
     """
 
     is_strip: NDArray[np.bool_]
     bulge_mm: Array
     is_smooth: NDArray[np.bool_]
     region: Ids
+    cap_mm: float
+    lift_mm: float
 
 
 def find_strips(hull: Hull) -> Strips:
@@ -69,10 +73,12 @@ def find_strips(hull: Hull) -> Strips:
         # the width beyond an edge, as of a strip of that length and the facet's area
         width = hull.areas_mm2[side] / np.maximum(length, np.sqrt(hull.areas_mm2[side]))
         np.maximum.at(bulge, side[keep], (width / 2 * np.tan(angle / 4))[keep])
-    strip &= bulge <= BULGE_CAP_MM  # wider, it is a face of its own, at a blunt angle to the next
+    scale = max(1.0, float(hull.heights_mm.max(initial=0.0)) / LARGE_MM)
+    cap_mm = BULGE_CAP_MM * scale
+    strip &= bulge <= cap_mm  # wider, it is a face of its own, at a blunt angle to the next
     bulge[~strip] = 0.0
     smooth = keep & (strip[first] | strip[second])
-    return Strips(strip, bulge, smooth, region)
+    return Strips(strip, bulge, smooth, region, cap_mm, ROLLING_LIFT_MM * scale)
 
 
 def merge_hollows(hull: Hull, land: Landscape, strips: Strips) -> tuple[Ids, Array]:
@@ -88,13 +94,13 @@ def merge_hollows(hull: Hull, land: Landscape, strips: Strips) -> tuple[Ids, Arr
     a, b = rest[hull.edge_facets[:, 0]], rest[hull.edge_facets[:, 1]]
     allowed = np.where(
         strips.is_strip,
-        np.clip(BULGE_MARGIN * strips.bulge_mm, ROLLING_LIFT_MM, BULGE_CAP_MM),
+        np.clip(BULGE_MARGIN * strips.bulge_mm, strips.lift_mm, strips.cap_mm),
         0.0,
     )
     heights = hull.heights_mm
     # most passes join nothing: the climb is too long for any strip
     climb = land.pass_mm - np.maximum(heights[a], heights[b])
-    worth = strips.is_smooth & (a != b) & (climb <= BULGE_CAP_MM)
+    worth = strips.is_smooth & (a != b) & (climb <= strips.cap_mm)
     order = np.flatnonzero(worth)[np.argsort(land.pass_mm[worth], kind="stable")]
     a, b, top = a[order], b[order], land.pass_mm[order]
     parent = np.arange(hull.count)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from ._curves import PLANE_RATIO, ROLLING_LIFT_MM, Strips
+from ._curves import PLANE_RATIO, Strips
 from ._hull import Array, Hull, Ids
 
 RollKind = Literal["cylinder", "cone", "ball", "other"]
@@ -112,8 +112,8 @@ class Curves:
         along = np.abs(np.arccos(np.clip(normals @ axis, -1, 1)) - tilt) < EVEN_RAD
         arc, closed = _arc(normals[along] if ring else normals, axis)
         widest = float(np.arccos(np.clip((normals @ hull.normals[bottom]).min(), -1, 1)))
-        slack = ROLLING_LIFT_MM / 5 + 2 * float(self._strips.bulge_mm[reach].max())
-        level = len(held) >= 3 and float(np.ptp(heights)) < min(slack, ROLLING_LIFT_MM)
+        slack = self._strips.lift_mm / 5 + 2 * float(self._strips.bulge_mm[reach].max())
+        level = len(held) >= 3 and float(np.ptp(heights)) < min(slack, self._strips.lift_mm)
         centre = _centre_of(normals, heights)
         if ring and closed and len(reach) >= 6:
             upright = abs(tilt - QUARTER_TURN) < EVEN_RAD
@@ -150,13 +150,13 @@ class Curves:
     def _is_dome(self, axis: Array, tilt: float, heights: Array) -> bool:
         """Tell whether a narrow ring of directions goes round a dip: a dome's top, no cone."""
         top = float(self._hull.support_mm(axis[None])[0])
-        return tilt < DOME_RAD and top < float(heights.max()) + ROLLING_LIFT_MM
+        return tilt < DOME_RAD and top < float(heights.max()) + self._strips.lift_mm
 
     def _reach(self, bottom: int) -> Ids:
         """Return the facets of the curve the part gets to with a small climb from its lowest."""
         hull, strips = self._hull, self._strips
         region = int(strips.region[bottom])
-        allowed = max(ROLLING_LIFT_MM, 2 * float(strips.bulge_mm[bottom]))
+        allowed = max(strips.lift_mm, 2 * float(strips.bulge_mm[bottom]))
         low = hull.heights_mm <= hull.heights_mm[bottom] + allowed
         ours = np.zeros(hull.count, dtype=bool)
         ours[self._by_region[region]] = True
