@@ -5,6 +5,7 @@ from __future__ import annotations
 import html.parser
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,14 @@ from cad_solids import box, mesh_of, rod
 from controller.cad import RayCaster, solid
 from controller.cad import compiled as compiling
 from controller.cad.compiled import CompiledPart, CompileOptions, compile_part, load_part
+from controller.cad.surfaces.tolerances import Datum, Dimension, GeometricTolerance
 from controller.cad.views import Loop, Stroke
 from controller.cli import main
+from controller.cli._compile import part_json
 from controller.config import ConfigError, load_recipe
 from controller.results.sheet import _drawings, _picture
 from controller.results.sheet._sheet import render_sheet
+from controller.results.sheet._tables import tolerance_rows
 
 ROOT = Path(__file__).parents[2]
 HOLDER = ROOT / "recipes/parts/holder.stl"
@@ -288,6 +292,30 @@ def sampled(path: str) -> np.ndarray:
         points.append(own @ turn + [(x1 + x2) / 2, (y1 + y2) / 2])
         x1, y1 = x2, y2
     return np.vstack(points)
+
+
+def test_tolerances_are_written_as_a_drawing_has_them(plate: Path) -> None:
+    demands = (
+        Dimension("size_diameter", 10.0, -0.05, 0.05, faces=(6,), fit="H7"),
+        Dimension("location_linear_distance", 20.0, -0.2, 0.1, faces=(2,), other_faces=(3,)),
+        Dimension("size_angle", np.pi / 6, None, None, faces=(1,), is_angle=True),
+        GeometricTolerance("position", 0.2, True, ("A", "B"), (6,), at_maximum_material=True),
+        Datum("A", (0,)),
+    )
+    part = replace(compile_part(plate), tolerances=demands)
+    assert tolerance_rows(part) == (
+        ("size diameter", "⌀ 10 mm H7 ±0.05", "", "F6"),
+        ("location linear distance", "20 mm +0.1 / -0.2", "", "F2 to F3"),
+        ("size angle", "30°", "", "F1"),
+        ("position", "⌀ 0.2 mm, at maximum material", "A | B", "F6"),
+        ("datum", "A", "", "F0"),
+    )
+    assert "at maximum material" in render_sheet([part], None)
+    assert [t["tolerance"] for t in part_json(part, None)["tolerances"]] == [
+        *["dimension"] * 3,
+        "geometric",
+        "datum",
+    ]
 
 
 def test_every_view_fits_into_the_frame_they_share(plate: Path) -> None:
