@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from ..boundary import Boundary, Crease, Face
 from ..solid import Solid
@@ -156,15 +157,30 @@ def stacks(solid: Solid, walls: dict[int, Wall], *, concave: bool) -> list[list[
                 group[root(i)] = root(beyond)
             elif concave and _is_square(solid.faces[beyond], wall.face):
                 by_ledge.setdefault(beyond, []).append(i)
-    for sharing in by_ledge.values():
-        for k, i in enumerate(sharing):
-            for j in sharing[:k]:
-                if coaxial(members[i].face, members[j].face):
-                    group[root(i)] = root(j)
+    for ledge, sharing in by_ledge.items():
+        for i, j in _near_axes(solid.faces[ledge], [members[k].face for k in sharing]):
+            if coaxial(members[sharing[i]].face, members[sharing[j]].face):
+                group[root(sharing[i])] = root(sharing[j])
     grouped: dict[int, list[Wall]] = {}
     for i, wall in members.items():
         grouped.setdefault(root(i), []).append(wall)
     return list(grouped.values())
+
+
+def _near_axes(plane: Face, walls: list[Face]) -> list[tuple[int, int]]:
+    """Return the pairs of walls square to a plane that may share an axis, by where they meet it.
+
+    A plate has a thousand bores in one plane; comparing each with each would grow as their square.
+    """
+    if len(walls) < 2:
+        return []
+    centres = np.stack([wall.centre_mm for wall in walls])
+    offsets = centres - plane.centre_mm
+    feet = offsets - np.outer(offsets @ plane.normal, plane.normal)
+    # axes lean from the normal as far as square allows, over the height between two centres
+    lean = 2 * float(np.sqrt(1 - COAXIAL_COS**2)) * float(np.ptp(offsets @ plane.normal))
+    pairs = cKDTree(feet).query_pairs(COAXIAL_MM + lean + 1e-9)
+    return sorted((j, i) for i, j in pairs)
 
 
 def _is_square(plane: Face, wall: Face) -> bool:
