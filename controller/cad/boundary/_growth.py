@@ -7,13 +7,15 @@ as corners lie on it; only what it reaches is looked at, so the work stays near 
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ._facets import Facets
-from ._primitives import Cloud, Primitive, fits, refined
+from ._fits import Cloud, fits
+from ._neighbours import Neighbours, rows
+from ._primitives import Primitive
+from ._refine import refined
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
@@ -21,8 +23,8 @@ Ids = NDArray[np.int64]
 TIGHT_MM = 0.0002  # files keep 1e-4 mm or 7 digits; a guess from a few facets has to be this good
 LOOSE_MM = 0.02  # a scan, or a coarse export: a whole run that fits one surface this well
 LOOSE_SHARE = 0.02  # and of its radius never more
-HALF_STEP_RAD = np.radians(11.6)  # half a segment of a 16-sided rod: 17 segments are a wall
-FACET_RAD = np.radians(16.0)  # a triangle of a ball or a ring, seen from its corners
+COS_HALF_STEP = np.cos(np.radians(11.6))  # half a segment of a 16-sided rod: 17 segments are a wall
+COS_FACET = np.cos(np.radians(16.0))  # a triangle of a ball or a ring, seen from its corners
 LEAST_FACETS = 4  # three facets are a bevelled corner as well as a fillet
 LEAST_TURN_RAD = np.radians(4.0)  # a wall that turns less has no radius worth the name
 LEAST_GROWN_TURN_RAD = np.radians(15.0)  # any spline has an arc that turns less
@@ -30,7 +32,6 @@ LEAST_GROWN_TURN_RAD = np.radians(15.0)  # any spline has an arc that turns less
 SECOND_TRY = 5.0
 SECOND_TURN_RAD = np.radians(45.0)
 SEED_FACETS = (14, 6)
-LONG_SIDE = 0.5  # of a facet's longest side: strips of a wall meet along such sides
 GROWTH_ROUNDS = 12
 GOLDEN = 0.6180339887498949  # its multiples spread evenly
 FAILED_SEEDS = 24  # in a row: then the rest of the run has no formula
@@ -46,37 +47,6 @@ class Found:
     tolerance_mm: float
 
 
-class Neighbours:
-    """Facets that meet smoothly, as rows of a compressed adjacency."""
-
-    def __init__(self, count: int, a: Ids, b: Ids) -> None:
-        key = np.unique(np.concatenate([a * count + b, b * count + a]))
-        self.to: Ids = key % count
-        self.start = np.searchsorted(key // count, np.arange(count + 1))
-
-    def of(self, facets: Ids) -> Ids:
-        """Return the neighbours of facets, with repeats."""
-        return np.asarray(self.to[rows(self.start, facets)])
-
-
-def along_long_sides(facets: Facets, inner: NDArray[np.bool_]) -> Neighbours:
-    """Return the neighbours across long sides: strip by strip round a wall, not off its ends."""
-    a, b, lengths = facets.a[inner], facets.b[inner], facets.lengths_mm[inner]
-    longest = np.zeros(facets.count)
-    np.maximum.at(longest, a, lengths)
-    np.maximum.at(longest, b, lengths)
-    long = lengths > LONG_SIDE * np.maximum(longest[a], longest[b])
-    return Neighbours(facets.count, a[long], b[long])
-
-
-def rows(start: Ids, picked: Ids) -> Ids:
-    """Return the positions of all entries of picked rows of a compressed table."""
-    sizes = start[picked + 1] - start[picked]
-    total = int(sizes.sum())
-    shift = np.repeat(start[picked] - np.concatenate([[0], np.cumsum(sizes)[:-1]]), sizes)
-    return np.asarray(np.arange(total) + shift, dtype=np.int64)
-
-
 class Grower:
     """Finds surfaces among the facets of one part."""
 
@@ -84,8 +54,11 @@ class Grower:
         self, facets: Facets, corners: Array, is_corner: NDArray[np.bool_], tight_mm: float
     ) -> None:
         self._facets = facets
-        self._corners = corners
-        self._is_corner = is_corner
+        # facet by facet, as their triangles are listed
+        self._corners = corners[facets.triangles]
+        self._is_corner = is_corner[facets.triangles]
+        self._seen = np.zeros(facets.count, dtype=np.int64)
+        self._tick = 0
         self.tight_mm = max(TIGHT_MM, tight_mm)
         self._second = (SECOND_TRY * self.tight_mm, SECOND_TURN_RAD)
         self._failed_runs = 0
@@ -93,10 +66,10 @@ class Grower:
     def cloud(self, facets: Ids) -> Cloud:
         """Return corners and facets of a piece."""
         f = self._facets
-        triangles = f.triangles[rows(f.start, facets)]
-        points = self._corners[triangles][self._is_corner[triangles]]
+        at = rows(f.start, facets)
+        points = self._corners[at][self._is_corner[at]]
         if len(points) == 0:
-            points = self._corners[triangles].reshape(-1, 3)
+            points = self._corners[at].reshape(-1, 3)
         return Cloud(points, f.normals[facets], f.centres[facets], f.areas[facets])
 
     def is_on(self, primitive: Primitive, facets: Ids, tolerance_mm: float) -> NDArray[np.bool_]:
@@ -104,32 +77,22 @@ class Grower:
         f = self._facets
         at = rows(f.start, facets)
         sizes = f.start[facets + 1] - f.start[facets]
-        first = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-        corners = self._corners[f.triangles[at]]
-        flat = ~self._is_corner[f.triangles[at]]
-        off = np.where(flat, 0.0, np.abs(primitive.distances(corners))).max(axis=1)
-        near = np.maximum.reduceat(off, first) <= tolerance_mm
+        first = sizes.cumsum() - sizes
+        is_corner = self._is_corner[at]
+        normals = np.repeat(f.normals[facets], sizes, axis=0)[:, None]
+        off, cosine, away = primitive.seen_from(self._corners[at], normals)
+        bad = is_corner & (off > tolerance_mm)
+        far = np.logical_or.reduceat(bad.any(axis=1), first)
         if primitive.kind == "plane":
-            return near
-        normal = np.repeat(f.normals[facets], sizes, axis=0)[:, None]
-        directions = primitive.directions(corners)
+            return np.asarray(~far)
         if primitive.kind in ("cylinder", "cone"):
             # a strip turns about the axis by one segment at most; its apex may turn as it likes
-            limit = HALF_STEP_RAD
-            axis = primitive.axis
-            directions = directions - (directions @ axis)[..., None] * axis
-            normal = normal - (normal @ axis)[..., None] * axis
-            away = corners - primitive.centre_mm
-            away = away - (away @ axis)[..., None] * axis
-            moot = flat | (np.linalg.norm(away, axis=-1) < 10 * tolerance_mm)
+            tells = is_corner & (away >= 10 * tolerance_mm)
+            turned = tells & (cosine < COS_HALF_STEP)
         else:
-            limit = FACET_RAD
-            moot = flat
-        sizes_product = np.linalg.norm(directions, axis=-1) * np.linalg.norm(normal, axis=-1)
-        cosine = np.abs((directions * normal).sum(axis=-1)) / np.maximum(sizes_product, 1e-12)
-        turned = np.where(moot, 1.0, cosine).min(axis=1) < np.cos(limit)
+            turned = is_corner & (cosine < COS_FACET)
         # slivers may face anywhere; the facet's normal speaks for all its triangles
-        return np.asarray(near & ~np.logical_or.reduceat(turned, first))
+        return np.asarray(~(far | np.logical_or.reduceat(turned.any(axis=1), first)))
 
     def whole(self, facets: Ids) -> Found | None:
         """Return the surface a whole run of facets is, if it is one."""
@@ -204,11 +167,13 @@ class Grower:
                 continue
             best: Found | None = None
             best_area = 0.0
-            for primitive, patch in self._guesses(seed, (strips, links), free, tolerance_mm):
+            known: list[Ids] = []
+            for primitive, patch in self._guesses(seed, (strips, links), free, tolerance_mm, known):
                 grown = self._grown(primitive, patch, links, free, tolerance_mm, turn_rad)
                 area = 0.0 if grown is None else float(self._facets.areas[grown.facets].sum())
-                if area > 1.01 * best_area:
+                if grown is not None and area > 1.01 * best_area:
                     best, best_area = grown, area
+                    known.append(grown.facets)
             if best is None:
                 failed += 1
                 near = links.of(np.array([seed]))
@@ -225,34 +190,69 @@ class Grower:
         nearness: tuple[Neighbours, ...],
         free: NDArray[np.bool_],
         tolerance_mm: float,
+        known: list[Ids],
     ) -> Iterator[tuple[Primitive, Ids]]:
-        """Yield what a facet and some round it may be, with those facets."""
-        known: list[Ids] = []
-        for wanted, near in product(SEED_FACETS, nearness):
-            patch = np.sort(self._patch(seed, wanted, near, free))
-            if len(patch) < LEAST_FACETS or any(np.array_equal(patch, other) for other in known):
+        """Yield what a facet and some round it may be, with those facets.
+
+        What lies within facets already ``known`` is passed over; the caller may add to them.
+        """
+        tried: list[Ids] = []
+        for near in nearness:
+            patches = [self._patch(seed, wanted, near, free) for wanted in SEED_FACETS]
+            # what does not fit a few facets will not fit more of them
+            few = self._guess(patches[1], tolerance_mm)
+            if few is None and len(patches[1]) > LEAST_FACETS + 1:
                 continue
-            known.append(patch)
-            few = len(patch) <= LEAST_FACETS + 1
-            for primitive in fits(self.cloud(patch)):
-                if few and primitive.kind not in ("plane", "cylinder"):
-                    break  # so few facets fit anything
-                if self.is_on(primitive, patch, tolerance_mm).all():
+            for patch in patches:
+                if len(patch) < LEAST_FACETS or any(self._is_within(patch, p) for p in known):
+                    continue
+                if any(len(patch) == len(p) and self._is_within(patch, p) for p in tried):
+                    continue
+                tried.append(patch)
+                primitive = few if patch is patches[1] else self._guess(patch, tolerance_mm)
+                if primitive is not None:
                     yield primitive, patch
-                    break  # the simplest kind that fits is the kind
+
+    def _is_within(self, patch: Ids, other: Ids) -> bool:
+        self._tick += 1
+        self._seen[other] = self._tick
+        return bool((self._seen[patch] == self._tick).all())
+
+    def _guess(self, patch: Ids, tolerance_mm: float) -> Primitive | None:
+        """Return the simplest kind of surface that fits a few facets."""
+        if len(patch) < LEAST_FACETS:
+            return None
+        cloud = self.cloud(patch)
+        few = len(patch) <= LEAST_FACETS + 1
+        for primitive in fits(cloud, tolerance_mm):
+            if few and primitive.kind not in ("plane", "cylinder"):
+                return None  # so few facets fit anything
+            if float(np.abs(primitive.distances(cloud.points)).max()) > tolerance_mm:
+                continue
+            if self.is_on(primitive, patch, tolerance_mm).all():
+                return primitive
+        return None
 
     def _patch(self, seed: int, wanted: int, links: Neighbours, free: NDArray[np.bool_]) -> Ids:
         """Return a facet and the rings of facets round it, about as many as wanted."""
         patch = front = np.array([seed])
+        self._tick += 1
+        self._seen[patch] = self._tick
         while len(patch) < wanted:
-            ring = np.unique(links.of(front))
-            front = np.setdiff1d(ring[free[ring]], patch, assume_unique=True)
+            front = self._ring(front, links, free)
             if len(front) == 0:
                 break
             if len(patch) + len(front) > 2 * wanted and len(patch) >= LEAST_FACETS:
                 break
             patch = np.concatenate([patch, front])
         return patch
+
+    def _ring(self, front: Ids, links: Neighbours, free: NDArray[np.bool_]) -> Ids:
+        """Return the free neighbours not seen since the last tick; now they are."""
+        ring = links.of(front)
+        ring = np.unique(ring[free[ring] & (self._seen[ring] != self._tick)])
+        self._seen[ring] = self._tick
+        return ring
 
     def _grown(
         self,
@@ -296,15 +296,13 @@ class Grower:
         free: NDArray[np.bool_],
         tolerance_mm: float,
     ) -> Ids:
-        seen = set(facets.tolist())
+        self._tick += 1
+        self._seen[facets] = self._tick
         front, parts = facets, [facets]
         while len(front):
-            ring = np.unique(links.of(front))
-            ring = ring[free[ring]]
-            ring = np.array([i for i in ring.tolist() if i not in seen], dtype=np.int64)
+            ring = self._ring(front, links, free)
             if len(ring) == 0:
                 break
-            seen.update(ring.tolist())
             front = ring[self.is_on(primitive, ring, tolerance_mm)]
             parts.append(front)
         return np.concatenate(parts)

@@ -1,0 +1,42 @@
+"""Which facets meet smoothly, and which of them along their long sides."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._facets import Facets
+
+Ids = NDArray[np.int64]
+
+LONG_SIDE = 0.5  # of a facet's longest side: strips of a wall meet along such sides
+
+
+class Neighbours:
+    """Facets that meet smoothly, as rows of a compressed adjacency."""
+
+    def __init__(self, count: int, a: Ids, b: Ids) -> None:
+        key = np.unique(np.concatenate([a * count + b, b * count + a]))
+        self.to: Ids = key % count
+        self.start = np.searchsorted(key // count, np.arange(count + 1))
+
+    def of(self, facets: Ids) -> Ids:
+        """Return the neighbours of facets, with repeats."""
+        return np.asarray(self.to[rows(self.start, facets)])
+
+
+def along_long_sides(facets: Facets, inner: NDArray[np.bool_]) -> Neighbours:
+    """Return the neighbours across long sides: strip by strip round a wall, not off its ends."""
+    a, b, lengths = facets.a[inner], facets.b[inner], facets.lengths_mm[inner]
+    longest = np.zeros(facets.count)
+    np.maximum.at(longest, a, lengths)
+    np.maximum.at(longest, b, lengths)
+    long = lengths > LONG_SIDE * np.maximum(longest[a], longest[b])
+    return Neighbours(facets.count, a[long], b[long])
+
+
+def rows(start: Ids, picked: Ids) -> Ids:
+    """Return the positions of all entries of picked rows of a compressed table."""
+    begin = start[picked]
+    sizes = start[picked + 1] - begin
+    ends = sizes.cumsum()
+    total = int(ends[-1]) if len(ends) else 0
+    return np.asarray(np.arange(total) + np.repeat(begin - ends + sizes, sizes), dtype=np.int64)
