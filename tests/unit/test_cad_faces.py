@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cad_solids import Body, box, polygon_area, prism, rod, solid_of
+import trimesh
+from cad_solids import SHARED, Body, box, polygon_area, prism, rod, solid_of
 from manifold3d import CrossSection
 
-from controller.cad import Face, Solid, sample_surface
+from controller.cad import Face, Solid, load_solid, make_solid, sample_surface
 
 
 def by_kind(solid: Solid, kind: str) -> list[Face]:
@@ -148,6 +149,45 @@ def test_a_slot_is_two_half_bores_and_two_planes() -> None:
     assert all(f.concave for f in ends)
     assert sorted(f.centre_mm[0] for f in ends) == pytest.approx([-10, 10], abs=1e-3)
     assert len(by_kind(solid, "plane")) == 8
+
+
+def test_a_narrow_flat_between_two_fillets_stays_a_plane() -> None:
+    # quarter rounds of radius 3 at (-0.5, 0) and (0.5, 0): 1 mm of flat, narrower than four strips
+    turns = np.linspace(0, np.pi / 2, 9)
+    right = [(0.5 + 3 * np.cos(a), 3 * np.sin(a)) for a in turns]
+    left = [(-x, y) for x, y in right[::-1]]
+    solid = solid_of(prism([(-3.5, -5), (3.5, -5), *right, *left], 50))
+    assert_bookkeeping(solid)
+    assert sorted(f.radius_mm for f in by_kind(solid, "cylinder")) == pytest.approx(
+        [3, 3], abs=1e-3
+    )
+    (flat,) = (f for f in by_kind(solid, "plane") if f.normal[1] > 0.9)
+    assert flat.area_mm2 == pytest.approx(50)
+
+
+def test_a_flat_facet_in_a_free_surface_is_no_plane_of_its_own() -> None:
+    # an ellipsoid has no formula of ours; at its pole a small 12-gon, far larger than the
+    # triangles in the three rings round it and not three times the mean of all
+    n = 1500
+    height = 1 - (2 * np.arange(n) + 1) / n
+    turn = np.pi * (3 - np.sqrt(5)) * np.arange(n)
+    across = np.sqrt(1 - height**2)
+    ball = np.column_stack([across * np.cos(turn), across * np.sin(turn), height])
+    ball = ball[(ball[:, 2] < 0) | (np.hypot(ball[:, 0], ball[:, 1]) > 0.15)]
+    for radius in (0.05, 0.07, 0.095, 0.12):
+        angles = 2 * np.pi * np.arange(12) / 12
+        ring = radius * np.column_stack([np.cos(angles), np.sin(angles)])
+        ball = np.vstack([ball, np.column_stack([ring, np.full(12, np.sqrt(1 - radius**2))])])
+    hull = trimesh.convex.convex_hull(ball * [12, 9, 7])
+    solid = make_solid(hull, "ellipsoid", "5eed" * 16, where="ellipsoid")
+    assert_bookkeeping(solid)
+    assert [f.kind for f in solid.faces] == ["freeform"]
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason=f"no parts: {SHARED} is not there")
+def test_the_gear_has_one_free_wall_a_bore_and_two_ends() -> None:
+    solid = load_solid(SHARED / "parts" / "cycloidal_gear.stl")
+    assert sorted(f.kind for f in solid.faces) == ["cylinder", "freeform", "plane", "plane"]
 
 
 @pytest.mark.parametrize("slope_deg", [2, 8, 15, 21, 30])

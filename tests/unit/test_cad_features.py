@@ -155,6 +155,14 @@ def test_a_groove_is_a_slot_between_two_facing_walls() -> None:
     assert slot.depth_mm == pytest.approx(4)
     assert slot.axis == pytest.approx([0, 0, -1])
     assert slot.position_mm == pytest.approx([0, 5, 10])
+    assert slot.is_through
+    assert slot.label == "slot 6.0 x 60.0 mm, 4.0 mm deep, through"
+
+
+def test_a_groove_that_stops_short_of_an_end_does_not_run_through() -> None:
+    # 6 wide, from the face at x = 30 to x = -10, where a half-round of radius 3 ends it
+    tool = box(40, 6, 8).translate((10, 5, 10)) + rod(3, 8, 48).translate((-10, 5, 10))
+    assert not any(f.is_through for f in features(box(60, 40, 20) - tool))
 
 
 def test_a_step_is_no_slot_and_a_rib_is_none() -> None:

@@ -34,6 +34,7 @@ class Facets:
     normals, centres, areas : (m, 3), (m, 3), (m,)
     a, b : (k,) facets that meet in a smooth edge, each edge once
     lengths_mm : (k,) how long these edges are
+    rims_mm : (m,) length of all edges round each facet
     """
 
     of_triangle: Ids
@@ -45,6 +46,7 @@ class Facets:
     a: Ids
     b: Ids
     lengths_mm: Array
+    rims_mm: Array
 
     @property
     def count(self) -> int:
@@ -87,11 +89,13 @@ def find_facets(mesh: trimesh.Trimesh) -> Facets:
     a, b = of[pairs[apart, 0]], of[pairs[apart, 1]]
     cosine = (facet_normals[a] * facet_normals[b]).sum(axis=1)
     smooth = cosine > np.cos(SMOOTH_RAD)
-    edges = np.asarray(mesh.vertices)[np.asarray(mesh.face_adjacency_edges)[apart][smooth]]
+    edges = np.asarray(mesh.vertices)[np.asarray(mesh.face_adjacency_edges)[apart]]
     lengths = np.linalg.norm(edges[:, 0] - edges[:, 1], axis=1)
+    rims = np.bincount(a, lengths, len(total)) + np.bincount(b, lengths, len(total))
+    a, b, lengths = a[smooth], b[smooth], lengths[smooth]
     order = np.argsort(of, kind="stable")
     start = np.concatenate([[0], np.cumsum(np.bincount(of))])
-    return Facets(of, order, start, facet_normals, middles, total, a[smooth], b[smooth], lengths)
+    return Facets(of, order, start, facet_normals, middles, total, a, b, lengths, rims)
 
 
 def _sums(labels: Ids, values: Array) -> Array:

@@ -15,6 +15,7 @@ from ._growth import LEAST_FACETS, Found, Grower
 from ._halfedges import components
 from ._neighbours import Neighbours, along_long_sides
 from ._primitives import Primitive
+from ._specks import specks_absorbed
 from ._types import Face
 
 Array = NDArray[np.float64]
@@ -44,6 +45,7 @@ def find_faces(mesh: trimesh.Trimesh) -> tuple[tuple[Face, ...], NDArray[np.int3
     _absorb(facets, grower, owner, primitives, tolerances_mm)
     _leave_rest(facets, owner, primitives)
     owner = _merged(facets, grower, owner, primitives)
+    owner = specks_absorbed(facets, grower, owner, primitives)
     return describe(mesh, owner[facets.of_triangle], primitives)
 
 

@@ -100,7 +100,7 @@ def _floors(
 
 
 def _grooves(solid: Solid, sides: list[list[int]], taken: set[int]) -> list[Slot]:
-    """Return floors with two walls that face each other, and open at both ends."""
+    """Return floors between two walls that face each other, with no wall at their ends."""
     b = solid.boundary
     found = []
     for floor in solid.faces:
@@ -133,7 +133,18 @@ def _grooves(solid: Solid, sides: list[list[int]], taken: set[int]) -> list[Slot
                 depth,
                 -floor.normal,
                 floor.centre_mm + depth * floor.normal,
-                is_through=False,
+                is_through=_open_at_both_ends(solid, sides[floor.id], along, reach),
             )
         )
     return found
+
+
+def _open_at_both_ends(solid: Solid, edges: list[int], along: Array, reach: Array) -> bool:
+    """Return whether a floor drops off at either end of its reach along its walls."""
+    b = solid.boundary
+    dropping = [h for h in edges if b.crease[h // 2] == Crease.CONVEX]
+    chains = [b.chain_of(h // 2)[[0, -1]] for h in dropping]
+    ends = np.asarray(solid.mesh.vertices)[np.array(chains, dtype=np.int64).reshape(-1)] @ along
+    return len(ends) > 0 and bool(
+        ends.min() < reach.min() + SAME_MM and ends.max() > reach.max() - SAME_MM
+    )

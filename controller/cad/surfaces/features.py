@@ -48,7 +48,7 @@ class Feature:
     axis : (3,) into the material of a hole or a slot, out of it for a boss, along a fillet or a
         chamfer
     position_mm : (3,) middle of the mouth, of the free end of a boss, of a chamfer or a fillet
-    is_through : of holes and slots open at both ends
+    is_through : of holes and slots open at both ends; of a groove, that it runs through
     is_concave : of fillets: in an inner corner, not round an outer one
     steps : walls of a hole or a boss from the mouth or the free end on
     """
@@ -74,8 +74,9 @@ class Feature:
                 stepped = len([s for s in self.steps if s.kind == "cylinder"]) > 1
                 return f"{'stepped hole' if stepped else 'hole'} {self.diameter_mm:.1f} mm {depth}"
             case "slot":
-                depth = "through" if self.is_through else f"{self.depth_mm:.1f} mm deep"
-                return f"slot {self.width_mm:.1f} x {self.length_mm:.1f} mm {depth}"
+                # a groove that runs through has a floor all the same
+                depth = f"{self.depth_mm:.1f} mm deep{', through' if self.is_through else ''}"
+                return f"slot {self.width_mm:.1f} x {self.length_mm:.1f} mm, {depth}"
             case "boss":
                 return f"boss {self.diameter_mm:.1f} mm, {self.depth_mm:.1f} mm high"
             case "chamfer":

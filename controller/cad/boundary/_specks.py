@@ -1,0 +1,78 @@
+"""Small flat pieces that are bits of the curved surface round them, not planes of their own.
+
+Tessellations of free surfaces, and of walls near their seams, have single facets larger than
+those round them. Such a facet looks like a plane, but its rim runs smoothly into its neighbour.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._facets import Facets
+from ._growth import LOOSE_MM, LOOSE_SHARE, Grower
+from ._primitives import Primitive
+
+Ids = NDArray[np.int64]
+
+SPECK = 4.0  # times a neighbour's mean facet: a larger plane is a plane
+ROUNDS = 3  # a few slivers side by side
+SMOOTH_RIM = 0.8  # of the rim: a ledge or a chamfer has creases along at least one long side
+
+
+def specks_absorbed(
+    facets: Facets, grower: Grower, owner: Ids, primitives: list[Primitive | None]
+) -> Ids:
+    """Return owners (m,) with specks given to the curved surface they run into.
+
+    A surface without formula takes any speck; one with a formula must pass near its corners,
+    or a narrow flat between two fillets would be lost.
+    """
+    is_plane = np.array([p is not None and p.kind == "plane" for p in primitives])
+    for _ in range(ROUNDS):
+        given = _absorbed_once(facets, grower, owner, primitives, is_plane)
+        if np.array_equal(given, owner):
+            break
+        owner = given
+    return owner
+
+
+def _absorbed_once(
+    facets: Facets,
+    grower: Grower,
+    owner: Ids,
+    primitives: list[Primitive | None],
+    is_plane: NDArray[np.bool_],
+) -> Ids:
+    count = len(primitives)
+    areas = np.bincount(owner, weights=facets.areas, minlength=count)
+    mean = areas / np.maximum(np.bincount(owner, minlength=count), 1)
+    a, b = owner[facets.a], owner[facets.b]
+    one, other = np.concatenate([a, b]), np.concatenate([b, a])
+    lengths = np.concatenate([facets.lengths_mm, facets.lengths_mm])
+    rims = np.bincount(owner, weights=facets.rims_mm, minlength=count)
+    rims -= np.bincount(one, weights=np.where(one == other, lengths, 0.0), minlength=count)
+    apart = one != other
+    smooth = np.bincount(one[apart], weights=lengths[apart], minlength=count)
+    curved = is_plane[one] & ~is_plane[other]
+    bent = np.bincount(one[curved], weights=lengths[curved], minlength=count)
+    use = curved & (areas[one] < SPECK * mean[other]) & (smooth >= SMOOTH_RIM * rims)[one]
+    pairs, which = np.unique(one[use] * count + other[use], return_inverse=True)
+    shared = np.bincount(which, weights=lengths[use])
+    specks, takers = pairs // max(count, 1), pairs % max(count, 1)
+    given = owner.copy()
+    done: set[int] = set()
+    order = np.argsort(-shared, kind="stable")
+    for speck, taker in zip(specks[order].tolist(), takers[order].tolist(), strict=True):
+        if speck in done:
+            continue
+        mine = np.nonzero(owner == speck)[0]
+        surface = primitives[taker]
+        if surface is None:
+            fits = bool(bent[speck] >= SMOOTH_RIM * rims[speck])
+        else:
+            size = surface.minor_radius_mm or surface.radius_mm
+            tolerance_mm = max(grower.tight_mm, min(LOOSE_MM, LOOSE_SHARE * size))
+            fits = bool(grower.is_on(surface, mine, tolerance_mm).all())
+        if fits:
+            given[mine] = taker
+            done.add(speck)
+    return given
