@@ -19,6 +19,8 @@ from ._topple import Landscape
 
 SMOOTH_RAD = np.radians(31.0)  # a circle of twelve corners and more
 PLANE_RATIO = 4.0  # a plane is this many times larger than the strips it runs into
+WIDE_RATIO = 25.0  # and this many, if a curve over it would hardly bulge: strips differ in width
+FINE_SHARE = 3e-4  # of the greatest height: a bulge so small that it tells no plane from a strip
 BULGE_MARGIN = 1.5  # tessellations are uneven
 BULGE_CAP_MM = 0.5  # a deeper hollow is told as a pose, whatever it may be a part of
 LARGE_MM = 100.0  # a part reaching further is tessellated, and rolls, in proportion
@@ -36,6 +38,7 @@ class Strips:
     bulge_mm : (f,) how far the curve stands out over a strip, 0 for a plane
     is_smooth : (e,) edges inside a curve, or where it runs into a plane
     region : (f,) number of the curve a strip is part of; each plane has one of its own
+    is_wide : (f,) strips wider than those beside them, over which the curve hardly bulges
     cap_mm, lift_mm : `BULGE_CAP_MM` and `ROLLING_LIFT_MM` for a part of this size
     """
 
@@ -43,6 +46,7 @@ class Strips:
     bulge_mm: Array
     is_smooth: NDArray[np.bool_]
     region: Ids
+    is_wide: NDArray[np.bool_]
     cap_mm: float
     lift_mm: float
 
@@ -59,26 +63,41 @@ def find_strips(hull: Hull) -> Strips:
     largest = np.zeros(hull.count)
     np.maximum.at(largest, here, hull.areas_mm2[there])
     plane = hull.areas_mm2 > PLANE_RATIO * largest  # also true where nothing smooth is beside
+    by_side, is_long = _bulges(hull, angle)
+    over = np.zeros(hull.count)
+    for side, tells in ((0, smooth & is_long[:, 0]), (1, smooth & is_long[:, 1])):
+        np.maximum.at(over, hull.edge_facets[tells, side], by_side[tells, side])
+    fine_mm = FINE_SHARE * float(hull.heights_mm.max(initial=0.0))
+    wide = (over > 0) & (over <= fine_mm) & (hull.areas_mm2 <= WIDE_RATIO * largest)
+    plane &= ~wide
     inner = smooth & ~plane[first] & ~plane[second]
     region = _components(hull.count, first[inner], second[inner])
     sizes = np.bincount(region)
     strip = ~plane & (sizes[region] >= 3)  # a roof is two planes, never a curve
     keep = smooth & (strip[first] | strip[second])
 
-    start, end = hull.corners_mm[hull.edge_ends[:, 0]], hull.corners_mm[hull.edge_ends[:, 1]]
-    along = end - start
-    length = np.linalg.norm(along, axis=1)
     bulge = np.zeros(hull.count)
-    for side in (first, second):
-        # the width beyond an edge, as of a strip of that length and the facet's area
-        width = hull.areas_mm2[side] / np.maximum(length, np.sqrt(hull.areas_mm2[side]))
-        np.maximum.at(bulge, side[keep], (width / 2 * np.tan(angle / 4))[keep])
+    for side, over_side in ((first, by_side[:, 0]), (second, by_side[:, 1])):
+        np.maximum.at(bulge, side[keep], over_side[keep])
     scale = max(1.0, float(hull.heights_mm.max(initial=0.0)) / LARGE_MM)
     cap_mm = BULGE_CAP_MM * scale
     strip &= bulge <= cap_mm  # wider, it is a face of its own, at a blunt angle to the next
     bulge[~strip] = 0.0
     smooth = keep & (strip[first] | strip[second])
-    return Strips(strip, bulge, smooth, region, cap_mm, ROLLING_LIFT_MM * scale)
+    return Strips(strip, bulge, smooth, region, wide & strip, cap_mm, ROLLING_LIFT_MM * scale)
+
+
+def _bulges(hull: Hull, angle: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Return how far a curve would stand out over both facets of each edge, and along which (e, 2).
+
+    Along the sides of a facet, not across its ends, is where a strip is told.
+    """
+    start, end = hull.corners_mm[hull.edge_ends[:, 0]], hull.corners_mm[hull.edge_ends[:, 1]]
+    length = np.linalg.norm(end - start, axis=1)[:, None]
+    areas = hull.areas_mm2[hull.edge_facets]
+    # the width beyond an edge, as of a strip of that length and the facet's area
+    width = areas / np.maximum(length, np.sqrt(areas))
+    return np.asarray(width / 2 * np.tan(angle / 4)[:, None]), np.asarray(length >= np.sqrt(areas))
 
 
 def merge_hollows(hull: Hull, land: Landscape, strips: Strips) -> tuple[Ids, Array]:

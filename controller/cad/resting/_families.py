@@ -14,7 +14,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from ._curves import PLANE_RATIO, Strips
+from ._curves import PLANE_RATIO, WIDE_RATIO, Strips
 from ._hull import Array, Hull, Ids
 
 RollKind = Literal["cylinder", "cone", "ball", "other"]
@@ -145,7 +145,8 @@ class Curves:
         others = np.setdiff1d(np.union1d(beside, reach), [bottom])
         if not len(others):
             return True
-        return bool(hull.areas_mm2[bottom] > PLANE_RATIO * np.median(hull.areas_mm2[others]))
+        ratio = WIDE_RATIO if strips.is_wide[bottom] else PLANE_RATIO
+        return bool(hull.areas_mm2[bottom] > ratio * np.median(hull.areas_mm2[others]))
 
     def _is_dome(self, axis: Array, tilt: float, heights: Array) -> bool:
         """Tell whether a narrow ring of directions goes round a dip: a dome's top, no cone."""
