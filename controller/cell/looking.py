@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from controller import inspection as inspecting
 from controller.cad import inverse_pose
+from controller.cad.compiled import part_name
 from controller.planning import HandOver, NoPlanError, Present, shown_pose
 from controller.recognition import Sighting
 
@@ -95,7 +96,7 @@ class Looking(Toolkit):
                 "many_parts", f"{len(sightings)} objects on the table, one is allowed: {where}"
             )
         (seen,) = sightings
-        expected = self._recipe.part.stem
+        expected = part_name(self._recipe.part)
         if seen.part is None:
             raise PartProblemError(
                 "unknown_object",

@@ -30,6 +30,7 @@ from controller.cad.compiled import (
     compile_part,
     load_part,
     make_part,
+    part_name,
 )
 from controller.cad.compiled import _cache as cache_module
 from controller.cad.compiled._codec import make_codec
@@ -478,3 +479,11 @@ def test_a_ball_without_any_edge_is_stored_as_well(tmp_path: Path) -> None:
     path = tmp_path / "ball.stl"
     mesh_of(Body.sphere(10.0, 48)).export(path)
     assert_same(load_part(path, cache=tmp_path), compile_part(path))
+
+
+@pytest.mark.parametrize("name", ["holder.stl", "widget.csg.yaml"])
+def test_a_part_is_called_by_its_file_as_by_what_was_read_of_it(name: str, tmp_path: Path) -> None:
+    # the cell compares what it recognised with what the recipe names
+    file = Path(__file__).resolve().parents[2] / "recipes" / "parts" / name
+    assert load_part(file, cache=tmp_path).solid.name == part_name(file)
+    assert load_part(file, cache=tmp_path).solid.name == part_name(file)

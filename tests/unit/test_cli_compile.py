@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from cad_solids import box, mesh_of, rod
 
-from controller.cad import RayCaster, solid
+from controller.cad import RayCaster, load_solid, solid
 from controller.cad import compiled as compiling
 from controller.cad.compiled import CompiledPart, CompileOptions, compile_part, load_part
 from controller.cad.surfaces.tolerances import Datum, Dimension, GeometricTolerance
@@ -351,9 +351,11 @@ def test_a_recipe_declares_the_unit_of_its_cad(tmp_path: Path, plate: Path) -> N
         load_recipe(recipe)
 
 
-def test_the_recipes_in_the_house_declare_their_unit() -> None:
+def test_the_recipes_in_the_house_leave_no_unit_to_be_assumed() -> None:
     for path in sorted((ROOT / "recipes").glob("*.yaml")):
-        assert load_recipe(path).unit == "mm", path.name
+        recipe = load_recipe(path)
+        part = load_solid(recipe.part, unit=recipe.unit)
+        assert (part.unit, part.unit_is_declared) == ("mm", True), path.name
 
 
 def test_a_unit_for_several_files_is_for_those_that_name_none(tmp_path: Path) -> None:
