@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ._covered import GRAZING_MM, aside
 from ._model import ViewModel
 from ._project import BACK, EDGE_ON, FRONT, Projection
 from ._segments import cross, near_pairs, tree_of
@@ -18,14 +19,8 @@ Array = NDArray[np.float64]
 Ids = NDArray[np.int32]
 Bools = NDArray[np.bool_]
 
-# Beside the edge: far above the rays' single precision (1e-5 mm) and far below what is measured.
-ASIDE_MM = 2e-3
-ABOVE_MM = 1e-3  # start of a ray over its face, for the same reason
+ABOVE_MM = 1e-3  # start of a ray over its face: clear of single precision (1e-5 mm)
 SHORTEST_MM = 1e-3  # of a piece; two cuts closer than that are one
-# A ray that leaves a solid meets a back first. A front at this distance or less is the face it
-# started from, over which it rises too slowly for single precision; further on, it is a sign of
-# a back that was missed on a seam between two triangles.
-GRAZING_MM = 0.05
 END_ON_RAD = 1e-4  # lines closer to the line of sight than that show as points
 
 
@@ -109,18 +104,10 @@ def is_seen(model: ViewModel, view: Projection, pieces: Pieces) -> Bools:
     """Return which pieces (n,) the eye sees: those with one of their faces in sight beside them."""
     middle = points_on(model, view, pieces.mesh_edge, (pieces.start + pieces.end) / 2)
     seen = np.zeros(len(middle), dtype=np.bool_)
-    ends = model.vertices_mm[model.ends[pieces.mesh_edge]]
-    along = ends[:, 1] - ends[:, 0]
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
     for side in (0, 1):
         triangle = model.sides[pieces.mesh_edge, side]
         asked = np.flatnonzero((view.facing[triangle] == FRONT) & ~seen)
-        corners = model.vertices_mm[model.triangles[triangle[asked]]]
-        inwards = corners.mean(axis=1) - ends[asked, 0]
-        inwards -= (inwards * along[asked]).sum(axis=1, keepdims=True) * along[asked]
-        inwards /= np.maximum(np.linalg.norm(inwards, axis=1, keepdims=True), 1e-300)
-        step = np.minimum(ASIDE_MM, model.heights_mm[triangle[asked]] / 4)
-        beside = middle[asked] + step[:, None] * inwards
+        beside = middle[asked] + aside(model, pieces.mesh_edge[asked], side)
         seen[asked] = in_sight(model, view, beside)
     return seen
 

@@ -32,6 +32,7 @@ class ViewModel:
     ends : (e, 2) vertices of each mesh edge
     sides : (e, 2) its triangles; round the first one it runs from ``ends[:, 0]`` to
         ``ends[:, 1]``, round the second one back
+    across : (t, 3) triangle next to each one over the side from its corner i to the next
     is_ridge : (e,) the solid is convex there
     cad_edge : (e,) CAD edge it is part of, -1 inside a face
     is_smooth : (e,) part of a CAD edge where two faces run into each other without a crease
@@ -45,6 +46,7 @@ class ViewModel:
     heights_mm: Array
     ends: Ids
     sides: Ids
+    across: Ids
     is_ridge: Bools
     cad_edge: Ids
     is_smooth: Bools
@@ -55,7 +57,7 @@ def prepare_views(solid: Solid) -> ViewModel:
     """Return what all views of a solid share."""
     vertices = np.asarray(solid.mesh.vertices, dtype=np.float64)
     triangles = np.asarray(solid.mesh.faces, dtype=np.int32)
-    ends, sides = _mesh_edges(triangles, len(vertices))
+    ends, sides, across = _mesh_edges(triangles, len(vertices))
     corners = vertices[triangles]
     span = corners[:, [1, 2, 0]] - corners
     cross = np.cross(span[:, 0], -span[:, 2])
@@ -76,6 +78,7 @@ def prepare_views(solid: Solid) -> ViewModel:
         heights_mm=heights,
         ends=ends,
         sides=sides,
+        across=across,
         is_ridge=above < 0,
         cad_edge=cad_edge,
         is_smooth=is_smooth,
@@ -83,7 +86,7 @@ def prepare_views(solid: Solid) -> ViewModel:
     )
 
 
-def _mesh_edges(triangles: Ids, vertex_count: int) -> tuple[Ids, Ids]:
+def _mesh_edges(triangles: Ids, vertex_count: int) -> tuple[Ids, Ids, Ids]:
     start = triangles.ravel().astype(np.int64)
     end = triangles[:, [1, 2, 0]].ravel().astype(np.int64)
     key = np.minimum(start, end) * vertex_count + np.maximum(start, end)
@@ -92,7 +95,9 @@ def _mesh_edges(triangles: Ids, vertex_count: int) -> tuple[Ids, Ids]:
     first, second = order[0::2], order[1::2]
     ends = np.column_stack([start[first], end[first]]).astype(np.int32)
     sides = np.column_stack([first // 3, second // 3]).astype(np.int32)
-    return ends, sides
+    across = np.empty(len(key), dtype=np.int32)
+    across[first], across[second] = second // 3, first // 3
+    return ends, sides, across.reshape(-1, 3)
 
 
 def _cad_edges(solid: Solid, ends: Ids, vertex_count: int) -> tuple[Ids, Bools]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..solid import Solid
+from ._covered import without_covered
 from ._doubles import without_doubles
 from ._drawn import draw, subdivisions
 from ._hidden import Pieces, candidate_edges, cut_edges, is_seen
@@ -82,7 +83,8 @@ def outline(
 def _drawing(model: ViewModel, view: Projection) -> LineView:
     rims = rim_edges(model, view)
     rings = find_rings(model, view, rims)
-    pieces = cut_edges(view, model, candidate_edges(model, view), rims)
+    edges, rims = without_covered(model, view, candidate_edges(model, view), rims)
+    pieces = cut_edges(view, model, edges, rims)
     seen = is_seen(model, view, pieces)
     pieces = Pieces(pieces.mesh_edge[seen], pieces.start[seen], pieces.end[seen])
     pieces = without_doubles(model, view, pieces)

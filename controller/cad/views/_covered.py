@@ -1,0 +1,148 @@
+"""Edges that lie wholly behind one sheet of the surface, found without cutting them.
+
+Seen from the side, the rims of a plate's thousand bores lie over each other on two lines, and to
+cut each by all others takes time and memory by their square. Nearly all of them are behind the
+front wall from end to end: nobody sees them, and nothing changes where they pass. What lies
+nearest to the eye over an edge's start is followed towards its end, triangle by triangle, until
+the sheet folds over or the edge comes out before it.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._model import ViewModel
+from ._project import EDGE_ON, FRONT, Projection
+from ._segments import cross
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.int32]
+Bools = NDArray[np.bool_]
+
+# Beside the edge: far above the rays' single precision (1e-5 mm) and far below what is measured.
+ASIDE_MM = 2e-3
+# A ray that leaves a solid meets a back first. A front at this distance or less is the face it
+# started from, over which it rises too slowly for single precision; further on, it is a sign of
+# a back that was missed on a seam between two triangles.
+GRAZING_MM = 0.05
+LONGEST_WALK = 16  # triangles; an edge under more of them is cut and asked like any other
+
+
+def without_covered(model: ViewModel, view: Projection, edges: Ids, rims: Ids) -> tuple[Ids, Ids]:
+    """Return edges and rims less those behind something all along.
+
+    An edge goes where the eye sees none of its faces beside it, a rim where all it could hide is
+    hidden before it: beside it lie the only sheets that begin or end there.
+
+    Parameters
+    ----------
+    edges : (n,) mesh edges to be drawn where they are seen
+    rims : (m,) mesh edges that may hide others
+    """
+    both = np.union1d(edges, rims)
+    is_open = np.zeros(len(both), dtype=np.bool_)  # of an edge, as far as drawing it goes
+    can_hide = np.zeros(len(both), dtype=np.bool_)
+    for side in (0, 1):
+        facing = view.facing[model.sides[both, side]]
+        asked = np.flatnonzero(facing != EDGE_ON)
+        shows = asked[~_is_covered(model, view, both[asked], side)]
+        can_hide[shows] = True
+        is_open[shows[facing[shows] == FRONT]] = True
+    return (
+        edges[is_open[np.searchsorted(both, edges)]],
+        rims[can_hide[np.searchsorted(both, rims)]],
+    )
+
+
+def aside(model: ViewModel, edges: Ids, side: int) -> Array:
+    """Return the steps (n, 3) from edges onto their triangles, into them at right angles [mm]."""
+    triangle = model.sides[edges, side]
+    start, end = model.vertices_mm[model.ends[edges, 0]], model.vertices_mm[model.ends[edges, 1]]
+    along = end - start
+    along /= np.sqrt(_dot(along, along))[:, None]
+    corners = model.triangles[triangle]
+    far = corners.sum(axis=1) - model.ends[edges].sum(axis=1)
+    inwards = model.vertices_mm[far] - start
+    inwards -= _dot(inwards, along)[:, None] * along
+    inwards /= np.maximum(np.sqrt(_dot(inwards, inwards)), 1e-300)[:, None]
+    step: Array = np.minimum(ASIDE_MM, model.heights_mm[triangle] / 4)[:, None] * inwards
+    return step
+
+
+def _is_covered(model: ViewModel, view: Projection, edges: Ids, side: int) -> Bools:
+    """Return which edges (n,), on the given side of them, one sheet hides from end to end."""
+    step = aside(model, edges, side)
+    start = model.vertices_mm[model.ends[edges, 0]] + step
+    stop = model.vertices_mm[model.ends[edges, 1]] + step
+    p, z_p = _projected(model, view, start)
+    q, z_q = _projected(model, view, stop)
+    is_covered = np.zeros(len(edges), dtype=np.bool_)
+    triangle = _nearest(model, view, start, z_p)
+    # the height, or one over the depth, that stands for GRAZING_MM
+    margin = GRAZING_MM * z_p * z_p if view.is_central else np.full(len(edges), GRAZING_MM)
+    row = np.flatnonzero(triangle >= 0)
+    row = row[view.facing[triangle[row]] != EDGE_ON]
+    triangle = triangle[row]
+    at_p, at_q, nearness = _within(model, view, triangle, p[row], q[row])
+    is_over = (at_p >= 0).all(axis=1) & (_dot(at_p, nearness) > z_p[row] + margin[row])
+    row, triangle, reached = row[is_over], triangle[is_over], np.zeros(is_over.sum())
+    at_p, at_q, nearness = at_p[is_over], at_q[is_over], nearness[is_over]
+    for _ in range(LONGEST_WALK):
+        is_end = (at_q >= 0).all(axis=1)
+        ended = row[is_end]
+        is_covered[ended] = _dot(at_q, nearness)[is_end] > z_q[ended] + margin[ended]
+        on = ~is_end
+        if not on.any():
+            break
+        row, triangle, reached = row[on], triangle[on], reached[on]
+        at_p, at_q, nearness = at_p[on], at_q[on], nearness[on]
+        # out over the first corner whose share runs down to nothing, that is, the side opposite
+        with np.errstate(divide="ignore", invalid="ignore"):
+            leaves = np.where(at_q < 0, at_p / (at_p - at_q), np.inf)
+        corner = leaves.argmin(axis=1)
+        t = leaves[np.arange(len(row)), corner]
+        at_t = at_p + t[:, None] * (at_q - at_p)
+        z = z_p[row] + t * (z_q - z_p)[row]
+        is_over = (t >= reached - 1e-9) & (t <= 1) & (_dot(at_t, nearness) > z + margin[row])
+        after = model.across[triangle, (corner + 1) % 3]
+        is_over &= view.facing[after] == view.facing[triangle]
+        row, triangle, reached = row[is_over], after[is_over], t[is_over]
+        at_p, at_q, nearness = _within(model, view, triangle, p[row], q[row])
+    return is_covered
+
+
+def _projected(model: ViewModel, view: Projection, p_cad_mm: Array) -> tuple[Array, Array]:
+    """Return points (n, 3) of the CAD frame in the plane (n, 2), and their nearness (n,)."""
+    plane = p_cad_mm @ view.matrix[:, :3].T + view.matrix[:, 3]
+    if view.is_central:
+        return plane[:, :2] / plane[:, 2:], 1.0 / plane[:, 2]
+    return plane[:, :2], (p_cad_mm - model.solid.centroid_mm) @ view.eye
+
+
+def _nearest(model: ViewModel, view: Projection, p_cad_mm: Array, nearness: Array) -> Ids:
+    """Return the triangle (n,) the eye sees where points (n, 3) are, -1 where it sees none."""
+    if view.is_central:
+        origins = np.broadcast_to(view.eye, p_cad_mm.shape)
+        return model.caster.first_hit(origins, p_cad_mm - view.eye)[0]
+    above = view.nearness.max() + 1.0 - nearness
+    origins = p_cad_mm + above[:, None] * view.eye
+    return model.caster.first_hit(origins, np.broadcast_to(-view.eye, origins.shape))[0]
+
+
+def _within(
+    model: ViewModel, view: Projection, triangle: Ids, p: Array, q: Array
+) -> tuple[Array, Array, Array]:
+    """Return barycentric coordinates (n, 3) of p and q, (n, 2) each, and corners' nearness."""
+    corners = model.triangles[triangle]
+    a, b, c = (view.points[corners[:, i]] for i in range(3))
+    double_area = cross(b - a, c - a)
+    found = []
+    for x in (p, q):
+        of_b, of_c = cross(c - x, a - x), cross(a - x, b - x)
+        of_a = cross(b - x, c - x)
+        found.append(np.stack([of_a, of_b, of_c], axis=1) / double_area[:, None])
+    return found[0], found[1], view.nearness[corners]
+
+
+def _dot(a: Array, b: Array) -> Array:
+    product: Array = np.einsum("ij,ij->i", a, b)
+    return product
