@@ -26,6 +26,7 @@ from controller.cad.boundary import (
 from controller.cad.boundary._halfedges import components
 
 PARTS = sorted((SHARED / "parts").glob("*.stl")) if (SHARED / "parts").is_dir() else []
+LONG = ("nist_ftc06", "cycloidal_gear_mirror")  # a second each, and like others
 
 
 def tetrahedron() -> Body:
@@ -258,7 +259,10 @@ def test_any_parting_of_a_mesh_into_surfaces_gives_a_right_boundary(kept: float)
 
 
 @pytest.mark.skipif(not PARTS, reason="no shared/parts beside the checkout")
-@pytest.mark.parametrize("path", PARTS, ids=lambda p: p.stem)
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(p, id=p.stem, marks=[pytest.mark.slow] if p.stem in LONG else []) for p in PARTS],
+)
 def test_the_parts_from_outside_have_right_boundaries(path: Path) -> None:
     solid = load_solid(path)
     assert_right(solid.boundary, solid.mesh, solid.face_of_triangle, len(solid.faces))

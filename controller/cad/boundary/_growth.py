@@ -35,7 +35,10 @@ SEED_FACETS = (14, 6)
 GROWTH_ROUNDS = 12
 GOLDEN = 0.6180339887498949  # its multiples spread evenly
 FAILED_SEEDS = 24  # in a row: then the rest of the run has no formula
-FAILED_RUNS = 400  # in a row, largest first: then the rest of the part is noise
+LEAST_SEEDS = 4  # if nearly all runs failed so far,
+TIRING_RUNS = 20  # halved after so many of them, and so on
+FAILED_RUNS = 200  # largest first: then the rest of the part is noise,
+CHANCE_RUNS = 3  # if so many failed for each that did not: by chance some noise fits a ball
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -61,7 +64,7 @@ class Grower:
         self._tick = 0
         self.tight_mm = max(TIGHT_MM, tight_mm)
         self._second = (SECOND_TRY * self.tight_mm, SECOND_TURN_RAD)
-        self._failed_runs = 0
+        self._failed_runs = self._good_runs = 0
 
     def cloud(self, facets: Ids) -> Cloud:
         """Return corners and facets of a piece."""
@@ -132,18 +135,19 @@ class Grower:
         ``links`` and ``strips`` are all neighbours, and those across long sides. ``free`` (m,)
         are the facets not yet on a surface; those used are marked off.
         """
-        if self._failed_runs >= FAILED_RUNS:
+        if self._failed_runs >= max(FAILED_RUNS, CHANCE_RUNS * self._good_runs):
             return []
         whole = self.whole(facets)
         if whole is not None:
             free[facets] = False
-            self._failed_runs = 0
+            self._good_runs += 1
             return [whole]
         found: list[Found] = []
         for tolerance_mm, turn_rad in ((self.tight_mm, LEAST_GROWN_TURN_RAD), self._second):
             rest = facets[free[facets]]
             found += self._seeded(rest, links, strips, free, tolerance_mm, turn_rad)
-        self._failed_runs = 0 if found else self._failed_runs + 1
+        self._good_runs += bool(found)
+        self._failed_runs += not found
         return found
 
     def _seeded(
@@ -156,12 +160,15 @@ class Grower:
         turn_rad: float,
     ) -> list[Found]:
         found: list[Found] = []
-        failed = 0
+        failed, patience = 0, FAILED_SEEDS
+        if self._failed_runs > CHANCE_RUNS * self._good_runs:
+            # one run after the other has no formula: rather a scan than a drawn part
+            patience = max(LEAST_SEEDS, FAILED_SEEDS // (1 + self._failed_runs // TIRING_RUNS))
         by_area = facets[np.argsort(-self._facets.areas[facets], kind="stable")]
         spread = facets[np.argsort(np.arange(len(facets)) * GOLDEN % 1.0, kind="stable")]
         is_tried: dict[int, bool] = {}
         for seed in np.column_stack([by_area, spread]).ravel().tolist():
-            if failed >= FAILED_SEEDS:
+            if failed >= patience:
                 break
             if not free[seed] or seed in is_tried:
                 continue
