@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from ._describe import describe
 from ._facets import Facets, find_facets, rounding_mm, true_corners
-from ._growth import LEAST_FACETS, Found, Grower
+from ._growth import Found, Grower
 from ._halfedges import components
 from ._neighbours import Neighbours, along_long_sides
+from ._pieces import LEAST_FACETS
 from ._primitives import Primitive
 from ._specks import specks_absorbed
 from ._types import Face

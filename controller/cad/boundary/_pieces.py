@@ -1,0 +1,85 @@
+"""Pieces of a part: facets with their corners, whether they lie on a surface, rings round them."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._facets import Facets
+from ._fits import Cloud
+from ._neighbours import Neighbours, rows
+from ._primitives import Primitive
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.int64]
+
+COS_HALF_STEP = np.cos(np.radians(11.6))  # half a segment of a 16-sided rod: 17 segments are a wall
+COS_FACET = np.cos(np.radians(16.0))  # a triangle of a ball or a ring, seen from its corners
+LEAST_FACETS = 4  # three facets are a bevelled corner as well as a fillet
+
+
+class Pieces:
+    """The facets of one part."""
+
+    def __init__(self, facets: Facets, corners: Array, is_corner: NDArray[np.bool_]) -> None:
+        self._facets = facets
+        # facet by facet, as their triangles are listed
+        self._corners = corners[facets.triangles]
+        self._is_corner = is_corner[facets.triangles]
+        self._seen = np.zeros(facets.count, dtype=np.int64)
+        self._tick = 0
+
+    def cloud(self, facets: Ids) -> Cloud:
+        """Return corners and facets of a piece."""
+        f = self._facets
+        at = rows(f.start, facets)
+        points = self._corners[at][self._is_corner[at]]
+        if len(points) == 0:
+            points = self._corners[at].reshape(-1, 3)
+        return Cloud(points, f.normals[facets], f.centres[facets], f.areas[facets])
+
+    def is_on(self, primitive: Primitive, facets: Ids, tolerance_mm: float) -> NDArray[np.bool_]:
+        """Return which facets (k,) lie on a surface: with all corners, and facing as it does."""
+        f = self._facets
+        at = rows(f.start, facets)
+        sizes = f.start[facets + 1] - f.start[facets]
+        first = sizes.cumsum() - sizes
+        is_corner = self._is_corner[at]
+        normals = np.repeat(f.normals[facets], sizes, axis=0)[:, None]
+        off, cosine, away = primitive.seen_from(self._corners[at], normals)
+        bad = is_corner & (off > tolerance_mm)
+        far = np.logical_or.reduceat(bad.any(axis=1), first)
+        if primitive.kind == "plane":
+            return np.asarray(~far)
+        if primitive.kind in ("cylinder", "cone"):
+            # a strip turns about the axis by one segment at most; its apex may turn as it likes
+            tells = is_corner & (away >= 10 * tolerance_mm)
+            turned = tells & (cosine < COS_HALF_STEP)
+        else:
+            turned = is_corner & (cosine < COS_FACET)
+        # slivers may face anywhere; the facet's normal speaks for all its triangles
+        return np.asarray(~(far | np.logical_or.reduceat(turned.any(axis=1), first)))
+
+    def _patch(self, seed: int, wanted: int, links: Neighbours, free: NDArray[np.bool_]) -> Ids:
+        """Return a facet and the rings of facets round it, about as many as wanted."""
+        patch = front = np.array([seed])
+        self._tick += 1
+        self._seen[patch] = self._tick
+        while len(patch) < wanted:
+            front = self._ring(front, links, free)
+            if len(front) == 0:
+                break
+            if len(patch) + len(front) > 2 * wanted and len(patch) >= LEAST_FACETS:
+                break
+            patch = np.concatenate([patch, front])
+        return patch
+
+    def _ring(self, front: Ids, links: Neighbours, free: NDArray[np.bool_]) -> Ids:
+        """Return the free neighbours not seen since the last tick; now they are."""
+        ring = links.of(front)
+        ring = np.unique(ring[free[ring] & (self._seen[ring] != self._tick)])
+        self._seen[ring] = self._tick
+        return ring
+
+    def _is_within(self, patch: Ids, other: Ids) -> bool:
+        self._tick += 1
+        self._seen[other] = self._tick
+        return bool((self._seen[patch] == self._tick).all())
