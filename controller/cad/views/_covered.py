@@ -70,26 +70,27 @@ def aside(model: ViewModel, edges: Ids, side: int) -> Array:
 
 def _is_covered(model: ViewModel, view: Projection, edges: Ids, side: int) -> Bools:
     """Return which edges (n,), on the given side of them, one sheet hides from end to end."""
+    is_covered = np.zeros(len(edges), dtype=np.bool_)
     step = aside(model, edges, side)
     start = model.vertices_mm[model.ends[edges, 0]] + step
-    stop = model.vertices_mm[model.ends[edges, 1]] + step
     p, z_p = _projected(model, view, start)
-    q, z_q = _projected(model, view, stop)
-    is_covered = np.zeros(len(edges), dtype=np.bool_)
     triangle = _nearest(model, view, start, z_p)
-    # the height, or one over the depth, that stands for GRAZING_MM
-    margin = GRAZING_MM * z_p * z_p if view.is_central else np.full(len(edges), GRAZING_MM)
-    row = np.flatnonzero(triangle >= 0)
+    # most edges that show have their own triangle there
+    row = np.flatnonzero((triangle >= 0) & (triangle != model.sides[edges, side]))
     row = row[view.facing[triangle[row]] != EDGE_ON]
-    triangle = triangle[row]
-    at_p, at_q, nearness = _within(model, view, triangle, p[row], q[row])
-    is_over = (at_p >= 0).all(axis=1) & (_dot(at_p, nearness) > z_p[row] + margin[row])
+    p, z_p, triangle = p[row], z_p[row], triangle[row]
+    q, z_q = _projected(model, view, model.vertices_mm[model.ends[edges[row], 1]] + step[row])
+    # the height, or one over the depth, that stands for GRAZING_MM
+    margin = GRAZING_MM * z_p * z_p if view.is_central else np.full(len(row), GRAZING_MM)
+    edge, row = row, np.arange(len(row))
+    at_p, at_q, nearness = _within(model, view, triangle, p, q)
+    is_over = (at_p >= 0).all(axis=1) & (_dot(at_p, nearness) > z_p + margin)
     row, triangle, reached = row[is_over], triangle[is_over], np.zeros(is_over.sum())
     at_p, at_q, nearness = at_p[is_over], at_q[is_over], nearness[is_over]
     for _ in range(LONGEST_WALK):
         is_end = (at_q >= 0).all(axis=1)
         ended = row[is_end]
-        is_covered[ended] = _dot(at_q, nearness)[is_end] > z_q[ended] + margin[ended]
+        is_covered[edge[ended]] = _dot(at_q, nearness)[is_end] > z_q[ended] + margin[ended]
         on = ~is_end
         if not on.any():
             break

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from shapely import STRtree
 
 from ._covered import GRAZING_MM, aside
 from ._model import ViewModel
 from ._project import BACK, EDGE_ON, FRONT, Projection
-from ._segments import cross, near_pairs, tree_of
+from ._segments import Indices, cross, crowding, near_pairs, tree_of
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int32]
@@ -21,6 +22,7 @@ Bools = NDArray[np.bool_]
 
 ABOVE_MM = 1e-3  # start of a ray over its face: clear of single precision (1e-5 mm)
 SHORTEST_MM = 1e-3  # of a piece; two cuts closer than that are one
+PAIRS_AT_ONCE = 500_000  # of edges and rims: some 150 MB
 END_ON_RAD = 1e-4  # lines closer to the line of sight than that show as points
 
 
@@ -54,12 +56,53 @@ def candidate_edges(model: ViewModel, view: Projection) -> Ids:
     return kept
 
 
-def cut_edges(view: Projection, model: ViewModel, edges: Ids, rims: Ids) -> Pieces:
-    """Cut edges (n,) wherever a rim crosses them in the plane, unless it does so behind them."""
+def cut_edges(
+    view: Projection, model: ViewModel, edges: Ids, rims: Ids, rim_tree: STRtree
+) -> Pieces:
+    """Cut edges (n,) wherever a rim crosses them in the plane, unless it does so behind them.
+
+    Parameters
+    ----------
+    rim_tree : `tree_of_edges` of the rims
+    """
+    gap = SHORTEST_MM * view.scale
+    p, q = view.points[model.ends[edges, 0]], view.points[model.ends[edges, 1]]
+    size = int(np.clip(PAIRS_AT_ONCE / max(crowding(rim_tree, p, q), 1), 64, 65536))
+    cuts = [
+        _crossings(view, model, edges, rims, rim_tree, slice(at, at + size))
+        for at in range(0, len(edges), size)
+    ]
+    cut_edge = np.concatenate([edge for edge, _ in cuts] or [np.zeros(0, dtype=np.int64)])
+    cut_at = np.concatenate([at for _, at in cuts] or [np.zeros(0)])
+    shown = np.linalg.norm(q - p, axis=1)
+    margin = gap / shown[cut_edge]
+    keep = (cut_at > margin) & (cut_at < 1 - margin)
+    count = np.arange(len(edges))
+    owner = np.concatenate([count, count, cut_edge[keep]])
+    at = np.concatenate([np.zeros(len(edges)), np.ones(len(edges)), cut_at[keep]])
+    order = np.lexsort((at, owner))
+    owner, at = owner[order], at[order]
+    is_apart = np.ones(len(at), dtype=np.bool_)
+    is_apart[1:] = (np.diff(owner) != 0) | (np.diff(at) * shown[owner[1:]] > gap) | (at[1:] == 1)
+    owner, at = owner[is_apart], at[is_apart]
+    inside = np.flatnonzero(np.diff(owner) == 0)
+    return Pieces(edges[owner[inside]], at[inside], at[inside + 1])
+
+
+def tree_of_edges(model: ViewModel, view: Projection, edges: Ids) -> STRtree:
+    """Return a search tree over mesh edges (n,) in the plane."""
+    return tree_of(view.points[model.ends[edges, 0]], view.points[model.ends[edges, 1]])
+
+
+def _crossings(
+    view: Projection, model: ViewModel, edges: Ids, rims: Ids, rim_tree: STRtree, some: slice
+) -> tuple[Indices, Array]:
+    """Return which edges, of some of them, are cut (m,), and where (m,), in no order."""
     gap = SHORTEST_MM * view.scale
     p, q = view.points[model.ends[edges, 0]], view.points[model.ends[edges, 1]]
     a, b = view.points[model.ends[rims, 0]], view.points[model.ends[rims, 1]]
-    edge, rim = near_pairs(tree_of(a, b), p, q)
+    edge, rim = near_pairs(rim_tree, p[some], q[some])
+    edge = edge + some.start
     own, other = model.ends[edges[edge]], model.ends[rims[rim]]
     is_other = (own[:, 0] != other[:, 0]) & (own[:, 1] != other[:, 1])
     is_other &= (own[:, 0] != other[:, 1]) & (own[:, 1] != other[:, 0])
@@ -85,19 +128,7 @@ def cut_edges(view: Projection, model: ViewModel, edges: Ids, rims: Ids) -> Piec
         cuts.append((edge[is_flush], at))
     cut_edge = np.concatenate([c[0] for c in cuts])
     cut_at = np.concatenate([c[1] for c in cuts])
-    shown = np.linalg.norm(q - p, axis=1)
-    margin = gap / shown[cut_edge]
-    keep = (cut_at > margin) & (cut_at < 1 - margin)
-    count = np.arange(len(edges))
-    owner = np.concatenate([count, count, cut_edge[keep]])
-    at = np.concatenate([np.zeros(len(edges)), np.ones(len(edges)), cut_at[keep]])
-    order = np.lexsort((at, owner))
-    owner, at = owner[order], at[order]
-    is_apart = np.ones(len(at), dtype=np.bool_)
-    is_apart[1:] = (np.diff(owner) != 0) | (np.diff(at) * shown[owner[1:]] > gap) | (at[1:] == 1)
-    owner, at = owner[is_apart], at[is_apart]
-    inside = np.flatnonzero(np.diff(owner) == 0)
-    return Pieces(edges[owner[inside]], at[inside], at[inside + 1])
+    return cut_edge, cut_at
 
 
 def is_seen(model: ViewModel, view: Projection, pieces: Pieces) -> Bools:

@@ -13,10 +13,11 @@ import numpy as np
 from manifold3d import CrossSection, FillRule
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from shapely import STRtree
 
 from ._model import ViewModel
 from ._project import BACK, EDGE_ON_MM, Projection
-from ._segments import cross, near_pairs, tree_of
+from ._segments import cross, near_pairs
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int32]
@@ -44,8 +45,17 @@ def rim_edges(model: ViewModel, view: Projection) -> Ids:
     return np.flatnonzero(is_rim).astype(np.int32)
 
 
-def find_rings(model: ViewModel, view: Projection, rims: Ids) -> list[Ring]:
-    """Return the loops of the outline, outer ones first, the largest one before all."""
+def find_rings(
+    model: ViewModel, view: Projection, rims: Ids, open_rims: Ids, rim_tree: STRtree
+) -> list[Ring]:
+    """Return the loops of the outline, outer ones first, the largest one before all.
+
+    Parameters
+    ----------
+    rims : (n,) `rim_edges`
+    open_rims : (m,) those of them that may show, to name the outline by
+    rim_tree : search tree over these in the plane
+    """
     weld = EDGE_ON_MM * view.scale
     polygons = CrossSection(_borders(model, view, rims), FillRule.Positive).to_polygons()
     found = []
@@ -67,7 +77,7 @@ def find_rings(model: ViewModel, view: Projection, rims: Ids) -> list[Ring]:
     corner_tree = cKDTree(view.points[np.unique(model.ends[rims])])
     distance, _ = corner_tree.query(points, distance_upper_bound=2 * weld)
     is_phantom = ~np.isfinite(distance)
-    edges, faces = _labels(model, view, rims, points, ahead, weld)
+    edges, faces = _labels(model, view, open_rims, rim_tree, points, ahead, weld)
     rings = []
     for (area, own), stop in zip(found, np.cumsum(counts), strict=True):
         span = slice(int(stop) - len(own), int(stop))
@@ -107,7 +117,13 @@ def _welded(points: Array, weld: float) -> Array:
 
 
 def _labels(
-    model: ViewModel, view: Projection, rims: Ids, start: Array, end: Array, weld: float
+    model: ViewModel,
+    view: Projection,
+    rims: Ids,
+    rim_tree: STRtree,
+    start: Array,
+    end: Array,
+    weld: float,
 ) -> tuple[Ids, Ids]:
     """Return CAD edge and curved face of each side: of the nearest rim edge it lies on."""
     edges = np.full(len(start), -1, dtype=np.int32)
@@ -117,7 +133,7 @@ def _labels(
     middle = (start + end) / 2
     wall = view.wall[rims]
     reach = ROUNDED_MM * view.scale if (wall >= 0).any() else 2 * weld
-    side, rim = near_pairs(tree_of(p, q), middle, middle, reach)
+    side, rim = near_pairs(rim_tree, middle, middle, reach)
     along, rim_along = (end - start)[side], (q - p)[rim]
     length2 = np.maximum((rim_along**2).sum(axis=1), 1e-300)
     sine = np.abs(cross(along, rim_along)) / np.sqrt(

@@ -123,13 +123,15 @@ def _walls_edge_on(model: ViewModel, direction: Array) -> Ids:
     lean a little to the eye or away from it, and the rims cross each other at every corner; the
     part itself has none of that.
     """
-    wall = [
-        face.id
-        if face.kind == "cylinder" and np.linalg.norm(np.cross(face.axis, direction)) < ALONG_RAD
-        else -1
-        for face in model.solid.faces
-    ]
-    found: Ids = np.array(wall, dtype=np.int32)[model.solid.face_of_triangle]
+    faces = model.solid.faces
+    of_face = np.full(len(faces), -1, dtype=np.int32)
+    round_ones = np.array([f.id for f in faces if f.kind == "cylinder"], dtype=np.int32)
+    if len(round_ones):
+        axes = np.array([faces[i].axis for i in round_ones.tolist()])
+        off_axis = np.linalg.norm(np.cross(axes, direction), axis=1)
+        is_along = off_axis < ALONG_RAD
+        of_face[round_ones[is_along]] = round_ones[is_along]
+    found: Ids = of_face[model.solid.face_of_triangle]
     return found
 
 

@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+SAMPLE = 256
+
 
 def cross(a: Array, b: Array) -> Array:
     """Return the cross products (n,) of vectors (n, 2) of the plane."""
@@ -17,6 +19,16 @@ def cross(a: Array, b: Array) -> Array:
 def tree_of(a: Array, b: Array) -> shapely.STRtree:
     """Return a search tree over segments from a to b, (n, 2) each."""
     return shapely.STRtree(shapely.linestrings(np.stack([a, b], axis=1)))
+
+
+def crowding(tree: shapely.STRtree, p: Array, q: Array) -> float:
+    """Return how many of the tree's segments the box of one segment p to q, (n, 2), meets.
+
+    A mean over some of them, evenly spread: enough to tell dozens from thousands.
+    """
+    some = np.unique(np.linspace(0, len(p) - 1, SAMPLE).astype(np.int64)) if len(p) else []
+    own, _ = near_pairs(tree, p[some], q[some])
+    return len(own) / max(len(some), 1)
 
 
 def near_pairs(

@@ -12,7 +12,7 @@ from ..solid import Solid
 from ._covered import without_covered
 from ._doubles import without_doubles
 from ._drawn import draw, subdivisions
-from ._hidden import Pieces, candidate_edges, cut_edges, is_seen
+from ._hidden import Pieces, candidate_edges, cut_edges, is_seen, tree_of_edges
 from ._model import ViewModel, prepare_views
 from ._outline import Ring, find_rings, rim_edges
 from ._project import Projection, seen_by_camera, seen_from_above
@@ -77,14 +77,17 @@ def outline(
         view = seen_from_above(model, np.asarray(pose, dtype=np.float64))
     else:
         view = seen_by_camera(model, pose, camera)
-    return _line_view(model, view, find_rings(model, view, rim_edges(model, view)), ())
+    rims = rim_edges(model, view)
+    rings = find_rings(model, view, rims, rims, tree_of_edges(model, view, rims))
+    return _line_view(model, view, rings, ())
 
 
 def _drawing(model: ViewModel, view: Projection) -> LineView:
     rims = rim_edges(model, view)
-    rings = find_rings(model, view, rims)
-    edges, rims = without_covered(model, view, candidate_edges(model, view), rims)
-    pieces = cut_edges(view, model, edges, rims)
+    edges, open_rims = without_covered(model, view, candidate_edges(model, view), rims)
+    rim_tree = tree_of_edges(model, view, open_rims)
+    rings = find_rings(model, view, rims, open_rims, rim_tree)
+    pieces = cut_edges(view, model, edges, open_rims, rim_tree)
     seen = is_seen(model, view, pieces)
     pieces = Pieces(pieces.mesh_edge[seen], pieces.start[seen], pieces.end[seen])
     pieces = without_doubles(model, view, pieces)
