@@ -14,7 +14,7 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -83,22 +83,20 @@ def row(name: str, mesh: trimesh.Trimesh) -> dict[str, Any]:
     }
 
 
-def bench(largest: int, names: list[str]) -> list[dict[str, Any]]:
-    """Return the rows of both families, then those of the parts."""
-    rows = []
+def bench(largest: int, names: list[str]) -> Iterator[dict[str, Any]]:
+    """Yield the rows of both families, then those of the parts."""
     for name, family in FAMILIES.items():
         before = None
         for size in SIZES:
             if size > largest:
                 break
-            rows.append(row(name, family(size)))
-            now = rows[-1]["us_per_nlogn"]
-            rows[-1]["to_nlogn"] = round(now / before, 2) if before else None
+            told = row(name, family(size))
+            now = told["us_per_nlogn"]
+            yield {**told, "to_nlogn": round(now / before, 2) if before else None}
             before = now
     for file in sorted(SHARED_PARTS.glob("*.stl")):
         if not names or file.stem in names:
-            rows.append({**row(file.stem, load_solid(file).mesh), "to_nlogn": None})
-    return rows
+            yield {**row(file.stem, load_solid(file).mesh), "to_nlogn": None}
 
 
 def main() -> int:
@@ -112,7 +110,7 @@ def main() -> int:
         print(f"no parts: {SHARED_PARTS} is not there", file=sys.stderr)
     rows = bench(args.largest, args.parts)
     if args.json:
-        print(json.dumps({"rows": rows}))
+        print(json.dumps({"rows": list(rows)}))
         return 0
     print(
         "body                  triangles surfaces   edges features   faces s boundary s features s"
@@ -122,7 +120,8 @@ def main() -> int:
         print(
             f"{r['body']:21} {r['triangles']:9} {r['surfaces']:8} {r['edges']:7} {r['features']:8} "
             f"{r['faces_s']:9.3f} {r['boundary_s']:10.3f} {r['features_s']:10.3f} "
-            f"{r['us_per_nlogn']:16} {r['to_nlogn'] or '':>11}"
+            f"{r['us_per_nlogn']:16} {r['to_nlogn'] or '':>11}",
+            flush=True,
         )
     return 0
 

@@ -91,7 +91,8 @@ def find_facets(mesh: trimesh.Trimesh) -> Facets:
     smooth = cosine > np.cos(SMOOTH_RAD)
     edges = np.asarray(mesh.vertices)[np.asarray(mesh.face_adjacency_edges)[apart]]
     lengths = np.linalg.norm(edges[:, 0] - edges[:, 1], axis=1)
-    rims = np.bincount(a, lengths, len(total)) + np.bincount(b, lengths, len(total))
+    ends, both = np.append(a, b), np.append(lengths, lengths)
+    rims = np.bincount(ends, weights=both, minlength=len(total)).astype(np.float64)
     a, b, lengths = a[smooth], b[smooth], lengths[smooth]
     order = np.argsort(of, kind="stable")
     start = np.concatenate([[0], np.cumsum(np.bincount(of))])
