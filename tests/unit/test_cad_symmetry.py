@@ -167,6 +167,32 @@ def pairs(solid: Solid) -> dict[tuple[int, int], str]:
     return {(a.pose, a.other): a.evidence for a in look_alikes(solid, poses)}
 
 
+# three bores about an axis, one on it; the latter d off it, a third of a turn moves it d * sqrt 3
+@pytest.mark.parametrize(("off_mm", "order"), [(0.06, 6), (0.3, 2)])
+def test_a_bore_a_little_off_the_axis_leaves_the_turns_about_it(off_mm: float, order: int) -> None:
+    body = rod(30, 10, 96) - rod(4, 40, 64).translate((off_mm, 0, 0))
+    for turn in (0, 120, 240):
+        body -= rod(3, 40, 32).translate((20, 0, 0)).rotate((0, 0, turn))
+    assert len(part_symmetries(turned(body)).rotations) == order
+
+
+@needs_parts
+@pytest.mark.slow
+def test_a_gear_lies_alike_on_its_teeth_from_triangles_and_from_step() -> None:
+    pytest.importorskip("OCP")
+    told = []
+    for ending in ("stl", "step"):
+        solid = load_solid(SHARED / "parts" / f"cycloidal_gear.{ending}")
+        poses = name_duplicates(stable_poses(solid), part_symmetries(solid))
+        assert sorted(pose.same_as for pose in poses) == [0] * 6 + [6] * 2  # teeth, then ends
+        told.append(sorted(poses, key=lambda pose: tuple(np.round(pose.R[2], 1) + 0.0)))
+    for a, b in zip(*told, strict=True):
+        assert a.R[2] @ b.R[2] > np.cos(np.radians(2.0))
+        assert a.probability == pytest.approx(b.probability, rel=0.01)
+        assert a.com_height_mm == pytest.approx(b.com_height_mm, abs=0.02)
+        assert a.rocking == b.rocking
+
+
 def test_a_block_looks_the_same_upside_down() -> None:
     assert pairs(solid_of(box(40, 30, 20))) == {(0, 1): "edges", (2, 3): "edges", (4, 5): "edges"}
 

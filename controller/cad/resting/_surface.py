@@ -17,8 +17,12 @@ Array = NDArray[np.float64]
 TARGET_COUNT = 20_000  # points on the surface that lead to the nearest triangles
 PROBE_COUNT = 3_000  # points that are moved and measured
 FIRST_COUNT = 150  # of these settle most wrong guesses
+FEW_COUNT = 40  # and these, that many are nowhere near the surface
+COVER = 1.5  # times the mean distance of targets: hardly a point is further from the nearest
 NEAR, NEARER = 6, 40  # triangles tried for each point, and where that leaves a doubt
 LOOSE = 10.0  # times the tolerance: a guess this near is worth turning a little
+CORNER_MM = 0.1  # a quarter of how far corners of one kind differ in their distances
+SAME = 0.07  # norm of the difference of rotations 3 degrees apart
 DOUBT_SHARE = 0.2  # more points off than this, and no closer look is needed
 
 
@@ -37,10 +41,13 @@ class Surface:
         self._triangles = self.vertices[np.asarray(mesh.faces)]
         self._normals = np.asarray(mesh.face_normals, dtype=np.float64)
         areas = np.asarray(mesh.area_faces, dtype=np.float64)
-        self.tolerance_mm = tolerance_mm + bulge_of(mesh)
+        bulge_mm = bulge_of(mesh)
+        self.tolerance_mm = tolerance_mm + bulge_mm
+        self.corner_mm = 4 * (CORNER_MM + bulge_mm)
         self._low, self._high = self._triangles.min(axis=1), self._triangles.max(axis=1)
         ids, targets = _spread(self._triangles, areas)
         self._ids, self._tree = ids, cKDTree(targets)
+        self._cover_mm = COVER * float(np.sqrt(areas.sum() / TARGET_COUNT))
         probes = np.concatenate([self.vertices, self._triangles.mean(axis=1), targets])
         # corners first in the draw, since small features have nothing else
         rng = np.random.default_rng(0)
@@ -57,13 +64,15 @@ class Surface:
         shift = np.zeros(3) if shift is None else shift
         return self._carries(R, shift) and self._carries(R.T, -R.T @ shift)
 
-    def matched(self, guess: Array) -> Array | None:
+    def matched(self, guess: Array, known: Array | None = None) -> Array | None:
         """Return the movement (3, 3) near a guess that carries the part onto itself, if one does.
 
-        The centre may move by the tolerance, since triangles put it a little off a symmetric part's
-        axis.
+        A guess that leads to one of the movements ``known`` (k, 3, 3) is not measured. The centre
+        may move by the tolerance, since triangles put it a little off a symmetric part's axis.
         """
         R, shift = np.asarray(guess, dtype=np.float64), np.zeros(3)
+        if self._is_far(R):
+            return None
         for count in (FIRST_COUNT, 4 * FIRST_COUNT, 4 * FIRST_COUNT):
             moved = self._probes[:count] @ R.T + shift
             off, ids, foot = self._measure(moved, NEAR)
@@ -77,9 +86,18 @@ class Surface:
             step, *_ = np.linalg.lstsq(system, gap, rcond=1e-3)
             turn = rotation_about(step[:3])
             R, shift = turn @ R, turn @ shift + step[3:]
+        if known is not None and np.linalg.norm(known - R, axis=(1, 2)).min() < SAME:
+            return None
         if np.linalg.norm(shift) > self.tolerance_mm or not self.maps_to_itself(R, shift):
             return None
         return R
+
+    def _is_far(self, R: Array) -> bool:
+        """Tell whether many of a few points moved by R (3, 3) are nowhere near a target."""
+        near = LOOSE * self.tolerance_mm + self._cover_mm
+        moved = self._probes[:FEW_COUNT] @ R.T
+        far, _ = self._tree.query(moved, distance_upper_bound=near)
+        return bool(np.isinf(far).mean() > 1.5 * DOUBT_SHARE)
 
     def _carries(self, R: Array, shift: Array) -> bool:
         for part in (self._probes[:FIRST_COUNT], self._probes[FIRST_COUNT:]):

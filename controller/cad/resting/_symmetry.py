@@ -14,16 +14,15 @@ from numpy.typing import NDArray
 
 from ..solid import Solid
 from ._poses import StablePose
-from ._surface import Surface, rotation_about
+from ._surface import SAME, Surface, rotation_about
 
 Array = NDArray[np.float64]
 
-TOLERANCE_MM = 0.1
+TOLERANCE_MM = 0.15  # bores are drawn this far off the axis of parts meant to be symmetric
 EQUAL_MOMENTS = 2e-3  # of their sum; tessellation alone makes moments of a round part differ
 PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43, 47, 53, 59, 61)
 MOST_FOLD = 64
 MOST_ANCHORS = 48  # corners alike that are tried as images of one
-SAME = 0.07  # norm of the difference of rotations 3 degrees apart
 RETRY = 0.01
 SAME_POSE_RAD = np.radians(1.5)
 ODD_ANGLES_RAD = (0.7, 1.9, 2.6)  # no round part's divisions
@@ -133,8 +132,8 @@ def _try(surface: Surface, guesses: list[Array], found: list[Array], enough: int
             continue
         if len(wrong) and np.linalg.norm(wrong - guess, axis=(1, 2)).min() < RETRY:
             continue  # fitting led that one nowhere new either
-        R = surface.matched(guess)
-        if R is None or any(_same(R, known) for known in found):
+        R = surface.matched(guess, np.array(found) if found else None)
+        if R is None:
             wrong = np.concatenate([wrong, guess[None]])
             continue
         found.append(R)
@@ -185,7 +184,7 @@ def _order(guesses: list[Array], axis: Array) -> int:
 
 def _holds(surface: Surface, turn: Array) -> bool:
     guess = rotation_about(turn)
-    R = surface.matched(guess)
+    R = surface.matched(guess, np.eye(3)[None])
     return R is not None and _same(guess, R)
 
 
@@ -195,7 +194,7 @@ def _corner_turns(surface: Surface, axis: Array, reach: float) -> Iterator[Array
     points = surface.vertices
     x, y, z = points @ e1, points @ e2, points @ axis
     r, turn = np.hypot(x, y), np.arctan2(y, x)
-    near = 4 * surface.tolerance_mm
+    near = surface.corner_mm
     for anchor in _rare(np.column_stack([r, np.abs(z)]), r > 0.2 * reach, near):
         alike = np.abs(r - r[anchor]) < near
         for sense in (-1.0, 1.0):
@@ -216,7 +215,7 @@ def _corner_pairs(surface: Surface, reach: float) -> Iterator[Array]:
     """Guess turns and reflections that carry two corners to two others at the same distances."""
     points = surface.vertices
     r = np.linalg.norm(points, axis=1)
-    near = 4 * surface.tolerance_mm
+    near = surface.corner_mm
     for first in _rare(r[:, None], r > 0.5 * reach, near)[:1]:
         alike = np.flatnonzero(np.abs(r - r[first]) < near)[:MOST_ANCHORS]
         p = points[first]
