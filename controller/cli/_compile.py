@@ -174,7 +174,7 @@ def _print(part: CompiledPart, body: dict[str, Any]) -> None:
     say(
         f"{solid.name}: {size} mm, {solid.volume_mm3 / 1000:.1f} cm3, {body['mass_g']:.0f} g, "
         f"{body['triangles']} triangles, {len(solid.faces)} surfaces, {body['edges']} edges, "
-        f"{body['genus']} handles"
+        f"{body['genus']} handle{'' if body['genus'] == 1 else 's'}"
     )
     for caution in part.cautions:
         warn(f"{solid.name}: {caution}")

@@ -171,13 +171,17 @@ def source_hash() -> str:
 @lru_cache(maxsize=8)
 def _versions(ending: str) -> tuple[str, ...]:
     """Return the versions of the libraries that decide what a file of this kind becomes."""
-    kernel = ""
+    deciding = ["manifold3d", "embreex"]
     if ending in {".step", ".stp"}:
-        try:
-            kernel = importlib.metadata.version("cadquery-ocp-novtk")
-        except importlib.metadata.PackageNotFoundError:
-            kernel = "none"
-    return np.__version__, scipy.__version__, trimesh.__version__, kernel
+        deciding.append("cadquery-ocp-novtk")
+    return np.__version__, scipy.__version__, trimesh.__version__, *map(_version, deciding)
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "none"
 
 
 def _tidy(folder: Path) -> None:

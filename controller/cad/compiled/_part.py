@@ -29,6 +29,7 @@ from ..views import LineView, line_view, prepare_views
 STEP = (".step", ".stp")
 UNITLESS = (".stl", ".obj", ".ply", ".off")  # formats that have no place for a unit
 MOST_SAMPLES = 200_000
+MOST_NAMED = 4  # poses named one by one in a remark
 USUAL_DENSITY_G_CM3 = 2.7  # aluminium, as in a recipe that does not say
 
 
@@ -150,9 +151,16 @@ class CompiledPart:
                 if pair.evidence == evidence and pose.index in (pair.pose, pair.other)
             ]
             if others:
-                poses = ", ".join(str(other) for other in sorted(others))
-                found.append(f"{what} as of pose{'s' if len(others) > 1 else ''} {poses}")
+                found.append(f"{what} as of pose{'s' if len(others) > 1 else ''} {_few(others)}")
         return tuple(found)
+
+
+def _few(poses: Sequence[int]) -> str:
+    """Return the first few of some poses in words, and how many more there are."""
+    ids = [str(pose) for pose in sorted(poses)]
+    if len(ids) <= MOST_NAMED + 1:  # "and 1 more" is no shorter
+        return ", ".join(ids)
+    return f"{', '.join(ids[:MOST_NAMED])} and {len(ids) - MOST_NAMED} more"
 
 
 def compile_part(path: Path, options: CompileOptions | None = None) -> CompiledPart:
