@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from ._model import ViewModel
 from ._project import EDGE_ON, FRONT, Projection
-from ._segments import cross
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int32]
@@ -38,23 +37,25 @@ def without_covered(model: ViewModel, view: Projection, edges: Ids, rims: Ids) -
     edges : (n,) mesh edges to be drawn where they are seen
     rims : (m,) mesh edges that may hide others
     """
-    both = np.union1d(edges, rims)
-    is_open = np.zeros(len(both), dtype=np.bool_)  # of an edge, as far as drawing it goes
-    can_hide = np.zeros(len(both), dtype=np.bool_)
-    for side in (0, 1):
+    is_asked = np.zeros(len(model.ends), dtype=np.bool_)
+    is_asked[edges] = is_asked[rims] = True
+    both = np.flatnonzero(is_asked).astype(np.int32)
+    shows, can_hide = np.zeros_like(is_asked), np.zeros_like(is_asked)
+    # the side that faces the eye first: where that shows, nothing is left to ask
+    first = (view.facing[model.sides[both, 1]] == FRONT).astype(np.int32)
+    for side in (first, 1 - first):
         facing = view.facing[model.sides[both, side]]
-        asked = np.flatnonzero(facing != EDGE_ON)
-        shows = asked[~_is_covered(model, view, both[asked], side)]
-        can_hide[shows] = True
-        is_open[shows[facing[shows] == FRONT]] = True
-    return (
-        edges[is_open[np.searchsorted(both, edges)]],
-        rims[can_hide[np.searchsorted(both, rims)]],
-    )
+        open_question = (facing != EDGE_ON) & ~shows[both]
+        open_question &= (facing == FRONT) | ~can_hide[both]
+        asked, facing = both[open_question], facing[open_question]
+        is_free = ~_is_covered(model, view, asked, side[open_question])
+        can_hide[asked[is_free]] = True
+        shows[asked[is_free & (facing == FRONT)]] = True
+    return edges[shows[edges]], rims[can_hide[rims]]
 
 
-def aside(model: ViewModel, edges: Ids, side: int) -> Array:
-    """Return the steps (n, 3) from edges onto their triangles, into them at right angles [mm]."""
+def aside(model: ViewModel, edges: Ids, side: Ids | int) -> Array:
+    """Return the steps (n, 3) from edges onto one of their triangles, at right angles [mm]."""
     triangle = model.sides[edges, side]
     start, end = model.vertices_mm[model.ends[edges, 0]], model.vertices_mm[model.ends[edges, 1]]
     along = end - start
@@ -68,8 +69,8 @@ def aside(model: ViewModel, edges: Ids, side: int) -> Array:
     return step
 
 
-def _is_covered(model: ViewModel, view: Projection, edges: Ids, side: int) -> Bools:
-    """Return which edges (n,), on the given side of them, one sheet hides from end to end."""
+def _is_covered(model: ViewModel, view: Projection, edges: Ids, side: Ids) -> Bools:
+    """Return which edges (n,), on the given side (n,) of each, one sheet hides from end to end."""
     is_covered = np.zeros(len(edges), dtype=np.bool_)
     step = aside(model, edges, side)
     start = model.vertices_mm[model.ends[edges, 0]] + step
@@ -134,14 +135,14 @@ def _within(
 ) -> tuple[Array, Array, Array]:
     """Return barycentric coordinates (n, 3) of p and q, (n, 2) each, and corners' nearness."""
     corners = model.triangles[triangle]
-    a, b, c = (view.points[corners[:, i]] for i in range(3))
-    double_area = cross(b - a, c - a)
+    x, y = view.points[corners, 0].T, view.points[corners, 1].T  # (3, n)
+    double_area = (x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0])
     found = []
-    for x in (p, q):
-        of_b, of_c = cross(c - x, a - x), cross(a - x, b - x)
-        of_a = cross(b - x, c - x)
-        found.append(np.stack([of_a, of_b, of_c], axis=1) / double_area[:, None])
-    return found[0], found[1], view.nearness[corners]
+    for at in (p, q):
+        u, v = x - at[:, 0], y - at[:, 1]
+        ahead, after = [1, 2, 0], [2, 0, 1]
+        found.append((u[ahead] * v[after] - v[ahead] * u[after]) / double_area)
+    return found[0].T, found[1].T, view.nearness[corners]
 
 
 def _dot(a: Array, b: Array) -> Array:

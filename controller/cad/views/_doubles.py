@@ -7,7 +7,7 @@ from ._hidden import SHORTEST_MM, Pieces, plane_ends
 from ._model import ViewModel
 from ._outline import ROUNDED_MM, ROUNDED_SINE
 from ._project import Projection
-from ._segments import cross, near_pairs, tree_of
+from ._segments import cross, tree_of
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int32] | NDArray[np.int64]
@@ -31,11 +31,15 @@ def without_doubles(model: ViewModel, view: Projection, pieces: Pieces) -> Piece
     is_bent = is_bare & is_free[face[:, 0]]
     reach = np.where(is_bent, STRAY_MM, DOUBLED_MM)
     reach = np.where(wall >= 0, ROUNDED_MM, reach) * view.scale
-    under, over = near_pairs(tree_of(p, q), p, q, reach)
+    # one set of boxes for both, each grown by half of what may lie between two
+    half = float(reach.max()) / 2
+    tree = tree_of(np.minimum(p, q) - half, np.maximum(p, q) + half)
+    under, over = tree.query(tree.geometries)
     differs = pieces.mesh_edge[under] != pieces.mesh_edge[over]
     under, over = under[differs], over[differs]
-    r, s = (q - p)[under], (q - p)[over]
-    length, over_length = np.linalg.norm(r, axis=1), np.linalg.norm(s, axis=1)
+    run = q - p
+    lengths = np.linalg.norm(run, axis=1)
+    r, s, length, over_length = run[under], run[over], lengths[under], lengths[over]
     is_stray = is_bent[under] & ~is_bare[over] & (face[over] == face[under, :1]).any(axis=1)
     is_rim = (wall[under] >= 0) & (wall[under] == wall[over]) | is_stray
     limit = np.where(is_rim, ROUNDED_SINE, DOUBLED_RAD)

@@ -28,7 +28,7 @@ class ViewModel:
     caster : rays against its mesh
     vertices_mm : (v, 3) of the mesh, CAD frame
     triangles : (t, 3) their corners
-    heights_mm : (t,) smallest height of each triangle
+    heights_mm, longest_mm : (t,) smallest height of each triangle, and its longest side
     ends : (e, 2) vertices of each mesh edge
     sides : (e, 2) its triangles; round the first one it runs from ``ends[:, 0]`` to
         ``ends[:, 1]``, round the second one back
@@ -44,6 +44,7 @@ class ViewModel:
     vertices_mm: Array
     triangles: Ids
     heights_mm: Array
+    longest_mm: Array
     ends: Ids
     sides: Ids
     across: Ids
@@ -76,6 +77,7 @@ def prepare_views(solid: Solid) -> ViewModel:
         vertices_mm=vertices,
         triangles=triangles,
         heights_mm=heights,
+        longest_mm=longest,
         ends=ends,
         sides=sides,
         across=across,

@@ -136,14 +136,15 @@ def _walls_edge_on(model: ViewModel, direction: Array) -> Ids:
 
 
 def _facing(model: ViewModel, points: Array, scale: Array) -> NDArray[np.int8]:
-    corners = points[model.triangles]
-    span = corners[:, [1, 2, 0]] - corners
-    double_area = span[:, 0, 1] * span[:, 2, 0] - span[:, 0, 0] * span[:, 2, 1]
-    squares = span[..., 0] ** 2 + span[..., 1] ** 2
-    longest = np.sqrt(np.maximum(np.maximum(squares[:, 0], squares[:, 1]), squares[:, 2]))
-    local = scale[model.triangles[:, 0]]
-    height = double_area / np.maximum(longest, 1e-300) / local
+    x, y = points[model.triangles, 0].T, points[model.triangles, 1].T  # (3, t)
+    double_area = (x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0])
     limit = np.maximum(EDGE_ON_MM, EDGE_ON_RAD * model.heights_mm)
-    is_seen = np.abs(height) > limit
-    facing: NDArray[np.int8] = (np.sign(double_area) * is_seen).astype(np.int8)
+    facing: NDArray[np.int8] = np.sign(double_area).astype(np.int8)
+    # no side shows much longer than it is: most are clear without measuring what is seen of it
+    local = scale[model.triangles[:, 0]]
+    doubtful = np.flatnonzero(np.abs(double_area) < 10 * limit * model.longest_mm * local**2)
+    x, y, local = x[:, doubtful], y[:, doubtful], local[doubtful]
+    squares = (x[[1, 2, 0]] - x) ** 2 + (y[[1, 2, 0]] - y) ** 2
+    height = np.abs(double_area[doubtful]) / np.sqrt(np.maximum(squares.max(axis=0), 1e-300))
+    facing[doubtful[height <= limit[doubtful] * local]] = EDGE_ON
     return facing
