@@ -25,6 +25,7 @@ Ids = NDArray[np.int64]
 STRIP_RATIO = 4.0  # a plane is this many times larger than the strips round it
 LONE_RATIO = 50.0  # and a single triangle with smooth edges all round so much larger
 ABSORB_ROUNDS = 3
+NEAR = 20.0  # times the tightest fit: planes whose middles are farther apart are two
 ABSORB = 5.0  # of the fit's own tolerance: where surfaces meet, kernels put corners less exactly
 
 
@@ -158,6 +159,26 @@ def _merged(facets: Facets, grower: Grower, owner: Ids, primitives: list[Primiti
     order = np.argsort(owner, kind="stable")
     start = np.searchsorted(owner[order], np.arange(len(primitives) + 1))
     areas = np.bincount(owner, weights=facets.areas, minlength=len(primitives))
+    # most planes of a noisy part are far from their neighbours': not worth a closer look
+    flat = (kinds[pairs] == "plane").all(axis=1)
+    weights = np.maximum(facets.areas, 1e-12)
+    share = np.bincount(owner, weights=weights, minlength=len(primitives))
+    middle = (
+        np.column_stack(
+            [np.bincount(owner, weights * x, len(primitives)) for x in facets.centres.T]
+        )
+        / np.maximum(share, 1e-12)[:, None]
+    )
+    places = np.array([p.centre_mm if p is not None else np.zeros(3) for p in primitives])
+    axes = np.array([p.axis if p is not None else np.zeros(3) for p in primitives])
+    off = np.min(
+        [
+            np.abs(((middle[i] - places[k]) * axes[k]).sum(axis=1))
+            for i, k in (pairs.T, pairs.T[::-1])
+        ],
+        axis=0,
+    )
+    pairs = pairs[~flat | (off <= NEAR * grower.tight_mm)]
     joins = []
     for pair in pairs.tolist():
         small, large = sorted(pair, key=lambda i: areas[i])
