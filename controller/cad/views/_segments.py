@@ -26,7 +26,7 @@ def crowding(tree: shapely.STRtree, p: Array, q: Array) -> float:
 
     A mean over some of them, evenly spread: enough to tell dozens from thousands.
     """
-    some = np.unique(np.linspace(0, len(p) - 1, SAMPLE).astype(np.int64)) if len(p) else []
+    some = np.unique(np.linspace(0, max(len(p) - 1, 0), SAMPLE).astype(np.int64))[: len(p)]
     own, _ = near_pairs(tree, p[some], q[some])
     return len(own) / max(len(some), 1)
 
