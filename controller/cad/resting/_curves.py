@@ -65,8 +65,9 @@ def find_strips(hull: Hull) -> Strips:
     plane = hull.areas_mm2 > PLANE_RATIO * largest  # also true where nothing smooth is beside
     by_side, is_long = _bulges(hull, angle)
     over = np.zeros(hull.count)
-    for side, tells in ((0, smooth & is_long[:, 0]), (1, smooth & is_long[:, 1])):
-        np.maximum.at(over, hull.edge_facets[tells, side], by_side[tells, side])
+    for k in (0, 1):
+        tells = smooth & is_long[:, k]
+        np.maximum.at(over, hull.edge_facets[tells, k], by_side[tells, k])
     fine_mm = FINE_SHARE * float(hull.heights_mm.max(initial=0.0))
     wide = (over > 0) & (over <= fine_mm) & (hull.areas_mm2 <= WIDE_RATIO * largest)
     plane &= ~wide
