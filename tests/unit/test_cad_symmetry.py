@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import trimesh
@@ -33,29 +35,33 @@ def marked(body: Body, x: float, y: float, z: float) -> Body:
 
 # orders of the groups of proper turns, from any book on point groups
 @pytest.mark.parametrize(
-    ("body", "order"),
+    ("make", "order"),
     [
-        (box(40, 30, 20), 4),
-        (box(40, 40, 20), 8),
-        (box(30, 30, 30), 24),
-        (rod(12, 40, 6), 12),
-        (Body.tetrahedron().scale((12, 12, 12)), 12),
-        (prism([(0, 0), (30, 0), (10, 20)], 12), 1),
-        (prism([(0, 0), (30, 0), (15, 20)], 12), 2),
-        (prism([(0, 0), (40, 0), (30, 15), (-10, 15)], 12), 2),
-        (box(40, 30, 20) - rod(3, 50, 48), 4),
-        (rod(30, 10, 96) - rod(3, 40, 32).translate((20, 0, 0)), 2),
+        (lambda: box(40, 30, 20), 4),
+        (lambda: box(40, 40, 20), 8),
+        (lambda: box(30, 30, 30), 24),
+        (lambda: rod(12, 40, 6), 12),
+        (lambda: Body.tetrahedron().scale((12, 12, 12)), 12),
+        (lambda: prism([(0, 0), (30, 0), (10, 20)], 12), 1),
+        (lambda: prism([(0, 0), (30, 0), (15, 20)], 12), 2),
+        (lambda: prism([(0, 0), (40, 0), (30, 15), (-10, 15)], 12), 2),
+        (lambda: box(40, 30, 20) - rod(3, 50, 48), 4),
+        (lambda: rod(30, 10, 96) - rod(3, 40, 32).translate((20, 0, 0)), 2),
         (
-            rod(30, 10, 96)
-            - rod(3, 40, 32).translate((20, 0, 0))
-            - rod(3, 40, 32).translate((-10, 17.3205, 0))
-            - rod(3, 40, 32).translate((-10, -17.3205, 0)),
+            lambda: (
+                rod(30, 10, 96)
+                - rod(3, 40, 32).translate((20, 0, 0))
+                - rod(3, 40, 32).translate((-10, 17.3205, 0))
+                - rod(3, 40, 32).translate((-10, -17.3205, 0))
+            ),
             6,
         ),
     ],
 )
-def test_the_turns_that_keep_a_part_form_the_group_of_its_shape(body: Body, order: int) -> None:
-    symmetry = part_symmetries(turned(body))
+def test_the_turns_that_keep_a_part_form_the_group_of_its_shape(
+    make: Callable[[], Body], order: int
+) -> None:
+    symmetry = part_symmetries(turned(make()))
     assert len(symmetry.rotations) == order
     assert symmetry.axis is None
     assert not symmetry.is_ball
@@ -98,19 +104,21 @@ def test_a_part_of_two_densities_keeps_only_what_keeps_its_centre() -> None:
 
 
 @pytest.mark.parametrize(
-    ("body", "is_chiral"),
+    ("make", "is_chiral"),
     [
-        (box(40, 30, 20), False),
-        (Body.tetrahedron().scale((12, 12, 12)), False),
-        (prism([(0, 0), (30, 0), (10, 20)], 12), False),
-        (prism([(0, 0), (40, 0), (30, 15), (-10, 15)], 12), False),
+        (lambda: box(40, 30, 20), False),
+        (lambda: Body.tetrahedron().scale((12, 12, 12)), False),
+        (lambda: prism([(0, 0), (30, 0), (10, 20)], 12), False),
+        (lambda: prism([(0, 0), (40, 0), (30, 15), (-10, 15)], 12), False),
         # one notch half-way along an edge leaves a mirror plane, one more across it leaves none
-        (marked(box(40, 30, 20), 20, 0, 10), False),
-        (marked(marked(box(40, 30, 20), 20, 0, 10), 0, 15, 10), True),
+        (lambda: marked(box(40, 30, 20), 20, 0, 10), False),
+        (lambda: marked(marked(box(40, 30, 20), 20, 0, 10), 0, 15, 10), True),
     ],
 )
-def test_a_part_is_chiral_if_no_mirror_gives_it_back(body: Body, *, is_chiral: bool) -> None:
-    symmetry = part_symmetries(turned(body))
+def test_a_part_is_chiral_if_no_mirror_gives_it_back(
+    make: Callable[[], Body], *, is_chiral: bool
+) -> None:
+    symmetry = part_symmetries(turned(make()))
     assert symmetry.is_chiral is is_chiral
     if symmetry.mirror is not None:
         assert np.linalg.det(symmetry.mirror) == pytest.approx(-1.0)
