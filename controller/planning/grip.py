@@ -30,6 +30,9 @@ class GripRules:
     """What counts as a grip; each with its reason."""
 
     friction: float = 0.6  # rubber pads on machined aluminium, dry
+    # of the friction, what the slope of an outer wall against its pad may use: it pushes the part
+    # out of the jaws all the while (a bore centres itself), and the weight wants its share too
+    wall_share: float = 0.4
     force_n: float = 40.0  # the arm's hand; the fixture is stronger
     density_kg_mm3: float = 2.7e-6  # aluminium
     max_load: float = 0.8  # share of the friction limit that weight may use, worst attitude
@@ -304,7 +307,9 @@ def _contacts(
     grid = np.array(np.meshgrid(x, z, indexing="ij")).reshape(2, -1).T
     cell = jaw.pad_length_mm * jaw.finger_width_mm / len(grid)
     face_normals = np.asarray(solid.mesh.face_normals)
-    cone = np.cos(np.arctan(rules.friction))
+    inner = np.array([f.concave for f in solid.faces])[solid.face_of_triangle]
+    steepest = np.where(inner, 1.0, rules.wall_share) * rules.friction
+    cone = np.cos(np.arctan(steepest))
     start = gap / 2 + rules.clearance_mm
     n = len(T)
     side_at, area, centroid, radius, spread = [], [], [], [], []
@@ -323,7 +328,7 @@ def _contacts(
         first = distance.min(axis=1)
         good &= np.isfinite(first)
         first = np.where(np.isfinite(first), first, 0.0)
-        touch = (distance <= (first + rules.compliance_mm)[:, None]) & (-facing >= cone)
+        touch = (distance <= (first + rules.compliance_mm)[:, None]) & (-facing >= cone[triangle])
         count = np.maximum(touch.sum(axis=1), 1)
         middle = np.einsum("nk,kj->nj", touch, grid) / count[:, None]
         off = np.linalg.norm(grid[None] - middle[:, None], axis=2) * touch
