@@ -11,8 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from .errors import (
     InsideOutCadError,
@@ -20,6 +18,7 @@ from .errors import (
     OpenCadError,
     SelfIntersectingCadError,
 )
+from .graph import components
 from .rays import RayCaster
 
 Array = NDArray[np.float64]
@@ -123,8 +122,7 @@ def _shells(mesh: trimesh.Trimesh, sides: _Sides) -> tuple[NDArray[np.int32], Ar
     """Return the shell of each triangle (n,), and the volume each shell encloses [mm3]."""
     one, other = sides.side[sides.first] // 3, sides.side[sides.first + 1] // 3
     count = len(mesh.faces)
-    graph = coo_matrix((np.ones(len(one), dtype=np.int8), (one, other)), shape=(count, count))
-    shell = np.asarray(connected_components(graph, directed=False)[1], dtype=np.int32)
+    shell = components(count, one, other).astype(np.int32)
     corners = np.asarray(mesh.triangles)
     wedge = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
     return shell, np.bincount(shell, weights=wedge).astype(np.float64)

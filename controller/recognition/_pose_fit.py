@@ -19,9 +19,8 @@ from controller.cad import (
     RayCaster,
     Solid,
     ViewMaps,
-    inverse_pose,
+    meet_part,
     render_maps,
-    transform,
     view_roi,
 )
 
@@ -114,11 +113,7 @@ def _outline_points(
 
 def _depths(part: PosedPart, T: Array, camera: Camera, pixels: Array) -> Array:
     """Return the depth at which sight lines of pixels (n, 2) meet the part, inf where they miss."""
-    T_part_world = inverse_pose(T)
-    directions = camera.sight_lines(pixels) @ T_part_world[:3, :3].T
-    eye = transform(T_part_world, camera.position_mm[None])[0]
-    _, depth = part.caster.first_hit(np.broadcast_to(eye, directions.shape), directions)
-    return depth
+    return meet_part(part.caster, T, camera, camera.sight_lines(pixels))[1]
 
 
 def fit_pose(

@@ -6,7 +6,8 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from ._halfedges import components, half_edges, next_on_rim
+from ..graph import components
+from ._halfedges import half_edges, next_on_rim
 from ._types import Boundary
 
 Ids = NDArray[np.int64]

@@ -11,11 +11,11 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from ..graph import components
 from ._creases import find_creases
 from ._curves import fit_curves
 from ._halfedges import (
     HalfEdges,
-    components,
     first_of_each,
     half_edges,
     next_on_rim,

@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from ._halfedges import components
+from ..graph import components
 from ._normals import unit
 
 Array = NDArray[np.float64]

@@ -9,16 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+
+from ..graph import components
 
 Ids = NDArray[np.int64]
-
-
-def components(count: int, a: NDArray[np.integer], b: NDArray[np.integer]) -> Ids:
-    """Return for each of ``count`` nodes the number of its connected component (count,)."""
-    graph = coo_matrix((np.ones(len(a), dtype=np.int8), (a, b)), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
 def first_of_each(labels: NDArray[np.integer], count: int) -> Ids:

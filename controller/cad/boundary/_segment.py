@@ -9,10 +9,10 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from ..graph import components
 from ._describe import describe
 from ._facets import Facets, find_facets, rounding_mm, true_corners
 from ._growth import Found, Grower
-from ._halfedges import components
 from ._neighbours import Neighbours, along_long_sides
 from ._pieces import LEAST_FACETS
 from ._primitives import Primitive

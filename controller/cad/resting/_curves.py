@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
+from ..graph import components
 from ._hull import Array, Hull, Ids
 from ._topple import Landscape
 
@@ -72,7 +71,7 @@ def find_strips(hull: Hull) -> Strips:
     wide = (over > 0) & (over <= fine_mm) & (hull.areas_mm2 <= WIDE_RATIO * largest)
     plane &= ~wide
     inner = smooth & ~plane[first] & ~plane[second]
-    region = _components(hull.count, first[inner], second[inner])
+    region = components(hull.count, first[inner], second[inner])
     sizes = np.bincount(region)
     strip = ~plane & (sizes[region] >= 3)  # a roof is two planes, never a curve
     keep = smooth & (strip[first] | strip[second])
@@ -169,8 +168,3 @@ def _fill(parent: Ids, heights: Array, allowed: Array, a: Ids, b: Ids, top: Arra
     touched = np.unique(np.concatenate([a, b]))
     parent[touched] = [bottom(i) for i in touched.tolist()]
     parent[:] = parent[parent]
-
-
-def _components(count: int, a: Ids, b: Ids) -> Ids:
-    graph = coo_matrix((np.ones(len(a), dtype=np.int8), (a, b)), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)

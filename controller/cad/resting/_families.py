@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
+from ..graph import components
 from ._curves import PLANE_RATIO, WIDE_RATIO, Strips
 from ._hull import Array, Hull, Ids
 
@@ -166,10 +165,7 @@ class Curves:
         inside = low[self._edges].all(axis=1)
         pairs = local[self._edges[inside]]
         count = int(low.sum())
-        graph = coo_matrix(
-            (np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(count, count)
-        )
-        group = connected_components(graph, directed=False)[1]
+        group = components(count, pairs[:, 0], pairs[:, 1])
         return np.asarray(np.flatnonzero(low)[group == group[local[bottom]]])
 
     def _lowest(self, bottom: int, reach: Ids, centre: Array) -> Array:
@@ -181,7 +177,7 @@ class Curves:
         normals, heights = normals[near], heights[near]
         if len(normals) < 3:
             return here
-        e1, e2 = _across(here)
+        e1, e2 = square_to(here)
         x, y = normals @ e1, normals @ e2
         spread = np.column_stack([x, y])
         size, turn = np.linalg.eigh(spread.T @ spread)
@@ -240,7 +236,7 @@ def _ring_of(normals: Array) -> tuple[Array, float, float]:
 
 def _arc(normals: Array, axis: Array) -> tuple[float, bool]:
     """Return the angle normals (n, 3) cover round an axis, and whether they go all round."""
-    e1, e2 = _across(axis)
+    e1, e2 = square_to(axis)
     turns = np.sort(np.arctan2(normals @ e2, normals @ e1))
     if len(turns) < 2:
         return 0.0, False
@@ -258,7 +254,7 @@ def _centre_of(normals: Array, heights: Array) -> Array:
     return np.asarray(solution[:3])
 
 
-def _across(direction: Array) -> tuple[Array, Array]:
+def square_to(direction: Array) -> tuple[Array, Array]:
     """Return two unit vectors (3,) square to a direction and to each other."""
     least = np.zeros(3)
     least[np.argmin(np.abs(direction))] = 1.0

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull
+
+from ..graph import components
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
@@ -129,7 +129,7 @@ def _join(
     off = np.abs(np.einsum("ij,ij->i", outward[there], corners[apex] - shared))
     flat = (off <= blur) & (size[here] <= size[there])
     same = np.einsum("ij,ij->i", outward[here], outward[there]) > 1 - 1e-15
-    group = _components(count, here[flat | same], there[flat | same])
+    group = components(count, here[flat | same], there[flat | same])
     weights = np.column_stack([np.bincount(group, doubled[:, i]) for i in range(3)])
     weights = weights / np.maximum(np.linalg.norm(weights, axis=1), 1e-300)[:, None]
     along = np.einsum("tij,tj->ti", corners[triangles], weights[group])
@@ -140,9 +140,4 @@ def _join(
     if not bent.any():
         return group
     keep = (flat & ~bent[here] & ~bent[there]) | same
-    return _components(count, here[keep], there[keep])
-
-
-def _components(count: int, a: Ids, b: Ids) -> Ids:
-    graph = coo_matrix((np.ones(len(a), dtype=np.int8), (a, b)), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+    return components(count, here[keep], there[keep])

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..solid import Solid
+from ._families import square_to
 from ._poses import StablePose
 from ._surface import SAME, Surface, rotation_about
 
@@ -94,7 +95,7 @@ def part_symmetries(
     proper, improper = [np.eye(3)], []
     guesses = list(_half_turns(axes))
     if revolved:
-        side = _across(axis)[0]
+        side = square_to(axis)[0]
         guesses = [rotation_about(np.pi * side)]
         improper.append(np.eye(3) - 2 * np.outer(side, side))  # any plane through the axis
     elif alike:
@@ -190,7 +191,7 @@ def _holds(surface: Surface, turn: Array) -> bool:
 
 def _corner_turns(surface: Surface, axis: Array, reach: float) -> Iterator[Array]:
     """Guess half turns square to an axis, planes through it, and turned reflections along it."""
-    e1, e2 = _across(axis)
+    e1, e2 = square_to(axis)
     points = surface.vertices
     x, y, z = points @ e1, points @ e2, points @ axis
     r, turn = np.hypot(x, y), np.arctan2(y, x)
@@ -275,11 +276,3 @@ def _frame(a: Array, b: Array) -> Array:
     e2 = b - (b @ e1) * e1
     e2 /= np.linalg.norm(e2)
     return np.column_stack([e1, e2, np.cross(e1, e2)])
-
-
-def _across(axis: Array) -> tuple[Array, Array]:
-    least = np.zeros(3)
-    least[np.argmin(np.abs(axis))] = 1.0
-    e1 = np.cross(axis, least)
-    e1 /= np.linalg.norm(e1)
-    return e1, np.cross(axis, e1)

@@ -3,7 +3,7 @@
 from ._model import ViewModel, prepare_views
 from ._types import DrawnEdge, LineView, Loop, Stroke
 from .lines import camera_view, line_view, outline
-from .maps import Roi, ViewMaps, render_maps, view_roi
+from .maps import Roi, ViewMaps, meet_part, render_maps, view_roi
 
 __all__ = [
     "DrawnEdge",
@@ -15,6 +15,7 @@ __all__ = [
     "ViewModel",
     "camera_view",
     "line_view",
+    "meet_part",
     "outline",
     "prepare_views",
     "render_maps",

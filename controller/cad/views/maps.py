@@ -48,6 +48,19 @@ def view_roi(
     return None if x0 >= x1 or y0 >= y1 else (int(x0), int(y0), int(x1), int(y1))
 
 
+def meet_part(
+    caster: RayCaster, T_world_part: Array, camera: Camera, lines: Array
+) -> tuple[NDArray[np.int32], Array]:
+    """Return the triangle (n,) sight lines (n, 3) meet first, -1 for none, and its depth [mm] (n,).
+
+    ``lines`` are directions in the world, scaled to depth 1, as a camera gives them.
+    """
+    T_part_world = inverse_pose(T_world_part)
+    directions = lines @ T_part_world[:3, :3].T
+    origin = transform(T_part_world, camera.position_mm[None])[0]
+    return caster.first_hit(np.broadcast_to(origin, directions.shape), directions)
+
+
 def render_maps(
     caster: RayCaster, T_world_part: Array, camera: Camera, roi: Roi, step_px: int = 1
 ) -> ViewMaps:
@@ -61,8 +74,5 @@ def render_maps(
     x0, y0, x1, y1 = roi
     lines = camera.sight_line_table[y0:y1:step_px, x0:x1:step_px].astype(np.float64)
     shape = lines.shape[:2]
-    T_part_world = inverse_pose(T_world_part)
-    directions = lines.reshape(-1, 3) @ T_part_world[:3, :3].T
-    origin = transform(T_part_world, camera.position_mm[None])[0]
-    triangle, depth = caster.first_hit(np.broadcast_to(origin, directions.shape), directions)
+    triangle, depth = meet_part(caster, T_world_part, camera, lines.reshape(-1, 3))
     return ViewMaps(roi, triangle.reshape(shape), depth.reshape(shape))
