@@ -1,0 +1,112 @@
+"""Corners and junctions: where ends of lines meet.
+
+Paper, section 3.2, has corners of about 90 deg; here they are of any angle, with the Y (three ends
+meet) and the T (one ends at another's middle) that it left open.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._tolerances import GreyTolerances
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Corners:
+    """Corners of lines.
+
+    Attributes
+    ----------
+    positions : (n, 2) where the two lines meet
+    lines : (n, 2) their numbers
+    ends : (n, 2) which end of each, 0 or 1
+    angles_rad : (n,) between them, 0..pi
+    """
+
+    positions: Array
+    lines: Ints
+    ends: Ints
+    angles_rad: Array
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Junctions:
+    """Where lines meet otherwise: positions (n, 2), whether three ends meet (Y) or one a line (T)."""
+
+    positions: Array
+    is_y: NDArray[np.bool_]
+
+
+def find_corners(segments: Array, reach: float, min_rad: float) -> Corners:
+    """Return the corners of lines.
+
+    Parameters
+    ----------
+    segments : (n, 4) x0 y0 x1 y1
+    reach : how far ends may be from where their lines meet, in the same unit
+    min_rad : lines that bend by less are one curve
+    """
+    count = len(segments)
+    if count < 2:
+        none = np.zeros((0, 2), dtype=np.int64)
+        return Corners(np.zeros((0, 2)), none, none.copy(), np.zeros(0))
+    ends = segments.reshape(-1, 2)
+    length = np.maximum(np.linalg.norm(segments[:, 2:] - segments[:, :2], axis=1), 1e-9)
+    into = (segments[:, 2:] - segments[:, :2]) / length[:, None]
+    into = np.stack([into, -into], axis=1).reshape(-1, 2)  # from each end along its line
+    gap = np.abs(ends[:, None] - ends[None]).max(axis=2)
+    a, b = np.nonzero(np.triu(gap < 2 * reach, 1))
+    other = a // 2 != b // 2
+    a, b = a[other], b[other]
+    cross = into[a, 0] * into[b, 1] - into[a, 1] * into[b, 0]
+    dot = np.einsum("ni,ni->n", into[a], into[b])
+    bent = np.abs(cross) > np.sin(min_rad)
+    a, b, cross, dot = a[bent], b[bent], cross[bent], dot[bent]
+    d = ends[b] - ends[a]
+    s = (d[:, 0] * into[b, 1] - d[:, 1] * into[b, 0]) / cross
+    t = (d[:, 0] * into[a, 1] - d[:, 1] * into[a, 0]) / cross
+    near_a = np.minimum(reach, 0.4 * length[a // 2])
+    near_b = np.minimum(reach, 0.4 * length[b // 2])
+    meets = (np.abs(s) < near_a) & (np.abs(t) < near_b)
+    a, b, s, t, dot = a[meets], b[meets], s[meets], t[meets], dot[meets]
+    position = ends[a] + s[:, None] * into[a]
+    return Corners(
+        position,
+        np.stack([a // 2, b // 2], axis=1),
+        np.stack([a % 2, b % 2], axis=1),
+        np.arccos(np.clip(dot, -1.0, 1.0)),
+    )
+
+
+def find_junctions(segments: Array, corners: Corners, reach: float) -> Junctions:
+    """Return the Y and T junctions of lines."""
+    count = len(segments)
+    key = corners.lines * 2 + corners.ends
+    shared = np.bincount(key.ravel(), minlength=2 * count)
+    # three ends that meet are three corners, each end in two of them
+    y_corner = (shared[key] >= 2).all(axis=1) if len(key) else np.zeros(0, dtype=bool)
+    y_at = corners.positions[y_corner]
+    if len(y_at):
+        cells = np.round(y_at / max(2 * reach, 1e-9)).astype(np.int64)
+        _, first = np.unique(cells, axis=0, return_index=True)
+        y_at = y_at[np.sort(first)]
+    start, along = segments[:, :2], segments[:, 2:] - segments[:, :2]
+    length = np.maximum(np.linalg.norm(along, axis=1), 1e-9)
+    along = along / length[:, None]
+    ends = segments.reshape(-1, 2)
+    offset = ends[:, None] - start[None]
+    t = np.einsum("eli,li->el", offset, along)
+    beside = np.abs(offset[:, :, 0] * along[None, :, 1] - offset[:, :, 1] * along[None, :, 0])
+    lean = np.abs(
+        along[:, 0][:, None] * along[None, :, 1] - along[:, 1][:, None] * along[None, :, 0]
+    )
+    inner = (t > 2 * reach) & (t < length - 2 * reach) & (beside < reach)
+    e, line = np.nonzero(inner & (np.repeat(lean, 2, axis=0) > 0.34))
+    t_at = start[line] + t[e, line][:, None] * along[line]
+    return Junctions(
+        np.concatenate([y_at, t_at]), np.r_[np.ones(len(y_at), bool), np.zeros(len(t_at), bool)]
+    )

@@ -1,0 +1,140 @@
+"""A grey picture's features in the plane: lines, corners, junctions, circles, and texture."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._arcs import Circles, find_circles
+from ._cells import cell_lines
+from ._corners import Corners, Junctions, find_corners, find_junctions
+from ._edges import Grey, ToPlane, edge_points
+from ._lines import merge_lines
+from ._tolerances import GreyTolerances
+
+Array = NDArray[np.float64]
+
+EDGELET_MM = 1.5  # a piece of edge that counts as one: shorter than the smallest feature wanted
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Edgelets:
+    """Short pieces of edges, what hypotheses are scored by.
+
+    Attributes
+    ----------
+    points_mm : (n, 2) their middles
+    directions_rad : (n,) along the edge, 0..pi
+    lengths_mm : (n,)
+    """
+
+    points_mm: Array
+    directions_rad: Array
+    lengths_mm: Array
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ImageFeatures:
+    """What is seen in a picture, in the table plane [mm], x right and y up as in the world.
+
+    Attributes
+    ----------
+    lines_mm : (n, 4) x0 y0 x1 y1, longest first, the brighter side to the right of that way
+    corners, junctions : of those lines
+    circles : and arcs, best covered first
+    edgelets : of all that is seen, the short and bent included
+    pitch_mm : a mean pixel
+    """
+
+    lines_mm: Array
+    corners: Corners
+    junctions: Junctions
+    circles: Circles
+    edgelets: Edgelets
+    pitch_mm: float
+
+
+def image_features(
+    grey: Grey, to_plane: ToPlane, tol: GreyTolerances | None = None
+) -> ImageFeatures:
+    """Return the features of a grey picture; paper, section 3.2.
+
+    Parameters
+    ----------
+    grey : (height, width) uint8, an object's box or a whole picture
+    to_plane : takes pixels (n, 2) of this picture, x before y, to the table plane (n, 2 or more)
+
+    Raises
+    ------
+    ValueError : not a grey picture of uint8
+    """
+    tol = tol or GreyTolerances()
+    edges = edge_points(grey, to_plane, tol)
+    pitch = edges.pitch_mm
+    pieces, piece_of = cell_lines(edges, tol)
+    merged, line_of_piece = merge_lines(pieces, tol)
+    points = edges.points_mm / pitch
+    circles, circle_of = find_circles(points, edges.normals, pieces, merged, tol)
+    line_of = np.where(piece_of >= 0, line_of_piece[piece_of], -1) if len(pieces.sums) else piece_of
+    # a line most of whose points are of a circle is a chord of it
+    on_line = np.bincount(line_of[line_of >= 0], minlength=len(merged.sums))
+    on_both = np.bincount(line_of[(line_of >= 0) & (circle_of >= 0)], minlength=len(merged.sums))
+    is_chord = on_both > 0.5 * on_line
+    length = np.linalg.norm(merged.ends[:, 1] - merged.ends[:, 0], axis=1)
+    rest = np.flatnonzero(~is_chord)
+    rest = rest[np.argsort(-length[rest], kind="stable")]
+    ends = merged.ends[rest] * pitch
+    normals = merged.normals[rest]
+    way = ends[:, 1] - ends[:, 0]
+    # so that the brighter side is to the right: normal = (way_y, -way_x)
+    flip = way[:, 1] * normals[:, 0] - way[:, 0] * normals[:, 1] < 0
+    ends[flip] = ends[flip][:, ::-1]
+    segments = ends.reshape(-1, 4)
+    lines = segments[length[rest] >= tol.line_px]
+    corners = find_corners(lines, tol.corner_px * pitch, tol.corner_min_rad)
+    junctions = find_junctions(lines, corners, 0.7 * tol.corner_px * pitch)
+    round_mm = Circles(
+        circles.centres * pitch,
+        circles.radii * pitch,
+        circles.cover,
+        circles.starts_rad,
+        circles.extents_rad,
+        circles.bright_inside,
+    )
+    edgelets = join_edgelets([segment_edgelets(segments), arc_edgelets(round_mm)])
+    return ImageFeatures(lines, corners, junctions, round_mm, edgelets, pitch)
+
+
+def segment_edgelets(segments: Array) -> Edgelets:
+    """Return straight lines (n, 4) cut into edgelets."""
+    way = segments[:, 2:] - segments[:, :2]
+    length = np.linalg.norm(way, axis=1)
+    pieces = np.maximum(np.round(length / EDGELET_MM), 1).astype(np.int64)
+    of = np.repeat(np.arange(len(segments)), pieces)
+    within = np.arange(len(of)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    t = (within + 0.5) / pieces[of]
+    points = segments[of, :2] + t[:, None] * way[of]
+    direction = np.arctan2(way[:, 1], way[:, 0]) % np.pi
+    return Edgelets(points, direction[of], (length / pieces)[of])
+
+
+def arc_edgelets(circles: Circles) -> Edgelets:
+    """Return arcs [mm] cut into edgelets; where a part of the arc was not seen, lengths shrink."""
+    length = circles.radii * circles.extents_rad
+    pieces = np.maximum(np.round(length / EDGELET_MM), 4).astype(np.int64)
+    of = np.repeat(np.arange(len(length)), pieces)
+    within = np.arange(len(of)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    angle = circles.starts_rad[of] + circles.extents_rad[of] * (within + 0.5) / pieces[of]
+    ray = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    points = circles.centres[of] + circles.radii[of, None] * ray
+    seen = np.minimum(circles.cover * 2 * np.pi / circles.extents_rad, 1.0)
+    return Edgelets(points, (angle + np.pi / 2) % np.pi, (length / pieces * seen)[of])
+
+
+def join_edgelets(parts: list[Edgelets]) -> Edgelets:
+    """Return edgelets of several kinds as one."""
+    return Edgelets(
+        np.concatenate([p.points_mm for p in parts]),
+        np.concatenate([p.directions_rad for p in parts]),
+        np.concatenate([p.lengths_mm for p in parts]),
+    )

@@ -1,0 +1,116 @@
+"""Pieces of lines from cells -> lines: neighbours that are collinear become one, in rounds.
+
+Paper, section 3.2: "the ends are close together and the angle between them is close to zero". A
+third condition makes it safe: the points of both still lie on one line, which sums of their
+coordinates tell without going back to the points.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from ._cells import Moments, line_of
+from ._tolerances import GreyTolerances
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+ROUNDS = 12  # pairs merge to twice the length in each: 4096 cells
+MOST_BRIDGED = 80  # of the longest lines, gaps are looked for between
+
+
+def merge_lines(pieces: Moments, tol: GreyTolerances) -> tuple[Moments, Ints]:
+    """Return lines merged of pieces [px of the plane], and of each piece its line."""
+    count = len(pieces.sums)
+    owner = np.arange(count)
+    if count < 2:
+        return pieces, owner
+    ends = pieces.ends.reshape(-1, 2)
+    near = cKDTree(ends).query_pairs(tol.join_px, output_type="ndarray") // 2
+    near = near[near[:, 0] != near[:, 1]]
+    lines, moved = _rounds(pieces, near.astype(np.int64), tol.join_rad, tol.straight_px)
+    owner = moved[owner]
+    for _ in range(2):
+        far = _bridges(lines, tol)
+        if len(far) == 0:
+            break
+        lines, moved = _rounds(lines, far, tol.bridge_rad, tol.straight_px)
+        owner = moved[owner]
+    return lines, owner
+
+
+def _rounds(lines: Moments, pairs: Ints, angle_rad: float, rms_px: float) -> tuple[Moments, Ints]:
+    """Merge pairs of lines that are each other's best, until there are none."""
+    count = len(lines.sums)
+    root = np.arange(count)
+    sums, ends, normals = lines.sums.copy(), lines.ends.copy(), lines.normals.copy()
+    for _ in range(ROUNDS):
+        pairs = np.unique(np.sort(root[pairs], axis=1), axis=0) if len(pairs) else pairs
+        pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+        i, j = pairs.T
+        alike = np.einsum("ni,ni->n", normals[i], normals[j]) > np.cos(angle_rad)
+        i, j, pairs = i[alike], j[alike], pairs[alike]
+        if len(pairs) == 0:
+            break
+        _, _, rms = line_of(sums[i] + sums[j], normals[i])
+        straight = rms < rms_px
+        i, j, rms = i[straight], j[straight], rms[straight]
+        pairs = pairs[straight]
+        if len(pairs) == 0:
+            break
+        best = np.full(count, np.inf)
+        np.minimum.at(best, i, rms)
+        np.minimum.at(best, j, rms)
+        mutual = np.flatnonzero((best[i] == rms) & (best[j] == rms))
+        # equal costs could make a chain of best pairs: each line takes part once
+        seen = np.zeros(count, dtype=bool)
+        chosen = []
+        for m in mutual.tolist():
+            if not (seen[i[m]] or seen[j[m]]):
+                seen[i[m]] = seen[j[m]] = True
+                chosen.append(m)
+        a, b = i[chosen], j[chosen]
+        sums[a] += sums[b]
+        mean, normal, _ = line_of(sums[a], normals[a] + normals[b])
+        along = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+        corners = np.concatenate([ends[a], ends[b]], axis=1)
+        t = np.einsum("nki,ni->nk", corners - mean[:, None], along)
+        ends[a] = (
+            mean[:, None] + np.stack([t.min(1), t.max(1)], axis=1)[:, :, None] * along[:, None]
+        )
+        normals[a] = normal
+        root[np.isin(root, b)] = _looked_up(root[np.isin(root, b)], a, b)
+    alive = np.unique(root)
+    number = np.zeros(count, dtype=np.int64)
+    number[alive] = np.arange(len(alive))
+    return Moments(sums[alive], ends[alive], normals[alive]), number[root]
+
+
+def _looked_up(values: Ints, to: Ints, source: Ints) -> Ints:
+    order = np.argsort(source)
+    return to[order][np.searchsorted(source[order], values)]
+
+
+def _bridges(lines: Moments, tol: GreyTolerances) -> Ints:
+    """Return pairs of long lines on one line with a gap between, shorter than the shorter one."""
+    length = np.linalg.norm(lines.ends[:, 1] - lines.ends[:, 0], axis=1)
+    long = np.flatnonzero(length > 1.5 * tol.cell_px)
+    long = long[np.argsort(-length[long], kind="stable")][:MOST_BRIDGED]
+    if len(long) < 2:
+        return np.zeros((0, 2), dtype=np.int64)
+    n, ends = lines.normals[long], lines.ends[long]
+    along = np.stack([-n[:, 1], n[:, 0]], axis=1)
+    offset = ends[None] - ends.mean(axis=1)[:, None, None]  # (i, j, end, 2): j as seen from i
+    beside = np.abs(np.einsum("ijek,ik->ije", offset, n)).max(axis=2)
+    t = np.einsum("ijek,ik->ije", offset, along)
+    gap = np.maximum(t.min(axis=2), -t.max(axis=2)) - length[long][:, None] / 2
+    shorter = np.minimum(length[long][:, None], length[long][None])
+    i, j = np.nonzero(
+        (n @ n.T > np.cos(tol.bridge_rad))
+        & (beside < tol.bridge_px)
+        & (beside.T < tol.bridge_px)
+        & (gap < 0.5 * shorter)
+        & (gap > -tol.join_px)
+    )
+    pairs = np.stack([long[i], long[j]], axis=1)
+    return pairs[i < j]
