@@ -1,0 +1,300 @@
+"""Pictures of parts on a table with known truth, path-traced: a second opinion beside the emulator.
+
+    python benchmarks/trace_pictures.py PART... -o FOLDER --count 40 --seed 1 --mode both
+           [--unknown PART...] [--multi 0.2] [--front-share 0.5] [--camera truth.json]
+           [--spp 48] [--small]
+
+Writes into FOLDER, picture by picture, so that others may read while it grows:
+    img_NNNN.png      1280 x 1024, 8 bit, as a camera with noise, blur and vignetting gives it
+    lo/img_NNNN.png   the same at 256 x 256 with 64 levels (5 x 4 boxes; stored value 4 x level)
+    truth.json        the camera, and for each picture what lies where, how lit, of what material
+A folder begun earlier is continued: pictures that truth.json lists are kept, so the same seed and
+parts with a larger --count add to it. Picture N depends on the seed and N only.
+
+Modes: `back` is a glowing table (0.8 to 1.25 times white, uneven), `front` a ring lamp, often with
+a side lamp, above a matte table. `--unknown` names parts that are in no catalogue: about every
+eighth picture shows one of them (`known` false). `--multi` is the share of pictures of two to five
+parts. A part lies in one of its stable poses of 1 % or more, drawn by the square root of their
+odds, so that rare ones turn up; all of it is inside the picture, and parts are 4 mm apart.
+`--camera` takes the `camera` of another truth.json; `--small` traces a quarter of the rays and
+writes only the small pictures. `--edges` measures instead of tracing: how far edges in FOLDER's
+unsaturated backlit pictures lie off the true outline.
+
+The tracer is mitsuba, no dependency of the project: pip install mitsuba, apt install libllvm19.
+From the project it takes the CAD room only (solids, stable poses, the camera model): it has to
+judge recognition and must not share its mistakes. One core; 4 to 15 s a picture.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[_name] = "1"
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
+
+import cv2  # noqa: E402  (threads and path come first)
+import numpy as np  # noqa: E402
+from numpy.typing import NDArray  # noqa: E402
+from trace_placing import (  # noqa: E402
+    NoRoomError,
+    Part,
+    Truth,
+    camera_of,
+    camera_words,
+    put_down,
+    read_part,
+    turn,
+)
+from trace_scene import Body, NoTracerError, PixelRays, radiance, tracer  # noqa: E402
+
+from controller.cad import CadError, Camera, camera_view  # noqa: E402
+
+Array = NDArray[np.float64]
+
+CAMERA_NOTE = (
+    "pixel (0,0) is the centre of the first pixel; OpenCV distortion (k1,k2,p1,p2,k3); "
+    "X_c = R_wc X_w + t_wc; lo/: u_lo = (u + 0.5) / 5 - 0.5, v_lo = (v + 0.5) / 4 - 0.5, 4 x level"
+)
+POSE_NOTE = (
+    "X_w = Rz(theta) stable_pose_R (X_cad - c) + (x, y, h): c is the centroid of the volume, "
+    "h puts the lowest point on the table z = 0"
+)
+
+
+def draw_light(mode: str, rng: np.random.Generator) -> Truth:
+    """Return lamps and table as truth.json has them."""
+    seed = int(rng.integers(1, 1_000_000))
+    if mode == "back":
+        return {
+            "mode": "back",
+            "table": 0.3,
+            "table_var": 0.01,
+            "table_seed": seed,
+            "env": rng.uniform(0.006, 0.025),
+            "glow": rng.uniform(0.80, 1.25),
+            "uneven": rng.uniform(0.02, 0.08),
+            "tilt_x": rng.uniform(-0.04, 0.04),
+            "ring": 0.0,
+            "side": 0.0,
+        }
+    return {
+        "mode": "front",
+        "table": float(np.exp(rng.uniform(np.log(0.05), np.log(0.30)))),
+        "table_var": rng.uniform(0.01, 0.05),
+        "table_seed": seed,
+        "env": rng.uniform(0.03, 0.10),
+        "ring": rng.uniform(0.7, 1.15),
+        "ring_r0": rng.uniform(100.0, 112.0),
+        "ring_r1": rng.uniform(132.0, 146.0),
+        "ring_z": rng.uniform(470.0, 560.0),
+        "ring_x": rng.uniform(-12.0, 12.0),
+        "ring_y": rng.uniform(-12.0, 12.0),
+        "side": rng.uniform(0.1, 0.45) if rng.random() < 0.4 else 0.0,
+        "side_az": rng.uniform(0.0, 360.0),
+        "side_el": rng.uniform(28.0, 50.0),
+    }
+
+
+def draw_material(rng: np.random.Generator) -> dict[str, float]:
+    """Return what a part is made of: somewhere between matte paint and rough metal."""
+    return {
+        "metal": rng.uniform(0.15, 0.53),
+        "alpha": rng.uniform(0.30, 0.45),
+        "specular": rng.uniform(0.4, 0.6),
+        "diffuse": rng.uniform(0.3, 0.55),
+    }
+
+
+def draw_sensor(mode: str, rng: np.random.Generator) -> dict[str, float]:
+    """Return the camera's sensor; noise in grey levels, shot noise as variance a grey level."""
+    return {
+        "gain": 1.0 if mode == "back" else rng.uniform(0.88, 1.12),
+        "blur_px": rng.uniform(0.55, 0.90),
+        "vignette": rng.uniform(0.08, 0.16),
+        "read": 0.22,
+        "shot": 0.0009,
+    }
+
+
+def develop(
+    light: NDArray[np.float32], sensor: dict[str, float], rng: np.random.Generator
+) -> NDArray[np.uint8]:
+    """Return the 8-bit picture of radiance (height, width)."""
+    height, width = light.shape
+    v, u = np.mgrid[0:height, 0:width]
+    middle = (width - 1) / 2, (height - 1) / 2
+    r2 = ((u - middle[0]) ** 2 + (v - middle[1]) ** 2) / (middle[0] ** 2 + middle[1] ** 2)
+    grey = cv2.GaussianBlur(light.astype(np.float64), (0, 0), sensor["blur_px"])
+    grey *= 255.0 * sensor["gain"] * (1.0 - sensor["vignette"] * r2)
+    noise = np.sqrt(sensor["read"] ** 2 + sensor["shot"] * np.maximum(grey, 0.0))
+    grey += noise * rng.standard_normal(grey.shape)
+    out: NDArray[np.uint8] = np.clip(np.round(grey), 0, 255).astype(np.uint8)
+    return out
+
+
+def digitised(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the picture at 256 x 256 with 64 levels, stored as 4 x level."""
+    height, width = picture.shape
+    boxes = picture.reshape(256, height // 256, 256, width // 256).mean(axis=(1, 3))
+    out: NDArray[np.uint8] = (4 * np.round(boxes * 63.0 / 255.0)).astype(np.uint8)
+    return out
+
+
+def edge_bias_px(
+    picture: NDArray[np.uint8], objects: Sequence[Truth], parts: dict[str, Part], camera: Camera
+) -> Array:
+    """Return how far outside the true outline the grey half way to the table lies (n,) [px]."""
+    reach = np.arange(-5.0, 5.01, 0.1)
+    out: list[float] = []
+    for words in objects:
+        solid = parts[words["part"]].solid
+        T = np.eye(4)
+        T[:3, :3] = turn(words)
+        T[:3, 3] = [words["x_mm"], words["y_mm"], words["centroid_height_mm"]]
+        T[:3, 3] -= T[:3, :3] @ solid.centroid_mm
+        for loop in camera_view(solid, T, camera).loops:
+            points = np.asarray(loop.points)
+            along = np.roll(points, -1, axis=0) - points
+            long = np.linalg.norm(along, axis=1) > 12.0  # away from corners, which blur rounds
+            middle, along = (points + along / 2)[long], along[long]
+            side = np.column_stack([along[:, 1], -along[:, 0]])
+            side /= np.linalg.norm(side, axis=1, keepdims=True)
+            where = (middle[:, None] + reach[:, None] * side[:, None]).astype(np.float32)
+            grey = cv2.remap(picture, where[..., 0], where[..., 1], cv2.INTER_CUBIC).astype(float)
+            for row in grey if grey[:, -1].mean() > grey[:, 0].mean() else grey[:, ::-1]:
+                low, high = row[:15].mean(), row[-15:].mean()
+                if high - low > 60 and np.ptp(row[-15:]) < 10 and np.ptp(row[:15]) < 10:
+                    out.append(float(np.interp((low + high) / 2, row, reach)))
+    return np.array(out)
+
+
+def write_atomically(path: Path, text: str) -> None:
+    """Write so that a reader sees the old or the new file, never half of one."""
+    partial = path.with_suffix(".partial")
+    partial.write_text(text)
+    partial.replace(path)
+
+
+def make_picture(
+    index: int,
+    args: argparse.Namespace,
+    known: Sequence[Part],
+    unknown: Sequence[Part],
+    sight: PixelRays,
+) -> tuple[NDArray[np.uint8], Truth]:
+    """Return picture number index and the truth about it."""
+    camera = sight.camera
+    rng = np.random.default_rng([args.seed, index])
+    mode = args.mode
+    is_front = rng.random() < args.front_share
+    if mode == "both":
+        mode = "front" if is_front else "back"
+    kind, placed = put_down(known, unknown, args.multi, camera, rng)
+    light, sensor = draw_light(mode, rng), draw_sensor(mode, rng)
+    materials = [draw_material(rng) for _ in placed]
+    bodies = [Body(one.triangles_mm, m) for one, m in zip(placed, materials, strict=True)]
+    spp = max(4, args.spp // 4) if args.small else args.spp
+    traced = radiance(sight, bodies, light, spp, int(rng.integers(2**31)))
+    truth = {
+        "image": f"img_{index:04d}.png",
+        "kind": kind,
+        "mode": mode,
+        "seed": [args.seed, index],
+        "objects": [one.words for one in placed],
+        "material": materials,
+        "light": light,
+        "sensor": sensor,
+    }
+    return develop(traced, sensor, rng), truth
+
+
+def trace_all(args: argparse.Namespace) -> None:
+    """Make the pictures that FOLDER does not have yet."""
+    tracer()
+    known, unknown = map(read_part, args.parts), map(read_part, args.unknown)
+    known_parts, unknown_parts = list(known), list(unknown)
+    words = camera_words(args.camera)
+    sight = PixelRays(camera_of(words))
+    (args.output / "lo").mkdir(parents=True, exist_ok=True)
+    truth_file = args.output / "truth.json"
+    truth: Truth = {
+        "camera": words,
+        "camera_note": CAMERA_NOTE,
+        "pose_note": POSE_NOTE,
+        "images": [],
+    }
+    if truth_file.exists():
+        truth = json.loads(truth_file.read_text())
+    done = {entry["image"] for entry in truth["images"]}
+    for index in range(args.count):
+        if f"img_{index:04d}.png" in done:
+            continue
+        start = time.perf_counter()
+        picture, entry = make_picture(index, args, known_parts, unknown_parts, sight)
+        if not args.small:
+            cv2.imwrite(str(args.output / entry["image"]), picture)
+        cv2.imwrite(str(args.output / "lo" / entry["image"]), digitised(picture))
+        truth["images"].append(entry)
+        write_atomically(truth_file, json.dumps(truth, indent=1))
+        names = ", ".join(f"{o['part']} #{o['pose_id']}" for o in entry["objects"])
+        seconds = time.perf_counter() - start
+        print(f"{entry['image']} {entry['mode']:5} {seconds:5.1f} s  {names}", flush=True)
+
+
+def tell_edges(args: argparse.Namespace) -> None:
+    """Print how far edges lie off in the unsaturated backlit pictures of FOLDER."""
+    truth = json.loads((args.output / "truth.json").read_text())
+    camera = camera_of(truth["camera"])
+    parts = {part.solid.name: part for part in map(read_part, [*args.parts, *args.unknown])}
+    every: list[Array] = []
+    for entry in truth["images"]:
+        if entry["mode"] != "back" or entry["light"]["glow"] > 0.95:
+            continue
+        picture = cv2.imread(str(args.output / entry["image"]), cv2.IMREAD_GRAYSCALE)
+        if picture is None or not all(o["part"] in parts for o in entry["objects"]):
+            continue
+        off = edge_bias_px(picture, entry["objects"], parts, camera)
+        if len(off):
+            every.append(off)
+            spread = f"{np.median(off):+.3f}, 90 % within {np.percentile(abs(off), 90):.3f} px"
+            print(f"{entry['image']}: {len(off):4d} edges, middle {spread}")
+    off = np.concatenate(every) if every else np.zeros(0)
+    if len(off):
+        print(f"all: {len(off)} edges, middle {np.median(off):+.3f}, mean {off.mean():+.3f} px")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Parse, trace or measure, and turn an error into one sentence."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("parts", nargs="+", type=Path, help="CAD files of the catalogue")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER")
+    parser.add_argument("--count", type=int, default=10)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--mode", choices=("back", "front", "both"), default="both")
+    parser.add_argument("--front-share", type=float, default=0.5, help="with --mode both")
+    parser.add_argument("--unknown", nargs="+", type=Path, default=[], metavar="PART")
+    parser.add_argument("--multi", type=float, default=0.2, help="share with several parts")
+    parser.add_argument("--camera", type=Path, help="a truth.json whose camera is used")
+    parser.add_argument("--spp", type=int, default=48, help="rays a pixel")
+    parser.add_argument("--small", action="store_true", help="small pictures only, fewer rays")
+    parser.add_argument("--edges", action="store_true", help="measure FOLDER instead of tracing")
+    args = parser.parse_args(argv)
+    cv2.setNumThreads(1)
+    try:
+        tell_edges(args) if args.edges else trace_all(args)
+    except (NoTracerError, NoRoomError, CadError, OSError) as error:
+        print(f"trace_pictures: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
