@@ -13,11 +13,13 @@ from ._cells import Moments
 from ._tolerances import GreyTolerances
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
-MOST_PIECES = 220  # short lines, the longest of them, whose normals are met pairwise
+MOST_PIECES = 180  # short lines, the longest of them, whose normals are met pairwise
 MOST_PAIRS = 6000
-MOST_SEEDS = 28
+MOST_SEEDS = 32
 SECTORS = 36
+SEED_COVER = 0.6  # share of the turn asked of an arc that its pieces, with gaps between, cover
 VOTE_PX = 2.5  # bin of centre and radius, the error of a cell's line
 
 
@@ -43,50 +45,122 @@ class Circles:
 
 
 def find_circles(
-    points: Array, normals: Array, pieces: Moments, lines: Moments, tol: GreyTolerances
-) -> tuple[Circles, NDArray[np.int64]]:
+    points: Array,
+    normals: Array,
+    pieces: Moments,
+    owner: Ints,
+    bent: NDArray[np.bool_],
+    tol: GreyTolerances,
+) -> tuple[Circles, Ints]:
     """Return circles, best covered first, and of each edge point the circle it is of or -1.
 
     Parameters
     ----------
     points, normals : (n, 2) edge points [px of the plane] and which way it gets brighter
     pieces : lines of cells
-    lines : the same merged; long ones are no arcs
+    owner : (n,) piece each point is of, -1 if none
+    bent : pieces that are of no long line
     """
-    owner = np.full(len(points), -1, dtype=np.int64)
-    seeds = _seeds(pieces, lines)
+    circle_of = np.full(len(points), -1, dtype=np.int64)
+    order = np.argsort(owner, kind="stable")
+    starts = np.searchsorted(owner[order], np.arange(len(pieces.sums) + 1))
+    x, y = (np.ascontiguousarray(c) for c in points.T)
+    nx, ny = (np.ascontiguousarray(c) for c in normals.T)
+    seeds = _seeds(pieces, bent)
+    on, sign, support = _support(seeds, pieces)
+    free = np.ones(len(pieces.sums))
+    length = np.linalg.norm(pieces.ends[:, 1] - pieces.ends[:, 0], axis=1)
     found: list[tuple[float, ...]] = []
-    for cx, cy, r in seeds.tolist():
-        circle = _refined(points, normals, owner, np.array([cx, cy]), r, tol)
+    for seed in np.argsort(-support, kind="stable").tolist():
+        mine = np.flatnonzero(on[seed] & (free > 0))
+        r = float(seeds[seed, 2])
+        if length[mine].sum() < SEED_COVER * tol.circle_cover * 2 * np.pi * r:
+            continue
+        members = np.concatenate([order[starts[m] : starts[m + 1]] for m in mine.tolist()])
+        circle = _fit(x[members], y[members])
         if circle is None:
             continue
-        centre, radius, inside, sign = circle
-        cover, start, extent = _cover(points[inside] - centre, radius)
+        cx, cy, r = circle
+        inside = np.zeros(0, dtype=np.int64)
+        for band in (1.5 * tol.circle_px, tol.circle_px):
+            dx, dy = x - cx, y - cy
+            distance = np.sqrt(dx * dx + dy * dy)
+            near = np.abs(distance - r) < band
+            near &= sign[seed] * (dx * nx + dy * ny) > 0.95 * distance
+            near &= circle_of < 0
+            inside = np.flatnonzero(near)
+            circle = _fit(x[inside], y[inside])
+            if circle is None:
+                break
+            cx, cy, r = circle
+        # a point for each pixel, a little less where the ridge steps diagonally
+        if circle is None or len(inside) < 0.4 * 2 * np.pi * r * tol.circle_cover:
+            continue
+        cover, start, extent = _cover(x[inside] - cx, y[inside] - cy, r)
         if cover < tol.circle_cover:
             continue
-        owner[inside] = len(found)
-        found.append((centre[0], centre[1], radius, cover, start, extent, sign))
+        circle_of[inside] = len(found)
+        free[mine] = 0
+        found.append((cx, cy, r, cover, start, extent, sign[seed]))
     table = np.array(found, dtype=np.float64).reshape(-1, 7)
     order = np.argsort(-table[:, 3], kind="stable")
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))
-    owner[owner >= 0] = place[owner[owner >= 0]]
+    circle_of[circle_of >= 0] = place[circle_of[circle_of >= 0]]
     table = table[order]
     return (
         Circles(table[:, :2], table[:, 2], table[:, 3], table[:, 4], table[:, 5], table[:, 6] < 0),
-        owner,
+        circle_of,
     )
 
 
-def _seeds(pieces: Moments, lines: Moments) -> Array:
+def _support(seeds: Array, pieces: Moments) -> tuple[NDArray[np.bool_], Array, Array]:
+    """Return which pieces (s, n) lie on which seed, its sign, and how much of its turn they are.
+
+    The sign is 1 where it is bright outside.
+    """
+    middle = pieces.ends.mean(axis=1)
+    length = np.linalg.norm(pieces.ends[:, 1] - pieces.ends[:, 0], axis=1)
+    dx = middle[None, :, 0] - seeds[:, :1]
+    dy = middle[None, :, 1] - seeds[:, 1:2]
+    distance = np.sqrt(dx * dx + dy * dy)
+    r = seeds[:, 2:]
+    # a chord's middle is inside of its arc
+    sag = length**2 / (12 * np.maximum(r, 2.0))
+    radial = (dx * pieces.normals[:, 0] + dy * pieces.normals[:, 1]) / np.maximum(distance, 1e-9)
+    on = (np.abs(distance + sag - r) < 1.2 + 0.03 * r) & (np.abs(radial) > 0.95)
+    sign = np.where(((on * length) * radial).sum(axis=1) < 0, -1.0, 1.0)
+    on &= radial * sign[:, None] > 0
+    return on, sign, (on @ length) / (2 * np.pi * np.maximum(seeds[:, 2], 1.0))
+
+
+def _fit(x: Array, y: Array) -> tuple[float, float, float] | None:
+    """Return centre and radius of the least squares circle, None where there is none."""
+    count = len(x)
+    if count < 8:
+        return None
+    mx, my = float(x.mean()), float(y.mean())
+    u, v = x - mx, y - my
+    uu, uv, vv = float(u @ u), float(u @ v), float(v @ v)
+    w = u * u + v * v
+    a, b = float(w @ u) / 2, float(w @ v) / 2
+    det = uu * vv - uv * uv
+    if det < 1e-6 * uu * vv or det <= 0:
+        return None
+    cx, cy = (a * vv - b * uv) / det, (b * uu - a * uv) / det
+    return mx + cx, my + cy, float(np.sqrt(cx * cx + cy * cy + (uu + vv) / count))
+
+
+def _seeds(pieces: Moments, bent: NDArray[np.bool_]) -> Array:
     """Return (n, 3) centres and radii that most pairs of pieces agree on."""
     length = np.linalg.norm(pieces.ends[:, 1] - pieces.ends[:, 0], axis=1)
-    pick = np.argsort(-length, kind="stable")[:MOST_PIECES]
+    pick = np.flatnonzero(bent)
+    pick = pick[np.argsort(-length[pick], kind="stable")[:MOST_PIECES]]
     middle, normal, weight = pieces.ends[pick].mean(axis=1), pieces.normals[pick], length[pick]
     i, j = np.triu_indices(len(pick), 1)
     cross = normal[i, 0] * normal[j, 1] - normal[i, 1] * normal[j, 0]
-    bent = np.abs(cross) > 0.26  # 15 deg: normals nearer to parallel meet anywhere
-    i, j, cross = i[bent], j[bent], cross[bent]
+    apart = np.abs(cross) > 0.26  # 15 deg: normals nearer to parallel meet anywhere
+    i, j, cross = i[apart], j[apart], cross[apart]
     d = middle[j] - middle[i]
     s = (d[:, 0] * normal[j, 1] - d[:, 1] * normal[j, 0]) / cross  # along i's normal
     t = (d[:, 0] * normal[i, 1] - d[:, 1] * normal[i, 0]) / cross  # along j's
@@ -109,7 +183,7 @@ def _seeds(pieces: Moments, lines: Moments) -> Array:
     low = cells.min(axis=0)
     span = np.ptp(cells, axis=0) + 1
     key = np.ravel_multi_index(tuple((cells - low).T), tuple(span))
-    _, where, inverse = np.unique(key, return_index=True, return_inverse=True)
+    _, inverse = np.unique(key, return_inverse=True)
     total = np.bincount(inverse.ravel(), weights=votes)
     mean = np.stack(
         [
@@ -118,61 +192,24 @@ def _seeds(pieces: Moments, lines: Moments) -> Array:
         ],
         axis=1,
     )
-    best = np.argsort(-total, kind="stable")[: 3 * MOST_SEEDS]
+    best = mean[np.argsort(-total, kind="stable")[: 3 * MOST_SEEDS]]
+    same = (np.abs(best[:, None] - best[None]) <= VOTE_PX).all(axis=2)
     kept: list[int] = []
-    for b in best.tolist():
-        if all(np.abs(mean[b] - mean[k]).max() > VOTE_PX for k in kept):
+    for b in range(len(best)):
+        if not same[b, kept].any():
             kept.append(b)
         if len(kept) == MOST_SEEDS:
             break
-    return mean[kept]
+    return best[kept]
 
 
-def _refined(
-    points: Array,
-    normals: Array,
-    owner: NDArray[np.int64],
-    centre: Array,
-    radius: float,
-    tol: GreyTolerances,
-) -> tuple[Array, float, NDArray[np.int64], float] | None:
-    """Return a circle fitted to its points: centre, radius, points, 1 where bright outside."""
-    sign = 0.0
-    inside = np.zeros(0, dtype=np.int64)
-    near = np.flatnonzero(
-        (np.abs(points - centre).max(axis=1) < radius + 4 + 0.05 * radius) & (owner < 0)
-    )
-    for band in (2.5 + 0.03 * radius, 1.5, tol.circle_px):
-        offset = points[near] - centre
-        distance = np.linalg.norm(offset, axis=1)
-        radial = np.einsum("ni,ni->n", offset, normals[near]) / np.maximum(distance, 1e-6)
-        on = (np.abs(distance - radius) < band) & (np.abs(radial) > 0.95)
-        if sign == 0.0:
-            sign = 1.0 if radial[on].sum() > 0 else -1.0
-        on &= radial * sign > 0
-        inside = near[on]
-        if len(inside) < 8:
-            return None
-        p = points[inside] - centre
-        a = np.column_stack([2 * p, np.ones(len(p))])
-        # algebraic least squares is biased on short arcs; the bands close in on what is left
-        solution, *_ = np.linalg.lstsq(a, (p * p).sum(axis=1), rcond=None)
-        radius_new = float(np.sqrt(max(solution[2] + solution[:2] @ solution[:2], 0.0)))
-        if not 0.7 * radius < radius_new < 1.4 * radius + 2:
-            return None
-        centre, radius = centre + solution[:2], radius_new
-    # a point for each pixel, a little less where the ridge steps diagonally
-    if len(inside) < 0.5 * 2 * np.pi * radius * 0.85 * tol.circle_cover:
-        return None
-    return centre, radius, inside, sign
-
-
-def _cover(offset: Array, radius: float) -> tuple[float, float, float]:
+def _cover(dx: Array, dy: Array, radius: float) -> tuple[float, float, float]:
     """Return the share of the turn with points, and start and extent of the seen arc."""
     sectors = int(np.clip(2 * np.pi * radius / 2.5, 8, SECTORS))
-    angle = np.arctan2(offset[:, 1], offset[:, 0]) % (2 * np.pi)
+    angle = np.arctan2(dy, dx) % (2 * np.pi)
     of = np.minimum((angle * (sectors / (2 * np.pi))).astype(np.int64), sectors - 1)
-    filled = np.bincount(of, minlength=sectors) > 0
+    # a circle that only crosses edges has a point or two where an arc has one for each pixel
+    filled = np.bincount(of, minlength=sectors) > 0.4 * 2 * np.pi * radius / sectors
     cover = float(filled.mean())
     if filled.all():
         return cover, 0.0, 2 * np.pi

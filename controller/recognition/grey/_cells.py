@@ -16,7 +16,7 @@ from ._tolerances import GreyTolerances
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-ANGLES = 48  # bins of 7.5 deg over the full turn; a point votes for its own and both beside
+ANGLES = 36  # bins of 10 deg over the full turn; a point votes for its own and both beside
 ROUNDS = 4  # lines of a cell
 
 
@@ -43,43 +43,40 @@ def cell_lines(edges: EdgePoints, tol: GreyTolerances) -> tuple[Moments, Ints]:
     if len(points) < tol.cell_points:
         return _none(), owner
     cell, centres = _cells(points, tol.cell_px)
-    at = points - centres[cell]
+    local = points - centres[cell]
     turn = np.arctan2(edges.normals[:, 1], edges.normals[:, 0])
+    free = np.arange(len(points))
     found: list[Moments] = []
     count = 0
     for _ in range(ROUNDS):
-        free = np.flatnonzero(owner < 0)
+        # cells with points enough, numbered without gaps
         busy = np.bincount(cell[free], minlength=len(centres)) >= tol.cell_points
         free = free[busy[cell[free]]]
         if len(free) == 0:
             break
-        theta, rho = _maxima(cell[free], at[free], turn[free], tol)
-        c = cell[free]
-        away = at[free, 0] * np.cos(theta[c]) + at[free, 1] * np.sin(theta[c]) - rho[c]
-        lean = np.abs((turn[free] - theta[c] + np.pi) % (2 * np.pi) - np.pi)
+        number = np.cumsum(busy) - 1
+        of, at, way = number[cell[free]], local[free], turn[free]
+        theta, rho = _maxima(of, at, way, tol)
+        away = at[:, 0] * np.cos(theta)[of] + at[:, 1] * np.sin(theta)[of] - rho[of]
+        lean = np.abs((way - theta[of] + np.pi) % (2 * np.pi) - np.pi)
         near = (np.abs(away) < 1.8 * tol.band_px) & (lean < tol.vote_rad)
-        mine, of = free[near], c[near]
-        if len(mine) == 0:
-            break
-        lines = _fit(points, edges.normals, mine, of)
+        bright = edges.normals[free]
+        mean, normal, _ = line_of(*_sums(at[near], bright[near], of[near], len(theta)))
         # once more with the points of the fitted line, whichever bin's edge they had been beyond
-        label = np.full(len(centres), -1, dtype=np.int64)
-        label[np.unique(of)] = np.arange(len(lines.sums))
-        line = label[c]
-        has = line >= 0
-        free, line = free[has], line[has]
-        gap = np.einsum("ni,ni->n", points[free] - lines.ends[line, 0], lines.normals[line])
-        lean_cos = np.einsum("ni,ni->n", edges.normals[free], lines.normals[line])
-        near = (np.abs(gap) < tol.band_px) & (lean_cos > np.cos(tol.vote_rad))
-        free, line = free[near], line[near]
-        enough = np.bincount(line, minlength=len(lines.sums)) >= tol.cell_points
-        free, line = free[enough[line]], line[enough[line]]
-        if len(free) == 0:
+        away = ((at - mean[of]) * normal[of]).sum(axis=1)
+        near = np.abs(away) < tol.band_px
+        near &= (bright * normal[of]).sum(axis=1) > np.cos(tol.vote_rad)
+        enough = np.bincount(of[near], minlength=len(theta)) >= tol.cell_points
+        near &= enough[of]
+        if not near.any():
             break
-        lines = _fit(points, edges.normals, free, line)
-        owner[free] = count + np.unique(line, return_inverse=True)[1].ravel()
+        line = (np.cumsum(enough) - 1)[of[near]]
+        owner[free[near]] = count + line
+        lines = _fitted(at[near], bright[near], line, centres[busy][enough])
         found.append(lines)
         count += len(lines.sums)
+        # a cell whose best line is none has no other
+        free = free[~near & enough[of]]
     if not found:
         return _none(), owner
     parts = ([getattr(lines, name) for lines in found] for name in ("sums", "ends", "normals"))
@@ -125,28 +122,30 @@ def _maxima(cell: Ints, at: Array, turn: Array, tol: GreyTolerances) -> tuple[Ar
     return theta[angle], low_bin + 0.5 - reach
 
 
-def _fit(points: Array, normals: Array, members: Ints, of: Ints) -> Moments:
-    """Return the least squares lines of points grouped by ``of``, in its order."""
-    order = np.argsort(of, kind="stable")
-    members, of = members[order], of[order]
-    starts = np.flatnonzero(np.r_[True, of[1:] != of[:-1]])
-    lengths = np.diff(np.r_[starts, len(of)])
-    x, y = points[members].T
-    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
-    # squares about the first point of each line: about a far origin they would lose digits
-    first = np.repeat(points[members[starts]], lengths, axis=0)
-    local = _about(terms, first)
-    sums = np.add.reduceat(local, starts, axis=0)
-    bright = np.add.reduceat(normals[members], starts, axis=0)
-    mean, normal, _ = line_of(sums, bright)
-    along = np.column_stack([-normal[:, 1], normal[:, 0]])
-    mean = mean + points[members[starts]]
-    t = np.einsum(
-        "ni,ni->n", points[members] - np.repeat(mean, lengths, 0), np.repeat(along, lengths, 0)
-    )
-    low, high = np.minimum.reduceat(t, starts), np.maximum.reduceat(t, starts)
+def _sums(at: Array, bright: Array, of: Ints, count: int) -> tuple[Array, Array]:
+    """Return sums (count, 6) of `Moments` over points by group, and of their normals (count, 2)."""
+    x, y = at.T
+    columns = [
+        np.bincount(of, weights=w, minlength=count)
+        for w in (None, x, y, x * x, x * y, y * y, bright[:, 0], bright[:, 1])
+    ]
+    table = np.stack(columns, axis=1).astype(np.float64)
+    return table[:, :6], table[:, 6:]
+
+
+def _fitted(at: Array, bright: Array, of: Ints, origin: Array) -> Moments:
+    """Return the least squares lines of points by group, each about its origin (n, 2)."""
+    count = len(origin)
+    sums, side = _sums(at, bright, of, count)
+    mean, normal, _ = line_of(sums, side)
+    along = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+    t = ((at - mean[of]) * along[of]).sum(axis=1)
+    low, high = np.full(count, np.inf), np.full(count, -np.inf)
+    np.minimum.at(low, of, t)
+    np.maximum.at(high, of, t)
+    mean = mean + origin
     ends = np.stack([mean + low[:, None] * along, mean + high[:, None] * along], axis=1)
-    return Moments(_about(sums, -points[members[starts]]), ends, normal)
+    return Moments(_about(sums, -origin), ends, normal)
 
 
 def _about(sums: Array, origin: Array) -> Array:
@@ -169,12 +168,13 @@ def _about(sums: Array, origin: Array) -> Array:
 def line_of(sums: Array, bright: Array) -> tuple[Array, Array, Array]:
     """Return mean (n, 2), unit normal (n, 2) on the bright side and rms distance (n,) of lines."""
     n, x, y, xx, xy, yy = sums.T
+    n = np.maximum(n, 1.0)
     mean = np.stack([x / n, y / n], axis=1)
     a = xx / n - mean[:, 0] ** 2
     b = xy / n - mean[:, 0] * mean[:, 1]
     c = yy / n - mean[:, 1] ** 2
     half = 0.5 * np.arctan2(2 * b, a - c)
     normal = np.stack([-np.sin(half), np.cos(half)], axis=1)
-    normal *= np.where(np.einsum("ni,ni->n", normal, bright) < 0, -1.0, 1.0)[:, None]
+    normal *= np.where((normal * bright).sum(axis=1) < 0, -1.0, 1.0)[:, None]
     spread = (a + c) / 2 - np.hypot((a - c) / 2, b)
     return mean, normal, np.sqrt(np.maximum(spread, 0.0))

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 ToPlane = Callable[[Array], Array]
 
-SOBEL_OF_STEP = 2.6  # Sobel of a step of one level under a lens's blur of 0.8 px
+SOBEL_OF_STEP = 2.1  # Sobel of a step of one level under blurs of 0.8 px of lens and here
 RAYLEIGH_30 = 0.845  # 30 % of a Rayleigh distribution of deviation 1 are below
 PLANE_NODES = 7  # a side of the grid that the way to the plane is taken from
 
@@ -32,14 +32,14 @@ class EdgePoints:
     normals : (n, 2) unit, towards the brighter side, in the plane
     strength : (n,) Sobel's magnitude, in grey levels times 8 per pixel
     pitch_mm : a mean pixel in the plane
-    threshold : of the strength
+    plain : strength of a plain edge of this picture
     """
 
     points_mm: Array
     normals: Array
     strength: Array
     pitch_mm: float
-    threshold: float
+    plain: float
 
 
 def edge_points(grey: Grey, to_plane: ToPlane, tol: GreyTolerances) -> EdgePoints:
@@ -53,15 +53,22 @@ def edge_points(grey: Grey, to_plane: ToPlane, tol: GreyTolerances) -> EdgePoint
     """
     if grey.ndim != 2 or grey.dtype != np.uint8:
         raise ValueError(f"a grey picture of uint8 is needed, not {grey.dtype} of {grey.shape}")
-    gx = cv2.Sobel(grey, cv2.CV_32F, 1, 0)
-    gy = cv2.Sobel(grey, cv2.CV_32F, 0, 1)
+    # ridges of noise on a soft slope are many and mean nothing; blur takes them, and not the edges
+    soft = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), tol.blur_px)
+    gx = cv2.Sobel(soft, cv2.CV_32F, 1, 0)
+    gy = cv2.Sobel(soft, cv2.CV_32F, 0, 1)
     strength = cv2.magnitude(gx, gy)
     threshold = _threshold(grey, strength, tol)
-    inner = strength.copy()
-    inner[[0, -1]] = 0
-    inner[:, [0, -1]] = 0
-    at = np.flatnonzero(inner.ravel() > threshold)
     width = grey.shape[1]
+    strong = strength > threshold
+    plain = threshold
+    if strong.any():
+        plain = float(np.percentile(strength[strong][::3], 90))
+        threshold = max(threshold, tol.faint * plain)
+        strong = strength > threshold
+    strong[[0, -1]] = False
+    strong[:, [0, -1]] = False
+    at = np.flatnonzero(strong.ravel())
     flat, fx, fy = strength.ravel(), gx.ravel()[at], gy.ravel()[at]
     step = np.where(np.abs(fx) >= np.abs(fy), 1, width)
     before, here, after = flat[at - step], flat[at], flat[at + step]
@@ -73,17 +80,19 @@ def edge_points(grey: Grey, to_plane: ToPlane, tol: GreyTolerances) -> EdgePoint
     v, u = np.divmod(at, width)
     along_u = step == 1
     pixels = np.column_stack([u + np.where(along_u, offset, 0), v + np.where(along_u, 0, offset)])
-    gradient = np.column_stack([fx[on_ridge], fy[on_ridge]]).astype(np.float64)
-    points, jacobian, pitch = _on_plane(pixels, grey.shape, to_plane)
-    # a gradient goes through a map as a row: times the inverse of its derivative
-    normals = np.einsum("ni,nij->nj", gradient, np.linalg.inv(jacobian))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return EdgePoints(points, normals, here, pitch, threshold)
+    points, du, dv, pitch = _on_plane(pixels, grey.shape, to_plane)
+    # a gradient goes through a map as a row: times the inverse of its derivative (du dv)
+    fx, fy = fx[on_ridge].astype(np.float64), fy[on_ridge].astype(np.float64)
+    nx = fx * dv[:, 1] - fy * du[:, 1]
+    ny = fy * du[:, 0] - fx * dv[:, 0]
+    norm = np.hypot(nx, ny) * np.sign(du[:, 0] * dv[:, 1] - du[:, 1] * dv[:, 0])
+    normals = np.stack([nx / norm, ny / norm], axis=1)
+    return EdgePoints(points, normals, here, pitch, plain)
 
 
 def _threshold(grey: Grey, strength: NDArray[np.float32], tol: GreyTolerances) -> float:
     """Return the strength above which a point is of an edge, from the noise of plain surface."""
-    sample = strength[1:-1:3, 1:-1:3]
+    sample = strength[1:-1:5, 1:-1:3]
     sigma = float(np.percentile(sample, 30)) / RAYLEIGH_30 if sample.size else 0.0
     levels = np.flatnonzero(cv2.calcHist([grey], [0], None, [256], [0, 256]).ravel())
     step = float(np.diff(levels).min()) if len(levels) > 1 else 1.0
@@ -94,8 +103,8 @@ def _threshold(grey: Grey, strength: NDArray[np.float32], tol: GreyTolerances) -
 
 def _on_plane(
     pixels: Array, shape: tuple[int, ...], to_plane: ToPlane
-) -> tuple[Array, Array, float]:
-    """Return pixels in the plane, the map's derivative (n, 2, 2) there, and its mean pixel.
+) -> tuple[Array, Array, Array, float]:
+    """Return pixels in the plane, the map's derivatives (n, 2) there, and its mean pixel.
 
     The map is smooth: a bicubic through a grid holds it to a thousandth of a pixel, and a lens
     need not be undone for thousands of points.
@@ -110,10 +119,9 @@ def _on_plane(
     scaled = (pixels - centre) / half
     points = _powers(scaled) @ factors
     du, dv = _slopes(scaled)
-    jacobian = np.stack([du @ factors / half[0], dv @ factors / half[1]], axis=2)
     middle_u, middle_v = _slopes(np.zeros((1, 2)))
     a, b = (middle_u @ factors / half[0])[0], (middle_v @ factors / half[1])[0]
-    return points, jacobian, float(np.sqrt(abs(a[0] * b[1] - a[1] * b[0])))
+    return points, du @ factors / half[0], dv @ factors / half[1], float(np.sqrt(abs(a[0] * b[1] - a[1] * b[0])))
 
 
 def _powers(p: Array) -> Array:

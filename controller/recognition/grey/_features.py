@@ -13,8 +13,11 @@ from ._lines import merge_lines
 from ._tolerances import GreyTolerances
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 EDGELET_MM = 1.5  # a piece of edge that counts as one: shorter than the smallest feature wanted
+PLAIN = 0.4  # of a plain edge's strength: what has it is as plain
+FAINTEST = 0.15  # that the weakest edge still counts
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -26,11 +29,13 @@ class Edgelets:
     points_mm : (n, 2) their middles
     directions_rad : (n,) along the edge, 0..pi
     lengths_mm : (n,)
+    strengths : (n,) 0..1, 1 for plain edges of this picture
     """
 
     points_mm: Array
     directions_rad: Array
     lengths_mm: Array
+    strengths: Array
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -74,13 +79,15 @@ def image_features(
     pieces, piece_of = cell_lines(edges, tol)
     merged, line_of_piece = merge_lines(pieces, tol)
     points = edges.points_mm / pitch
-    circles, circle_of = find_circles(points, edges.normals, pieces, merged, tol)
+    length = np.hypot(*(merged.ends[:, 1] - merged.ends[:, 0]).T)
+    circles, circle_of = find_circles(
+        points, edges.normals, pieces, piece_of, length[line_of_piece] < tol.arc_px, tol
+    )
     line_of = np.where(piece_of >= 0, line_of_piece[piece_of], -1) if len(pieces.sums) else piece_of
     # a line most of whose points are of a circle is a chord of it
     on_line = np.bincount(line_of[line_of >= 0], minlength=len(merged.sums))
     on_both = np.bincount(line_of[(line_of >= 0) & (circle_of >= 0)], minlength=len(merged.sums))
     is_chord = on_both > 0.5 * on_line
-    length = np.linalg.norm(merged.ends[:, 1] - merged.ends[:, 0], axis=1)
     rest = np.flatnonzero(~is_chord)
     rest = rest[np.argsort(-length[rest], kind="stable")]
     ends = merged.ends[rest] * pitch
@@ -101,11 +108,23 @@ def image_features(
         circles.extents_rad,
         circles.bright_inside,
     )
-    edgelets = join_edgelets([segment_edgelets(segments), arc_edgelets(round_mm)])
+    relative = np.clip(edges.strength / (PLAIN * edges.plain), FAINTEST, 1.0)
+    edgelets = join_edgelets(
+        [
+            segment_edgelets(segments, _mean(relative, line_of, len(merged.sums))[rest]),
+            arc_edgelets(round_mm, _mean(relative, circle_of, len(circles.radii))),
+        ]
+    )
     return ImageFeatures(lines, corners, junctions, round_mm, edgelets, pitch)
 
 
-def segment_edgelets(segments: Array) -> Edgelets:
+def _mean(values: Array, of: Ints, count: int) -> Array:
+    """Return the means of values by group; -1 is no group."""
+    total = np.bincount(of + 1, weights=values, minlength=count + 1)[1:]
+    return np.asarray(total / np.maximum(np.bincount(of + 1, minlength=count + 1)[1:], 1))
+
+
+def segment_edgelets(segments: Array, strengths: Array) -> Edgelets:
     """Return straight lines (n, 4) cut into edgelets."""
     way = segments[:, 2:] - segments[:, :2]
     length = np.linalg.norm(way, axis=1)
@@ -115,10 +134,10 @@ def segment_edgelets(segments: Array) -> Edgelets:
     t = (within + 0.5) / pieces[of]
     points = segments[of, :2] + t[:, None] * way[of]
     direction = np.arctan2(way[:, 1], way[:, 0]) % np.pi
-    return Edgelets(points, direction[of], (length / pieces)[of])
+    return Edgelets(points, direction[of], (length / pieces)[of], strengths[of])
 
 
-def arc_edgelets(circles: Circles) -> Edgelets:
+def arc_edgelets(circles: Circles, strengths: Array) -> Edgelets:
     """Return arcs [mm] cut into edgelets; where a part of the arc was not seen, lengths shrink."""
     length = circles.radii * circles.extents_rad
     pieces = np.maximum(np.round(length / EDGELET_MM), 4).astype(np.int64)
@@ -128,7 +147,7 @@ def arc_edgelets(circles: Circles) -> Edgelets:
     ray = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     points = circles.centres[of] + circles.radii[of, None] * ray
     seen = np.minimum(circles.cover * 2 * np.pi / circles.extents_rad, 1.0)
-    return Edgelets(points, (angle + np.pi / 2) % np.pi, (length / pieces * seen)[of])
+    return Edgelets(points, (angle + np.pi / 2) % np.pi, (length / pieces * seen)[of], strengths[of])
 
 
 def join_edgelets(parts: list[Edgelets]) -> Edgelets:
@@ -137,4 +156,5 @@ def join_edgelets(parts: list[Edgelets]) -> Edgelets:
         np.concatenate([p.points_mm for p in parts]),
         np.concatenate([p.directions_rad for p in parts]),
         np.concatenate([p.lengths_mm for p in parts]),
+        np.concatenate([p.strengths for p in parts]),
     )

@@ -63,7 +63,7 @@ def edge_map(edgelets: Edgelets, foot_mm: Array, tol: GreyTolerances) -> EdgeMap
     nearest.ravel()[key.ravel()] = np.tile(np.arange(len(points)), len(steps))
     angle = edgelets.directions_rad
     normals = np.stack([-np.sin(angle), np.cos(angle)], axis=1)
-    return EdgeMap(nearest, low, points, normals, edgelets.lengths_mm)
+    return EdgeMap(nearest, low, points, normals, edgelets.lengths_mm * edgelets.strengths)
 
 
 def _look_up(seen: EdgeMap, pieces: Array, poses: Array) -> tuple[Ints, Array, Array]:

@@ -14,6 +14,9 @@ class GreyTolerances:
         paper thresholds low, and 5 leaves no more than a point in a million to noise
     floor_levels : and stronger than a step of as many grey levels, as a picture of few levels has
         no noise to measure, only contours of its own
+    faint : edges fainter than this share of the plain ones are left out: the shadow a part's own
+        body throws where it touches the table has some 5 %
+    blur_px : of a Gaussian before Sobel
     cell_px : side of a Hough cell: an arc of 10 px radius still shows as lines in it, and a line
         across it has points enough for 2 deg
     cell_points : edge points a line of a cell has at least
@@ -26,6 +29,7 @@ class GreyTolerances:
     corner_px : gap at a corner, where blur rounds the edge off
     corner_min_rad : two lines that meet at less are pieces of a curve
     line_px : shorter lines are kept as texture, not as features
+    arc_px : longer lines are no pieces of an arc: one of 150 px radius shows in 40 px
     circle_px : distance of a circle's points; its centre is from cells at first
     circle_cover : part of the turn that edge points must be seen on; less is a rounded corner
     length_mm, length_ratio : of one line in picture and model: its ends are rounded off by blur;
@@ -41,6 +45,8 @@ class GreyTolerances:
 
     noise_factor: float = 5.0
     floor_levels: float = 3.5
+    faint: float = 0.08
+    blur_px: float = 0.8
     cell_px: float = 16.0
     cell_points: int = 5
     vote_rad: float = radians(20.0)
@@ -53,6 +59,7 @@ class GreyTolerances:
     corner_px: float = 6.0
     corner_min_rad: float = radians(20.0)
     line_px: float = 9.0
+    arc_px: float = 60.0
     circle_px: float = 0.9
     circle_cover: float = 0.3
     length_mm: float = 0.8
