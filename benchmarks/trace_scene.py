@@ -10,12 +10,13 @@ Only benchmarks use this: mitsuba is no dependency of the project. Knows no reco
 
 from __future__ import annotations
 
-import glob
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -29,6 +30,13 @@ Light = dict[str, Any]
 Material = dict[str, float]
 Mitsuba = Any  # its module and objects, made at run time: it may be missing
 
+OLDEST_LLVM = 16
+LLVM_FOLDERS = (
+    "usr/lib/x86_64-linux-gnu",
+    "usr/lib/aarch64-linux-gnu",
+    "usr/lib64",
+    "usr/local/lib",
+)
 WHAT_TO_INSTALL = (
     "mitsuba is missing or has no LLVM: pip install 'mitsuba>=3.6' and apt install libllvm19 "
     "(or set DRJIT_LIBLLVM_PATH to a libLLVM.so of version 16 or later)"
@@ -66,15 +74,16 @@ def tracer() -> Mitsuba:
     NoTracerError : it is not installed
     """
     if "DRJIT_LIBLLVM_PATH" not in os.environ:
-        places = (
-            "/usr/lib/x86_64-linux-gnu",
-            "/usr/lib/llvm-*/lib",
-            "/usr/lib64",
-            "/usr/local/lib",
-        )
-        found = [f for p in places for f in glob.glob(f"{p}/libLLVM.so.[12]*")]  # noqa: PTH207
-        if found:
-            os.environ["DRJIT_LIBLLVM_PATH"] = max(found)
+        found = {
+            int(version[1]): str(file)
+            for folder in LLVM_FOLDERS
+            for file in Path("/").glob(f"{folder}/libLLVM*")
+            if (version := re.fullmatch(r"libLLVM(?:\.so\.|-)(\d\d)\b[.0-9so]*", file.name))
+        }
+        # an older one does not refuse: it ends the process in the middle of a picture
+        if not found or max(found) < OLDEST_LLVM:
+            raise NoTracerError(WHAT_TO_INSTALL)
+        os.environ["DRJIT_LIBLLVM_PATH"] = found[max(found)]
     try:
         drjit, mitsuba = import_module("drjit"), import_module("mitsuba")
 
