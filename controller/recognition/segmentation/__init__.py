@@ -1,0 +1,10 @@
+"""Picture of the table -> what lies on it: masks and outlines to a fraction of a pixel.
+
+Dark things before a glowing table, or things under lamps on a matt one (paper, section 3.1).
+"""
+
+from ._levels import Levels
+from ._segment import segment
+from ._types import Region, Segmentation
+
+__all__ = ["Levels", "Region", "Segmentation", "segment"]

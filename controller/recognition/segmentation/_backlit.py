@@ -1,0 +1,75 @@
+"""Dark things before a glowing table.
+
+The cut is half-way between the table's level at the place and that of what lies there. Walls
+that stand on the glow mirror it and look lighter; they stay part of the thing, because the half
+level at a border is that of the thing's own level next to it.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ._levels import GROUND_BIN, MOST_BEYOND_WHITE, Ground
+from ._objects import Box, Crop, boxes_of, regions_of, sharpen
+from ._types import Region
+
+Floats = NDArray[np.float32]
+Grey = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+
+MARGIN_PX = 10  # of a crop: ground enough to see a thing end
+SEEN_CONTRAST = 0.1  # of the ground's level
+
+
+def find_backlit(
+    picture: Grey,
+    relative: Grey,
+    factor: int,
+    ground: Ground,
+    white: int,
+    cut: float,
+    usable: Mask | None,
+    min_area_px: float,
+) -> tuple[list[Region], int]:
+    """Return the things darker than the glow, and how many specks were ignored.
+
+    Parameters
+    ----------
+    relative : (h, w) reduced picture over the ground's level, the ground at ``GROUND_BIN``
+    white : level of saturated pixels
+    cut : relative level of the threshold
+    """
+    height, width = picture.shape
+    dark = (relative < cut).astype(np.uint8)
+    least = max(1, int(0.3 * min_area_px / factor**2))
+    boxes, specks = boxes_of(dark, factor, (width, height), MARGIN_PX, least)
+    found: list[Region] = []
+    for box in boxes:
+        window = np.s_[box[1] : box[3], box[0] : box[2]]
+        crop = Crop(box, picture[window], None if usable is None else usable[window])
+        regions, small = _within(crop, ground, white, cut / GROUND_BIN, min_area_px)
+        found += regions
+        specks += small
+    return found, specks
+
+
+def _within(
+    crop: Crop, ground: Ground, white: int, cut: float, min_area_px: float
+) -> tuple[list[Region], int]:
+    beyond = table_level(ground, crop.box_px, white)
+    threshold = cv2.multiply(np.minimum(beyond, white), cut)
+    rough = crop.grey < threshold
+    if crop.usable is not None:
+        rough &= crop.usable
+    mask, field = sharpen(crop.grey, rough, beyond, SEEN_CONTRAST * float(beyond.mean()))
+    if crop.usable is not None:
+        mask &= crop.usable
+    return regions_of(crop, mask, field, None, min_area_px)
+
+
+def table_level(ground: Ground, box: Box, white: int) -> Floats:
+    """Return the table's level in a box, beyond white where it is told to be there."""
+    level = ground.over(box)
+    if white < 256:
+        np.clip(level, 1.0, MOST_BEYOND_WHITE * white, out=level)
+    return level

@@ -1,0 +1,175 @@
+"""Things under lamps on a matt table.
+
+The table is smooth: its texture, the fall-off of the light and the shadows that things throw all
+change slowly, while the border of a thing is as sharp as the lens. So the table is what can be
+reached from far outside without crossing a sharp border; what cannot be reached is a thing, its
+dark walls included. Within a thing, table-like patches with no border to the outside are holes.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ._levels import GROUND_BIN, Ground
+from ._objects import Crop, boxes_of, regions_of, sharpen
+from ._types import Region
+
+Bytes = NDArray[np.uint8]
+Floats = NDArray[np.float32]
+Grey = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+
+MARGIN_PX = 24  # of a crop: its rim is table, beyond most of a contact shadow
+LEAST_BRIGHT = 0.15  # brighter than the table by this share and more than its texture: a thing
+TEXTURE_FACTOR = 5.0  # of the table's own scatter
+SLOPE_PX = 9  # over which a slope is told from a step
+SLOPE_SHARE = 1.3  # a step's slope over that window is a third of its own
+SOBEL_GAIN = 128.0  # of the 5 x 5 filter for a slope of 1; half as much again askew, |x| + |y|
+NOISE_FACTOR = 0.8  # of the noise: four deviations of the gradient, which averages over 5 x 5
+STEP_FACTOR = 0.5  # of a level step: rounding of a slow slope is no border
+LEAST_EDGE = 0.012  # of the table's level per pixel, beyond its slope
+SKIRT_PX = 5
+SKIRT_SHARE = np.float32(0.3)  # of the strongest border near
+LEAST_BORDER = 12  # px
+GAP_PX = 2  # gaps in a border up to twice this are no way in
+LEAST_HOLE = 12  # px
+SEEN_CONTRAST = 2.0  # grey levels, or one step
+
+
+def find_front(
+    picture: Grey,
+    reduced: Grey,
+    relative: Grey,
+    factor: int,
+    ground: Ground,
+    noise: float,
+    step: int,
+    usable: Mask | None,
+    min_area_px: float,
+) -> tuple[list[Region], int]:
+    """Return the things on a matt table, and how many specks were ignored.
+
+    Parameters
+    ----------
+    reduced, relative : (h, w) the picture ``factor`` times smaller; the same over the ground
+    noise : from pixel to pixel
+    step : distance of grey levels
+    """
+    height, width = picture.shape
+    excess = max(LEAST_BRIGHT, TEXTURE_FACTOR * ground.scatter)
+    bright = relative > GROUND_BIN * (1.0 + excess)
+    slope = cv2.morphologyEx(reduced, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
+    table = float(np.median(reduced[::4, ::4]))
+    sharp = slope > max(3.0 * LEAST_EDGE * factor**0.5 * table, 6.0 * noise, 2.5 * step)
+    candidates = cv2.morphologyEx(
+        (bright | sharp).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)
+    )
+    least = max(2, int(0.3 * min_area_px / factor**2))
+    boxes, specks = boxes_of(candidates, factor, (width, height), MARGIN_PX, least)
+    found: list[Region] = []
+    for box in boxes:
+        window = np.s_[box[1] : box[3], box[0] : box[2]]
+        crop = Crop(box, picture[window], None if usable is None else usable[window])
+        regions, small = _within(crop, ground, excess, noise, step, min_area_px)
+        found += regions
+        specks += small
+    return found, specks
+
+
+def _within(
+    crop: Crop, ground: Ground, excess: float, noise: float, step: int, min_area_px: float
+) -> tuple[list[Region], int]:
+    table = ground.over(crop.box_px)
+    bright = (crop.grey > cv2.multiply(table, 1.0 + excess)).astype(np.uint8)
+    level = float(table.mean())
+    least = max(LEAST_EDGE * level, NOISE_FACTOR * noise, STEP_FACTOR * (step if step > 1 else 0))
+    border = _borders(crop.grey, least)
+    outside = _reached(cv2.bitwise_or(bright, border))
+    solid = 1 - outside
+    holes = _holes(crop.grey, solid, bright, border, table, excess)
+    rough = (solid & ~holes) > 0
+    contrast = max(SEEN_CONTRAST, float(step))
+    if crop.usable is not None:
+        rough &= crop.usable
+    mask, field = sharpen(crop.grey, rough, None, contrast)
+    if crop.usable is not None:
+        mask &= crop.usable
+    mask = _without_fringe(mask)
+    wanted = cv2.bitwise_or(bright, border) > 0
+    filled = mask | (solid > 0)
+    lit, _ = sharpen(crop.grey, (cv2.erode(bright, np.ones((3, 3), np.uint8)) > 0), None, contrast)
+    return regions_of(crop, mask, field, wanted, min_area_px, (lit, filled))
+
+
+def _borders(grey: Grey, least: float) -> Bytes:
+    """Return 1 along sharp borders: of ``least`` levels a pixel beyond a slope's, twice somewhere.
+
+    A step as sharp as the lens is 2 px wide, a shadow's border many: the same gradient over a
+    wide window tells how much of it is slope.
+    """
+    sharp = _sharpness(grey)
+    # beside a strong border only what is of its size: the skirt of a shadow is not
+    strongest = cv2.dilate(sharp, np.ones((SKIRT_PX, SKIRT_PX), np.uint8))
+    floor = cv2.max(strongest * SKIRT_SHARE, SOBEL_GAIN * least)
+    weak = (sharp > floor).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(weak, connectivity=8)
+    is_border = np.zeros(len(stats), dtype=np.uint8)
+    is_border[labels[sharp > 2.0 * SOBEL_GAIN * least]] = 1
+    is_border[stats[:, cv2.CC_STAT_AREA] < LEAST_BORDER] = 0
+    is_border[0] = 0
+    return np.asarray(is_border[labels], np.uint8)
+
+
+def _sharpness(grey: Grey) -> NDArray[np.int16]:
+    """Return the gradient less its share over a wide window, in units of 1 / ``SOBEL_GAIN``."""
+    gx = cv2.Sobel(grey, cv2.CV_16S, 1, 0, ksize=5)
+    gy = cv2.Sobel(grey, cv2.CV_16S, 0, 1, ksize=5)
+    fine = cv2.add(np.abs(gx), np.abs(gy))
+    wide = cv2.boxFilter(grey, cv2.CV_32F, (SLOPE_PX, SLOPE_PX), normalize=False).astype(np.int16)
+    gx = cv2.Sobel(wide, cv2.CV_16S, 1, 0, ksize=1)
+    gy = cv2.Sobel(wide, cv2.CV_16S, 0, 1, ksize=1)
+    coarse = cv2.add(np.abs(gx), np.abs(gy))
+    scale = SLOPE_SHARE * SOBEL_GAIN / (2.0 * SLOPE_PX**2)
+    return np.asarray(cv2.addWeighted(fine, 1.0, coarse, -scale, 0.0, dtype=cv2.CV_16S), np.int16)
+
+
+def _reached(blocked: Bytes) -> Bytes:
+    """Return 1 where a disc comes to from the rim past what is blocked."""
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * GAP_PX + 1, 2 * GAP_PX + 1))
+    free = 1 - cv2.dilate(blocked, disc)
+    padded = cv2.copyMakeBorder(free, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1)
+    cv2.floodFill(padded, None, (0, 0), 2)
+    reached = (padded[1:-1, 1:-1] == 2).astype(np.uint8)
+    return np.asarray(cv2.dilate(reached, disc) & (1 - blocked), np.uint8)
+
+
+def _holes(
+    grey: Grey, solid: Bytes, bright: Bytes, border: Bytes, table: Floats, excess: float
+) -> Bytes:
+    """Return 1 where the table is seen through a thing: table-like and no way out near."""
+    inner = solid & (1 - bright) & (1 - border)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(inner, connectivity=4)
+    holes = np.zeros_like(solid)
+    outside = 1 - solid
+    near_outside = cv2.dilate(outside, np.ones((11, 11), np.uint8))
+    ratio = grey / table
+    for k in range(1, count):
+        x, y, w, h, area = stats[k]
+        if area < LEAST_HOLE:
+            continue
+        window = np.s_[y : y + h, x : x + w]
+        patch = labels[window] == k
+        if (patch & (near_outside[window] > 0)).any():
+            continue
+        if float(np.mean(ratio[window][patch])) > 1.0 + 0.5 * excess:
+            continue
+        grown = np.s_[max(y - 2, 0) : y + h + 2, max(x - 2, 0) : x + w + 2]
+        whole = cv2.dilate((labels[grown] == k).astype(np.uint8), np.ones((3, 3), np.uint8))
+        holes[grown] |= whole
+    return holes
+
+
+def _without_fringe(mask: Mask) -> Mask:
+    """Return the mask less hairs a pixel wide that a shadow's border leaves."""
+    opened = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    return np.asarray(opened > 0)

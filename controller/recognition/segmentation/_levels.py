@@ -1,0 +1,253 @@
+"""Grey levels of a picture: how bright the table is from place to place, and whether two humps.
+
+A glowing plate fades to its rim and a lens darkens the corners, so levels are told relative to the
+ground: a low polynomial over the picture, fitted to what belongs to the table. The histogram of
+the picture divided by it is what the threshold is taken from (paper, section 3.1).
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+Grey = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+
+REDUCED_PX = 320  # side of the reduced picture: 5 mm parts are still 10 px wide there
+WHITE_LEVEL = 250  # from here on a pile-up at the top of the histogram is saturation
+LEAST_PILE = 0.002  # of the pixels
+LEAST_UNSATURATED = 0.01  # of the pixels, to tell the ground's level beyond white
+MOST_BEYOND_WHITE = 1.5  # an exposure that has more of it is told to be wrong
+FITTED_PX = 3000
+NOISE_ROWS = 64
+ROUNDS = 5
+RIM_OF_WHITE = 0.7  # the table's rim is as bright as that where its middle saturates
+BINS = 256
+GROUND_BIN = 160  # where the ground comes to lie in the histogram of relative levels
+LEAST_SEPARATION = 4.0  # Ashman's D; the halves of a normal hump have 2.65, of a flat one 3.46
+MOST_VALLEY = 0.5  # of the lower hump's height
+
+
+@dataclass(frozen=True, slots=True)
+class Levels:
+    """What the histogram says; levels are grey values of the given picture.
+
+    Attributes
+    ----------
+    ground : typical level of the table, above 255 where a saturated one could be told from its rim
+    object : typical level of what lies on it; the ground's where there is nothing
+    threshold : between the two
+    separation : Ashman's D of the two classes: distance of means over their rms spread
+    valley : height of the valley between the humps over that of the lower hump
+    saturated_share : of the pixels
+    step : distance of neighbouring levels, 1 with 8 bits, 4 with 6
+    noise : rms from pixel to pixel on the table, at least that of the levels' rounding
+    """
+
+    ground: float
+    object: float
+    threshold: float
+    separation: float
+    valley: float
+    saturated_share: float
+    step: int
+    noise: float
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Ground:
+    """The table's level as a polynomial of the place.
+
+    Attributes
+    ----------
+    weights : (6,) of 1, x, y, x², xy, y² with x and y from -1 to 1 over the picture
+    size_px : (width, height)
+    scatter : rms of the table's own texture about it, relative to the level
+    """
+
+    weights: Array
+    size_px: tuple[int, int]
+    scatter: float
+
+    def over(self, box_px: tuple[int, int, int, int], step_px: int = 1) -> Floats:
+        """Return the level at the pixels, or each block's middle, of a box x0 y0 x1 y1."""
+        x0, y0, x1, y1 = box_px
+        width, height = self.size_px
+        middle = 0.5 * (step_px - 1)
+        x = (np.arange(x0, x1, step_px) + middle) * (2.0 / width) - 1.0
+        y = (np.arange(y0, y1, step_px) + middle) * (2.0 / height) - 1.0
+        a, b, c, d, e, f = self.weights
+        along_x = (a + b * x + d * x * x).astype(np.float32)
+        along_y = (c * y + f * y * y).astype(np.float32)
+        out: Floats = along_x[None, :] + along_y[:, None]
+        out += np.outer(y, e * x).astype(np.float32)
+        return out
+
+
+def level_step(counts: Array) -> int:
+    """Return the distance of the levels in use: a power of two, 1 where they are not a raster."""
+    used = np.flatnonzero(counts)
+    for step in (16, 8, 4, 2):
+        if len(used) > 2 and not np.any((used - used[0]) % step):
+            return step
+    return 1
+
+
+def white_level(picture: Grey, counts: Array) -> int:
+    """Return the level that saturated pixels have, 256 where none are."""
+    used = np.flatnonzero(counts)
+    top = int(used[-1]) if len(used) else 0
+    piled = top >= WHITE_LEVEL and counts[top] >= LEAST_PILE * max(counts.sum(), 1)
+    return top if piled else 256
+
+
+def pixel_noise(picture: Grey, usable: Mask | None, step: int) -> float:
+    """Return the noise from pixel to pixel, free of slow texture and of edges.
+
+    The median of |second difference| is blind to edges, which are few; of white noise with
+    deviation s the second difference has s √6, its median magnitude 0.6745 of that.
+    """
+    rows = picture[:: max(1, len(picture) // NOISE_ROWS)].astype(np.int16)
+    second = np.abs(2 * rows[:, 1:-1] - rows[:, :-2] - rows[:, 2:])
+    if usable is not None:
+        second = second[usable[:: max(1, len(picture) // NOISE_ROWS), 1:-1]]
+    counts = np.bincount(second.ravel(), minlength=2).astype(np.float64)
+    if not counts.any():
+        return float(step / np.sqrt(12.0))
+    median = int(np.searchsorted(np.cumsum(counts), 0.5 * counts.sum()))
+    # a median of whole numbers is coarse: the mean of what is below 4 of it says more
+    typical = counts[: max(4 * median, 2 * step) + 1]
+    # mean of |normal| is 0.798 deviations
+    mean = float(typical @ np.arange(len(typical)) / typical.sum())
+    return float(max(mean / (0.798 * np.sqrt(6.0)), step / np.sqrt(12.0)))
+
+
+def fit_ground(
+    reduced: Grey, inside: Mask, factor: int, size_px: tuple[int, int], white: int, tolerance: float
+) -> Ground:
+    """Return the table's level, from a reduced picture; parts on it are left out.
+
+    Parameters
+    ----------
+    reduced : (h, w), each pixel the mean of ``factor`` x ``factor``
+    inside : (h, w) the usable area
+    white : level of saturated pixels, which say nothing but that it is more; 256 for none
+    tolerance : share of the level by which the table may differ at first sight; halved as the
+        fit gets better
+    """
+    height = len(reduced)
+    rim = np.zeros(reduced.shape, dtype=np.bool_)
+    band = max(2, height // 12)
+    rim[:band] = rim[-band:] = rim[:, :band] = rim[:, -band:] = True
+    seen = reduced[rim & inside]
+    if len(seen) < 50:
+        seen = reduced[inside]
+    start = float(np.median(seen)) if len(seen) else 0.0
+    weights = np.array([start, 0, 0, 0, 0, 0], dtype=np.float64)
+    v, u = np.nonzero(inside)
+    if len(v) > FITTED_PX:
+        # a stride prime to the width: no column is preferred
+        stride = len(v) // FITTED_PX
+        v, u = v[::stride], u[::stride]
+    levels = reduced[v, u].astype(np.float64)
+    x = ((u + 0.5) * factor - 0.5) * (2.0 / size_px[0]) - 1.0
+    y = ((v + 0.5) * factor - 0.5) * (2.0 / size_px[1]) - 1.0
+    terms = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+    is_clipped = levels >= white - 3
+    # what is white before a table that is not lies on it
+    share = float(np.mean(is_clipped)) if len(levels) and start >= RIM_OF_WHITE * white else 0.0
+    if share > 1.0 - LEAST_UNSATURATED:
+        return Ground(weights, size_px, 0.0)
+    # a pixel that a thing's border shares is no rim
+    calm = cv2.erode(reduced, np.ones((7, 7), np.uint8)) >= RIM_OF_WHITE * white
+    is_rim = ~is_clipped & calm[v, u]
+    scatter = 0.0
+    for _ in range(ROUNDS):
+        fitted = terms @ weights
+        near = np.abs(levels - fitted) <= tolerance * np.maximum(fitted, 1.0) + 1.0
+        if share > 0.02:  # the fit is of what lies below white alone
+            near = is_rim if scatter == 0.0 else is_rim & near
+        if near.sum() < 60:
+            break
+        weights = _solve(terms[near], levels[near], share > 0.02)
+        off = (levels - terms @ weights)[near] / np.maximum(terms[near] @ weights, 1.0)
+        scatter = 1.4826 * float(np.median(np.abs(off)))
+        tolerance = max(0.5 * tolerance, min(4.0 * scatter, 0.2), 0.03)
+    return Ground(weights, size_px, scatter)
+
+
+def _solve(terms: Array, levels: Array, is_rim: bool) -> Array:
+    """Return the weights; from the picture's rim alone only slopes and one bow are told."""
+    if is_rim:
+        bow = terms[:, 3] + terms[:, 5]
+        few = np.column_stack([terms[:, :3], bow])
+        a, b, c, d = _least_squares(few, levels)
+        return np.array([a, b, c, d, 0.0, d])
+    return _least_squares(terms, levels)
+
+
+def _least_squares(terms: Array, levels: Array) -> Array:
+    """Return the weights by normal equations: terms from -1 to 1 are far from dependent."""
+    square = terms.T @ terms + 1e-9 * len(terms) * np.eye(terms.shape[1])
+    return np.asarray(np.linalg.solve(square, terms.T @ levels))
+
+
+def two_humps(relative: Grey, inside: Mask) -> tuple[float, float, float, float, bool]:
+    """Return (dark level, threshold, separation, valley, is_bimodal) of relative levels.
+
+    Parameters
+    ----------
+    relative : (h, w) picture over ground, the ground at ``GROUND_BIN``
+    inside : (h, w) the usable area
+
+    Notes
+    -----
+    Otsu's cut first (greatest variance between classes). A few hundred dark pixels before a
+    million bright ones do not move it, so half the ground is tried where it finds no two humps.
+    """
+    counts = np.bincount(relative[inside], minlength=BINS).astype(np.float64)[:BINS]
+    best = (float(GROUND_BIN), 0.5 * GROUND_BIN, 0.0, 1.0, False)
+    for cut in (_otsu(counts), GROUND_BIN // 2):
+        low, separation, valley = _judge(counts, cut)
+        is_bimodal = separation >= LEAST_SEPARATION and valley <= MOST_VALLEY
+        if is_bimodal:
+            return low, 0.5 * (low + GROUND_BIN), separation, valley, True
+        if separation > best[2]:
+            best = (low, 0.5 * (low + GROUND_BIN), separation, valley, False)
+    return best
+
+
+def _otsu(counts: Array) -> int:
+    weight = np.cumsum(counts)
+    moment = np.cumsum(counts * np.arange(BINS))
+    total = max(float(weight[-1]), 1.0)
+    rest = total - weight
+    with np.errstate(divide="ignore", invalid="ignore"):
+        between = (moment * total - moment[-1] * weight) ** 2 / (weight * rest)
+    between[~np.isfinite(between)] = 0.0
+    top = np.flatnonzero(between >= between.max() * (1.0 - 1e-12))
+    return int(top[len(top) // 2])
+
+
+def _judge(counts: Array, cut: int) -> tuple[float, float, float]:
+    """Return (level of the lower class, Ashman's D, valley depth) of a histogram cut in two."""
+    bins = np.arange(BINS)
+    means, spreads, heights, places = [], [], [], []
+    smooth = np.convolve(counts, np.ones(9) / 9.0, mode="same")
+    for part in (slice(0, cut + 1), slice(cut + 1, BINS)):
+        total = counts[part].sum()
+        if total < 5:
+            return float(GROUND_BIN), 0.0, 1.0
+        mean = float(counts[part] @ bins[part] / total)
+        means.append(mean)
+        spreads.append(float(counts[part] @ (bins[part] - mean) ** 2 / total) + 1.0 / 12.0)
+        places.append(int(np.argmax(smooth[part])) + part.start)
+        heights.append(float(smooth[part].max()))
+    separation = abs(means[1] - means[0]) * np.sqrt(2.0) / np.sqrt(spreads[0] + spreads[1])
+    between = smooth[places[0] : places[1] + 1]
+    valley = float(between.min()) / max(min(heights), 1e-9) if len(between) else 1.0
+    middle = np.searchsorted(np.cumsum(counts[: cut + 1]), 0.5 * counts[: cut + 1].sum())
+    return float(middle), float(separation), valley

@@ -1,0 +1,58 @@
+"""What a segmentation answers."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._levels import Levels
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Lighting = Literal["backlit", "front"]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Region:
+    """One thing that lies on the table.
+
+    Attributes
+    ----------
+    box_px : x0, y0, x1, y1 of the crop, with a margin where the picture allows
+    mask : (y1 - y0, x1 - x0) the thing within the box, holes open
+    loops_px : closed outlines, (n, 2) each, x before y in pixels of the whole picture, in order
+        along the border with the thing on the left to the eye, about one point a pixel; the outer
+        one first, then holes, longest first
+    touches_edge : cut by the picture's edge or by that of the usable area
+    area_px : within the outer loop, holes taken out
+    alternatives : other readings of the same silhouette, as ``mask``, where a front-lit picture
+        leaves them open: the bright part without dark walls, holes filled
+    """
+
+    box_px: tuple[int, int, int, int]
+    mask: Mask
+    loops_px: tuple[Array, ...]
+    touches_edge: bool
+    area_px: float
+    alternatives: tuple[Mask, ...]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Segmentation:
+    """What lies on the table, and what the histogram says.
+
+    Attributes
+    ----------
+    regions : largest first
+    lighting : as asked, or as found
+    is_bimodal : whether the histogram, relative to the table's level, shows two humps
+    levels : grey levels and how well they separate
+    remarks : sentences for the operator
+    """
+
+    regions: tuple[Region, ...]
+    lighting: Lighting
+    is_bimodal: bool
+    levels: Levels
+    remarks: tuple[str, ...]
