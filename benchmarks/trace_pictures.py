@@ -55,7 +55,7 @@ from trace_placing import (  # noqa: E402
 )
 from trace_scene import Body, NoTracerError, PixelRays, radiance, tracer  # noqa: E402
 
-from controller.cad import CadError, Camera, camera_view  # noqa: E402
+from controller.cad import CadError, Camera, outline  # noqa: E402
 
 Array = NDArray[np.float64]
 
@@ -151,7 +151,10 @@ def digitised(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def edge_bias_px(
     picture: NDArray[np.uint8], objects: Sequence[Truth], parts: dict[str, Part], camera: Camera
 ) -> Array:
-    """Return how far outside the true outline the grey half way to the table lies (n,) [px]."""
+    """Return how far outside the true outline the grey half way to the table lies (n,) [px].
+
+    Every 3 px along the outline, away from its corners, where both sides are even.
+    """
     reach = np.arange(-5.0, 5.01, 0.1)
     out: list[float] = []
     for words in objects:
@@ -160,20 +163,34 @@ def edge_bias_px(
         T[:3, :3] = turn(words)
         T[:3, 3] = [words["x_mm"], words["y_mm"], words["centroid_height_mm"]]
         T[:3, 3] -= T[:3, :3] @ solid.centroid_mm
-        for loop in camera_view(solid, T, camera).loops:
-            points = np.asarray(loop.points)
-            along = np.roll(points, -1, axis=0) - points
-            long = np.linalg.norm(along, axis=1) > 12.0  # away from corners, which blur rounds
-            middle, along = (points + along / 2)[long], along[long]
-            side = np.column_stack([along[:, 1], -along[:, 0]])
-            side /= np.linalg.norm(side, axis=1, keepdims=True)
-            where = (middle[:, None] + reach[:, None] * side[:, None]).astype(np.float32)
-            grey = cv2.remap(picture, where[..., 0], where[..., 1], cv2.INTER_CUBIC).astype(float)
+        for loop in outline(solid, T, camera).loops:
+            points = _every(loop.points, 3.0)
+            ahead, behind = (
+                np.roll(points, -2, axis=0) - points,
+                points - np.roll(points, 2, axis=0),
+            )
+            length = np.linalg.norm(ahead, axis=1) * np.linalg.norm(behind, axis=1)
+            is_straight = (ahead * behind).sum(axis=1) > 0.995 * length
+            if not is_straight.any():
+                continue
+            across = (ahead + behind)[is_straight][:, ::-1] * [1.0, -1.0]
+            across /= np.linalg.norm(across, axis=1, keepdims=True)
+            where = points[is_straight][:, None] + reach[:, None] * across[:, None]
+            u, v = np.moveaxis(where.astype(np.float32), 2, 0)
+            grey = cv2.remap(picture.astype(np.float32), u, v, cv2.INTER_CUBIC)
             for row in grey if grey[:, -1].mean() > grey[:, 0].mean() else grey[:, ::-1]:
                 low, high = row[:15].mean(), row[-15:].mean()
-                if high - low > 60 and np.ptp(row[-15:]) < 10 and np.ptp(row[:15]) < 10:
+                if high - low > 60 and max(np.ptp(row[:30]), np.ptp(row[-30:])) < 12:
                     out.append(float(np.interp((low + high) / 2, row, reach)))
     return np.array(out)
+
+
+def _every(ring: Array, step_px: float) -> Array:
+    """Return points (n, 2) at even steps along a closed polygon (m, 2)."""
+    closed = np.vstack([ring, ring[:1]])
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
+    at = np.linspace(0.0, along[-1], max(8, int(along[-1] / step_px)), endpoint=False)
+    return np.column_stack([np.interp(at, along, closed[:, i]) for i in (0, 1)])
 
 
 def write_atomically(path: Path, text: str) -> None:
