@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 Shape = Callable[[Array, Array], NDArray[np.bool_]]
 
-FINE = 6  # samples to a pixel, each way
+FINE = 8  # samples to a pixel, each way
 BLUR_PX = 0.8  # a lens's
 
 
