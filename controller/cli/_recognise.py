@@ -1,6 +1,5 @@
 """`cellctl recognise`: stored pictures of the table, one answer per object."""
 
-import json
 import time
 from itertools import groupby
 from pathlib import Path
@@ -16,34 +15,10 @@ from controller.cad.reading import FORMATS
 from controller.config import ConfigError
 from controller.recognition import Sighting, make_catalogue, recognise, table_contrast
 
+from ._calibration_file import load_calibration
 from ._output import emit, say
 
 Grey = NDArray[np.uint8]
-
-
-def load_calibration(path: Path) -> Camera:
-    """Read a camera from JSON: size_px, K, distortion, T_world_cam.
-
-    Raises
-    ------
-    ConfigError : missing, or not such a file
-    """
-    try:
-        body = json.loads(path.read_text(encoding="utf-8"))
-        width, height = body["size_px"]
-        K = np.array(body["K"], dtype=float).reshape(3, 3)
-        distortion = np.array(body["distortion"], dtype=float).reshape(5)
-        T = np.array(body["T_world_cam"], dtype=float).reshape(4, 4)
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror}; check the path") from error
-    except (ValueError, KeyError, TypeError) as error:
-        raise ConfigError(
-            f"{path}: no camera calibration ({type(error).__name__}: {error}); asked are size_px "
-            "[width, height], K (3 x 3), distortion (5) and T_world_cam (4 x 4)"
-        ) from error
-    if not (np.isfinite(K).all() and np.isfinite(distortion).all() and np.isfinite(T).all()):
-        raise ConfigError(f"{path}: the calibration holds values that are no numbers")
-    return Camera((int(width), int(height)), K, distortion, T)
 
 
 def recognise_images(

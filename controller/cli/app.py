@@ -32,6 +32,12 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+calibrate = typer.Typer(
+    help="Measure what the cell must know about itself.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+app.add_typer(calibrate, name="calibrate")
 
 
 class Unit(StrEnum):
@@ -206,6 +212,24 @@ def recognise(
         images, parts, calibration, lighting.value, unit=unit and unit.value, as_json=json
     )
     raise typer.Exit(code)
+
+
+@calibrate.command(
+    name="camera",
+    epilog="Example: cellctl calibrate camera board_*.png --target board.json -o camera.json",
+)
+def calibrate_camera(
+    images: Annotated[list[Path], typer.Argument(help="pictures of the board, flat and tilted")],
+    target: Annotated[
+        Path, typer.Option("--target", help="the board, and how it lies in each picture (JSON)")
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="calibration file to write")],
+    json: JsonOption = False,
+) -> None:
+    """Measure a camera, its lens and its place over the table from pictures of a board."""
+    from ._calibrate import calibrate_camera as calibrate_from_files
+
+    raise typer.Exit(calibrate_from_files(images, target, output, as_json=json))
 
 
 @app.command(epilog="Example: cellctl plan recipes/parts/featuretype.stl --json")

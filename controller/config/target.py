@@ -1,0 +1,167 @@
+"""target.json: the calibration board, how it was placed in each picture, what fixes the world.
+
+Not among the package's names: it builds what the calibration room takes, and who reads a recipe
+need not load that.
+"""
+
+from math import radians
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import AfterValidator, Field, model_validator
+
+from controller.recognition.calibration import (
+    Charuco,
+    Chessboard,
+    Placed,
+    Target,
+    WorldFrame,
+    charuco_board,
+)
+
+from ._yaml import Section, load_yaml
+
+Corners = Annotated[int, Field(ge=3, le=100)]
+
+
+def _placed(text: str) -> str:
+    """Raise ValueError unless a board is said to be flat or tilted."""
+    if text not in {member.value for member in Placed}:
+        raise ValueError(f"a board is placed flat (on the table) or tilted, not {text!r:.40}")
+    return text
+
+
+class PictureSection(Section):
+    """A picture of the board."""
+
+    image: str = Field(min_length=1)
+    placed: Annotated[str, AfterValidator(_placed)]
+    note: str = ""
+
+
+class WorldSection(Section):
+    """The pose in the world of the board in one flat picture.
+
+    Attributes
+    ----------
+    origin_mm : of the board's frame; its z is the height of the print over the table, and that of
+        every flat board
+    """
+
+    image: str
+    origin_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    x_axis_angle_deg: float = Field(0.0, ge=-360, le=360)
+    note: str = ""
+
+    def build(self) -> WorldFrame:
+        """Return the frame in mm and rad."""
+        return WorldFrame(self.image, self.origin_mm, radians(self.x_axis_angle_deg))
+
+
+class CalibrationTarget(Section):
+    """A chessboard (inner_corners) or a ChArUco board (squares, marker_mm, dictionary).
+
+    Attributes
+    ----------
+    board_frame, note : for people
+    images : how the board lies in each picture
+    world : what fixes the world frame; the first flat board does if nothing is said
+    """
+
+    inner_corners: tuple[Corners, Corners] | None = None
+    squares: tuple[Corners, Corners] | None = None
+    square_mm: float = Field(gt=0, le=1000)
+    marker_mm: float | None = Field(None, gt=0)
+    dictionary: str | None = None
+    legacy_pattern: bool = False
+    board_frame: str = ""
+    note: str = ""
+    images: tuple[PictureSection, ...] = Field(min_length=1)
+    world: WorldSection | None = None
+
+    @model_validator(mode="after")
+    def _one_kind_of_board(self) -> "CalibrationTarget":
+        charuco = {
+            "squares": self.squares,
+            "marker_mm": self.marker_mm,
+            "dictionary": self.dictionary,
+        }
+        if self.inner_corners is not None:
+            given = [key for key, value in charuco.items() if value is not None]
+            if given or self.legacy_pattern:
+                key = (given or ["legacy_pattern"])[0]
+                raise ValueError(
+                    f"`inner_corners` describes a chessboard and `{key}` a ChArUco board; keep one"
+                )
+            return self
+        lacking = [f"`{key}`" for key, value in charuco.items() if value is None]
+        if len(lacking) == len(charuco):
+            raise ValueError(
+                "asked is `inner_corners` of a chessboard, or `squares`, `marker_mm` and "
+                "`dictionary` of a ChArUco board"
+            )
+        if lacking:
+            raise ValueError(f"a ChArUco board needs {' and '.join(lacking)} as well")
+        if self.marker_mm is not None and self.marker_mm >= self.square_mm:
+            raise ValueError(
+                f"`marker_mm` {self.marker_mm:g} must be less than `square_mm` {self.square_mm:g}"
+            )
+        charuco_board(self._charuco())  # names an unknown dictionary
+        return self
+
+    @model_validator(mode="after")
+    def _pictures_fit_together(self) -> "CalibrationTarget":
+        names = [picture.image for picture in self.images]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"`images` names {twice[0]} twice")
+        flat = [picture.image for picture in self.images if picture.placed == Placed.FLAT.value]
+        if not flat:
+            raise ValueError(
+                "`images` has no flat board, so nothing says where the table is; take one picture "
+                "at least with the board on the table"
+            )
+        if self.world is None:
+            return self
+        if self.world.image not in flat:
+            raise ValueError(
+                f"`world.image` {self.world.image} is none of the flat ones ({', '.join(flat)})"
+            )
+        if not self.build().has_one_way_up:
+            raise ValueError(
+                "`world` needs a board that half a turn changes: one of its counts of inner "
+                "corners odd, the other even"
+            )
+        return self
+
+    def build(self) -> Target:
+        """Return the board."""
+        if self.inner_corners is not None:
+            return Chessboard(self.inner_corners, self.square_mm)
+        return self._charuco()
+
+    def _charuco(self) -> Charuco:
+        if self.squares is None or self.marker_mm is None or self.dictionary is None:
+            raise ValueError("no ChArUco board")
+        return Charuco(
+            self.squares, self.square_mm, self.marker_mm, self.dictionary, self.legacy_pattern
+        )
+
+    def placed(self, image: str) -> Placed:
+        """Return how the board lies in a picture of `images`."""
+        return Placed(next(p.placed for p in self.images if p.image == image))
+
+    def entry_of(self, path: Path) -> str | None:
+        """Return the name in `images` that a file's name ends with, the longest of several."""
+        fitting = [p.image for p in self.images if path.name.endswith(Path(p.image).name)]
+        return max(fitting, key=lambda name: len(Path(name).name), default=None)
+
+
+def load_target(path: Path) -> CalibrationTarget:
+    """Read a calibration target file (JSON, or the same in YAML).
+
+    Raises
+    ------
+    ConfigError : unreadable, not JSON, unknown or missing keys, a board that cannot be
+    """
+    return load_yaml(path, CalibrationTarget)

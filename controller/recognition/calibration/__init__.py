@@ -1,0 +1,44 @@
+"""Board pictures -> the camera, its lens and its place over the table, and how sure that is.
+
+Arrays in, dataclasses out: `find_board` for each picture, `calibrate` for all of them.
+"""
+
+from ._boards import NoBoardError, charuco_board, find_board
+from ._calibrate import calibrate
+from ._corners import refine_corners
+from ._types import (
+    PARAMETERS,
+    Calibration,
+    CalibrationError,
+    Charuco,
+    Chessboard,
+    FoundBoard,
+    Limits,
+    Placed,
+    TableUncertainty,
+    Target,
+    View,
+    ViewResidual,
+    WorldFrame,
+)
+
+__all__ = [
+    "PARAMETERS",
+    "Calibration",
+    "CalibrationError",
+    "Charuco",
+    "Chessboard",
+    "FoundBoard",
+    "Limits",
+    "NoBoardError",
+    "Placed",
+    "TableUncertainty",
+    "Target",
+    "View",
+    "ViewResidual",
+    "WorldFrame",
+    "calibrate",
+    "charuco_board",
+    "find_board",
+    "refine_corners",
+]

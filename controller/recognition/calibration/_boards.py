@@ -1,0 +1,226 @@
+"""A board in a picture: found by OpenCV, turned the right way round, then each corner fitted.
+
+OpenCV finds boards best at some hundred to fifteen hundred pixels, so it is shown the picture
+enlarged or reduced; the corners are measured in the picture as it is.
+"""
+
+from collections.abc import Iterator
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ._corners import refine_corners
+from ._types import Array, Charuco, Chessboard, FoundBoard, Grey, Target
+
+_USUAL_PX: Final = (700, 1600)  # long sides that are searched as they are
+_WANTED_PX: Final = 1100
+_CONTINUES: Final = 0.4  # a chess pattern's share in a row of squares beyond the board: it goes on
+_PATTERN_MIN: Final = 0.3  # its share within the board: less is no chess pattern
+_STRAY_SQUARES: Final = 0.25  # a ChArUco corner this far off the others' plane is a misread marker
+_CORNERS_MIN: Final = 4  # fix a plane's picture
+
+
+class NoBoardError(Exception):
+    """A picture shows no such board; the message says why."""
+
+
+def find_board(grey: Grey, target: Target) -> FoundBoard:
+    """Return the board in a picture (height, width).
+
+    A chessboard must be seen whole, of a ChArUco board any part with four corners will do.
+
+    Raises
+    ------
+    NoBoardError : none, too little of it, or another one than the target says
+    """
+    if isinstance(target, Chessboard):
+        return _chessboard(grey, target)
+    return _charuco(grey, target)
+
+
+def _sizes(grey: Grey) -> Iterator[tuple[Grey, float]]:
+    """Yield the picture and its scale, the likeliest to succeed first."""
+    low, high = _USUAL_PX
+    longest = max(grey.shape)
+    usual = 1.0 if low <= longest <= high else _WANTED_PX / longest
+    for scale in (usual, 2 * usual, usual / 2):
+        if scale == 1.0:
+            yield grey, scale
+            continue
+        way = cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA
+        height, width = (max(1, round(side * scale)) for side in grey.shape)
+        yield np.asarray(cv2.resize(grey, (width, height), interpolation=way), np.uint8), scale
+
+
+def _unscaled(pixels: Array, scaled: Grey, grey: Grey) -> Array:
+    """Return where pixels of the scaled picture are in the original; centres are whole numbers."""
+    by = np.array(scaled.shape[::-1]) / np.array(grey.shape[::-1])
+    out: Array = (pixels + 0.5) / by - 0.5
+    return out
+
+
+# -- chessboards --------------------------------------------------------------------------------
+
+
+def _chessboard(grey: Grey, target: Chessboard) -> FoundBoard:
+    columns, rows = target.inner_corners
+    grid = _right_way(grey, _search(grey, columns, rows), target)
+    axes = np.stack([np.gradient(grid, axis=1), np.gradient(grid, axis=0)], axis=2)
+    x, y = np.meshgrid(np.arange(columns), np.arange(rows))
+    board_mm = target.square_mm * np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
+    return _measured(grey, board_mm, grid.reshape(-1, 2), axes.reshape(-1, 2, 2), None)
+
+
+def _search(grey: Grey, columns: int, rows: int) -> Array:
+    """Return the inner corners (rows, columns, 2) in whatever order OpenCV has them."""
+    for flags in (0, cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE):
+        for picture, _ in _sizes(grey):
+            found, corners = cv2.findChessboardCornersSB(picture, (columns, rows), flags=flags)
+            if found:
+                pixels = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
+                return _unscaled(pixels, picture, grey).reshape(rows, columns, 2)
+        if np.ptp(cv2.GaussianBlur(grey, (0, 0), 2)) < 12:
+            break  # an even grey: no use in looking harder
+    raise NoBoardError(
+        f"no chessboard with {columns} x {rows} inner corners; all of it must be in the picture, "
+        "with a white border"
+    )
+
+
+def _right_way(grey: Grey, grid: Array, target: Chessboard) -> Array:
+    """Return the corners in the target's order: Z out of the print, the first square black."""
+    columns, rows = target.inner_corners
+    x = (grid[:, -1] - grid[:, 0]).mean(axis=0)
+    y = (grid[-1] - grid[0]).mean(axis=0)
+    if x[0] * y[1] - x[1] * y[0] > 0:  # v runs down: Z would point into the print
+        grid = grid[:, ::-1]
+    wide = _continued(_continued(grid))
+    centres = (wide[:-1, :-1] + wide[1:, :-1] + wide[:-1, 1:] + wide[1:, 1:]) / 4
+    row, column = np.mgrid[0 : rows + 3, 0 : columns + 3]
+    sign = np.where((row + column) % 2 == 0, -1.0, 1.0)  # black where the board's first square is
+    sampled = cv2.remap(
+        grey,
+        centres.reshape(-1, 1, 2).astype(np.float32),
+        None,
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    brightness = np.asarray(sampled, dtype=np.float64).reshape(row.shape)
+    height, width = grey.shape
+    seen = np.all((centres > 0) & (centres < (width - 1, height - 1)), axis=2)
+
+    inner = np.s_[1:-1, 1:-1]
+    contrast = _pattern(brightness[inner], sign[inner])
+    spread = brightness[inner].std()
+    if abs(contrast) < _PATTERN_MIN * spread:
+        raise NoBoardError("what was found there is no pattern of black and white squares")
+    for beyond in (np.s_[0, 1:-1], np.s_[-1, 1:-1], np.s_[1:-1, 0], np.s_[1:-1, -1]):
+        more = _pattern(brightness[beyond], sign[beyond]) / contrast
+        if seen[beyond].all() and more > _CONTINUES:
+            raise NoBoardError(
+                f"the board has more than {columns} x {rows} inner corners; correct inner_corners "
+                "in the target file"
+            )
+    if target.has_one_way_up and contrast < 0:
+        grid = grid[::-1, ::-1]
+    return grid
+
+
+def _pattern(brightness: Array, sign: Array) -> float:
+    """Return half the step from the squares of sign -1 to those of sign 1."""
+    return float(brightness[sign > 0].mean() - brightness[sign < 0].mean()) / 2
+
+
+def _continued(grid: Array) -> Array:
+    """Return a grid (rows, columns, 2) with one more line of points on each side."""
+    grid = np.concatenate([2 * grid[:1] - grid[1:2], grid, 2 * grid[-1:] - grid[-2:-1]])
+    first, last = 2 * grid[:, :1] - grid[:, 1:2], 2 * grid[:, -1:] - grid[:, -2:-1]
+    return np.concatenate([first, grid, last], axis=1)
+
+
+# -- ChArUco ------------------------------------------------------------------------------------
+
+
+def charuco_board(target: Charuco) -> cv2.aruco.CharucoBoard:
+    """Return OpenCV's board.
+
+    Raises
+    ------
+    ValueError : no such dictionary, or it has too few markers
+    """
+    number = getattr(cv2.aruco, target.dictionary, None)
+    if number is None or not target.dictionary.startswith("DICT_"):
+        raise ValueError(f"OpenCV knows no dictionary {target.dictionary}")
+    dictionary = cv2.aruco.getPredefinedDictionary(number)
+    asked, there = target.squares[0] * target.squares[1] // 2, len(dictionary.bytesList)
+    if asked > there:
+        raise ValueError(f"{target.dictionary} has {there} markers, the board needs {asked}")
+    board = cv2.aruco.CharucoBoard(target.squares, target.square_mm, target.marker_mm, dictionary)
+    board.setLegacyPattern(target.legacy_pattern)
+    return board
+
+
+def _charuco(grey: Grey, target: Charuco) -> FoundBoard:
+    board = charuco_board(target)
+    detector = cv2.aruco.CharucoDetector(board)
+    best, best_ids = np.zeros((0, 2)), np.zeros(0, dtype=int)
+    for picture, _ in _sizes(grey):
+        corners, ids, _, _ = detector.detectBoard(picture)
+        if ids is not None and len(ids) > len(best_ids):
+            pixels = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
+            best, best_ids = _unscaled(pixels, picture, grey), np.ravel(ids)
+            if len(ids) == len(board.getChessboardCorners()):
+                break
+    if len(best_ids) < _CORNERS_MIN:
+        raise NoBoardError(
+            f"{len(best_ids)} corners of the ChArUco board were found; check squares, dictionary "
+            "and legacy_pattern, or show more of it"
+        )
+    # OpenCV's frame lies at the print's upper left corner with Y down
+    opencv_mm = np.asarray(board.getChessboardCorners(), dtype=np.float64)[best_ids, :2]
+    first_row_mm = (target.squares[1] - 1) * target.square_mm
+    board_mm = np.column_stack([opencv_mm[:, 0] - target.square_mm, first_row_mm - opencv_mm[:, 1]])
+    straight = np.linalg.matrix_rank(board_mm - board_mm.mean(axis=0), tol=1e-6) < 2
+    homography = None if straight else cv2.findHomography(board_mm, best, cv2.LMEDS)[0]
+    if homography is None:
+        raise NoBoardError("the ChArUco corners seen lie on one line; show more of the board")
+    there, axes = _through(np.asarray(homography, dtype=np.float64), board_mm, target.square_mm)
+    side_px = np.linalg.norm(axes, axis=2).max(axis=1)
+    near = np.linalg.norm(best - there, axis=1) < _STRAY_SQUARES * side_px
+    gap = (1.0 - target.marker_mm / target.square_mm) / 2
+    return _measured(grey, board_mm[near], best[near], axes[near], gap)
+
+
+def _through(homography: Array, board_mm: Array, square_mm: float) -> tuple[Array, Array]:
+    """Return where a homography takes points (n, 2), and a square's two sides there (n, 2, 2)."""
+
+    def taken(points: Array) -> Array:
+        h = np.column_stack([points, np.ones(len(points))]) @ homography.T
+        out: Array = h[:, :2] / h[:, 2:]
+        return out
+
+    half = square_mm / 2
+    sides = [taken(board_mm + step) - taken(board_mm - step) for step in ((half, 0), (0, half))]
+    return taken(board_mm), np.stack(sides, axis=1)
+
+
+# -- both ---------------------------------------------------------------------------------------
+
+
+def _measured(
+    grey: Grey, board_mm: Array, pixels: Array, axes: Array, gap: float | None
+) -> FoundBoard:
+    fitted, blur, sound = refine_corners(grey, pixels, axes, marker_gap=gap)
+    if _few(sound):
+        raise NoBoardError(
+            f"{int(sound.sum())} of {len(sound)} corners are sharp enough to be measured; focus, "
+            "light evenly, keep the board still"
+        )
+    side = float(np.linalg.norm(axes[sound], axis=2).min())
+    return FoundBoard(board_mm[sound], fitted[sound], side, float(np.median(blur[sound])))
+
+
+def _few(sound: NDArray[np.bool_]) -> bool:
+    return int(sound.sum()) < max(_CORNERS_MIN, len(sound) // 2)

@@ -1,0 +1,172 @@
+"""Boards seen -> camera: which distortion the views show, how sure it is, when it is refused."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from controller.cad import Camera, inverse_pose
+
+from ._refusals import check_fit, check_placed, check_uncertainty, check_views, coverage_of
+from ._solve import Fit, Solution, solve, start
+from ._types import (
+    PARAMETERS,
+    Array,
+    Calibration,
+    CalibrationError,
+    Limits,
+    View,
+    ViewResidual,
+    WorldFrame,
+)
+from ._uncertainty import held_sizes, on_table, position_std_mm, spread, tilt_rad
+
+_PINHOLE: Final = ("fx", "fy", "cx", "cy")
+# lenses are tried from the plainest on: radial terms in their order, with or without tangential
+_LENSES: Final = tuple(
+    (*_PINHOLE, *radial, *tangential)
+    for radial in ((), ("k1",), ("k1", "k2"), ("k1", "k2", "k3"))
+    for tangential in ((), ("p1", "p2"))
+)
+_TABLE_HEIGHTS_MM: Final = (0.0, 40.0)  # the table, and the top of a tall part
+_NOISE_FLOOR: Final = 0.5  # of the pictures' median noise: no picture counts more than four times
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Weights:
+    """Per view one over a corner's standard deviation (n,); 0 for an outlier."""
+
+    of_views: tuple[Array, ...]
+    noise_px: float  # the pictures' median
+
+
+def calibrate(
+    views: Sequence[View],
+    size_px: tuple[int, int],
+    world: WorldFrame,
+    limits: Limits = Limits(),  # noqa: B008 - frozen
+) -> Calibration:
+    """Return the camera that agrees best with the boards of all views.
+
+    Which distortion terms are free is decided by the Bayesian information criterion: a term stays
+    where it explains more than as many observations of noise would; the others are 0.
+
+    Parameters
+    ----------
+    views : of one camera, with its focus and aperture as they are
+    world : of one of the flat ones
+
+    Raises
+    ------
+    CalibrationError : the views do not determine the camera
+    """
+    check_views(views, size_px, world, limits)
+    first, T_cam_boards = start(views, size_px, world)
+    check_placed(views, T_cam_boards, limits)
+    plain = solve(views, first, (*_PINHOLE, "k1"), world, _even(views))
+    weights = _weigh(plain, limits)
+    fit = _likeliest(views, plain.solution, world, weights)
+    weights = _weigh(fit, limits)
+    fit = solve(views, fit.solution, fit.free, world, weights.of_views)
+    residuals = _residuals(views, fit, weights)
+    check_fit(views, residuals, limits)
+    return _judged(views, size_px, world, limits, fit, weights, residuals)
+
+
+def _even(views: Sequence[View]) -> tuple[Array, ...]:
+    return tuple(np.ones(len(view.board.pixels)) for view in views)
+
+
+def _weigh(fit: Fit, limits: Limits) -> _Weights:
+    """Return weights by each picture's own noise, corners far off left out."""
+    # of a two-dimensional normal distribution the median distance is 1.177 standard deviations
+    distances = [np.linalg.norm(r, axis=1) for r in fit.residuals_px]
+    noise = np.array([np.median(d) / 1.1774 for d in distances])
+    usual = float(np.median(noise))
+    noise = np.maximum(noise, max(_NOISE_FLOOR * usual, 1e-4))
+    return _Weights(
+        tuple(
+            np.where(d <= limits.outlier_sigma * s, 1.0 / s, 0.0)
+            for d, s in zip(distances, noise, strict=True)
+        ),
+        usual,
+    )
+
+
+def _likeliest(views: Sequence[View], first: Solution, world: WorldFrame, weights: _Weights) -> Fit:
+    """Return the fit of the lens with the least Bayesian information criterion."""
+    count = 2 * sum(int((w > 0).sum()) for w in weights.of_views)
+    fits = [solve(views, first, lens, world, weights.of_views) for lens in _LENSES]
+    return min(fits, key=lambda f: count * np.log(f.cost / count) + len(f.free) * np.log(count))
+
+
+def _residuals(views: Sequence[View], fit: Fit, weights: _Weights) -> tuple[ViewResidual, ...]:
+    R_cam_world = fit.solution.T_cam_world[:3, :3]
+    out = []
+    for view, r, w, T in zip(
+        views, fit.residuals_px, weights.of_views, fit.solution.T_ref_board, strict=True
+    ):
+        distance = np.linalg.norm(r[w > 0], axis=1)
+        normal = T[:3, 2] if fit.is_on_table(view) else R_cam_world.T @ T[:3, 2]
+        out.append(
+            ViewResidual(
+                view.name,
+                view.placed,
+                len(r),
+                int((w == 0).sum()),
+                float(np.sqrt(np.mean(distance**2))),
+                float(np.linalg.norm(r, axis=1).max()),
+                float(np.arccos(np.clip(normal[2], -1, 1))),
+            )
+        )
+    return tuple(out)
+
+
+def _judged(
+    views: Sequence[View],
+    size_px: tuple[int, int],
+    world: WorldFrame,
+    limits: Limits,
+    fit: Fit,
+    weights: _Weights,
+    residuals: tuple[ViewResidual, ...],
+) -> Calibration:
+    x = fit.solution.intrinsics
+    K = np.array([[x[0], 0, x[2]], [0, x[1], x[3]], [0, 0, 1.0]])
+    camera = Camera(size_px, K, x[4:].copy(), inverse_pose(fit.solution.T_cam_world))
+    try:
+        everything = solve(views, fit.solution, PARAMETERS, world, weights.of_views)
+        loose = np.sqrt(np.diag(spread(everything, {}).cov)[: len(PARAMETERS)])
+        held = held_sizes(fit, size_px, dict(zip(PARAMETERS, loose, strict=True)))
+        found = spread(fit, held)
+    except np.linalg.LinAlgError as error:
+        raise CalibrationError(
+            "the boards leave something about the camera wholly open; add pictures of the board "
+            "tilted by 15 to 30 deg in different directions, all over the picture"
+        ) from error
+    std = np.sqrt(np.diag(found.cov))
+    tilt, tilt_std = tilt_rad(fit, found)
+    used = np.concatenate(
+        [r[w > 0] for r, w in zip(fit.residuals_px, weights.of_views, strict=True)]
+    )
+    calibration = Calibration(
+        camera=camera,
+        free=fit.free,
+        std={name: float(s) for name, s in zip(PARAMETERS, std, strict=False) if name in fit.free},
+        held_std=held,
+        parameters_cov=found.cov,
+        position_std_mm=position_std_mm(fit, found),
+        tilt_rad=tilt,
+        tilt_std_rad=tilt_std,
+        table=tuple(on_table(camera, fit, found, z) for z in _TABLE_HEIGHTS_MM),
+        views=residuals,
+        rms_px=float(np.sqrt(np.mean(np.sum(used**2, axis=1)))),
+        noise_px=weights.noise_px * found.noise,
+        coverage=coverage_of(views, size_px),
+        condition=found.condition,
+        focal_height_correlation=found.focal_height,
+        world=world,
+    )
+    check_uncertainty(calibration, limits)
+    return calibration

@@ -1,0 +1,169 @@
+"""When views do not determine a camera: each case with what to do about it."""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from ._types import (
+    Array,
+    Calibration,
+    CalibrationError,
+    Limits,
+    Placed,
+    View,
+    ViewResidual,
+    WorldFrame,
+)
+
+_TILT_MORE = "add pictures of the board tilted by 15 to 30 deg, each in another direction"
+
+
+def coverage_of(views: Sequence[View], size_px: tuple[int, int]) -> float:
+    """Return the share of the picture within the hull of all corners."""
+    corners = np.vstack([view.board.pixels for view in views]).astype(np.float32)
+    return float(cv2.contourArea(cv2.convexHull(corners))) / (size_px[0] * size_px[1])
+
+
+def check_views(
+    views: Sequence[View], size_px: tuple[int, int], world: WorldFrame, limits: Limits
+) -> None:
+    """Refuse what can be refused before anything is computed.
+
+    Raises
+    ------
+    ValueError : the world is fixed by no flat view, or two views have one name
+    CalibrationError : too few boards, none tilted, or all in one part of the picture
+    """
+    if len({view.name for view in views}) < len(views):
+        raise ValueError("two views of one name")
+    flat = [view.name for view in views if view.placed is Placed.FLAT]
+    if world.name not in flat:
+        raise ValueError(f"the world is fixed by {world.name}, which is no flat view")
+    for view in views:
+        if len(view.board.pixels) < limits.corners_min:
+            raise CalibrationError(
+                f"{view.name} shows {len(view.board.pixels)} corners of the board, "
+                f"{limits.corners_min} are needed; leave it out or take it again"
+            )
+    if len(views) < limits.boards_min:
+        raise CalibrationError(
+            f"boards found in {len(views)} pictures, {limits.boards_min} are needed at least and "
+            "ten are better; take more"
+        )
+    tilted_count = len(views) - len(flat)
+    if tilted_count < limits.tilted_min:
+        raise CalibrationError(
+            f"{tilted_count} of the boards found are tilted, {limits.tilted_min} are needed at "
+            f"least: boards that all lie flat cannot tell a long lens from a high camera; "
+            f"{_TILT_MORE}"
+        )
+    coverage = coverage_of(views, size_px)
+    if coverage < limits.coverage_min:
+        u, v = np.vstack([view.board.pixels for view in views]).mean(axis=0) / size_px
+        raise CalibrationError(
+            f"the boards cover {100 * coverage:.0f} % of the picture, {_where(u, v)}; "
+            f"{100 * limits.coverage_min:.0f} % are needed, or the lens elsewhere is a guess; lay "
+            "boards into the empty parts"
+        )
+
+
+def check_placed(views: Sequence[View], T_cam_boards: Sequence[Array], limits: Limits) -> None:
+    """Refuse flat boards that do not lie flat, and tilted ones that do.
+
+    Parameters
+    ----------
+    T_cam_boards : (4, 4) of each view, fitted one by one
+
+    Raises
+    ------
+    CalibrationError : as said
+    """
+    normals = np.array([T[:3, 2] for T in T_cam_boards])
+    is_flat = np.array([view.placed is Placed.FLAT for view in views])
+    up = np.median(normals[is_flat], axis=0)
+    tilt = np.arccos(np.clip(normals @ (up / np.linalg.norm(up)), -1, 1))
+    for view, flat, angle in zip(views, is_flat, tilt, strict=True):
+        if flat and angle > limits.flat_max_rad:
+            others = "the other flat boards" if is_flat.sum() > 2 else "another flat board"
+            raise CalibrationError(
+                f"{view.name} is said to lie flat, but stands {np.degrees(angle):.1f} deg off "
+                f"{others}; correct `placed` in the target file, or take the picture again"
+            )
+    steep = int((tilt[~is_flat] > limits.tilt_min_rad).sum())
+    if steep < limits.tilted_min:
+        most = np.degrees(tilt[~is_flat].max())
+        raise CalibrationError(
+            f"the boards called tilted stand at most {most:.1f} deg off the table; {steep} of them "
+            f"stand more than {np.degrees(limits.tilt_min_rad):.0f} deg off, {limits.tilted_min} "
+            f"are needed, or a long lens cannot be told from a high camera; {_TILT_MORE}"
+        )
+
+
+def check_fit(views: Sequence[View], residuals: Sequence[ViewResidual], limits: Limits) -> None:
+    """Refuse a camera the pictures do not agree with.
+
+    Raises
+    ------
+    CalibrationError : residuals too large, altogether or in one picture, or too many outliers
+    """
+    outliers = sum(r.outlier_count for r in residuals)
+    corners = sum(r.corner_count for r in residuals)
+    usual = float(np.median([r.rms_px for r in residuals]))
+    worst = max(residuals, key=lambda r: r.rms_px)
+    square_px = float(np.median([view.board.square_px for view in views]))
+    limit_px = min(limits.rms_max_px, limits.rms_max_squares * square_px)
+    if worst.rms_px > limits.picture_rms_ratio_max * usual and worst.rms_px > limit_px / 4:
+        raise CalibrationError(
+            f"{worst.name} disagrees with the other pictures: its corners are "
+            f"{worst.rms_px:.2f} px off, those of the others {usual:.2f} px; was the board or "
+            "the camera moved, bent or not flat, or `placed` wrong? take it again or leave it out"
+        )
+    if usual > limit_px:
+        raise CalibrationError(
+            f"the corners are {usual:.2f} px off what any camera would show, {limit_px:.2f} px at "
+            "most are plausible; are the pictures sharp, the board plane, its squares square and "
+            "`inner_corners` or `squares` right, and were focus and zoom left alone?"
+        )
+    if outliers > limits.outliers_max * corners:
+        raise CalibrationError(
+            f"{outliers} of {corners} corners do not agree with the rest; clean the board, light "
+            "it evenly and without reflections"
+        )
+
+
+def check_uncertainty(calibration: Calibration, limits: Limits) -> None:
+    """Refuse a camera the pictures do not determine.
+
+    Raises
+    ------
+    CalibrationError : focal length or places on the table too uncertain, or nearly undetermined
+    """
+    fx, fy = calibration.camera.K[0, 0], calibration.camera.K[1, 1]
+    relative = max(calibration.std["fx"] / fx, calibration.std["fy"] / fy)
+    if not relative < limits.focal_std_max or not calibration.condition < limits.condition_max:
+        raise CalibrationError(
+            f"focal length and height over the table cannot be told apart (focal length known to "
+            f"{100 * relative:.1f} %, {100 * limits.focal_std_max:.0f} % is the limit); "
+            f"{_TILT_MORE}"
+        )
+    table = calibration.table[0]
+    if not table.worst_mm < limits.table_std_max_mm:
+        width, height = calibration.camera.size_px
+        where = _where(table.worst_at_px[0] / width, table.worst_at_px[1] / height)
+        raise CalibrationError(
+            f"positions on the table would be uncertain by {table.worst_mm:.2f} mm {where}, "
+            f"{limits.table_std_max_mm:.2f} mm is the limit; add pictures with the board there, "
+            "flat and tilted"
+        )
+
+
+def _where(u: float, v: float) -> str:
+    """Return the part of the picture at shares (u, v) of its width and height, in words."""
+    column = "left" if u < 0.4 else "right" if u > 0.6 else ""
+    row = "upper" if v < 0.4 else "lower" if v > 0.6 else ""
+    if row and column:
+        return f"at the {row} {column}"
+    if row or column:
+        return f"in the {row or column} half"
+    return "about the middle"

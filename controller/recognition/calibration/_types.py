@@ -1,0 +1,192 @@
+"""What goes into a camera calibration and what comes out of it.
+
+Frames: *board* as the target says it (mm, Z out of the print, origin in an inner corner), *world*
+with the table at z = 0, *cam* OpenCV's. Pixels (n, 2), x before y.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.cad import Camera
+
+Array = NDArray[np.float64]
+Grey = NDArray[np.uint8]
+
+PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+
+
+class CalibrationError(Exception):
+    """The views do not determine the camera; the message says what to do about it."""
+
+
+class Placed(StrEnum):
+    """How a board was put into a picture."""
+
+    FLAT = "flat"  # on the table
+    TILTED = "tilted"  # held anyhow
+
+
+@dataclass(frozen=True, slots=True)
+class Chessboard:
+    """A chessboard: inner corners along X and along Y, and the side of a square.
+
+    The axis with the odd count runs from the side whose two outer corner squares are black to the
+    side whose two are white; with two odd or two even counts half a turn cannot be told.
+    """
+
+    inner_corners: tuple[int, int]
+    square_mm: float
+
+    @property
+    def has_one_way_up(self) -> bool:
+        """Whether the pattern looks different after half a turn."""
+        columns, rows = self.inner_corners
+        return columns % 2 != rows % 2
+
+
+@dataclass(frozen=True, slots=True)
+class Charuco:
+    """A ChArUco board: squares along X and along Y, and the dictionary of its markers.
+
+    X runs to the right and Y up in the board as OpenCV draws it; the origin is the inner corner
+    at the lower left.
+    """
+
+    squares: tuple[int, int]
+    square_mm: float
+    marker_mm: float
+    dictionary: str  # OpenCV's name, as DICT_5X5_100
+    legacy_pattern: bool = False  # as drawn by OpenCV before 4.6
+
+    @property
+    def has_one_way_up(self) -> bool:
+        """Whether the pattern looks different after half a turn."""
+        return True
+
+
+Target = Chessboard | Charuco
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundBoard:
+    """The corners of a board in a picture.
+
+    Attributes
+    ----------
+    board_mm : (n, 2) in the board's plane
+    pixels : (n, 2)
+    square_px : side of its smallest square in the picture, along the shorter direction
+    blur_px : standard deviation of the blur across its edges, median
+    """
+
+    board_mm: Array
+    pixels: Array
+    square_px: float
+    blur_px: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """A picture's board and how it was placed."""
+
+    name: str
+    placed: Placed
+    board: FoundBoard
+
+
+@dataclass(frozen=True, slots=True)
+class WorldFrame:
+    """What fixes the world: the pose of one flat board in it.
+
+    The height of ``origin_mm`` is that of the print of every flat board over the table.
+    """
+
+    name: str  # of its view
+    origin_mm: tuple[float, float, float]
+    x_axis_angle_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """When a calibration is refused, each with its reason."""
+
+    boards_min: int = 4  # fewer cannot contradict each other
+    tilted_min: int = 2  # one tilted board says f, a second one checks it in another direction
+    tilt_min_rad: float = np.radians(6.0)  # below it, f and height over the table are one number
+    flat_max_rad: float = np.radians(4.0)  # one board's own tilt is known to about 1 deg
+    corners_min: int = 8  # of one picture; four fix a pose, fewer than eight hardly check it
+    coverage_min: float = 0.3  # of the picture; distortion beyond the boards is a guess
+    rms_max_px: float = 0.6  # sharp pictures have 0.02 to 0.1 px
+    rms_max_squares: float = 0.02  # as much, where squares are small
+    picture_rms_ratio_max: float = 6.0  # one picture against the median of all
+    outlier_sigma: float = 5.0  # a corner further off than this is dirt, not noise
+    outliers_max: float = 0.05  # share of all corners
+    focal_std_max: float = 0.01  # relative
+    table_std_max_mm: float = 0.25  # anywhere in the picture, at z = 0
+    condition_max: float = 1e6  # of the scaled Jacobian
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewResidual:
+    """What is left of one picture after the fit."""
+
+    name: str
+    placed: Placed
+    corner_count: int
+    outlier_count: int
+    rms_px: float  # of the distance
+    worst_px: float
+    tilt_rad: float  # of the board against the table
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TableUncertainty:
+    """What the camera's uncertainty is on a plane over the table, over a grid of pixels.
+
+    Standard deviations [mm] of where a pixel's sight line meets the plane, in the direction in
+    which it is worst.
+    """
+
+    height_mm: float
+    worst_mm: float
+    worst_at_px: tuple[float, float]
+    median_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """A camera, how well the pictures agree with it, and how well they determine it.
+
+    Attributes
+    ----------
+    free : names of the intrinsics the views show; the others of PARAMETERS are held at 0
+    std : standard deviation of each free one
+    held_std : how far from 0 each held one may be all the same
+    parameters_cov : covariance (15, 15) of PARAMETERS, then of the rotation (3) [rad, about the
+        camera's axes] and translation (3) [mm] of the world in the camera
+    rms_px : of the distance of all corners but outliers
+    noise_px : standard deviation of a corner's u or v
+    coverage : share of the picture within the hull of all corners
+    condition : of the scaled Jacobian
+    focal_height_correlation : of fx and the distance along the optical axis
+    """
+
+    camera: Camera
+    free: tuple[str, ...]
+    std: dict[str, float]
+    held_std: dict[str, float]
+    parameters_cov: Array
+    position_std_mm: Array
+    tilt_rad: float
+    tilt_std_rad: float
+    table: tuple[TableUncertainty, ...]
+    views: tuple[ViewResidual, ...]
+    rms_px: float
+    noise_px: float
+    coverage: float
+    condition: float
+    focal_height_correlation: float
+    world: WorldFrame
