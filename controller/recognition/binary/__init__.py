@@ -1,0 +1,29 @@
+"""The paper's binary chain: boundary codes, corners, strings of primitives, their correlation."""
+
+from ._chain import Chain, chain_code, curvature_code
+from ._corners import Corners, corner_table, find_corners, triangular
+from ._correlate import StringMatch, correlate
+from ._size import Size, chain_length_px, size_of_chains, size_of_string
+from ._strings import BoundaryString, NoOutlineError, boundary_string, model_string
+from ._tolerances import BinaryTolerances
+
+__all__ = [
+    "BinaryTolerances",
+    "BoundaryString",
+    "Chain",
+    "Corners",
+    "NoOutlineError",
+    "Size",
+    "StringMatch",
+    "boundary_string",
+    "chain_code",
+    "chain_length_px",
+    "corner_table",
+    "correlate",
+    "curvature_code",
+    "find_corners",
+    "model_string",
+    "size_of_chains",
+    "size_of_string",
+    "triangular",
+]

@@ -1,0 +1,215 @@
+"""Model outlines laid onto an object: rigid motions that bring them closest, many at once.
+
+Point to line as Chen and Medioni (1992) have it: each sample of the model asks for the nearest
+sample of the object and is pulled along that one's normal. Which is nearest is looked up in a map
+made once for the object (`cv2.distanceTransformWithLabels`), so that a candidate costs no search.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ._strings import BoundaryString
+from ._tolerances import BinaryTolerances
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Integers = NDArray[np.int64]
+
+CELLS = 160  # of the map along the object's longer side
+MARGIN = 0.15  # of that side, kept free round the object
+FINE = 4  # samples put between two of the outline
+FIRST_SKIP, LAST_SKIP = 4, 2  # one in so many samples is used, while candidates are many, and few
+FIRST_STEPS, LAST_STEPS = 3, 3
+SAME_TURN_RAD = 0.05  # candidates of a model this close after fitting are one
+STIFFNESS = (
+    1e-3  # of a motion nothing resists, as the turn of a circle, beside 1 for one along a normal
+)
+KEPT_ERROR = 2.5  # candidates worse than a model's best by this factor are dropped early
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Candidates:
+    """Model views turned and shifted: which (n,), turn (n,), shift (n, 2)."""
+
+    model: Integers
+    turn_rad: Array
+    shift_mm: Array
+
+    @classmethod
+    def none(cls) -> "Candidates":
+        """Return no candidates."""
+        return cls(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, 2)))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Laid:
+    """Candidates after fitting, and how far outlines are apart then, root mean square."""
+
+    model: Integers
+    turn_rad: Array
+    shift_mm: Array
+    error_mm: Array
+
+
+class _NearestMap:
+    """Nearest sample of an object's outline and holes, with its normal, for any place."""
+
+    def __init__(self, observed: BoundaryString) -> None:
+        loops = [observed.outline_mm, *observed.hole_outline_mm]
+        points, normals = zip(*(_fine(loop) for loop in loops), strict=True)
+        self.points: Complex = np.concatenate(points)
+        self.normals: Complex = np.concatenate(normals)
+        low, high = observed.outline_mm.min(axis=0), observed.outline_mm.max(axis=0)
+        margin = MARGIN * float((high - low).max()) + 1.0
+        self.low = low - margin
+        size = high - low + 2 * margin
+        self.per_mm = CELLS / float(size.max())
+        self.shape = np.ceil(size * self.per_mm).astype(int) + 1
+        ground = np.ones((self.shape[1], self.shape[0]), dtype=np.uint8)
+        column, row = self._cell(self.points)
+        ground[row, column] = 0
+        _, label = cv2.distanceTransformWithLabels(
+            ground, cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
+        )
+        sample_of = np.zeros(int(label.max()) + 1, dtype=np.int64)
+        sample_of[label[row, column]] = np.arange(len(self.points))
+        self.nearest = sample_of[label]
+
+    def _cell(self, points: Complex) -> tuple[Integers, Integers]:
+        column = np.round((points.real - self.low[0]) * self.per_mm).astype(np.int64)
+        row = np.round((points.imag - self.low[1]) * self.per_mm).astype(np.int64)
+        return np.clip(column, 0, self.shape[0] - 1), np.clip(row, 0, self.shape[1] - 1)
+
+    def look(self, points: Complex) -> tuple[Complex, Complex]:
+        """Return the nearest samples and their normals."""
+        column, row = self._cell(points)
+        i = self.nearest[row, column]
+        return self.points[i], self.normals[i]
+
+
+def _fine(loop: Array) -> tuple[Complex, Complex]:
+    z = _complex(loop)
+    side = np.roll(z, -1) - z
+    fine: Complex = (z[:, None] + side[:, None] * (np.arange(FINE) / FINE)).ravel()
+    normal: Complex = np.repeat(-1j * side / np.maximum(np.abs(side), 1e-9), FINE)
+    return fine, normal
+
+
+def lay(
+    observed: BoundaryString,
+    models: Sequence[BoundaryString],
+    candidates: Candidates,
+    limits: BinaryTolerances,
+) -> Laid:
+    """Return candidates fitted to an object, equal ones once, the best few of each model."""
+    nearest = _NearestMap(observed)
+    model = candidates.model
+    samples, weight = _samples(models, FIRST_SKIP)
+    turn = candidates.turn_rad.copy()
+    shift: Complex = candidates.shift_mm[:, 0] + 1j * candidates.shift_mm[:, 1]
+    for step in range(FIRST_STEPS):
+        cap = 2 * limits.outline_cap_mm / (step + 1)
+        turn, shift, error = _step(nearest, samples[model], turn, shift, cap, weight[model])
+    keep = _distinct(model, turn, error, limits.keep_per_model)
+    model, turn, shift = model[keep], turn[keep], shift[keep]
+    samples, weight = _samples(models, LAST_SKIP)
+    samples, weight = samples[model], weight[model]
+    cap = limits.outline_cap_mm
+    for _ in range(LAST_STEPS):
+        turn, shift, _ = _step(nearest, samples, turn, shift, cap, weight)
+    error = _error(nearest, samples, turn, shift, cap, weight)
+    turn = np.angle(np.exp(1j * turn))
+    return Laid(model, turn, np.stack([shift.real, shift.imag], axis=1), error)
+
+
+def _samples(models: Sequence[BoundaryString], skip: int) -> tuple[Complex, Array]:
+    """Return every few samples (m, s) of outlines and holes, and their weights, 0 for none.
+
+    A sample weighs by the length of boundary it stands for; the weights of a model sum to 1.
+    """
+    outline = _complex(np.stack([m.outline_mm for m in models]))[:, ::skip]
+    count = outline.shape[1]
+    per_hole = len(range(0, models[0].hole_outline_mm.shape[1], skip))
+    most = max(len(m.hole_outline_mm) for m in models)
+    samples = np.zeros((len(models), count + most * per_hole), dtype=np.complex128)
+    weight = np.zeros(samples.shape)
+    samples[:, :count] = outline
+    for row, m in enumerate(models):
+        weight[row, :count] = m.perimeter_mm / count
+        stop = count + len(m.hole_outline_mm) * per_hole
+        if stop > count:
+            hole = _complex(m.hole_outline_mm)
+            samples[row, count:stop] = hole[:, ::skip].ravel()
+            length = np.abs(np.diff(hole, axis=1)).mean(axis=1) * hole.shape[1]
+            weight[row, count:stop] = np.repeat(length / per_hole, per_hole)
+    return samples, weight / weight.sum(axis=1, keepdims=True)
+
+
+def _complex(points: Array) -> Complex:
+    z: Complex = points[..., 0] + 1j * points[..., 1]
+    return z
+
+
+def _distances(
+    nearest: _NearestMap, samples: Complex, turn: Array, shift: Complex
+) -> tuple[Complex, Complex, Array]:
+    """Return where samples come to lie, the normals there and their distances from the outline."""
+    moved = np.exp(1j * turn)[:, None] * samples + shift[:, None]
+    foot, normal = nearest.look(moved)
+    gap = moved - foot
+    off = gap.real * normal.real + gap.imag * normal.imag
+    # past a corner the line runs on where the outline does not: then the point itself counts
+    far = np.abs(gap)
+    beside = far > 2.0 + 2.0 * np.abs(off)
+    return moved, normal, np.where(beside, far, off)
+
+
+def _step(
+    nearest: _NearestMap, samples: Complex, turn: Array, shift: Complex, cap: float, weight: Array
+) -> tuple[Array, Complex, Array]:
+    """Return turns and shifts one Gauss-Newton step on, and the errors before it."""
+    moved, normal, off = _distances(nearest, samples, turn, shift)
+    inside = weight * (np.abs(off) < cap)
+    middle = (weight * samples).sum(axis=1)
+    centre = shift + np.exp(1j * turn) * middle
+    arm = moved - centre[:, None]
+    # turning by a small angle moves a sample by i angle arm
+    lever = arm.real * normal.imag - arm.imag * normal.real
+    j = np.stack([lever, normal.real, normal.imag], axis=-1)
+    wj = j * inside[..., None]
+    a = wj.transpose(0, 2, 1) @ j
+    b = wj.transpose(0, 2, 1) @ off[..., None]
+    a[:, [0, 1, 2], [0, 1, 2]] += STIFFNESS
+    delta = -np.linalg.solve(a, b)[..., 0]
+    new_turn = turn + np.clip(delta[:, 0], -0.3, 0.3)
+    # about the middle of the samples, which itself is shifted
+    new_shift = centre + delta[:, 1] + 1j * delta[:, 2] - np.exp(1j * new_turn) * middle
+    error = np.sqrt((weight * np.minimum(off**2, cap**2)).sum(axis=1))
+    return new_turn, new_shift, error
+
+
+def _error(
+    nearest: _NearestMap, samples: Complex, turn: Array, shift: Complex, cap: float, weight: Array
+) -> Array:
+    _, _, off = _distances(nearest, samples, turn, shift)
+    error: Array = np.sqrt((weight * np.minimum(off**2, cap**2)).sum(axis=1))
+    return error
+
+
+def _distinct(model: Integers, turn: Array, error: Array, count: int) -> Integers:
+    """Return the best few candidates of each model, of equal turns one."""
+    kept: list[int] = []
+    taken: dict[int, list[int]] = {}
+    for i in np.argsort(error).tolist():
+        mine = taken.setdefault(int(model[i]), [])
+        if len(mine) >= count or (mine and error[i] > KEPT_ERROR * error[mine[0]] + 0.2):
+            continue
+        if any(abs(np.angle(np.exp(1j * (turn[i] - turn[k])))) < SAME_TURN_RAD for k in mine):
+            continue
+        mine.append(i)
+        kept.append(i)
+    return np.array(kept, dtype=np.int64)

@@ -1,0 +1,167 @@
+"""A smooth run of a boundary as straight lines and circular arcs, as few as do.
+
+All runs between two knots are fitted at once from running sums: the line by the smaller principal
+moment, the arc by the algebraic fit of Kasa, whose residuals are divided by 2 R to be distances.
+The best partition is found by dynamic programming over the knots (Bellman 1961; for plane curves
+Perez and Vidal 1994), with a price for each primitive, so that neighbours which are one primitive
+are never left apart.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._tolerances import BinaryTolerances
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+BAND = 16  # knots a primitive may reach over at first
+SHORTEST_RUN = 5  # samples between knots, a little over a millimetre; an arc takes twice as many
+STRAIGHTEST_MM = 500.0  # an arc of a larger radius is a line
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Fit:
+    """Primitives of one run.
+
+    Attributes
+    ----------
+    first, last : (k,) samples of the run they reach from and to, both included
+    is_arc : (k,)
+    centre : (k, 2) of arcs, of lines the middle
+    radius : (k,) of arcs without sign, of lines 0
+    direction : (k, 2) of lines, along the run
+    """
+
+    first: Integers
+    last: Integers
+    is_arc: NDArray[np.bool_]
+    centre: Array
+    radius: Array
+    direction: Array
+
+
+class RunningSums:
+    """Sums of powers of the points of a loop, so that any run of it is fitted in no time."""
+
+    def __init__(self, points: Array) -> None:
+        self.middle = points.mean(axis=0)
+        x, y = (points - self.middle).T
+        z = x * x + y * y
+        powers = np.stack([np.ones_like(x), x, y, z, x * x, x * y, y * y, z * x, z * y, z * z])
+        self.sums = np.concatenate([np.zeros((10, 1)), np.cumsum(powers, axis=1)], axis=1)
+
+    def fit(self, first: Integers, last: Integers) -> tuple[Array, Array, Array, Array, Array]:
+        """Return of runs: line and arc residuals squared and summed, centre, radius, direction."""
+        n, x, y, z, xx, xy, yy, zx, zy, zz = self.sums[:, last + 1] - self.sums[:, first]
+        x, y, z = x / n, y / n, z / n
+        xx, xy, yy = xx - n * x * x, xy - n * x * y, yy - n * y * y
+        zx, zy, zz = zx - n * z * x, zy - n * z * y, zz - n * z * z
+        half, swing = 0.5 * (xx - yy), np.hypot(0.5 * (xx - yy), xy)
+        line = np.maximum(0.5 * (xx + yy) - swing, 0.0)
+        angle = 0.5 * np.arctan2(xy, half)
+        det = np.maximum(xx * yy - xy * xy, 1e-12)
+        a, b = (zx * yy - zy * xy) / det, (zy * xx - zx * xy) / det
+        square = 0.25 * (a * a + b * b) + z - a * x - b * y
+        radius = np.sqrt(np.maximum(square, 1e-12))
+        arc = np.maximum(zz - a * zx - b * zy, 0.0) / (4 * np.maximum(square, 1e-12))
+        centre = np.stack([0.5 * a, 0.5 * b], axis=-1) + self.middle
+        direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        return line, arc, centre, radius, direction
+
+    def middles(self, first: Integers, last: Integers) -> Array:
+        """Return the mean points (k, 2) of runs."""
+        sums = self.sums[:3, last + 1] - self.sums[:3, first]
+        middles: Array = (sums[1:] / sums[0]).T + self.middle
+        return middles
+
+
+def fit_runs(points: Array, runs: list[tuple[int, int]], limits: BinaryTolerances) -> list[Fit]:
+    """Return the primitives of runs of points (n, 2), each from a sample to another, included."""
+    sums = RunningSums(points)
+    first = np.array([a for a, _ in runs])
+    last = np.array([b for _, b in runs])
+    cost, is_arc = _cost(sums, first, last, limits)
+    fits = []
+    for i, (a, b) in enumerate(runs):
+        # most runs are one line: nothing that costs another primitive could be better
+        if cost[i] <= 2 * limits.primitive_cost or b - a < 2 * SHORTEST_RUN:
+            fits.append(_fit(sums, points, np.array([a, b]), is_arc[i : i + 1]))
+        else:
+            fits.append(_fit(sums, points, *_best_cuts(sums, a, b, limits)))
+    return fits
+
+
+def _cost(
+    sums: RunningSums, first: Integers, last: Integers, limits: BinaryTolerances
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Return what runs cost as one primitive each, and which are cheaper as an arc."""
+    line, arc, _, radius, _ = sums.fit(first, last)
+    per_noise = 1.0 / limits.line_noise_mm**2
+    bend = arc * per_noise + limits.arc_cost
+    bend[(last - first < 2 * SHORTEST_RUN) | (radius > STRAIGHTEST_MM)] = np.inf
+    line *= per_noise
+    return limits.primitive_cost + np.minimum(line, bend), bend < line
+
+
+def _best_cuts(
+    sums: RunningSums, a: int, b: int, limits: BinaryTolerances
+) -> tuple[Integers, NDArray[np.bool_]]:
+    """Return where a run is best parted, its ends included, and which parts are arcs."""
+    count = (b - a) // SHORTEST_RUN + 1
+    knots = np.round(np.linspace(a, b, count)).astype(np.int64)
+    # primitives of up to BAND knots; longer ones come in pieces, which are joined afterwards
+    span = np.arange(min(BAND, count - 1), 0, -1)
+    i = np.arange(count)[:, None] - span
+    j = np.broadcast_to(np.arange(count)[:, None], i.shape)
+    is_there = i >= 0
+    cost = np.full(i.shape, np.inf)
+    cost[is_there], _ = _cost(sums, knots[i[is_there]], knots[j[is_there]], limits)
+    best = np.full(count + len(span), np.inf)  # shifted, so that before the first there is room
+    best[len(span)] = 0.0
+    before = np.zeros(count, dtype=np.int64)
+    for k in range(1, count):
+        total = best[k : k + len(span)] + cost[k]
+        at = int(total.argmin())
+        before[k] = k - int(span[at])
+        best[k + len(span)] = total[at]
+    path = [count - 1]
+    while path[-1] > 0:
+        path.append(int(before[path[-1]]))
+    return _joined(sums, knots[path[::-1]], limits)
+
+
+def _joined(
+    sums: RunningSums, cuts: Integers, limits: BinaryTolerances
+) -> tuple[Integers, NDArray[np.bool_]]:
+    """Return cuts without those between neighbours that cost less as one, and which are arcs."""
+    cost, is_arc = _cost(sums, cuts[:-1], cuts[1:], limits)
+    while len(cuts) > 2:
+        together, _ = _cost(sums, cuts[:-2], cuts[2:], limits)
+        gain = cost[:-1] + cost[1:] - together
+        # of cuts side by side only the one that gains most
+        peak = gain > 0
+        peak[1:] &= gain[1:] >= gain[:-1]
+        peak[:-1] &= gain[:-1] > gain[1:]
+        if not peak.any():
+            break
+        cuts = np.delete(cuts, 1 + np.flatnonzero(peak))
+        cost, is_arc = _cost(sums, cuts[:-1], cuts[1:], limits)
+    return cuts, is_arc
+
+
+def _fit(sums: RunningSums, points: Array, cuts: Integers, is_arc: NDArray[np.bool_]) -> Fit:
+    first, last = cuts[:-1], cuts[1:]
+    _, _, centre, radius, direction = sums.fit(first, last)
+    chord = points[last] - points[first]
+    backward = (direction * chord).sum(axis=1) < 0
+    return Fit(
+        first=first,
+        last=last,
+        is_arc=is_arc,
+        centre=np.where(is_arc[:, None], centre, sums.middles(first, last)),
+        radius=np.where(is_arc, radius, 0.0),
+        direction=np.where(backward[:, None], -direction, direction),
+    )

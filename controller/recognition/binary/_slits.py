@@ -1,0 +1,32 @@
+"""Slits and slivers of a model's outline, too narrow for a picture to show, taken away."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def without_slits(
+    loops: Sequence[Array], is_hole: Sequence[bool], width_mm: float
+) -> tuple[list[Array], list[bool]]:
+    """Return loops (n, 2) without slits and slivers narrower than a width, and which are holes.
+
+    Closed and opened again by half the width, sharp corners kept.
+    """
+    body = shapely.Polygon()
+    for points, hole in sorted(zip(loops, is_hole, strict=True), key=lambda pair: pair[1]):
+        piece = shapely.make_valid(shapely.Polygon(points))
+        body = body.difference(piece) if hole else body.union(piece)
+    half = 0.5 * width_mm
+    for reach in (half, -2 * half, half):
+        body = shapely.buffer(body, reach, join_style="mitre", mitre_limit=2.0)
+    out: list[Array] = []
+    holes: list[bool] = []
+    for polygon in shapely.get_parts(body):
+        for ring, hole in [(polygon.exterior, False), *((r, True) for r in polygon.interiors)]:
+            out.append(shapely.get_coordinates(ring)[:-1])
+            holes.append(hole)
+    return out, holes
