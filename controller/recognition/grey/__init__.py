@@ -6,7 +6,7 @@ Paper, section 3.2: for tables that are not backlit, and for what silhouettes ca
 from ._arcs import Circles
 from ._corners import Corners, Junctions
 from ._features import Edgelets, ImageFeatures, image_features
-from ._hypotheses import Hypothesis, propose
+from ._hypotheses import Hypothesis, propose, rate
 from ._index import FeatureIndex, feature_index
 from ._model import ModelFeatures, model_features
 from ._tolerances import GreyTolerances
@@ -25,4 +25,5 @@ __all__ = [
     "image_features",
     "model_features",
     "propose",
+    "rate",
 ]

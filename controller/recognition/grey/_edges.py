@@ -121,7 +121,12 @@ def _on_plane(
     du, dv = _slopes(scaled)
     middle_u, middle_v = _slopes(np.zeros((1, 2)))
     a, b = (middle_u @ factors / half[0])[0], (middle_v @ factors / half[1])[0]
-    return points, du @ factors / half[0], dv @ factors / half[1], float(np.sqrt(abs(a[0] * b[1] - a[1] * b[0])))
+    return (
+        points,
+        du @ factors / half[0],
+        dv @ factors / half[1],
+        float(np.sqrt(abs(a[0] * b[1] - a[1] * b[0]))),
+    )
 
 
 def _powers(p: Array) -> Array:

@@ -147,7 +147,9 @@ def arc_edgelets(circles: Circles, strengths: Array) -> Edgelets:
     ray = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     points = circles.centres[of] + circles.radii[of, None] * ray
     seen = np.minimum(circles.cover * 2 * np.pi / circles.extents_rad, 1.0)
-    return Edgelets(points, (angle + np.pi / 2) % np.pi, (length / pieces * seen)[of], strengths[of])
+    return Edgelets(
+        points, (angle + np.pi / 2) % np.pi, (length / pieces * seen)[of], strengths[of]
+    )
 
 
 def join_edgelets(parts: list[Edgelets]) -> Edgelets:

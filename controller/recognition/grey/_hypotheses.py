@@ -15,16 +15,20 @@ from numpy.typing import NDArray
 
 from ._features import ImageFeatures
 from ._index import KINDS, FeatureIndex, Frames, feature_index, frames_of, near_keys
+from ._hulls import ROUNDEST, hull_of
+from ._matches import matches
 from ._model import ModelFeatures
-from ._score import EdgeMap, edge_map, fitted, quick_scores, rated
+from ._score import edge_map, fitted, quick_scores, rated
 from ._tolerances import GreyTolerances
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-MOST_PAIRS = 60_000  # of features looked at, per kind
-MOST_COARSE = 320  # hypotheses scored coarsely
+MOST_PAIRS = 20_000  # of features looked at, per kind
+MOST_COARSE = 240  # hypotheses scored coarsely
+MOST_OF_HULL = 120
 MOST_FITTED = 40
+PLAIN_ENOUGH = 0.5  # edgelets that are the part's and not its shadow's
 BIN_RAD = np.pi / 30  # hypotheses nearer than this are one
 BIN_MM = 3.0
 TURNS_OF_A_CIRCLE = 24  # tried where nothing says which way
@@ -83,15 +87,78 @@ def propose(
     if not index.models or len(image.edgelets.points_mm) == 0:
         return ()
     votes = _votes(image, index, foot, tol)
-    if len(votes) == 0:
+    coarse = np.concatenate(
+        [_clusters(votes)[:MOST_COARSE], _of_hull(image, index, foot, tol)[:MOST_OF_HULL]]
+    )
+    return _best(image, index, coarse, foot, most, tol)
+
+
+def rate(
+    image: ImageFeatures,
+    models: Sequence[ModelFeatures] | FeatureIndex,
+    poses: Array,
+    *,
+    foot_mm: tuple[float, float] = (0.0, 0.0),
+    most: int = 10,
+    tol: GreyTolerances | None = None,
+) -> tuple[Hypothesis, ...]:
+    """Return what somebody else proposes, fitted and scored, best first.
+
+    Parameters
+    ----------
+    poses : (n, 4) view, turn [rad] and shift [mm] on the table, as outlines may leave them: of
+        mirror images and poses with equal outlines, say
+    """
+    tol = tol or GreyTolerances()
+    index = models if isinstance(models, FeatureIndex) else feature_index(models, tol)
+    foot = np.asarray(foot_mm, dtype=np.float64)
+    if len(poses) == 0 or len(image.edgelets.points_mm) == 0:
         return ()
-    coarse = _clusters(votes)[:MOST_COARSE]
+    about = np.asarray(poses, dtype=np.float64) - np.r_[0.0, 0.0, foot]
+    return _best(image, index, about, foot, most, tol)
+
+
+def _best(
+    image: ImageFeatures,
+    index: FeatureIndex,
+    coarse: Array,
+    foot: Array,
+    most: int,
+    tol: GreyTolerances,
+) -> tuple[Hypothesis, ...]:
+    if len(coarse) == 0:
+        return ()
     seen = edge_map(image.edgelets, foot, tol)
     coarse = coarse[quick_scores(seen, index, coarse, MOST_FITTED)]
     poses = fitted(seen, index, coarse, tol)
     scores = rated(seen, index, poses, tol)
-    order = _distinct(poses, scores[:, 0])[:most]
+    order = _distinct(poses, scores[:, 0], most)
     return tuple(_hypothesis(image, index, poses[i], scores[i], foot, tol) for i in order.tolist())
+
+
+def _of_hull(image: ImageFeatures, index: FeatureIndex, foot: Array, tol: GreyTolerances) -> Array:
+    """Return (n, 4) hypotheses from the hull of all plain edges, the likest hulls first."""
+    plain = image.edgelets.strengths > PLAIN_ENOUGH
+    hull = hull_of(image.edgelets.points_mm[plain] - foot)
+    if hull is None or len(index.hulls) == 0:
+        return np.zeros((0, 4))
+    own = index.hulls
+    off = np.abs(own[:, 2] - hull[2]) / (tol.length_mm + tol.hull_ratio * hull[2])
+    off = np.maximum(off, np.abs(own[:, 4] - hull[4]) / tol.hull_roundness)
+    near = np.flatnonzero(off < 1.0)
+    near = near[np.argsort(off[near], kind="stable")]
+    rows = []
+    for m in near.tolist():
+        if own[m, 4] < ROUNDEST:
+            turns = hull[3] - own[m, 3] + np.array([0.0, np.pi])
+        else:
+            turns = np.arange(TURNS_OF_A_CIRCLE) * (2 * np.pi / TURNS_OF_A_CIRCLE)
+        cos, sin = np.cos(turns), np.sin(turns)
+        x = hull[0] - cos * own[m, 0] + sin * own[m, 1]
+        y = hull[1] - sin * own[m, 0] - cos * own[m, 1]
+        k = own[m, 6]
+        rows.append(np.stack([np.full(len(turns), float(m)), turns, x / k, y / k], axis=1))
+    return np.concatenate(rows) if rows else np.zeros((0, 4))
 
 
 def _votes(image: ImageFeatures, index: FeatureIndex, foot: Array, tol: GreyTolerances) -> Array:
@@ -153,6 +220,8 @@ def _clusters(votes: Array) -> Array:
             np.round(y / BIN_MM).astype(np.int64),
         ]
     )
+    if len(votes) == 0:
+        return np.zeros((0, 4))
     low = cells.min(axis=1)
     span = cells.max(axis=1) - low + 1
     key = np.ravel_multi_index(tuple(cells - low[:, None]), tuple(span))
@@ -166,21 +235,21 @@ def _clusters(votes: Array) -> Array:
     return np.stack([model[first], turn_mean, *mean], axis=1)[order]
 
 
-def _distinct(poses: Array, scores: Array) -> Ints:
-    """Return the hypotheses in order of score, without those a better one all but equals."""
+def _distinct(poses: Array, scores: Array, most: int) -> Ints:
+    """Return the ``most`` best, without those a better one all but equals."""
     order = np.argsort(-scores, kind="stable")
+    p = poses[order]
+    turn = np.abs((p[:, None, 1] - p[None, :, 1] + np.pi) % (2 * np.pi) - np.pi)
+    same = (p[:, None, 0] == p[None, :, 0]) & (turn < BIN_RAD / 2)
+    for axis in (2, 3):
+        same &= np.abs(p[:, None, axis] - p[None, :, axis]) < BIN_MM / 2
     kept: list[int] = []
-    for i in order.tolist():
-        same = [
-            k
-            for k in kept
-            if poses[k, 0] == poses[i, 0]
-            and np.abs(poses[k, 2:] - poses[i, 2:]).max() < BIN_MM / 2
-            and abs((poses[k, 1] - poses[i, 1] + np.pi) % (2 * np.pi) - np.pi) < BIN_RAD / 2
-        ]
-        if not same:
+    for i in range(len(p)):
+        if not same[i, kept].any():
             kept.append(i)
-    return np.array(kept, dtype=np.int64)
+        if len(kept) == most:
+            break
+    return order[kept]
 
 
 def _hypothesis(
@@ -191,19 +260,7 @@ def _hypothesis(
     foot: Array,
     tol: GreyTolerances,
 ) -> Hypothesis:
-    model = index.models[int(pose[0])]
-    cos, sin = np.cos(pose[1]), np.sin(pose[1])
-    R = np.array([[cos, -sin], [sin, cos]])
-
-    def laid(points: Array, spread: Array) -> Array:
-        return points @ R.T + spread[:, None] * pose[2:] + foot
-
-    ends = laid(model.lines_mm.reshape(-1, 2), model.line_spread.ravel()).reshape(-1, 4)
-    at = model.corners
-    n = np.arange(len(at.lines))
-    k = model.line_spread[at.lines[n, 0], at.ends[n, 0]] if len(n) else np.zeros(0)
-    circles = laid(model.circles_mm[:, :2], model.circle_spread)
-    reach = 2 * tol.match_mm
+    lines, corners, circles = matches(image, index.models[int(pose[0])], pose, foot, tol)
     return Hypothesis(
         int(pose[0]),
         float((pose[1] + np.pi) % (2 * np.pi) - np.pi),
@@ -211,48 +268,7 @@ def _hypothesis(
         float(score[0]),
         float(score[1]),
         float(score[2]),
-        _one_to_one(_line_gaps(image.lines_mm, ends, tol), reach),
-        _one_to_one(_gaps(image.corners.positions, laid(at.positions, k)), 2 * reach),
-        _one_to_one(
-            _gaps(image.circles.centres, circles)
-            + np.abs(image.circles.radii[:, None] - model.circles_mm[None, :, 2]),
-            reach,
-        ),
+        lines,
+        corners,
+        circles,
     )
-
-
-def _gaps(a: Array, b: Array) -> Array:
-    return np.asarray(np.linalg.norm(a[:, None] - b[None], axis=2))
-
-
-def _line_gaps(seen: Array, model: Array, tol: GreyTolerances) -> Array:
-    """Return how far (n, m) lines of the picture are beside those of the model, inf if apart."""
-    way = model[:, 2:] - model[:, :2]
-    length = np.maximum(np.hypot(way[:, 0], way[:, 1]), 1e-9)
-    way = way / length[:, None]
-    ends = seen.reshape(-1, 2, 2)[:, None] - model[None, :, None, :2]
-    t = np.einsum("nmei,mi->nme", ends, way)
-    beside = np.abs(ends[..., 0] * way[None, :, None, 1] - ends[..., 1] * way[None, :, None, 0])
-    gap = beside.max(axis=2)
-    covered = np.minimum(t.max(axis=2), length) - np.maximum(t.min(axis=2), 0.0)
-    own = np.hypot(seen[:, 2] - seen[:, 0], seen[:, 3] - seen[:, 1])
-    gap[covered < 0.5 * np.minimum(own[:, None], length[None])] = np.inf
-    return gap
-
-
-def _one_to_one(cost: Array, most: float) -> Ints:
-    """Return pairs (row, column), each once, the nearest first."""
-    row, column = np.nonzero(cost < most)
-    order = np.argsort(cost[row, column], kind="stable")
-    rows: set[int] = set()
-    columns: set[int] = set()
-    pairs = []
-    for i, j in zip(row[order].tolist(), column[order].tolist(), strict=True):
-        if i not in rows and j not in columns:
-            rows.add(i)
-            columns.add(j)
-            pairs.append((i, j))
-    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
-
-
-__all__ = ["EdgeMap", "Hypothesis", "propose"]

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._corners import Corners
+from ._hulls import hull_of
 from ._model import ModelFeatures
 from ._tolerances import GreyTolerances
 
@@ -19,9 +20,11 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 KINDS = ("edge", "corner", "pair", "flank", "line", "circle")
+ASKED = 96  # edgelets of a view that coarse scores are of
 MOST_LINES = 40  # of a picture or view, the longest
 MOST_CIRCLES = 16
 MOST_CORNERS = 60
+ALONE_MM, MOST_ALONE = 6.0, 14  # lines that may fix a pose by their length alone
 LEAST_APART_MM = 4.0  # of two points that give a direction: 0.3 mm on it is 4 deg
 
 
@@ -56,7 +59,8 @@ class FeatureIndex:
     models : views as they were given
     tables : of each of `KINDS`
     edgelets : (views, k, 5) of `ModelFeatures`, weight 0 where there are fewer
-    totals : (views,) their weights' sum
+    totals, asked_totals : (views,) their weights' sum, and of those that coarse scores ask for
+    hulls : (views, 7) of `hull_of`, and how far it moves with the part
     reach_mm : (views,) half the diagonal of a view about its origin
     """
 
@@ -64,7 +68,9 @@ class FeatureIndex:
     tables: dict[str, Frames]
     edgelets: NDArray[np.float32]
     totals: Array
+    asked_totals: Array
     reach_mm: Array
+    hulls: Array
 
 
 def feature_index(
@@ -94,7 +100,13 @@ def feature_index(
     tables = {kind: _sorted(_joined(rows)) for kind, rows in parts.items()}
     reach = np.array([_reach(m) for m in models])
     return FeatureIndex(
-        tuple(models), tables, edgelets, edgelets[:, :, 4].sum(axis=1).astype(np.float64), reach
+        tuple(models),
+        tables,
+        edgelets,
+        np.maximum(edgelets[:, :, 4].sum(axis=1), 1e-9),
+        np.maximum(edgelets[:, :ASKED, 4].sum(axis=1), 1e-9),
+        reach,
+        np.array([_hull(m) for m in models]).reshape(-1, 7),
     )
 
 
@@ -128,8 +140,11 @@ def frames_of(
         circle_spread[:c],
         circle_weights[:c],
     )
+    alone = np.flatnonzero(length >= ALONE_MM)[:MOST_ALONE]
     frames = {
-        "line": _frames([size], middle, k, turn, line_weights * length / 2),
+        "line": _frames(
+            [size[alone]], middle[alone], k[alone], turn[alone], (line_weights * length / 2)[alone]
+        ),
         "circle": _frames(
             [_scaled(circles[:, 2], tol.radius_mm, tol.radius_ratio)],
             circles[:, :2],
@@ -313,6 +328,13 @@ def _scaled(size: Array, absolute: float, ratio: float) -> Array:
 
 def _reach(m: ModelFeatures) -> float:
     return float(np.hypot(m.edgelets[:, 0], m.edgelets[:, 1]).max()) if len(m.edgelets) else 0.0
+
+
+def _hull(m: ModelFeatures) -> Array:
+    hull = hull_of(m.edgelets[:, :2].astype(np.float64))
+    if hull is None:
+        return np.zeros(7)
+    return np.r_[hull, m.edgelets[:, 2].mean()]
 
 
 def near_keys(table: Frames, keys: Array, most: int) -> tuple[Ints, Ints]:

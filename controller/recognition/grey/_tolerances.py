@@ -36,6 +36,8 @@ class GreyTolerances:
         parts are made to 1 % and seen in perspective
     angle_rad : of one corner in both
     radius_mm, radius_ratio : of one circle in both; chamfers make doubles of a rim
+    hull_ratio, hull_roundness : of the hull's width and of the ratio of its axes: walls that show
+        at one place and not at another
     reach_mm : a model's edge is searched this far beside where a coarse hypothesis puts it: 3 deg
         on 30 mm
     match_mm, match_rad : the same for a fitted one: walls that the view at the table's centre
@@ -67,6 +69,8 @@ class GreyTolerances:
     angle_rad: float = radians(8.0)
     radius_mm: float = 0.4
     radius_ratio: float = 0.03
+    hull_ratio: float = 0.05
+    hull_roundness: float = 0.1
     reach_mm: float = 1.6
     match_mm: float = 0.7
     match_rad: float = radians(9.0)

@@ -1,0 +1,82 @@
+"""Which feature of the picture is which of a view laid on it: one to one, the nearest first."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._features import ImageFeatures
+from ._model import ModelFeatures
+from ._tolerances import GreyTolerances
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MOST = 60  # features of either side that are matched, the largest
+
+
+def matches(
+    image: ImageFeatures, model: ModelFeatures, pose: Array, foot_mm: Array, tol: GreyTolerances
+) -> tuple[Ints, Ints, Ints]:
+    """Return pairs (n, 2) of numbers in picture and view, of lines, corners and circles.
+
+    Parameters
+    ----------
+    pose : (4,) view, turn and shift about the camera's foot
+    """
+    cos, sin = np.cos(pose[1]), np.sin(pose[1])
+    R = np.array([[cos, -sin], [sin, cos]])
+
+    def laid(points: Array, spread: Array) -> Array:
+        return np.asarray(points @ R.T + spread[:, None] * pose[2:] + foot_mm)
+
+    reach = 2 * tol.match_mm
+    ends = laid(model.lines_mm[:MOST].reshape(-1, 2), model.line_spread[:MOST].ravel())
+    lines = nearest_pairs(_beside(image.lines_mm[:MOST], ends.reshape(-1, 4)), reach)
+    at = model.corners
+    k = model.line_spread[at.lines[:MOST, 0], at.ends[:MOST, 0]]
+    corners = nearest_pairs(
+        _gaps(image.corners.positions[:MOST], laid(at.positions[:MOST], k)), 2 * reach
+    )
+    centres = laid(model.circles_mm[:MOST, :2], model.circle_spread[:MOST])
+    circles = nearest_pairs(
+        _gaps(image.circles.centres[:MOST], centres)
+        + np.abs(image.circles.radii[:MOST, None] - model.circles_mm[None, :MOST, 2]),
+        reach,
+    )
+    return lines, corners, circles
+
+
+def _gaps(a: Array, b: Array) -> Array:
+    return np.asarray(np.hypot(a[:, :1] - b[:, 0], a[:, 1:] - b[:, 1]))
+
+
+def _beside(seen: Array, model: Array) -> Array:
+    """Return how far (n, m) lines of the picture are beside those of the view, inf if apart."""
+    wx, wy = model[:, 2] - model[:, 0], model[:, 3] - model[:, 1]
+    length = np.maximum(np.hypot(wx, wy), 1e-9)
+    wx, wy = wx / length, wy / length
+    along, beside = [], []
+    for end in (0, 2):
+        dx = seen[:, end : end + 1] - model[:, 0]
+        dy = seen[:, end + 1 : end + 2] - model[:, 1]
+        along.append(dx * wx + dy * wy)
+        beside.append(np.abs(dx * wy - dy * wx))
+    gap = np.maximum(*beside)
+    overlap = np.minimum(np.maximum(*along), length) - np.maximum(np.minimum(*along), 0.0)
+    own = np.hypot(seen[:, 2] - seen[:, 0], seen[:, 3] - seen[:, 1])
+    gap[overlap < 0.5 * np.minimum(own[:, None], length)] = np.inf
+    return np.asarray(gap)
+
+
+def nearest_pairs(cost: Array, most: float) -> Ints:
+    """Return pairs (row, column), each once, the nearest first."""
+    row, column = np.nonzero(cost < most)
+    order = np.argsort(cost[row, column], kind="stable")
+    rows: set[int] = set()
+    columns: set[int] = set()
+    pairs = []
+    for i, j in zip(row[order].tolist(), column[order].tolist(), strict=True):
+        if i not in rows and j not in columns:
+            rows.add(i)
+            columns.add(j)
+            pairs.append((i, j))
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
