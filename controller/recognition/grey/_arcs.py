@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 MOST_PIECES = 180  # short lines, the longest of them, whose normals are met pairwise
-MOST_PAIRS = 6000
+MOST_PAIRS = 4000
 MOST_SEEDS = 32
 SECTORS = 36
 SEED_COVER = 0.6  # share of the turn asked of an arc that its pieces, with gaps between, cover
@@ -62,21 +62,18 @@ def find_circles(
     bent : pieces that are of no long line
     """
     circle_of = np.full(len(points), -1, dtype=np.int64)
-    order = np.argsort(owner, kind="stable")
-    starts = np.searchsorted(owner[order], np.arange(len(pieces.sums) + 1))
     x, y = (np.ascontiguousarray(c) for c in points.T)
     nx, ny = (np.ascontiguousarray(c) for c in normals.T)
     seeds = _seeds(pieces, bent)
     on, sign, support = _support(seeds, pieces)
-    free = np.ones(len(pieces.sums))
+    free = np.ones(len(pieces.sums), dtype=bool)
     length = np.linalg.norm(pieces.ends[:, 1] - pieces.ends[:, 0], axis=1)
     found: list[tuple[float, ...]] = []
     for seed in np.argsort(-support, kind="stable").tolist():
-        mine = np.flatnonzero(on[seed] & (free > 0))
-        r = float(seeds[seed, 2])
-        if length[mine].sum() < SEED_COVER * tol.circle_cover * 2 * np.pi * r:
+        mine = on[seed] & free
+        if mine @ length < SEED_COVER * tol.circle_cover * 2 * np.pi * seeds[seed, 2]:
             continue
-        members = np.concatenate([order[starts[m] : starts[m + 1]] for m in mine.tolist()])
+        members = np.flatnonzero(np.append(mine, False)[owner])
         circle = _fit(x[members], y[members])
         if circle is None:
             continue
@@ -100,7 +97,7 @@ def find_circles(
         if cover < tol.circle_cover:
             continue
         circle_of[inside] = len(found)
-        free[mine] = 0
+        free[mine] = False
         found.append((cx, cy, r, cover, start, extent, sign[seed]))
     table = np.array(found, dtype=np.float64).reshape(-1, 7)
     order = np.argsort(-table[:, 3], kind="stable")
@@ -157,15 +154,18 @@ def _seeds(pieces: Moments, bent: NDArray[np.bool_]) -> Array:
     pick = np.flatnonzero(bent)
     pick = pick[np.argsort(-length[pick], kind="stable")[:MOST_PIECES]]
     middle, normal, weight = pieces.ends[pick].mean(axis=1), pieces.normals[pick], length[pick]
-    i, j = np.triu_indices(len(pick), 1)
-    cross = normal[i, 0] * normal[j, 1] - normal[i, 1] * normal[j, 0]
-    apart = np.abs(cross) > 0.26  # 15 deg: normals nearer to parallel meet anywhere
-    i, j, cross = i[apart], j[apart], cross[apart]
-    d = middle[j] - middle[i]
-    s = (d[:, 0] * normal[j, 1] - d[:, 1] * normal[j, 0]) / cross  # along i's normal
-    t = (d[:, 0] * normal[i, 1] - d[:, 1] * normal[i, 0]) / cross  # along j's
-    ok = (np.abs(s - t) < 1.5 + 0.03 * np.abs(s)) & (np.abs(s) > 2.0)
-    i, j, s, t = i[ok], j[ok], s[ok], t[ok]
+    (mx, my), (nx, ny) = middle.T.astype(np.float32), normal.T.astype(np.float32)
+    cross = nx[:, None] * ny - ny[:, None] * nx
+    # 15 deg: normals nearer to parallel meet anywhere
+    apart = np.triu(np.abs(cross) > 0.26, 1)
+    cross[~apart] = 1.0
+    dx, dy = mx - mx[:, None], my - my[:, None]
+    s = (dx * ny - dy * nx) / cross  # along i's normal
+    t = (dx * ny[:, None] - dy * nx[:, None]) / cross  # along j's
+    long = np.abs(s)
+    apart &= (np.abs(s - t) < 1.5 + 0.03 * long) & (long > 2.0)
+    i, j = np.nonzero(apart)
+    s, t = s[i, j].astype(np.float64), t[i, j].astype(np.float64)
     if len(i) == 0:
         return np.zeros((0, 3))
     if len(i) > MOST_PAIRS:
@@ -210,14 +210,12 @@ def _cover(dx: Array, dy: Array, radius: float) -> tuple[float, float, float]:
     of = np.minimum((angle * (sectors / (2 * np.pi))).astype(np.int64), sectors - 1)
     # a circle that only crosses edges has a point or two where an arc has one for each pixel
     filled = np.bincount(of, minlength=sectors) > 0.4 * 2 * np.pi * radius / sectors
-    cover = float(filled.mean())
-    if filled.all():
-        return cover, 0.0, 2 * np.pi
+    seen = np.flatnonzero(filled)
+    if len(seen) in (0, sectors):
+        return len(seen) / sectors, 0.0, 2 * np.pi
     # the seen arc is what the longest gap leaves
-    empty = np.r_[~filled, ~filled]
-    edge = np.flatnonzero(np.diff(np.r_[0, empty.astype(np.int8), 0]))
-    begin, stop = edge[::2], edge[1::2]
-    longest = int((stop - begin).argmax())
-    gap = min(int(stop[longest] - begin[longest]), sectors)
-    start = (stop[longest] % sectors) * 2 * np.pi / sectors
-    return cover, float(start), float((sectors - gap) * 2 * np.pi / sectors)
+    gaps = np.diff(np.append(seen, seen[0] + sectors))
+    longest = int(gaps.argmax())
+    start = seen[(longest + 1) % len(seen)] * 2 * np.pi / sectors
+    extent = (sectors + 1 - gaps[longest]) * 2 * np.pi / sectors
+    return len(seen) / sectors, float(start), float(extent)

@@ -55,17 +55,18 @@ def cell_lines(edges: EdgePoints, tol: GreyTolerances) -> tuple[Moments, Ints]:
         if len(free) == 0:
             break
         number = np.cumsum(busy) - 1
-        of, at, way = number[cell[free]], local[free], turn[free]
-        theta, rho = _maxima(of, at, way, tol)
-        away = at[:, 0] * np.cos(theta)[of] + at[:, 1] * np.sin(theta)[of] - rho[of]
-        lean = np.abs((way - theta[of] + np.pi) % (2 * np.pi) - np.pi)
-        near = (np.abs(away) < 1.8 * tol.band_px) & (lean < tol.vote_rad)
-        bright = edges.normals[free]
+        of, at, bright = number[cell[free]], local[free], edges.normals[free]
+        theta, rho = _maxima(of, at, turn[free], tol)
+        (x, y), (bx, by) = at.T, bright.T
+        cos, sin = np.cos(theta)[of], np.sin(theta)[of]
+        near = np.abs(x * cos + y * sin - rho[of]) < 1.8 * tol.band_px
+        near &= bx * cos + by * sin > np.cos(tol.vote_rad)
         mean, normal, _ = line_of(*_sums(at[near], bright[near], of[near], len(theta)))
         # once more with the points of the fitted line, whichever bin's edge they had been beyond
-        away = ((at - mean[of]) * normal[of]).sum(axis=1)
-        near = np.abs(away) < tol.band_px
-        near &= (bright * normal[of]).sum(axis=1) > np.cos(tol.vote_rad)
+        nx, ny = normal[:, 0][of], normal[:, 1][of]
+        offset = (mean[:, 0] * normal[:, 0] + mean[:, 1] * normal[:, 1])[of]
+        near = np.abs(x * nx + y * ny - offset) < tol.band_px
+        near &= bx * nx + by * ny > np.cos(tol.vote_rad)
         enough = np.bincount(of[near], minlength=len(theta)) >= tol.cell_points
         near &= enough[of]
         if not near.any():
@@ -139,7 +140,8 @@ def _fitted(at: Array, bright: Array, of: Ints, origin: Array) -> Moments:
     sums, side = _sums(at, bright, of, count)
     mean, normal, _ = line_of(sums, side)
     along = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
-    t = ((at - mean[of]) * along[of]).sum(axis=1)
+    t = at[:, 0] * along[:, 0][of] + at[:, 1] * along[:, 1][of]
+    t -= (mean[:, 0] * along[:, 0] + mean[:, 1] * along[:, 1])[of]
     low, high = np.full(count, np.inf), np.full(count, -np.inf)
     np.minimum.at(low, of, t)
     np.maximum.at(high, of, t)
@@ -175,6 +177,8 @@ def line_of(sums: Array, bright: Array) -> tuple[Array, Array, Array]:
     c = yy / n - mean[:, 1] ** 2
     half = 0.5 * np.arctan2(2 * b, a - c)
     normal = np.stack([-np.sin(half), np.cos(half)], axis=1)
-    normal *= np.where((normal * bright).sum(axis=1) < 0, -1.0, 1.0)[:, None]
+    normal *= np.where(normal[:, 0] * bright[:, 0] + normal[:, 1] * bright[:, 1] < 0, -1.0, 1.0)[
+        :, None
+    ]
     spread = (a + c) / 2 - np.hypot((a - c) / 2, b)
     return mean, normal, np.sqrt(np.maximum(spread, 0.0))

@@ -110,34 +110,21 @@ def _on_plane(
     need not be undone for thousands of points.
     """
     height, width = shape
-    centre = np.array([(width - 1) / 2, (height - 1) / 2])
-    half = np.maximum(centre, 1.0)
+    half = np.maximum(np.array([(width - 1) / 2, (height - 1) / 2]), 1.0)
     grid = np.linspace(-1.0, 1.0, PLANE_NODES)
     nodes = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
-    target = np.asarray(to_plane(nodes * half + centre), dtype=np.float64)[:, :2]
-    factors, *_ = np.linalg.lstsq(_powers(nodes), target, rcond=None)
-    scaled = (pixels - centre) / half
-    points = _powers(scaled) @ factors
-    du, dv = _slopes(scaled)
-    middle_u, middle_v = _slopes(np.zeros((1, 2)))
-    a, b = (middle_u @ factors / half[0])[0], (middle_v @ factors / half[1])[0]
-    return (
-        points,
-        du @ factors / half[0],
-        dv @ factors / half[1],
-        float(np.sqrt(abs(a[0] * b[1] - a[1] * b[0]))),
-    )
+    target = np.asarray(to_plane(nodes * half + half), dtype=np.float64)[:, :2]
+    factors = np.linalg.lstsq(_powers(*nodes.T).T, target, rcond=None)[0].T  # (2, 10)
+    powers = _powers(*(pixels.T / half[:, None] - 1.0))
+    # of 1 x y xx xy yy xxx xxy xyy yyy, the derivatives are quadratic: of the first six
+    by_u = factors[:, [1, 3, 4, 6, 7, 8]] * np.array([1, 2, 1, 3, 2, 1]) / half[0]
+    by_v = factors[:, [2, 4, 5, 7, 8, 9]] * np.array([1, 1, 2, 1, 2, 3]) / half[1]
+    (a, c), (b, d) = by_u[:, 0], by_v[:, 0]
+    pitch = float(np.sqrt(abs(a * d - b * c)))
+    quadratic = powers[:6]
+    return (factors @ powers).T, (by_u @ quadratic).T, (by_v @ quadratic).T, pitch
 
 
-def _powers(p: Array) -> Array:
-    x, y = p[:, 0], p[:, 1]
-    one = np.ones_like(x)
-    return np.stack([one, x, y, x * x, x * y, y * y, x**3, x * x * y, x * y * y, y**3], axis=1)
-
-
-def _slopes(p: Array) -> tuple[Array, Array]:
-    x, y = p[:, 0], p[:, 1]
-    one, nil = np.ones_like(x), np.zeros_like(x)
-    du = [nil, one, nil, 2 * x, y, nil, 3 * x * x, 2 * x * y, y * y, nil]
-    dv = [nil, nil, one, nil, x, 2 * y, nil, x * x, 2 * x * y, 3 * y * y]
-    return np.stack(du, axis=1), np.stack(dv, axis=1)
+def _powers(x: Array, y: Array) -> Array:
+    xx, xy, yy = x * x, x * y, y * y
+    return np.stack([np.ones_like(x), x, y, xx, xy, yy, xx * x, xx * y, xy * y, yy * y])

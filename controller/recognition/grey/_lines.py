@@ -45,19 +45,20 @@ def _rounds(lines: Moments, pairs: Ints, angle_rad: float, rms_px: float) -> tup
     root = np.arange(count)
     sums, ends, normals = lines.sums.copy(), lines.ends.copy(), lines.normals.copy()
     for _ in range(ROUNDS):
-        pairs = np.unique(np.sort(root[pairs], axis=1), axis=0) if len(pairs) else pairs
-        pairs = pairs[pairs[:, 0] != pairs[:, 1]]
-        i, j = pairs.T
-        alike = np.einsum("ni,ni->n", normals[i], normals[j]) > np.cos(angle_rad)
-        i, j, pairs = i[alike], j[alike], pairs[alike]
-        if len(pairs) == 0:
+        i, j = root[pairs].T
+        key = np.unique((np.minimum(i, j) * count + np.maximum(i, j))[i != j])
+        i, j = np.divmod(key, count)
+        lean = normals[i, 0] * normals[j, 0] + normals[i, 1] * normals[j, 1]
+        alike = lean > np.cos(angle_rad)
+        i, j = i[alike], j[alike]
+        if len(i) == 0:
             break
         _, _, rms = line_of(sums[i] + sums[j], normals[i])
         straight = rms < rms_px
         i, j, rms = i[straight], j[straight], rms[straight]
-        pairs = pairs[straight]
-        if len(pairs) == 0:
+        if len(i) == 0:
             break
+        pairs = np.stack([i, j], axis=1)
         best = np.full(count, np.inf)
         np.minimum.at(best, i, rms)
         np.minimum.at(best, j, rms)
@@ -79,16 +80,13 @@ def _rounds(lines: Moments, pairs: Ints, angle_rad: float, rms_px: float) -> tup
             mean[:, None] + np.stack([t.min(1), t.max(1)], axis=1)[:, :, None] * along[:, None]
         )
         normals[a] = normal
-        root[np.isin(root, b)] = _looked_up(root[np.isin(root, b)], a, b)
+        to = np.arange(count)
+        to[b] = a
+        root = to[root]
     alive = np.unique(root)
     number = np.zeros(count, dtype=np.int64)
     number[alive] = np.arange(len(alive))
     return Moments(sums[alive], ends[alive], normals[alive]), number[root]
-
-
-def _looked_up(values: Ints, to: Ints, source: Ints) -> Ints:
-    order = np.argsort(source)
-    return to[order][np.searchsorted(source[order], values)]
 
 
 def _bridges(lines: Moments, tol: GreyTolerances) -> Ints:
