@@ -261,15 +261,15 @@ def _texture(values: Array) -> dict[str, Any]:
 def _table(light: Light, is_glowing: bool) -> dict[str, Any]:
     mi = tracer()
     rng = np.random.default_rng(light["table_seed"])
-    cells = 512
+    cells = 1024
     blotches = np.zeros((cells, cells))
-    for sigma_mm, weight in ((4.0, 0.5), (10.0, 1.0), (30.0, 1.0)):
-        layer = cv2.GaussianBlur(
-            rng.normal(size=(cells, cells)), (0, 0), sigma_mm * cells / TABLE_MM
-        )
+    for sigma_mm, weight in ((1.6, 0.5), (4.0, 0.7), (10.0, 1.0), (30.0, 1.0)):
+        coarse = round(TABLE_MM / sigma_mm * 2)  # noise drawn at half its own width, then enlarged
+        layer = cv2.GaussianBlur(rng.normal(size=(coarse, coarse)), (0, 0), 2.0)
+        layer = cv2.resize(layer, (cells, cells), interpolation=cv2.INTER_CUBIC)
         blotches += weight * layer / layer.std()
     albedo = light["table"] * (
-        1 + light["table_var"] * np.clip(blotches / blotches.std(), -2.5, 2.5) / 2
+        1 + light["table_var"] * np.clip(blotches / blotches.std(), -2.5, 2.5) / 1.6
     )
     out = {
         "type": "rectangle",
