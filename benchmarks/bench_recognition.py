@@ -1,0 +1,413 @@
+"""How right, how exact and how quick recognition is, on pictures that this project did not make.
+
+python benchmarks/bench_recognition.py [--json] [--set FOLDER...] [--parts PATH...] [--held-out]
+    [--lights backlit front lo-backlit lo-front] [--rivals] [--explain FOLDER] [--keep FOLDER]
+    [--times | --library 1000 [--library-dir FOLDER]] [--checkout FOLDER]
+
+Drives `cellctl recognise` as its users do, a process for the pictures of one light, held to one
+core. A set is a folder with pictures, truth.json, and perhaps lo/ (256 x 256) and calib/ (boards).
+What counts as right: `recognition_judge`. Every fourth picture is aside: --held-out tells those
+separately from the others.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit")]
+
+from cad_solids import SHARED  # noqa: E402  (path set above)
+from recognition_judge import (  # noqa: E402
+    Judge,
+    Thing,
+    Verdict,
+    confusion,
+    failures,
+    figures,
+    read_answer,
+    read_things,
+    reliability,
+)
+from recognition_library import make_library  # noqa: E402
+from recognition_runs import (  # noqa: E402
+    CELLCTL,
+    Run,
+    calibrate,
+    from_truth,
+    recognise_command,
+    rival_command,
+    run,
+    stable_poses,
+)
+from recognition_symmetry import Surface  # noqa: E402
+from recognition_tables import TARGETS, print_costs, print_lights  # noqa: E402
+
+from controller.cad import load_solid  # noqa: E402
+
+LIGHTS = {
+    "backlit": ("hi", "back"),
+    "front": ("hi", "front"),
+    "lo-backlit": ("lo", "back"),
+    "lo-front": ("lo", "front"),
+}
+LIGHTING = {"back": "backlit", "front": "front"}
+OURS = "cellctl"
+REPEATS = 3
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Pictures:
+    """A set of pictures with what lies in them, the cameras and the parts that may turn up."""
+
+    name: str
+    folder: Path
+    truth: dict[str, Any]
+    things: list[Thing]
+    cameras: dict[str, tuple[Path, str]]
+    parts: list[Path]
+
+    def of(self, light: str, *, kinds: tuple[str, ...] | None = None) -> list[Path]:
+        """Return the pictures of a light, or those of some kinds among them."""
+        size, mode = LIGHTS[light]
+        folder = self.folder / "lo" if size == "lo" else self.folder
+        names = [
+            entry["image"]
+            for entry in self.truth["images"]
+            if entry["mode"] == mode and (kinds is None or entry["kind"] in kinds)
+        ]
+        return [folder / name for name in names if (folder / name).is_file()]
+
+
+def read_set(folder: Path, args: argparse.Namespace, scratch: Path) -> Pictures:
+    truth = json.loads((folder / "truth.json").read_text())
+    parts = args.parts or ([folder / "parts"] if (folder / "parts").is_dir() else [])
+    cameras: dict[str, tuple[Path, str]] = {}
+    if args.calibration is None or args.lo_calibration is None:
+        into = scratch / folder.name
+        into.mkdir()
+        if (folder / "calib" / "calib.json").is_file():
+            cameras = calibrate(folder / "calib", into)
+        else:
+            cameras["hi"] = from_truth(truth, into / "hi.json")
+    for size, file in (("hi", args.calibration), ("lo", args.lo_calibration)):
+        if file is not None:
+            cameras[size] = (file.resolve(), "file given")
+    name = folder.name if folder != SHARED / "images" else "shared"
+    things = read_things(truth)
+    return Pictures(name, folder, truth, things, cameras, parts or [SHARED / "parts"])
+
+
+def surfaces(parts: Sequence[Path]) -> Callable[[str], Surface]:
+    """Return the surface of a part by its name, measured once."""
+    known: dict[str, Surface] = {}
+
+    def surface_of(name: str) -> Surface:
+        if name not in known:
+            files = [
+                path / f"{name}{ending}" if path.is_dir() else path
+                for ending in (".stl", ".step", ".stp")
+                for path in parts
+            ]
+            file = next(f for f in files if f.is_file() and f.stem == name)
+            is_mesh = file.suffix.lower() == ".stl"
+            known[name] = Surface(
+                trimesh.load(file, force="mesh") if is_mesh else load_solid(file).mesh
+            )
+        return known[name]
+
+    return surface_of
+
+
+class Bench:
+    """Runs recognisers over a set's pictures, one light at a time, and judges their answers."""
+
+    def __init__(self, pictures: Pictures, args: argparse.Namespace, checkout: Path) -> None:
+        self.pictures, self._args, self.checkout = pictures, args, checkout
+        self._judge = Judge(surfaces(pictures.parts))
+        self._poses: dict[str, list[np.ndarray]] | None = None
+
+    def _pose(self, part: str, index: int) -> np.ndarray | None:
+        if self._poses is None:
+            self._poses = stable_poses(self.pictures.parts)
+        poses = self._poses.get(part, [])
+        return poses[index] if 0 <= index < len(poses) else None
+
+    def answers(
+        self,
+        who: str,
+        light: str,
+        images: Sequence[Path],
+        parts: Sequence[Path] | None = None,
+        environment: dict[str, str] | None = None,
+    ) -> Run:
+        size, mode = LIGHTS[light]
+        camera, parts = self.pictures.cameras[size][0], list(parts or self.pictures.parts)
+        if who == OURS:
+            command = recognise_command(images, parts, camera, LIGHTING[mode])
+        else:
+            command = rival_command(who, images, parts, camera, LIGHTING[mode])
+        return run(
+            command,
+            one_core=not self._args.all_cores,
+            checkout=self.checkout if who == OURS else ROOT,
+            environment=environment,
+        )
+
+    def judge(self, told: Run, images: Sequence[Path]) -> list[Verdict]:
+        names = {image.name for image in images}
+        answers = [read_answer(line, self._pose) for line in told.lines]
+        return self._judge.judge([t for t in self.pictures.things if t.image in names], answers)
+
+    def costs(self, told: Run, images: Sequence[Path]) -> dict[str, Any]:
+        """Return what the pictures took, those with one object apart: that is the issue's."""
+        by_picture: dict[str, float] = {image.name: 0.0 for image in images}
+        for line in told.lines:
+            by_picture[line["image"]] += float(line.get("seconds") or 0.0)
+        one = [e["image"] for e in self.pictures.truth["images"] if len(e["objects"]) == 1]
+        answered = {line["image"] for line in told.lines}
+        alone = [by_picture[name] for name in by_picture if name in one and name in answered]
+        return {
+            "one_object_ms": _ms(alone),
+            "picture_ms": _ms(list(by_picture.values())),
+            "one_object_wall_ms": _ms([s for n, s in told.picture_s.items() if n in one]),
+            "wall_s": told.wall_s,
+            "start_s": told.start_s,
+            "peak_mb": told.peak_mb,
+            "error": told.error,
+        }
+
+    def keep(self, who: str, light: str, told: Run) -> None:
+        if self._args.keep is not None:
+            self._args.keep.mkdir(parents=True, exist_ok=True)
+            file = self._args.keep / f"{self.pictures.name}_{light}_{who}.jsonl"
+            file.write_text("".join(json.dumps(line) + "\n" for line in told.lines))
+
+
+def _ms(seconds: Sequence[float]) -> dict[str, float] | None:
+    if not seconds:
+        return None
+    found = 1e3 * np.array(seconds)
+    return {
+        "median": float(np.median(found)),
+        "p95": float(np.percentile(found, 95)),
+        "count": len(found),
+    }
+
+
+def is_held_out(image: str) -> bool:
+    """Say whether a picture is one of those aside: every fourth, from the third on."""
+    return int("".join(c for c in Path(image).stem if c.isdigit()) or 0) % 4 == 3
+
+
+def rates(bench: Bench, args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return a set's figures by light and method, and the verdicts behind them."""
+    result: dict[str, Any] = {}
+    verdicts: dict[str, dict[str, list[Verdict]]] = {}
+    methods = [OURS, *(("masks", "moments") if args.rivals else ())]
+    for light in args.lights:
+        images = bench.pictures.of(light)
+        if not images or LIGHTS[light][0] not in bench.pictures.cameras:
+            continue
+        for who in methods:
+            told = bench.answers(who, light, images)
+            bench.keep(who, light, told)
+            found = bench.judge(told, images)
+            verdicts.setdefault(light, {})[who] = found
+            result.setdefault(light, {})[who] = {
+                **described(found, args.held_out),
+                "pictures": len(images),
+                "costs": bench.costs(told, images),
+            }
+        if args.explain is not None:
+            explain(bench, light, result[light][OURS]["failures"], args.explain)
+    small = [verdicts[light] for light in ("lo-backlit", "lo-front") if light in verdicts]
+    if len(small) == 2:
+        both = {who: [v for of in small for v in of[who]] for who in methods}
+        verdicts["lo"] = both
+        result["lo"] = {who: described(found, args.held_out) for who, found in both.items()}
+    return result, verdicts
+
+
+def described(found: list[Verdict], with_held_out: bool) -> dict[str, Any]:
+    body = {
+        **figures(found),
+        "confusion": confusion(found),
+        "reliability": reliability(found),
+        "failures": failures(found),
+    }
+    if with_held_out:
+        aside = [is_held_out((v.thing or v.answer).image) for v in found]  # type: ignore[union-attr]
+        body["held_out"] = figures([v for v, out in zip(found, aside, strict=True) if out])
+        body["others"] = figures([v for v, out in zip(found, aside, strict=True) if not out])
+    return body
+
+
+def explain(bench: Bench, light: str, rows: list[dict[str, Any]], folder: Path) -> None:
+    """Have the failing pictures explained, where the command can do that."""
+    names = sorted({row["image"] for row in rows})
+    said = subprocess.run(
+        [*CELLCTL, "recognise", "--help"],
+        cwd=bench.checkout,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if not names or "--explain" not in said.stdout:
+        return
+    into = (folder / f"{bench.pictures.name}_{light}").resolve()
+    into.mkdir(parents=True, exist_ok=True)
+    images = [image for image in bench.pictures.of(light) if image.name in names]
+    size, mode = LIGHTS[light]
+    command = recognise_command(
+        images, bench.pictures.parts, bench.pictures.cameras[size][0], LIGHTING[mode]
+    )
+    told = run([*command, "--explain", str(into)], one_core=False, checkout=bench.checkout)
+    if told.error:
+        print(f"--explain: {told.error}", file=sys.stderr)
+
+
+def times(bench: Bench, args: argparse.Namespace) -> dict[str, Any]:
+    """Return what a picture with one part takes, each several times over in one process."""
+    result: dict[str, Any] = {}
+    methods = [OURS, *(("masks", "moments") if args.rivals else ())]
+    for light in args.lights:
+        images = bench.pictures.of(light, kinds=("single",))
+        for who in methods if images else ():
+            told = bench.answers(who, light, [i for i in images for _ in range(REPEATS)])
+            each: dict[str, float] = {}
+            for line in told.lines:
+                each[line["image"]] = each.get(line["image"], 0.0) + float(line["seconds"])
+            result.setdefault(light, {})[who] = {
+                "picture_ms": _ms([s / REPEATS for s in each.values()]),
+                "pictures": len(images),
+                "repeats": REPEATS,
+                "wall_per_picture_ms": 1e3
+                * (told.wall_s - told.start_s)
+                / max(REPEATS * len(images) - 1, 1),
+                "start_s": told.start_s,
+                "peak_mb": told.peak_mb,
+                "error": told.error,
+            }
+    return result
+
+
+def library(bench: Bench, args: argparse.Namespace, scratch: Path) -> dict[str, Any]:
+    """Return rates and costs on pictures with one part, with many parts to choose from."""
+    originals = [
+        file
+        for path in bench.pictures.parts
+        for file in (sorted(path.glob("*.stl")) if path.is_dir() else [path])
+    ]
+    folder = (args.library_dir or scratch / "library").resolve()
+    # what is compiled for this is kept beside it, and nobody else's is thrown out
+    environment = {"XDG_CACHE_HOME": str(folder / ".cache")}
+    files = make_library(folder, originals, args.library, seed=4)
+    begin = time.perf_counter()
+    subprocess.run(
+        [*CELLCTL, "compile", *map(str, files), "--json"],
+        cwd=bench.checkout,
+        env=os.environ | {"PYTHONPATH": str(bench.checkout)} | environment,
+        stdout=subprocess.DEVNULL,
+        check=False,
+    )
+    result: dict[str, Any] = {"parts": len(files), "compile_s": time.perf_counter() - begin}
+    result["lights"] = {}
+    for light in args.lights:
+        images = bench.pictures.of(light, kinds=("single",))
+        if images:
+            told = bench.answers(OURS, light, images, [folder], environment)
+            bench.keep(f"library_{args.library}", light, told)
+            found = bench.judge(told, images)
+            result["lights"][light] = {
+                **described(found, with_held_out=False),
+                "pictures": len(images),
+                "costs": bench.costs(told, images),
+            }
+    return result
+
+
+def main() -> int:
+    args = read_arguments()
+    folders = args.set or [SHARED / "images"]
+    for folder in folders:
+        if not (folder / "truth.json").is_file():
+            print(f"needs pictures and their truth.json in {folder}", file=sys.stderr)
+            return 2
+    checkout = (args.checkout or ROOT).resolve()
+    result: dict[str, Any] = {"targets": TARGETS, "load": os.getloadavg()[0], "sets": {}}
+    pooled: dict[str, dict[str, list[Verdict]]] = {}
+    with tempfile.TemporaryDirectory(prefix="bench_recognition_") as scratch_name:
+        for folder in folders:
+            pictures = read_set(folder.resolve(), args, Path(scratch_name))
+            bench = Bench(pictures, args, checkout)
+            body: dict[str, Any] = {"cameras": {k: how for k, (_, how) in pictures.cameras.items()}}
+            if args.times:
+                body["times"] = times(bench, args)
+            elif args.library:
+                body["library"] = library(bench, args, Path(scratch_name))
+            else:
+                body["lights"], verdicts = rates(bench, args)
+                for light, by_method in verdicts.items():
+                    for who, found in by_method.items():
+                        pooled.setdefault(light, {}).setdefault(who, []).extend(found)
+            result["sets"][pictures.name] = body
+    if len(folders) > 1 and pooled:
+        result["all_sets"] = {
+            light: {who: described(found, args.held_out) for who, found in by_method.items()}
+            for light, by_method in pooled.items()
+        }
+    if args.json:
+        print(json.dumps(result))
+        return 0
+    for name, body in result["sets"].items():
+        print(
+            f"== {name}: camera {', '.join(f'{k} by {how}' for k, how in body['cameras'].items())}"
+        )
+        if "lights" in body:
+            print_lights(body["lights"])
+        else:
+            print_costs(body.get("times"), body.get("library"))
+    if "all_sets" in result:
+        print("== all sets together")
+        print_lights(result["all_sets"])
+    return 0
+
+
+def read_arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.add_argument("--set", type=Path, nargs="+", help="folders with pictures and truth.json")
+    parser.add_argument("--parts", type=lambda p: Path(p).resolve(), nargs="+", help="CAD files")
+    parser.add_argument("--calibration", type=Path, help="camera; by the set's boards otherwise")
+    parser.add_argument("--lo-calibration", type=Path, help="camera of the small pictures")
+    parser.add_argument("--lights", nargs="+", choices=tuple(LIGHTS), default=list(LIGHTS))
+    parser.add_argument("--held-out", action="store_true", help="tell every fourth picture apart")
+    parser.add_argument("--rivals", action="store_true", help="the plain methods beside it")
+    parser.add_argument("--explain", type=Path, help="folder for explanations of what failed")
+    parser.add_argument("--keep", type=Path, help="folder for the answers themselves")
+    parser.add_argument("--times", action="store_true", help="only how long one part takes")
+    parser.add_argument("--library", type=int, help="only with so many parts to choose from")
+    parser.add_argument("--library-dir", type=Path, help="where that library is, or is to be, kept")
+    parser.add_argument("--all-cores", action="store_true", help="instead of one")
+    parser.add_argument("--checkout", type=Path, help="whose cellctl is run; this one otherwise")
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,250 @@
+"""Runs of a recogniser as its users run it: a process of its own, JSON lines out, and its costs.
+
+Also where its camera comes from: a file given, or the board pictures beside the others, by
+`cellctl calibrate camera`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+CELLCTL = (sys.executable, "-m", "controller.cli")
+RIVALS = (sys.executable, str(ROOT / "benchmarks" / "recognition_rivals.py"))
+TIMEOUT_S = 3600.0
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Run:
+    """What one process answered, and what it took.
+
+    Attributes
+    ----------
+    lines : the answers, as printed
+    wall_s : of the whole process; start_s : until its first answer, reading the parts included
+    picture_s : by picture, from the answer before to its own last one; not of the first picture
+    peak_mb : largest resident memory
+    error : what it said if it ended with an exit code that is no answer, else ""
+    """
+
+    lines: list[dict[str, Any]]
+    wall_s: float
+    start_s: float
+    picture_s: dict[str, float]
+    peak_mb: float
+    error: str = ""
+
+
+@dataclass(slots=True)
+class _Told:
+    lines: list[dict[str, Any]] = field(default_factory=list)
+    first_s: float | None = None
+    last_s: dict[str, float] = field(default_factory=dict)
+
+
+def run(
+    command: Sequence[str],
+    *,
+    one_core: bool,
+    checkout: Path = ROOT,
+    environment: dict[str, str] | None = None,
+) -> Run:
+    """Run a command that prints answers, and return them with what they took.
+
+    Parameters
+    ----------
+    one_core : the process may use one core only, the last of those there are
+    checkout : whose code is run
+    environment : set beside the present one
+    """
+    cores = os.sched_getaffinity(0)
+    before: Callable[[], None] | None = None
+    if one_core:
+        core = max(cores)
+
+        def before() -> None:
+            os.sched_setaffinity(0, {core})
+
+    told = _Told()
+    with tempfile.TemporaryFile("w+") as complaints:
+        begin = time.perf_counter()
+        process = subprocess.Popen(
+            list(command),
+            cwd=checkout,
+            env=os.environ | {"PYTHONPATH": str(checkout)} | (environment or {}),
+            stdout=subprocess.PIPE,
+            stderr=complaints,
+            text=True,
+            preexec_fn=before,
+        )
+        watch = threading.Timer(TIMEOUT_S, process.kill)
+        watch.start()
+        try:
+            assert process.stdout is not None
+            for line in process.stdout:
+                _take(line, time.perf_counter() - begin, told)
+            process.stdout.close()
+            # wait4 tells this child's memory alone, getrusage that of the largest one so far
+            _, status, usage = os.wait4(process.pid, 0)
+        finally:
+            watch.cancel()
+        wall_s = time.perf_counter() - begin
+        process.returncode = os.waitstatus_to_exitcode(status)
+        complaints.seek(0)
+        said = complaints.read().strip()
+    error = "" if process.returncode in (0, 1) else f"exit {process.returncode}: {said[-2000:]}"
+    if process.returncode == 1 and not told.lines and said:
+        error = f"exit 1 without an answer: {said[-2000:]}"
+    ends = list(told.last_s.items())
+    pictures = {name: at - ends[k][1] for k, (name, at) in enumerate(ends[1:])}
+    return Run(
+        told.lines,
+        wall_s,
+        wall_s if told.first_s is None else told.first_s,
+        pictures,
+        usage.ru_maxrss / 1024,
+        error,
+    )
+
+
+def _take(line: str, at_s: float, told: _Told) -> None:
+    try:
+        body = json.loads(line)
+    except ValueError:
+        return
+    if isinstance(body, dict) and "image" in body:
+        told.lines.append(body)
+        told.first_s = at_s if told.first_s is None else told.first_s
+        told.last_s[body["image"]] = at_s
+
+
+def recognise_command(
+    images: Sequence[Path], parts: Sequence[Path], calibration: Path, lighting: str
+) -> list[str]:
+    """Return the public command for pictures of one light."""
+    return [
+        *CELLCTL,
+        "recognise",
+        *map(str, images),
+        *(word for path in parts for word in ("--parts", str(path))),
+        *("--calibration", str(calibration), "--lighting", lighting, "--json"),
+    ]
+
+
+def rival_command(
+    method: str, images: Sequence[Path], parts: Sequence[Path], calibration: Path, lighting: str
+) -> list[str]:
+    """Return the command of a method to compare with."""
+    return [
+        *(*RIVALS, "--method", method),
+        *map(str, images),
+        *("--parts", *map(str, parts)),
+        *("--calibration", str(calibration), "--lighting", lighting),
+    ]
+
+
+def stable_poses(parts: Sequence[Path]) -> dict[str, list[np.ndarray]]:
+    """Return the orientations of the parts' stable poses, as `cellctl compile` numbers them."""
+    files: dict[str, Path] = {}
+    for path in parts:
+        # of a part that is there twice, the mesh: as the command takes it
+        for file in sorted(path.glob("*.st*")) if path.is_dir() else [path]:
+            is_mesh = file.suffix.lower() == ".stl"
+            is_read = is_mesh or file.suffix.lower() in (".step", ".stp")
+            if is_read and (is_mesh or file.stem not in files):
+                files[file.stem] = file
+    said = subprocess.run(
+        [*CELLCTL, "compile", *map(str, files.values()), "--json"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    bodies = [json.loads(line) for line in said.stdout.splitlines()]
+    return {b["part"]: [np.array(p["R"]) for p in b["stable_poses"]] for b in bodies}
+
+
+def calibrate(folder: Path, into: Path) -> dict[str, tuple[Path, str]]:
+    """Return the calibration files of a folder's board pictures and how they were made.
+
+    Parameters
+    ----------
+    folder : holds calib.json, the boards, and perhaps the small ones, named lo_...
+    into : where the files go
+
+    Returns
+    -------
+    "hi" and, where there are small pictures, "lo"
+    """
+    board = json.loads((folder / "calib.json").read_text())
+    made: dict[str, tuple[Path, str]] = {}
+    for name, prefix in (("hi", ""), ("lo", "lo_")):
+        target = {**board, "images": [dict(e, image=prefix + e["image"]) for e in board["images"]]}
+        target["world"] = dict(board["world"], image=prefix + board["world"]["image"])
+        images = [folder / entry["image"] for entry in target["images"]]
+        if not all(image.is_file() for image in images):
+            continue
+        told, result = into / f"{name}_target.json", into / f"{name}.json"
+        told.write_text(json.dumps(target))
+        command = [*CELLCTL, "calibrate", "camera", *map(str, images)]
+        command += ["--target", str(told), "-o", str(result)]
+        said = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        if said.returncode == 0 and result.is_file():
+            made[name] = (result, "cellctl calibrate camera")
+        elif name == "hi":
+            made[name] = (_by_opencv(folder, result), "OpenCV on the boards: no calibrate command")
+        else:
+            made[name] = (_smaller(made["hi"][0], result), "from the large pictures' camera")
+    return made
+
+
+def _by_opencv(folder: Path, result: Path) -> Path:
+    from bench_views import calibrate as fit_boards
+
+    camera, _ = fit_boards(folder)
+    body = {
+        "size_px": [int(n) for n in camera.size_px],
+        "K": camera.K.tolist(),
+        "distortion": camera.distortion.tolist(),
+        "T_world_cam": camera.T_world_cam.tolist(),
+    }
+    result.write_text(json.dumps(body))
+    return result
+
+
+def _smaller(large: Path, result: Path) -> Path:
+    """Write the camera of the 256 x 256 pictures, whose pixels are 5 x 4 of the large ones'."""
+    body = json.loads(large.read_text())
+    # u_lo = (u + 0.5) / 5 - 0.5, v_lo = (v + 0.5) / 4 - 0.5
+    shrink = np.array([[1 / 5, 0, 0.5 / 5 - 0.5], [0, 1 / 4, 0.5 / 4 - 0.5], [0, 0, 1]])
+    K = shrink @ np.array(body["K"])
+    body |= {"size_px": [256, 256], "K": K.tolist()}
+    result.write_text(json.dumps(body))
+    return result
+
+
+def from_truth(truth: dict[str, Any], result: Path) -> tuple[Path, str]:
+    """Write the camera that a set without boards was made with."""
+    camera = truth["camera"]
+    T_cam_world = np.eye(4)
+    T_cam_world[:3, :3], T_cam_world[:3, 3] = camera["R_wc"], camera["t_wc"]
+    body = {
+        "size_px": [camera["width"], camera["height"]],
+        "K": camera["K"],
+        "distortion": camera["dist"],
+        "T_world_cam": np.linalg.inv(T_cam_world).tolist(),
+    }
+    result.write_text(json.dumps(body))
+    return result, "THE TRUE CAMERA: this set has no boards"
