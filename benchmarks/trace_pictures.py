@@ -13,7 +13,7 @@ parts with a larger --count add to it. Picture N depends on the seed and N only.
 
 Modes: `back` is a glowing table (0.8 to 1.25 times white, uneven), `front` a ring lamp, often with
 a side lamp, above a matte table. `--unknown` names parts that are in no catalogue: about every
-eighth picture shows one of them (`known` false). `--multi` is the share of pictures of two to five
+seventh picture shows one of them (`known` false). `--multi` is the share of pictures of two to five
 parts. A part lies in one of its stable poses of 1 % or more, drawn by the square root of their
 odds, so that rare ones turn up; all of it is inside the picture, and parts are 4 mm apart.
 `--camera` takes the `camera` of another truth.json; `--small` traces a quarter of the rays and
@@ -22,7 +22,8 @@ unsaturated backlit pictures lie off the true outline.
 
 The tracer is mitsuba, no dependency of the project: pip install mitsuba, apt install libllvm19.
 From the project it takes the CAD room only (solids, stable poses, the camera model): it has to
-judge recognition and must not share its mistakes. One core; 4 to 15 s a picture.
+judge recognition and must not share its mistakes. One core; 4 to 15 s a picture. benchmarks/parts
+holds parts drawn for this, three with their mirror images.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 Truth = dict[str, Any]
 
 LEAST_ODDS = 0.01  # of a stable pose to be drawn at all
-UNKNOWN_SHARE = 0.125
+UNKNOWN_SHARE = 0.15
 GAP_MM = 4.0
 RIM_PX = 3.0
 MOST_TRIES = 300
