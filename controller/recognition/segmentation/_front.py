@@ -28,10 +28,10 @@ SOBEL_GAIN = 128.0  # of the 5 x 5 filter for a slope of 1; half as much again a
 NOISE_FACTOR = 0.8  # of the noise: four deviations of the gradient, which averages over 5 x 5
 STEP_FACTOR = 0.5  # of a level step: rounding of a slow slope is no border
 LEAST_EDGE = 0.012  # of the table's level per pixel, beyond its slope
-SKIRT_PX = 5
-SKIRT_SHARE = np.float32(0.3)  # of the strongest border near
-LEAST_BORDER = 12  # px
-GAP_PX = 2  # gaps in a border up to twice this are no way in
+RIDGE_PX = 5  # across a border
+STRONG_SHARE = 0.3
+LEAST_BORDER = 8  # px
+GAP_PX = 3  # gaps in a border up to twice this are no way in
 LEAST_HOLE = 12  # px
 SEEN_CONTRAST = 2.0  # grey levels, or one step
 
@@ -105,32 +105,55 @@ def _borders(grey: Grey, least: float) -> Bytes:
     """Return 1 along sharp borders: of ``least`` levels a pixel beyond a slope's, twice somewhere.
 
     A step as sharp as the lens is 2 px wide, a shadow's border many: the same gradient over a
-    wide window tells how much of it is slope.
+    wide window tells how much of it is slope. Only the ridge is kept, so that the foot of a
+    shadow that runs up to a border does not widen it.
     """
-    sharp = _sharpness(grey)
-    # beside a strong border only what is of its size: the skirt of a shadow is not
-    strongest = cv2.dilate(sharp, np.ones((SKIRT_PX, SKIRT_PX), np.uint8))
-    floor = cv2.max(strongest * SKIRT_SHARE, SOBEL_GAIN * least)
-    weak = (sharp > floor).astype(np.uint8)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(weak, connectivity=8)
-    is_border = np.zeros(len(stats), dtype=np.uint8)
-    is_border[labels[sharp > 2.0 * SOBEL_GAIN * least]] = 1
-    is_border[stats[:, cv2.CC_STAT_AREA] < LEAST_BORDER] = 0
-    is_border[0] = 0
-    return np.asarray(is_border[labels], np.uint8)
-
-
-def _sharpness(grey: Grey) -> NDArray[np.int16]:
-    """Return the gradient less its share over a wide window, in units of 1 / ``SOBEL_GAIN``."""
     gx = cv2.Sobel(grey, cv2.CV_16S, 1, 0, ksize=5)
     gy = cv2.Sobel(grey, cv2.CV_16S, 0, 1, ksize=5)
-    fine = cv2.add(np.abs(gx), np.abs(gy))
+    ax, ay = np.abs(gx), np.abs(gy)
+    sharp = _less_slope(grey, cv2.add(ax, ay))
+    ridge = ((sharp > SOBEL_GAIN * least) & _is_ridge(sharp, ax, ay, (gx ^ gy) < 0)).astype(
+        np.uint8
+    )
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(ridge, connectivity=8)
+    strong = labels[(sharp > 2.0 * SOBEL_GAIN * least) & (ridge > 0)]
+    size = stats[:, cv2.CC_STAT_AREA]
+    is_border = np.bincount(strong, minlength=len(stats)) >= np.maximum(STRONG_SHARE * size, 4)
+    is_border &= size >= LEAST_BORDER
+    is_border[0] = False
+    return np.asarray(is_border.astype(np.uint8)[labels])
+
+
+def _less_slope(grey: Grey, fine: NDArray[np.int16]) -> NDArray[np.int16]:
+    """Return a gradient less its share over a wide window, in units of 1 / ``SOBEL_GAIN``."""
     wide = cv2.boxFilter(grey, cv2.CV_32F, (SLOPE_PX, SLOPE_PX), normalize=False).astype(np.int16)
     gx = cv2.Sobel(wide, cv2.CV_16S, 1, 0, ksize=1)
     gy = cv2.Sobel(wide, cv2.CV_16S, 0, 1, ksize=1)
     coarse = cv2.add(np.abs(gx), np.abs(gy))
     scale = SLOPE_SHARE * SOBEL_GAIN / (2.0 * SLOPE_PX**2)
     return np.asarray(cv2.addWeighted(fine, 1.0, coarse, -scale, 0.0, dtype=cv2.CV_16S), np.int16)
+
+
+def _is_ridge(
+    sharp: NDArray[np.int16], ax: NDArray[np.int16], ay: NDArray[np.int16], rises: Mask
+) -> Mask:
+    """Return where a border is strongest across itself, to the nearest eighth of a turn.
+
+    Parameters
+    ----------
+    ax, ay : (h, w) magnitudes of the gradient's components
+    rises : (h, w) whether it points to the right and up, or to the left and down
+    """
+    line = np.eye(RIDGE_PX, dtype=np.uint8)
+    middle = np.zeros_like(line)
+    middle[RIDGE_PX // 2] = 1
+    flat, steep = ay < 0.414 * ax, ax < 0.414 * ay  # tan of an eighth of half a turn
+    best = np.where(
+        rises, cv2.dilate(sharp, np.ascontiguousarray(line[::-1])), cv2.dilate(sharp, line)
+    )
+    best = np.where(flat, cv2.dilate(sharp, middle), best)
+    best = np.where(steep, cv2.dilate(sharp, np.ascontiguousarray(middle.T)), best)
+    return np.asarray(sharp >= best)
 
 
 def _reached(blocked: Bytes) -> Bytes:
@@ -140,7 +163,10 @@ def _reached(blocked: Bytes) -> Bytes:
     padded = cv2.copyMakeBorder(free, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1)
     cv2.floodFill(padded, None, (0, 0), 2)
     reached = (padded[1:-1, 1:-1] == 2).astype(np.uint8)
-    return np.asarray(cv2.dilate(reached, disc) & (1 - blocked), np.uint8)
+    reached = cv2.dilate(reached, disc) & (1 - blocked)
+    for _ in range(GAP_PX):  # into narrow notches, no farther
+        reached = cv2.dilate(reached, np.ones((3, 3), np.uint8)) & (1 - blocked)
+    return np.asarray(reached, np.uint8)
 
 
 def _holes(
