@@ -163,9 +163,10 @@ def _reached(blocked: Bytes) -> Bytes:
     padded = cv2.copyMakeBorder(free, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1)
     cv2.floodFill(padded, None, (0, 0), 2)
     reached = (padded[1:-1, 1:-1] == 2).astype(np.uint8)
-    reached = cv2.dilate(reached, disc) & (1 - blocked)
-    for _ in range(GAP_PX):  # into narrow notches, no farther
-        reached = cv2.dilate(reached, np.ones((3, 3), np.uint8)) & (1 - blocked)
+    # step by step up to the borders, which are one pixel wide: a disc would leap over them
+    cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+    for _ in range(2 * GAP_PX):
+        reached = cv2.dilate(reached, cross) & (1 - blocked)
     return np.asarray(reached, np.uint8)
 
 
