@@ -25,7 +25,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit")]
@@ -43,6 +42,7 @@ from recognition_judge import (  # noqa: E402
     reliability,
 )
 from recognition_library import make_library  # noqa: E402
+from recognition_parts import cad_files, read_mesh  # noqa: E402
 from recognition_runs import (  # noqa: E402
     CELLCTL,
     Run,
@@ -55,8 +55,6 @@ from recognition_runs import (  # noqa: E402
 )
 from recognition_symmetry import Surface  # noqa: E402
 from recognition_tables import TARGETS, print_costs, print_lights  # noqa: E402
-
-from controller.cad import load_solid  # noqa: E402
 
 LIGHTS = {
     "backlit": ("hi", "back"),
@@ -113,20 +111,12 @@ def read_set(folder: Path, args: argparse.Namespace, scratch: Path) -> Pictures:
 
 def surfaces(parts: Sequence[Path]) -> Callable[[str], Surface]:
     """Return the surface of a part by its name, measured once."""
+    files = cad_files(parts)
     known: dict[str, Surface] = {}
 
     def surface_of(name: str) -> Surface:
         if name not in known:
-            files = [
-                path / f"{name}{ending}" if path.is_dir() else path
-                for ending in (".stl", ".step", ".stp")
-                for path in parts
-            ]
-            file = next(f for f in files if f.is_file() and f.stem == name)
-            is_mesh = file.suffix.lower() == ".stl"
-            known[name] = Surface(
-                trimesh.load(file, force="mesh") if is_mesh else load_solid(file).mesh
-            )
+            known[name] = Surface(read_mesh(files[name]))
         return known[name]
 
     return surface_of
@@ -142,7 +132,7 @@ class Bench:
 
     def _pose(self, part: str, index: int) -> np.ndarray | None:
         if self._poses is None:
-            self._poses = stable_poses(self.pictures.parts)
+            self._poses = stable_poses(self.pictures.parts, self.checkout)
         poses = self._poses.get(part, [])
         return poses[index] if 0 <= index < len(poses) else None
 
@@ -307,11 +297,7 @@ def times(bench: Bench, args: argparse.Namespace) -> dict[str, Any]:
 
 def library(bench: Bench, args: argparse.Namespace, scratch: Path) -> dict[str, Any]:
     """Return rates and costs on pictures with one part, with many parts to choose from."""
-    originals = [
-        file
-        for path in bench.pictures.parts
-        for file in (sorted(path.glob("*.stl")) if path.is_dir() else [path])
-    ]
+    originals = sorted(cad_files(bench.pictures.parts).values())
     folder = (args.library_dir or scratch / "library").resolve()
     # what is compiled for this is kept beside it, and nobody else's is thrown out
     environment = {"XDG_CACHE_HOME": str(folder / ".cache")}

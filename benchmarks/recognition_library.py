@@ -16,13 +16,15 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit")]
 
 from cad_solids import SHARED  # noqa: E402  (path set above)
+from recognition_parts import cad_files, read_mesh  # noqa: E402
+
+from controller.cad.compiled import part_name  # noqa: E402
 
 Array = NDArray[np.float64]
 
@@ -56,17 +58,17 @@ def make_library(folder: Path, originals: list[Path], count: int, seed: int) -> 
         if stored["recipe"] == recipe and all(f.is_file() for f in files):
             return files
     folder.mkdir(parents=True, exist_ok=True)
-    meshes = {p.stem: trimesh.load(p, force="mesh") for p in originals}
+    meshes = {part_name(p): read_mesh(p) for p in originals}
     # mirror images and sisters of one size are one family: they too have to differ in size
     taken: dict[tuple[int, ...], list[tuple[Array, float]]] = {}
     files = []
     for path in originals:
-        file = folder / path.name
-        file.write_bytes(path.read_bytes())
+        file = folder / f"{part_name(path)}.stl"
+        meshes[part_name(path)].export(file)
         files.append(file)
-        size = np.asarray(meshes[path.stem].extents)
+        size = np.asarray(meshes[part_name(path)].extents)
         taken.setdefault(_family(size), []).append((np.sort(size), APART_FROM_ORIGINAL))
-    names = [p.stem for p in originals]
+    names = list(meshes)
     for number in range(count - len(originals)):
         name = names[number % len(names)]
         mesh = meshes[name]
@@ -112,7 +114,8 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=4)
     parser.add_argument("--parts", type=Path, default=SHARED / "parts")
     args = parser.parse_args()
-    files = make_library(args.folder, sorted(args.parts.glob("*.stl")), args.count, args.seed)
+    originals = sorted(cad_files([args.parts]).values())
+    files = make_library(args.folder, originals, args.count, args.seed)
     print(f"{len(files)} parts in {args.folder}")
     return 0
 

@@ -30,6 +30,8 @@ from numpy.typing import NDArray
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from recognition_parts import cad_files, read_mesh  # noqa: E402
+
 from controller.cad import Camera  # noqa: E402  (path set above)
 
 Array = NDArray[np.float64]
@@ -40,6 +42,8 @@ HALF = GRID / 2
 LEAST_AREA_MM2 = 80.0
 LEAST_PROBABILITY = 0.02
 SAME_SIDE_RAD = np.radians(2.0)
+CAST_AGAIN = 8  # of the best overlaps
+APART_DEG = 4
 LEAST_OVERLAP = 0.90  # less is unknown
 MOST_UNLIKE = 0.10  # of cv2.matchShapes; more is unknown
 AREA_RATIO = 1.15  # Hu's moments do not see size: outlines further apart in area are left out
@@ -52,6 +56,7 @@ class Shadow:
     """A part lying one way under the middle of the camera, as a mask round its own centroid.
 
     com_mm : (2,) the centre of mass as seen from the mask's centroid
+    corners_mm : (n, 3, 3) triangles of the part lying so: from the centre of mass, above the table
     """
 
     part: str
@@ -62,6 +67,7 @@ class Shadow:
     com_mm: Array
     com_height_mm: float
     axis_rad: float
+    corners_mm: Array
 
 
 def read_camera(path: Path) -> Camera:
@@ -74,17 +80,8 @@ def read_camera(path: Path) -> Camera:
     )
 
 
-def part_files(paths: list[Path]) -> list[Path]:
-    """Return the meshes among files and folders; a part that is there as STEP too counts once."""
-    found: list[Path] = []
-    for path in paths:
-        found += sorted(path.glob("*.stl")) if path.is_dir() else [path]
-    return [f for f in found if f.suffix.lower() == ".stl"]
-
-
-def cast_shadows(path: Path, height_mm: float) -> list[Shadow]:
+def cast_shadows(part: str, mesh: trimesh.Trimesh, height_mm: float) -> list[Shadow]:
     """Return a part's shadows, one for each side it rests on, for a camera at a height."""
-    mesh = trimesh.load(path, force="mesh")
     poses, odds = trimesh.poses.compute_stable_poses(mesh, threshold=LEAST_PROBABILITY)
     sides: list[Array] = []
     shadows = []
@@ -96,35 +93,30 @@ def cast_shadows(path: Path, height_mm: float) -> list[Shadow]:
         corners = (np.asarray(mesh.triangles) - mesh.center_mass) @ R.T
         com_height = -float(corners[:, :, 2].min())
         corners[:, :, 2] += com_height
-        flat = corners[:, :, :2] * (height_mm / (height_mm - corners[:, :, 2:]))
-        shadow = _shadow(path.stem, R, flat, com_height)
-        if shadow is not None:
-            shadows.append(shadow)
+        if np.linalg.norm(corners[:, :, :2], axis=2).max() > 1.2 * HALF:
+            continue
+        loops = cast(corners, 0.0, np.zeros(2), np.array([0.0, 0.0, height_mm]))
+        mask, centroid, moments = drawn(loops)
+        outer = max(loops, key=len).astype(np.float32) - centroid.astype(np.float32)
+        size, long_axis = moments["m00"], axis(moments)
+        shadows.append(
+            Shadow(part, R, mask, outer, size, -centroid, com_height, long_axis, corners)
+        )
     return shadows
 
 
-def _shadow(part: str, R: Array, flat: Array, com_height_mm: float) -> Shadow | None:
+def cast(corners: Array, turn: float, com_mm: Array, above_mm: Array) -> list[Array]:
+    """Return the loops [mm] of the shadow of a part that lies turned, its centre of mass there."""
+    c, s = np.cos(turn), np.sin(turn)
+    place = corners[:, :, :2] @ np.array([[c, s], [-s, c]]) + com_mm - above_mm[:2]
+    flat = place * (above_mm[2] / (above_mm[2] - corners[:, :, 2:])) + above_mm[:2] - com_mm
     a, b = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
     facing = flat[a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] > 0]
-    if np.abs(facing).max() > 1.5 * HALF:
-        return None
     large = np.zeros((2 * GRID * FINE, 2 * GRID * FINE), np.uint8)
     for triangle in np.round((facing + GRID) * FINE * SUBPIXEL).astype(np.int32):
         cv2.fillConvexPoly(large, triangle, 1, shift=4)
     contours, _ = cv2.findContours(large, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    loops = [c.reshape(-1, 2) / FINE - GRID for c in contours]
-    mask, centroid, moments = drawn(loops)
-    outer = max(loops, key=len).astype(np.float32)
-    return Shadow(
-        part,
-        R,
-        mask,
-        outer - centroid.astype(np.float32),
-        moments["m00"],
-        -centroid,
-        com_height_mm,
-        axis(moments),
-    )
+    return [contour.reshape(-1, 2) / FINE - GRID + com_mm for contour in contours]
 
 
 def drawn(loops: list[Array]) -> tuple[Grey, Array, dict[str, float]]:
@@ -184,16 +176,38 @@ def find_outlines(picture: Grey, camera: Camera, lighting: str) -> list[list[Arr
     return found
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Match:
+    """What an outline is taken for; the centre of mass at a place on the table."""
+
+    shadow: Shadow | None
+    turn_rad: float
+    score: float
+    place_mm: Array
+
+
+def place_of(shadow: Shadow, turn: float, centroid: Array, above_mm: Array) -> Array:
+    """Return where the centre of mass (2,) stands, from the centroid of the shadow."""
+    # what stands higher is seen further from under the camera
+    shrink = 1 - shadow.com_height_mm / above_mm[2]
+    c, s = np.cos(turn), np.sin(turn)
+    under = above_mm[:2] + (centroid - above_mm[:2]) * shrink
+    return np.asarray(under + np.array([[c, -s], [s, c]]) @ shadow.com_mm)
+
+
 class Masks:
-    """Overlap of the filled outline, turned by whole degrees, with every shadow."""
+    """Overlap of the filled outline, turned by whole degrees, with every shadow.
+
+    The best ones are cast again at their place, since a tall part shows its side off the middle.
+    """
 
     def __init__(self, shadows: list[Shadow]) -> None:
         self._shadows = shadows
         self._masks = np.stack([s.mask.ravel() for s in shadows]).astype(np.float32)
         self._areas = self._masks.sum(axis=1)
 
-    def match(self, loops: list[Array]) -> tuple[Shadow | None, float, float, Array]:
-        """Return the shadow, the turn [rad], the score, and the outline's centroid [mm]."""
+    def match(self, loops: list[Array], above_mm: Array) -> Match:
+        """Return what fits loops [mm] best, seen by a camera above."""
         mask, centroid, _ = drawn(loops)
         turned = np.empty((360, GRID * GRID), np.float32)
         for k in range(360):
@@ -202,10 +216,28 @@ class Masks:
             turned[k] = cv2.warpAffine(mask, back, (GRID, GRID), flags=cv2.INTER_NEAREST).ravel()
         common = turned @ self._masks.T
         overlap = common / (turned.sum(axis=1)[:, None] + self._areas[None] - common)
-        k, j = np.unravel_index(overlap.argmax(), overlap.shape)
-        score = float(overlap[k, j])
-        known = self._shadows[j] if score >= LEAST_OVERLAP else None
-        return known, float(np.radians(k)), score, centroid
+        found = []
+        for _ in range(CAST_AGAIN):
+            k, j = np.unravel_index(overlap.argmax(), overlap.shape)
+            overlap[np.arange(k - APART_DEG, k + APART_DEG + 1) % 360, j] = 0
+            found.append(self._again(self._shadows[j], np.radians(k), mask, centroid, above_mm))
+        best = max(found, key=lambda match: match.score)
+        return Match(
+            best.shadow if best.score >= LEAST_OVERLAP else None,
+            best.turn_rad,
+            best.score,
+            best.place_mm if best.score >= LEAST_OVERLAP else centroid,
+        )
+
+    def _again(
+        self, shadow: Shadow, turn: float, mask: Grey, centroid: Array, above_mm: Array
+    ) -> Match:
+        place = place_of(shadow, turn, centroid, above_mm)
+        there, middle, _ = drawn(cast(shadow.corners_mm, turn, place, above_mm))
+        common = int((there & mask).sum())
+        score = common / max(int((there | mask).sum()), 1)
+        shift = (centroid - middle) * (1 - shadow.com_height_mm / above_mm[2])
+        return Match(shadow, turn, score, place + shift)
 
 
 class Moments:
@@ -214,8 +246,8 @@ class Moments:
     def __init__(self, shadows: list[Shadow]) -> None:
         self._shadows = shadows
 
-    def match(self, loops: list[Array]) -> tuple[Shadow | None, float, float, Array]:
-        """Return the shadow, the turn [rad], the score, and the outline's centroid [mm]."""
+    def match(self, loops: list[Array], above_mm: Array) -> Match:
+        """Return what fits loops [mm] best, seen by a camera above."""
         _, centroid, moments = drawn(loops)
         outer = loops[0].astype(np.float32)
         best, least = None, MOST_UNLIKE
@@ -226,8 +258,11 @@ class Moments:
             unlike = cv2.matchShapes(outer, shadow.contour, cv2.CONTOURS_MATCH_I1, 0)
             if unlike < least:
                 best, least = shadow, unlike
-        turn = 0.0 if best is None else axis(moments) - best.axis_rad
-        return best, turn, 1.0 - least / MOST_UNLIKE, centroid
+        if best is None:
+            return Match(None, 0.0, 0.0, centroid)
+        turn = axis(moments) - best.axis_rad
+        score = 1.0 - least / MOST_UNLIKE
+        return Match(best, turn, score, place_of(best, turn, centroid, above_mm))
 
 
 def recognise(
@@ -235,24 +270,16 @@ def recognise(
 ) -> list[dict[str, Any]]:
     """Return the answers to one picture."""
     answers = []
-    above = camera.position_mm
     for loops in find_outlines(picture, camera, lighting):
-        shadow, turn, score, centroid = method.match(loops)
-        place = centroid
-        if shadow is not None:
-            # what stands higher is seen further from under the camera
-            shrink = 1 - shadow.com_height_mm / above[2]
-            c, s = np.cos(turn), np.sin(turn)
-            place = above[:2] + (centroid - above[:2]) * shrink
-            place = place + np.array([[c, -s], [s, c]]) @ shadow.com_mm
+        found = method.match(loops, camera.position_mm)
         answers.append(
             {
-                "part": None if shadow is None else shadow.part,
-                "stable_pose_R": None if shadow is None else shadow.R.tolist(),
-                "x_mm": float(place[0]),
-                "y_mm": float(place[1]),
-                "theta_deg": float(np.degrees(turn)),
-                "score": score,
+                "part": None if found.shadow is None else found.shadow.part,
+                "stable_pose_R": None if found.shadow is None else found.shadow.R.tolist(),
+                "x_mm": float(found.place_mm[0]),
+                "y_mm": float(found.place_mm[1]),
+                "theta_deg": float(np.degrees(found.turn_rad)),
+                "score": found.score,
                 "ambiguous_with": [],
             }
         )
@@ -269,7 +296,11 @@ def main() -> int:
     args = parser.parse_args()
     camera = read_camera(args.calibration)
     height_mm = float(camera.position_mm[2])
-    shadows = [s for path in part_files(args.parts) for s in cast_shadows(path, height_mm)]
+    shadows = [
+        shadow
+        for name, file in cad_files(args.parts).items()
+        for shadow in cast_shadows(name, read_mesh(file), height_mm)
+    ]
     method = {"masks": Masks, "moments": Moments}[args.method](shadows)
     for path in args.images:
         begin = time.perf_counter()

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from recognition_parts import cad_files
 
 ROOT = Path(__file__).resolve().parents[1]
 CELLCTL = (sys.executable, "-m", "controller.cli")
@@ -155,19 +156,12 @@ def rival_command(
     ]
 
 
-def stable_poses(parts: Sequence[Path]) -> dict[str, list[np.ndarray]]:
+def stable_poses(parts: Sequence[Path], checkout: Path = ROOT) -> dict[str, list[np.ndarray]]:
     """Return the orientations of the parts' stable poses, as `cellctl compile` numbers them."""
-    files: dict[str, Path] = {}
-    for path in parts:
-        # of a part that is there twice, the mesh: as the command takes it
-        for file in sorted(path.glob("*.st*")) if path.is_dir() else [path]:
-            is_mesh = file.suffix.lower() == ".stl"
-            is_read = is_mesh or file.suffix.lower() in (".step", ".stp")
-            if is_read and (is_mesh or file.stem not in files):
-                files[file.stem] = file
+    files = cad_files(parts).values()
     said = subprocess.run(
-        [*CELLCTL, "compile", *map(str, files.values()), "--json"],
-        cwd=ROOT,
+        [*CELLCTL, "compile", *map(str, files), "--json"],
+        cwd=checkout,
         capture_output=True,
         text=True,
         check=False,
