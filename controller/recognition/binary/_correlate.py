@@ -77,6 +77,8 @@ def correlate(
         turn_rad=np.concatenate([c.turn_rad for c in found]),
         shift_mm=np.concatenate([c.shift_mm for c in found]),
     )
+    if len(candidates.model) == 0:
+        return ()
     laid = lay(observed, like, candidates, limits)
     return _matches(observed, like, at, laid, limits)
 
@@ -245,69 +247,82 @@ def _matches(
     limits: BinaryTolerances,
 ) -> tuple[StringMatch, ...]:
     free = _turn_is_free(observed, limits)
-    found = []
-    for i, turn, shift, error in zip(
-        laid.model.tolist(), laid.turn_rad, laid.shift_mm, laid.error_mm, strict=True
-    ):
-        matched, missed, spurious = _tally(observed, models[i], float(turn), shift, limits)
-        wrong = (missed + spurious) / (matched + missed + spurious + 1)
-        found.append(
-            StringMatch(
-                model_index=int(at[i]),
-                turn_rad=float(turn),
-                shift_mm=shift,
-                matched_count=matched,
-                missed_count=missed,
-                spurious_count=spurious,
-                error_mm=float(error),
-                rank_mm=float(error) * (1 + wrong),
-                turn_is_free=free,
-            )
-        )
-    return tuple(sorted(found, key=lambda match: match.rank_mm))
-
-
-def _tally(
-    observed: BoundaryString,
-    model: BoundaryString,
-    turn: float,
-    shift: Array,
-    limits: BinaryTolerances,
-) -> tuple[int, int, int]:
-    """Return how many corners and holes are matched, missed and spurious, once it lies there."""
-    place = complex(*shift)
-    matched = 0
-    for mine, theirs, my_size, their_size, near in (
-        (
-            observed.corner_mm,
-            model.corner_mm,
-            observed.corner_turn_rad,
-            model.corner_turn_rad,
-            np.full(len(model.corner_mm), limits.turn_near_rad),
-        ),
-        (
-            observed.hole_mm,
-            model.hole_mm,
-            observed.hole_area_mm2,
-            model.hole_area_mm2,
-            limits.hole_area_share * model.hole_area_mm2 + 1.0,
-        ),
-    ):
-        if len(mine) == 0 or len(theirs) == 0:
-            continue
-        moved = np.exp(1j * turn) * _complex(theirs) + place
-        apart = np.abs(moved[:, None] - _complex(mine)[None])
-        like = np.abs(their_size[:, None] - my_size[None]) <= near[:, None]
-        apart = np.where(like & (apart <= limits.point_near_mm), apart, np.inf)
-        best = (
-            np.isfinite(apart)
-            & (apart <= apart.min(axis=0))
-            & (apart <= apart.min(axis=1, keepdims=True))
-        )
-        matched += int(best.any(axis=1).sum())
-    there = len(model.corner_mm) + len(model.hole_mm)
+    moves = (laid.model, np.exp(1j * laid.turn_rad), _complex(laid.shift_mm))
+    corners = _matched(
+        observed.corner_mm,
+        observed.corner_turn_rad,
+        [
+            (m.corner_mm, m.corner_turn_rad, np.full(len(m.corner_mm), limits.turn_near_rad))
+            for m in models
+        ],
+        moves,
+        limits.point_near_mm,
+    )
+    holes = _matched(
+        observed.hole_mm,
+        observed.hole_area_mm2,
+        [
+            (m.hole_mm, m.hole_area_mm2, limits.hole_area_share * m.hole_area_mm2 + 1.0)
+            for m in models
+        ],
+        moves,
+        limits.point_near_mm,
+    )
+    there = np.array([len(m.corner_mm) + len(m.hole_mm) for m in models])[laid.model]
     here = len(observed.corner_mm) + len(observed.hole_mm)
-    return matched, there - matched, max(here - matched, 0)
+    matched = corners + holes
+    wrong = there + here - 2 * matched
+    # the share of features without a partner makes a match up to twice as bad
+    rank = laid.error_mm * (1 + wrong / (wrong + matched + 1))
+    return tuple(
+        StringMatch(
+            model_index=int(at[laid.model[k]]),
+            turn_rad=float(laid.turn_rad[k]),
+            shift_mm=laid.shift_mm[k],
+            matched_count=int(matched[k]),
+            missed_count=int(there[k] - matched[k]),
+            spurious_count=int(here - matched[k]),
+            error_mm=float(laid.error_mm[k]),
+            rank_mm=float(rank[k]),
+            turn_is_free=free,
+        )
+        for k in np.argsort(rank, kind="stable").tolist()
+    )
+
+
+def _matched(
+    mine: Array,
+    my_size: Array,
+    theirs: Sequence[tuple[Array, Array, Array]],
+    moves: tuple[Integers, NDArray[np.complex128], NDArray[np.complex128]],
+    reach_mm: float,
+) -> Integers:
+    """Return how many features of models, moved, meet a like one of the object, one to one.
+
+    Parameters
+    ----------
+    mine, my_size : (o, 2), (o,) features of the object
+    theirs : of each model the same, and how far sizes may differ
+    moves : (n,) which model, turn as a complex number, shift
+    """
+    model, turn, shift = moves
+    most = max(len(points) for points, _, _ in theirs)
+    if len(mine) == 0 or most == 0:
+        return np.zeros(len(model), dtype=np.int64)
+    point = np.zeros((len(theirs), most), dtype=np.complex128)
+    size = np.zeros((len(theirs), most))
+    near = np.full((len(theirs), most), -1.0)
+    for row, (p, s, n) in enumerate(theirs):
+        point[row, : len(p)], size[row, : len(p)], near[row, : len(p)] = _complex(p), s, n
+    like = np.abs(size[:, :, None] - my_size) <= near[:, :, None]
+    moved = turn[:, None] * point[model] + shift[:, None]
+    apart = np.abs(moved[:, :, None] - _complex(mine))
+    apart = np.where(like[model] & (apart <= reach_mm), apart, np.inf)
+    nearest = apart <= np.minimum(
+        apart.min(axis=1, keepdims=True), apart.min(axis=2, keepdims=True)
+    )
+    matched: Integers = (nearest & np.isfinite(apart)).any(axis=2).sum(axis=1)
+    return matched
 
 
 def _turn_is_free(observed: BoundaryString, limits: BinaryTolerances) -> bool:

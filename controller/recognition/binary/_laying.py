@@ -22,13 +22,25 @@ Integers = NDArray[np.int64]
 CELLS = 160  # of the map along the object's longer side
 MARGIN = 0.15  # of that side, kept free round the object
 FINE = 4  # samples put between two of the outline
-FIRST_SKIP, LAST_SKIP = 4, 2  # one in so many samples is used, while candidates are many, and few
-FIRST_STEPS, LAST_STEPS = 3, 3
+_T = np.arange(FINE) / FINE
+CUBICS = np.stack(  # Hermite's, of begin, slope there, end, slope there
+    [
+        (1 + 2 * _T) * (1 - _T) ** 2,
+        _T * (1 - _T) ** 2,
+        _T**2 * (3 - 2 * _T),
+        _T**2 * (_T - 1),
+    ]
+)
+LOOK_SKIP, FIRST_SKIP, LAST_SKIP = 8, 4, 2  # one in so many samples: many candidates, then few
+LOOK_FACTOR, LOOK_MM = (
+    3.0,
+    1.5,
+)  # before fitting, what is further off than the best by this is not it
+FIRST_STEPS, LAST_STEPS = 3, 2
 SAME_TURN_RAD = 0.05  # candidates of a model this close after fitting are one
 STIFFNESS = (
     1e-3  # of a motion nothing resists, as the turn of a circle, beside 1 for one along a normal
 )
-KEPT_ERROR = 2.5  # candidates worse than a model's best by this factor are dropped early
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -92,10 +104,18 @@ class _NearestMap:
 
 
 def _fine(loop: Array) -> tuple[Complex, Complex]:
+    """Return a loop with points put between its samples, on cubics (Catmull and Rom), and normals.
+
+    Chords would cut an arc of 20 mm by 0.1 mm at the spacing of a hole's samples.
+    """
     z = _complex(loop)
-    side = np.roll(z, -1) - z
-    fine: Complex = (z[:, None] + side[:, None] * (np.arange(FINE) / FINE)).ravel()
-    normal: Complex = np.repeat(-1j * side / np.maximum(np.abs(side), 1e-9), FINE)
+    after = np.concatenate([z[1:], z[:1]])
+    slope = 0.5 * (after - np.concatenate([z[-1:], z[:-1]]))
+    slope_after = np.concatenate([slope[1:], slope[:1]])
+    terms = np.stack([z, slope, after, slope_after], axis=1)
+    fine: Complex = np.asarray(terms @ CUBICS, dtype=np.complex128).ravel()
+    side = np.concatenate([fine[1:], fine[:1]]) - np.concatenate([fine[-1:], fine[:-1]])
+    normal: Complex = -1j * side / np.maximum(np.abs(side), 1e-9)
     return fine, normal
 
 
@@ -108,17 +128,22 @@ def lay(
     """Return candidates fitted to an object, equal ones once, the best few of each model."""
     nearest = _NearestMap(observed)
     model = candidates.model
-    samples, weight = _samples(models, FIRST_SKIP)
-    turn = candidates.turn_rad.copy()
-    shift: Complex = candidates.shift_mm[:, 0] + 1j * candidates.shift_mm[:, 1]
-    for step in range(FIRST_STEPS):
-        cap = 2 * limits.outline_cap_mm / (step + 1)
-        turn, shift, error = _step(nearest, samples[model], turn, shift, cap, weight[model])
-    keep = _distinct(model, turn, error, limits.keep_per_model)
+    turn = candidates.turn_rad
+    shift = _complex(candidates.shift_mm)
+    cap = limits.outline_cap_mm
+    # most candidates are far off, which few samples show
+    samples, weight = _samples(models, LOOK_SKIP)
+    error = _error(nearest, samples[model], turn, shift, 4 * cap, weight[model])
+    keep = error <= LOOK_FACTOR * error.min() + LOOK_MM
     model, turn, shift = model[keep], turn[keep], shift[keep]
+    samples, weight = _samples(models, FIRST_SKIP)
+    for step in range(FIRST_STEPS):
+        wide = 2 * cap / (step + 1)
+        turn, shift, error = _step(nearest, samples[model], turn, shift, wide, weight[model])
+    keep_at = _distinct(model, turn, error, limits)
+    model, turn, shift = model[keep_at], turn[keep_at], shift[keep_at]
     samples, weight = _samples(models, LAST_SKIP)
     samples, weight = samples[model], weight[model]
-    cap = limits.outline_cap_mm
     for _ in range(LAST_STEPS):
         turn, shift, _ = _step(nearest, samples, turn, shift, cap, weight)
     error = _error(nearest, samples, turn, shift, cap, weight)
@@ -200,16 +225,21 @@ def _error(
     return error
 
 
-def _distinct(model: Integers, turn: Array, error: Array, count: int) -> Integers:
-    """Return the best few candidates of each model, of equal turns one."""
+def _distinct(model: Integers, turn: Array, error: Array, limits: BinaryTolerances) -> Integers:
+    """Return the best few candidates of each model, of equal turns one, the hopeless left out."""
+    worst = limits.keep_factor * float(error.min()) + limits.keep_mm
     kept: list[int] = []
-    taken: dict[int, list[int]] = {}
+    taken: dict[int, list[float]] = {}
+    models, turns = model.tolist(), turn.tolist()
     for i in np.argsort(error).tolist():
-        mine = taken.setdefault(int(model[i]), [])
-        if len(mine) >= count or (mine and error[i] > KEPT_ERROR * error[mine[0]] + 0.2):
+        if error[i] > worst:
+            break
+        mine = taken.setdefault(models[i], [])
+        if len(mine) >= limits.keep_per_model:
             continue
-        if any(abs(np.angle(np.exp(1j * (turn[i] - turn[k])))) < SAME_TURN_RAD for k in mine):
+        apart = [abs((turns[i] - other + np.pi) % (2 * np.pi) - np.pi) for other in mine]
+        if min(apart, default=np.inf) < SAME_TURN_RAD:
             continue
-        mine.append(i)
+        mine.append(turns[i])
         kept.append(i)
     return np.array(kept, dtype=np.int64)

@@ -24,10 +24,11 @@ STRAIGHTEST_MM = 500.0  # an arc of a larger radius is a line
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Fit:
-    """Primitives of one run.
+    """Primitives of the runs of a loop, in order.
 
     Attributes
     ----------
+    of_run : (r,) the first primitive of each run
     first, last : (k,) samples of the run they reach from and to, both included
     is_arc : (k,)
     centre : (k, 2) of arcs, of lines the middle
@@ -35,6 +36,7 @@ class Fit:
     direction : (k, 2) of lines, along the run
     """
 
+    of_run: Integers
     first: Integers
     last: Integers
     is_arc: NDArray[np.bool_]
@@ -78,20 +80,34 @@ class RunningSums:
         return middles
 
 
-def fit_runs(points: Array, runs: list[tuple[int, int]], limits: BinaryTolerances) -> list[Fit]:
-    """Return the primitives of runs of points (n, 2), each from a sample to another, included."""
-    sums = RunningSums(points)
-    first = np.array([a for a, _ in runs])
-    last = np.array([b for _, b in runs])
-    cost, is_arc = _cost(sums, first, last, limits)
-    fits = []
-    for i, (a, b) in enumerate(runs):
-        # most runs are one line: nothing that costs another primitive could be better
-        if cost[i] <= 2 * limits.primitive_cost or b - a < 2 * SHORTEST_RUN:
-            fits.append(_fit(sums, points, np.array([a, b]), is_arc[i : i + 1]))
+def fit_runs(sums: RunningSums, closed: Array, runs: Integers, limits: BinaryTolerances) -> Fit:
+    """Return the primitives of runs (r, 2) of points, each from a sample to another, included."""
+    cost, is_arc = _cost(sums, runs[:, 0], runs[:, 1], limits)
+    # most runs are one line: nothing that costs another primitive could be better
+    simple = (cost <= 2 * limits.primitive_cost) | (runs[:, 1] - runs[:, 0] < 2 * SHORTEST_RUN)
+    first, last, arcs, count = [], [], [], []
+    for i, (a, b) in enumerate(runs.tolist()):
+        if simple[i]:
+            cuts, curved = np.array([a, b]), is_arc[i : i + 1]
         else:
-            fits.append(_fit(sums, points, *_best_cuts(sums, a, b, limits)))
-    return fits
+            cuts, curved = _best_cuts(sums, a, b, limits)
+        first.append(cuts[:-1])
+        last.append(cuts[1:])
+        arcs.append(curved)
+        count.append(len(curved))
+    return _fit(
+        sums,
+        closed,
+        (np.concatenate(first), np.concatenate(last)),
+        np.concatenate(arcs),
+        np.cumsum(count, dtype=np.int64) - np.array(count),
+    )
+
+
+def is_circle(sums: RunningSums, count: int, limits: BinaryTolerances) -> bool:
+    """Tell whether all points of a loop are one arc."""
+    _, arc, *_ = sums.fit(np.zeros(1, dtype=np.int64), np.array([count - 1]))
+    return float(arc[0]) < count * limits.line_noise_mm**2
 
 
 def _cost(
@@ -152,12 +168,18 @@ def _joined(
     return cuts, is_arc
 
 
-def _fit(sums: RunningSums, points: Array, cuts: Integers, is_arc: NDArray[np.bool_]) -> Fit:
-    first, last = cuts[:-1], cuts[1:]
+def _fit(
+    sums: RunningSums,
+    closed: Array,
+    reach: tuple[Integers, Integers],
+    is_arc: NDArray[np.bool_],
+    of_run: Integers,
+) -> Fit:
+    first, last = reach
     _, _, centre, radius, direction = sums.fit(first, last)
-    chord = points[last] - points[first]
-    backward = (direction * chord).sum(axis=1) < 0
+    backward = (direction * (closed[last] - closed[first])).sum(axis=1) < 0
     return Fit(
+        of_run=of_run,
         first=first,
         last=last,
         is_arc=is_arc,

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from controller.cad import Loop, Stroke
 
 from ._corners import Integers, find_corners, triangular
-from ._primitives import Fit, fit_runs
+from ._primitives import Fit, RunningSums, fit_runs, is_circle
 from ._slits import without_slits
 from ._tolerances import BinaryTolerances
 
@@ -27,7 +27,9 @@ Array = NDArray[np.float64]
 Number = TypeVar("Number", np.float64, np.complex128)
 
 OUTLINE_SAMPLES = 256  # of an outline of 400 mm one each 1.6 mm
-HOLE_SAMPLES = 16
+HOLE_SAMPLES = 32
+LEAST_CROSSING = 0.3  # sine of the angle of lines that are let meet in a corner
+FARTHEST_CROSSING_MM = 1.5  # from the filter's peak, or it is another corner's
 DEFAULT = BinaryTolerances()
 
 
@@ -56,7 +58,7 @@ class BoundaryString:
     hole_mm : (h, 2) centroids of the holes
     hole_area_mm2 : (h,)
     outline_mm : (256, 2) the outline at equal steps
-    hole_outline_mm : (h, 16, 2) each hole at equal steps
+    hole_outline_mm : (h, 32, 2) each hole at equal steps
     perimeter_mm : of the outline
     area_mm2 : of the object, holes taken out
     centroid_mm : (2,) of the filled outline
@@ -163,16 +165,22 @@ class _Coded:
 
 def _code_loop(points: Array, limits: BinaryTolerances) -> _Coded:
     points, step = _resampled(points, limits.spacing_mm)
-    corner, turn, begin = _corners(points, step, limits)
-    points = np.concatenate([points[begin:], points[:begin]])
     closed = np.concatenate([points, points[:1]])
-    runs = [(0, len(points))]
+    sums = RunningSums(closed)
+    corner, turn, begin = np.zeros(0, dtype=np.int64), np.zeros(0), 0
+    if not is_circle(sums, len(closed), limits):
+        corner, turn, begin = _corners(points, step, limits)
+        points = np.concatenate([points[begin:], points[:begin]])
+        closed = np.concatenate([points, points[:1]])
+        sums = RunningSums(closed)
+    runs = np.array([[0, len(points)]])
     if len(corner):
         corner = corner - begin
         runs = _runs_between(corner, len(points), max(1, round(limits.trim_mm / step)))
-    fits = fit_runs(closed, runs, limits)
-    table = _table(closed, step, fits)
-    return _Coded(points, step, corner, turn, table, _sharpened(points, corner, fits))
+    fit = fit_runs(sums, closed, runs, limits)
+    return _Coded(
+        points, step, corner, turn, _table(closed, step, fit), _sharpened(points, corner, fit)
+    )
 
 
 def _corners(points: Array, step: float, limits: BinaryTolerances) -> tuple[Integers, Array, int]:
@@ -200,22 +208,17 @@ def _corners(points: Array, step: float, limits: BinaryTolerances) -> tuple[Inte
     return corner, (found.size * found.sign)[sharp], begin
 
 
-def _runs_between(corner: Integers, count: int, trim: int) -> list[tuple[int, int]]:
-    runs = []
-    for a, b in zip(corner.tolist(), [*corner[1:].tolist(), count], strict=True):
-        cut = min(trim, max(0, (b - a - 4) // 2))
-        runs.append((a + cut, b - cut))
-    return runs
+def _runs_between(corner: Integers, count: int, trim: int) -> Integers:
+    """Return first and last samples (c, 2) of what lies between corners, the corners trimmed."""
+    ends = np.append(corner[1:], count)
+    cut = np.clip((ends - corner - 4) // 2, 0, trim)
+    return np.stack([corner + cut, ends - cut], axis=1)
 
 
-def _table(closed: Array, step: float, fits: Sequence[Fit]) -> tuple[Array, ...]:
+def _table(closed: Array, step: float, fit: Fit) -> tuple[Array, ...]:
     """Return start, end, along, length, radius, centre, turn, joint, is_arc, in order."""
-    first = np.concatenate([fit.first for fit in fits])
-    last = np.concatenate([fit.last for fit in fits])
-    is_arc = np.concatenate([fit.is_arc for fit in fits])
-    centre = np.concatenate([fit.centre for fit in fits])
-    radius = np.concatenate([fit.radius for fit in fits])
-    direction = np.concatenate([fit.direction for fit in fits])
+    first, last, is_arc = fit.first, fit.last, fit.is_arc
+    centre, radius, direction = fit.centre, fit.radius, fit.direction
     p, q = closed[first], closed[last]
     # the samples' feet on the line or on the circle
     foot = [_on(v, is_arc, centre, radius, direction) for v in (p, q)]
@@ -226,15 +229,19 @@ def _table(closed: Array, step: float, fits: Sequence[Fit]) -> tuple[Array, ...]
         *(closed[(k * first + (4 - k) * last) // 4] - centre for k in (3, 2, 1)),
         arm[1],
     ]
-    turn = np.where(is_arc, sum(_angle(u, v) for u, v in pairwise(on_way)), 0.0)
-    sign = np.where(turn < 0, -1.0, 1.0)[:, None]
+    turned = np.sum([_angle(u, v) for u, v in pairwise(on_way)], axis=0)
+    turn: Array = np.where(is_arc, turned, 0.0)
+    sign: Array = np.where(turn < 0, -1.0, 1.0)[:, None]
     heading = [
         np.where(is_arc[:, None], sign * np.stack([-a[:, 1], a[:, 0]], axis=1), direction)
         for a in arm
     ]
     joint = _angle(heading[1], next_of(heading[0]))
-    length = np.where(is_arc, np.abs(turn) * radius, np.linalg.norm(foot[1] - foot[0], axis=1))
-    return foot[0], foot[1], first * step, length, sign[:, 0] * radius, centre, turn, joint, is_arc
+    chord = foot[1] - foot[0]
+    length: Array = np.where(is_arc, np.abs(turn) * radius, np.hypot(chord[:, 0], chord[:, 1]))
+    along: Array = first.astype(np.float64) * step
+    curved: Array = is_arc.astype(np.float64)
+    return foot[0], foot[1], along, length, sign[:, 0] * radius, centre, turn, joint, curved
 
 
 def _on(p: Array, is_arc: NDArray[np.bool_], centre: Array, radius: Array, along: Array) -> Array:
@@ -252,22 +259,20 @@ def _angle(a: Array, b: Array) -> Array:
     return angle
 
 
-def _sharpened(points: Array, corner: Integers, fits: Sequence[Fit]) -> Array:
+def _sharpened(points: Array, corner: Integers, fit: Fit) -> Array:
     """Return the corners where their lines meet; where an arc comes in, the samples themselves."""
-    out = points[corner].copy()
-    for i in range(len(corner)):
-        before, after = fits[i - 1], fits[i]
-        if before.is_arc[-1] or after.is_arc[0]:
-            continue
-        d, e = before.direction[-1], after.direction[0]
-        cross = d[0] * e[1] - d[1] * e[0]
-        if abs(cross) < 0.3:
-            continue
-        gap = after.centre[0] - before.centre[-1]
-        meet = before.centre[-1] + d * ((gap[0] * e[1] - gap[1] * e[0]) / cross)
-        if np.hypot(*(meet - out[i])) < 1.5:
-            out[i] = meet
-    return out
+    out = points[corner]
+    if len(corner) == 0:
+        return out
+    after, before = fit.of_run, (fit.of_run - 1) % len(fit.first)
+    d, e = fit.direction[before], fit.direction[after]
+    cross = d[:, 0] * e[:, 1] - d[:, 1] * e[:, 0]
+    gap = fit.centre[after] - fit.centre[before]
+    clear = ~fit.is_arc[before] & ~fit.is_arc[after] & (np.abs(cross) > LEAST_CROSSING)
+    run = (gap[:, 0] * e[:, 1] - gap[:, 1] * e[:, 0]) / np.where(clear, cross, 1.0)
+    meet = fit.centre[before] + d * run[:, None]
+    clear &= np.linalg.norm(meet - out, axis=1) < FARTHEST_CROSSING_MM
+    return np.where(clear[:, None], meet, out)
 
 
 def _string(coded: Sequence[_Coded]) -> BoundaryString:

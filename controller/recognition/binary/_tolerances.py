@@ -34,6 +34,8 @@ class BinaryTolerances:
     min_hole_mm2 : smaller holes are light through dust, or come and go with perspective
     outline_cap_mm : samples further off the outline all count the same: dirt, a lost corner
     round_mm : an outline whose distance from its centroid varies less than this is a circle's
+    keep_factor, keep_mm : matches further off than the best by this factor and this much more are
+        not named: a tall part seen from elsewhere than its model is off by half a mm
     keep_per_model : turns handed on per model; equal outlines turned by 90 degrees are told
         apart by what lies inside
     """
@@ -41,7 +43,7 @@ class BinaryTolerances:
     spacing_mm: float = 0.25
     corner_box_mm: float = 2.0
     corner_turn_rad: float = 0.35
-    corner_sharpness: float = 0.68
+    corner_sharpness: float = 0.75
     trim_mm: float = 0.5
     line_noise_mm: float = 0.05
     slit_turn_rad: float = 2.4
@@ -58,4 +60,6 @@ class BinaryTolerances:
     min_hole_mm2: float = 1.5
     outline_cap_mm: float = 3.0
     round_mm: float = 0.15
+    keep_factor: float = 2.5
+    keep_mm: float = 0.5
     keep_per_model: int = 4
