@@ -25,11 +25,12 @@ from ._uncertainty import held_sizes, on_table, position_std_mm, spread, tilt_ra
 _PINHOLE: Final = ("fx", "fy", "cx", "cy")
 # lenses are tried from the plainest on: radial terms in their order, with or without tangential
 _LENSES: Final = tuple(
-    (*_PINHOLE, *radial, *tangential)
+    tuple(name for name in PARAMETERS if name in (*_PINHOLE, *radial, *tangential))
     for radial in ((), ("k1",), ("k1", "k2"), ("k1", "k2", "k3"))
     for tangential in ((), ("p1", "p2"))
 )
 _TABLE_HEIGHTS_MM: Final = (0.0, 40.0)  # the table, and the top of a tall part
+_SLOPE_MIN: Final = 0.2  # of the radius in the picture by that of the ray: less is a fold
 _NOISE_FLOOR: Final = 0.5  # of the pictures' median noise: no picture counts more than four times
 
 
@@ -66,7 +67,7 @@ def calibrate(
     check_placed(views, T_cam_boards, limits)
     plain = solve(views, first, (*_PINHOLE, "k1"), world, _even(views))
     weights = _weigh(plain, limits)
-    fit = _likeliest(views, plain.solution, world, weights)
+    fit = _likeliest(views, plain.solution, size_px, world, weights)
     weights = _weigh(fit, limits)
     fit = solve(views, fit.solution, fit.free, world, weights.of_views)
     residuals = _residuals(views, fit, weights)
@@ -94,11 +95,38 @@ def _weigh(fit: Fit, limits: Limits) -> _Weights:
     )
 
 
-def _likeliest(views: Sequence[View], first: Solution, world: WorldFrame, weights: _Weights) -> Fit:
-    """Return the fit of the lens with the least Bayesian information criterion."""
+def _likeliest(
+    views: Sequence[View],
+    first: Solution,
+    size_px: tuple[int, int],
+    world: WorldFrame,
+    weights: _Weights,
+) -> Fit:
+    """Return the fit of the lens with the least Bayesian information criterion.
+
+    Lenses that fold the picture over towards its corners are none, however well they fit where
+    there were boards.
+    """
     count = 2 * sum(int((w > 0).sum()) for w in weights.of_views)
     fits = [solve(views, first, lens, world, weights.of_views) for lens in _LENSES]
-    return min(fits, key=lambda f: count * np.log(f.cost / count) + len(f.free) * np.log(count))
+    whole = [f for f in fits if _reaches_the_corners(f.solution.intrinsics, size_px)]
+    if not whole:
+        raise CalibrationError(
+            "no lens agrees with these boards; check `inner_corners` or `squares`, and that focus "
+            "and zoom were left alone"
+        )
+    return min(whole, key=lambda f: count * np.log(f.cost / count) + len(f.free) * np.log(count))
+
+
+def _reaches_the_corners(intrinsics: Array, size_px: tuple[int, int]) -> bool:
+    """Whether the lens takes each radius to one radius, out to the picture's furthest corner."""
+    fx, fy, cx, cy, k1, k2, _, _, k3 = intrinsics
+    corners = np.array([(0, 0), (1, 0), (0, 1), (1, 1)]) * size_px
+    furthest = np.linalg.norm((corners - (cx, cy)) / (fx, fy), axis=1).max()
+    r = np.linspace(0, 3 * furthest, 600)
+    bent = r * (1 + k1 * r**2 + k2 * r**4 + k3 * r**6)
+    turns = np.flatnonzero(np.diff(bent) < _SLOPE_MIN * (r[1] - r[0]))
+    return bool(bent[turns[0] if len(turns) else -1] > furthest)
 
 
 def _residuals(views: Sequence[View], fit: Fit, weights: _Weights) -> tuple[ViewResidual, ...]:
@@ -156,6 +184,7 @@ def _judged(
         std={name: float(s) for name, s in zip(PARAMETERS, std, strict=False) if name in fit.free},
         held_std=held,
         parameters_cov=found.cov,
+        noise_cov=found.noise_cov,
         position_std_mm=position_std_mm(fit, found),
         tilt_rad=tilt,
         tilt_std_rad=tilt_std,

@@ -183,7 +183,7 @@ class _Layout:
 
     def __init__(self, views: Sequence[View], free: tuple[str, ...], world: WorldFrame) -> None:
         self._views = views
-        self._free = [PARAMETERS.index(name) for name in free]
+        self._free = [i for i, name in enumerate(PARAMETERS) if name in free]
         self._camera = len(free)
         self._first: list[int] = []
         at = self._camera + 6

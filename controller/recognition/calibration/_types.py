@@ -167,6 +167,7 @@ class Calibration:
     held_std : how far from 0 each held one may be all the same
     parameters_cov : covariance (15, 15) of PARAMETERS, then of the rotation (3) [rad, about the
         camera's axes] and translation (3) [mm] of the world in the camera
+    noise_cov : the part of it that is the corners' noise; the rest is what held terms may do
     rms_px : of the distance of all corners but outliers
     noise_px : standard deviation of a corner's u or v
     coverage : share of the picture within the hull of all corners
@@ -179,6 +180,7 @@ class Calibration:
     std: dict[str, float]
     held_std: dict[str, float]
     parameters_cov: Array
+    noise_cov: Array
     position_std_mm: Array
     tilt_rad: float
     tilt_std_rad: float

@@ -2,7 +2,7 @@
 
 What the pictures' noise does is the inverse of the normal matrix. A distortion term the views do
 not show is held at 0, which is not the same as knowing that it is 0: it is taken as of no more than
-a tenth of the term before it in the lens's series, or than the views would let pass, and what it
+a fifth of the term before it in the lens's series, or than the views would let pass, and what it
 would do to everything else is added ("consider parameters", Schmidt 1966).
 """
 
@@ -17,23 +17,26 @@ from controller.cad import Camera
 from ._solve import Fit, by_turn, project
 from ._types import PARAMETERS, Array, TableUncertainty
 
-_NEXT_TERM: Final = 0.1  # of the term before: what makes the series one
+_NEXT_TERM: Final = 0.2  # of the term before, at the picture's corners: the series converges
 _GRID: Final = (33, 27)
 _POSE: Final = slice(len(PARAMETERS), len(PARAMETERS) + 6)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spread:
-    """Covariance (15, 15) of PARAMETERS, the held ones too, then rotation [rad], translation [mm].
+    """How far a fit may be off: PARAMETERS, then rotation [rad] and translation [mm] of the world.
 
     Attributes
     ----------
+    cov : covariance (15, 15), the held parameters' part included
+    noise_cov : covariance (15, 15) from the corners' noise alone; 0 for held parameters
     noise : standard deviation of a weighted residual; 1 where the weights are right
     condition : of the Jacobian with its columns scaled to length 1
     focal_height : correlation of fx with the distance along the optical axis
     """
 
     cov: Array
+    noise_cov: Array
     noise: float
     condition: float
     focal_height: float
@@ -66,10 +69,11 @@ def spread(fit: Fit, held_std: Mapping[str, float]) -> Spread:
         raise np.linalg.LinAlgError("singular")
     inverse = (right.T / singular**2) @ right / np.outer(scale, scale)
     m = len(fit.free) + 6
-    free = [PARAMETERS.index(name) for name in fit.free]
+    free = [i for i, name in enumerate(PARAMETERS) if name in fit.free]
     kept = [*free, *range(count, count + 6)]
-    cov = np.zeros((count + 6, count + 6))
-    cov[np.ix_(kept, kept)] = noise**2 * inverse[:m, :m]
+    noise_cov = np.zeros((count + 6, count + 6))
+    noise_cov[np.ix_(kept, kept)] = noise**2 * inverse[:m, :m]
+    cov = noise_cov.copy()
     for name, std in held_std.items():
         if name in fit.free:
             continue
@@ -81,7 +85,7 @@ def spread(fit: Fit, held_std: Mapping[str, float]) -> Spread:
         cov += std**2 * np.outer(moved, moved)
     z = count + 5
     focal_height = cov[0, z] / np.sqrt(cov[0, 0] * cov[z, z])
-    return Spread(cov, noise, float(singular[0] / singular[-1]), float(focal_height))
+    return Spread(cov, noise_cov, noise, float(singular[0] / singular[-1]), float(focal_height))
 
 
 def held_sizes(
