@@ -26,13 +26,13 @@ SLOPE_PX = 9  # over which a slope is told from a step
 SLOPE_SHARE = 1.3  # a step's slope over that window is a third of its own
 SOBEL_GAIN = 128.0  # of the 5 x 5 filter for a slope of 1; half as much again askew, |x| + |y|
 NOISE_FACTOR = 0.8  # of the noise: four deviations of the gradient, which averages over 5 x 5
-STEP_FACTOR = 0.5  # of a level step: rounding of a slow slope is no border
+STEP_FACTOR = 0.7  # of a level step: rounding of a slow slope is no border
 LEAST_EDGE = 0.012  # of the table's level per pixel, beyond its slope
 RIDGE_PX = 5  # across a border
 STRONG_SHARE = 0.3
 LEAST_BORDER = 8  # px
 GAP_PX = 3  # gaps in a border up to twice this are no way in
-LEAST_HOLE = 12  # px
+LEAST_HOLE = 8  # px
 SEEN_CONTRAST = 2.0  # grey levels, or one step
 
 
@@ -94,10 +94,10 @@ def _within(
     mask, field = sharpen(crop.grey, rough, None, contrast)
     if crop.usable is not None:
         mask &= crop.usable
-    mask = _without_fringe(mask)
+    mask = _without_fringe(mask) | (mask & (bright > 0))
     wanted = cv2.bitwise_or(bright, border) > 0
     filled = mask | (solid > 0)
-    lit, _ = sharpen(crop.grey, (cv2.erode(bright, np.ones((3, 3), np.uint8)) > 0), None, contrast)
+    lit = cv2.erode(bright, np.ones((3, 3), np.uint8)) > 0
     return regions_of(crop, mask, field, wanted, min_area_px, (lit, filled))
 
 
@@ -178,7 +178,7 @@ def _holes(
     count, labels, stats, _ = cv2.connectedComponentsWithStats(inner, connectivity=4)
     holes = np.zeros_like(solid)
     outside = 1 - solid
-    near_outside = cv2.dilate(outside, np.ones((11, 11), np.uint8))
+    near_outside = cv2.dilate(outside, np.ones((7, 7), np.uint8))
     ratio = grey / table
     for k in range(1, count):
         x, y, w, h, area = stats[k]
@@ -192,7 +192,7 @@ def _holes(
             continue
         grown = np.s_[max(y - 2, 0) : y + h + 2, max(x - 2, 0) : x + w + 2]
         whole = cv2.dilate((labels[grown] == k).astype(np.uint8), np.ones((3, 3), np.uint8))
-        holes[grown] |= whole
+        holes[grown] |= whole & (1 - bright[grown])
     return holes
 
 

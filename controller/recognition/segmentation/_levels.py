@@ -24,6 +24,7 @@ MOST_BEYOND_WHITE = 1.5  # an exposure that has more of it is told to be wrong
 FITTED_PX = 3000
 NOISE_ROWS = 64
 ROUNDS = 5
+LEAST_SATURATED = 0.02  # of the table's pixels, to fit what is below white alone
 RIM_OF_WHITE = 0.7  # the table's rim is as bright as that where its middle saturates
 BINS = 256
 GROUND_BIN = 160  # where the ground comes to lie in the histogram of relative levels
@@ -138,20 +139,16 @@ def fit_ground(
     tolerance : share of the level by which the table may differ at first sight; halved as the
         fit gets better
     """
-    height = len(reduced)
-    rim = np.zeros(reduced.shape, dtype=np.bool_)
-    band = max(2, height // 12)
-    rim[:band] = rim[-band:] = rim[:, :band] = rim[:, -band:] = True
-    seen = reduced[rim & inside]
+    stride = max(1, round((reduced.size / FITTED_PX) ** 0.5))
+    band = max(2, len(reduced) // 12)
+    rim = [np.s_[:band], np.s_[-band:], np.s_[band:-band, :band], np.s_[band:-band, -band:]]
+    seen = np.concatenate([reduced[side][inside[side]][::3] for side in rim])
     if len(seen) < 50:
         seen = reduced[inside]
     start = float(np.median(seen)) if len(seen) else 0.0
     weights = np.array([start, 0, 0, 0, 0, 0], dtype=np.float64)
-    v, u = np.nonzero(inside)
-    if len(v) > FITTED_PX:
-        # a stride prime to the width: no column is preferred
-        stride = len(v) // FITTED_PX
-        v, u = v[::stride], u[::stride]
+    v, u = np.nonzero(inside[stride // 2 :: stride, stride // 2 :: stride])
+    v, u = v * stride + stride // 2, u * stride + stride // 2
     levels = reduced[v, u].astype(np.float64)
     x = ((u + 0.5) * factor - 0.5) * (2.0 / size_px[0]) - 1.0
     y = ((v + 0.5) * factor - 0.5) * (2.0 / size_px[1]) - 1.0
@@ -161,18 +158,20 @@ def fit_ground(
     share = float(np.mean(is_clipped)) if len(levels) and start >= RIM_OF_WHITE * white else 0.0
     if share > 1.0 - LEAST_UNSATURATED:
         return Ground(weights, size_px, 0.0)
-    # a pixel that a thing's border shares is no rim
-    calm = cv2.erode(reduced, np.ones((7, 7), np.uint8)) >= RIM_OF_WHITE * white
-    is_rim = ~is_clipped & calm[v, u]
+    is_rim = ~is_clipped
+    if share > LEAST_SATURATED:
+        # a pixel that a thing's border shares is no rim
+        calm = cv2.erode(reduced, np.ones((7, 7), np.uint8)) >= RIM_OF_WHITE * white
+        is_rim &= calm[v, u]
     scatter = 0.0
     for _ in range(ROUNDS):
         fitted = terms @ weights
         near = np.abs(levels - fitted) <= tolerance * np.maximum(fitted, 1.0) + 1.0
-        if share > 0.02:  # the fit is of what lies below white alone
+        if share > LEAST_SATURATED:  # the fit is of what lies below white alone
             near = is_rim if scatter == 0.0 else is_rim & near
         if near.sum() < 60:
             break
-        weights = _solve(terms[near], levels[near], share > 0.02)
+        weights = _solve(terms[near], levels[near], share > LEAST_SATURATED)
         off = (levels - terms @ weights)[near] / np.maximum(terms[near] @ weights, 1.0)
         scatter = 1.4826 * float(np.median(np.abs(off)))
         tolerance = max(0.5 * tolerance, min(4.0 * scatter, 0.2), 0.03)
@@ -195,20 +194,18 @@ def _least_squares(terms: Array, levels: Array) -> Array:
     return np.asarray(np.linalg.solve(square, terms.T @ levels))
 
 
-def two_humps(relative: Grey, inside: Mask) -> tuple[float, float, float, float, bool]:
+def two_humps(counts: Array) -> tuple[float, float, float, float, bool]:
     """Return (dark level, threshold, separation, valley, is_bimodal) of relative levels.
 
     Parameters
     ----------
-    relative : (h, w) picture over ground, the ground at ``GROUND_BIN``
-    inside : (h, w) the usable area
+    counts : (256,) histogram of picture over ground, the ground at ``GROUND_BIN``
 
     Notes
     -----
     Otsu's cut first (greatest variance between classes). A few hundred dark pixels before a
     million bright ones do not move it, so half the ground is tried where it finds no two humps.
     """
-    counts = np.bincount(relative[inside], minlength=BINS).astype(np.float64)[:BINS]
     best = (float(GROUND_BIN), 0.5 * GROUND_BIN, 0.0, 1.0, False)
     for cut in (_otsu(counts), GROUND_BIN // 2):
         low, separation, valley = _judge(counts, cut)

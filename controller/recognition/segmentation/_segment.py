@@ -66,7 +66,7 @@ def segment(
         inside = np.ones(reduced.shape, dtype=np.bool_)
     else:
         inside = _reduced(usable.astype(np.uint8) * 255, factor) > 250
-    counts = cv2.calcHist([picture[::4]], [0], None, [256], [0, 256]).ravel()
+    counts = cv2.calcHist([picture[::8]], [0], None, [256], [0, 256]).ravel()
     white = white_level(picture, counts)
     step = level_step(counts)
     noise = pixel_noise(picture, usable, step)
@@ -74,12 +74,15 @@ def segment(
     level = ground.over((0, 0, reduced.shape[1] * factor, reduced.shape[0] * factor), factor)
     np.clip(level, 1.0, white, out=level)
     relative = cv2.divide(reduced, level, scale=float(GROUND_BIN), dtype=cv2.CV_8U)
-    relative[~inside] = GROUND_BIN
+    if usable is not None:
+        relative[~inside] = GROUND_BIN
+    shares = cv2.calcHist([relative], [0], inside.astype(np.uint8), [256], [0, 256]).ravel()
+    shares = shares.astype(np.float64)
 
     typical = float(np.median(level[::4, ::4]))
-    found = _lighting(relative, inside, typical) if lighting == "auto" else lighting
+    found = _lighting(shares, typical) if lighting == "auto" else lighting
     remarks: list[str] = []
-    humps = two_humps(relative, inside)
+    humps = two_humps(shares)
     low, cut, separation, valley, is_bimodal = humps
     saturated = float(counts[white:].sum() / counts.sum()) if white < 256 else 0.0
     levels = Levels(
@@ -120,14 +123,20 @@ def _reduced(picture: Grey, factor: int) -> Grey:
     pad_y, pad_x = height * factor - picture.shape[0], width * factor - picture.shape[1]
     if pad_x or pad_y:
         picture = cv2.copyMakeBorder(picture, 0, pad_y, 0, pad_x, cv2.BORDER_REPLICATE)
-    return np.asarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+    while factor % 2 == 0:  # halving twice takes a quarter of the time of a step of four
+        size = (picture.shape[1] // 2, picture.shape[0] // 2)
+        picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+        factor //= 2
+    if factor > 1:
+        picture = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(picture, np.uint8)
 
 
-def _lighting(relative: Grey, inside: Mask, typical: float) -> Lighting:
+def _lighting(shares: NDArray[np.float64], typical: float) -> Lighting:
     """Return what the picture looks like: much darker things, much brighter ones, or neither."""
-    levels = relative[inside]
-    dark = float(np.mean(levels < DARK_THING * GROUND_BIN)) if len(levels) else 0.0
-    bright = float(np.mean(levels > BRIGHT_THING * GROUND_BIN)) if len(levels) else 0.0
+    total = max(float(shares.sum()), 1.0)
+    dark = float(shares[: int(DARK_THING * GROUND_BIN)].sum()) / total
+    bright = float(shares[int(BRIGHT_THING * GROUND_BIN) + 1 :].sum()) / total
     if max(dark, bright) >= LEAST_SHARE:
         return "backlit" if dark > bright else "front"
     return "backlit" if typical >= BRIGHT_TABLE else "front"
