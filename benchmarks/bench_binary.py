@@ -1,11 +1,11 @@
 """What the binary chain names for backlit pictures, how surely, and in what time.
 
-``python benchmarks/bench_binary.py [--json] [--pictures DIR] [--turns N]``: share of objects of
-which the best candidate, any of the best 3 and any of the best 10 is the right part and pose, up
-to the part's symmetry, turned right to 3 degrees. Models are all poses of all shared parts, seen
-from the camera where the object's outline has its centroid, at N turns all round. A tall part's
-shadow depends on how it is turned, so the best 12 are drawn again as found and compared once more
-("second look"). The truth file gives the camera, and judges.
+``python benchmarks/bench_binary.py [--json] [--pictures DIR] [--parts FILES] [--turns N]``: share
+of objects of which the best candidate, any of the best 3 and any of the best 10 is the right part
+and pose, up to the part's symmetry, turned right to 3 degrees. Models are all poses of the parts,
+seen from the camera where the object's outline has its centroid, at N turns all round. A tall
+part's shadow depends on how it is turned, so the best 12 are drawn again as found and compared
+once more ("second look"). The truth file gives the camera, and judges.
 
 ``python benchmarks/bench_binary.py --table IMAGE``: the paper's Table 2 of the largest outline.
 """
@@ -37,7 +37,7 @@ from controller.cad import (  # noqa: E402
     outline,
     prepare_views,
 )
-from controller.cad.compiled import CompiledPart, load_part  # noqa: E402
+from controller.cad.compiled import CompiledPart, load_part, part_name  # noqa: E402
 from controller.recognition import lying  # noqa: E402
 from controller.recognition.binary import (  # noqa: E402
     BoundaryString,
@@ -119,14 +119,14 @@ def cameras_of(truth: dict[str, Any]) -> tuple[Camera, Camera]:
     return camera, Camera((1, 1), np.diag([height, height, 1.0]), np.zeros(5), T)
 
 
-def models_of(folder: Path, turns: int) -> list[Model]:
+def models_of(paths: list[Path], turns: int) -> list[Model]:
     """Return all parts in all poses at some turns."""
     out = []
-    for path in sorted(folder.glob("*.stl")):
+    for path in paths:
         part = load_part(path)
         prepared = prepare_views(part.solid)
         out += [
-            Model(path.stem, part, prepared, pose, 2 * math.pi * k / turns)
+            Model(part_name(path), part, prepared, pose, 2 * math.pi * k / turns)
             for pose in part.poses
             if pose.probability >= LEAST_PROBABILITY
             for k in range(turns)
@@ -155,11 +155,11 @@ def hits(
     return [any(right[:count]) for count in NAMED]
 
 
-def run(folder: Path, turns: int) -> dict[str, Any]:
+def run(folder: Path, parts: list[Path], turns: int) -> dict[str, Any]:
     """Return the rows of all objects in backlit pictures, and the summary."""
     truth = json.loads((folder / "truth.json").read_text())
     camera, table = cameras_of(truth)
-    models = models_of(SHARED / "parts", turns)
+    models = models_of(parts, turns)
     rows = []
     for entry in truth["images"]:
         if entry["mode"] != "back":
@@ -253,6 +253,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--pictures", type=Path, default=SHARED / "images")
+    parser.add_argument(
+        "--parts", type=Path, nargs="+", help="CAD files; the shared ones otherwise"
+    )
     parser.add_argument("--turns", type=int, default=1)
     parser.add_argument("--table", type=Path, metavar="IMAGE")
     args = parser.parse_args()
@@ -263,7 +266,8 @@ def main() -> None:
     if not args.pictures.is_dir():
         print(f"{args.pictures}: no pictures here")
         return
-    found = run(args.pictures, args.turns)
+    parts = args.parts or sorted((SHARED / "parts").glob("*.stl"))
+    found = run(args.pictures, parts, args.turns)
     if args.json:
         print(json.dumps(found, indent=1))
         return

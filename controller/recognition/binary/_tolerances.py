@@ -53,8 +53,8 @@ class BinaryTolerances:
     corner_near_mm: float = 1.0
     corner_near_share: float = 0.03
     turn_near_rad: float = 0.3
-    perimeter_share: float = 0.15
-    area_share: float = 0.15
+    perimeter_share: float = 0.2
+    area_share: float = 0.2
     point_near_mm: float = 1.5
     hole_area_share: float = 0.35
     min_hole_mm2: float = 1.5
