@@ -19,6 +19,7 @@ ToPlane = Callable[[Array], Array]
 
 SOBEL_OF_STEP = 2.1  # Sobel of a step of one level under blurs of 0.8 px of lens and here
 RAYLEIGH_30 = 0.845  # 30 % of a Rayleigh distribution of deviation 1 are below
+COARSEST = 4.0  # between two levels of a digitiser of 6 bits
 PLANE_NODES = 7  # a side of the grid that the way to the plane is taken from
 
 
@@ -95,7 +96,7 @@ def _threshold(grey: Grey, strength: NDArray[np.float32], tol: GreyTolerances) -
     sample = strength[1:-1:5, 1:-1:3]
     sigma = float(np.percentile(sample, 30)) / RAYLEIGH_30 if sample.size else 0.0
     levels = np.flatnonzero(cv2.calcHist([grey], [0], None, [256], [0, 256]).ravel())
-    step = float(np.diff(levels).min()) if len(levels) > 1 else 1.0
+    step = min(float(np.diff(levels).min()), COARSEST) if len(levels) > 1 else 1.0
     # a step of two levels of a coarse digitiser is an edge already
     floor = min(tol.floor_levels * step, tol.floor_levels + 2 * (step - 1)) * SOBEL_OF_STEP
     return max(tol.noise_factor * sigma, floor)

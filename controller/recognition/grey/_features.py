@@ -9,7 +9,7 @@ from ._arcs import Circles, find_circles
 from ._cells import cell_lines
 from ._corners import Corners, Junctions, find_corners, find_junctions
 from ._edges import Grey, ToPlane, edge_points
-from ._lines import merge_lines
+from ._lines import extended, merge_lines
 from ._tolerances import GreyTolerances
 
 Array = NDArray[np.float64]
@@ -30,12 +30,14 @@ class Edgelets:
     directions_rad : (n,) along the edge, 0..pi
     lengths_mm : (n,)
     strengths : (n,) 0..1, 1 for plain edges of this picture
+    bends_rad : (n,) by how much the edge's direction at its ends is off that of its middle
     """
 
     points_mm: Array
     directions_rad: Array
     lengths_mm: Array
     strengths: Array
+    bends_rad: Array
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -90,7 +92,9 @@ def image_features(
     is_chord = on_both > 0.5 * on_line
     rest = np.flatnonzero(~is_chord)
     rest = rest[np.argsort(-length[rest], kind="stable")]
-    ends = merged.ends[rest] * pitch
+    loose = (line_of < 0) & (circle_of < 0)
+    drawn_out = extended(merged, points[loose], edges.normals[loose], tol)
+    ends = drawn_out[rest] * pitch
     normals = merged.normals[rest]
     way = ends[:, 1] - ends[:, 0]
     # so that the brighter side is to the right: normal = (way_y, -way_x)
@@ -134,7 +138,7 @@ def segment_edgelets(segments: Array, strengths: Array) -> Edgelets:
     t = (within + 0.5) / pieces[of]
     points = segments[of, :2] + t[:, None] * way[of]
     direction = np.arctan2(way[:, 1], way[:, 0]) % np.pi
-    return Edgelets(points, direction[of], (length / pieces)[of], strengths[of])
+    return Edgelets(points, direction[of], (length / pieces)[of], strengths[of], np.zeros(len(of)))
 
 
 def arc_edgelets(circles: Circles, strengths: Array) -> Edgelets:
@@ -148,7 +152,11 @@ def arc_edgelets(circles: Circles, strengths: Array) -> Edgelets:
     points = circles.centres[of] + circles.radii[of, None] * ray
     seen = np.minimum(circles.cover * 2 * np.pi / circles.extents_rad, 1.0)
     return Edgelets(
-        points, (angle + np.pi / 2) % np.pi, (length / pieces * seen)[of], strengths[of]
+        points,
+        (angle + np.pi / 2) % np.pi,
+        (length / pieces * seen)[of],
+        strengths[of],
+        (circles.extents_rad / pieces / 2)[of],
     )
 
 
@@ -159,4 +167,5 @@ def join_edgelets(parts: list[Edgelets]) -> Edgelets:
         np.concatenate([p.directions_rad for p in parts]),
         np.concatenate([p.lengths_mm for p in parts]),
         np.concatenate([p.strengths for p in parts]),
+        np.concatenate([p.bends_rad for p in parts]),
     )

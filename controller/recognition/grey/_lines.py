@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 ROUNDS = 12  # pairs merge to twice the length in each: 4096 cells
+MOST_EXTENDED = 80  # of the longest lines
+EXTENSION_GAP_PX = 2.5  # a point is missing on the ridge here and there
 MOST_BRIDGED = 80  # of the longest lines, gaps are looked for between
 
 
@@ -87,6 +89,51 @@ def _rounds(lines: Moments, pairs: Ints, angle_rad: float, rms_px: float) -> tup
     number = np.zeros(count, dtype=np.int64)
     number[alive] = np.arange(len(alive))
     return Moments(sums[alive], ends[alive], normals[alive]), number[root]
+
+
+def extended(lines: Moments, points: Array, normals: Array, tol: GreyTolerances) -> Array:
+    """Return the ends (n, 2, 2) of lines, drawn out to edge points that no cell had a line for.
+
+    Where a line ends in a cell with a few points only, or at a corner, the cell's line was another.
+
+    Parameters
+    ----------
+    points, normals : (m, 2) edge points that are of no line [px of the plane]
+    """
+    ends = lines.ends.copy()
+    length = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
+    long = np.flatnonzero(length > tol.line_px)
+    long = long[np.argsort(-length[long], kind="stable")][:MOST_EXTENDED]
+    if len(long) == 0 or len(points) == 0:
+        return ends
+    n = lines.normals[long]
+    middle = ends[long].mean(axis=1)
+    half = length[long, None] / 2
+    # signs of the points along and beside each line, (line, point)
+    beside = n @ points.T - (n * middle).sum(axis=1)[:, None]
+    line, point = np.nonzero(
+        (np.abs(beside) < tol.band_px) & (n @ normals.T > np.cos(tol.vote_rad))
+    )
+    way = ends[long, 1] - ends[long, 0]
+    way /= np.maximum(np.hypot(way[:, 0], way[:, 1]), 1e-9)[:, None]
+    t = ((points[point] - middle[line]) * way[line]).sum(axis=1)
+    for side, sign in ((0, -1.0), (1, 1.0)):
+        beyond = sign * t - half[line, 0]
+        near = (beyond > 0) & (beyond < tol.cell_px)
+        order = np.lexsort((beyond[near], line[near]))
+        of, out = line[near][order], beyond[near][order]
+        if len(of) == 0:
+            continue
+        begins = np.r_[True, of[1:] != of[:-1]]
+        gap = np.where(begins, out, np.diff(out, prepend=0.0))
+        # up to the first gap: a line beyond another one's corner is not its own
+        broken = np.cumsum(gap > EXTENSION_GAP_PX)
+        at_start = broken[begins] - (gap[begins] > EXTENSION_GAP_PX)
+        whole = broken == at_start[np.cumsum(begins) - 1]
+        reach = np.zeros(len(long))
+        np.maximum.at(reach, of[whole], out[whole])
+        ends[long, side] += sign * reach[:, None] * way
+    return ends
 
 
 def _bridges(lines: Moments, tol: GreyTolerances) -> Ints:

@@ -33,8 +33,8 @@ class EdgeMap:
         its last entry is for what is outside
     shape : (height, width)
     low_mm : (2,) its corner
-    x_mm, y_mm, normal_x, normal_y, weights : (n + 1,) of the edgelets, about the camera's foot;
-        a last one of no weight, so that -1 can be asked for
+    x_mm, y_mm, normal_x, normal_y, weights, leans : (n + 1,) of the edgelets, about the camera's
+        foot, and the sine of how far a match may lean; a last one of no weight, so that -1 can be asked for
     """
 
     nearest: NDArray[np.int32]
@@ -45,6 +45,7 @@ class EdgeMap:
     normal_x: Singles
     normal_y: Singles
     weights: Singles
+    leans: Singles
 
 
 def edge_map(edgelets: Edgelets, foot_mm: Array, tol: GreyTolerances) -> EdgeMap:
@@ -75,6 +76,7 @@ def edge_map(edgelets: Edgelets, foot_mm: Array, tol: GreyTolerances) -> EdgeMap
         -np.sin(angle),
         np.cos(angle),
         edgelets.lengths_mm * edgelets.strengths,
+        np.sin(tol.match_rad + edgelets.bends_rad),
     )
     return EdgeMap(
         nearest,
@@ -166,8 +168,10 @@ def rated(seen: EdgeMap, index: FeatureIndex, poses: Array, tol: GreyTolerances)
     nx, ny = seen.normal_x[met], seen.normal_y[met]
     gap = np.abs((seen.x_mm[met] - x) * nx + (seen.y_mm[met] - y) * ny)
     lean = np.abs(np.cos(angle) * nx + np.sin(angle) * ny)
-    hit = (met >= 0) & (gap < tol.match_mm) & (lean < np.sin(tol.match_rad))
-    found = (pieces[..., 4] * hit).sum(axis=1) / np.maximum(index.totals[model], 1e-9)
+    hit = (met >= 0) & (gap < tol.match_mm) & (lean < seen.leans[met])
+    # of two that are all near, the one that lies better
+    worth = 1 - gap * gap * np.float32(0.5 / tol.match_mm**2)
+    found = (pieces[..., 4] * worth * hit).sum(axis=1) / np.maximum(index.totals[model], 1e-9)
     # of the picture's edgelets, those as near to the view's origin as it reaches
     count = len(seen.weights)
     used = np.zeros((len(poses), count), dtype=bool)
