@@ -60,7 +60,8 @@ def describe_sighting(s: Sighting) -> dict[str, Any]:
         "y_mm": round(s.y_mm, 3),
         "theta_deg": round(float(np.degrees(s.theta_rad)), 3),
         "score": round(s.score, 4),
-        "grey_score": s.grey_score,
+        "sigma_mm": None if s.covariance is None else round(s.sigma_mm, 4),
+        "sigma_deg": None if s.covariance is None else round(float(np.degrees(s.sigma_rad)), 4),
         "residual_px": None if not np.isfinite(s.residual_px) else round(s.residual_px, 3),
         "ambiguous_with": [
             {

@@ -78,7 +78,7 @@ class Context:
     poses: tuple[StablePose, ...]
     overhead: Camera
     inspection: Camera
-    catalogue: tuple[recognising.CatalogueEntry, ...]
+    library: recognising.Library
     glowing: NDArray[np.bool_]
 
 
@@ -111,7 +111,7 @@ def context(job: Job) -> Context:
         poses=part.poses,
         overhead=layout.overhead,
         inspection=layout.inspection,
-        catalogue=recognising.make_catalogue([part, *others], layout.overhead),
+        library=recognising.make_library([part, *others], layout.overhead),
         glowing=glowing_mask(layout.overhead, table_corners(cell)),
     )
 
@@ -148,8 +148,11 @@ def glowing_mask(camera: Camera, corners_mm: Array) -> NDArray[np.bool_]:
 def recognise(job: Job, backlit: Grey, lit: Mapping[str, Grey]) -> tuple[recognising.Sighting, ...]:
     """Return what lies on the table."""
     c = context(job)
-    lamps = build_lamps(c.cell, TABLE_LAMPS)
-    return recognising.recognise(backlit, c.glowing, c.overhead, c.catalogue, lit, lamps)
+    pictures = [lit[lamp] for lamp in TABLE_LAMPS if lamp in lit]
+    seen = recognising.recognise(
+        backlit, c.overhead, c.library, "backlit", usable=c.glowing, lit=pictures
+    )
+    return seen.sightings
 
 
 def prepare(job: Job) -> float:

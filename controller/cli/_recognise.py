@@ -3,7 +3,7 @@
 import time
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -13,19 +13,20 @@ from controller.cad import Camera
 from controller.cad.compiled import is_cad_file, load_part, options_among, part_name
 from controller.cad.reading import FORMATS
 from controller.config import ConfigError
-from controller.recognition import Sighting, make_catalogue, recognise, table_contrast
+from controller.recognition import Sighting, make_library, recognise
 
 from ._calibration_file import load_calibration
 from ._output import emit, say
 
 Grey = NDArray[np.uint8]
+Lighting = Literal["backlit", "front", "auto"]
 
 
 def recognise_images(
     images: list[Path],
     parts: list[Path],
     calibration: Path,
-    lighting: str,
+    lighting: Lighting,
     *,
     unit: str | None,
     as_json: bool,
@@ -33,13 +34,12 @@ def recognise_images(
     """Recognise what lies in each picture; 1 if a picture shows nothing known."""
     camera = load_calibration(calibration)
     files = _cad_files(parts)
-    catalogue = make_catalogue([load_part(p, options_among(p, unit)) for p in files], camera)
+    library = make_library([load_part(p, options_among(p, unit)) for p in files], camera)
     known = 0
     for path in images:
         picture = _read(path, camera)
         started = time.monotonic()
-        backlit = picture if lighting == "backlit" else table_contrast(picture)
-        sightings = recognise(backlit, np.ones(picture.shape, dtype=bool), camera, catalogue)
+        sightings = recognise(picture, camera, library, lighting).sightings
         seconds = (time.monotonic() - started) / max(1, len(sightings))
         if not sightings and not as_json:
             say(f"{path.name}: nothing on the table")

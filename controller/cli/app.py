@@ -86,6 +86,7 @@ VerboseOption = Annotated[bool, typer.Option("--verbose", "-v", help="log to std
 class Lighting(StrEnum):
     """How a stored picture was lit."""
 
+    AUTO = "auto"
     BACKLIT = "backlit"
     FRONT = "front"
 
@@ -201,7 +202,7 @@ def recognise(
     calibration: Annotated[Path, typer.Option("--calibration", help="camera calibration (JSON)")],
     lighting: Annotated[
         Lighting, typer.Option("--lighting", help="how the table was lit")
-    ] = Lighting.BACKLIT,
+    ] = Lighting.AUTO,
     unit: UnitOption = None,
     json: JsonOption = False,
 ) -> None:

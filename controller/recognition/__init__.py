@@ -3,40 +3,31 @@
 Arrays in, dataclasses out (paper, section 3; DESIGN.md 3.5).
 """
 
-from ._contours import (
-    Contour,
-    mask_contour,
-    subpixel_contour,
-    table_contrast,
-    threshold_levels,
-)
+from ._contours import Contour, mask_contour, subpixel_contour, threshold_levels
+from ._hypotheses import Hypothesis, SearchLimits
 from ._pose_fit import PosedPart, PoseFit, fit_pose
-from ._recognise import (
-    Alternative,
-    CatalogueEntry,
-    Limits,
-    Sighting,
-    find_objects,
-    lying,
-    make_catalogue,
-    recognise,
-)
+from ._recognise import Limits, recognise
+from ._sighting import Alternative, Recognition, Sighting, Trace
+from .library import Entry, Library, lying, make_library
 
 __all__ = [
     "Alternative",
-    "CatalogueEntry",
     "Contour",
+    "Entry",
+    "Hypothesis",
+    "Library",
     "Limits",
     "PoseFit",
     "PosedPart",
+    "Recognition",
+    "SearchLimits",
     "Sighting",
-    "find_objects",
+    "Trace",
     "fit_pose",
     "lying",
-    "make_catalogue",
+    "make_library",
     "mask_contour",
     "recognise",
     "subpixel_contour",
-    "table_contrast",
     "threshold_levels",
 ]

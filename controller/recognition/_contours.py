@@ -99,22 +99,3 @@ def subpixel_contour(image: NDArray[np.uint8], mask: Mask, level: float) -> Cont
     along = offsets[first] + fraction * STEP_PX
     points = start + along[:, None] * gradient
     return Contour(points[good], gradient[good])
-
-
-def table_contrast(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return a picture of a matt table under lamps as if it were backlit: objects dark.
-
-    The table is what most of the picture shows; an object differs from it, brighter or darker.
-    Its outline is as sharp as the difference is strong, so poses are a little less sure than with
-    a glowing table, and an object as bright as the table is missed.
-    """
-    grey = cv2.GaussianBlur(picture, (0, 0), 1.0).astype(np.float32)
-    ground = cv2.medianBlur(cv2.resize(picture, None, fx=0.125, fy=0.125), 31)
-    level = cv2.resize(ground, (picture.shape[1], picture.shape[0])).astype(np.float32)
-    level = np.minimum(np.abs(grey - level), np.abs(grey - float(np.median(picture))))
-    noise = float(np.median(level)) + 1.0
-    differs = level > 5 * noise
-    closed = cv2.morphologyEx(differs.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
-    opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, np.ones((5, 5), np.uint8))
-    out: NDArray[np.uint8] = np.where(opened > 0, 20, 220).astype(np.uint8)
-    return np.asarray(cv2.GaussianBlur(out, (0, 0), 0.8), dtype=np.uint8)

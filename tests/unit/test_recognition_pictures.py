@@ -17,7 +17,8 @@ from cad_solids import SHARED
 from numpy.typing import NDArray
 
 from controller.cad import Camera, inverse_pose, load_solid, sample_surface, transform
-from controller.recognition import CatalogueEntry, Sighting, make_catalogue, recognise
+from controller.cad.compiled import CompiledPart, compile_solid
+from controller.recognition import Library, Sighting, make_library, recognise
 
 Array = NDArray[np.float64]
 IMAGES = SHARED / "images"
@@ -54,12 +55,17 @@ def camera() -> Camera:
 
 
 @cache
-def catalogue() -> tuple[CatalogueEntry, ...]:
-    parts = json.loads((SHARED / "parts" / "manifest.json").read_text())["parts"]
-    return make_catalogue([load_solid(SHARED / "parts" / p["stl"]) for p in parts], camera())
+def parts() -> tuple[CompiledPart, ...]:
+    listed = json.loads((SHARED / "parts" / "manifest.json").read_text())["parts"]
+    return tuple(compile_solid(load_solid(SHARED / "parts" / p["stl"])) for p in listed)
 
 
-def true_pose(entry: CatalogueEntry, told: dict[str, Any]) -> Array:
+@cache
+def library() -> Library:
+    return make_library(parts(), camera())
+
+
+def true_pose(entry: CompiledPart, told: dict[str, Any]) -> Array:
     """T_world_part after the pictures' README: Rz(theta) R (X - c) + (x, y, h)."""
     theta = np.radians(told["theta_deg"])
     turn = np.array(
@@ -80,7 +86,7 @@ def assert_placed(seen: Sighting, told: dict[str, Any]) -> None:
     Every surface by itself, so that a bore at the wrong place is not lost in the average: each
     may be off by the place allowed and by the turn allowed at its own distance from the centroid.
     """
-    (entry,) = (e for e in catalogue() if e.solid.name == seen.part)
+    (entry,) = (e for e in parts() if e.solid.name == seen.part)
     assert seen.T_world_part is not None
     assert np.hypot(seen.x_mm - told["x_mm"], seen.y_mm - told["y_mm"]) < PLACE_MM
     samples = sample_surface(entry.solid, spacing_mm=12.0, per_face=4)
@@ -98,10 +104,9 @@ def check(number: str) -> None:
     (told,) = (im for im in truth()["images"] if im["image"] == f"img_{number}.png")
     picture = cv2.imread(str(IMAGES / told["image"]), cv2.IMREAD_GRAYSCALE)
     assert picture is not None
+    lighting = {"back": "backlit", "front": "front"}[told["mode"]]
     sightings = list(
-        recognise(
-            np.asarray(picture, np.uint8), np.ones(picture.shape, bool), camera(), catalogue()
-        )
+        recognise(np.asarray(picture, np.uint8), camera(), library(), lighting).sightings
     )
     assert len(sightings) == len(told["objects"])
     for thing in told["objects"]:
@@ -130,14 +135,14 @@ def test_every_object_of_every_other_backlit_picture_is_named_and_placed(number:
 
 
 def test_the_test_itself_would_see_a_turn_or_a_shift_too_much() -> None:
-    (entry,) = (e for e in catalogue() if e.solid.name == "idler_riser")
+    (entry,) = (e for e in parts() if e.solid.name == "idler_riser")
     told = next(o for im in truth()["images"] for o in im["objects"] if o["part"] == "idler_riser")
     right = true_pose(entry, told)
 
     def answer(T: Array) -> Sighting:
         com = transform(T, entry.solid.centroid_mm[None])[0]
         return Sighting(
-            "idler_riser", 0, None, com[0], com[1], 0.0, T, 1.0, None, 0.0, (), 1.0, (0, 0, 1, 1)
+            "idler_riser", 0, None, com[0], com[1], 0.0, T, 1.0, None, (), 1.0, (0, 0, 1, 1), 0.0
         )  # fmt: skip
 
     assert_placed(answer(right), told)

@@ -23,20 +23,11 @@ from controller.cad import (
     stable_poses,
     transform,
 )
-from controller.recognition import (
-    CatalogueEntry,
-    Limits,
-    Sighting,
-    find_objects,
-    lying,
-    make_catalogue,
-    recognise,
-    threshold_levels,
-)
+from controller.cad.compiled import compile_solid
+from controller.recognition import Library, Sighting, lying, make_library, recognise
 
 Array = NDArray[np.float64]
 CAMERA = overhead()
-GLOWING = np.ones(SIZE[::-1], dtype=bool)
 TABLE = np.array([[-150.0, -120, 0], [150, -120, 0], [150, 120, 0], [-150, 120, 0]])
 
 ELBOW = [(0, 0), (60, 0), (60, 18), (22, 18), (22, 42), (0, 42)]
@@ -67,8 +58,8 @@ def solids() -> dict[str, Solid]:
 
 
 @cache
-def catalogue() -> tuple[CatalogueEntry, ...]:
-    return make_catalogue(list(solids().values()), CAMERA)
+def library() -> Library:
+    return make_library([compile_solid(solid) for solid in solids().values()], CAMERA)
 
 
 def poses(name: str) -> tuple[StablePose, ...]:
@@ -80,7 +71,7 @@ def shape(name: str, T: Array) -> shapely.Geometry:
 
 
 def look(image: NDArray[np.uint8], **more: object) -> tuple[Sighting, ...]:
-    return recognise(image, GLOWING, CAMERA, catalogue(), **more)  # type: ignore[arg-type]
+    return recognise(image, CAMERA, library(), "backlit", **more).sightings  # type: ignore[arg-type]
 
 
 def surface_gap_mm(name: str, T_found: Array, T_true: Array) -> Array:
@@ -100,7 +91,7 @@ def assert_right(seen: Sighting, name: str, T_true: Array, tolerance_mm: float =
     # the answer's parts say the same as its pose (DESIGN.md 4)
     (pose,) = (p for p in poses(name) if p.index == seen.pose_index)
     told = lying(solids()[name], pose, seen.x_mm, seen.y_mm, seen.theta_rad)
-    assert seen.T_world_part == pytest.approx(told, abs=1e-6)
+    assert seen.T_world_part == pytest.approx(told, abs=0.03)  # but for a tilt of 0.1 degrees
     np.testing.assert_allclose(seen.R, pose.R)
     com = transform(T_true, solids()[name].centroid_mm[None])[0]
     assert (seen.x_mm, seen.y_mm) == pytest.approx(com[:2], abs=tolerance_mm)
@@ -164,13 +155,13 @@ def test_a_table_that_fades_to_its_rim_hides_no_small_part(
     fading: float, size: tuple[float, float, float]
 ) -> None:
     small = solid_of(box(*size), "small")
-    entries = make_catalogue([small], CAMERA)
-    T = resting(small, entries[0].poses[0].R, 20.0, -15.0, 0.4)
+    known = make_library([compile_solid(small)], CAMERA)
+    T = resting(small, stable_poses(small)[0].R, 20.0, -15.0, 0.4)
     v, u = np.mgrid[0 : SIZE[1], 0 : SIZE[0]]
     light = 1 - fading * (((u - 400) / 400) ** 2 + ((v - 320) / 320) ** 2) / 2
     image = picture([silhouette(small.mesh, T, CAMERA)], noise=0.0) * light
     image += np.random.default_rng(3).normal(0, 2.0, image.shape)
-    seen = recognise(np.clip(image, 0, 255).astype(np.uint8), GLOWING, CAMERA, entries)
+    seen = recognise(np.clip(image, 0, 255).astype(np.uint8), CAMERA, known, "backlit").sightings
     assert [s.part for s in seen] == ["small"]
     assert (seen[0].x_mm, seen[0].y_mm) == pytest.approx((20.0, -15.0), abs=0.15)
 
@@ -245,13 +236,13 @@ def test_a_part_half_off_the_glowing_area_is_asked_to_move_inwards() -> None:
     T = resting(solids()["block"], poses("block")[0].R, 62.0, 0.0, 0.3)
     image = picture([shape("block", T)])
     image[~glowing] = 25
-    (seen,) = recognise(image, glowing, CAMERA, catalogue())
+    (seen,) = look(image, usable=glowing)
     assert seen.part is None
     assert "move it inwards" in seen.reason
     T = resting(solids()["block"], poses("block")[0].R, 20.0, 0.0, 0.3)
     image = picture([shape("block", T)])
     image[~glowing] = 25
-    (seen,) = recognise(image, glowing, CAMERA, catalogue())
+    (seen,) = look(image, usable=glowing)
     assert_right(seen, "block", T)
 
 
@@ -292,9 +283,10 @@ def test_one_small_hole_decides_how_a_plate_is_turned(theta: float) -> None:
 def test_a_rod_that_would_roll_on_is_seen_lying_all_the_same() -> None:
     round_bar = solid_of(rod(8, 60, 64), "bar")
     lying_down = next(p for p in stable_poses(round_bar) if p.rolling)
-    entries = make_catalogue([round_bar], CAMERA)
+    known = make_library([compile_solid(round_bar)], CAMERA)
     T = resting(round_bar, lying_down.R, 10.0, 20.0, 0.6)
-    (seen,) = recognise(picture([silhouette(round_bar.mesh, T, CAMERA)]), GLOWING, CAMERA, entries)
+    image = picture([silhouette(round_bar.mesh, T, CAMERA)])
+    (seen,) = recognise(image, CAMERA, known, "backlit").sightings
     assert seen.part == "bar"
     assert seen.T_world_part is not None
     axis = seen.T_world_part[:3, 2]
@@ -312,51 +304,48 @@ LAMPS = (
 
 
 @cache
-def pocketed() -> tuple[CatalogueEntry, ...]:
-    body = box(60, 40, 12) - box(16, 10, 8).translate((15, 8, 6))
-    return make_catalogue([solid_of(body, "pocket")], CAMERA)
+def pocketed() -> tuple[Solid, Library]:
+    solid = solid_of(box(60, 40, 12) - box(16, 10, 8).translate((15, 8, 6)), "pocket")
+    return solid, make_library([compile_solid(solid)], CAMERA)
 
 
 def test_lamps_tell_where_a_pocket_is_that_the_outline_does_not_show() -> None:
     theta = 2.6
-    (entry,) = pocketed()
-    solid = entry.solid
-    up = next(p for p in entry.poses if p.R[2, 2] > 0.99)
+    solid, known = pocketed()
+    up = next(p for p in stable_poses(solid) if p.R[2, 2] > 0.99)
     T = resting(solid, up.R, 12.0, -8.0, theta)
     shots = Renderer(Scene(placed(solid.mesh, T), None, TABLE), CAMERA, seed=2)
-    backlit, lit = shots.backlit(), {lamp.name: shots.lit(lamp) for lamp in LAMPS}
+    backlit, lit = shots.backlit(), [shots.lit(lamp) for lamp in LAMPS]
 
-    (dark,) = recognise(backlit, GLOWING, CAMERA, pocketed())
+    (dark,) = recognise(backlit, CAMERA, known, "backlit").sightings
     # four readings put other surfaces in the same outline: two sides up, two turns
     assert dark.part == "pocket"
     assert len(dark.ambiguous_with) == 3
-    assert dark.grey_score is None
 
-    (seen,) = recognise(backlit, GLOWING, CAMERA, pocketed(), lit, LAMPS)
+    (seen,) = recognise(backlit, CAMERA, known, "backlit", lit=lit).sightings
     assert seen.pose_index == up.index
     assert seen.T_world_part == pytest.approx(T, abs=0.05)
     assert seen.ambiguous_with == ()
-    assert seen.grey_score is not None
-    assert seen.grey_score > 0.9
 
 
 def test_a_small_blind_hole_makes_two_readings_of_one_outline() -> None:
     # of all the surface 2 %, and no outline shows it; but it decides where a finger may go
     dimple = solid_of(box(60, 40, 12) - rod(2.5, 8, 24).translate((18, 8, 6)), "dimple")
-    entries = make_catalogue([dimple], CAMERA)
-    up = next(p for p in entries[0].poses if p.R[2, 2] > 0.99)
+    known = make_library([compile_solid(dimple)], CAMERA)
+    up = next(p for p in stable_poses(dimple) if p.R[2, 2] > 0.99)
     T = resting(dimple, up.R, 5.0, 5.0, 0.4)
-    (seen,) = recognise(picture([silhouette(dimple.mesh, T, CAMERA)]), GLOWING, CAMERA, entries)
+    image = picture([silhouette(dimple.mesh, T, CAMERA)])
+    (seen,) = recognise(image, CAMERA, known, "backlit").sightings
     assert len(seen.ambiguous_with) == 3
 
 
 def test_a_pocket_that_lies_face_down_leaves_two_turns_that_no_lamp_can_tell() -> None:
-    (entry,) = pocketed()
-    down = next(p for p in entry.poses if p.R[2, 2] < -0.99)
-    T = resting(entry.solid, down.R, 12.0, -8.0, 0.7)
-    shots = Renderer(Scene(placed(entry.solid.mesh, T), None, TABLE), CAMERA, seed=3)
-    lit = {lamp.name: shots.lit(lamp) for lamp in LAMPS}
-    (seen,) = recognise(shots.backlit(), GLOWING, CAMERA, pocketed(), lit, LAMPS)
+    solid, known = pocketed()
+    down = next(p for p in stable_poses(solid) if p.R[2, 2] < -0.99)
+    T = resting(solid, down.R, 12.0, -8.0, 0.7)
+    shots = Renderer(Scene(placed(solid.mesh, T), None, TABLE), CAMERA, seed=3)
+    lit = [shots.lit(lamp) for lamp in LAMPS]
+    (seen,) = recognise(shots.backlit(), CAMERA, known, "backlit", lit=lit).sightings
     assert seen.pose_index == down.index
     (other,) = seen.ambiguous_with
     assert other.pose_index == down.index
@@ -364,46 +353,8 @@ def test_a_pocket_that_lies_face_down_leaves_two_turns_that_no_lamp_can_tell() -
     assert turn == pytest.approx(np.pi, abs=0.01)
 
 
-# --- the steps by themselves --------------------------------------------------------------------
-
-
-def test_levels_are_those_of_object_edge_and_ground() -> None:
-    image = np.full((100, 100), 200, np.uint8)
-    image[20:50, 30:60] = 20
-    inside = np.ones_like(image, dtype=bool)
-    assert threshold_levels(image, inside) == (20.0, 110.0, 200.0)
-    empty = np.full((100, 100), 200, np.uint8)
-    low, _, high = threshold_levels(empty, inside)
-    assert low == high == 200.0
-
-
-def test_what_is_outside_the_glowing_area_does_not_count() -> None:
-    image = np.full((100, 100), 200, np.uint8)
-    image[:, :40] = 20
-    inside = np.zeros_like(image, dtype=bool)
-    inside[:, 45:] = True
-    low, _, high = threshold_levels(image, inside)
-    assert low == high == 200.0
-
-
-def test_objects_come_with_their_own_mask_and_box() -> None:
-    image = picture([shapely.box(100, 100, 180, 160), shapely.box(300, 200, 420, 330)])
-    found = find_objects(image, GLOWING, CAMERA, Limits())
-    assert len(found) == 2
-    boxes = sorted(where for _, where in found)
-    assert boxes == [
-        pytest.approx((100, 100, 181, 161), abs=1),
-        pytest.approx((300, 200, 421, 331), abs=1),
-    ]
-    for mask, (x0, y0, x1, y1) in found:
-        rest = mask.copy()
-        rest[y0:y1, x0:x1] = False
-        assert mask.any()
-        assert not rest.any()
-
-
 def test_a_part_too_large_for_the_picture_is_refused_by_name() -> None:
     # the picture shows 224 x 179 mm of the table
     with pytest.raises(CadError, match=r"rail: 240 mm long.*does not fit"):
-        make_catalogue([solid_of(box(240, 30, 10), "rail")], CAMERA)
-    assert make_catalogue([solid_of(box(150, 100, 10), "sheet")], CAMERA)
+        make_library([compile_solid(solid_of(box(240, 30, 10), "rail"))], CAMERA)
+    assert make_library([compile_solid(solid_of(box(150, 100, 10), "sheet"))], CAMERA).entries

@@ -172,6 +172,22 @@ def compile_part(path: Path, options: CompileOptions | None = None) -> CompiledP
     """
     options = options or CompileOptions()
     solid, tolerances, warnings = _read(path, options.unit)
+    return compile_solid(solid, options, tolerances, warnings)
+
+
+def compile_solid(
+    solid: Solid,
+    options: CompileOptions | None = None,
+    tolerances: tuple[Tolerance, ...] = (),
+    warnings: tuple[str, ...] = (),
+) -> CompiledPart:
+    """Work out all that follows from a solid.
+
+    Parameters
+    ----------
+    tolerances, warnings : what its file told beside the solid
+    """
+    options = options or CompileOptions()
     symmetry = part_symmetries(solid)
     found = find_resting(solid)
     resting = replace(found, poses=name_duplicates(found.poses, symmetry))

@@ -1,0 +1,66 @@
+"""Evidence -> probability that a reading is right, by a logistic curve fitted to pictures."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .fitting import Evidence
+
+STRETCH_MM = 5.0  # of edge that counts as one observation; nearer ones share their causes
+PATCH_MM2 = 50.0  # of surface, likewise
+NOISE_VARIANCE = 4.0  # grey levels squared no pose can explain
+FOUND = 1.0  # log-odds for a stretch of inner edge that is where it should be
+ABSENT_LIT = -1.0  # and for one that is not, under lamps
+ABSENT_DARK = -0.1  # in the dark inside of a backlit part an edge that does not show means little
+MOST_ODDS = 12.0  # from any one kind of evidence
+
+
+@dataclass(frozen=True, slots=True)
+class Weights:
+    """How much each kind of evidence counts.
+
+    Attributes
+    ----------
+    all : of a logistic curve
+    """
+
+    bias: float
+    outline: float
+    explained: float
+    weaker: float
+    inner: float
+    inner_explained: float
+    sigma: float
+    shading: float
+
+
+SILHOUETTE = Weights(-35.0, 0.0, 0.0, 40.0, 0.0, 0.0, 0.0, 0.0)
+FRONT = Weights(-12.0, 6.0, 8.0, 0.0, 6.0, 4.0, -1.0, 2.0)
+
+
+def probability(evidence: Evidence, weights: Weights) -> float:
+    """Return how likely a reading with this evidence is right, 0..1."""
+    has_inner = evidence.inner_mm / (evidence.inner_mm + 20.0)
+    inner = has_inner * evidence.inner + (1 - has_inner) * evidence.outline
+    logit = (
+        weights.bias
+        + weights.outline * evidence.outline
+        + weights.explained * evidence.explained
+        + weights.weaker * min(evidence.outline, evidence.explained)
+        + weights.inner * inner
+        + weights.inner_explained * evidence.inner_explained
+        + weights.sigma * evidence.sigma_px
+        + weights.shading * evidence.shading
+    )
+    return float(1.0 / (1.0 + np.exp(-np.clip(logit, -40, 40))))
+
+
+def grey_odds(evidence: Evidence, *, is_lit: bool) -> float:
+    """Return the log-odds, up to a constant of the object's, that grey levels inside give."""
+    stretches = evidence.inner_mm / STRETCH_MM
+    absent = ABSENT_LIT if is_lit else ABSENT_DARK
+    edges = stretches * (FOUND * evidence.inner + absent * (1.0 - evidence.inner))
+    explained = evidence.image_mm / STRETCH_MM * evidence.inner_explained
+    patches = evidence.area_mm2 / PATCH_MM2
+    shading = -0.5 * patches * np.log(evidence.residual + NOISE_VARIANCE)
+    return float(np.clip(edges, -MOST_ODDS, MOST_ODDS) + explained + shading)

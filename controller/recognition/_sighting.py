@@ -1,0 +1,102 @@
+"""What recognition answers, and what it keeps of its way there for whoever wants to look."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._hypotheses import Hypothesis
+from .library import Candidate
+from .segmentation import Region, Segmentation
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Alternative:
+    """Another reading of a sighting that the pictures do not rule out."""
+
+    part: str
+    pose_index: int
+    theta_rad: float
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Sighting:
+    """One object on the table.
+
+    Attributes
+    ----------
+    part : name, None for an object that is none of the library's
+    pose_index : stable pose, -1 if unknown
+    R : (3, 3) CAD -> upright
+    x_mm, y_mm, theta_rad : planar pose; the centre of mass stands over (x, y)
+    T_world_part : (4, 4), None if unknown; with the small tilt of table and part, if one was found
+    score : probability that part and pose are right, 0..1; of an unknown object, that it is one
+    sigma_mm, sigma_rad : standard deviations of the place (the larger of x and y) and of the turn
+    covariance : (3, 3) of x [mm], y [mm], theta [rad], None if unknown
+    ambiguous_with : readings the pictures cannot tell from this one
+    area_mm2, box_px : of the object in the picture (x0, y0, x1, y1)
+    residual_px : robust standard deviation of the edges from their predictions
+    reason : why it is unknown
+    """
+
+    part: str | None
+    pose_index: int
+    R: Array | None
+    x_mm: float
+    y_mm: float
+    theta_rad: float
+    T_world_part: Array | None
+    score: float
+    covariance: Array | None
+    ambiguous_with: tuple[Alternative, ...]
+    area_mm2: float
+    box_px: tuple[int, int, int, int]
+    residual_px: float
+    reason: str = ""
+
+    @property
+    def sigma_mm(self) -> float:
+        """Standard deviation of the place, the larger of x and y; inf if unknown."""
+        if self.covariance is None:
+            return float("inf")
+        return float(np.sqrt(max(self.covariance[0, 0], self.covariance[1, 1])))
+
+    @property
+    def sigma_rad(self) -> float:
+        """Standard deviation of the turn; inf if unknown."""
+        return float("inf") if self.covariance is None else float(np.sqrt(self.covariance[2, 2]))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Trace:
+    """How one sighting came about, stage by stage.
+
+    Attributes
+    ----------
+    region : what was cut out
+    candidates : what its silhouette may be, best overlap first
+    hypotheses : what was fitted, best first
+    seconds : by stage
+    """
+
+    region: Region
+    candidates: tuple[Candidate, ...]
+    hypotheses: tuple[Hypothesis, ...]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Recognition:
+    """All that was seen in a picture.
+
+    Attributes
+    ----------
+    sightings : largest object first
+    traces : one for each sighting
+    segmentation : how the picture was cut up, with remarks for the operator
+    """
+
+    sightings: tuple[Sighting, ...]
+    traces: tuple[Trace, ...]
+    segmentation: Segmentation

@@ -1,0 +1,27 @@
+"""A posed part's visible edges, the fit of a pose to a picture, and what speaks for it."""
+
+from ._evidence import Evidence, ImageEdges, gather
+from ._fit import EdgeFit, FitOptions, fit_edges
+from ._measure import Gaps, GreyMeasure, LoopMeasure, Measure
+from ._model import EdgeModel, edge_model
+from ._predict import EdgePoints, predict_edges
+from ._shade import Shading, shading_fit
+
+__all__ = [
+    "EdgeFit",
+    "EdgeModel",
+    "EdgePoints",
+    "Evidence",
+    "FitOptions",
+    "Gaps",
+    "GreyMeasure",
+    "ImageEdges",
+    "LoopMeasure",
+    "Measure",
+    "Shading",
+    "edge_model",
+    "fit_edges",
+    "gather",
+    "predict_edges",
+    "shading_fit",
+]

@@ -1,0 +1,188 @@
+"""What speaks for a fitted pose and what against it, as numbers a decision can be made on.
+
+Two questions, each asked both ways: is what the pose predicts in the picture, and is what the
+picture shows predicted?
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from ._fit import EdgeFit
+from ._measure import GreyMeasure, LoopMeasure
+from ._predict import EdgePoints
+from ._shade import Shading
+
+Array = NDArray[np.float64]
+Grey = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+
+NEAR_PX = 1.3  # an edge this near its prediction is where it should be
+FAINT = 0.15  # weight of an edge between surfaces that look the same from the camera
+PLAIN_LIFT = 0.4  # a difference in brightness (cosines) from which an edge must be seen
+PLAIN_JUMP_MM = 4.0  # a step so high must show by its shadow
+STRONG_NOISES = 8.0
+STRONG_SHARE = 0.12  # of the picture's own strong edges, for pictures without noise
+MOST_EDGES = 6000
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ImageEdges:
+    """Pixels of a crop at which the grey level jumps.
+
+    Attributes
+    ----------
+    points_px : (n, 2) in the picture
+    normals : (n, 2) unit, up the gradient
+    strength : (n,) gradient [grey levels / px]
+    every : one in so many is kept
+    """
+
+    points_px: Array
+    normals: Array
+    strength: Array
+    every: int = 1
+
+    @staticmethod
+    def of(measure: GreyMeasure, within: Mask) -> "ImageEdges":
+        """Return the ridges of the gradient inside a region (h, w) of the crop."""
+        gx, gy = measure.gx, measure.gy
+        size = cv2.magnitude(gx, gy)
+        inside = size[within]
+        if inside.size == 0:
+            return ImageEdges(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
+        top = float(np.quantile(inside[:: max(1, inside.size // 5000)], 0.98))
+        level = max(STRONG_NOISES * measure.noise, STRONG_SHARE * top)
+        v, u = np.nonzero((size > level) & within)
+        inner = (v > 0) & (u > 0) & (v < size.shape[0] - 1) & (u < size.shape[1] - 1)
+        v, u = v[inner], u[inner]
+        nx, ny = gx[v, u] / size[v, u], gy[v, u] / size[v, u]
+        # nearest neighbours up and down the gradient
+        du, dv = np.rint(nx).astype(int), np.rint(ny).astype(int)
+        ridge = (size[v, u] >= size[v + dv, u + du]) & (size[v, u] > size[v - dv, u - du])
+        v, u, nx, ny = v[ridge], u[ridge], nx[ridge], ny[ridge]
+        every = max(1, len(v) // MOST_EDGES)
+        v, u, nx, ny = v[::every], u[::every], nx[::every], ny[::every]
+        points = np.column_stack([u, v]).astype(np.float64) + measure.corner
+        normals = np.column_stack([nx, ny]).astype(np.float64)
+        return ImageEdges(points, normals, size[v, u].astype(np.float64), every)
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What a picture says of a pose; shares are of length, 0..1.
+
+    Attributes
+    ----------
+    outline : of the predicted outline that is where it should be
+    explained : of the observed outline, or of the picture's strong edges, that is predicted
+    inner : of the predicted edges inside, by how well they should show, that are there
+    inner_mm : length of these, by how well they should show
+    inner_explained : of the picture's strong edges inside the part that is predicted
+    image_mm : length of these
+    sigma_px : of the edges found
+    shading : share of the brightness' variation inside that the surfaces' turn explains
+    residual : variance of the brightness that is left [grey levels squared]
+    area_mm2 : over which that was looked at
+    """
+
+    outline: float
+    explained: float
+    inner: float
+    inner_mm: float
+    inner_explained: float
+    image_mm: float
+    sigma_px: float
+    shading: float
+    residual: float
+    area_mm2: float
+
+
+def gather(
+    fit: EdgeFit,
+    mm_per_px: float,
+    loops: LoopMeasure | None,
+    greys: Sequence[GreyMeasure],
+    image_edges: ImageEdges,
+    shading: Shading,
+) -> Evidence:
+    """Return the evidence for a fit.
+
+    Parameters
+    ----------
+    loops : the observed outline, where it is known whole (before a glowing table)
+    greys : the pictures that edges inside the part are looked for in; one is enough for an edge
+    image_edges : strong edges of the first in and round the part
+    shading : `shading_fit` of it
+    """
+    edges = fit.edges
+    step_px = edges.step_mm / mm_per_px
+    on = edges.on_outline
+    near = np.zeros(len(on), dtype=np.bool_)
+    for grey in greys:
+        gaps = grey.gaps(edges.pixels, edges.normals, edges, 3.0).gap_px
+        near |= np.abs(np.nan_to_num(gaps, nan=99.0)) < NEAR_PX
+    weight = visibility(edges)
+    predicted = is_predicted(image_edges.points_px, edges, np.ones(len(on), np.bool_), step_px)
+    # strong ones count more, but one bright rim must not outvote all others
+    inner_explained = _weighted(predicted, np.sqrt(image_edges.strength))
+    if loops is not None:
+        gaps = loops.gaps(edges.pixels, edges.normals, edges, 4.0).gap_px
+        outline = _share(np.abs(np.nan_to_num(gaps[on], nan=99.0)) < NEAR_PX)
+        explained = _share(is_predicted(loops.points, edges, on, step_px))
+    else:
+        outline = _weighted(near[on], weight[on])
+        explained = inner_explained
+    return Evidence(
+        outline=outline,
+        explained=explained,
+        inner=_weighted(near[~on], weight[~on]),
+        inner_mm=float(weight[~on].sum()) * edges.step_mm,
+        inner_explained=inner_explained,
+        image_mm=len(image_edges.points_px) * image_edges.every * mm_per_px,
+        sigma_px=fit.sigma_px,
+        shading=shading.explained,
+        residual=shading.residual,
+        area_mm2=shading.area_px * mm_per_px**2,
+    )
+
+
+def visibility(edges: EdgePoints) -> Array:
+    """Return how surely predicted edges show under lamps, (n,) 0..1.
+
+    What is turned another way is lit another way; a step throws a shadow or hides light.
+    """
+    turned = np.abs(edges.lift) / PLAIN_LIFT
+    stepped = edges.jump_mm / PLAIN_JUMP_MM
+    return np.asarray(np.clip(np.maximum(turned, stepped), FAINT, 1.0))
+
+
+def is_predicted(
+    points_px: Array, edges: EdgePoints, which: NDArray[np.bool_], step_px: float
+) -> NDArray[np.bool_]:
+    """Tell which points (n, 2) of a picture lie on predicted edges."""
+    pixels, normals = edges.pixels[which], edges.normals[which]
+    if len(pixels) == 0 or len(points_px) == 0:
+        return np.zeros(len(points_px), dtype=np.bool_)
+    _, nearest = cKDTree(pixels).query(points_px, k=min(2, len(pixels)))
+    nearest = nearest.reshape(len(points_px), -1)
+    answer = np.zeros(len(points_px), dtype=np.bool_)
+    for k in range(nearest.shape[1]):
+        away = points_px - pixels[nearest[:, k]]
+        across = np.abs((away * normals[nearest[:, k]]).sum(axis=1))
+        along = np.sqrt(np.maximum((away**2).sum(axis=1) - across**2, 0.0))
+        answer |= (across < NEAR_PX + 0.3) & (along < 0.75 * step_px + 2.0)
+    return answer
+
+
+def _share(found: NDArray[np.bool_]) -> float:
+    return float(found.mean()) if len(found) else 0.0
+
+
+def _weighted(found: NDArray[np.bool_], weight: Array) -> float:
+    total = float(weight.sum())
+    return float((weight * found).sum()) / total if total > 0 else 0.0

@@ -1,0 +1,184 @@
+"""Sub-pixel pose: move a part until its visible edges lie on those of the picture.
+
+Gauss-Newton over the distances along the edges' normals, under full perspective. The edges are
+predicted anew when the part has moved, since what is seen of it changes with where it lies.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.cad import Camera, transform
+
+from ._measure import Gaps, Measure
+from ._model import EdgeModel
+from ._predict import EdgePoints, predict_edges
+
+Array = NDArray[np.float64]
+
+HUBER_PX = 1.0
+LEAST_POINTS = 12
+LEAST_REACH_PX = 2.5
+SETTLED_PX = 0.004  # a step that moves no edge farther is the last one
+CORRELATED_MM = 3.0  # errors of edge points nearer than this are one error: blur, pixels, facets
+CALIBRATION_MM = 0.02  # what the camera's own calibration leaves, whatever the edges say
+
+
+@dataclass(frozen=True, slots=True)
+class FitOptions:
+    """How a fit goes.
+
+    Attributes
+    ----------
+    reach_px : one round for each: how far from the prediction an edge is looked for
+    steps : Gauss-Newton steps in each round
+    tilt_rad : standard deviation of the table's tilt about x and y; 0 to hold the part level
+    most : edge samples looked at
+    """
+
+    reach_px: Sequence[float] = (10.0, 4.0)
+    steps: int = 3
+    tilt_rad: float = 0.0
+    most: int = 900
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class EdgeFit:
+    """A fitted pose.
+
+    Attributes
+    ----------
+    T_world_part : (4, 4)
+    edges : the visible edges predicted at that pose
+    gaps : what the picture shows beside them
+    sigma_px : robust standard deviation of the gaps
+    covariance : (3, 3) of x [mm], y [mm] and the turn about z [rad] of the centre of mass
+    """
+
+    T_world_part: Array
+    edges: EdgePoints
+    gaps: Gaps
+    sigma_px: float
+    covariance: Array
+
+
+def fit_edges(
+    model: EdgeModel,
+    T_world_part: Array,
+    camera: Camera,
+    measure: Measure,
+    options: FitOptions | None = None,
+) -> EdgeFit | None:
+    """Fit x, y and the turn about z, and if asked a small tilt, to a picture's edges.
+
+    Parameters
+    ----------
+    T_world_part : where to begin; within about ``reach_px`` of the truth
+
+    Returns
+    -------
+    the fit, or None where the picture shows too few edges
+    """
+    options = options or FitOptions()
+    T = T_world_part
+    for reach in (*options.reach_px, options.reach_px[-1]):
+        edges = predict_edges(model, T, camera, options.most)
+        if len(edges.pixels) < LEAST_POINTS:
+            return None
+        pivot = transform(T, model.solid.centroid_mm[None])[0]
+        jacobian = _jacobian(edges, pivot, camera)
+        total = _descend(edges, jacobian, pivot, camera, measure, reach, options)
+        if total is None:
+            return None
+        T = _moved(total, pivot) @ T
+    # the part has hardly moved in the last round: its edges are still the ones predicted
+    edges = replace(edges, points_mm=transform(_moved(total, pivot), edges.points_mm))
+    edges = replace(edges, pixels=camera.project(edges.points_mm))
+    gaps = measure.gaps(edges.pixels, edges.normals, edges, options.reach_px[-1])
+    found = np.isfinite(gaps.gap_px)
+    if found.sum() < LEAST_POINTS:
+        return None
+    residual = gaps.gap_px[found]
+    sigma = max(1.48 * float(np.median(np.abs(residual))), 0.02)
+    weight = 1.0 / np.maximum(1.0, np.abs(residual) / max(HUBER_PX, 2 * sigma))
+    covariance = _covariance(jacobian[found], weight, sigma, edges.step_mm)
+    return EdgeFit(T, edges, gaps, sigma, covariance)
+
+
+def _descend(
+    edges: EdgePoints,
+    jacobian: Array,
+    pivot: Array,
+    camera: Camera,
+    measure: Measure,
+    reach_px: float,
+    options: FitOptions,
+) -> Array | None:
+    """Return the motion (5,) that some steps with one set of edges come to, None for too few."""
+    total = np.zeros(5)
+    columns = 5 if options.tilt_rad > 0 else 3
+    pixels = edges.pixels
+    for step in range(options.steps):
+        reach = max(reach_px / (1 + step), LEAST_REACH_PX)
+        gaps = measure.gaps(pixels, edges.normals, edges, reach)
+        found = np.isfinite(gaps.gap_px)
+        if found.sum() < LEAST_POINTS:
+            return None
+        gap, slopes = gaps.gap_px[found], jacobian[found, :columns]
+        spread = max(HUBER_PX, 1.48 * float(np.median(np.abs(gap))))
+        weight = 1.0 / np.maximum(1.0, np.abs(gap) / spread)
+        normal = (slopes * weight[:, None]).T @ slopes
+        pull = (slopes * weight[:, None]).T @ gap
+        normal[np.diag_indices(3)] += 1e-9 * np.diag(normal)[:3] + 1e-12
+        if columns == 5:
+            stiff = _per_point(edges.step_mm) ** -1 * spread**2 / options.tilt_rad**2
+            normal[[3, 4], [3, 4]] += stiff
+            pull[3:] -= stiff * total[3:5]
+        change = np.linalg.solve(normal, pull)
+        total[:columns] += change
+        pixels = camera.project(transform(_moved(total, pivot), edges.points_mm))
+        if np.abs(slopes @ change).max() < SETTLED_PX:
+            break
+    return total
+
+
+def _moved(step: Array, pivot: Array) -> Array:
+    """Return the motion (4, 4) of x, y, the turn about z, and tilts about x and y."""
+    R, _ = cv2.Rodrigues(np.array([step[3], step[4], step[2]]))
+    T = np.eye(4)
+    T[:3, :3] = R
+    T[:3, 3] = pivot + np.array([step[0], step[1], 0.0]) - R @ pivot
+    return T
+
+
+def _jacobian(edges: EdgePoints, pivot: Array, camera: Camera) -> Array:
+    """Return d(pixel along its normal) / d(x, y [mm], turn about z, about x, about y [rad])."""
+    R_cam_world = camera.T_world_cam[:3, :3].T
+    local = (edges.points_mm - camera.position_mm) @ R_cam_world.T
+    fx, fy = camera.K[0, 0], camera.K[1, 1]
+    z = local[:, 2]
+    zero = np.zeros_like(z)
+    # distortion changes the local scale by less than a percent: further steps take care of it
+    du = np.column_stack([fx / z, zero, -fx * local[:, 0] / z**2]) @ R_cam_world
+    dv = np.column_stack([zero, fy / z, -fy * local[:, 1] / z**2]) @ R_cam_world
+    along = edges.normals[:, :1] * du + edges.normals[:, 1:] * dv
+    turn = np.cross(edges.points_mm - pivot, along)
+    return np.column_stack([along[:, 0], along[:, 1], turn[:, 2], turn[:, 0], turn[:, 1]])
+
+
+def _per_point(step_mm: float) -> float:
+    """Return how many independent measurements a sample counts for, at most 1."""
+    return min(1.0, step_mm / CORRELATED_MM)
+
+
+def _covariance(jacobian: Array, weight: Array, sigma_px: float, step_mm: float) -> Array:
+    information = (jacobian[:, :3] * weight[:, None]).T @ jacobian[:, :3]
+    information *= _per_point(step_mm) / sigma_px**2
+    # a round part says nothing of its turn: half a turn is what is known then
+    information[2, 2] += 1.0 / np.pi**2
+    spread: Array = np.linalg.inv(information + 1e-9 * np.eye(3))
+    spread[[0, 1], [0, 1]] += CALIBRATION_MM**2
+    return spread

@@ -1,0 +1,138 @@
+"""Where in the picture the edge is that a prediction puts at a place: two ways of looking.
+
+On a glowing table the outline is known whole, as loops. Elsewhere an edge is looked for in the
+grey levels, along the normal of the predicted one.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from ._predict import EdgePoints
+
+Array = NDArray[np.float64]
+Grey = NDArray[np.uint8]
+
+TURN_PX = 5.0  # an outline that runs the other way counts as this much farther
+SIDE_PX = 1.0  # profiles are sampled at whole pixels, peaks between them by a parabola
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Gaps:
+    """What was found beside predicted edge points.
+
+    Attributes
+    ----------
+    gap_px : (n,) how far along the predicted normal the edge is, NaN where none was found
+    strength : (n,) of the found edge: its contrast in grey levels, signed as rising along the
+        normal; 0 where none was found
+    """
+
+    gap_px: Array
+    strength: Array
+
+
+class Measure(Protocol):
+    """A way to find edges in a picture."""
+
+    def gaps(
+        self, pixels: Array, normals: Array, edges: EdgePoints, reach_px: float
+    ) -> Gaps:  # pragma: no cover - protocol
+        """Return what lies within reach of predicted points, moved to ``pixels`` meanwhile."""
+        ...
+
+
+class LoopMeasure:
+    """Edges are the sub-pixel loops of an outline; edges inside it are not seen.
+
+    Parameters
+    ----------
+    loops_px : closed loops (n, 2), ordered, either way round; the largest is the outer one
+    """
+
+    def __init__(self, loops_px: tuple[Array, ...]) -> None:
+        areas = [_signed_area(loop) for loop in loops_px]
+        outer = int(np.argmax(np.abs(areas))) if areas else -1
+        normals = [
+            _loop_normals(loop) * np.sign(area) * (1.0 if i == outer else -1.0)
+            for i, (loop, area) in enumerate(zip(loops_px, areas, strict=True))
+        ]
+        self.points = np.concatenate(loops_px) if loops_px else np.zeros((0, 2))
+        self.normals = np.concatenate(normals) if normals else np.zeros((0, 2))
+        self._tree = cKDTree(np.hstack([self.points, TURN_PX * self.normals]))
+
+    def gaps(self, pixels: Array, normals: Array, edges: EdgePoints, reach_px: float) -> Gaps:
+        """Return the distances to the nearest loop that runs the same way."""
+        gap = np.full(len(pixels), np.nan)
+        strength = np.zeros(len(pixels))
+        at = np.flatnonzero(edges.on_outline)
+        asked = np.hstack([pixels[at], TURN_PX * normals[at]])
+        distance, nearest = self._tree.query(asked, distance_upper_bound=reach_px + TURN_PX)
+        near = np.isfinite(distance)
+        at, nearest = at[near], nearest[near]
+        away = self.points[nearest] - pixels[at]
+        agrees = (self.normals[nearest] * normals[at]).sum(axis=1)
+        along = (away * self.normals[nearest]).sum(axis=1)
+        good = (agrees > 0.5) & (np.abs(along) < reach_px)
+        gap[at[good]] = along[good]
+        strength[at[good]] = 255.0
+        return Gaps(gap, strength)
+
+
+def _loop_normals(loop: Array) -> Array:
+    """Return unit normals (n, 2), to the outside of a loop of positive area."""
+    tangent = np.roll(loop, -2, axis=0) - np.roll(loop, 2, axis=0)
+    normal = np.column_stack([tangent[:, 1], -tangent[:, 0]])
+    return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9))
+
+
+def _signed_area(loop: Array) -> float:
+    x, y = (loop - loop[0]).T
+    return float(x @ np.roll(y, -1) - np.roll(x, -1) @ y) / 2
+
+
+class GreyMeasure:
+    """Edges are peaks of the grey-level gradient.
+
+    Parameters
+    ----------
+    crop : (h, w) grey
+    corner_px : (x0, y0) of the crop in the picture
+    noise : standard deviation of the gradient where nothing is to be seen; None to estimate it
+    """
+
+    def __init__(self, crop: Grey, corner_px: tuple[int, int], noise: float | None = None) -> None:
+        smooth = cv2.GaussianBlur(crop, (0, 0), 0.8).astype(np.float32)
+        # Scharr turns with the edge; 1/32 makes it grey levels a pixel
+        self.gx = cv2.Scharr(smooth, cv2.CV_32F, 1, 0, scale=1 / 32)
+        self.gy = cv2.Scharr(smooth, cv2.CV_32F, 0, 1, scale=1 / 32)
+        self.corner = np.array(corner_px, dtype=np.float64)
+        if noise is None:
+            noise = 1.48 * float(np.median(np.abs(self.gx[::3, ::3]))) + 0.05
+        self.noise = noise
+
+    def gaps(self, pixels: Array, normals: Array, edges: EdgePoints, reach_px: float) -> Gaps:
+        """Return the strongest edges near predicted points, nearer ones preferred."""
+        steps = np.arange(-np.ceil(reach_px) - 1, np.ceil(reach_px) + 2) * SIDE_PX
+        where = (pixels - self.corner)[:, None] + steps[:, None] * normals[:, None]
+        x, y = where[..., 0].astype(np.float32), where[..., 1].astype(np.float32)
+        slope = cv2.remap(self.gx, x, y, cv2.INTER_LINEAR) * normals[:, :1].astype(np.float32)
+        slope += cv2.remap(self.gy, x, y, cv2.INTER_LINEAR) * normals[:, 1:].astype(np.float32)
+        size = np.abs(slope)
+        nearness = np.exp(-0.5 * (steps / max(reach_px, 1.0)) ** 2).astype(np.float32)
+        inner = size[:, 1:-1]
+        is_peak = (inner >= size[:, :-2]) & (inner >= size[:, 2:]) & (inner > 3 * self.noise)
+        worth = np.where(is_peak, inner * nearness[1:-1], -1.0)
+        best = worth.argmax(axis=1)
+        rows = np.arange(len(pixels))
+        found = worth[rows, best] > 0
+        before, at, after = (size[rows, best + k].astype(np.float64) for k in range(3))
+        bow = before - 2 * at + after
+        offset = np.where(bow < -1e-9, 0.5 * (before - after) / np.minimum(bow, -1e-9), 0.0)
+        gap = steps[1:-1][best] + np.clip(offset, -0.5, 0.5) * SIDE_PX
+        strength = slope[rows, best + 1].astype(np.float64)
+        return Gaps(np.where(found, gap, np.nan), np.where(found, strength, 0.0))

@@ -1,0 +1,36 @@
+"""The parts that may turn up: their views, and an index that finds them by shape."""
+
+from ._index import Candidate, Silhouette, ViewIndex
+from ._library import (
+    Entry,
+    Library,
+    check_fits,
+    make_entry,
+    make_library,
+    place_of,
+    station_of,
+    turn_of,
+    turns_that_keep,
+)
+from ._polar import polar_grid
+from ._views import PartViews, Station, lying, view_part
+
+__all__ = [
+    "Candidate",
+    "Entry",
+    "Library",
+    "PartViews",
+    "Silhouette",
+    "Station",
+    "ViewIndex",
+    "check_fits",
+    "lying",
+    "make_entry",
+    "make_library",
+    "place_of",
+    "polar_grid",
+    "station_of",
+    "turn_of",
+    "turns_that_keep",
+    "view_part",
+]

@@ -1,0 +1,188 @@
+"""The parts that may turn up, ready to be recognised.
+
+A library of a thousand parts is searched by its views alone; meshes are needed only of the few
+parts a picture may show, and are asked for when they are.
+"""
+
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.cad import CadError, Camera, PartSymmetry, StablePose
+from controller.cad.compiled import CompiledPart
+
+from ..fitting import EdgeModel, edge_model
+from ._index import ViewIndex
+from ._views import PartViews, Station, view_part
+
+Array = NDArray[np.float64]
+
+LEAST_PROBABILITY = 0.01
+KEPT_MODELS = 32  # a part takes some megabytes with its search tree
+UPRIGHT_RAD = np.radians(1.0)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Entry:
+    """One part of a library: what is kept of it in memory whether it turns up or not.
+
+    Attributes
+    ----------
+    name : of the part
+    poses : the ways it may be found lying; of those that a symmetry makes the same, the first
+    turns_rad : of each pose, the turns about the vertical that leave it as it is, 0 first; empty
+        where any turn does
+    centroid_mm : (3,) centre of mass, CAD frame
+    views : of these poses
+    """
+
+    name: str
+    poses: tuple[StablePose, ...]
+    turns_rad: tuple[Array, ...]
+    centroid_mm: Array
+    views: PartViews
+
+    def pose(self, index: int) -> StablePose:
+        """Return the pose of an index."""
+        return next(pose for pose in self.poses if pose.index == index)
+
+    def turns_of(self, index: int) -> Array:
+        """Return the turns that leave a pose as it is."""
+        at = next(i for i, pose in enumerate(self.poses) if pose.index == index)
+        return self.turns_rad[at]
+
+
+class Library:
+    """Parts with the index of their views.
+
+    Parameters
+    ----------
+    entries : the parts
+    load : gives the edge model of an entry by its number
+    eye_mm : (3,) the camera's centre in the world
+    """
+
+    def __init__(
+        self, entries: Sequence[Entry], load: Callable[[int], EdgeModel], eye_mm: Array
+    ) -> None:
+        self.entries = tuple(entries)
+        self.index = ViewIndex([entry.views for entry in self.entries], eye_mm)
+        self._load = load
+        self._models: OrderedDict[int, EdgeModel] = OrderedDict()
+
+    def model(self, part: int) -> EdgeModel:
+        """Return the edges of a part, from memory if it was asked for lately."""
+        found = self._models.pop(part, None) or self._load(part)
+        self._models[part] = found
+        if len(self._models) > KEPT_MODELS:
+            self._models.popitem(last=False)
+        return found
+
+
+def station_of(camera: Camera) -> Station:
+    """Return where a camera looks from and how far from below it it sees the table.
+
+    Rounded, so that a new calibration of the same camera does not void what was worked out.
+    """
+    width, height = camera.size_px
+    corners = np.array([[0, 0], [width, 0], [0, height], [width, height]], dtype=np.float64)
+    eye = camera.position_mm
+    reach = np.linalg.norm(camera.on_plane(corners)[:, :2] - eye[:2], axis=1).max()
+    return Station(
+        eye_mm=float(10 * np.round(eye[2] / 10)), reach_mm=float(20 * np.ceil(reach / 20))
+    )
+
+
+def make_entry(
+    part: CompiledPart, station: Station, min_probability: float = LEAST_PROBABILITY
+) -> tuple[Entry, EdgeModel]:
+    """Return what a library keeps of a part, and its edges.
+
+    Raises
+    ------
+    CadError : it is too tall to lie under the camera
+    """
+    poses = _distinct_poses(part.poses, min_probability)
+    model = edge_model(part.solid)
+    try:
+        views = view_part(part.solid, poses, model.caster, station)
+    except ValueError as error:
+        raise CadError(f"{error}; use another camera or a smaller part") from error
+    turns = tuple(turns_that_keep(pose.R, part.symmetry) for pose in poses)
+    centroid = np.asarray(part.solid.centroid_mm, dtype=np.float64)
+    return Entry(part.solid.name, poses, turns, centroid, views), model
+
+
+def _distinct_poses(poses: Sequence[StablePose], least: float) -> tuple[StablePose, ...]:
+    """Return the poses that may be met, one of those that look alike by symmetry.
+
+    Symmetric ways to lie share their odds out, so that the sum of them counts.
+    """
+    odds: dict[int, float] = {}
+    for pose in poses:
+        first = pose.same_as if pose.same_as >= 0 else pose.index
+        odds[first] = odds.get(first, 0.0) + pose.probability
+    # what would roll on or tip at a touch is seen lying all the same; planning refuses it
+    return tuple(p for p in poses if odds.get(p.index, 0.0) >= least)
+
+
+def turns_that_keep(R: Array, symmetry: PartSymmetry) -> Array:
+    """Return the turns about the vertical [rad] that leave a pose as it is; empty if all do."""
+    up = R[2]  # the vertical in the part's own axes
+    if symmetry.is_ball:
+        return np.zeros(0)
+    if symmetry.axis is not None and abs(float(symmetry.axis @ up)) > np.cos(UPRIGHT_RAD):
+        return np.zeros(0)
+    found = []
+    for kept in symmetry.rotations:
+        turned = R @ kept @ R.T
+        if turned[2, 2] > np.cos(UPRIGHT_RAD):
+            found.append(float(np.arctan2(turned[1, 0], turned[0, 0])))
+    found.sort(key=abs)
+    return np.array(found or [0.0])
+
+
+def make_library(
+    parts: Sequence[CompiledPart], camera: Camera, min_probability: float = LEAST_PROBABILITY
+) -> Library:
+    """Prepare parts for a camera, all of them in memory; for a handful of parts.
+
+    Raises
+    ------
+    CadError : a part is too large for the camera's picture
+    """
+    station = station_of(camera)
+    made = [make_entry(part, station, min_probability) for part in parts]
+    for part in parts:
+        check_fits(part, camera)
+    models = [model for _, model in made]
+    return Library([entry for entry, _ in made], models.__getitem__, camera.position_mm)
+
+
+def check_fits(part: CompiledPart, camera: Camera) -> None:
+    """Raise CadError where a part does not fit into a camera's picture."""
+    width, height = camera.size_px
+    middle = camera.on_plane(np.array([[width / 2, height / 2]]))[0]
+    side = camera.on_plane(np.array([[0.0, height / 2], [width / 2, 0.0]]))
+    half = np.linalg.norm(side - middle, axis=1)
+    longest = float(part.solid.mesh.extents.max())
+    if longest > 2 * float(half.max()):
+        raise CadError(
+            f"{part.solid.name}: {longest:.0f} mm long, lying it does not fit into the overhead "
+            "camera's picture; use another camera or a smaller part"
+        )
+
+
+def place_of(entry: Entry, T_world_part: Array) -> Array:
+    """Return where a posed part's centre of mass stands over the table, (2,)."""
+    at: Array = (T_world_part[:3, :3] @ entry.centroid_mm + T_world_part[:3, 3])[:2]
+    return at
+
+
+def turn_of(R: Array, T_world_part: Array) -> float:
+    """Return the turn about the vertical [rad] from a pose's ``R`` to a posed part."""
+    turned = T_world_part[:3, :3] @ R.T
+    return float(np.arctan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1]))

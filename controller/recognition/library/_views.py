@@ -1,0 +1,154 @@
+"""How each way to lie looks from the camera's place: silhouettes cast as shadows on the table.
+
+A shadow cast from the camera's centre onto z = 0 is what the picture's outline becomes when its
+pixels are taken to the table plane. It depends on the camera's place alone, not on its lens, and
+on where the part lies: the taller the part, the more. A flat pose needs one view; a tall one gets
+a ring of them, the part lying to this side and that of the point below the camera.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.cad import RayCaster, Solid, StablePose, inverse_pose, transform
+
+from ._polar import from_raster
+
+Array = NDArray[np.float64]
+
+RASTER_PX = 128  # a shadow's longer side
+FLAT_SHARE = 0.05  # of the outline's size that perspective may move it before more views are made
+RING_SHARE = 0.65  # where the ring of views stands, between the middle and the farthest corner
+RING_VIEWS = 8
+TALL_SHARE = 0.35  # perspective that moves it so much makes twice the views
+
+
+@dataclass(frozen=True, slots=True)
+class Station:
+    """Where parts are looked at from.
+
+    Attributes
+    ----------
+    eye_mm : height of the camera's centre over the table
+    reach_mm : how far from the point below it parts may lie
+    """
+
+    eye_mm: float
+    reach_mm: float
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PartViews:
+    """The views of one part, for the index.
+
+    Attributes
+    ----------
+    pose : (n,) index of the stable pose
+    place_mm : (n, 2) from the point below the camera to the centre of mass, the part at turn 0
+    area_mm2 : (n,) of the shadow
+    perimeter_mm : (n,) of the shadow, its holes' included
+    centroid_mm : (n, 2) of the shadow, from the centre of mass, the part at turn 0
+    grids : (n, RINGS, ANGLES) uint8 polar grids
+    ring_mm : (n,) distance within which a view speaks for a place; inf where one is enough
+    """
+
+    pose: NDArray[np.int32]
+    place_mm: Array
+    area_mm2: Array
+    perimeter_mm: Array
+    centroid_mm: Array
+    grids: NDArray[np.uint8]
+    ring_mm: Array
+
+
+def lying(solid: Solid, pose: StablePose, x_mm: float, y_mm: float, theta_rad: float) -> Array:
+    """Return T_world_part of a part at rest: turned upright, then by theta, then moved.
+
+    The centre of mass stands over (x, y) and the lowest point at z = 0 (DESIGN.md 4).
+    """
+    c, s = np.cos(theta_rad), np.sin(theta_rad)
+    T = np.eye(4)
+    T[:3, :3] = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ pose.R
+    T[:3, 3] = np.array([x_mm, y_mm, pose.com_height_mm]) - T[:3, :3] @ solid.centroid_mm
+    return T
+
+
+def view_part(
+    solid: Solid, poses: tuple[StablePose, ...], caster: RayCaster, station: Station
+) -> PartViews:
+    """Return the views of all ways a part lies.
+
+    Raises
+    ------
+    ValueError : the part reaches up to the camera
+    """
+    rows = []
+    eye = np.array([0.0, 0.0, station.eye_mm])
+    for pose in poses:
+        for place, ring in _places(solid, pose, station):
+            T = lying(solid, pose, place[0], place[1], 0.0)
+            area, perimeter, centroid, grid = _shadow(solid, caster, T, eye)
+            rows.append((pose.index, place, area, perimeter, centroid - place, grid, ring))
+    pose_of, places, areas, perimeters, centroids, grids, rings = zip(*rows, strict=True)
+    return PartViews(
+        pose=np.array(pose_of, dtype=np.int32),
+        place_mm=np.array(places),
+        area_mm2=np.array(areas),
+        perimeter_mm=np.array(perimeters),
+        centroid_mm=np.array(centroids),
+        grids=np.stack(grids),
+        ring_mm=np.array(rings),
+    )
+
+
+def _places(solid: Solid, pose: StablePose, station: Station) -> list[tuple[Array, float]]:
+    """Return where a pose is to be looked at, each with how far around it speaks for."""
+    upright = (solid.mesh.vertices - solid.centroid_mm) @ pose.R.T
+    height = float(np.ptp(upright[:, 2]))
+    size = float(np.sqrt(np.prod(np.ptp(upright[:, :2], axis=0))))
+    shift = height * station.reach_mm / station.eye_mm
+    middle = np.zeros(2)
+    if shift < FLAT_SHARE * size:
+        return [(middle, np.inf)]
+    count = RING_VIEWS if shift < TALL_SHARE * size else 2 * RING_VIEWS
+    ring = RING_SHARE * station.reach_mm
+    turn = np.arange(count) * 2 * np.pi / count
+    around = ring * np.column_stack([np.cos(turn), np.sin(turn)])
+    return [(middle, 0.75 * ring)] + [(place, 0.75 * ring) for place in around]
+
+
+def _shadow(
+    solid: Solid, caster: RayCaster, T_world_part: Array, eye: Array
+) -> tuple[float, float, Array, NDArray[np.uint8]]:
+    """Return area, perimeter, centroid (2,) and polar grid of a posed part's shadow."""
+    p = transform(T_world_part, solid.mesh.vertices)
+    if p[:, 2].max() > 0.9 * eye[2]:
+        raise ValueError(f"{solid.name}: {p[:, 2].max():.0f} mm tall, up to the camera")
+    cast = eye[:2] + (p[:, :2] - eye[:2]) * (eye[2] / (eye[2] - p[:, 2]))[:, None]
+    low, high = cast.min(axis=0), cast.max(axis=0)
+    step = float((high - low).max()) / RASTER_PX
+    low = low - 1.5 * step
+    count = np.ceil((high - low) / step).astype(int) + 2
+    x, y = np.meshgrid(low[0] + step * np.arange(count[0]), low[1] + step * np.arange(count[1]))
+    ground = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+    T_part_world = inverse_pose(T_world_part)
+    directions = (ground - eye) @ T_part_world[:3, :3].T
+    origin = transform(T_part_world, eye[None])[0]
+    triangle, _ = caster.first_hit(np.broadcast_to(origin, directions.shape), directions)
+    raster = np.where(triangle >= 0, np.uint8(255), np.uint8(0)).reshape(x.shape)
+    moments = cv2.moments(raster, binaryImage=True)
+    pixels = max(moments["m00"], 1.0)
+    centre = np.array([moments["m10"], moments["m01"]]) / pixels
+    grid = from_raster(raster, centre, float(np.sqrt(pixels / np.pi)))
+    return pixels * step**2, _perimeter_px(raster) * step, low + step * centre, grid
+
+
+def _perimeter_px(raster: NDArray[np.uint8]) -> float:
+    """Return the length of a raster's outline: of its half-way line, smoothed over the pixels."""
+    smooth = cv2.GaussianBlur(raster, (0, 0), 1.2).astype(np.float32) / 255.0
+    gx = cv2.Scharr(smooth, cv2.CV_32F, 1, 0, scale=1 / 32)
+    gy = cv2.Scharr(smooth, cv2.CV_32F, 0, 1, scale=1 / 32)
+    # the gradient's length integrates to the length of the edge, whichever way that runs
+    return float(cv2.magnitude(gx, gy).sum())
