@@ -51,6 +51,7 @@ from recognition_runs import (  # noqa: E402
     recognise_command,
     rival_command,
     run,
+    smaller,
     stable_poses,
 )
 from recognition_symmetry import Surface  # noqa: E402
@@ -97,16 +98,26 @@ def read_set(folder: Path, args: argparse.Namespace, scratch: Path) -> Pictures:
     if args.calibration is None or args.lo_calibration is None:
         into = scratch / folder.name
         into.mkdir()
-        if (folder / "calib" / "calib.json").is_file():
-            cameras = calibrate(folder / "calib", into)
+        boards = folder / "calib"
+        if not (boards / "calib.json").is_file() and _is_shared_camera(truth):
+            boards = SHARED / "images" / "calib"
+        if (boards / "calib.json").is_file():
+            cameras = calibrate(boards, into)
         else:
             cameras["hi"] = from_truth(truth, into / "hi.json")
+            cameras["lo"] = smaller(*cameras["hi"], into / "lo.json")
     for size, file in (("hi", args.calibration), ("lo", args.lo_calibration)):
         if file is not None:
             cameras[size] = (file.resolve(), "file given")
     name = folder.name if folder != SHARED / "images" else "shared"
     things = read_things(truth)
     return Pictures(name, folder, truth, things, cameras, parts or [SHARED / "parts"])
+
+
+def _is_shared_camera(truth: dict[str, Any]) -> bool:
+    """Say whether pictures were made with the camera of the shared ones, which has boards."""
+    file = SHARED / "images" / "truth.json"
+    return file.is_file() and json.loads(file.read_text())["camera"] == truth["camera"]
 
 
 def surfaces(parts: Sequence[Path]) -> Callable[[str], Surface]:

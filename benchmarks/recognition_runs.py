@@ -200,7 +200,7 @@ def calibrate(folder: Path, into: Path) -> dict[str, tuple[Path, str]]:
         elif name == "hi":
             made[name] = (_by_opencv(folder, result), "OpenCV on the boards: no calibrate command")
         else:
-            made[name] = (_smaller(made["hi"][0], result), "from the large pictures' camera")
+            made[name] = smaller(*made["hi"], result)
     return made
 
 
@@ -218,7 +218,7 @@ def _by_opencv(folder: Path, result: Path) -> Path:
     return result
 
 
-def _smaller(large: Path, result: Path) -> Path:
+def smaller(large: Path, how: str, result: Path) -> tuple[Path, str]:
     """Write the camera of the 256 x 256 pictures, whose pixels are 5 x 4 of the large ones'."""
     body = json.loads(large.read_text())
     # u_lo = (u + 0.5) / 5 - 0.5, v_lo = (v + 0.5) / 4 - 0.5
@@ -226,7 +226,7 @@ def _smaller(large: Path, result: Path) -> Path:
     K = shrink @ np.array(body["K"])
     body |= {"size_px": [256, 256], "K": K.tolist()}
     result.write_text(json.dumps(body))
-    return result
+    return result, f"that of the large pictures ({how})"
 
 
 def from_truth(truth: dict[str, Any], result: Path) -> tuple[Path, str]:

@@ -27,6 +27,7 @@ SAME_MM = 0.5
 TILT_RAD = 0.02  # the same side down, by two ways to compute it: facets of one curved face too
 PROBES = 1200  # points of each surface measured against the other
 SPACING_MM = 0.5  # of the points by which the nearest triangles are found
+GAP_MM = 2.0  # no point of the surface is further from one of them
 NEAREST = 6  # triangles tried for a point: those of the nearest points on the surface
 START_RAD = np.radians(6.0)
 FINE_RAD = np.radians(0.4)
@@ -62,7 +63,7 @@ class Surface:
     def __init__(self, mesh: trimesh.Trimesh) -> None:
         self.centroid_mm: Array = np.asarray(mesh.center_mass, dtype=np.float64)
         self._triangles = np.asarray(mesh.triangles - self.centroid_mm, dtype=np.float64)
-        count = int(np.clip(mesh.area / SPACING_MM**2, 20_000, 200_000))
+        count = int(np.clip(mesh.area / SPACING_MM**2, 20_000, 400_000))
         points, owner = trimesh.sample.sample_surface(mesh, count, seed=20260101)
         # every triangle is named at least by its middle and its corners, however small it is
         middles = self._triangles.mean(axis=1)
@@ -85,11 +86,24 @@ class Surface:
         apart = np.linalg.norm(closest - repeated, axis=1).reshape(-1, NEAREST)
         return np.asarray(apart.min(axis=1))
 
-    def apart_mm(self, R: Array) -> Array:
+    def apart_mm(self, R: Array, every: int = 1) -> Array:
         """Return how far the surface and itself turned by R are apart, at the probes of both."""
-        return np.concatenate(
-            [self.distances_mm(self.probes_mm @ R.T), self.distances_mm(self.probes_mm @ R)]
-        )
+        probes = self.probes_mm[::every]
+        return np.concatenate([self.distances_mm(probes @ R.T), self.distances_mm(probes @ R)])
+
+    def is_near(self, points: Array, limit_mm: float) -> bool:
+        """Say whether points (n, 3) are all within a distance of the surface."""
+        apart, _ = self._tree.query(points)
+        if apart.max() > limit_mm + GAP_MM:
+            return False
+        # near one of the points on the surface is near the surface; the rest is measured
+        open_ones = apart > limit_mm
+        return not open_ones.any() or float(self.distances_mm(points[open_ones]).max()) <= limit_mm
+
+    def agrees(self, R: Array, limit_mm: float, every: int = 1) -> bool:
+        """Say whether the surface turned by R is within a distance of itself, and it of that."""
+        probes = self.probes_mm[::every]
+        return self.is_near(probes @ R.T, limit_mm) and self.is_near(probes @ R, limit_mm)
 
     def turns(self, R_from: Array, R_to: Array) -> Turns:
         """Return the turns about z that take the part lying by R_from into it lying by R_to.
@@ -132,18 +146,12 @@ class Surface:
             return np.asarray(R_to.T @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ R_from)
 
         reach_mm = float(np.linalg.norm(corners @ R_from[:2].T, axis=1).max())
-        # a quarter of the probes rules most turns out; all of them have to agree
-        few = self.probes_mm[::4]
-
-        def apart_few(turn: float) -> float:
-            R = relative(turn)
-            there = float(self.distances_mm(few @ R.T).max())
-            return max(there, float(self.distances_mm(few @ R).max()))
-
         half = START_RAD / 2
         middles = np.arange(half, 2 * np.pi, START_RAD)
         while True:
-            kept = [t for t in middles if apart_few(t) <= SAME_MM + reach_mm * half]
+            # a quarter of the probes rules most turns out; all of them have to agree in the end
+            limit_mm = SAME_MM + reach_mm * half
+            kept = [t for t in middles if self.agrees(relative(t), limit_mm, every=4)]
             if len(kept) == len(middles) and self._is_round(relative):
                 return Turns(np.empty(0), is_round=True)
             if half <= FINE_RAD or not kept:
@@ -151,27 +159,22 @@ class Surface:
             middles = np.array([t + s * half / 2 for t in kept for s in (-1, 1)])
             half /= 2
         best = [self._best(relative, low, high) for low, high in _runs(np.array(kept), half)]
-        turns = np.array([t for t, apart in best if apart <= SAME_MM])
+        turns = np.array([t for t in best if self.agrees(relative(t), SAME_MM)])
         return Turns(_regular(turns, is_own=R_from is R_to), is_round=False)
 
     def _is_round(self, relative: Callable[[float], Array]) -> bool:
         # 37 turns: no even division that a gear or a polygon has fits them all
         turns = np.linspace(0, 2 * np.pi, 37, endpoint=False) + 0.05
-        return all(float(self.apart_mm(relative(t)).max()) <= SAME_MM for t in turns)
+        return all(self.agrees(relative(t), SAME_MM) for t in turns)
 
-    def _best(
-        self, relative: Callable[[float], Array], low: float, high: float
-    ) -> tuple[float, float]:
-        """Return the turn in an interval that brings the surfaces together, and what remains."""
+    def _best(self, relative: Callable[[float], Array], low: float, high: float) -> float:
+        """Return the turn in an interval that brings the surfaces together best."""
 
         def mean_square(turn: float) -> float:
-            apart = self.apart_mm(relative(turn))
-            return float((apart**2).mean())
+            return float((self.apart_mm(relative(turn), every=4) ** 2).mean())
 
-        found = minimize_scalar(
-            mean_square, bounds=(low, high), method="bounded", options={"xatol": 1e-5}
-        )
-        return float(found.x), float(self.apart_mm(relative(found.x)).max())
+        bounds, exact = (low, high), {"xatol": 1e-5}
+        return float(minimize_scalar(mean_square, bounds=bounds, method="bounded", options=exact).x)
 
 
 def _probes(points: Array, corners: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -30,6 +31,8 @@ from recognition_judge import (
     read_things,
     reliability,
 )
+from recognition_library import make_library
+from recognition_runs import run, smaller
 from recognition_symmetry import Surface
 
 Array = NDArray[np.float64]
@@ -310,11 +313,52 @@ def test_lines_and_truth_are_read_as_the_files_have_them() -> None:
     assert (lies.image, lies.part, lies.is_known, lies.theta_deg) == ("a.png", "l", True, 3.0)
 
 
+def printing(text: str, code: int) -> list[str]:
+    return [sys.executable, "-S", "-c", f"print({text!r}); raise SystemExit({code})"]
+
+
+def test_a_run_keeps_the_answers_and_says_why_it_stopped() -> None:
+    text = 'loading\n{"image": "a.png"}\n{"image": "b.png"}\n{"image": "b.png"}\n[1]'
+    good = run(printing(text, 1), one_core=True)  # 1: a picture shows nothing known
+    assert [line["image"] for line in good.lines] == ["a.png", "b.png", "b.png"]
+    assert (good.error, list(good.picture_s)) == ("", ["b.png"])
+    assert 0 < good.start_s <= good.wall_s
+    assert good.peak_mb > 1
+    assert run(printing(text, 2), one_core=False).error.startswith("exit 2")
+
+
+def test_the_small_camera_sees_points_where_the_small_pictures_have_them(tmp_path: Path) -> None:
+    body = {"size_px": [1280, 1024], "K": [[3470.0, 0, 634.2], [0, 3474.0, 511.8], [0, 0, 1]]}
+    large, small = tmp_path / "hi.json", tmp_path / "lo.json"
+    large.write_text(json.dumps(body))
+    smaller(large, "", small)
+    ray = np.array([0.05, -0.03, 1.0])
+    u, v, _ = np.array(body["K"]) @ ray
+    # a small pixel covers 5 x 4 large ones; pixel 0's centre is at 0 in both
+    expected = [(u + 0.5) / 5 - 0.5, (v + 0.5) / 4 - 0.5, 1.0]
+    assert np.array(json.loads(small.read_text())["K"]) @ ray == pytest.approx(expected)
+
+
+def test_a_library_starts_with_its_originals_and_is_the_same_again(tmp_path: Path) -> None:
+    originals = [tmp_path / "plate.stl", tmp_path / "l.stl"]
+    for file in originals:
+        made(file.stem).export(file)
+    once, again = (make_library(tmp_path / n, originals, 12, seed=1) for n in ("one", "two"))
+    assert [f.name for f in once[:2]] == ["plate.stl", "l.stl"]
+    assert len({f.name for f in once}) == 12
+    assert [f.read_bytes() for f in once] == [f.read_bytes() for f in again]
+    meshes = [trimesh.load(f) for f in once]
+    assert all(mesh.is_watertight and mesh.volume > 0 for mesh in meshes)  # mirrored ones too
+    stretched = np.array([m.extents for m in meshes[2::2]]) / meshes[0].extents
+    assert stretched.min() >= 0.8 - 1e-6
+    assert stretched.max() <= 1.25 + 1e-6
+    with pytest.raises(ValueError, match="originals already"):
+        make_library(tmp_path / "three", originals, 1, seed=1)
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(not SHARED.is_dir(), reason=f"needs the parts in {SHARED}")
 def test_the_true_answers_to_the_shared_pictures_are_all_right() -> None:
-    import json
-
     things = read_things(json.loads((SHARED / "images" / "truth.json").read_text()))
     surfaces: dict[str, Surface] = {}
 
