@@ -17,8 +17,9 @@ from ._tolerances import BinaryTolerances
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-BAND = 16  # knots a primitive may reach over at first
-SHORTEST_RUN = 5  # samples between knots, a little over a millimetre; an arc takes twice as many
+BAND = 10  # knots a primitive may reach over at first
+SHORTEST_RUN = 6  # samples between knots, a millimetre and a half; an arc takes twice as many
+STRAY = 0.7  # root mean square of residuals, in noises, at which a run is one primitive
 STRAIGHTEST_MM = 500.0  # an arc of a larger radius is a line
 
 
@@ -55,23 +56,35 @@ class RunningSums:
         powers = np.stack([np.ones_like(x), x, y, z, x * x, x * y, y * y, z * x, z * y, z * z])
         self.sums = np.concatenate([np.zeros((10, 1)), np.cumsum(powers, axis=1)], axis=1)
 
-    def fit(self, first: Integers, last: Integers) -> tuple[Array, Array, Array, Array, Array]:
-        """Return of runs: line and arc residuals squared and summed, centre, radius, direction."""
+    def residuals(self, first: Integers, last: Integers) -> tuple[Array, Array, Array]:
+        """Return of runs: line and arc residuals squared and summed, square of the radius."""
+        (_, x, y, z), (xx, xy, yy), (zx, zy, zz) = self._moments(first, last)
+        half = 0.5 * (xx - yy)
+        line = np.maximum(0.5 * (xx + yy) - np.sqrt(half * half + xy * xy), 0.0)
+        a, b, square = _circle(x, y, z, (xx, xy, yy), (zx, zy))
+        arc = np.maximum(zz - a * zx - b * zy, 0.0) / (4 * square)
+        return line, arc, square
+
+    def fit(self, first: Integers, last: Integers) -> tuple[Array, Array, Array]:
+        """Return of runs: centre (k, 2) and radius (k,) of arcs, direction (k, 2) of lines."""
+        (_, x, y, z), (xx, xy, yy), (zx, zy, _) = self._moments(first, last)
+        a, b, square = _circle(x, y, z, (xx, xy, yy), (zx, zy))
+        angle = 0.5 * np.arctan2(xy, 0.5 * (xx - yy))
+        centre: Array = np.stack([0.5 * a, 0.5 * b], axis=-1) + self.middle
+        return centre, np.sqrt(square), np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+    def _moments(
+        self, first: Integers, last: Integers
+    ) -> tuple[tuple[Array, ...], tuple[Array, ...], tuple[Array, ...]]:
+        """Return count and means, then sums about the means of products: plain, and with z."""
         n, x, y, z, xx, xy, yy, zx, zy, zz = self.sums[:, last + 1] - self.sums[:, first]
         x, y, z = x / n, y / n, z / n
-        xx, xy, yy = xx - n * x * x, xy - n * x * y, yy - n * y * y
-        zx, zy, zz = zx - n * z * x, zy - n * z * y, zz - n * z * z
-        half, swing = 0.5 * (xx - yy), np.hypot(0.5 * (xx - yy), xy)
-        line = np.maximum(0.5 * (xx + yy) - swing, 0.0)
-        angle = 0.5 * np.arctan2(xy, half)
-        det = np.maximum(xx * yy - xy * xy, 1e-12)
-        a, b = (zx * yy - zy * xy) / det, (zy * xx - zx * xy) / det
-        square = 0.25 * (a * a + b * b) + z - a * x - b * y
-        radius = np.sqrt(np.maximum(square, 1e-12))
-        arc = np.maximum(zz - a * zx - b * zy, 0.0) / (4 * np.maximum(square, 1e-12))
-        centre = np.stack([0.5 * a, 0.5 * b], axis=-1) + self.middle
-        direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        return line, arc, centre, radius, direction
+        nx, ny, nz = n * x, n * y, n * z
+        return (
+            (n, x, y, z),
+            (xx - nx * x, xy - nx * y, yy - ny * y),
+            (zx - nz * x, zy - nz * y, zz - nz * z),
+        )
 
     def middles(self, first: Integers, last: Integers) -> Array:
         """Return the mean points (k, 2) of runs."""
@@ -80,11 +93,23 @@ class RunningSums:
         return middles
 
 
+def _circle(
+    x: Array, y: Array, z: Array, plain: tuple[Array, ...], mixed: tuple[Array, ...]
+) -> tuple[Array, Array, Array]:
+    """Return twice the centre of Kasa's circles, and the squares of their radii."""
+    (xx, xy, yy), (zx, zy) = plain, mixed
+    per_det = 1.0 / np.maximum(xx * yy - xy * xy, 1e-12)
+    a, b = (zx * yy - zy * xy) * per_det, (zy * xx - zx * xy) * per_det
+    return a, b, np.maximum(0.25 * (a * a + b * b) + z - a * x - b * y, 1e-12)
+
+
 def fit_runs(sums: RunningSums, closed: Array, runs: Integers, limits: BinaryTolerances) -> Fit:
     """Return the primitives of runs (r, 2) of points, each from a sample to another, included."""
     cost, is_arc = _cost(sums, runs[:, 0], runs[:, 1], limits)
-    # most runs are one line: nothing that costs another primitive could be better
-    simple = (cost <= 2 * limits.primitive_cost) | (runs[:, 1] - runs[:, 0] < 2 * SHORTEST_RUN)
+    # most runs are one line: what is as near to one primitive as points stray is not parted
+    length = runs[:, 1] - runs[:, 0]
+    stray = cost - limits.primitive_cost - np.where(is_arc, limits.arc_cost, 0.0)
+    simple = (stray <= STRAY**2 * length) | (length < 2 * SHORTEST_RUN)
     first, last, arcs, count = [], [], [], []
     for i, (a, b) in enumerate(runs.tolist()):
         if simple[i]:
@@ -106,18 +131,18 @@ def fit_runs(sums: RunningSums, closed: Array, runs: Integers, limits: BinaryTol
 
 def is_circle(sums: RunningSums, count: int, limits: BinaryTolerances) -> bool:
     """Tell whether all points of a loop are one arc."""
-    _, arc, *_ = sums.fit(np.zeros(1, dtype=np.int64), np.array([count - 1]))
-    return float(arc[0]) < count * limits.line_noise_mm**2
+    _, arc, _ = sums.residuals(np.zeros(1, dtype=np.int64), np.array([count - 1]))
+    return float(arc[0]) < count * (STRAY * limits.line_noise_mm) ** 2
 
 
 def _cost(
     sums: RunningSums, first: Integers, last: Integers, limits: BinaryTolerances
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return what runs cost as one primitive each, and which are cheaper as an arc."""
-    line, arc, _, radius, _ = sums.fit(first, last)
+    line, arc, square = sums.residuals(first, last)
     per_noise = 1.0 / limits.line_noise_mm**2
     bend = arc * per_noise + limits.arc_cost
-    bend[(last - first < 2 * SHORTEST_RUN) | (radius > STRAIGHTEST_MM)] = np.inf
+    bend[(last - first < 2 * SHORTEST_RUN) | (square > STRAIGHTEST_MM**2)] = np.inf
     line *= per_noise
     return limits.primitive_cost + np.minimum(line, bend), bend < line
 
@@ -176,7 +201,7 @@ def _fit(
     of_run: Integers,
 ) -> Fit:
     first, last = reach
-    _, _, centre, radius, direction = sums.fit(first, last)
+    centre, radius, direction = sums.fit(first, last)
     backward = (direction * (closed[last] - closed[first])).sum(axis=1) < 0
     return Fit(
         of_run=of_run,
