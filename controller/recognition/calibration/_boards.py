@@ -17,8 +17,11 @@ from ._types import Array, Charuco, Chessboard, FoundBoard, Grey, Target
 _USUAL_PX: Final = (700, 1600)  # long sides that are searched as they are
 _WANTED_PX: Final = 1100
 _CONTINUES: Final = 0.4  # a chess pattern's share in a row of squares beyond the board: it goes on
-_PATTERN_MIN: Final = 0.3  # its share within the board: less is no chess pattern
+_ALTERNATING_MIN: Final = (
+    0.9  # share of neighbours, one black, one white; some may have a reflection
+)
 _STRAY_SQUARES: Final = 0.25  # a ChArUco corner this far off the others' plane is a misread marker
+_STRAY_PX: Final = 4.0  # the same, while the plane is not yet known: lenses bend as much
 _CORNERS_MIN: Final = 4  # fix a plane's picture
 
 
@@ -40,18 +43,23 @@ def find_board(grey: Grey, target: Target) -> FoundBoard:
     return _charuco(grey, target)
 
 
-def _sizes(grey: Grey) -> Iterator[tuple[Grey, float]]:
-    """Yield the picture and its scale, the likeliest to succeed first."""
-    low, high = _USUAL_PX
+def _sizes(grey: Grey) -> Iterator[Grey]:
+    """Yield the picture in several sizes, the likeliest to succeed first."""
     longest = max(grey.shape)
-    usual = 1.0 if low <= longest <= high else _WANTED_PX / longest
-    for scale in (usual, 2 * usual, usual / 2):
+    if longest < _USUAL_PX[0]:
+        scales = (1.0, _USUAL_PX[0] / longest, 2 * _USUAL_PX[0] / longest)
+    elif longest <= _USUAL_PX[1]:
+        scales = (1.0, 2.0, 0.5)
+    else:
+        usual = _WANTED_PX / longest
+        scales = (usual, 2 * usual, usual / 2)
+    for scale in scales:
         if scale == 1.0:
-            yield grey, scale
+            yield grey
             continue
         way = cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA
         height, width = (max(1, round(side * scale)) for side in grey.shape)
-        yield np.asarray(cv2.resize(grey, (width, height), interpolation=way), np.uint8), scale
+        yield np.asarray(cv2.resize(grey, (width, height), interpolation=way), np.uint8)
 
 
 def _unscaled(pixels: Array, scaled: Grey, grey: Grey) -> Array:
@@ -76,7 +84,7 @@ def _chessboard(grey: Grey, target: Chessboard) -> FoundBoard:
 def _search(grey: Grey, columns: int, rows: int) -> Array:
     """Return the inner corners (rows, columns, 2) in whatever order OpenCV has them."""
     for flags in (0, cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE):
-        for picture, _ in _sizes(grey):
+        for picture in _sizes(grey):
             found, corners = cv2.findChessboardCornersSB(picture, (columns, rows), flags=flags)
             if found:
                 pixels = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
@@ -113,9 +121,11 @@ def _right_way(grey: Grey, grid: Array, target: Chessboard) -> Array:
 
     inner = np.s_[1:-1, 1:-1]
     contrast = _pattern(brightness[inner], sign[inner])
-    spread = brightness[inner].std()
-    if abs(contrast) < _PATTERN_MIN * spread:
-        raise NoBoardError("what was found there is no pattern of black and white squares")
+    if _alternating(brightness[inner], sign[inner]) < _ALTERNATING_MIN:
+        raise NoBoardError(
+            f"what is there does not alternate as {columns} x {rows} inner corners would; check "
+            "inner_corners in the target file"
+        )
     for beyond in (np.s_[0, 1:-1], np.s_[-1, 1:-1], np.s_[1:-1, 0], np.s_[1:-1, -1]):
         more = _pattern(brightness[beyond], sign[beyond]) / contrast
         if seen[beyond].all() and more > _CONTINUES:
@@ -131,6 +141,15 @@ def _right_way(grey: Grey, grid: Array, target: Chessboard) -> Array:
 def _pattern(brightness: Array, sign: Array) -> float:
     """Return half the step from the squares of sign -1 to those of sign 1."""
     return float(brightness[sign > 0].mean() - brightness[sign < 0].mean()) / 2
+
+
+def _alternating(brightness: Array, sign: Array) -> float:
+    """Return the share of neighbouring squares between which black and white change."""
+    down = (np.diff(brightness, axis=0) * sign[1:]).ravel()
+    across = (np.diff(brightness, axis=1) * sign[:, 1:]).ravel()
+    steps = np.concatenate([down, across])
+    usual = np.median(steps)
+    return float((steps / usual > 1 / 3).mean()) if usual else 0.0
 
 
 def _continued(grid: Array) -> Array:
@@ -164,33 +183,46 @@ def charuco_board(target: Charuco) -> cv2.aruco.CharucoBoard:
 
 def _charuco(grey: Grey, target: Charuco) -> FoundBoard:
     board = charuco_board(target)
-    detector = cv2.aruco.CharucoDetector(board)
-    best, best_ids = np.zeros((0, 2)), np.zeros(0, dtype=int)
-    for picture, _ in _sizes(grey):
+    likely = cv2.aruco.CharucoParameters()
+    likely.minMarkers = 1  # a corner beside one marker is seen well enough to start from
+    detector = cv2.aruco.CharucoDetector(board, likely)
+    corner_count = len(board.getChessboardCorners())
+    seen: dict[int, Array] = {}
+    for picture in _sizes(grey):  # small markers are read in one size and not in another
         corners, ids, _, _ = detector.detectBoard(picture)
-        if ids is not None and len(ids) > len(best_ids):
-            pixels = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
-            best, best_ids = _unscaled(pixels, picture, grey), np.ravel(ids)
-            if len(ids) == len(board.getChessboardCorners()):
-                break
-    if len(best_ids) < _CORNERS_MIN:
+        if ids is not None:
+            pixels = _unscaled(np.asarray(corners, np.float64).reshape(-1, 2), picture, grey)
+            for number, pixel in zip(np.ravel(ids), pixels, strict=True):
+                seen.setdefault(int(number), pixel)
+        if len(seen) == corner_count:
+            break
+    if len(seen) < _CORNERS_MIN:
         raise NoBoardError(
-            f"{len(best_ids)} corners of the ChArUco board were found; check squares, dictionary "
-            "and legacy_pattern, or show more of it"
+            f"{len(seen)} corners of the ChArUco board were found; check squares, dictionary and "
+            "legacy_pattern, or show more of it"
         )
+    best_ids, best = np.array(list(seen)), np.array(list(seen.values()))
+    order = np.argsort(best_ids)
+    best_ids, best = best_ids[order], best[order]
     # OpenCV's frame lies at the print's upper left corner with Y down
     opencv_mm = np.asarray(board.getChessboardCorners(), dtype=np.float64)[best_ids, :2]
     first_row_mm = (target.squares[1] - 1) * target.square_mm
     board_mm = np.column_stack([opencv_mm[:, 0] - target.square_mm, first_row_mm - opencv_mm[:, 1]])
     straight = np.linalg.matrix_rank(board_mm - board_mm.mean(axis=0), tol=1e-6) < 2
-    homography = None if straight else cv2.findHomography(board_mm, best, cv2.LMEDS)[0]
+    homography = None if straight else _homography(board_mm, best)
     if homography is None:
         raise NoBoardError("the ChArUco corners seen lie on one line; show more of the board")
-    there, axes = _through(np.asarray(homography, dtype=np.float64), board_mm, target.square_mm)
+    there, axes = _through(homography, board_mm, target.square_mm)
     side_px = np.linalg.norm(axes, axis=2).max(axis=1)
     near = np.linalg.norm(best - there, axis=1) < _STRAY_SQUARES * side_px
     gap = (1.0 - target.marker_mm / target.square_mm) / 2
     return _measured(grey, board_mm[near], best[near], axes[near], gap)
+
+
+def _homography(board_mm: Array, pixels: Array) -> Array | None:
+    """Return the homography (3, 3) most corners agree on, None where there is none."""
+    found, _ = cv2.findHomography(board_mm, pixels, cv2.RANSAC, _STRAY_PX)
+    return None if found is None else np.asarray(found, dtype=np.float64)
 
 
 def _through(homography: Array, board_mm: Array, square_mm: float) -> tuple[Array, Array]:

@@ -40,6 +40,20 @@ def refine_corners(
     axes_px : (n, 2, 2) the board's X and Y at each corner, one square long [px], as rows
     marker_gap : where markers fill the white squares, the white border's share of a square
     """
+    first, _, there = _measure(grey, pixels, axes_px, marker_gap)
+    # the window is laid about what was found, so that nothing is left of where the search began
+    again, blur, sound = _measure(
+        grey, np.where(there[:, None], first, pixels), axes_px, marker_gap
+    )
+    far = np.linalg.norm(again - pixels, axis=1)
+    side_px = np.linalg.norm(axes_px, axis=2).min(axis=1)
+    return again, blur, sound & there & (far < np.maximum(1.5, 0.1 * side_px))
+
+
+def _measure(
+    grey: NDArray[np.uint8], pixels: Array, axes_px: Array, marker_gap: float | None
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Cut a window about each corner and fit it."""
     height, width = grey.shape
     step_px = np.abs(axes_px).max(axis=(1, 2))
     wanted = np.ceil(REACH_SQUARES * np.median(step_px) * 1.3)
@@ -87,12 +101,12 @@ def _fit(
             break
     noise = np.sqrt(cost / count)
     contrast = np.abs(best[:, 7])
-    far = np.linalg.norm(best[:, :2] - pixels, axis=1)
+    far = np.abs(best[:, :2] - pixels).max(axis=1)
     blur = np.exp(best[:, 8])
     square_px = np.linalg.norm(axes_px, axis=2).min(axis=1)
     sound = (
         (count > 2 * _UNKNOWNS)
-        & (far < np.maximum(1.5, 0.1 * square_px))
+        & (far < np.maximum(1.5, 0.15 * square_px))
         & (contrast > 3.0)  # grey levels: less cannot be told from a stain
         & (noise < 0.4 * contrast)
         & (blur < 0.4 * square_px)
