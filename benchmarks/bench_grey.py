@@ -1,6 +1,7 @@
 """How often the grey chain's best hypotheses hold the right one, and how long it takes.
 
-``python benchmarks/bench_grey.py [--json] [--place] [--pictures DIR ...]``: crops of front-lit
+``python benchmarks/bench_grey.py [--json] [--small] [--parts DIR] [--pictures DIR ...]``: crops
+of front-lit
 pictures, cut by the truth's silhouettes, against all ways to lie of the shared parts. A
 hypothesis is right if part and pose are, up to the part's symmetry, within 4 deg and 3 mm.
 Pictures whose number is 3 modulo 4 are reported apart.
@@ -35,7 +36,7 @@ from controller.cad import (  # noqa: E402
     camera_view,
     prepare_views,
 )
-from controller.cad.compiled import load_part  # noqa: E402
+from controller.cad.compiled import CompiledPart, load_part, part_name  # noqa: E402
 from controller.recognition import lying  # noqa: E402
 from controller.recognition.grey import (  # noqa: E402
     FeatureIndex,
@@ -91,11 +92,19 @@ def camera_of(truth: dict[str, Any]) -> Camera:
     return Camera((c["width"], c["height"]), np.array(c["K"]), np.array(c["dist"]), T)
 
 
-def library() -> list[View]:
-    """Return the ways to lie of the shared parts."""
+def parts_in(folder: Path) -> dict[str, CompiledPart]:
+    """Return the parts of a folder by name: those of its manifest, else its CSG files."""
+    manifest = folder / "manifest.json"
+    if manifest.exists():
+        entries = json.loads(manifest.read_text())["parts"]
+        return {e["name"]: load_part(folder / (e.get("step") or e["stl"])) for e in entries}
+    return {part_name(f): load_part(f) for f in sorted(folder.glob("*.csg.yaml"))}
+
+
+def library(parts: dict[str, CompiledPart]) -> list[View]:
+    """Return the ways to lie of some parts."""
     views = []
-    for entry in json.loads((SHARED / "parts" / "manifest.json").read_text())["parts"]:
-        part = load_part(SHARED / "parts" / (entry.get("step") or entry["stl"]))
+    for part in parts.values():
         views += [
             View(part.solid, part.symmetry, part.look_alikes, pose)
             for pose in part.poses
@@ -104,8 +113,8 @@ def library() -> list[View]:
     return views
 
 
-def index_at(views: list[View], eye_mm: float, xy_mm: Array) -> FeatureIndex:
-    """Return the library's features as seen by an eye straight above, at a place from its foot."""
+def index_at(views: list[View], eye_mm: float) -> FeatureIndex:
+    """Return the library's features as seen by an eye straight above."""
     table = Camera(
         (1, 1),
         np.array([[eye_mm, 0, 0], [0, eye_mm, 0], [0, 0, 1.0]]),
@@ -116,22 +125,17 @@ def index_at(views: list[View], eye_mm: float, xy_mm: Array) -> FeatureIndex:
     models = []
     for view in views:
         model = prepared.setdefault(id(view.solid), prepare_views(view.solid))
-        T = lying(view.solid, view.pose, *xy_mm.tolist(), 0.0)
+        T = lying(view.solid, view.pose, 0.0, 0.0, 0.0)
         drawing = camera_view(view.solid, T, table, prepared=model)
         models.append(model_features(drawing, T, eye_mm))
     return feature_index(models)
 
 
-def objects(folder: Path, *, small: bool) -> Iterator[Seen]:
+def objects(folder: Path, parts: dict[str, CompiledPart], *, small: bool) -> Iterator[Seen]:
     """Yield the known objects of a folder's front-lit pictures, cut out with a margin."""
     truth = json.loads((folder / "truth.json").read_text())
     camera = camera_of(truth)
     scale = np.array([5.0, 4.0]) if small else np.ones(2)
-    meshes = {}
-    for entry in json.loads((SHARED / "parts" / "manifest.json").read_text())["parts"]:
-        meshes[entry["name"]] = load_part(
-            SHARED / "parts" / (entry.get("step") or entry["stl"])
-        ).solid
     for picture in truth["images"]:
         if picture["mode"] != "front":
             continue
@@ -141,9 +145,9 @@ def objects(folder: Path, *, small: bool) -> Iterator[Seen]:
         grey = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
         number = int("".join(filter(str.isdigit, Path(picture["image"]).stem)) or 0)
         for thing in picture["objects"]:
-            if not thing["known"] or thing["part"] not in meshes:
+            if not thing["known"] or thing["part"] not in parts:
                 continue
-            solid = meshes[thing["part"]]
+            solid = parts[thing["part"]].solid
             a = math.radians(thing["theta_deg"])
             turn = np.array(
                 [[math.cos(a), -math.sin(a), 0], [math.sin(a), math.cos(a), 0], [0, 0, 1]]
@@ -200,17 +204,18 @@ def timed(seen: Seen, index: FeatureIndex, foot: tuple[float, float]) -> dict[st
     return {"features": features, "found": found, "ms": [1e3 * b for b in best]}
 
 
-def judge(folders: list[Path], *, small: bool, at_place: bool) -> list[dict[str, Any]]:
+def judge(
+    folders: list[Path], parts: dict[str, CompiledPart], *, small: bool
+) -> list[dict[str, Any]]:
     """Return a row for every object."""
-    views = library()
+    views = library(parts)
     rows: list[dict[str, Any]] = []
     index = None
     for folder in folders:
-        for seen in objects(folder, small=small):
+        for seen in objects(folder, parts, small=small):
             foot = seen.camera.position_mm
-            if index is None or at_place:
-                # at the place itself heights need no correction: the view's origin is the object's
-                index = index_at(views, float(foot[2]), np.zeros(2))
+            if index is None:
+                index = index_at(views, float(foot[2]))
             result = timed(seen, index, (float(foot[0]), float(foot[1])))
             right = [is_right(seen, views[h.model_index], h) for h in result["found"]]
             first = result["found"][0] if result["found"] else None
@@ -223,15 +228,17 @@ def judge(folders: list[Path], *, small: bool, at_place: bool) -> list[dict[str,
                     "rank": right.index(True) + 1 if any(right) else None,
                     "score": first.score if first else None,
                     "scores": [round(h.score, 3) for h in result["found"][:5]],
-                    "first": None
-                    if first is None
-                    else f"{views[first.model_index].solid.name}/{views[first.model_index].pose.index}",
+                    "first": _called(views[first.model_index]) if first else None,
                     "size": list(seen.grey.shape[::-1]),
                     "features_ms": result["ms"][0],
                     "hypotheses_ms": result["ms"][1],
                 }
             )
     return rows
+
+
+def _called(view: View) -> str:
+    return f"{view.solid.name}/{view.pose.index}"
 
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -252,13 +259,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", action="store_true", help="one JSON object")
     parser.add_argument("--small", action="store_true", help="256 x 256, 6 bit")
+    parser.add_argument("--parts", type=Path, default=SHARED / "parts", help="folder")
     parser.add_argument("--pictures", type=Path, nargs="+", default=[SHARED / "images"])
     args = parser.parse_args()
     if not (SHARED / "images" / "truth.json").exists():
         print("the shared pictures are absent; nothing is measured", file=sys.stderr)
         return
     cv2.setNumThreads(1)
-    rows = judge(args.pictures, small=args.small, at_place=False)
+    rows = judge(args.pictures, parts_in(args.parts), small=args.small)
     groups = {
         "in use": [r for r in rows if not r["apart"]],
         "kept aside": [r for r in rows if r["apart"]],

@@ -20,7 +20,7 @@ class Plate:
     holes: Array
 
     def placed(self, turn_rad: float, shift_mm: Array, scale: float = 1.0) -> "Plate":
-        """Return the plate turned, then moved; its image is larger by ``scale`` where it is high."""
+        """Return the plate turned, then moved; its image is larger by ``scale`` if it is high."""
         c, s = np.cos(turn_rad), np.sin(turn_rad)
         R = np.array([[c, -s], [s, c]])
         holes = self.holes.copy()

@@ -1,11 +1,10 @@
 import numpy as np
 import pytest
+from grey_drawings import L_PLATE, Plane, Plate, covered, plate, shown
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from controller.recognition.grey import ImageFeatures, image_features
-
-from grey_drawings import L_PLATE, Plane, Plate, covered, plate, shown
 
 SIZE = (280, 260)
 PITCH = (0.25, 0.25)

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from grey_drawings import L_PLATE, Plane, Plate, covered, drawing, plate, shown
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -13,8 +14,6 @@ from controller.recognition.grey import (
     rate,
 )
 from controller.recognition.grey._index import Frames, near_keys
-
-from grey_drawings import L_PLATE, Plane, Plate, covered, drawing, plate, shown
 
 Array = NDArray[np.float64]
 SIZE = (320, 320)

@@ -193,7 +193,7 @@ def _seeds(pieces: Moments, bent: NDArray[np.bool_]) -> Array:
         axis=1,
     )
     best = mean[np.argsort(-total, kind="stable")[: 3 * MOST_SEEDS]]
-    same = (np.abs(best[:, None] - best[None]) <= VOTE_PX).all(axis=2)
+    same = np.asarray((np.abs(best[:, None] - best[None]) <= VOTE_PX).all(axis=2))
     kept: list[int] = []
     for b in range(len(best)):
         if not same[b, kept].any():

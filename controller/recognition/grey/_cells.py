@@ -120,7 +120,7 @@ def _maxima(cell: Ints, at: Array, turn: Array, tol: GreyTolerances) -> tuple[Ar
     votes[1:] += np.bincount(key, weights=share, minlength=size)[:-1]
     best = votes.reshape(cells, -1).argmax(axis=1)
     angle, low_bin = np.divmod(best, radii)
-    return theta[angle], low_bin + 0.5 - reach
+    return np.asarray(theta[angle]), low_bin + 0.5 - reach
 
 
 def _sums(at: Array, bright: Array, of: Ints, count: int) -> tuple[Array, Array]:

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ._tolerances import GreyTolerances
-
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -35,7 +33,7 @@ class Corners:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Junctions:
-    """Where lines meet otherwise: positions (n, 2), whether three ends meet (Y) or one a line (T)."""
+    """Where lines meet otherwise: at (n, 2), and whether three ends meet (Y) or one a line (T)."""
 
     positions: Array
     is_y: NDArray[np.bool_]

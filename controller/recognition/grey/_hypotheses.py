@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._features import ImageFeatures
-from ._index import KINDS, FeatureIndex, Frames, feature_index, frames_of, near_keys
 from ._hulls import ROUNDEST, hull_of
+from ._index import KINDS, FeatureIndex, Frames, feature_index, frames_of, near_keys
 from ._matches import matches
 from ._model import ModelFeatures
 from ._score import edge_map, fitted, quick_scores, rated
@@ -31,6 +31,7 @@ MOST_FITTED = 40
 PLAIN_ENOUGH = 0.5  # edgelets that are the part's and not its shadow's
 BIN_RAD = np.pi / 30  # hypotheses nearer than this are one
 BIN_MM = 3.0
+ENOUGH = 50  # pairs of other features, for circles alone not to be asked
 TURNS_OF_A_CIRCLE = 24  # tried where nothing says which way
 
 
@@ -180,9 +181,9 @@ def _votes(image: ImageFeatures, index: FeatureIndex, foot: Array, tol: GreyTole
         tol,
         both_ways=True,
     )
-    rows = []
+    rows: list[Array] = []
     for kind in KINDS:
-        if kind == "circle" and sum(map(len, rows)) > 50:
+        if kind == "circle" and sum(len(r) for r in rows) > ENOUGH:
             continue
         rows.append(_of_kind(seen[kind], index.tables[kind], all_round=kind == "circle"))
     return np.concatenate(rows)

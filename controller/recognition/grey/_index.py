@@ -306,15 +306,17 @@ def _taken(f: Frames, rows: NDArray[np.generic]) -> Frames:
 
 
 def _joined(rows: list[Frames]) -> Frames:
-    names = ("keys", "points", "spread", "turns_rad", "weights", "model")
     if not rows:
-        return Frames(
-            np.zeros((0, 3)),
-            np.zeros((0, 2)),
-            *(np.zeros(0) for _ in range(3)),
-            np.zeros(0, dtype=np.int64),
-        )
-    return Frames(*(np.concatenate([getattr(f, name) for f in rows]) for name in names))
+        none = np.zeros(0)
+        return Frames(np.zeros((0, 3)), np.zeros((0, 2)), none, none, none, none.astype(np.int64))
+    return Frames(
+        np.concatenate([f.keys for f in rows]),
+        np.concatenate([f.points for f in rows]),
+        np.concatenate([f.spread for f in rows]),
+        np.concatenate([f.turns_rad for f in rows]),
+        np.concatenate([f.weights for f in rows]),
+        np.concatenate([f.model for f in rows]),
+    )
 
 
 def _sorted(f: Frames) -> Frames:
@@ -334,7 +336,7 @@ def _hull(m: ModelFeatures) -> Array:
     hull = hull_of(m.edgelets[:, :2].astype(np.float64))
     if hull is None:
         return np.zeros(7)
-    return np.r_[hull, m.edgelets[:, 2].mean()]
+    return np.asarray(np.append(hull, m.edgelets[:, 2].mean()))
 
 
 def near_keys(table: Frames, keys: Array, most: int) -> tuple[Ints, Ints]:

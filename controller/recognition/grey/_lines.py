@@ -153,7 +153,7 @@ def _bridges(lines: Moments, tol: GreyTolerances) -> Ints:
     i, j = np.nonzero(
         (n @ n.T > np.cos(tol.bridge_rad))
         & (beside < tol.bridge_px)
-        & (beside.T < tol.bridge_px)
+        & (tol.bridge_px > beside.T)
         & (gap < 0.5 * shorter)
         & (gap > -tol.join_px)
     )

@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from controller.cad import LineView
+from controller.cad import DrawnEdge, LineView
 
 from ._corners import Corners, find_corners
 from ._features import EDGELET_MM
@@ -103,7 +103,13 @@ def model_features(
 Run = tuple[Array, Array, float, tuple[float, float, float, float] | None]
 
 
-def _run(edge, T_world_part, eye_height_mm, v_down: bool, tol: GreyTolerances) -> Run:  # type: ignore[no-untyped-def]
+def _run(
+    edge: DrawnEdge,
+    T_world_part: Array | None,
+    eye_height_mm: float | None,
+    v_down: bool,
+    tol: GreyTolerances,
+) -> Run:
     """Return a drawn edge's points, their spread, its weight, and its circle and turn or None."""
     points = np.asarray(edge.points, dtype=np.float64) * np.array([1.0, -1.0 if v_down else 1.0])
     spread = np.ones(len(points))
@@ -178,7 +184,7 @@ def _edgelets(runs: list[Run]) -> NDArray[np.float32]:
         s = np.r_[0.0, np.cumsum(length)]
         if s[-1] < 0.3 * step:
             continue
-        pieces = max(int(round(s[-1] / step)), 1)
+        pieces = max(round(float(s[-1]) / step), 1)
         at = (np.arange(pieces) + 0.5) * s[-1] / pieces
         x, y, k = (np.interp(at, s, c) for c in (points[:, 0], points[:, 1], spread))
         # the direction of the chord over the piece, not of the one facet at its middle

@@ -34,7 +34,8 @@ class EdgeMap:
     shape : (height, width)
     low_mm : (2,) its corner
     x_mm, y_mm, normal_x, normal_y, weights, leans : (n + 1,) of the edgelets, about the camera's
-        foot, and the sine of how far a match may lean; a last one of no weight, so that -1 can be asked for
+        foot, and the sine of how far a match may lean; a last one of no weight, so that -1 can be
+        asked for
     """
 
     nearest: NDArray[np.int32]

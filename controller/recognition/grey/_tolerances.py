@@ -23,7 +23,7 @@ class GreyTolerances:
     vote_rad : how far a gradient may be off its line's normal, noise and blur of crossing edges
     band_px : edge points this near to a line are its own: blur and noise move them by 0.1..0.3
     straight_px : root mean square distance of a line's points; more, and it is an arc
-    join_px : gap between two pieces of a line: a cell that it crosses at a corner has too few points
+    join_px : gap between two pieces of a line: a cell it crosses at a corner has few points
     join_rad : angle between pieces of one line: the error of a line of 6 points
     bridge_rad, bridge_px : the same, and sideways, for pieces with a larger gap between: both long
     corner_px : gap at a corner, where blur rounds the edge off
