@@ -45,9 +45,9 @@ class SightingReport:
     Attributes
     ----------
     part : name, None for an unknown object
-    score : overlap of predicted and observed silhouette, 0..1
-    grey_score : of the shading, None where the silhouette was enough
-    residual_px : median distance of the outlines, None if unknown
+    score : how likely part and pose are right, 0..1; of an unknown object, that it is one
+    sigma_mm, sigma_deg : standard deviations of place and turn, None if unknown or not written
+    residual_px : standard deviation of the edges from their predictions, None if unknown
     box_px : x0, y0, x1, y1 in the overhead picture
     ambiguous_with : other readings that fit as well, in words
     """
@@ -58,7 +58,8 @@ class SightingReport:
     y_mm: float
     theta_deg: float
     score: float
-    grey_score: float | None
+    sigma_mm: float | None
+    sigma_deg: float | None
     residual_px: float | None
     box_px: Box
     ambiguous_with: tuple[str, ...]

@@ -118,8 +118,9 @@ def sighting(part: str | None = "featuretype", x_mm: float = 360.0) -> Sighting:
         theta_rad=float(np.radians(30.0)),
         T_world_part=np.eye(4) if part else None,
         score=0.987,
-        grey_score=float("nan"),
-        residual_px=0.21,
+        # variances of 0.03 and 0.04 mm, and of 0.1 deg
+        covariance=np.diag([0.03**2, 0.04**2, np.radians(0.1) ** 2]) if part else None,
+        residual_px=0.21 if part else float("inf"),
         ambiguous_with=(),
         area_mm2=8000.0,
         box_px=(560, 430, 720, 590),

@@ -280,6 +280,19 @@ def test_a_picture_outside_the_runs_folder_is_not_put_on_the_page(tmp_path: Path
     assert pictures["table_backlight"]["sha256"] is None
 
 
+def test_a_sighting_is_told_with_how_exact_it_is(tmp_path: Path) -> None:
+    writer = RunWriter(tmp_path)
+    writer.look(sighting(), sighting(None))
+    writer.close()
+    heads, known, unknown = page_of(tmp_path).table("Object")
+    place, turn = heads.index("± [mm]"), heads.index("± [deg]")
+    # the bench's standard deviations; a stranger has none
+    assert (known[place], known[turn], known[heads.index("Sure by [%]")]) == (
+        "0.040", "0.100", "98.7",
+    )  # fmt: skip
+    assert unknown[place] == unknown[turn] == "–"
+
+
 def test_a_run_that_was_cut_off_still_gets_its_page(tmp_path: Path) -> None:
     writer = RunWriter(tmp_path)
     writer.look(sighting())
@@ -383,7 +396,9 @@ def test_the_json_says_the_same_in_numbers(tmp_path: Path) -> None:
         "jaw_mm": None,
         "expected_mm": None,
     }
-    assert part["sightings"][0]["grey_score"] is None  # was NaN
+    (seen,) = part["sightings"]
+    # the larger of the two standard deviations of the place the bench writes
+    assert (seen["sigma_mm"], seen["sigma_deg"]) == (pytest.approx(0.04), pytest.approx(0.1))
     picture = part["views"][0]["pictures"]["station_ring"]
     expected = hashlib.sha256((folder / picture["file"]).read_bytes()).hexdigest()
     assert picture["sha256"] == expected
