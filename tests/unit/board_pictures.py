@@ -71,7 +71,7 @@ def camera_over_table(
 
 
 def chess_print(board_mm: Array, inner_corners: tuple[int, int], square_mm: float) -> Array:
-    """Grey (n,) of a print at points (n, 2): first square black, half a square of white round it."""
+    """Grey (n,) of a print at points (n, 2): first square black, white paper half a square more."""
     columns, rows = inner_corners
     s = board_mm / square_mm + 1.0  # 0 is the outer corner of the first square
     dark = (np.floor(s).astype(int).sum(axis=1) % 2) == 0

@@ -8,8 +8,9 @@ import numpy as np
 
 from controller.cad import Camera, inverse_pose
 
+from ._lens import PINHOLE, likeliest
 from ._refusals import check_fit, check_placed, check_uncertainty, check_views, coverage_of
-from ._solve import Fit, Solution, solve, start
+from ._solve import Fit, solve, start
 from ._types import (
     PARAMETERS,
     Array,
@@ -20,17 +21,9 @@ from ._types import (
     ViewResidual,
     WorldFrame,
 )
-from ._uncertainty import held_sizes, on_table, position_std_mm, spread, tilt_rad
+from ._uncertainty import Spread, held_sizes, on_table, position_std_mm, spread, tilt_rad
 
-_PINHOLE: Final = ("fx", "fy", "cx", "cy")
-# lenses are tried from the plainest on: radial terms in their order, with or without tangential
-_LENSES: Final = tuple(
-    tuple(name for name in PARAMETERS if name in (*_PINHOLE, *radial, *tangential))
-    for radial in ((), ("k1",), ("k1", "k2"), ("k1", "k2", "k3"))
-    for tangential in ((), ("p1", "p2"))
-)
 _TABLE_HEIGHTS_MM: Final = (0.0, 40.0)  # the table, and the top of a tall part
-_SLOPE_MIN: Final = 0.2  # of the radius in the picture by that of the ray: less is a fold
 _NOISE_FLOOR: Final = 0.5  # of the pictures' median noise: no picture counts more than four times
 
 
@@ -65,14 +58,27 @@ def calibrate(
     check_views(views, size_px, world, limits)
     first, T_cam_boards = start(views, size_px, world)
     check_placed(views, T_cam_boards, limits)
-    plain = solve(views, first, (*_PINHOLE, "k1"), world, _even(views))
+    plain = solve(views, first, (*PINHOLE, "k1"), world, _even(views))
     weights = _weigh(plain, limits)
-    fit = _likeliest(views, plain.solution, size_px, world, weights)
-    weights = _weigh(fit, limits)
-    fit = solve(views, fit.solution, fit.free, world, weights.of_views)
-    residuals = _residuals(views, fit, weights)
-    check_fit(views, residuals, limits)
-    return _judged(views, size_px, world, limits, fit, weights, residuals)
+    try:
+        everything = solve(views, plain.solution, PARAMETERS, world, weights.of_views)
+        loose = spread(everything, {})
+        fit = likeliest(views, everything, loose, size_px, world, weights.of_views)
+        weights = _weigh(fit, limits)
+        fit = solve(views, fit.solution, fit.free, world, weights.of_views)
+        residuals = _residuals(views, fit, weights)
+        check_fit(views, residuals, limits)
+        held = held_sizes(fit, size_px, loose)
+        found = spread(fit, held)
+    except np.linalg.LinAlgError as error:
+        raise CalibrationError(
+            "the boards leave something about the camera wholly open; add pictures of the board "
+            "tilted by 15 to 30 deg in different directions, all over the picture"
+        ) from error
+    coverage = coverage_of(views, size_px)
+    calibration = _described(size_px, world, fit, found, held, weights, residuals, coverage)
+    check_uncertainty(calibration, limits)
+    return calibration
 
 
 def _even(views: Sequence[View]) -> tuple[Array, ...]:
@@ -93,40 +99,6 @@ def _weigh(fit: Fit, limits: Limits) -> _Weights:
         ),
         usual,
     )
-
-
-def _likeliest(
-    views: Sequence[View],
-    first: Solution,
-    size_px: tuple[int, int],
-    world: WorldFrame,
-    weights: _Weights,
-) -> Fit:
-    """Return the fit of the lens with the least Bayesian information criterion.
-
-    Lenses that fold the picture over towards its corners are none, however well they fit where
-    there were boards.
-    """
-    count = 2 * sum(int((w > 0).sum()) for w in weights.of_views)
-    fits = [solve(views, first, lens, world, weights.of_views) for lens in _LENSES]
-    whole = [f for f in fits if _reaches_the_corners(f.solution.intrinsics, size_px)]
-    if not whole:
-        raise CalibrationError(
-            "no lens agrees with these boards; check `inner_corners` or `squares`, and that focus "
-            "and zoom were left alone"
-        )
-    return min(whole, key=lambda f: count * np.log(f.cost / count) + len(f.free) * np.log(count))
-
-
-def _reaches_the_corners(intrinsics: Array, size_px: tuple[int, int]) -> bool:
-    """Whether the lens takes each radius to one radius, out to the picture's furthest corner."""
-    fx, fy, cx, cy, k1, k2, _, _, k3 = intrinsics
-    corners = np.array([(0, 0), (1, 0), (0, 1), (1, 1)]) * size_px
-    furthest = np.linalg.norm((corners - (cx, cy)) / (fx, fy), axis=1).max()
-    r = np.linspace(0, 3 * furthest, 600)
-    bent = r * (1 + k1 * r**2 + k2 * r**4 + k3 * r**6)
-    turns = np.flatnonzero(np.diff(bent) < _SLOPE_MIN * (r[1] - r[0]))
-    return bool(bent[turns[0] if len(turns) else -1] > furthest)
 
 
 def _residuals(views: Sequence[View], fit: Fit, weights: _Weights) -> tuple[ViewResidual, ...]:
@@ -151,34 +123,25 @@ def _residuals(views: Sequence[View], fit: Fit, weights: _Weights) -> tuple[View
     return tuple(out)
 
 
-def _judged(
-    views: Sequence[View],
+def _described(
     size_px: tuple[int, int],
     world: WorldFrame,
-    limits: Limits,
     fit: Fit,
+    found: Spread,
+    held: dict[str, float],
     weights: _Weights,
     residuals: tuple[ViewResidual, ...],
+    coverage: float,
 ) -> Calibration:
     x = fit.solution.intrinsics
     K = np.array([[x[0], 0, x[2]], [0, x[1], x[3]], [0, 0, 1.0]])
     camera = Camera(size_px, K, x[4:].copy(), inverse_pose(fit.solution.T_cam_world))
-    try:
-        everything = solve(views, fit.solution, PARAMETERS, world, weights.of_views)
-        loose = np.sqrt(np.diag(spread(everything, {}).cov)[: len(PARAMETERS)])
-        held = held_sizes(fit, size_px, dict(zip(PARAMETERS, loose, strict=True)))
-        found = spread(fit, held)
-    except np.linalg.LinAlgError as error:
-        raise CalibrationError(
-            "the boards leave something about the camera wholly open; add pictures of the board "
-            "tilted by 15 to 30 deg in different directions, all over the picture"
-        ) from error
     std = np.sqrt(np.diag(found.cov))
     tilt, tilt_std = tilt_rad(fit, found)
     used = np.concatenate(
         [r[w > 0] for r, w in zip(fit.residuals_px, weights.of_views, strict=True)]
     )
-    calibration = Calibration(
+    return Calibration(
         camera=camera,
         free=fit.free,
         std={name: float(s) for name, s in zip(PARAMETERS, std, strict=False) if name in fit.free},
@@ -192,10 +155,8 @@ def _judged(
         views=residuals,
         rms_px=float(np.sqrt(np.mean(np.sum(used**2, axis=1)))),
         noise_px=weights.noise_px * found.noise,
-        coverage=coverage_of(views, size_px),
+        coverage=coverage,
         condition=found.condition,
         focal_height_correlation=found.focal_height,
         world=world,
     )
-    check_uncertainty(calibration, limits)
-    return calibration

@@ -88,7 +88,8 @@ def check_placed(views: Sequence[View], T_cam_boards: Sequence[Array], limits: L
             others = "the other flat boards" if is_flat.sum() > 2 else "another flat board"
             raise CalibrationError(
                 f"{view.name} is said to lie flat, but stands {np.degrees(angle):.1f} deg off "
-                f"{others}; correct `placed` in the target file, or take the picture again"
+                f"{others}; correct `placed` in the target file, or take the picture again "
+                "(squares that are not square look like it, too)"
             )
     steep = int((tilt[~is_flat] > limits.tilt_min_rad).sum())
     if steep < limits.tilted_min:

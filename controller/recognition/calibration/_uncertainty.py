@@ -88,15 +88,14 @@ def spread(fit: Fit, held_std: Mapping[str, float]) -> Spread:
     return Spread(cov, noise_cov, noise, float(singular[0] / singular[-1]), float(focal_height))
 
 
-def held_sizes(
-    fit: Fit, size_px: tuple[int, int], all_free_std: Mapping[str, float]
-) -> dict[str, float]:
+def held_sizes(fit: Fit, size_px: tuple[int, int], loose: Spread) -> dict[str, float]:
     """Return how large each held distortion term may be, one standard deviation.
 
     Parameters
     ----------
-    all_free_std : standard deviations when nothing is held
+    loose : of the fit that holds nothing
     """
+    views_pass = dict(zip(PARAMETERS, np.sqrt(np.diag(loose.noise_cov)), strict=False))
     value = dict(zip(PARAMETERS, fit.solution.intrinsics, strict=True))
     fx, fy, cx, cy = fit.solution.intrinsics[:4]
     width, height = size_px
@@ -104,7 +103,7 @@ def held_sizes(
     r = float(np.linalg.norm((corners - (cx, cy)) / (fx, fy), axis=1).max())
 
     def size(name: str, limit: float) -> float:
-        known = min(all_free_std[name], limit)
+        known = min(float(views_pass[name]), limit)
         return max(abs(value[name]), known) if name in fit.free else known
 
     k1 = size("k1", np.inf)

@@ -1,0 +1,71 @@
+"""Which distortion terms the views show: the Bayesian information criterion over plain lenses."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from ._solve import Fit, solve
+from ._types import PARAMETERS, Array, CalibrationError, View, WorldFrame
+from ._uncertainty import Spread
+
+PINHOLE: Final = ("fx", "fy", "cx", "cy")
+# from the plainest on: radial terms in their order, with or without tangential ones
+_LENSES: Final = tuple(
+    tuple(name for name in PARAMETERS if name in (*PINHOLE, *radial, *tangential))
+    for radial in ((), ("k1",), ("k1", "k2"), ("k1", "k2", "k3"))
+    for tangential in ((), ("p1", "p2"))
+)
+_SLOPE_MIN: Final = 0.2  # of the radius in the picture by that of the ray: less is a fold
+
+
+def likeliest(
+    views: Sequence[View],
+    everything: Fit,
+    loose: Spread,
+    size_px: tuple[int, int],
+    world: WorldFrame,
+    weights: Sequence[Array],
+) -> Fit:
+    """Return the fit of the lens with the least Bayesian information criterion.
+
+    What holding terms at 0 would cost follows from the fit with all of them free, as the squared
+    length of their values in their own covariance. Lenses that fold the picture over towards its
+    corners are none, however well they fit where there were boards.
+
+    Parameters
+    ----------
+    everything, loose : the fit with all PARAMETERS free, and its spread
+
+    Raises
+    ------
+    CalibrationError : every lens folds
+    """
+    count = int((np.abs(everything.jac).max(axis=1) > 0).sum())
+    values = everything.solution.intrinsics
+
+    def criterion(lens: tuple[str, ...]) -> float:
+        held = [i for i, name in enumerate(PARAMETERS) if name not in lens]
+        cov = loose.noise_cov[np.ix_(held, held)] / loose.noise**2
+        cost = everything.cost + float(values[held] @ np.linalg.solve(cov, values[held]))
+        return count * float(np.log(cost / count)) + len(lens) * float(np.log(count))
+
+    for lens in sorted(_LENSES, key=criterion):
+        fit = solve(views, everything.solution, lens, world, weights)
+        if _reaches_the_corners(fit.solution.intrinsics, size_px):
+            return fit
+    raise CalibrationError(
+        "no lens agrees with these boards; check `inner_corners` or `squares`, and that focus and "
+        "zoom were left alone"
+    )
+
+
+def _reaches_the_corners(intrinsics: Array, size_px: tuple[int, int]) -> bool:
+    """Whether the lens takes each radius to one radius, out to the picture's furthest corner."""
+    fx, fy, cx, cy, k1, k2, _, _, k3 = intrinsics
+    corners = np.array([(0, 0), (1, 0), (0, 1), (1, 1)]) * size_px
+    furthest = np.linalg.norm((corners - (cx, cy)) / (fx, fy), axis=1).max()
+    r = np.linspace(0, 3 * furthest, 600)
+    bent = r * (1 + k1 * r**2 + k2 * r**4 + k3 * r**6)
+    turns = np.flatnonzero(np.diff(bent) < _SLOPE_MIN * (r[1] - r[0]))
+    return bool(bent[turns[0] if len(turns) else -1] > furthest)
