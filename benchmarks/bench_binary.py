@@ -1,11 +1,11 @@
 """What the binary chain names for backlit pictures, how surely, and in what time.
 
-``python benchmarks/bench_binary.py [--json] [--pictures DIR] [--parts FILES] [--turns N]``: share
-of objects of which the best candidate, any of the best 3 and any of the best 10 is the right part
-and pose, up to the part's symmetry, turned right to 3 degrees. Models are all poses of the parts,
-seen from the camera where the object's outline has its centroid, at N turns all round. A tall
-part's shadow depends on how it is turned, so the best 12 are drawn again as found and compared
-once more ("second look"). The truth file gives the camera, and judges.
+``python benchmarks/bench_binary.py [--json] [--pictures DIR] [--parts FILES] [--turns N]
+[--small]``: share of objects of which the best candidate, any of the best 3 and any of the best 10
+is the right part and pose, up to the part's symmetry, turned right to 3 degrees. Models are all
+poses of the parts, seen from the camera where the object's outline has its centroid, at N turns
+all round. A tall part's shadow depends on how it is turned, so the best 12 are drawn again as
+found and compared once more ("second look"). The truth file gives the camera, and judges.
 
 ``python benchmarks/bench_binary.py --table IMAGE``: the paper's Table 2 of the largest outline.
 """
@@ -40,6 +40,7 @@ from controller.cad import (  # noqa: E402
 from controller.cad.compiled import CompiledPart, load_part, part_name  # noqa: E402
 from controller.recognition import lying  # noqa: E402
 from controller.recognition.binary import (  # noqa: E402
+    BinaryTolerances,
     BoundaryString,
     StringMatch,
     boundary_string,
@@ -71,13 +72,15 @@ class Model:
     pose: StablePose
     turn_rad: float
 
-    def string(self, table: Camera, x_mm: float, y_mm: float) -> BoundaryString:
+    def string(
+        self, table: Camera, x_mm: float, y_mm: float, limits: BinaryTolerances
+    ) -> BoundaryString:
         """Return the string of its shadow at a place on the table."""
         solid = self.part.solid
         T = lying(solid, self.pose, x_mm, y_mm, self.turn_rad)
         view = outline(solid, T, table, prepared=self.prepared)
         foot = table.position_mm
-        return model_string(view.loops, from_view=(float(foot[0]), float(foot[1])))
+        return model_string(view.loops, limits, from_view=(float(foot[0]), float(foot[1])))
 
     def off_deg(self, truth: dict[str, Any], turn_rad: float) -> float:
         """Return how far it is turned from the truth, up to symmetry; 180 for another part."""
@@ -134,10 +137,33 @@ def models_of(paths: list[Path], turns: int) -> list[Model]:
     return out
 
 
-def seen(region: Region, camera: Camera) -> BoundaryString:
+@dataclass(frozen=True, eq=False)
+class Optics:
+    """The camera, the one that sees shadows in mm, and how the pictures' pixels lie in its own.
+
+    A pixel of a small picture covers ``binning`` of the camera's, (across, down).
+    """
+
+    camera: Camera
+    table: Camera
+    binning: tuple[int, int]
+
+    @property
+    def limits(self) -> BinaryTolerances:
+        """Tolerances for the size of the pixels."""
+        fine = self.camera.mm_per_px(np.zeros(3))
+        return BinaryTolerances.for_pixels(fine * max(self.binning))
+
+    def on_table(self, pixels: Array) -> Array:
+        """Return points (n, 2) of the table plane."""
+        fine = (pixels + 0.5) * np.array(self.binning, dtype=float) - 0.5
+        return self.camera.on_plane(fine)[:, :2]
+
+
+def seen(region: Region, optics: Optics) -> BoundaryString:
     """Return the string of a thing in a picture, in the table plane."""
-    loops = [camera.on_plane(loop)[:, :2] for loop in region.loops_px]
-    return boundary_string(loops, [i > 0 for i in range(len(loops))])
+    loops = [optics.on_table(loop) for loop in region.loops_px]
+    return boundary_string(loops, [i > 0 for i in range(len(loops))], optics.limits)
 
 
 def nearest_truth(truth: dict[str, Any], image: str, at: Array) -> dict[str, Any]:
@@ -155,20 +181,21 @@ def hits(
     return [any(right[:count]) for count in NAMED]
 
 
-def run(folder: Path, parts: list[Path], turns: int) -> dict[str, Any]:
+def run(folder: Path, parts: list[Path], turns: int, is_small: bool) -> dict[str, Any]:
     """Return the rows of all objects in backlit pictures, and the summary."""
     truth = json.loads((folder / "truth.json").read_text())
-    camera, table = cameras_of(truth)
+    optics = Optics(*cameras_of(truth), (5, 4) if is_small else (1, 1))
+    pictures = folder / "lo" if is_small else folder
     models = models_of(parts, turns)
     rows = []
     for entry in truth["images"]:
         if entry["mode"] != "back":
             continue
-        picture = cv2.imread(str(folder / entry["image"]), cv2.IMREAD_GRAYSCALE)
+        picture = cv2.imread(str(pictures / entry["image"]), cv2.IMREAD_GRAYSCALE)
         for region in segment(picture, "backlit").regions:
             if region.touches_edge:
                 continue
-            rows.append(one(entry["image"], region, camera, table, models, truth))
+            rows.append(one(entry["image"], region, optics, models, truth))
     known = [row for row in rows if row["part"] is not None]
     summary: dict[str, Any] = {
         "objects": len(known),
@@ -190,8 +217,7 @@ def run(folder: Path, parts: list[Path], turns: int) -> dict[str, Any]:
 def one(
     image: str,
     region: Region,
-    camera: Camera,
-    table: Camera,
+    optics: Optics,
     models: list[Model],
     truth: dict[str, Any],
 ) -> dict[str, Any]:
@@ -199,12 +225,13 @@ def one(
     t0 = time.process_time()
     chain_code(region.mask)
     t1 = time.process_time()
-    observed = seen(region, camera)
+    observed = seen(region, optics)
     t2 = time.process_time()
     x, y = observed.centroid_mm.tolist()
-    strings = [model.string(table, x, y) for model in models]
+    table, limits = optics.table, optics.limits
+    strings = [model.string(table, x, y, limits) for model in models]
     t3 = time.process_time()
-    first = correlate(observed, strings)
+    first = correlate(observed, strings, limits)
     t4 = time.process_time()
     again, drawn = [], []
     for match in first[:SECOND_LOOK]:
@@ -215,9 +242,9 @@ def one(
             model.name, model.part, model.prepared, model.pose, model.turn_rad + match.turn_rad
         )
         again.append(turned)
-        drawn.append(turned.string(table, moved.real, moved.imag))
+        drawn.append(turned.string(table, moved.real, moved.imag, limits))
     t5 = time.process_time()
-    second = correlate(observed, drawn)
+    second = correlate(observed, drawn, limits)
     t6 = time.process_time()
     told = nearest_truth(truth, image, observed.centroid_mm)
     best = [again[m.model_index] for m in second[:1]]
@@ -256,6 +283,7 @@ def main() -> None:
     parser.add_argument(
         "--parts", type=Path, nargs="+", help="CAD files; the shared ones otherwise"
     )
+    parser.add_argument("--small", action="store_true", help="the 256 x 256 pictures in lo/")
     parser.add_argument("--turns", type=int, default=1)
     parser.add_argument("--table", type=Path, metavar="IMAGE")
     args = parser.parse_args()
@@ -267,7 +295,7 @@ def main() -> None:
         print(f"{args.pictures}: no pictures here")
         return
     parts = args.parts or sorted((SHARED / "parts").glob("*.stl"))
-    found = run(args.pictures, parts, args.turns)
+    found = run(args.pictures, parts, args.turns, args.small)
     if args.json:
         print(json.dumps(found, indent=1))
         return

@@ -16,6 +16,7 @@ from test_binary_strings import ELL, circle, dense, noisy, rasterised, slot, tur
 
 from controller.cad import load_solid, outline, prepare_views
 from controller.recognition.binary import (
+    BinaryTolerances,
     BoundaryString,
     StringMatch,
     boundary_string,
@@ -191,6 +192,26 @@ def test_a_parts_rasterised_silhouette_is_recognised(
         # symmetric outlines have several turns; a right one is among those as good as the best
         alike = [m for m in matches if m.model_index == part and m.error_mm < 0.15]
         assert min(degrees_off(match.turn_rad, turn) for match in alike) < 1.0
+
+
+@pytest.mark.parametrize("mm_per_px", [0.5, 1.0])
+def test_coarser_pixels_are_recognised_with_tolerances_of_their_own(mm_per_px: float) -> None:
+    limits = BinaryTolerances.for_pixels(mm_per_px)
+    hole = circle(6, (12, 30))
+    shapes = [(ELL, hole), (ELL * (1, -1), hole * (1, -1)), (ELL * (0.8, 1.2), hole)]
+    models = [
+        boundary_string([dense(corners), bore], [False, True], limits) for corners, bore in shapes
+    ]
+    for turn in (-1.0, 0.5, 2.8):
+        lying = [turned(p, turn, SHIFT) for p in (ELL, hole)]
+        match = correlate(boundary_string(*rasterised(lying, mm_per_px), limits), models, limits)[0]
+        assert match.model_index == 0
+        assert degrees_off(match.turn_rad, turn) < 1.0
+        assert match.shift_mm == pytest.approx(SHIFT, abs=0.3 * mm_per_px)
+
+
+def test_finer_pixels_than_a_quarter_mm_change_no_tolerance() -> None:
+    assert BinaryTolerances.for_pixels(0.1) == BinaryTolerances()
 
 
 @pytest.mark.slow

@@ -2,6 +2,10 @@
 
 from dataclasses import dataclass
 
+CORNER_BOX_PX = 4.0  # shorter chords turn by the stairs of pixels
+TRIM_PX = 1.0
+LEAST_HOLE_PX = 6.0  # fewer pixels have no shape
+
 
 @dataclass(frozen=True, slots=True)
 class BinaryTolerances:
@@ -63,3 +67,27 @@ class BinaryTolerances:
     keep_factor: float = 2.5
     keep_mm: float = 0.5
     keep_per_model: int = 4
+
+    @classmethod
+    def for_pixels(cls, mm_per_px: float) -> "BinaryTolerances":
+        """Return the tolerances for pixels of another size, the longer side of one where oblong.
+
+        What the pixel sets grows with it: spacing, chords, noise, slits, specks. What perspective
+        sets stays. Pixels finer than a quarter mm change nothing, the lens has the say there.
+        """
+        usual = cls()
+        times = max(1.0, mm_per_px / usual.spacing_mm)
+        if times == 1.0:
+            return usual
+        return cls(
+            spacing_mm=usual.spacing_mm * times,
+            corner_box_mm=max(usual.corner_box_mm, CORNER_BOX_PX * mm_per_px),
+            trim_mm=max(usual.trim_mm, TRIM_PX * mm_per_px),
+            line_noise_mm=usual.line_noise_mm * times,
+            slit_mm=usual.slit_mm * times,
+            corner_near_mm=usual.corner_near_mm * max(1.0, 0.5 * times),
+            min_hole_mm2=max(usual.min_hole_mm2, LEAST_HOLE_PX * mm_per_px**2),
+            point_near_mm=usual.point_near_mm * max(1.0, 0.5 * times),
+            round_mm=usual.round_mm * times,
+            keep_mm=usual.keep_mm * max(1.0, 0.5 * times),
+        )
