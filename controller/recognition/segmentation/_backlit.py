@@ -18,6 +18,7 @@ Grey = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
 MARGIN_PX = 10  # of a crop: ground enough to see a thing end
+MIXED_PX = 2  # a lens's blur, to either side of a border
 SEEN_CONTRAST = 0.1  # of the ground's level
 
 
@@ -46,7 +47,7 @@ def find_backlit(
     found: list[Region] = []
     for box in boxes:
         window = np.s_[box[1] : box[3], box[0] : box[2]]
-        crop = Crop(box, picture[window], None if usable is None else usable[window])
+        crop = Crop(box, picture[window], None if usable is None else usable[window], MIXED_PX)
         regions, small = _within(crop, ground, white, cut / GROUND_BIN, min_area_px)
         found += regions
         specks += small
@@ -61,7 +62,7 @@ def _within(
     rough = crop.grey < threshold
     if crop.usable is not None:
         rough &= crop.usable
-    mask, field = sharpen(crop.grey, rough, beyond, SEEN_CONTRAST * float(beyond.mean()))
+    mask, field = sharpen(crop, rough, beyond, SEEN_CONTRAST * float(beyond.mean()))
     if crop.usable is not None:
         mask &= crop.usable
     return regions_of(crop, mask, field, None, min_area_px)

@@ -29,10 +29,16 @@ NOISE_FACTOR = 0.8  # of the noise: four deviations of the gradient, which avera
 STEP_FACTOR = 0.7  # of a level step: rounding of a slow slope is no border
 LEAST_EDGE = 0.012  # of the table's level per pixel, beyond its slope
 RIDGE_PX = 5  # across a border
-STRONG_SHARE = 0.3
+STRONG_SHARE = 0.3  # of a border's pixels are of twice the least sharpness
 LEAST_BORDER = 8  # px
 GAP_PX = 3  # gaps in a border up to twice this are no way in
+WIDE_GAP_PX = 6  # of the reading that takes a border with wider gaps for closed
+FRINGE_PX = 7  # narrower ones may be wall or contact shadow
+RIM_LEVEL = 0.3
 LEAST_HOLE = 8  # px
+# a lens's blur, to either side of a border; 1 in pictures of few pixels, whose dim flanks are as
+# narrow as the neighbourhood that goes with 2
+MIXED_PX = 2
 SEEN_CONTRAST = 2.0  # grey levels, or one step
 
 
@@ -69,7 +75,12 @@ def find_front(
     found: list[Region] = []
     for box in boxes:
         window = np.s_[box[1] : box[3], box[0] : box[2]]
-        crop = Crop(box, picture[window], None if usable is None else usable[window])
+        crop = Crop(
+            box,
+            picture[window],
+            None if usable is None else usable[window],
+            MIXED_PX if factor > 1 else 1,
+        )
         regions, small = _within(crop, ground, excess, noise, step, min_area_px)
         found += regions
         specks += small
@@ -91,14 +102,27 @@ def _within(
     contrast = max(SEEN_CONTRAST, float(step))
     if crop.usable is not None:
         rough &= crop.usable
-    mask, field = sharpen(crop.grey, rough, None, contrast)
+    mask, field = sharpen(crop, rough, None, contrast)
     if crop.usable is not None:
         mask &= crop.usable
     mask = _without_fringe(mask) | (mask & (bright > 0))
     wanted = cv2.bitwise_or(bright, border) > 0
     filled = mask | (solid > 0)
-    lit = cv2.erode(bright, np.ones((3, 3), np.uint8)) > 0
-    return regions_of(crop, mask, field, wanted, min_area_px, (lit, filled))
+    lit = _lit(crop, table, bright)
+    wide = ((1 - _reached(cv2.bitwise_or(bright, border), WIDE_GAP_PX)) & ~holes) > 0
+    tight = (_trimmed(solid, bright) & ~holes) > 0
+    return regions_of(crop, mask, field, wanted, min_area_px, (lit, filled, wide, tight))
+
+
+def _lit(crop: Crop, table: Floats, bright: Bytes) -> Mask:
+    """Return what is bright, less most of the outer half of its blurred rim.
+
+    At half the level dim flanks beside bright ones would go with the rim.
+    """
+    side = 2 * crop.mixed_px + 1
+    strongest = cv2.dilate(crop.grey, np.ones((side, side), np.uint8))
+    level = cv2.addWeighted(strongest, RIM_LEVEL, table, 1.0 - RIM_LEVEL, 0.0, dtype=cv2.CV_32F)
+    return np.asarray((bright > 0) & (crop.grey > level))
 
 
 def _borders(grey: Grey, least: float) -> Bytes:
@@ -156,16 +180,16 @@ def _is_ridge(
     return np.asarray(sharp >= best)
 
 
-def _reached(blocked: Bytes) -> Bytes:
+def _reached(blocked: Bytes, gap_px: int = GAP_PX) -> Bytes:
     """Return 1 where a disc comes to from the rim past what is blocked."""
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * GAP_PX + 1, 2 * GAP_PX + 1))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * gap_px + 1, 2 * gap_px + 1))
     free = 1 - cv2.dilate(blocked, disc)
     padded = cv2.copyMakeBorder(free, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1)
     cv2.floodFill(padded, None, (0, 0), 2)
     reached = (padded[1:-1, 1:-1] == 2).astype(np.uint8)
     # step by step up to the borders, which are one pixel wide: a disc would leap over them
     cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
-    for _ in range(2 * GAP_PX):
+    for _ in range(2 * gap_px):
         reached = cv2.dilate(reached, cross) & (1 - blocked)
     return np.asarray(reached, np.uint8)
 
@@ -194,6 +218,15 @@ def _holes(
         whole = cv2.dilate((labels[grown] == k).astype(np.uint8), np.ones((3, 3), np.uint8))
         holes[grown] |= whole & (1 - bright[grown])
     return holes
+
+
+def _trimmed(solid: Bytes, bright: Bytes) -> Bytes:
+    """Return what is solid less narrow dark fringes: the table is darkest where things touch it."""
+    dark = solid & (1 - bright)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (FRINGE_PX, FRINGE_PX))
+    wide = cv2.morphologyEx(dark, cv2.MORPH_OPEN, disc)
+    wide = cv2.dilate(wide, np.ones((3, 3), np.uint8)) & dark
+    return np.asarray(wide | bright, np.uint8)
 
 
 def _without_fringe(mask: Mask) -> Mask:

@@ -15,10 +15,8 @@ Grey = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 Box = tuple[int, int, int, int]
 
-LOCAL_PX = 9  # a side's level is the mean over this neighbourhood, less what is mixed
-MIXED_PX = 2  # pixels this near a border hold some of both sides
+LOCAL_FACTOR = 4  # a side's level is the mean over this many times what is mixed, and one
 MIXED_WEIGHT = 1.0 / 64.0  # they count only where there is nothing else, as in a thin web
-BAND_PX = 2  # how far a border may move
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -30,22 +28,24 @@ class Crop:
     box_px : x0, y0, x1, y1
     grey : (h, w)
     usable : (h, w), None for all of it
+    mixed_px : pixels this near a border hold some of both sides
     """
 
     box_px: Box
     grey: Grey
     usable: Mask | None
+    mixed_px: int
 
 
-def side_level(grey: Grey, side: NDArray[np.uint8]) -> Floats:
+def side_level(grey: Grey, side: NDArray[np.uint8], mixed_px: int) -> Floats:
     """Return the local level of a side (h, w), 1 where a pixel is of it, away from its border.
 
     Where nothing of it is near the level is 0.
     """
-    square = np.ones((2 * MIXED_PX + 1, 2 * MIXED_PX + 1), dtype=np.uint8)
+    square = np.ones((2 * mixed_px + 1, 2 * mixed_px + 1), dtype=np.uint8)
     pure = cv2.erode(side, square, borderType=cv2.BORDER_CONSTANT, borderValue=1)
     weight = cv2.addWeighted(side, 1.0, pure, 1.0 / MIXED_WEIGHT - 1.0, 0.0)
-    window = (LOCAL_PX, LOCAL_PX)
+    window = (LOCAL_FACTOR * mixed_px + 1, LOCAL_FACTOR * mixed_px + 1)
     total = cv2.boxFilter(weight, cv2.CV_32F, window, normalize=False)
     light = cv2.multiply(grey, weight, dtype=cv2.CV_32F)
     light = cv2.boxFilter(light, cv2.CV_32F, window, normalize=False)
@@ -53,24 +53,24 @@ def side_level(grey: Grey, side: NDArray[np.uint8]) -> Floats:
     return out
 
 
-def sharpen(grey: Grey, rough: Mask, beyond: Floats | None, contrast: float) -> tuple[Mask, Floats]:
+def sharpen(crop: Crop, rough: Mask, beyond: Floats | None, contrast: float) -> tuple[Mask, Floats]:
     """Return the mask with its border at the half level, and the field whose zero line that is.
 
     Parameters
     ----------
-    grey : (h, w)
-    rough : (h, w) objects, right to ``BAND_PX``
+    rough : (h, w) objects, right to what is mixed
     beyond : (h, w) level of the ground; None to take it from beside the border
     contrast : difference of levels from which a border is seen; with less it stays where it is
     """
+    grey, mixed_px = crop.grey, crop.mixed_px
     inner = rough.astype(np.uint8)
-    inside = side_level(grey, inner)
-    outside = side_level(grey, 1 - inner) if beyond is None else beyond
+    inside = side_level(grey, inner, mixed_px)
+    outside = side_level(grey, 1 - inner, mixed_px) if beyond is None else beyond
     field: Floats = grey - 0.5 * (inside + outside)
     is_dark = inside < outside
     field[is_dark] *= -1.0
     is_seen = cv2.absdiff(inside, outside) >= contrast
-    square = np.ones((2 * BAND_PX + 1, 2 * BAND_PX + 1), dtype=np.uint8)
+    square = np.ones((2 * mixed_px + 1, 2 * mixed_px + 1), dtype=np.uint8)
     near = cv2.morphologyEx(inner, cv2.MORPH_GRADIENT, square) > 0
     mask = np.where(near & is_seen, field > 0, rough)
     return mask, field

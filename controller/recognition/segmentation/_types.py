@@ -27,7 +27,8 @@ class Region:
     touches_edge : cut by the picture's edge or by that of the usable area
     area_px : within the outer loop, holes taken out
     alternatives : other readings of the same silhouette, as ``mask``, where a front-lit picture
-        leaves them open: the bright part without dark walls, holes filled
+        leaves them open, each where it differs by 1 % and more: the bright part without dark
+        walls, holes filled, walls with wider gaps in their borders, no narrow dark fringes
     """
 
     box_px: tuple[int, int, int, int]
