@@ -178,6 +178,12 @@ def test_a_string_needs_an_outer_loop() -> None:
         boundary_string([circle(5)], [True])
 
 
+def test_a_line_there_and_back_encloses_nothing() -> None:
+    there = np.column_stack([np.arange(40.0), np.zeros(40)])
+    with pytest.raises(NoOutlineError, match="encloses nothing"):
+        boundary_string([np.concatenate([there, there[::-1]])], [False])
+
+
 def stroke_line(p: Array, q: Array) -> Stroke:
     return Stroke(p, q, None, None, 0.0, 0, -1)
 
@@ -216,3 +222,24 @@ def test_a_slit_no_picture_shows_is_not_part_of_a_models_string() -> None:
     string = model_string([loop_of(strokes)])
     assert string.perimeter_mm == pytest.approx(200, rel=0.01)
     assert len(string.corner_mm) == 4
+
+
+def test_a_sheet_on_edge_keeps_its_string() -> None:
+    corners = np.array([[0, 0], [60, 0], [60, 0.2], [0, 0.2]], dtype=float)
+    strokes = [
+        stroke_line(p, q) for p, q in zip(corners, np.roll(corners, -1, axis=0), strict=True)
+    ]
+    assert model_string([loop_of(strokes)]).perimeter_mm == pytest.approx(120.4, rel=0.01)
+
+
+def test_a_view_with_a_speck_of_two_points_is_read() -> None:
+    slit = [[0, 0], [60, 0], [60, 20], [20, 20], [20, 20.1], [60, 20.1], [60, 40], [0, 40]]
+    corners = np.array(slit, dtype=float)
+    strokes = [
+        stroke_line(p, q) for p, q in zip(corners, np.roll(corners, -1, axis=0), strict=True)
+    ]
+    a, b = np.array([5.0, 5.0]), np.array([5.1, 5.0])
+    speck = loop_of([stroke_line(a, b), stroke_line(b, a)], is_hole=True)
+    string = model_string([loop_of(strokes), speck])
+    assert string.perimeter_mm == pytest.approx(200, rel=0.01)
+    assert len(string.hole_mm) == 0

@@ -18,6 +18,8 @@ def without_slits(
     """
     body = shapely.Polygon()
     for points, hole in sorted(zip(loops, is_hole, strict=True), key=lambda pair: pair[1]):
+        if len(points) < 3:
+            continue
         piece = shapely.make_valid(shapely.Polygon(points))
         body = body.difference(piece) if hole else body.union(piece)
     half = 0.5 * width_mm

@@ -28,13 +28,14 @@ Number = TypeVar("Number", np.float64, np.complex128)
 
 OUTLINE_SAMPLES = 256  # of an outline of 400 mm one each 1.6 mm
 HOLE_SAMPLES = 32
+LEAST_AREA_MM2 = 1e-6  # what rounding leaves of a line there and back
 LEAST_CROSSING = 0.3  # sine of the angle of lines that are let meet in a corner
 FARTHEST_CROSSING_MM = 1.5  # from the filter's peak, or it is another corner's
 DEFAULT = BinaryTolerances()
 
 
 class NoOutlineError(ValueError):
-    """There is no outer loop, or one of no length."""
+    """There is no outer loop, or none that encloses anything."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -106,13 +107,15 @@ def boundary_string(
 
     Raises
     ------
-    NoOutlineError : no outer loop of three points
+    NoOutlineError : no outer loop of three points that encloses anything
     """
     outer = [p for p, hole in zip(loops_mm, is_hole, strict=True) if not hole and len(p) > 2]
     holes = [p for p, hole in zip(loops_mm, is_hole, strict=True) if hole and len(p) > 2]
     if not outer:
         raise NoOutlineError(f"no outer loop of three points among {len(loops_mm)} loops")
     outline = max(outer, key=lambda p: abs(_area(p)))
+    if abs(_area(outline)) < LEAST_AREA_MM2:
+        raise NoOutlineError(f"the largest of {len(outer)} outer loops encloses nothing")
     coded = [_code_loop(_directed(outline, 1.0), limits)]
     coded += [
         _code_loop(_directed(p, -1.0), limits)
@@ -148,7 +151,9 @@ def model_string(
     found = boundary_string(points, is_hole, limits)
     if np.abs(found.corner_turn_rad).max(initial=0.0) < limits.slit_turn_rad:
         return found
-    return boundary_string(*without_slits(points, is_hole, limits.slit_mm), limits)
+    wide = without_slits(points, is_hole, limits.slit_mm)
+    # a view that is all sliver, as of a sheet on edge, stays what it is
+    return boundary_string(*wide, limits) if False in wide[1] else found
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -330,8 +335,6 @@ def _resampled(points: Array, spacing_mm: float) -> tuple[Array, float]:
     before = np.concatenate([rough[-1:], rough[:-1]])
     smooth = 0.5 * rough + 0.25 * (before + next_of(rough))
     length = _length(smooth)
-    if length <= 0:
-        raise NoOutlineError("a loop of no length")
     return smooth, length / len(smooth)
 
 
