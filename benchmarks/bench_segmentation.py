@@ -1,6 +1,6 @@
 """What segmentation finds in pictures of known truth, how near its outlines are, and its time.
 
-python benchmarks/bench_segmentation.py [--json] [--worst N] [FOLDER ...]
+python benchmarks/bench_segmentation.py [--json] [--worst N] [--parts FOLDER] [FOLDER ...]
 
 A folder holds pictures and a truth.json of the form of the shared pictures'; these are taken
 where none is named. The true silhouette is the CAD outline at the true pose through the true
@@ -144,7 +144,7 @@ def _area(p: Array) -> float:
     return 0.5 * abs(float((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum()))
 
 
-def judge_folder(folder: Path, solids: dict[str, Any]) -> list[dict[str, Any]]:
+def judge_folder(folder: Path, parts: Path, solids: dict[str, Any]) -> list[dict[str, Any]]:
     """Return a row for each picture of a folder, small ones included where there are any."""
     truth = json.loads((folder / "truth.json").read_text())
     camera = camera_of(truth)
@@ -152,14 +152,15 @@ def judge_folder(folder: Path, solids: dict[str, Any]) -> list[dict[str, Any]]:
     for number, entry in enumerate(truth["images"]):
         views: list[LineView | None] = []
         for thing in entry["objects"]:
-            path = SHARED / "parts" / f"{thing.get('part')}.stl"
-            if not thing.get("known", True) or not path.is_file():
+            name = str(thing.get("part"))
+            if name not in solids:
+                files = [p for p in parts.iterdir() if p.name.split(".")[0] == name]
+                solid = load_solid(files[0]) if files else None
+                solids[name] = (solid, prepare_views(solid) if solid else None)
+            solid, prepared = solids[name]
+            if not thing.get("known", True) or solid is None:
                 views.append(None)
                 continue
-            if path.stem not in solids:
-                solid = load_solid(path)
-                solids[path.stem] = (solid, prepare_views(solid))
-            solid, prepared = solids[path.stem]
             views.append(outline(solid, true_pose(solid, thing), camera, prepared=prepared))
         for size, path in (
             ("full", folder / entry["image"]),
@@ -263,6 +264,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folders", nargs="*", type=Path, default=[SHARED / "images"])
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--parts", type=Path, default=SHARED / "parts", help="their CAD files")
     parser.add_argument("--worst", type=int, default=0, help="list so many objects of least IoU")
     args = parser.parse_args()
     cv2.setNumThreads(1)
@@ -271,7 +273,7 @@ def main() -> int:
         print(f"no truth.json in {', '.join(missing)}", file=sys.stderr)
         return 2
     solids: dict[str, Any] = {}
-    rows = [row for folder in args.folders for row in judge_folder(folder, solids)]
+    rows = [row for folder in args.folders for row in judge_folder(folder, args.parts, solids)]
     groups: dict[str, list[dict[str, Any]]] = defaultdict(list)
     for row in rows:
         groups[f"{row['light']} {row['size']} {'aside' if row['aside'] else 'seen'}"].append(row)

@@ -141,8 +141,9 @@ def fit_ground(
     """
     stride = max(1, round((reduced.size / FITTED_PX) ** 0.5))
     band = max(2, len(reduced) // 12)
-    rim = [np.s_[:band], np.s_[-band:], np.s_[band:-band, :band], np.s_[band:-band, -band:]]
-    seen = np.concatenate([reduced[side][inside[side]][::3] for side in rim])
+    is_rim = np.ones(reduced.shape, dtype=np.bool_)
+    is_rim[band:-band, band:-band] = False
+    seen = reduced[is_rim & inside]
     if len(seen) < 50:
         seen = reduced[inside]
     start = float(np.median(seen)) if len(seen) else 0.0
