@@ -18,6 +18,8 @@ Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float32]
 Grey = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
+Places = NDArray[np.intp]
+Shorts = NDArray[np.int16]
 
 MARGIN_PX = 24  # of a crop: its rim is table, beyond most of a contact shadow
 LEAST_BRIGHT = 0.15  # brighter than the table by this share and more than its texture: a thing
@@ -134,13 +136,13 @@ def _borders(grey: Grey, least: float) -> Bytes:
     """
     gx = cv2.Sobel(grey, cv2.CV_16S, 1, 0, ksize=5)
     gy = cv2.Sobel(grey, cv2.CV_16S, 0, 1, ksize=5)
-    ax, ay = np.abs(gx), np.abs(gy)
-    sharp = _less_slope(grey, cv2.add(ax, ay))
-    ridge = ((sharp > SOBEL_GAIN * least) & _is_ridge(sharp, ax, ay, (gx ^ gy) < 0)).astype(
-        np.uint8
-    )
+    sharp = _less_slope(grey, cv2.add(np.abs(gx), np.abs(gy)))
+    at = np.flatnonzero(sharp > SOBEL_GAIN * least)
+    at = at[_is_ridge(sharp, at, gx.ravel()[at], gy.ravel()[at])]
+    ridge = np.zeros(grey.shape, dtype=np.uint8)
+    ridge.ravel()[at] = 1
     _, labels, stats, _ = cv2.connectedComponentsWithStats(ridge, connectivity=8)
-    strong = labels[(sharp > 2.0 * SOBEL_GAIN * least) & (ridge > 0)]
+    strong = labels.ravel()[at[sharp.ravel()[at] > 2.0 * SOBEL_GAIN * least]]
     size = stats[:, cv2.CC_STAT_AREA]
     is_border = np.bincount(strong, minlength=len(stats)) >= np.maximum(STRONG_SHARE * size, 4)
     is_border &= size >= LEAST_BORDER
@@ -148,7 +150,7 @@ def _borders(grey: Grey, least: float) -> Bytes:
     return np.asarray(is_border.astype(np.uint8)[labels])
 
 
-def _less_slope(grey: Grey, fine: NDArray[np.int16]) -> NDArray[np.int16]:
+def _less_slope(grey: Grey, fine: Shorts) -> Shorts:
     """Return a gradient less its share over a wide window, in units of 1 / ``SOBEL_GAIN``."""
     wide = cv2.boxFilter(grey, cv2.CV_32F, (SLOPE_PX, SLOPE_PX), normalize=False).astype(np.int16)
     gx = cv2.Sobel(wide, cv2.CV_16S, 1, 0, ksize=1)
@@ -158,26 +160,25 @@ def _less_slope(grey: Grey, fine: NDArray[np.int16]) -> NDArray[np.int16]:
     return np.asarray(cv2.addWeighted(fine, 1.0, coarse, -scale, 0.0, dtype=cv2.CV_16S), np.int16)
 
 
-def _is_ridge(
-    sharp: NDArray[np.int16], ax: NDArray[np.int16], ay: NDArray[np.int16], rises: Mask
-) -> Mask:
-    """Return where a border is strongest across itself, to the nearest eighth of a turn.
+def _is_ridge(sharp: Shorts, at: Places, gx: Shorts, gy: Shorts) -> Mask:
+    """Return which pixels are the sharpest across the border, to the nearest eighth of a turn.
 
     Parameters
     ----------
-    ax, ay : (h, w) magnitudes of the gradient's components
-    rises : (h, w) whether it points to the right and up, or to the left and down
+    sharp : (h, w)
+    at : (n,) flat indices of the pixels
+    gx, gy : (n,) the gradient there
     """
-    line = np.eye(RIDGE_PX, dtype=np.uint8)
-    middle = np.zeros_like(line)
-    middle[RIDGE_PX // 2] = 1
-    flat, steep = ay < 0.414 * ax, ax < 0.414 * ay  # tan of an eighth of half a turn
-    best = np.where(
-        rises, cv2.dilate(sharp, np.ascontiguousarray(line[::-1])), cv2.dilate(sharp, line)
-    )
-    best = np.where(flat, cv2.dilate(sharp, middle), best)
-    best = np.where(steep, cv2.dilate(sharp, np.ascontiguousarray(middle.T)), best)
-    return np.asarray(sharp >= best)
+    width = sharp.shape[1]
+    ax, ay = np.abs(gx), np.abs(gy)
+    askew = np.where((gx ^ gy) < 0, width - 1, width + 1)
+    across = np.where(ay < 0.414 * ax, 1, np.where(ax < 0.414 * ay, width, askew))
+    level, last = sharp.ravel(), sharp.size - 1
+    best = level[at]
+    for step in range(1, RIDGE_PX // 2 + 1):
+        for side in (-step, step):
+            best = np.maximum(best, level[np.clip(at + side * across, 0, last)])
+    return np.asarray(level[at] >= best)
 
 
 def _reached(blocked: Bytes, gap_px: int = GAP_PX) -> Bytes:
