@@ -137,7 +137,7 @@ def test_lines_end_at_lines_in_a_t_and_three_ends_meet_in_a_y() -> None:
     grey = np.full((200, 200), 60, np.uint8)
     grey[100:] = 110
     grey[100:, 100:] = 190
-    features = image_features(grey, Plane((200, 200), (1.0, 1.0)))
+    features = image_features(grey, Plane((200, 200), PITCH))
     at = np.array([0.0, 0.0])
     # the edge above runs straight through: a T there
     assert (
@@ -147,9 +147,9 @@ def test_lines_end_at_lines_in_a_t_and_three_ends_meet_in_a_y() -> None:
     u, v = np.meshgrid(np.arange(200) - 99.5, 99.5 - np.arange(200))
     sector = np.floor(((np.arctan2(v, u) - 0.2) % (2 * np.pi)) / (2 * np.pi / 3)).astype(int)
     star = np.array([60, 120, 200], np.uint8)[sector]
-    features = image_features(star, Plane((200, 200), (1.0, 1.0)))
+    features = image_features(star, Plane((200, 200), PITCH))
     assert (
-        np.linalg.norm(features.junctions.positions[features.junctions.is_y] - at, axis=1).min() < 4
+        np.linalg.norm(features.junctions.positions[features.junctions.is_y] - at, axis=1).min() < 1
     )
 
 

@@ -20,6 +20,8 @@ ToPlane = Callable[[Array], Array]
 SOBEL_OF_STEP = 2.1  # Sobel of a step of one level under blurs of 0.8 px of lens and here
 RAYLEIGH_30 = 0.845  # 30 % of a Rayleigh distribution of deviation 1 are below
 COARSEST = 4.0  # between two levels of a digitiser of 6 bits
+MOST_TIMES = 3  # more adds no detail
+ENLARGED = 2.0  # contours of a coarse digitiser are no softer for being enlarged
 PLANE_NODES = 7  # a side of the grid that the way to the plane is taken from
 
 
@@ -54,12 +56,21 @@ def edge_points(grey: Grey, to_plane: ToPlane, tol: GreyTolerances) -> EdgePoint
     """
     if grey.ndim != 2 or grey.dtype != np.uint8:
         raise ValueError(f"a grey picture of uint8 is needed, not {grey.dtype} of {grey.shape}")
+    floor = _floor(grey, tol)
+    times = _enlargement(grey.shape, to_plane, tol)
+    if times > 1:
+        small_to_plane, floor = to_plane, ENLARGED * floor / times
+        grey = cv2.resize(grey, None, fx=times, fy=times, interpolation=cv2.INTER_CUBIC)
+
+        def to_plane(pixels: Array) -> Array:
+            return small_to_plane((pixels + 0.5) / times - 0.5)
+
     # ridges of noise on a soft slope are many and mean nothing; blur takes them, and not the edges
     soft = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), tol.blur_px)
     gx = cv2.Sobel(soft, cv2.CV_32F, 1, 0)
     gy = cv2.Sobel(soft, cv2.CV_32F, 0, 1)
     strength = cv2.magnitude(gx, gy)
-    threshold = _threshold(grey, strength, tol)
+    threshold = max(_noise(strength) * tol.noise_factor, floor)
     width = grey.shape[1]
     strong = strength > threshold
     plain = threshold
@@ -91,15 +102,27 @@ def edge_points(grey: Grey, to_plane: ToPlane, tol: GreyTolerances) -> EdgePoint
     return EdgePoints(points, normals, here, pitch, plain)
 
 
-def _threshold(grey: Grey, strength: NDArray[np.float32], tol: GreyTolerances) -> float:
-    """Return the strength above which a point is of an edge, from the noise of plain surface."""
+def _noise(strength: NDArray[np.float32]) -> float:
+    """Return the deviation of the Sobel of plain surface, of which there is a third at least."""
     sample = strength[1:-1:5, 1:-1:3]
-    sigma = float(np.percentile(sample, 30)) / RAYLEIGH_30 if sample.size else 0.0
+    return float(np.percentile(sample, 30)) / RAYLEIGH_30 if sample.size else 0.0
+
+
+def _floor(grey: Grey, tol: GreyTolerances) -> float:
+    """Return the strength below which a step is the digitiser's own."""
     levels = np.flatnonzero(cv2.calcHist([grey], [0], None, [256], [0, 256]).ravel())
     step = min(float(np.diff(levels).min()), COARSEST) if len(levels) > 1 else 1.0
     # a step of two levels of a coarse digitiser is an edge already
-    floor = min(tol.floor_levels * step, tol.floor_levels + 2 * (step - 1)) * SOBEL_OF_STEP
-    return max(tol.noise_factor * sigma, floor)
+    return min(tol.floor_levels * step, tol.floor_levels + 2 * (step - 1)) * SOBEL_OF_STEP
+
+
+def _enlargement(shape: tuple[int, ...], to_plane: ToPlane, tol: GreyTolerances) -> int:
+    """Return how many times a picture is enlarged for cells to be smaller than features."""
+    middle = np.array([shape[1] - 1, shape[0] - 1]) / 2
+    at = np.asarray(to_plane(middle + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])))[:, :2]
+    a, b = at[1] - at[0], at[2] - at[0]
+    pitch = float(np.sqrt(abs(a[0] * b[1] - a[1] * b[0])))
+    return int(np.clip(round(pitch / tol.fine_mm), 1, MOST_TIMES))
 
 
 def _on_plane(

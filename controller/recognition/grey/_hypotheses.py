@@ -45,7 +45,8 @@ class Hypothesis:
     turn_rad : anticlockwise from above
     shift_mm : (2,) of the view's origin, on the table
     score : 0..1, share of the edges on both sides that are found on the other
-    model_share, image_share : of the view's edges found, of the picture's edges there explained
+    model_share, image_share : of the view's edges found; of the picture's edges explained, the mean
+        of those there and of all
     matched_lines, matched_corners, matched_circles : (n, 2) numbers in picture and model,
         one to one
     """

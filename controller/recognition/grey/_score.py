@@ -185,5 +185,9 @@ def rated(seen: EdgeMap, index: FeatureIndex, poses: Array, tol: GreyTolerances)
     reach = (1.1 * index.reach_mm[model] + 2.0).astype(np.float32)
     near = dx * dx + dy * dy < reach[:, None] ** 2
     explained = (used & near) @ seen.weights / np.maximum(near @ seen.weights, 1e-9)
+    # a small view that explains all that is near it may be a detail of a large one: the picture's
+    # other edges count as well, by half, as they may be another part's
+    of_all = used @ seen.weights / max(float(seen.weights.sum()), 1e-9)
+    explained = (explained + of_all) / 2
     score = 2 * found * explained / np.maximum(found + explained, 1e-9)
     return np.stack([score, found, explained], axis=1).astype(np.float64)

@@ -16,6 +16,8 @@ class GreyTolerances:
         no noise to measure, only contours of its own
     faint : edges fainter than this share of the plain ones are left out: the shadow a part's own
         body throws where it touches the table has some 5 %
+    fine_mm : a pixel at most about this large is asked for: a picture of larger ones is enlarged,
+        since cells of 16 px would be larger than a part's holes
     blur_px : of a Gaussian before Sobel
     cell_px : side of a Hough cell: an arc of 10 px radius still shows as lines in it, and a line
         across it has points enough for 2 deg
@@ -48,6 +50,7 @@ class GreyTolerances:
     noise_factor: float = 5.0
     floor_levels: float = 3.5
     faint: float = 0.08
+    fine_mm: float = 0.37
     blur_px: float = 0.8
     cell_px: float = 16.0
     cell_points: int = 5
