@@ -28,6 +28,8 @@ def without_slits(
     out: list[Array] = []
     holes: list[bool] = []
     for polygon in shapely.get_parts(body):
+        if polygon.is_empty:
+            continue
         for ring, hole in [(polygon.exterior, False), *((r, True) for r in polygon.interiors)]:
             out.append(shapely.get_coordinates(ring)[:-1])
             holes.append(hole)
