@@ -1,0 +1,166 @@
+"""Lines and words on a colour picture: what the explanation is drawn with.
+
+Colours are those of Okabe and Ito, which people who do not tell red from green tell apart; the
+picture below them is dimmed so that all of them stand out, before a bright table and a dark part.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Grey = NDArray[np.uint8]
+Picture = NDArray[np.uint8]
+Colour = tuple[int, int, int]
+
+# blue, green, red, as OpenCV has them
+WHITE: Colour = (245, 245, 245)
+SOFT: Colour = (170, 170, 170)
+BLACK: Colour = (0, 0, 0)
+PAPER: Colour = (28, 26, 25)
+YELLOW: Colour = (66, 228, 240)
+GREEN: Colour = (135, 190, 30)
+VERMILION: Colour = (30, 105, 240)
+SKY: Colour = (233, 180, 86)
+ORANGE: Colour = (0, 159, 230)
+PURPLE: Colour = (190, 130, 225)
+
+TONE_LOW, TONE_HIGH = 24.0, 150.0  # what the grey levels are drawn as
+TONE_POWER = 0.5  # dark parts before a glowing table still show what is on them
+SHIFT = 4  # bits of a pixel that OpenCV draws by
+FONT = cv2.FONT_HERSHEY_SIMPLEX
+SIZE = 0.45  # of letters, whatever the picture's size
+LINE_PX = 18  # from one line of words to the next
+
+
+def toned(grey: Grey) -> Picture:
+    """Return a grey picture (h, w) brightened where it is dark, dimmed where bright, in colour."""
+    levels = np.arange(256) / 255.0
+    table = TONE_LOW + (TONE_HIGH - TONE_LOW) * levels**TONE_POWER
+    return np.asarray(
+        cv2.cvtColor(cv2.LUT(grey, np.round(table).astype(np.uint8)), cv2.COLOR_GRAY2BGR), np.uint8
+    )
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Sheet:
+    """A piece of canvas that shows a piece of the picture.
+
+    Attributes
+    ----------
+    canvas : (h, w, 3) drawn on
+    origin_px : (2,) of the picture's pixel that lies at the canvas' corner
+    scale : (2,) canvas pixels to a picture's pixel, x before y
+    """
+
+    canvas: Picture
+    origin_px: Array
+    scale: Array
+
+    def at(self, pixels: Array) -> Array:
+        """Return where pixels (n, 2) of the picture lie on the canvas."""
+        return np.asarray((pixels - self.origin_px + 0.5) * self.scale - 0.5)
+
+    def line(
+        self, pixels: Array, colour: Colour, width: int = 1, *, is_closed: bool = False
+    ) -> None:
+        """Draw a line through pixels (n, 2) of the picture."""
+        polyline(self.canvas, self.at(pixels), colour, width, is_closed=is_closed)
+
+    def strokes(self, begin: Array, end: Array, colour: Colour, width: int = 1) -> None:
+        """Draw many short lines between pixels (n, 2) and (n, 2)."""
+        if len(begin) == 0:
+            return
+        ends = np.stack([self.at(begin), self.at(end)], axis=1)
+        cv2.polylines(self.canvas, list(_fixed(ends)), False, colour, width, cv2.LINE_AA, SHIFT)
+
+    def dot(self, pixel: Array, colour: Colour, radius: int = 4, *, is_filled: bool = True) -> None:
+        """Draw a dot at a pixel (2,)."""
+        x, y = _fixed(self.at(pixel[None]))[0].tolist()
+        r = radius << SHIFT
+        if is_filled:
+            cv2.circle(self.canvas, (x, y), r + (1 << SHIFT), BLACK, -1, cv2.LINE_AA, SHIFT)
+        cv2.circle(self.canvas, (x, y), r, colour, -1 if is_filled else 1, cv2.LINE_AA, SHIFT)
+
+    def square(self, pixel: Array, colour: Colour, radius: int = 4) -> None:
+        """Draw a square at a pixel (2,)."""
+        x, y = np.round(self.at(pixel[None]))[0].astype(int).tolist()
+        for grown, drawn in ((radius + 1, BLACK), (radius, colour)):
+            cv2.rectangle(
+                self.canvas, (x - grown, y - grown), (x + grown, y + grown), drawn, cv2.FILLED
+            )
+
+    def words(
+        self, text: str, pixel: Array, colour: Colour, shift: tuple[int, int] = (0, 0)
+    ) -> None:
+        """Write words beside a pixel (2,), kept on the canvas, on a dark ground."""
+        x, y = np.round(self.at(pixel[None]))[0].astype(int).tolist()
+        tag(self.canvas, text, (x + shift[0], y + shift[1]), colour)
+
+
+def _fixed(points: Array) -> NDArray[np.int32]:
+    """Return points as OpenCV's numbers with bits below the pixel, kept within its range."""
+    return np.round(np.clip(points, -16000, 16000) * (1 << SHIFT)).astype(np.int32)
+
+
+def polyline(
+    canvas: Picture, points: Array, colour: Colour, width: int = 1, *, is_closed: bool = False
+) -> None:
+    """Draw a line through points (n, 2) of the canvas."""
+    if len(points):
+        cv2.polylines(canvas, [_fixed(points)], is_closed, colour, width, cv2.LINE_AA, SHIFT)
+
+
+def text_width(text: str, size: float = SIZE) -> int:
+    """Return how many pixels wide a text is."""
+    (width, _), _ = cv2.getTextSize(text, FONT, size, 1)
+    return int(width)
+
+
+def write(
+    canvas: Picture, text: str, at: tuple[int, int], colour: Colour = WHITE, size: float = SIZE
+) -> None:
+    """Write a line of words, its lower left corner at (x, y)."""
+    cv2.putText(canvas, plain(text), at, FONT, size, colour, 1, cv2.LINE_AA)
+
+
+def tag(canvas: Picture, text: str, at: tuple[int, int], colour: Colour) -> None:
+    """Write words on a dark ground, moved so that all of them are on the canvas."""
+    height, width = canvas.shape[:2]
+    long = text_width(plain(text)) + 8
+    x = int(np.clip(at[0], 0, max(width - long, 0)))
+    y = int(np.clip(at[1], 0, max(height - LINE_PX, 0)))
+    cv2.rectangle(canvas, (x, y), (x + long, y + LINE_PX), PAPER, cv2.FILLED)
+    write(canvas, text, (x + 4, y + 13), colour)
+
+
+def plain(text: str) -> str:
+    """Return a text in the letters the font has."""
+    return text.encode("ascii", "replace").decode()
+
+
+def wrapped(text: str, width: int) -> list[str]:
+    """Return a text in lines no wider than so many pixels."""
+    lines: list[str] = []
+    for word in plain(text).split():
+        longer = f"{lines[-1]} {word}" if lines else word
+        if lines and text_width(longer) <= width:
+            lines[-1] = longer
+        else:
+            lines.append(word)
+    return lines
+
+
+def write_lines(
+    canvas: Picture, lines: Sequence[tuple[str, Colour]], at: tuple[int, int], width: int
+) -> int:
+    """Write sentences below each other, wrapped to a width; return where the next would begin."""
+    x, y = at
+    for text, colour in lines:
+        for line in wrapped(text, width) or [""]:
+            write(canvas, line, (x, y), colour)
+            y += LINE_PX
+    return y

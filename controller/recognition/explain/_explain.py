@@ -1,0 +1,53 @@
+"""A recognition explained: a picture to look at, and the numbers of its stages."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.cad import Camera
+
+from .._sighting import Recognition
+from ..library import Library
+from ._facts import object_facts
+from ._page import draw_page
+from ._tables import StageTable, stage_tables
+
+Grey = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Explanation:
+    """How a recognition came about.
+
+    Attributes
+    ----------
+    picture : (h, w, 3) uint8 blue, green, red: the table with what was found, details below
+    tables : the stages, first to last
+    """
+
+    picture: NDArray[np.uint8]
+    tables: tuple[StageTable, ...]
+
+
+def explain(
+    picture: Grey, camera: Camera, library: Library, seen: Recognition, title: str = ""
+) -> Explanation:
+    """Return the explanation of what `recognise` answered for a picture.
+
+    Parameters
+    ----------
+    picture, camera, library : what it was given
+    seen : its answer
+    title : written on the picture
+
+    Raises
+    ------
+    ValueError : the picture is not of the camera's size
+    """
+    if picture.shape != camera.size_px[::-1]:
+        raise ValueError(f"a picture {picture.shape[::-1]} from a camera of {camera.size_px}")
+    facts = object_facts(picture, camera, library, seen)
+    return Explanation(
+        draw_page(picture, camera, library, seen, facts, title), stage_tables(seen, facts, library)
+    )

@@ -1,0 +1,278 @@
+"""What is told of one object: the stages of its recognition, worked out once for picture and table.
+
+Recognition keeps what its search needs; what a reader wants besides, the paper's corner list, the
+primitives, the grey features, is computed here from what was kept, by the same functions.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.cad import Camera, ViewModel, outline, prepare_views
+
+from .._decide import decide
+from .._hypotheses import Hypothesis, distinct, is_same_turn
+from .._sighting import Recognition, Sighting, Trace
+from ..binary import (
+    BinaryTolerances,
+    BoundaryString,
+    Chain,
+    Corners,
+    NoOutlineError,
+    StringMatch,
+    boundary_string,
+    chain_code,
+    correlate,
+    curvature_code,
+    find_corners,
+    model_string,
+    triangular,
+)
+from ..fitting import EdgePoints, GreyMeasure, predict_edges
+from ..grey import ImageFeatures, image_features
+from ..library import Candidate, Library, lying
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Grey = NDArray[np.uint8]
+Bools = NDArray[np.bool_]
+
+BOX_CAR = 15  # of the paper's Table 2
+THRESHOLD = 10
+MOST_CANDIDATES = 8  # more say nothing more
+MOST_OTHERS = 3  # drawn beside the one that was taken
+NEAR_PX = 1.3  # an edge this near its prediction is where it should be
+LOOK_PX = 3.0  # so far off one is looked for
+FAINT_LIFT = 0.1  # difference of cosines under which lamps need not tell two surfaces apart
+FAINT_JUMP_MM = 1.0  # nor a step so low, by its shadow
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class EdgeState:
+    """What became of predicted edges (n,): found where they should be, or need not show."""
+
+    found: Bools
+    need_not_show: Bools
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Other:
+    """A reading that was not taken: what it is, how good, and its outline's samples."""
+
+    told: str
+    edges: EdgePoints
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ObjectFacts:
+    """One object with all that is told of it.
+
+    Attributes
+    ----------
+    number : from 1
+    sighting, trace : what was answered, and how it came about
+    chain : of the mask's outline, in pixels of the region's box; None for a mask too small
+    curvature : (n,) its filtered curvature code
+    corners : of that, as in the paper's Table 2
+    string : primitives of the sub-pixel outline and holes, table plane [mm]
+    features : grey lines, corners and circles, where the table does not glow; box pixels
+    candidates : the best of the silhouette, symmetric ones once
+    matches : of each, how its boundary string correlates with the object's
+    chosen : which hypothesis was taken, -1 for none
+    shown : the one that was taken, or that came nearest; -1 if none was fitted
+    scores : (h,) of each hypothesis alone: how likely its evidence makes it
+    edges : (h,) what became of the predicted edges of each
+    others : the best readings besides the shown one: fitted ones, then silhouettes
+    like_size : views of the library whose area is that of the object, within tolerance
+    """
+
+    number: int
+    sighting: Sighting
+    trace: Trace
+    chain: Chain | None
+    curvature: Integers
+    corners: Corners
+    string: BoundaryString | None
+    features: ImageFeatures | None
+    candidates: tuple[Candidate, ...]
+    matches: tuple[StringMatch | None, ...]
+    chosen: int
+    shown: int
+    scores: tuple[float, ...]
+    edges: tuple[EdgeState, ...]
+    others: tuple[Other, ...]
+    like_size: int
+
+
+def object_facts(
+    picture: Grey, camera: Camera, library: Library, seen: Recognition
+) -> tuple[ObjectFacts, ...]:
+    """Return the facts of all objects of a picture, in the order of its sightings."""
+    limits = BinaryTolerances.for_pixels(camera.mm_per_px(np.zeros(3)))
+    prepared: dict[int, ViewModel] = {}  # a part's views take a quarter of a second to prepare
+    return tuple(
+        _facts(number, sighting, trace, picture, camera, library, seen, limits, prepared)
+        for number, (sighting, trace) in enumerate(
+            zip(seen.sightings, seen.traces, strict=True), start=1
+        )
+    )
+
+
+def _facts(
+    number: int,
+    sighting: Sighting,
+    trace: Trace,
+    picture: Grey,
+    camera: Camera,
+    library: Library,
+    seen: Recognition,
+    limits: BinaryTolerances,
+    prepared: dict[int, ViewModel],
+) -> ObjectFacts:
+    region = trace.region
+    is_backlit = seen.segmentation.lighting == "backlit"
+    chains = [chain for chain in chain_code(region.mask) if not chain.is_hole]
+    code = curvature_code(chains[0]) if chains else np.zeros(0, dtype=np.int8)
+    curvature = triangular(code, BOX_CAR)
+    string = _string(region.loops_px, camera, limits)
+    candidates = tuple(distinct(trace.candidates, library)[:MOST_CANDIDATES])
+    x0, y0, x1, y1 = region.box_px
+    crop = np.ascontiguousarray(picture[y0:y1, x0:x1])
+    features = None
+    if not is_backlit and crop.size:
+        features = image_features(crop, lambda px: camera.on_plane(px + np.array([x0, y0], float)))
+    area = sighting.area_mm2
+    views = np.abs(library.index.area_mm2 - area) <= limits.area_share * area
+    grey = GreyMeasure(crop, (x0, y0)) if trace.hypotheses else None
+    chosen = _chosen(sighting, trace.hypotheses)
+    scores = tuple(_score(h, is_backlit=is_backlit) for h in trace.hypotheses)
+    shown = chosen if chosen >= 0 else int(np.argmax(scores)) if scores else -1
+    return ObjectFacts(
+        number=number,
+        sighting=sighting,
+        trace=trace,
+        chain=chains[0] if chains else None,
+        curvature=curvature,
+        corners=find_corners(curvature, THRESHOLD, BOX_CAR),
+        string=string,
+        features=features,
+        candidates=candidates,
+        matches=_correlated(string, candidates, camera, library, limits, prepared),
+        chosen=chosen,
+        shown=shown,
+        scores=scores,
+        edges=tuple(_edge_state(h, grey, is_backlit=is_backlit) for h in trace.hypotheses),
+        others=_others(trace, candidates, shown, scores, camera, library),
+        like_size=int(views.sum()),
+    )
+
+
+def _string(
+    loops_px: Sequence[Array], camera: Camera, limits: BinaryTolerances
+) -> BoundaryString | None:
+    loops = [camera.on_plane(loop)[:, :2] for loop in loops_px if len(loop) > 8]
+    try:
+        return boundary_string(loops, [i > 0 for i in range(len(loops))], limits)
+    except NoOutlineError:
+        return None
+
+
+def _correlated(
+    string: BoundaryString | None,
+    candidates: Sequence[Candidate],
+    camera: Camera,
+    library: Library,
+    limits: BinaryTolerances,
+    prepared: dict[int, ViewModel],
+) -> tuple[StringMatch | None, ...]:
+    """Return how each candidate's outline, drawn where it would lie, correlates with the object."""
+    if string is None:
+        return (None,) * len(candidates)
+    table = _shadow_camera(camera)
+    foot = (float(camera.position_mm[0]), float(camera.position_mm[1]))
+    out: list[StringMatch | None] = []
+    for c in candidates:
+        solid = library.model(c.part).solid
+        pose = library.entries[c.part].pose(c.pose)
+        T = lying(solid, pose, c.x_mm, c.y_mm, c.theta_rad)
+        if c.part not in prepared:
+            prepared[c.part] = prepare_views(solid)
+        try:
+            view = outline(solid, T, table, prepared=prepared[c.part])
+            model = model_string(view.loops, limits, from_view=foot)
+        except ValueError:  # a sliver without an outline
+            out.append(None)
+            continue
+        out.append(next(iter(correlate(string, [model], limits)), None))
+    return tuple(out)
+
+
+def _shadow_camera(camera: Camera) -> Camera:
+    """Return a camera straight above the table whose pixels are mm on it."""
+    height = float(camera.position_mm[2])
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = np.diag([1.0, -1.0, -1.0]), camera.position_mm
+    return Camera((1, 1), np.diag([height, height, 1.0]), np.zeros(5), T)
+
+
+def _chosen(sighting: Sighting, hypotheses: Sequence[Hypothesis]) -> int:
+    if sighting.T_world_part is None:
+        return -1
+    off = [float(np.abs(h.fit.T_world_part - sighting.T_world_part).max()) for h in hypotheses]
+    best = int(np.argmin(off)) if off else -1
+    return best if best >= 0 and off[best] < 1e-6 else -1
+
+
+def _others(
+    trace: Trace,
+    candidates: Sequence[Candidate],
+    shown: int,
+    scores: Sequence[float],
+    camera: Camera,
+    library: Library,
+) -> tuple[Other, ...]:
+    def name(reading: Hypothesis | Candidate) -> str:
+        turn = np.degrees(reading.theta_rad)
+        return f"{library.entries[reading.part].name}, pose {reading.pose}, {turn:.1f} deg"
+
+    out = [
+        Other(f"{name(h)}: score {scores[k]:.3f}", h.fit.edges)
+        for k, h in enumerate(trace.hypotheses)
+        if k != shown
+    ][:MOST_OTHERS]
+    for c in candidates:
+        if len(out) == MOST_OTHERS:
+            break
+        entry = library.entries[c.part]
+        turns = entry.turns_of(c.pose)
+        if any(
+            (h.part, h.pose) == (c.part, c.pose) and is_same_turn(h.theta_rad, c.theta_rad, turns)
+            for h in trace.hypotheses
+        ):
+            continue
+        model = library.model(c.part)
+        T = lying(model.solid, entry.pose(c.pose), c.x_mm, c.y_mm, c.theta_rad)
+        told = f"{name(c)}: not fitted, overlap {c.overlap:.3f}"
+        out.append(Other(told, predict_edges(model, T, camera)))
+    return tuple(out)
+
+
+def _score(h: Hypothesis, *, is_backlit: bool) -> float:
+    """Return how likely a hypothesis would be if it were the only one."""
+    alone = decide([h], is_backlit=is_backlit, is_lit=not is_backlit)
+    return alone.score if alone.best is not None else 1.0 - alone.score
+
+
+def _edge_state(h: Hypothesis, grey: GreyMeasure | None, *, is_backlit: bool) -> EdgeState:
+    edges: EdgePoints = h.fit.edges
+    gap = h.fit.gaps.gap_px
+    found = np.abs(np.nan_to_num(gap, nan=99.0)) < NEAR_PX
+    if is_backlit and grey is not None:
+        # edges inside are no part of the fit then, but are looked for in the dark
+        inside = grey.gaps(edges.pixels, edges.normals, edges, LOOK_PX).gap_px
+        near = np.abs(np.nan_to_num(inside, nan=99.0)) < NEAR_PX
+        found = np.where(edges.on_outline, found, near)
+    faint = (np.abs(edges.lift) < FAINT_LIFT) & (edges.jump_mm < FAINT_JUMP_MM)
+    return EdgeState(np.asarray(found), np.asarray(~edges.on_outline & (faint | is_backlit)))

@@ -1,0 +1,240 @@
+"""The explaining picture: the whole table with what was found, then a row of details an object."""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.cad import Camera
+
+from .._sighting import Recognition
+from ..library import Library
+from ._draw import (
+    GREEN,
+    LINE_PX,
+    ORANGE,
+    PAPER,
+    PURPLE,
+    SKY,
+    SOFT,
+    VERMILION,
+    WHITE,
+    YELLOW,
+    Colour,
+    Grey,
+    Picture,
+    Sheet,
+    polyline,
+    toned,
+    write,
+    write_lines,
+)
+from ._facts import ObjectFacts
+from ._panels import (
+    ELLIPSE_FACTOR,
+    brightened_inside,
+    draw_contour,
+    draw_curvature,
+    draw_grey,
+    draw_others,
+    draw_outline,
+    draw_place,
+    draw_pose,
+    titled,
+    window,
+)
+from ._tables import turn_told
+
+Array = NDArray[np.float64]
+
+SHOWN_PX = 1024  # height a small picture is enlarged to
+SIDE_PX = 400  # width of the column beside it
+GAP_PX = 8
+PANELS = 4
+
+LEGEND: tuple[tuple[str, Colour, str], ...] = (
+    ("line", YELLOW, "observed outline"),
+    ("line", SKY, "straight line (outline, grey)"),
+    ("line", PURPLE, "arc or circle (outline, grey)"),
+    ("dot", ORANGE, "corner that juts out; grey corner"),
+    ("square", GREEN, "notched corner; grey Y or T junction"),
+    ("line", GREEN, "predicted edge, found"),
+    ("line", VERMILION, "predicted edge, missed"),
+    ("line", SOFT, "predicted edge that need not show"),
+    ("line", WHITE, f"place, x {ELLIPSE_FACTOR}: ellipse of 1 sigma; arrow: turn"),
+)
+
+
+def draw_page(
+    picture: Grey,
+    camera: Camera,
+    library: Library,
+    seen: Recognition,
+    facts: Sequence[ObjectFacts],
+    title: str,
+) -> Picture:
+    """Return the page, (h, w, 3) blue, green, red."""
+    names = tuple(entry.name for entry in library.entries)
+    main = _overview(picture, camera, facts)
+    column = _column(main.shape[0], seen, facts, title)
+    height = max(main.shape[0], column.shape[0])
+    rows = [np.hstack([_padded(main, height), _padded(column, height)])]
+    width = rows[0].shape[1]
+    for f in facts:
+        rows += [_head(f, width), _details(picture, camera, f, names, width)]
+    return np.vstack(rows)
+
+
+def _overview(picture: Grey, camera: Camera, facts: Sequence[ObjectFacts]) -> Picture:
+    """Return the whole picture, enlarged by whole numbers, with what was found on it."""
+    down = max(1, round(SHOWN_PX / picture.shape[0]))
+    across = max(1, round(down * float(camera.K[1, 1] / camera.K[0, 0])))
+    shown = np.repeat(np.repeat(toned(picture), down, axis=0), across, axis=1)
+    sheet = Sheet(np.ascontiguousarray(shown), np.zeros(2), np.array([across, down], dtype=float))
+    for f in facts:
+        draw_contour(sheet, f, 3)
+        if f.chosen >= 0:
+            draw_pose(sheet, f.trace.hypotheses[f.chosen], f.edges[f.chosen], camera, 1)
+        draw_place(sheet, f, camera)
+    for f in facts:
+        s = f.sighting
+        x0, y0, x1, _ = f.trace.region.box_px
+        corner = np.array([x0, y0], dtype=np.float64)
+        name = f"{s.part}, pose {s.pose_index}" if s.part else "unknown object"
+        if f.trace.region.touches_edge:
+            name = "cut by the edge"
+            box = np.array([[x0, y0], [x1, y0], [x1, f.trace.region.box_px[3]],
+                            [x0, f.trace.region.box_px[3]]], dtype=np.float64)  # fmt: skip
+            sheet.line(box, VERMILION, 1, is_closed=True)
+        colour = WHITE if s.part else VERMILION
+        sheet.words(f"#{f.number} {name}  {s.score:.3f}", corner, colour, (0, -22))
+    return sheet.canvas
+
+
+def _column(height: int, seen: Recognition, facts: Sequence[ObjectFacts], title: str) -> Picture:
+    """Return what is said beside the picture."""
+    s = seen.segmentation
+    lines: list[tuple[str, Colour]] = []
+    if title:
+        lines.append((title, YELLOW))
+    humps = "two humps" if s.is_bimodal else "one hump"
+    lines.append((f"{s.lighting}, histogram: {humps}", WHITE))
+    levels = f"table {s.levels.ground:.0f}"
+    if s.lighting == "backlit":  # things under lamps are found by their borders
+        levels += f", things {s.levels.object:.0f}, threshold {s.levels.threshold:.0f}"
+    lines.append((f"{levels} of 255", SOFT))
+    lines += [(f"remark: {remark}", ORANGE) for remark in s.remarks]
+    if not facts:
+        lines.append(("nothing on the table", WHITE))
+    about: list[tuple[str, Colour]] = []
+    for f in facts:
+        about += [("", WHITE), *_told(f)]
+    tall = 4000
+    canvas = np.full((tall, SIDE_PX, 3), PAPER, dtype=np.uint8)
+    wide = SIDE_PX - 24
+    y = write_lines(canvas, lines, (12, 24), wide)
+    y = _legend(canvas, (12, y + LINE_PX))
+    y = write_lines(canvas, about, (12, y), wide)
+    return canvas[: max(height, min(y, tall))]
+
+
+def _told(f: ObjectFacts) -> list[tuple[str, Colour]]:
+    s = f.sighting
+    if s.part is None:
+        return [
+            (f"#{f.number} unknown object, score {s.score:.3f}", VERMILION),
+            (f"x {s.x_mm:.1f}, y {s.y_mm:.1f} mm", SOFT),
+            (s.reason, WHITE),
+        ]
+    lines = [
+        (f"#{f.number} {s.part}, pose {s.pose_index}, score {s.score:.3f}", WHITE),
+        (f"x {s.x_mm:.2f}, y {s.y_mm:.2f} mm, +- {s.sigma_mm:.3f} mm", SOFT),
+        (f"turn {turn_told(f)}", SOFT),
+    ]
+    if s.ambiguous_with:
+        also = "; ".join(
+            f"{a.part}, pose {a.pose_index}, {np.degrees(a.theta_rad):.1f} deg"
+            for a in s.ambiguous_with
+        )
+        lines.append((f"could also be: {also}", ORANGE))
+    return lines
+
+
+def _legend(canvas: Picture, at: tuple[int, int]) -> int:
+    x, y = at
+    sheet = Sheet(canvas, np.zeros(2), np.ones(2))
+    for kind, colour, words in LEGEND:
+        middle = np.array([x + 12.0, y - 4.0])
+        if kind == "line":
+            polyline(canvas, middle + np.array([[-12.0, 0.0], [12.0, 0.0]]), colour, 2)
+        elif kind == "dot":
+            sheet.dot(middle, colour)
+        else:
+            sheet.square(middle, colour)
+        write(canvas, words, (x + 36, y), SOFT)
+        y += LINE_PX
+    return y
+
+
+def _head(f: ObjectFacts, width: int) -> Picture:
+    head = np.full((30, width, 3), (70, 62, 56), dtype=np.uint8)
+    s = f.sighting
+    name = f"{s.part}, stable pose {s.pose_index}" if s.part else f"unknown: {s.reason}"
+    write(head, f"#{f.number}  {name}   score {s.score:.3f}", (8, 20), WHITE, 0.55)
+    return head
+
+
+def _details(
+    picture: Grey, camera: Camera, f: ObjectFacts, names: tuple[str, ...], width: int
+) -> Picture:
+    side = (width - (PANELS - 1) * GAP_PX) // PANELS
+    panels = []
+    sheet = window(picture, camera, f, side)
+    draw_outline(sheet, f, camera)
+    panels.append(titled(sheet.canvas, "1 outline: lines, arcs, corners of the chain code"))
+
+    if f.features is not None:
+        sheet = window(picture, camera, f, side)
+        draw_grey(sheet, f, camera)
+        second = titled(sheet.canvas, "2 grey lines, corners, circles")
+    else:
+        canvas = np.full((side, side, 3), PAPER, dtype=np.uint8)
+        draw_curvature(canvas, f)
+        second = titled(canvas, "2 filtered curvature of the chain code")
+    panels.append(second)
+
+    is_dark = f.features is None
+    sheet = window(brightened_inside(picture, f) if is_dark else picture, camera, f, side)
+    what = "no hypothesis came to be fitted"
+    if f.shown >= 0:
+        h = f.trace.hypotheses[f.shown]
+        draw_pose(sheet, h, f.edges[f.shown], camera)
+        draw_place(sheet, f, camera)
+        what = "chosen pose" if f.chosen >= 0 else "nearest, not taken"
+        what += f": {names[h.part]}, pose {h.pose}, {np.degrees(h.theta_rad):.1f} deg"
+    panels.append(titled(sheet.canvas, f"3 {what}" + (", brightened" if is_dark else "")))
+
+    sheet = window(picture, camera, f, side)
+    draw_others(sheet, f, camera)
+    panels.append(titled(sheet.canvas, "4 other readings, and what speaks for them"))
+    return _row(panels, width)
+
+
+def _row(panels: Sequence[Picture], width: int) -> Picture:
+    height = max(len(panel) for panel in panels)
+    row = np.full((height + GAP_PX, width, 3), PAPER, dtype=np.uint8)
+    x = 0
+    for panel in panels:
+        row[: len(panel), x : x + panel.shape[1]] = panel
+        x += panel.shape[1] + GAP_PX
+    return row
+
+
+def _padded(canvas: Picture, height: int) -> Picture:
+    return np.asarray(
+        cv2.copyMakeBorder(
+            canvas, 0, height - canvas.shape[0], 0, 0, cv2.BORDER_CONSTANT, value=PAPER
+        ),
+        np.uint8,
+    )

@@ -1,0 +1,259 @@
+"""What is drawn of one object: outline with corners and primitives, grey features, poses."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from controller.cad import Camera
+
+from .._hypotheses import Hypothesis
+from ..fitting import EdgePoints
+from ._draw import (
+    BLACK,
+    GREEN,
+    ORANGE,
+    PAPER,
+    PURPLE,
+    SKY,
+    SOFT,
+    VERMILION,
+    WHITE,
+    YELLOW,
+    Colour,
+    Grey,
+    Picture,
+    Sheet,
+    polyline,
+    tag,
+    toned,
+    write,
+)
+from ._facts import BOX_CAR, THRESHOLD, EdgeState, ObjectFacts
+
+Array = NDArray[np.float64]
+
+ELLIPSE_FACTOR = 50
+RUNNER_UPS: tuple[Colour, ...] = (ORANGE, PURPLE, SKY)
+ARC_STEP_RAD = 0.05
+ARROW_MM = 12.0
+FILLED = 0.86  # of a window's side by the object's box
+INSIDE_PERCENTILES = (2.0, 98.0)
+
+
+def window(picture: Grey, camera: Camera, facts: ObjectFacts, side: int) -> Sheet:
+    """Return a square canvas with an object's box on it, as large as it goes.
+
+    Pixels that are not square are drawn as they are on the table.
+    """
+    x0, y0, x1, y1 = facts.trace.region.box_px
+    aspect = float(camera.K[1, 1] / camera.K[0, 0])
+    zoom = FILLED * side / max((x1 - x0) * aspect, y1 - y0, 1.0)
+    scale = np.array([zoom * aspect, zoom])
+    origin = np.array([(x0 + x1), (y0 + y1)]) / 2 - side / scale / 2
+    # from the canvas to the picture, pixels' middles to middles
+    back = np.array(
+        [
+            [1 / scale[0], 0.0, origin[0] - 0.5 + 0.5 / scale[0]],
+            [0.0, 1 / scale[1], origin[1] - 0.5 + 0.5 / scale[1]],
+        ]
+    )
+    # pixels are left as squares where there is room: a reader sees what the camera saw
+    how = cv2.INTER_NEAREST if zoom >= 2 else cv2.INTER_LINEAR
+    shown = cv2.warpAffine(
+        toned(picture),
+        back,
+        (side, side),
+        flags=how | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=BLACK,
+    )
+    return Sheet(np.ascontiguousarray(shown, dtype=np.uint8), origin, scale)
+
+
+def draw_contour(sheet: Sheet, facts: ObjectFacts, width: int = 1) -> None:
+    """Draw the observed outline and holes."""
+    for loop in facts.trace.region.loops_px:
+        sheet.line(loop, YELLOW, width, is_closed=True)
+
+
+def draw_outline(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
+    """Draw the outline's primitives, and the chain's corners by their sign with their numbers."""
+    draw_contour(sheet, facts)
+    s = facts.string
+    if s is not None:
+        for k in range(len(s.loop)):
+            points = np.stack([s.start_mm[k], s.end_mm[k]])
+            if s.is_arc[k]:
+                points = _arc(s.centre_mm[k], s.start_mm[k], float(s.turn_rad[k]))
+            pixels = on_picture(points, camera)
+            sheet.line(pixels, PURPLE if s.is_arc[k] else SKY, 2)
+            sheet.dot(pixels[0], WHITE, 2)
+    if facts.chain is None:
+        return
+    x0, y0 = facts.trace.region.box_px[:2]
+    points = facts.chain.points_px + np.array([x0, y0], dtype=np.float64)
+    middle = points.mean(axis=0)
+    corners = facts.corners
+    for number, (index, sign) in enumerate(
+        zip(corners.index.tolist(), corners.sign.tolist(), strict=True), start=1
+    ):
+        if sign > 0:
+            sheet.dot(points[index], ORANGE)
+        else:
+            sheet.square(points[index], GREEN)
+        outward = points[index] - middle
+        outward = 14 * outward / max(float(np.linalg.norm(outward)), 1e-9) * (1 if sign > 0 else -1)
+        dx, dy = np.round(outward).astype(int).tolist()
+        sheet.words(str(number), points[index], WHITE, (dx - 8, dy - 9))
+
+
+def _arc(centre: Array, start: Array, turn_rad: float) -> Array:
+    angle = np.linspace(0.0, turn_rad, max(3, int(abs(turn_rad) / ARC_STEP_RAD)))
+    x, y = start - centre
+    c, s = np.cos(angle), np.sin(angle)
+    return np.asarray(centre + np.stack([c * x - s * y, s * x + c * y], axis=1))
+
+
+def on_picture(points_mm: Array, camera: Camera) -> Array:
+    """Return the pixels (n, 2) of points (n, 2) of the table."""
+    return camera.project(np.column_stack([points_mm, np.zeros(len(points_mm))]))
+
+
+def draw_grey(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
+    """Draw grey lines, corners, junctions and circles."""
+    g = facts.features
+    if g is None:
+        return
+    if len(g.lines_mm):
+        ends = on_picture(g.lines_mm.reshape(-1, 2), camera)
+        sheet.strokes(ends[::2], ends[1::2], SKY, 2)
+    c = g.circles
+    for k in range(len(c.radii)):
+        arm = c.radii[k] * np.array([np.cos(c.starts_rad[k]), np.sin(c.starts_rad[k])])
+        arc = _arc(c.centres[k], c.centres[k] + arm, float(c.extents_rad[k]))
+        sheet.line(on_picture(arc, camera), PURPLE, 2)
+    for at in on_picture(g.corners.positions, camera) if len(g.corners.positions) else ():
+        sheet.dot(at, ORANGE, 3)
+    for at in on_picture(g.junctions.positions, camera) if len(g.junctions.positions) else ():
+        sheet.square(at, GREEN, 3)
+
+
+def draw_curvature(canvas: Picture, facts: ObjectFacts) -> None:
+    """Plot the filtered curvature along the boundary, as the paper's figure 6a."""
+    height, width = canvas.shape[:2]
+    left, right, top, bottom = 36, width - 12, 28, height - 26
+    code = facts.curvature
+    most = float(max(np.abs(code).max(initial=0), BOX_CAR + 3))
+
+    def y_of(value: float) -> float:
+        return (top + bottom) / 2 - value / most * (bottom - top) / 2
+
+    for value, colour in ((0, SOFT), (THRESHOLD, ORANGE), (-THRESHOLD, GREEN)):
+        y = y_of(value)
+        polyline(canvas, np.array([[left, y], [right, y]]), colour)
+        write(canvas, f"{value}", (4, round(y) + 4), colour, 0.4)
+    if len(code) == 0:
+        return
+    x = left + (right - left) * np.arange(len(code)) / len(code)
+    polyline(canvas, np.column_stack([x, [y_of(v) for v in code.tolist()]]), WHITE)
+    write(canvas, f"{len(code)} px", (right - 54, height - 8), SOFT, 0.4)
+    write(canvas, "along the boundary", (left, height - 8), SOFT, 0.4)
+    sheet = Sheet(canvas, np.zeros(2), np.ones(2))
+    corners = facts.corners
+    for number, (distance, size, sign) in enumerate(
+        zip(corners.distance_px, corners.size, corners.sign, strict=True), start=1
+    ):
+        at = np.array([left + (right - left) * distance / len(code), y_of(sign * size)])
+        if sign > 0:
+            sheet.dot(at, ORANGE, 3)
+        else:
+            sheet.square(at, GREEN, 3)
+        if len(corners.sign) <= 40:
+            y = round(float(at[1])) - 6 if sign > 0 else round(float(at[1])) + 16
+            write(canvas, str(number), (round(float(at[0])) - 4, y), WHITE, 0.4)
+
+
+def draw_pose(
+    sheet: Sheet, hypothesis: Hypothesis, state: EdgeState, camera: Camera, width: int = 2
+) -> None:
+    """Draw predicted edges: found, missed, and those that need not show."""
+    begin, end = _pieces(hypothesis.fit.edges, camera)
+    idle = ~state.found & state.need_not_show
+    missed = ~state.found & ~state.need_not_show
+    for which, colour, wide in (
+        (idle, SOFT, 1),
+        (state.found, GREEN, width),
+        (missed, VERMILION, width + 1),
+    ):
+        sheet.strokes(begin[which], end[which], colour, wide)
+
+
+def _pieces(edges: EdgePoints, camera: Camera) -> tuple[Array, Array]:
+    """Return samples of edges as pieces that just meet: begin and end (n, 2)."""
+    along = np.column_stack([-edges.normals[:, 1], edges.normals[:, 0]])
+    depth = (edges.points_mm - camera.position_mm) @ camera.T_world_cam[:3, 2]
+    mm_per_px = depth * np.linalg.norm(along / np.diag(camera.K)[:2], axis=1)
+    half = 0.5 * edges.step_mm / mm_per_px
+    if len(half) >= 3:
+        # an edge seen nearly end-on has its samples closer together
+        near = cKDTree(edges.pixels).query(edges.pixels, k=3)[0][:, 2]
+        half = np.minimum(half, 0.75 * near + 0.5)
+    return edges.pixels - half[:, None] * along, edges.pixels + half[:, None] * along
+
+
+def draw_place(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
+    """Draw where the part stands: place, direction, and how exact the place is, magnified."""
+    s = facts.sighting
+    at = np.array([s.x_mm, s.y_mm])
+    if s.part is None:
+        return
+    if s.covariance is not None:
+        values, vectors = np.linalg.eigh(s.covariance[:2, :2])
+        angle = np.linspace(0, 2 * np.pi, 49)
+        round_ = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        ellipse = at + ELLIPSE_FACTOR * (round_ * np.sqrt(np.maximum(values, 0))) @ vectors.T
+        pixels = on_picture(ellipse, camera)
+        sheet.line(pixels, BLACK, 3, is_closed=True)
+        sheet.line(pixels, WHITE, 1, is_closed=True)
+    tip = at + ARROW_MM * np.array([np.cos(s.theta_rad), np.sin(s.theta_rad)])
+    ends = on_picture(np.stack([at, tip]), camera)
+    for colour, width in ((BLACK, 4), (WHITE, 1)):
+        a, b = np.round(sheet.at(ends)).astype(int).tolist()
+        cv2.arrowedLine(sheet.canvas, a, b, colour, width, cv2.LINE_AA, 0, 0.2)
+    sheet.dot(ends[0], WHITE, 2)
+
+
+def draw_others(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
+    """Draw the outlines of the readings that were not taken, with what speaks for them."""
+    draw_contour(sheet, facts)
+    readings = list(zip(facts.others, RUNNER_UPS, strict=False))[::-1]  # the best on top
+    for other, colour in readings:
+        begin, end = _pieces(other.edges, camera)
+        on = other.edges.on_outline
+        sheet.strokes(begin[on], end[on], colour, 1)
+    y = sheet.canvas.shape[0] - 20
+    for other, colour in readings:
+        tag(sheet.canvas, other.told, (0, y), colour)
+        y -= 20
+    if not facts.others:
+        tag(sheet.canvas, "nothing else was near", (0, y), WHITE)
+
+
+def brightened_inside(picture: Grey, facts: ObjectFacts) -> Grey:
+    """Return the picture with the levels inside an object spread out: what a dark inside shows."""
+    x0, y0, x1, y1 = facts.trace.region.box_px
+    mask = cv2.erode(facts.trace.region.mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    inside = picture[y0:y1, x0:x1][mask]
+    if inside.size == 0:
+        return picture
+    low, high = np.percentile(inside, INSIDE_PERCENTILES)
+    spread = (picture.astype(np.float32) - low) * (255.0 / max(high - low, 4.0))
+    return np.clip(spread, 0, 255).astype(np.uint8)
+
+
+def titled(canvas: Picture, title: str) -> Picture:
+    """Return a canvas with a line of words above it."""
+    head = np.full((22, canvas.shape[1], 3), PAPER, dtype=np.uint8)
+    write(head, title, (4, 15), WHITE)
+    return np.vstack([head, canvas])

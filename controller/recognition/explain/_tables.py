@@ -1,0 +1,276 @@
+"""The stages of a recognition as tables: what the numbers were that led to the answer."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._sighting import Recognition
+from ..library import Library
+from ..segmentation import Segmentation
+from ._facts import BOX_CAR, THRESHOLD, ObjectFacts
+
+UNTOLD_RAD = 0.5  # a turn less exact than that is not known
+
+Cell = str | int | float | None
+
+
+@dataclass(frozen=True, slots=True)
+class StageTable:
+    """One stage.
+
+    Attributes
+    ----------
+    title : what it is of
+    columns : headings, units in brackets
+    decimals : of each column's numbers
+    rows : plain values; None where there is nothing to say
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    decimals: tuple[int, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+
+    def text_rows(self) -> tuple[tuple[str, ...], ...]:
+        """Return the rows as they are printed."""
+        return tuple(
+            tuple(_told(cell, n) for cell, n in zip(row, self.decimals, strict=True))
+            for row in self.rows
+        )
+
+
+def _told(cell: Cell, decimals: int) -> str:
+    if cell is None:
+        return "-"
+    return f"{cell:.{decimals}f}" if isinstance(cell, float) else str(cell)
+
+
+def stage_tables(
+    seen: Recognition, facts: Sequence[ObjectFacts], library: Library
+) -> tuple[StageTable, ...]:
+    """Return segmentation, then each object's stages in the order they come about."""
+    tables = [_segmentation(seen.segmentation), _objects(facts, library)]
+    for f in facts:
+        tables += _stages(f, library)
+    return tuple(tables)
+
+
+def _table(
+    title: str, columns: Sequence[tuple[str, int]], rows: Sequence[tuple[Cell, ...]]
+) -> StageTable:
+    return StageTable(
+        title, tuple(name for name, _ in columns), tuple(n for _, n in columns), tuple(rows)
+    )
+
+
+def _segmentation(s: Segmentation) -> StageTable:
+    levels = s.levels
+    rows: list[tuple[Cell, ...]] = [
+        ("lighting", s.lighting),
+        ("histogram", "two humps" if s.is_bimodal else "one hump: no threshold from it"),
+        ("table's level", f"{levels.ground:.0f} of 255"),
+        ("things' level", f"{levels.object:.0f}"),
+        ("threshold", f"{levels.threshold:.0f}"),
+        ("separation (Ashman's D)", f"{levels.separation:.1f}"),
+        ("valley / lower hump", f"{levels.valley:.2f}"),
+        ("saturated", f"{100 * levels.saturated_share:.1f} %"),
+        ("noise", f"{levels.noise:.1f} levels rms"),
+        ("level step", f"{levels.step}"),
+        ("things", f"{len(s.regions)}"),
+    ]
+    rows += [("remark", remark) for remark in s.remarks]
+    return _table("segmentation", [("what", 0), ("value", 0)], rows)
+
+
+def _objects(facts: Sequence[ObjectFacts], library: Library) -> StageTable:
+    columns = [
+        ("object", 0), ("x [mm]", 1), ("y [mm]", 1), ("area [mm2]", 1), ("perimeter [mm]", 1),
+        ("holes", 0), ("cut by edge", 0), ("views in library", 0), ("of like area", 0),
+        ("poses by outline", 0), ("readings", 0), ("fitted", 0), ("answer", 0),
+    ]  # fmt: skip
+    rows = []
+    for f in facts:
+        s = f.sighting
+        rows.append(
+            (
+                f.number,
+                s.x_mm,
+                s.y_mm,
+                s.area_mm2,
+                None if f.string is None else f.string.perimeter_mm,
+                None if f.string is None else len(f.string.hole_mm),
+                "yes" if f.trace.region.touches_edge else "no",
+                library.index.view_count,
+                f.like_size,
+                len({(c.part, c.pose) for c in f.trace.candidates}),
+                len(f.trace.candidates),
+                len(f.trace.hypotheses),
+                s.part or "unknown",
+            )
+        )
+    return _table("objects: size, and what of the library survives", columns, rows)
+
+
+def _stages(f: ObjectFacts, library: Library) -> list[StageTable]:
+    tables = [_corners(f)]
+    if f.string is not None:
+        tables.append(_primitives(f))
+    if f.features is not None:
+        tables.append(_grey(f))
+    if f.candidates:
+        tables.append(_candidates(f, library))
+    if f.trace.hypotheses:
+        tables.append(_hypotheses(f, library))
+    return [*tables, _decision(f)]
+
+
+def _corners(f: ObjectFacts) -> StageTable:
+    corners = f.corners
+    rows = [
+        (number, float(distance), float(sign * size))
+        for number, (distance, size, sign) in enumerate(
+            zip(corners.distance_px, corners.size, corners.sign, strict=True), start=1
+        )
+    ]
+    title = (
+        f"object {f.number}: corners of the chain code, box-car {BOX_CAR}, threshold {THRESHOLD} "
+        f"(paper, Table 2); distance [px] of {len(f.curvature)}"
+    )
+    return _table(title, [("Corner No.", 0), ("Distance", 0), ("Size", 0)], rows)
+
+
+def _primitives(f: ObjectFacts) -> StageTable:
+    s = f.string
+    assert s is not None
+    columns = [
+        ("loop", 0), ("kind", 0), ("from [mm]", 1), ("length [mm]", 1), ("radius [mm]", 2),
+        ("turn [deg]", 1), ("joint to next [deg]", 1),
+    ]  # fmt: skip
+    rows = [
+        (
+            "outline" if s.loop[k] == 0 else f"hole {s.loop[k]}",
+            "arc" if s.is_arc[k] else "line",
+            float(s.along_mm[k]),
+            float(s.length_mm[k]),
+            float(s.radius_mm[k]) if s.is_arc[k] else None,
+            float(np.degrees(s.turn_rad[k])) if s.is_arc[k] else None,
+            float(np.degrees(s.joint_rad[k])),
+        )
+        for k in range(len(s.loop))
+    ]
+    return _table(f"object {f.number}: boundary as lines and arcs", columns, rows)
+
+
+def _grey(f: ObjectFacts) -> StageTable:
+    g = f.features
+    assert g is not None
+    length = np.hypot(*(g.lines_mm[:, 2:] - g.lines_mm[:, :2]).T)
+    rows: list[tuple[Cell, ...]] = [
+        ("lines", len(length), f"{length.sum():.0f} mm in all"),
+        ("corners", len(g.corners.positions), "two lines meet"),
+        ("Y junctions", int(g.junctions.is_y.sum()), "three lines meet"),
+        ("T junctions", int((~g.junctions.is_y).sum()), "one line ends at another's middle"),
+        (
+            "circles and arcs",
+            len(g.circles.radii),
+            "radii [mm] " + " ".join(f"{r:.1f}" for r in g.circles.radii[:8])
+            if len(g.circles.radii)
+            else None,
+        ),
+    ]
+    return _table(
+        f"object {f.number}: grey features", [("what", 0), ("count", 0), ("of these", 0)], rows
+    )
+
+
+def _candidates(f: ObjectFacts, library: Library) -> StageTable:
+    columns = [
+        ("part", 0), ("pose", 0), ("turn [deg]", 1), ("overlap", 3), ("index distance", 3),
+        ("corners+holes matched", 0), ("missed", 0), ("spurious", 0), ("outlines apart [mm]", 2),
+        ("turned by [deg]", 1),
+    ]  # fmt: skip
+    rows = []
+    for c, m in zip(f.candidates, f.matches, strict=True):
+        found = (
+            (None,) * 5
+            if m is None
+            else (
+                m.matched_count,
+                m.missed_count,
+                m.spurious_count,
+                m.error_mm,
+                None if m.turn_is_free else float(np.degrees(m.turn_rad)),
+            )
+        )
+        turn = float(np.degrees(c.theta_rad))
+        name = library.entries[c.part].name
+        rows.append((name, c.pose, turn, c.overlap, c.distance, *found))
+    title = f"object {f.number}: candidates by silhouette, best {len(rows)}, and corner correlation"
+    return _table(title, columns, rows)
+
+
+def _hypotheses(f: ObjectFacts, library: Library) -> StageTable:
+    columns = [
+        ("part", 0), ("pose", 0), ("x [mm]", 2), ("y [mm]", 2), ("turn [deg]", 2), ("from", 0),
+        ("overlap", 3), ("outline found", 3), ("seen explained", 3), ("inner found", 3),
+        ("inner [mm]", 0), ("inner explained", 3), ("shading", 2), ("sigma [px]", 2),
+        ("score alone", 3), ("taken", 0),
+    ]  # fmt: skip
+    rows = []
+    for k, (h, score) in enumerate(zip(f.trace.hypotheses, f.scores, strict=True)):
+        e = h.evidence
+        rows.append(
+            (
+                library.entries[h.part].name,
+                h.pose,
+                float(h.place_mm[0]),
+                float(h.place_mm[1]),
+                float(np.degrees(h.theta_rad)),
+                h.source,
+                h.overlap,
+                e.outline,
+                e.explained,
+                e.inner,
+                e.inner_mm,
+                e.inner_explained,
+                e.shading,
+                e.sigma_px,
+                score,
+                "yes" if k == f.chosen else "",
+            )
+        )
+    return _table(f"object {f.number}: fitted hypotheses and what speaks for them", columns, rows)
+
+
+def _decision(f: ObjectFacts) -> StageTable:
+    s = f.sighting
+    rows: list[tuple[Cell, ...]]
+    if s.part is None:
+        rows = [
+            ("answer", f"unknown object at x {s.x_mm:.1f} mm, y {s.y_mm:.1f} mm"),
+            ("score, that it is unknown", f"{s.score:.3f}"),
+            ("why", s.reason),
+        ]
+    else:
+        others = "; ".join(
+            f"{a.part}, pose {a.pose_index}, {np.degrees(a.theta_rad):.1f} deg"
+            for a in s.ambiguous_with
+        )
+        rows = [
+            ("answer", f"{s.part}, stable pose {s.pose_index}"),
+            ("place", f"x {s.x_mm:.2f} mm, y {s.y_mm:.2f} mm, +- {s.sigma_mm:.3f} mm"),
+            ("turn", turn_told(f)),
+            ("score", f"{s.score:.3f}"),
+            ("ambiguous with", others or "nothing else"),
+            ("edges off their predictions", f"{s.residual_px:.2f} px"),
+        ]
+    return _table(f"object {f.number}: decision", [("what", 0), ("value", 0)], rows)
+
+
+def turn_told(f: ObjectFacts) -> str:
+    """Return a turn with its standard deviation in words."""
+    s = f.sighting
+    if s.sigma_rad > UNTOLD_RAD:
+        return "any: nothing in the picture tells how it is turned"
+    return f"{np.degrees(s.theta_rad):.2f} deg, +- {np.degrees(s.sigma_rad):.3f} deg"
