@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +15,7 @@ import pytest
 from board_pictures import camera_over_table, picture_of, pose
 
 from controller.cli import main
+from controller.cli._calibrate import _read
 from controller.cli._calibration_file import load_calibration, write_calibration
 from controller.config import ConfigError
 from controller.recognition.calibration import Chessboard
@@ -46,15 +49,20 @@ def shot(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def done(shot: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The calibration file of the six pictures."""
+def done(shot: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """The calibration file of the six pictures and an empty one, and what people were told."""
     folder = tmp_path_factory.mktemp("calibration")
-    (folder / "target.json").write_text(json.dumps(TARGET), encoding="utf-8")
+    empty = folder / "b_6.png"
+    cv2.imwrite(str(empty), np.full((192, 240), 70, dtype=np.uint8))
+    target = _changed(images=[*TARGET["images"], {"image": "b_6.png", "placed": "tilted"}])
+    (folder / "target.json").write_text(json.dumps(target), encoding="utf-8")
     output = folder / "cameras" / "overhead.json"
-    images = [str(shot / name) for name in POSES]
+    images = [*(str(shot / name) for name in POSES), str(empty)]
     command = ["calibrate", "camera", *images, "--target", str(folder / "target.json")]
-    assert main([*command, "-o", str(output)]) == 0
-    return output
+    told = io.StringIO()
+    with contextlib.redirect_stdout(told):
+        assert main([*command, "-o", str(output)]) == 0
+    return output, told.getvalue()
 
 
 def _run(tmp_path: Path, images: list[Path], target: dict[str, Any], *more: str) -> int:
@@ -70,9 +78,9 @@ def _changed(**keys: Any) -> dict[str, Any]:
     return {key: value for key, value in target.items() if value is not None}
 
 
-def test_the_file_written_is_the_camera_that_took_the_pictures(done: Path) -> None:
-    found = load_calibration(done)
-    body = json.loads(done.read_text(encoding="utf-8"))
+def test_the_file_written_is_the_camera_that_took_the_pictures(done: tuple[Path, str]) -> None:
+    found = load_calibration(done[0])
+    body = json.loads(done[0].read_text(encoding="utf-8"))
     assert found.size_px == (240, 192)
     width, height = found.size_px
     u, v = np.meshgrid(np.linspace(20, width - 21, 5), np.linspace(20, height - 21, 5))
@@ -84,7 +92,7 @@ def test_the_file_written_is_the_camera_that_took_the_pictures(done: Path) -> No
     assert (error < 4 * np.array(body["uncertainty"]["position_std_mm"])).all()
     assert body["residuals"]["rms_px"] < 0.05
     assert body["counts"] == {
-        "pictures": 6,
+        "pictures": 7,
         "boards": 6,
         "flat": 3,
         "tilted": 3,
@@ -93,11 +101,12 @@ def test_the_file_written_is_the_camera_that_took_the_pictures(done: Path) -> No
     }
     assert body["board"] == {"inner_corners": [7, 4], "square_mm": 14.0}
     assert body["world"]["image"] == "a_0.png"
-    assert body["missed"] == []
+    assert [missed["image"] for missed in body["missed"]] == ["b_6.png"]
 
 
+@pytest.mark.slow
 def test_pictures_of_other_names_and_folders_are_known_by_how_they_end(
-    shot: Path, done: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    shot: Path, done: tuple[Path, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     images = []
     for name in POSES:
@@ -105,7 +114,7 @@ def test_pictures_of_other_names_and_folders_are_known_by_how_they_end(
         images[-1].write_bytes((shot / name).read_bytes())
     assert _run(tmp_path, images, TARGET, "--json") == 0
     answer = json.loads(capsys.readouterr().out)
-    before = json.loads(done.read_text(encoding="utf-8"))
+    before = json.loads(done[0].read_text(encoding="utf-8"))
     assert answer["file"] == str(tmp_path / "camera.json")
     np.testing.assert_allclose(answer["K"], before["K"], rtol=1e-9)
     np.testing.assert_allclose(answer["T_world_cam"], before["T_world_cam"], atol=1e-6)
@@ -114,17 +123,14 @@ def test_pictures_of_other_names_and_folders_are_known_by_how_they_end(
 
 
 def test_people_are_told_of_boards_not_found_and_of_what_is_known_how_well(
-    shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    done: tuple[Path, str],
 ) -> None:
-    blank = tmp_path / "b_6.png"
-    cv2.imwrite(str(blank), np.full((192, 240), 70, dtype=np.uint8))
-    target = _changed(images=[*TARGET["images"], {"image": "b_6.png", "placed": "tilted"}])
-    assert _run(tmp_path, [*(shot / name for name in POSES), blank], target) == 0
-    told = capsys.readouterr().out
+    told = done[1]
     assert "boards found in 6 of 7 pictures: 3 flat, 3 tilted" in told
     assert "not in b_6.png: no chessboard with 7 x 4 inner corners" in told
     assert "deg off the vertical" in told
     assert "a position at z = 0 mm is known to" in told
+    assert f"written to {done[0]}" in told
 
 
 # -- what is refused ------------------------------------------------------------------------------
@@ -226,6 +232,12 @@ def test_pictures_that_are_none_are_refused(refusal: Callable[..., str], tmp_pat
     assert "is no picture that can be read" in refusal(images=[tmp_path / "a_1.png"])
     (tmp_path / "a_2.png").write_bytes(b"")
     assert "is no picture that can be read" in refusal(images=[tmp_path / "a_2.png"])
+
+
+def test_twelve_bits_in_sixteen_are_read_with_all_their_contrast(tmp_path: Path) -> None:
+    path = tmp_path / "deep.png"
+    cv2.imwrite(str(path), np.array([[0, 2000, 4000]], dtype=np.uint16))
+    np.testing.assert_array_equal(_read(path), [[0, 128, 255]])
 
 
 def test_pictures_of_two_sizes_are_refused(
