@@ -37,6 +37,7 @@ class Run:
     wall_s : of the whole process; start_s : until its first answer, reading the parts included
     picture_s : by picture, from the answer before to its own last one; not of the first picture
     peak_mb : largest resident memory
+    cpu_s : time of cores it used up, which others on the machine do not lengthen
     error : what it said if it ended with an exit code that is no answer, else ""
     """
 
@@ -45,6 +46,7 @@ class Run:
     start_s: float
     picture_s: dict[str, float]
     peak_mb: float
+    cpu_s: float
     error: str = ""
 
 
@@ -116,6 +118,7 @@ def run(
         wall_s if told.first_s is None else told.first_s,
         pictures,
         usage.ru_maxrss / 1024,
+        usage.ru_utime + usage.ru_stime,
         error,
     )
 
