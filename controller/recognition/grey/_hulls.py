@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-ROUNDEST = 0.9  # ratio of half axes above which the long way says nothing
+ROUNDEST = 0.85  # ratio of half axes above which the long way is not to be relied on
 
 
 def hull_of(points: Array) -> Array | None:

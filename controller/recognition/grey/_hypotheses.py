@@ -26,7 +26,7 @@ Ints = NDArray[np.int64]
 
 MOST_PAIRS = 20_000  # of features looked at, per kind
 MOST_COARSE = 240  # hypotheses scored coarsely
-MOST_OF_HULL = 120
+MOST_OF_HULL = 320
 MOST_FITTED = 40
 PLAIN_ENOUGH = 0.5  # edgelets that are the part's and not its shadow's
 BIN_RAD = np.pi / 30  # hypotheses nearer than this are one
