@@ -199,7 +199,8 @@ def _tell(found: Calibration, missed: Mapping[str, str], picture_count: int, out
         u, v = plane.worst_at_px
         say(
             f"a position at z = {plane.height_mm:g} mm is known to {plane.median_mm:.4f} mm "
-            f"(median over the picture), {plane.worst_mm:.4f} mm at worst (pixel {u:.0f}, {v:.0f})"
+            f"(median over the picture), {plane.covered_worst_mm:.4f} mm at worst where there were "
+            f"boards, {plane.worst_mm:.4f} mm in all of the picture (pixel {u:.0f}, {v:.0f})"
         )
     say(f"written to {output}")
 

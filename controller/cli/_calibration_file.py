@@ -99,6 +99,7 @@ def calibration_body(found: Calibration) -> dict[str, Any]:
                     "z_mm": plane.height_mm,
                     "worst_std_mm": plane.worst_mm,
                     "worst_at_px": list(plane.worst_at_px),
+                    "covered_worst_std_mm": plane.covered_worst_mm,
                     "median_std_mm": plane.median_mm,
                 }
                 for plane in found.table

@@ -84,6 +84,7 @@ def test_what_is_said_of_a_noisy_calibration_is_so(usual: Calibration) -> None:
     within = 4 * np.degrees(usual.tilt_std_rad)
     assert np.degrees(usual.tilt_rad) == pytest.approx(lean, abs=within)
     for plane in usual.table:
+        assert plane.median_mm < plane.covered_worst_mm <= plane.worst_mm
         assert _table_error_mm(usual.camera, CAMERA, plane.height_mm).max() < 4 * plane.worst_mm
 
 
@@ -285,8 +286,18 @@ def test_oblong_squares_are_refused() -> None:
 
 def test_too_uncertain_a_table_is_refused_with_the_place(usual: Calibration) -> None:
     check_uncertainty(usual, Limits())
-    with pytest.raises(CalibrationError, match=r"uncertain by .* mm at the .*; add pictures"):
-        check_uncertainty(usual, replace(Limits(), table_std_max_mm=0.01))
+    with pytest.raises(
+        CalibrationError, match=r"uncertain by .* mm at the .* limits; add pictures"
+    ):
+        check_uncertainty(usual, replace(Limits(), table_std_max_mm=0.01, table_std_max_px=0.01))
+
+
+def test_a_corner_nobody_measured_is_told_and_not_refused(usual: Calibration) -> None:
+    plane = replace(usual.table[0], worst_mm=1.0)  # the limit between the boards is 0.25 mm
+    check_uncertainty(replace(usual, table=(plane, usual.table[1])), Limits())
+    plane = replace(usual.table[0], worst_mm=50.0)
+    with pytest.raises(CalibrationError, match=r"by 50\.00 mm at the"):
+        check_uncertainty(replace(usual, table=(plane, usual.table[1])), Limits())
 
 
 def test_too_uncertain_a_focal_length_is_refused(usual: Calibration) -> None:

@@ -9,7 +9,14 @@ import numpy as np
 from controller.cad import Camera, inverse_pose
 
 from ._lens import PINHOLE, likeliest
-from ._refusals import check_fit, check_placed, check_uncertainty, check_views, coverage_of
+from ._refusals import (
+    area_px,
+    check_fit,
+    check_placed,
+    check_uncertainty,
+    check_views,
+    hull_of,
+)
 from ._solve import Fit, solve, start
 from ._types import (
     PARAMETERS,
@@ -75,8 +82,8 @@ def calibrate(
             "the boards leave something about the camera wholly open; add pictures of the board "
             "tilted by 15 to 30 deg in different directions, all over the picture"
         ) from error
-    coverage = coverage_of(views, size_px)
-    calibration = _described(size_px, world, fit, found, held, weights, residuals, coverage)
+    hull_px = hull_of(views)
+    calibration = _described(size_px, world, fit, found, held, weights, residuals, hull_px)
     check_uncertainty(calibration, limits)
     return calibration
 
@@ -131,7 +138,7 @@ def _described(
     held: dict[str, float],
     weights: _Weights,
     residuals: tuple[ViewResidual, ...],
-    coverage: float,
+    hull_px: Array,
 ) -> Calibration:
     x = fit.solution.intrinsics
     K = np.array([[x[0], 0, x[2]], [0, x[1], x[3]], [0, 0, 1.0]])
@@ -151,11 +158,11 @@ def _described(
         position_std_mm=position_std_mm(fit, found),
         tilt_rad=tilt,
         tilt_std_rad=tilt_std,
-        table=tuple(on_table(camera, fit, found, z) for z in _TABLE_HEIGHTS_MM),
+        table=tuple(on_table(camera, fit, found, hull_px, z) for z in _TABLE_HEIGHTS_MM),
         views=residuals,
         rms_px=float(np.sqrt(np.mean(np.sum(used**2, axis=1)))),
         noise_px=weights.noise_px * found.noise,
-        coverage=coverage,
+        coverage=area_px(hull_px) / (size_px[0] * size_px[1]),
         condition=found.condition,
         focal_height_correlation=found.focal_height,
         world=world,

@@ -19,10 +19,15 @@ from ._types import (
 _TILT_MORE = "add pictures of the board tilted by 15 to 30 deg, each in another direction"
 
 
-def coverage_of(views: Sequence[View], size_px: tuple[int, int]) -> float:
-    """Return the share of the picture within the hull of all corners."""
+def hull_of(views: Sequence[View]) -> Array:
+    """Return the convex hull (n, 2) of all corners [px]."""
     corners = np.vstack([view.board.pixels for view in views]).astype(np.float32)
-    return float(cv2.contourArea(cv2.convexHull(corners))) / (size_px[0] * size_px[1])
+    return np.asarray(cv2.convexHull(corners), dtype=np.float64).reshape(-1, 2)
+
+
+def area_px(hull_px: Array) -> float:
+    """Return the area of a hull (n, 2)."""
+    return float(cv2.contourArea(hull_px.astype(np.float32)))
 
 
 def check_views(
@@ -58,7 +63,7 @@ def check_views(
             f"least: boards that all lie flat cannot tell a long lens from a high camera; "
             f"{_TILT_MORE}"
         )
-    coverage = coverage_of(views, size_px)
+    coverage = area_px(hull_of(views)) / (size_px[0] * size_px[1])
     if coverage < limits.coverage_min:
         u, v = np.vstack([view.board.pixels for view in views]).mean(axis=0) / size_px
         raise CalibrationError(
@@ -149,13 +154,17 @@ def check_uncertainty(calibration: Calibration, limits: Limits) -> None:
             f"{_TILT_MORE}"
         )
     table = calibration.table[0]
-    if not table.worst_mm < limits.table_std_max_mm:
-        width, height = calibration.camera.size_px
+    camera = calibration.camera
+    width, height = camera.size_px
+    middle = camera.on_plane(np.array([[width / 2, height / 2]]))[0]
+    limit_mm = max(limits.table_std_max_mm, limits.table_std_max_px * camera.mm_per_px(middle))
+    beyond_mm = limits.beyond_ratio_max * limit_mm
+    if not (table.covered_worst_mm < limit_mm and table.worst_mm < beyond_mm):
         where = _where(table.worst_at_px[0] / width, table.worst_at_px[1] / height)
         raise CalibrationError(
-            f"positions on the table would be uncertain by {table.worst_mm:.2f} mm {where}, "
-            f"{limits.table_std_max_mm:.2f} mm is the limit; add pictures with the board there, "
-            "flat and tilted"
+            f"positions on the table would be uncertain by {table.covered_worst_mm:.2f} mm between "
+            f"the boards and by {table.worst_mm:.2f} mm {where}, {limit_mm:.2f} mm and "
+            f"{beyond_mm:.2f} mm are the limits; add pictures with the board there, flat and tilted"
         )
 
 

@@ -125,7 +125,9 @@ class Limits:
     outlier_sigma: float = 5.0  # a corner further off than this is dirt, not noise
     outliers_max: float = 0.05  # share of all corners
     focal_std_max: float = 0.01  # relative
-    table_std_max_mm: float = 0.25  # anywhere in the picture, at z = 0
+    table_std_max_mm: float = 0.25  # at z = 0, where there were boards
+    table_std_max_px: float = 0.25  # or this, where pixels are coarser than parts are gauged
+    beyond_ratio_max: float = 20.0  # in the corners, where nobody measured: told, not refused
     condition_max: float = 1e6  # of the scaled Jacobian
 
 
@@ -148,11 +150,18 @@ class TableUncertainty:
 
     Standard deviations [mm] of where a pixel's sight line meets the plane, in the direction in
     which it is worst.
+
+    Attributes
+    ----------
+    worst_mm : anywhere in the picture, at ``worst_at_px``
+    covered_worst_mm : within the hull of all corners
+    median_mm : of the whole picture
     """
 
     height_mm: float
     worst_mm: float
     worst_at_px: tuple[float, float]
+    covered_worst_mm: float
     median_mm: float
 
 

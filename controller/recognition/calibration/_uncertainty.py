@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
+import cv2
 import numpy as np
 
 from controller.cad import Camera
@@ -138,8 +139,15 @@ def tilt_rad(fit: Fit, found: Spread) -> tuple[float, float]:
     return tilt, std if tilt > 2 * worst else worst
 
 
-def on_table(camera: Camera, fit: Fit, found: Spread, height_mm: float) -> TableUncertainty:
-    """Return how surely pixels are taken to the plane z = height, over the whole picture."""
+def on_table(
+    camera: Camera, fit: Fit, found: Spread, hull_px: Array, height_mm: float
+) -> TableUncertainty:
+    """Return how surely pixels are taken to the plane z = height, over the whole picture.
+
+    Parameters
+    ----------
+    hull_px : (n, 2) round all corners seen
+    """
     width, height = camera.size_px
     u, v = np.meshgrid(np.linspace(0, width - 1, _GRID[0]), np.linspace(0, height - 1, _GRID[1]))
     pixels = np.column_stack([u.ravel(), v.ravel()])
@@ -154,9 +162,15 @@ def on_table(camera: Camera, fit: Fit, found: Spread, height_mm: float) -> Table
     cov = moved @ found.cov @ moved.transpose(0, 2, 1)
     std = np.sqrt(np.linalg.eigvalsh(cov)[:, -1])
     worst = int(std.argmax())
+    outline = hull_px.astype(np.float32)
+    covered = [
+        cv2.pointPolygonTest(outline, (float(a), float(b)), measureDist=False) >= 0
+        for a, b in pixels
+    ]
     return TableUncertainty(
         height_mm,
         float(std[worst]),
         (float(pixels[worst, 0]), float(pixels[worst, 1])),
+        float(std[covered].max(initial=0.0)),
         float(np.median(std)),
     )
