@@ -50,8 +50,9 @@ def look(cover: Array, seed: int = 1) -> tuple[Hypothesis, ...]:
 
 def assert_is(found: Hypothesis, part: int, turn: float, shift: Array) -> None:
     assert found.model_index == part
-    assert abs((found.turn_rad - turn + np.pi) % (2 * np.pi) - np.pi) < np.radians(1.0)
-    assert np.linalg.norm(found.shift_mm - shift) < 0.3
+    # 4 deg and 3 mm are asked of a hypothesis; a wavy rim says less of the turn than sides do
+    assert abs((found.turn_rad - turn + np.pi) % (2 * np.pi) - np.pi) < np.radians(3.0)
+    assert np.linalg.norm(found.shift_mm - shift) < 0.4
 
 
 places = st.tuples(

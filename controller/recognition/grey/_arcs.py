@@ -78,20 +78,19 @@ def find_circles(
         if circle is None:
             continue
         cx, cy, r = circle
-        inside = np.zeros(0, dtype=np.int64)
-        for band in (1.5 * tol.circle_px, tol.circle_px):
-            dx, dy = x - cx, y - cy
-            distance = np.sqrt(dx * dx + dy * dy)
-            near = np.abs(distance - r) < band
-            near &= sign[seed] * (dx * nx + dy * ny) > 0.95 * distance
-            near &= circle_of < 0
-            inside = np.flatnonzero(near)
-            circle = _fit(x[inside], y[inside])
-            if circle is None:
-                break
-            cx, cy, r = circle
+        # its pieces left out those with few points, and what other pieces have of it
+        dx, dy = x - cx, y - cy
+        distance = np.sqrt(dx * dx + dy * dy)
+        near = np.abs(distance - r) < tol.circle_px
+        near &= sign[seed] * (dx * nx + dy * ny) > 0.95 * distance
+        near &= circle_of < 0
+        inside = np.flatnonzero(near)
+        circle = _fit(x[inside], y[inside])
+        if circle is None:
+            continue
+        cx, cy, r = circle
         # a point for each pixel, a little less where the ridge steps diagonally
-        if circle is None or len(inside) < 0.4 * 2 * np.pi * r * tol.circle_cover:
+        if len(inside) < 0.4 * 2 * np.pi * r * tol.circle_cover:
             continue
         cover, start, extent = _cover(x[inside] - cx, y[inside] - cy, r)
         if cover < tol.circle_cover:
@@ -136,7 +135,7 @@ def _fit(x: Array, y: Array) -> tuple[float, float, float] | None:
     count = len(x)
     if count < 8:
         return None
-    mx, my = float(x.mean()), float(y.mean())
+    mx, my = float(x.sum()) / count, float(y.sum()) / count
     u, v = x - mx, y - my
     uu, uv, vv = float(u @ u), float(u @ v), float(v @ v)
     w = u * u + v * v

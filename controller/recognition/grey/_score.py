@@ -20,7 +20,7 @@ Ints = NDArray[np.int64]
 CELL_MM = 0.8
 DIRECTIONS = 16
 FIRST_ASKED = 24  # edgelets of a view that its first score is of
-FIT_ROUNDS = 2
+FIT_ROUNDS = 3
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -72,7 +72,7 @@ class GreyTolerances:
     angle_rad: float = radians(8.0)
     radius_mm: float = 0.4
     radius_ratio: float = 0.03
-    hull_ratio: float = 0.08
+    hull_ratio: float = 0.1
     hull_roundness: float = 0.16
     reach_mm: float = 1.6
     match_mm: float = 0.7
