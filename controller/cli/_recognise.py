@@ -1,25 +1,39 @@
 """`cellctl recognise`: stored pictures of the table, one answer per object."""
 
 import time
+from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 from typing import Any, Literal
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from controller.cad import Camera
 from controller.cad.compiled import is_cad_file, load_part, options_among, part_name
 from controller.cad.reading import FORMATS
 from controller.config import ConfigError
-from controller.recognition import Sighting, make_library, recognise
+from controller.recognition import Library, Recognition, make_library, recognise
+from controller.recognition.explain import explain
 
 from ._calibration_file import load_calibration
-from ._output import emit, say
+from ._explain import ExplainFolder, show_tables
+from ._output import emit, say, warn
+from ._pictures import Remarks, StoredPicture, pictures_among, read_picture
 
-Grey = NDArray[np.uint8]
 Lighting = Literal["backlit", "front", "auto"]
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What one picture came to: its objects as JSON has them."""
+
+    objects: tuple[dict[str, Any], ...]
+
+    @property
+    def known_count(self) -> int:
+        """How many objects are known parts."""
+        return sum(body["part"] is not None for body in self.objects)
 
 
 def recognise_images(
@@ -30,27 +44,70 @@ def recognise_images(
     *,
     unit: str | None,
     as_json: bool,
+    explain_in: Path | None = None,
 ) -> int:
-    """Recognise what lies in each picture; 1 if a picture shows nothing known."""
+    """Recognise what lies in each picture.
+
+    Returns
+    -------
+    exit code: 2 if a picture could not be read, the others being answered all the same; 1 if no
+    picture shows a known part
+    """
     camera = load_calibration(calibration)
     files = _cad_files(parts)
-    library = make_library([load_part(p, options_among(p, unit)) for p in files], camera)
-    known = 0
-    for path in images:
-        picture = _read(path, camera)
-        started = time.monotonic()
-        sightings = recognise(picture, camera, library, lighting).sightings
-        seconds = (time.monotonic() - started) / max(1, len(sightings))
-        if not sightings and not as_json:
-            say(f"{path.name}: nothing on the table")
-        for sighting in sightings:
-            known += sighting.part is not None
-            body = _answer(path, sighting, seconds)
-            if as_json:
-                emit(body)
-            else:
-                say(_sentence(body))
+    paths, doubled = pictures_among(images)
+    folder = ExplainFolder(explain_in) if explain_in is not None else None
+    for remark in doubled:
+        warn(remark)
+    remarks = Remarks()
+    library: Library | None = None
+    known, unread = 0, 0
+    for path in paths:
+        try:
+            picture = read_picture(path, camera.size_px)
+        except ConfigError as error:
+            warn(f"cellctl: {error}")
+            unread += 1
+            continue
+        if library is None:  # compiling takes longer than to say that there is no picture
+            library = make_library([load_part(p, options_among(p, unit)) for p in files], camera)
+        for note in remarks.fresh(picture.notes):
+            warn(f"{path.name}: {note}; said once for all such pictures")
+        known += _answer_one(path, picture, camera, library, lighting, folder, as_json).known_count
+    if unread:
+        return 2
     return 0 if known else 1
+
+
+def _answer_one(
+    path: Path,
+    picture: StoredPicture,
+    camera: Camera,
+    library: Library,
+    lighting: Lighting,
+    folder: ExplainFolder | None,
+    as_json: bool,
+) -> Answer:
+    started = time.perf_counter()
+    seen = recognise(picture.grey, camera, library, lighting)
+    seconds = time.perf_counter() - started
+    for remark in seen.segmentation.remarks:
+        warn(f"{path.name}: {remark}")
+    answer = Answer(tuple(_bodies(path, picture, seen, seconds)))
+    if not answer.objects:
+        (warn if as_json else say)(f"{path.name}: nothing on the table")
+    for body in answer.objects:
+        if as_json:
+            emit(body)
+        else:
+            say(_sentence(body))
+    if folder is not None:
+        told = explain(picture.grey, camera, library, seen, path.name)
+        drawing = folder.write(path, told, with_json=as_json)
+        if not as_json:
+            show_tables(told.tables)
+            say(f"{path.name}: drawn in {drawing}")
+    return answer
 
 
 def _cad_files(parts: list[Path]) -> list[Path]:
@@ -71,49 +128,55 @@ def _parts_in(folder: Path) -> list[Path]:
     return [next(same) for _, same in groupby(files, part_name)]
 
 
-def _read(path: Path, camera: Camera) -> Grey:
-    if not path.is_file():
-        raise ConfigError(f"{path}: no such picture")
-    picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if picture is None:
-        raise ConfigError(f"{path}: is no picture that can be read (PNG, JPEG, TIFF)")
-    width, height = camera.size_px
-    if picture.shape != (height, width):
-        raise ConfigError(
-            f"{path}: {picture.shape[1]} x {picture.shape[0]} px, the calibration is for "
-            f"{width} x {height} px"
-        )
-    return np.asarray(picture, dtype=np.uint8)
-
-
-def _answer(path: Path, s: Sighting, seconds: float) -> dict[str, Any]:
-    return {
-        "image": path.name,
-        "part": s.part,
-        "stable_pose_R": None if s.R is None else s.R.tolist(),
-        "x_mm": s.x_mm,
-        "y_mm": s.y_mm,
-        "theta_deg": float(np.degrees(s.theta_rad)),
-        "score": s.score,
-        "ambiguous_with": [
-            {
-                "part": a.part,
-                "pose_index": a.pose_index,
-                "theta_deg": float(np.degrees(a.theta_rad)),
-            }
-            for a in s.ambiguous_with
-        ],
-        "reason": s.reason,
-        "seconds": seconds,
+def _bodies(
+    path: Path, picture: StoredPicture, seen: Recognition, seconds: float
+) -> Iterator[dict[str, Any]]:
+    """Give each object as JSON has it."""
+    about = {
+        "lighting": seen.segmentation.lighting,
+        "remarks": [*picture.notes, *seen.segmentation.remarks],
+        "seconds": seconds / max(1, len(seen.sightings)),
+        "seconds_picture": seconds,
     }
+    for s in seen.sightings:
+        is_known = s.covariance is not None
+        yield {
+            "image": path.name,
+            "part": s.part,
+            "stable_pose_R": None if s.R is None else s.R.tolist(),
+            "pose_index": s.pose_index,
+            "x_mm": s.x_mm,
+            "y_mm": s.y_mm,
+            "theta_deg": float(np.degrees(s.theta_rad)),
+            "sigma_mm": s.sigma_mm if is_known else None,
+            "sigma_deg": float(np.degrees(s.sigma_rad)) if is_known else None,
+            "T_world_part": None if s.T_world_part is None else s.T_world_part.tolist(),
+            "score": s.score,
+            "ambiguous_with": [
+                {
+                    "part": a.part,
+                    "pose_index": a.pose_index,
+                    "theta_deg": float(np.degrees(a.theta_rad)),
+                }
+                for a in s.ambiguous_with
+            ],
+            "reason": s.reason,
+            **about,
+        }
 
 
 def _sentence(body: dict[str, Any]) -> str:
     where = f"x {body['x_mm']:.1f} mm, y {body['y_mm']:.1f} mm"
     if body["part"] is None:
         return f"{body['image']}: unknown object at {where}: {body['reason']}"
-    also = f"; could also be {len(body['ambiguous_with'])} others" if body["ambiguous_with"] else ""
+    others = body["ambiguous_with"]
+    also = ""
+    if others:
+        told = "; ".join(
+            f"{a['part']}, pose {a['pose_index']}, {a['theta_deg']:.1f} deg" for a in others
+        )
+        also = f"; could also be {told}"
     return (
-        f"{body['image']}: {body['part']} at {where}, {body['theta_deg']:.1f} deg, "
-        f"score {body['score']:.3f}{also}"
+        f"{body['image']}: {body['part']}, pose {body['pose_index']}, at {where}, "
+        f"{body['theta_deg']:.1f} deg, score {body['score']:.3f}{also}"
     )

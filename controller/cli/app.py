@@ -197,12 +197,16 @@ def compile_(
     epilog="Example: cellctl recognise table.png --parts recipes/parts --calibration camera.json"
 )
 def recognise(
-    images: Annotated[list[Path], typer.Argument(help="pictures of the table")],
+    images: Annotated[list[Path], typer.Argument(help="pictures of the table, or folders of them")],
     parts: Annotated[list[Path], typer.Option("--parts", help="CAD files, or folders of them")],
     calibration: Annotated[Path, typer.Option("--calibration", help="camera calibration (JSON)")],
     lighting: Annotated[
         Lighting, typer.Option("--lighting", help="how the table was lit")
     ] = Lighting.AUTO,
+    explain: Annotated[
+        Path | None,
+        typer.Option("--explain", help="folder for a drawing and tables of how each answer came"),
+    ] = None,
     unit: UnitOption = None,
     json: JsonOption = False,
 ) -> None:
@@ -210,7 +214,13 @@ def recognise(
     from ._recognise import recognise_images
 
     code = recognise_images(
-        images, parts, calibration, lighting.value, unit=unit and unit.value, as_json=json
+        images,
+        parts,
+        calibration,
+        lighting.value,
+        unit=unit and unit.value,
+        as_json=json,
+        explain_in=explain,
     )
     raise typer.Exit(code)
 

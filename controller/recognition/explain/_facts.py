@@ -7,6 +7,7 @@ primitives, the grey features, is computed here from what was kept, by the same 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,7 +31,7 @@ from ..binary import (
     model_string,
     triangular,
 )
-from ..fitting import EdgePoints, GreyMeasure, predict_edges
+from ..fitting import EdgePoints, predict_edges
 from ..grey import ImageFeatures, image_features
 from ..library import Candidate, Library, lying
 
@@ -44,7 +45,8 @@ THRESHOLD = 10
 MOST_CANDIDATES = 8  # more say nothing more
 MOST_OTHERS = 3  # drawn beside the one that was taken
 NEAR_PX = 1.3  # an edge this near its prediction is where it should be
-LOOK_PX = 3.0  # so far off one is looked for
+LOOK_PX = 3  # so far off one is looked for
+STANDS_OUT = 2.0  # times the middling slope beside predicted edges
 FAINT_LIFT = 0.1  # difference of cosines under which lamps need not tell two surfaces apart
 FAINT_JUMP_MM = 1.0  # nor a step so low, by its shadow
 
@@ -145,7 +147,6 @@ def _facts(
         features = image_features(crop, lambda px: camera.on_plane(px + np.array([x0, y0], float)))
     area = sighting.area_mm2
     views = np.abs(library.index.area_mm2 - area) <= limits.area_share * area
-    grey = GreyMeasure(crop, (x0, y0)) if trace.hypotheses else None
     chosen = _chosen(sighting, trace.hypotheses)
     scores = tuple(_score(h, is_backlit=is_backlit) for h in trace.hypotheses)
     shown = chosen if chosen >= 0 else int(np.argmax(scores)) if scores else -1
@@ -163,7 +164,7 @@ def _facts(
         chosen=chosen,
         shown=shown,
         scores=scores,
-        edges=tuple(_edge_state(h, grey, is_backlit=is_backlit) for h in trace.hypotheses),
+        edges=tuple(_edge_state(h, picture, is_backlit=is_backlit) for h in trace.hypotheses),
         others=_others(trace, candidates, shown, scores, camera, library),
         like_size=int(views.sum()),
     )
@@ -265,14 +266,37 @@ def _score(h: Hypothesis, *, is_backlit: bool) -> float:
     return alone.score if alone.best is not None else 1.0 - alone.score
 
 
-def _edge_state(h: Hypothesis, grey: GreyMeasure | None, *, is_backlit: bool) -> EdgeState:
+def _shows(edges: EdgePoints, picture: Grey) -> Bools:
+    """Tell at which predicted edges (n,) the grey level changes most just there."""
+    if len(edges.pixels) == 0:
+        return np.zeros(0, dtype=np.bool_)
+    low = np.floor(edges.pixels.min(axis=0)).astype(int) - LOOK_PX - 4
+    high = np.ceil(edges.pixels.max(axis=0)).astype(int) + LOOK_PX + 5
+    (x0, y0), (x1, y1) = np.maximum(low, 0).tolist(), np.maximum(high, 1).tolist()
+    smooth = cv2.GaussianBlur(picture[y0:y1, x0:x1], (0, 0), 0.8).astype(np.float32)
+    if smooth.size == 0:
+        return np.zeros(len(edges.pixels), dtype=np.bool_)
+    offsets = np.arange(-LOOK_PX, LOOK_PX + 1)
+    at = edges.pixels[:, None] - [x0, y0] + offsets[:, None] * edges.normals[:, None]
+    at = at.astype(np.float32)
+    slopes = [
+        cv2.remap(cv2.Scharr(smooth, cv2.CV_32F, *way), at[..., 0], at[..., 1], cv2.INTER_LINEAR)
+        for way in ((1, 0), (0, 1))
+    ]
+    normals = edges.normals[:, None]
+    across = np.abs(slopes[0] * normals[..., 0] + slopes[1] * normals[..., 1])
+    noise = float(np.median(across))
+    peak = across.argmax(axis=1)
+    strong = across.max(axis=1) > STANDS_OUT * noise
+    return np.asarray(strong & (np.abs(offsets[peak]) <= NEAR_PX))
+
+
+def _edge_state(h: Hypothesis, picture: Grey, *, is_backlit: bool) -> EdgeState:
     edges: EdgePoints = h.fit.edges
     gap = h.fit.gaps.gap_px
     found = np.abs(np.nan_to_num(gap, nan=99.0)) < NEAR_PX
-    if is_backlit and grey is not None:
-        # edges inside are no part of the fit then, but are looked for in the dark
-        inside = grey.gaps(edges.pixels, edges.normals, edges, LOOK_PX).gap_px
-        near = np.abs(np.nan_to_num(inside, nan=99.0)) < NEAR_PX
-        found = np.where(edges.on_outline, found, near)
+    if is_backlit:
+        # edges inside are no part of the fit then, but may show in the dark
+        found = np.where(edges.on_outline, found, _shows(edges, picture))
     faint = (np.abs(edges.lift) < FAINT_LIFT) & (edges.jump_mm < FAINT_JUMP_MM)
     return EdgeState(np.asarray(found), np.asarray(~edges.on_outline & (faint | is_backlit)))

@@ -147,7 +147,7 @@ def draw_curvature(canvas: Picture, facts: ObjectFacts) -> None:
     most = float(max(np.abs(code).max(initial=0), BOX_CAR + 3))
 
     def y_of(value: float) -> float:
-        return (top + bottom) / 2 - value / most * (bottom - top) / 2
+        return float((top + bottom) / 2 - value / most * (bottom - top) / 2)
 
     for value, colour in ((0, SOFT), (THRESHOLD, ORANGE), (-THRESHOLD, GREEN)):
         y = y_of(value)
@@ -249,7 +249,7 @@ def brightened_inside(picture: Grey, facts: ObjectFacts) -> Grey:
         return picture
     low, high = np.percentile(inside, INSIDE_PERCENTILES)
     spread = (picture.astype(np.float32) - low) * (255.0 / max(high - low, 4.0))
-    return np.clip(spread, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(spread, 0, 255).astype(np.uint8), dtype=np.uint8)
 
 
 def titled(canvas: Picture, title: str) -> Picture:

@@ -70,10 +70,17 @@ def _segmentation(s: Segmentation) -> StageTable:
         ("lighting", s.lighting),
         ("histogram", "two humps" if s.is_bimodal else "one hump: no threshold from it"),
         ("table's level", f"{levels.ground:.0f} of 255"),
-        ("things' level", f"{levels.object:.0f}"),
-        ("threshold", f"{levels.threshold:.0f}"),
-        ("separation (Ashman's D)", f"{levels.separation:.1f}"),
-        ("valley / lower hump", f"{levels.valley:.2f}"),
+    ]
+    if s.lighting == "backlit":
+        rows += [
+            ("things' level", f"{levels.object:.0f}"),
+            ("threshold", f"{levels.threshold:.0f}"),
+            ("separation (Ashman's D)", f"{levels.separation:.1f}"),
+            ("valley / lower hump", f"{levels.valley:.2f}"),
+        ]
+    else:
+        rows.append(("threshold", "none: under lamps things are found by their borders"))
+    rows += [
         ("saturated", f"{100 * levels.saturated_share:.1f} %"),
         ("noise", f"{levels.noise:.1f} levels rms"),
         ("level step", f"{levels.step}"),

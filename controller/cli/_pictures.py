@@ -1,0 +1,224 @@
+"""Stored pictures as recognition wants them: grey, 8 bits, of the calibration's size; or why not.
+
+What a file holds is read as it is stored: nothing is turned by a tag that a viewer would follow,
+since the calibration is of the sensor's pixels.
+"""
+
+import zlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.config import ConfigError
+
+Grey = NDArray[np.uint8]
+
+ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".webp")
+CAMERA_BITS = (8, 10, 12, 14, 16)  # what sensors deliver
+UNIT_RANGE = 2.0  # levels of 0..255 of which none is brighter would be black: these are 0..1
+NOISE_BELOW_ZERO = 0.02  # of the brightest level: what filters leave under black
+PNG_BEGIN = b"\x89PNG\r\n\x1a\n"
+JPEG_BEGIN, JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class StoredPicture:
+    """A picture from a file.
+
+    Attributes
+    ----------
+    grey : (height, width)
+    notes : what was done to it so that it is grey and has 8 bits, in words
+    """
+
+    grey: Grey
+    notes: tuple[str, ...]
+
+
+def pictures_among(paths: Iterable[Path]) -> tuple[list[Path], list[str]]:
+    """Return the pictures a command line names, folders' in their order, and remarks on it.
+
+    A picture that is named twice is one.
+
+    Raises
+    ------
+    ConfigError : a folder without pictures
+    """
+    found: list[Path] = []
+    for path in paths:
+        found += _pictures_in(path) if path.is_dir() else [path]
+    kept: dict[Path, Path] = {}
+    remarks = []
+    for path in found:
+        if kept.setdefault(path.resolve(), path) is not path:
+            remarks.append(f"{path}: named twice, answered once")
+    return list(kept.values()), remarks
+
+
+def _pictures_in(folder: Path) -> list[Path]:
+    found = sorted(
+        file
+        for file in folder.iterdir()
+        if file.suffix.lower() in ENDINGS and not file.name.startswith(".")
+    )
+    if not found:
+        raise ConfigError(f"{folder}: no picture in this folder ({', '.join(ENDINGS)})")
+    return found
+
+
+def read_picture(path: Path, size_px: tuple[int, int]) -> StoredPicture:
+    """Read a picture of a camera.
+
+    Parameters
+    ----------
+    size_px : (width, height) of the calibration
+
+    Raises
+    ------
+    ConfigError : there is none, it cannot be read, or is not of the camera's size
+    """
+    stored = _decoded(path)
+    height, width = stored.shape[:2]
+    if (width, height) != size_px:
+        raise ConfigError(
+            f"{path}: {width} x {height} px, the calibration is for {size_px[0]} x {size_px[1]} px"
+        )
+    notes: list[str] = []
+    levels = _single(stored, notes)
+    return StoredPicture(_eight_bits(path, levels, notes), tuple(notes))
+
+
+def _decoded(path: Path) -> NDArray[Any]:
+    if not path.is_file():
+        raise ConfigError(f"{path}: no such picture")
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}; check the file's permissions") from error
+    if not data:
+        raise ConfigError(f"{path}: the file is empty")
+    if not _is_whole(data):
+        raise ConfigError(f"{path}: the picture is cut off or damaged; copy it again")
+    logging = cv2.utils.logging
+    level = logging.getLogLevel()
+    # what decoders say of a bad file is said below, in words
+    logging.setLogLevel(logging.LOG_LEVEL_SILENT)
+    try:
+        stored = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:  # no picture, or one larger than OpenCV reads
+        stored = None
+    finally:
+        logging.setLogLevel(level)
+    if stored is None or stored.size == 0:
+        raise ConfigError(f"{path}: is no picture that can be read (PNG, JPEG, TIFF)")
+    return np.asarray(stored)
+
+
+def _is_whole(data: bytes) -> bool:
+    """Tell whether a PNG or JPEG file is all there: decoders fill up what is missing."""
+    if data.startswith(PNG_BEGIN):
+        return _is_whole_png(data)
+    if data.startswith(JPEG_BEGIN):
+        return JPEG_END in data[-1024:]  # some programs write a little behind it
+    return True
+
+
+def _is_whole_png(data: bytes) -> bool:
+    """Tell whether all pieces of a PNG file up to its end are there, with their checksums."""
+    at = len(PNG_BEGIN)
+    while at + 12 <= len(data):
+        length = int.from_bytes(data[at : at + 4], "big")
+        name, end = data[at + 4 : at + 8], at + 8 + length
+        if zlib.crc32(data[at + 4 : end]) != int.from_bytes(data[end : end + 4], "big"):
+            return False
+        if name == b"IEND":
+            return True
+        at = end + 4
+    return False
+
+
+def _single(stored: NDArray[Any], notes: list[str]) -> NDArray[Any]:
+    """Return one channel of a stored picture."""
+    if stored.ndim == 2:
+        return stored
+    if stored.shape[2] in (2, 4):
+        opaque = stored[..., -1]
+        if (opaque != opaque.max()).any():
+            notes.append("transparency is ignored")
+        stored = stored[..., :-1]
+    first = stored[..., 0]
+    if stored.shape[2] == 1 or all(
+        np.array_equal(first, stored[..., k], equal_nan=stored.dtype.kind == "f")
+        for k in range(1, stored.shape[2])
+    ):
+        return first
+    notes.append("colour is turned to grey")
+    # by brightness as the eye has it (ITU-R BT.601), OpenCV's order of colours
+    weights = np.array([0.114, 0.587, 0.299])
+    grey = stored[..., :3].astype(np.float64) @ weights
+    return np.asarray(grey if stored.dtype.kind == "f" else np.round(grey).astype(stored.dtype))
+
+
+def _eight_bits(path: Path, levels: NDArray[Any], notes: list[str]) -> Grey:
+    if levels.dtype == np.uint8:
+        return np.ascontiguousarray(levels, dtype=np.uint8)
+    if levels.dtype.kind == "f" and not np.isfinite(levels).all():
+        raise ConfigError(f"{path}: some of its grey levels are no numbers")
+    low, high = float(levels.min()), float(levels.max())
+    if low < -NOISE_BELOW_ZERO * max(high, 0.0):
+        raise ConfigError(f"{path}: grey levels below zero, down to {low:g}: is it a picture?")
+    if levels.dtype.kind == "f" and high <= UNIT_RANGE:
+        notes.append("levels with decimals are taken as 0 to 1")
+        return _scaled(levels, 1.0)
+    if high >= 2**16:
+        raise ConfigError(
+            f"{path}: grey levels up to {high:g}; asked are at most 16 bits, or decimals up to 1"
+        )
+    full, told = _range_of(levels, int(high))
+    notes.append(f"levels {told}")
+    return _scaled(levels, full)
+
+
+def _range_of(levels: NDArray[Any], high: int) -> tuple[float, str]:
+    """Return the brightest level there can be, and in words where it comes from.
+
+    Cameras of 10, 12 or 14 bits are stored in 16, either at the lower end, so that no level is
+    beyond their range, or at the upper end, with the bits below left empty. What is too dark to
+    fill its range is brightened by a power of two, which recognition does not mind.
+    """
+    if levels.dtype.kind in "iu":
+        empty = _empty_bits(levels)
+        if 16 - empty in CAMERA_BITS[1:4] and high.bit_length() > 16 - empty:
+            return float(2**16 - 2**empty), f"of {16 - empty} bits, stored at the upper end of 16"
+    bits = next(bits for bits in CAMERA_BITS if high < 2**bits)
+    return float(2**bits - 1), f"are taken as those of {bits} bits (the brightest is {high})"
+
+
+def _empty_bits(levels: NDArray[Any]) -> int:
+    """Return how many of the lowest bits no level has."""
+    used = int(np.bitwise_or.reduce(levels, axis=None))
+    return (used & -used).bit_length() - 1 if used else 0
+
+
+def _scaled(levels: NDArray[Any], full: float) -> Grey:
+    return np.clip(np.round(levels.astype(np.float64) * (255.0 / full)), 0, 255).astype(np.uint8)
+
+
+class Remarks:
+    """Tells of each kind of remark once a run, of the first picture it holds for."""
+
+    def __init__(self) -> None:
+        self._told: set[str] = set()
+
+    def fresh(self, notes: Sequence[str]) -> list[str]:
+        """Return those notes that were not told yet."""
+        # the brightest level differs from picture to picture, the range does not
+        kinds = {note.split(" (")[0]: note for note in notes}
+        new = [note for kind, note in kinds.items() if kind not in self._told]
+        self._told.update(kinds)
+        return new
