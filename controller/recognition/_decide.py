@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ._hypotheses import Hypothesis
-from ._scores import FRONT, SILHOUETTE, grey_odds, probability
+from ._scores import FRONT, SILHOUETTE, log_odds, probability
 from .fitting import EdgePoints
 
 Array = NDArray[np.float64]
@@ -16,7 +16,8 @@ Array = NDArray[np.float64]
 SAME_OUTLINE_PX = 0.6  # two predicted outlines this near each other are one in any picture
 SAME_SHARE = 0.97  # of an outline's length; the rest is where samples end
 KNOWN = 0.5  # an answer less likely than not is no answer
-GREY_DECIDES = 3.0  # log-odds from which grey levels rule a reading out: 20 to 1
+CONVINCING = 0.9
+DECIDES = 3.0  # log-odds from which a reading is ruled out: 20 to 1
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -48,24 +49,24 @@ def decide(hypotheses: Sequence[Hypothesis], *, is_backlit: bool, is_lit: bool) 
     """
     if not hypotheses:
         return Decision(None, 1.0, (), None)
-    weights = SILHOUETTE if is_backlit else FRONT
-    odds = [probability(h.evidence, weights) for h in hypotheses]
-    order = np.argsort([-p for p in odds], kind="stable")
-    ranked = [hypotheses[i] for i in order]
-    best, p = ranked[0], odds[order[0]]
+    odds = [log_odds(h.evidence, is_lit=is_lit) for h in hypotheses]
+    order = np.argsort([-o for o in odds], kind="stable")
+    best, top = hypotheses[order[0]], odds[order[0]]
+    p = probability(best.evidence, SILHOUETTE if is_backlit else FRONT)
     if p < KNOWN:
         return Decision(None, 1.0 - p, (), best)
-    rivals = []
-    for other in ranked[1:]:
-        if not looks_same(best.fit.edges, other.fit.edges, outline_only=is_backlit):
-            continue
-        rivals.append(other)
-    # of readings with one outline, what lies inside it decides, if it does
-    inside = {id(h): grey_odds(h.evidence, is_lit=is_lit) for h in (best, *rivals)}
-    same = sorted([best, *rivals], key=lambda h: -inside[id(h)])
-    best = same[0]
-    rivals = [h for h in same[1:] if inside[id(best)] - inside[id(h)] < GREY_DECIDES]
-    return Decision(best, p / (1 + len(rivals)), tuple(rivals), best)
+    rivals = tuple(
+        hypotheses[i]
+        for i in order[1:]
+        if top - odds[i] < DECIDES
+        and looks_same(best.fit.edges, hypotheses[i].fit.edges, outline_only=is_backlit)
+    )
+    return Decision(best, p / (1 + len(rivals)), rivals, best)
+
+
+def is_convincing(hypotheses: Sequence[Hypothesis]) -> bool:
+    """Tell whether one of the readings of a front-lit object needs no others beside it."""
+    return any(probability(h.evidence, FRONT) > CONVINCING for h in hypotheses)
 
 
 def looks_same(a: EdgePoints, b: EdgePoints, *, outline_only: bool) -> bool:

@@ -263,10 +263,12 @@ def _refine(
     model = library.model(candidate.part)
     entry = library.entries[candidate.part]
     pose = entry.pose(candidate.pose)
+    # under lamps a wall's dark foot is easily lost, and a tilt would make up for it
+    is_free = pose.rocking or pose.rolling
     options = FitOptions(
         reach_px=(_reach_px(1.5, sight), _reach_px(0.8, sight)),
         steps=2,
-        tilt_rad=limits.rocking_rad if pose.rocking or pose.rolling else limits.tilt_rad,
+        tilt_rad=limits.rocking_rad if is_free and sight.loops is not None else limits.tilt_rad,
         most=limits.fine_samples,
     )
     fit = fit_edges(model, coarse.T_world_part, camera, sight.measure, options)

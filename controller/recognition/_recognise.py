@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from controller.cad import Camera
 
-from ._decide import Decision, decide
-from ._hypotheses import Hypothesis, SearchLimits, Sight, weigh
+from ._decide import Decision, decide, is_convincing
+from ._hypotheses import Hypothesis, SearchLimits, Sight, weigh, without_repeats
 from ._sighting import Alternative, Recognition, Sighting, Trace
 from .fitting import GreyMeasure, ImageEdges, LoopMeasure
+from .grey import image_features, propose
 from .library import Candidate, Library, Silhouette, polar_grid
 from .segmentation import Region, segment
 
@@ -30,6 +31,7 @@ Mask = NDArray[np.bool_]
 RIM_MM = 0.8  # of a part's grey levels that are blurred with what lies beside it
 BESIDE_PX = 3  # outside the mask strong edges still are the part's
 FAR_BACKLIT = 0.6  # in the index: a whole silhouette finds its like nearby
+MOST_BY_LINES = 8
 FAR_FRONT = 1.5  # one with shaded sides missing may be farther off
 
 
@@ -112,12 +114,33 @@ def _identify(
     candidates.sort(key=lambda c: -c.overlap)
     sight = _sight(region, pictures, camera, main, is_backlit, is_lit)
     hypotheses = weigh(candidates, sight, camera, library, limits.search)
+    if not is_backlit and not is_convincing(hypotheses):
+        proposed = _by_lines(sight, camera, library)
+        candidates += proposed
+        lines = weigh(proposed, sight, camera, library, limits.search, source="lines")
+        hypotheses = without_repeats([*hypotheses, *lines], library)
     decision = decide(hypotheses, is_backlit=is_backlit, is_lit=is_lit)
     trace = Trace(region, tuple(candidates), tuple(hypotheses))
     if decision.best is None:
         reason = _why_not(decision, library)
         return _unknown(region, camera, main.area_mm2, decision.score, reason), trace
     return _known(decision, decision.best, region, main.area_mm2, library), trace
+
+
+def _by_lines(sight: Sight, camera: Camera, library: Library) -> list[Candidate]:
+    """Return what lines, corners and circles of the picture propose; paper, section 3.2."""
+    corner = np.array(sight.corner_px, dtype=np.float64)
+    features = image_features(sight.crop, lambda p: camera.on_plane(p + corner)[:, :2])
+    foot = camera.position_mm
+    found = propose(
+        features, library.grey_index, foot_mm=(float(foot[0]), float(foot[1])), most=MOST_BY_LINES
+    )
+    proposed = []
+    for h in found:
+        part, pose = library.grey_views[h.model_index]
+        x, y = (float(v) for v in h.shift_mm)
+        proposed.append(Candidate(part, pose, h.turn_rad, x, y, h.score, 0.0))
+    return proposed
 
 
 def _silhouettes(region: Region, camera: Camera) -> list[Silhouette]:
@@ -170,7 +193,11 @@ def _sight(
     inside = cv2.erode(mask, np.ones((2 * rim + 1, 2 * rim + 1), np.uint8)) > 0
     beside = 2 * BESIDE_PX + 1
     round_it = inside if is_backlit else cv2.dilate(mask, np.ones((beside, beside), np.uint8)) > 0
-    greys = tuple(GreyMeasure(crop, (x0, y0)) for crop in crops)
+    # the last picture of a backlit part is the glowing table's, its inside dark
+    lit_count = len(crops) - 1 if is_backlit else len(crops)
+    greys = tuple(
+        GreyMeasure(crop, (x0, y0), is_lit=k < lit_count) for k, crop in enumerate(crops)
+    )
     return Sight(
         loops=LoopMeasure(region.loops_px) if is_backlit else None,
         greys=greys,

@@ -7,6 +7,8 @@ import numpy as np
 from .fitting import Evidence
 
 STRETCH_MM = 5.0  # of edge that counts as one observation; nearer ones share their causes
+SIDE_MM = 20.0  # of outline: a bent wall or a badly calibrated corner shifts as much together
+MODEL_PX = 0.15  # no outline is known better, whatever the noise
 PATCH_MM2 = 50.0  # of surface, likewise
 NOISE_VARIANCE = 4.0  # grey levels squared no pose can explain
 FOUND = 1.0  # log-odds for a stretch of inner edge that is where it should be
@@ -55,12 +57,14 @@ def probability(evidence: Evidence, weights: Weights) -> float:
     return float(1.0 / (1.0 + np.exp(-np.clip(logit, -40, 40))))
 
 
-def grey_odds(evidence: Evidence, *, is_lit: bool) -> float:
-    """Return the log-odds, up to a constant of the object's, that grey levels inside give."""
+def log_odds(evidence: Evidence, *, is_lit: bool) -> float:
+    """Return what speaks for a reading, up to a constant of the object's; to compare readings."""
     stretches = evidence.inner_mm / STRETCH_MM
     absent = ABSENT_LIT if is_lit else ABSENT_DARK
     edges = stretches * (FOUND * evidence.inner + absent * (1.0 - evidence.inner))
     explained = evidence.image_mm / STRETCH_MM * evidence.inner_explained
     patches = evidence.area_mm2 / PATCH_MM2
     shading = -0.5 * patches * np.log(evidence.residual + NOISE_VARIANCE)
-    return float(np.clip(edges, -MOST_ODDS, MOST_ODDS) + explained + shading)
+    sides = evidence.outline_mm / SIDE_MM
+    fit = -sides * np.log(evidence.misfit_px**2 + MODEL_PX**2)
+    return float(np.clip(edges, -MOST_ODDS, MOST_ODDS) + explained + shading + fit)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ._fit import EdgeFit
-from ._measure import GreyMeasure, LoopMeasure
+from ._measure import GreyMeasure, LoopMeasure, visibility
 from ._predict import EdgePoints
 from ._shade import Shading
 
@@ -22,9 +22,7 @@ Grey = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
 NEAR_PX = 1.3  # an edge this near its prediction is where it should be
-FAINT = 0.15  # weight of an edge between surfaces that look the same from the camera
-PLAIN_LIFT = 0.4  # a difference in brightness (cosines) from which an edge must be seen
-PLAIN_JUMP_MM = 4.0  # a step so high must show by its shadow
+FAR_PX = 2.5
 STRONG_NOISES = 8.0
 STRONG_SHARE = 0.12  # of the picture's own strong edges, for pictures without noise
 MOST_EDGES = 6000
@@ -85,6 +83,9 @@ class Evidence:
     inner_explained : of the picture's strong edges inside the part that is predicted
     image_mm : length of these
     sigma_px : of the edges found
+    misfit_px : root mean square distance of the predicted outline from what is seen; what is not
+        found counts as `FAR_PX`
+    outline_mm : length of the predicted outline
     shading : share of the brightness' variation inside that the surfaces' turn explains
     residual : variance of the brightness that is left [grey levels squared]
     area_mm2 : over which that was looked at
@@ -97,6 +98,8 @@ class Evidence:
     inner_explained: float
     image_mm: float
     sigma_px: float
+    misfit_px: float
+    outline_mm: float
     shading: float
     residual: float
     area_mm2: float
@@ -122,17 +125,19 @@ def gather(
     edges = fit.edges
     step_px = edges.step_mm / mm_per_px
     on = edges.on_outline
-    near = np.zeros(len(on), dtype=np.bool_)
+    off = np.full(len(on), FAR_PX)
     for grey in greys:
         gaps = grey.gaps(edges.pixels, edges.normals, edges, 3.0).gap_px
-        near |= np.abs(np.nan_to_num(gaps, nan=99.0)) < NEAR_PX
+        off = np.fmin(off, np.abs(gaps))
+    near = off < NEAR_PX
     weight = visibility(edges)
     predicted = is_predicted(image_edges.points_px, edges, np.ones(len(on), np.bool_), step_px)
     # strong ones count more, but one bright rim must not outvote all others
     inner_explained = _weighted(predicted, np.sqrt(image_edges.strength))
     if loops is not None:
         gaps = loops.gaps(edges.pixels, edges.normals, edges, 4.0).gap_px
-        outline = _share(np.abs(np.nan_to_num(gaps[on], nan=99.0)) < NEAR_PX)
+        off = np.fmin(np.abs(gaps), FAR_PX)
+        outline = _share(off[on] < NEAR_PX)
         explained = _share(is_predicted(loops.points, edges, on, step_px))
     else:
         outline = _weighted(near[on], weight[on])
@@ -145,20 +150,12 @@ def gather(
         inner_explained=inner_explained,
         image_mm=len(image_edges.points_px) * image_edges.every * mm_per_px,
         sigma_px=fit.sigma_px,
+        misfit_px=float(np.sqrt(np.mean(off[on] ** 2))) if on.any() else FAR_PX,
+        outline_mm=float(on.sum()) * edges.step_mm,
         shading=shading.explained,
         residual=shading.residual,
         area_mm2=shading.area_px * mm_per_px**2,
     )
-
-
-def visibility(edges: EdgePoints) -> Array:
-    """Return how surely predicted edges show under lamps, (n,) 0..1.
-
-    What is turned another way is lit another way; a step throws a shadow or hides light.
-    """
-    turned = np.abs(edges.lift) / PLAIN_LIFT
-    stepped = edges.jump_mm / PLAIN_JUMP_MM
-    return np.asarray(np.clip(np.maximum(turned, stepped), FAINT, 1.0))
 
 
 def is_predicted(

@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 HUBER_PX = 1.0
 LEAST_POINTS = 12
 LEAST_REACH_PX = 2.5
+LEAST_SIGMA_PX = 0.02
 SETTLED_PX = 0.004  # a step that moves no edge farther is the last one
 CORRELATED_MM = 3.0  # errors of edge points nearer than this are one error: blur, pixels, facets
 CALIBRATION_MM = 0.02  # what the camera's own calibration leaves, whatever the edges say
@@ -102,8 +103,8 @@ def fit_edges(
     if found.sum() < LEAST_POINTS:
         return None
     residual = gaps.gap_px[found]
-    sigma = max(1.48 * float(np.median(np.abs(residual))), 0.02)
-    weight = 1.0 / np.maximum(1.0, np.abs(residual) / max(HUBER_PX, 2 * sigma))
+    sigma = max(1.48 * float(np.median(np.abs(residual))), LEAST_SIGMA_PX)
+    weight = gaps.weight[found] / np.maximum(1.0, np.abs(residual) / max(HUBER_PX, 2 * sigma))
     covariance = _covariance(jacobian[found], weight, sigma, edges.step_mm)
     return EdgeFit(T, edges, gaps, sigma, covariance)
 
@@ -129,7 +130,7 @@ def _descend(
             return None
         gap, slopes = gaps.gap_px[found], jacobian[found, :columns]
         spread = max(HUBER_PX, 1.48 * float(np.median(np.abs(gap))))
-        weight = 1.0 / np.maximum(1.0, np.abs(gap) / spread)
+        weight = gaps.weight[found] / np.maximum(1.0, np.abs(gap) / spread)
         normal = (slopes * weight[:, None]).T @ slopes
         pull = (slopes * weight[:, None]).T @ gap
         normal[np.diag_indices(3)] += 1e-9 * np.diag(normal)[:3] + 1e-12

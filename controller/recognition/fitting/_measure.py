@@ -18,6 +18,11 @@ Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
 TURN_PX = 5.0  # an outline that runs the other way counts as this much farther
+FAINT = 0.15  # weight of an edge between surfaces that look the same from the camera
+PLAIN_LIFT = 0.4  # a difference in brightness (cosines) from which an edge must be seen
+PLAIN_JUMP_MM = 4.0  # a step so high must show by its shadow
+TOLD_LIFT = 0.4  # from which it is clear which side is the brighter one
+WRONG_WAY = 0.3  # worth of an edge that is bright on the other side
 SIDE_PX = 1.0  # profiles are sampled at whole pixels, peaks between them by a parabola
 
 
@@ -28,12 +33,11 @@ class Gaps:
     Attributes
     ----------
     gap_px : (n,) how far along the predicted normal the edge is, NaN where none was found
-    strength : (n,) of the found edge: its contrast in grey levels, signed as rising along the
-        normal; 0 where none was found
+    weight : (n,) how much each counts, 0..1
     """
 
     gap_px: Array
-    strength: Array
+    weight: Array
 
 
 class Measure(Protocol):
@@ -68,7 +72,6 @@ class LoopMeasure:
     def gaps(self, pixels: Array, normals: Array, edges: EdgePoints, reach_px: float) -> Gaps:
         """Return the distances to the nearest loop that runs the same way."""
         gap = np.full(len(pixels), np.nan)
-        strength = np.zeros(len(pixels))
         at = np.flatnonzero(edges.on_outline)
         asked = np.hstack([pixels[at], TURN_PX * normals[at]])
         distance, nearest = self._tree.query(asked, distance_upper_bound=reach_px + TURN_PX)
@@ -79,8 +82,7 @@ class LoopMeasure:
         along = (away * self.normals[nearest]).sum(axis=1)
         good = (agrees > 0.5) & (np.abs(along) < reach_px)
         gap[at[good]] = along[good]
-        strength[at[good]] = 255.0
-        return Gaps(gap, strength)
+        return Gaps(gap, np.ones(len(pixels)))
 
 
 def _loop_normals(loop: Array) -> Array:
@@ -102,18 +104,17 @@ class GreyMeasure:
     ----------
     crop : (h, w) grey
     corner_px : (x0, y0) of the crop in the picture
-    noise : standard deviation of the gradient where nothing is to be seen; None to estimate it
+    is_lit : under lamps, where what faces the camera is brighter than what does not
     """
 
-    def __init__(self, crop: Grey, corner_px: tuple[int, int], noise: float | None = None) -> None:
+    def __init__(self, crop: Grey, corner_px: tuple[int, int], *, is_lit: bool) -> None:
         smooth = cv2.GaussianBlur(crop, (0, 0), 0.8).astype(np.float32)
         # Scharr turns with the edge; 1/32 makes it grey levels a pixel
         self.gx = cv2.Scharr(smooth, cv2.CV_32F, 1, 0, scale=1 / 32)
         self.gy = cv2.Scharr(smooth, cv2.CV_32F, 0, 1, scale=1 / 32)
         self.corner = np.array(corner_px, dtype=np.float64)
-        if noise is None:
-            noise = 1.48 * float(np.median(np.abs(self.gx[::3, ::3]))) + 0.05
-        self.noise = noise
+        self.noise = 1.48 * float(np.median(np.abs(self.gx[::3, ::3]))) + 0.05
+        self._is_lit = is_lit
 
     def gaps(self, pixels: Array, normals: Array, edges: EdgePoints, reach_px: float) -> Gaps:
         """Return the strongest edges near predicted points, nearer ones preferred."""
@@ -127,6 +128,10 @@ class GreyMeasure:
         inner = size[:, 1:-1]
         is_peak = (inner >= size[:, :-2]) & (inner >= size[:, 2:]) & (inner > 3 * self.noise)
         worth = np.where(is_peak, inner * nearness[1:-1], -1.0)
+        if self._is_lit:
+            told = ~edges.on_outline & (np.abs(edges.lift) > TOLD_LIFT)
+            wrong_way = told[:, None] & (slope[:, 1:-1] * edges.lift[:, None] < 0)
+            worth[wrong_way & is_peak] *= WRONG_WAY
         best = worth.argmax(axis=1)
         rows = np.arange(len(pixels))
         found = worth[rows, best] > 0
@@ -134,5 +139,16 @@ class GreyMeasure:
         bow = before - 2 * at + after
         offset = np.where(bow < -1e-9, 0.5 * (before - after) / np.minimum(bow, -1e-9), 0.0)
         gap = steps[1:-1][best] + np.clip(offset, -0.5, 0.5) * SIDE_PX
-        strength = slope[rows, best + 1].astype(np.float64)
-        return Gaps(np.where(found, gap, np.nan), np.where(found, strength, 0.0))
+        weight = visibility(edges) if self._is_lit else np.ones(len(pixels))
+        return Gaps(np.where(found, gap, np.nan), weight)
+
+
+def visibility(edges: EdgePoints) -> Array:
+    """Return how surely predicted edges show under lamps, (n,) 0..1.
+
+    What is turned another way is lit another way; a step throws a shadow or hides light. An
+    outline shows by the surface beside it: a wall that is seen at a glance is as dark as a table.
+    """
+    turned = np.abs(edges.lift) / PLAIN_LIFT
+    stepped = edges.jump_mm / PLAIN_JUMP_MM
+    return np.asarray(np.clip(np.maximum(turned, stepped), FAINT, 1.0))

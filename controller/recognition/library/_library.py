@@ -7,16 +7,26 @@ parts a picture may show, and are asked for when they are.
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import CadError, Camera, PartSymmetry, StablePose
+from controller.cad import (
+    CadError,
+    Camera,
+    PartSymmetry,
+    Solid,
+    StablePose,
+    camera_view,
+    prepare_views,
+)
 from controller.cad.compiled import CompiledPart
 
 from ..fitting import EdgeModel, edge_model
+from ..grey import FeatureIndex, ModelFeatures, feature_index, model_features
 from ._index import ViewIndex
-from ._views import PartViews, Station, view_part
+from ._views import PartViews, Station, lying, view_part
 
 Array = NDArray[np.float64]
 
@@ -37,6 +47,8 @@ class Entry:
         where any turn does
     centroid_mm : (3,) centre of mass, CAD frame
     views : of these poses
+    features : lines, corners and circles each of these poses shows, at turn 0 straight below the
+        camera
     """
 
     name: str
@@ -44,6 +56,7 @@ class Entry:
     turns_rad: tuple[Array, ...]
     centroid_mm: Array
     views: PartViews
+    features: tuple[ModelFeatures, ...]
 
     def pose(self, index: int) -> StablePose:
         """Return the pose of an index."""
@@ -70,8 +83,23 @@ class Library:
     ) -> None:
         self.entries = tuple(entries)
         self.index = ViewIndex([entry.views for entry in self.entries], eye_mm)
+        self.eye_mm = np.asarray(eye_mm, dtype=np.float64)
         self._load = load
         self._models: OrderedDict[int, EdgeModel] = OrderedDict()
+
+    @cached_property
+    def grey_index(self) -> FeatureIndex:
+        """Features of all poses of all parts, in the order of ``grey_views``."""
+        return feature_index([f for entry in self.entries for f in entry.features])
+
+    @cached_property
+    def grey_views(self) -> tuple[tuple[int, int], ...]:
+        """Part and pose of each view of ``grey_index``."""
+        return tuple(
+            (number, pose.index)
+            for number, entry in enumerate(self.entries)
+            for pose in entry.poses
+        )
 
     def model(self, part: int) -> EdgeModel:
         """Return the edges of a part, from memory if it was asked for lately."""
@@ -113,7 +141,18 @@ def make_entry(
         raise CadError(f"{error}; use another camera or a smaller part") from error
     turns = tuple(turns_that_keep(pose.R, part.symmetry) for pose in poses)
     centroid = np.asarray(part.solid.centroid_mm, dtype=np.float64)
-    return Entry(part.solid.name, poses, turns, centroid, views), model
+    features = tuple(_features(part.solid, pose, station) for pose in poses)
+    return Entry(part.solid.name, poses, turns, centroid, views, features), model
+
+
+def _features(solid: Solid, pose: StablePose, station: Station) -> ModelFeatures:
+    """Return what a pose shows straight below the camera, in mm on the table."""
+    eye = station.eye_mm
+    T_world_cam = np.diag([1.0, -1.0, -1.0, 1.0])
+    T_world_cam[2, 3] = eye
+    above = Camera((1, 1), np.diag([eye, eye, 1.0]), np.zeros(5), T_world_cam)
+    T = lying(solid, pose, 0.0, 0.0, 0.0)
+    return model_features(camera_view(solid, T, above, prepared=prepare_views(solid)), T, eye)
 
 
 def _distinct_poses(poses: Sequence[StablePose], least: float) -> tuple[StablePose, ...]:
