@@ -108,6 +108,11 @@ class ObjectFacts:
     like_size: int
 
 
+def degrees_told(angle_rad: float, decimals: int) -> str:
+    """Return an angle in degrees, zero without a sign."""
+    return f"{round(float(np.degrees(angle_rad)), decimals) + 0.0:.{decimals}f}"
+
+
 def object_facts(
     picture: Grey, camera: Camera, library: Library, seen: Recognition
 ) -> tuple[ObjectFacts, ...]:
@@ -235,8 +240,8 @@ def _others(
     library: Library,
 ) -> tuple[Other, ...]:
     def name(reading: Hypothesis | Candidate) -> str:
-        turn = np.degrees(reading.theta_rad)
-        return f"{library.entries[reading.part].name}, pose {reading.pose}, {turn:.1f} deg"
+        turn = degrees_told(reading.theta_rad, 1)
+        return f"{library.entries[reading.part].name}, pose {reading.pose}, {turn} deg"
 
     out = [
         Other(f"{name(h)}: score {scores[k]:.3f}", h.fit.edges)

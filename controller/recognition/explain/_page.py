@@ -30,7 +30,7 @@ from ._draw import (
     write,
     write_lines,
 )
-from ._facts import ObjectFacts
+from ._facts import ObjectFacts, degrees_told
 from ._panels import (
     ELLIPSE_FACTOR,
     brightened_inside,
@@ -88,8 +88,7 @@ def draw_page(
 
 def _overview(picture: Grey, camera: Camera, facts: Sequence[ObjectFacts]) -> Picture:
     """Return the whole picture, enlarged by whole numbers, with what was found on it."""
-    down = max(1, round(SHOWN_PX / picture.shape[0]))
-    across = max(1, round(down * float(camera.K[1, 1] / camera.K[0, 0])))
+    across, down = _enlarged(picture.shape[0], float(camera.K[1, 1] / camera.K[0, 0]))
     shown = np.repeat(np.repeat(toned(picture), down, axis=0), across, axis=1)
     sheet = Sheet(np.ascontiguousarray(shown), np.zeros(2), np.array([across, down], dtype=float))
     for f in facts:
@@ -102,14 +101,33 @@ def _overview(picture: Grey, camera: Camera, facts: Sequence[ObjectFacts]) -> Pi
         x0, y0, x1, _ = f.trace.region.box_px
         corner = np.array([x0, y0], dtype=np.float64)
         name = f"{s.part}, pose {s.pose_index}" if s.part else "unknown object"
+        name += f"  {s.score:.3f}"
         if f.trace.region.touches_edge:
             name = "cut by the edge"
             box = np.array([[x0, y0], [x1, y0], [x1, f.trace.region.box_px[3]],
                             [x0, f.trace.region.box_px[3]]], dtype=np.float64)  # fmt: skip
-            sheet.line(box, VERMILION, 1, is_closed=True)
+            sheet.line(box, VERMILION, 2, is_closed=True)
         colour = WHITE if s.part else VERMILION
-        sheet.words(f"#{f.number} {name}  {s.score:.3f}", corner, colour, (0, -22))
+        sheet.words(f"#{f.number} {name}", corner, colour, (0, -22))
     return sheet.canvas
+
+
+def _enlarged(height: int, aspect: float) -> tuple[int, int]:
+    """Return by which whole numbers a picture is enlarged, across and down.
+
+    Parameters
+    ----------
+    aspect : how much wider than high a pixel is
+    """
+    wanted = SHOWN_PX / height
+    # of sizes about right, the one that draws pixels as they are on the table
+    tried = range(max(1, round(0.75 * wanted)), max(1, round(1.25 * wanted)) + 1)
+    down = min(tried, key=lambda n: (_off(n, aspect) > 0.02, abs(n - wanted)))
+    return max(1, round(down * aspect)), down
+
+
+def _off(down: int, aspect: float) -> float:
+    return abs(max(1, round(down * aspect)) / down / aspect - 1.0)
 
 
 def _column(height: int, seen: Recognition, facts: Sequence[ObjectFacts], title: str) -> Picture:
@@ -154,7 +172,7 @@ def _told(f: ObjectFacts) -> list[tuple[str, Colour]]:
     ]
     if s.ambiguous_with:
         also = "; ".join(
-            f"{a.part}, pose {a.pose_index}, {np.degrees(a.theta_rad):.1f} deg"
+            f"{a.part}, pose {a.pose_index}, {degrees_told(a.theta_rad, 1)} deg"
             for a in s.ambiguous_with
         )
         lines.append((f"could also be: {also}", ORANGE))
@@ -212,7 +230,7 @@ def _details(
         draw_pose(sheet, h, f.edges[f.shown], camera)
         draw_place(sheet, f, camera)
         what = "chosen pose" if f.chosen >= 0 else "nearest, not taken"
-        what += f": {names[h.part]}, pose {h.pose}, {np.degrees(h.theta_rad):.1f} deg"
+        what += f": {names[h.part]}, pose {h.pose}, {degrees_told(h.theta_rad, 1)} deg"
     panels.append(titled(sheet.canvas, f"3 {what}" + (", brightened" if is_dark else "")))
 
     sheet = window(picture, camera, f, side)

@@ -37,6 +37,7 @@ ELLIPSE_FACTOR = 50
 RUNNER_UPS: tuple[Colour, ...] = (ORANGE, PURPLE, SKY)
 ARC_STEP_RAD = 0.05
 ARROW_MM = 12.0
+WIDER = 0.3  # of the object's box on each side, at most
 FILLED = 0.86  # of a window's side by the object's box
 INSIDE_PERCENTILES = (2.0, 98.0)
 
@@ -44,9 +45,16 @@ INSIDE_PERCENTILES = (2.0, 98.0)
 def window(picture: Grey, camera: Camera, facts: ObjectFacts, side: int) -> Sheet:
     """Return a square canvas with an object's box on it, as large as it goes.
 
-    Pixels that are not square are drawn as they are on the table.
+    Pixels that are not square are drawn as they are on the table. Where edges are predicted beyond
+    the box, the window is wider, so that what is missing is seen to be missing.
     """
-    x0, y0, x1, y1 = facts.trace.region.box_px
+    low, high = (np.array(b, dtype=np.float64) for b in np.split(facts.trace.region.box_px, 2))
+    if facts.shown >= 0:
+        pixels = facts.trace.hypotheses[facts.shown].fit.edges.pixels
+        most = WIDER * (high - low)
+        low = np.clip(pixels.min(axis=0), low - most, low)
+        high = np.clip(pixels.max(axis=0), high, high + most)
+    (x0, y0), (x1, y1) = low.tolist(), high.tolist()
     aspect = float(camera.K[1, 1] / camera.K[0, 0])
     zoom = FILLED * side / max((x1 - x0) * aspect, y1 - y0, 1.0)
     scale = np.array([zoom * aspect, zoom])

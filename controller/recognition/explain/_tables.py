@@ -8,7 +8,7 @@ import numpy as np
 from .._sighting import Recognition
 from ..library import Library
 from ..segmentation import Segmentation
-from ._facts import BOX_CAR, THRESHOLD, ObjectFacts
+from ._facts import BOX_CAR, THRESHOLD, ObjectFacts, degrees_told
 
 UNTOLD_RAD = 0.5  # a turn less exact than that is not known
 
@@ -43,7 +43,7 @@ class StageTable:
 def _told(cell: Cell, decimals: int) -> str:
     if cell is None:
         return "-"
-    return f"{cell:.{decimals}f}" if isinstance(cell, float) else str(cell)
+    return f"{round(cell, decimals) + 0.0:.{decimals}f}" if isinstance(cell, float) else str(cell)
 
 
 def stage_tables(
@@ -261,7 +261,7 @@ def _decision(f: ObjectFacts) -> StageTable:
         ]
     else:
         others = "; ".join(
-            f"{a.part}, pose {a.pose_index}, {np.degrees(a.theta_rad):.1f} deg"
+            f"{a.part}, pose {a.pose_index}, {degrees_told(a.theta_rad, 1)} deg"
             for a in s.ambiguous_with
         )
         rows = [
@@ -280,4 +280,4 @@ def turn_told(f: ObjectFacts) -> str:
     s = f.sighting
     if s.sigma_rad > UNTOLD_RAD:
         return "any: nothing in the picture tells how it is turned"
-    return f"{np.degrees(s.theta_rad):.2f} deg, +- {np.degrees(s.sigma_rad):.3f} deg"
+    return f"{degrees_told(s.theta_rad, 2)} deg, +- {degrees_told(s.sigma_rad, 3)} deg"

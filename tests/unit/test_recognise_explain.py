@@ -1,0 +1,247 @@
+"""What explains an answer: the stages' tables hold what is known on paper, the drawing shows it."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+import shapely
+from numpy.typing import NDArray
+from recognise_bench import (
+    CAMERA,
+    HOLE_MM,
+    SIDES_MM,
+    Grey,
+    backlit,
+    front_lit,
+    library,
+    shape,
+    small,
+    small_camera,
+)
+
+from controller.recognition import recognise
+from controller.recognition.explain import Explanation, StageTable, explain
+from controller.recognition.explain._draw import GREEN, ORANGE, PURPLE, SKY, VERMILION, YELLOW
+
+Array = NDArray[np.float64]
+OVERVIEW_PX = (1280, 1600)  # twice the picture's 640 x 800
+
+
+@cache
+def plain() -> tuple[Grey, Explanation]:
+    grey = backlit(shape())
+    return grey, explained(grey)
+
+
+def explained(grey: Grey, title: str = "") -> Explanation:
+    return explain(grey, CAMERA, library(), recognise(grey, CAMERA, library()), title)
+
+
+def table(told: Explanation, words: str) -> StageTable:
+    (found,) = (t for t in told.tables if words in t.title)
+    return found
+
+
+def column(t: StageTable, heading: str) -> list[object]:
+    k = t.columns.index(heading)
+    return [row[k] for row in t.rows]
+
+
+def has_colour(
+    picture: NDArray[np.uint8], colour: tuple[int, int, int], least: int = 20, near: int = 40
+) -> bool:
+    # thin lines are drawn smooth, so that some of what lies below shows through
+    off = np.abs(picture.astype(int) - np.array(colour)).max(axis=2)
+    return int((off <= near).sum()) >= least
+
+
+def on_table(outline: shapely.Geometry) -> shapely.Polygon:
+    def taken(ring: shapely.LinearRing) -> Array:
+        return CAMERA.on_plane(np.asarray(ring.coords))[:, :2]
+
+    return shapely.Polygon(taken(outline.exterior), [taken(r) for r in outline.interiors])
+
+
+def test_corners_are_told_as_in_the_papers_table_2() -> None:
+    _, told = plain()
+    corners = table(told, "corners of the chain code")
+    assert corners.columns == ("Corner No.", "Distance", "Size")
+    assert column(corners, "Corner No.") == [1, 2, 3, 4, 5, 6]
+    size = np.array(column(corners, "Size"), dtype=float)
+    # right angles: the filter gives the box-car's length; one of six is notched
+    assert np.abs(np.abs(size) - 15).max() <= 3
+    assert (size < 0).sum() == 1
+    # a chain of cracks is as long as the sides of an outline along the grid, stairs apart
+    distance = np.array(column(corners, "Distance"), dtype=float)
+    whole = float(corners.title.split(" of ")[-1])
+    share = np.diff(distance, append=distance[0] + whole) / whole
+    expected = np.array(SIDES_MM) / sum(SIDES_MM)
+    off = [np.abs(share - np.roll(expected, k)).max() for k in range(len(expected))]
+    assert min(off) < 0.02
+    # from a side of 38 mm to one of 24 mm it turns inwards
+    assert int(np.argmin(off)) == (int(np.argmin(size)) - 3) % 6
+
+
+def test_size_and_survivors_of_an_object_are_told() -> None:
+    _, told = plain()
+    objects = table(told, "objects:")
+    (row,) = objects.rows
+    shadow = on_table(shape())
+    assert column(objects, "area [mm2]")[0] == pytest.approx(shadow.area, rel=0.01)
+    assert column(objects, "perimeter [mm]")[0] == pytest.approx(shadow.exterior.length, rel=0.01)
+    assert column(objects, "holes") == [1]
+    assert column(objects, "cut by edge") == ["no"]
+    assert row[-1] == "elbow"
+    survivors = [column(objects, h)[0] for h in ("views in library", "of like area", "fitted")]
+    assert survivors == sorted(survivors, reverse=True)  # type: ignore[type-var]
+    assert survivors[-1] >= 1  # type: ignore[operator]
+
+
+def test_the_boundary_is_told_as_lines_and_an_arc() -> None:
+    _, told = plain()
+    primitives = table(told, "lines and arcs")
+    outline = [row for row in primitives.rows if row[0] == "outline"]
+    assert [row[1] for row in outline] == ["line"] * 6
+    holes = [row for row in primitives.rows if row[0] == "hole 1"]
+    assert {row[1] for row in holes} == {"arc"}
+    k = primitives.columns.index("radius [mm]")
+    # its shadow is that of the rim on top, 8 mm nearer to the camera 700 mm up
+    widest = HOLE_MM * 700 / (700 - 8)
+    assert all(-widest - 0.3 < row[k] < -HOLE_MM + 0.6 for row in holes)  # type: ignore[operator]
+
+
+def test_the_right_candidate_matches_all_corners_and_the_hole() -> None:
+    _, told = plain()
+    candidates = table(told, "candidates by silhouette")
+    assert column(candidates, "part")[0] == "elbow"
+    assert column(candidates, "corners+holes matched")[0] == 6 + 1
+    assert column(candidates, "missed")[0] == column(candidates, "spurious")[0] == 0
+    overlaps = column(candidates, "overlap")
+    assert overlaps == sorted(overlaps, reverse=True)  # type: ignore[type-var]
+    assert abs(float(str(column(candidates, "turned by [deg]")[0]))) < 1.0
+
+
+def test_the_hypothesis_that_was_taken_and_the_decision_agree() -> None:
+    grey, told = plain()
+    (seen,) = recognise(grey, CAMERA, library()).sightings
+    fitted = table(told, "fitted hypotheses")
+    assert column(fitted, "taken").count("yes") == 1
+    best = column(fitted, "taken").index("yes")
+    assert column(fitted, "part")[best] == seen.part == "elbow"
+    assert column(fitted, "pose")[best] == seen.pose_index
+    decision = dict(table(told, "decision").rows)
+    assert decision["answer"] == f"elbow, stable pose {seen.pose_index}"
+    assert decision["score"] == f"{seen.score:.3f}"
+    assert decision["ambiguous with"] == "nothing else"
+
+
+def test_segmentation_is_told_with_its_threshold() -> None:
+    _, told = plain()
+    rows = dict(table(told, "segmentation").rows)
+    assert rows["lighting"] == "backlit"
+    assert rows["histogram"] == "two humps"
+    # the picture was made with 210 and 18
+    assert rows["table's level"] == "210 of 255"
+    assert 18 < int(str(rows["threshold"])) < 210
+
+
+def test_every_cell_is_a_plain_value_and_rows_are_as_wide_as_the_heading() -> None:
+    _, told = plain()
+    for t in told.tables:
+        assert len(t.columns) == len(t.decimals)
+        for row, text in zip(t.rows, t.text_rows(), strict=True):
+            assert len(row) == len(text) == len(t.columns)
+            assert all(type(cell) in {str, int, float, type(None)} for cell in row)
+
+
+def test_the_drawing_is_coloured_along_the_contour_and_grey_elsewhere() -> None:
+    grey, told = plain()
+    height, width = OVERVIEW_PX
+    overview = told.picture[:height, :width].astype(int)
+    colour = np.ptp(overview, axis=2)
+    u, v = np.asarray(shape().exterior.coords).T
+    across = np.round((u + 0.5) * 2 - 0.5).astype(int)
+    down = np.round((v + 0.5) * 2 - 0.5).astype(int)
+    assert (colour[down, across] > 60).mean() > 0.95
+    # a corner of the table without anything: grey, and as even as the input
+    assert colour[:200, :200].max() == 0
+    assert np.ptp(overview[:200, :200]) < np.ptp(grey[:100, :100]) + 4
+
+
+def test_each_kind_of_mark_has_its_colour_below_the_picture() -> None:
+    _, told = plain()
+    details = told.picture[OVERVIEW_PX[0] :]
+    for colour in (SKY, PURPLE, ORANGE, GREEN, YELLOW):
+        assert has_colour(details, colour)
+    assert not has_colour(details, VERMILION, near=15)  # every edge is where it should be
+
+
+def test_missed_edges_of_what_came_nearest_are_drawn_in_their_colour() -> None:
+    right = shape().bounds[2]
+    told = explained(backlit(shape().difference(shapely.box(right - 25, 0, right + 5, 700))))
+    objects = table(told, "objects:")
+    assert column(objects, "answer") == ["unknown"]
+    assert "none of the known parts" in str(dict(table(told, "decision").rows)["why"])
+    assert column(table(told, "fitted hypotheses"), "taken").count("yes") == 0
+    assert has_colour(told.picture[OVERVIEW_PX[0] :], VERMILION)
+
+
+def test_a_part_that_reaches_beyond_the_picture_is_framed_and_said_to_be_cut() -> None:
+    told = explained(backlit(shape(x_mm=100.0)))
+    assert column(table(told, "objects:"), "cut by edge") == ["yes"]
+    height, width = OVERVIEW_PX
+    assert has_colour(told.picture[:height, :width], VERMILION, 100)
+    assert "partly outside" in str(dict(table(told, "decision").rows)["why"])
+
+
+def test_under_lamps_grey_features_are_told_and_drawn() -> None:
+    told = explained(front_lit(shape(theta_rad=0.4)))
+    assert dict(table(told, "segmentation").rows)["lighting"] == "front"
+    counts = dict(zip(*(column(table(told, "grey features"), h) for h in ("what", "count"))))  # noqa: B905
+    assert counts["lines"] >= 6  # type: ignore[operator]
+    assert counts["corners"] >= 6  # type: ignore[operator]
+    assert counts["circles and arcs"] >= 1  # type: ignore[operator]
+    details = told.picture[OVERVIEW_PX[0] :]
+    assert has_colour(details, SKY)
+    assert has_colour(details, PURPLE)
+
+
+def test_an_empty_table_is_explained_too() -> None:
+    told = explained(backlit())
+    assert len(told.tables) == 2
+    assert table(told, "objects:").rows == ()
+    assert told.picture.shape == (*OVERVIEW_PX[:1], OVERVIEW_PX[1] + 400, 3)
+
+
+def test_small_pictures_are_enlarged_to_their_true_proportions() -> None:
+    camera = small_camera()
+    parts = library()
+    grey = small(backlit(shape()))
+    seen = recognise(grey, camera, parts)
+    told = explain(grey, camera, parts, seen)
+    height, width = told.picture.shape[:2]
+    # pixels 5 wide and 4 high, of which there are 160 x 160, beside a column of 400
+    assert column(table(told, "objects:"), "answer") == ["elbow"]
+    overview_width = width - 400
+    tall = overview_width * 4 / 5
+    assert tall % 160 == 0
+    assert 700 < tall < 1300
+    assert height > tall
+
+
+def test_explaining_changes_nothing_and_gives_the_same_twice() -> None:
+    grey, told = plain()
+    before = grey.copy()
+    again = explained(grey)
+    assert np.array_equal(grey, before)
+    assert np.array_equal(told.picture, again.picture)
+    assert told.tables == again.tables
+
+
+def test_a_picture_of_another_camera_is_refused() -> None:
+    grey, _ = plain()
+    seen = recognise(grey, CAMERA, library())
+    with pytest.raises(ValueError, match="800, 640"):
+        explain(grey[:100], CAMERA, library(), seen)
