@@ -48,7 +48,7 @@ def window(picture: Grey, camera: Camera, facts: ObjectFacts, side: int) -> Shee
     Pixels that are not square are drawn as they are on the table. Where edges are predicted beyond
     the box, the window is wider, so that what is missing is seen to be missing.
     """
-    low, high = (np.array(b, dtype=np.float64) for b in np.split(facts.trace.region.box_px, 2))
+    low, high = np.array(facts.trace.region.box_px, dtype=np.float64).reshape(2, 2)
     if facts.shown >= 0:
         pixels = facts.trace.hypotheses[facts.shown].fit.edges.pixels
         most = WIDER * (high - low)
