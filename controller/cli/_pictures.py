@@ -4,6 +4,7 @@ What a file holds is read as it is stored: nothing is turned by a tag that a vie
 since the calibration is of the sensor's pixels.
 """
 
+import struct
 import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -104,6 +105,8 @@ def _decoded(path: Path) -> NDArray[Any]:
         raise ConfigError(f"{path}: the file is empty")
     if not _is_whole(data):
         raise ConfigError(f"{path}: the picture is cut off or damaged; copy it again")
+    if data.startswith(PNG_BEGIN) and 0 in struct.unpack(">II", data[16:24]):
+        raise ConfigError(f"{path}: is no picture that can be read: it has no pixels")
     logging = cv2.utils.logging
     level = logging.getLogLevel()
     # what decoders say of a bad file is said below, in words

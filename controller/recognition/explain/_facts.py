@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from controller.cad import Camera, ViewModel, outline, prepare_views
 
-from .._decide import decide
 from .._hypotheses import Hypothesis, distinct, is_same_turn
 from .._sighting import Recognition, Sighting, Trace
 from ..binary import (
@@ -53,8 +52,18 @@ FAINT_JUMP_MM = 1.0  # nor a step so low, by its shadow
 
 @dataclass(frozen=True, eq=False, slots=True)
 class EdgeState:
-    """What became of predicted edges (n,): found where they should be, or need not show."""
+    """What became of predicted edges.
 
+    Attributes
+    ----------
+    edges : their samples
+    which : (n,) those that are told of
+    found : (n,) where they should be
+    need_not_show : (n,) they may be there though they are not seen
+    """
+
+    edges: EdgePoints
+    which: Bools
     found: Bools
     need_not_show: Bools
 
@@ -85,7 +94,7 @@ class ObjectFacts:
     chosen : which hypothesis was taken, -1 for none
     shown : the one that was taken, or that came nearest; -1 if none was fitted
     scores : (h,) of each hypothesis alone: how likely its evidence makes it
-    edges : (h,) what became of the predicted edges of each
+    edges : what became of the predicted edges of the shown one
     others : the best readings besides the shown one: fitted ones, then silhouettes
     like_size : views of the library whose area is that of the object, within tolerance
     """
@@ -153,7 +162,7 @@ def _facts(
     area = sighting.area_mm2
     views = np.abs(library.index.area_mm2 - area) <= limits.area_share * area
     chosen = _chosen(sighting, trace.hypotheses)
-    scores = tuple(_score(h, is_backlit=is_backlit) for h in trace.hypotheses)
+    scores = tuple(float(getattr(h, "probability", 0.0)) for h in trace.hypotheses)
     shown = chosen if chosen >= 0 else int(np.argmax(scores)) if scores else -1
     return ObjectFacts(
         number=number,
@@ -169,7 +178,9 @@ def _facts(
         chosen=chosen,
         shown=shown,
         scores=scores,
-        edges=tuple(_edge_state(h, picture, is_backlit=is_backlit) for h in trace.hypotheses),
+        edges=_edge_states(trace.hypotheses[shown], picture, camera, library, is_backlit=is_backlit)
+        if shown >= 0
+        else (),
         others=_others(trace, candidates, shown, scores, camera, library),
         like_size=int(views.sum()),
     )
@@ -265,12 +276,6 @@ def _others(
     return tuple(out)
 
 
-def _score(h: Hypothesis, *, is_backlit: bool) -> float:
-    """Return how likely a hypothesis would be if it were the only one."""
-    alone = decide([h], is_backlit=is_backlit, is_lit=not is_backlit)
-    return alone.score if alone.best is not None else 1.0 - alone.score
-
-
 def _shows(edges: EdgePoints, picture: Grey) -> Bools:
     """Tell at which predicted edges (n,) the grey level changes most just there."""
     if len(edges.pixels) == 0:
@@ -296,12 +301,20 @@ def _shows(edges: EdgePoints, picture: Grey) -> Bools:
     return np.asarray(strong & (np.abs(offsets[peak]) <= NEAR_PX))
 
 
-def _edge_state(h: Hypothesis, picture: Grey, *, is_backlit: bool) -> EdgeState:
-    edges: EdgePoints = h.fit.edges
-    gap = h.fit.gaps.gap_px
-    found = np.abs(np.nan_to_num(gap, nan=99.0)) < NEAR_PX
-    if is_backlit:
-        # edges inside are no part of the fit then, but may show in the dark
-        found = np.where(edges.on_outline, found, _shows(edges, picture))
-    faint = (np.abs(edges.lift) < FAINT_LIFT) & (edges.jump_mm < FAINT_JUMP_MM)
-    return EdgeState(np.asarray(found), np.asarray(~edges.on_outline & (faint | is_backlit)))
+def _edge_states(
+    h: Hypothesis, picture: Grey, camera: Camera, library: Library, *, is_backlit: bool
+) -> tuple[EdgeState, ...]:
+    edges = h.fit.edges
+    found = np.abs(np.nan_to_num(h.fit.gaps.gap_px, nan=99.0)) < NEAR_PX
+    if not is_backlit:
+        faint = (np.abs(edges.lift) < FAINT_LIFT) & (edges.jump_mm < FAINT_JUMP_MM)
+        every = np.ones(len(found), dtype=np.bool_)
+        return (EdgeState(edges, every, found, np.asarray(~edges.on_outline & faint)),)
+    # edges inside are no part of such a fit, but may show in the dark
+    inside = predict_edges(library.model(h.part), h.fit.T_world_part, camera)
+    return (
+        EdgeState(edges, edges.on_outline, found, np.zeros(len(found), dtype=np.bool_)),
+        EdgeState(
+            inside, ~inside.on_outline, _shows(inside, picture), np.ones_like(inside.on_outline)
+        ),
+    )

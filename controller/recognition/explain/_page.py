@@ -94,7 +94,7 @@ def _overview(picture: Grey, camera: Camera, facts: Sequence[ObjectFacts]) -> Pi
     for f in facts:
         draw_contour(sheet, f, 3)
         if f.chosen >= 0:
-            draw_pose(sheet, f.trace.hypotheses[f.chosen], f.edges[f.chosen], camera, 1)
+            draw_pose(sheet, f, camera, 1)
         draw_place(sheet, f, camera)
     for f in facts:
         s = f.sighting
@@ -227,7 +227,7 @@ def _details(
     what = "no hypothesis came to be fitted"
     if f.shown >= 0:
         h = f.trace.hypotheses[f.shown]
-        draw_pose(sheet, h, f.edges[f.shown], camera)
+        draw_pose(sheet, f, camera)
         draw_place(sheet, f, camera)
         what = "chosen pose" if f.chosen >= 0 else "nearest, not taken"
         what += f": {names[h.part]}, pose {h.pose}, {degrees_told(h.theta_rad, 1)} deg"

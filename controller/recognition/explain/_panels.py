@@ -7,7 +7,6 @@ from scipy.spatial import cKDTree
 
 from controller.cad import Camera
 
-from .._hypotheses import Hypothesis
 from ..fitting import EdgePoints
 from ._draw import (
     BLACK,
@@ -29,7 +28,7 @@ from ._draw import (
     toned,
     write,
 )
-from ._facts import BOX_CAR, THRESHOLD, EdgeState, ObjectFacts
+from ._facts import BOX_CAR, THRESHOLD, ObjectFacts
 
 Array = NDArray[np.float64]
 
@@ -182,19 +181,18 @@ def draw_curvature(canvas: Picture, facts: ObjectFacts) -> None:
             write(canvas, str(number), (round(float(at[0])) - 4, y), WHITE, 0.4)
 
 
-def draw_pose(
-    sheet: Sheet, hypothesis: Hypothesis, state: EdgeState, camera: Camera, width: int = 2
-) -> None:
-    """Draw predicted edges: found, missed, and those that need not show."""
-    begin, end = _pieces(hypothesis.fit.edges, camera)
-    idle = ~state.found & state.need_not_show
-    missed = ~state.found & ~state.need_not_show
-    for which, colour, wide in (
-        (idle, SOFT, 1),
-        (state.found, GREEN, width),
-        (missed, VERMILION, width + 1),
-    ):
-        sheet.strokes(begin[which], end[which], colour, wide)
+def draw_pose(sheet: Sheet, facts: ObjectFacts, camera: Camera, width: int = 2) -> None:
+    """Draw the shown pose's predicted edges: found, missed, and those that need not show."""
+    for state in facts.edges:
+        begin, end = _pieces(state.edges, camera)
+        idle = ~state.found & state.need_not_show
+        missed = ~state.found & ~state.need_not_show
+        for these, colour, wide in (
+            (idle, SOFT, 1),
+            (state.found, GREEN, width),
+            (missed, VERMILION, width + 1),
+        ):
+            sheet.strokes(begin[these & state.which], end[these & state.which], colour, wide)
 
 
 def _pieces(edges: EdgePoints, camera: Camera) -> tuple[Array, Array]:

@@ -227,6 +227,7 @@ def _hypotheses(f: ObjectFacts, library: Library) -> StageTable:
     rows = []
     for k, (h, score) in enumerate(zip(f.trace.hypotheses, f.scores, strict=True)):
         e = h.evidence
+        is_looked_into = e.area_mm2 > 0  # a silhouette that leaves no choice is enough
         rows.append(
             (
                 library.entries[h.part].name,
@@ -238,10 +239,10 @@ def _hypotheses(f: ObjectFacts, library: Library) -> StageTable:
                 h.overlap,
                 e.outline,
                 e.explained,
-                e.inner,
-                e.inner_mm,
-                e.inner_explained,
-                e.shading,
+                e.inner if is_looked_into else None,
+                e.inner_mm if is_looked_into else None,
+                e.inner_explained if is_looked_into else None,
+                e.shading if is_looked_into else None,
                 e.sigma_px,
                 score,
                 "yes" if k == f.chosen else "",
