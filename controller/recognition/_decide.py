@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ._hypotheses import Hypothesis
-from ._scores import FRONT, SILHOUETTE, log_odds, probability
 from .fitting import EdgePoints
 
 Array = NDArray[np.float64]
@@ -38,35 +37,31 @@ class Decision:
     nearest: Hypothesis | None
 
 
-def decide(hypotheses: Sequence[Hypothesis], *, is_backlit: bool, is_lit: bool) -> Decision:
+def decide(hypotheses: Sequence[Hypothesis], *, is_backlit: bool) -> Decision:
     """Return the answer for one object.
 
     Parameters
     ----------
-    hypotheses : fitted ones, of one object
+    hypotheses : fitted ones, of one object, best first
     is_backlit : its outline is known whole
-    is_lit : there is a picture of it under lamps
     """
     if not hypotheses:
         return Decision(None, 1.0, (), None)
-    odds = [log_odds(h.evidence, is_lit=is_lit) for h in hypotheses]
-    order = np.argsort([-o for o in odds], kind="stable")
-    best, top = hypotheses[order[0]], odds[order[0]]
-    p = probability(best.evidence, SILHOUETTE if is_backlit else FRONT)
-    if p < KNOWN:
-        return Decision(None, 1.0 - p, (), best)
+    best = hypotheses[0]
+    if best.probability < KNOWN:
+        return Decision(None, 1.0 - best.probability, (), best)
     rivals = tuple(
-        hypotheses[i]
-        for i in order[1:]
-        if top - odds[i] < DECIDES
-        and looks_same(best.fit.edges, hypotheses[i].fit.edges, outline_only=is_backlit)
+        h
+        for h in hypotheses[1:]
+        if best.odds - h.odds < DECIDES
+        and looks_same(best.fit.edges, h.fit.edges, outline_only=is_backlit)
     )
-    return Decision(best, p / (1 + len(rivals)), rivals, best)
+    return Decision(best, best.probability / (1 + len(rivals)), rivals, best)
 
 
 def is_convincing(hypotheses: Sequence[Hypothesis]) -> bool:
     """Tell whether one of the readings of a front-lit object needs no others beside it."""
-    return any(probability(h.evidence, FRONT) > CONVINCING for h in hypotheses)
+    return any(h.probability > CONVINCING for h in hypotheses)
 
 
 def looks_same(a: EdgePoints, b: EdgePoints, *, outline_only: bool) -> bool:

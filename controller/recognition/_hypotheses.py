@@ -2,37 +2,39 @@
 
 Fitting is what costs time. Candidates are tried in the order of their silhouettes' overlap; a
 coarse fit with few samples weeds out most, and what cannot come near the best is not fitted at
-all.
+all. What lies inside an outline is looked at only where the outline leaves a choice.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from controller.cad import Camera
 
+from ._scores import FRONT, SILHOUETTE, log_odds, probability
+from ._sight import Sight
 from .fitting import (
     EdgeFit,
+    EdgeModel,
     Evidence,
     FitOptions,
-    GreyMeasure,
-    ImageEdges,
-    LoopMeasure,
-    Measure,
+    Shading,
     fit_edges,
-    gather,
+    grey_evidence,
+    outline_evidence,
+    predict_edges,
     shading_fit,
+    with_inside,
 )
 from .library import Candidate, Library, lying, place_of, turn_of
 
 Array = NDArray[np.float64]
-Grey = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 
 SAME_TURN_RAD = np.radians(4.0)
 SAME_PLACE_MM = 2.0
+OUTLINE_DECIDES = 15.0  # log-odds between fits of one outline, which what lies inside cannot turn
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,23 +46,25 @@ class SearchLimits:
     most_coarse : candidates fitted coarsely
     most_fine : of these fitted in full
     coarse_samples : edge samples of a coarse fit: enough to tell a turn that is off
-    fine_samples : of a full one
+    fine_samples, fine_outline : of a full one; of one to an outline
     first_reach_mm : how far off a candidate may lie: its place comes from a centroid
     coarse_share : of the best one's coarse score that others need for a full fit
     overlap_gap : of silhouettes, by which a candidate may fall short of one that fits perfectly
-    near_perfect : share of outline found and explained from which a fit is perfect
+    perfect, perfect_px : probability from which, and misfit up to which a fit is perfect
     tilt_rad : standard deviation of the table's tilt, and of what a chip under a part makes
     rocking_rad : of a part that rests on a curve, which friction holds beside its lowest place
     """
 
     most_coarse: int = 14
     most_fine: int = 4
-    coarse_samples: int = 350
-    fine_samples: int = 1100
+    coarse_samples: int = 300
+    fine_samples: int = 1000
+    fine_outline: int = 600
     first_reach_mm: float = 5.0
     coarse_share: float = 0.75
     overlap_gap: float = 0.025
-    near_perfect: float = 0.97
+    perfect: float = 0.9
+    perfect_px: float = 0.3
     tilt_rad: float = 0.0015
     rocking_rad: float = 0.02
 
@@ -75,8 +79,10 @@ class Hypothesis:
     theta_rad : turn about z from the pose's ``R``
     place_mm : (2,) of the centre of mass
     fit, evidence : how it lies, and what speaks for it
-    overlap : of the silhouettes it was found by, 0 if it was found otherwise
-    source : "outline", "corners" or "lines": what proposed it
+    probability : that it is right, by itself
+    odds : log-odds up to a constant, to compare it with other readings of the same object
+    overlap : of the silhouettes it was found by, or score of the lines
+    source : "outline" or "lines": what proposed it
     """
 
     part: int
@@ -85,37 +91,10 @@ class Hypothesis:
     place_mm: Array
     fit: EdgeFit
     evidence: Evidence
+    probability: float
+    odds: float
     overlap: float
     source: str
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Sight:
-    """What of the pictures belongs to one object, ready to be compared with.
-
-    Attributes
-    ----------
-    loops : its outline, where that is known whole
-    greys : gradients of the pictures its inner edges are looked for in
-    image_edges : strong edges of the first in and round it
-    crop, corner_px, inside : that picture, where the crop begins, and which pixels are the part's
-    mm_per_px : there
-    is_lit : the pictures of ``greys`` were taken under lamps
-    """
-
-    loops: LoopMeasure | None
-    greys: tuple[GreyMeasure, ...]
-    image_edges: ImageEdges
-    crop: Grey
-    corner_px: tuple[int, int]
-    inside: Mask
-    mm_per_px: float
-    is_lit: bool
-
-    @property
-    def measure(self) -> Measure:
-        """What poses are fitted to."""
-        return self.loops if self.loops is not None else self.greys[0]
 
 
 def weigh(
@@ -126,31 +105,33 @@ def weigh(
     limits: SearchLimits,
     source: str = "outline",
 ) -> list[Hypothesis]:
-    """Return fitted hypotheses, best evidence first."""
+    """Return fitted hypotheses, best first."""
     fine: list[Hypothesis] = []
-    coarse: list[tuple[float, Candidate, EdgeFit]] = []
+    best_coarse, bound = 0.0, -np.inf
     for candidate in distinct(candidates, library)[: limits.most_coarse]:
-        if fine and candidate.overlap < fine[0].overlap - limits.overlap_gap:
+        if candidate.overlap < bound or len(fine) >= limits.most_fine:
             break  # one fits perfectly, and this one's outline is another
-        fit = _fit(candidate, sight, camera, library, limits, is_coarse=True)
+        fit = _coarse(candidate, sight, camera, library, limits)
         if fit is None:
             continue
-        score = _coarse_score(fit, sight)
-        coarse.append((score, candidate, fit))
-        if not fine and score > 0.9 and sight.loops is not None:
-            refined = _refine(candidate, fit, sight, camera, library, limits, source)
-            if refined is not None and _is_perfect(refined, limits):
-                fine.append(refined)
-                coarse.pop()
-    coarse.sort(key=lambda item: -item[0])
-    best = 1.0 if fine else (coarse[0][0] if coarse else 0.0)
-    for score, candidate, fit in coarse[: limits.most_fine]:
-        if score < limits.coarse_share * best:
-            break
+        score = _coarse_score(fit)
+        if score < limits.coarse_share * best_coarse:
+            continue
+        best_coarse = max(best_coarse, score)
         refined = _refine(candidate, fit, sight, camera, library, limits, source)
         if refined is not None:
             fine.append(refined)
-    return without_repeats(fine, library)
+            if refined.probability > limits.perfect and (
+                refined.evidence.misfit_px < limits.perfect_px
+            ):
+                bound = max(bound, refined.overlap - limits.overlap_gap)
+    fine = without_repeats(fine, library)
+    if sight.is_backlit and len(fine) > 1:
+        open_ones = [h for h in fine if h.odds > fine[0].odds - OUTLINE_DECIDES]
+        if len(open_ones) > 1:
+            looked_at = [_look_inside(h, sight, camera, library, limits) for h in open_ones]
+            fine = without_repeats([*looked_at, *fine[len(open_ones) :]], library)
+    return fine
 
 
 def distinct(candidates: Sequence[Candidate], library: Library) -> list[Candidate]:
@@ -177,11 +158,10 @@ def is_same_turn(a_rad: float, b_rad: float, turns_rad: Array) -> bool:
     return bool(np.abs(gap).min() < SAME_TURN_RAD)
 
 
-def without_repeats(hypotheses: list[Hypothesis], library: Library) -> list[Hypothesis]:
+def without_repeats(hypotheses: Sequence[Hypothesis], library: Library) -> list[Hypothesis]:
     """Return hypotheses best first, each pose and turn once."""
-    ranked = sorted(hypotheses, key=lambda h: -rank(h.evidence))
     kept: list[Hypothesis] = []
-    for h in ranked:
+    for h in sorted(hypotheses, key=lambda h: -h.odds):
         turns = library.entries[h.part].turns_of(h.pose)
         if not any(
             k.part == h.part
@@ -194,60 +174,27 @@ def without_repeats(hypotheses: list[Hypothesis], library: Library) -> list[Hypo
     return kept
 
 
-def rank(evidence: Evidence) -> float:
-    """Return a number that orders hypotheses about one object."""
-    return (
-        evidence.outline
-        + evidence.explained
-        + 0.5 * evidence.inner
-        + 0.5 * evidence.shading
-        - 0.1 * evidence.sigma_px
-    )
-
-
-def _is_perfect(h: Hypothesis, limits: SearchLimits) -> bool:
-    return min(h.evidence.outline, h.evidence.explained) > limits.near_perfect
-
-
 def _reach_px(mm: float, sight: Sight) -> float:
     return max(mm / sight.mm_per_px, 3.0)
 
 
-def _fit(
-    candidate: Candidate,
-    sight: Sight,
-    camera: Camera,
-    library: Library,
-    limits: SearchLimits,
-    *,
-    is_coarse: bool,
+def _coarse(
+    candidate: Candidate, sight: Sight, camera: Camera, library: Library, limits: SearchLimits
 ) -> EdgeFit | None:
-    entry = library.entries[candidate.part]
+    pose = library.entries[candidate.part].pose(candidate.pose)
     model = library.model(candidate.part)
-    T = lying(
-        model.solid,
-        entry.pose(candidate.pose),
-        candidate.x_mm,
-        candidate.y_mm,
-        candidate.theta_rad,
+    T = lying(model.solid, pose, candidate.x_mm, candidate.y_mm, candidate.theta_rad)
+    options = FitOptions(
+        reach_px=(_reach_px(limits.first_reach_mm, sight),), steps=3, most=limits.coarse_samples
     )
-    reach = tuple(_reach_px(mm, sight) for mm in (limits.first_reach_mm, 2.0))
-    return fit_edges(
-        model,
-        T,
-        camera,
-        sight.measure,
-        FitOptions(reach_px=reach, steps=2, most=limits.coarse_samples),
-    )
+    return fit_edges(model, T, camera, sight.measure, options)
 
 
-def _coarse_score(fit: EdgeFit, sight: Sight) -> float:
+def _coarse_score(fit: EdgeFit) -> float:
     """Return the share of predicted edges that are about where they should be."""
     off = np.abs(np.nan_to_num(fit.gaps.gap_px, nan=99.0))
-    weight = np.where(fit.edges.on_outline, 1.0, 0.5 * np.clip(np.abs(fit.edges.lift), 0, 1))
-    if sight.loops is not None:
-        weight = fit.edges.on_outline.astype(np.float64)
-    near = np.exp(-0.5 * (off / 1.5) ** 2)
+    near = np.exp(-0.5 * (off / 2.0) ** 2)
+    weight = fit.gaps.weight
     return float((near * weight).sum() / max(weight.sum(), 1e-9))
 
 
@@ -264,27 +211,55 @@ def _refine(
     entry = library.entries[candidate.part]
     pose = entry.pose(candidate.pose)
     # under lamps a wall's dark foot is easily lost, and a tilt would make up for it
-    is_free = pose.rocking or pose.rolling
+    is_free = (pose.rocking or pose.rolling) and sight.is_backlit
     options = FitOptions(
         reach_px=(_reach_px(1.5, sight), _reach_px(0.8, sight)),
-        steps=2,
-        tilt_rad=limits.rocking_rad if is_free and sight.loops is not None else limits.tilt_rad,
-        most=limits.fine_samples,
+        steps=3,
+        tilt_rad=limits.rocking_rad if is_free else limits.tilt_rad,
+        most=limits.fine_outline if sight.is_backlit else limits.fine_samples,
     )
     fit = fit_edges(model, coarse.T_world_part, camera, sight.measure, options)
     if fit is None:
         return None
-    shading = shading_fit(
-        model, fit.T_world_part, camera, sight.crop, sight.corner_px, sight.inside
-    )
-    evidence = gather(fit, sight.mm_per_px, sight.loops, sight.greys, sight.image_edges, shading)
+    if sight.is_backlit:
+        evidence = outline_evidence(fit, sight.loops, sight.mm_per_px)
+    else:
+        evidence = grey_evidence(
+            fit.edges,
+            fit.sigma_px,
+            sight.mm_per_px,
+            sight.greys,
+            sight.image_edges,
+            _shading(fit, model, sight, camera),
+        )
     return Hypothesis(
-        candidate.part,
-        candidate.pose,
-        turn_of(pose.R, fit.T_world_part),
-        place_of(entry, fit.T_world_part),
-        fit,
-        evidence,
-        candidate.overlap,
-        source,
+        part=candidate.part,
+        pose=candidate.pose,
+        theta_rad=turn_of(pose.R, fit.T_world_part),
+        place_mm=place_of(entry, fit.T_world_part),
+        fit=fit,
+        evidence=evidence,
+        probability=probability(evidence, SILHOUETTE if sight.is_backlit else FRONT),
+        odds=log_odds(evidence, is_lit=sight.is_lit),
+        overlap=candidate.overlap,
+        source=source,
+    )
+
+
+def _look_inside(
+    h: Hypothesis, sight: Sight, camera: Camera, library: Library, limits: SearchLimits
+) -> Hypothesis:
+    """Return a hypothesis about an outline with what the grey levels inside say of it."""
+    model = library.model(h.part)
+    edges = predict_edges(model, h.fit.T_world_part, camera, limits.fine_samples)
+    shading = _shading(h.fit, model, sight, camera)
+    evidence = with_inside(
+        h.evidence, edges, sight.mm_per_px, sight.greys, sight.image_edges, shading
+    )
+    return replace(h, evidence=evidence, odds=log_odds(evidence, is_lit=sight.is_lit))
+
+
+def _shading(fit: EdgeFit, model: EdgeModel, sight: Sight, camera: Camera) -> Shading:
+    return shading_fit(
+        model, fit.T_world_part, camera, sight.crops[0], sight.corner_px, sight.inside
     )

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from controller.cad import Camera
 
 from ._decide import Decision, decide, is_convincing
-from ._hypotheses import Hypothesis, SearchLimits, Sight, weigh, without_repeats
+from ._hypotheses import Hypothesis, SearchLimits, weigh, without_repeats
+from ._sight import Sight
 from ._sighting import Alternative, Recognition, Sighting, Trace
-from .fitting import GreyMeasure, ImageEdges, LoopMeasure
 from .grey import image_features, propose
 from .library import Candidate, Library, Silhouette, polar_grid
 from .segmentation import Region, segment
@@ -28,8 +28,6 @@ Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
-RIM_MM = 0.8  # of a part's grey levels that are blurred with what lies beside it
-BESIDE_PX = 3  # outside the mask strong edges still are the part's
 FAR_BACKLIT = 0.6  # in the index: a whole silhouette finds its like nearby
 MOST_BY_LINES = 8
 FAR_FRONT = 1.5  # one with shaded sides missing may be farther off
@@ -82,10 +80,9 @@ def recognise(
     found = segment(picture, lighting, usable, limits.min_area_mm2 / pixel_mm2)
     is_backlit = found.lighting == "backlit"
     inner = (*lit, picture) if is_backlit else (picture, *lit)
-    is_lit = bool(lit) or not is_backlit
     sightings, traces = [], []
     for region in found.regions:
-        sighting, trace = _identify(region, inner, camera, library, is_backlit, is_lit, limits)
+        sighting, trace = _identify(region, inner, camera, library, is_backlit, limits)
         sightings.append(sighting)
         traces.append(trace)
     return Recognition(tuple(sightings), tuple(traces), found)
@@ -97,7 +94,6 @@ def _identify(
     camera: Camera,
     library: Library,
     is_backlit: bool,
-    is_lit: bool,
     limits: Limits,
 ) -> tuple[Sighting, Trace]:
     seen = _silhouettes(region, camera)
@@ -112,14 +108,15 @@ def _identify(
         far = FAR_BACKLIT if is_backlit else FAR_FRONT
         candidates += library.index.search(silhouette, far=far)
     candidates.sort(key=lambda c: -c.overlap)
-    sight = _sight(region, pictures, camera, main, is_backlit, is_lit)
+    mm = camera.mm_per_px(np.array([*main.centroid_mm, 0.0]))
+    sight = Sight(region, pictures, mm, is_backlit=is_backlit)
     hypotheses = weigh(candidates, sight, camera, library, limits.search)
     if not is_backlit and not is_convincing(hypotheses):
         proposed = _by_lines(sight, camera, library)
         candidates += proposed
         lines = weigh(proposed, sight, camera, library, limits.search, source="lines")
         hypotheses = without_repeats([*hypotheses, *lines], library)
-    decision = decide(hypotheses, is_backlit=is_backlit, is_lit=is_lit)
+    decision = decide(hypotheses, is_backlit=is_backlit)
     trace = Trace(region, tuple(candidates), tuple(hypotheses))
     if decision.best is None:
         reason = _why_not(decision, library)
@@ -130,7 +127,7 @@ def _identify(
 def _by_lines(sight: Sight, camera: Camera, library: Library) -> list[Candidate]:
     """Return what lines, corners and circles of the picture propose; paper, section 3.2."""
     corner = np.array(sight.corner_px, dtype=np.float64)
-    features = image_features(sight.crop, lambda p: camera.on_plane(p + corner)[:, :2])
+    features = image_features(sight.crops[0], lambda p: camera.on_plane(p + corner)[:, :2])
     foot = camera.position_mm
     found = propose(
         features, library.grey_index, foot_mm=(float(foot[0]), float(foot[1])), most=MOST_BY_LINES
@@ -175,39 +172,6 @@ def _loops(mask: Mask, region: Region) -> tuple[Array, ...]:
     outer = int(np.where(parent < 0, areas, -1.0).argmax())
     mine = [outer, *np.flatnonzero(parent == outer).tolist()]
     return tuple(contours[i].reshape(-1, 2) + np.array(region.box_px[:2], float) for i in mine)
-
-
-def _sight(
-    region: Region,
-    pictures: Sequence[Grey],
-    camera: Camera,
-    main: Silhouette,
-    is_backlit: bool,
-    is_lit: bool,
-) -> Sight:
-    x0, y0, x1, y1 = region.box_px
-    crops = [np.ascontiguousarray(picture[y0:y1, x0:x1]) for picture in pictures]
-    mm = camera.mm_per_px(np.array([*main.centroid_mm, 0.0]))
-    rim = max(1, round(RIM_MM / mm))
-    mask = region.mask.astype(np.uint8)
-    inside = cv2.erode(mask, np.ones((2 * rim + 1, 2 * rim + 1), np.uint8)) > 0
-    beside = 2 * BESIDE_PX + 1
-    round_it = inside if is_backlit else cv2.dilate(mask, np.ones((beside, beside), np.uint8)) > 0
-    # the last picture of a backlit part is the glowing table's, its inside dark
-    lit_count = len(crops) - 1 if is_backlit else len(crops)
-    greys = tuple(
-        GreyMeasure(crop, (x0, y0), is_lit=k < lit_count) for k, crop in enumerate(crops)
-    )
-    return Sight(
-        loops=LoopMeasure(region.loops_px) if is_backlit else None,
-        greys=greys,
-        image_edges=ImageEdges.of(greys[0], np.asarray(round_it)),
-        crop=crops[0],
-        corner_px=(x0, y0),
-        inside=np.asarray(inside),
-        mm_per_px=mm,
-        is_lit=is_lit,
-    )
 
 
 def _known(

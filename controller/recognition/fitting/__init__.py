@@ -1,10 +1,10 @@
 """A posed part's visible edges, the fit of a pose to a picture, and what speaks for it."""
 
-from ._evidence import Evidence, ImageEdges, gather
+from ._evidence import Evidence, ImageEdges, grey_evidence, outline_evidence, with_inside
 from ._fit import EdgeFit, FitOptions, fit_edges
 from ._measure import Gaps, GreyMeasure, LoopMeasure, Measure
 from ._model import EdgeModel, edge_model
-from ._predict import EdgePoints, predict_edges
+from ._predict import EdgePoints, predict_edges, predict_outline
 from ._shade import Shading, shading_fit
 
 __all__ = [
@@ -21,7 +21,10 @@ __all__ = [
     "Shading",
     "edge_model",
     "fit_edges",
-    "gather",
+    "grey_evidence",
+    "outline_evidence",
     "predict_edges",
+    "predict_outline",
     "shading_fit",
+    "with_inside",
 ]

@@ -5,7 +5,7 @@ picture shows predicted?
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -25,7 +25,8 @@ NEAR_PX = 1.3  # an edge this near its prediction is where it should be
 FAR_PX = 2.5
 STRONG_NOISES = 8.0
 STRONG_SHARE = 0.12  # of the picture's own strong edges, for pictures without noise
-MOST_EDGES = 6000
+MOST_EDGES = 1200
+MOST_POINTS = 700  # of an outline that are asked whether they were predicted
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -105,52 +106,84 @@ class Evidence:
     area_mm2: float
 
 
-def gather(
-    fit: EdgeFit,
+def outline_evidence(fit: EdgeFit, loops: LoopMeasure, mm_per_px: float) -> Evidence:
+    """Return what a known outline says of a fit; of the inside it says nothing."""
+    off = np.fmin(np.abs(fit.gaps.gap_px), FAR_PX)
+    step_px = fit.edges.step_mm / mm_per_px
+    points = loops.points[:: max(1, len(loops.points) // MOST_POINTS)]
+    return Evidence(
+        outline=_share(off < NEAR_PX),
+        explained=_share(is_predicted(points, fit.edges, step_px)),
+        inner=0.0,
+        inner_mm=0.0,
+        inner_explained=0.0,
+        image_mm=0.0,
+        sigma_px=fit.sigma_px,
+        misfit_px=_root_mean_square(off),
+        outline_mm=len(off) * fit.edges.step_mm,
+        shading=0.0,
+        residual=0.0,
+        area_mm2=0.0,
+    )
+
+
+def with_inside(
+    known: Evidence,
+    edges: EdgePoints,
     mm_per_px: float,
-    loops: LoopMeasure | None,
     greys: Sequence[GreyMeasure],
     image_edges: ImageEdges,
     shading: Shading,
 ) -> Evidence:
-    """Return the evidence for a fit.
+    """Return evidence from an outline with that from inside it.
 
     Parameters
     ----------
-    loops : the observed outline, where it is known whole (before a glowing table)
+    edges : all visible edges at the fitted pose
     greys : the pictures that edges inside the part are looked for in; one is enough for an edge
-    image_edges : strong edges of the first in and round the part
+    image_edges : strong edges of the first in the part
     shading : `shading_fit` of it
     """
-    edges = fit.edges
-    step_px = edges.step_mm / mm_per_px
+    seen = grey_evidence(edges, known.sigma_px, mm_per_px, greys, image_edges, shading)
+    return replace(
+        seen,
+        outline=known.outline,
+        explained=known.explained,
+        misfit_px=known.misfit_px,
+        outline_mm=known.outline_mm,
+    )
+
+
+def grey_evidence(
+    edges: EdgePoints,
+    sigma_px: float,
+    mm_per_px: float,
+    greys: Sequence[GreyMeasure],
+    image_edges: ImageEdges,
+    shading: Shading,
+) -> Evidence:
+    """Return what grey levels alone say of a pose; parameters as `with_inside`."""
     on = edges.on_outline
     off = np.full(len(on), FAR_PX)
     for grey in greys:
-        gaps = grey.gaps(edges.pixels, edges.normals, edges, 3.0).gap_px
-        off = np.fmin(off, np.abs(gaps))
+        gaps = grey.gaps(edges.pixels, edges.normals, edges, FAR_PX)
+        off = np.fmin(off, np.abs(gaps.gap_px))
     near = off < NEAR_PX
     weight = visibility(edges)
-    predicted = is_predicted(image_edges.points_px, edges, np.ones(len(on), np.bool_), step_px)
+    step_px = edges.step_mm / mm_per_px
     # strong ones count more, but one bright rim must not outvote all others
-    inner_explained = _weighted(predicted, np.sqrt(image_edges.strength))
-    if loops is not None:
-        gaps = loops.gaps(edges.pixels, edges.normals, edges, 4.0).gap_px
-        off = np.fmin(np.abs(gaps), FAR_PX)
-        outline = _share(off[on] < NEAR_PX)
-        explained = _share(is_predicted(loops.points, edges, on, step_px))
-    else:
-        outline = _weighted(near[on], weight[on])
-        explained = inner_explained
+    explained = _weighted(
+        is_predicted(image_edges.points_px, edges, step_px), np.sqrt(image_edges.strength)
+    )
     return Evidence(
-        outline=outline,
+        outline=_weighted(near[on], weight[on]),
         explained=explained,
         inner=_weighted(near[~on], weight[~on]),
         inner_mm=float(weight[~on].sum()) * edges.step_mm,
-        inner_explained=inner_explained,
+        inner_explained=explained,
         image_mm=len(image_edges.points_px) * image_edges.every * mm_per_px,
-        sigma_px=fit.sigma_px,
-        misfit_px=float(np.sqrt(np.mean(off[on] ** 2))) if on.any() else FAR_PX,
+        sigma_px=sigma_px,
+        misfit_px=_root_mean_square(off[on]) if on.any() else FAR_PX,
         outline_mm=float(on.sum()) * edges.step_mm,
         shading=shading.explained,
         residual=shading.residual,
@@ -158,11 +191,9 @@ def gather(
     )
 
 
-def is_predicted(
-    points_px: Array, edges: EdgePoints, which: NDArray[np.bool_], step_px: float
-) -> NDArray[np.bool_]:
+def is_predicted(points_px: Array, edges: EdgePoints, step_px: float) -> NDArray[np.bool_]:
     """Tell which points (n, 2) of a picture lie on predicted edges."""
-    pixels, normals = edges.pixels[which], edges.normals[which]
+    pixels, normals = edges.pixels, edges.normals
     if len(pixels) == 0 or len(points_px) == 0:
         return np.zeros(len(points_px), dtype=np.bool_)
     _, nearest = cKDTree(pixels).query(points_px, k=min(2, len(pixels)))
@@ -174,6 +205,10 @@ def is_predicted(
         along = np.sqrt(np.maximum((away**2).sum(axis=1) - across**2, 0.0))
         answer |= (across < NEAR_PX + 0.3) & (along < 0.75 * step_px + 2.0)
     return answer
+
+
+def _root_mean_square(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
 
 
 def _share(found: NDArray[np.bool_]) -> float:

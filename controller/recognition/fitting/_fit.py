@@ -15,7 +15,7 @@ from controller.cad import Camera, transform
 
 from ._measure import Gaps, Measure
 from ._model import EdgeModel
-from ._predict import EdgePoints, predict_edges
+from ._predict import EdgePoints, predict_edges, predict_outline
 
 Array = NDArray[np.float64]
 
@@ -53,7 +53,8 @@ class EdgeFit:
     Attributes
     ----------
     T_world_part : (4, 4)
-    edges : the visible edges predicted at that pose
+    edges : the visible edges predicted at that pose; of a measure that does not see inside the
+        outline, that alone
     gaps : what the picture shows beside them
     sigma_px : robust standard deviation of the gaps
     covariance : (3, 3) of x [mm], y [mm] and the turn about z [rad] of the centre of mass
@@ -85,8 +86,9 @@ def fit_edges(
     """
     options = options or FitOptions()
     T = T_world_part
-    for reach in (*options.reach_px, options.reach_px[-1]):
-        edges = predict_edges(model, T, camera, options.most)
+    predict = predict_edges if measure.sees_inside else predict_outline
+    for reach in options.reach_px:
+        edges = predict(model, T, camera, options.most)
         if len(edges.pixels) < LEAST_POINTS:
             return None
         pivot = transform(T, model.solid.centroid_mm[None])[0]

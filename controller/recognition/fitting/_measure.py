@@ -41,7 +41,14 @@ class Gaps:
 
 
 class Measure(Protocol):
-    """A way to find edges in a picture."""
+    """A way to find edges in a picture.
+
+    Attributes
+    ----------
+    sees_inside : edges inside the outline are found too
+    """
+
+    sees_inside: bool
 
     def gaps(
         self, pixels: Array, normals: Array, edges: EdgePoints, reach_px: float
@@ -58,6 +65,8 @@ class LoopMeasure:
     loops_px : closed loops (n, 2), ordered, either way round; the largest is the outer one
     """
 
+    sees_inside = False
+
     def __init__(self, loops_px: tuple[Array, ...]) -> None:
         areas = [_signed_area(loop) for loop in loops_px]
         outer = int(np.argmax(np.abs(areas))) if areas else -1
@@ -71,18 +80,15 @@ class LoopMeasure:
 
     def gaps(self, pixels: Array, normals: Array, edges: EdgePoints, reach_px: float) -> Gaps:
         """Return the distances to the nearest loop that runs the same way."""
-        gap = np.full(len(pixels), np.nan)
-        at = np.flatnonzero(edges.on_outline)
-        asked = np.hstack([pixels[at], TURN_PX * normals[at]])
+        asked = np.hstack([pixels, TURN_PX * normals])
         distance, nearest = self._tree.query(asked, distance_upper_bound=reach_px + TURN_PX)
         near = np.isfinite(distance)
-        at, nearest = at[near], nearest[near]
-        away = self.points[nearest] - pixels[at]
-        agrees = (self.normals[nearest] * normals[at]).sum(axis=1)
+        nearest[~near] = 0
+        away = self.points[nearest] - pixels
+        agrees = (self.normals[nearest] * normals).sum(axis=1)
         along = (away * self.normals[nearest]).sum(axis=1)
-        good = (agrees > 0.5) & (np.abs(along) < reach_px)
-        gap[at[good]] = along[good]
-        return Gaps(gap, np.ones(len(pixels)))
+        good = near & (agrees > 0.5) & (np.abs(along) < reach_px)
+        return Gaps(np.where(good, along, np.nan), np.ones(len(pixels)))
 
 
 def _loop_normals(loop: Array) -> Array:
@@ -106,6 +112,8 @@ class GreyMeasure:
     corner_px : (x0, y0) of the crop in the picture
     is_lit : under lamps, where what faces the camera is brighter than what does not
     """
+
+    sees_inside = True
 
     def __init__(self, crop: Grey, corner_px: tuple[int, int], *, is_lit: bool) -> None:
         smooth = cv2.GaussianBlur(crop, (0, 0), 0.8).astype(np.float32)

@@ -22,6 +22,7 @@ DIMENSIONS = 12
 SIZE_WEIGHT = 1.0  # of a relative difference in area, beside that of the outline's shape
 PERIMETER_WEIGHT = 0.3  # it trembles with pixels and dirt, so it counts for less
 MOST_FOR_BASIS = 4000
+OTHER_SHAPE = 0.12  # of overlap: what falls so far short of the best view is not looked into
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -142,8 +143,10 @@ class ViewIndex:
             return []
         grids = np.unpackbits(self._bits[nearest], axis=-1) * np.uint8(255)
         scores = turn_scores(spectra(grids), spectra(seen.grid))
+        best = scores.max(axis=1)
         found = []
-        for row, view in enumerate(nearest.tolist()):
+        for row in np.flatnonzero(best > best.max() - OTHER_SHAPE).tolist():
+            view = int(nearest[row])
             found += self._turns(view, scores[row], float(distance[row]), seen, turns_each, within)
         found.sort(key=lambda c: -c.overlap)
         return _distinct(found)

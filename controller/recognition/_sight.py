@@ -1,0 +1,84 @@
+"""What of the pictures belongs to one object, worked out when it is asked for."""
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .fitting import GreyMeasure, ImageEdges, LoopMeasure, Measure
+from .segmentation import Region
+
+Grey = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+
+RIM_MM = 0.8  # of a part's grey levels that are blurred with what lies beside it
+BESIDE_PX = 3  # outside the mask strong edges still are the part's
+
+
+class Sight:
+    """One object's share of the pictures.
+
+    Parameters
+    ----------
+    region : as it was cut out
+    pictures : of the scene; a backlit one last, after those under lamps
+    mm_per_px : at the object
+    is_backlit : its outline is known whole
+    """
+
+    def __init__(
+        self, region: Region, pictures: Sequence[Grey], mm_per_px: float, *, is_backlit: bool
+    ) -> None:
+        self.region = region
+        self.mm_per_px = mm_per_px
+        self.is_backlit = is_backlit
+        self.is_lit = len(pictures) > 1 or not is_backlit
+        self._pictures = pictures
+
+    @property
+    def corner_px(self) -> tuple[int, int]:
+        """Where its crops begin in the picture."""
+        return self.region.box_px[0], self.region.box_px[1]
+
+    @cached_property
+    def crops(self) -> tuple[Grey, ...]:
+        """The pictures, cut to its box."""
+        x0, y0, x1, y1 = self.region.box_px
+        return tuple(np.ascontiguousarray(picture[y0:y1, x0:x1]) for picture in self._pictures)
+
+    @cached_property
+    def loops(self) -> LoopMeasure:
+        """Its outline."""
+        return LoopMeasure(self.region.loops_px)
+
+    @cached_property
+    def greys(self) -> tuple[GreyMeasure, ...]:
+        """Gradients of the pictures."""
+        lit_count = len(self.crops) - 1 if self.is_backlit else len(self.crops)
+        return tuple(
+            GreyMeasure(crop, self.corner_px, is_lit=k < lit_count)
+            for k, crop in enumerate(self.crops)
+        )
+
+    @property
+    def measure(self) -> Measure:
+        """What poses are fitted to."""
+        return self.loops if self.is_backlit else self.greys[0]
+
+    @cached_property
+    def inside(self) -> Mask:
+        """Which pixels of the crop are the part's, without its blurred rim, (h, w)."""
+        rim = 2 * max(1, round(RIM_MM / self.mm_per_px)) + 1
+        mask = self.region.mask.astype(np.uint8)
+        return np.asarray(cv2.erode(mask, np.ones((rim, rim), np.uint8)) > 0)
+
+    @cached_property
+    def image_edges(self) -> ImageEdges:
+        """Strong edges of the first picture in the object, and round it where it is not backlit."""
+        within = self.inside
+        if not self.is_backlit:
+            wide = np.ones((2 * BESIDE_PX + 1,) * 2, np.uint8)
+            within = np.asarray(cv2.dilate(self.region.mask.astype(np.uint8), wide) > 0)
+        return ImageEdges.of(self.greys[0], within)
