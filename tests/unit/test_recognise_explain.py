@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 import shapely
+from cad_solids import box, solid_of
 from numpy.typing import NDArray
 from recognise_bench import (
     CAMERA,
@@ -20,8 +21,10 @@ from recognise_bench import (
     small,
     small_camera,
 )
+from table_pictures import resting, silhouette
 
-from controller.recognition import recognise
+from controller.cad.compiled import compile_solid
+from controller.recognition import make_library, recognise
 from controller.recognition.explain import Explanation, StageTable, explain
 from controller.recognition.explain._draw import GREEN, ORANGE, PURPLE, SKY, VERMILION, YELLOW
 
@@ -131,10 +134,30 @@ def test_the_hypothesis_that_was_taken_and_the_decision_agree() -> None:
     best = column(fitted, "taken").index("yes")
     assert column(fitted, "part")[best] == seen.part == "elbow"
     assert column(fitted, "pose")[best] == seen.pose_index
+    # nothing else looks the same, so that it need not share its score
+    assert column(fitted, "score alone")[best] == pytest.approx(seen.score)
     decision = dict(table(told, "decision").rows)
     assert decision["answer"] == f"elbow, stable pose {seen.pose_index}"
     assert decision["score"] == f"{seen.score:.3f}"
     assert decision["ambiguous with"] == "nothing else"
+
+
+def test_readings_that_look_the_same_are_told_and_share_the_score() -> None:
+    # a block with a pocket that the light does not reach: four ways to lie with one outline
+    body = box(50, 30, 20) - box(20, 10, 4).translate((10, 5, 9))
+    pocket = solid_of(body, "pocket")
+    parts = make_library([compile_solid(pocket)], CAMERA)
+    lies = silhouette(pocket.mesh, resting(pocket, np.eye(3), 10, 20, 0.4), CAMERA)
+    grey = backlit(lies)
+    seen = recognise(grey, CAMERA, parts)
+    told = explain(grey, CAMERA, parts, seen)
+    others = str(dict(table(told, "decision").rows)["ambiguous with"]).split("; ")
+    assert len(others) == 3
+    assert all(other.startswith("pocket, pose ") for other in others)
+    fitted = table(told, "fitted hypotheses")
+    alone = np.array(column(fitted, "score alone"), dtype=float)
+    assert (alone > 0.9).sum() == 4
+    assert seen.sightings[0].score == pytest.approx(alone.max() / 4, rel=0.05)
 
 
 def test_segmentation_is_told_with_its_threshold() -> None:

@@ -162,7 +162,7 @@ def _facts(
     area = sighting.area_mm2
     views = np.abs(library.index.area_mm2 - area) <= limits.area_share * area
     chosen = _chosen(sighting, trace.hypotheses)
-    scores = tuple(float(getattr(h, "probability", 0.0)) for h in trace.hypotheses)
+    scores = tuple(h.probability for h in trace.hypotheses)
     shown = chosen if chosen >= 0 else int(np.argmax(scores)) if scores else -1
     return ObjectFacts(
         number=number,
