@@ -48,7 +48,7 @@ def pictures_among(paths: Iterable[Path]) -> tuple[list[Path], list[str]]:
 
     Raises
     ------
-    ConfigError : a folder without pictures
+    ConfigError : a folder without pictures, or one that cannot be read
     """
     found: list[Path] = []
     for path in paths:
@@ -62,11 +62,11 @@ def pictures_among(paths: Iterable[Path]) -> tuple[list[Path], list[str]]:
 
 
 def _pictures_in(folder: Path) -> list[Path]:
-    found = sorted(
-        file
-        for file in folder.iterdir()
-        if file.suffix.lower() in ENDINGS and not file.name.startswith(".")
-    )
+    try:
+        files = sorted(folder.iterdir())
+    except OSError as error:
+        raise ConfigError(f"{folder}: {error.strerror}; check the path") from error
+    found = [f for f in files if f.suffix.lower() in ENDINGS and not f.name.startswith(".")]
     if not found:
         raise ConfigError(f"{folder}: no picture in this folder ({', '.join(ENDINGS)})")
     return found
@@ -212,7 +212,7 @@ def _scaled(levels: NDArray[Any], full: float) -> Grey:
     return np.clip(np.round(levels.astype(np.float64) * (255.0 / full)), 0, 255).astype(np.uint8)
 
 
-class Remarks:
+class SaidOnce:
     """Tells of each kind of remark once a run, of the first picture it holds for."""
 
     def __init__(self) -> None:

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 from typing import Any, Literal
@@ -19,21 +18,9 @@ from controller.recognition.explain import explain
 from ._calibration_file import load_calibration
 from ._explain import ExplainFolder, show_tables
 from ._output import emit, say, warn
-from ._pictures import Remarks, StoredPicture, pictures_among, read_picture
+from ._pictures import SaidOnce, StoredPicture, pictures_among, read_picture
 
 Lighting = Literal["backlit", "front", "auto"]
-
-
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """What one picture came to: its objects as JSON has them."""
-
-    objects: tuple[dict[str, Any], ...]
-
-    @property
-    def known_count(self) -> int:
-        """How many objects are known parts."""
-        return sum(body["part"] is not None for body in self.objects)
 
 
 def recognise_images(
@@ -59,7 +46,7 @@ def recognise_images(
     folder = ExplainFolder(explain_in) if explain_in is not None else None
     for remark in doubled:
         warn(remark)
-    remarks = Remarks()
+    once = SaidOnce()
     library: Library | None = None
     known, unread = 0, 0
     for path in paths:
@@ -71,9 +58,9 @@ def recognise_images(
             continue
         if library is None:  # compiling takes longer than to say that there is no picture
             library = make_library([load_part(p, options_among(p, unit)) for p in files], camera)
-        for note in remarks.fresh(picture.notes):
+        for note in once.fresh(picture.notes):
             warn(f"{path.name}: {note}; said once for all such pictures")
-        known += _answer_one(path, picture, camera, library, lighting, folder, as_json).known_count
+        known += _answer_one(path, picture, camera, library, lighting, folder, as_json)
     if unread:
         return 2
     return 0 if known else 1
@@ -87,16 +74,17 @@ def _answer_one(
     lighting: Lighting,
     folder: ExplainFolder | None,
     as_json: bool,
-) -> Answer:
+) -> int:
+    """Print what one picture shows; return how many objects are known."""
     started = time.perf_counter()
     seen = recognise(picture.grey, camera, library, lighting)
     seconds = time.perf_counter() - started
     for remark in seen.segmentation.remarks:
         warn(f"{path.name}: {remark}")
-    answer = Answer(tuple(_bodies(path, picture, seen, seconds)))
-    if not answer.objects:
+    bodies = list(_bodies(path, picture, seen, seconds))
+    if not bodies:
         (warn if as_json else say)(f"{path.name}: nothing on the table")
-    for body in answer.objects:
+    for body in bodies:
         if as_json:
             emit(body)
         else:
@@ -107,7 +95,7 @@ def _answer_one(
         if not as_json:
             show_tables(told.tables)
             say(f"{path.name}: drawn in {drawing}")
-    return answer
+    return sum(body["part"] is not None for body in bodies)
 
 
 def _cad_files(parts: list[Path]) -> list[Path]:
