@@ -93,7 +93,7 @@ def _print(console: Console, tables: Sequence[StageTable]) -> None:
 
 
 def _drawn(table: StageTable) -> Table:
-    drawn = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    drawn = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     is_number = [
         any(isinstance(row[k], int | float) for row in table.rows)
         for k in range(len(table.columns))

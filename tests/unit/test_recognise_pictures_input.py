@@ -348,7 +348,7 @@ def test_explain_writes_a_drawing_and_the_stages(
         assert drawing is not None
         assert np.ptp(drawing.astype(int), axis=2).max() > 100  # in colour
         text = (folder / f"{name}.explain.txt").read_text(encoding="utf-8")
-        assert "Corner No.   Distance   Size" in text
+        assert "Corner No.  Distance  Size" in text
         assert "x [mm]" in text  # units in brackets are no mark-up
         body = json.loads((folder / f"{name}.explain.json").read_text(encoding="utf-8"))
         assert body["image"] == "shot.png"

@@ -42,6 +42,7 @@ Bools = NDArray[np.bool_]
 BOX_CAR = 15  # of the paper's Table 2
 THRESHOLD = 10
 MOST_CANDIDATES = 8  # more say nothing more
+AS_GOOD, AS_GOOD_MM = 1.2, 0.05  # symmetric outlines match at several turns, noise apart
 MOST_OTHERS = 3  # drawn beside the one that was taken
 NEAR_PX = 1.3  # an edge this near its prediction is where it should be
 LOOK_PX = 3  # so far off one is looked for
@@ -222,8 +223,16 @@ def _correlated(
         except ValueError:  # a sliver without an outline
             out.append(None)
             continue
-        out.append(next(iter(correlate(string, [model], limits)), None))
+        out.append(_as_laid(correlate(string, [model], limits)))
     return tuple(out)
+
+
+def _as_laid(matches: Sequence[StringMatch]) -> StringMatch | None:
+    """Return the match that turns a view least, of those about as good as the best."""
+    if not matches:
+        return None
+    near = [m for m in matches if m.rank_mm <= AS_GOOD * matches[0].rank_mm + AS_GOOD_MM]
+    return min(near, key=lambda m: abs(m.turn_rad))
 
 
 def _shadow_camera(camera: Camera) -> Camera:

@@ -50,7 +50,7 @@ def stage_tables(
     seen: Recognition, facts: Sequence[ObjectFacts], library: Library
 ) -> tuple[StageTable, ...]:
     """Return segmentation, then each object's stages in the order they come about."""
-    tables = [_segmentation(seen.segmentation), _objects(facts, library)]
+    tables = [_segmentation(seen.segmentation), _objects(facts), _survivors(facts, library)]
     for f in facts:
         tables += _stages(f, library)
     return tuple(tables)
@@ -90,33 +90,46 @@ def _segmentation(s: Segmentation) -> StageTable:
     return _table("segmentation", [("what", 0), ("value", 0)], rows)
 
 
-def _objects(facts: Sequence[ObjectFacts], library: Library) -> StageTable:
+def _objects(facts: Sequence[ObjectFacts]) -> StageTable:
     columns = [
         ("object", 0), ("x [mm]", 1), ("y [mm]", 1), ("area [mm2]", 1), ("perimeter [mm]", 1),
-        ("holes", 0), ("cut by edge", 0), ("views in library", 0), ("of like area", 0),
-        ("poses by outline", 0), ("readings", 0), ("fitted", 0), ("answer", 0),
+        ("holes", 0), ("cut by edge", 0), ("answer", 0),
     ]  # fmt: skip
     rows = []
     for f in facts:
-        s = f.sighting
+        s, string = f.sighting, f.string
         rows.append(
             (
                 f.number,
                 s.x_mm,
                 s.y_mm,
                 s.area_mm2,
-                None if f.string is None else f.string.perimeter_mm,
-                None if f.string is None else len(f.string.hole_mm),
+                None if string is None else string.perimeter_mm,
+                None if string is None else len(string.hole_mm),
                 "yes" if f.trace.region.touches_edge else "no",
-                library.index.view_count,
-                f.like_size,
-                len({(c.part, c.pose) for c in f.trace.candidates}),
-                len(f.trace.candidates),
-                len(f.trace.hypotheses),
                 s.part or "unknown",
             )
         )
-    return _table("objects: size, and what of the library survives", columns, rows)
+    return _table("objects: size", columns, rows)
+
+
+def _survivors(facts: Sequence[ObjectFacts], library: Library) -> StageTable:
+    columns = [
+        ("object", 0), ("views in library", 0), ("of like area", 0), ("poses by outline", 0),
+        ("readings", 0), ("fitted", 0),
+    ]  # fmt: skip
+    rows = [
+        (
+            f.number,
+            library.index.view_count,
+            f.like_size,
+            len({(c.part, c.pose) for c in f.trace.candidates}),
+            len(f.trace.candidates),
+            len(f.trace.hypotheses),
+        )
+        for f in facts
+    ]
+    return _table("library: what survives of it", columns, rows)
 
 
 def _stages(f: ObjectFacts, library: Library) -> list[StageTable]:
@@ -128,7 +141,7 @@ def _stages(f: ObjectFacts, library: Library) -> list[StageTable]:
     if f.candidates:
         tables.append(_candidates(f, library))
     if f.trace.hypotheses:
-        tables.append(_hypotheses(f, library))
+        tables += [_hypotheses(f, library), _evidence(f)]
     return [*tables, _decision(f)]
 
 
@@ -141,8 +154,8 @@ def _corners(f: ObjectFacts) -> StageTable:
         )
     ]
     title = (
-        f"object {f.number}: corners of the chain code, box-car {BOX_CAR}, threshold {THRESHOLD} "
-        f"(paper, Table 2); distance [px] of {len(f.curvature)}"
+        f"object {f.number}: corners of the chain code, box-car {BOX_CAR}, threshold {THRESHOLD}; "
+        f"distance [px] of {len(f.curvature)}"
     )
     return _table(title, [("Corner No.", 0), ("Distance", 0), ("Size", 0)], rows)
 
@@ -151,7 +164,7 @@ def _primitives(f: ObjectFacts) -> StageTable:
     s = f.string
     assert s is not None
     columns = [
-        ("loop", 0), ("kind", 0), ("from [mm]", 1), ("length [mm]", 1), ("radius [mm]", 2),
+        ("loop", 0), ("kind", 0), ("along [mm]", 1), ("length [mm]", 1), ("radius [mm]", 2),
         ("turn [deg]", 1), ("joint to next [deg]", 1),
     ]  # fmt: skip
     rows = [
@@ -193,9 +206,9 @@ def _grey(f: ObjectFacts) -> StageTable:
 
 def _candidates(f: ObjectFacts, library: Library) -> StageTable:
     columns = [
-        ("part", 0), ("pose", 0), ("turn [deg]", 1), ("overlap", 3), ("index distance", 3),
-        ("corners+holes matched", 0), ("missed", 0), ("spurious", 0), ("outlines apart [mm]", 2),
-        ("turned by [deg]", 1),
+        ("part", 0), ("pose", 0), ("turn [deg]", 1), ("overlap", 3), ("distance", 3),
+        ("matched", 0), ("missed", 0), ("extra", 0), ("apart [mm]", 2),
+        ("turned [deg]", 1),
     ]  # fmt: skip
     rows = []
     for c, m in zip(f.candidates, f.matches, strict=True):
@@ -213,42 +226,50 @@ def _candidates(f: ObjectFacts, library: Library) -> StageTable:
         turn = float(np.degrees(c.theta_rad))
         name = library.entries[c.part].name
         rows.append((name, c.pose, turn, c.overlap, c.distance, *found))
-    title = f"object {f.number}: candidates by silhouette, best {len(rows)}, and corner correlation"
+    title = (
+        f"object {f.number}: candidates by silhouette, best {len(rows)}, and how many corners and "
+        "holes match"
+    )
     return _table(title, columns, rows)
 
 
 def _hypotheses(f: ObjectFacts, library: Library) -> StageTable:
     columns = [
-        ("part", 0), ("pose", 0), ("x [mm]", 2), ("y [mm]", 2), ("turn [deg]", 2), ("from", 0),
-        ("overlap", 3), ("outline found", 3), ("seen explained", 3), ("inner found", 3),
-        ("inner [mm]", 0), ("inner explained", 3), ("shading", 2), ("sigma [px]", 2),
-        ("score alone", 3), ("taken", 0),
+        ("no.", 0), ("part", 0), ("pose", 0), ("x [mm]", 2), ("y [mm]", 2), ("turn [deg]", 2),
+        ("from", 0), ("overlap", 3), ("score alone", 3), ("taken", 0),
     ]  # fmt: skip
-    rows = []
-    for k, (h, score) in enumerate(zip(f.trace.hypotheses, f.scores, strict=True)):
-        e = h.evidence
-        is_looked_into = e.area_mm2 > 0  # a silhouette that leaves no choice is enough
-        rows.append(
-            (
-                library.entries[h.part].name,
-                h.pose,
-                float(h.place_mm[0]),
-                float(h.place_mm[1]),
-                float(np.degrees(h.theta_rad)),
-                h.source,
-                h.overlap,
-                e.outline,
-                e.explained,
-                e.inner if is_looked_into else None,
-                e.inner_mm if is_looked_into else None,
-                e.inner_explained if is_looked_into else None,
-                e.shading if is_looked_into else None,
-                e.sigma_px,
-                score,
-                "yes" if k == f.chosen else "",
-            )
+    rows = [
+        (
+            number,
+            library.entries[h.part].name,
+            h.pose,
+            float(h.place_mm[0]),
+            float(h.place_mm[1]),
+            float(np.degrees(h.theta_rad)),
+            h.source,
+            h.overlap,
+            f.scores[number - 1],
+            "yes" if number - 1 == f.chosen else "",
         )
-    return _table(f"object {f.number}: fitted hypotheses and what speaks for them", columns, rows)
+        for number, h in enumerate(f.trace.hypotheses, start=1)
+    ]
+    return _table(f"object {f.number}: fitted hypotheses", columns, rows)
+
+
+def _evidence(f: ObjectFacts) -> StageTable:
+    columns = [
+        ("no.", 0), ("outline found", 3), ("seen explained", 3), ("sigma [px]", 2),
+        ("inner found", 3), ("inner [mm]", 0), ("inner explained", 3), ("shading", 2),
+    ]  # fmt: skip
+    rows: list[tuple[Cell, ...]] = []
+    for number, h in enumerate(f.trace.hypotheses, start=1):
+        e = h.evidence
+        # a silhouette that leaves no choice is enough: then nobody looked inside
+        inside: tuple[Cell, ...] = (None,) * 4
+        if e.area_mm2 > 0:
+            inside = (e.inner, e.inner_mm, e.inner_explained, e.shading)
+        rows.append((number, e.outline, e.explained, e.sigma_px, *inside))
+    return _table(f"object {f.number}: what speaks for them, shares of 1", columns, rows)
 
 
 def _decision(f: ObjectFacts) -> StageTable:
