@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 import shapely
@@ -26,7 +27,16 @@ from table_pictures import resting, silhouette
 from controller.cad.compiled import compile_solid
 from controller.recognition import make_library, recognise
 from controller.recognition.explain import Explanation, StageTable, explain
-from controller.recognition.explain._draw import GREEN, ORANGE, PURPLE, SKY, VERMILION, YELLOW
+from controller.recognition.explain._draw import (
+    GREEN,
+    ORANGE,
+    PINK,
+    RED,
+    SKY,
+    SOFT,
+    WHITE,
+    YELLOW,
+)
 
 Array = NDArray[np.float64]
 OVERVIEW_PX = (1280, 1600)  # twice the picture's 640 x 800
@@ -197,9 +207,9 @@ def test_the_drawing_is_coloured_along_the_contour_and_grey_elsewhere() -> None:
 def test_each_kind_of_mark_has_its_colour_below_the_picture() -> None:
     _, told = plain()
     details = told.picture[OVERVIEW_PX[0] :]
-    for colour in (SKY, PURPLE, ORANGE, GREEN, YELLOW):
+    for colour in (SKY, PINK, ORANGE, GREEN, YELLOW):
         assert has_colour(details, colour)
-    assert not has_colour(details, VERMILION, near=15)  # every edge is where it should be
+    assert not has_colour(details, RED, near=15)  # every edge is where it should be
 
 
 def test_missed_edges_of_what_came_nearest_are_drawn_in_their_colour() -> None:
@@ -209,14 +219,14 @@ def test_missed_edges_of_what_came_nearest_are_drawn_in_their_colour() -> None:
     assert column(objects, "answer") == ["unknown"]
     assert "none of the known parts" in str(dict(table(told, "decision").rows)["why"])
     assert column(table(told, "fitted hypotheses"), "taken").count("yes") == 0
-    assert has_colour(told.picture[OVERVIEW_PX[0] :], VERMILION)
+    assert has_colour(told.picture[OVERVIEW_PX[0] :], RED)
 
 
 def test_a_part_that_reaches_beyond_the_picture_is_framed_and_said_to_be_cut() -> None:
     told = explained(backlit(shape(x_mm=100.0)))
     assert column(table(told, "objects:"), "cut by edge") == ["yes"]
     height, width = OVERVIEW_PX
-    assert has_colour(told.picture[:height, :width], VERMILION, 100)
+    assert has_colour(told.picture[:height, :width], RED, 100)
     assert "partly outside" in str(dict(table(told, "decision").rows)["why"])
 
 
@@ -229,7 +239,35 @@ def test_under_lamps_grey_features_are_told_and_drawn() -> None:
     assert counts["circles and arcs"] >= 1  # type: ignore[operator]
     details = told.picture[OVERVIEW_PX[0] :]
     assert has_colour(details, SKY)
-    assert has_colour(details, PURPLE)
+    assert has_colour(details, PINK)
+
+
+# Machado, Oliveira and Fernandes 2009: what linear red, green and blue become to the eye
+PROTANOPE = [
+    [0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216],
+    [-0.003882, -0.048116, 1.051998],
+]  # fmt: skip
+DEUTERANOPE = [
+    [0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413],
+    [-0.011820, 0.042940, 0.968881],
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("eye", [np.eye(3).tolist(), PROTANOPE, DEUTERANOPE])
+def test_marks_of_one_panel_differ_for_every_eye(eye: list[list[float]]) -> None:
+    panels = [
+        (WHITE, YELLOW, SKY, PINK, ORANGE, GREEN),
+        (WHITE, SOFT, YELLOW, GREEN, RED),
+        (YELLOW, ORANGE, PINK, SKY),
+    ]
+    for panel in panels:
+        rgb = np.array(panel)[:, ::-1] / 255
+        linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+        seen = np.clip(linear @ np.array(eye).T, 0, 1).astype(np.float32)
+        lab = cv2.cvtColor(seen[None], cv2.COLOR_LRGB2LAB)[0]
+        apart = np.linalg.norm(lab[:, None] - lab[None], axis=2)
+        # 2.3 is what is just noticed side by side (CIELAB)
+        assert apart[~np.eye(len(panel), dtype=bool)].min() > 20
 
 
 def test_an_empty_table_is_explained_too() -> None:

@@ -1,6 +1,6 @@
 """Lines and words on a colour picture: what the explanation is drawn with.
 
-Colours are those of Okabe and Ito, which people who do not tell red from green tell apart; the
+Colours that mean different things are as far apart for people who do not tell red from green; the
 picture below them is dimmed so that all of them stand out, before a bright table and a dark part.
 """
 
@@ -18,15 +18,15 @@ Colour = tuple[int, int, int]
 
 # blue, green, red, as OpenCV has them
 WHITE: Colour = (245, 245, 245)
-SOFT: Colour = (170, 170, 170)
+SOFT: Colour = (160, 160, 160)
 BLACK: Colour = (0, 0, 0)
 PAPER: Colour = (28, 26, 25)
-YELLOW: Colour = (66, 228, 240)
-GREEN: Colour = (135, 190, 30)
-VERMILION: Colour = (30, 105, 240)
-SKY: Colour = (233, 180, 86)
-ORANGE: Colour = (0, 159, 230)
-PURPLE: Colour = (190, 130, 225)
+YELLOW: Colour = (0, 250, 255)
+GREEN: Colour = (150, 255, 30)
+RED: Colour = (70, 70, 255)
+SKY: Colour = (250, 165, 80)
+ORANGE: Colour = (0, 143, 250)
+PINK: Colour = (166, 97, 255)
 
 TONE_LOW, TONE_HIGH = 24.0, 150.0  # what the grey levels are drawn as
 TONE_POWER = 0.5  # dark parts before a glowing table still show what is on them

@@ -15,10 +15,10 @@ from ._draw import (
     LINE_PX,
     ORANGE,
     PAPER,
-    PURPLE,
+    PINK,
+    RED,
     SKY,
     SOFT,
-    VERMILION,
     WHITE,
     YELLOW,
     Colour,
@@ -56,11 +56,11 @@ PANELS = 4
 LEGEND: tuple[tuple[str, Colour, str], ...] = (
     ("line", YELLOW, "observed outline"),
     ("line", SKY, "straight line (outline, grey)"),
-    ("line", PURPLE, "arc or circle (outline, grey)"),
+    ("line", PINK, "arc or circle (outline, grey)"),
     ("dot", ORANGE, "corner that juts out; grey corner"),
     ("square", GREEN, "notched corner; grey Y or T junction"),
     ("line", GREEN, "predicted edge, found"),
-    ("line", VERMILION, "predicted edge, missed"),
+    ("line", RED, "predicted edge, missed"),
     ("line", SOFT, "predicted edge that need not show"),
     ("line", WHITE, f"place, x {ELLIPSE_FACTOR}: ellipse of 1 sigma; arrow: turn"),
 )
@@ -106,8 +106,8 @@ def _overview(picture: Grey, camera: Camera, facts: Sequence[ObjectFacts]) -> Pi
             name = "cut by the edge"
             box = np.array([[x0, y0], [x1, y0], [x1, f.trace.region.box_px[3]],
                             [x0, f.trace.region.box_px[3]]], dtype=np.float64)  # fmt: skip
-            sheet.line(box, VERMILION, 2, is_closed=True)
-        colour = WHITE if s.part else VERMILION
+            sheet.line(box, RED, 2, is_closed=True)
+        colour = WHITE if s.part else RED
         sheet.words(f"#{f.number} {name}", corner, colour, (0, -22))
     return sheet.canvas
 
@@ -161,7 +161,7 @@ def _told(f: ObjectFacts) -> list[tuple[str, Colour]]:
     s = f.sighting
     if s.part is None:
         return [
-            (f"#{f.number} unknown object, score {s.score:.3f}", VERMILION),
+            (f"#{f.number} unknown object, score {s.score:.3f}", RED),
             (f"x {s.x_mm:.1f}, y {s.y_mm:.1f} mm", SOFT),
             (s.reason, WHITE),
         ]

@@ -13,10 +13,10 @@ from ._draw import (
     GREEN,
     ORANGE,
     PAPER,
-    PURPLE,
+    PINK,
+    RED,
     SKY,
     SOFT,
-    VERMILION,
     WHITE,
     YELLOW,
     Colour,
@@ -33,7 +33,7 @@ from ._facts import BOX_CAR, THRESHOLD, ObjectFacts
 Array = NDArray[np.float64]
 
 ELLIPSE_FACTOR = 50
-RUNNER_UPS: tuple[Colour, ...] = (ORANGE, PURPLE, SKY)
+RUNNER_UPS: tuple[Colour, ...] = (ORANGE, PINK, SKY)
 ARC_STEP_RAD = 0.05
 ARROW_MM = 12.0
 WIDER = 0.3  # of the object's box on each side, at most
@@ -94,7 +94,7 @@ def draw_outline(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
             if s.is_arc[k]:
                 points = _arc(s.centre_mm[k], s.start_mm[k], float(s.turn_rad[k]))
             pixels = on_picture(points, camera)
-            sheet.line(pixels, PURPLE if s.is_arc[k] else SKY, 2)
+            sheet.line(pixels, PINK if s.is_arc[k] else SKY, 2)
             sheet.dot(pixels[0], WHITE, 2)
     if facts.chain is None:
         return
@@ -139,7 +139,7 @@ def draw_grey(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
     for k in range(len(c.radii)):
         arm = c.radii[k] * np.array([np.cos(c.starts_rad[k]), np.sin(c.starts_rad[k])])
         arc = _arc(c.centres[k], c.centres[k] + arm, float(c.extents_rad[k]))
-        sheet.line(on_picture(arc, camera), PURPLE, 2)
+        sheet.line(on_picture(arc, camera), PINK, 2)
     for at in on_picture(g.corners.positions, camera) if len(g.corners.positions) else ():
         sheet.dot(at, ORANGE, 3)
     for at in on_picture(g.junctions.positions, camera) if len(g.junctions.positions) else ():
@@ -190,7 +190,7 @@ def draw_pose(sheet: Sheet, facts: ObjectFacts, camera: Camera, width: int = 2) 
         for these, colour, wide in (
             (idle, SOFT, 1),
             (state.found, GREEN, width),
-            (missed, VERMILION, width + 1),
+            (missed, RED, width + 1),
         ):
             sheet.strokes(begin[these & state.which], end[these & state.which], colour, wide)
 
