@@ -81,10 +81,9 @@ class Ground:
         x = (np.arange(x0, x1, step_px) + middle) * (2.0 / width) - 1.0
         y = (np.arange(y0, y1, step_px) + middle) * (2.0 / height) - 1.0
         a, b, c, d, e, f = self.weights
-        along_x = (a + b * x + d * x * x).astype(np.float32)
-        along_y = (c * y + f * y * y).astype(np.float32)
-        out: Floats = along_x[None, :] + along_y[:, None]
-        out += np.outer(y, e * x).astype(np.float32)
+        rows = np.stack([np.ones_like(y), y, c * y + f * y * y], axis=1).astype(np.float32)
+        columns = np.stack([a + b * x + d * x * x, e * x, np.ones_like(x)]).astype(np.float32)
+        out: Floats = rows @ columns
         return out
 
 

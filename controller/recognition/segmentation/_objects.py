@@ -1,5 +1,6 @@
 """From a rough mask to things with outlines: borders moved to the half level between both sides."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -13,6 +14,7 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Grey = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
+Places = NDArray[np.intp]
 Box = tuple[int, int, int, int]
 
 LOCAL_FACTOR = 4  # a side's level is the mean over this many times what is mixed, and one
@@ -37,24 +39,11 @@ class Crop:
     mixed_px: int
 
 
-def side_level(grey: Grey, side: NDArray[np.uint8], mixed_px: int) -> Floats:
-    """Return the local level of a side (h, w), 1 where a pixel is of it, away from its border.
-
-    Where nothing of it is near the level is 0.
-    """
-    square = np.ones((2 * mixed_px + 1, 2 * mixed_px + 1), dtype=np.uint8)
-    pure = cv2.erode(side, square, borderType=cv2.BORDER_CONSTANT, borderValue=1)
-    weight = cv2.addWeighted(side, 1.0, pure, 1.0 / MIXED_WEIGHT - 1.0, 0.0)
-    window = (LOCAL_FACTOR * mixed_px + 1, LOCAL_FACTOR * mixed_px + 1)
-    total = cv2.boxFilter(weight, cv2.CV_32F, window, normalize=False)
-    light = cv2.multiply(grey, weight, dtype=cv2.CV_32F)
-    light = cv2.boxFilter(light, cv2.CV_32F, window, normalize=False)
-    out: Floats = light / np.maximum(total, 1e-3)
-    return out
-
-
 def sharpen(crop: Crop, rough: Mask, beyond: Floats | None, contrast: float) -> tuple[Mask, Floats]:
     """Return the mask with its border at the half level, and the field whose zero line that is.
+
+    The field is given where a border can come to lie, a pixel beyond what is mixed, and 0
+    elsewhere: few of the crop's pixels are near a border.
 
     Parameters
     ----------
@@ -63,17 +52,42 @@ def sharpen(crop: Crop, rough: Mask, beyond: Floats | None, contrast: float) -> 
     contrast : difference of levels from which a border is seen; with less it stays where it is
     """
     grey, mixed_px = crop.grey, crop.mixed_px
-    inner = rough.astype(np.uint8)
-    inside = side_level(grey, inner, mixed_px)
-    outside = side_level(grey, 1 - inner, mixed_px) if beyond is None else beyond
-    field: Floats = grey - 0.5 * (inside + outside)
-    is_dark = inside < outside
-    field[is_dark] *= -1.0
-    is_seen = cv2.absdiff(inside, outside) >= contrast
+    inner = rough.view(np.uint8)
     square = np.ones((2 * mixed_px + 1, 2 * mixed_px + 1), dtype=np.uint8)
-    near = cv2.morphologyEx(inner, cv2.MORPH_GRADIENT, square) > 0
-    mask = np.where(near & is_seen, field > 0, rough)
+    core, halo = cv2.erode(inner, square), cv2.dilate(inner, square)
+    near = cv2.subtract(halo, core)
+    around = np.flatnonzero(cv2.dilate(near, np.ones((3, 3), np.uint8)))
+    level = grey.ravel()[around].astype(np.float32)
+    inside = _side_level(grey, inner, core, mixed_px, around)
+    if beyond is None:
+        outside = _side_level(grey, 1 - inner, 1 - halo, mixed_px, around)
+    else:
+        outside = beyond.ravel()[around]
+    off = level - 0.5 * (inside + outside)
+    np.negative(off, out=off, where=inside < outside)
+    field = np.zeros(grey.shape, dtype=np.float32)
+    field.ravel()[around] = off
+    mask = rough.copy()
+    moved = (np.abs(inside - outside) >= contrast) & (near.ravel()[around] > 0)
+    mask.ravel()[around[moved]] = off[moved] > 0
     return mask, field
+
+
+def _side_level(grey: Grey, side: Grey, pure: Grey, mixed_px: int, at: Places) -> Floats:
+    """Return the local level of a side at some pixels; where nothing of it is near it is 0.
+
+    Parameters
+    ----------
+    side, pure : (h, w) 1 where a pixel is of it; and where it is so away from its border
+    at : (n,) flat indices of the pixels
+    """
+    weight = cv2.addWeighted(side, 1.0, pure, 1.0 / MIXED_WEIGHT - 1.0, 0.0)
+    window = (LOCAL_FACTOR * mixed_px + 1, LOCAL_FACTOR * mixed_px + 1)
+    total = cv2.boxFilter(weight, cv2.CV_16U, window, normalize=False)
+    light = cv2.multiply(grey, weight, dtype=cv2.CV_16U)
+    light = cv2.boxFilter(light, cv2.CV_32F, window, normalize=False)
+    out: Floats = light.ravel()[at] / np.maximum(total.ravel()[at], np.float32(1e-3))
+    return out
 
 
 def regions_of(
@@ -91,41 +105,74 @@ def regions_of(
     wanted : (h, w) only what has a pixel there; None for everything
     readings : other masks of the whole crop, cut to each thing's surroundings
     """
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(
-        mask.astype(np.uint8), connectivity=8
-    )
+    chains, tree = cv2.findContours(mask.view(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    if not chains:
+        return [], 0
+    parents = tree[0, :, 3].tolist()
+    outer = [i for i, parent in enumerate(parents) if parent < 0]
+    boxes = {i: cv2.boundingRect(chains[i]) for i in outer}
     kept, specks = [], 0
-    for k in range(1, count):
-        left, top, width, height, area = (int(s) for s in stats[k])
-        if area < min_area_px:
+    for i in outer:
+        left, top, width, height = boxes[i]
+        if width * height < min_area_px:
             specks += 1
             continue
         window, box = _with_margin((left, top, left + width, top + height), crop)
-        thing = labels[window] == k
+        thing = mask[window]
+        elsewhere: Mask | None = None
+        if any(j != i and _meet(boxes[j], box, crop.box_px) for j in outer):
+            thing, elsewhere = _apart(thing, chains[i][0, 0], window)
+        area = cv2.countNonZero(thing.view(np.uint8))
+        if area < min_area_px:
+            specks += 1
+            continue
         if wanted is not None and not (thing & wanted[window]).any():
             continue
-        fine = trace_loops(thing, field[window], (box[0], box[1]))
-        if not fine:
-            continue
+        own = [chains[i]] + [c for c, parent in zip(chains, parents, strict=True) if parent == i]
+        fine = trace_loops(own, mask.shape, field, crop.box_px[:2])
         area_px = polygon_area(fine[0]) - sum(polygon_area(loop) for loop in fine[1:])
-        others = labels[window]
-        elsewhere = (others != 0) & (others != k)
         kept.append(
             Region(
                 box_px=box,
-                mask=thing,
+                mask=thing.copy(),
                 loops_px=tuple(evenly(loop) for loop in fine),
                 touches_edge=_is_cut(thing, window, crop),
                 area_px=area_px,
-                alternatives=tuple(
-                    alternative
-                    for reading in readings
-                    if (alternative := reading[window] & ~elsewhere).any()
-                    and int((alternative ^ thing).sum()) > 0.01 * area
-                ),
+                alternatives=_others(readings, window, thing, elsewhere, 0.01 * area),
             )
         )
     return kept, specks
+
+
+def _meet(rect: Sequence[int], box: Box, crop_box: Box) -> bool:
+    """Return whether a rectangle (left, top, width, height) of the crop meets a box."""
+    x, y = rect[0] + crop_box[0], rect[1] + crop_box[1]
+    return x < box[2] and y < box[3] and x + rect[2] > box[0] and y + rect[3] > box[1]
+
+
+def _apart(
+    masked: Mask, pixel: NDArray[np.int32], window: tuple[slice, slice]
+) -> tuple[Mask, Mask]:
+    """Return the thing (h, w) that a pixel of the crop is of, and what is of others."""
+    _, labels = cv2.connectedComponents(masked.view(np.uint8), connectivity=8, ltype=cv2.CV_16U)
+    thing = labels == labels[pixel[1] - window[0].start, pixel[0] - window[1].start]
+    return thing, masked & ~thing
+
+
+def _others(
+    readings: tuple[Mask, ...],
+    window: tuple[slice, slice],
+    thing: Mask,
+    elsewhere: Mask | None,
+    least: float,
+) -> tuple[Mask, ...]:
+    """Return the readings of a thing that are something, and something else."""
+    out = []
+    for reading in readings:
+        other = reading[window].copy() if elsewhere is None else reading[window] & ~elsewhere
+        if other.any() and cv2.countNonZero((other ^ thing).view(np.uint8)) > least:
+            out.append(other)
+    return tuple(out)
 
 
 def _with_margin(box: Box, crop: Crop, margin_px: int = 4) -> tuple[tuple[slice, slice], Box]:
