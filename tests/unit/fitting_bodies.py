@@ -30,6 +30,9 @@ def body(name: str) -> Body:
         ),
         "disc": lambda: rod(20, 10, 128),
         "square_bar": lambda: box(20, 20, 70),
+        "roof": lambda: (
+            prism([(0, 0), (50, 0), (14, 14)], 36).rotate((90, 0, 0)).translate((-25, 18, 0))
+        ),
         "wedge": lambda: prism([(0, 0), (56, 0), (56, 6), (0, 30)], 34),
     }
     return made[name]()
