@@ -44,7 +44,8 @@ class SearchLimits:
     Attributes
     ----------
     most_coarse : candidates fitted coarsely
-    most_fine : of these fitted in full
+    sure_coarse : coarse score from which a candidate is fitted in full at once
+    most_fine : of the others, the best ones, if none fits perfectly
     coarse_samples : edge samples of a coarse fit: enough to tell a turn that is off
     fine_samples, fine_outline : of a full one; of one to an outline
     first_reach_mm : how far off a candidate may lie: its place comes from a centroid
@@ -56,6 +57,7 @@ class SearchLimits:
     """
 
     most_coarse: int = 14
+    sure_coarse: float = 0.8
     most_fine: int = 4
     coarse_samples: int = 300
     fine_samples: int = 1000
@@ -107,30 +109,38 @@ def weigh(
 ) -> list[Hypothesis]:
     """Return fitted hypotheses, best first."""
     fine: list[Hypothesis] = []
-    best_coarse, bound = 0.0, -np.inf
+    held: list[tuple[float, Candidate, EdgeFit]] = []
+    bound = -np.inf
     for candidate in distinct(candidates, library)[: limits.most_coarse]:
-        if candidate.overlap < bound or len(fine) >= limits.most_fine:
+        if candidate.overlap < bound:
             break  # one fits perfectly, and this one's outline is another
-        fit = _coarse(candidate, sight, camera, library, limits)
-        if fit is None:
+        coarse = _coarse(candidate, sight, camera, library, limits)
+        if coarse is None:
             continue
-        score = _coarse_score(fit)
-        if score < limits.coarse_share * best_coarse:
+        score = _coarse_score(coarse)
+        if score < limits.sure_coarse:
+            held.append((score, candidate, coarse))
             continue
-        best_coarse = max(best_coarse, score)
-        refined = _refine(candidate, fit, sight, camera, library, limits, source)
+        refined = _refine(candidate, coarse, sight, camera, library, limits, source)
         if refined is not None:
             fine.append(refined)
-            if refined.probability > limits.perfect and (
-                refined.evidence.misfit_px < limits.perfect_px
-            ):
+            if _is_perfect(refined, limits):
                 bound = max(bound, refined.overlap - limits.overlap_gap)
+    if not any(_is_perfect(h, limits) for h in fine):
+        held.sort(key=lambda item: -item[0])
+        for score, candidate, coarse in held[: limits.most_fine]:
+            if score < limits.coarse_share * held[0][0]:
+                break
+            refined = _refine(candidate, coarse, sight, camera, library, limits, source)
+            if refined is not None:
+                fine.append(refined)
     fine = without_repeats(fine, library)
     if sight.is_backlit and len(fine) > 1:
         open_ones = [h for h in fine if h.odds > fine[0].odds - OUTLINE_DECIDES]
         if len(open_ones) > 1:
             looked_at = [_look_inside(h, sight, camera, library, limits) for h in open_ones]
-            fine = without_repeats([*looked_at, *fine[len(open_ones) :]], library)
+            # with and without what lies inside, odds have different constants
+            fine = [*without_repeats(looked_at, library), *fine[len(open_ones) :]]
     return fine
 
 
@@ -172,6 +182,10 @@ def without_repeats(hypotheses: Sequence[Hypothesis], library: Library) -> list[
         ):
             kept.append(h)
     return kept
+
+
+def _is_perfect(h: Hypothesis, limits: SearchLimits) -> bool:
+    return h.probability > limits.perfect and h.evidence.misfit_px < limits.perfect_px
 
 
 def _reach_px(mm: float, sight: Sight) -> float:

@@ -62,7 +62,7 @@ def _within(
     rough = crop.grey < threshold
     if crop.usable is not None:
         rough &= crop.usable
-    mask, field = sharpen(crop, rough, beyond, SEEN_CONTRAST * float(beyond.mean()))
+    mask, field = sharpen(crop, rough, beyond, SEEN_CONTRAST * float(beyond[::8, ::8].mean()))
     if crop.usable is not None:
         mask &= crop.usable
     return regions_of(crop, mask, field, None, min_area_px)

@@ -30,6 +30,7 @@ SOBEL_GAIN = 128.0  # of the 5 x 5 filter for a slope of 1; half as much again a
 NOISE_FACTOR = 0.8  # of the noise: four deviations of the gradient, which averages over 5 x 5
 STEP_FACTOR = 0.7  # of a level step: rounding of a slow slope is no border
 LEAST_EDGE = 0.012  # of the table's level per pixel, beyond its slope
+BINOMIAL = np.array([1.0, 2.0, 1.0])
 RIDGE_PX = 5  # across a border
 STRONG_SHARE = 0.3  # of a border's pixels are of twice the least sharpness
 LEAST_BORDER = 8  # px
@@ -134,28 +135,31 @@ def _borders(grey: Grey, least: float) -> Bytes:
     wide window tells how much of it is slope. Only the ridge is kept, so that the foot of a
     shadow that runs up to a border does not widen it.
     """
-    gx = cv2.Sobel(grey, cv2.CV_16S, 1, 0, ksize=5)
-    gy = cv2.Sobel(grey, cv2.CV_16S, 0, 1, ksize=5)
-    sharp = _less_slope(grey, cv2.add(np.abs(gx), np.abs(gy)))
+    # Sobel's 5 x 5 filter, in two steps of 3 x 3 that take half the time
+    soft = cv2.sepFilter2D(grey, cv2.CV_16S, BINOMIAL, BINOMIAL)
+    gx = cv2.Sobel(soft, cv2.CV_16S, 1, 0)
+    gy = cv2.Sobel(soft, cv2.CV_16S, 0, 1)
+    sharp = _less_slope(grey, np.abs(gx) + np.abs(gy))
     at = np.flatnonzero(sharp > SOBEL_GAIN * least)
     at = at[_is_ridge(sharp, at, gx.ravel()[at], gy.ravel()[at])]
     ridge = np.zeros(grey.shape, dtype=np.uint8)
     ridge.ravel()[at] = 1
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(ridge, connectivity=8)
-    strong = labels.ravel()[at[sharp.ravel()[at] > 2.0 * SOBEL_GAIN * least]]
-    size = stats[:, cv2.CC_STAT_AREA]
-    is_border = np.bincount(strong, minlength=len(stats)) >= np.maximum(STRONG_SHARE * size, 4)
+    _, labels = cv2.connectedComponents(ridge, connectivity=8, ltype=cv2.CV_32S)
+    of = labels.ravel()[at]
+    size = np.bincount(of)
+    strong = of[sharp.ravel()[at] > 2.0 * SOBEL_GAIN * least]
+    is_border = np.bincount(strong, minlength=len(size)) >= np.maximum(STRONG_SHARE * size, 4)
     is_border &= size >= LEAST_BORDER
-    is_border[0] = False
-    return np.asarray(is_border.astype(np.uint8)[labels])
+    ridge.ravel()[at] = is_border[of]
+    return ridge
 
 
 def _less_slope(grey: Grey, fine: Shorts) -> Shorts:
     """Return a gradient less its share over a wide window, in units of 1 / ``SOBEL_GAIN``."""
-    wide = cv2.boxFilter(grey, cv2.CV_32F, (SLOPE_PX, SLOPE_PX), normalize=False).astype(np.int16)
-    gx = cv2.Sobel(wide, cv2.CV_16S, 1, 0, ksize=1)
-    gy = cv2.Sobel(wide, cv2.CV_16S, 0, 1, ksize=1)
-    coarse = cv2.add(np.abs(gx), np.abs(gy))
+    wide = cv2.boxFilter(grey, cv2.CV_16U, (SLOPE_PX, SLOPE_PX), normalize=False).view(np.int16)
+    coarse = np.zeros_like(wide)
+    np.abs(wide[:, 2:] - wide[:, :-2], out=coarse[:, 1:-1])
+    coarse[1:-1] += np.abs(wide[2:] - wide[:-2])
     scale = SLOPE_SHARE * SOBEL_GAIN / (2.0 * SLOPE_PX**2)
     return np.asarray(cv2.addWeighted(fine, 1.0, coarse, -scale, 0.0, dtype=cv2.CV_16S), np.int16)
 
@@ -187,11 +191,12 @@ def _reached(blocked: Bytes, gap_px: int = GAP_PX) -> Bytes:
     free = 1 - cv2.dilate(blocked, disc)
     padded = cv2.copyMakeBorder(free, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1)
     cv2.floodFill(padded, None, (0, 0), 2)
-    reached = (padded[1:-1, 1:-1] == 2).astype(np.uint8)
+    reached = (padded[1:-1, 1:-1] == 2).view(np.uint8)
     # step by step up to the borders, which are one pixel wide: a disc would leap over them
     cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
     for _ in range(2 * gap_px):
-        reached = cv2.dilate(reached, cross) & (1 - blocked)
+        reached = cv2.dilate(reached, cross)
+        np.greater(reached, blocked, out=reached.view(np.bool_))
     return np.asarray(reached, np.uint8)
 
 
@@ -200,25 +205,17 @@ def _holes(
 ) -> Bytes:
     """Return 1 where the table is seen through a thing: table-like and no way out near."""
     inner = solid & (1 - bright) & (1 - border)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(inner, connectivity=4)
+    _, labels = cv2.connectedComponents(inner, connectivity=4, ltype=cv2.CV_32S)
+    at = np.flatnonzero(inner.view(np.bool_))
+    of = labels.ravel()[at]
+    size = np.bincount(of, minlength=1)
+    near_outside = cv2.dilate(1 - solid, np.ones((7, 7), np.uint8))
+    has_way_out = np.bincount(of, weights=near_outside.ravel()[at], minlength=1) > 0
+    ratio = np.bincount(of, weights=grey.ravel()[at] / table.ravel()[at], minlength=1)
+    is_hole = (size >= LEAST_HOLE) & ~has_way_out & (ratio <= (1.0 + 0.5 * excess) * size)
     holes = np.zeros_like(solid)
-    outside = 1 - solid
-    near_outside = cv2.dilate(outside, np.ones((7, 7), np.uint8))
-    ratio = grey / table
-    for k in range(1, count):
-        x, y, w, h, area = stats[k]
-        if area < LEAST_HOLE:
-            continue
-        window = np.s_[y : y + h, x : x + w]
-        patch = labels[window] == k
-        if (patch & (near_outside[window] > 0)).any():
-            continue
-        if float(np.mean(ratio[window][patch])) > 1.0 + 0.5 * excess:
-            continue
-        grown = np.s_[max(y - 2, 0) : y + h + 2, max(x - 2, 0) : x + w + 2]
-        whole = cv2.dilate((labels[grown] == k).astype(np.uint8), np.ones((3, 3), np.uint8))
-        holes[grown] |= whole & (1 - bright[grown])
-    return holes
+    holes.ravel()[at] = is_hole[of]
+    return np.asarray(cv2.dilate(holes, np.ones((3, 3), np.uint8)) & (1 - bright))
 
 
 def _trimmed(solid: Bytes, bright: Bytes) -> Bytes:

@@ -22,7 +22,7 @@ LEAST_PILE = 0.002  # of the pixels
 LEAST_UNSATURATED = 0.01  # of the pixels, to tell the ground's level beyond white
 MOST_BEYOND_WHITE = 1.5  # an exposure that has more of it is told to be wrong
 FITTED_PX = 2000
-NOISE_ROWS = 64
+NOISE_ROWS = 32
 ROUNDS = 5
 LEAST_SATURATED = 0.02  # of the table's pixels, to fit what is below white alone
 RIM_OF_WHITE = 0.7  # the table's rim is as bright as that where its middle saturates
@@ -139,20 +139,14 @@ def fit_ground(
         fit gets better
     """
     stride = max(1, round((reduced.size / FITTED_PX) ** 0.5))
-    band = max(2, len(reduced) // 12)
-    is_rim = np.ones(reduced.shape, dtype=np.bool_)
-    is_rim[band:-band, band:-band] = False
-    seen = reduced[is_rim & inside]
-    if len(seen) < 50:
-        seen = reduced[inside]
-    start = float(np.median(seen)) if len(seen) else 0.0
+    start = _rim_level(reduced, inside)
     weights = np.array([start, 0, 0, 0, 0, 0], dtype=np.float64)
     v, u = np.nonzero(inside[stride // 2 :: stride, stride // 2 :: stride])
     v, u = v * stride + stride // 2, u * stride + stride // 2
     levels = reduced[v, u].astype(np.float64)
     x = ((u + 0.5) * factor - 0.5) * (2.0 / size_px[0]) - 1.0
     y = ((v + 0.5) * factor - 0.5) * (2.0 / size_px[1]) - 1.0
-    terms = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
     is_clipped = levels >= white - 3
     # what is white before a table that is not lies on it
     share = float(np.mean(is_clipped)) if len(levels) and start >= RIM_OF_WHITE * white else 0.0
@@ -164,34 +158,51 @@ def fit_ground(
         calm = cv2.erode(reduced, np.ones((7, 7), np.uint8)) >= RIM_OF_WHITE * white
         is_rim &= calm[v, u]
     scatter = 0.0
+    fitted = weights @ terms
     for _ in range(ROUNDS):
-        fitted = terms @ weights
         near = np.abs(levels - fitted) <= tolerance * np.maximum(fitted, 1.0) + 1.0
         if share > LEAST_SATURATED:  # the fit is of what lies below white alone
             near = is_rim if scatter == 0.0 else is_rim & near
-        if near.sum() < 60:
+        if np.count_nonzero(near) < 60:
             break
-        weights = _solve(terms[near], levels[near], share > LEAST_SATURATED)
-        off = (levels - terms @ weights)[near] / np.maximum(terms[near] @ weights, 1.0)
-        scatter = 1.4826 * float(np.median(np.abs(off)))
+        weights = _solve(terms, levels, near, share > LEAST_SATURATED)
+        fitted = weights @ terms
+        off = (np.abs(levels - fitted) / np.maximum(fitted, 1.0))[near]
+        scatter = 1.4826 * float(np.median(off))
         tolerance = max(0.5 * tolerance, min(4.0 * scatter, 0.2), 0.03)
     return Ground(weights, size_px, scatter)
 
 
-def _solve(terms: Array, levels: Array, is_rim: bool) -> Array:
+def _rim_level(reduced: Grey, inside: Mask) -> float:
+    """Return the median level along the picture's rim, of all of it where little is usable."""
+    band = max(2, len(reduced) // 12)
+    strips = (np.s_[:band], np.s_[-band:], np.s_[band:-band, :band], np.s_[band:-band, -band:])
+    seen = np.concatenate([reduced[strip][inside[strip]] for strip in strips])
+    if len(seen) < 50:
+        seen = reduced[inside]
+    return float(np.median(seen)) if len(seen) else 0.0
+
+
+def _solve(terms: Array, levels: Array, chosen: Mask, is_rim: bool) -> Array:
     """Return the weights; from the picture's rim alone only slopes and one bow are told."""
     if is_rim:
-        bow = terms[:, 3] + terms[:, 5]
-        few = np.column_stack([terms[:, :3], bow])
-        a, b, c, d = _least_squares(few, levels)
+        few = np.concatenate([terms[:3], (terms[3] + terms[5])[None]])
+        a, b, c, d = _least_squares(few, levels, chosen)
         return np.array([a, b, c, d, 0.0, d])
-    return _least_squares(terms, levels)
+    return _least_squares(terms, levels, chosen)
 
 
-def _least_squares(terms: Array, levels: Array) -> Array:
-    """Return the weights by normal equations: terms from -1 to 1 are far from dependent."""
-    square = terms.T @ terms + 1e-9 * len(terms) * np.eye(terms.shape[1])
-    return np.asarray(np.linalg.solve(square, terms.T @ levels))
+def _least_squares(terms: Array, levels: Array, chosen: Mask) -> Array:
+    """Return the weights by normal equations: terms from -1 to 1 are far from dependent.
+
+    Parameters
+    ----------
+    terms : (k, n)
+    levels, chosen : (n,) what is to be fitted, and where
+    """
+    masked = terms * chosen
+    square = masked @ terms.T + 1e-9 * np.count_nonzero(chosen) * np.eye(len(terms))
+    return np.asarray(np.linalg.solve(square, masked @ levels), np.float64)
 
 
 def two_humps(counts: Array) -> tuple[float, float, float, float, bool]:

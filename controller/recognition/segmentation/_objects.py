@@ -84,7 +84,8 @@ def _side_level(grey: Grey, side: Grey, pure: Grey, mixed_px: int, at: Places) -
     weight = cv2.addWeighted(side, 1.0, pure, 1.0 / MIXED_WEIGHT - 1.0, 0.0)
     window = (LOCAL_FACTOR * mixed_px + 1, LOCAL_FACTOR * mixed_px + 1)
     total = cv2.boxFilter(weight, cv2.CV_16U, window, normalize=False)
-    light = cv2.multiply(grey, weight, dtype=cv2.CV_16U)
+    # numpy's product of small numbers takes a fifth of the time of OpenCV's
+    light = np.multiply(grey, weight, dtype=np.uint16)
     light = cv2.boxFilter(light, cv2.CV_32F, window, normalize=False)
     out: Floats = light.ravel()[at] / np.maximum(total.ravel()[at], np.float32(1e-3))
     return out
@@ -214,14 +215,19 @@ def boxes_of(
     candidates : (h, w) 1 where something is
     least : pixels of the reduced picture below which something is left out
     """
-    count, _, stats, _ = cv2.connectedComponentsWithStats(candidates, connectivity=8)
+    chains, tree = cv2.findContours(candidates, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
+    outer = [i for i in range(len(chains)) if tree[0, i, 3] < 0]
+    _, labels = cv2.connectedComponents(candidates, connectivity=8, ltype=cv2.CV_16U)
+    areas = np.bincount(labels[candidates.view(np.bool_)]) if outer else np.zeros(1)
     width, height = size_px
     boxes: list[Box] = []
     left_out = 0
-    for x, y, w, h, area in stats[1:count].tolist():
-        if area < least:
+    for i in outer:
+        first_x, first_y = chains[i][0, 0]
+        if areas[labels[first_y, first_x]] < least:
             left_out += 1
             continue
+        x, y, w, h = cv2.boundingRect(chains[i])
         boxes.append(
             (
                 max(x * factor - margin_px, 0),

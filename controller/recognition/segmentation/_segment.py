@@ -24,6 +24,7 @@ from ._types import Lighting, Segmentation
 Grey = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
+LEVEL_ROWS = 64  # as many tell which levels are in use
 LEAST_AREA = 2e-4  # of the picture: 16 x 16 px of 1280 x 1024, a part of 3.5 mm seen from 860
 DARK_TABLE = 8  # grey levels under which nothing can be told
 BRIGHT_TABLE = 128  # an empty table is a glowing one from here on
@@ -66,7 +67,7 @@ def segment(
         inside = np.ones(reduced.shape, dtype=np.bool_)
     else:
         inside = _reduced(usable.astype(np.uint8) * 255, factor) > 250
-    counts = cv2.calcHist([picture[::8]], [0], None, [256], [0, 256]).ravel()
+    counts = cv2.calcHist([picture[:: max(1, height // LEVEL_ROWS)]], [0], None, [256], [0, 256]).ravel()
     white = white_level(picture, counts)
     step = level_step(counts)
     noise = pixel_noise(picture, usable, step)
@@ -76,8 +77,8 @@ def segment(
     relative = cv2.divide(reduced, level, scale=float(GROUND_BIN), dtype=cv2.CV_8U)
     if usable is not None:
         relative[~inside] = GROUND_BIN
-    shares = cv2.calcHist([relative], [0], inside.astype(np.uint8), [256], [0, 256]).ravel()
-    shares = shares.astype(np.float64)
+    within = None if usable is None else inside.astype(np.uint8)
+    shares = cv2.calcHist([relative], [0], within, [256], [0, 256]).ravel().astype(np.float64)
 
     typical = float(np.median(level[::4, ::4]))
     found = _lighting(shares, typical) if lighting == "auto" else lighting
@@ -161,8 +162,8 @@ def _remarks(
         )
     seen = level[::4, ::4][inside[::4, ::4]]
     if len(seen) and levels.saturated_share < 0.5:
-        low, high = (float(np.percentile(seen, share)) for share in (1, 99))
-        fade = 1.0 - low / max(high, 1.0)
+        low, high = np.percentile(seen, (1, 99))
+        fade = 1.0 - float(low / max(high, 1.0))
         if fade > MOST_FADE:
             out.append(f"the light is uneven: the table fades by {100 * fade:.0f} %")
     if lighting == "backlit" and levels.ground < 60:
