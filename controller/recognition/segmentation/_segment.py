@@ -67,7 +67,8 @@ def segment(
         inside = np.ones(reduced.shape, dtype=np.bool_)
     else:
         inside = _reduced(usable.astype(np.uint8) * 255, factor) > 250
-    counts = cv2.calcHist([picture[:: max(1, height // LEVEL_ROWS)]], [0], None, [256], [0, 256]).ravel()
+    rows = picture[:: max(1, height // LEVEL_ROWS)]
+    counts = cv2.calcHist([rows], [0], None, [256], [0, 256]).ravel()
     white = white_level(picture, counts)
     step = level_step(counts)
     noise = pixel_noise(picture, usable, step)
