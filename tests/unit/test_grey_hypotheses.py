@@ -13,7 +13,8 @@ from controller.recognition.grey import (
     propose,
     rate,
 )
-from controller.recognition.grey._index import Frames, near_keys
+from controller.recognition.grey._index import near_keys
+from controller.recognition.grey._keys import Frames
 
 Array = NDArray[np.float64]
 SIZE = (320, 320)

@@ -14,6 +14,7 @@ from ._edges import EdgePoints
 from ._tolerances import GreyTolerances
 
 Array = NDArray[np.float64]
+Singles = NDArray[np.float32]
 Ints = NDArray[np.int64]
 
 ANGLES = 36  # bins of 10 deg over the full turn; a point votes for its own and both beside
@@ -44,7 +45,7 @@ def cell_lines(edges: EdgePoints, tol: GreyTolerances) -> tuple[Moments, Ints]:
         return _none(), owner
     cell, centres = _cells(points, tol.cell_px)
     local = points - centres[cell]
-    turn = np.arctan2(edges.normals[:, 1], edges.normals[:, 0])
+    bins, shares = _ballots(local, np.arctan2(edges.normals[:, 1], edges.normals[:, 0]), tol)
     free = np.arange(len(points))
     found: list[Moments] = []
     count = 0
@@ -56,8 +57,8 @@ def cell_lines(edges: EdgePoints, tol: GreyTolerances) -> tuple[Moments, Ints]:
             break
         number = np.cumsum(busy) - 1
         of, at, bright = number[cell[free]], local[free], edges.normals[free]
-        theta, rho = _maxima(of, at, turn[free], tol)
-        (x, y), (bx, by) = at.T, bright.T
+        theta, rho = _maxima(of, bins[free], shares[free], tol)
+        (x, y), (bx, by) = (np.ascontiguousarray(c.T) for c in (at, bright))
         cos, sin = np.cos(theta)[of], np.sin(theta)[of]
         near = np.abs(x * cos + y * sin - rho[of]) < 1.8 * tol.band_px
         near &= bx * cos + by * sin > np.cos(tol.vote_rad)
@@ -101,26 +102,39 @@ def _cells(points: Array, side_px: float) -> tuple[Ints, Array]:
     return number[key], (corner + 0.5) * side_px
 
 
-def _maxima(cell: Ints, at: Array, turn: Array, tol: GreyTolerances) -> tuple[Array, Array]:
-    """Return theta and rho of each cell's highest maximum; cells without points get any."""
-    reach = int(np.ceil(tol.cell_px * 0.75)) + 1
-    radii = 2 * reach
-    own = np.round(turn * ANGLES / (2 * np.pi)).astype(np.int64)
+def _radii(tol: GreyTolerances) -> int:
+    """Return how many bins of radius a cell has."""
+    return 2 * (int(np.ceil(tol.cell_px * 0.75)) + 1)
+
+
+def _ballots(at: Array, turn: Array, tol: GreyTolerances) -> tuple[Ints, Singles]:
+    """Return for points in cells the bins (n, 3) they vote for, and the share of the next one.
+
+    Each vote is shared by the two bins beside it, or a line between bins would count half.
+    """
+    radii = _radii(tol)
+    own = np.rint(turn * (ANGLES / (2 * np.pi))).astype(np.int64)
     bins = (own[:, None] + np.array([-1, 0, 1])) % ANGLES
     theta = np.arange(ANGLES) * (2 * np.pi / ANGLES)
     cos, sin = np.cos(theta), np.sin(theta)
-    rho = at[:, :1] * cos[bins] + at[:, 1:] * sin[bins] + reach
-    low = np.clip(np.floor(rho - 0.5).astype(np.int64), 0, radii - 2)
+    rho = at[:, :1] * cos[bins] + at[:, 1:] * sin[bins] + (0.5 * radii - 0.5)
+    low = np.clip(rho.astype(np.int64), 0, radii - 2)
+    share = np.clip(rho - low, 0.0, 1.0)
+    return bins * radii + low, share.astype(np.float32)
+
+
+def _maxima(cell: Ints, bins: Ints, shares: Singles, tol: GreyTolerances) -> tuple[Array, Array]:
+    """Return theta and rho of each cell's highest maximum; cells without points get any."""
+    radii = _radii(tol)
     cells = int(cell.max()) + 1
-    key = ((cell[:, None] * ANGLES + bins) * radii + low).ravel()
-    # each vote is shared by the two bins beside it, or a line between bins would count half
-    share = np.clip(rho - 0.5 - low, 0.0, 1.0).ravel()
     size = cells * ANGLES * radii
+    key = (cell[:, None] * (ANGLES * radii) + bins).ravel()
+    share = shares.ravel()
     votes = np.bincount(key, weights=1 - share, minlength=size)
     votes[1:] += np.bincount(key, weights=share, minlength=size)[:-1]
     best = votes.reshape(cells, -1).argmax(axis=1)
     angle, low_bin = np.divmod(best, radii)
-    return np.asarray(theta[angle]), low_bin + 0.5 - reach
+    return angle * (2 * np.pi / ANGLES), low_bin + 0.5 - radii / 2
 
 
 def _sums(at: Array, bright: Array, of: Ints, count: int) -> tuple[Array, Array]:
@@ -130,7 +144,7 @@ def _sums(at: Array, bright: Array, of: Ints, count: int) -> tuple[Array, Array]
         np.bincount(of, weights=w, minlength=count)
         for w in (None, x, y, x * x, x * y, y * y, bright[:, 0], bright[:, 1])
     ]
-    table = np.stack(columns, axis=1).astype(np.float64)
+    table = np.array(columns, dtype=np.float64).T
     return table[:, :6], table[:, 6:]
 
 
@@ -171,14 +185,25 @@ def line_of(sums: Array, bright: Array) -> tuple[Array, Array, Array]:
     """Return mean (n, 2), unit normal (n, 2) on the bright side and rms distance (n,) of lines."""
     n, x, y, xx, xy, yy = sums.T
     n = np.maximum(n, 1.0)
-    mean = np.stack([x / n, y / n], axis=1)
-    a = xx / n - mean[:, 0] ** 2
-    b = xy / n - mean[:, 0] * mean[:, 1]
-    c = yy / n - mean[:, 1] ** 2
+    mx, my = x / n, y / n
+    a = xx / n - mx * mx
+    b = xy / n - mx * my
+    c = yy / n - my * my
     half = 0.5 * np.arctan2(2 * b, a - c)
-    normal = np.stack([-np.sin(half), np.cos(half)], axis=1)
-    normal *= np.where(normal[:, 0] * bright[:, 0] + normal[:, 1] * bright[:, 1] < 0, -1.0, 1.0)[
-        :, None
-    ]
-    spread = (a + c) / 2 - np.hypot((a - c) / 2, b)
-    return mean, normal, np.sqrt(np.maximum(spread, 0.0))
+    nx, ny = -np.sin(half), np.cos(half)
+    side = np.where(nx * bright[:, 0] + ny * bright[:, 1] < 0, -1.0, 1.0)
+    mean, normal = np.array([mx, my]).T, np.array([nx * side, ny * side]).T
+    return mean, normal, _rms(a, b, c)
+
+
+def rms_of(sums: Array) -> Array:
+    """Return the rms distance (n,) of the points of lines."""
+    n, x, y, xx, xy, yy = sums.T
+    mx, my = x / n, y / n
+    return _rms(xx / n - mx * mx, xy / n - mx * my, yy / n - my * my)
+
+
+def _rms(a: Array, b: Array, c: Array) -> Array:
+    difference = (a - c) / 2
+    spread = (a + c) / 2 - np.sqrt(difference * difference + b * b)
+    return np.asarray(np.sqrt(np.maximum(spread, 0.0)))

@@ -99,14 +99,13 @@ def find_junctions(segments: Array, corners: Corners, reach: float) -> Junctions
     length = np.maximum(np.linalg.norm(along, axis=1), 1e-9)
     along = along / length[:, None]
     ends = segments.reshape(-1, 2)
-    offset = ends[:, None] - start[None]
-    t = np.einsum("eli,li->el", offset, along)
-    beside = np.abs(offset[:, :, 0] * along[None, :, 1] - offset[:, :, 1] * along[None, :, 0])
-    lean = np.abs(
-        along[:, 0][:, None] * along[None, :, 1] - along[:, 1][:, None] * along[None, :, 0]
-    )
-    inner = (t > 2 * reach) & (t < length - 2 * reach) & (beside < reach)
-    e, line = np.nonzero(inner & (np.repeat(lean, 2, axis=0) > 0.34))
+    # signs and distances of all ends along and beside all lines, (end, line)
+    across = np.stack([along[:, 1], -along[:, 0]], axis=1)
+    t = ends @ along.T - (start * along).sum(axis=1)
+    beside = ends @ across.T - (start * across).sum(axis=1)
+    e, line = np.nonzero((np.abs(beside) < reach) & (t > 2 * reach) & (t < length - 2 * reach))
+    lean = np.abs((along[e // 2] * across[line]).sum(axis=1))
+    e, line = e[lean > 0.34], line[lean > 0.34]
     t_at = start[line] + t[e, line][:, None] * along[line]
     return Junctions(
         np.concatenate([y_at, t_at]), np.r_[np.ones(len(y_at), bool), np.zeros(len(t_at), bool)]

@@ -71,16 +71,16 @@ def edge_points(grey: Grey, to_plane: ToPlane, tol: GreyTolerances) -> EdgePoint
     gy = cv2.Sobel(soft, cv2.CV_32F, 0, 1)
     strength = cv2.magnitude(gx, gy)
     threshold = max(_noise(strength) * tol.noise_factor, floor)
-    width = grey.shape[1]
-    strong = strength > threshold
+    height, width = grey.shape
+    at = np.flatnonzero(strength > threshold)
     plain = threshold
-    if strong.any():
-        plain = float(np.percentile(strength[strong][::3], 90))
-        threshold = max(threshold, tol.faint * plain)
-        strong = strength > threshold
-    strong[[0, -1]] = False
-    strong[:, [0, -1]] = False
-    at = np.flatnonzero(strong.ravel())
+    if len(at):
+        own = strength.ravel()[at]
+        plain = float(np.percentile(own[::3], 90))
+        if tol.faint * plain > threshold:
+            at = at[own > tol.faint * plain]
+    v, u = np.divmod(at, width)
+    at = at[(v > 0) & (v < height - 1) & (u > 0) & (u < width - 1)]
     flat, fx, fy = strength.ravel(), gx.ravel()[at], gy.ravel()[at]
     step = np.where(np.abs(fx) >= np.abs(fy), 1, width)
     before, here, after = flat[at - step], flat[at], flat[at + step]

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from ._features import ImageFeatures
 from ._hulls import ROUNDEST, hull_of
-from ._index import KINDS, FeatureIndex, Frames, feature_index, frames_of, near_keys
+from ._index import FeatureIndex, feature_index, near_keys
+from ._keys import KINDS, Frames, frames_of
 from ._matches import matches
 from ._model import ModelFeatures
 from ._score import edge_map, fitted, quick_scores, rated

@@ -1,8 +1,7 @@
-"""Keys of features that do not change with place and turn, and where each is in the library.
+"""Where each key is in the library: tables sorted by the first key, searched by bisection.
 
-Four kinds of key: a line between two corners (paper, 3.2), a corner with its two lines, two
-circles, a circle and a line; and for views with little of these, a line alone. Keys are scaled so
-that a tolerance is 1; tables are sorted by the first and searched by bisection.
+A library may hold thousands of views, so what the index holds of them is in small numbers: 7 kB
+a view.
 """
 
 from collections.abc import Sequence
@@ -11,43 +10,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ._corners import Corners
 from ._hulls import hull_of
+from ._keys import KINDS, Frames, frames_of, joined, taken
 from ._model import ModelFeatures
 from ._tolerances import GreyTolerances
 
 Array = NDArray[np.float64]
+Singles = NDArray[np.float32]
 Ints = NDArray[np.int64]
 
-KINDS = ("edge", "corner", "pair", "flank", "line", "circle")
 ASKED = 96  # edgelets of a view that coarse scores are of
-MOST_LINES = 40  # of a picture or view, the longest
-MOST_CIRCLES = 16
-MOST_CORNERS = 60
-ALONE_MM, MOST_ALONE = 6.0, 14  # lines that may fix a pose by their length alone
-LEAST_APART_MM = 4.0  # of two points that give a direction: 0.3 mm on it is 4 deg
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Frames:
-    """Features as places with a direction.
-
-    Attributes
-    ----------
-    keys : (n, d) invariants, in tolerances
-    points : (n, 2) where
-    spread : (n,) how far that moves with the part
-    turns_rad : (n,) which way
-    weights : (n,) how telling it is
-    model : (n,) of which view
-    """
-
-    keys: Array
-    points: Array
-    spread: Array
-    turns_rad: Array
-    weights: Array
-    model: Ints
+FULL = 32767  # of a short number: 0.01 mm of 300
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -57,8 +30,9 @@ class FeatureIndex:
     Attributes
     ----------
     models : views as they were given
-    tables : of each of `KINDS`
-    edgelets : (views, k, 5) of `ModelFeatures`, weight 0 where there are fewer
+    tables : of each of `KINDS`, in single precision
+    packed : (5, views, k) of the edgelets of `ModelFeatures`, weight 0 where there are fewer
+    steps : (5, 1, 1) what 1 in ``packed`` is
     totals, asked_totals : (views,) their weights' sum, and of those that coarse scores ask for
     hulls : (views, 7) of `hull_of`, and how far it moves with the part
     reach_mm : (views,) half the diagonal of a view about its origin
@@ -66,11 +40,16 @@ class FeatureIndex:
 
     models: tuple[ModelFeatures, ...]
     tables: dict[str, Frames]
-    edgelets: NDArray[np.float32]
+    packed: NDArray[np.int16]
+    steps: Singles
     totals: Array
     asked_totals: Array
     reach_mm: Array
     hulls: Array
+
+    def edgelets(self, views: Ints, begin: int = 0, end: int | None = None) -> Singles:
+        """Return (5, n, k) x, y, spread, direction and weight of some edgelets of views (n,)."""
+        return np.asarray(self.packed[:, views, begin:end] * self.steps, np.float32)
 
 
 def feature_index(
@@ -79,10 +58,7 @@ def feature_index(
     """Return the index of a library's views: once for the library, not once a picture."""
     tol = tol or GreyTolerances()
     parts: dict[str, list[Frames]] = {kind: [] for kind in KINDS}
-    most = max((len(m.edgelets) for m in models), default=0)
-    edgelets = np.zeros((len(models), most, 5), dtype=np.float32)
     for number, m in enumerate(models):
-        edgelets[number, : len(m.edgelets)] = m.edgelets
         frames = frames_of(
             m.lines_mm,
             m.line_spread,
@@ -95,237 +71,47 @@ def feature_index(
             both_ways=False,
         )
         for kind, frame in frames.items():
-            frame.model[:] = number
-            parts[kind].append(frame)
-    tables = {kind: _sorted(_joined(rows)) for kind, rows in parts.items()}
-    reach = np.array([_reach(m) for m in models])
+            if len(frame.keys):
+                frame.model[:] = number
+                parts[kind].append(frame)
+    packed, steps = _packed(models)
+    weights = packed[4] * steps[4]
     return FeatureIndex(
         tuple(models),
-        tables,
-        edgelets,
-        np.maximum(edgelets[:, :, 4].sum(axis=1), 1e-9),
-        np.maximum(edgelets[:, :ASKED, 4].sum(axis=1), 1e-9),
-        reach,
+        {kind: _table(rows) for kind, rows in parts.items()},
+        packed,
+        steps,
+        np.maximum(weights.sum(axis=1, dtype=np.float64), 1e-9),
+        np.maximum(weights[:, :ASKED].sum(axis=1, dtype=np.float64), 1e-9),
+        np.array([_reach(m) for m in models]),
         np.array([_hull(m) for m in models]).reshape(-1, 7),
     )
 
 
-def frames_of(
-    lines: Array,
-    spread: Array,
-    line_weights: Array,
-    corners: Corners,
-    circles: Array,
-    circle_spread: Array,
-    circle_weights: Array,
-    tol: GreyTolerances,
-    *,
-    both_ways: bool,
-) -> dict[str, Frames]:
-    """Return the keyed features of one view or picture, by kind.
-
-    ``both_ways``: what has no direction of its own is listed for both; for one of the two sides
-    of a comparison that is enough.
-    """
-    n = min(len(lines), MOST_LINES)
-    lines, spread, line_weights = lines[:n], spread[:n], line_weights[:n]
-    way = lines[:, 2:] - lines[:, :2]
-    length = np.hypot(way[:, 0], way[:, 1])
-    turn = np.arctan2(way[:, 1], way[:, 0])
-    size = _scaled(length, tol.length_mm, tol.length_ratio)
-    middle, k = (lines[:, :2] + lines[:, 2:]) / 2, spread.mean(axis=1) if n else np.zeros(0)
-    c = min(len(circles), MOST_CIRCLES)
-    circles, circle_spread, circle_weights = (
-        circles[:c],
-        circle_spread[:c],
-        circle_weights[:c],
-    )
-    alone = np.flatnonzero(length >= ALONE_MM)[:MOST_ALONE]
-    frames = {
-        "line": _frames(
-            [size[alone]], middle[alone], k[alone], turn[alone], (line_weights * length / 2)[alone]
-        ),
-        "circle": _frames(
-            [_scaled(circles[:, 2], tol.radius_mm, tol.radius_ratio)],
-            circles[:, :2],
-            circle_spread,
-            np.zeros(c),
-            circle_weights * circles[:, 2],
-        ),
-        "pair": _pairs(circles, circle_spread, circle_weights, tol),
-        "flank": _flanks(lines, turn, length, line_weights, circles, circle_spread, tol),
-    }
-    frames["edge"], frames["corner"] = _cornered(lines, spread, line_weights, corners, size, tol)
-    if both_ways:
-        frames["line"] = _turned(frames["line"])
-    return frames
+def _packed(models: Sequence[ModelFeatures]) -> tuple[NDArray[np.int16], Singles]:
+    """Return all edgelets (5, views, k) as short numbers, and their steps (5, 1, 1)."""
+    most = max((len(m.edgelets) for m in models), default=0)
+    largest = np.full(5, 1e-6)
+    for m in models:
+        if len(m.edgelets):
+            largest = np.maximum(largest, np.abs(m.edgelets).max(axis=0))
+    steps = largest / FULL
+    packed = np.zeros((5, len(models), most), dtype=np.int16)
+    for number, m in enumerate(models):
+        packed[:, number, : len(m.edgelets)] = np.rint(m.edgelets / steps).T
+    return packed, steps.astype(np.float32).reshape(5, 1, 1)
 
 
-def _frames(
-    keys: list[Array], points: Array, spread: Array, turns: Array, weights: Array
-) -> Frames:
-    stacked = np.stack(keys, axis=1)
-    return Frames(stacked, points, spread, turns, weights, np.zeros(len(stacked), dtype=np.int64))
-
-
-def _cornered(
-    lines: Array, spread: Array, weights: Array, corners: Corners, size: Array, tol: GreyTolerances
-) -> tuple[Frames, Frames]:
-    """Return lines between two corners, both ways, and corners with their lines, left one first."""
-    n = len(lines)
-    ok = (corners.lines < n).all(axis=1)
-    at, line, end, angle = (
-        corners.positions[ok][:MOST_CORNERS],
-        corners.lines[ok][:MOST_CORNERS],
-        corners.ends[ok][:MOST_CORNERS],
-        corners.angles_rad[ok][:MOST_CORNERS],
-    )
-    ends = lines.reshape(-1, 2, 2) if n else np.zeros((0, 2, 2))
-    # corner-line-corner: corners at end 0 of a line with those at its end 1
-    flat_line, flat_end = line.ravel(), end.ravel()
-    number = np.repeat(np.arange(len(at)), 2)
-    mate = line[:, ::-1].ravel()
-    mate_end = end[:, ::-1].ravel()
-    i, j = np.nonzero(
-        (flat_line[:, None] == flat_line[None]) & (flat_end[:, None] == 0) & (flat_end[None] == 1)
-    )
-    i, j = np.r_[i, j], np.r_[j, i]
-    a, b = at[number[i]], at[number[j]]
-    d = b - a
-    long = np.hypot(d[:, 0], d[:, 1])
-    far = long > LEAST_APART_MM
-    i, j, a, d, long = i[far], j[far], a[far], d[far], long[far]
-    of = flat_line[i]
-
-    def side(x: Ints) -> Array:  # signed turn from the line to the mate at that corner
-        m, e = mate[x], mate_end[x]
-        out = ends[m, 1 - e] - ends[m, e]
-        cross = d[:, 0] * out[:, 1] - d[:, 1] * out[:, 0]
-        return np.sign(cross) * angle[number[x]]
-
-    edge = _frames(
-        [
-            _scaled(long, tol.length_mm, tol.length_ratio),
-            side(i) / tol.angle_rad,
-            side(j) / tol.angle_rad,
-        ],
-        a + d / 2,
-        spread[of].mean(axis=1) if len(of) else np.zeros(0),
-        np.arctan2(d[:, 1], d[:, 0]),
-        weights[of] * (long + 10.0),
-    )
-    # a corner looks along its bisector; the line on the left is the first
-    out = ends[line, 1 - end] - ends[line, end]
-    out /= np.maximum(np.linalg.norm(out, axis=2, keepdims=True), 1e-9)
-    cross = out[:, 0, 0] * out[:, 1, 1] - out[:, 0, 1] * out[:, 1, 0]
-    left = np.where(cross > 0, 1, 0)
-    row = np.arange(len(at))
-    first, second = line[row, left], line[row, 1 - left]
-    bisector = out.sum(axis=1)
-    corner = _frames(
-        [size[first], size[second], angle / tol.angle_rad],
-        at,
-        (spread[line[:, 0], end[:, 0]] + spread[line[:, 1], end[:, 1]]) / 2,
-        np.arctan2(bisector[:, 1], bisector[:, 0]),
-        np.minimum(weights[first], weights[second]) * 8.0,
-    )
-    return edge, corner
-
-
-def _pairs(circles: Array, spread: Array, weights: Array, tol: GreyTolerances) -> Frames:
-    """Return pairs of circles, the larger first, both ways where they are nearly equal."""
-    i, j = np.nonzero(~np.eye(len(circles), dtype=bool))
-    r = circles[:, 2]
-    alike = tol.radius_mm + tol.radius_ratio * r[i]
-    ok = r[i] > r[j] - 2 * alike
-    i, j = i[ok], j[ok]
-    d = circles[j, :2] - circles[i, :2]
-    apart = np.hypot(d[:, 0], d[:, 1])
-    far = apart > LEAST_APART_MM
-    i, j, d, apart = i[far], j[far], d[far], apart[far]
-    return _frames(
-        [
-            _scaled(apart, tol.length_mm * 0.75, tol.length_ratio / 2),
-            _scaled(r[i], tol.radius_mm, tol.radius_ratio),
-            _scaled(r[j], tol.radius_mm, tol.radius_ratio),
-        ],
-        (circles[i, :2] + circles[j, :2]) / 2,
-        (spread[i] + spread[j]) / 2,
-        np.arctan2(d[:, 1], d[:, 0]),
-        np.minimum(weights[i], weights[j]) * (10.0 + r[i] + r[j]),
-    )
-
-
-def _flanks(
-    lines: Array,
-    turn: Array,
-    length: Array,
-    weights: Array,
-    circles: Array,
-    circle_spread: Array,
-    tol: GreyTolerances,
-) -> Frames:
-    """Return circles beside lines: the line runs so that the circle is to its left."""
-    i, j = (g.ravel() for g in np.indices((len(circles), len(lines))))
-    ok = length[j] > 2 * LEAST_APART_MM
-    i, j = i[ok], j[ok]
-    d = circles[i, :2] - (lines[j, :2] + lines[j, 2:]) / 2
-    cos, sin = np.cos(turn[j]), np.sin(turn[j])
-    left = cos * d[:, 1] - sin * d[:, 0]
-    right = left < 0
-    direction = turn[j] + np.where(right, np.pi, 0.0)
-    frames = _frames(
-        [
-            _scaled(np.abs(left), tol.length_mm, tol.length_ratio),
-            _scaled(circles[i, 2], tol.radius_mm, tol.radius_ratio),
-            _scaled(length[j], 3 * tol.length_mm, 5 * tol.length_ratio),
-        ],
-        circles[i, :2],
-        circle_spread[i],
-        direction,
-        weights[j] * np.minimum(length[j], 20.0) / 2,
-    )
-    through = np.abs(left) < tol.length_mm  # then either way is the one
-    return _joined([frames, _taken(_turned(frames), np.r_[np.zeros(len(left), bool), through])])
-
-
-def _turned(f: Frames) -> Frames:
-    """Return frames, and behind them the same turned by half."""
-    return _joined([f, Frames(f.keys, f.points, f.spread, f.turns_rad + np.pi, f.weights, f.model)])
-
-
-def _taken(f: Frames, rows: NDArray[np.generic]) -> Frames:
+def _table(rows: list[Frames]) -> Frames:
+    """Return the features of a kind of all views, by their first key."""
+    every = joined(rows)
+    every = taken(every, np.argsort(every.keys[:, 0], kind="stable"))
     return Frames(
-        f.keys[rows],
-        f.points[rows],
-        f.spread[rows],
-        f.turns_rad[rows],
-        f.weights[rows],
-        f.model[rows],
+        np.asfortranarray(every.keys, np.float32),  # columns are searched
+        *(c.astype(np.float32) for c in (every.points, every.spread, every.turns_rad)),
+        every.weights.astype(np.float32),
+        every.model.astype(np.int32),
     )
-
-
-def _joined(rows: list[Frames]) -> Frames:
-    if not rows:
-        none = np.zeros(0)
-        return Frames(np.zeros((0, 3)), np.zeros((0, 2)), none, none, none, none.astype(np.int64))
-    return Frames(
-        np.concatenate([f.keys for f in rows]),
-        np.concatenate([f.points for f in rows]),
-        np.concatenate([f.spread for f in rows]),
-        np.concatenate([f.turns_rad for f in rows]),
-        np.concatenate([f.weights for f in rows]),
-        np.concatenate([f.model for f in rows]),
-    )
-
-
-def _sorted(f: Frames) -> Frames:
-    return _taken(f, np.argsort(f.keys[:, 0], kind="stable"))
-
-
-def _scaled(size: Array, absolute: float, ratio: float) -> Array:
-    """Return sizes so that a tolerance of absolute + ratio x size is 1 anywhere."""
-    return np.asarray(np.log1p(size * ratio / absolute) / ratio)
 
 
 def _reach(m: ModelFeatures) -> float:
@@ -347,11 +133,14 @@ def near_keys(table: Frames, keys: Array, most: int) -> tuple[Ints, Ints]:
     """
     if len(table.keys) == 0 or len(keys) == 0:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
-    low = np.searchsorted(table.keys[:, 0], keys[:, 0] - 1.0)
-    high = np.searchsorted(table.keys[:, 0], keys[:, 0] + 1.0, side="right")
+    first = table.keys[:, 0]
+    low = np.searchsorted(first, (keys[:, 0] - 1.0).astype(first.dtype))
+    high = np.searchsorted(first, (keys[:, 0] + 1.0).astype(first.dtype), side="right")
     count = high - low
     count[np.cumsum(count) > most] = 0
     row = np.repeat(np.arange(len(keys)), count)
     at = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count) + low[row]
-    ok = (np.abs(table.keys[at, 1:] - keys[row, 1:]) <= 1.0).all(axis=1)
-    return row[ok], at[ok]
+    for column in range(1, keys.shape[1]):
+        ok = np.abs(table.keys[at, column] - keys[row, column]) <= 1.0
+        row, at = row[ok], at[ok]
+    return row, at

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ._cells import Moments, line_of
+from ._cells import Moments, line_of, rms_of
 from ._tolerances import GreyTolerances
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ def _rounds(lines: Moments, pairs: Ints, angle_rad: float, rms_px: float) -> tup
     root = np.arange(count)
     sums, ends, normals = lines.sums.copy(), lines.ends.copy(), lines.normals.copy()
     for _ in range(ROUNDS):
-        i, j = root[pairs].T
+        i, j = root[pairs.T]
         key = np.unique((np.minimum(i, j) * count + np.maximum(i, j))[i != j])
         i, j = np.divmod(key, count)
         lean = normals[i, 0] * normals[j, 0] + normals[i, 1] * normals[j, 1]
@@ -55,7 +55,7 @@ def _rounds(lines: Moments, pairs: Ints, angle_rad: float, rms_px: float) -> tup
         i, j = i[alike], j[alike]
         if len(i) == 0:
             break
-        _, _, rms = line_of(sums[i] + sums[j], normals[i])
+        rms = rms_of(sums[i] + sums[j])
         straight = rms < rms_px
         i, j, rms = i[straight], j[straight], rms[straight]
         if len(i) == 0:
@@ -75,12 +75,11 @@ def _rounds(lines: Moments, pairs: Ints, angle_rad: float, rms_px: float) -> tup
         a, b = i[chosen], j[chosen]
         sums[a] += sums[b]
         mean, normal, _ = line_of(sums[a], normals[a] + normals[b])
-        along = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
-        corners = np.concatenate([ends[a], ends[b]], axis=1)
-        t = np.einsum("nki,ni->nk", corners - mean[:, None], along)
-        ends[a] = (
-            mean[:, None] + np.stack([t.min(1), t.max(1)], axis=1)[:, :, None] * along[:, None]
-        )
+        along = np.array([-normal[:, 1], normal[:, 0]]).T
+        both = np.concatenate([ends[a], ends[b]], axis=1) - mean[:, None]
+        t = both[..., 0] * along[:, :1] + both[..., 1] * along[:, 1:]
+        reach = np.array([t.min(axis=1), t.max(axis=1)]).T
+        ends[a] = mean[:, None] + reach[:, :, None] * along[:, None]
         normals[a] = normal
         to = np.arange(count)
         to[b] = a

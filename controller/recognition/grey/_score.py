@@ -90,18 +90,20 @@ def edge_map(edgelets: Edgelets, foot_mm: Array, tol: GreyTolerances) -> EdgeMap
 def _look_up(
     seen: EdgeMap, pieces: Singles, poses: Singles
 ) -> tuple[NDArray[np.int32], Singles, Singles, Singles]:
-    """Return for pieces (h, k, 5) under poses (h, 4) the edgelets met, places x, y, directions."""
+    """Return for pieces (5, h, k) under poses (h, 4) the edgelets met, places x, y, directions."""
     cos, sin = np.cos(poses[:, 1:2]), np.sin(poses[:, 1:2])
-    x, y, k = pieces[..., 0], pieces[..., 1], pieces[..., 2]
+    x, y, k = pieces[:3]
     px = cos * x - sin * y + k * poses[:, 2:3]
     py = sin * x + cos * y + k * poses[:, 3:4]
-    angle = pieces[..., 3] + poses[:, 1:2]
+    angle = pieces[3] + poses[:, 1:2]
     height, width = seen.shape
     per_mm = np.float32(1 / CELL_MM)
-    column = np.floor((px - seen.low_mm[0]) * per_mm).astype(np.int32)
-    row = np.floor((py - seen.low_mm[1]) * per_mm).astype(np.int32)
-    plane = np.rint(angle * np.float32(DIRECTIONS / np.pi)).astype(np.int32) % DIRECTIONS
-    outside = (column < 0) | (column >= width) | (row < 0) | (row >= height)
+    # a little to the left of the map is column 0: nothing is within reach of the map's rim
+    column = ((px - seen.low_mm[0]) * per_mm).astype(np.int32)
+    row = ((py - seen.low_mm[1]) * per_mm).astype(np.int32)
+    plane = np.rint(angle * np.float32(DIRECTIONS / np.pi)).astype(np.int32) & (DIRECTIONS - 1)
+    # as unsigned numbers, what is below 0 is beyond the width as well
+    outside = (column.view(np.uint32) >= width) | (row.view(np.uint32) >= height)
     key = (row * width + column) * DIRECTIONS + plane
     key[outside] = -1
     return seen.nearest[key], px, py, angle
@@ -116,8 +118,8 @@ def quick_scores(seen: EdgeMap, index: FeatureIndex, poses: Array, most: int) ->
     single = poses.astype(np.float32)
     model = poses[:, 0].astype(np.int64)
     total = index.asked_totals[model]
-    pieces = index.edgelets[model, :FIRST_ASKED]
-    first = pieces[..., 4]
+    pieces = index.edgelets(model, 0, FIRST_ASKED)
+    first = pieces[4]
     met, *_ = _look_up(seen, pieces, single)
     score = (first * (met >= 0)).sum(axis=1) / total
     bound = score + 1 - first.sum(axis=1) / total
@@ -125,17 +127,17 @@ def quick_scores(seen: EdgeMap, index: FeatureIndex, poses: Array, most: int) ->
         alive = np.flatnonzero(bound >= np.partition(score, -most)[-most])
     else:
         alive = np.arange(len(poses))
-    pieces = index.edgelets[model[alive], FIRST_ASKED:ASKED]
+    pieces = index.edgelets(model[alive], FIRST_ASKED, ASKED)
     met, *_ = _look_up(seen, pieces, single[alive])
-    full = score[alive] + (pieces[..., 4] * (met >= 0)).sum(axis=1) / total[alive]
+    full = score[alive] + (pieces[4] * (met >= 0)).sum(axis=1) / total[alive]
     return alive[np.argsort(-full, kind="stable")[:most]]
 
 
 def fitted(seen: EdgeMap, index: FeatureIndex, poses: Array, tol: GreyTolerances) -> Array:
     """Return hypotheses (n, 4) moved so that their edgelets lie on those of the picture."""
     poses = poses.copy()
-    pieces = index.edgelets[poses[:, 0].astype(np.int64), :ASKED]
-    k = pieces[..., 2]
+    pieces = index.edgelets(poses[:, 0].astype(np.int64), 0, ASKED)
+    k = pieces[2]
     narrow = np.float32(1 / (0.5 * tol.reach_mm) ** 2)
     for _ in range(FIT_ROUNDS):
         single = poses.astype(np.float32)
@@ -145,7 +147,7 @@ def fitted(seen: EdgeMap, index: FeatureIndex, poses: Array, tol: GreyTolerances
         a = (x - k * single[:, 2:3]) * ny - (y - k * single[:, 3:4]) * nx
         b, c = k * nx, k * ny
         # far ones may belong to another line: they count less
-        weight = pieces[..., 4] * (met >= 0) / (1 + gap * gap * narrow)
+        weight = pieces[4] * (met >= 0) / (1 + gap * gap * narrow)
         system = np.empty((len(poses), 3, 3))
         side = np.empty((len(poses), 3))
         slopes = (a, b, c)
@@ -163,7 +165,7 @@ def fitted(seen: EdgeMap, index: FeatureIndex, poses: Array, tol: GreyTolerances
 def rated(seen: EdgeMap, index: FeatureIndex, poses: Array, tol: GreyTolerances) -> Array:
     """Return (n, 3) score, and the shares found of the view's and of the picture's edges."""
     model = poses[:, 0].astype(np.int64)
-    pieces = index.edgelets[model]
+    pieces = index.edgelets(model)
     single = poses.astype(np.float32)
     met, x, y, angle = _look_up(seen, pieces, single)
     nx, ny = seen.normal_x[met], seen.normal_y[met]
@@ -172,7 +174,7 @@ def rated(seen: EdgeMap, index: FeatureIndex, poses: Array, tol: GreyTolerances)
     hit = (met >= 0) & (gap < tol.match_mm) & (lean < seen.leans[met])
     # of two that are all near, the one that lies better
     worth = 1 - gap * gap * np.float32(0.5 / tol.match_mm**2)
-    found = (pieces[..., 4] * worth * hit).sum(axis=1) / np.maximum(index.totals[model], 1e-9)
+    found = (pieces[4] * worth * hit).sum(axis=1) / np.maximum(index.totals[model], 1e-9)
     # of the picture's edgelets, those as near to the view's origin as it reaches
     count = len(seen.weights)
     used = np.zeros((len(poses), count), dtype=bool)
