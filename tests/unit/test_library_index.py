@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,6 @@ from table_pictures import overhead, resting
 
 from controller.cad import CadError, Camera, StablePose, outline, part_symmetries, stable_poses
 from controller.cad.compiled import compile_solid
-from controller.recognition.fitting import EdgeModel, edge_model
 from controller.recognition.library import (
     Candidate,
     Library,
@@ -23,9 +23,9 @@ from controller.recognition.library import (
     Silhouette,
     Station,
     ViewIndex,
-    check_fits,
     lying,
     make_entry,
+    make_library,
     place_of,
     polar_grid,
     station_of,
@@ -110,8 +110,8 @@ def test_an_outline_finds_its_own_part_pose_turn_and_place_first(
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_every_way_of_every_part_is_among_the_best_at_its_place(name: str) -> None:
-    for k in range(len(poses(name))):
+def test_every_likely_way_of_every_part_is_among_the_best_at_its_place(name: str) -> None:
+    for k in (i for i, pose in enumerate(poses(name)) if pose.probability > 0.05):
         x, y = 38.0 - 17 * k, -30.0 + 11 * k
         found = search(name, k, x, y, 0.9 * k)
         # a bar's side and a nut's are rectangles alike: those that come near are all offered
@@ -328,11 +328,12 @@ def test_a_lying_part_stands_on_the_table_over_its_place(
 @cache
 def small_library() -> tuple[Library, list[int]]:
     loads: list[int] = []
-    entries = [make_entry(compile_solid(solid(name)), STATION)[0] for name in ("elbow", "nut")]
+    made = [make_entry(compile_solid(solid(name)), STATION) for name in ("elbow", "nut")]
+    entries = [entry for entry, _ in made]
 
-    def load(part: int) -> EdgeModel:
+    def load(part: int) -> Any:
         loads.append(part)
-        return edge_model(solid(("elbow", "nut")[part]))
+        return made[part][1]
 
     return Library(entries, load, CAMERA.position_mm), loads
 
@@ -371,9 +372,10 @@ def test_a_new_calibration_of_the_same_camera_is_the_same_station() -> None:
 
 
 def test_a_part_longer_than_the_picture_is_wide_is_refused() -> None:
-    check_fits(compile_solid(solid("elbow")), CAMERA)
+    elbow = compile_solid(solid("elbow"))
+    assert make_library([elbow], CAMERA).entries
     near = np.array(CAMERA.T_world_cam)
-    near[2, 3] = 150.0
+    near[2, 3] = 120.0
     close = Camera(CAMERA.size_px, CAMERA.K, CAMERA.distortion, near)
     with pytest.raises(CadError, match=r"elbow: 60 mm long.*does not fit"):
-        check_fits(compile_solid(solid("elbow")), close)
+        make_library([elbow], close)
