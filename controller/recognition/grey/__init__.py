@@ -8,6 +8,7 @@ from ._corners import Corners, Junctions
 from ._features import Edgelets, ImageFeatures, image_features
 from ._hypotheses import Hypothesis, propose, rate
 from ._index import FeatureIndex, feature_index
+from ._matches import Matches, matches
 from ._model import ModelFeatures, model_features
 from ._tolerances import GreyTolerances
 
@@ -20,9 +21,11 @@ __all__ = [
     "Hypothesis",
     "ImageFeatures",
     "Junctions",
+    "Matches",
     "ModelFeatures",
     "feature_index",
     "image_features",
+    "matches",
     "model_features",
     "propose",
     "rate",

@@ -17,7 +17,6 @@ from ._features import ImageFeatures
 from ._hulls import ROUNDEST, hull_of
 from ._index import FeatureIndex, feature_index, near_keys
 from ._keys import KINDS, Frames, frames_of
-from ._matches import matches
 from ._model import ModelFeatures
 from ._score import edge_map, fitted, quick_scores, rated
 from ._tolerances import GreyTolerances
@@ -48,8 +47,6 @@ class Hypothesis:
     score : 0..1, share of the edges on both sides that are found on the other
     model_share, image_share : of the view's edges found; of the picture's edges explained, the mean
         of those there and of all
-    matched_lines, matched_corners, matched_circles : (n, 2) numbers in picture and model,
-        one to one
     """
 
     model_index: int
@@ -58,9 +55,6 @@ class Hypothesis:
     score: float
     model_share: float
     image_share: float
-    matched_lines: Ints
-    matched_corners: Ints
-    matched_circles: Ints
 
 
 def propose(
@@ -136,7 +130,7 @@ def _best(
     poses = fitted(seen, index, coarse, tol)
     scores = rated(seen, index, poses, tol)
     order = _distinct(poses, scores[:, 0], most)
-    return tuple(_hypothesis(image, index, poses[i], scores[i], foot, tol) for i in order.tolist())
+    return tuple(_hypothesis(poses[i], scores[i], foot) for i in order.tolist())
 
 
 def _of_hull(image: ImageFeatures, index: FeatureIndex, foot: Array, tol: GreyTolerances) -> Array:
@@ -255,15 +249,7 @@ def _distinct(poses: Array, scores: Array, most: int) -> Ints:
     return order[kept]
 
 
-def _hypothesis(
-    image: ImageFeatures,
-    index: FeatureIndex,
-    pose: Array,
-    score: Array,
-    foot: Array,
-    tol: GreyTolerances,
-) -> Hypothesis:
-    lines, corners, circles = matches(image, index.models[int(pose[0])], pose, foot, tol)
+def _hypothesis(pose: Array, score: Array, foot: Array) -> Hypothesis:
     return Hypothesis(
         int(pose[0]),
         float((pose[1] + np.pi) % (2 * np.pi) - np.pi),
@@ -271,7 +257,4 @@ def _hypothesis(
         float(score[0]),
         float(score[1]),
         float(score[2]),
-        lines,
-        corners,
-        circles,
     )

@@ -1,5 +1,7 @@
 """Which feature of the picture is which of a view laid on it: one to one, the nearest first."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,20 +15,39 @@ Ints = NDArray[np.int64]
 MOST = 60  # features of either side that are matched, the largest
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Matches:
+    """Pairs (n, 2) of numbers in picture and view, one to one, the nearest first."""
+
+    lines: Ints
+    corners: Ints
+    circles: Ints
+
+
 def matches(
-    image: ImageFeatures, model: ModelFeatures, pose: Array, foot_mm: Array, tol: GreyTolerances
-) -> tuple[Ints, Ints, Ints]:
-    """Return pairs (n, 2) of numbers in picture and view, of lines, corners and circles.
+    image: ImageFeatures,
+    model: ModelFeatures,
+    turn_rad: float,
+    shift_mm: Array,
+    *,
+    foot_mm: tuple[float, float] = (0.0, 0.0),
+    tol: GreyTolerances | None = None,
+) -> Matches:
+    """Return which features are which once a view is laid on the picture; paper, section 3.2.
 
     Parameters
     ----------
-    pose : (4,) view, turn and shift about the camera's foot
+    turn_rad, shift_mm : as of a `Hypothesis`, on the table
+    foot_mm : the point of the table plane below the camera
     """
-    cos, sin = np.cos(pose[1]), np.sin(pose[1])
+    tol = tol or GreyTolerances()
+    foot = np.asarray(foot_mm, dtype=np.float64)
+    away = np.asarray(shift_mm, dtype=np.float64) - foot
+    cos, sin = np.cos(turn_rad), np.sin(turn_rad)
     R = np.array([[cos, -sin], [sin, cos]])
 
     def laid(points: Array, spread: Array) -> Array:
-        return np.asarray(points @ R.T + spread[:, None] * pose[2:] + foot_mm)
+        return np.asarray(points @ R.T + spread[:, None] * away + foot)
 
     reach = 2 * tol.match_mm
     ends = laid(model.lines_mm[:MOST].reshape(-1, 2), model.line_spread[:MOST].ravel())
@@ -42,7 +63,7 @@ def matches(
         + np.abs(image.circles.radii[:MOST, None] - model.circles_mm[None, :MOST, 2]),
         reach,
     )
-    return lines, corners, circles
+    return Matches(lines, corners, circles)
 
 
 def _gaps(a: Array, b: Array) -> Array:

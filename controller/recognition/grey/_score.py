@@ -67,9 +67,11 @@ def edge_map(edgelets: Edgelets, foot_mm: Array, tol: GreyTolerances) -> EdgeMap
     nearest = np.full(height * width * DIRECTIONS + 1, -1, dtype=np.int32)
     base = (cell[:, 1] * width + cell[:, 0]) * DIRECTIONS
     planes = (direction[None] + np.array([-1, 0, 1])[:, None]) % DIRECTIONS
-    numbers = np.arange(len(points), dtype=np.int32)
-    for dx, dy, turn in steps.tolist():
-        nearest[base + ((dy * width + dx) * DIRECTIONS + planes[turn + 1])] = numbers
+    away_by = (steps[:, 1] * width + steps[:, 0]) * DIRECTIONS
+    # of places named twice the last one named holds
+    nearest[base + away_by[:, None] + planes[steps[:, 2] + 1]] = np.arange(
+        len(points), dtype=np.int32
+    )
     angle = edgelets.directions_rad
     columns = (
         points[:, 0],
@@ -144,18 +146,14 @@ def fitted(seen: EdgeMap, index: FeatureIndex, poses: Array, tol: GreyTolerances
         met, x, y, _ = _look_up(seen, pieces, single)
         nx, ny = seen.normal_x[met], seen.normal_y[met]
         gap = (seen.x_mm[met] - x) * nx + (seen.y_mm[met] - y) * ny
-        a = (x - k * single[:, 2:3]) * ny - (y - k * single[:, 3:4]) * nx
-        b, c = k * nx, k * ny
+        slopes = np.stack(
+            [(x - k * single[:, 2:3]) * ny - (y - k * single[:, 3:4]) * nx, k * nx, k * ny], axis=1
+        )
         # far ones may belong to another line: they count less
         weight = pieces[4] * (met >= 0) / (1 + gap * gap * narrow)
-        system = np.empty((len(poses), 3, 3))
-        side = np.empty((len(poses), 3))
-        slopes = (a, b, c)
-        for i in range(3):
-            weighted = weight * slopes[i]
-            side[:, i] = (weighted * gap).sum(axis=1)
-            for j in range(i, 3):
-                system[:, i, j] = system[:, j, i] = (weighted * slopes[j]).sum(axis=1)
+        weighted = slopes * weight[:, None]
+        system = (weighted @ slopes.transpose(0, 2, 1)).astype(np.float64)
+        side = (weighted @ gap[..., None])[..., 0].astype(np.float64)
         # a view that is round about its origin leaves the turn as it is
         system[:, [0, 1, 2], [0, 1, 2]] += np.array([4.0, 1e-2, 1e-2])
         poses[:, 1:] += np.linalg.solve(system, side[..., None])[..., 0]
