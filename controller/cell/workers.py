@@ -48,6 +48,7 @@ from controller.config import (
 )
 from controller.planning import Plan, PlanOptions, PreparedPart, plan_part, prepare_part
 from controller.planning.layout import CellLayout
+from controller.recognition.stored import open_library
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
@@ -99,7 +100,8 @@ def context(job: Job) -> Context:
     recipe = load_recipe(job.recipe_path)
     cell = load_cell(job.cell_path)
     layout = build_layout(cell)
-    part, *others = load_parts(recipe)
+    files = part_files(recipe)
+    part = load_part(*files[0])
     solid = part.solid
     return Context(
         recipe=recipe,
@@ -111,7 +113,7 @@ def context(job: Job) -> Context:
         poses=part.poses,
         overhead=layout.overhead,
         inspection=layout.inspection,
-        library=recognising.make_library([part, *others], layout.overhead),
+        library=open_library(files, layout.overhead),
         glowing=glowing_mask(layout.overhead, table_corners(cell)),
     )
 
@@ -123,9 +125,14 @@ def load_parts(recipe: Recipe) -> list[CompiledPart]:
     ------
     CadError : a CAD file is wrong
     """
+    return [load_part(path, options) for path, options in part_files(recipe)]
+
+
+def part_files(recipe: Recipe) -> list[tuple[Path, CompileOptions]]:
+    """Return the CAD files of a recipe's part and of the others, with their options."""
     return [
-        load_part(recipe.part, CompileOptions(unit=recipe.unit)),
-        *(load_part(other, options_among(other, recipe.unit)) for other in recipe.others),
+        (recipe.part, CompileOptions(unit=recipe.unit)),
+        *((other, options_among(other, recipe.unit)) for other in recipe.others),
     ]
 
 

@@ -9,11 +9,12 @@ from typing import Any, Literal
 import numpy as np
 
 from controller.cad import Camera
-from controller.cad.compiled import is_cad_file, load_part, options_among, part_name
+from controller.cad.compiled import is_cad_file, options_among, part_name
 from controller.cad.reading import FORMATS
 from controller.config import ConfigError
-from controller.recognition import Library, Recognition, make_library, recognise
+from controller.recognition import Library, Recognition, recognise
 from controller.recognition.explain import explain
+from controller.recognition.stored import open_library
 
 from ._calibration_file import load_calibration
 from ._explain import ExplainFolder, show_tables
@@ -57,7 +58,7 @@ def recognise_images(
             unread += 1
             continue
         if library is None:  # compiling takes longer than to say that there is no picture
-            library = make_library([load_part(p, options_among(p, unit)) for p in files], camera)
+            library = open_library([(p, options_among(p, unit)) for p in files], camera)
         for note in once.fresh(picture.notes):
             warn(f"{path.name}: {note}; said once for all such pictures")
         known += _answer_one(path, picture, camera, library, lighting, folder, as_json)

@@ -197,7 +197,7 @@ def _coarse(
 ) -> EdgeFit | None:
     pose = library.entries[candidate.part].pose(candidate.pose)
     model = library.model(candidate.part)
-    T = lying(model.solid, pose, candidate.x_mm, candidate.y_mm, candidate.theta_rad)
+    T = lying(model, pose, candidate.x_mm, candidate.y_mm, candidate.theta_rad)
     options = FitOptions(
         reach_px=(_reach_px(limits.first_reach_mm, sight),), steps=3, most=limits.coarse_samples
     )

@@ -142,6 +142,15 @@ def _schema() -> str:
 
 def _file_of(path: Path, options: CompileOptions, cache: Path | None) -> Path | None:
     """Return where a CAD file's compiled part is kept, None where the file cannot be read."""
+    key = cache_key(path, options)
+    if key is None:
+        return None
+    stem = part_name(path).encode()[:60].decode(errors="ignore")
+    return (cache or cache_dir()) / f"part-{stem}-{key[:32]}{ENDING}"
+
+
+def cache_key(path: Path, options: CompileOptions) -> str | None:
+    """Return what tells one compiled part from another, None where the file cannot be read."""
     try:
         # a pipe or a device would keep us for ever, what is larger is refused before it is read
         if not path.is_file() or path.stat().st_size > MOST_BYTES:
@@ -152,9 +161,7 @@ def _file_of(path: Path, options: CompileOptions, cache: Path | None) -> Path | 
         return None  # reading it tells why
     ending = path.suffix.lower()
     asked = [FORMAT, content, ending, asdict(options), source_hash(), *_versions(ending)]
-    key = hashlib.sha256(json.dumps(asked).encode()).hexdigest()
-    stem = part_name(path).encode()[:60].decode(errors="ignore")
-    return (cache or cache_dir()) / f"part-{stem}-{key[:32]}{ENDING}"
+    return hashlib.sha256(json.dumps(asked).encode()).hexdigest()
 
 
 @lru_cache(maxsize=1)

@@ -212,7 +212,7 @@ def _correlated(
     foot = (float(camera.position_mm[0]), float(camera.position_mm[1]))
     out: list[StringMatch | None] = []
     for c in candidates:
-        solid = library.model(c.part).solid
+        solid = library.solid(c.part)
         pose = library.entries[c.part].pose(c.pose)
         T = lying(solid, pose, c.x_mm, c.y_mm, c.theta_rad)
         if c.part not in prepared:
@@ -279,7 +279,7 @@ def _others(
         ):
             continue
         model = library.model(c.part)
-        T = lying(model.solid, entry.pose(c.pose), c.x_mm, c.y_mm, c.theta_rad)
+        T = lying(model, entry.pose(c.pose), c.x_mm, c.y_mm, c.theta_rad)
         told = f"{name(c)}: not fitted, overlap {c.overlap:.3f}"
         out.append(Other(told, predict_edges(model, T, camera)))
     return tuple(out)

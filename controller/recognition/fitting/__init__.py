@@ -3,7 +3,7 @@
 from ._evidence import Evidence, ImageEdges, grey_evidence, outline_evidence, with_inside
 from ._fit import EdgeFit, FitOptions, fit_edges
 from ._measure import Gaps, GreyMeasure, LoopMeasure, Measure
-from ._model import EdgeModel, edge_model
+from ._model import EdgeModel, EdgeShape, edge_model, edge_shape
 from ._predict import EdgePoints, predict_edges, predict_outline
 from ._shade import Shading, shading_fit
 
@@ -11,6 +11,7 @@ __all__ = [
     "EdgeFit",
     "EdgeModel",
     "EdgePoints",
+    "EdgeShape",
     "Evidence",
     "FitOptions",
     "Gaps",
@@ -20,6 +21,7 @@ __all__ = [
     "Measure",
     "Shading",
     "edge_model",
+    "edge_shape",
     "fit_edges",
     "grey_evidence",
     "outline_evidence",

@@ -91,14 +91,15 @@ def fit_edges(
         edges = predict(model, T, camera, options.most)
         if len(edges.pixels) < LEAST_POINTS:
             return None
-        pivot = transform(T, model.solid.centroid_mm[None])[0]
+        pivot = transform(T, model.centroid_mm[None])[0]
         jacobian = _jacobian(edges, pivot, camera)
         total = _descend(edges, jacobian, pivot, camera, measure, reach, options)
         if total is None:
             return None
-        T = _moved(total, pivot) @ T
+        moved = _moved(total, pivot)
+        T = moved @ T
     # the part has hardly moved in the last round: its edges are still the ones predicted
-    edges = replace(edges, points_mm=transform(_moved(total, pivot), edges.points_mm))
+    edges = replace(edges, points_mm=transform(moved, edges.points_mm))
     edges = replace(edges, pixels=camera.project(edges.points_mm))
     gaps = measure.gaps(edges.pixels, edges.normals, edges, options.reach_px[-1])
     found = np.isfinite(gaps.gap_px)
@@ -182,6 +183,6 @@ def _covariance(jacobian: Array, weight: Array, sigma_px: float, step_mm: float)
     information *= _per_point(step_mm) / sigma_px**2
     # a round part says nothing of its turn: half a turn is what is known then
     information[2, 2] += 1.0 / np.pi**2
-    spread: Array = np.linalg.inv(information + 1e-9 * np.eye(3))
+    spread = np.linalg.inv(information + 1e-9 * np.eye(3))
     spread[[0, 1], [0, 1]] += CALIBRATION_MM**2
-    return spread
+    return np.asarray(spread, dtype=np.float64)

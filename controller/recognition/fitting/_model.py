@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from controller.cad import RayCaster, Solid, prepare_views
@@ -14,13 +15,35 @@ FLAT = 1e-4  # |n1 - n2| of triangles that lie in one plane: the edge between th
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class EdgeShape:
+    """What an `EdgeModel` is made from: little enough to be kept for a thousand parts.
+
+    Attributes
+    ----------
+    centroid_mm : (3,) centre of mass, CAD frame
+    vertices_mm : (v, 3)
+    triangles : (t, 3)
+    ends : (e, 2) vertices of the mesh edges that may show
+    sides : (e, 2) their triangles
+    is_crease : (e,) part of a CAD edge at which two surfaces meet at an angle
+    """
+
+    centroid_mm: Array
+    vertices_mm: Array
+    triangles: NDArray[np.int32]
+    ends: NDArray[np.int32]
+    sides: NDArray[np.int32]
+    is_crease: Bools
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class EdgeModel:
     """A part's mesh edges with what lies beside them, CAD frame.
 
     Attributes
     ----------
-    solid : the part
-    caster : rays against its mesh
+    centroid_mm : (3,) centre of mass
+    caster : rays against the mesh
     normals : (t, 3) unit normals of the triangles
     start_mm, along_mm : (e, 3) one end of each mesh edge, and the way to the other
     length_mm : (e,)
@@ -30,7 +53,7 @@ class EdgeModel:
     is_crease : (e,) part of a CAD edge at which two surfaces meet at an angle
     """
 
-    solid: Solid
+    centroid_mm: Array
     caster: RayCaster
     normals: Array
     start_mm: Array
@@ -42,29 +65,50 @@ class EdgeModel:
     is_crease: Bools
 
 
-def edge_model(solid: Solid) -> EdgeModel:
-    """Return what `predict_edges` needs of a part."""
+def edge_shape(solid: Solid) -> EdgeShape:
+    """Return what of a part may show as an edge."""
     model = prepare_views(solid)
-    corners = model.vertices_mm[model.triangles]
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-300)
-    planes = np.column_stack([normals, np.einsum("ij,ij->i", normals, corners[:, 0])])
+    normals = _normals(model.vertices_mm, model.triangles)
     sides = model.sides
     bent = np.linalg.norm(normals[sides[:, 0]] - normals[sides[:, 1]], axis=1) > FLAT
-    ends, sides = model.ends[bent], sides[bent]
-    start, end = model.vertices_mm[ends[:, 0]], model.vertices_mm[ends[:, 1]]
-    both = normals[sides].sum(axis=1)
+    return EdgeShape(
+        centroid_mm=np.asarray(solid.centroid_mm, dtype=np.float64),
+        vertices_mm=model.vertices_mm,
+        triangles=model.triangles,
+        ends=model.ends[bent],
+        sides=sides[bent],
+        is_crease=((model.cad_edge >= 0) & ~model.is_smooth)[bent],
+    )
+
+
+def edge_model(shape: EdgeShape | Solid) -> EdgeModel:
+    """Return what `predict_edges` needs of a part."""
+    if isinstance(shape, Solid):
+        shape = edge_shape(shape)
+    vertices, triangles = shape.vertices_mm, shape.triangles
+    normals = _normals(vertices, triangles)
+    offsets = np.einsum("ij,ij->i", normals, vertices[triangles[:, 0]])
+    planes = np.column_stack([normals, offsets])
+    start, end = vertices[shape.ends[:, 0]], vertices[shape.ends[:, 1]]
+    both = normals[shape.sides].sum(axis=1)
     # where two triangles fold back on each other any direction is as good as another
     out = both / np.maximum(np.linalg.norm(both, axis=1, keepdims=True), 1e-6)
     return EdgeModel(
-        solid=solid,
-        caster=model.caster,
+        centroid_mm=shape.centroid_mm,
+        caster=RayCaster(trimesh.Trimesh(vertices, triangles, process=False, validate=False)),
         normals=normals,
         start_mm=start,
         along_mm=end - start,
         length_mm=np.linalg.norm(end - start, axis=1),
-        first=planes[sides[:, 0]],
-        second=planes[sides[:, 1]],
+        first=planes[shape.sides[:, 0]],
+        second=planes[shape.sides[:, 1]],
         out=out,
-        is_crease=((model.cad_edge >= 0) & ~model.is_smooth)[bent],
+        is_crease=shape.is_crease,
     )
+
+
+def _normals(vertices_mm: Array, triangles: NDArray[np.int32]) -> Array:
+    corners = vertices_mm[triangles]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    unit: Array = cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-300)
+    return unit

@@ -130,7 +130,8 @@ def predict_outline(
 
 
 def _eye(T_world_part: Array, camera: Camera) -> Array:
-    return transform(inverse_pose(T_world_part), camera.position_mm[None])[0]
+    eye: Array = transform(inverse_pose(T_world_part), camera.position_mm[None])[0]
+    return eye
 
 
 def _rims(model: EdgeModel, eye: Array) -> tuple[Bools, Bools]:

@@ -6,12 +6,13 @@ turn. Both are coordinates of one space in which a k-d tree finds the nearest vi
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ._polar import TURNS, features, spectra, turn_scores
+from ._polar import HALF, TURNS, shape_of, spectra, turn_scores
 from ._views import PartViews
 
 Array = NDArray[np.float64]
@@ -83,10 +84,9 @@ class ViewIndex:
         self.area_mm2 = np.concatenate([v.area_mm2 for v in views])
         self._perimeter_mm = np.concatenate([v.perimeter_mm for v in views])
         self._eye = np.asarray(eye_mm, dtype=np.float64)
-        # one bit a cell: a thousand parts' grids stay in memory
-        self._bits = np.concatenate([np.packbits(v.grids > 127, axis=-1) for v in views])
+        self._bits = np.concatenate([v.bits for v in views])
         self._mean, self._basis = self._principal(views)
-        shapes = np.concatenate([self._shape(v.grids) for v in views])
+        shapes = np.concatenate([self._project(v.shapes) for v in views])
         self._tree = cKDTree(self._point(shapes, self.area_mm2, self._perimeter_mm))
 
     @property
@@ -99,13 +99,13 @@ class ViewIndex:
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return mean (f,) and the directions (f, d) in which the shapes differ most."""
         every = max(1, sum(len(v.pose) for v in views) // MOST_FOR_BASIS)
-        rows = np.concatenate([_normed(v.grids[::every]) for v in views])
+        rows = np.concatenate([v.shapes[::every] for v in views]).astype(np.float32)
         mean = rows.mean(axis=0)
         _, _, directions = np.linalg.svd(rows - mean, full_matrices=False)
         return mean, np.ascontiguousarray(directions[:DIMENSIONS].T)
 
-    def _shape(self, grids: NDArray[np.uint8]) -> NDArray[np.float32]:
-        return np.asarray((_normed(grids) - self._mean) @ self._basis, dtype=np.float32)
+    def _project(self, shapes: NDArray[Any]) -> Single:
+        return np.asarray((shapes - self._mean) @ self._basis, dtype=np.float32)
 
     def _point(self, shape: NDArray[np.float32], area: Array, perimeter: Array) -> Array:
         size = SIZE_WEIGHT * np.log(area)
@@ -130,8 +130,9 @@ class ViewIndex:
         within : overlap a turn may fall short of the view's best one
         far : distance in the index beyond which nothing is looked at
         """
+        coarse = np.where(seen.grid > HALF, np.uint8(255), np.uint8(0))
         point = self._point(
-            self._shape(seen.grid[None]),
+            self._project(shape_of(coarse[None])),
             np.array([seen.area_mm2]),
             np.array([seen.perimeter_mm]),
         )[0]
@@ -196,12 +197,6 @@ def _vertex(scores: NDArray[np.float32], k: int) -> float:
     before, at, after = (float(scores[(k + d) % len(scores)]) for d in (-1, 0, 1))
     bow = before - 2 * at + after
     return 0.0 if bow > -1e-9 else float(np.clip(0.5 * (before - after) / bow, -0.5, 0.5))
-
-
-def _normed(grids: NDArray[np.uint8]) -> NDArray[np.float32]:
-    rows = features(grids)
-    size = np.linalg.norm(rows, axis=1, keepdims=True)
-    return np.asarray(rows / np.maximum(size, 1e-6), dtype=np.float32)
 
 
 def _distinct(candidates: list[Candidate], apart_rad: float = 0.09) -> list[Candidate]:

@@ -16,6 +16,7 @@ from controller.cad import (
     CadError,
     Camera,
     PartSymmetry,
+    RayCaster,
     Solid,
     StablePose,
     camera_view,
@@ -23,7 +24,7 @@ from controller.cad import (
 )
 from controller.cad.compiled import CompiledPart
 
-from ..fitting import EdgeModel, edge_model
+from ..fitting import EdgeModel, EdgeShape, edge_model, edge_shape
 from ..grey import FeatureIndex, ModelFeatures, feature_index, model_features
 from ._index import ViewIndex
 from ._views import PartViews, Station, lying, view_part
@@ -46,6 +47,7 @@ class Entry:
     turns_rad : of each pose, the turns about the vertical that leave it as it is, 0 first; empty
         where any turn does
     centroid_mm : (3,) centre of mass, CAD frame
+    extent_mm : its longest side
     views : of these poses
     features : lines, corners and circles each of these poses shows, at turn 0 straight below the
         camera
@@ -55,6 +57,7 @@ class Entry:
     poses: tuple[StablePose, ...]
     turns_rad: tuple[Array, ...]
     centroid_mm: Array
+    extent_mm: float
     views: PartViews
     features: tuple[ModelFeatures, ...]
 
@@ -74,17 +77,23 @@ class Library:
     Parameters
     ----------
     entries : the parts
-    load : gives the edge model of an entry by its number
+    load : gives what the edges of an entry are made from, by its number
+    load_solid : gives the part itself, for whoever wants to draw it
     eye_mm : (3,) the camera's centre in the world
     """
 
     def __init__(
-        self, entries: Sequence[Entry], load: Callable[[int], EdgeModel], eye_mm: Array
+        self,
+        entries: Sequence[Entry],
+        load: Callable[[int], EdgeShape],
+        load_solid: Callable[[int], Solid],
+        eye_mm: Array,
     ) -> None:
         self.entries = tuple(entries)
         self.index = ViewIndex([entry.views for entry in self.entries], eye_mm)
         self.eye_mm = np.asarray(eye_mm, dtype=np.float64)
         self._load = load
+        self.solid = load_solid
         self._models: OrderedDict[int, EdgeModel] = OrderedDict()
 
     @cached_property
@@ -103,7 +112,7 @@ class Library:
 
     def model(self, part: int) -> EdgeModel:
         """Return the edges of a part, from memory if it was asked for lately."""
-        found = self._models.pop(part, None) or self._load(part)
+        found = self._models.pop(part, None) or edge_model(self._load(part))
         self._models[part] = found
         if len(self._models) > KEPT_MODELS:
             self._models.popitem(last=False)
@@ -126,23 +135,24 @@ def station_of(camera: Camera) -> Station:
 
 def make_entry(
     part: CompiledPart, station: Station, min_probability: float = LEAST_PROBABILITY
-) -> tuple[Entry, EdgeModel]:
-    """Return what a library keeps of a part, and its edges.
+) -> tuple[Entry, EdgeShape]:
+    """Return what a library keeps of a part, and what its edges are made from.
 
     Raises
     ------
     CadError : it is too tall to lie under the camera
     """
     poses = _distinct_poses(part.poses, min_probability)
-    model = edge_model(part.solid)
+    shape = edge_shape(part.solid)
     try:
-        views = view_part(part.solid, poses, model.caster, station)
+        views = view_part(part.solid, poses, RayCaster(part.solid.mesh), station)
     except ValueError as error:
         raise CadError(f"{error}; use another camera or a smaller part") from error
     turns = tuple(turns_that_keep(pose.R, part.symmetry) for pose in poses)
     centroid = np.asarray(part.solid.centroid_mm, dtype=np.float64)
     features = tuple(_features(part.solid, pose, station) for pose in poses)
-    return Entry(part.solid.name, poses, turns, centroid, views, features), model
+    extent = float(part.solid.mesh.extents.max())
+    return Entry(part.solid.name, poses, turns, centroid, extent, views, features), shape
 
 
 def _features(solid: Solid, pose: StablePose, station: Station) -> ModelFeatures:
@@ -195,22 +205,27 @@ def make_library(
     """
     station = station_of(camera)
     made = [make_entry(part, station, min_probability) for part in parts]
-    for part in parts:
-        check_fits(part, camera)
-    models = [model for _, model in made]
-    return Library([entry for entry, _ in made], models.__getitem__, camera.position_mm)
+    for entry, _ in made:
+        check_fits(entry, camera)
+    shapes = [shape for _, shape in made]
+    solids = [part.solid for part in parts]
+    return Library(
+        [entry for entry, _ in made],
+        shapes.__getitem__,
+        solids.__getitem__,
+        camera.position_mm,
+    )
 
 
-def check_fits(part: CompiledPart, camera: Camera) -> None:
+def check_fits(entry: Entry, camera: Camera) -> None:
     """Raise CadError where a part does not fit into a camera's picture."""
     width, height = camera.size_px
     middle = camera.on_plane(np.array([[width / 2, height / 2]]))[0]
     side = camera.on_plane(np.array([[0.0, height / 2], [width / 2, 0.0]]))
     half = np.linalg.norm(side - middle, axis=1)
-    longest = float(part.solid.mesh.extents.max())
-    if longest > 2 * float(half.max()):
+    if entry.extent_mm > 2 * float(half.max()):
         raise CadError(
-            f"{part.solid.name}: {longest:.0f} mm long, lying it does not fit into the overhead "
+            f"{entry.name}: {entry.extent_mm:.0f} mm long, lying it does not fit into the overhead "
             "camera's picture; use another camera or a smaller part"
         )
 

@@ -21,6 +21,7 @@ RASTER = 48.0  # pixels of the raster a silhouette is drawn on, to that radius
 HARMONICS = 33  # of the turn that are kept: to 360 / 64 degrees and, between, by their phases
 FEATURE_HARMONICS = 13
 FEATURE_RINGS = 16
+HALF = 127  # a cell is covered from here on
 
 
 def polar_grid(loops: tuple[Array, ...]) -> tuple[NDArray[np.uint8], Array, float]:
@@ -105,6 +106,13 @@ def features(grids: NDArray[np.uint8]) -> Single:
     paired = magnitude.reshape(*magnitude.shape[:-2], FEATURE_RINGS, -1, FEATURE_HARMONICS)
     flat = paired.sum(axis=-2).reshape(*magnitude.shape[:-2], -1)
     return np.asarray(flat, dtype=np.float32)
+
+
+def shape_of(grids: NDArray[np.uint8]) -> Single:
+    """Return `features`, (n, f), scaled to length 1: what the shape is, whatever its size."""
+    rows = features(grids)
+    size = np.linalg.norm(rows, axis=-1, keepdims=True)
+    return np.asarray(rows / np.maximum(size, 1e-6), dtype=np.float32)
 
 
 def turn_scores(model: NDArray[np.complex64], observed: NDArray[np.complex64]) -> Single:

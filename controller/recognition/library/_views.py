@@ -7,6 +7,7 @@ a ring of them, the part lying to this side and that of the point below the came
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from controller.cad import RayCaster, Solid, StablePose, inverse_pose, transform
 
-from ._polar import from_raster
+from ._polar import HALF, from_raster, shape_of
 
 Array = NDArray[np.float64]
 
@@ -50,7 +51,8 @@ class PartViews:
     area_mm2 : (n,) of the shadow
     perimeter_mm : (n,) of the shadow, its holes' included
     centroid_mm : (n, 2) of the shadow, from the centre of mass, the part at turn 0
-    grids : (n, RINGS, ANGLES) uint8 polar grids
+    bits : (n, RINGS, ANGLES / 8) uint8 polar grids, a bit a cell: thousands stay in memory
+    shapes : (n, f) float16 what of them does not change with the turn
     ring_mm : (n,) distance within which a view speaks for a place; inf where one is enough
     """
 
@@ -59,11 +61,21 @@ class PartViews:
     area_mm2: Array
     perimeter_mm: Array
     centroid_mm: Array
-    grids: NDArray[np.uint8]
+    bits: NDArray[np.uint8]
+    shapes: NDArray[np.float16]
     ring_mm: Array
 
 
-def lying(solid: Solid, pose: StablePose, x_mm: float, y_mm: float, theta_rad: float) -> Array:
+class Weighted(Protocol):
+    """Whatever has a centre of mass: a solid, or what was made of one."""
+
+    @property
+    def centroid_mm(self) -> Array:
+        """Centre of mass, CAD frame, (3,)."""
+        ...
+
+
+def lying(part: Weighted, pose: StablePose, x_mm: float, y_mm: float, theta_rad: float) -> Array:
     """Return T_world_part of a part at rest: turned upright, then by theta, then moved.
 
     The centre of mass stands over (x, y) and the lowest point at z = 0 (DESIGN.md 4).
@@ -71,7 +83,7 @@ def lying(solid: Solid, pose: StablePose, x_mm: float, y_mm: float, theta_rad: f
     c, s = np.cos(theta_rad), np.sin(theta_rad)
     T = np.eye(4)
     T[:3, :3] = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ pose.R
-    T[:3, 3] = np.array([x_mm, y_mm, pose.com_height_mm]) - T[:3, :3] @ solid.centroid_mm
+    T[:3, 3] = np.array([x_mm, y_mm, pose.com_height_mm]) - T[:3, :3] @ part.centroid_mm
     return T
 
 
@@ -92,13 +104,15 @@ def view_part(
             area, perimeter, centroid, grid = _shadow(solid, caster, T, eye)
             rows.append((pose.index, place, area, perimeter, centroid - place, grid, ring))
     pose_of, places, areas, perimeters, centroids, grids, rings = zip(*rows, strict=True)
+    packed = np.packbits(np.stack(grids) > HALF, axis=-1)
     return PartViews(
         pose=np.array(pose_of, dtype=np.int32),
         place_mm=np.array(places),
         area_mm2=np.array(areas),
         perimeter_mm=np.array(perimeters),
         centroid_mm=np.array(centroids),
-        grids=np.stack(grids),
+        bits=packed,
+        shapes=shape_of(np.unpackbits(packed, axis=-1) * np.uint8(255)).astype(np.float16),
         ring_mm=np.array(rings),
     )
 
