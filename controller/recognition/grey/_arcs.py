@@ -15,7 +15,7 @@ from ._tolerances import GreyTolerances
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-MOST_PIECES = 180  # short lines, the longest of them, whose normals are met pairwise
+MOST_PIECES = 140  # short lines, the longest of them, whose normals are met pairwise
 MOST_PAIRS = 4000
 MOST_SEEDS = 32
 SECTORS = 36
@@ -192,11 +192,15 @@ def _seeds(pieces: Moments, bent: NDArray[np.bool_]) -> Array:
         axis=1,
     )
     best = mean[np.argsort(-total, kind="stable")[: 3 * MOST_SEEDS]]
-    same = np.asarray((np.abs(best[:, None] - best[None]) <= VOTE_PX).all(axis=2))
+    same = np.ones((len(best), len(best)), dtype=np.bool_)
+    for column in best.T:
+        same &= np.abs(column[:, None] - column) <= VOTE_PX
     kept: list[int] = []
+    is_taken = np.zeros(len(best), dtype=np.bool_)
     for b in range(len(best)):
-        if not same[b, kept].any():
+        if not is_taken[b]:
             kept.append(b)
+            is_taken |= same[b]
         if len(kept) == MOST_SEEDS:
             break
     return best[kept]

@@ -18,7 +18,7 @@ Singles = NDArray[np.float32]
 Ints = NDArray[np.int64]
 
 ANGLES = 36  # bins of 10 deg over the full turn; a point votes for its own and both beside
-ROUNDS = 4  # lines of a cell
+ROUNDS = 3  # lines of a cell: where more cross, corners are told from cells beside it
 
 
 @dataclass(frozen=True, eq=False, slots=True)

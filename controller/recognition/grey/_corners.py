@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -56,11 +57,8 @@ def find_corners(segments: Array, reach: float, min_rad: float) -> Corners:
     length = np.maximum(np.linalg.norm(segments[:, 2:] - segments[:, :2], axis=1), 1e-9)
     into = (segments[:, 2:] - segments[:, :2]) / length[:, None]
     into = np.stack([into, -into], axis=1).reshape(-1, 2)  # from each end along its line
-    x, y = ends.T
-    close = np.abs(x[:, None] - x) < 2 * reach
-    close &= np.abs(y[:, None] - y) < 2 * reach
-    a, b = np.nonzero(close)
-    a, b = a[a < b], b[a < b]
+    pairs = cKDTree(ends).query_pairs(2 * reach, p=np.inf, output_type="ndarray")
+    a, b = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))].T
     other = a // 2 != b // 2
     a, b = a[other], b[other]
     cross = into[a, 0] * into[b, 1] - into[a, 1] * into[b, 0]

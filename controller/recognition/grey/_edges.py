@@ -21,6 +21,8 @@ SOBEL_OF_STEP = 2.1  # Sobel of a step of one level under blurs of 0.8 px of len
 RAYLEIGH_30 = 0.845  # 30 % of a Rayleigh distribution of deviation 1 are below
 COARSEST = 4.0  # between two levels of a digitiser of 6 bits
 MOST_TIMES = 3  # more adds no detail
+LEVEL_ROWS = 96  # as many tell which levels are in use
+PLAIN_SAMPLE = 1500  # edge points that tell how strong plain edges are
 ENLARGED = 2.0  # contours of a coarse digitiser are no softer for being enlarged
 PLANE_NODES = 7  # a side of the grid that the way to the plane is taken from
 
@@ -76,25 +78,25 @@ def edge_points(grey: Grey, to_plane: ToPlane, tol: GreyTolerances) -> EdgePoint
     plain = threshold
     if len(at):
         own = strength.ravel()[at]
-        plain = float(np.percentile(own[::3], 90))
+        plain = float(np.percentile(own[:: max(1, len(own) // PLAIN_SAMPLE)], 90))
         if tol.faint * plain > threshold:
             at = at[own > tol.faint * plain]
-    v, u = np.divmod(at, width)
-    at = at[(v > 0) & (v < height - 1) & (u > 0) & (u < width - 1)]
+    at = at[np.searchsorted(at, width) : np.searchsorted(at, (height - 1) * width)]
     flat, fx, fy = strength.ravel(), gx.ravel()[at], gy.ravel()[at]
     step = np.where(np.abs(fx) >= np.abs(fy), 1, width)
     before, here, after = flat[at - step], flat[at], flat[at + step]
-    on_ridge = (here >= before) & (here > after)
-    at, step = at[on_ridge], step[on_ridge]
-    before, here, after = (a[on_ridge].astype(np.float64) for a in (before, here, after))
+    v, u = np.divmod(at, width)
+    on_ridge = (here >= before) & (here > after) & (u > 0) & (u < width - 1)
+    chosen = np.flatnonzero(on_ridge)
+    u, v, along_u = u[chosen], v[chosen], step[chosen] == 1
+    before, here, after, fx, fy = (
+        a[chosen].astype(np.float64) for a in (before, here, after, fx, fy)
+    )
     # the ridge between three samples of the axis that is nearer to the gradient
     offset = 0.5 * (before - after) / (before - 2 * here + after - 1e-9)
-    v, u = np.divmod(at, width)
-    along_u = step == 1
     pixels = np.column_stack([u + np.where(along_u, offset, 0), v + np.where(along_u, 0, offset)])
     points, du, dv, pitch = _on_plane(pixels, grey.shape, to_plane)
     # a gradient goes through a map as a row: times the inverse of its derivative (du dv)
-    fx, fy = fx[on_ridge].astype(np.float64), fy[on_ridge].astype(np.float64)
     nx = fx * dv[:, 1] - fy * du[:, 1]
     ny = fy * du[:, 0] - fx * dv[:, 0]
     norm = np.hypot(nx, ny) * np.sign(du[:, 0] * dv[:, 1] - du[:, 1] * dv[:, 0])
@@ -104,13 +106,14 @@ def edge_points(grey: Grey, to_plane: ToPlane, tol: GreyTolerances) -> EdgePoint
 
 def _noise(strength: NDArray[np.float32]) -> float:
     """Return the deviation of the Sobel of plain surface, of which there is a third at least."""
-    sample = strength[1:-1:5, 1:-1:3]
+    sample = strength[1:-1:5, 1:-1:5]
     return float(np.percentile(sample, 30)) / RAYLEIGH_30 if sample.size else 0.0
 
 
 def _floor(grey: Grey, tol: GreyTolerances) -> float:
     """Return the strength below which a step is the digitiser's own."""
-    levels = np.flatnonzero(cv2.calcHist([grey], [0], None, [256], [0, 256]).ravel())
+    rows = grey[:: max(1, len(grey) // LEVEL_ROWS)]
+    levels = np.flatnonzero(cv2.calcHist([rows], [0], None, [256], [0, 256]).ravel())
     step = min(float(np.diff(levels).min()), COARSEST) if len(levels) > 1 else 1.0
     # a step of two levels of a coarse digitiser is an edge already
     return min(tol.floor_levels * step, tol.floor_levels + 2 * (step - 1)) * SOBEL_OF_STEP
@@ -135,10 +138,8 @@ def _on_plane(
     """
     height, width = shape
     half = np.maximum(np.array([(width - 1) / 2, (height - 1) / 2]), 1.0)
-    grid = np.linspace(-1.0, 1.0, PLANE_NODES)
-    nodes = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
-    target = np.asarray(to_plane(nodes * half + half), dtype=np.float64)[:, :2]
-    factors = np.linalg.lstsq(_powers(*nodes.T).T, target, rcond=None)[0].T  # (2, 10)
+    target = np.asarray(to_plane(NODES * half + half), dtype=np.float64)[:, :2]
+    factors = (FIT @ target).T  # (2, 10)
     powers = _powers(*(pixels.T / half[:, None] - 1.0))
     # of 1 x y xx xy yy xxx xxy xyy yyy, the derivatives are quadratic: of the first six
     by_u = factors[:, [1, 3, 4, 6, 7, 8]] * np.array([1, 2, 1, 3, 2, 1]) / half[0]
@@ -152,3 +153,13 @@ def _on_plane(
 def _powers(x: Array, y: Array) -> Array:
     xx, xy, yy = x * x, x * y, y * y
     return np.stack([np.ones_like(x), x, y, xx, xy, yy, xx * x, xx * y, xy * y, yy * y])
+
+
+def _nodes() -> tuple[Array, Array]:
+    """Return the grid (n, 2) from -1 to 1, and what takes values on it to a bicubic (10, n)."""
+    grid = np.linspace(-1.0, 1.0, PLANE_NODES)
+    nodes = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
+    return nodes, np.asarray(np.linalg.pinv(_powers(*nodes.T).T), np.float64)
+
+
+NODES, FIT = _nodes()

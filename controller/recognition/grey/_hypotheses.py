@@ -26,8 +26,8 @@ Ints = NDArray[np.int64]
 
 MOST_PAIRS = 20_000  # of features looked at, per kind
 MOST_COARSE = 240  # hypotheses scored coarsely
-MOST_OF_HULL = 320
-MOST_FITTED = 40
+MOST_OF_HULL = 200
+MOST_FITTED = 28
 PLAIN_ENOUGH = 0.5  # edgelets that are the part's and not its shadow's
 BIN_RAD = np.pi / 30  # hypotheses nearer than this are one
 BIN_MM = 3.0
@@ -241,9 +241,11 @@ def _distinct(poses: Array, scores: Array, most: int) -> Ints:
     for axis in (2, 3):
         same &= np.abs(p[:, None, axis] - p[None, :, axis]) < BIN_MM / 2
     kept: list[int] = []
+    is_taken = np.zeros(len(p), dtype=np.bool_)
     for i in range(len(p)):
-        if not same[i, kept].any():
+        if not is_taken[i]:
             kept.append(i)
+            is_taken |= same[i]
         if len(kept) == most:
             break
     return order[kept]
