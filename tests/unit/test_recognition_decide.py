@@ -113,6 +113,28 @@ def test_half_an_outline_is_not_enough_whatever_else_is_right() -> None:
     assert probability(replace(PERFECT, explained=0.5), SILHOUETTE) < 0.01
 
 
+@pytest.mark.xfail(
+    strict=True,
+    reason="under lamps what lies inside is counted as much as an outline four times as long, and "
+    "what of the picture is left unexplained too little",
+)
+def test_half_an_outline_is_not_enough_under_lamps_either() -> None:
+    # an L-shaped plate taken for its mirror image: one leg and a post on it agree, the other leg
+    # is predicted where the table is and seen where nothing is predicted
+    half = replace(
+        PERFECT,
+        outline=0.5,
+        explained=0.45,
+        inner=1.0,
+        inner_mm=40.0,
+        inner_explained=0.45,
+        misfit_px=1.8,
+        sigma_px=0.2,
+        shading=0.2,
+    )
+    assert probability(half, FRONT) < 0.5
+
+
 def test_an_edge_that_is_absent_means_less_in_the_dark_than_under_lamps() -> None:
     def loss(*, is_lit: bool) -> float:
         absent = replace(PERFECT, inner=0.0, inner_mm=40.0)
