@@ -166,7 +166,7 @@ def lit(name: str, *, side: bool = False) -> tuple[Array, Grey]:
     return T, shots.lit(SIDE if side else RING)
 
 
-@pytest.mark.parametrize("side", [False, True])
+@pytest.mark.parametrize("side", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_fit_to_edges_under_lamps_finds_the_pose(side: bool) -> None:
     T, image = lit("pocket", side=side)
     start = disturbed("pocket", T, 0.6, -0.5, 0.02)

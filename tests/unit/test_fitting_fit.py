@@ -154,24 +154,24 @@ FORESHORTENED = pytest.mark.xfail(
     [
         ("elbow", (25.0, -20.0, 0.6)),
         ("plate", (-40.0, 30.0, 2.2)),
-        ("pocket", (-40.0, 30.0, 2.2)),
+        pytest.param("pocket", (-40.0, 30.0, 2.2), marks=pytest.mark.slow),
         pytest.param("block", (-40.0, 30.0, 2.2), marks=FORESHORTENED),
-        pytest.param("nut", (-40.0, 30.0, 2.2), marks=FORESHORTENED),
+        pytest.param("nut", (-40.0, 30.0, 2.2), marks=[FORESHORTENED, pytest.mark.slow]),
     ],
 )
 def test_errors_are_as_large_as_the_covariance_says(
     name: str, place: tuple[float, float, float]
 ) -> None:
     # errors that hold together over 3 mm, which is what the fit takes blur and pixels for
-    squares = mahalanobis(name, rest(name, 0, *place), 100, 3.0, 0.4)
-    # chi squared of three: mean 3, by sqrt(6 / 100) over the runs, and a tenth for the few
+    squares = mahalanobis(name, rest(name, 0, *place), 60, 3.0, 0.4)
+    # chi squared of three: mean 3, by sqrt(6 / 60) over the runs, and a tenth for the few
     # stretches sigma is estimated from
-    assert 3 - 4 * np.sqrt(6 / 100) < squares.mean() < 3.3 + 3 * np.sqrt(6 / 100)
-    assert np.mean(squares > 11.34) <= 0.05  # its 99 % point
+    assert 3 - 4 * np.sqrt(6 / 60) < squares.mean() < 3.3 + 3 * np.sqrt(6 / 60)
+    assert np.mean(squares > 11.34) <= 0.06  # its 99 % point
 
 
 def test_errors_that_do_not_hold_together_are_never_understated() -> None:
-    squares = mahalanobis("elbow", rest("elbow", 0, -25.0, 10.0, 2.0), 40, 0.0, 0.5)
+    squares = mahalanobis("elbow", rest("elbow", 0, -25.0, 10.0, 2.0), 25, 0.0, 0.5)
     assert squares.mean() < 3.0
 
 

@@ -124,7 +124,7 @@ def test_a_lying_parts_outline_is_that_of_the_line_drawing(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", BODIES)
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_parts_outline_turned_in_any_way_is_that_of_the_line_drawing(
     name: str, seed: int
 ) -> None:
@@ -132,13 +132,13 @@ def test_a_parts_outline_turned_in_any_way_is_that_of_the_line_drawing(
 
 
 @pytest.mark.parametrize("name", BODIES)
-@pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.slow)])
 def test_all_predicted_edges_are_visible_ones_of_the_line_drawing(name: str, seed: int) -> None:
     check_edges(solid(name), model(name), anyhow(solid(name), seed))
 
 
 @pytest.mark.parametrize("name", ["block", "elbow", "pocket", "hand", "wedge"])
-@pytest.mark.parametrize("seed", [5, 6])
+@pytest.mark.parametrize("seed", [5, pytest.param(6, marks=pytest.mark.slow)])
 def test_no_crease_that_is_seen_goes_without_a_prediction(name: str, seed: int) -> None:
     T = anyhow(solid(name), seed)
     view = camera_view(solid(name), T, CAMERA)

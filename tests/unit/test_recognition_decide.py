@@ -78,7 +78,7 @@ def improved(evidence: Evidence, field: str, limit: float, share: float) -> Evid
 
 
 @pytest.mark.parametrize("weights", [SILHOUETTE, FRONT])
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=60, deadline=None, derandomize=True)
 @given(evidence=evidences(), which=st.sampled_from(BETTER), share=shares)
 def test_better_evidence_never_makes_a_reading_less_likely(
     weights: Weights, evidence: Evidence, which: tuple[str, float], share: float
@@ -89,7 +89,7 @@ def test_better_evidence_never_makes_a_reading_less_likely(
 
 
 @pytest.mark.parametrize("is_lit", [True, False])
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=60, deadline=None, derandomize=True)
 @given(evidence=evidences(), which=st.sampled_from(BETTER), share=shares)
 def test_better_evidence_never_speaks_against_a_reading_beside_others(
     is_lit: bool, evidence: Evidence, which: tuple[str, float], share: float

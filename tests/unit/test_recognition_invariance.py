@@ -32,7 +32,7 @@ RING = PointLamp.ring("ring", np.array([0.0, 0, 690]), np.array([0.0, 0, -1]), 1
 OWN = [("elbow", 0), ("elbow", 1), ("plate", 0), ("plate", 1), ("hand", 0)]
 KNOWN = ("elbow", "plate", "hand", "nut", "block")
 
-few = settings(max_examples=6, deadline=None, derandomize=True)
+few = settings(max_examples=4, deadline=None, derandomize=True)
 many = settings(max_examples=60, deadline=None, derandomize=True)
 ways = st.sampled_from(OWN)
 places = st.tuples(st.floats(-48, 48), st.floats(-30, 30))
@@ -276,7 +276,7 @@ def lit_elbow() -> tuple[Array, Grey, Sighting]:
     return T, image, seen
 
 
-@settings(max_examples=6, deadline=None, derandomize=True)
+@settings(max_examples=4, deadline=None, derandomize=True)
 @given(gain=gains, offset=offsets)
 def test_brighter_or_duller_lamps_show_the_same(gain: float, offset: float) -> None:
     T, image, plain = lit_elbow()
@@ -286,7 +286,7 @@ def test_brighter_or_duller_lamps_show_the_same(gain: float, offset: float) -> N
     assert seen[0].y_mm == pytest.approx(plain.y_mm, abs=0.05)
 
 
-@settings(max_examples=4, deadline=None, derandomize=True)
+@settings(max_examples=3, deadline=None, derandomize=True)
 @given(dirt=specks(ELBOW_SHAPE), level=st.sampled_from([35, 160]))
 def test_dirt_under_lamps_changes_nothing(dirt: list[shapely.Geometry], level: int) -> None:
     T, image, plain = lit_elbow()
