@@ -94,26 +94,28 @@ def _within(
     crop: Crop, ground: Ground, excess: float, noise: float, step: int, min_area_px: float
 ) -> tuple[list[Region], int]:
     table = ground.over(crop.box_px)
-    bright = (crop.grey > cv2.multiply(table, 1.0 + excess)).astype(np.uint8)
-    level = float(table.mean())
+    bright = (crop.grey > cv2.multiply(table, 1.0 + excess)).view(np.uint8)
+    level = float(table[::8, ::8].mean())
     least = max(LEAST_EDGE * level, NOISE_FACTOR * noise, STEP_FACTOR * (step if step > 1 else 0))
     border = _borders(crop.grey, least)
-    outside = _reached(cv2.bitwise_or(bright, border))
-    solid = 1 - outside
+    blocked = bright | border
+    solid = 1 - _reached(blocked)
     holes = _holes(crop.grey, solid, bright, border, table, excess)
-    rough = (solid & ~holes) > 0
+    not_hole = 1 - holes
+    rough = (solid & not_hole).view(np.bool_)
     contrast = max(SEEN_CONTRAST, float(step))
     if crop.usable is not None:
         rough &= crop.usable
     mask, field = sharpen(crop, rough, None, contrast)
     if crop.usable is not None:
         mask &= crop.usable
-    mask = _without_fringe(mask) | (mask & (bright > 0))
-    wanted = cv2.bitwise_or(bright, border) > 0
-    filled = mask | (solid > 0)
+    is_bright = bright.view(np.bool_)
+    mask = _without_fringe(mask) | (mask & is_bright)
+    wanted = blocked.view(np.bool_)
+    filled = mask | solid.view(np.bool_)
     lit = _lit(crop, table, bright)
-    wide = ((1 - _reached(cv2.bitwise_or(bright, border), WIDE_GAP_PX)) & ~holes) > 0
-    tight = (_trimmed(solid, bright) & ~holes) > 0
+    wide = ((1 - _reached(blocked, WIDE_GAP_PX)) & not_hole).view(np.bool_)
+    tight = (_trimmed(solid, bright) & not_hole).view(np.bool_)
     return regions_of(crop, mask, field, wanted, min_area_px, (lit, filled, wide, tight))
 
 
@@ -125,7 +127,7 @@ def _lit(crop: Crop, table: Floats, bright: Bytes) -> Mask:
     side = 2 * crop.mixed_px + 1
     strongest = cv2.dilate(crop.grey, np.ones((side, side), np.uint8))
     level = cv2.addWeighted(strongest, RIM_LEVEL, table, 1.0 - RIM_LEVEL, 0.0, dtype=cv2.CV_32F)
-    return np.asarray((bright > 0) & (crop.grey > level))
+    return np.asarray(bright.view(np.bool_) & (crop.grey > level))
 
 
 def _borders(grey: Grey, least: float) -> Bytes:
@@ -177,12 +179,13 @@ def _is_ridge(sharp: Shorts, at: Places, gx: Shorts, gy: Shorts) -> Mask:
     ax, ay = np.abs(gx), np.abs(gy)
     askew = np.where((gx ^ gy) < 0, width - 1, width + 1)
     across = np.where(ay < 0.414 * ax, 1, np.where(ax < 0.414 * ay, width, askew))
-    level, last = sharp.ravel(), sharp.size - 1
-    best = level[at]
+    level = sharp.ravel()
+    own = level[at]
+    best = own.copy()
     for step in range(1, RIDGE_PX // 2 + 1):
         for side in (-step, step):
-            best = np.maximum(best, level[np.clip(at + side * across, 0, last)])
-    return np.asarray(level[at] >= best)
+            np.maximum(best, level.take(at + side * across, mode="clip"), out=best)
+    return np.asarray(own >= best)
 
 
 def _reached(blocked: Bytes, gap_px: int = GAP_PX) -> Bytes:
@@ -205,15 +208,19 @@ def _holes(
 ) -> Bytes:
     """Return 1 where the table is seen through a thing: table-like and no way out near."""
     inner = solid & (1 - bright) & (1 - border)
-    _, labels = cv2.connectedComponents(inner, connectivity=4, ltype=cv2.CV_32S)
-    at = np.flatnonzero(inner.view(np.bool_))
-    of = labels.ravel()[at]
-    size = np.bincount(of, minlength=1)
-    near_outside = cv2.dilate(1 - solid, np.ones((7, 7), np.uint8))
-    has_way_out = np.bincount(of, weights=near_outside.ravel()[at], minlength=1) > 0
-    ratio = np.bincount(of, weights=grey.ravel()[at] / table.ravel()[at], minlength=1)
-    is_hole = (size >= LEAST_HOLE) & ~has_way_out & (ratio <= (1.0 + 0.5 * excess) * size)
+    count, labels = cv2.connectedComponents(inner, connectivity=4, ltype=cv2.CV_32S)
+    near_outside = inner & cv2.dilate(1 - solid, np.ones((7, 7), np.uint8))
+    is_closed = np.ones(count, dtype=np.bool_)
+    is_closed[0] = False
+    is_closed[labels[near_outside.view(np.bool_)]] = False
     holes = np.zeros_like(solid)
+    if not is_closed.any():
+        return holes
+    at = np.flatnonzero(is_closed[labels])
+    of = labels.ravel()[at]
+    size = np.bincount(of)
+    ratio = np.bincount(of, weights=grey.ravel()[at] / table.ravel()[at])
+    is_hole = (size >= LEAST_HOLE) & (ratio <= (1.0 + 0.5 * excess) * size)
     holes.ravel()[at] = is_hole[of]
     return np.asarray(cv2.dilate(holes, np.ones((3, 3), np.uint8)) & (1 - bright))
 
@@ -229,5 +236,5 @@ def _trimmed(solid: Bytes, bright: Bytes) -> Bytes:
 
 def _without_fringe(mask: Mask) -> Mask:
     """Return the mask less hairs a pixel wide that a shadow's border leaves."""
-    opened = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    return np.asarray(opened > 0)
+    opened = cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    return np.asarray(opened.view(np.bool_))
