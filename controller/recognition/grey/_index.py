@@ -17,6 +17,7 @@ from ._tolerances import GreyTolerances
 
 Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
+Reals = NDArray[np.floating]
 Ints = NDArray[np.int64]
 
 ASKED = 96  # edgelets of a view that coarse scores are of
@@ -108,7 +109,9 @@ def _table(rows: list[Frames]) -> Frames:
     every = taken(every, np.argsort(every.keys[:, 0], kind="stable"))
     return Frames(
         np.asfortranarray(every.keys, np.float32),  # columns are searched
-        *(c.astype(np.float32) for c in (every.points, every.spread, every.turns_rad)),
+        every.points.astype(np.float32),
+        every.spread.astype(np.float32),
+        every.turns_rad.astype(np.float32),
         every.weights.astype(np.float32),
         every.model.astype(np.int32),
     )
@@ -125,7 +128,7 @@ def _hull(m: ModelFeatures) -> Array:
     return np.asarray(np.append(hull, m.edgelets[:, 2].mean()))
 
 
-def near_keys(table: Frames, keys: Array, most: int) -> tuple[Ints, Ints]:
+def near_keys(table: Frames, keys: Reals, most: int) -> tuple[Ints, Ints]:
     """Return pairs (row of keys, row of the table) within 1 in every key.
 
     At most about ``most`` are looked at; rows of ``keys`` come first come first served, so the
