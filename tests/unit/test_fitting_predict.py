@@ -244,6 +244,15 @@ def test_lift_is_the_difference_of_cosines_across_the_edge() -> None:
         assert edges.lift[inner][side] == pytest.approx(expected, abs=0.01)
 
 
+def test_beside_the_outline_the_table_counts_as_dark_whichever_way_an_edge_runs() -> None:
+    # straight below the camera all of the upper face's rim has the face inwards, square to the eye
+    T = resting(solid("elbow"), np.eye(3), 0.0, 0.0, 0.4)
+    edges = predict_edges(model("elbow"), T, straight_above())
+    on = edges.on_outline & np.isclose(edges.points_mm[:, 2], 8.0)
+    assert on.sum() > 100
+    assert edges.lift[on] == pytest.approx(-1.0, abs=0.01)
+
+
 def test_more_samples_than_asked_for_are_never_taken() -> None:
     T = resting(solid("elbow"), np.eye(3), 10.0, -20.0, 0.3)
     length = outline(solid("elbow"), T, CAMERA).perimeter * mm_per_px(T, solid("elbow"))
