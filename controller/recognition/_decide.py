@@ -16,6 +16,7 @@ SAME_OUTLINE_PX = 0.6  # two predicted outlines this near each other are one in 
 SAME_SHARE = 0.97  # of an outline's length; the rest is where samples end
 KNOWN = 0.5  # an answer less likely than not is no answer
 CONVINCING = 0.9
+CONVINCING_PX = 0.6  # with a worse fit another reading may lie near by
 DECIDES = 3.0  # log-odds from which a reading is ruled out: 20 to 1
 
 
@@ -61,7 +62,9 @@ def decide(hypotheses: Sequence[Hypothesis], *, is_backlit: bool) -> Decision:
 
 def is_convincing(hypotheses: Sequence[Hypothesis]) -> bool:
     """Tell whether one of the readings of a front-lit object needs no others beside it."""
-    return any(h.probability > CONVINCING for h in hypotheses)
+    return any(
+        h.probability > CONVINCING and h.evidence.misfit_px < CONVINCING_PX for h in hypotheses
+    )
 
 
 def looks_same(a: EdgePoints, b: EdgePoints, *, outline_only: bool) -> bool:

@@ -52,6 +52,7 @@ class SearchLimits:
     coarse_share : of the best one's coarse score that others need for a full fit
     overlap_gap : of silhouettes, by which a candidate may fall short of one that fits perfectly
     perfect, perfect_px : probability from which, and misfit up to which a fit is perfect
+    shift_mm : how far round a coarse fit under lamps the edges are tried again
     tilt_rad : standard deviation of the table's tilt, and of what a chip under a part makes
     rocking_rad : of a part that rests on a curve, which friction holds beside its lowest place
     """
@@ -67,6 +68,7 @@ class SearchLimits:
     overlap_gap: float = 0.025
     perfect: float = 0.9
     perfect_px: float = 0.3
+    shift_mm: float = 1.2
     tilt_rad: float = 0.0015
     rocking_rad: float = 0.02
 
@@ -232,7 +234,10 @@ def _refine(
         tilt_rad=limits.rocking_rad if is_free else limits.tilt_rad,
         most=limits.fine_outline if sight.is_backlit else limits.fine_samples,
     )
-    fit = fit_edges(model, coarse.T_world_part, camera, sight.measure, options)
+    start = coarse.T_world_part
+    if not sight.is_backlit:
+        start = _shifted(model, start, sight, camera, limits)
+    fit = fit_edges(model, start, camera, sight.measure, options)
     if fit is None:
         return None
     if sight.is_backlit:
@@ -258,6 +263,22 @@ def _refine(
         overlap=candidate.overlap,
         source=source,
     )
+
+
+def _shifted(
+    model: EdgeModel, T: Array, sight: Sight, camera: Camera, limits: SearchLimits
+) -> Array:
+    """Return a pose moved over the table to where its edges meet the most contrast."""
+    edges = predict_edges(model, T, camera, limits.coarse_samples)
+    if len(edges.pixels) == 0:
+        return T
+    reach = int(np.clip(np.ceil(limits.shift_mm / sight.mm_per_px), 2, 6))
+    shift = sight.greys[0].best_shift(edges, reach)
+    middle = edges.pixels.mean(axis=0)
+    ground = camera.on_plane(np.array([middle, middle + shift]))
+    out = T.copy()
+    out[:2, 3] += ground[1, :2] - ground[0, :2]
+    return out
 
 
 def _look_inside(

@@ -183,8 +183,8 @@ def grey_evidence(
         inner_explained=explained,
         image_mm=len(image_edges.points_px) * image_edges.every * mm_per_px,
         sigma_px=sigma_px,
-        misfit_px=_root_mean_square(off[on]) if on.any() else FAR_PX,
-        outline_mm=float(on.sum()) * edges.step_mm,
+        misfit_px=float(np.sqrt(_weighted(off[on] ** 2, weight[on]))) if on.any() else FAR_PX,
+        outline_mm=float(weight[on].sum()) * edges.step_mm,
         shading=shading.explained,
         residual=shading.residual,
         area_mm2=shading.area_px * mm_per_px**2,
@@ -215,6 +215,6 @@ def _share(found: NDArray[np.bool_]) -> float:
     return float(found.mean()) if len(found) else 0.0
 
 
-def _weighted(found: NDArray[np.bool_], weight: Array) -> float:
+def _weighted(found: NDArray[np.bool_] | Array, weight: Array) -> float:
     total = float(weight.sum())
     return float((weight * found).sum()) / total if total > 0 else 0.0

@@ -18,10 +18,12 @@ Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
 TURN_PX = 5.0  # an outline that runs the other way counts as this much farther
-FAINT = 0.15  # weight of an edge between surfaces that look the same from the camera
+FAINT = 0.03  # weight of an edge between surfaces that look the same from the camera
 PLAIN_LIFT = 0.4  # a difference in brightness (cosines) from which an edge must be seen
 PLAIN_JUMP_MM = 4.0  # a step so high must show by its shadow
 TOLD_LIFT = 0.4  # from which it is clear which side is the brighter one
+SHARED_PX = 4.5  # once edges are looked for so near, each belongs to the nearest prediction
+OWN_PX = 0.8  # by so much another prediction must be nearer
 WRONG_WAY = 0.3  # worth of an edge that is bright on the other side
 SIDE_PX = 1.0  # profiles are sampled at whole pixels, peaks between them by a parabola
 
@@ -147,8 +149,48 @@ class GreyMeasure:
         bow = before - 2 * at + after
         offset = np.where(bow < -1e-9, 0.5 * (before - after) / np.minimum(bow, -1e-9), 0.0)
         gap = steps[1:-1][best] + np.clip(offset, -0.5, 0.5) * SIDE_PX
+        gap[~found] = np.nan
+        if reach_px <= SHARED_PX:
+            gap[_is_anothers(pixels, normals, gap)] = np.nan
         weight = visibility(edges) if self._is_lit else np.ones(len(pixels))
-        return Gaps(np.where(found, gap, np.nan), weight)
+        return Gaps(gap, weight)
+
+
+    def best_shift(self, edges: EdgePoints, reach_px: int) -> Array:
+        """Return by how many pixels (2,) predicted edges should move to lie on the most contrast.
+
+        Parallel edges near each other trap a fit on the wrong one; a look all round does not care.
+        """
+        offsets = np.arange(-reach_px, reach_px + 1, dtype=np.float32)
+        shift = np.stack(np.meshgrid(offsets, offsets), axis=-1).reshape(-1, 2)
+        at = (edges.pixels - self.corner).astype(np.float32) + shift[:, None]
+        x, y = np.ascontiguousarray(at[..., 0]), np.ascontiguousarray(at[..., 1])
+        slope = cv2.remap(self.gx, x, y, cv2.INTER_LINEAR) * edges.normals[:, 0].astype(np.float32)
+        slope += cv2.remap(self.gy, x, y, cv2.INTER_LINEAR) * edges.normals[:, 1].astype(np.float32)
+        told = ~edges.on_outline & (np.abs(edges.lift) > TOLD_LIFT) & self._is_lit
+        slope = np.where(told & (slope * edges.lift < 0), 0.0, np.abs(slope))
+        # roots, so that a few bright rims do not outvote the rest
+        contrast = np.sqrt(np.maximum(slope - 3 * self.noise, 0.0)) @ visibility(edges)
+        # what lies where it was counts a little more
+        contrast = contrast * (1.0 - 0.01 * np.linalg.norm(shift, axis=1))
+        return shift[int(contrast.argmax())].astype(np.float64)
+
+
+def _is_anothers(pixels: Array, normals: Array, gap: Array) -> NDArray[np.bool_]:
+    """Tell which edges found (n,) belong to another predicted edge that lies nearer.
+
+    Where a narrow chamfer is nearly as dark as the table only one of its two edges shows, and
+    the other must not claim it.
+    """
+    asked = np.flatnonzero(np.abs(gap) > OWN_PX)
+    answer = np.zeros(len(gap), dtype=np.bool_)
+    if len(asked) == 0:
+        return answer
+    at = pixels[asked] + gap[asked, None] * normals[asked]
+    distance, nearest = cKDTree(pixels).query(at)
+    alike = np.abs((normals[nearest] * normals[asked]).sum(axis=1)) > 0.7
+    answer[asked] = alike & (distance < np.abs(gap[asked]) - OWN_PX)
+    return answer
 
 
 def visibility(edges: EdgePoints) -> Array:
