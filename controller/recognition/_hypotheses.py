@@ -43,7 +43,8 @@ class SearchLimits:
 
     Attributes
     ----------
-    most_coarse : candidates fitted coarsely
+    most_coarse, most_lit : candidates fitted coarsely: to an outline, which is soon done; under
+        lamps, where lines propose others
     sure_coarse : coarse score from which a candidate is fitted in full at once
     most_fine : of the others, the best ones, if none fits perfectly
     coarse_samples : edge samples of a coarse fit: enough to tell a turn that is off
@@ -58,6 +59,7 @@ class SearchLimits:
     """
 
     most_coarse: int = 14
+    most_lit: int = 9
     sure_coarse: float = 0.8
     most_fine: int = 4
     coarse_samples: int = 300
@@ -113,7 +115,8 @@ def weigh(
     fine: list[Hypothesis] = []
     held: list[tuple[float, Candidate, EdgeFit]] = []
     bound = -np.inf
-    for candidate in distinct(candidates, library)[: limits.most_coarse]:
+    most = limits.most_coarse if sight.is_backlit else limits.most_lit
+    for candidate in distinct(candidates, library)[:most]:
         if candidate.overlap < bound:
             break  # one fits perfectly, and this one's outline is another
         coarse = _coarse(candidate, sight, camera, library, limits)
@@ -160,6 +163,17 @@ def distinct(candidates: Sequence[Candidate], library: Library) -> list[Candidat
         ):
             kept.append(c)
     return kept
+
+
+def is_tried(candidate: Candidate, hypotheses: Sequence[Hypothesis], library: Library) -> bool:
+    """Tell whether a candidate has led to one of the hypotheses already."""
+    turns = library.entries[candidate.part].turns_of(candidate.pose)
+    return any(
+        (h.part, h.pose) == (candidate.part, candidate.pose)
+        and np.hypot(h.place_mm[0] - candidate.x_mm, h.place_mm[1] - candidate.y_mm) < SAME_PLACE_MM
+        and is_same_turn(h.theta_rad, candidate.theta_rad, turns)
+        for h in hypotheses
+    )
 
 
 def is_same_turn(a_rad: float, b_rad: float, turns_rad: Array) -> bool:

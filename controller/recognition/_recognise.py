@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from controller.cad import Camera
 
 from ._decide import Decision, decide, is_convincing
-from ._hypotheses import Hypothesis, SearchLimits, weigh, without_repeats
+from ._hypotheses import Hypothesis, SearchLimits, is_tried, weigh, without_repeats
 from ._sight import Sight
 from ._sighting import Alternative, Recognition, Sighting, Trace
 from .grey import image_features, propose
@@ -114,7 +114,8 @@ def _identify(
     if not is_backlit and not is_convincing(hypotheses):
         proposed = _by_lines(sight, camera, library)
         candidates += proposed
-        lines = weigh(proposed, sight, camera, library, limits.search, source="lines")
+        new = [c for c in proposed if not is_tried(c, hypotheses, library)]
+        lines = weigh(new, sight, camera, library, limits.search, source="lines")
         hypotheses = without_repeats([*hypotheses, *lines], library)
     decision = decide(hypotheses, is_backlit=is_backlit)
     trace = Trace(region, tuple(candidates), tuple(hypotheses))

@@ -155,7 +155,6 @@ class GreyMeasure:
         weight = visibility(edges) if self._is_lit else np.ones(len(pixels))
         return Gaps(gap, weight)
 
-
     def best_shift(self, edges: EdgePoints, reach_px: int) -> Array:
         """Return by how many pixels (2,) predicted edges should move to lie on the most contrast.
 
