@@ -239,7 +239,7 @@ def test_evidence_under_lamps_is_for_the_right_pose_and_against_others() -> None
     right = told(T)
     # the pocket is not in the middle: half a turn puts it elsewhere in the same outline
     turned = told(T @ HALF_TURN)
-    assert right.inner > 0.75
+    assert right.inner > 0.7
     assert right.inner > turned.inner + 0.2
     assert right.inner_explained > turned.inner_explained + 0.2
     assert right.outline > 0.9

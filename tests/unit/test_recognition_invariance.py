@@ -268,6 +268,25 @@ def test_under_lamps_a_part_is_the_same_part_wherever_it_lies_at_length(
     check_lit_anywhere(way, place, theta)
 
 
+@pytest.mark.slow
+@pytest.mark.xfail(
+    strict=True,
+    reason="the rim of an upper face and the foot of its wall towards the camera are an edge down "
+    "and an edge up within 2 px: blurred, they push each other apart, and the part outwards",
+)
+@pytest.mark.parametrize("place", [(28.0, 22.0), (-30.0, -18.0)])
+@pytest.mark.parametrize("theta", [2.0])
+def test_under_lamps_a_part_is_not_pushed_away_from_the_camera(
+    place: tuple[float, float], theta: float
+) -> None:
+    T = laid(("elbow", 0), place, theta)
+    (seen,) = front(lit_picture(solid("elbow"), T))
+    assert seen.T_world_part is not None
+    away = motion("elbow", seen.T_world_part, T)[:2]
+    outwards = np.array(place) - CAMERA.position_mm[:2]
+    assert away @ outwards / np.linalg.norm(outwards) < 0.08
+
+
 @cache
 def lit_elbow() -> tuple[Array, Grey, Sighting]:
     T = laid(("elbow", 0), (21.0, -13.0), 0.9)
@@ -313,11 +332,6 @@ def test_under_lamps_a_part_is_not_taken_for_its_mirror_image(theta: float) -> N
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(
-    strict=True,
-    reason="under lamps a reading with half its outline missing, and more than half of the "
-    "picture's edges not predicted, passes for likely if the few edges inside are there",
-)
-@pytest.mark.parametrize("theta", [0.0, 2.1, 2.8, 3.5])
+@pytest.mark.parametrize("theta", np.arange(0.0, 6.28, 0.7))
 def test_under_lamps_a_mirror_image_not_in_the_library_is_unknown(theta: float) -> None:
     assert [s.part for s in front(other_hand_lit(theta))] == [None]
