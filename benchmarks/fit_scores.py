@@ -86,28 +86,29 @@ def gather(pictures: Pictures, most: int | None, *, is_held_out: bool) -> Gather
     if most is not None and most < len(images):  # spread over the set
         images = [images[i] for i in np.linspace(0, len(images) - 1, most).round().astype(int)]
     chosen, tried, missed = set(images), 0, 0
+    cameras = {size: load_calibration(file) for size, (file, _) in pictures.cameras.items()}
+    libraries = {size: open_library(files, camera) for size, camera in cameras.items()}
     seen: list[Seen] = []
-    for size in ("hi", "lo"):
-        camera = load_calibration(pictures.cameras[size][0])
-        library = open_library(files, camera)
-        for mode in (mode for of, mode in LIGHTS.values() if of == size):
-            light = next(name for name, of in LIGHTS.items() if of == (size, mode))
-            for path in (p for p in pictures.of(light) if p.name in chosen):
-                grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-                assert grey is not None, path
-                found = recognise(grey, camera, library, LIGHTING[mode])  # type: ignore[arg-type]
-                things = [t for t in pictures.things if t.image == path.name]
-                told = [_answered(path.name, s) for s in found.sightings]
-                pairs = {j: things[i] for i, j, _ in pair(things, told)}
-                tried, missed = tried + 1, missed + len(things) - len(pairs)
-                for j, trace in enumerate(found.traces):
-                    if trace.hypotheses:
-                        thing = pairs.get(j)
-                        seen.append(compare(trace.hypotheses, thing, judge, library, mode, size))
+    for light, (size, mode) in LIGHTS.items():
+        for path in (p for p in pictures.of(light) if p.name in chosen):
+            grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+            assert grey is not None, path
+            lighting, library = LIGHTING[mode], libraries[size]
+            found = recognise(grey, cameras[size], library, lighting)  # type: ignore[arg-type]
+            things = [t for t in pictures.things if t.image == path.name]
+            pairs = pair(things, [_answer(path.name, s) for s in found.sightings])
+            tried, missed = tried + 1, missed + len(things) - len(pairs)
+            truth = {j: things[i] for i, j, _ in pairs}
+            for j, trace in enumerate(found.traces):
+                if trace.hypotheses:
+                    thing = truth.get(j)
+                    what = f"{light} {path.name} {thing.part if thing is not None else 'nothing'}"
+                    readings = compare(trace.hypotheses, thing, judge, library, PLACE_MM[size])
+                    seen.append(_seen(what, mode, thing, trace.hypotheses, readings))
     return Gathered(pictures.name, is_held_out, tried, len(files), missed, seen)
 
 
-def _answered(image: str, s: Sighting) -> Answer:
+def _answer(image: str, s: Sighting) -> Answer:
     theta_deg = math.degrees(s.theta_rad)
     return Answer(image, s.part, s.R, s.x_mm, s.y_mm, theta_deg, s.score, (), math.nan, s.reason)
 
@@ -117,10 +118,14 @@ def compare(
     thing: Thing | None,
     judge: Judge,
     library: Library,
-    mode: str,
-    size: str,
-) -> Seen:
-    """Return the readings of an object, each right or wrong."""
+    place_mm: float,
+) -> tuple[Compared, ...]:
+    """Return the readings of an object, each right or wrong.
+
+    Parameters
+    ----------
+    place_mm : how far from its place a right one may be
+    """
     readings = []
     for h in hypotheses:
         is_right = is_turned = False
@@ -130,16 +135,25 @@ def compare(
             R, theta_deg = entry.pose(h.pose).R, math.degrees(h.theta_rad)
             told = Answer(thing.image, entry.name, R, x, y, theta_deg, 0.0, (), 0.0, "")
             verdict = judge.judge([thing], [told])[0]
-            if verdict.kind == "right" and (verdict.position_mm or 0.0) <= PLACE_MM[size]:
+            if verdict.kind == "right" and (verdict.position_mm or 0.0) <= place_mm:
                 is_turned = (verdict.angle_deg or 0.0) > TURN_DEG
                 is_right = not is_turned
         readings.append(Compared(h.evidence, is_right, is_turned))
+    return tuple(readings)
+
+
+def _seen(
+    what: str,
+    mode: str,
+    thing: Thing | None,
+    hypotheses: Sequence[Hypothesis],
+    readings: tuple[Compared, ...],
+) -> Seen:
     # what looks the same is so whatever the score: as if the best were sure
     sure = [replace(hypotheses[0], probability=1.0), *hypotheses[1:]]
     alike = {id(h) for h in decide(sure, is_backlit=mode == "back").rivals}
-    rivals = [r for h, r in zip(hypotheses, readings, strict=True) if id(h) in alike]
-    is_known = thing is not None and thing.is_known
-    return Seen(mode, is_known, tuple(readings), tuple(rivals))
+    rivals = tuple(r for h, r in zip(hypotheses, readings, strict=True) if id(h) in alike)
+    return Seen(what, mode, thing is not None and thing.is_known, readings, rivals)
 
 
 def report(seen: Sequence[Seen], weights: Weights) -> dict[str, Any]:
@@ -151,6 +165,11 @@ def report(seen: Sequence[Seen], weights: Weights) -> dict[str, Any]:
         _verdict(one, score / (1 + len(one.rivals)))
         for one, score in zip(seen, scores, strict=True)
     ]
+    wrong = [
+        {"what": one.what, "score": round(v.answer.score, 3), "turned": one.readings[0].is_turned}
+        for one, v in zip(seen, verdicts, strict=True)
+        if v.answer is not None and v.answer.score >= 0.5 and v.kind != "right"
+    ]
     answered = [v for v, score in zip(verdicts, scores, strict=True) if score >= 0.5]
     return {
         "objects": len(seen),
@@ -159,6 +178,7 @@ def report(seen: Sequence[Seen], weights: Weights) -> dict[str, Any]:
         "told_apart_at_half": float(((scores >= 0.5) == right).mean()) if len(seen) else None,
         "best_readings": reliability(verdicts),
         "answers": reliability(answered),
+        "surest_wrong": sorted(wrong, key=lambda row: -float(row["score"])),
         "strangers": sorted((round(float(s), 3) for s in scores[strangers]), reverse=True),
     }
 
@@ -233,10 +253,10 @@ def print_told(told: dict[str, Any]) -> None:
             held = told["sets"].get(group, {}).get("held_out")
             print(f"  -- {group}{' (held out)' if held else ''}")
             for which in ("fitted", "now"):
-                _print_report(which, by[which])
+                _print_report(which, by[which], with_wrong=group in told["sets"])
 
 
-def _print_report(which: str, r: dict[str, Any]) -> None:
+def _print_report(which: str, r: dict[str, Any], *, with_wrong: bool) -> None:
     best, answers = r["best_readings"], r["answers"]
     print(
         f"     {which:6} {r['objects']} objects, best reading right {r['right']}, misordered "
@@ -250,6 +270,9 @@ def _print_report(which: str, r: dict[str, Any]) -> None:
                 f"{b['mean_score']:.3f}, right {b['right']:.3f}"
                 f" ({b['right_with_alternatives']:.3f} with alternatives)"
             )
+        for row in r["surest_wrong"] if with_wrong else ():
+            turned = " (only its turn)" if row["turned"] else ""
+            print(f"            wrong at {row['score']:.3f}: {row['what']}{turned}")
     if r["strangers"]:
         known = sum(score >= 0.5 for score in r["strangers"])
         top = " ".join(f"{score:.2f}" for score in r["strangers"][:10])

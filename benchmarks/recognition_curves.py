@@ -54,12 +54,14 @@ class Seen:
 
     Attributes
     ----------
+    what : for people
     mode : "back" or "front"
     is_known : it is one of the library's; neither a stranger nor nothing at all
     readings : best first
     rivals : those of them that the picture cannot tell from the best; they share its score
     """
 
+    what: str
     mode: str
     is_known: bool
     readings: tuple[Compared, ...]
@@ -95,7 +97,7 @@ def fit_curve(evidence: Array, is_right: Bools, signs: Array, ridge: float = RID
     ValueError : all are right, or none is
     """
     if is_right.all() or not is_right.any():
-        raise ValueError(f"a curve takes right and wrong: {is_right.sum()} of {len(is_right)}")
+        raise ValueError(f"a curve takes both: {is_right.sum()} of {len(is_right)} are right")
     middle, spread = evidence.mean(axis=0), np.maximum(evidence.std(axis=0), 1e-6)
     scaled = np.column_stack([np.ones(len(evidence)), (evidence - middle) / spread])
     y = is_right.astype(np.float64)

@@ -36,7 +36,7 @@ def seen(rng: np.random.Generator, weights: Weights, mode: str, count: int) -> l
         evidence = some_evidence(rng)
         is_right = bool(rng.random() < probability(evidence, weights))
         reading = Compared(evidence, is_right, is_turned=False)
-        objects.append(Seen(mode, is_known=True, readings=(reading,), rivals=()))
+        objects.append(Seen("", mode, is_known=True, readings=(reading,), rivals=()))
     return objects
 
 
@@ -125,7 +125,7 @@ def test_nothing_is_fitted_to_readings_that_are_all_right() -> None:
 def test_only_wrong_readings_that_fit_clearly_worse_teach_beside_the_best() -> None:
     best, near = reading(0.3, is_right=True), reading(0.4, is_right=False)
     far, twin = reading(0.9, is_right=False), reading(0.9, is_right=True)
-    known = Seen("back", is_known=True, readings=(best, near, far, twin), rivals=())
+    known = Seen("", "back", is_known=True, readings=(best, near, far, twin), rivals=())
     evidence, is_right, is_best = examples([known])
     assert evidence[:, 3].tolist() == [0.3, 0.9]
     assert is_right.tolist() == [True, False]
@@ -134,7 +134,7 @@ def test_only_wrong_readings_that_fit_clearly_worse_teach_beside_the_best() -> N
 
 def test_every_reading_of_a_stranger_teaches() -> None:
     readings = tuple(reading(m, is_right=False) for m in (0.3, 0.4, 0.9))
-    stranger = Seen("back", is_known=False, readings=readings, rivals=())
+    stranger = Seen("", "back", is_known=False, readings=readings, rivals=())
     _, is_right, is_best = examples([stranger])
     assert not is_right.any()
     assert is_best.tolist() == [True, False, False]
@@ -142,7 +142,7 @@ def test_every_reading_of_a_stranger_teaches() -> None:
 
 def test_a_best_reading_that_should_have_come_later_teaches_nothing() -> None:
     wrong, right = reading(0.3, is_right=False), reading(0.4, is_right=True)
-    misordered = Seen("back", is_known=True, readings=(wrong, right), rivals=())
+    misordered = Seen("", "back", is_known=True, readings=(wrong, right), rivals=())
     assert len(examples([misordered])[1]) == 0
 
 
