@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 
 SAME_OUTLINE_PX = 0.6  # two predicted outlines this near each other are one in any picture
 SAME_SHARE = 0.97  # of an outline's length; the rest is where samples end
+SHOWN_LIFT = 0.2  # of brightness (cosines) beside an edge inside that anyone sees
+SHOWN_JUMP_MM = 1.5  # a step that does, by its shadow
 KNOWN = 0.5  # an answer less likely than not is no answer
 CONVINCING = 0.9
 CONVINCING_PX = 0.6  # with a worse fit another reading may lie near by
@@ -74,13 +76,15 @@ def looks_same(a: EdgePoints, b: EdgePoints, *, outline_only: bool) -> bool:
 
 def _covered(a: EdgePoints, b: EdgePoints, outline_only: bool) -> bool:
     # creases between surfaces that are lit alike are no difference anyone sees
-    of = a.on_outline if outline_only else a.on_outline | (np.abs(a.lift) > 0.2)
+    shows = (np.abs(a.lift) > SHOWN_LIFT) | (a.jump_mm > SHOWN_JUMP_MM)
+    of = a.on_outline if outline_only else a.on_outline | shows
     within = b.on_outline if outline_only else np.ones(len(b.pixels), dtype=np.bool_)
     if not of.any() or not within.any():
         return not of.any()
     pixels, normals = b.pixels[within], b.normals[within]
     far, nearest = cKDTree(pixels).query(a.pixels[of])
     across = np.abs(((a.pixels[of] - pixels[nearest]) * normals[nearest]).sum(axis=1))
-    step = np.median(cKDTree(pixels).query(pixels, k=2)[0][:, 1]) if len(pixels) > 2 else 5.0
+    apart = cKDTree(pixels).query(pixels, k=2)[0][:, 1] if len(pixels) > 2 else np.array([5.0])
+    step = np.quantile(apart, 0.9)  # where edges run side by side, samples are nearer than a step
     same = (across < SAME_OUTLINE_PX) & (far < 2 * step + 3.0)
     return bool(same.mean() > SAME_SHARE)

@@ -21,7 +21,7 @@ from ._hypotheses import Hypothesis, SearchLimits, is_tried, weigh, without_repe
 from ._sight import Sight
 from ._sighting import Alternative, Recognition, Sighting, Trace
 from .grey import image_features, propose
-from .library import Candidate, Library, Silhouette, polar_grid
+from .library import Candidate, Entry, Library, Silhouette, polar_grid
 from .segmentation import Region, segment
 
 Array = NDArray[np.float64]
@@ -188,7 +188,7 @@ def _known(
         theta_rad=best.theta_rad,
         T_world_part=best.fit.T_world_part,
         score=decision.score,
-        covariance=best.fit.covariance,
+        covariance=_covariance(best, entry),
         ambiguous_with=tuple(
             Alternative(library.entries[h.part].name, h.pose, h.theta_rad) for h in decision.rivals
         ),
@@ -196,6 +196,15 @@ def _known(
         box_px=region.box_px,
         residual_px=best.fit.sigma_px,
     )
+
+
+def _covariance(best: Hypothesis, entry: Entry) -> Array:
+    """Return the fit's covariance; the turn of a round part, which is a mesh's, is not known."""
+    covariance = best.fit.covariance.copy()
+    if len(entry.turns_of(best.pose)) == 0:
+        covariance[2, :], covariance[:, 2] = 0.0, 0.0
+        covariance[2, 2] = np.pi**2 / 3  # any turn is as likely
+    return covariance
 
 
 def _unknown(

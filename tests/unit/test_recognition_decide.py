@@ -169,7 +169,7 @@ def test_one_drawing_in_other_samples_is_the_same_drawing(name: str, others: int
     T = lying_at(name)
     assert looks_same(drawing(name, T), drawing(name, T, others), outline_only=False)
     assert looks_same(drawing(name, T), drawing(name, T, others), outline_only=True)
-    few, many = outlined(model(name), T, others // 2), outlined(model(name), T)
+    few, many = outlined(model(name), T, others), outlined(model(name), T)
     assert looks_same(few, many, outline_only=True)
 
 
@@ -212,14 +212,6 @@ def test_a_bore_makes_another_outline_and_a_ridge_another_drawing() -> None:
     assert not looks_same(here, turned, outline_only=False)
 
 
-STEPS_UNSEEN = pytest.mark.xfail(
-    strict=True,
-    reason="drawings are compared by edges at which the surface turns; the rim of a pocket 8 mm "
-    "deep, which shows by its shadow, has the same turn on both sides and is left out",
-)
-
-
-@STEPS_UNSEEN
 def test_a_pocket_elsewhere_makes_another_drawing() -> None:
     T = lying_at("pocket")
     here, turned = drawing("pocket", T), drawing("pocket", T @ HALF_TURN)
@@ -322,7 +314,6 @@ def test_look_alikes_are_each_others_rivals_and_share_the_score(gap: float) -> N
     assert other.score == pytest.approx(one.score)
 
 
-@STEPS_UNSEEN
 def test_lamps_tell_apart_what_an_outline_does_not() -> None:
     a, b = pocket(), pocket(turn=True)
     assert decide([a, b], is_backlit=True).rivals == (b,)

@@ -215,11 +215,6 @@ def test_a_part_is_never_named_as_its_mirror_image_at_length(
     check_hands(is_other, place, theta)
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="half a turn about the vertical that leaves a lying round bar as it is is not found "
-    "among its symmetries, so that it is told to be ambiguous with itself, at half the score",
-)
 @pytest.mark.parametrize("theta", [0.6, pytest.param(2.0, marks=pytest.mark.slow)])
 def test_a_round_bar_is_not_ambiguous_with_itself_turned(theta: float) -> None:
     bar = solid_of(body("disc"), "bar")

@@ -44,7 +44,7 @@ class EdgePoints:
     lift : (n,) by how much the far side along ``normals`` should be brighter than the near one
         under light from the camera's side: difference of cosines, the table's left out
     jump_mm : (n,) how much farther from the eye one side is than the other; 0 on the outline
-    step_mm : between samples along the edges
+    step_mm : between samples along the edges, square to the sight line
     """
 
     points_mm: Array
@@ -142,7 +142,7 @@ def _rims(model: EdgeModel, eye: Array) -> tuple[Bools, Bools]:
 
 
 def _sample(model: EdgeModel, chosen: Integers, eye: Array, most: int) -> tuple[_Samples, float]:
-    edge, share, step = _spread(model.length_mm[chosen], most)
+    edge, share, step = _spread(_seen_length(model, chosen, eye), most)
     edge = chosen[edge]
     points = model.start_mm[edge] + share[:, None] * model.along_mm[edge]
     along = model.along_mm[edge] / np.maximum(model.length_mm[edge], 1e-12)[:, None]
@@ -193,6 +193,14 @@ def _cross(a: Array, b: Array) -> Array:
     ax, ay, az = a.T
     bx, by, bz = b.T
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
+
+
+def _seen_length(model: EdgeModel, chosen: Integers, eye: Array) -> Array:
+    """Return how long edges look from the eye [mm]: upright ones are seen at a glance."""
+    ahead = model.start_mm[chosen] + 0.5 * model.along_mm[chosen] - eye
+    across = _cross(ahead, model.along_mm[chosen])
+    squares = np.einsum("ij,ij->i", across, across) / np.einsum("ij,ij->i", ahead, ahead)
+    return np.asarray(np.sqrt(squares))
 
 
 def _spread(length_mm: Array, most: int) -> tuple[Integers, Array, float]:

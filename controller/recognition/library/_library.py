@@ -190,8 +190,21 @@ def turns_that_keep(R: Array, symmetry: PartSymmetry) -> Array:
         turned = R @ kept @ R.T
         if turned[2, 2] > np.cos(UPRIGHT_RAD):
             found.append(float(np.arctan2(turned[1, 0], turned[0, 0])))
+    if symmetry.axis is not None and _turns_over(symmetry, up):
+        found.append(np.pi)
     found.sort(key=abs)
     return np.array(found or [0.0])
+
+
+def _turns_over(symmetry: PartSymmetry, up: Array) -> bool:
+    """Tell whether a round part on its side looks the same with its ends changed over.
+
+    The half turn about the vertical is one that reverses the axis, and some turn about the axis.
+    """
+    assert symmetry.axis is not None
+    is_level = abs(float(symmetry.axis @ up)) < np.sin(UPRIGHT_RAD)
+    reverses = (symmetry.rotations @ symmetry.axis) @ symmetry.axis < -np.cos(UPRIGHT_RAD)
+    return bool(is_level and reverses.any())
 
 
 def make_library(

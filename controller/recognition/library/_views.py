@@ -19,6 +19,7 @@ from ._polar import HALF, from_raster, shape_of
 
 Array = NDArray[np.float64]
 
+EMPTY_PX = 5
 RASTER_PX = 128  # a shadow's longer side
 FLAT_SHARE = 0.05  # of the outline's size that perspective may move it before more views are made
 RING_SHARE = 0.65  # where the ring of views stands, between the middle and the farthest corner
@@ -143,8 +144,9 @@ def _shadow(
     cast = eye[:2] + (p[:, :2] - eye[:2]) * (eye[2] / (eye[2] - p[:, 2]))[:, None]
     low, high = cast.min(axis=0), cast.max(axis=0)
     step = float((high - low).max()) / RASTER_PX
-    low = low - 1.5 * step
-    count = np.ceil((high - low) / step).astype(int) + 2
+    # room all round, or blurring would cut the outline off; half a step, or it would grow by one
+    count = np.ceil((high - low) / step).astype(int) + 2 * EMPTY_PX
+    low = low - (EMPTY_PX - 0.5) * step
     x, y = np.meshgrid(low[0] + step * np.arange(count[0]), low[1] + step * np.arange(count[1]))
     ground = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
     T_part_world = inverse_pose(T_world_part)
