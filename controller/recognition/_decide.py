@@ -17,6 +17,7 @@ SAME_SHARE = 0.97  # of an outline's length; the rest is where samples end
 SHOWN_LIFT = 0.2  # of brightness (cosines) beside an edge inside that anyone sees
 SHOWN_JUMP_MM = 1.5  # a step that does, by its shadow
 KNOWN = 0.5  # an answer less likely than not is no answer
+ODDS_SCALE = 3.0  # benchmarks/fit_scores.py: odds are told too surely by about so much
 CONVINCING = 0.9
 CONVINCING_PX = 0.6  # with a worse fit another reading may lie near by
 DECIDES = 3.0  # log-odds from which a reading is ruled out: 20 to 1
@@ -59,7 +60,14 @@ def decide(hypotheses: Sequence[Hypothesis], *, is_backlit: bool) -> Decision:
         if best.odds - h.odds < DECIDES
         and looks_same(best.fit.edges, h.fit.edges, outline_only=is_backlit)
     )
-    return Decision(best, best.probability / (1 + len(rivals)), rivals, best)
+    return Decision(best, best.probability / (1 + _claims(best, hypotheses[1:])), rivals, best)
+
+
+def _claims(best: Hypothesis, others: Sequence[Hypothesis]) -> float:
+    """Return what other readings claim of the best one's score: all of it at equal odds."""
+    was_looked_into = best.evidence.area_mm2 > 0
+    gaps = [best.odds - h.odds for h in others if (h.evidence.area_mm2 > 0) == was_looked_into]
+    return float(np.exp(-np.array(gaps) / ODDS_SCALE).sum())
 
 
 def is_convincing(hypotheses: Sequence[Hypothesis]) -> bool:

@@ -55,7 +55,8 @@ class SearchLimits:
     perfect, perfect_px : probability from which, and misfit up to which a fit is perfect
     shift_mm : how far round a coarse fit under lamps the edges are tried again
     tilt_rad : standard deviation of the table's tilt, and of what a chip under a part makes
-    rocking_rad : of a part that rests on a curve, which friction holds beside its lowest place
+    rocking_rad, rocking_lit_rad : of a part that rests on a curve, which friction holds beside
+        its lowest place; under lamps
     """
 
     most_coarse: int = 14
@@ -73,6 +74,7 @@ class SearchLimits:
     shift_mm: float = 1.2
     tilt_rad: float = 0.0015
     rocking_rad: float = 0.02
+    rocking_lit_rad: float = 0.006
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -241,11 +243,12 @@ def _refine(
     entry = library.entries[candidate.part]
     pose = entry.pose(candidate.pose)
     # under lamps a wall's dark foot is easily lost, and a tilt would make up for it
-    is_free = (pose.rocking or pose.rolling) and sight.is_backlit
+    rocking = limits.rocking_rad if sight.is_backlit else limits.rocking_lit_rad
+    tilt = rocking if pose.rocking or pose.rolling else limits.tilt_rad
     options = FitOptions(
         reach_px=(_reach_px(1.5, sight), _reach_px(0.8, sight)),
         steps=3,
-        tilt_rad=limits.rocking_rad if is_free else limits.tilt_rad,
+        tilt_rad=tilt,
         most=limits.fine_outline if sight.is_backlit else limits.fine_samples,
     )
     start = coarse.T_world_part

@@ -172,7 +172,7 @@ class GreyMeasure:
         contrast = np.sqrt(np.maximum(slope - 3 * self.noise, 0.0)) @ visibility(edges)
         # what lies where it was counts a little more
         contrast = contrast * (1.0 - 0.01 * np.linalg.norm(shift, axis=1))
-        return shift[int(contrast.argmax())].astype(np.float64)
+        return np.asarray(shift[int(contrast.argmax())], dtype=np.float64)
 
 
 def _is_anothers(pixels: Array, normals: Array, gap: Array) -> NDArray[np.bool_]:
