@@ -133,7 +133,8 @@ def weigh(
             fine.append(refined)
             if _is_perfect(refined, limits):
                 bound = max(bound, refined.overlap - limits.overlap_gap)
-    if not any(_is_perfect(h, limits) for h in fine):
+    # what lies inside may yet decide against an outline that fits under lamps
+    if not sight.is_backlit or not any(_is_perfect(h, limits) for h in fine):
         held.sort(key=lambda item: -item[0])
         for score, candidate, coarse in held[: limits.most_fine]:
             if score < limits.coarse_share * held[0][0]:

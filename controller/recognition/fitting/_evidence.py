@@ -184,7 +184,7 @@ def grey_evidence(
         image_mm=len(image_edges.points_px) * image_edges.every * mm_per_px,
         sigma_px=sigma_px,
         misfit_px=float(np.sqrt(_weighted(off[on] ** 2, weight[on]))) if on.any() else FAR_PX,
-        outline_mm=float(weight[on].sum()) * edges.step_mm,
+        outline_mm=float(on.sum()) * edges.step_mm,
         shading=shading.explained,
         residual=shading.residual,
         area_mm2=shading.area_px * mm_per_px**2,
