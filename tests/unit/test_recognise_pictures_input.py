@@ -213,9 +213,9 @@ def test_a_folder_is_its_pictures_in_order_each_once(tmp_path: Path) -> None:
 
 
 def test_one_line_an_object_holds_what_was_promised(
-    files: Files, table: Grey, capfd: pytest.CaptureFixture[str]
+    files: Files, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    both = np.minimum(table, np.roll(table, (-200, -260), axis=(0, 1)))
+    both = backlit(shape(35.0, -25.0), shape(-40.0, 30.0))
     asked = files.command(files.keep("two.png", both), files.keep("none.png", backlit()))
     assert main(asked) == 0
     told = capfd.readouterr()
