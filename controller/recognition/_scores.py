@@ -30,8 +30,9 @@ class Weights:
     shading: float
 
 
-# benchmarks/fit_scores.py, on 389 path-traced pictures of 26 parts; none of them is one of those
-# recognition is judged by. An outline that is known whole is judged without what lies inside it.
+# Fitted as benchmarks/fit_scores.py does it, to path-traced pictures of 26 parts; they are other
+# pictures than those recognition is judged by. An outline that is known whole is judged without
+# what lies inside it.
 SILHOUETTE = Weights(-6.4, 0.0, 12.22, 0.0, -3.66, -1.45, 0.0)
 FRONT = Weights(-8.63, 2.42, 6.91, 3.76, -0.54, -1.13, 4.98)
 INNER_HALF_MM = 20.0  # of inner edges, that count half beside the outline
