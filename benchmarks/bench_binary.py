@@ -52,6 +52,7 @@ from controller.recognition.binary import (  # noqa: E402
     model_string,
     triangular,
 )
+from controller.recognition.library import shadow_camera  # noqa: E402
 from controller.recognition.segmentation import Region, segment  # noqa: E402
 
 Array = NDArray[np.float64]
@@ -116,10 +117,7 @@ def cameras_of(truth: dict[str, Any]) -> tuple[Camera, Camera]:
         np.array(told["dist"]),
         inverse_pose(T),
     )
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = np.diag([1.0, -1.0, -1.0]), camera.position_mm
-    height = float(camera.position_mm[2])
-    return camera, Camera((1, 1), np.diag([height, height, 1.0]), np.zeros(5), T)
+    return camera, shadow_camera(camera.position_mm)
 
 
 def models_of(paths: list[Path], turns: int) -> list[Model]:

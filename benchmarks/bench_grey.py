@@ -46,6 +46,7 @@ from controller.recognition.grey import (  # noqa: E402
     model_features,
     propose,
 )
+from controller.recognition.library import shadow_camera  # noqa: E402
 
 Array = NDArray[np.float64]
 
@@ -115,12 +116,7 @@ def library(parts: dict[str, CompiledPart]) -> list[View]:
 
 def index_at(views: list[View], eye_mm: float) -> FeatureIndex:
     """Return the library's features as seen by an eye straight above."""
-    table = Camera(
-        (1, 1),
-        np.array([[eye_mm, 0, 0], [0, eye_mm, 0], [0, 0, 1.0]]),
-        np.zeros(5),
-        np.array([[1.0, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, eye_mm], [0, 0, 0, 1]]),
-    )
+    table = shadow_camera(np.array([0.0, 0.0, eye_mm]))
     prepared: dict[int, Any] = {}
     models = []
     for view in views:

@@ -84,7 +84,6 @@ def inspect_view(
         task.T_world_part,
         task.camera,
         contour,
-        freedom="hand",
         ignore=scene.holder_mask,
         prior_mm=prior_mm,
         prior_rad=prior_rad,

@@ -156,26 +156,36 @@ def distinct(candidates: Sequence[Candidate], library: Library) -> list[Candidat
     """Return candidates without those that a symmetry of the part makes the same, in order."""
     kept: list[Candidate] = []
     for c in candidates:
-        turns = library.entries[c.part].turns_of(c.pose)
-        if not any(
-            k.part == c.part
-            and k.pose == c.pose
-            and np.hypot(k.x_mm - c.x_mm, k.y_mm - c.y_mm) < 4 * SAME_PLACE_MM
-            and is_same_turn(k.theta_rad, c.theta_rad, turns)
-            for k in kept
-        ):
+        if not any(is_same_reading(k, c, library, 4 * SAME_PLACE_MM) for k in kept):
             kept.append(c)
     return kept
 
 
 def is_tried(candidate: Candidate, hypotheses: Sequence[Hypothesis], library: Library) -> bool:
     """Tell whether a candidate has led to one of the hypotheses already."""
-    turns = library.entries[candidate.part].turns_of(candidate.pose)
-    return any(
-        (h.part, h.pose) == (candidate.part, candidate.pose)
-        and np.hypot(h.place_mm[0] - candidate.x_mm, h.place_mm[1] - candidate.y_mm) < SAME_PLACE_MM
-        and is_same_turn(h.theta_rad, candidate.theta_rad, turns)
-        for h in hypotheses
+    return any(is_same_reading(h, candidate, library) for h in hypotheses)
+
+
+def without_repeats(hypotheses: Sequence[Hypothesis], library: Library) -> list[Hypothesis]:
+    """Return hypotheses best first, each pose and turn once."""
+    kept: list[Hypothesis] = []
+    for h in sorted(hypotheses, key=lambda h: -h.odds):
+        if not any(is_same_reading(k, h, library) for k in kept):
+            kept.append(h)
+    return kept
+
+
+def is_same_reading(
+    a: Candidate | Hypothesis,
+    b: Candidate | Hypothesis,
+    library: Library,
+    within_mm: float = SAME_PLACE_MM,
+) -> bool:
+    """Tell whether two readings are one part, lying one way, at one place."""
+    return (
+        (a.part, a.pose) == (b.part, b.pose)
+        and float(np.linalg.norm(a.place_mm - b.place_mm)) < within_mm
+        and is_same_turn(a.theta_rad, b.theta_rad, library.entries[a.part].turns_of(a.pose))
     )
 
 
@@ -185,22 +195,6 @@ def is_same_turn(a_rad: float, b_rad: float, turns_rad: Array) -> bool:
         return True
     gap = (a_rad - b_rad - turns_rad + np.pi) % (2 * np.pi) - np.pi
     return bool(np.abs(gap).min() < SAME_TURN_RAD)
-
-
-def without_repeats(hypotheses: Sequence[Hypothesis], library: Library) -> list[Hypothesis]:
-    """Return hypotheses best first, each pose and turn once."""
-    kept: list[Hypothesis] = []
-    for h in sorted(hypotheses, key=lambda h: -h.odds):
-        turns = library.entries[h.part].turns_of(h.pose)
-        if not any(
-            k.part == h.part
-            and k.pose == h.pose
-            and float(np.linalg.norm(k.place_mm - h.place_mm)) < SAME_PLACE_MM
-            and is_same_turn(k.theta_rad, h.theta_rad, turns)
-            for k in kept
-        ):
-            kept.append(h)
-    return kept
 
 
 def _is_perfect(h: Hypothesis, limits: SearchLimits) -> bool:

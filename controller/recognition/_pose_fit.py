@@ -7,7 +7,6 @@ the right ones for the pose reached.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import cv2
 import numpy as np
@@ -25,6 +24,7 @@ from controller.cad import (
 )
 
 from ._contours import Contour, mask_contour
+from .fitting import edge_jacobian
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -121,24 +121,23 @@ def fit_pose(
     T_world_part: Array,
     camera: Camera,
     observed: Contour,
-    freedom: Literal["table", "hand"],
     ignore: Mask | None = None,
     steps_px: Sequence[int] = (2, 2, 1),
     prior_mm: float = 1.5,
     prior_rad: float = 0.03,
 ) -> PoseFit | None:
-    """Fit a pose to an observed outline.
+    """Fit all six freedoms of a pose to an observed outline.
+
+    It is drawn towards the start by a prior, since depth and tilt hardly show in one view.
 
     Parameters
     ----------
     T_world_part : where to begin
     observed : outline in the picture
-    freedom : ``table``: x, y and rotation about z; ``hand``: all six, drawn towards the start by
-        a prior, since depth and tilt hardly show in one view
     ignore : (height, width) pixels whose outline is not the part's own (the gripper's)
     steps_px : one round of fitting for each, the outline predicted on every so many-th pixel; a
         last prediction on every pixel is what the answer is judged by
-    prior_mm, prior_rad : standard deviations of the start, with freedom ``hand``
+    prior_mm, prior_rad : standard deviations of the start
 
     Returns
     -------
@@ -169,24 +168,16 @@ def fit_pose(
         gap = ((observed.points_px[index[ok]] - pixels[ok]) * normals).sum(axis=1)
         if step == rounds:
             break
-        jacobian = _jacobian(points[ok], pivot, camera, normals)
+        jacobian = edge_jacobian(points[ok], normals, pivot, camera)
         weight = 1.0 / np.maximum(1.0, np.abs(gap) / HUBER_PX)
-        if freedom == "table":
-            columns = [0, 1, 5]
-            step_vector = np.zeros(6)
-            partial = jacobian[:, columns]
-            step_vector[columns] = np.linalg.lstsq(
-                partial * weight[:, None] ** 0.5, gap * weight**0.5, rcond=None
-            )[0]
-        else:
-            scale = np.array([prior_mm] * 3 + [prior_rad] * 3)
-            done = np.concatenate([start_shift, start_rotation])
-            # outline points are many and correlated: they count as one in ten against the prior
-            information = 0.1 * (jacobian * weight[:, None]).T @ jacobian / 0.25
-            pull = 0.1 * (jacobian * weight[:, None]).T @ gap / 0.25
-            information += np.diag(1 / scale**2)
-            pull -= done / scale**2
-            step_vector = np.linalg.solve(information, pull)
+        scale = np.array([prior_mm] * 3 + [prior_rad] * 3)
+        done = np.concatenate([start_shift, start_rotation])
+        # outline points are many and correlated: they count as one in ten against the prior
+        information = 0.1 * (jacobian * weight[:, None]).T @ jacobian / 0.25
+        pull = 0.1 * (jacobian * weight[:, None]).T @ gap / 0.25
+        information += np.diag(1 / scale**2)
+        pull -= done / scale**2
+        step_vector = np.linalg.solve(information, pull)
         start_shift = start_shift + step_vector[:3]
         start_rotation = start_rotation + step_vector[3:]
         T = _twist(step_vector[3:], step_vector[:3], pivot) @ T
@@ -199,18 +190,3 @@ def fit_pose(
         paired=float(np.mean(every < 2.0)),
         maps=maps,
     )
-
-
-def _jacobian(points: Array, pivot: Array, camera: Camera, normals: Array) -> Array:
-    """Return d(pixel along its normal)/d(shift [mm], rotation [rad] about the pivot), (n, 6)."""
-    R_cam_world = camera.T_world_cam[:3, :3].T
-    local = (points - camera.position_mm) @ R_cam_world.T
-    fx, fy = camera.K[0, 0], camera.K[1, 1]
-    z = local[:, 2]
-    # distortion changes the local scale by less than a percent: the loop takes care of it
-    du = np.column_stack([fx / z, np.zeros_like(z), -fx * local[:, 0] / z**2]) @ R_cam_world
-    dv = np.column_stack([np.zeros_like(z), fy / z, -fy * local[:, 1] / z**2]) @ R_cam_world
-    along = normals[:, :1] * du + normals[:, 1:] * dv
-    arm = points - pivot
-    turn = np.cross(arm, along)
-    return np.hstack([along, turn])

@@ -78,7 +78,6 @@ class Trace:
     region : what was cut out
     candidates : what its silhouette may be, best overlap first
     hypotheses : what was fitted, best first
-    seconds : by stage
     """
 
     region: Region

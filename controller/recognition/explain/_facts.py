@@ -32,7 +32,7 @@ from ..binary import (
 )
 from ..fitting import EdgePoints, predict_edges
 from ..grey import ImageFeatures, image_features
-from ..library import Candidate, Library, lying
+from ..library import Candidate, Library, lying, shadow_camera
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -208,7 +208,7 @@ def _correlated(
     """Return how each candidate's outline, drawn where it would lie, correlates with the object."""
     if string is None:
         return (None,) * len(candidates)
-    table = _shadow_camera(camera)
+    table = shadow_camera(camera.position_mm)
     foot = (float(camera.position_mm[0]), float(camera.position_mm[1]))
     out: list[StringMatch | None] = []
     for c in candidates:
@@ -233,14 +233,6 @@ def _as_laid(matches: Sequence[StringMatch]) -> StringMatch | None:
         return None
     near = [m for m in matches if m.rank_mm <= AS_GOOD * matches[0].rank_mm + AS_GOOD_MM]
     return min(near, key=lambda m: abs(m.turn_rad))
-
-
-def _shadow_camera(camera: Camera) -> Camera:
-    """Return a camera straight above the table whose pixels are mm on it."""
-    height = float(camera.position_mm[2])
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = np.diag([1.0, -1.0, -1.0]), camera.position_mm
-    return Camera((1, 1), np.diag([height, height, 1.0]), np.zeros(5), T)
 
 
 def _chosen(sighting: Sighting, hypotheses: Sequence[Hypothesis]) -> int:

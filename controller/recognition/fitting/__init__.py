@@ -1,7 +1,7 @@
 """A posed part's visible edges, the fit of a pose to a picture, and what speaks for it."""
 
 from ._evidence import Evidence, ImageEdges, grey_evidence, outline_evidence, with_inside
-from ._fit import EdgeFit, FitOptions, fit_edges
+from ._fit import EdgeFit, FitOptions, edge_jacobian, fit_edges
 from ._measure import Gaps, GreyMeasure, LoopMeasure, Measure
 from ._model import EdgeModel, EdgeShape, edge_model, edge_shape
 from ._predict import EdgePoints, predict_edges, predict_outline
@@ -20,6 +20,7 @@ __all__ = [
     "LoopMeasure",
     "Measure",
     "Shading",
+    "edge_jacobian",
     "edge_model",
     "edge_shape",
     "fit_edges",

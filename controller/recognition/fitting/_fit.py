@@ -23,6 +23,7 @@ HUBER_PX = 1.0
 LEAST_POINTS = 12
 LEAST_REACH_PX = 2.5
 LEAST_SIGMA_PX = 0.02
+ON_TABLE = (0, 1, 5, 3, 4)  # freedoms of a part at rest: x, y, turn, tilts about x and y
 SETTLED_PX = 0.004  # a step that moves no edge farther is the last one
 CORRELATED_MM = 3.0  # errors of edge points nearer than this are one error: blur, pixels, facets
 CALIBRATION_MM = 0.02  # what the camera's own calibration leaves, whatever the edges say
@@ -92,7 +93,7 @@ def fit_edges(
         if len(edges.pixels) < LEAST_POINTS:
             return None
         pivot = transform(T, model.centroid_mm[None])[0]
-        jacobian = _jacobian(edges, pivot, camera)
+        jacobian = edge_jacobian(edges.points_mm, edges.normals, pivot, camera)[:, ON_TABLE]
         total = _descend(edges, jacobian, pivot, camera, measure, reach, options)
         if total is None:
             return None
@@ -158,19 +159,27 @@ def _moved(step: Array, pivot: Array) -> Array:
     return T
 
 
-def _jacobian(edges: EdgePoints, pivot: Array, camera: Camera) -> Array:
-    """Return d(pixel along its normal) / d(x, y [mm], turn about z, about x, about y [rad])."""
+def edge_jacobian(points_mm: Array, normals: Array, pivot: Array, camera: Camera) -> Array:
+    """Return how far edge points move along their normals in the picture as a part moves, (n, 6).
+
+    Columns are d(pixel) / d(shift along x, y, z [mm], rotation about x, y, z [rad]).
+
+    Parameters
+    ----------
+    points_mm : (n, 3) world
+    normals : (n, 2) unit, in the picture
+    pivot : (3,) the point rotations leave where it is
+    """
     R_cam_world = camera.T_world_cam[:3, :3].T
-    local = (edges.points_mm - camera.position_mm) @ R_cam_world.T
+    local = (points_mm - camera.position_mm) @ R_cam_world.T
     fx, fy = camera.K[0, 0], camera.K[1, 1]
     z = local[:, 2]
     zero = np.zeros_like(z)
     # distortion changes the local scale by less than a percent: further steps take care of it
     du = np.column_stack([fx / z, zero, -fx * local[:, 0] / z**2]) @ R_cam_world
     dv = np.column_stack([zero, fy / z, -fy * local[:, 1] / z**2]) @ R_cam_world
-    along = edges.normals[:, :1] * du + edges.normals[:, 1:] * dv
-    turn = np.cross(edges.points_mm - pivot, along)
-    return np.column_stack([along[:, 0], along[:, 1], turn[:, 2], turn[:, 0], turn[:, 1]])
+    along = normals[:, :1] * du + normals[:, 1:] * dv
+    return np.hstack([along, np.cross(points_mm - pivot, along)])
 
 
 def _per_point(step_mm: float) -> float:

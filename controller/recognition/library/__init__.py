@@ -13,7 +13,7 @@ from ._library import (
     turns_that_keep,
 )
 from ._polar import polar_grid
-from ._views import PartViews, Station, lying, view_part
+from ._views import PartViews, Station, lying, shadow_camera, view_part
 
 __all__ = [
     "Candidate",
@@ -29,6 +29,7 @@ __all__ = [
     "make_library",
     "place_of",
     "polar_grid",
+    "shadow_camera",
     "station_of",
     "turn_of",
     "turns_that_keep",

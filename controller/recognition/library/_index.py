@@ -64,6 +64,11 @@ class Candidate:
     overlap: float
     distance: float
 
+    @property
+    def place_mm(self) -> Array:
+        """Where the centre of mass stands, (2,)."""
+        return np.array([self.x_mm, self.y_mm])
+
 
 class ViewIndex:
     """Views of a library of parts.

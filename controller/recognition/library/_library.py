@@ -27,7 +27,7 @@ from controller.cad.compiled import CompiledPart
 from ..fitting import EdgeModel, EdgeShape, edge_model, edge_shape
 from ..grey import FeatureIndex, ModelFeatures, feature_index, model_features
 from ._index import ViewIndex
-from ._views import PartViews, Station, lying, view_part
+from ._views import PartViews, Station, lying, shadow_camera, view_part
 
 Array = NDArray[np.float64]
 
@@ -158,9 +158,7 @@ def make_entry(
 def _features(solid: Solid, pose: StablePose, station: Station) -> ModelFeatures:
     """Return what a pose shows straight below the camera, in mm on the table."""
     eye = station.eye_mm
-    T_world_cam = np.diag([1.0, -1.0, -1.0, 1.0])
-    T_world_cam[2, 3] = eye
-    above = Camera((1, 1), np.diag([eye, eye, 1.0]), np.zeros(5), T_world_cam)
+    above = shadow_camera(np.array([0.0, 0.0, eye]))
     T = lying(solid, pose, 0.0, 0.0, 0.0)
     return model_features(camera_view(solid, T, above, prepared=prepare_views(solid)), T, eye)
 

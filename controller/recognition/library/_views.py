@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import RayCaster, Solid, StablePose, inverse_pose, transform
+from controller.cad import Camera, RayCaster, Solid, StablePose, inverse_pose, transform
 
 from ._polar import HALF, from_raster, shape_of
 
@@ -86,6 +86,17 @@ def lying(part: Weighted, pose: StablePose, x_mm: float, y_mm: float, theta_rad:
     T[:3, :3] = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ pose.R
     T[:3, 3] = np.array([x_mm, y_mm, pose.com_height_mm]) - T[:3, :3] @ part.centroid_mm
     return T
+
+
+def shadow_camera(eye_mm: Array) -> Camera:
+    """Return a camera at a place (3,), straight above the table, whose pixels are mm on it.
+
+    Its picture of a part is the part's shadow on the table, from the point below the eye, v down.
+    """
+    height = float(eye_mm[2])
+    T = np.diag([1.0, -1.0, -1.0, 1.0])
+    T[:3, 3] = eye_mm
+    return Camera((1, 1), np.diag([height, height, 1.0]), np.zeros(5), T)
 
 
 def view_part(
