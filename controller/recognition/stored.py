@@ -11,8 +11,8 @@ from functools import lru_cache
 from pathlib import Path
 
 from controller.cad import Camera, Solid
-from controller.cad.compiled import CompileOptions, load_part, part_name
-from controller.cad.compiled.keeping import Keeper, cache_key
+from controller.cad.compiled import CompileOptions, cache_key, load_part, part_name
+from controller.cad.compiled.keeping import Keeper
 
 from .fitting import EdgeShape, edge_shape
 from .library import Entry, Library, Station, check_fits, make_entry, station_of
@@ -87,12 +87,12 @@ def _key(path: Path, options: CompileOptions, station: Station) -> str | None:
 
 @lru_cache(maxsize=1)
 def _entries() -> Keeper[Entry]:
-    return Keeper(Entry, "views")
+    return Keeper(Entry, "views", "views of a part")
 
 
 @lru_cache(maxsize=1)
 def _shapes() -> Keeper[EdgeShape]:
-    return Keeper(EdgeShape, "edges")
+    return Keeper(EdgeShape, "edges", "edges of a part")
 
 
 @lru_cache(maxsize=1)

@@ -1,6 +1,6 @@
 """Everything that follows from a part alone, computed once and kept in one file."""
 
-from ._cache import cache_dir, cached_part, load_part, make_part, source_hash
+from ._cache import cache_key, cached_part, load_part, make_part, source_hash
 from ._part import (
     CompiledPart,
     CompileOptions,
@@ -10,11 +10,13 @@ from ._part import (
     options_among,
     part_name,
 )
+from .keeping import cache_dir
 
 __all__ = [
     "CompileOptions",
     "CompiledPart",
     "cache_dir",
+    "cache_key",
     "cached_part",
     "compile_part",
     "compile_solid",

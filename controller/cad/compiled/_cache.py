@@ -8,8 +8,6 @@ found out about an old one. The file repeats the key, the shape of what it holds
 import hashlib
 import importlib.metadata
 import json
-import logging
-import os
 from dataclasses import asdict, replace
 from functools import lru_cache
 from pathlib import Path
@@ -19,24 +17,13 @@ import scipy
 import trimesh
 
 from ..solid import Solid
-from ._codec import make_codec
-from ._columns import Codec, CodecError, Reader, Writer
-from ._container import pack, read_file, unpack, write_file
 from ._mesh import Solids, called
 from ._part import CompiledPart, CompileOptions, compile_part, part_name
+from .keeping import ENDING, Keeper
 
 FORMAT = 1  # raised when the same source and options come to mean something else
 KEPT_FILES = 200  # the oldest ones go first; each can be computed again
-ENDING = ".cell"
 MOST_BYTES = 2**30
-
-log = logging.getLogger(__name__)
-
-
-def cache_dir() -> Path:
-    """Return the folder for what can always be computed again."""
-    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(base) / "cellctl"
 
 
 def load_part(
@@ -64,14 +51,8 @@ def cached_part(
     file = _file_of(path, options or CompileOptions(), cache)
     if file is None:
         return None
-    try:
-        part = decode_part(read_file(file), file.stem)
-    except FileNotFoundError:
-        return None
-    except (OSError, MemoryError, CodecError) as error:
-        log.warning("%s %s; it is made anew", file, error)
-        return None
-    return replace(part, solid=called(part.solid, part_name(path)))
+    part = _parts().load(file, FORMAT)
+    return part and replace(part, solid=called(part.solid, part_name(path)))
 
 
 def make_part(
@@ -89,11 +70,8 @@ def make_part(
     if file is None or file != _file_of(path, options, cache):
         return part  # the CAD file was written to meanwhile: what was read may be either
     data = encode_part(part, file.stem)
-    try:
-        write_file(file, data)
+    if _parts().write(file, data):
         _tidy(file.parent)
-    except OSError as error:
-        log.warning("%s: cannot be kept (%s); the next start compiles it again", file, error)
     # what the next start will get, so that the first run and the second are the same
     return decode_part(bytearray(data), file.stem)
 
@@ -105,9 +83,7 @@ def encode_part(part: CompiledPart, key: str) -> bytes:
     ------
     TypeError : it holds what its annotations do not allow
     """
-    to = Writer()
-    tree = _codec().write([part], to)
-    return pack({"key": key, "format": FORMAT, "schema": _schema(), "tree": tree}, to.arrays)
+    return _parts().encode(part, key, FORMAT)
 
 
 def decode_part(data: bytearray, key: str) -> CompiledPart:
@@ -117,27 +93,12 @@ def decode_part(data: bytearray, key: str) -> CompiledPart:
     ------
     CodecError : damaged, of another version, or of another part
     """
-    header, arrays = unpack(data)
-    if (header.get("format"), header.get("schema")) != (FORMAT, _schema()):
-        raise CodecError("is of another version")
-    if header.get("key") != key:
-        raise CodecError("is of another part or other options")
-    try:
-        (part,) = _codec().read(header.get("tree"), 1, Reader(arrays))
-    except (ArithmeticError, LookupError, RecursionError, TypeError, ValueError) as error:
-        raise CodecError(f"does not hold a compiled part ({error})") from error
-    assert isinstance(part, CompiledPart)
-    return part
+    return _parts().decode(data, key, FORMAT)
 
 
 @lru_cache(maxsize=1)
-def _codec() -> Codec:
-    return make_codec(CompiledPart, {Solid: Solids()})
-
-
-@lru_cache(maxsize=1)
-def _schema() -> str:
-    return hashlib.sha256(_codec().says.encode()).hexdigest()
+def _parts() -> Keeper[CompiledPart]:
+    return Keeper(CompiledPart, "part", "a compiled part", {Solid: Solids()})
 
 
 def _file_of(path: Path, options: CompileOptions, cache: Path | None) -> Path | None:
@@ -145,8 +106,7 @@ def _file_of(path: Path, options: CompileOptions, cache: Path | None) -> Path | 
     key = cache_key(path, options)
     if key is None:
         return None
-    stem = part_name(path).encode()[:60].decode(errors="ignore")
-    return (cache or cache_dir()) / f"part-{stem}-{key[:32]}{ENDING}"
+    return _parts().file(part_name(path), key, cache)
 
 
 def cache_key(path: Path, options: CompileOptions) -> str | None:

@@ -1,24 +1,30 @@
-"""Files for what later rooms work out of a compiled part, kept as compiled parts are.
+"""Files for what can always be computed again, trusted only as far as they prove themselves.
 
-A file is named by what it was made from; it is whole, of the right kind and of that name, or it
-is not believed and made anew.
+A file is named by what it was made from. It repeats that key, the shape of what it holds, and a
+digest: it is whole, of the right kind and of that name, or it is not believed and made anew.
 """
 
 import hashlib
 import logging
+import os
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
-from ._cache import ENDING, cache_dir, cache_key
 from ._codec import make_codec
-from ._columns import CodecError, Reader, Writer
+from ._columns import Codec, CodecError, Reader, Writer
 from ._container import pack, read_file, unpack, write_file
 
 T = TypeVar("T")
+ENDING = ".cell"
 
 log = logging.getLogger(__name__)
 
-__all__ = ["Keeper", "cache_key"]
+
+def cache_dir() -> Path:
+    """Return the folder for what can always be computed again."""
+    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(base) / "cellctl"
 
 
 class Keeper(Generic[T]):
@@ -28,16 +34,21 @@ class Keeper(Generic[T]):
     ----------
     kind : dataclass of arrays, numbers, words, and of such dataclasses
     prefix : of the files' names
+    what : it is called in messages
+    special : codecs of types that have no annotations to go by
 
     Raises
     ------
     TypeError : a type that cannot be stored
     """
 
-    def __init__(self, kind: type[T], prefix: str) -> None:
+    def __init__(
+        self, kind: type[T], prefix: str, what: str, special: Mapping[Any, Codec] | None = None
+    ) -> None:
         self._kind = kind
         self._prefix = prefix
-        self._codec = make_codec(kind)
+        self._what = what
+        self._codec = make_codec(kind, special)
         self._schema = hashlib.sha256(self._codec.says.encode()).hexdigest()
 
     def file(self, name: str, key: str, cache: Path | None = None) -> Path:
@@ -45,36 +56,56 @@ class Keeper(Generic[T]):
         stem = name.encode()[:60].decode(errors="ignore")
         return (cache or cache_dir()) / f"{self._prefix}-{stem}-{key[:32]}{ENDING}"
 
-    def load(self, file: Path) -> T | None:
-        """Return a kept value, None where nothing sound is there."""
+    def encode(self, value: T, key: str, version: int = 1) -> bytes:
+        """Return a value as the bytes of a file.
+
+        Raises
+        ------
+        TypeError : it holds what its annotations do not allow
+        """
+        to = Writer()
+        tree = self._codec.write([value], to)
+        header = {"key": key, "format": version, "schema": self._schema, "tree": tree}
+        return pack(header, to.arrays)
+
+    def decode(self, data: bytearray, key: str, version: int = 1) -> T:
+        """Return the value in a file's bytes; its arrays are views of ``data``.
+
+        Raises
+        ------
+        CodecError : damaged, of another version, or of another key
+        """
+        header, arrays = unpack(data)
+        if (header.get("format"), header.get("schema")) != (version, self._schema):
+            raise CodecError("is of another version")
+        if header.get("key") != key:
+            raise CodecError("is of another part or other options")
         try:
-            header, arrays = unpack(read_file(file))
-            if (header.get("key"), header.get("schema")) != (file.stem, self._schema):
-                raise CodecError("is of another version")
             (value,) = self._codec.read(header.get("tree"), 1, Reader(arrays))
-        except FileNotFoundError:
-            return None
-        except (
-            ArithmeticError,
-            CodecError,
-            LookupError,
-            MemoryError,
-            OSError,
-            RecursionError,
-            TypeError,
-            ValueError,
-        ) as error:
-            log.warning("%s: %s; it is made anew", file, error)
-            return None
+        except (ArithmeticError, LookupError, RecursionError, TypeError, ValueError) as error:
+            raise CodecError(f"does not hold {self._what} ({error})") from error
         assert isinstance(value, self._kind)
         return value
 
+    def load(self, file: Path, version: int = 1) -> T | None:
+        """Return a kept value, None where nothing sound is there."""
+        try:
+            return self.decode(read_file(file), file.stem, version)
+        except FileNotFoundError:
+            return None
+        except (OSError, MemoryError, CodecError) as error:
+            log.warning("%s %s; it is made anew", file, error)
+            return None
+
     def save(self, file: Path, value: T) -> None:
         """Keep a value; a full or read-only disk costs time at the next start, not correctness."""
-        to = Writer()
-        tree = self._codec.write([value], to)
-        header = {"key": file.stem, "schema": self._schema, "tree": tree}
+        self.write(file, self.encode(value, file.stem))
+
+    def write(self, file: Path, data: bytes) -> bool:
+        """Write a file's bytes; tell whether that went well."""
         try:
-            write_file(file, pack(header, to.arrays))
+            write_file(file, data)
         except OSError as error:
-            log.warning("%s: cannot be kept (%s)", file, error)
+            log.warning("%s: cannot be kept (%s); the next start works it out again", file, error)
+            return False
+        return True
