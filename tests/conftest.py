@@ -1,10 +1,21 @@
-"""How the tests share two cores: whole cells one after the other, everything else beside them."""
+"""How the tests share two cores, and which random examples they take.
+
+Whole cells run one after the other, everything else beside them. The gate takes the same examples
+every time, so that it fails for a change only; `HYPOTHESIS_PROFILE=explore pytest` looks for new
+ones, for whoever has the time to find out why one fails.
+"""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+settings.register_profile("gate", derandomize=True, database=None)
+settings.register_profile("explore", derandomize=False)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "gate"))
 
 HERE = Path(__file__).parent
 # each of these starts processes of its own that keep time: two of them at once would only wait
