@@ -5,10 +5,10 @@ The approach is that of planning.md 1.3 and 2.2.
 """
 
 from ._planner import plan_part
-from ._prepare import PlanOptions, PreparedPart, prepare_part
-from ._select import resting_pose
+from ._prepare import prepare_part
 from .errors import NoMotionError, NoPlanError, NotGraspableError, OutOfReachError
 from .grip import Grip, GripRules
+from .grips import resting_pose
 from .layout import Box, CellLayout, Jaw, Pace, Tray
 from .plan import (
     HandOver,
@@ -23,6 +23,7 @@ from .plan import (
     Unseen,
     shown_pose,
 )
+from .prepared import PlanOptions, PreparedPart
 
 __all__ = [
     "Box",

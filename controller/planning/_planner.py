@@ -13,20 +13,17 @@ import numpy as np
 
 from controller.cad import Solid, StablePose, SurfaceSamples
 
-from ._boxes import BoolArray, segments_hit
-from ._cover import View, best_order
-from ._handoff import HandOff, fewest_waypoints
-from ._motion import connect, move_seconds
-from ._pick import PickWay, pick_ways
-from ._place import PlaceWay, place_ways
-from ._prepare import PlanOptions, PreparedPart, prepare_part
-from ._rank import GripSequence, ranked_sequences
-from ._scene import Scene
+from ._prepare import prepare_part
 from ._why import unseen_pieces
+from .boxes import BoolArray, segments_hit
 from .errors import NoMotionError, NoPlanError, OutOfReachError
 from .grip import Grip
 from .layout import CellLayout, FloatArray
+from .motion import Scene, connect, fewest_waypoints, move_seconds
 from .plan import HandOver, Motion, Park, Pick, Place, Plan, Present, Step, TakeBack, shown_pose
+from .prepared import HandOff, PlanOptions, PreparedPart
+from .search import GripSequence, View, best_order, ranked_sequences
+from .transfers import PickWay, PlaceWay, pick_ways, place_ways
 
 BUILT_N = 8  # grip sequences whose motions are tried
 SHADOW_LOSS = 0.005  # of the surface; configurations hiding more than the best one are dropped

@@ -2,86 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-
 import numpy as np
 
-from controller.cad import RayCaster, Solid, StablePose, SurfaceSamples, inverse_pose, stable_poses
+from controller.cad import RayCaster, Solid, SurfaceSamples, inverse_pose, stable_poses
 
-from ._boxes import BoolArray
-from ._handoff import HandOff, hand_offs
-from ._scene import Scene
-from ._select import select_arm_grips, spread, turned_over
-from ._views import (
-    Directions,
+from .errors import NotGraspableError
+from .grips import find_seeds, select_arm_grips, spread, synthesise_grips, turned_over
+from .layout import Box, CellLayout
+from .motion import Scene
+from .prepared import PlanOptions, PreparedPart
+from .transfers import hand_offs
+from .views import (
     candidate_directions,
     hidden_by_hand,
     reachable_views,
     view_poses,
     visible_from,
 )
-from .errors import NotGraspableError
-from .grip import Grip, GripRules, find_seeds, synthesise_grips
-from .layout import Box, CellLayout, FloatArray
-
-
-@dataclass(frozen=True, slots=True)
-class PlanOptions:
-    """What the planner aims at."""
-
-    max_incidence_deg: float = 70.0  # a surface seen flatter than this shows too little
-    arm_grips_per_pose: int = 8
-    arm_grips_round: int = 16
-    fixture_grips: int = 16
-    max_views: int = 12  # beside square views of main faces
-    least_gain: float = 0.007  # share of the area a further view must add: it costs seconds
-    hand_off_gain: float = 0.002  # share of the area that is worth passing the part over
-    square_share: float = 0.5  # of a face must show for a view to count as its square view
-    rules: GripRules = field(default_factory=GripRules)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PreparedPart:
-    """Everything of one part in one cell that does not depend on where it lies.
-
-    Attributes
-    ----------
-    arm_grips : each base grip, then each once more with the hand turned over
-    visible : (v, n) samples the bare part shows in each direction
-    shown : per arm grip (v, n), what of it the hand leaves in sight
-    view_q : per arm grip, direction -> (k, 6) collision-free configurations
-    hand_offs : per fixture grip, arm grip -> how they meet
-    covered : (g, n) samples some reachable view of an arm grip shows
-    """
-
-    solid: Solid
-    samples: SurfaceSamples
-    options: PlanOptions
-    part_box: Box
-    poses: tuple[StablePose, ...]
-    arm_grips: tuple[Grip, ...]
-    fixture_grips: tuple[Grip, ...]
-    directions: Directions
-    visible: BoolArray
-    shown: tuple[BoolArray, ...]
-    view_q: tuple[Mapping[int, FloatArray], ...]
-    hand_offs: tuple[Mapping[int, HandOff], ...]
-    covered: BoolArray
-
-    @property
-    def weights(self) -> FloatArray:
-        """Return each sample's share of the surface (n,)."""
-        areas = self.samples.areas_mm2
-        return np.asarray(areas / areas.sum())
-
-    def shown_by(self, grip: int) -> BoolArray:
-        """Return what arm grip `grip` leaves in sight (v, n); turned over it hides the same."""
-        return self.shown[grip % len(self.shown)]
-
-    def carried_box(self, grip: Grip) -> Box:
-        """Return the part as a box in the tip frame of the hand that holds it."""
-        return self.part_box.placed(inverse_pose(grip.T_part_hand))
 
 
 def prepare_part(

@@ -8,12 +8,12 @@ import numpy as np
 
 from drivers.umi_scara.kinematics import inverse, limit_report
 
-from ._boxes import BoolArray
-from ._prepare import PreparedPart
-from ._scene import Scene, inverse_rows
-from ._views import view_poses
+from .boxes import BoolArray
 from .layout import CellLayout
+from .motion import Scene, inverse_rows
 from .plan import Unseen
+from .prepared import PreparedPart
+from .views import view_poses
 
 LEAST_SHARE = 2e-4  # of the surface; less than this is single samples on edges
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from controller.cad import inverse_pose
 
-from ._boxes import BoolArray
-from ._scene import tip_pose
+from .boxes import BoolArray
 from .grip import Grip
 from .layout import CellLayout, FloatArray
+from .motion import tip_pose
 
 Motion = tuple[FloatArray, ...]
 

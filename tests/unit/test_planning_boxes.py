@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from controller.planning import Box
-from controller.planning._boxes import lowest_z, overlap, segments_hit
+from controller.planning.boxes import lowest_z, overlap, segments_hit
 
 
 def random_boxes(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:

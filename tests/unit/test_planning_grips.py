@@ -9,7 +9,7 @@ from planning_cell import emulated_layout
 
 from controller.cad import RayCaster, Solid, make_solid, sample_surface
 from controller.planning import Grip, GripRules, NotGraspableError
-from controller.planning.grip import find_seeds, synthesise_grips
+from controller.planning.grips import find_seeds, synthesise_grips
 
 HAND = emulated_layout().hand
 RULES = GripRules()

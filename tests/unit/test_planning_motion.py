@@ -7,8 +7,15 @@ import pytest
 from planning_cell import emulated_layout
 
 from controller.planning import Box, NoMotionError
-from controller.planning._motion import _rrt_connect, connect, move_seconds, path_free
-from controller.planning._scene import Scene, inverse_rows, tip_pose
+from controller.planning.motion import (
+    Scene,
+    connect,
+    inverse_rows,
+    move_seconds,
+    path_free,
+    tip_pose,
+)
+from controller.planning.motion._ways import _rrt_connect
 
 LAYOUT = emulated_layout()
 FREE = Scene(LAYOUT, 60.0, 85.0)

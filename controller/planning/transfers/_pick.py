@@ -8,12 +8,13 @@ import numpy as np
 
 from drivers.umi_scara.kinematics import inverse, limit_report
 
-from ._handoff import CLOSE_MARGIN_MM, PART_MARGIN_MM, fewest_waypoints, same_branch
-from ._prepare import PreparedPart
-from ._scene import Scene, inverse_rows
-from ._select import TABLE_MARGIN_MM, clear_of_table
-from .errors import NoMotionError, NotGraspableError, OutOfReachError
-from .layout import CellLayout, FloatArray
+from ..errors import NoMotionError, NotGraspableError, OutOfReachError
+from ..grip import TABLE_MARGIN_MM
+from ..grips import clear_of_table
+from ..layout import CellLayout, FloatArray
+from ..motion import Scene, fewest_waypoints, inverse_rows, same_branch
+from ..prepared import PreparedPart
+from ._handoff import CLOSE_MARGIN_MM, PART_MARGIN_MM
 
 DOWN_MM = 85.0
 LIFT_MM = 85.0

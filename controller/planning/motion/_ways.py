@@ -14,9 +14,9 @@ import numpy as np
 
 from drivers.umi_scara.kinematics import within_limits
 
+from ..errors import NoMotionError
+from ..layout import CellLayout, FloatArray
 from ._scene import Scene, tip_pose
-from .errors import NoMotionError
-from .layout import CellLayout, FloatArray
 
 TUBE_MM = 10.0
 END_TUBE_MM = 2.0  # next to a hold or the fixture: all axes start and end where they were told

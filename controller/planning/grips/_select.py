@@ -9,11 +9,10 @@ import numpy as np
 
 from controller.cad import Solid, StablePose
 
-from ._boxes import lowest_z, stack
-from .grip import Grip
-from .layout import FloatArray, Jaw
+from ..boxes import lowest_z, stack
+from ..grip import TABLE_MARGIN_MM, Grip
+from ..layout import FloatArray, Jaw
 
-TABLE_MARGIN_MM = 1.5
 STEEPEST = -0.5  # z of the approach direction at a pick: within 60 degrees of straight down
 
 

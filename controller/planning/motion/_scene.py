@@ -14,8 +14,8 @@ import numpy as np
 from controller.cad import inverse_pose
 from drivers.umi_scara.kinematics import forward, inverse
 
-from ._boxes import BoolArray, lowest_z, overlap, stack
-from .layout import Box, CellLayout, FloatArray, IntArray
+from ..boxes import BoolArray, lowest_z, overlap, stack
+from ..layout import Box, CellLayout, FloatArray, IntArray
 
 HEADINGS_RAD = np.radians(np.arange(-180.0, 180.0, 30.0))  # tried where the hand points down
 # a hand this close to straight down is taken as straight down: its heading would be noise

@@ -8,11 +8,10 @@ import numpy as np
 
 from controller.cad import inverse_pose
 
-from ._handoff import fewest_waypoints, same_branch
-from ._prepare import PreparedPart
-from ._scene import Scene, inverse_rows
-from .grip import Grip
-from .layout import CellLayout, FloatArray, Tray
+from ..grip import Grip
+from ..layout import CellLayout, FloatArray, Tray
+from ..motion import Scene, fewest_waypoints, inverse_rows, same_branch
+from ..prepared import PreparedPart
 
 RELEASE_MM = 3.0  # above the tray's floor
 UP_MM = 100.0

@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from ._prepare import PreparedPart
-from .layout import FloatArray
+from ..layout import FloatArray
+from ..prepared import PreparedPart
 
 View = tuple[int, int]  # which of the grips held in turn (0, 1), direction
 EXACT_ORDER_N = 9

@@ -13,9 +13,9 @@ import numpy as np
 
 from controller.cad import RayCaster, Solid, SurfaceSamples, inverse_pose
 
-from ._boxes import BoolArray, segments_hit
-from ._scene import Scene, inverse_rows
-from .layout import Box, CellLayout, FloatArray, IntArray
+from ..boxes import BoolArray, segments_hit
+from ..layout import Box, CellLayout, FloatArray, IntArray
+from ..motion import Scene, inverse_rows
 
 ROLLS_N = 12
 SPHERE_N = 90

@@ -8,37 +8,21 @@ same two lines the other way round, so one table serves both.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from controller.cad import inverse_pose
 
-from ._boxes import BoolArray, stack
-from ._scene import Scene, inverse_rows, tip_pose
-from .grip import Grip
-from .layout import Box, CellLayout, FloatArray, IntArray
+from ..boxes import BoolArray, stack
+from ..grip import Grip
+from ..layout import Box, CellLayout, FloatArray, IntArray
+from ..motion import Scene, inverse_rows, same_branch
+from ..prepared import HandOff
 
 WAY_MM = 80.0  # straight in and out
 STEP_MM = 10.0
 CLOSE_MARGIN_MM = 2.0  # between two hands at one part, where both stand still or creep
 PART_MARGIN_MM = 5.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class HandOff:
-    """One way to pass the part: joints while both hold, and along both lines.
-
-    Attributes
-    ----------
-    q : (6,) both hold
-    entry : (k, 6) from the far end of the part's way in up to `q`
-    retreat : (k, 6) from `q` to where the empty hand is clear
-    """
-
-    q: FloatArray
-    entry: FloatArray
-    retreat: FloatArray
 
 
 def hand_offs(
@@ -117,34 +101,6 @@ def hand_offs(
                 np.vstack([contact, retreat[place]]),
             )
     return found
-
-
-def same_branch(layout: CellLayout, T: FloatArray, branch: IntArray) -> FloatArray:
-    """Return joints (n, k, 6) of poses (n, k, 4, 4) on branch (n,); NaN where it does not exist."""
-    n, k = T.shape[:2]
-    index, found, q = inverse_rows(layout, T.reshape(-1, 4, 4))
-    out = np.full((n * k, 6), np.nan)
-    match = found == np.repeat(branch, k)[index]
-    out[index[match]] = q[match]
-    return out.reshape(n, k, 6)
-
-
-def fewest_waypoints(layout: CellLayout, q: FloatArray, sag_mm: float = 1.5) -> FloatArray:
-    """Thin a straight Cartesian way (k, 6) to the joint waypoints that keep it straight."""
-    kept = [0]
-    while kept[-1] < len(q) - 1:
-        a = kept[-1]
-        b = len(q) - 1
-        while b > a + 1 and _sag(layout, q[a : b + 1]) > sag_mm:
-            b -= 1
-        kept.append(b)
-    return q[kept]
-
-
-def _sag(layout: CellLayout, q: FloatArray) -> float:
-    share = np.linspace(0, 1, len(q))[:, None]
-    straight = tip_pose(layout, q[0] + share * (q[-1] - q[0]))[:, :3, 3]
-    return float(np.linalg.norm(straight - tip_pose(layout, q)[:, :3, 3], axis=1).max())
 
 
 def _hand_opening(layout: CellLayout, grips: Sequence[Grip]) -> tuple[FloatArray, FloatArray]:

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..layout import CellLayout, FloatArray
+from ..prepared import PreparedPart
 from ._cover import View, cover
-from ._prepare import PreparedPart
-from .layout import CellLayout, FloatArray
 
 SQUARE_WORTH = 0.3  # a main face seen square counts this much of its area on top
 RANKED_N = 24  # grip sequences whose views are worked out

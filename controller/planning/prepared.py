@@ -1,0 +1,89 @@
+"""What the rooms of the planner pass to each other about one part in one cell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from controller.cad import Solid, StablePose, SurfaceSamples, inverse_pose
+
+from .boxes import BoolArray
+from .grip import Grip, GripRules
+from .layout import Box, FloatArray
+from .views import Directions
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandOff:
+    """One way to pass the part: joints while both hold, and along both lines.
+
+    Attributes
+    ----------
+    q : (6,) both hold
+    entry : (k, 6) from the far end of the part's way in up to `q`
+    retreat : (k, 6) from `q` to where the empty hand is clear
+    """
+
+    q: FloatArray
+    entry: FloatArray
+    retreat: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class PlanOptions:
+    """What the planner aims at."""
+
+    max_incidence_deg: float = 70.0  # a surface seen flatter than this shows too little
+    arm_grips_per_pose: int = 8
+    arm_grips_round: int = 16
+    fixture_grips: int = 16
+    max_views: int = 12  # beside square views of main faces
+    least_gain: float = 0.007  # share of the area a further view must add: it costs seconds
+    hand_off_gain: float = 0.002  # share of the area that is worth passing the part over
+    square_share: float = 0.5  # of a face must show for a view to count as its square view
+    rules: GripRules = field(default_factory=GripRules)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PreparedPart:
+    """Everything of one part in one cell that does not depend on where it lies.
+
+    Attributes
+    ----------
+    arm_grips : each base grip, then each once more with the hand turned over
+    visible : (v, n) samples the bare part shows in each direction
+    shown : per arm grip (v, n), what of it the hand leaves in sight
+    view_q : per arm grip, direction -> (k, 6) collision-free configurations
+    hand_offs : per fixture grip, arm grip -> how they meet
+    covered : (g, n) samples some reachable view of an arm grip shows
+    """
+
+    solid: Solid
+    samples: SurfaceSamples
+    options: PlanOptions
+    part_box: Box
+    poses: tuple[StablePose, ...]
+    arm_grips: tuple[Grip, ...]
+    fixture_grips: tuple[Grip, ...]
+    directions: Directions
+    visible: BoolArray
+    shown: tuple[BoolArray, ...]
+    view_q: tuple[Mapping[int, FloatArray], ...]
+    hand_offs: tuple[Mapping[int, HandOff], ...]
+    covered: BoolArray
+
+    @property
+    def weights(self) -> FloatArray:
+        """Return each sample's share of the surface (n,)."""
+        areas = self.samples.areas_mm2
+        return np.asarray(areas / areas.sum())
+
+    def shown_by(self, grip: int) -> BoolArray:
+        """Return what arm grip `grip` leaves in sight (v, n); turned over it hides the same."""
+        return self.shown[grip % len(self.shown)]
+
+    def carried_box(self, grip: Grip) -> Box:
+        """Return the part as a box in the tip frame of the hand that holds it."""
+        return self.part_box.placed(inverse_pose(grip.T_part_hand))

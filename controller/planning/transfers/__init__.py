@@ -1,0 +1,7 @@
+"""Taking the part up, passing it over, putting it down."""
+
+from ._handoff import hand_offs
+from ._pick import PickWay, pick_ways
+from ._place import PlaceWay, place_ways
+
+__all__ = ["PickWay", "PlaceWay", "hand_offs", "pick_ways", "place_ways"]
