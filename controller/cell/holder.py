@@ -46,11 +46,7 @@ def holder_boxes(layout: CellLayout, q: Array, opening_mm: float) -> tuple[World
         layout.fore.placed(links["fore"]),
         *(box.placed(T_tip) for box in layout.hand.body),
         *(box.placed(T_tip) for box in layout.hand.fingers(opening_mm)),
-        *(box.placed(layout.T_world_fixture) for box in layout.fixture.body),
-        *(
-            box.placed(layout.T_world_fixture)
-            for box in layout.fixture.fingers(layout.fixture.max_mm)
-        ),
+        *fixture_boxes(layout),
         *layout.obstacles.values(),
     ]
     # the panel's own housing stands behind the part and glows: it hides nothing
@@ -59,3 +55,11 @@ def holder_boxes(layout: CellLayout, q: Array, opening_mm: float) -> tuple[World
     return tuple(
         WorldBox(box.T, box.half_mm) for box in placed if box is not panel and box is not camera
     )
+
+
+def fixture_boxes(layout: CellLayout) -> list[Box]:
+    """Return the boxes of the fixed gripper, wide open, in the world; none where there is none."""
+    if layout.fixture is None:
+        return []
+    boxes = (*layout.fixture.body, *layout.fixture.fingers(layout.fixture.max_mm))
+    return [box.placed(layout.T_world_fixture) for box in boxes]

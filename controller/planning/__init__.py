@@ -12,18 +12,23 @@ from .grips import resting_pose
 from .layout import Box, CellLayout, Jaw, Pace, Tray
 from .plan import (
     HandOver,
+    Look,
     Motion,
     Park,
     Pick,
     Place,
     Plan,
     Present,
+    Proof,
+    Reason,
+    SetDown,
     Step,
     TakeBack,
     Unseen,
     shown_pose,
 )
 from .prepared import PlanOptions, PreparedPart
+from .starts import InArm, InFixture, OnTable, Start
 
 __all__ = [
     "Box",
@@ -31,11 +36,15 @@ __all__ = [
     "Grip",
     "GripRules",
     "HandOver",
+    "InArm",
+    "InFixture",
     "Jaw",
+    "Look",
     "Motion",
     "NoMotionError",
     "NoPlanError",
     "NotGraspableError",
+    "OnTable",
     "OutOfReachError",
     "Pace",
     "Park",
@@ -45,6 +54,10 @@ __all__ = [
     "PlanOptions",
     "PreparedPart",
     "Present",
+    "Proof",
+    "Reason",
+    "SetDown",
+    "Start",
     "Step",
     "TakeBack",
     "Tray",

@@ -20,7 +20,19 @@ from .errors import NoMotionError, NoPlanError, OutOfReachError
 from .grip import Grip
 from .layout import CellLayout, FloatArray
 from .motion import Scene, connect, fewest_waypoints, move_seconds
-from .plan import HandOver, Motion, Park, Pick, Place, Plan, Present, Step, TakeBack, shown_pose
+from .plan import (
+    HandOver,
+    Motion,
+    Park,
+    Pick,
+    Place,
+    Plan,
+    Present,
+    Proof,
+    Step,
+    TakeBack,
+    shown_pose,
+)
 from .prepared import HandOff, PlanOptions, PreparedPart
 from .search import GripSequence, View, best_order, ranked_sequences
 from .transfers import PickWay, PlaceWay, pick_ways, place_ways
@@ -141,6 +153,7 @@ class _Planner:
             reachable_fraction=float(part.weights[part.covered.any(axis=0)].sum()),
             unseen=unseen_pieces(part, layout, self._seen, sequence.grips, reach),
             grips=tuple(grips),
+            proof=Proof(0.0, 0.0, "none"),
         )
 
     def _connect(self, build: _Build, q: FloatArray, scene: Scene, what: str) -> Motion:
@@ -153,7 +166,7 @@ class _Planner:
         return Scene(
             self._layout,
             grip.opening_mm,
-            self._layout.fixture.max_mm,
+            self._layout.fixture_open_mm,
             self._part.carried_box(grip),
         )
 
@@ -161,7 +174,7 @@ class _Planner:
         part, layout = self._part, self._layout
         grip = part.arm_grips[way.grip]
         lying = part.part_box.placed(self._T_start)
-        scene = Scene(layout, grip.pre_open_mm, layout.fixture.max_mm, standing=(lying,))
+        scene = Scene(layout, grip.pre_open_mm, layout.fixture_open_mm, standing=(lying,))
         motion_in = self._connect(build, way.down[0], scene, "way to the pick")
         down, up = tuple(way.down[1:]), tuple(way.up[1:])
         seconds = self._seconds(build.q, motion_in, down, up) + layout.pace.grip_s
@@ -355,7 +368,7 @@ class _Planner:
             self._seed,
             search,
         )
-        empty = Scene(layout, grip.pre_open_mm, layout.fixture.max_mm)
+        empty = Scene(layout, grip.pre_open_mm, layout.fixture_open_mm)
         home = connect(way.up[-1], layout.park_q, empty, f"{name}: way home", self._seed, search)
         down, up = tuple(way.down[1:]), tuple(way.up[1:])
         place = Place(

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 
 from controller.cad import RayCaster, Solid, SurfaceSamples, inverse_pose, stable_poses
 
 from .errors import NotGraspableError
+from .grip import Grip
 from .grips import find_seeds, select_arm_grips, spread, synthesise_grips, turned_over
 from .layout import Box, CellLayout
 from .motion import Scene
@@ -41,18 +44,18 @@ def prepare_part(
     poses = tuple(p for p in stable_poses(solid) if not p.rolling)
     caster = RayCaster(solid.mesh)
     downs = np.stack([-p.R[2] for p in poses]) if poses else np.zeros((0, 3))
-    widest = max(layout.hand.max_mm, layout.fixture.max_mm) - options.rules.jaw_reserve_mm
+    widest = max(layout.hand.max_mm, layout.fixture_open_mm) - options.rules.jaw_reserve_mm
     seeds = find_seeds(solid, samples, caster, widest, options.rules)
     every = synthesise_grips(solid, seeds, caster, layout.hand, "arm", downs, options.rules)
     base = select_arm_grips(
         solid, poses, every, layout.hand, options.arm_grips_per_pose, options.arm_grips_round
     )
-    try:
-        fixed = synthesise_grips(
-            solid, seeds, caster, layout.fixture, "fixture", downs, options.rules
-        )
-    except NotGraspableError:
-        fixed = ()  # views without a hand-off may still do; the plan says what stays hidden
+    fixed: tuple[Grip, ...] = ()  # views without a hand-off may still do
+    if layout.fixture is not None:
+        with suppress(NotGraspableError):
+            fixed = synthesise_grips(
+                solid, seeds, caster, layout.fixture, "fixture", downs, options.rules
+            )
     fixed_base = [fixed[k] for k in spread(fixed, range(len(fixed)), options.fixture_grips)]
 
     camera_mm = float(np.linalg.norm(layout.inspection.position_mm - layout.station_mm))
@@ -90,7 +93,7 @@ def prepare_part(
         scene = Scene(
             layout,
             grip.opening_mm,
-            layout.fixture.max_mm,
+            layout.fixture_open_mm,
             part_box.placed(inverse_pose(grip.T_part_hand)),
         )
         wanted = shown[k % len(shown)] @ weights > options.least_gain

@@ -11,7 +11,7 @@ from drivers.umi_scara.kinematics import inverse, limit_report
 from .boxes import BoolArray
 from .layout import CellLayout
 from .motion import Scene, inverse_rows
-from .plan import Unseen
+from .plan import Reason, Unseen
 from .prepared import PreparedPart
 from .views import view_poses
 
@@ -41,30 +41,40 @@ def unseen_pieces(
     in_grips = part.covered[sorted(set(used))].any(axis=0)
     angle = part.options.max_incidence_deg
     classes = [
-        (by_part, f"hidden by the part itself at {angle:.0f} degrees of incidence or less"),
-        (~by_part & ~shown_somewhere, "hidden by the fingers in every grip"),
-        (shown_somewhere & ~coverable, ""),
-        (coverable & ~here, "no re-grip path from this pose to a grip that shows it"),
         (
+            Reason.HIDDEN_BY_PART,
+            by_part,
+            f"hidden by the part itself at {angle:.0f} degrees of incidence or less",
+        ),
+        (Reason.FINGERS, ~by_part & ~shown_somewhere, "hidden by the fingers in every grip"),
+        (Reason.REACH, shown_somewhere & ~coverable, ""),
+        (
+            Reason.NO_REGRASP_PATH,
+            coverable & ~here,
+            "no re-grip path from this pose to a grip that shows it",
+        ),
+        (
+            Reason.LEFT_OUT,
             here & ~in_grips,
             "under the fingers or out of reach in the chosen grips; "
             "a further hand-off would show it",
         ),
         (
+            Reason.LEFT_OUT,
             in_grips,
             f"left out: one more view would add less than {part.options.least_gain:.1%} "
             "of the surface, or the arm itself is in the way",
         ),
     ]
     found = []
-    for mask, reason in classes:
+    for kind, mask, reason in classes:
         missing = mask & ~seen
         for face_id in np.unique(part.samples.face_ids[missing]):
             piece = missing & (part.samples.face_ids == face_id)
             share = float(weights[piece].sum())
             if share >= LEAST_SHARE:
                 text = reason or _reach_reason(part, layout, piece)
-                found.append(Unseen(int(face_id), share, text))
+                found.append(Unseen(int(face_id), share, text, kind))
     return tuple(sorted(found, key=lambda u: (-u.area_fraction, u.face_id, u.reason)))
 
 
@@ -79,7 +89,7 @@ def _reach_reason(part: PreparedPart, layout: CellLayout, piece: BoolArray) -> s
     index, _, q = inverse_rows(layout, T_tip)
     if len(index):
         held = part.arm_grips[int(grip)]
-        scene = Scene(layout, held.opening_mm, layout.fixture.max_mm, part.carried_box(held))
+        scene = Scene(layout, held.opening_mm, layout.fixture_open_mm, part.carried_box(held))
         blockers = {scene.names()[k] for k in scene.contacts(q) if k >= 0}
         return f"out of reach: the arm would touch {', '.join(sorted(blockers)) or 'nothing'}"
     every, _ = inverse(np.linalg.inv(layout.T_world_arm) @ T_tip, layout.arm)

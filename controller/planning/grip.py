@@ -43,6 +43,9 @@ class Grip:
     opening_mm, pre_open_mm : jaw width holding, and before and after
     contact_mm2 : of the smaller of both contacts; load : share of the friction limit in use
     score : 0..1, larger is surer
+    margin : share of the poses about the planned one (+-1 mm, +-2 deg) in which it still holds
+    is_inner : the fingers spread inside a bore or a channel; `opening_mm` is then the distance of
+        their backs, and `pre_open_mm` is narrower
     """
 
     id: str
@@ -53,3 +56,5 @@ class Grip:
     load: float
     score: float
     holder: Holder
+    margin: float = 1.0
+    is_inner: bool = False

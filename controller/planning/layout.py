@@ -50,7 +50,14 @@ class Box:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Jaw:
-    """A parallel gripper; tip frame: x = approach, y = the jaws' axis, origin between tips."""
+    """A parallel gripper; tip frame: x = approach, y = the jaws' axis, origin between tips.
+
+    Attributes
+    ----------
+    max_mm : widest opening
+    force_n : with which the pads press
+    can_spread : it may also hold a bore or a channel from inside, its fingers' backs being pads
+    """
 
     body: tuple[Box, ...]
     finger_length_mm: float
@@ -58,6 +65,8 @@ class Jaw:
     finger_thickness_mm: float
     pad_length_mm: float
     max_mm: float
+    force_n: float = 40.0
+    can_spread: bool = False
 
     def fingers(
         self, opening_mm: float, behind_mm: float = 0.0, until_mm: float | None = None
@@ -118,6 +127,10 @@ class CellLayout:
     T_world_fixture : pose of the fixed gripper's tip frame
     obstacles : world boxes by name, the fixture's post among them
     station_mm : (3,) where the part's centre of mass is shown to the `inspection` camera
+    fixture : the fixed gripper, None where the cell has none (then its pose says nothing)
+    inspection_sharp_mm, overhead_sharp_mm : depths along the optical axis between which the
+        camera's picture is sharp (its depth of field)
+    set_down_mm : (2, 2) rows x and y, low and high: where on the table parts may be put down again
     park_q : (6,) rad and mm, as `drivers.umi_scara.kinematics`
     """
 
@@ -128,7 +141,7 @@ class CellLayout:
     upper: Box
     fore: Box
     hand: Jaw
-    fixture: Jaw
+    fixture: Jaw | None
     T_world_fixture: FloatArray
     obstacles: Mapping[str, Box]
     station_mm: FloatArray
@@ -137,3 +150,13 @@ class CellLayout:
     trays: Mapping[str, Tray]
     park_q: FloatArray
     pace: Pace = field(default_factory=Pace)
+    inspection_sharp_mm: tuple[float, float] = (0.0, float("inf"))
+    overhead_sharp_mm: tuple[float, float] = (0.0, float("inf"))
+    set_down_mm: FloatArray = field(
+        default_factory=lambda: np.array([[270.0, 450.0], [-100.0, 100.0]])
+    )
+
+    @property
+    def fixture_open_mm(self) -> float:
+        """Return the width at which the fixed gripper waits; 0 where there is none."""
+        return 0.0 if self.fixture is None else self.fixture.max_mm

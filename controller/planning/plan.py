@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 
@@ -92,6 +93,42 @@ class TakeBack(Step):
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SetDown(Step):
+    """Put the part back on the table, to be looked at and taken with another grip.
+
+    Where it comes to rest is known to a millimetre only, so a plan drives no further than this: the
+    cell looks at the table again and plans on from what it sees. The steps after it are forecast.
+
+    Attributes
+    ----------
+    pose_index : of the stable pose it is put down in; T_world_part : (4, 4) where
+    """
+
+    grip: Grip
+    motion: Motion
+    motion_down: Motion
+    open_mm: float
+    motion_up: Motion
+    T_world_part: FloatArray
+    pose_index: int
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Look(Step):
+    """Inspect the part where it lies, with the pictures of the table that were just taken.
+
+    Attributes
+    ----------
+    seen : (n,) bool, per sample; T_world_part : (4, 4) where it lies
+    """
+
+    view_id: str
+    T_world_part: FloatArray
+    direction_part: FloatArray
+    seen: BoolArray
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Place(Step):
     """Put the part into a tray.
 
@@ -117,13 +154,61 @@ class Park(Step):
     motion: Motion
 
 
+class Reason(StrEnum):
+    """Why a piece of surface cannot be shown; the first that applies (planning.md 1.3)."""
+
+    HIDDEN_BY_PART = "hidden by the part"
+    FINGERS = "fingers"
+    REACH = "reach"
+    NO_REGRASP_PATH = "no regrasp path"
+    GRIP_STRENGTH = "grip strength"
+    LEFT_OUT = "left out"  # it could be shown; options or a failed motion left it out
+
+
 @dataclass(frozen=True, slots=True)
 class Unseen:
-    """A piece of a face that no view of the plan shows: which share of all surface, and why."""
+    """A piece of a face that no view of the plan shows.
+
+    Attributes
+    ----------
+    area_fraction : share of all surface
+    reason : a sentence for people, with the evidence
+    kind : which of the five; remedy : the smallest change found that would show it, or ""
+    """
 
     face_id: int
     area_fraction: float
     reason: str
+    kind: Reason
+    remedy: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Proof:
+    """How good a plan is proven to be, and among what.
+
+    The cost is that of re-grips (seconds and risk) and of views at a fixed price each; in which
+    order views are driven is not in it.
+
+    Attributes
+    ----------
+    cost_s, bound_s : of this plan, and what no plan of the scope can undercut
+    scope : the candidates among which that holds
+    """
+
+    cost_s: float
+    bound_s: float
+    scope: str
+
+    @property
+    def gap(self) -> float:
+        """Return by how much of its cost the plan may still be improved."""
+        return max(0.0, self.cost_s - self.bound_s) / self.cost_s if self.cost_s > 0 else 0.0
+
+    @property
+    def is_optimal(self) -> bool:
+        """Tell whether no plan of the scope is cheaper."""
+        return self.gap < 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,6 +232,7 @@ class Plan:
     reachable_fraction: float
     unseen: tuple[Unseen, ...]
     grips: tuple[Grip, ...]
+    proof: Proof
 
     @property
     def seconds_by_step(self) -> tuple[tuple[str, float], ...]:
@@ -163,7 +249,7 @@ class Plan:
     @property
     def regrip_count(self) -> int:
         """Return how often the part changes grip."""
-        return sum(isinstance(s, TakeBack) for s in self.steps)
+        return sum(isinstance(s, TakeBack | SetDown) for s in self.steps)
 
 
 def shown_pose(layout: CellLayout, q: FloatArray, T_part_hand: FloatArray) -> FloatArray:

@@ -36,6 +36,9 @@ class PlanOptions:
     """What the planner aims at."""
 
     max_incidence_deg: float = 70.0  # a surface seen flatter than this shows too little
+    # pixels per millimetre along the surface, foreshortening included, that a view must give
+    min_px_per_mm: float = 1.0
+    directions_n: int = 90  # of the even sphere, beside square ones
     arm_grips_per_pose: int = 8
     arm_grips_round: int = 16
     fixture_grips: int = 16

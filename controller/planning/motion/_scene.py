@@ -15,7 +15,7 @@ from controller.cad import inverse_pose
 from drivers.umi_scara.kinematics import forward, inverse
 
 from ..boxes import BoolArray, lowest_z, overlap, stack
-from ..layout import Box, CellLayout, FloatArray, IntArray
+from ..layout import Box, CellLayout, FloatArray, IntArray, Jaw
 
 HEADINGS_RAD = np.radians(np.arange(-180.0, 180.0, 30.0))  # tried where the hand points down
 # a hand this close to straight down is taken as straight down: its heading would be noise
@@ -93,14 +93,18 @@ class Scene:
         """Return the world boxes by name."""
         layout = self.layout
         named = [(name, box) for name, box in layout.obstacles.items()]
-        fixture = layout.fixture
-        named += [("fixture", b.placed(layout.T_world_fixture)) for b in fixture.body]
-        named += [
-            ("fixture fingers", b.placed(layout.T_world_fixture))
-            for b in fixture.fingers(self.fixture_opening_mm)
-        ]
+        if (fixture := layout.fixture) is not None:
+            named += self._fixture(fixture)
         named += [("part in the fixture", b) for b in self.standing]
         return [(name, box) for name, box in named if name not in self.ignore]
+
+    def _fixture(self, fixture: Jaw) -> list[tuple[str, Box]]:
+        T = self.layout.T_world_fixture
+        fingers = fixture.fingers(self.fixture_opening_mm)
+        return [
+            *(("fixture", b.placed(T)) for b in fixture.body),
+            *(("fixture fingers", b.placed(T)) for b in fingers),
+        ]
 
     def free(
         self,

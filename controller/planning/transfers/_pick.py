@@ -61,13 +61,13 @@ def pick_ways(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) 
     blocked: set[str] = set()
     for row in np.flatnonzero(whole):
         grip = grips[members[index[row]]]
-        scene = Scene(layout, grip.pre_open_mm, layout.fixture.max_mm)
+        scene = Scene(layout, grip.pre_open_mm, layout.fixture_open_mm)
         down = np.vstack([above[row][::-1], q[row]])
         contacts = scene.contacts(down, CLOSE_MARGIN_MM, table_margin_mm=TABLE_MARGIN_MM)
         if (contacts >= 0).any():
             blocked.add(scene.names()[contacts.max()])
             continue
-        scene = Scene(layout, grip.opening_mm, layout.fixture.max_mm, part.carried_box(grip))
+        scene = Scene(layout, grip.opening_mm, layout.fixture_open_mm, part.carried_box(grip))
         lift = np.vstack([q[row], up[row]])
         contacts = scene.contacts(lift, PART_MARGIN_MM, table_margin_mm=-1.0)
         if (contacts >= 0).any():

@@ -1,0 +1,53 @@
+"""Where a plan may begin: whoever has the part just now, as it was measured, not as planned."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .grip import Grip
+from .layout import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OnTable:
+    """It lies on the table.
+
+    Attributes
+    ----------
+    pose_index : of the stable pose, -1 if it leans; T_world_part : (4, 4) as seen
+    q : (6,) where the arm stands, None for its park position
+    """
+
+    pose_index: int
+    T_world_part: FloatArray
+    q: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InArm:
+    """The arm holds it.
+
+    Attributes
+    ----------
+    grip : with `T_part_hand` and opening as measured; its id may be that of a planned grip
+    q : (6,) where the arm stands, free of contact with all but the part
+    """
+
+    grip: Grip
+    q: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InFixture:
+    """The fixed gripper alone holds it.
+
+    Attributes
+    ----------
+    grip : of the fixture, as measured; q : (6,) where the empty arm stands
+    """
+
+    grip: Grip
+    q: FloatArray
+
+
+Start = OnTable | InArm | InFixture
