@@ -82,6 +82,7 @@ def prepare_part(
         for g in base
     )
     arm_grips = (*base, *(turned_over(g) for g in base))
+    shown = (*shown, *shown)  # turned over, a hand hides the same
     fixture_grips = (*fixed_base, *(turned_over(g) for g in fixed_base))
 
     low, high = solid.mesh.bounds
@@ -96,13 +97,13 @@ def prepare_part(
             layout.fixture_open_mm,
             part_box.placed(inverse_pose(grip.T_part_hand)),
         )
-        wanted = shown[k % len(shown)] @ weights > options.least_gain
+        wanted = shown[k] @ weights > 0.0
         view_q.append(
             reachable_views(layout, scene, T_view, inside, wanted, grip.T_part_hand, layout.park_q)
         )
     covered = np.stack(
         [
-            shown[k % len(shown)][sorted(views)].any(axis=0)
+            shown[k][sorted(views)].any(axis=0)
             if views
             else np.zeros(len(weights), dtype=bool)
             for k, views in enumerate(view_q)

@@ -31,6 +31,14 @@ class HandOff:
     retreat: FloatArray
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Rest:
+    """A place on the table to put the part down at: which stable pose, and T_world_part (4, 4)."""
+
+    pose_index: int
+    T_world_part: FloatArray
+
+
 @dataclass(frozen=True, slots=True)
 class PlanOptions:
     """What the planner aims at."""
@@ -55,12 +63,14 @@ class PreparedPart:
 
     Attributes
     ----------
-    arm_grips : each base grip, then each once more with the hand turned over
+    arm_grips : each base grip, then each once more with the hand turned over, then measured ones
     visible : (v, n) samples the bare part shows in each direction
-    shown : per arm grip (v, n), what of it the hand leaves in sight
+    shown : per arm grip (v, n), what of it hand and arm leave in sight
     view_q : per arm grip, direction -> (k, 6) collision-free configurations
     hand_offs : per fixture grip, arm grip -> how they meet
     covered : (g, n) samples some reachable view of an arm grip shows
+    rests, set_downs : places on the table to put the part down at, and how arm grips do it; empty
+        where no plan has needed them
     """
 
     solid: Solid
@@ -76,6 +86,8 @@ class PreparedPart:
     view_q: tuple[Mapping[int, FloatArray], ...]
     hand_offs: tuple[Mapping[int, HandOff], ...]
     covered: BoolArray
+    rests: tuple[Rest, ...] = ()
+    set_downs: tuple[Mapping[int, HandOff], ...] = ()
 
     @property
     def weights(self) -> FloatArray:
@@ -84,8 +96,8 @@ class PreparedPart:
         return np.asarray(areas / areas.sum())
 
     def shown_by(self, grip: int) -> BoolArray:
-        """Return what arm grip `grip` leaves in sight (v, n); turned over it hides the same."""
-        return self.shown[grip % len(self.shown)]
+        """Return what arm grip `grip` leaves in sight (v, n)."""
+        return self.shown[grip]
 
     def carried_box(self, grip: Grip) -> Box:
         """Return the part as a box in the tip frame of the hand that holds it."""

@@ -3,5 +3,6 @@
 from ._handoff import hand_offs
 from ._pick import PickWay, pick_ways
 from ._place import PlaceWay, place_ways
+from ._table import rests, set_downs
 
-__all__ = ["PickWay", "PlaceWay", "hand_offs", "pick_ways", "place_ways"]
+__all__ = ["PickWay", "PlaceWay", "hand_offs", "pick_ways", "place_ways", "rests", "set_downs"]
