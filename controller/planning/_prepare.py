@@ -15,13 +15,7 @@ from .layout import Box, CellLayout
 from .motion import Scene
 from .prepared import PlanOptions, PreparedPart
 from .transfers import hand_offs
-from .views import (
-    candidate_directions,
-    hidden_by_hand,
-    reachable_views,
-    view_poses,
-    visible_from,
-)
+from .views import SightRules, hidden_by_hand, hold_up, holding_boxes, look_out, reachable_views
 
 
 def prepare_part(
@@ -58,54 +52,46 @@ def prepare_part(
             )
     fixed_base = [fixed[k] for k in spread(fixed, range(len(fixed)), options.fixture_grips)]
 
-    camera_mm = float(np.linalg.norm(layout.inspection.position_mm - layout.station_mm))
-    directions = candidate_directions(solid)
-    visible = visible_from(
-        solid,
-        samples,
-        caster,
-        directions.vectors,
-        camera_mm,
-        float(np.radians(options.max_incidence_deg)),
-    )
-    shown = tuple(
+    rules = SightRules.of_station(layout, options.max_incidence_deg, options.min_px_per_mm)
+    lookout = look_out(solid, samples, caster, rules, options.directions_n)
+    directions, visible = lookout.directions, lookout.visible
+    left_by_hand = [
         visible
         & ~hidden_by_hand(
             solid,
             samples,
             visible,
             directions.vectors,
-            camera_mm,
+            rules.distance_mm,
             g.T_part_hand,
-            [*layout.hand.body, *layout.hand.fingers(g.opening_mm)],
+            holding_boxes(layout.hand, g),
         )
         for g in base
-    )
+    ]
     arm_grips = (*base, *(turned_over(g) for g in base))
-    shown = (*shown, *shown)  # turned over, a hand hides the same
+    left_by_hand *= 2  # turned over, a hand hides the same
     fixture_grips = (*fixed_base, *(turned_over(g) for g in fixed_base))
 
     low, high = solid.mesh.bounds
     part_box = Box.from_bounds(low[0], high[0], low[1], high[1], low[2], high[2])
     weights = samples.areas_mm2 / samples.areas_mm2.sum()
-    T_view, inside = view_poses(solid, layout, directions.vectors)
-    view_q = []
-    for k, grip in enumerate(arm_grips):
+    showing = hold_up(solid, samples, layout, directions.vectors)
+    found = []
+    for grip, left in zip(arm_grips, left_by_hand, strict=True):
         scene = Scene(
             layout,
             grip.opening_mm,
             layout.fixture_open_mm,
             part_box.placed(inverse_pose(grip.T_part_hand)),
         )
-        wanted = shown[k] @ weights > 0.0
-        view_q.append(
-            reachable_views(layout, scene, T_view, inside, wanted, grip.T_part_hand, layout.park_q)
+        found.append(
+            reachable_views(layout, scene, samples, showing, left, grip.T_part_hand, layout.park_q)
         )
+    shown = tuple(views.shown for views in found)
+    view_q = tuple(views.q for views in found)
     covered = np.stack(
         [
-            shown[k][sorted(views)].any(axis=0)
-            if views
-            else np.zeros(len(weights), dtype=bool)
+            shown[k][sorted(views)].any(axis=0) if views else np.zeros(len(weights), dtype=bool)
             for k, views in enumerate(view_q)
         ]
     )
@@ -120,7 +106,7 @@ def prepare_part(
         directions=directions,
         visible=visible,
         shown=shown,
-        view_q=tuple(view_q),
+        view_q=view_q,
         hand_offs=tuple(hand_offs(layout, part_box, f, arm_grips) for f in fixture_grips),
         covered=covered,
     )

@@ -1,19 +1,31 @@
-"""What can be seen of a part, and what the hand leaves in sight."""
+"""What can be seen of a part: what itself, the hand and the arm leave in sight, and from where.
 
-from ._views import (
-    Directions,
-    candidate_directions,
-    hidden_by_hand,
-    reachable_views,
-    view_poses,
-    visible_from,
-)
+Directions are unit vectors in the part frame from its centre of mass to the camera.
+"""
+
+from ._directions import Directions, Lookout, candidate_directions, even_sphere, look_out
+from ._hand import hidden_by_hand, holding_boxes
+from ._poses import Showing, hold_up, view_poses
+from ._reach import GripViews, reachable_views
+from ._rules import SightRules, in_picture
+from ._table import table_views
+from ._visible import visible_from
 
 __all__ = [
     "Directions",
+    "GripViews",
+    "Lookout",
+    "Showing",
+    "SightRules",
     "candidate_directions",
+    "even_sphere",
     "hidden_by_hand",
+    "hold_up",
+    "holding_boxes",
+    "in_picture",
+    "look_out",
     "reachable_views",
+    "table_views",
     "view_poses",
     "visible_from",
 ]

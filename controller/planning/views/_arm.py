@@ -1,0 +1,109 @@
+"""What stands between the camera and the part: the arm's links, the fixed gripper, posts.
+
+The part's centre of mass is always at the station, so all its sight lines lie in one fixed cone:
+boxes that miss it hide nothing, and in most configurations all of them do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.cad import transform
+
+from ..boxes import BoolArray, overlap, segments_hit, stack
+from ..layout import Box, CellLayout, FloatArray
+from ._hand import FINGER_SHADOW_MM
+
+_PIECES_N = 4  # of the cone, each held by a box
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SightCone:
+    """Holds every line from the camera to a part of some radius about the station.
+
+    Attributes
+    ----------
+    T, half_mm : (k, 4, 4), (k, 3) boxes that hold it, from the camera on
+    """
+
+    T: FloatArray
+    half_mm: FloatArray
+
+    @classmethod
+    def of_station(cls, layout: CellLayout, radius_mm: float) -> SightCone:
+        """Return the cone of the inspection camera to a ball about the station."""
+        eye = layout.inspection.position_mm
+        along = layout.station_mm - eye
+        distance = float(np.linalg.norm(along))
+        along = along / distance
+        side = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
+        side = side / np.linalg.norm(side)
+        sine = min(radius_mm / distance, 0.99)
+        slope = sine / np.sqrt(1.0 - sine**2)
+        ends = np.linspace(0.0, distance + radius_mm, _PIECES_N + 1)
+        T = np.tile(np.eye(4), (_PIECES_N, 1, 1))
+        half = np.zeros((_PIECES_N, 3))
+        for k in range(_PIECES_N):
+            low, high = ends[k], ends[k + 1]
+            T[k, :3, :3] = np.column_stack([along, side, np.cross(along, side)])
+            T[k, :3, 3] = eye + (low + high) / 2 * along
+            wide = min(high * slope, radius_mm)
+            half[k] = (high - low) / 2, wide, wide
+        return cls(T, half)
+
+    def meets(self, T_box: FloatArray, half_mm: FloatArray) -> BoolArray:
+        """Tell which boxes (n, 4, 4), (n, 3) may stand in the cone (n,)."""
+        met = np.zeros(len(T_box), dtype=bool)
+        for T, half in zip(self.T, self.half_mm, strict=True):
+            (left,) = np.nonzero(~met)
+            pose = np.broadcast_to(T, (len(left), 4, 4))
+            met[left] = overlap(pose, half, T_box[left], half_mm[left])
+        return met
+
+
+def link_boxes(layout: CellLayout, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return carriage, upper arm and forearm of configurations (n, 6): (n, 3, 4, 4), (n, 3, 3)."""
+    n = len(q)
+    T = np.zeros((n, 3, 4, 4))
+    T[:, :, 3, 3] = T[:, :, 2, 2] = 1.0
+    T[:, :, 2, 3] = (layout.arm.wrist_height_mm + q[:, 3])[:, None]
+    angles = np.stack([np.zeros(n), q[:, 0], q[:, 0] + q[:, 1]], axis=1)
+    T[:, :, 0, 0] = T[:, :, 1, 1] = np.cos(angles)
+    T[:, :, 1, 0], T[:, :, 0, 1] = np.sin(angles), -np.sin(angles)
+    T[:, 2, 0, 3] = layout.arm.upper_mm * np.cos(q[:, 0])
+    T[:, 2, 1, 3] = layout.arm.upper_mm * np.sin(q[:, 0])
+    T_box, half = stack([layout.carriage, layout.upper, layout.fore])
+    return layout.T_world_arm @ T @ T_box, np.broadcast_to(half, (n, 3, 3))
+
+
+def standing_between(
+    layout: CellLayout, statics: list[tuple[str, Box]], cone: SightCone
+) -> list[Box]:
+    """Return the fixed boxes in the cone, but for the one the camera itself is in."""
+    eye = layout.inspection.position_mm
+    boxes = [b for _, b in statics if not _holds(b, eye)]
+    if not boxes:
+        return []
+    return [b for b, met in zip(boxes, cone.meets(*stack(boxes)), strict=True) if met]
+
+
+def _holds(box: Box, point: FloatArray) -> bool:
+    inside = np.abs(box.T[:3, :3].T @ (point - box.T[:3, 3])) <= box.half_mm + 1.0
+    return bool(inside.all())
+
+
+def hidden_by_boxes(
+    layout: CellLayout,
+    boxes: list[Box],
+    T_world_part: FloatArray,
+    points_mm: FloatArray,
+    shown: BoolArray,
+) -> BoolArray:
+    """Return which of the samples shown (n,) boxes in the world hide of a part held up (n,)."""
+    hidden = np.zeros(len(points_mm), dtype=bool)
+    (members,) = np.nonzero(shown)
+    start = transform(T_world_part, points_mm[members])
+    hidden[members] = segments_hit(start, layout.inspection.position_mm, boxes, FINGER_SHADOW_MM)
+    return hidden

@@ -1,0 +1,91 @@
+"""How to hold the part before the inspection camera for each direction and camera roll."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.cad import Camera, Solid, SurfaceSamples
+
+from ..boxes import BoolArray
+from ..layout import CellLayout, FloatArray
+from ._arm import SightCone
+from ._rules import in_picture
+
+ROLLS_N = 12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Showing:
+    """How the part is held up for each direction and roll, whatever the grip.
+
+    Attributes
+    ----------
+    T_world_part : (v, r, 4, 4), of `view_poses`
+    inside : (v, r) bool, the whole part is in the picture
+    partly : direction -> (r, n) samples in the picture, where no roll has the whole part in it
+    cone : that holds all lines from the camera to the part
+    """
+
+    T_world_part: FloatArray
+    inside: BoolArray
+    partly: Mapping[int, BoolArray]
+    cone: SightCone
+
+
+def view_poses(
+    solid: Solid, layout: CellLayout, vectors: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """Return how to hold the part for each direction and camera roll.
+
+    Returns
+    -------
+    T_world_part : (v, r, 4, 4)
+    inside : (v, r) bool, the whole part is inside the picture
+    """
+    camera = layout.inspection
+    towards = camera.position_mm - layout.station_mm
+    towards = towards / np.linalg.norm(towards)
+    right = camera.T_world_cam[:3, 0]
+    right = right - towards * (right @ towards)
+    right = right / np.linalg.norm(right)
+    at_station = np.column_stack([right, np.cross(towards, right), towards])
+    angle = 2 * np.pi * np.arange(ROLLS_N) / ROLLS_N
+    turn = np.zeros((ROLLS_N, 3, 3))
+    turn[:, 0, 0] = turn[:, 1, 1] = np.cos(angle)
+    turn[:, 1, 0], turn[:, 0, 1] = np.sin(angle), -np.sin(angle)
+    turn[:, 2, 2] = 1.0
+    helper = np.eye(3)[np.argmin(np.abs(vectors), axis=1)]
+    u = helper - vectors * np.einsum("vi,vi->v", helper, vectors)[:, None]
+    u = u / np.linalg.norm(u, axis=1)[:, None]
+    on_part = np.stack([u, np.cross(vectors, u), vectors], axis=2)
+    T = np.zeros((len(vectors), ROLLS_N, 4, 4))
+    T[..., 3, 3] = 1.0
+    T[..., :3, :3] = np.einsum("ij,rjk,vlk->vril", at_station, turn, on_part)
+    T[..., :3, 3] = layout.station_mm - T[..., :3, :3] @ solid.centroid_mm
+    return T, _whole(solid, camera, T)
+
+
+def _whole(solid: Solid, camera: Camera, T: FloatArray) -> BoolArray:
+    """Tell which poses (v, r, 4, 4) have the whole part inside the picture (v, r)."""
+    hull = np.asarray(solid.mesh.convex_hull.vertices)
+    points = np.einsum("vrij,kj->vrki", T[..., :3, :3], hull) + T[..., None, :3, 3]
+    return np.asarray(in_picture(camera, points).all(axis=2))
+
+
+def hold_up(
+    solid: Solid, samples: SurfaceSamples, layout: CellLayout, vectors: FloatArray
+) -> Showing:
+    """Return how to hold the part up for each direction and roll, and what is then in the picture.
+
+    Of a part larger than the picture only the samples inside it count.
+    """
+    T, inside = view_poses(solid, layout, vectors)
+    partly = {}
+    for v in np.flatnonzero(~inside.any(axis=1)):
+        points = np.einsum("rij,nj->rni", T[v, :, :3, :3], samples.points_mm)
+        partly[int(v)] = in_picture(layout.inspection, points + T[v, :, None, :3, 3])
+    radius = float(np.linalg.norm(solid.mesh.vertices - solid.centroid_mm, axis=1).max())
+    return Showing(T, inside, partly, SightCone.of_station(layout, radius))

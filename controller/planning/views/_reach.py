@@ -1,0 +1,124 @@
+"""In which configurations a grip can show a direction, and what the arm leaves in sight there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.cad import SurfaceSamples
+
+from ..boxes import BoolArray
+from ..layout import Box, CellLayout, FloatArray, IntArray
+from ..motion import Scene, inverse_rows
+from ._arm import hidden_by_boxes, link_boxes, standing_between
+from ._poses import Showing
+
+KEPT_Q = 5  # configurations kept per view and grip
+# nearly every one that the joints allow is free (planning.md 1.3), so few are checked at first
+FIRST_TRIED_N = 5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GripViews:
+    """What one grip can show.
+
+    Attributes
+    ----------
+    q : direction -> (k, 6) configurations free of contact, the handiest first
+    shown : (v, n) samples in sight in every one of them; of directions without any
+        configuration, what the hand would leave in sight
+    """
+
+    q: Mapping[int, FloatArray]
+    shown: BoolArray
+
+
+def reachable_views(
+    layout: CellLayout,
+    scene: Scene,
+    samples: SurfaceSamples,
+    showing: Showing,
+    left_by_hand: BoolArray,
+    T_part_hand: FloatArray,
+    q_liked: FloatArray,
+) -> GripViews:
+    """Return the configurations in which one grip can show each direction, and what they show.
+
+    Configurations in which neither the arm nor a post stands before the part come first, those
+    near `q_liked` (6,) first among them. Where there are none, those stay in which the arm hides
+    least.
+
+    Parameters
+    ----------
+    left_by_hand : (v, n) samples the hand leaves in sight; directions without any are not tried
+    """
+    shown = left_by_hand.copy()
+    allowed = showing.inside & left_by_hand.any(axis=1)[:, None]
+    for v, inside in showing.partly.items():
+        allowed[v] = (inside & left_by_hand[v]).any(axis=1)
+    view, roll = np.nonzero(allowed)
+    if len(view) == 0:
+        return GripViews({}, shown)
+    index, _, q = inverse_rows(layout, showing.T_world_part[view, roll] @ T_part_hand)
+    if len(index) == 0:
+        return GripViews({}, shown)
+    v_of, r_of = view[index], roll[index]
+    fixed = standing_between(layout, scene.statics(), showing.cone)
+    T_links, half_links = link_boxes(layout, q)
+    between = (
+        showing.cone.meets(T_links.reshape(-1, 4, 4), half_links.reshape(-1, 3))
+        .reshape(-1, 3)
+        .any(axis=1)
+    )
+    away_s = (np.abs(q - q_liked) / np.array(layout.pace.joint_per_s)).max(axis=1)
+    order = np.lexsort((away_s, between, v_of))
+    rows = _free_rows(scene, q, v_of, order)
+    found: dict[int, FloatArray] = {}
+    for v, members in rows.items():
+        whole = v not in showing.partly
+        clear = members[~between[members]]
+        if whole and not fixed and len(clear):
+            found[v] = q[clear[:KEPT_Q]]
+            continue
+        hidden = np.zeros((len(members), shown.shape[1]), dtype=bool)
+        for k, row in enumerate(members):
+            boxes = list(fixed)
+            if between[row]:
+                boxes += [Box(T, h) for T, h in zip(T_links[row], half_links[row], strict=True)]
+            T = showing.T_world_part[v, r_of[row]]
+            if boxes:
+                hidden[k] = hidden_by_boxes(layout, boxes, T, samples.points_mm, left_by_hand[v])
+            if not whole:
+                hidden[k] |= left_by_hand[v] & ~showing.partly[v][r_of[row]]
+        best = int(np.argmin(hidden @ samples.areas_mm2))
+        left = left_by_hand[v] & ~hidden[best]
+        if left.any():
+            alike = ~(hidden & left).any(axis=1)
+            found[v] = q[members[alike][:KEPT_Q]]
+            shown[v] = left
+    return GripViews(found, shown)
+
+
+def _free_rows(scene: Scene, q: FloatArray, v_of: IntArray, order: IntArray) -> dict[int, IntArray]:
+    """Return the rows free of contact per direction, in order; few are checked where few do.
+
+    Parameters
+    ----------
+    q : (m, 6); v_of : (m,) direction of each; order : (m,) rows by direction, the best ones first
+    """
+    of_view = v_of[order]
+    place = np.arange(len(order)) - np.searchsorted(of_view, of_view)
+    free = np.zeros(len(order), dtype=bool)
+    (first,) = np.nonzero(place < FIRST_TRIED_N)
+    free[first] = scene.free(q[order[first]])
+    done = np.zeros(int(of_view.max()) + 1, dtype=bool)
+    done[of_view[free]] = True
+    (rest,) = np.nonzero((place >= FIRST_TRIED_N) & ~done[of_view])
+    if len(rest):
+        free[rest] = scene.free(q[order[rest]])
+    rows: dict[int, list[int]] = {}
+    for k in np.flatnonzero(free):
+        rows.setdefault(int(of_view[k]), []).append(int(order[k]))
+    return {v: np.array(members) for v, members in rows.items()}

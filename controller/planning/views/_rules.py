@@ -1,0 +1,104 @@
+"""When a camera shows a piece of surface well enough: incidence, resolution, depth of field."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from controller.cad import Camera
+
+from ..boxes import BoolArray
+from ..layout import CellLayout, FloatArray
+
+PICTURE_MARGIN_PX = 12.0  # nearer to the border the hold's millimetre may carry it out
+
+
+@dataclass(frozen=True, slots=True)
+class SightRules:
+    """How the camera stands to the station, and what it asks of a surface (planning.md 1.3, `vis`).
+
+    Attributes
+    ----------
+    distance_mm : from the camera to the station
+    tilt_rad : between the camera's axis and the line to the station
+    focal_px : the smaller one of both axes
+    sharp_mm : depths along the axis between which the picture is sharp
+    max_incidence_rad : between a surface's normal and the sight line
+    min_px_per_mm : along the surface in the worse direction, foreshortening included
+    """
+
+    distance_mm: float
+    tilt_rad: float
+    focal_px: float
+    sharp_mm: tuple[float, float]
+    max_incidence_rad: float
+    min_px_per_mm: float
+
+    @classmethod
+    def of_station(
+        cls, layout: CellLayout, max_incidence_deg: float, min_px_per_mm: float = 0.0
+    ) -> Self:
+        """Return the rules of the inspection camera looking at a part at the station."""
+        camera = layout.inspection
+        towards = layout.station_mm - camera.position_mm
+        distance = float(np.linalg.norm(towards))
+        along = float(towards @ camera.T_world_cam[:3, 2]) / distance
+        return cls(
+            distance,
+            float(np.arccos(np.clip(along, -1.0, 1.0))),
+            float(min(camera.K[0, 0], camera.K[1, 1])),
+            layout.inspection_sharp_mm,
+            float(np.radians(max_incidence_deg)),
+            min_px_per_mm,
+        )
+
+    def depth_bounds_mm(self, p_com_mm: FloatArray, direction: FloatArray) -> FloatArray:
+        """Return between which depths points (n, 3) from the centre of mass lie: (2, n).
+
+        One depth unless the camera looks past the station: then a roll of the part about the sight
+        line moves its points in depth, and a direction's answer must hold for all rolls.
+        """
+        along = p_com_mm @ direction
+        across = np.sqrt(np.maximum(np.einsum("ij,ij->i", p_com_mm, p_com_mm) - along**2, 0.0))
+        middle = (self.distance_mm - along) * np.cos(self.tilt_rad)
+        spread = across * np.sin(self.tilt_rad)
+        return np.stack([middle - spread, middle + spread])
+
+    def shows(self, cosine: FloatArray, depth_mm: FloatArray) -> BoolArray:
+        """Tell which surfaces are shown well enough, sight lines aside (n,).
+
+        Parameters
+        ----------
+        cosine : (n,) of the incidence; depth_mm : (2, n) least and greatest depth
+        """
+        return np.asarray(
+            (cosine >= np.cos(self.max_incidence_rad))
+            & self.is_fine(cosine, depth_mm)
+            & self.is_sharp(depth_mm)
+        )
+
+    def is_fine(self, cosine: FloatArray, depth_mm: FloatArray) -> BoolArray:
+        """Tell where a millimetre of surface has pixels enough, foreshortened as it is (n,).
+
+        Exact on the axis; off it a flat surface has more pixels than this says, by 2 % at most in
+        a picture 20 degrees wide.
+        """
+        return np.asarray(self.focal_px * cosine >= self.min_px_per_mm * depth_mm[1])
+
+    def is_sharp(self, depth_mm: FloatArray) -> BoolArray:
+        """Tell what lies within the depth of field (n,)."""
+        low, high = self.sharp_mm
+        return np.asarray((depth_mm[0] >= low) & (depth_mm[1] <= high))
+
+
+def in_picture(camera: Camera, p_world_mm: FloatArray) -> BoolArray:
+    """Tell which world points (..., 3) are in the picture, clear of its border (...)."""
+    flat = p_world_mm.reshape(-1, 3)
+    pixels = camera.project(flat)
+    limit = np.array(camera.size_px) - 1 - PICTURE_MARGIN_PX
+    inside = np.all((pixels >= PICTURE_MARGIN_PX) & (pixels <= limit), axis=1)
+    # the lens formula brings points behind the camera back into the picture
+    inside &= (flat - camera.position_mm) @ camera.T_world_cam[:3, 2] > 0.0
+    return np.asarray(inside.reshape(p_world_mm.shape[:-1]))

@@ -1,0 +1,46 @@
+"""What the overhead camera shows of a part that lies on the table."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from controller.cad import Camera, RayCaster, SurfaceSamples, inverse_pose, transform
+
+from ..boxes import BoolArray
+from ..layout import FloatArray
+from ._rules import in_picture
+from ._visible import cosines, free_sight
+
+
+def table_views(
+    samples: SurfaceSamples,
+    caster: RayCaster,
+    T_world_part: FloatArray,
+    camera: Camera,
+    sharp_mm: tuple[float, float],
+    max_incidence_rad: float,
+    min_px_per_mm: float,
+) -> BoolArray:
+    """Return which samples the camera shows well enough of a part lying at each pose (k, n).
+
+    The rules are those of the inspection camera: incidence, own shadow, resolution, depth of field
+    and picture. The table hides nothing that faces upwards.
+
+    Parameters
+    ----------
+    T_world_part : (k, 4, 4); caster : of the part's mesh, in the CAD frame
+    """
+    focal_px = float(min(camera.K[0, 0], camera.K[1, 1]))
+    shown = np.zeros((len(T_world_part), len(samples.points_mm)), dtype=bool)
+    for k, T in enumerate(T_world_part):
+        points = transform(T, samples.points_mm)
+        depth = (points - camera.position_mm) @ camera.T_world_cam[:3, 2]
+        eye = transform(inverse_pose(T), camera.position_mm[None])[0]
+        cosine = cosines(samples, eye)
+        good = (cosine >= np.cos(max_incidence_rad)) & (depth > 0.0)
+        good &= focal_px * cosine >= min_px_per_mm * depth
+        good &= (depth >= sharp_mm[0]) & (depth <= sharp_mm[1])
+        good &= in_picture(camera, points)
+        (facing,) = np.nonzero(good)
+        shown[k, facing] = free_sight(samples, caster, facing, eye)
+    return shown
