@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from drivers.umi_scara.kinematics import inverse, limit_report
 
+from ..boxes import stack
 from ..errors import NoMotionError, NotGraspableError, OutOfReachError
-from ..grip import TABLE_MARGIN_MM
+from ..grip import TABLE_MARGIN_MM, Grip
 from ..grips import clear_of_table
-from ..layout import CellLayout, FloatArray
+from ..layout import Box, CellLayout, FloatArray, IntArray
 from ..motion import Scene, fewest_waypoints, inverse_rows, same_branch
 from ..prepared import PreparedPart
 from ._handoff import CLOSE_MARGIN_MM, PART_MARGIN_MM
@@ -57,29 +59,27 @@ def pick_ways(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) 
     T_up[..., 2, 3] += k
     above, up = same_branch(layout, T_above, branch), same_branch(layout, T_up, branch)
     whole = np.isfinite(above).all(axis=(1, 2)) & np.isfinite(up).all(axis=(1, 2))
-    ways: list[PickWay] = []
-    blocked: set[str] = set()
-    for row in np.flatnonzero(whole):
-        grip = grips[members[index[row]]]
-        scene = Scene(layout, grip.pre_open_mm, layout.fixture_open_mm)
-        down = np.vstack([above[row][::-1], q[row]])
-        contacts = scene.contacts(down, CLOSE_MARGIN_MM, table_margin_mm=TABLE_MARGIN_MM)
-        if (contacts >= 0).any():
-            blocked.add(scene.names()[contacts.max()])
-            continue
-        scene = Scene(layout, grip.opening_mm, layout.fixture_open_mm, part.carried_box(grip))
-        lift = np.vstack([q[row], up[row]])
-        contacts = scene.contacts(lift, PART_MARGIN_MM, table_margin_mm=-1.0)
-        if (contacts >= 0).any():
-            blocked.add(scene.names()[contacts.max()])
-            continue
-        ways.append(
-            PickWay(
-                int(members[index[row]]),
-                fewest_waypoints(layout, down),
-                fewest_waypoints(layout, lift),
-            )
+    rows = np.flatnonzero(whole)
+    held = [grips[members[index[row]]] for row in rows]
+    down = np.concatenate([above[rows][:, ::-1], q[rows][:, None]], axis=1)
+    lift = np.concatenate([q[rows][:, None], up[rows]], axis=1)
+    open_scene = Scene(layout, 0.0, layout.fixture_open_mm)
+    touched = np.hstack(
+        [
+            _contacts(open_scene, down, _open_hands(layout, held), TABLE_MARGIN_MM),
+            _contacts(open_scene, lift, _full_hands(layout, part, held), -1.0, PART_MARGIN_MM),
+        ]
+    )
+    names = open_scene.names()
+    blocked = {names[k] for k in touched.max(axis=1, initial=-1) if k >= 0}
+    ways = [
+        PickWay(
+            int(members[index[rows[k]]]),
+            fewest_waypoints(layout, down[k]),
+            fewest_waypoints(layout, lift[k]),
         )
+        for k in np.flatnonzero((touched < 0).all(axis=1))
+    ]
     if not ways:
         if blocked:
             raise NoMotionError(
@@ -87,6 +87,46 @@ def pick_ways(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) 
             )
         raise _out_of_reach(layout, T_up[:, -1], where)
     return ways
+
+
+def _contacts(
+    scene: Scene,
+    q: FloatArray,
+    hands: tuple[FloatArray, FloatArray],
+    table_margin_mm: float,
+    margin_mm: float = CLOSE_MARGIN_MM,
+) -> IntArray:
+    """Return the contacts (n, k) along ways (n, k, 6), each with a hand of its own."""
+    n, k = q.shape[:2]
+    T, half = (np.repeat(h, k, axis=0) for h in hands)
+    found = scene.contacts(q.reshape(-1, 6), margin_mm, table_margin_mm, hand=(T, half))
+    return found.reshape(n, k)
+
+
+def _open_hands(layout: CellLayout, grips: Sequence[Grip]) -> tuple[FloatArray, FloatArray]:
+    return _stacked(
+        [[*layout.hand.body, *layout.hand.fingers(g.pre_open_mm)] for g in grips], layout
+    )
+
+
+def _full_hands(
+    layout: CellLayout, part: PreparedPart, grips: Sequence[Grip]
+) -> tuple[FloatArray, FloatArray]:
+    return _stacked(
+        [
+            [*layout.hand.body, *layout.hand.fingers(g.opening_mm), part.carried_box(g)]
+            for g in grips
+        ],
+        layout,
+    )
+
+
+def _stacked(hands: Sequence[list[Box]], layout: CellLayout) -> tuple[FloatArray, FloatArray]:
+    if not hands:
+        m = len(layout.hand.body) + 2
+        return np.zeros((0, m, 4, 4)), np.zeros((0, m, 3))
+    pairs = [stack(boxes) for boxes in hands]
+    return np.stack([p[0] for p in pairs]), np.stack([p[1] for p in pairs])
 
 
 def _out_of_reach(layout: CellLayout, T_tip: FloatArray, where: str) -> OutOfReachError:
