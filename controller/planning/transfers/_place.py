@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
 from controller.cad import inverse_pose
 
+from ..boxes import BoolArray
 from ..grip import Grip
 from ..layout import CellLayout, FloatArray, Tray
 from ..motion import Scene, fewest_waypoints, inverse_rows, same_branch
@@ -19,6 +21,8 @@ STEP_MM = 10.0
 MARGIN_MM = 3.0
 TRIED_N = 60
 TOP_MM = -20.0
+RISEN_N = 20
+BATCH_N = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,34 +76,49 @@ def place_ways(
     down, up = same_branch(layout, T_down, branch[order]), same_branch(layout, T_up, branch[order])
     rising: list[PlaceWay] = []
     trapped: list[PlaceWay] = []
-    for place, row in enumerate(order):
-        if not (np.isfinite(down[place]).all() and np.isfinite(up[place]).all()):
-            continue
-        if not shut.free(down[place], MARGIN_MM, table_margin_mm=1.0).all():
-            continue
-        if not open_.free(up[place], MARGIN_MM).all():
-            continue
-        way = PlaceWay(
-            fewest_waypoints(layout, np.vstack([down[place][::-1], q[row]])),
-            fewest_waypoints(layout, np.vstack([q[row], up[place]])),
-            T_hold[index[row]] @ inverse_pose(grip.T_part_hand),
-            float(tilts[index[row]]),
-        )
+    whole = np.isfinite(down).all(axis=(1, 2)) & np.isfinite(up).all(axis=(1, 2))
+    rows = np.flatnonzero(whole)
+    for begin in range(0, len(rows), BATCH_N):
+        batch = rows[begin : begin + BATCH_N]
+        clear = _all_free(shut, down[batch], table_margin_mm=1.0) & _all_free(open_, up[batch])
+        batch = batch[clear]
         # an elbow under the station's panel can come down here, but hardly get there
-        free = shut.free(_risen(down[place][-1])) & open_.free(_risen(up[place][-1]))
-        (rising if free.all() else trapped).append(way)
-        if len(rising) == count:
-            break
+        risen = _all_free(shut, _risen(down[batch, -1]), margin_mm=10.0)
+        risen &= _all_free(open_, _risen(up[batch, -1]), margin_mm=10.0)
+        for place, is_rising in zip(batch, risen, strict=True):
+            row = order[place]
+            way = PlaceWay(
+                fewest_waypoints(layout, np.vstack([down[place][::-1], q[row]])),
+                fewest_waypoints(layout, np.vstack([q[row], up[place]])),
+                T_hold[index[row]] @ inverse_pose(grip.T_part_hand),
+                float(tilts[index[row]]),
+            )
+            (rising if is_rising else trapped).append(way)
+            if len(rising) == count:
+                return rising
     return (rising + trapped)[:count]
 
 
+def _all_free(
+    scene: Scene,
+    ways: FloatArray,
+    margin_mm: float = MARGIN_MM,
+    table_margin_mm: float | None = None,
+) -> BoolArray:
+    """Tell which ways (n, k, 6) are free all along (n,)."""
+    n, k = ways.shape[:2]
+    free = scene.free(ways.reshape(-1, 6), margin_mm, table_margin_mm)
+    return np.asarray(free.reshape(n, k).all(axis=1))
+
+
 def _risen(q: FloatArray) -> FloatArray:
-    """Return `q` at heights from its own to the top (k, 6)."""
-    out = np.repeat(q[None], 20, axis=0)
-    out[:, 3] = np.linspace(q[3], max(TOP_MM, q[3]), 20)
+    """Return configurations (n, 6) at heights from their own to the top (n, k, 6)."""
+    out = np.repeat(q[:, None], RISEN_N, axis=1)
+    out[..., 3] = np.linspace(q[:, 3], np.maximum(TOP_MM, q[:, 3]), RISEN_N, axis=1)
     return out
 
 
+@cache
 def _hand_orientations() -> FloatArray:
     """Return hand rotations (n, 3, 3) over pitch, heading and roll, straight down first."""
     found = []
