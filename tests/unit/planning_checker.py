@@ -1,219 +1,286 @@
-"""A second opinion on plans: triangles and FCL where the planner uses boxes and its own test.
+"""A second opinion on plans: who holds the part, with what, and what touches what on the way.
 
-Shares no geometry code with `controller.planning`: the arm's links are placed from the formulas
-of umi_rtx.md 6.4, the part is its mesh, contacts are FCL's.
+Follows the part from hand to hand with `planning_contacts`, which shares no geometry with
+`controller.planning`; of the planner only its dataclasses are read.
 """
 
 from __future__ import annotations
 
-from itertools import pairwise
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
-import fcl
 import numpy as np
+from numpy.typing import NDArray
+from planning_contacts import Checker, apart, frames
+from scipy.spatial import ConvexHull, QhullError
 
 from controller.cad import Solid
-from controller.planning import CellLayout, Grip, HandOver, Pick, Plan, Present, TakeBack
+from controller.planning import (
+    CellLayout,
+    Grip,
+    HandOver,
+    InArm,
+    InFixture,
+    Look,
+    OnTable,
+    Park,
+    Pick,
+    Place,
+    Plan,
+    Present,
+    SetDown,
+    Start,
+    Step,
+    TakeBack,
+)
 
-# the part touches what holds it; neighbours in the arm's chain are kept apart by joint limits
-Named = tuple[str, fcl.CollisionObject]
+Array = NDArray[np.float64]
 
-
-def rz(angle: float) -> np.ndarray:
-    T = np.eye(4)
-    T[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-    return T
-
-
-def shift(x: float, y: float, z: float) -> np.ndarray:
-    T = np.eye(4)
-    T[:3, 3] = x, y, z
-    return T
-
-
-def ry(angle: float) -> np.ndarray:
-    T = np.eye(4)
-    T[0, 0] = T[2, 2] = np.cos(angle)
-    T[0, 2], T[2, 0] = np.sin(angle), -np.sin(angle)
-    return T
-
-
-def rx(angle: float) -> np.ndarray:
-    T = np.eye(4)
-    T[1, 1] = T[2, 2] = np.cos(angle)
-    T[1, 2], T[2, 1] = -np.sin(angle), np.sin(angle)
-    return T
+POSE_MM, POSE_RAD = 0.5, 0.005  # one part in two hands: they agree on where it is
 
 
-class Checker:
-    def __init__(self, layout: CellLayout, solid: Solid) -> None:
-        self.layout = layout
-        model = fcl.BVHModel()
-        model.beginModel(len(solid.mesh.faces), len(solid.mesh.vertices))
-        model.addSubModel(np.asarray(solid.mesh.vertices), np.asarray(solid.mesh.faces))
-        model.endModel()
-        self.mesh = model
-        self.vertices = np.asarray(solid.mesh.vertices)
-        self.states = 0
+@dataclass
+class Moment:
+    """One picture of the plan: what the camera looks at, and what may be in its way."""
 
-    def frames(self, q: np.ndarray) -> dict[str, np.ndarray]:
-        arm = self.layout.arm
-        base = self.layout.T_world_arm @ shift(0, 0, arm.wrist_height_mm + q[3])
-        upper = base @ rz(q[0])
-        fore = upper @ shift(arm.upper_mm, 0, 0) @ rz(q[1])
-        # the yaw belt takes back half of the elbow's turn (umi_rtx.md 5.4)
-        wrist = fore @ shift(arm.fore_mm, 0, 0) @ rz(q[2] - q[1] / 2)
-        tip = wrist @ ry(-q[4]) @ rx(q[5]) @ shift(arm.tool_mm, 0, 0)
-        return {"carriage": base, "upper": upper, "fore": fore, "tip": tip}
+    step: Step
+    q: Array
+    hand_opening_mm: float
+    fixture_opening_mm: float
+    T_world_part: Array
+    holder: str
 
-    @staticmethod
-    def solid_box(box: Any, T: np.ndarray) -> fcl.CollisionObject:
-        placed = T @ box.T
-        return fcl.CollisionObject(
-            fcl.Box(*(2 * box.half_mm)), fcl.Transform(placed[:3, :3], placed[:3, 3])
+
+@dataclass
+class Walk:
+    """What came of following a plan."""
+
+    trouble: list[str] = field(default_factory=list)
+    moments: list[Moment] = field(default_factory=list)
+    states: int = 0
+
+
+class Follower:
+    """Follows the part through a plan; every finding is a sentence."""
+
+    def __init__(self, layout: CellLayout, solid: Solid, start: Start | Array) -> None:
+        self.layout, self.c = layout, Checker(layout, solid)
+        self.walk = Walk()
+        self.q = layout.park_q if getattr(start, "q", None) is None else start.q
+        self.opening = layout.hand.max_mm
+        self.wide = 0.0 if layout.fixture is None else layout.fixture.max_mm
+        self.fixture_opening = self.wide
+        self.grip: Grip | None = None
+        self.fixture_grip: Grip | None = None
+        self.T: Array = np.eye(4)
+        if isinstance(start, InArm):
+            self.grip, self.opening = start.grip, start.grip.opening_mm
+            self._place_part()
+        elif isinstance(start, InFixture):
+            self.fixture_grip, self.fixture_opening = start.grip, start.grip.opening_mm
+            self.opening = min(self.layout.hand.max_mm, self.opening)
+            self.T = layout.T_world_fixture @ np.linalg.inv(start.grip.T_part_hand)
+        else:
+            self.T = start.T_world_part if isinstance(start, OnTable) else start
+
+    @property
+    def holder(self) -> str:
+        arm, fixture = self.grip is not None, self.fixture_grip is not None
+        return {(1, 0): "arm", (0, 1): "fixture", (1, 1): "both"}.get((arm, fixture), "table")
+
+    def say(self, step: Step, text: str) -> None:
+        self.walk.trouble.append(f"{step.label}: {text}")
+
+    def needs(self, step: Step, holder: str) -> None:
+        if self.holder != holder:
+            self.say(step, f"needs the part with the {holder}, the {self.holder} has it")
+
+    def same_grip(self, step: Step, grip: Grip) -> None:
+        if self.grip is None or np.abs(self.grip.T_part_hand - grip.T_part_hand).max() > 1e-9:
+            self.say(step, f"speaks of grip {grip.id}, the hand holds it otherwise")
+
+    def _place_part(self) -> None:
+        assert self.grip is not None
+        tip = frames(self.layout, np.asarray(self.q))["tip"]
+        self.T = tip @ np.linalg.inv(self.grip.T_part_hand)
+
+    def drive(self, step: Step, *motions: Sequence[Array]) -> None:
+        """Move as things stand: the part with the hand if it holds it."""
+        path = [self.q, *(q for m in motions for q in m)]
+        held_by = {"arm": ("arm",), "fixture": ("fixture",), "both": ("arm", "fixture")}
+        self.walk.trouble += self.c.drive(
+            path,
+            self.opening,
+            self.fixture_opening,
+            self.grip,
+            self.T,
+            held_by.get(self.holder, ()),
+            step.label,
+        )
+        self.q = path[-1]
+        if self.grip is not None:
+            self._place_part()
+
+    def set_jaws(self, step: Step, hand_mm: float | None = None, fixture_mm: float = -1.0) -> None:
+        """Open or close a jaw, looking at what its fingers pass."""
+        hand = self.opening if hand_mm is None else hand_mm
+        fixture = self.fixture_opening if fixture_mm < 0 else fixture_mm
+        held_by = {"arm": ("arm",), "fixture": ("fixture",)}.get(self.holder, ("arm", "fixture"))
+        for share in np.linspace(0, 1, 5):
+            found = self.c.contacts(
+                np.asarray(self.q)[None],
+                float(self.opening + share * (hand - self.opening)),
+                float(self.fixture_opening + share * (fixture - self.fixture_opening)),
+                self.T,
+                # whoever moves its fingers here is about to hold the part or has just held it
+                ("arm", "fixture") if self.holder in {"both", "table"} else held_by,
+            )
+            self.walk.trouble += [f"{step.label}, jaws moving: {c}" for c in found]
+        self.opening, self.fixture_opening = hand, fixture
+
+    def takes(self, step: Step, grip: Grip) -> None:
+        """Close the hand; the part stands where it stands."""
+        tip = frames(self.layout, np.asarray(self.q))["tip"]
+        mm, rad = apart(tip @ np.linalg.inv(grip.T_part_hand), self.T)
+        if mm > POSE_MM or rad > POSE_RAD:
+            self.say(step, f"the hand is {mm:.2f} mm, {np.degrees(rad):.2f} deg off its grip")
+        self.walk.trouble += self.c.hold(grip, self.layout.hand, step.label)
+        self.grip = grip
+        self.set_jaws(step, hand_mm=grip.opening_mm)
+
+    # ---- steps ----------------------------------------------------------------------------------
+    def follow(self, step: Step) -> None:
+        getattr(self, f"_{type(step).__name__.lower()}")(step)
+        self.walk.states = self.c.states
+
+    def _pick(self, step: Pick) -> None:
+        self.needs(step, "table")
+        self.opening = step.pre_open_mm
+        self.drive(step, step.motion_in, step.motion_down)
+        self.takes(step, step.grip)
+        self.drive(step, step.motion_up)
+
+    def _present(self, step: Present) -> None:
+        self.needs(step, "arm")
+        self.same_grip(step, step.grip)
+        self.drive(step, step.motion)
+        if np.abs(np.asarray(self.q) - step.q).max() > 1e-9:
+            self.say(step, "stands elsewhere than it says")
+        mm, rad = apart(self.T, step.T_world_part)
+        if mm > 0.05 or rad > 1e-3:
+            self.say(step, f"the part is {mm:.2f} mm from where the view says it is")
+        self._moment(step)
+
+    def _look(self, step: Look) -> None:
+        self.needs(step, "table")
+        if apart(self.T, step.T_world_part)[0] > 0.05:
+            self.say(step, "the part lies elsewhere than the view says")
+        self._moment(step)
+
+    def _moment(self, step: Step) -> None:
+        self.walk.moments.append(
+            Moment(
+                step, np.asarray(self.q), self.opening, self.fixture_opening, self.T, self.holder
+            )
         )
 
-    def part(self, T: np.ndarray) -> fcl.CollisionObject:
-        return fcl.CollisionObject(self.mesh, fcl.Transform(T[:3, :3], T[:3, 3]))
+    def _handover(self, step: HandOver) -> None:
+        self.needs(step, "arm")
+        self.same_grip(step, step.grip)
+        if self.layout.fixture is None:
+            self.say(step, "there is no fixed gripper")
+            return
+        self.fixture_opening = step.fixture_pre_open_mm
+        self.drive(step, step.motion)
+        held = self.layout.T_world_fixture @ np.linalg.inv(step.fixture_grip.T_part_hand)
+        mm, rad = apart(held, self.T)
+        if mm > POSE_MM or rad > POSE_RAD:
+            self.say(step, f"both jaws disagree by {mm:.2f} mm, {np.degrees(rad):.2f} deg")
+        self.walk.trouble += self.c.hold(step.fixture_grip, self.layout.fixture, step.label)
+        self.fixture_grip = step.fixture_grip
+        self.set_jaws(step, fixture_mm=step.fixture_expected_opening_mm)
+        self.set_jaws(step, hand_mm=step.hand_open_mm)
+        self.grip = None
+        self.drive(step, step.retreat)
 
-    def state(
-        self,
-        q: np.ndarray,
-        opening: float,
-        fixture_opening: float,
-        T_world_part: np.ndarray,
-        held_by: tuple[str, ...],
-    ) -> list[str]:
-        """Return the contacts of one instant; the part stands at T_world_part."""
-        self.states += 1
-        cell = self.layout
-        f = self.frames(q)
-        eye = np.eye(4)
-        arm: list[Named] = [
-            ("carriage", self.solid_box(cell.carriage, f["carriage"])),
-            ("upper", self.solid_box(cell.upper, f["upper"])),
-            ("fore", self.solid_box(cell.fore, f["fore"])),
-            *(("hand", self.solid_box(b, f["tip"])) for b in cell.hand.body),
-            *(("finger", self.solid_box(b, f["tip"])) for b in cell.hand.fingers(opening)),
-        ]
-        still: list[Named] = [
-            ("column", self.solid_box(cell.column, eye)),
-            *((n, self.solid_box(b, eye)) for n, b in cell.obstacles.items()),
-            *(("fixture", self.solid_box(b, cell.T_world_fixture)) for b in cell.fixture.body),
-            *(
-                ("fixture finger", self.solid_box(b, cell.T_world_fixture))
-                for b in cell.fixture.fingers(fixture_opening)
-            ),
-        ]
-        part = ("part", self.part(T_world_part))
-        pairs = [(a, s) for a in arm for s in still]
-        pairs += [(a, b) for a in arm[3:] for b in arm[:2]]
-        pairs += [(a, arm[2]) for a in arm if a[0] == "finger"]
-        pairs += [
-            (part, s) for s in still if not (s[0] == "fixture finger" and "fixture" in held_by)
-        ]
-        pairs += [(part, a) for a in arm if not (a[0] == "finger" and "arm" in held_by)]
-        skip = {("carriage", "column"), ("upper", "column")}
-        found = []
-        for (name_a, a), (name_b, b) in pairs:
-            if (name_a, name_b) in skip:
-                continue
-            if fcl.collide(a, b, fcl.CollisionRequest(), fcl.CollisionResult()):
-                found.append(f"{name_a} - {name_b}")
-        for name, box in [("fore", cell.fore), *(("hand", b) for b in cell.hand.body)] + [
-            ("finger", b) for b in cell.hand.fingers(opening)
-        ]:
-            T = f["fore" if name == "fore" else "tip"] @ box.T
-            corners = np.array(np.meshgrid(*[[-h, h] for h in box.half_mm])).reshape(3, -1)
-            if (T[2, :3] @ corners + T[2, 3]).min() < 0:
-                found.append(f"{name} - table")
-        if (self.vertices @ T_world_part[2, :3] + T_world_part[2, 3]).min() < -0.2:
-            found.append("part - table")
-        return found
+    def _takeback(self, step: TakeBack) -> None:
+        self.needs(step, "fixture")
+        # the jaws are still as they let go; they open where the straight way begins
+        self.drive(step, step.motion_in)
+        self.set_jaws(step, hand_mm=step.pre_open_mm)
+        self.drive(step, step.approach)
+        self.takes(step, step.grip)
+        self.set_jaws(step, fixture_mm=step.fixture_open_mm)
+        self.fixture_grip = None
+        self.drive(step, step.motion_out)
+        self.set_jaws(step, fixture_mm=self.wide)
 
-    def drive(
-        self,
-        path: list[np.ndarray],
-        opening: float,
-        fixture_opening: float,
-        carried: Grip | None,
-        T_still: np.ndarray | None,
-        held_by: tuple[str, ...],
-        what: str,
-    ) -> list[str]:
-        trouble = []
-        for a, b in pairwise(path):
-            change = np.abs(b - a) / np.array([0.03, 0.03, 0.06, 10.0, 0.06, 0.06])
-            for s in np.linspace(0, 1, max(2, int(np.ceil(change.max())))):
-                q = a + s * (b - a)
-                T = (
-                    self.frames(q)["tip"] @ np.linalg.inv(carried.T_part_hand)
-                    if carried
-                    else T_still
-                )
-                assert T is not None
-                trouble += [
-                    f"{what}: {c}" for c in self.state(q, opening, fixture_opening, T, held_by)
-                ]
-        return sorted(set(trouble))
+    def _setdown(self, step: SetDown) -> None:
+        self.needs(step, "arm")
+        self._let_go(step)
+        area = self.layout.set_down_mm
+        x, y = (self.T[:3, :3] @ self.c.centroid + self.T[:3, 3])[:2]
+        if not (area[0, 0] <= x <= area[0, 1] and area[1, 0] <= y <= area[1, 1]):
+            self.say(step, f"({x:.0f}, {y:.0f}) is outside where parts may be set down")
+        if not self._rests():
+            self.say(step, "the part does not stand by itself there")
+
+    def _place(self, step: Place) -> None:
+        self.needs(step, "arm")
+        self._let_go(step)
+        tray = self.layout.trays[step.tray]
+        at = (self.T[:3, :3] @ self.c.centroid + self.T[:3, 3])[:2]
+        if (np.abs(at - tray.centre_mm) > np.array(tray.size_mm) / 2).any():
+            self.say(step, f"let go at ({at[0]:.0f}, {at[1]:.0f}), which is not over the tray")
+        if step.tilt_rad == 0 and not self._rests():
+            self.say(step, "said to lie flat, does not rest like that")
+
+    def _let_go(self, step: SetDown | Place) -> None:
+        self.same_grip(step, step.grip)
+        self.drive(step, step.motion, step.motion_down)
+        mm, rad = apart(self.T, step.T_world_part)
+        if mm > POSE_MM or rad > POSE_RAD:
+            self.say(step, f"lets go {mm:.2f} mm, {np.degrees(rad):.2f} deg off what it says")
+        height = float((self.c.corners @ self.T[2, :3] + self.T[2, 3]).min())
+        if height > 8.0:
+            self.say(step, f"drops the part {height:.0f} mm")
+        self.set_jaws(step, hand_mm=step.open_mm)
+        self.grip = None
+        self.drive(step, step.motion_up)
+
+    def _rests(self) -> bool:
+        """Tell whether the centre of mass is over what touches the ground."""
+        points = self.c.corners @ self.T[:3, :3].T + self.T[:3, 3]
+        feet = points[points[:, 2] < points[:, 2].min() + 0.5][:, :2]
+        at = (self.T[:3, :3] @ self.c.centroid + self.T[:3, 3])[:2]
+        if len(feet) < 3:
+            return False
+        try:
+            edges = ConvexHull(feet).equations
+        except QhullError:
+            return False  # a line of points
+        return bool((edges[:, :2] @ at + edges[:, 2] <= 0).all())
+
+    def _park(self, step: Park) -> None:
+        self.drive(step, step.motion)
 
 
-def check(plan: Plan, layout: CellLayout, solid: Solid, T_world_part: np.ndarray) -> list[str]:
-    """Return every contact found along a whole plan, each named once."""
-    c = Checker(layout, solid)
-    wide = layout.fixture.max_mm
-    q = layout.park_q
-    opening = layout.hand.max_mm
-    trouble: list[str] = []
-    T = T_world_part
+def follow(plan: Plan, layout: CellLayout, solid: Solid, start: Start | Array) -> Walk:
+    """Follow a plan from `start`: a pose (4, 4) on the table, OnTable, InArm or InFixture."""
+    f = Follower(layout, solid, start)
     for step in plan.steps:
-        if isinstance(step, Pick):
-            g = step.grip
-            path = [q, *step.motion_in, *step.motion_down]
-            trouble += c.drive(path, step.pre_open_mm, wide, None, T, (), step.label)
-            path = [path[-1], *step.motion_up]
-            trouble += c.drive(path, g.opening_mm, wide, g, None, ("arm",), step.label)
-            q = path[-1]
-        elif isinstance(step, Present):
-            path = [q, *step.motion]
-            g = step.grip
-            trouble += c.drive(path, g.opening_mm, wide, g, None, ("arm",), step.label)
-            q = path[-1]
-        elif isinstance(step, HandOver):
-            path = [q, *step.motion]
-            g = step.grip
-            trouble += c.drive(
-                path, g.opening_mm, step.fixture_pre_open_mm, g, None, ("arm",), step.label
-            )
-            T = c.frames(path[-1])["tip"] @ np.linalg.inv(g.T_part_hand)
-            held = step.fixture_expected_opening_mm
-            path = [path[-1], *step.retreat]
-            opening = step.hand_open_mm
-            trouble += c.drive(path, opening, held, None, T, ("fixture",), step.label)
-            q = path[-1]
-        elif isinstance(step, TakeBack):
-            held = step.fixture_grip.opening_mm
-            # the jaws are still as they let go; they open where the straight way begins
-            path = [q, *step.motion_in]
-            trouble += c.drive(path, opening, held, None, T, ("fixture",), step.label)
-            for between in np.linspace(opening, step.pre_open_mm, 9):
-                found = c.state(path[-1], float(between), held, T, ("fixture",))
-                trouble += [f"{step.label}: {contact}" for contact in found]
-            path = [path[-1], *step.approach]
-            trouble += c.drive(path, step.pre_open_mm, held, None, T, ("fixture",), step.label)
-            g = step.grip
-            path = [path[-1], *step.motion_out]
-            trouble += c.drive(
-                path, g.opening_mm, step.fixture_open_mm, g, None, ("arm",), step.label
-            )
-            q = path[-1]
+        f.follow(step)
+    q, opening, grip, T = f.q, f.opening, f.grip, f.T
     for name, place in plan.place.items():
-        g = place.grip
-        path = [q, *place.motion, *place.motion_down]
-        trouble += c.drive(path, g.opening_mm, wide, g, None, ("arm",), place.label)
-        T = place.T_world_part
-        path = [path[-1], *place.motion_up]
-        trouble += c.drive(path, place.open_mm, wide, None, T, (), place.label)
-        path = [path[-1], *plan.park[name].motion]
-        trouble += c.drive(path, place.open_mm, wide, None, T, (), place.label)
-    return sorted(set(trouble))
+        f.q, f.opening, f.grip, f.T = q, opening, grip, T
+        f.follow(place)
+        f.follow(plan.park[name])
+        if np.abs(np.asarray(f.q) - layout.park_q).max() > 1e-6:
+            f.say(plan.park[name], "does not end where the arm parks")
+    f.walk.trouble = sorted(set(f.walk.trouble))
+    return f.walk
+
+
+def check(plan: Plan, layout: CellLayout, solid: Solid, T_world_part: Start | Array) -> list[str]:
+    """Return every finding along a whole plan, each named once."""
+    return follow(plan, layout, solid, T_world_part).trouble
