@@ -1,0 +1,181 @@
+"""The cheapest views that show everything under one set of grips, exactly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import Bounds, LinearConstraint, milp
+from scipy.sparse import csr_array
+
+from ..boxes import BoolArray
+from ._problem import SAME_S, IntArray
+from ._tables import Table, Tables
+
+FloatArray = NDArray[np.float64]
+MILP_NODES = 20_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stacked:
+    """The views of a set of grips in one table.
+
+    Attributes
+    ----------
+    rows : (v, m) 0/1; prices_s : (v,); units : (v,)
+    owner : (v,) grip; index : (v,) row of the grip's own table
+    """
+
+    rows: Table
+    prices_s: FloatArray
+    units: Table
+    owner: IntArray
+    index: IntArray
+
+
+def stack(tables: Tables, grips: IntArray) -> Stacked:
+    """Put the tables of grips under each other."""
+    sizes = [len(tables.rows[g]) for g in grips]
+    return Stacked(
+        rows=np.concatenate([tables.rows[g] for g in grips]),
+        prices_s=np.concatenate([tables.prices_s[g] for g in grips]),
+        units=np.concatenate([tables.unit_prices[g] for g in grips]),
+        owner=np.repeat(np.asarray(grips, dtype=np.intp), sizes),
+        index=np.concatenate([np.arange(s) for s in sizes]).astype(np.intp),
+    )
+
+
+def quick_cover(rows: Table, prices_s: FloatArray, u: Table | None = None) -> IntArray:
+    """Return rows that show every element, most for their price first, none in vain.
+
+    Parameters
+    ----------
+    u : (m,) what each element counts, None for all alike
+    """
+    worth = np.ones(rows.shape[1], dtype=np.float32) if u is None else u + np.float32(1 / 64)
+    open_ = worth.copy()
+    price = np.maximum(prices_s, 1e-9)
+    chosen: list[int] = []
+    while open_.any():
+        k = int(np.argmax((rows @ open_) / price))
+        if rows[k] @ open_ <= 0.0:
+            raise ValueError("an element is shown by no view")
+        chosen.append(k)
+        open_[rows[k] > 0] = 0.0
+    count = rows[chosen].sum(axis=0)
+    for k in sorted(chosen, key=lambda k: (-prices_s[k], rows[k].sum(), k)):
+        if (count[rows[k] > 0] >= 2).all():
+            chosen.remove(k)
+            count -= rows[k]
+    return np.array(chosen, dtype=np.intp)
+
+
+def exact_cover(
+    rows: Table,
+    prices_s: FloatArray,
+    limit_s: float,
+    reduced_s: FloatArray | None = None,
+    nodes: int = MILP_NODES,
+) -> tuple[IntArray | None, float]:
+    """Find the cheapest rows that show every element for less than a limit.
+
+    Parameters
+    ----------
+    limit_s : only what is cheaper counts
+    reduced_s : (v,) a floor of every cover that has this row, to leave rows out
+
+    Returns
+    -------
+    rows chosen, None if none is cheaper; a floor [s] of all covers, `limit_s` if none is cheaper
+    """
+    keep = np.arange(len(rows))
+    if reduced_s is not None:
+        keep = keep[reduced_s < limit_s - SAME_S]
+    fixed: list[int] = []
+    fixed_s = 0.0
+    table = rows[keep] > 0
+    open_ = np.ones(rows.shape[1], dtype=bool)
+    while True:
+        before = (len(keep), int(open_.sum()))
+        table, keep, open_, forced = _reduced(table, keep, open_, prices_s)
+        if forced is None:
+            return None, limit_s
+        fixed += forced
+        fixed_s = float(prices_s[fixed].sum())
+        if fixed_s >= limit_s - SAME_S:
+            return None, limit_s
+        if (len(keep), int(open_.sum())) == before:
+            break
+    if not open_.any():
+        return np.array(fixed, dtype=np.intp), fixed_s
+    prices = prices_s[keep]
+    left_s = limit_s - fixed_s
+    sub = csr_array(table[:, open_].T.astype(float))
+    constraints = [LinearConstraint(sub, lb=1.0)]
+    # as few views as the limit leaves room for: stops the search where nothing cheaper is left
+    room = (left_s - SAME_S) / max(float(prices.min()), 1e-9)
+    if np.isfinite(room) and room < len(prices):
+        most = np.floor(room)
+        constraints.append(LinearConstraint(np.ones((1, len(prices))), ub=most))
+        if np.ptp(prices) > 0.0:
+            constraints.append(LinearConstraint(prices[None], ub=left_s - SAME_S / 2))
+    answer = milp(
+        prices,
+        integrality=np.ones(len(prices)),
+        bounds=Bounds(0.0, 1.0),
+        constraints=constraints,
+        options={"mip_rel_gap": 0.0, "node_limit": nodes},
+    )
+    if answer.status == 2:
+        return None, limit_s
+    floor = answer.mip_dual_bound if answer.mip_dual_bound is not None else 0.0
+    if answer.x is None:
+        return None, min(limit_s, fixed_s + max(0.0, float(floor)))
+    chosen = keep[answer.x > 0.5]
+    cost = fixed_s + float(prices_s[chosen].sum())
+    found = np.concatenate([np.array(fixed, dtype=np.intp), chosen])
+    if not (rows[found].sum(axis=0) > 0).all():  # a solver's tolerance is no cover
+        return None, fixed_s
+    if answer.status == 0:
+        return (found, cost) if cost < limit_s - SAME_S / 2 else (None, limit_s)
+    return found, min(cost, fixed_s + float(floor))
+
+
+def _reduced(
+    table: BoolArray, keep: IntArray, open_: BoolArray, prices_s: FloatArray
+) -> tuple[BoolArray, IntArray, BoolArray, list[int] | None]:
+    """Take what must be taken, drop what need not be; None where an element is shown by none."""
+    count = table[:, open_].sum(axis=0)
+    if (count == 0).any():
+        return table, keep, open_, None
+    open_ = open_.copy()
+    single = np.flatnonzero(open_)[count == 1]
+    forced_rows = np.unique(table[:, single].argmax(axis=0)) if len(single) else np.zeros(0, int)
+    forced = [int(k) for k in keep[forced_rows]]
+    if forced:
+        open_ &= ~table[forced_rows].any(axis=0)
+    # elements: i comes by itself where all rows of j show it
+    cols = np.flatnonzero(open_)
+    bits = table[:, cols].astype(np.float32)
+    common = bits.T @ bits
+    size = bits.sum(axis=0)
+    implied = size[:, None] <= common.T  # [j, i]: rows of j all show i
+    equal = implied & implied.T
+    later = np.arange(len(cols))[:, None] > np.arange(len(cols))[None]
+    implied &= ~(equal & later)
+    np.fill_diagonal(implied, False)
+    open_[cols[implied.any(axis=0)]] = False
+    # rows: one within another that is no dearer
+    cols = np.flatnonzero(open_)
+    bits = table[:, cols].astype(np.float32)
+    size = bits.sum(axis=1)
+    inside = (bits @ bits.T) >= size[:, None]
+    price = prices_s[keep]
+    no_dearer = price[None] <= price[:, None]
+    equal = inside & inside.T & (price[None] == price[:, None])
+    first = np.arange(len(keep))[None] < np.arange(len(keep))[:, None]
+    dominated = inside & no_dearer & (~equal | first)
+    np.fill_diagonal(dominated, False)
+    stay = ~dominated.any(axis=1) & (size > 0)
+    return table[stay], keep[stay], open_, forced

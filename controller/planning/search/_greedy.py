@@ -1,0 +1,108 @@
+"""The baseline: the grip that shows most, then whichever adds most; views the same way."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..boxes import BoolArray
+from ..layout import FloatArray
+from ._problem import MAX_GRIPS, Problem, Solution, live_grips, needed_of, priced
+
+
+def greedy(problem: Problem, max_grips: int = MAX_GRIPS) -> Solution | None:
+    """Show everything by taking at each turn what adds most.
+
+    The first grip is the one that can be had at the start and shows most; then, from the grip in
+    hand, the one within a hop that shows most of what is left, through another grip where none
+    does; of equal ones the cheapest. Views under these grips by most new elements for their price,
+    those made needless by later ones left out.
+
+    Returns
+    -------
+    None where no way leads from start to finish; an incomplete solution where it loses its way
+    """
+    live = live_grips(problem, max_grips)
+    if not len(live):
+        return None
+    needed = needed_of(problem, max_grips)
+    shown = np.array(
+        [problem.shows[g][np.isfinite(problem.view_s[g])].any(axis=0) & needed for g in live]
+    )
+    hop = problem.hop_s[np.ix_(live, live)].copy()
+    np.fill_diagonal(hop, np.inf)
+    ends = [problem.last_s[live]]  # ends[k]: cheapest finish by k hops or fewer
+    for _ in range(max_grips):
+        ends.append(np.minimum(ends[-1], (hop + ends[-1][None]).min(axis=1)))
+    sequence: list[int] = []
+    left = needed.copy()
+    price = problem.first_s[live]
+    while True:
+        room = max_grips - len(sequence) - 1
+        can = np.isfinite(price) & np.isfinite(ends[room]) if room >= 0 else np.zeros(0, bool)
+        if not can.any():
+            break
+        gain = np.where(can, (shown & left).sum(axis=1), -1)
+        if gain.max() <= 0 and sequence:
+            beyond = (shown & left).sum(axis=1)
+            # nothing new within a hop: towards what shows something, if there is room
+            step = hop + np.where(beyond > 0, 0.0, np.inf)[None]
+            detour = np.where(can & (room >= 1), price + step.min(axis=1), np.inf)
+            if not np.isfinite(detour).any():
+                break
+            k = int(np.argmin(detour))
+        else:
+            best = np.flatnonzero(gain == gain.max())
+            k = int(best[np.argmin((price + ends[room])[best])])
+        sequence.append(k)
+        left &= ~shown[k]
+        if not left.any():
+            break
+        price = hop[k]
+    if not sequence:
+        return None
+    _finish(sequence, problem, live, hop, ends, max_grips)
+    return _with_views(problem, [int(live[k]) for k in sequence], needed, max_grips)
+
+
+def _finish(
+    sequence: list[int],
+    problem: Problem,
+    live: np.ndarray,
+    hop: FloatArray,
+    ends: list[FloatArray],
+    max_grips: int,
+) -> None:
+    """Go on to a grip that can be finished from, the cheapest way."""
+    last = problem.last_s[live]
+    while True:
+        room, here = max_grips - len(sequence), sequence[-1]
+        if last[here] <= ends[room][here]:
+            return
+        sequence.append(int(np.argmin(hop[here] + ends[room - 1])))
+
+
+def _with_views(problem: Problem, grips: list[int], needed: BoolArray, max_grips: int) -> Solution:
+    candidates = [
+        (k, v)
+        for k, g in enumerate(grips)
+        for v in np.flatnonzero(np.isfinite(problem.view_s[g]))
+        if g not in grips[:k]
+    ]
+    chosen: list[int] = []
+    if candidates:
+        table = np.stack([problem.shows[grips[k]][v] & needed for k, v in candidates])
+        price = np.array([problem.view_s[grips[k]][v] for k, v in candidates])
+        bits = table.astype(np.float32)
+        left = needed & table.any(axis=0)
+        while left.any():
+            best = int(np.argmax((bits @ left.astype(np.float32)) / np.maximum(price, 1e-9)))
+            chosen.append(best)
+            left &= ~table[best]
+        for best in list(chosen):
+            others = [c for c in chosen if c != best]
+            if not (table[best] & ~table[others].any(axis=0)).any():
+                chosen.remove(best)
+    views = [
+        [int(candidates[c][1]) for c in chosen if candidates[c][0] == k] for k in range(len(grips))
+    ]
+    return priced(problem, grips, views, 0.0, max_grips)

@@ -1,0 +1,195 @@
+"""What the search is asked and what it answers: tables of who shows what, and prices; no geometry.
+
+A *grip* is a way to hold the part, an *element* a thing to be shown (a surface sample, or a
+feature such as "face 7 seen square"). planning.md 1.3.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..boxes import BoolArray
+from ..layout import FloatArray
+
+IntArray = NDArray[np.intp]
+MAX_GRIPS = 5  # planning.md 1.3: a fourth re-grip's bound exceeded every optimum measured
+SAME_S = 1e-7  # costs closer than this [s] are one
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """Which grips show what by which views, and what everything costs.
+
+    Attributes
+    ----------
+    shows : per grip (v_g, m): which of the m elements each of its views shows
+    weights : (m,) share of surface of each element, only to report what is covered
+    view_s : per grip (v_g,) price of each view [s], inf = not possible
+    first_s : (g,) price of having the part in that grip at the start [s], inf = not possible
+    hop_s : (g, g) price of the cheapest change of grip over any support [s], inf = none
+    last_s : (g,) price of finishing from that grip [s], inf = cannot
+    seen : (m,) elements already seen, which need not be shown again
+
+    Raises
+    ------
+    ValueError : shapes do not fit together, or a price is negative or not a number
+    """
+
+    shows: tuple[BoolArray, ...]
+    weights: FloatArray
+    view_s: tuple[FloatArray, ...]
+    first_s: FloatArray
+    hop_s: FloatArray
+    last_s: FloatArray
+    seen: BoolArray
+
+    def __post_init__(self) -> None:
+        n, m = len(self.shows), len(self.weights)
+        if len(self.view_s) != n or self.seen.shape != (m,):
+            raise ValueError("prices of views per grip, what is seen per element")
+        if self.first_s.shape != (n,) or self.last_s.shape != (n,) or self.hop_s.shape != (n, n):
+            raise ValueError(f"first (g,), hops (g, g) and last (g,) of {n} grips")
+        for g, (table, prices) in enumerate(zip(self.shows, self.view_s, strict=True)):
+            if table.shape != (len(prices), m) or table.dtype != np.bool_:
+                raise ValueError(f"grip {g}: views (v, {m}) bool and one price each")
+        for prices in (self.first_s, self.hop_s, self.last_s, *self.view_s):
+            if not (prices >= 0.0).all():
+                raise ValueError("prices are seconds from 0 up")
+
+    @property
+    def grip_count(self) -> int:
+        """Return the number of grips."""
+        return len(self.shows)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solution:
+    """Grips to hold the part with in turn, and the views to take under each.
+
+    Attributes
+    ----------
+    grips : in order; one may come twice, and one without views is mere transit
+    views : per entry of `grips` the views to take, ascending
+    cost_s : first, hops, views and last together
+    bound_s : no way to show all of `needed` with the grips allowed costs less; inf = there is none
+    covered : (m,) what the chosen views show
+    needed : (m,) what some view that can be had at all shows, without what is seen already
+    covers_count : set cover problems solved exactly, a measure of work
+    """
+
+    grips: tuple[int, ...]
+    views: tuple[tuple[int, ...], ...]
+    cost_s: float
+    bound_s: float
+    covered: BoolArray
+    needed: BoolArray
+    covers_count: int = 0
+
+    @property
+    def is_complete(self) -> bool:
+        """Tell whether all that is needed is shown."""
+        return not bool((self.needed & ~self.covered).any())
+
+    @property
+    def is_optimal(self) -> bool:
+        """Tell whether all is shown and nothing cheaper does."""
+        return self.is_complete and self.cost_s <= self.bound_s
+
+    @property
+    def gap(self) -> float:
+        """Return by how much of its cost the solution may still be improved."""
+        return max(0.0, self.cost_s - self.bound_s) / self.cost_s if self.cost_s > 0.0 else 0.0
+
+    @property
+    def view_count(self) -> int:
+        """Return the number of views."""
+        return sum(map(len, self.views))
+
+
+def live_grips(problem: Problem, max_grips: int = MAX_GRIPS) -> IntArray:
+    """Return, ascending, the grips that lie on some way from start to finish."""
+    hop = np.isfinite(problem.hop_s)
+    to = _steps(np.isfinite(problem.first_s), hop)
+    back = _steps(np.isfinite(problem.last_s), hop.T)
+    return np.flatnonzero(to + back + 1 <= max_grips)
+
+
+def _steps(sources: BoolArray, hop: BoolArray) -> FloatArray:
+    """Return how many hops each grip is from the sources, inf = out of reach."""
+    steps = np.where(sources, 0.0, np.inf)
+    reached, front, k = sources.copy(), sources, 0
+    while front.any():
+        k += 1
+        front = hop[front].any(axis=0) & ~reached
+        steps[front] = k
+        reached |= front
+    return steps
+
+
+def needed_of(problem: Problem, max_grips: int = MAX_GRIPS) -> BoolArray:
+    """Return (m,) what some view under some live grip shows and is not seen yet."""
+    needed = np.zeros(len(problem.weights), dtype=bool)
+    for g in live_grips(problem, max_grips):
+        needed |= problem.shows[g][np.isfinite(problem.view_s[g])].any(axis=0)
+    return needed & ~problem.seen
+
+
+def priced(
+    problem: Problem,
+    grips: Sequence[int],
+    views: Sequence[Sequence[int]],
+    bound_s: float,
+    max_grips: int = MAX_GRIPS,
+    covers_count: int = 0,
+) -> Solution:
+    """Return a solution with its cost and what it covers worked out from the problem alone."""
+    cost = float(problem.first_s[grips[0]]) + float(problem.last_s[grips[-1]])
+    covered = np.zeros(len(problem.weights), dtype=bool)
+    for g, h in itertools.pairwise(grips):
+        cost += float(problem.hop_s[g, h])
+    for g, chosen in zip(grips, views, strict=True):
+        cost += float(problem.view_s[g][list(chosen)].sum())
+        covered |= problem.shows[g][list(chosen)].any(axis=0)
+    return Solution(
+        grips=tuple(int(g) for g in grips),
+        views=tuple(tuple(sorted(int(v) for v in chosen)) for chosen in views),
+        cost_s=cost,
+        bound_s=bound_s,
+        covered=covered,
+        needed=needed_of(problem, max_grips),
+        covers_count=covers_count,
+    )
+
+
+def refuted(
+    problem: Problem,
+    *,
+    hops: Sequence[tuple[int, int]] = (),
+    views: Sequence[tuple[int, int]] = (),
+    firsts: Sequence[int] = (),
+    lasts: Sequence[int] = (),
+) -> Problem:
+    """Return the problem without what turned out to be impossible, and with all the rest.
+
+    Parameters
+    ----------
+    hops : (from, to) grips between which no motion was found
+    views : (grip, view) that cannot be taken
+    firsts, lasts : grips that cannot be had at the start, or be finished from
+    """
+    first_s, hop_s, last_s = problem.first_s.copy(), problem.hop_s.copy(), problem.last_s.copy()
+    view_s = list(problem.view_s)
+    for g, h in hops:
+        hop_s[g, h] = np.inf
+    for g, v in views:
+        if view_s[g] is problem.view_s[g]:
+            view_s[g] = view_s[g].copy()
+        view_s[g][v] = np.inf
+    first_s[list(firsts)] = np.inf
+    last_s[list(lasts)] = np.inf
+    return replace(problem, view_s=tuple(view_s), first_s=first_s, hop_s=hop_s, last_s=last_s)

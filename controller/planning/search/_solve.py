@@ -1,0 +1,345 @@
+"""The cheapest grips and views that show all that can be shown, with proof: branch and bound.
+
+Ways through the grips are listed cheapest first, one grip longer at a time, as long as they could
+still lead to something better than the best known. Each *set* of grips that shows everything gets a
+floor of what views it needs: first from prices good for all sets at once, then from prices of its
+own, last the exact cover; always the set of the lowest floor next, so that the exact cover is done
+only where the proof needs it. planning.md 1.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..boxes import BoolArray
+from ..layout import FloatArray
+from ._bounds import Floors, Table, floors, raise_floors, spread_scales, union_prices
+from ._exact import exact_cover, quick_cover, stack
+from ._greedy import greedy
+from ._problem import MAX_GRIPS, SAME_S, IntArray, Problem, Solution, live_grips, needed_of, priced
+from ._tables import Tables, make_tables
+from ._walks import Walks, first_walks, longer, showing_all, tails
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """How much work may be done, counted so that the same problem always gets as far.
+
+    Attributes
+    ----------
+    floors : sets of grips whose floor may be raised; covers : exact covers
+    nodes : of branch and bound within one cover
+    ways : of equal length kept at most
+    """
+
+    floors: int = 20_000
+    covers: int = 1_500
+    nodes: int = 20_000
+    ways: int = 20_000
+
+
+COARSE = Effort(floors=256, covers=4, nodes=500, ways=4_000)
+FULL = Effort()
+_BATCH = 96
+_STEPS = 45
+_TRIES = 6  # quick covers per batch, for an early good solution
+_SCALE = 1.25  # few grips ask more for each element than all of them together
+
+
+def solve(
+    problem: Problem,
+    *,
+    max_grips: int = MAX_GRIPS,
+    effort: Effort = FULL,
+    incumbent: Solution | None = None,
+) -> Solution | None:
+    """Show all of what is needed at the least cost.
+
+    Parameters
+    ----------
+    max_grips : at most so many in a row, transit included
+    effort : where it stops short; bound and gap are right all the same
+    incumbent : a solution known already, of this problem or one much like it; what is no longer
+        possible in it is not used
+
+    Returns
+    -------
+    None where no way leads from start to finish. Where no single way shows all of what is needed,
+    the solution is that of the greatest share of surface one of the ways found can show, with
+    `is_complete` False and `bound_s` inf, or less if the effort ended first.
+    """
+    if not len(live_grips(problem, max_grips)):
+        return None
+    needed = needed_of(problem, max_grips)
+    tables = make_tables(problem, max_grips)
+    search = _Search(problem, tables, max_grips, effort)
+    known = [greedy(problem, max_grips), incumbent]
+    for solution in known:
+        if solution is not None and _still_good(problem, solution, needed, max_grips):
+            search.offer(solution.grips, solution.views)
+    bound_s = search.run()
+    if search.best is None:
+        way, part = search.most_shown()
+        rest = replace(problem, seen=problem.seen | ~part)
+        views = tuple(_plain_views(rest, way))
+        least = solve(
+            rest,
+            max_grips=max_grips,
+            effort=effort,
+            incumbent=priced(rest, way, views, 0.0, max_grips),
+        )
+        if least is None:
+            raise AssertionError("a way was found that is none")
+        covers = search.covers + least.covers_count
+        return priced(problem, least.grips, least.views, bound_s, max_grips, covers)
+    grips, views, cost_s = search.best
+    return priced(problem, grips, views, min(bound_s, cost_s), max_grips, search.covers)
+
+
+def _plain_views(problem: Problem, way: Sequence[int]) -> Iterator[tuple[int, ...]]:
+    """Yield per grip of a way views that show all it can and that others before do not."""
+    left = ~problem.seen
+    for g in way:
+        can = np.flatnonzero(np.isfinite(problem.view_s[g]))
+        table = problem.shows[g][can] & left
+        open_ = table.any(axis=0)
+        left = left & ~open_
+        if open_.any():
+            rows = quick_cover(table[:, open_].astype(np.float32), problem.view_s[g][can])
+            yield tuple(sorted(int(v) for v in can[rows]))
+        else:
+            yield ()
+
+
+def _still_good(problem: Problem, solution: Solution, needed: BoolArray, max_grips: int) -> bool:
+    """Tell whether a solution can be had and shows everything."""
+    if len(solution.grips) > max_grips or max(solution.grips) >= problem.grip_count:
+        return False
+    for g, views in zip(solution.grips, solution.views, strict=True):
+        if views and max(views) >= len(problem.view_s[g]):
+            return False
+    again = priced(problem, solution.grips, solution.views, 0.0, max_grips)
+    return bool(np.isfinite(again.cost_s)) and not (needed & ~again.covered).any()
+
+
+@dataclass(slots=True, eq=False)
+class _Pool:
+    """Sets of grips that show everything, and how far each has been looked into."""
+
+    grips: list[tuple[int, ...]] = field(default_factory=list)  # the cheapest way, in order
+    sets: list[IntArray] = field(default_factory=list)
+    way_s: list[float] = field(default_factory=list)
+    floor_s: list[float] = field(default_factory=list)  # of the whole
+    units: list[float] = field(default_factory=list)
+    stage: list[int] = field(default_factory=list)
+    u: dict[int, Table] = field(default_factory=dict)
+    at: dict[tuple[int, ...], int] = field(default_factory=dict)
+
+
+class _Search:
+    """One run; `best` is what has been found, as the problem numbers grips and views."""
+
+    def __init__(self, problem: Problem, tables: Tables, max_grips: int, effort: Effort) -> None:
+        self.problem, self.tables = problem, tables
+        self.max_grips, self.effort = max_grips, effort
+        self.best: tuple[tuple[int, ...], tuple[tuple[int, ...], ...], float] | None = None
+        self.best_s = np.inf
+        self.covers = self.floored = 0
+        self.pool = _Pool()
+        self.levels: list[Walks] = []
+        self.union: Floors | None = None
+
+    def offer(self, grips: tuple[int, ...], views: tuple[tuple[int, ...], ...]) -> None:
+        """Keep a solution if it is cheaper than the best."""
+        cost = priced(self.problem, grips, views, 0.0, self.max_grips).cost_s
+        if cost < self.best_s - SAME_S:
+            self.best, self.best_s = (tuple(grips), views, cost), cost
+
+    def run(self) -> float:
+        """Search; return the floor of all solutions."""
+        tables, problem = self.tables, self.problem
+        u, all_units = union_prices(tables)
+        self.union = floors(tables, spread_scales(u, 2.0))
+        all_s = float(tables.views_floor_s(np.array([all_units]))[0])
+        hop = problem.hop_s[np.ix_(tables.grips, tables.grips)]
+        tail = tails(problem, tables.grips, self.max_grips)
+        walks = first_walks(problem, tables.grips)
+        open_s = np.inf  # floor of all that was not looked into
+        for length in range(1, self.max_grips + 1):
+            self.levels.append(walks)
+            self._enter(walks)
+            self._settle()
+            if length == self.max_grips or not len(walks.grips):
+                break
+            walks = longer(
+                walks,
+                hop,
+                tail,
+                self.best_s - all_s,
+                self.levels,
+                self.effort.ways,
+                tables.covered if self.best is None else None,
+            )
+            open_s = min(open_s, walks.left_out_s + all_s)
+        pending = [f for f, s in zip(self.pool.floor_s, self.pool.stage, strict=True) if s != 2]
+        return min([self.best_s, open_s, *pending])
+
+    def most_shown(self) -> tuple[tuple[int, ...], BoolArray]:
+        """Return the way that shows the greatest share of surface, and (m,) what it shows."""
+        problem, grips = self.problem, self.tables.grips
+        worth = problem.weights + 1.0 / (1 << 20)  # what weighs nothing is shown all the same
+        per_grip = np.array(
+            [
+                problem.shows[g][np.isfinite(problem.view_s[g])].any(axis=0) & ~problem.seen
+                for g in grips
+            ]
+        )
+        best: tuple[float, IntArray, BoolArray] | None = None
+        for walks in self.levels:
+            ends = np.isfinite(problem.last_s[grips[walks.grips[:, -1]]])
+            for k in np.flatnonzero(ends):
+                union = per_grip[walks.grips[k]].any(axis=0)
+                value = float(worth @ union)
+                if best is None or value > best[0] + 1e-12:
+                    best = value, walks.grips[k], union
+        if best is None:
+            raise AssertionError("live grips, but no way through them")
+        return tuple(int(grips[g]) for g in best[1]), best[2]
+
+    def _enter(self, walks: Walks) -> None:
+        """Take up the sets of these ways that show all, may be finished from and could be best."""
+        tables, pool = self.tables, self.pool
+        assert self.union is not None
+        whole = walks.cost_s + self.problem.last_s[tables.grips[walks.grips[:, -1]]]
+        at = np.flatnonzero(whole < self.best_s - SAME_S)
+        at = at[showing_all(tables.covered, walks.sets[at])]
+        if not len(at):
+            return
+        units = self.union.of_sets(walks.sets[at])
+        total = whole[at] + tables.views_floor_s(units)
+        good = total < self.best_s - SAME_S
+        at, units, total = at[good], units[good], total[good]
+        for k in np.argsort(whole[at], kind="stable"):
+            way, n = at[k], len(tables.grips)
+            members = walks.sets[way][walks.sets[way] < n]
+            kinds, first = np.unique(tables.kinds[members], return_index=True)
+            key = tuple(int(x) for x in kinds)
+            known = pool.at.get(key)
+            if known is not None and pool.way_s[known] <= whole[way] + SAME_S:
+                continue
+            entry = (tuple(int(g) for g in walks.grips[way]), np.sort(members[first]))
+            if known is None:
+                pool.at[key] = len(pool.grips)
+                pool.grips.append(entry[0])
+                pool.sets.append(entry[1])
+                pool.way_s.append(float(whole[way]))
+                pool.floor_s.append(float(total[k]))
+                pool.units.append(float(units[k]))
+                pool.stage.append(0)
+            else:  # the same views, had more cheaply by a longer way
+                saved = pool.way_s[known] - float(whole[way])
+                pool.grips[known], pool.sets[known] = entry
+                pool.way_s[known] -= saved
+                pool.floor_s[known] -= saved
+                pool.stage[known] = min(pool.stage[known], 1 if known in pool.u else 0)
+
+    def _settle(self) -> None:
+        """Look into sets, the lowest floor first, until none can be better or effort ends."""
+        pool = self.pool
+        while True:
+            floor = np.array(pool.floor_s)
+            stage = np.array(pool.stage, dtype=int)
+            pending = np.flatnonzero((floor < self.best_s - SAME_S) & (stage < 2))
+            if not len(pending):
+                return
+            order = pending[np.argsort(floor[pending], kind="stable")]
+            if stage[order[0]] == 0:
+                if self.floored >= self.effort.floors and self.best is not None:
+                    return
+                self._raise([int(k) for k in order[stage[order] == 0][:_BATCH]])
+            else:
+                if self.covers >= self.effort.covers:
+                    return
+                self._cover(int(order[0]))
+
+    def _raise(self, which: list[int]) -> None:
+        tables, pool = self.tables, self.pool
+        assert self.union is not None
+        n = len(tables.grips)
+        width = max(len(pool.sets[k]) for k in which)
+        sets = np.full((len(which), width), n)
+        for row, k in enumerate(which):
+            sets[row, : len(pool.sets[k])] = pool.sets[k]
+        way = np.array([pool.way_s[k] for k in which])
+        start = np.repeat((self.union.u[-1] * np.float32(_SCALE))[None], len(which), axis=0)
+        if not np.isfinite(self.best_s):
+            for row in range(min(_TRIES, len(which))):
+                self._try(which[row], start[row])
+        units, u = raise_floors(tables, sets, start, self._goals(way), _STEPS)
+        floor = way + tables.views_floor_s(units)
+        self.floored += len(which)
+        for row, k in enumerate(which):
+            pool.stage[k] = 1
+            pool.u[k] = u[row]
+            pool.units[k] = max(pool.units[k], float(units[row]))
+            pool.floor_s[k] = max(pool.floor_s[k], float(floor[row]))
+        lowest = sorted(which, key=lambda k: (pool.floor_s[k], k))[:_TRIES]
+        for k in lowest:
+            if pool.floor_s[k] < self.best_s - SAME_S:
+                self._try(k, pool.u[k])
+
+    def _goals(self, way_s: FloatArray) -> FloatArray:
+        """Return which floor in units would rule each set out."""
+        tables = self.tables
+        if not np.isfinite(self.best_s) or tables.dearest_s <= 0.0:
+            return np.full(len(way_s), np.inf if tables.dearest_s > 0.0 else 0.0)
+        room = self.best_s - SAME_S - way_s
+        goal: FloatArray = room / tables.dearest_s
+        if tables.least_s > 0.0:  # so many views fit, one more does not
+            goal = np.minimum(goal, np.ceil(room / tables.least_s) - 1.0)
+        return goal + 0.002
+
+    def _try(self, k: int, u: Table) -> None:
+        """Cover the set quickly, by prices and by numbers."""
+        stacked = stack(self.tables, self.pool.sets[k])
+        for prices in (u, None):
+            rows = quick_cover(stacked.rows, stacked.prices_s, prices)
+            self._offer_rows(k, stacked.owner[rows], stacked.index[rows])
+
+    def _cover(self, k: int) -> None:
+        """Settle the set for good."""
+        tables, pool = self.tables, self.pool
+        stacked = stack(tables, pool.sets[k])
+        u = pool.u[k]
+        left = stacked.units - stacked.rows @ u
+        base = float(u.sum(dtype=np.float64)) + float(np.minimum(left, 0.0).sum(dtype=np.float64))
+        reduced = tables.views_floor_s(base + np.maximum(left, 0.0).astype(np.float64))
+        limit = self.best_s - pool.way_s[k]
+        if not np.isfinite(limit):
+            limit = float(stacked.prices_s.sum()) + 1.0
+        rows, floor = exact_cover(stacked.rows, stacked.prices_s, limit, reduced, self.effort.nodes)
+        self.covers += 1
+        pool.stage[k] = 2
+        if rows is not None:
+            self._offer_rows(k, stacked.owner[rows], stacked.index[rows])
+        pool.floor_s[k] = max(pool.floor_s[k], pool.way_s[k] + floor)
+        if pool.floor_s[k] < self.best_s - SAME_S:
+            pool.stage[k] = 3  # nodes ran out: its floor stands
+
+    def _offer_rows(self, k: int, owner: IntArray, index: IntArray) -> None:
+        """Offer views of the set's grips as a solution."""
+        tables, grips = self.tables, self.pool.grips[k]
+        kind_of = tables.kinds
+        views: list[tuple[int, ...]] = []
+        used: list[int] = []
+        for g in grips:
+            kind = int(kind_of[g])
+            mine = [] if kind in used else index[kind_of[owner] == kind]
+            used.append(kind)
+            views.append(
+                tuple(sorted(int(v) for v in tables.view_ids[g][mine])) if len(mine) else ()
+            )
+        self.offer(tuple(int(tables.grips[g]) for g in grips), tuple(views))
