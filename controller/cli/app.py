@@ -243,21 +243,42 @@ def calibrate_camera(
     raise typer.Exit(calibrate_from_files(images, target, output, as_json=json))
 
 
-@app.command(epilog="Example: cellctl plan recipes/parts/featuretype.stl --json")
+@app.command(epilog="Example: cellctl plan recipes/parts/featuretype.stl --report featuretype.html")
 def plan(
     part: Annotated[Path, typer.Argument(help="CAD file")],
     cell: Annotated[Path, typer.Option("--cell", help="cell file (YAML)")] = Path(
         "recipes/cells/emulated.yaml"
     ),
-    pose: Annotated[int, typer.Option("--pose", help="stable pose it lies in")] = 0,
-    at: Annotated[str | None, typer.Option("--at", help="where it lies, as X,Y,THETA_DEG")] = None,
+    pose: Annotated[
+        int | None,
+        typer.Option("--pose", help="stable pose it lies in; all of them are tried otherwise"),
+    ] = None,
+    at: Annotated[
+        str | None,
+        typer.Option("--at", help="where it lies, as X,Y,THETA_DEG; mid drop area otherwise"),
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option("--report", help="HTML page to write, with every step drawn")
+    ] = None,
     unit: UnitOption = None,
+    no_cache: Annotated[
+        bool, typer.Option("--no-cache", help="plan anew, and keep nothing")
+    ] = False,
     json: JsonOption = False,
 ) -> None:
     """Plan how a part would be shown: steps, forecast, coverage, and why not the rest."""
-    from ._offline import plan_part_file
+    from ._plan import plan_part_file
 
-    code = plan_part_file(part, cell, pose, at, unit=unit and unit.value, as_json=json)
+    code = plan_part_file(
+        part,
+        cell,
+        pose,
+        at,
+        unit=unit and unit.value,
+        report=report,
+        use_cache=not no_cache,
+        as_json=json,
+    )
     raise typer.Exit(code)
 
 

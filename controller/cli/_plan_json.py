@@ -1,0 +1,96 @@
+"""A plan as DESIGN.md 7 promises it: one JSON object; poses are nested row-major lists."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.cad import Solid, SurfaceSamples
+from controller.cell.plans import Certificate
+from controller.planning import CellLayout, Plan
+from controller.results.plan_page import Moment, moments
+
+
+def plan_json(
+    solid: Solid, samples: SurfaceSamples, layout: CellLayout, plan: Plan
+) -> dict[str, Any]:
+    """Return all keys of a plan.
+
+    Per step, `q` and `T_world_part` are those of the moment that counts: while the jaws close, the
+    picture is taken, or the part is let go. `seen_fraction` is the share of all surface that a step
+    shows, `new_fraction` what no step before it has shown.
+    """
+    weights = samples.areas_mm2 / samples.areas_mm2.sum()
+    seen = np.zeros(len(weights), dtype=bool)
+    steps = []
+    for moment in moments(plan, layout):
+        steps.append(_step_json(moment, weights, seen))
+        if moment.seen is not None:
+            seen |= moment.seen
+    proof = plan.proof
+    return {
+        "steps": steps,
+        "forecast_s": plan.forecast_s,
+        "covered_fraction": plan.covered_fraction,
+        "reachable_fraction": plan.reachable_fraction,
+        "regrips": plan.regrip_count,
+        "proof": {
+            "cost_s": proof.cost_s,
+            "bound_s": proof.bound_s,
+            "gap": proof.gap,
+            "optimal": proof.cost_s > 0 and proof.is_optimal,
+            "scope": proof.scope,
+        },
+        "views": [
+            {"view": p.view_id, "direction_part": p.direction_part.tolist(), "q": p.q.tolist()}
+            for p in plan.presents
+        ],
+        "unseen": [
+            {
+                "face": u.face_id,
+                "label": solid.faces[u.face_id].label,
+                "area_fraction": u.area_fraction,
+                "kind": u.kind.value,
+                "reason": u.reason,
+                "remedy": u.remedy,
+            }
+            for u in plan.unseen
+        ],
+    }
+
+
+def _step_json(
+    moment: Moment, weights: NDArray[np.float64], seen_before: NDArray[np.bool_]
+) -> dict[str, Any]:
+    body: dict[str, Any] = {
+        "kind": moment.kind.value,
+        "label": moment.step.label,
+        "seconds": moment.step.seconds,
+        "q": moment.q.tolist(),
+        "T_world_part": moment.T_world_part.tolist(),
+        "grip": moment.grip.id if moment.grip else None,
+        "fixture_grip": moment.fixture_grip.id if moment.fixture_grip else None,
+        "view_id": moment.view_id,
+    }
+    if moment.seen is not None:
+        body["seen_fraction"] = float(weights[moment.seen].sum())
+        body["new_fraction"] = float(weights[moment.seen & ~seen_before].sum())
+    return body
+
+
+def certificate_json(told: Certificate) -> dict[str, Any]:
+    """Return what a stable pose comes to."""
+    body: dict[str, Any] = {
+        "pose": told.pose_index,
+        "probability": told.probability,
+        "planned": told.is_planned,
+    }
+    if not told.is_planned:
+        return body | {"reason": told.reason}
+    return body | {
+        "views": told.view_count,
+        "regrips": told.regrip_count,
+        "forecast_s": told.forecast_s,
+        "covered_fraction": told.covered_fraction,
+        "reachable_fraction": told.reachable_fraction,
+    }

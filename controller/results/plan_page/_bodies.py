@@ -1,0 +1,236 @@
+"""The cell at one moment as bodies of triangles: boxes, table, trays, and the part's mesh."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from controller.cad import RayCaster, Solid
+from controller.cell.holder import link_poses, tip_pose
+from controller.planning import Box, CellLayout
+
+from ._moments import Moment
+
+Array = NDArray[np.float64]
+Colour = tuple[float, float, float]  # red, green, blue, 0..255
+
+TABLE_MM = 18.0  # thickness of the plate that stands for the table
+TABLE_ROOM_MM = 60.0  # beyond everything that stands on it
+THINNER_MM = 0.5
+RIM_MM = 4.0  # trays and what the overhead camera sees, drawn as thin plates on the table
+
+TABLE: Colour = (214, 209, 200)
+SEEN_TABLE: Colour = (244, 242, 234)
+ARM: Colour = (120, 140, 163)
+HAND: Colour = (86, 103, 125)
+FINGER: Colour = (228, 150, 60)
+FIXTURE: Colour = (88, 132, 122)
+FIXTURE_FINGER: Colour = (46, 168, 150)
+CAMERA: Colour = (70, 70, 76)
+OBSTACLE: Colour = (186, 188, 190)
+PANEL: Colour = (236, 238, 226)
+PART: Colour = (176, 184, 192)
+TRAYS: dict[str, Colour] = {
+    "accept": (150, 205, 170),
+    "reject": (226, 160, 140),
+    "quarantine": (234, 210, 130),
+}
+TRAY: Colour = (200, 200, 205)
+
+GLOWING = (PANEL, SEEN_TABLE)
+
+# corners of a box as signs, and its twelve triangles, outward
+_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+_TRIANGLES = np.array(
+    [
+        [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+        [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
+    ]
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """One thing of one colour, in the world; what glows is evenly bright."""
+
+    name: str
+    colour: Colour
+    vertices_mm: Array
+    triangles: NDArray[np.int64]
+    glows: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """All bodies of a moment as one mesh to cast rays at.
+
+    Attributes
+    ----------
+    body_of_triangle : (t,) index into `bodies`; the part's triangles come last, in CAD order
+    first_of_part : number of the part's first triangle, t where there is none
+    """
+
+    bodies: tuple[Body, ...]
+    mesh: trimesh.Trimesh
+    normals: Array
+    body_of_triangle: NDArray[np.int64]
+    first_of_part: int
+    T_world_part: Array
+
+    @cached_property
+    def caster(self) -> RayCaster:
+        """Rays against everything, in the world."""
+        return RayCaster(self.mesh)
+
+
+def box_body(name: str, colour: Colour, box: Box) -> Body:
+    """Return a box as triangles."""
+    corners = (_CORNERS * box.half_mm) @ box.T[:3, :3].T + box.T[:3, 3]
+    return Body(name, colour, corners, _TRIANGLES, glows=colour in GLOWING)
+
+
+def part_body(solid: Solid, T_world_part: Array) -> Body:
+    """Return the part where it is."""
+    vertices = np.asarray(solid.mesh.vertices) @ T_world_part[:3, :3].T + T_world_part[:3, 3]
+    return Body("part", PART, vertices, np.asarray(solid.mesh.faces))
+
+
+def standing_bodies(layout: CellLayout) -> list[Body]:
+    """Return what never moves: table, trays, column, obstacles."""
+    bodies = [
+        box_body("column", ARM, layout.column),
+        *(
+            box_body(name, _obstacle_colour(name), box)
+            for name, box in sorted(layout.obstacles.items())
+        ),
+    ]
+    low, high = _extent(layout, bodies)
+    table = Box.from_bounds(low[0], high[0], low[1], high[1], -TABLE_MM, -0.6)
+    bodies.append(box_body("table", TABLE, table))
+    (x0, y0), (x1, y1) = table_window(layout)
+    x0, x1 = max(x0, low[0]), min(x1, high[0])
+    y0, y1 = max(y0, low[1]), min(y1, high[1])
+    if x0 < x1 and y0 < y1:
+        lit = Box.from_bounds(x0, x1, y0, y1, -TABLE_MM, 0.0)
+        bodies.append(box_body("seen from above", SEEN_TABLE, lit))
+    for name, tray in sorted(layout.trays.items()):
+        (x, y), (w, h) = tray.centre_mm, tray.size_mm
+        plate = Box.from_bounds(x - w / 2, x + w / 2, y - h / 2, y + h / 2, -RIM_MM, 0.3)
+        bodies.append(box_body(f"tray {name}", TRAYS.get(name, TRAY), plate))
+    return bodies
+
+
+def table_window(layout: CellLayout) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return low and high x, y of the table that the overhead camera has in its picture."""
+    width, height = layout.overhead.size_px
+    corners = np.array([[0, 0], [width, 0], [0, height], [width, height]], dtype=float)
+    points = layout.overhead.on_plane(corners)[:, :2]
+    (x0, y0), (x1, y1) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+    return (x0, y0), (x1, y1)
+
+
+def _extent(layout: CellLayout, bodies: Sequence[Body]) -> tuple[Array, Array]:
+    points = [body.vertices_mm[:, :2] for body in bodies]
+    for tray in layout.trays.values():
+        centre, half = np.array(tray.centre_mm), np.array(tray.size_mm) / 2
+        points.append(np.stack([centre - half, centre + half]))
+    every = np.vstack([*points, np.array(table_window(layout)), layout.station_mm[None, :2]])
+    return every.min(axis=0) - TABLE_ROOM_MM, every.max(axis=0) + TABLE_ROOM_MM
+
+
+def _obstacle_colour(name: str) -> Colour:
+    if "camera" in name:
+        return CAMERA
+    if "panel" in name:
+        return PANEL
+    return FIXTURE if "fixture" in name else OBSTACLE
+
+
+def fixture_bodies(layout: CellLayout, opening_mm: float) -> list[Body]:
+    """Return the fixed gripper at an opening; nothing where the cell has none."""
+    jaw = layout.fixture
+    if jaw is None:
+        return []
+    T = layout.T_world_fixture
+    return [
+        *(box_body("fixed gripper", FIXTURE, box.placed(T)) for box in jaw.body),
+        *(
+            box_body("fixed gripper's finger", FIXTURE_FINGER, box.placed(T))
+            for box in jaw.fingers(opening_mm)
+        ),
+    ]
+
+
+def arm_bodies(layout: CellLayout, q: Array) -> list[Body]:
+    """Return the arm's links, without the hand."""
+    T = link_poses(layout, q)
+    return [
+        box_body("carriage", ARM, _thinner(layout.carriage.placed(T["carriage"]))),
+        box_body("upper", ARM, layout.upper.placed(T["upper"])),
+        box_body("fore", ARM, layout.fore.placed(T["fore"])),
+    ]
+
+
+def _thinner(box: Box) -> Box:
+    """Return a box a little smaller: its sides are not to lie in those of its neighbour."""
+    return Box(box.T, box.half_mm - THINNER_MM)
+
+
+def hand_bodies(layout: CellLayout, q: Array, opening_mm: float) -> list[Body]:
+    """Return the hand with its fingers at an opening."""
+    T = tip_pose(layout, q)
+    return [
+        *(box_body("hand", HAND, box.placed(T)) for box in layout.hand.body),
+        *(box_body("finger", FINGER, box.placed(T)) for box in layout.hand.fingers(opening_mm)),
+    ]
+
+
+def not_round(bodies: Sequence[Body], point_mm: Array) -> list[Body]:
+    """Return the bodies that a point (3,) is outside of: a camera sees no housing of its own."""
+    kept = []
+    for body in bodies:
+        low, high = body.vertices_mm.min(axis=0) - 1.0, body.vertices_mm.max(axis=0) + 1.0
+        if body.name == "part" or np.any(point_mm < low) or np.any(point_mm > high):
+            kept.append(body)
+    return kept
+
+
+def make_stage(bodies: Sequence[Body], part: Body | None, T_world_part: Array) -> Stage:
+    """Return bodies as one mesh, the part last."""
+    every = (*bodies, *([part] if part else []))
+    starts = np.cumsum([0, *(len(b.vertices_mm) for b in every)])
+    triangles = np.vstack([b.triangles + s for b, s in zip(every, starts, strict=False)])
+    mesh = trimesh.Trimesh(np.vstack([b.vertices_mm for b in every]), triangles, process=False)
+    counts = [len(b.triangles) for b in every]
+    corner = np.asarray(mesh.vertices)[triangles]
+    normals = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    return Stage(
+        bodies=every,
+        mesh=mesh,
+        normals=normals,
+        body_of_triangle=np.repeat(np.arange(len(every)), counts),
+        first_of_part=sum(counts[: len(bodies)]),
+        T_world_part=T_world_part,
+    )
+
+
+def moment_stage(
+    layout: CellLayout,
+    solid: Solid,
+    moment: Moment,
+    standing: Sequence[Body],
+    *,
+    with_links: bool = True,
+) -> Stage:
+    """Return the cell at a moment; without the arm's links to look through them."""
+    bodies = [
+        *standing,
+        *fixture_bodies(layout, moment.fixture_opening_mm),
+        *hand_bodies(layout, moment.q, moment.hand_opening_mm),
+        *(arm_bodies(layout, moment.q) if with_links else []),
+    ]
+    return make_stage(bodies, part_body(solid, moment.T_world_part), moment.T_world_part)

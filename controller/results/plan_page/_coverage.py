@@ -1,0 +1,152 @@
+"""Which places of the surface the plan shows, how often, and why not the rest: on the part."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.cad import Solid, SurfaceSamples
+from controller.planning import Plan, Reason
+
+from ._bodies import make_stage, part_body
+from ._paint import Painter
+from ._render import FINER, data_uri, look, shade, smaller
+from ._views import slant_over, slanting_eye
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float32]
+Colour = tuple[float, float, float]
+
+SIZE_PX = (270, 216)
+ELEVATION_RAD = float(np.radians(32.0))
+AZIMUTHS_DEG = (-60, 30, 120, 210)
+RELIEF = 0.45  # colours are to be read, not light
+FAR_SIZES = 3.0  # of the part's size: where rays start
+
+OFTEN = (  # by how many views, and the colour
+    (1, "seen in 1 view", (168.0, 206.0, 238.0)),
+    (2, "seen in 2 views", (92.0, 158.0, 214.0)),
+    (3, "seen in 3 views or more", (28.0, 98.0, 168.0)),
+)
+WHY: dict[Reason, Colour] = {
+    Reason.HIDDEN_BY_PART: (128.0, 88.0, 160.0),
+    Reason.FINGERS: (240.0, 170.0, 40.0),
+    Reason.REACH: (214.0, 84.0, 20.0),
+    Reason.NO_REGRASP_PATH: (226.0, 120.0, 176.0),
+    Reason.GRIP_STRENGTH: (236.0, 222.0, 70.0),
+    Reason.LEFT_OUT: (96.0, 96.0, 96.0),
+}
+SPECKS: Colour = (232.0, 232.0, 228.0)
+SPECKS_WORDS = "single places, too small to be told"
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """One colour of the map.
+
+    Attributes
+    ----------
+    share : of all surface
+    """
+
+    words: str
+    colour: str
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """The part from one side, as a data URI."""
+
+    words: str
+    picture: str
+
+
+@dataclass(frozen=True, slots=True)
+class CoverageMap:
+    """The part from all sides, and what its colours say."""
+
+    sides: tuple[Side, ...]
+    keys: tuple[Key, ...]
+    size: tuple[int, int]
+
+
+def coverage_map(
+    solid: Solid,
+    samples: SurfaceSamples,
+    plan: Plan,
+    hidden_by_part: Bools,
+    painter: Painter,
+    R_world_part: Array,
+) -> CoverageMap:
+    """Return the map of a plan.
+
+    Parameters
+    ----------
+    hidden_by_part : (n,) samples that no direction shows
+    R_world_part : (3, 3) which way up it is drawn
+    """
+    weights = samples.areas_mm2 / samples.areas_mm2.sum()
+    words, colours = states(samples, plan, hidden_by_part)
+    names = [name for _, name, _ in OFTEN] + [kind.value for kind in WHY] + [SPECKS_WORDS]
+    table = [c for _, _, c in OFTEN] + list(WHY.values()) + [SPECKS]
+    keys = tuple(
+        Key(name if i < len(OFTEN) or i == len(names) - 1 else f"not seen: {name}",
+            "#" + "".join(f"{round(v):02x}" for v in table[i]), float(weights[words == i].sum()))
+        for i, name in enumerate(names)
+        if (words == i).any()
+    )  # fmt: skip
+    return CoverageMap(_sides(solid, painter, R_world_part, colours), keys, SIZE_PX)
+
+
+def states(
+    samples: SurfaceSamples, plan: Plan, hidden_by_part: Bools
+) -> tuple[NDArray[np.int64], Floats]:
+    """Return what each sample's state is (n,), numbered as in the map's key, and its colour (n, 3).
+
+    A face that is unseen for several reasons has each in its list only as a share. There, what the
+    part hides is known place by place; the rest goes to the largest other reason of that face.
+    """
+    counts = np.zeros(len(samples.points_mm), dtype=np.int64)
+    for step in plan.steps:
+        seen = getattr(step, "seen", None)
+        if seen is not None:
+            counts += seen
+    kinds = list(WHY)
+    state = np.full(len(counts), len(OFTEN) + len(kinds))
+    for u in sorted(plan.unseen, key=lambda u: u.area_fraction):
+        here = samples.face_ids == u.face_id
+        if u.kind is Reason.HIDDEN_BY_PART:
+            continue
+        state[here] = len(OFTEN) + kinds.index(u.kind)
+    for u in plan.unseen:
+        if u.kind is Reason.HIDDEN_BY_PART:
+            here = (samples.face_ids == u.face_id) & hidden_by_part
+            state[here] = len(OFTEN) + kinds.index(u.kind)
+    state[counts > 0] = np.minimum(counts[counts > 0], len(OFTEN)) - 1
+    colours = np.array([c for _, _, c in OFTEN] + list(WHY.values()) + [SPECKS], dtype=np.float32)
+    return state, colours[state]
+
+
+def _sides(
+    solid: Solid, painter: Painter, R_world_part: Array, colours: Floats
+) -> tuple[Side, ...]:
+    T = np.eye(4)
+    T[:3, :3] = R_world_part
+    T[:3, 3] = -R_world_part @ solid.centroid_mm
+    body = part_body(solid, T)
+    stage = make_stage([], body, T)
+    size_mm = float(np.linalg.norm(np.ptp(body.vertices_mm, axis=0)))
+    fine = (FINER * SIZE_PX[0], FINER * SIZE_PX[1])
+    sides = []
+    for elevation, above in ((ELEVATION_RAD, "from above"), (-ELEVATION_RAD, "from below")):
+        for azimuth_deg in AZIMUTHS_DEG:
+            azimuth = float(np.radians(azimuth_deg))
+            slant = slant_over(body.vertices_mm, azimuth, elevation, SIZE_PX[0] / SIZE_PX[1], 0.05)
+            eye = slanting_eye(slant, fine, FAR_SIZES * size_mm)
+            sight = look(stage, eye)
+            paint = painter.paint(stage, sight, colours)
+            image = smaller(shade(stage, eye, sight, paint, RELIEF))
+            sides.append(Side(f"{above}, {azimuth_deg % 360}°", data_uri(image)))
+    return tuple(sides)

@@ -1,0 +1,164 @@
+"""The moment of each step that counts: who holds the part, where it is, how the arm stands."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.planning import (
+    CellLayout,
+    Grip,
+    HandOver,
+    Look,
+    Park,
+    Pick,
+    Place,
+    Plan,
+    Present,
+    SetDown,
+    Step,
+    TakeBack,
+    shown_pose,
+)
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+class Kind(StrEnum):
+    """What a step does."""
+
+    PICK = "pick"
+    PRESENT = "present"
+    HAND_OVER = "hand_over"
+    TAKE_BACK = "take_back"
+    SET_DOWN = "set_down"
+    LOOK = "look"
+    PLACE = "place"
+    PARK = "park"
+
+
+class Seat(StrEnum):
+    """From where the page draws a step near by."""
+
+    INSPECTION = "inspection camera"
+    OVERHEAD = "overhead camera"
+    BESIDE = "beside the part"  # where no camera of the cell looks
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment:
+    """A step while the jaws close, the picture is taken, or the part is let go.
+
+    Attributes
+    ----------
+    q : (6,) where the arm stands
+    hand_opening_mm, fixture_opening_mm : of both jaws
+    T_world_part : (4, 4) where the part is
+    grip, fixture_grip : that hold it, None where they do not
+    seen : (n,) bool, samples a view shows, None where nothing is looked at
+    """
+
+    step: Step
+    kind: Kind
+    seat: Seat
+    q: Array
+    hand_opening_mm: float
+    fixture_opening_mm: float
+    T_world_part: Array
+    grip: Grip | None = None
+    fixture_grip: Grip | None = None
+    view_id: str | None = None
+    seen: Bools | None = None
+
+
+def moments(plan: Plan, layout: CellLayout) -> tuple[Moment, ...]:
+    """Return a plan's moments in order, the way to the slowest tray and home at the end."""
+    return tuple(_moments(plan, layout))
+
+
+def _moments(plan: Plan, layout: CellLayout) -> Iterator[Moment]:
+    q, wide, idle = layout.park_q, layout.hand.max_mm, layout.fixture_open_mm
+    for step in plan.steps:
+        if isinstance(step, Pick):
+            q, grip = step.motion_down[-1], step.grip
+            T = shown_pose(layout, q, grip.T_part_hand)
+            yield Moment(step, Kind.PICK, Seat.OVERHEAD, q, grip.opening_mm, idle, T, grip=grip)
+            q = step.motion_up[-1]
+        elif isinstance(step, Present):
+            yield Moment(
+                step,
+                Kind.PRESENT,
+                Seat.INSPECTION,
+                step.q,
+                step.grip.opening_mm,
+                idle,
+                step.T_world_part,
+                grip=step.grip,
+                view_id=step.view_id,
+                seen=step.seen,
+            )
+            q = step.q
+        elif isinstance(step, HandOver | TakeBack):
+            is_giving = isinstance(step, HandOver)
+            q = step.motion[-1] if isinstance(step, HandOver) else step.approach[-1]
+            yield Moment(
+                step,
+                Kind.HAND_OVER if is_giving else Kind.TAKE_BACK,
+                Seat.BESIDE,
+                q,
+                step.grip.opening_mm,
+                step.fixture_grip.opening_mm,
+                shown_pose(layout, q, step.grip.T_part_hand),
+                grip=step.grip,
+                fixture_grip=step.fixture_grip,
+            )
+            q = step.retreat[-1] if isinstance(step, HandOver) else step.motion_out[-1]
+        elif isinstance(step, SetDown):
+            yield Moment(
+                step,
+                Kind.SET_DOWN,
+                Seat.OVERHEAD,
+                step.motion_down[-1],
+                step.grip.opening_mm,
+                idle,
+                step.T_world_part,
+                grip=step.grip,
+            )
+            q, wide = step.motion_up[-1], step.open_mm
+        elif isinstance(step, Look):
+            yield Moment(
+                step,
+                Kind.LOOK,
+                Seat.OVERHEAD,
+                q,
+                wide,
+                idle,
+                step.T_world_part,
+                view_id=step.view_id,
+                seen=step.seen,
+            )
+        else:
+            raise ValueError(f"no moment is known of a {type(step).__name__}")
+    place, park = slowest_tray(plan)
+    yield Moment(
+        place,
+        Kind.PLACE,
+        Seat.BESIDE,
+        place.motion_down[-1],
+        place.grip.opening_mm,
+        idle,
+        place.T_world_part,
+        grip=place.grip,
+    )
+    yield Moment(
+        park, Kind.PARK, Seat.OVERHEAD, park.motion[-1], place.open_mm, idle, place.T_world_part
+    )
+
+
+def slowest_tray(plan: Plan) -> tuple[Place, Park]:
+    """Return the steps to the tray that the forecast counts on."""
+    tray = max(plan.place, key=lambda t: plan.place[t].seconds + plan.park[t].seconds)
+    return plan.place[tray], plan.park[tray]

@@ -1,0 +1,117 @@
+"""A plan as one HTML page that needs nothing else: no network, no script, pictures inside."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from controller.cad import Solid, StablePose
+from controller.cad.compiled import CompiledPart
+from controller.cell.plans import Certificate, KeptPlan
+from controller.planning import CellLayout, Plan
+
+from .._html import make_environment, write_page
+from ._coverage import CoverageMap, coverage_map
+from ._moments import moments
+from ._paint import Painter
+from ._strip import AGAIN, BEFORE, NEW, OUTLINE, Frame, Strip, width_for
+from ._timeline import Timeline, timeline
+
+TEMPLATES = ("plan.html.j2", "plan.css")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanFacts:
+    """What the page is about.
+
+    Attributes
+    ----------
+    cell : its name
+    told : what each stable pose comes to
+    place : x [mm], y [mm], theta [deg] where the part lies
+    """
+
+    part: CompiledPart
+    cell: str
+    layout: CellLayout
+    kept: KeptPlan
+    told: tuple[Certificate, ...]
+    place: tuple[float, float, float]
+
+    @property
+    def pose(self) -> StablePose:
+        """The pose that is planned from."""
+        return next(p for p in self.part.poses if p.index == self.kept.pose_index)
+
+
+@dataclass(frozen=True, slots=True)
+class ReasonRow:
+    """A piece of a face that is not shown."""
+
+    face: str
+    share: float
+    kind: str
+    reason: str
+    remedy: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawn:
+    """A plan as the page shows it."""
+
+    frames: tuple[Frame, ...]
+    map: CoverageMap
+    timeline: Timeline
+    reasons: tuple[ReasonRow, ...]
+
+
+def write_plan_page(facts: PlanFacts, path: Path) -> Path:
+    """Write the page of a plan, or of why there is none, and return its path.
+
+    Raises
+    ------
+    OSError : the file cannot be written
+    """
+    return write_page(render_plan(facts), path)
+
+
+def render_plan(facts: PlanFacts) -> str:
+    """Return the page."""
+    environment = make_environment(__package__, TEMPLATES)
+    environment.filters["hex"] = lambda c: "#" + "".join(f"{round(v):02x}" for v in c)
+    plan = facts.kept.plan
+    return environment.get_template("plan.html.j2").render(
+        facts=facts,
+        plan=plan,
+        drawn=None if plan is None else draw_plan(facts, plan),
+        colours={"new": NEW, "again": AGAIN, "before": BEFORE, "outline": OUTLINE},
+    )
+
+
+def draw_plan(facts: PlanFacts, plan: Plan) -> Drawn:
+    """Draw a plan."""
+    solid, samples = facts.part.solid, facts.part.samples
+    weights = np.asarray(samples.areas_mm2 / samples.areas_mm2.sum())
+    painter = Painter(solid, samples)
+    steps = moments(plan, facts.layout)
+    frames = Strip(solid, facts.layout, painter, width_for(len(steps))).frames(steps, weights)
+    return Drawn(
+        frames=tuple(frames),
+        map=coverage_map(solid, samples, plan, facts.kept.hidden_by_part, painter, facts.pose.R),
+        timeline=timeline(frames),
+        reasons=reason_rows(solid, plan),
+    )
+
+
+def reason_rows(solid: Solid, plan: Plan) -> tuple[ReasonRow, ...]:
+    """Return the unseen pieces, the largest first."""
+    return tuple(
+        ReasonRow(
+            face=solid.faces[u.face_id].label,
+            share=u.area_fraction,
+            kind=u.kind.value,
+            reason=u.reason,
+            remedy=u.remedy,
+        )
+        for u in plan.unseen
+    )

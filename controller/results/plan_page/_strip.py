@@ -1,0 +1,205 @@
+"""The strip: every step drawn from near by, mostly by a camera of the cell, and from outside."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.cad import Camera, Solid
+from controller.planning import CellLayout
+
+from ._bodies import PART, Body, Stage, moment_stage, not_round, standing_bodies
+from ._moments import Kind, Moment, Seat
+from ._paint import Painter
+from ._render import FINER, data_uri, look, shade, smaller
+from ._views import Eye, Slant, camera_eye, slant_over, slanting_eye, window_about
+
+Floats = NDArray[np.float32]
+Bools = NDArray[np.bool_]
+
+WIDTHS_PX = (320, 240, 180)  # of a picture; narrower ones where there are many steps
+MANY_STEPS = (24, 48)
+ASPECT = 1.25
+AZIMUTH_RAD, ELEVATION_RAD = float(np.radians(-38.0)), float(np.radians(26.0))
+BESIDE_RAD = tuple(float(np.radians(a)) for a in (-38.0, 52.0, 142.0, 232.0))
+BESIDE_ROOM = 0.8  # about the part, as a share of its size
+TABLE_ROOM = 1.2
+FAR_MM = 4000.0
+GHOST = 0.22  # how much of the arm's links is seen where one looks through them
+
+NEW = (38.0, 166.0, 91.0)
+AGAIN = (142.0, 208.0, 160.0)
+BEFORE = (126.0, 170.0, 222.0)
+OUTLINE = (214.0, 40.0, 110.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A step on the page.
+
+    Attributes
+    ----------
+    near, outside : data URIs
+    near_words : from where the near picture is taken
+    """
+
+    moment: Moment
+    number: int
+    from_s: float
+    to_s: float
+    near: str
+    near_words: str
+    outside: str
+    size: tuple[int, int]
+    outside_size: tuple[int, int]
+    seen_fraction: float
+    new_fraction: float
+
+
+class Strip:
+    """Draws the moments of one plan."""
+
+    def __init__(self, solid: Solid, layout: CellLayout, painter: Painter, width_px: int) -> None:
+        self._solid = solid
+        self._layout = layout
+        self._painter = painter
+        self._size = (width_px, round(width_px / ASPECT))
+        self._square = (width_px, width_px)
+        self._standing = standing_bodies(layout)
+
+    def frames(self, moments: Sequence[Moment], weights: NDArray[np.float64]) -> list[Frame]:
+        """Return all steps drawn; `weights` are the samples' shares of the surface."""
+        seen = np.zeros(len(weights), dtype=bool)
+        frames: list[Frame] = []
+        from_s = 0.0
+        for number, moment in enumerate(moments, start=1):
+            colours = _colours(moment, seen)
+            stage = moment_stage(self._layout, self._solid, moment, self._standing)
+            near, words = self._near(moment, stage, colours)
+            new = np.zeros_like(seen) if moment.seen is None else moment.seen & ~seen
+            frames.append(
+                Frame(
+                    moment=moment,
+                    number=number,
+                    from_s=from_s,
+                    to_s=from_s + moment.step.seconds,
+                    near=data_uri(near),
+                    near_words=words,
+                    outside=data_uri(self._outside(stage, colours)),
+                    size=(near.shape[1], near.shape[0]),
+                    outside_size=self._square,
+                    seen_fraction=0.0 if moment.seen is None else float(weights[moment.seen].sum()),
+                    new_fraction=float(weights[new].sum()),
+                )
+            )
+            from_s += moment.step.seconds
+            seen |= new
+        return frames
+
+    @cached_property
+    def _slant(self) -> Slant:
+        """Over everything that stands and all the arm's park pose needs: the same in each step."""
+        corners = np.vstack([body.vertices_mm for body in self._standing])
+        return slant_over(corners, AZIMUTH_RAD, ELEVATION_RAD, 1.0, 0.01)
+
+    def _outside(self, stage: Stage, colours: Floats) -> Floats:
+        eye = slanting_eye(self._slant, _fine(self._square), FAR_MM)
+        image = smaller(self._drawn(stage, eye, colours))
+        # the part is small from here, and often behind the arm: its outline is drawn over all
+        corners = np.asarray(stage.bodies[-1].vertices_mm)
+        pixels = self._slant.project(corners, self._square[0])
+        hull = cv2.convexHull(np.round(16 * (pixels - 0.5)).astype(np.int32))
+        cv2.polylines(image, [hull], True, OUTLINE, 1, cv2.LINE_AA, 4)
+        return image
+
+    def _near(self, moment: Moment, stage: Stage, colours: Floats) -> tuple[Floats, str]:
+        if moment.seat is Seat.BESIDE:
+            return self._beside(moment, stage, colours), "from beside, arm transparent"
+        camera = self._camera(moment.seat)
+        corners = stage.bodies[-1].vertices_mm
+        if moment.kind is Kind.PRESENT or not _is_in_sight(camera, corners):
+            eye, words = self._full[moment.seat], moment.seat.value
+        else:
+            size = self._camera_size(camera)
+            window = window_about(camera, corners, TABLE_ROOM, size[0] / size[1])
+            eye, words = camera_eye(camera, window, _fine(size)), f"{moment.seat.value}, enlarged"
+        standing = not_round(self._standing, camera.position_mm)
+        stage = moment_stage(self._layout, self._solid, moment, standing)
+        if moment.seat is Seat.INSPECTION or moment.kind in (Kind.LOOK, Kind.PARK):
+            return smaller(self._drawn(stage, eye, colours)), words
+        words = f"{words}, arm transparent"
+        return self._through_links(moment, standing, stage, eye, colours), words
+
+    def _beside(self, moment: Moment, stage: Stage, colours: Floats) -> Floats:
+        """Look from that side from which most of the part is seen."""
+        corners = stage.bodies[-1].vertices_mm
+        bare = moment_stage(self._layout, self._solid, moment, self._standing, with_links=False)
+        slants = [
+            slant_over(corners, azimuth, ELEVATION_RAD, ASPECT, BESIDE_ROOM)
+            for azimuth in BESIDE_RAD
+        ]
+        small = (self._size[0] // 4, self._size[1] // 4)
+        shares = [
+            int((look(bare, slanting_eye(s, small, FAR_MM)).triangle >= bare.first_of_part).sum())
+            for s in slants
+        ]
+        eye = slanting_eye(slants[int(np.argmax(shares))], _fine(self._size), FAR_MM)
+        return self._through_links(moment, self._standing, stage, eye, colours)
+
+    def _through_links(
+        self, moment: Moment, standing: Sequence[Body], stage: Stage, eye: Eye, colours: Floats
+    ) -> Floats:
+        bare = moment_stage(self._layout, self._solid, moment, standing, with_links=False)
+        behind = self._drawn(bare, eye, colours)
+        front = self._drawn(stage, eye, colours)
+        return smaller((1 - GHOST) * behind + GHOST * front)
+
+    def _drawn(self, stage: Stage, eye: Eye, colours: Floats) -> Floats:
+        sight = look(stage, eye)
+        return shade(stage, eye, sight, self._painter.paint(stage, sight, colours))
+
+    def _camera(self, seat: Seat) -> Camera:
+        return self._layout.overhead if seat is Seat.OVERHEAD else self._layout.inspection
+
+    def _camera_size(self, camera: Camera) -> tuple[int, int]:
+        return self._size[0], round(self._size[0] * camera.size_px[1] / camera.size_px[0])
+
+    @cached_property
+    def _full(self) -> dict[Seat, Eye]:
+        """The cameras' whole pictures."""
+        eyes = {}
+        for seat in (Seat.INSPECTION, Seat.OVERHEAD):
+            camera = self._camera(seat)
+            window = (0.0, 0.0, float(camera.size_px[0]), float(camera.size_px[1]))
+            eyes[seat] = camera_eye(camera, window, _fine(self._camera_size(camera)))
+        return eyes
+
+
+def width_for(count: int) -> int:
+    """Return how wide pictures of so many steps are [px]."""
+    for width, most in zip(WIDTHS_PX, MANY_STEPS, strict=False):
+        if count <= most:
+            return width
+    return WIDTHS_PX[-1]
+
+
+def _fine(size: tuple[int, int]) -> tuple[int, int]:
+    return FINER * size[0], FINER * size[1]
+
+
+def _is_in_sight(camera: Camera, points_mm: NDArray[np.float64]) -> bool:
+    pixels = camera.project(points_mm)
+    return bool(np.all((pixels >= 0) & (pixels <= np.array(camera.size_px) - 1)))
+
+
+def _colours(moment: Moment, seen_before: Bools) -> Floats:
+    """Return the colour of every sample (n, 3) at a moment."""
+    colours = np.tile(np.array(PART, dtype=np.float32), (len(seen_before), 1))
+    colours[seen_before] = BEFORE
+    if moment.seen is not None:
+        colours[moment.seen & seen_before] = AGAIN
+        colours[moment.seen & ~seen_before] = NEW
+    return colours

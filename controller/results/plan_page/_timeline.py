@@ -1,0 +1,100 @@
+"""The forecast as bars along one axis of seconds, a row a step."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ._moments import Kind
+from ._strip import Frame
+
+COLOURS: dict[Kind, str] = {
+    Kind.PICK: "#3f7fbf",
+    Kind.PRESENT: "#2a9d62",
+    Kind.HAND_OVER: "#d98a1f",
+    Kind.TAKE_BACK: "#b8631b",
+    Kind.SET_DOWN: "#a05aa8",
+    Kind.LOOK: "#6abf8e",
+    Kind.PLACE: "#58728f",
+    Kind.PARK: "#9aa7b3",
+}
+WORDS: dict[Kind, str] = {
+    Kind.PICK: "pick",
+    Kind.PRESENT: "show",
+    Kind.HAND_OVER: "hand over",
+    Kind.TAKE_BACK: "take back",
+    Kind.SET_DOWN: "set down",
+    Kind.LOOK: "look at the table",
+    Kind.PLACE: "place",
+    Kind.PARK: "park",
+}
+WIDTH, ROW, LEFT, RIGHT, TOP = 1080.0, 19.0, 300.0, 96.0, 26.0
+LETTER = 6.4  # width of one, about
+GAPS_S = (1, 2, 5, 10, 20, 30, 60, 120, 300, 600)
+MOST_TICKS = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Bar:
+    """One step: where its bar is [px], and what stands beside it."""
+
+    x: float
+    y: float
+    width: float
+    colour: str
+    label: str
+    seconds: str
+    until: str
+
+
+@dataclass(frozen=True, slots=True)
+class Timeline:
+    """All bars, the axis, and which colour is what.
+
+    Attributes
+    ----------
+    ticks : x [px] and the seconds written there
+    totals : words, colour, seconds of each kind
+    """
+
+    width: float
+    height: float
+    left: float
+    top: float
+    row: float
+    bars: tuple[Bar, ...]
+    ticks: tuple[tuple[float, str], ...]
+    totals: tuple[tuple[str, str, float], ...]
+
+
+def timeline(frames: Sequence[Frame]) -> Timeline:
+    """Return the time line of drawn steps."""
+    total_s = max(frames[-1].to_s, 1e-3)
+    scale = (WIDTH - LEFT - RIGHT) / total_s
+    bars = tuple(
+        Bar(
+            x=LEFT + frame.from_s * scale,
+            y=TOP + ROW * i,
+            width=max(1.0, (frame.to_s - frame.from_s) * scale),
+            colour=COLOURS[frame.moment.kind],
+            label=_short(f"{frame.number}  {frame.moment.step.label}"),
+            seconds=f"{frame.to_s - frame.from_s:.1f} s",
+            until=f"{frame.to_s:.0f}",
+        )
+        for i, frame in enumerate(frames)
+    )
+    gap = next((g for g in GAPS_S if total_s / g <= MOST_TICKS), 1200)
+    ticks = tuple((LEFT + s * scale, f"{s} s") for s in range(0, int(total_s) + 1, gap))
+    totals = tuple(
+        (
+            WORDS[kind],
+            colour,
+            sum(f.to_s - f.from_s for f in frames if f.moment.kind is kind),
+        )
+        for kind, colour in COLOURS.items()
+        if any(f.moment.kind is kind for f in frames)
+    )
+    return Timeline(WIDTH, TOP + ROW * len(bars) + 6, LEFT, TOP, ROW, bars, ticks, totals)
+
+
+def _short(text: str) -> str:
+    most = int((LEFT - 12) / LETTER)
+    return text if len(text) <= most else text[: most - 1] + "…"
