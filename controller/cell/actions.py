@@ -12,8 +12,8 @@ from contextlib import suppress
 from drivers.gripper_modbus import Hold
 from drivers.umi_scara import Stop
 
-from . import workers
-from .errors import PartProblemError
+from .custody import Custody
+from .errors import PartProblemError, PartTroubleError
 from .handling import Handling
 from .interlocks import check_interlocks
 from .journal import JournalError
@@ -27,7 +27,7 @@ class Actions(Looking, Handling):
     """All effects of the table."""
 
     async def perform(self, effect: Effect) -> Event:
-        """Run one effect to its end and return what came of it."""
+        """Run one effect to its end and return what came of it, or how to get over it."""
         effects: Mapping[Effect, Callable[[], Awaitable[Event]]] = {
             Effect.HOME: self.home,
             Effect.ACQUIRE: self.acquire,
@@ -37,6 +37,8 @@ class Actions(Looking, Handling):
             Effect.PRESENT: self.present,
             Effect.INSPECT: self.inspect,
             Effect.HAND_OFF: self.hand_off,
+            Effect.SET_DOWN: self.set_down,
+            Effect.WITHDRAW: self.withdraw,
             Effect.PLACE: self.place,
             Effect.COMPLETE: self.complete,
             Effect.HOLD: self.hold,
@@ -44,12 +46,26 @@ class Actions(Looking, Handling):
             Effect.ABORT_MOTION: self.abort_motion,
             Effect.CLEAR_FAULT: self.clear_fault,
         }
-        return await effects[effect]()
+        try:
+            return await effects[effect]()
+        except PartTroubleError as trouble:
+            return self._book_recovery(trouble).event
+
+    async def note_fixture_loss(self) -> PartTroubleError | None:
+        """Book what the fixed gripper has lost, if it alone had the part.
+
+        While the hand has it too, or already, the hand's own look decides.
+        """
+        if self.part.custody is not Custody.IN_FIXTURE:
+            return None
+        trouble = await self.lose_from_fixture()
+        self._book_recovery(trouble)
+        return trouble
 
     async def home(self) -> Event:
         """Power, home, activate; interlocks first. The planner's long work starts beside it."""
         check_interlocks(self._devices)
-        self._preparing = asyncio.ensure_future(self._compute(workers.prepare))
+        self._preparing = asyncio.ensure_future(self._experts.prepare())
         self._tell("homing the arm; it sweeps its whole reach")
         arm, gripper = self._devices.arm, self._devices.gripper
         await self._devices.lights.all_off()
@@ -60,14 +76,15 @@ class Actions(Looking, Handling):
 
         async def ready_gripper() -> None:
             await gripper.activate()
-            await gripper.open_to(gripper.config.open_mm)
+            await self._jaws.open_fixture(gripper.config.open_mm, Custody.NONE, 0.0)
 
         async def ready_arm() -> None:
             await arm.enable_power()
             if not arm.is_homed:
                 await arm.home()
-            await arm.move_gripper_mm(self._layout.hand.max_mm * 0.5)
+            await self._jaws.open_hand(self._layout.hand.max_mm * 0.5, Custody.NONE)
             await arm.move_joints(self._layout.park_q)
+            self._trail = [self._layout.park_q]
 
         async with asyncio.TaskGroup() as both:
             both.create_task(ready_gripper())

@@ -13,6 +13,7 @@ from typing import Literal
 
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
+from drivers.gripper_modbus import Hold
 from drivers.io_modbus import Signal
 from drivers.umi_scara import AxisStalledError, Stop
 
@@ -26,6 +27,7 @@ from .machine import CellMachine, Effect, Event
 
 log = logging.getLogger(__name__)
 
+LOSS_POLL_S = 0.5
 End = Literal["complete", "held", "stopped", "aborted"]
 
 
@@ -214,14 +216,24 @@ class Dispatcher:
                     )
 
     async def _watch_fixture(self) -> None:
-        await self._devices.gripper.wait_lost()
-        self._inbox.put_nowait(
-            _Note(
-                Event.PART_PROBLEM,
-                message="the part slipped out of the fixed gripper; look below it",
-                code="part_lost",
-            )
-        )
+        """Turn a part that leaves the fixed gripper into an event, at once."""
+        gripper = self._devices.gripper
+        while True:
+            await gripper.wait_lost()
+            try:
+                trouble = await self._actions.note_fixture_loss()
+            except PartProblemError as problem:
+                self._inbox.put_nowait(
+                    _Note(Event.PART_PROBLEM, message=str(problem), code=problem.code)
+                )
+                return
+            if trouble is not None:
+                self._inbox.put_nowait(_Note(Event.PART_DROPPED))
+            # the loss stands until the jaws are sent somewhere again
+            with suppress(DeviceError):
+                while (await gripper.hold()) is Hold.LOST:
+                    await self._clock.sleep(LOSS_POLL_S)
+            await self._clock.sleep(LOSS_POLL_S)
 
 
 def _code_of(error: Exception) -> str:

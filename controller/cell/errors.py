@@ -1,5 +1,7 @@
 """What goes wrong at the level of the cell; driver and room errors are turned into these words."""
 
+from .recovery import Trouble
+
 
 class CellError(Exception):
     """The cell cannot go on: it aborts, and a person has to look."""
@@ -7,6 +9,10 @@ class CellError(Exception):
 
 class InterlockError(CellError):
     """A safety copy is not healthy: emergency stop, door, supply."""
+
+
+class ReleaseRefusedError(CellError):
+    """A gripper was told to open that is the only one to hold the part: a bug, caught in time."""
 
 
 class PartProblemError(Exception):
@@ -22,5 +28,14 @@ class PartProblemError(Exception):
         self.code = code
 
 
-class GripMissedError(PartProblemError):
-    """The jaws closed on nothing."""
+class PartTroubleError(PartProblemError):
+    """Trouble with the part that the cell may get over by itself.
+
+    Attributes
+    ----------
+    trouble : which
+    """
+
+    def __init__(self, trouble: Trouble, message: str) -> None:
+        super().__init__(trouble.value, message)
+        self.trouble = trouble

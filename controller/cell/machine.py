@@ -27,12 +27,18 @@ class Event(StrEnum):
     PICTURE_TAKEN = "picture_taken"
     PART_RECOGNISED = "part_recognised"
     PLANNED = "planned"
+    PLANNED_ON = "planned_on"
     GRASPED = "grasped"
     GRIP_MISSED = "grip_missed"
     SHOWN = "shown"
     INSPECTED = "inspected"
     HAND_OFF_DUE = "hand_off_due"
     HANDED_OFF = "handed_off"
+    SET_DOWN_DUE = "set_down_due"
+    SET_DOWN = "set_down"
+    PART_DROPPED = "part_dropped"
+    WITHDRAWN = "withdrawn"
+    PLAN_VOID = "plan_void"
     ALL_SEEN = "all_seen"
     PLACED = "placed"
     PART_DONE = "part_done"
@@ -58,6 +64,8 @@ class Effect(StrEnum):
     PRESENT = "present"
     INSPECT = "inspect"
     HAND_OFF = "hand_off"
+    SET_DOWN = "set_down"
+    WITHDRAW = "withdraw"
     PLACE = "place"
     COMPLETE = "complete"
     HOLD = "hold"
@@ -78,6 +86,8 @@ STAGES: Final[Mapping[str, Effect]] = {
     "presenting": Effect.PRESENT,
     "inspecting": Effect.INSPECT,
     "handing": Effect.HAND_OFF,
+    "lowering": Effect.SET_DOWN,
+    "withdrawing": Effect.WITHDRAW,
     "placing": Effect.PLACE,
 }
 ENTRY: Final[Mapping[str, Effect]] = {
@@ -102,6 +112,12 @@ def _stage(name: str) -> str:
 
 
 _IN_EXECUTE: Final = tuple(_stage(name) for name in STAGES)
+# stages in which some gripper has the part, or is about to
+_HOLDING: Final = tuple(
+    _stage(name)
+    for name in ("planning", "grasping", "presenting", "inspecting", "handing", "lowering",
+                 "placing")
+)  # fmt: skip
 # Stop is obeyed wherever something may move; from `held` too, where a part may hang in the arm
 _STOPPABLE: Final = ("resetting", "completing", "holding", "held", "idle", *_IN_EXECUTE)
 # A fault is taken even at rest: a door that opens or a device that leaves is known at once
@@ -114,6 +130,8 @@ TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
     (Event.PICTURE_TAKEN, (_stage("acquiring"),), _stage("recognising")),
     (Event.PART_RECOGNISED, (_stage("recognising"),), _stage("planning")),
     (Event.PLANNED, (_stage("planning"),), _stage("grasping")),
+    # a plan made while a gripper has the part
+    (Event.PLANNED_ON, (_stage("planning"),), _stage("presenting")),
     (Event.GRASPED, (_stage("grasping"),), _stage("presenting")),
     # a missed grip may have pushed the part: look again, never close again blindly
     (Event.GRIP_MISSED, (_stage("grasping"),), _stage("acquiring")),
@@ -121,6 +139,19 @@ TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
     (Event.INSPECTED, (_stage("inspecting"),), _stage("presenting")),
     (Event.HAND_OFF_DUE, (_stage("inspecting"),), _stage("handing")),
     (Event.HANDED_OFF, (_stage("handing"),), _stage("presenting")),
+    (Event.SET_DOWN_DUE, (_stage("inspecting"),), _stage("lowering")),
+    (Event.SET_DOWN, (_stage("lowering"),), _stage("withdrawing")),
+    # nobody holds it any more: away from above the table, look again, plan from where it lies
+    (Event.PART_DROPPED, _HOLDING, _stage("withdrawing")),
+    # outside of these a loss means that a person was at it, or that the books are wrong
+    (Event.PART_DROPPED, ("resetting", "completing"), "holding"),
+    (Event.WITHDRAWN, (_stage("withdrawing"),), _stage("acquiring")),
+    # it is held, but not as the plan has it, or the plan has shown less than it meant to
+    (
+        Event.PLAN_VOID,
+        (_stage("presenting"), _stage("inspecting"), _stage("handing")),
+        _stage("planning"),
+    ),
     (Event.ALL_SEEN, (_stage("inspecting"),), _stage("placing")),
     (Event.PLACED, (_stage("placing"),), "completing"),
     (Event.PART_DONE, ("completing",), _stage("acquiring")),
@@ -145,16 +176,22 @@ IGNORED: Final[Mapping[tuple[str, Event], str]] = {
        for s in ("aborting", "aborted")},
     **{(s, Event.STOP): "nothing moves any more" for s in
        ("stopped", "stopping", "aborting", "aborted", "complete", "clearing")},
+    # the fixture's keep-alive may notice late what the hand's own look has told already
+    **{
+        (_stage(name), Event.PART_DROPPED): "nobody holds the part: it is being looked for already"
+        for name in ("acquiring", "recognising", "withdrawing")
+    },
     # outcomes of a task that was overtaken by a stop or a fault arrive late
     **{
         (s, e): "outcome of a task that was stopped"
         for s in ("stopping", "stopped", "aborting", "aborted", "holding", "held", "clearing")
         for e in (
             Event.RESET_DONE, Event.PICTURE_TAKEN, Event.PART_RECOGNISED, Event.PLANNED,
-            Event.GRASPED, Event.GRIP_MISSED, Event.SHOWN, Event.INSPECTED, Event.HAND_OFF_DUE,
-            Event.HANDED_OFF, Event.ALL_SEEN, Event.PLACED, Event.PART_DONE, Event.BATCH_DONE,
-            Event.PART_PROBLEM, Event.HOLD_DONE, Event.STOP_DONE, Event.ABORT_DONE,
-            Event.CLEAR_DONE,
+            Event.PLANNED_ON, Event.GRASPED, Event.GRIP_MISSED, Event.SHOWN, Event.INSPECTED,
+            Event.HAND_OFF_DUE, Event.HANDED_OFF, Event.SET_DOWN_DUE, Event.SET_DOWN,
+            Event.PART_DROPPED, Event.WITHDRAWN, Event.PLAN_VOID, Event.ALL_SEEN, Event.PLACED,
+            Event.PART_DONE, Event.BATCH_DONE, Event.PART_PROBLEM, Event.HOLD_DONE,
+            Event.STOP_DONE, Event.ABORT_DONE, Event.CLEAR_DONE,
         )
         if (s, e) not in _HANDLED
     },

@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller import inspection as inspecting
-from controller.planning import Plan
+from controller.planning import Grip, Plan
 from controller.recognition import Sighting
 
 from .custody import Custody
+from .recovery import Recovery, Trouble, merged
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Grey = NDArray[np.uint8]
 
 
@@ -30,24 +32,106 @@ class Progress:
     custody: Custody = Custody.NONE
 
 
+@dataclass(slots=True, eq=False)
+class Hold:
+    """How the hand has the part, from one closing of its jaws to their next opening.
+
+    Attributes
+    ----------
+    grip : as planned
+    T_part_hand : (4, 4) as planned, or as measured once `is_seen`
+    width_mm : of the jaws on the part
+    is_seen : a view has confirmed it
+    doubts : views in a row that could not
+    """
+
+    grip: Grip
+    T_part_hand: Array
+    width_mm: float
+    is_seen: bool = False
+    doubts: int = 0
+
+
+@dataclass(slots=True, eq=False)
+class Shown:
+    """A view that is being judged.
+
+    Attributes
+    ----------
+    hold : under which it was taken, None where it lay on the table
+    q : (6,) where the arm stood; expected : (4, 4) where the part should have been
+    backlit : its picture before the glowing panel
+    """
+
+    view: str
+    hold: Hold | None
+    q: Array
+    expected: Array
+    holder: tuple[inspecting.WorldBox, ...]
+    backlit: Grey
+    task: asyncio.Task[inspecting.ViewResult]
+
+
 @dataclass(slots=True)
 class PartRecord:
-    """All that is known of the part at hand."""
+    """All that is known of the part at hand.
+
+    Attributes
+    ----------
+    plan, plan_count, next_step : the plan in work, how many were made, where it stands
+    hold : of the hand, None where it is empty
+    fixture_grip : how the fixed gripper has the part, as measured; None where it is empty
+    results : of all views, whatever plan they were part of: they are facts
+    recoveries : what the cell has set out to get over by itself
+    avoid : ids of grips that have failed
+    """
 
     number: int
     custody: Custody = Custody.ON_TABLE
     pictures: dict[str, Grey] = field(default_factory=dict)
     sighting: Sighting | None = None
+    candidates: tuple[Sighting, ...] = ()
     plan: Plan | None = None
+    plan_count: int = 0
     next_step: int = 0
-    grip_tries: int = 0
-    gripped_mm: float = 0.0
-    T_part_hand: Array | None = None
-    is_hold_seen: bool = False
-    pending: list[tuple[Array, asyncio.Task[inspecting.ViewResult]]] = field(default_factory=list)
+    hold: Hold | None = None
+    fixture_grip: Grip | None = None
+    pending: list[Shown] = field(default_factory=list)
     results: list[inspecting.ViewResult] = field(default_factory=list)
+    recoveries: list[Recovery] = field(default_factory=list)
+    avoid: set[str] = field(default_factory=set)
     verdict: inspecting.PartVerdict | None = None
     tray: str | None = None
+
+    @property
+    def seen(self) -> Mask | None:
+        """Return which samples (n,) have truly been compared; None before the first view."""
+        return merged([result.seen for result in self.results if result.evaluated])
+
+    @property
+    def promised(self) -> Mask | None:
+        """Return what the views of the present plan were to show (n,)."""
+        plan = self.plan
+        return None if plan is None else merged([step.seen for step in plan.presents])
+
+    def has_tried(self, trouble: Trouble) -> bool:
+        """Tell whether a trouble has come up before."""
+        return any(one.trouble is trouble for one in self.recoveries)
+
+
+def describe_plan(plan: Plan) -> dict[str, Any]:
+    """Return a plan as the journal keeps it."""
+    return {
+        "steps": [label for label, _ in plan.seconds_by_step],
+        "seconds": [round(seconds, 2) for _, seconds in plan.seconds_by_step],
+        "forecast_s": round(plan.forecast_s, 1),
+        "covered_fraction": round(plan.covered_fraction, 4),
+        "reachable_fraction": round(plan.reachable_fraction, 4),
+        "unseen": [
+            {"face": u.face_id, "area_fraction": u.area_fraction, "reason": u.reason}
+            for u in plan.unseen
+        ],
+    }
 
 
 def describe_sighting(s: Sighting) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from .actions import Actions
 from .custody import where_it_is
 from .devices import Devices, resolve
 from .dispatcher import Dispatcher, Outcome
+from .experts import Workers
 from .journal import Journal
 from .records import PartRecord, Progress
 
@@ -91,14 +92,13 @@ async def run_batch(
         devices = Devices.build(order.cell, where, clock)
         progress = Progress()
         actions = Actions(
-            workers.Job(order.recipe_path, order.cell_path),
+            Workers(workers.Job(order.recipe_path, order.cell_path), pool),
             order.recipe,
             order.cell,
             build_layout(order.cell),
             devices,
             clock,
             journal,
-            pool,
             order.folder,
             progress,
             lambda: on_progress(progress),

@@ -6,7 +6,6 @@ never repeated without a look at the jaws (DESIGN.md 5).
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
-from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,13 +18,15 @@ from controller.planning import Step
 from controller.planning.layout import CellLayout
 from drivers.clock import CellClock
 
-from . import workers
 from .custody import Custody
 from .devices import Devices
-from .errors import PartProblemError
+from .errors import PartProblemError, PartTroubleError
+from .experts import Experts
 from .interlocks import check_interlocks
+from .jaws import LOST_MM, NOTHING_MM, Jaws
 from .journal import Journal
-from .records import PartRecord, Progress
+from .records import Hold, PartRecord, Progress, Shown
+from .recovery import REMEDIES, Recovery, Remedy, Trouble, remedy_for
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
@@ -33,7 +34,6 @@ Result = TypeVar("Result")
 SomeStep = TypeVar("SomeStep", bound=Step)
 
 LOOK_TIMEOUT_S = 30.0  # a camera that stalls is a fault, a slow one is not
-LOST_MM = 1.5  # jaws that close by more than this while carrying have lost the part
 
 
 class Toolkit:
@@ -41,24 +41,23 @@ class Toolkit:
 
     def __init__(
         self,
-        job: workers.Job,
+        experts: Experts,
         recipe: Recipe,
         cell: Cell,
         layout: CellLayout,
         devices: Devices,
         clock: CellClock,
         journal: Journal,
-        pool: Executor,
         folder: Path,
         progress: Progress,
         on_progress: Callable[[], None],
     ) -> None:
-        self._job = job
+        self._experts = experts
         self._layout = layout
         self._devices = devices
         self._clock = clock
         self._journal = journal
-        self._pool = pool
+        self._jaws = Jaws(devices.arm, devices.gripper, devices.io)
         self._folder = folder
         self.progress = progress
         self._on_progress = on_progress
@@ -73,6 +72,10 @@ class Toolkit:
             for name in ("overhead", "inspection")
         }
         self._preparing: asyncio.Future[float] | None = None
+        # where the arm has been since it last stood free of everything: the way back is free too
+        self._trail: list[Array] = []
+        self._last_shown: Shown | None = None
+        self._is_drop_booked = False
 
     def _tell(self, label: str, **more: object) -> None:
         self.progress.label = label
@@ -80,10 +83,6 @@ class Toolkit:
         for name, value in more.items():
             setattr(self.progress, name, value)
         self._on_progress()
-
-    async def _compute(self, function: Callable[..., Result], *args: object) -> Result:
-        loop = asyncio.get_running_loop()
-        return await loop.run_in_executor(self._pool, function, self._job, *args)
 
     async def _custody(self, custody: Custody, detail: str = "") -> None:
         self.part.custody = custody
@@ -104,6 +103,15 @@ class Toolkit:
     async def _move(self, motion: tuple[Array, ...]) -> None:
         check_interlocks(self._devices)
         for q in motion:
+            self._trail.append(q)
+            await self._devices.arm.move_joints(q)
+
+    async def _go_back(self, count: int) -> None:
+        """Drive the last ``count`` waypoints backwards, to where the arm stood before them."""
+        way = [self._trail[-2 - i] for i in range(count)]
+        del self._trail[-count:]
+        check_interlocks(self._devices)
+        for q in way:
             await self._devices.arm.move_joints(q)
 
     async def _require_held(self) -> None:
@@ -112,14 +120,60 @@ class Toolkit:
         A jaw that stalled on the part stands where it stalled even when the part has gone
         (umi_rtx.md 7), so that its width alone proves nothing.
         """
+        hold = self._held()
         width = await self._devices.arm.grip(self._grip_force)
-        if width < self.part.gripped_mm - LOST_MM:
-            await self._custody(Custody.LOST, f"jaws at {width:.1f} mm")
+        if width >= hold.width_mm - LOST_MM and width >= NOTHING_MM:
+            return
+        self.part.hold = None
+        message = (
+            f"the part is gone from the arm's hand: jaws at {width:.1f} mm, "
+            f"{hold.width_mm:.1f} mm while it was held"
+        )
+        if self.part.custody is Custody.IN_BOTH:
+            await self._custody(Custody.IN_FIXTURE, f"jaws of the hand at {width:.1f} mm")
+            raise PartTroubleError(Trouble.TAKE_BACK_FAILED, message)
+        await self._custody(Custody.LOST, f"jaws at {width:.1f} mm")
+        raise PartTroubleError(Trouble.DROPPED, message)
+
+    def _held(self) -> Hold:
+        """Return how the hand has the part; it must have it."""
+        hold = self.part.hold
+        assert hold is not None, "the hand is empty"
+        return hold
+
+    def _book_recovery(self, error: PartTroubleError) -> Remedy:
+        """Write down what the cell sets out to get over by itself.
+
+        Raises
+        ------
+        PartProblemError : it has tried that often enough
+        """
+        part = self.part
+        if error.trouble is Trouble.DROPPED and self._is_drop_booked:
+            return REMEDIES[error.trouble]  # noticed twice: by the jaws and by the keep-alive
+        remedy = remedy_for(error.trouble, part.recoveries)
+        if remedy is None:
             raise PartProblemError(
-                "part_lost",
-                f"the part is gone from the arm's hand: jaws at {width:.1f} mm, "
-                f"{self.part.gripped_mm:.1f} mm while it was held; look below the arm's last way",
-            )
+                error.code,
+                f"{error} (the cell has helped itself {len(part.recoveries)} times with this part "
+                "and now asks for you)",
+            ) from error
+        self._is_drop_booked = error.trouble is Trouble.DROPPED
+        part.recoveries.append(Recovery(error.trouble, str(error)))
+        self._journal.record(
+            "decision",
+            "recovery",
+            {
+                "trouble": error.trouble.value,
+                "reason": str(error),
+                "remedy": remedy.words,
+                "number": len(part.recoveries),
+                "custody": part.custody.name.lower(),
+            },
+            part.number,
+        )
+        self._tell(f"{error}; {remedy.words}", remaining_s=None)
+        return remedy
 
     async def _shoot(self, camera: str, lamps: Mapping[str, float]) -> Grey:
         """Return a picture exposed wholly after the lamps were as told."""
@@ -181,8 +235,9 @@ class Toolkit:
             self.part.number,
         )
         self.part.next_step += 1
+        del self._trail[:-1]  # every step ends where the arm stands free
 
     def _drop_pending(self) -> None:
-        for _, task in self.part.pending:
-            task.cancel()
+        for shown in self.part.pending:
+            shown.task.cancel()
         self.part.pending.clear()

@@ -27,6 +27,7 @@ from controller.cad import (
     Solid,
     StablePose,
     SurfaceSamples,
+    inverse_pose,
 )
 from controller.cad.compiled import (
     CompiledPart,
@@ -46,9 +47,23 @@ from controller.config import (
     panel_corners,
     table_corners,
 )
-from controller.planning import Plan, PlanOptions, PreparedPart, plan_part, prepare_part
+from controller.planning import (
+    Box,
+    Motion,
+    NoPlanError,
+    OnTable,
+    Plan,
+    PlanOptions,
+    PreparedPart,
+    Start,
+    plan_part,
+    prepare_part,
+)
 from controller.planning.layout import CellLayout
+from controller.planning.motion import Scene, connect
 from controller.recognition.stored import open_library
+
+from . import slipped
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
@@ -181,6 +196,49 @@ def plan(job: Job, pose_index: int, T_world_part: Array) -> Plan:
     return plan_part(c.solid, c.samples, pose, T_world_part, c.layout, prepared=_prepared(job))
 
 
+def plan_from(
+    job: Job,
+    start: Start,
+    seen: NDArray[np.bool_] | None,
+    avoid: frozenset[str],
+    candidates: tuple[recognising.Sighting, ...],
+) -> Plan:
+    """Return the plan from whoever has the part; see `experts.Experts.plan`.
+
+    Raises
+    ------
+    NoPlanError : and why not
+    """
+    if isinstance(start, OnTable):
+        return plan(job, start.pose_index, start.T_world_part)
+    raise NoPlanError(f"{context(job).solid.name}: no plan begins with the part in a gripper")
+
+
+def way_home(
+    job: Job, q: Array, hand_mm: float, fixture_mm: float, T_part_hand: Array | None
+) -> Motion:
+    """Return a way to the park position; see `experts.Experts.way_home`.
+
+    Raises
+    ------
+    NoMotionError : no way free of contact
+    """
+    c = context(job)
+    carried = None
+    if T_part_hand is not None:
+        low, high = c.solid.mesh.bounds
+        box = Box.from_bounds(*np.column_stack([low, high]).ravel())
+        carried = box.placed(inverse_pose(T_part_hand))
+    scene = Scene(c.layout, hand_mm, fixture_mm, carried)
+    return connect(q, c.layout.park_q, scene, f"{c.solid.name}: way home")
+
+
+def share(job: Job, samples: NDArray[np.bool_]) -> float:
+    """Return how much of the surface some samples (n,) stand for."""
+    areas = context(job).samples.areas_mm2
+    return float(areas[samples].sum() / areas.sum())
+
+
 @lru_cache(maxsize=2)
 def _prepared(job: Job) -> PreparedPart:
     c = context(job)
@@ -267,6 +325,28 @@ def inspect(
     return inspecting.inspect_view(
         part, c.samples, task, inspecting.ViewPictures(backlit=backlit, lit=lit)
     )
+
+
+def find_hold(
+    job: Job,
+    T_world_part: Array,
+    T_part_hand: Array,
+    holder: tuple[inspecting.WorldBox, ...],
+    backlit: Grey,
+) -> Array | None:
+    """Look for a held part about where it should be; see `_slipped.find_hold`."""
+    c = context(job)
+    task = inspecting.ViewTask(
+        view_id="hold",
+        camera=c.inspection,
+        T_world_part=T_world_part,
+        holder=holder,
+        panel_mm=panel_corners(c.cell, "station_backlight"),
+        lamps=(),
+        limits=inspection_limits(c.recipe),
+    )
+    part = recognising.PosedPart(c.solid, c.caster)
+    return slipped.find_hold(part, c.samples, task, T_part_hand, backlit)
 
 
 def inspection_limits(recipe: Recipe) -> inspecting.Limits:

@@ -52,9 +52,9 @@ def reachable(start: str, without: frozenset[Event] = frozenset()) -> set[str]:
     return seen
 
 
-def test_the_states_are_nineteen_and_each_works_or_rests() -> None:
-    # PackML's words, and eight stages of a part within Execute (DESIGN.md 5)
-    assert len(STATES) == len(set(STATES)) == 19
+def test_the_states_are_twenty_one_and_each_works_or_rests() -> None:
+    # PackML's words, and within Execute eight stages of a part (DESIGN.md 5) and two of recovery
+    assert len(STATES) == len(set(STATES)) == 21
     assert set(IN_EXECUTE) <= set(STATES)
     assert set(RESTING) | set(ENTRY) == set(STATES)
     assert not set(RESTING) & set(ENTRY)
@@ -121,7 +121,15 @@ def test_no_state_is_without_a_way_out_and_every_state_is_reached() -> None:
 
 def test_every_stage_is_reached_without_anything_going_wrong() -> None:
     trouble = frozenset(
-        {Event.FAULT, Event.STOP, Event.PART_PROBLEM, Event.GRIP_MISSED, Event.CLEAR}
+        {
+            Event.FAULT,
+            Event.STOP,
+            Event.PART_PROBLEM,
+            Event.GRIP_MISSED,
+            Event.CLEAR,
+            Event.PART_DROPPED,
+            Event.PLAN_VOID,
+        }
     )
     assert reachable("stopped", trouble) >= {*IN_EXECUTE, "complete"}
 
@@ -201,10 +209,72 @@ def test_a_whole_batch_of_two_parts_with_a_hand_off_and_a_missed_grip() -> None:
         (Event.HOLD_DONE, None),
         (Event.RESET, Effect.HOME),
     ]
+    follow(machine, script)
+
+
+def follow(machine: CellMachine, script: list[tuple[Event, Effect | None]]) -> None:
     for event, effect in script:
         decision = machine.dispatch(event)
         assert decision.answer == "handled", (event, decision)
         assert decision.effects == (() if effect is None else (effect,)), event
+
+
+def test_a_part_that_falls_is_looked_for_taken_again_and_shown_on() -> None:
+    follow(
+        at(f"{EXECUTE}{SEPARATOR}presenting"),
+        [
+            (Event.PART_DROPPED, Effect.WITHDRAW),
+            (Event.WITHDRAWN, Effect.ACQUIRE),
+            (Event.PICTURE_TAKEN, Effect.RECOGNISE),
+            (Event.PART_RECOGNISED, Effect.PLAN),
+            (Event.PLANNED, Effect.GRASP),
+            (Event.GRASPED, Effect.PRESENT),
+            (Event.SHOWN, Effect.INSPECT),
+        ],
+    )
+
+
+def test_a_part_held_otherwise_than_planned_is_planned_on_without_putting_it_down() -> None:
+    follow(
+        at(f"{EXECUTE}{SEPARATOR}inspecting"),
+        [
+            (Event.PLAN_VOID, Effect.PLAN),
+            (Event.PLANNED_ON, Effect.PRESENT),
+            (Event.SHOWN, Effect.INSPECT),
+            (Event.HAND_OFF_DUE, Effect.HAND_OFF),
+            (Event.PLAN_VOID, Effect.PLAN),  # the fixed gripper has it, the hand did not get it
+            (Event.PLANNED_ON, Effect.PRESENT),
+            (Event.SHOWN, Effect.INSPECT),
+            (Event.SET_DOWN_DUE, Effect.SET_DOWN),
+            (Event.SET_DOWN, Effect.WITHDRAW),
+            (Event.WITHDRAWN, Effect.ACQUIRE),
+        ],
+    )
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_a_part_that_leaves_the_fixed_gripper_is_never_news_the_table_has_no_answer_to(
+    state: str,
+) -> None:
+    # its keep-alive may say so in any state that something moves in
+    if state in MOVING:
+        assert verdict_on(state, Event.PART_DROPPED)[0] != "refused"
+
+
+@pytest.mark.parametrize("state", IN_EXECUTE)
+def test_nothing_recovers_by_closing_a_hand_before_the_table_was_looked_at(state: str) -> None:
+    if HANDLED.get((state, Event.PART_DROPPED)) is None:
+        return
+    machine = at(state)
+    seen = []
+    for event in (
+        Event.PART_DROPPED, Event.WITHDRAWN, Event.PICTURE_TAKEN, Event.PART_RECOGNISED,
+        Event.PLANNED,
+    ):  # fmt: skip
+        seen += machine.dispatch(event).effects
+    assert seen == [
+        Effect.WITHDRAW, Effect.ACQUIRE, Effect.RECOGNISE, Effect.PLAN, Effect.GRASP,
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("state", STATES)

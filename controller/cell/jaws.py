@@ -1,0 +1,84 @@
+"""The only door through which jaws of the cell open, so that a held part always has a holder.
+
+Who lets go needs the other one's hold confirmed, asked of the device at that moment; a part that
+only one gripper has is let go on purpose (tray, table) or not at all. What is refused here is a
+bug somewhere else: the cell aborts with everything closed.
+"""
+
+from typing import Final
+
+from drivers.gripper_modbus import Gripper, Hold
+from drivers.io_modbus import CellIo, Signal
+from drivers.umi_scara import UmiScara
+
+from .custody import Custody
+from .errors import ReleaseRefusedError
+
+LOST_MM: Final = 1.5  # jaws that close by more than this while carrying have lost the part
+NOTHING_MM: Final = 3.0  # jaws this near to each other hold nothing
+
+
+class Jaws:
+    """Opens the hand and the fixed gripper, or refuses to."""
+
+    def __init__(self, arm: UmiScara, fixture: Gripper, io: CellIo) -> None:
+        self._arm = arm
+        self._fixture = fixture
+        self._io = io
+
+    async def open_hand(self, width_mm: float, custody: Custody, *, lets_go: bool = False) -> float:
+        """Open the hand; return the width reached [mm].
+
+        Parameters
+        ----------
+        custody : who has the part now
+        lets_go : the part is meant to stay where the hand is: in its tray, on the table
+
+        Raises
+        ------
+        ReleaseRefusedError : nobody else is known to hold what the hand holds
+        """
+        if custody is Custody.UNKNOWN:
+            raise ReleaseRefusedError("the hand stays closed: who holds the part is not known")
+        if custody is Custody.IN_ARM and not lets_go:
+            raise ReleaseRefusedError("the hand stays closed: it alone holds the part")
+        if custody is Custody.IN_BOTH and (hold := await self._fixture.hold()) is not Hold.HELD:
+            raise ReleaseRefusedError(
+                f"the hand stays closed: the fixed gripper does not confirm its hold ({hold.value})"
+            )
+        return await self._arm.move_gripper_mm(width_mm)
+
+    async def open_fixture(self, width_mm: float, custody: Custody, gripped_mm: float) -> None:
+        """Open the fixed gripper.
+
+        Parameters
+        ----------
+        custody : who has the part now
+        gripped_mm : width of the hand's jaws since they closed on the part
+
+        Raises
+        ------
+        ReleaseRefusedError : nobody else is known to hold what the fixed gripper holds
+        """
+        if custody in (Custody.UNKNOWN, Custody.IN_FIXTURE):
+            raise ReleaseRefusedError(
+                f"the fixed gripper stays closed: the part is {custody.value}"
+            )
+        if custody is Custody.IN_BOTH:
+            width = await self._arm.jaw_width_mm()
+            if width < max(NOTHING_MM, gripped_mm - LOST_MM):
+                raise ReleaseRefusedError(
+                    f"the fixed gripper stays closed: the hand's jaws stand at {width:.1f} mm, "
+                    f"{gripped_mm:.1f} mm is the part's width"
+                )
+        if custody is Custody.LOST and self.is_between_fixture:
+            raise ReleaseRefusedError(
+                "the fixed gripper stays closed: the part is lost, and something is between "
+                "its jaws"
+            )
+        await self._fixture.open_to(width_mm)
+
+    @property
+    def is_between_fixture(self) -> bool:
+        """Whether the light barrier of the fixed gripper sees something between its jaws."""
+        return self._io.signal("part_in_fixture") is Signal.OK

@@ -1,0 +1,101 @@
+"""Looks for a part that has slipped in the jaws: not where it should be, but still held.
+
+Flat pads leave a part two ways to go, along the fingers and across them, and one turn, about the
+line between the pads. Poses on a grid of these are compared as shadows first, the best ones are
+fitted edge by edge as any view is.
+"""
+
+import itertools
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from controller import inspection as inspecting
+from controller.cad import RayCaster, SurfaceSamples, inverse_pose, render_maps
+from controller.recognition import PosedPart, threshold_levels
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Grey = NDArray[np.uint8]
+
+ALONG_MM: Final = (0.0, 5.0, -5.0, 10.0, -10.0, 15.0)
+ACROSS_MM: Final = (0.0, 4.0, -4.0)
+TURN_RAD: Final = tuple(float(np.radians(d)) for d in (0.0, 8.0, -8.0, 16.0, -16.0, 30.0, -30.0))
+STEP_PX: Final = 8
+FITTED_N: Final = 3
+LEAST_OVERLAP: Final = 0.7  # of the shadows; less is no part in the hand, or another one
+
+
+def find_hold(
+    part: PosedPart,
+    samples: SurfaceSamples,
+    task: inspecting.ViewTask,
+    T_part_hand: Array,
+    backlit: Grey,
+) -> Array | None:
+    """Return T_world_part of a held part that slipped, None where it is not found.
+
+    Parameters
+    ----------
+    task : the view, with the pose the part should have
+    T_part_hand : (4, 4) how the hand should hold it
+    backlit : picture before the glowing panel
+    """
+    width, height = task.camera.size_px
+    low, level, high = threshold_levels(backlit, np.ones(backlit.shape, dtype=bool))
+    if high - low < task.limits.min_contrast:
+        return None
+    roi = (0, 0, width, height)
+    dark = backlit[::STEP_PX, ::STEP_PX] < level
+    hidden = _shadow(_caster(task.holder), np.eye(4), task, roi) if task.holder else ~(dark | ~dark)
+    ranked: list[tuple[float, int, Array]] = []
+    grid = itertools.product(ALONG_MM, ACROSS_MM, TURN_RAD)
+    for number, (along, across, turn) in enumerate(grid):
+        T = task.T_world_part @ T_part_hand @ _move(along, across, turn)
+        T = T @ inverse_pose(T_part_hand)
+        overlap = _overlap(_shadow(part.caster, T, task, roi) & ~hidden, dark & ~hidden)
+        if overlap >= LEAST_OVERLAP:
+            ranked.append((-overlap, number, T))
+    for _, _, T in sorted(ranked, key=lambda item: item[:2])[:FITTED_N]:
+        near = replace(task, T_world_part=T, is_hold_seen=False)
+        pictures = inspecting.ViewPictures(backlit=backlit, lit={})
+        result = inspecting.inspect_view(part, samples, near, pictures)
+        if result.evaluated:
+            return result.T_world_part
+    return None
+
+
+def _move(along_mm: float, across_mm: float, turn_rad: float) -> Array:
+    """Return a slip in the tip frame: along the fingers, across them, about the pads' line."""
+    T = np.eye(4)
+    c, s = np.cos(turn_rad), np.sin(turn_rad)
+    T[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
+    T[:3, 3] = [along_mm, 0.0, across_mm]
+    return T
+
+
+def _caster(holder: tuple[inspecting.WorldBox, ...]) -> RayCaster:
+    boxes = [trimesh.creation.box(extents=2 * b.half_mm, transform=b.T) for b in holder]
+    return RayCaster(trimesh.util.concatenate(boxes))
+
+
+def _shadow(
+    caster: RayCaster, T: Array, task: inspecting.ViewTask, roi: tuple[int, int, int, int]
+) -> Mask:
+    return render_maps(caster, T, task.camera, roi, step_px=STEP_PX).mask
+
+
+def _overlap(expected: Mask, seen: Mask) -> float:
+    """Return intersection over union about the expected shadow; what is far from it is not it."""
+    rows, columns = np.nonzero(expected)
+    if len(rows) == 0:
+        return 0.0
+    near = (
+        slice(max(0, rows.min() - 4), rows.max() + 5),
+        slice(max(0, columns.min() - 4), columns.max() + 5),
+    )
+    both = (expected & seen)[near].sum()
+    return float(both / (expected | seen)[near].sum())
