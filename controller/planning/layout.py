@@ -100,21 +100,35 @@ class Tray:
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """Nominal speeds and the fixed times of a cycle; the forecast is as good as these.
+    """Speeds and the fixed times of a cycle; the forecast is as good as these.
 
-    Joint speeds are those of umi_rtx.md 5.7 (unsourced there, so replaced once an arm is timed).
+    Fitted to the emulated arm over its wire (benchmarks/fit_pace.py) and to the journals of the
+    emulated cell; a real arm wants timing once, since no source vouches for umi_rtx.md 5.7.
+
+    Attributes
+    ----------
+    joint_per_s : at full speed [rad/s, mm/s]; pitch and roll share their motors, so that their
+        times add up
+    ramp_s : from rest to full speed
+    command_s : first request to the last read-back, once per move, but for what follows
+    motor_s : target and speed written, place read back, per motor that moves
+    hand_over_s : of the line, where a move needs wrist and other motors
+    skew_s : by which the wrist may start before or after the other motors
     """
 
     joint_per_s: tuple[float, ...] = (
         *np.radians([23.0, 44.0, 110.0]).tolist(),
         110.0,
-        *np.radians([100.0, 100.0]).tolist(),
+        *np.radians([103.8, 103.8]).tolist(),
     )
-    start_stop_s: float = 0.35  # reaching speed, braking and the last poll, once per waypoint
+    ramp_s: float = 0.24
+    command_s: float = 0.10
+    motor_s: float = 0.075
+    hand_over_s: float = 0.04
+    skew_s: float = 0.05
     grip_s: float = 2.0  # close, force up, width read back
     release_s: float = 1.2
     look_s: float = 3.0  # settle, switch lamps, expose after the change, transfer
-    relook_s: float = 12.0  # pictures of the table, recognition and a new plan after a set-down
 
 
 @dataclass(frozen=True, slots=True, eq=False)

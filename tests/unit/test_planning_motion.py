@@ -15,7 +15,7 @@ from controller.planning.motion import (
     path_free,
     tip_pose,
 )
-from controller.planning.motion._ways import _rrt_connect
+from controller.planning.motion._trees import rrt_connect
 
 LAYOUT = emulated_layout()
 FREE = Scene(LAYOUT, 60.0, 85.0)
@@ -32,13 +32,14 @@ LEFT, RIGHT = q(20, 0, 0, -500, -90, 0), q(-60, 60, 0, -500, -90, 0)
 WALL = Box.from_bounds(300.0, 700.0, -12.0, 12.0, 0.0, 620.0)
 
 
-def test_a_move_takes_as_long_as_its_slowest_axis() -> None:
+def test_a_move_takes_as_long_as_its_slowest_motor_and_the_commands() -> None:
     start = q(0, 0, 0, -500, -90, 0)
-    # shoulder 23 deg at 23 deg/s, zed 55 mm at 110 mm/s
+    # shoulder 23 deg at 23 deg/s, zed 55 mm at 110 mm/s, both of one processor
     end = q(23, 0, 0, -555, -90, 0)
     pace = LAYOUT.pace
-    assert move_seconds(LAYOUT, [start, end]) == pytest.approx(1.0 + pace.start_stop_s)
-    assert move_seconds(LAYOUT, [start, end, end]) == pytest.approx(1.0 + pace.start_stop_s)
+    expected = 1.0 + pace.ramp_s + pace.command_s + 2 * pace.motor_s
+    assert move_seconds(LAYOUT, [start, end]) == pytest.approx(expected)
+    assert move_seconds(LAYOUT, [start, end, end]) == pytest.approx(expected)
     assert move_seconds(LAYOUT, [start]) == 0.0
 
 
@@ -59,8 +60,8 @@ def test_a_wall_is_crossed_over_the_top() -> None:
 
 def test_trees_find_a_way_too_and_the_same_one_each_time() -> None:
     walled = Scene(LAYOUT, 60.0, 85.0, standing=(WALL,))
-    first = _rrt_connect(LEFT, RIGHT, walled, seed=0)
-    second = _rrt_connect(LEFT, RIGHT, walled, seed=0)
+    first = rrt_connect(LEFT, RIGHT, walled, seed=0)
+    second = rrt_connect(LEFT, RIGHT, walled, seed=0)
     assert first is not None
     assert second is not None
     np.testing.assert_array_equal(np.stack(first), np.stack(second))

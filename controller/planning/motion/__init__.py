@@ -1,16 +1,24 @@
 """Where the arm can be, what it touches there, and its ways from one place to the other."""
 
+from ._inverse import inverse_rows, tip_pose
 from ._lines import fewest_waypoints, same_branch
-from ._scene import Scene, inverse_rows, tip_pose
-from ._ways import connect, move_seconds, path_free
+from ._pace import leg_seconds, leg_tube, move_seconds, travel_seconds
+from ._scene import Scene
+from ._shape import PartShape, PlacedShape
+from ._ways import connect, path_free
 
 __all__ = [
+    "PartShape",
+    "PlacedShape",
     "Scene",
     "connect",
     "fewest_waypoints",
     "inverse_rows",
+    "leg_seconds",
+    "leg_tube",
     "move_seconds",
     "path_free",
     "same_branch",
     "tip_pose",
+    "travel_seconds",
 ]

@@ -1,0 +1,58 @@
+"""Joints of tip poses in the world, as rows, and back."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from controller.cad import inverse_pose
+from drivers.umi_scara.kinematics import forward, inverse
+
+from ..layout import CellLayout, FloatArray, IntArray
+
+HEADINGS_RAD = np.radians(np.arange(-180.0, 180.0, 30.0))  # tried where the hand points down
+# a hand this close to straight down is taken as straight down: its heading would be noise
+VERTICAL = 2e-3
+
+
+def inverse_rows(
+    layout: CellLayout, T_world_tip: FloatArray
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return all legal configurations of tip poses (n, 4, 4): index (m,), branch (m,), q (m, 6).
+
+    The branch number means the same for all poses of one orientation (elbow sign, wrist branch or
+    heading), so that a straight line keeps its branch.
+    """
+    T = inverse_pose(layout.T_world_arm) @ T_world_tip
+    down = np.hypot(T[:, 0, 0], T[:, 1, 0]) < VERTICAL
+    if down.any():
+        T[down, :3, :3] = _straightened(T[down, :3, :3])
+    index, branch, rows = [np.zeros(0, int)], [np.zeros(0, int)], [np.zeros((0, 6))]
+    for members in (np.flatnonzero(down), np.flatnonzero(~down)):
+        if len(members):
+            headings = HEADINGS_RAD if down[members[0]] else HEADINGS_RAD[:1]
+            q, legal = inverse(T[members], layout.arm, heading_rad=headings)
+            i, k = np.nonzero(legal)
+            index.append(members[i])
+            branch.append(k)
+            rows.append(q[i, k])
+    order = np.argsort(np.concatenate(index), kind="stable")
+    return (
+        np.concatenate(index)[order],
+        np.concatenate(branch)[order],
+        np.concatenate(rows)[order],
+    )
+
+
+def _straightened(R: FloatArray) -> FloatArray:
+    out = np.zeros_like(R)
+    out[:, 2, 0] = np.sign(R[:, 2, 0])
+    y = R[:, :, 1].copy()
+    y[:, 2] = 0.0
+    out[:, :, 1] = y / np.linalg.norm(y, axis=1, keepdims=True)
+    out[:, :, 2] = np.cross(out[:, :, 0], out[:, :, 1])
+    return out
+
+
+def tip_pose(layout: CellLayout, q: FloatArray) -> FloatArray:
+    """Return T_world_tip (..., 4, 4) of configurations (..., 6)."""
+    return np.asarray(layout.T_world_arm @ forward(q, layout.arm))

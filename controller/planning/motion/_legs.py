@@ -1,0 +1,89 @@
+"""Whether one joint move is free of contact all the way, for the arm as it will really go.
+
+The line is cut into pieces. A piece is free if the arm, put in its middle, has that much room
+round it that it cannot touch anything while it covers the piece; else the piece is cut smaller.
+So nothing is missed between two states that were looked at, and open space costs little.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.umi_scara.kinematics import within_limits
+
+from ..boxes import BoolArray
+from ..layout import CellLayout, FloatArray
+from ._inverse import tip_pose
+from ._pace import leg_tube
+from ._scene import Scene
+
+MARGIN_MM = 5.0  # beside the tube: calibration, backlash, the part's place in the hand
+END_MARGIN_MM = 2.0  # next to a hold or the fixture, which the straight ways keep as well
+END_LENGTH_MM = 60.0
+PIECE_MM = 64.0  # first cut; each further one is a quarter
+LEAST_PIECE_MM = 4.0  # half of it is the end margin
+_TUBE_N = 49
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ends:
+    """Tips [mm] at the two ends of a whole way: near them the margin is the thin one."""
+
+    tips_mm: FloatArray
+
+    @classmethod
+    def of(cls, layout: CellLayout, q_from: FloatArray, q_to: FloatArray) -> Ends:
+        """Return the ends of a way."""
+        return cls(tip_pose(layout, np.stack([q_from, q_to]))[:, :3, 3])
+
+    def near(self, tips_mm: FloatArray) -> BoolArray:
+        """Tell which tips (n, 3) are near one of the ends."""
+        away = np.linalg.norm(tips_mm[:, None] - self.tips_mm[None], axis=2)
+        return np.asarray(away.min(axis=1) < END_LENGTH_MM)
+
+
+def leg_free(scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends) -> bool:
+    """Tell whether one joint move (6,) to (6,) keeps the margins all the way."""
+    if not within_limits(np.stack([q_from, q_to])).all():  # linear, so all between are as well
+        return False
+    step = q_to - q_from
+    travel_mm = _travel_mm(scene, q_from, q_to)
+    pieces = max(1, int(np.ceil(travel_mm / PIECE_MM)))
+    middles = (np.arange(pieces) + 0.5) / pieces
+    tube_mm = None
+    while True:
+        half_mm = travel_mm / pieces / 2
+        q = q_from + middles[:, None] * step
+        near = ends.near(tip_pose(scene.layout, q)[:, :3, 3])
+        margin = np.where(near, END_MARGIN_MM, MARGIN_MM)
+        if tube_mm is None:
+            # contacts that need no tube are the commonest answer
+            if not scene.free(q, margin).all():
+                return False
+            at = np.linspace(0.0, 1.0, _TUBE_N)
+            tube_mm = leg_tube(scene.layout, q_from, q_to, at)
+        margin = margin + np.interp(middles, at, tube_mm)
+        tight = np.flatnonzero(~scene.free(q, margin + half_mm))
+        if len(tight) == 0:
+            return True
+        if not scene.free(q[tight], margin[tight]).all():
+            return False
+        if 2 * half_mm <= LEAST_PIECE_MM:
+            return True
+        middles = (middles[tight, None] + (np.arange(4) - 1.5) / (4 * pieces)).ravel()
+        pieces *= 4
+
+
+def _travel_mm(scene: Scene, q_from: FloatArray, q_to: FloatArray) -> float:
+    """Return more than any point of arm, hand or part can move during a joint move [mm]."""
+    arm = scene.layout.arm
+    far, beside = scene.reach_mm()
+    elbows = np.array([q_from[1], q_to[1]])
+    # the wrist is farthest from the shoulder where the elbow is straightest
+    bent = 0.0 if elbows.min() <= 0.0 <= elbows.max() else float(np.abs(elbows).min())
+    wrist = np.hypot(arm.upper_mm + arm.fore_mm * np.cos(bent), arm.fore_mm * np.sin(bent))
+    # half of the elbow's turn is taken back from the hand (umi_rtx.md 5.4)
+    radii = np.array([wrist + far, arm.fore_mm + far / 2, far, 1.0, far, beside])
+    return float(np.abs(q_to - q_from) @ radii)

@@ -1,0 +1,110 @@
+"""A part's triangles, ready to be asked what they touch; the only room that knows FCL.
+
+Margins are kept by growing the boxes that the triangles meet: FCL's `collide` is robust, its
+signed distance is not (planning.md 3.2). A box grown on all its faces holds every point within
+the margin of it, so that growing errs on the safe side, at its edges by 0.41 of the margin.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import fcl
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from controller.cad import Solid
+
+from ..layout import Box, FloatArray, IntArray
+
+
+class PartShape:
+    """The triangles of a part in its CAD frame.
+
+    Parameters
+    ----------
+    vertices_mm : (v, 3); faces : (f, 3) indices into them, closed and wound outwards
+
+    Attributes
+    ----------
+    box : what bounds it, along the axes of the CAD frame
+    hull_mm : (h, 3) those of its points that can be its lowest one
+    """
+
+    def __init__(self, vertices_mm: FloatArray, faces: IntArray) -> None:
+        self._vertices_mm = np.ascontiguousarray(vertices_mm, dtype=np.float64)
+        self._faces = np.ascontiguousarray(faces, dtype=np.int64)
+        low, high = self._vertices_mm.min(axis=0), self._vertices_mm.max(axis=0)
+        self.box = Box.from_bounds(low[0], high[0], low[1], high[1], low[2], high[2])
+        self.hull_mm: FloatArray = self._vertices_mm[ConvexHull(self._vertices_mm).vertices]
+        self._model: fcl.BVHModel | None = None
+
+    @classmethod
+    def of(cls, solid: Solid) -> PartShape:
+        """Return the shape of a solid."""
+        return cls(np.asarray(solid.mesh.vertices), np.asarray(solid.mesh.faces))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave FCL's model behind: it is built anew where it is asked for."""
+        return {**self.__dict__, "_model": None}
+
+    @property
+    def model(self) -> fcl.BVHModel:
+        """FCL's tree over the triangles; the same one each time."""
+        if self._model is None:
+            self._model = fcl.BVHModel()
+            self._model.beginModel(len(self._vertices_mm), len(self._faces))
+            self._model.addSubModel(self._vertices_mm, self._faces)
+            self._model.endModel()
+        return self._model
+
+    def holds(self, point_mm: FloatArray) -> bool:
+        """Tell whether a point (3,) lies inside: the triangles are seen from it all round."""
+        a, b, c = np.moveaxis(self._vertices_mm[self._faces] - point_mm, 1, 0)
+        la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+        volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+        spread = la * lb * lc + lc * np.einsum("ij,ij->i", a, b)
+        spread += lb * np.einsum("ij,ij->i", a, c) + la * np.einsum("ij,ij->i", b, c)
+        # twice the sum of half solid angles; a full turn of 4 pi inside
+        return bool(abs(np.arctan2(volume, spread).sum()) > np.pi)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedShape:
+    """A part's triangles at a pose T (4, 4) in the frame of whatever they belong to."""
+
+    shape: PartShape
+    T: FloatArray
+
+    @property
+    def box(self) -> Box:
+        """What bounds it, in that frame."""
+        return self.shape.box.placed(self.T)
+
+
+class Triangles:
+    """One part among boxes, asked many times at changing places."""
+
+    def __init__(self, shape: PartShape) -> None:
+        self._shape = shape
+        self._object = fcl.CollisionObject(shape.model)
+        self._request = fcl.CollisionRequest()
+        self._half = np.sort(shape.box.half_mm)
+
+    def place(self, T_world_part: FloatArray) -> None:
+        """Put the part at a pose (4, 4)."""
+        self._T = T_world_part
+        self._object.setTransform(fcl.Transform(T_world_part[:3, :3], T_world_part[:3, 3]))
+
+    def touch(self, T_box: FloatArray, half_mm: FloatArray) -> bool:
+        """Tell whether the part touches a solid box of pose (4, 4) and half edges (3,)."""
+        box = fcl.CollisionObject(
+            fcl.Box(*(2.0 * half_mm)), fcl.Transform(T_box[:3, :3], T_box[:3, 3])
+        )
+        if fcl.collide(self._object, box, self._request, fcl.CollisionResult()):
+            return True
+        if np.all(np.sort(half_mm) < self._half):  # small enough to be lost inside the part
+            centre = self._T[:3, :3].T @ (T_box[:3, 3] - self._T[:3, 3])
+            return self._shape.holds(centre)
+        return False

@@ -1,0 +1,134 @@
+"""Two random trees that grow towards each other, and the way between them made short.
+
+RRT-Connect (Kuffner and LaValle, 2000) in joint space, with seconds of the slowest motor for a
+distance. Work is counted in nodes, never in time: the same seed gives the same way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from drivers.umi_scara.kinematics import within_limits
+
+from ..layout import FloatArray
+from ._legs import MARGIN_MM, Ends, leg_free
+from ._pace import move_seconds, travel_seconds
+from ._scene import Scene
+
+TURNS_N = 600
+STEP_S = 0.8  # longest edge
+SHRINKS_N = 2  # a third of an edge may be free where the whole is not
+TOWARDS_ROOT = 0.1  # share of the turns
+SAMPLES_N = 96  # drawn at a time; few are within limits and free
+TOP_SHARE = 0.2  # of zed's range
+SHORTCUTS_N = 60
+_LOW = np.array([*np.radians([-90.0, -175.0, -190.0]), -900.0, *np.radians([-97.0, -131.0])])
+_HIGH = np.array([*np.radians([90.0, 150.0, 185.0]), -10.0, *np.radians([3.0, 180.0])])
+
+
+@dataclass(slots=True)
+class _Tree:
+    nodes: FloatArray
+    parents: list[int] = field(default_factory=lambda: [-1])
+    forward: bool = True
+
+    def add(self, q: FloatArray, parent: int) -> int:
+        self.nodes = np.vstack([self.nodes, q])
+        self.parents.append(parent)
+        return len(self.parents) - 1
+
+    def trace(self, k: int) -> list[FloatArray]:
+        """Return the way from node `k` back to the root."""
+        way = []
+        while k >= 0:
+            way.append(self.nodes[k])
+            k = self.parents[k]
+        return way
+
+
+def rrt_connect(
+    start: FloatArray, goal: FloatArray, scene: Scene, seed: int
+) -> list[FloatArray] | None:
+    """Return a way from start to goal, both included, or None where the trees do not meet."""
+    rng = np.random.default_rng(seed)
+    layout = scene.layout
+    ends = Ends.of(layout, start, goal)
+    trees = (_Tree(start[None]), _Tree(goal[None], forward=False))
+
+    def extend(tree: _Tree, target: FloatArray) -> tuple[int, bool]:
+        """Grow one edge towards a target: the new node, -1 if none, and whether it is there."""
+        away_s = travel_seconds(layout, tree.nodes, target)
+        k = int(np.argmin(away_s))
+        arrives = bool(away_s[k] <= STEP_S)
+        if away_s[k] < 1e-9:
+            return k, True
+        here = tree.nodes[k]
+        new = target if arrives else here + (target - here) * STEP_S / away_s[k]
+        for _ in range(SHRINKS_N):
+            a, b = (here, new) if tree.forward else (new, here)
+            if leg_free(scene, a, b, ends):
+                return tree.add(new, k), arrives
+            new, arrives = here + (new - here) / 3, False
+        return -1, False
+
+    pool: list[FloatArray] = []
+    for turn in range(TURNS_N):
+        mine, other = trees[turn % 2], trees[1 - turn % 2]
+        if not pool:
+            pool = _free_samples(scene, rng)
+        target = other.nodes[0] if rng.random() < TOWARDS_ROOT or not pool else pool.pop()
+        k, _ = extend(mine, target)
+        if k < 0:
+            continue
+        new, arrived, m = mine.nodes[k], False, 0
+        while m >= 0 and not arrived:
+            m, arrived = extend(other, new)
+        if arrived:
+            path = mine.trace(k)[::-1] + other.trace(m)[1:]
+            return shortened(path if mine.forward else path[::-1], scene, ends, rng)
+    return None
+
+
+def _free_samples(scene: Scene, rng: np.random.Generator) -> list[FloatArray]:
+    """Return random configurations that are free themselves, half of them near the top."""
+    q = _LOW + rng.random((SAMPLES_N, 6)) * (_HIGH - _LOW)
+    q[::2, 3] = _HIGH[3] + (q[::2, 3] - _HIGH[3]) * TOP_SHARE
+    q = q[within_limits(q)]
+    return list(q[scene.free(q, MARGIN_MM)])
+
+
+def shortened(
+    path: list[FloatArray], scene: Scene, ends: Ends, rng: np.random.Generator
+) -> list[FloatArray]:
+    """Return a quicker way: waypoints left out, then corners cut where that saves seconds."""
+    layout = scene.layout
+    i = 0
+    while i < len(path) - 2:
+        for j in range(len(path) - 1, i + 1, -1):
+            if leg_free(scene, path[i], path[j], ends):
+                path = path[: i + 1] + path[j:]
+                break
+        i += 1
+    for _ in range(SHORTCUTS_N):
+        if len(path) < 3:
+            break
+        legs = np.sort(rng.choice(len(path) - 1, 2, replace=False))
+        shares = rng.random(2)
+        i, j = int(legs[0]), int(legs[1])
+        a = path[i] + shares[0] * (path[i + 1] - path[i])
+        b = path[j] + shares[1] * (path[j + 1] - path[j])
+        if rng.random() < 0.5:
+            a = path[i]
+        if rng.random() < 0.5:
+            b = path[j + 1]
+        cut = [*path[: i + 1], *([] if a is path[i] else [a]), *([] if b is path[j + 1] else [b])]
+        cut += path[j + 1 :]
+        if move_seconds(layout, cut) >= move_seconds(layout, path) - 1e-9:
+            continue
+        legs_free = (leg_free(scene, p, q, ends) for p, q in pairwise(cut))
+        if all(legs_free):
+            path = cut
+    return path
