@@ -17,6 +17,9 @@ from ..layout import Box, CellLayout, FloatArray
 from ._hand import FINGER_SHADOW_MM
 
 _PIECES_N = 4  # of the cone, each held by a box
+WAYS_N = 12  # as many as there are rolls
+_LEAST_DEPTH_MM = 1.0
+_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,8 +62,45 @@ class SightCone:
         for T, half in zip(self.T, self.half_mm, strict=True):
             (left,) = np.nonzero(~met)
             pose = np.broadcast_to(T, (len(left), 4, 4))
-            met[left] = overlap(pose, half, T_box[left], half_mm[left])
+            met[left] = overlap(pose, half, T_box[left], half_mm[left] + FINGER_SHADOW_MM)
         return met
+
+
+def seen_extent(layout: CellLayout, points_mm: FloatArray) -> FloatArray:
+    """Return how far points (..., n, 3) reach in the picture each way: (..., WAYS_N).
+
+    Ways are directions square to the line from the camera to the station, evenly turned; lengths
+    are tangents. Points beside or behind the camera reach infinitely far every way.
+    """
+    eye = layout.inspection.position_mm
+    towards = eye - layout.station_mm
+    towards = towards / np.linalg.norm(towards)
+    right = layout.inspection.T_world_cam[:3, 0]
+    right = right - towards * (right @ towards)
+    right = right / np.linalg.norm(right)
+    offset = points_mm - eye
+    depth = -(offset @ towards)
+    behind = depth < _LEAST_DEPTH_MM
+    scale = 1.0 / np.where(behind, 1.0, depth)
+    x, y = (offset @ right) * scale, (offset @ np.cross(towards, right)) * scale
+    angle = 2 * np.pi * np.arange(WAYS_N) / WAYS_N
+    extent = np.stack(
+        [(c * x + s * y).max(axis=-1) for c, s in zip(np.cos(angle), np.sin(angle), strict=True)],
+        axis=-1,
+    )
+    return np.where(behind.any(axis=-1)[..., None], np.inf, extent)
+
+
+def may_cover(
+    layout: CellLayout, T_box: FloatArray, half_mm: FloatArray, extent: FloatArray
+) -> BoolArray:
+    """Tell which boxes (n, 4, 4), (n, 3) overlap a part in the picture, by its extent (n, k)."""
+    corners = _CORNERS * (half_mm + FINGER_SHADOW_MM)[:, None]
+    points = np.einsum("nij,nkj->nki", T_box[:, :3, :3], corners) + T_box[:, None, :3, 3]
+    own = seen_extent(layout, points)
+    # apart if, some way, the box begins (the other way round) after the part has ended
+    opposite = np.roll(own, WAYS_N // 2, axis=1)
+    return np.asarray(~(-opposite > extent).any(axis=1))
 
 
 def link_boxes(layout: CellLayout, q: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -11,10 +11,13 @@ from controller.cad import Camera, Solid, SurfaceSamples
 
 from ..boxes import BoolArray
 from ..layout import CellLayout, FloatArray
-from ._arm import SightCone
+from ._arm import SightCone, seen_extent
+from ._directions import even_sphere
 from ._rules import in_picture
 
 ROLLS_N = 12
+OUTER_N = 400
+RIM_N = 72
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,12 +30,14 @@ class Showing:
     inside : (v, r) bool, the whole part is in the picture
     partly : direction -> (r, n) samples in the picture, where no roll has the whole part in it
     cone : that holds all lines from the camera to the part
+    extent : (v, r, k) how far its samples reach in the picture each way, of `seen_extent`
     """
 
     T_world_part: FloatArray
     inside: BoolArray
     partly: Mapping[int, BoolArray]
     cone: SightCone
+    extent: FloatArray
 
 
 def view_poses(
@@ -70,9 +75,28 @@ def view_poses(
 
 def _whole(solid: Solid, camera: Camera, T: FloatArray) -> BoolArray:
     """Tell which poses (v, r, 4, 4) have the whole part inside the picture (v, r)."""
-    hull = np.asarray(solid.mesh.convex_hull.vertices)
-    points = np.einsum("vrij,kj->vrki", T[..., :3, :3], hull) + T[..., None, :3, 3]
+    hull = np.asarray(solid.mesh.convex_hull.vertices) - solid.centroid_mm
+    centre = T[0, 0, :3, :3] @ solid.centroid_mm + T[0, 0, :3, 3]
+    radius = float(np.linalg.norm(hull, axis=1).max())
+    if in_picture(camera, _rim_of_ball(camera, centre, radius)).all():
+        return np.ones(T.shape[:2], dtype=bool)  # whichever way it is turned
+    # of a fine mesh the points farthest out, to less than a pixel
+    outer = np.unique(np.argmax(even_sphere(OUTER_N) @ hull.T, axis=1)) if len(hull) else []
+    points = np.einsum("vrij,kj->vrki", T[..., :3, :3], hull[outer]) + centre
     return np.asarray(in_picture(camera, points).all(axis=2))
+
+
+def _rim_of_ball(camera: Camera, centre: FloatArray, radius: float) -> FloatArray:
+    """Return points round the outline of a ball as the camera sees it (k, 3)."""
+    along = centre - camera.position_mm
+    distance = float(np.linalg.norm(along))
+    along = along / distance
+    side = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
+    side = side / np.linalg.norm(side)
+    sine = min(radius / distance, 1.0)
+    angle = np.linspace(0.0, 2 * np.pi, RIM_N, endpoint=False)[:, None]
+    out = np.cos(angle) * side + np.sin(angle) * np.cross(along, side)
+    return np.asarray(centre - radius * sine * along + radius * np.sqrt(1.0 - sine**2) * out)
 
 
 def hold_up(
@@ -88,4 +112,15 @@ def hold_up(
         points = np.einsum("rij,nj->rni", T[v, :, :3, :3], samples.points_mm)
         partly[int(v)] = in_picture(layout.inspection, points + T[v, :, None, :3, 3])
     radius = float(np.linalg.norm(solid.mesh.vertices - solid.centroid_mm, axis=1).max())
-    return Showing(T, inside, partly, SightCone.of_station(layout, radius))
+    return Showing(
+        T, inside, partly, SightCone.of_station(layout, radius), _extent(samples, layout, T)
+    )
+
+
+def _extent(samples: SurfaceSamples, layout: CellLayout, T: FloatArray) -> FloatArray:
+    """Return how far the part reaches in the picture each way, (v, r, k); of `seen_extent`."""
+    flat = T[:, 0]
+    points = np.einsum("vij,nj->vni", flat[:, :3, :3], samples.points_mm) + flat[:, None, :3, 3]
+    first = seen_extent(layout, points)
+    # a roll of the part about the sight line turns its picture by as many ways
+    return np.stack([np.roll(first, r, axis=1) for r in range(ROLLS_N)], axis=1)

@@ -12,7 +12,7 @@ from controller.cad import SurfaceSamples
 from ..boxes import BoolArray
 from ..layout import Box, CellLayout, FloatArray, IntArray
 from ..motion import Scene, inverse_rows
-from ._arm import hidden_by_boxes, link_boxes, standing_between
+from ._arm import hidden_by_boxes, link_boxes, may_cover, standing_between
 from ._poses import Showing
 
 KEPT_Q = 5  # configurations kept per view and grip
@@ -67,11 +67,12 @@ def reachable_views(
     v_of, r_of = view[index], roll[index]
     fixed = standing_between(layout, scene.statics(), showing.cone)
     T_links, half_links = link_boxes(layout, q)
-    between = (
-        showing.cone.meets(T_links.reshape(-1, 4, 4), half_links.reshape(-1, 3))
-        .reshape(-1, 3)
-        .any(axis=1)
+    links = showing.cone.meets(T_links.reshape(-1, 4, 4), half_links.reshape(-1, 3)).reshape(-1, 3)
+    row, link = np.nonzero(links)
+    links[row, link] = may_cover(
+        layout, T_links[row, link], half_links[row, link], showing.extent[v_of[row], r_of[row]]
     )
+    between = links.any(axis=1)
     away_s = (np.abs(q - q_liked) / np.array(layout.pace.joint_per_s)).max(axis=1)
     order = np.lexsort((away_s, between, v_of))
     rows = _free_rows(scene, q, v_of, order)
@@ -86,7 +87,9 @@ def reachable_views(
         for k, row in enumerate(members):
             boxes = list(fixed)
             if between[row]:
-                boxes += [Box(T, h) for T, h in zip(T_links[row], half_links[row], strict=True)]
+                boxes += [
+                    Box(T_links[row, i], half_links[row, i]) for i in np.flatnonzero(links[row])
+                ]
             T = showing.T_world_part[v, r_of[row]]
             if boxes:
                 hidden[k] = hidden_by_boxes(layout, boxes, T, samples.points_mm, left_by_hand[v])
