@@ -74,14 +74,22 @@ class Follower:
         self.fixture_grip: Grip | None = None
         self.T: Array = np.eye(4)
         if isinstance(start, InArm):
-            self.grip, self.opening = start.grip, start.grip.opening_mm
+            self.grip = start.grip
+            self.opening = self.gap(start.grip, start.grip.opening_mm)
             self._place_part()
         elif isinstance(start, InFixture):
-            self.fixture_grip, self.fixture_opening = start.grip, start.grip.opening_mm
+            self.fixture_grip = start.grip
+            self.fixture_opening = self.gap(start.grip, start.grip.opening_mm)
             self.opening = min(self.layout.hand.max_mm, self.opening)
             self.T = layout.T_world_fixture @ np.linalg.inv(start.grip.T_part_hand)
         else:
             self.T = start.T_world_part if isinstance(start, OnTable) else start
+
+    def gap(self, grip: Grip, opening_mm: float) -> float:
+        """Return how far apart the fingers' inner sides are: spread, their backs are the pads."""
+        jaw = self.layout.hand if grip.holder == "arm" else self.layout.fixture
+        assert jaw is not None
+        return opening_mm - (2 * jaw.finger_thickness_mm if grip.is_inner else 0.0)
 
     @property
     def holder(self) -> str:
@@ -146,7 +154,7 @@ class Follower:
             self.say(step, f"the hand is {mm:.2f} mm, {np.degrees(rad):.2f} deg off its grip")
         self.walk.trouble += self.c.hold(grip, self.layout.hand, step.label)
         self.grip = grip
-        self.set_jaws(step, hand_mm=grip.opening_mm)
+        self.set_jaws(step, hand_mm=self.gap(grip, grip.opening_mm))
 
     # ---- steps ----------------------------------------------------------------------------------
     def follow(self, step: Step) -> None:
@@ -155,7 +163,7 @@ class Follower:
 
     def _pick(self, step: Pick) -> None:
         self.needs(step, "table")
-        self.opening = step.pre_open_mm
+        self.opening = self.gap(step.grip, step.pre_open_mm)
         self.drive(step, step.motion_in, step.motion_down)
         self.takes(step, step.grip)
         self.drive(step, step.motion_up)
@@ -190,7 +198,7 @@ class Follower:
         if self.layout.fixture is None:
             self.say(step, "there is no fixed gripper")
             return
-        self.fixture_opening = step.fixture_pre_open_mm
+        self.fixture_opening = self.gap(step.fixture_grip, step.fixture_pre_open_mm)
         self.drive(step, step.motion)
         held = self.layout.T_world_fixture @ np.linalg.inv(step.fixture_grip.T_part_hand)
         mm, rad = apart(held, self.T)
@@ -198,8 +206,10 @@ class Follower:
             self.say(step, f"both jaws disagree by {mm:.2f} mm, {np.degrees(rad):.2f} deg")
         self.walk.trouble += self.c.hold(step.fixture_grip, self.layout.fixture, step.label)
         self.fixture_grip = step.fixture_grip
-        self.set_jaws(step, fixture_mm=step.fixture_expected_opening_mm)
-        self.set_jaws(step, hand_mm=step.hand_open_mm)
+        self.set_jaws(
+            step, fixture_mm=self.gap(step.fixture_grip, step.fixture_expected_opening_mm)
+        )
+        self.set_jaws(step, hand_mm=self.gap(step.grip, step.hand_open_mm))
         self.grip = None
         self.drive(step, step.retreat)
 
@@ -207,10 +217,10 @@ class Follower:
         self.needs(step, "fixture")
         # the jaws are still as they let go; they open where the straight way begins
         self.drive(step, step.motion_in)
-        self.set_jaws(step, hand_mm=step.pre_open_mm)
+        self.set_jaws(step, hand_mm=self.gap(step.grip, step.pre_open_mm))
         self.drive(step, step.approach)
         self.takes(step, step.grip)
-        self.set_jaws(step, fixture_mm=step.fixture_open_mm)
+        self.set_jaws(step, fixture_mm=self.gap(step.fixture_grip, step.fixture_open_mm))
         self.fixture_grip = None
         self.drive(step, step.motion_out)
         self.set_jaws(step, fixture_mm=self.wide)
@@ -244,7 +254,7 @@ class Follower:
         height = float((self.c.corners @ self.T[2, :3] + self.T[2, 3]).min())
         if height > 8.0:
             self.say(step, f"drops the part {height:.0f} mm")
-        self.set_jaws(step, hand_mm=step.open_mm)
+        self.set_jaws(step, hand_mm=self.gap(step.grip, step.open_mm))
         self.grip = None
         self.drive(step, step.motion_up)
 

@@ -6,9 +6,8 @@ of umi_rtx.md 6.4 and its limits read from 5.1 and 5.2 again, the part is its me
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
-from typing import Any
 
 import fcl
 import numpy as np
@@ -19,6 +18,7 @@ from controller.planning import CellLayout, Grip, Jaw
 
 Array = NDArray[np.float64]
 Named = tuple[str, str, Array, Array]  # name, frame, (4, 4) in that frame, half edges
+Touches = Callable[[int], bool]
 
 # a step of a checked line moves the tip by less than 9 mm
 STEP = np.array([0.012, 0.012, 0.04, 7.0, 0.04, 0.04])
@@ -68,11 +68,11 @@ def frames(layout: CellLayout, q: Array) -> dict[str, Array]:
     return {"carriage": base, "upper": upper, "fore": fore, "tip": tip}
 
 
-def limits_passed(q: Array) -> list[str]:
-    """Return which limits joints (n, 6) pass, by umi_rtx.md 5.1 to 5.3, a count aside."""
+def _against_limits(q: Array) -> dict[str, tuple[Array, float, float]]:
+    """Return per limit of umi_rtx.md 5.2 its counts (n,) by 5.1 and 5.3, and between what."""
     deg = np.degrees(q)
     elbow, yaw = COUNTS["elbow"] * deg[:, 1], COUNTS["yaw"] * deg[:, 2]
-    of = {
+    return {
         "shoulder": (COUNTS["shoulder"] * deg[:, 0], -2630, 2630),
         "elbow": (elbow, -2630, 2206),
         "yaw to the forearm": (yaw - elbow / 3, -1071, 1071),
@@ -80,11 +80,66 @@ def limits_passed(q: Array) -> list[str]:
         "roll": (2 * COUNTS["wrist"] * deg[:, 5], -3560, 4882),
         "zed": (COUNTS["zed"] * q[:, 3], -3303, -20),
     }
+
+
+def limits_passed(q: Array) -> list[str]:
+    """Return which limits joints (n, 6) pass by more than a count of rounding."""
     return [
         f"{name} at {value[np.argmax(np.abs(value))]:.0f} counts"
-        for name, (value, low, high) in of.items()
+        for name, (value, low, high) in _against_limits(q).items()
         if (value < low - 1.01).any() or (value > high + 1.01).any()
     ]
+
+
+def within_limits(q: Array) -> NDArray[np.bool_]:
+    """Tell which joints (n, 6) the arm would take, without the last count: (n,) bool."""
+    ok = np.isfinite(q).all(axis=1)
+    for value, low, high in _against_limits(q).values():
+        ok &= (value >= low + 1) & (value <= high - 1)
+    return ok
+
+
+def joints_for(layout: CellLayout, T_world_tip: Array) -> tuple[NDArray[np.int64], Array]:
+    """Return all joints within limits that bring the tip to poses (n, 4, 4): index (m,), q (m, 6).
+
+    By umi_rtx.md 6.5 in angles; where the hand points straight down, 24 headings are tried.
+    """
+    arm = layout.arm
+    T = np.linalg.inv(layout.T_world_arm) @ T_world_tip
+    x_axis = T[:, :3, 0]
+    wrist = T[:, :3, 3] - arm.tool_mm * x_axis
+    level = np.hypot(x_axis[:, 0], x_axis[:, 1])
+    tilt = np.arctan2(x_axis[:, 2], level)
+    ahead = np.arctan2(x_axis[:, 1], x_axis[:, 0])
+    steep = level < 1e-6
+    hands = [(ahead, tilt, ~steep), (ahead + np.pi, np.sign(tilt) * np.pi - tilt, ~steep)]
+    hands += [(np.full_like(tilt, a), tilt, steep) for a in np.arange(24) * np.pi / 12]
+    reach = np.hypot(wrist[:, 0], wrist[:, 1])
+    u, f = arm.upper_mm, arm.fore_mm
+    cos_elbow = (reach**2 - u**2 - f**2) / (2 * u * f)
+    index, rows = [], []
+    for sign in (1.0, -1.0):
+        elbow = sign * np.arccos(np.clip(cos_elbow, -1, 1))
+        towards = np.arctan2(wrist[:, 1], wrist[:, 0])
+        shoulder = towards - np.arctan2(f * np.sin(elbow), u + f * np.cos(elbow))
+        shoulder = np.angle(np.exp(1j * shoulder))
+        for heading, pitch, usable in hands:
+            # what is left of the rotation once heading and pitch are taken out is the roll
+            R = np.swapaxes(rz(heading) @ ry(-pitch), 1, 2)[:, :3, :3] @ T[:, :3, :3]
+            roll = np.arctan2(R[:, 2, 1], R[:, 1, 1])
+            to_fore = np.angle(np.exp(1j * (heading - shoulder - elbow)))
+            for turn in (0.0, 2 * np.pi, -2 * np.pi):
+                q = np.column_stack(
+                    [
+                        *(shoulder, elbow, to_fore + elbow / 2),
+                        *(wrist[:, 2] - arm.wrist_height_mm, pitch, roll + turn),
+                    ]
+                )
+                (ok,) = np.nonzero(usable & (np.abs(cos_elbow) <= 1) & within_limits(q))
+                index.append(ok)
+                rows.append(q[ok])
+    order = np.argsort(np.concatenate(index), kind="stable")
+    return np.concatenate(index)[order], np.concatenate(rows)[order]
 
 
 def finger_boxes(jaw: Jaw, opening_mm: float) -> list[tuple[Array, Array]]:
@@ -165,58 +220,84 @@ class Checker:
         held_by: tuple[str, ...],
     ) -> list[str]:
         """Return what touches what at joints (n, 6); the part stands at (4, 4) or (n, 4, 4)."""
+        self.states += len(q)
+        found: set[str] = set()
+        for name, near, touches in self._pairs(
+            q, opening, fixture_opening, T_world_part, held_by, 0.0
+        ):
+            if any(touches(k) for k in np.flatnonzero(near)):
+                found.add(name)
+        return sorted(found)
+
+    def free(
+        self,
+        q: Array,
+        opening: float,
+        fixture_opening: float,
+        T_world_part: Array,
+        held_by: tuple[str, ...],
+        margin_mm: float,
+    ) -> NDArray[np.bool_]:
+        """Tell which joints (n, 6) keep a margin from all that stands in the world: (n,) bool."""
+        ok = np.ones(len(q), dtype=bool)
+        for _, near, touches in self._pairs(
+            q, opening, fixture_opening, T_world_part, held_by, margin_mm
+        ):
+            for k in np.flatnonzero(near & ok):
+                ok[k] = not touches(k)
+        return ok
+
+    def _pairs(
+        self,
+        q: Array,
+        opening: float,
+        fixture_opening: float,
+        T_world_part: Array,
+        held_by: tuple[str, ...],
+        margin_mm: float,
+    ) -> Iterator[tuple[str, NDArray[np.bool_], Callable[[int], bool]]]:
+        """Yield what might touch: its name, in which states it is near, and the exact answer."""
         n = len(q)
-        self.states += n
         f = frames(self.layout, q)
         moving = self.arm_parts(opening)
         still = self.still_parts(fixture_opening)
         T_move = np.stack([f[frame] @ T for _, frame, T, _ in moving], axis=1)
         T_part = np.broadcast_to(T_world_part, (n, 4, 4))
-        found: set[str] = set()
-
         names = [m[0] for m in moving]
-        pairs: list[tuple[int, Named, Any]] = [
-            (i, s, s[2])
-            for i in range(len(moving))
-            for s in still
-            if (names[i], s[0]) not in {("carriage", "column"), ("upper", "column")}
-        ]
-        pairs += [
-            (i, moving[j], T_move[:, j])
-            for i in range(len(moving))
-            for j in range(3)
-            if (i > 2 and j < 2) or (names[i] == "finger" and j == 2)
-        ]
-        for i, other, T_other in pairs:
-            half = moving[i][3]
-            near = _near(T_move[:, i, :3, 3], np.linalg.norm(half), T_other, other[3])
-            for k in np.flatnonzero(near):
-                T = T_other if T_other.ndim == 2 else T_other[k]
-                if self.touch(half, T_move[k, i], other[3], T):
-                    found.add(f"{moving[i][0]} - {other[0]}")
-                    break
+
+        def boxes(i: int, other: Named, T_other: Array, grow: float) -> tuple[Array, Touches]:
+            half = moving[i][3] + grow
+            T = np.broadcast_to(T_other, (n, 4, 4))
+            near = _near(T_move[:, i, :3, 3], float(np.linalg.norm(half)), T, other[3])
+            return near, lambda k: self.touch(half, T_move[k, i], other[3], T[k])
+
+        skip = {("carriage", "column"), ("upper", "column")}
+        for i in range(len(moving)):
+            for s in still:
+                if (names[i], s[0]) not in skip:
+                    yield f"{names[i]} - {s[0]}", *boxes(i, s, s[2], margin_mm)
+            for j in range(3):
+                if (i > 2 and j < 2) or (names[i] == "finger" and j == 2):
+                    yield f"{names[i]} - {names[j]}", *boxes(i, moving[j], T_move[:, j], 0.0)
+
         middle = T_part[:, :3, :3] @ self.middle + T_part[:, :3, 3]
-        with_part = [(s, s[2]) for s in still if not (_is_jaw(s[0]) and "fixture" in held_by)]
-        with_part += [
-            (m, T_move[:, i])
-            for i, m in enumerate(moving)
-            if not (m[1] == "tip" and "arm" in held_by)
-        ]
-        for other, T_other in with_part:
-            near = _near(middle, self.radius, T_other, other[3])
-            for k in np.flatnonzero(near):
-                T = T_other if T_other.ndim == 2 else T_other[k]
-                if self.touch(other[3], T, None, T_part[k]):
-                    found.add(f"part - {other[0]}")
-                    break
+
+        def with_part(half: Array, T_other: Array) -> tuple[Array, Touches]:
+            T = np.broadcast_to(T_other, (n, 4, 4))
+            near = _near(middle, self.radius, T, half)
+            return near, lambda k: self.touch(half, T[k], None, T_part[k])
+
+        for s in still:
+            if not (_is_jaw(s[0]) and "fixture" in held_by):
+                yield f"part - {s[0]}", *with_part(s[3] + margin_mm, s[2])
+        for i, m in enumerate(moving):
+            if not (m[1] == "tip" and "arm" in held_by):
+                yield f"part - {m[0]}", *with_part(m[3], T_move[:, i])
         for i, (name, _, _, half) in enumerate(moving[2:], start=2):
             low = T_move[:, i, 2, 3] - np.abs(T_move[:, i, 2, :3]) @ half
-            if low.min() < 0:
-                found.add(f"{name} - table")
+            yield f"{name} - table", low < margin_mm, lambda _: True
         low = T_part[:, 2, :3] @ self.corners.T + T_part[:, 2, 3:]
-        if low.min() < -0.2:
-            found.add("part - table")
-        return sorted(found)
+        yield "part - table", low.min(axis=1) < margin_mm - 0.2, lambda _: True
 
     def drive(
         self,

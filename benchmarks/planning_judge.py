@@ -1,0 +1,262 @@
+"""Judges plans: does each view show what it says, does every piece of surface have its reason.
+
+Shares no code with `controller.planning`, whose dataclasses it reads: own kinematics and contacts
+(tests/unit/planning_contacts.py), own exact sight lines (planning_sight), own search for views of
+what a plan leaves unseen (planning_showable).
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit"), str(ROOT / "benchmarks")]
+
+from planning_checker import Moment, follow  # noqa: E402
+from planning_contacts import finger_boxes, frames  # noqa: E402
+from planning_showable import Class, Evidence, Showable  # noqa: E402
+from planning_sight import Seen, SightRules, box_triangles, in_sight  # noqa: E402
+
+from controller.cad import Solid, SurfaceSamples  # noqa: E402
+from controller.planning import (  # noqa: E402
+    CellLayout,
+    Grip,
+    Jaw,
+    Look,
+    Plan,
+    PlanOptions,
+    Present,
+    Reason,
+    Start,
+)
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+SEARCHED_N = 80  # unseen samples that views are searched for, per plan
+PER_FACE_N = 10
+KINDS = {
+    Reason.HIDDEN_BY_PART: Class.HIDDEN,
+    Reason.FINGERS: Class.FINGERS,
+    Reason.REACH: Class.REACH,
+}
+
+
+@dataclass
+class Verdict:
+    """What the judge found; shares are of the surface.
+
+    Attributes
+    ----------
+    trouble : contacts, limits, custody, holds; one sentence each
+    false_claims : (view, sample) a view is said to show and does not
+    open_claims : claims that hang on less than the tolerances; missed_claims : (view, sample) seen
+        and not claimed
+    covered, falsely_covered : truly seen, and counted by the plan without being so
+    showable_unseen : what the search found a view for, with any grip the planner had
+    left_out : of that, what the plan itself says it left out or has no path to
+    wrong_kinds : unseen surface whose reason the search does not confirm
+    undecided : unseen surface the search was not through with
+    floor_regrips : 1 where every grip the part can be taken with hides, under its pads, surface
+        that is showable and not seen from above
+    """
+
+    trouble: list[str] = field(default_factory=list)
+    claims: int = 0
+    false_claims: int = 0
+    open_claims: int = 0
+    missed_claims: int = 0
+    covered: float = 0.0
+    falsely_covered: float = 0.0
+    claimed: float = 0.0
+    showable_unseen: float = 0.0
+    left_out: float = 0.0
+    wrong_kinds: float = 0.0
+    undecided: float = 0.0
+    floor_regrips: int = 0
+    evidence: list[Evidence] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    states: int = 0
+    cpu_s: float = 0.0
+
+    @property
+    def of_showable(self) -> float:
+        """Return what the plan shows of what can be shown."""
+        return self.covered / max(self.covered + self.showable_unseen, 1e-12)
+
+    @property
+    def is_sound(self) -> bool:
+        """Tell whether the plan does what it says, without touching anything."""
+        return not self.trouble and self.false_claims == 0
+
+
+class Judge:
+    """One part in one cell; keeps what does not depend on the plan."""
+
+    def __init__(
+        self,
+        solid: Solid,
+        samples: SurfaceSamples,
+        layout: CellLayout,
+        options: PlanOptions | None = None,
+    ) -> None:
+        options = options or PlanOptions()
+        angle, finest = float(np.radians(options.max_incidence_deg)), options.min_px_per_mm
+        self.solid, self.samples, self.layout = solid, samples, layout
+        self.at_station = SightRules(angle, finest, layout.inspection_sharp_mm)
+        self.overhead = SightRules(angle, finest, layout.overhead_sharp_mm)
+        self.weights = samples.areas_mm2 / samples.areas_mm2.sum()
+        self.search = Showable(layout, solid, samples, self.at_station)
+
+    def judge(
+        self,
+        plan: Plan,
+        start: Start | Array,
+        grips: Sequence[Grip] = (),
+        seen_before: Mask | None = None,
+    ) -> Verdict:
+        """Return what is true of a plan.
+
+        Parameters
+        ----------
+        grips : of the arm that the planner had; without any, nothing is searched for
+        seen_before : (n,) samples inspected before the plan began
+        """
+        began = time.process_time()
+        walk = follow(plan, self.layout, self.solid, start)
+        verdict = Verdict(trouble=walk.trouble, states=walk.states)
+        n = len(self.weights)
+        before = np.zeros(n, dtype=bool) if seen_before is None else seen_before
+        claimed, truly = before.copy(), before.copy()
+        for moment in walk.moments:
+            step = moment.step
+            assert isinstance(step, Present | Look)
+            said = np.asarray(step.seen)
+            found = self.sight(moment, said)
+            wrong = said & ~found.seen
+            verdict.claims += int(said.sum())
+            verdict.open_claims += int((wrong & found.open).sum())
+            verdict.false_claims += int((wrong & ~found.open).sum())
+            verdict.missed_claims += int((found.seen & ~said & ~found.open).sum())
+            if (wrong & ~found.open).any():
+                faces = np.unique(self.samples.face_ids[wrong & ~found.open])
+                verdict.notes.append(
+                    f"{step.label} ({step.view_id}): {int((wrong & ~found.open).sum())} samples "
+                    f"said to be seen are not, on faces {', '.join(map(str, faces[:8]))}"
+                )
+            claimed |= said
+            truly |= said & (found.seen | found.open)
+        verdict.claimed = float(self.weights[claimed].sum())
+        verdict.covered = float(self.weights[truly].sum())
+        verdict.falsely_covered = float(self.weights[claimed & ~truly].sum())
+        if seen_before is None and abs(verdict.claimed - plan.covered_fraction) > 1e-9:
+            verdict.trouble.append(
+                f"the plan says it covers {plan.covered_fraction:.6f}, "
+                f"its views {verdict.claimed:.6f}"
+            )
+        missing = float(self.weights[~claimed].sum())
+        named = sum(u.area_fraction for u in plan.unseen)
+        if abs(missing - named) > 5e-3:
+            verdict.trouble.append(f"{missing:.4f} is unseen, reasons are given for {named:.4f}")
+        if grips:
+            self._look_for(plan, ~claimed, grips, verdict)
+        verdict.floor_regrips = self._floor(walk.moments, truly, grips or plan.grips)
+        verdict.cpu_s = time.process_time() - began
+        return verdict
+
+    def sight(self, moment: Moment, said: Mask) -> Seen:
+        """Return what is in sight at a moment of the plan."""
+        is_look = isinstance(moment.step, Look)
+        camera = self.layout.overhead if is_look else self.layout.inspection
+        R, t = moment.T_world_part[:3, :3], moment.T_world_part[:3, 3]
+        tip = frames(self.layout, moment.q)["tip"]
+        hand = [
+            *((b.T, b.half_mm) for b in self.layout.hand.body),
+            *finger_boxes(self.layout.hand, moment.hand_opening_mm),
+        ]
+        occluders = [self.search.triangles @ R.T + t]
+        occluders += [box_triangles(tip @ T, half) for T, half in hand]
+        eye = camera.T_world_cam[:3, 3]
+        occluders += self.search.world(moment.q, moment.fixture_opening_mm, eye)
+        return in_sight(
+            self.samples.points_mm @ R.T + t,
+            self.samples.normals @ R.T,
+            camera,
+            np.vstack(occluders),
+            self.overhead if is_look else self.at_station,
+            said,
+        )
+
+    def _look_for(self, plan: Plan, unseen: Mask, grips: Sequence[Grip], verdict: Verdict) -> None:
+        """Search for views of unseen samples, face by face, and hold the reasons against it."""
+        faces = self.samples.face_ids
+        chosen = _spread(np.flatnonzero(unseen), faces)
+        classes, verdict.evidence = self.search.classify(chosen.tolist(), grips)
+        found = np.array([c.name for c in classes])
+        for face in np.unique(faces[unseen]).tolist():
+            mine = faces[chosen] == face
+            area = float(self.weights[unseen & (faces == face)].sum())
+            if not mine.any():
+                verdict.undecided += area
+                continue
+            w = self.weights[chosen] * mine
+            share = {c: float(w[found == c.name].sum() / w.sum()) * area for c in Class}
+            said: dict[Reason, float] = {}
+            for u in plan.unseen:
+                if u.face_id == face:
+                    said[u.kind] = said.get(u.kind, 0.0) + u.area_fraction
+            excused = sum(v for k, v in said.items() if k not in KINDS)
+            verdict.showable_unseen += share[Class.SHOWABLE]
+            verdict.left_out += min(excused, share[Class.SHOWABLE])
+            verdict.undecided += share[Class.UNDECIDED]
+            # one sample more or less is chance
+            is_sampled = int(mine.sum()) < int((unseen & (faces == face)).sum())
+            slack = area / int(mine.sum()) if is_sampled else 0.0
+            for kind, what in KINDS.items():
+                open_area = share[Class.UNDECIDED] + slack
+                off = said.get(kind, 0.0) - share[what] - open_area - 1e-9
+                if off > 0:
+                    verdict.wrong_kinds += off
+                    verdict.notes.append(
+                        f"face {face} ({self.solid.faces[face].label}): {said[kind]:.4f} said to "
+                        f"be {kind.value}, the search finds "
+                        + ", ".join(f"{v:.4f} {c.value}" for c, v in share.items() if v > 0)
+                    )
+
+    def _floor(self, moments: Sequence[Moment], covered: Mask, grips: Sequence[Grip]) -> int:
+        """Return 1 where pads, being opaque, make one re-grip unavoidable (planning.md 0.3)."""
+        above = np.zeros(len(covered), dtype=bool)
+        for m in moments:
+            if isinstance(m.step, Look):
+                above |= np.asarray(m.step.seen)
+        wanted = covered & ~above
+        held = [g for g in grips if g.holder == "arm"]
+        return int(all((wanted & self.under_pads(g, self.layout.hand)).any() for g in held))
+
+    def under_pads(self, grip: Grip, jaw: Jaw) -> Mask:
+        """Tell which samples lie under the pads, a millimetre inside their outline (n,)."""
+        T = np.linalg.inv(grip.T_part_hand)
+        at = self.samples.points_mm @ T[:3, :3].T + T[:3, 3]
+        facing = np.abs(self.samples.normals @ grip.T_part_hand[:3, 1]) > 0.9
+        under = (at[:, 0] < -1) & (at[:, 0] > 1 - jaw.pad_length_mm) & facing
+        under &= np.abs(at[:, 2]) < jaw.finger_width_mm / 2 - 1
+        return np.asarray(under & (np.abs(np.abs(at[:, 1]) - grip.opening_mm / 2) < 0.3))
+
+
+def _spread(rows: NDArray[np.int64], faces: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Return up to SEARCHED_N samples, some of every face, evenly along their order."""
+    per_face = [rows[faces[rows] == f] for f in np.unique(faces[rows])]
+    most = PER_FACE_N
+    while most > 1 and sum(min(most, len(r)) for r in per_face) > SEARCHED_N:
+        most -= 1
+    picked = [
+        r[np.linspace(0, len(r) - 1, min(most, len(r))).round().astype(int)] for r in per_face
+    ]
+    return np.concatenate(picked)[:SEARCHED_N] if picked else np.zeros(0, dtype=np.int64)
