@@ -4,8 +4,9 @@ Arrays and dataclasses in, dataclasses out; no files, no clock, no device; same 
 The approach is that of planning.md 1.3 and 2.2.
 """
 
-from ._planner import plan_part
-from ._prepare import prepare_part
+from ._planner import plan_from, plan_part
+from ._prepare import prepare_part, with_grips, with_rests
+from .certificates import Certificate, certify
 from .errors import NoMotionError, NoPlanError, NotGraspableError, OutOfReachError
 from .grip import Grip, GripRules
 from .grips import resting_pose
@@ -33,6 +34,7 @@ from .starts import InArm, InFixture, OnTable, Start
 __all__ = [
     "Box",
     "CellLayout",
+    "Certificate",
     "Grip",
     "GripRules",
     "HandOver",
@@ -62,8 +64,12 @@ __all__ = [
     "TakeBack",
     "Tray",
     "Unseen",
+    "certify",
+    "plan_from",
     "plan_part",
     "prepare_part",
     "resting_pose",
     "shown_pose",
+    "with_grips",
+    "with_rests",
 ]

@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
-from controller.cad import RayCaster, Solid, SurfaceSamples, inverse_pose, stable_poses
+from controller.cad import RayCaster, Solid, SurfaceSamples, stable_poses
 
+from .boxes import BoolArray
 from .errors import NotGraspableError
 from .grip import Grip
-from .grips import find_seeds, select_arm_grips, spread, synthesise_grips, turned_over
-from .layout import Box, CellLayout
+from .grips import (
+    clear_of_table,
+    find_seeds,
+    resting_pose,
+    select_arm_grips,
+    spread,
+    synthesise_grips,
+    turned_over,
+)
+from .layout import Box, CellLayout, FloatArray
 from .motion import Scene
-from .prepared import PlanOptions, PreparedPart
-from .transfers import hand_offs
+from .prepared import HandOff, PlanOptions, PreparedPart
+from .transfers import hand_offs, rests, set_downs
 from .views import SightRules, hidden_by_hand, hold_up, holding_boxes, look_out, reachable_views
+
+TURNED = "'"  # ends the ids of grips with the hand turned over
 
 
 def prepare_part(
@@ -54,59 +67,115 @@ def prepare_part(
 
     rules = SightRules.of_station(layout, options.max_incidence_deg, options.min_px_per_mm)
     lookout = look_out(solid, samples, caster, rules, options.directions_n)
-    directions, visible = lookout.directions, lookout.visible
-    left_by_hand = [
-        visible
-        & ~hidden_by_hand(
-            solid,
-            samples,
-            visible,
-            directions.vectors,
-            rules.distance_mm,
-            g.T_part_hand,
-            holding_boxes(layout.hand, g),
-        )
-        for g in base
-    ]
     arm_grips = (*base, *(turned_over(g) for g in base))
-    left_by_hand *= 2  # turned over, a hand hides the same
     fixture_grips = (*fixed_base, *(turned_over(g) for g in fixed_base))
-
     low, high = solid.mesh.bounds
     part_box = Box.from_bounds(low[0], high[0], low[1], high[1], low[2], high[2])
-    weights = samples.areas_mm2 / samples.areas_mm2.sum()
-    showing = hold_up(solid, samples, layout, directions.vectors)
-    found = []
-    for grip, left in zip(arm_grips, left_by_hand, strict=True):
-        scene = Scene(
-            layout,
-            grip.opening_mm,
-            layout.fixture_open_mm,
-            part_box.placed(inverse_pose(grip.T_part_hand)),
-        )
-        found.append(
-            reachable_views(layout, scene, samples, showing, left, grip.T_part_hand, layout.park_q)
-        )
-    shown = tuple(views.shown for views in found)
-    view_q = tuple(views.q for views in found)
-    covered = np.stack(
-        [
-            shown[k][sorted(views)].any(axis=0) if views else np.zeros(len(weights), dtype=bool)
-            for k, views in enumerate(view_q)
-        ]
-    )
-    return PreparedPart(
+    bare = PreparedPart(
         solid=solid,
         samples=samples,
         options=options,
         part_box=part_box,
         poses=poses,
-        arm_grips=arm_grips,
+        arm_grips=(),
         fixture_grips=fixture_grips,
-        directions=directions,
-        visible=visible,
-        shown=shown,
-        view_q=view_q,
-        hand_offs=tuple(hand_offs(layout, part_box, f, arm_grips) for f in fixture_grips),
-        covered=covered,
+        directions=lookout.directions,
+        visible=lookout.visible,
+        shown=(),
+        view_q=(),
+        hand_offs=tuple({} for _ in fixture_grips),
+        covered=np.zeros((0, len(samples.points_mm)), dtype=bool),
     )
+    part = with_grips(bare, layout, arm_grips)
+    return part if _is_joined(part, layout) else with_rests(part, layout)
+
+
+def with_grips(part: PreparedPart, layout: CellLayout, grips: Sequence[Grip]) -> PreparedPart:
+    """Return the part with more grips of the arm, what they show and how they pass it on.
+
+    A measured grip that differs from the planned one comes in this way.
+    """
+    rules = SightRules.of_station(
+        layout, part.options.max_incidence_deg, part.options.min_px_per_mm
+    )
+    showing = hold_up(part.solid, part.samples, layout, part.directions.vectors)
+    shown: list[BoolArray] = []
+    view_q: list[Mapping[int, FloatArray]] = []
+    by_hand: dict[str, BoolArray] = {}
+    for grip in grips:
+        base = grip.id.removesuffix(TURNED)
+        if base not in by_hand:  # turned over, a hand hides the same
+            by_hand[base] = part.visible & ~hidden_by_hand(
+                part.solid,
+                part.samples,
+                part.visible,
+                part.directions.vectors,
+                rules.distance_mm,
+                grip.T_part_hand,
+                holding_boxes(layout.hand, grip),
+            )
+        scene = Scene(layout, grip.opening_mm, layout.fixture_open_mm, part.carried_box(grip))
+        views = reachable_views(
+            layout, scene, part.samples, showing, by_hand[base], grip.T_part_hand, layout.park_q
+        )
+        shown.append(views.shown)
+        view_q.append(views.q)
+    covered = [
+        s[sorted(q)].any(axis=0) if q else np.zeros(s.shape[1], dtype=bool)
+        for s, q in zip(shown, view_q, strict=True)
+    ]
+    first = len(part.arm_grips)
+
+    def joined(old: Mapping[int, HandOff], found: Mapping[int, HandOff]) -> Mapping[int, HandOff]:
+        return {**old, **{first + k: way for k, way in found.items()}}
+
+    return replace(
+        part,
+        arm_grips=(*part.arm_grips, *grips),
+        shown=(*part.shown, *shown),
+        view_q=(*part.view_q, *view_q),
+        covered=np.vstack([part.covered, np.reshape(covered, (len(grips), -1))]),
+        hand_offs=tuple(
+            joined(old, hand_offs(layout, part.part_box, f, grips))
+            for old, f in zip(part.hand_offs, part.fixture_grips, strict=True)
+        ),
+        set_downs=tuple(
+            joined(old, set_downs(layout, part.part_box, rest, grips))
+            for old, rest in zip(part.set_downs, part.rests, strict=True)
+        ),
+    )
+
+
+def with_rests(part: PreparedPart, layout: CellLayout) -> PreparedPart:
+    """Return the part with places on the table to change the grip at."""
+    places = rests(part.solid, part.poses, layout)
+    return replace(
+        part,
+        rests=places,
+        set_downs=tuple(set_downs(layout, part.part_box, r, part.arm_grips) for r in places),
+    )
+
+
+def _is_joined(part: PreparedPart, layout: CellLayout) -> bool:
+    """Tell whether the fixed gripper alone leads from every pose to all that can be shown."""
+    count = len(part.arm_grips)
+    can = np.zeros((count, count), dtype=bool)
+    for table in part.hand_offs:
+        members = np.array(sorted(table), dtype=int)
+        can[np.ix_(members, members)] = True
+    able = part.covered.any(axis=0)
+    x, y = layout.set_down_mm.mean(axis=1)
+    for pose in part.poses:
+        T = resting_pose(part.solid, pose, float(x), float(y))
+        had = np.asarray(clear_of_table(T, part.arm_grips, layout.hand), dtype=bool)
+        if had.any() and (able & ~part.covered[_reached(had, can)].any(axis=0)).any():
+            return False
+    return True
+
+
+def _reached(had: BoolArray, can: BoolArray) -> BoolArray:
+    while True:
+        more = had | can[had].any(axis=0)
+        if (more == had).all():
+            return had
+        had = more

@@ -1,100 +1,294 @@
-"""Why a piece of surface is not seen: lift one limit at a time (planning.md 1.3)."""
+"""Why a piece of surface is not shown: one limit lifted at a time, the first that helps named.
+
+The order of the questions is that of planning.md 1.3: hidden by the part itself, by the fingers,
+out of reach, no way from this start, too weak a grip. With each answer goes the evidence, and the
+smallest change that was found to help.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from drivers.umi_scara.kinematics import inverse, limit_report
 
 from .boxes import BoolArray
-from .layout import CellLayout
+from .grip import Grip
+from .grips import clear_of_table, resting_pose
+from .layout import CellLayout, FloatArray, Jaw
 from .motion import Scene, inverse_rows
 from .plan import Reason, Unseen
 from .prepared import PreparedPart
-from .views import view_poses
+from .views import hidden_by_hand, view_poses
 
 LEAST_SHARE = 2e-4  # of the surface; less than this is single samples on edges
+THINNER = (0.75, 0.5, 0.25)  # of the fingers' width and thickness
+GRIPS_ASKED_N = 12  # the most promising ones are asked what stands in their way
+# where a camera may stand, seen from the part: along the reach line and square to it
+SENSOR_PLACES = {
+    "to the right, looking along +y": (0.0, -1.0, 0.0),
+    "to the left, looking along -y": (0.0, 1.0, 0.0),
+    "ahead, looking at the column": (1.0, 0.0, 0.0),
+    "45 degrees above, to the right": (0.0, -0.7071, 0.7071),
+    "overhead": (0.0, 0.0, 1.0),
+    "below": (0.0, 0.0, -1.0),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Missing:
+    """Which samples (n,) are not shown for one reason, in a sentence, and what would help."""
+
+    kind: Reason
+    mask: BoolArray
+    reason: str
+    remedy: str = ""
 
 
 def unseen_pieces(
     part: PreparedPart,
     layout: CellLayout,
     seen: BoolArray,
-    used: Sequence[int],
     within_reach: Collection[int],
+    dropped: BoolArray,
 ) -> tuple[Unseen, ...]:
     """Return what is not seen (n,) per face with its reason.
 
     Parameters
     ----------
-    used : arm grips of the plan; within_reach : arm grips any hand-off from here leads to
+    within_reach : arm grips any change of grip from here leads to
+    dropped : (n,) samples that a view each would have been too little for
     """
-    weights = part.weights
-    by_part = ~part.visible.any(axis=0)
-    shown_somewhere = np.any([s.any(axis=0) for s in part.shown], axis=0)
-    coverable = part.covered.any(axis=0)
-    here = (
-        part.covered[sorted(within_reach)].any(axis=0) if within_reach else np.zeros_like(coverable)
-    )
-    in_grips = part.covered[sorted(set(used))].any(axis=0)
-    angle = part.options.max_incidence_deg
-    classes = [
-        (
-            Reason.HIDDEN_BY_PART,
-            by_part,
-            f"hidden by the part itself at {angle:.0f} degrees of incidence or less",
-        ),
-        (Reason.FINGERS, ~by_part & ~shown_somewhere, "hidden by the fingers in every grip"),
-        (Reason.REACH, shown_somewhere & ~coverable, ""),
-        (
-            Reason.NO_REGRASP_PATH,
-            coverable & ~here,
-            "no re-grip path from this pose to a grip that shows it",
-        ),
-        (
-            Reason.LEFT_OUT,
-            here & ~in_grips,
-            "under the fingers or out of reach in the chosen grips; "
-            "a further hand-off would show it",
-        ),
-        (
-            Reason.LEFT_OUT,
-            in_grips,
-            f"left out: one more view would add less than {part.options.least_gain:.1%} "
-            "of the surface, or the arm itself is in the way",
-        ),
-    ]
     found = []
-    for kind, mask, reason in classes:
-        missing = mask & ~seen
-        for face_id in np.unique(part.samples.face_ids[missing]):
-            piece = missing & (part.samples.face_ids == face_id)
-            share = float(weights[piece].sum())
-            if share >= LEAST_SHARE:
-                text = reason or _reach_reason(part, layout, piece)
-                found.append(Unseen(int(face_id), share, text, kind))
+    for missing in _classes(part, layout, seen, within_reach, dropped):
+        for face_id in np.unique(part.samples.face_ids[missing.mask]):
+            piece = missing.mask & (part.samples.face_ids == face_id)
+            share = float(part.weights[piece].sum())
+            if share < LEAST_SHARE:
+                continue
+            reason, remedy = missing.reason, missing.remedy
+            if missing.kind is Reason.HIDDEN_BY_PART:
+                reason, remedy = _hidden(part, int(face_id), piece)
+            elif missing.kind is Reason.FINGERS:
+                reason, remedy = _fingers(part, layout, piece)
+            elif missing.kind is Reason.REACH:
+                reason, remedy = _reach(part, layout, piece)
+            found.append(Unseen(int(face_id), share, reason, missing.kind, remedy))
     return tuple(sorted(found, key=lambda u: (-u.area_fraction, u.face_id, u.reason)))
 
 
-def _reach_reason(part: PreparedPart, layout: CellLayout, piece: BoolArray) -> str:
-    """Name the limit that stands between the arm and the best view of a piece."""
+def _classes(
+    part: PreparedPart,
+    layout: CellLayout,
+    seen: BoolArray,
+    within_reach: Collection[int],
+    dropped: BoolArray,
+) -> list[Missing]:
+    by_part = ~part.visible.any(axis=0)
+    shown = np.any([s.any(axis=0) for s in part.shown], axis=0)
+    coverable = part.covered.any(axis=0)
+    reach = sorted(set(within_reach))
+    here = part.covered[reach].any(axis=0) if reach else np.zeros_like(coverable)
+    classes = [
+        Missing(Reason.HIDDEN_BY_PART, by_part & ~seen, ""),
+        Missing(Reason.FINGERS, ~by_part & ~shown & ~seen, ""),
+        Missing(Reason.REACH, shown & ~coverable & ~seen, ""),
+    ]
+    cut = coverable & ~here & ~seen
+    if cut.any():
+        reason, remedy = _no_path(part, layout, cut)
+        classes.append(Missing(Reason.NO_REGRASP_PATH, cut, reason, remedy))
+    rest = here & ~seen
+    if rest.any():
+        classes.append(_left_out(part, rest, dropped))
+    return classes
+
+
+def _left_out(part: PreparedPart, rest: BoolArray, dropped: BoolArray) -> Missing:
+    if (rest & dropped).sum() * 2 >= rest.sum():
+        return Missing(
+            Reason.LEFT_OUT,
+            rest,
+            f"left out: a further view would add less than {part.options.least_gain:.2%} of the "
+            "surface",
+            "lower least_gain in the recipe",
+        )
+    return Missing(
+        Reason.LEFT_OUT,
+        rest,
+        "no way free of contact was found to the views or grips that would show it",
+        "start with the part elsewhere on the table",
+    )
+
+
+def _hidden(part: PreparedPart, face_id: int, piece: BoolArray) -> tuple[str, str]:
+    """Say how steeply a hidden piece could be seen at best."""
+    face = part.solid.faces[face_id]
+    limit = part.options.max_incidence_deg
+    normals = part.samples.normals[piece]
+    facing = np.degrees(np.arccos(np.clip(normals @ part.directions.vectors.T, -1, 1)))
+    within = float((facing.min(axis=1) <= limit).mean())
+    what = "bore" if face.kind == "cylinder" and face.concave else "face"
+    if within < 0.5:
+        return (
+            f"hidden by the part itself: no direction looked from comes within {limit:.0f} degrees "
+            f"of its normal without something in between",
+            f"accept a flatter view of this {what} in the recipe",
+        )
+    return (
+        f"hidden by the part itself: the rest of the part stands in the way of every view within "
+        f"{limit:.0f} degrees of its normal",
+        f"look at this {what} with a probe or a mirror, or leave it out in the recipe",
+    )
+
+
+def _fingers(part: PreparedPart, layout: CellLayout, piece: BoolArray) -> tuple[str, str]:
+    """Name the grips nearest to showing a piece, and thinner fingers that would."""
+    hides = np.stack([part.visible & ~shown for shown in part.shown[: _distinct(part)]])
+    left = (part.visible[None] & ~hides)[:, :, piece].any(axis=1).mean(axis=1)
+    order = np.argsort(-left, kind="stable")[:GRIPS_ASKED_N]
+    best = part.arm_grips[int(order[0])]
+    reason = f"hidden by the fingers in every grip; grip {best.id} comes nearest"
+    for share in THINNER:
+        hand = _thinner(layout.hand, share)
+        for g in order:
+            if _still_hidden(part, layout, part.arm_grips[int(g)], hand, piece) < 0.5:
+                return reason, (
+                    f"fingers {hand.finger_width_mm:.0f} mm wide and "
+                    f"{hand.finger_thickness_mm:.0f} mm thick would do"
+                )
+    return reason, "hold the part by other faces: a gripper of another kind"
+
+
+def _distinct(part: PreparedPart) -> int:
+    """Return how many arm grips come before the first one turned over."""
+    for k, grip in enumerate(part.arm_grips):
+        if grip.id.endswith("'"):
+            return max(k, 1)
+    return len(part.arm_grips)
+
+
+def _thinner(hand: Jaw, share: float) -> Jaw:
+    return replace(
+        hand,
+        finger_width_mm=hand.finger_width_mm * share,
+        finger_thickness_mm=hand.finger_thickness_mm * share,
+    )
+
+
+def _still_hidden(
+    part: PreparedPart, layout: CellLayout, grip: Grip, hand: Jaw, piece: BoolArray
+) -> float:
+    """Return the share of a piece that a hand with other fingers leaves hidden."""
+    visible = part.visible & piece
+    hidden = hidden_by_hand(
+        part.solid,
+        part.samples,
+        visible,
+        part.directions.vectors,
+        float(np.linalg.norm(layout.inspection.position_mm - layout.station_mm)),
+        grip.T_part_hand,
+        [*hand.body, *hand.fingers(grip.opening_mm)],
+    )
+    shown = (visible & ~hidden).any(axis=0)
+    return 1.0 - float(shown[piece].mean())
+
+
+def _reach(part: PreparedPart, layout: CellLayout, piece: BoolArray) -> tuple[str, str]:
+    """Name the limit between the arm and the best view of a piece, and a camera place that does."""
     gains = np.stack([s[:, piece].sum(axis=1) for s in part.shown])
-    grip, view = np.unravel_index(int(np.argmax(gains)), gains.shape)
+    order = np.argsort(-gains, axis=None, kind="stable")[:GRIPS_ASKED_N]
+    pairs = [tuple(int(i) for i in np.unravel_index(k, gains.shape)) for k in order]
+    grip, view = pairs[0]
     T, inside = view_poses(part.solid, layout, part.directions.vectors[view : view + 1])
     if not inside.any():
-        return "out of the picture: the part is larger than the camera's field at the station"
-    T_tip = T[0][inside[0]] @ part.arm_grips[int(grip)].T_part_hand
+        return (
+            "out of the picture: the part is larger than the camera's field at the station",
+            "move the camera back, or take a shorter focal length",
+        )
+    held = part.arm_grips[grip]
+    T_tip = T[0][inside[0]] @ held.T_part_hand
     index, _, q = inverse_rows(layout, T_tip)
     if len(index):
-        held = part.arm_grips[int(grip)]
         scene = Scene(layout, held.opening_mm, layout.fixture_open_mm, part.carried_box(held))
-        blockers = {scene.names()[k] for k in scene.contacts(q) if k >= 0}
-        return f"out of reach: the arm would touch {', '.join(sorted(blockers)) or 'nothing'}"
+        blockers = sorted({scene.names()[k] for k in scene.contacts(q) if k >= 0})
+        names = ", ".join(blockers) or "nothing"
+        return f"out of reach: the arm would touch {names}", f"move {names} away"
     every, _ = inverse(np.linalg.inv(layout.T_world_arm) @ T_tip, layout.arm)
     every = every.reshape(-1, 6)
     every = every[np.isfinite(every).all(axis=1)]
+    limit = limit_report(every[0]) if len(every) else "beyond the outstretched arm"
+    return f"out of reach: {limit}", _better_place(part, layout, pairs)
+
+
+def _better_place(part: PreparedPart, layout: CellLayout, pairs: Sequence[tuple[int, ...]]) -> str:
+    """Return where a camera would have to stand for the arm to show one of some views to it."""
+    for name, towards in SENSOR_PLACES.items():
+        for grip, view in pairs:
+            T = _poses_towards(part, layout, part.directions.vectors[view], np.array(towards))
+            index, _, _ = inverse_rows(layout, T @ part.arm_grips[grip].T_part_hand)
+            if len(index):
+                return f"a camera {name} would see it"
+    return "another start pose or another gripper; no camera place that was tried would do"
+
+
+def _poses_towards(
+    part: PreparedPart, layout: CellLayout, direction: FloatArray, towards: FloatArray
+) -> FloatArray:
+    """Return T_world_part (12, 4, 4) at the station, a direction of the part turned to a place."""
+    turns = np.arange(12) * np.pi / 6
+    axis = direction / np.linalg.norm(direction)
+    u = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    u = u - axis * (u @ axis)
+    u /= np.linalg.norm(u)
+    on_part = np.column_stack([u, np.cross(axis, u), axis])
+    w = np.eye(3)[int(np.argmin(np.abs(towards)))]
+    w = w - towards * (w @ towards)
+    w /= np.linalg.norm(w)
+    at_station = np.column_stack([w, np.cross(towards, w), towards])
+    T = np.tile(np.eye(4), (len(turns), 1, 1))
+    c, s = np.cos(turns), np.sin(turns)
+    spin = np.zeros((len(turns), 3, 3))
+    spin[:, 0, 0], spin[:, 0, 1], spin[:, 1, 0], spin[:, 1, 1] = c, -s, s, c
+    spin[:, 2, 2] = 1.0
+    T[:, :3, :3] = at_station @ spin @ on_part.T
+    T[:, :3, 3] = layout.station_mm - T[:, :3, :3] @ part.solid.centroid_mm
+    return T
+
+
+def _no_path(part: PreparedPart, layout: CellLayout, cut: BoolArray) -> tuple[str, str]:
+    """Say what is missing between the grips that can be had here and those that show a piece."""
+    wanted = [g for g in range(len(part.arm_grips)) if part.covered[g][cut].any()]
+    names = ", ".join(part.arm_grips[g].id for g in wanted[:4])
+    others = [p.index for p in part.poses if _starts(part, layout, p.index, wanted)]
+    remedy = ""
+    if others:
+        poses = ", ".join(str(p) for p in others)
+        remedy = f"lay the part down in stable pose {poses}"
+    if layout.fixture is None:
+        return (
+            f"no re-grip path from here to a grip that shows it ({names}): the cell has no fixed "
+            "gripper, and no place on the table leads on",
+            remedy or "a second gripper",
+        )
+    if not any(part.hand_offs):
+        return (
+            f"no re-grip path from here to a grip that shows it ({names}): the arm cannot pass the "
+            "part to the fixed gripper where it stands",
+            remedy or "move the fixed gripper into the arm's reach",
+        )
     return (
-        f"out of reach: {limit_report(every[0]) if len(every) else 'beyond the outstretched arm'}"
+        f"no re-grip path from here to a grip that shows it ({names}): no hand-off and no place on "
+        "the table joins them",
+        remedy or "turn the fixed gripper",
     )
+
+
+def _starts(part: PreparedPart, layout: CellLayout, pose_index: int, wanted: Sequence[int]) -> bool:
+    """Tell whether one of some grips picks the part as it lies in a stable pose."""
+    pose = next(p for p in part.poses if p.index == pose_index)
+    x, y = layout.set_down_mm.mean(axis=1)
+    T = resting_pose(part.solid, pose, float(x), float(y))
+    return bool(clear_of_table(T, [part.arm_grips[g] for g in wanted], layout.hand).any())

@@ -50,9 +50,8 @@ class PlanOptions:
     arm_grips_per_pose: int = 8
     arm_grips_round: int = 16
     fixture_grips: int = 16
-    max_views: int = 12  # beside square views of main faces
-    least_gain: float = 0.007  # share of the area a further view must add: it costs seconds
-    hand_off_gain: float = 0.002  # share of the area that is worth passing the part over
+    # share of the surface a further view must add, for it costs seconds; 0 shows all that can be
+    least_gain: float = 0.0
     square_share: float = 0.5  # of a face must show for a view to count as its square view
     rules: GripRules = field(default_factory=GripRules)
 

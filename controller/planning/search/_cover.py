@@ -1,4 +1,4 @@
-"""Which views to take under a pair of grips, and in which order."""
+"""In which order to take views."""
 
 from __future__ import annotations
 
@@ -8,61 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from ..layout import FloatArray
-from ..prepared import PreparedPart
 
-View = tuple[int, int]  # which of the grips held in turn (0, 1), direction
 EXACT_ORDER_N = 9
-
-
-def square_views(part: PreparedPart, grips: Sequence[int]) -> list[View]:
-    """Return the best square view of every large planar face that one of the grips can show."""
-    chosen: list[View] = []
-    for v, face_id in enumerate(part.directions.square_to):
-        if face_id < 0 or part.solid.faces[face_id].kind != "plane":
-            continue
-        of_face = (part.samples.face_ids == face_id) & part.visible[v]
-        best: tuple[int, int] | None = None
-        for phase, g in enumerate(grips):
-            if v in part.view_q[g]:
-                count = int(part.shown_by(g)[v][of_face].sum())
-                if best is None or count > best[0]:
-                    best = (count, phase)
-        enough = part.options.square_share * max(1, int(of_face.sum()))
-        if best is not None and best[0] >= enough:
-            chosen.append((best[1], v))
-    return chosen
-
-
-def cover(part: PreparedPart, grips: Sequence[int]) -> list[View]:
-    """Return the views to take: square ones first, then greedily what adds most, none in vain."""
-    weights = part.weights
-    chosen = square_views(part, grips)
-    seen = np.zeros(len(weights), dtype=bool)
-    for phase, v in chosen:
-        seen |= part.shown_by(grips[phase])[v]
-    square_n = len(chosen)
-    candidates = [(phase, v) for phase, g in enumerate(grips) for v in sorted(part.view_q[g])]
-    if not candidates:
-        return chosen
-    shown = np.stack([part.shown_by(grips[phase])[v] for phase, v in candidates])
-    table = shown.astype(np.float32)
-    while len(chosen) < square_n + part.options.max_views:
-        gain = table @ np.where(seen, 0.0, weights).astype(np.float32)
-        k = int(np.argmax(gain))
-        if gain[k] < part.options.least_gain:
-            break
-        chosen.append(candidates[k])
-        seen |= shown[k]
-    # an early pick may have become needless by the later ones
-    for view in chosen[square_n:][::-1]:
-        others = np.zeros(len(weights), dtype=bool)
-        for phase, v in chosen:
-            if (phase, v) != view:
-                others |= part.shown_by(grips[phase])[v]
-        only = part.shown_by(grips[view[0]])[view[1]] & ~others
-        if weights[only].sum() < part.options.least_gain:
-            chosen.remove(view)
-    return chosen
 
 
 def best_order(

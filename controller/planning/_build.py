@@ -1,0 +1,407 @@
+"""A sequence of grips and views worked out to the last waypoint, or what of it cannot be driven.
+
+What has no way is named, so that the search can go on without it and without anything else
+(planning.md 1.3, lazy verification).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .boxes import BoolArray, segments_hit
+from .errors import NoMotionError, NoPlanError, OutOfReachError
+from .grip import Grip
+from .layout import CellLayout, FloatArray
+from .motion import Scene, connect, fewest_waypoints, move_seconds
+from .plan import (
+    HandOver,
+    Motion,
+    Park,
+    Pick,
+    Place,
+    Present,
+    SetDown,
+    Step,
+    TakeBack,
+    shown_pose,
+)
+from .prepared import HandOff, PreparedPart
+from .search import best_order
+from .transfers import PickWay, PlaceWay, place_ways
+
+MOTION_TRIES = 12
+SHADOW_LOSS = 0.002  # of the surface; configurations hiding more than the best one come last
+
+
+class RefutedError(Exception):
+    """A part of the sequence has no way; `what` is a refutation for `search.refuted`."""
+
+    def __init__(
+        self,
+        reason: NoPlanError,
+        *,
+        hops: Sequence[tuple[int, int]] = (),
+        views: Sequence[tuple[int, int]] = (),
+        firsts: Sequence[int] = (),
+        lasts: Sequence[int] = (),
+    ) -> None:
+        super().__init__(str(reason))
+        self.reason = reason
+        self.hops, self.views, self.firsts, self.lasts = hops, views, firsts, lasts
+
+
+@dataclass(slots=True)
+class Build:
+    """Steps so far, where the arm stands, and what has been shown."""
+
+    q: FloatArray
+    seen: BoolArray
+    steps: list[Step] = field(default_factory=list)
+
+
+class Builder:
+    """Adds steps of one part to a build."""
+
+    def __init__(self, part: PreparedPart, layout: CellLayout, seed: int) -> None:
+        self._part = part
+        self._layout = layout
+        self._seed = seed
+        self._speed = np.array(layout.pace.joint_per_s)
+        self._tray_ways: dict[tuple[int, str], list[PlaceWay]] = {}
+
+    def _connect(self, build: Build, q: FloatArray, scene: Scene, what: str) -> Motion:
+        return connect(build.q, q, scene, f"{self._part.solid.name}: {what}", self._seed)
+
+    def _seconds(self, start: FloatArray, *motions: Sequence[FloatArray]) -> float:
+        return move_seconds(self._layout, [start, *(q for m in motions for q in m)])
+
+    def _carrying(self, grip: Grip) -> Scene:
+        return Scene(
+            self._layout,
+            grip.opening_mm,
+            self._layout.fixture_open_mm,
+            self._part.carried_box(grip),
+        )
+
+    # ---- taking up -----------------------------------------------------------------------------
+    def pick(self, build: Build, ways: Sequence[PickWay], T_world_part: FloatArray) -> None:
+        """Take the part off the table by the first of some ways that can be driven.
+
+        Raises
+        ------
+        RefutedError : none of them can
+        """
+        part, layout = self._part, self._layout
+        grip = part.arm_grips[ways[0].grip]
+        lying = part.part_box.placed(T_world_part)
+        scene = Scene(layout, grip.pre_open_mm, layout.fixture_open_mm, standing=(lying,))
+        failure: NoPlanError | None = None
+        for way in ways:
+            try:
+                motion_in = self._connect(build, way.down[0], scene, "way to the pick")
+            except NoMotionError as error:
+                failure = failure or error
+                continue
+            down, up = tuple(way.down[1:]), tuple(way.up[1:])
+            build.steps.append(
+                Pick(
+                    seconds=self._seconds(build.q, motion_in, down, up) + layout.pace.grip_s,
+                    label=f"pick with grip {grip.id}, {grip.opening_mm:.1f} mm",
+                    grip=grip,
+                    motion_in=motion_in,
+                    pre_open_mm=grip.pre_open_mm,
+                    motion_down=down,
+                    expected_opening_mm=grip.opening_mm,
+                    motion_up=up,
+                )
+            )
+            build.q = way.up[-1]
+            return
+        assert failure is not None
+        raise RefutedError(failure, firsts=[ways[0].grip])
+
+    def take_back(
+        self, build: Build, g: int, take: HandOff, held: Grip, T_world_part: FloatArray
+    ) -> None:
+        """Take the part from the fixed gripper.
+
+        Raises
+        ------
+        NoMotionError : there is no way round it
+        """
+        part, layout = self._part, self._layout
+        grip = part.arm_grips[g]
+        standing = part.part_box.placed(T_world_part)
+        opening = _standing_opening(build, layout)
+        # the jaws stay as they let go until the straight way in begins: wide ones may pass on both
+        # sides of a part that narrower ones run into
+        scene = Scene(layout, opening, held.opening_mm, standing=(standing,))
+        way = tuple(fewest_waypoints(layout, take.retreat[::-1]))
+        motion_in = self._connect(build, way[0], scene, "way round the fixture")
+        motion_out = tuple(fewest_waypoints(layout, take.entry[::-1])[1:])
+        build.steps.append(
+            TakeBack(
+                seconds=self._seconds(build.q, motion_in, way[1:])
+                + self._seconds(way[-1], motion_out)
+                + layout.pace.grip_s
+                + layout.pace.release_s,
+                label=f"take back with grip {grip.id}, {grip.opening_mm:.1f} mm",
+                grip=grip,
+                fixture_grip=held,
+                motion_in=motion_in,
+                pre_open_mm=grip.pre_open_mm,
+                approach=tuple(way[1:]),
+                expected_opening_mm=grip.opening_mm,
+                fixture_open_mm=held.pre_open_mm,
+                motion_out=motion_out,
+            )
+        )
+        build.q = take.entry[0]
+
+    # ---- passing on ----------------------------------------------------------------------------
+    def hand_over(self, build: Build, g: int, leave: HandOff, held: Grip) -> FloatArray:
+        """Give the part to the fixed gripper; return T_world_part (4, 4) while that holds it.
+
+        Raises
+        ------
+        NoMotionError : there is no way to it
+        """
+        part, layout = self._part, self._layout
+        grip = part.arm_grips[g]
+        scene = Scene(layout, grip.opening_mm, held.pre_open_mm, part.carried_box(grip))
+        motion = (
+            *self._connect(build, leave.entry[0], scene, "way to the fixture"),
+            *fewest_waypoints(layout, leave.entry)[1:],
+        )
+        retreat = tuple(fewest_waypoints(layout, leave.retreat)[1:])
+        build.steps.append(
+            HandOver(
+                seconds=self._seconds(build.q, motion, retreat)
+                + layout.pace.grip_s
+                + layout.pace.release_s,
+                label=f"hand over to the fixture, grip {held.id}",
+                grip=grip,
+                fixture_grip=held,
+                fixture_pre_open_mm=held.pre_open_mm,
+                motion=motion,
+                fixture_expected_opening_mm=held.opening_mm,
+                hand_open_mm=grip.pre_open_mm,
+                retreat=retreat,
+            )
+        )
+        build.q = leave.retreat[-1]
+        return shown_pose(layout, leave.q, grip.T_part_hand)
+
+    def set_down(
+        self, build: Build, g: int, leave: HandOff, T_world_part: FloatArray, pose_index: int
+    ) -> None:
+        """Put the part down on the table.
+
+        Raises
+        ------
+        NoMotionError : there is no way to there
+        """
+        part, layout = self._part, self._layout
+        grip = part.arm_grips[g]
+        motion = self._connect(build, leave.entry[0], self._carrying(grip), "way to the table")
+        down = tuple(fewest_waypoints(layout, leave.entry)[1:])
+        up = tuple(fewest_waypoints(layout, leave.retreat)[1:])
+        pace = layout.pace
+        build.steps.append(
+            SetDown(
+                seconds=self._seconds(build.q, motion, down, up) + pace.release_s + pace.relook_s,
+                label=f"set down in pose {pose_index}",
+                grip=grip,
+                motion=motion,
+                motion_down=down,
+                open_mm=grip.pre_open_mm,
+                motion_up=up,
+                T_world_part=T_world_part,
+                pose_index=pose_index,
+            )
+        )
+        build.q = leave.retreat[-1]
+
+    # ---- showing -------------------------------------------------------------------------------
+    def show(
+        self, build: Build, g: int, views: Sequence[int], end: FloatArray | None, needed: BoolArray
+    ) -> None:
+        """Add the views (directions) of one grip, in the quickest order.
+
+        Parameters
+        ----------
+        end : (6,) where the arm goes afterwards; needed : (n,) what the plan relies on
+
+        Raises
+        ------
+        RefutedError : a view cannot be driven to, or does not show what it should
+        """
+        part = self._part
+        grip = part.arm_grips[g]
+        scene = self._carrying(grip)
+        todo = {v: self._clear_configurations(grip, g, v, scene, needed) for v in views}
+        bad = [(g, v) for v, rows in todo.items() if len(rows) == 0]
+        if bad:
+            reason = NoMotionError(f"{part.solid.name}: the arm stands in its own picture")
+            raise RefutedError(reason, views=bad)
+        tries = 0
+        while todo:
+            names = list(todo)
+            order = best_order(build.q, [todo[v] for v in names], end, self._speed)
+            i, k = order[0]
+            v = names[i]
+            q = todo[v][k]
+            try:
+                motion = self._connect(build, q, scene, f"way to view {v}")
+            except NoMotionError as error:
+                tries += 1
+                todo[v] = np.delete(todo[v], k, axis=0)
+                if len(todo[v]) == 0 or tries > MOTION_TRIES:
+                    raise RefutedError(error, views=[(g, v)]) from error
+                continue
+            del todo[v]
+            self._present(build, grip, g, v, q, motion, scene)
+
+    def _clear_configurations(
+        self, grip: Grip, g: int, v: int, scene: Scene, needed: BoolArray
+    ) -> FloatArray:
+        """Return the configurations of a view in which the arm's links hide nothing needed."""
+        part = self._part
+        rows = part.view_q[g][v]
+        wanted = part.shown_by(g)[v] & needed
+        lost = np.array(
+            [part.weights[wanted & ~self._in_sight(grip, g, v, q, scene)].sum() for q in rows]
+        )
+        kept: FloatArray = rows[lost <= 0.0]
+        return kept
+
+    def _in_sight(self, grip: Grip, g: int, v: int, q: FloatArray, scene: Scene) -> BoolArray:
+        part, layout = self._part, self._layout
+        seen: BoolArray = part.shown_by(g)[v].copy()
+        T = shown_pose(layout, q, grip.T_part_hand)
+        points = part.samples.points_mm[seen] @ T[:3, :3].T + T[:3, 3]
+        hidden = segments_hit(points, layout.inspection.position_mm, scene.arm_boxes(q))
+        seen[np.flatnonzero(seen)[hidden]] = False
+        return seen
+
+    def _present(
+        self,
+        build: Build,
+        grip: Grip,
+        g: int,
+        v: int,
+        q: FloatArray,
+        motion: Motion,
+        scene: Scene,
+    ) -> None:
+        part, layout = self._part, self._layout
+        seen = self._in_sight(grip, g, v, q, scene)
+        build.seen |= seen
+        face_id = int(part.directions.square_to[v])
+        label = f"show with grip {grip.id}"
+        if face_id >= 0:
+            label += f", square to {part.solid.faces[face_id].label}"
+        build.steps.append(
+            Present(
+                seconds=self._seconds(build.q, motion) + layout.pace.look_s,
+                label=label,
+                view_id=f"{grip.id}-V{v}",
+                grip=grip,
+                motion=motion,
+                q=q,
+                T_world_part=shown_pose(layout, q, grip.T_part_hand),
+                direction_part=part.directions.vectors[v],
+                seen=seen,
+                square_to=face_id,
+                expected_opening_mm=grip.opening_mm,
+            )
+        )
+        build.q = q
+
+    # ---- putting away --------------------------------------------------------------------------
+    def check_trays(self, g: int) -> None:
+        """See that a grip can let the part go over every tray, before anything is worked out.
+
+        Raises
+        ------
+        RefutedError : it cannot
+        """
+        part = self._part
+        grip = part.arm_grips[g]
+        for name, tray in self._layout.trays.items():
+            if (g, name) not in self._tray_ways:
+                self._tray_ways[g, name] = place_ways(part, self._layout, grip, tray)
+            if not self._tray_ways[g, name]:
+                reason = OutOfReachError(
+                    f"{part.solid.name}: grip {grip.id} cannot let it go anywhere over tray {name} "
+                    f"at ({tray.centre_mm[0]:.0f}, {tray.centre_mm[1]:.0f}); move the tray nearer",
+                    reach_mm=float(np.hypot(*tray.centre_mm)),
+                    limit_mm=self._layout.arm.upper_mm + self._layout.arm.fore_mm,
+                    where=f"tray {name}",
+                )
+                raise RefutedError(reason, lasts=[g])
+
+    def sort(self, build: Build, g: int) -> tuple[dict[str, Place], dict[str, Park]]:
+        """Return how the part gets into each tray, and the arm home from there.
+
+        Raises
+        ------
+        RefutedError : a tray cannot be served with this grip
+        """
+        self.check_trays(g)
+        grip = self._part.arm_grips[g]
+        place: dict[str, Place] = {}
+        park: dict[str, Park] = {}
+        for name in self._layout.trays:
+            failure: NoPlanError | None = None
+            ways = self._tray_ways[g, name]
+            # every place is tried with the plain ways before any is searched for
+            for way, search in [(w, False) for w in ways] + [(w, True) for w in ways[:2]]:
+                try:
+                    place[name], park[name] = self._let_go(build.q, grip, name, way, search)
+                except NoMotionError as error:
+                    failure = failure or error
+                    continue
+                break
+            else:
+                assert failure is not None
+                raise RefutedError(failure, lasts=[g])
+        return place, park
+
+    def _let_go(
+        self, start: FloatArray, grip: Grip, tray: str, way: PlaceWay, search: bool
+    ) -> tuple[Place, Park]:
+        layout, name = self._layout, self._part.solid.name
+        motion = connect(
+            start,
+            way.down[0],
+            self._carrying(grip),
+            f"{name}: way to tray {tray}",
+            self._seed,
+            search,
+        )
+        empty = Scene(layout, grip.pre_open_mm, layout.fixture_open_mm)
+        home = connect(way.up[-1], layout.park_q, empty, f"{name}: way home", self._seed, search)
+        down, up = tuple(way.down[1:]), tuple(way.up[1:])
+        place = Place(
+            seconds=self._seconds(start, motion, down, up) + layout.pace.release_s,
+            label=f"place in tray {tray}",
+            tray=tray,
+            grip=grip,
+            motion=motion,
+            motion_down=down,
+            open_mm=grip.pre_open_mm,
+            motion_up=up,
+            T_world_part=way.T_world_part,
+            tilt_rad=way.tilt_rad,
+        )
+        return place, Park(seconds=self._seconds(way.up[-1], home), label="park", motion=home)
+
+
+def _standing_opening(build: Build, layout: CellLayout) -> float:
+    """Return how wide the empty hand stands: as it let go last, else as wide as it gets."""
+    last = build.steps[-1] if build.steps else None
+    return last.hand_open_mm if isinstance(last, HandOver) else layout.hand.max_mm

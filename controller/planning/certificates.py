@@ -1,0 +1,91 @@
+"""For each way the part may start lying: a complete plan, or the reason why there is none.
+
+Worked out before the first part arrives, so that nobody learns at the cell that a part which fell
+on its side cannot be picked (planning.md 9).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.cad import StablePose
+
+from ._planner import plan_from
+from .errors import NoPlanError
+from .grips import resting_pose
+from .layout import CellLayout
+from .plan import Plan
+from .prepared import PreparedPart
+from .starts import OnTable
+from .transfers import pick_ways
+
+PLACES_N = 3  # per side of the area parts may lie in
+TURNS_N = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Certificate:
+    """What can be promised of a part that starts in one stable pose.
+
+    Attributes
+    ----------
+    plan : from the middle of the area parts may lie in, None where there is none
+    reason : why there is no plan, a sentence; "" where there is one
+    pickable : share of places and turns over that area from which the part can be taken
+    """
+
+    pose_index: int
+    probability: float
+    plan: Plan | None
+    reason: str
+    pickable: float
+
+    @property
+    def is_complete(self) -> bool:
+        """Tell whether all is shown that any grip and any view of this cell could show."""
+        plan = self.plan
+        return plan is not None and plan.covered_fraction >= plan.reachable_fraction - 1e-9
+
+
+def certify(
+    part: PreparedPart, layout: CellLayout, poses: Sequence[StablePose], rng_seed: int = 0
+) -> tuple[Certificate, ...]:
+    """Return a certificate for each stable pose.
+
+    Parameters
+    ----------
+    poses : all ways to lie, those that roll among them: a part may start so
+    """
+    return tuple(_certificate(part, layout, pose, rng_seed) for pose in poses)
+
+
+def _certificate(
+    part: PreparedPart, layout: CellLayout, pose: StablePose, rng_seed: int
+) -> Certificate:
+    x, y = layout.set_down_mm.mean(axis=1)
+    plan, reason = None, ""
+    try:
+        start = OnTable(pose.index, resting_pose(part.solid, pose, float(x), float(y)))
+        plan = plan_from(part, layout, start, rng_seed=rng_seed)
+    except NoPlanError as error:
+        reason = str(error)
+    return Certificate(pose.index, pose.probability, plan, reason, _pickable(part, layout, pose))
+
+
+def _pickable(part: PreparedPart, layout: CellLayout, pose: StablePose) -> float:
+    """Return the share of places and turns from which the part can be taken."""
+    x_mm, y_mm = (np.linspace(low, high, PLACES_N) for low, high in layout.set_down_mm)
+    taken = []
+    for x in x_mm:
+        for y in y_mm:
+            for k in range(TURNS_N):
+                turn = 2 * np.pi * k / TURNS_N
+                T = resting_pose(part.solid, pose, float(x), float(y), turn)
+                try:
+                    taken.append(bool(pick_ways(part, layout, T)))
+                except NoPlanError:
+                    taken.append(False)
+    return float(np.mean(taken))
