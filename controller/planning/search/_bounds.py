@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from ._problem import IntArray
-from ._tables import PRICE_STEPS, Table, Tables
+from ._tables import PRICE_STEPS, Core, Table
 
 FloatArray = NDArray[np.float64]
 _LP_ROUNDS = 12
@@ -56,27 +56,27 @@ def rounded(u: NDArray[np.floating]) -> Table:
     return (np.floor(u * PRICE_STEPS) / PRICE_STEPS).astype(np.float32)
 
 
-def floors(tables: Tables, u: Table) -> Floors:
+def floors(core: Core, u: Table) -> Floors:
     """Work out what prices (k, m) say about each grip."""
-    below = np.zeros((len(u), len(tables.rows)))
-    for g, (rows, prices) in enumerate(zip(tables.rows, tables.unit_prices, strict=True)):
+    below = np.zeros((len(u), len(core.rows)))
+    for g, (rows, prices) in enumerate(zip(core.rows, core.units, strict=True)):
         left = prices[None] - u @ rows.T
         below[:, g] = np.minimum(left, 0.0).sum(axis=1, dtype=np.float64)
     return Floors(u=u, sums=u.sum(axis=1, dtype=np.float64), below=below)
 
 
-def union_prices(tables: Tables) -> tuple[Table, float]:
+def union_prices(core: Core) -> tuple[Table, float]:
     """Solve the cover by fractions of views over all grips.
 
     Returns
     -------
     u : (m,) prices; floor : of the unit prices of any cover by any grips
     """
-    m = tables.element_count
+    m = len(core.elements)
     if m == 0:
         return np.zeros(0, dtype=np.float32), 0.0
-    rows = np.concatenate(tables.rows)
-    prices = np.concatenate(tables.unit_prices).astype(np.float64)
+    rows = np.concatenate(core.rows)
+    prices = np.concatenate(core.units).astype(np.float64)
     worth = rows.sum(axis=1) / np.maximum(prices, 1e-3)
     active = np.zeros(len(rows), dtype=bool)
     uncovered = np.ones(m, dtype=bool)
@@ -119,7 +119,7 @@ def spread_scales(u: Table, factor: float) -> Table:
 
 
 def raise_floors(
-    tables: Tables, sets: IntArray, u: Table, goals: FloatArray, steps: int
+    core: Core, sets: IntArray, u: Table, goals: FloatArray, steps: int
 ) -> tuple[FloatArray, Table]:
     """Improve prices for many sets of grips at once.
 
@@ -132,7 +132,7 @@ def raise_floors(
     -------
     floor : (s,) units; u : (s, m) the prices that give it
     """
-    n = len(tables.rows)
+    n = len(core.rows)
     best, best_u = np.full(len(sets), -np.inf), u.copy()
     pace = np.full(len(sets), 1.0)
     stalled = np.zeros(len(sets), dtype=int)
@@ -143,10 +143,10 @@ def raise_floors(
         lack = np.ones((len(active), u.shape[1]), dtype=np.float32)
         for g in np.unique(here[here < n]):
             at = np.flatnonzero((here == g).any(axis=1))
-            left = tables.unit_prices[g][None] - u[active[at]] @ tables.rows[g].T
+            left = core.units[g][None] - u[active[at]] @ core.rows[g].T
             taken = left < 0.0
             value[at] += np.where(taken, left, np.float32(0)).sum(axis=1, dtype=np.float64)
-            lack[at] -= taken.astype(np.float32) @ tables.rows[g]
+            lack[at] -= taken.astype(np.float32) @ core.rows[g]
         better = value > best[active] + 1e-9
         best[active[better]] = value[better]
         best_u[active[better]] = u[active[better]]

@@ -23,11 +23,11 @@ class Stacked:
 
     Attributes
     ----------
-    rows : (v, m) 0/1; prices_s : (v,); units : (v,)
+    rows : (v, m); prices_s : (v,); units : (v,)
     owner : (v,) grip; index : (v,) row of the grip's own table
     """
 
-    rows: Table
+    rows: BoolArray
     prices_s: FloatArray
     units: Table
     owner: IntArray
@@ -40,39 +40,14 @@ def stack(tables: Tables, grips: IntArray) -> Stacked:
     return Stacked(
         rows=np.concatenate([tables.rows[g] for g in grips]),
         prices_s=np.concatenate([tables.prices_s[g] for g in grips]),
-        units=np.concatenate([tables.unit_prices[g] for g in grips]),
+        units=np.concatenate([tables.units[g] for g in grips]),
         owner=np.repeat(np.asarray(grips, dtype=np.intp), sizes),
         index=np.concatenate([np.arange(s) for s in sizes]).astype(np.intp),
     )
 
 
-def quick_cover(rows: Table, prices_s: FloatArray, u: Table | None = None) -> IntArray:
-    """Return rows that show every element, most for their price first, none in vain.
-
-    Parameters
-    ----------
-    u : (m,) what each element counts, None for all alike
-    """
-    worth = np.ones(rows.shape[1], dtype=np.float32) if u is None else u + np.float32(1 / 64)
-    open_ = worth.copy()
-    price = np.maximum(prices_s, 1e-9)
-    chosen: list[int] = []
-    while open_.any():
-        k = int(np.argmax((rows @ open_) / price))
-        if rows[k] @ open_ <= 0.0:
-            raise ValueError("an element is shown by no view")
-        chosen.append(k)
-        open_[rows[k] > 0] = 0.0
-    count = rows[chosen].sum(axis=0)
-    for k in sorted(chosen, key=lambda k: (-prices_s[k], rows[k].sum(), k)):
-        if (count[rows[k] > 0] >= 2).all():
-            chosen.remove(k)
-            count -= rows[k]
-    return np.array(chosen, dtype=np.intp)
-
-
 def exact_cover(
-    rows: Table,
+    rows: BoolArray,
     prices_s: FloatArray,
     limit_s: float,
     reduced_s: FloatArray | None = None,
@@ -94,8 +69,8 @@ def exact_cover(
         keep = keep[reduced_s < limit_s - SAME_S]
     fixed: list[int] = []
     fixed_s = 0.0
-    table = rows[keep] > 0
-    open_ = np.ones(rows.shape[1], dtype=bool)
+    table = rows[keep]
+    open_ = _different(table)
     while True:
         before = (len(keep), int(open_.sum()))
         table, keep, open_, forced = _reduced(table, keep, open_, prices_s)
@@ -135,11 +110,21 @@ def exact_cover(
     chosen = keep[answer.x > 0.5]
     cost = fixed_s + float(prices_s[chosen].sum())
     found = np.concatenate([np.array(fixed, dtype=np.intp), chosen])
-    if not (rows[found].sum(axis=0) > 0).all():  # a solver's tolerance is no cover
+    if not rows[found].any(axis=0).all():  # a solver's tolerance is no cover
         return None, fixed_s
     if answer.status == 0:
         return (found, cost) if cost < limit_s - SAME_S / 2 else (None, limit_s)
     return found, min(cost, fixed_s + float(floor))
+
+
+def _different(table: BoolArray) -> BoolArray:
+    """Mark one of all elements (columns) that are shown by the same rows."""
+    first: dict[bytes, int] = {}
+    for k, column in enumerate(np.packbits(table, axis=0).T):
+        first.setdefault(column.tobytes(), k)
+    mark = np.zeros(table.shape[1], dtype=bool)
+    mark[list(first.values())] = True
+    return mark
 
 
 def _reduced(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,6 +140,16 @@ def needed_of(problem: Problem, max_grips: int = MAX_GRIPS) -> BoolArray:
     return needed & ~problem.seen
 
 
+def price_of(problem: Problem, grips: Sequence[int], views: Sequence[Sequence[int]]) -> float:
+    """Return what grips in order and the views under each cost [s], inf = not possible."""
+    cost = float(problem.first_s[grips[0]]) + float(problem.last_s[grips[-1]])
+    for g, h in pairwise(grips):
+        cost += float(problem.hop_s[g, h])
+    for g, chosen in zip(grips, views, strict=True):
+        cost += float(problem.view_s[g][list(chosen)].sum())
+    return cost
+
+
 def priced(
     problem: Problem,
     grips: Sequence[int],
@@ -148,17 +159,13 @@ def priced(
     covers_count: int = 0,
 ) -> Solution:
     """Return a solution with its cost and what it covers worked out from the problem alone."""
-    cost = float(problem.first_s[grips[0]]) + float(problem.last_s[grips[-1]])
     covered = np.zeros(len(problem.weights), dtype=bool)
-    for g, h in itertools.pairwise(grips):
-        cost += float(problem.hop_s[g, h])
     for g, chosen in zip(grips, views, strict=True):
-        cost += float(problem.view_s[g][list(chosen)].sum())
         covered |= problem.shows[g][list(chosen)].any(axis=0)
     return Solution(
         grips=tuple(int(g) for g in grips),
         views=tuple(tuple(sorted(int(v) for v in chosen)) for chosen in views),
-        cost_s=cost,
+        cost_s=price_of(problem, grips, views),
         bound_s=bound_s,
         covered=covered,
         needed=needed_of(problem, max_grips),

@@ -16,11 +16,30 @@ import numpy as np
 
 from ..boxes import BoolArray
 from ..layout import FloatArray
-from ._bounds import Floors, Table, floors, raise_floors, spread_scales, union_prices
-from ._exact import exact_cover, quick_cover, stack
+from ._bounds import Floors, floors, raise_floors, spread_scales, union_prices
+from ._exact import exact_cover, stack
 from ._greedy import greedy
-from ._problem import MAX_GRIPS, SAME_S, IntArray, Problem, Solution, live_grips, needed_of, priced
-from ._tables import Tables, make_tables
+from ._problem import (
+    MAX_GRIPS,
+    SAME_S,
+    IntArray,
+    Problem,
+    Solution,
+    live_grips,
+    needed_of,
+    price_of,
+    priced,
+)
+from ._tables import (
+    Core,
+    Table,
+    Tables,
+    hard_elements,
+    learn_core,
+    make_core,
+    make_tables,
+    quick_cover,
+)
 from ._walks import Walks, first_walks, longer, showing_all, tails
 
 
@@ -46,6 +65,8 @@ FULL = Effort()
 _BATCH = 96
 _STEPS = 45
 _TRIES = 6  # quick covers per batch, for an early good solution
+_LESSONS = 20  # sets of grips the deciding elements are learned from
+_MISSED = 8  # elements added where a cover of the core leaves some out
 _SCALE = 1.25  # few grips ask more for each element than all of them together
 
 
@@ -145,28 +166,29 @@ class _Search:
     def __init__(self, problem: Problem, tables: Tables, max_grips: int, effort: Effort) -> None:
         self.problem, self.tables = problem, tables
         self.max_grips, self.effort = max_grips, effort
+        self.core: Core
+        self.union: Floors
         self.best: tuple[tuple[int, ...], tuple[tuple[int, ...], ...], float] | None = None
         self.best_s = np.inf
         self.covers = self.floored = 0
         self.pool = _Pool()
         self.levels: list[Walks] = []
-        self.union: Floors | None = None
+        self.all_s = 0.0  # what views cost at least, whatever the grips
+        self.extra: list[int] = []  # elements that covers of the core left out
 
     def offer(self, grips: tuple[int, ...], views: tuple[tuple[int, ...], ...]) -> None:
         """Keep a solution if it is cheaper than the best."""
-        cost = priced(self.problem, grips, views, 0.0, self.max_grips).cost_s
+        cost = price_of(self.problem, grips, views)
         if cost < self.best_s - SAME_S:
             self.best, self.best_s = (tuple(grips), views, cost), cost
 
     def run(self) -> float:
         """Search; return the floor of all solutions."""
         tables, problem = self.tables, self.problem
-        u, all_units = union_prices(tables)
-        self.union = floors(tables, spread_scales(u, 2.0))
-        all_s = float(tables.views_floor_s(np.array([all_units]))[0])
         hop = problem.hop_s[np.ix_(tables.grips, tables.grips)]
         tail = tails(problem, tables.grips, self.max_grips)
         walks = first_walks(problem, tables.grips)
+        self._learn(walks, hop, tail)
         open_s = np.inf  # floor of all that was not looked into
         for length in range(1, self.max_grips + 1):
             self.levels.append(walks)
@@ -178,14 +200,34 @@ class _Search:
                 walks,
                 hop,
                 tail,
-                self.best_s - all_s,
+                self.best_s - self.all_s,
                 self.levels,
                 self.effort.ways,
                 tables.covered if self.best is None else None,
             )
-            open_s = min(open_s, walks.left_out_s + all_s)
+            open_s = min(open_s, walks.left_out_s + self.all_s)
         pending = [f for f, s in zip(self.pool.floor_s, self.pool.stage, strict=True) if s != 2]
         return min([self.best_s, open_s, *pending])
+
+    def _learn(self, walks: Walks, hop: FloatArray, tail: FloatArray) -> None:
+        """Find the elements that decide from the cheapest ways, and prices for all grips."""
+        tables, n = self.tables, len(self.tables.grips)
+        pairs = longer(walks, hop, tail, np.inf, [walks], self.effort.ways)
+        some: list[IntArray] = []
+        for ways in (pairs, walks):
+            whole = ways.cost_s + tail[ways.grips[:, -1]]
+            shown = np.zeros(len(whole))
+            for k, members in enumerate(ways.sets):
+                shown[k] = tables.covered[members[members < n]].any(axis=0).sum()
+            rank = np.lexsort((whole, -shown))[:_LESSONS]
+            some += [ways.sets[k][ways.sets[k] < n] for k in rank]
+        elements = learn_core(tables, some)
+        if not elements and len(tables.elements):
+            elements = [0]
+        self.core = make_core(tables, elements)
+        u, units = union_prices(self.core)
+        self.union = floors(self.core, spread_scales(u, 2.0))
+        self.all_s = float(tables.views_floor_s(np.array([units]))[0])
 
     def most_shown(self) -> tuple[tuple[int, ...], BoolArray]:
         """Return the way that shows the greatest share of surface, and (m,) what it shows."""
@@ -212,7 +254,6 @@ class _Search:
     def _enter(self, walks: Walks) -> None:
         """Take up the sets of these ways that show all, may be finished from and could be best."""
         tables, pool = self.tables, self.pool
-        assert self.union is not None
         whole = walks.cost_s + self.problem.last_s[tables.grips[walks.grips[:, -1]]]
         at = np.flatnonzero(whole < self.best_s - SAME_S)
         at = at[showing_all(tables.covered, walks.sets[at])]
@@ -267,7 +308,6 @@ class _Search:
 
     def _raise(self, which: list[int]) -> None:
         tables, pool = self.tables, self.pool
-        assert self.union is not None
         n = len(tables.grips)
         width = max(len(pool.sets[k]) for k in which)
         sets = np.full((len(which), width), n)
@@ -278,7 +318,7 @@ class _Search:
         if not np.isfinite(self.best_s):
             for row in range(min(_TRIES, len(which))):
                 self._try(which[row], start[row])
-        units, u = raise_floors(tables, sets, start, self._goals(way), _STEPS)
+        units, u = raise_floors(self.core, sets, start, self._goals(way), _STEPS)
         floor = way + tables.views_floor_s(units)
         self.floored += len(which)
         for row, k in enumerate(which):
@@ -305,26 +345,44 @@ class _Search:
     def _try(self, k: int, u: Table) -> None:
         """Cover the set quickly, by prices and by numbers."""
         stacked = stack(self.tables, self.pool.sets[k])
-        for prices in (u, None):
-            rows = quick_cover(stacked.rows, stacked.prices_s, prices)
-            self._offer_rows(k, stacked.owner[rows], stacked.index[rows])
+        rows = stacked.rows.astype(np.float32)
+        worth = np.full(rows.shape[1], 1.0 / 64.0, dtype=np.float32)
+        worth[self.core.elements] += u
+        for prices in (worth, None):
+            chosen = quick_cover(rows, stacked.prices_s, prices)
+            self._offer_rows(k, stacked.owner[chosen], stacked.index[chosen])
 
     def _cover(self, k: int) -> None:
         """Settle the set for good."""
         tables, pool = self.tables, self.pool
         stacked = stack(tables, pool.sets[k])
         u = pool.u[k]
-        left = stacked.units - stacked.rows @ u
+        left = stacked.units - stacked.rows[:, self.core.elements].astype(np.float32) @ u
         base = float(u.sum(dtype=np.float64)) + float(np.minimum(left, 0.0).sum(dtype=np.float64))
         reduced = tables.views_floor_s(base + np.maximum(left, 0.0).astype(np.float64))
-        limit = self.best_s - pool.way_s[k]
-        if not np.isfinite(limit):
-            limit = float(stacked.prices_s.sum()) + 1.0
-        rows, floor = exact_cover(stacked.rows, stacked.prices_s, limit, reduced, self.effort.nodes)
-        self.covers += 1
-        pool.stage[k] = 2
-        if rows is not None:
+        elements = sorted({*self.core.elements.tolist(), *self.extra})
+        while True:
+            limit = self.best_s - pool.way_s[k]
+            if not np.isfinite(limit):
+                limit = float(stacked.prices_s.sum()) + 1.0
+            rows, floor = exact_cover(
+                stacked.rows[:, elements], stacked.prices_s, limit, reduced, self.effort.nodes
+            )
+            self.covers += 1
+            if rows is None:
+                break
+            missing = ~stacked.rows[rows].any(axis=0)
+            if missing.any():  # what completes them may still be the best so far
+                rest = quick_cover(stacked.rows[:, missing].astype(np.float32), stacked.prices_s)
+                whole = np.union1d(rows, rest)
+                self._offer_rows(k, stacked.owner[whole], stacked.index[whole])
+                new = hard_elements(stacked.rows, missing, _MISSED)
+                self.extra += new
+                elements = sorted({*elements, *new})
+                continue
             self._offer_rows(k, stacked.owner[rows], stacked.index[rows])
+            break
+        pool.stage[k] = 2
         pool.floor_s[k] = max(pool.floor_s[k], pool.way_s[k] + floor)
         if pool.floor_s[k] < self.best_s - SAME_S:
             pool.stage[k] = 3  # nodes ran out: its floor stands

@@ -1,163 +1,203 @@
-"""The tables made small without losing an optimum: once per problem, good for every set of grips.
+"""The problem's tables, and the few elements that decide: what else is to be shown comes along.
 
-Elements shown by the same views are one; an element that every view of a harder one shows comes by
-itself; a view that another of the same grip outdoes at no higher price is not needed. What is left
-is often a tenth.
+Of thousands of surface samples some hundreds are hard to show. A floor for showing these is a floor
+for showing all, and views chosen for these mostly show all: where not, what they left out is added.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..boxes import BoolArray
-from ._problem import IntArray, Problem, live_grips, needed_of
+from ._problem import IntArray, Problem, live_grips
 
+FloatArray = NDArray[np.float64]
 Table = NDArray[np.float32]
 PRICE_STEPS = 1024.0  # prices in units of the dearest, rounded down: sums of them stay exact
-_CHUNK = 24  # views looked at together for what all of them show
+CORE_MOST = 640  # elements
+_LEARN_ROUNDS = 4
+_LEARN_PICKS = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tables:
-    """What matters of a problem.
+    """What matters of a problem: live grips, views to be had, elements needed.
 
     Attributes
     ----------
     grips : (n,) the live grips, as the problem numbers them; below they are 0..n-1
-    rows : per grip (v, m) 0/1, views that no other of the grip outdoes, in a fixed order
-    view_ids : per grip (v,) which views these are
-    unit_prices : per grip (v,) price over the dearest view's, rounded down to 1/1024
+    elements : (m,) the elements needed, as the problem numbers them; below they are 0..m-1
+    rows : per grip (v, m) what its views show; view_ids : per grip (v,) which views these are
     prices_s : per grip (v,) price [s]
+    units : per grip (v,) price over the dearest view's, rounded down to 1/1024
     covered : (n, m) what each grip shows at all
     kinds : (n,) grips of one kind have equal rows and prices
     least_s, dearest_s : price of the cheapest and the dearest view [s]
     """
 
     grips: IntArray
-    rows: tuple[Table, ...]
+    elements: IntArray
+    rows: tuple[BoolArray, ...]
     view_ids: tuple[IntArray, ...]
-    unit_prices: tuple[Table, ...]
-    prices_s: tuple[NDArray[np.float64], ...]
+    prices_s: tuple[FloatArray, ...]
+    units: tuple[Table, ...]
     covered: BoolArray
     kinds: IntArray
     least_s: float
     dearest_s: float
 
-    @property
-    def element_count(self) -> int:
-        """Return how many elements are left."""
-        return self.covered.shape[1]
-
-    def views_floor_s(self, units: NDArray[np.float64]) -> NDArray[np.float64]:
+    def views_floor_s(self, units: FloatArray) -> FloatArray:
         """Return what views cost at least [s] if their unit prices sum to at least `units`."""
         whole = np.ceil(np.maximum(units, 0.0) - 1e-6)  # no unit price exceeds 1: as many views
-        floor: NDArray[np.float64] = np.maximum(units * self.dearest_s, whole * self.least_s)
-        return np.maximum(floor, 0.0)
+        return np.maximum(np.maximum(units, 0.0) * self.dearest_s, whole * self.least_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Core:
+    """The tables of a few elements, with only the views that no other of the grip outdoes there.
+
+    Attributes
+    ----------
+    elements : (c,) of the tables' elements
+    rows : per grip (v, c) 0/1; units : per grip (v,)
+    """
+
+    elements: IntArray
+    rows: tuple[Table, ...]
+    units: tuple[Table, ...]
 
 
 def make_tables(problem: Problem, max_grips: int) -> Tables:
-    """Reduce the problem to its live grips and to the views and elements that matter."""
+    """Take from the problem what some way from start to finish can use."""
     grips = live_grips(problem, max_grips)
-    needed = np.flatnonzero(needed_of(problem, max_grips))
-    parts, ids = [], []
-    for g in grips:
-        table = problem.shows[g][:, needed]
-        keep = np.flatnonzero(np.isfinite(problem.view_s[g]) & table.any(axis=1))
-        parts.append(table[keep])
-        ids.append(keep)
-    if len(needed):
-        elements = _hardest(_unique_rows(parts))
-        parts = [p[:, elements] for p in parts]
+    possible = [np.isfinite(problem.view_s[g]) for g in grips]
+    shown = np.zeros((len(grips), len(problem.weights)), dtype=bool)
+    for k, (g, can) in enumerate(zip(grips, possible, strict=True)):
+        shown[k] = (problem.shows[g] if can.all() else problem.shows[g][can]).any(axis=0)
+    elements = np.flatnonzero(shown.any(axis=0) & ~problem.seen)
+    every = len(elements) == len(problem.weights)
     rows, view_ids, prices_s = [], [], []
-    for g, table, keep in zip(grips, parts, ids, strict=True):
-        prices = problem.view_s[g][keep]
-        best = _undominated(table, prices)
-        rows.append(table[best].astype(np.float32))
-        view_ids.append(keep[best])
-        prices_s.append(prices[best])
-    every = np.concatenate([*prices_s, np.zeros(0)])
-    least, dearest = (float(every.min()), float(every.max())) if len(every) else (0.0, 0.0)
+    for g, can in zip(grips, possible, strict=True):
+        keep = np.flatnonzero(can)
+        table = problem.shows[g] if can.all() else problem.shows[g][keep]
+        rows.append(table if every else table[:, elements])
+        view_ids.append(keep)
+        prices_s.append(problem.view_s[g][keep])
+    prices = np.concatenate([*prices_s, np.zeros(0)])
+    least, dearest = (float(prices.min()), float(prices.max())) if len(prices) else (0.0, 0.0)
     scale = dearest if dearest > 0.0 else 1.0
-    unit = [(np.floor(p / scale * PRICE_STEPS) / PRICE_STEPS).astype(np.float32) for p in prices_s]
-    kinds: dict[bytes, int] = {}
+    kinds: dict[tuple[bytes, bytes], int] = {}
     kind = [
-        kinds.setdefault(np.packbits(r > 0).tobytes() + p.tobytes() + bytes([len(p) % 256]), k)
+        kinds.setdefault((np.packbits(r).tobytes(), p.tobytes()), k)
         for k, (r, p) in enumerate(zip(rows, prices_s, strict=True))
     ]
     return Tables(
         grips=grips,
+        elements=elements,
         rows=tuple(rows),
         view_ids=tuple(view_ids),
-        unit_prices=tuple(unit),
         prices_s=tuple(prices_s),
-        covered=np.array([r.any(axis=0) for r in rows]).reshape(len(grips), -1).astype(bool),
+        units=tuple(
+            (np.floor(p / scale * PRICE_STEPS) / PRICE_STEPS).astype(np.float32) for p in prices_s
+        ),
+        covered=shown[:, elements],
         kinds=np.array(kind, dtype=np.intp),
         least_s=least,
         dearest_s=dearest,
     )
 
 
-def _unique_rows(parts: list[BoolArray]) -> BoolArray:
-    """Return the rows of all tables, each once."""
-    first: dict[bytes, tuple[int, int]] = {}
-    for k, table in enumerate(parts):
-        for r, packed in enumerate(np.packbits(table, axis=1)):
-            first.setdefault(packed.tobytes(), (k, r))
-    chosen: list[list[int]] = [[] for _ in parts]
-    for k, r in first.values():
-        chosen[k].append(r)
-    return np.concatenate([table[r] for table, r in zip(parts, chosen, strict=True)])
+def hard_elements(rows: BoolArray, missing: BoolArray, most: int) -> list[int]:
+    """Return some of the missing elements (m,) that few rows (v, m) show, none implied by another.
+
+    What every row that shows one of them shows comes along with it.
+    """
+    at = np.flatnonzero(missing)
+    table = rows[:, at]
+    count = table.sum(axis=0)
+    open_ = count > 0
+    picked: list[int] = []
+    while open_.any() and len(picked) < most:
+        k = int(np.argmin(np.where(open_, count, len(rows) + 1)))
+        picked.append(int(at[k]))
+        open_ &= ~table[table[:, k]].all(axis=0)
+    return picked
 
 
-def _hardest(rows: BoolArray) -> IntArray:
-    """Return the elements (columns) that imply all others: cover these and all is covered."""
-    order: dict[bytes, int] = {}
-    for k, column in enumerate(np.packbits(rows.T, axis=1)):
-        order.setdefault(column.tobytes(), k)
-    unique = np.array(list(order.values()), dtype=np.intp)
-    rows = rows[:, unique]
-    count = rows.sum(axis=0)
-    packed = np.packbits(rows, axis=1)
-    shown_by = np.ascontiguousarray(rows.T)
-    alive = np.ones(len(unique), dtype=bool)
-    for j in np.argsort(count, kind="stable"):
-        if not alive[j]:
+def learn_core(tables: Tables, sets: Sequence[IntArray]) -> list[int]:
+    """Find the elements that decide, by covering some sets of grips until nothing is left out."""
+    core: list[int] = []
+    for members in sets:
+        rows = np.concatenate([tables.rows[g] for g in members])
+        prices = np.concatenate([tables.prices_s[g] for g in members])
+        if not len(rows):
             continue
-        views = np.flatnonzero(shown_by[j])
-        # views far apart in the list have least in common: few of them settle most
-        views = views[
-            np.argsort(np.arange(len(views)) % max(1, len(views) // _CHUNK), kind="stable")
-        ]
-        common = np.packbits(alive)
-        for at in range(0, len(views), _CHUNK):
-            common = common & np.bitwise_and.reduce(packed[views[at : at + _CHUNK]], axis=0)
-            if int(np.bitwise_count(common).sum()) == 1:
+        can = rows.any(axis=0)
+        for _ in range(_LEARN_ROUNDS):
+            at = [e for e in core if can[e]]
+            shown = np.zeros(len(can), dtype=bool)
+            if at:
+                shown = rows[quick_cover(rows[:, at].astype(np.float32), prices)].any(axis=0)
+            missing = can & ~shown
+            if not missing.any() or len(core) >= CORE_MOST:
                 break
-        else:
-            implied = np.unpackbits(common, count=len(unique)).astype(bool)
-            implied[j] = False
-            alive &= ~implied
-    return unique[alive]
+            core += hard_elements(rows, missing, _LEARN_PICKS)
+    return core
 
 
-def _undominated(table: BoolArray, prices: NDArray[np.float64]) -> IntArray:
-    """Return the views that no other one of the same grip outdoes, in an order of their own."""
-    if not len(table):
-        return np.zeros(0, dtype=np.intp)
-    packed = np.packbits(table, axis=1)
+def make_core(tables: Tables, elements: Sequence[int]) -> Core:
+    """Return the tables of these elements only."""
+    at = np.array(sorted(elements), dtype=np.intp)
+    rows, units = [], []
+    for table, prices in zip(tables.rows, tables.units, strict=True):
+        part = np.ascontiguousarray(table[:, at])
+        best = _undominated(part, prices)
+        rows.append(part[best].astype(np.float32))
+        units.append(prices[best])
+    return Core(elements=at, rows=tuple(rows), units=tuple(units))
+
+
+def quick_cover(rows: Table, prices_s: FloatArray, worth: Table | None = None) -> IntArray:
+    """Return rows that show every element, most for their price first, none in vain.
+
+    Parameters
+    ----------
+    rows : (v, m) 0/1, each element shown by some
+    worth : (m,) > 0 what each element counts, None for all alike
+    """
+    open_ = np.ones(rows.shape[1], dtype=np.float32) if worth is None else worth.copy()
+    price = np.maximum(prices_s, 1e-9)
+    chosen: list[int] = []
+    while open_.any():
+        gain = rows @ open_
+        k = int(np.argmax(gain / price))
+        if gain[k] <= 0.0:
+            raise ValueError("an element is shown by no view")
+        chosen.append(k)
+        open_[rows[k] > 0] = 0.0
+    count = rows[chosen].sum(axis=0)
+    for k in sorted(chosen, key=lambda k: (-prices_s[k], rows[k].sum(), k)):
+        if (count[rows[k] > 0] >= 2).all():
+            chosen.remove(k)
+            count -= rows[k]
+    return np.array(chosen, dtype=np.intp)
+
+
+def _undominated(table: BoolArray, prices: Table) -> IntArray:
+    """Return the views that no other one of the same grip outdoes at no higher price."""
+    unique: dict[bytes, int] = {}
     size = table.sum(axis=1)
-    # big ones first, of equal ones the cheapest, then by what they show: an order that does not
-    # depend on how views are numbered
-    order = np.lexsort((np.arange(len(table)), *packed.T[::-1], prices, -size))
-    bits = table[order].astype(np.float32)
-    common = bits @ bits.T
-    inside = common >= size[order][:, None]  # row is within column
-    better = inside & (prices[order][None] <= prices[order][:, None])
-    earlier = np.arange(len(order))[None] < np.arange(len(order))[:, None]
-    equal = inside & inside.T & (prices[order][None] == prices[order][:, None])
-    dominated = (better & (~equal | earlier)).copy()
+    packed = np.packbits(table, axis=1)
+    for k in np.lexsort((prices, -size)):  # of equal ones the cheapest
+        if size[k] > 0:
+            unique.setdefault(packed[k].tobytes(), int(k))
+    at = np.array(list(unique.values()), dtype=np.intp)
+    bits = table[at].astype(np.float32)
+    inside = (bits @ bits.T) >= size[at][:, None]  # row is within column
+    dominated = inside & (prices[at][None] <= prices[at][:, None])
     np.fill_diagonal(dominated, False)
-    return order[~dominated.any(axis=1)]
+    return at[~dominated.any(axis=1)]
