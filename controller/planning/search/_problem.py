@@ -6,7 +6,6 @@ feature such as "face 7 seen square"). planning.md 1.3.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
