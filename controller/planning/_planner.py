@@ -225,7 +225,7 @@ class _Planner:
         for k in by_price:
             if not np.isfinite(prices.support_s[k, g, h]):
                 break
-            support = prices.supports[k]
+            support: Support = prices.supports[int(k)]
             trial = Build(build.q, build.seen.copy(), list(build.steps))
             self._builder.show(trial, g, views, support.ways[g].entry[0], needed)
             try:

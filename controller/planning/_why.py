@@ -192,8 +192,8 @@ def _still_hidden(
         grip.T_part_hand,
         [*hand.body, *hand.fingers(grip.opening_mm)],
     )
-    shown = (visible & ~hidden).any(axis=0)
-    return 1.0 - float(shown[piece].mean())
+    left = np.asarray(visible & ~hidden)[:, piece]
+    return 1.0 - float(left.any(axis=0).mean())
 
 
 def _reach(part: PreparedPart, layout: CellLayout, piece: BoolArray) -> tuple[str, str]:

@@ -129,6 +129,7 @@ class Pace:
     grip_s: float = 2.0  # close, force up, width read back
     release_s: float = 1.2
     look_s: float = 3.0  # settle, switch lamps, expose after the change, transfer
+    relook_s: float = 12.0  # pictures of the table, recognition and a new plan after a set-down
 
 
 @dataclass(frozen=True, slots=True, eq=False)

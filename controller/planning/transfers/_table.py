@@ -53,7 +53,7 @@ def set_downs(
     members = np.flatnonzero(clear_of_table(rest.T_world_part, hand_grips, layout.hand))
     if len(members) == 0:
         return {}
-    grips = [hand_grips[k] for k in members]
+    grips = [hand_grips[k] for k in members.tolist()]
     T_hold = np.stack([rest.T_world_part @ g.T_part_hand for g in grips])
     index, branch, q = inverse_rows(layout, T_hold)
     if len(index) == 0:
