@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from .layout import FloatArray
@@ -13,24 +13,39 @@ TABLE_MARGIN_MM = 1.5  # between an open hand and the table it takes a part from
 
 @dataclass(frozen=True, slots=True)
 class GripRules:
-    """What counts as a grip; each with its reason."""
+    """What counts as a grip, and how hard to look for one; each with its reason."""
 
     friction: float = 0.6  # rubber pads on machined aluminium, dry
-    # of the friction, what the slope of an outer wall against its pad may use: it pushes the part
-    # out of the jaws all the while (a bore centres itself), and the weight wants its share too
-    wall_share: float = 0.4
-    force_n: float = 40.0  # the arm's hand; the fixture is stronger
     density_kg_mm3: float = 2.7e-6  # aluminium
-    max_load: float = 0.8  # share of the friction limit that weight may use, worst attitude
+    # share of the friction limit that weight, and slope of the walls, may use in the worst attitude
+    max_load: float = 0.5
     compliance_mm: float = 0.4  # pads give this much, so that near-touching cells carry
-    min_contact_mm2: float = 24.0  # per pad; less is a line or a corner
+    min_contact_mm2: float = 40.0  # per pad; less is a line or a corner
+    least_contact_mm2: float = 24.0  # where the pose was wrong: two lines 1 mm wide along a pad
     max_offset_mm: float = 4.0  # between the two contacts along the pads: more tips the part
     clearance_mm: float = 4.0  # per finger while open, for 1-2 mm of pose error
+    bore_clearance_mm: float = 1.5  # per finger that goes into a bore: at least; rather the above
     jaw_reserve_mm: float = 5.0  # of the full opening, so that the open hand gets over the part
     approach_mm: float = 90.0  # straight way in and out
-    ray_step_mm: float = 2.0
-    seeds_n: int = 150
-    spin_n: int = 12
+    # the pose a part is picked at is known this well, each way on each axis (planning.md 2.2, 6)
+    wrong_mm: float = 1.0
+    wrong_deg: float = 2.0
+    min_margin: float = 0.9  # share of such poses in which it must hold as well
+    ray_step_mm: float = 2.0  # between rays from a pad, to sort out
+    fine_step_mm: float = 1.0  # and to measure what is left
+    seeds_n: int = 150  # of opposed planes, as many of other walls, as many again of inner walls
+    spin_n: int = 12  # approaches round each
+    checked_n: int = 900  # most grips whose way in is checked on the exact triangles
+    fine_n: int = 200  # most grips that are measured finely and tried at wrong poses
+    wrong_n: int = 20  # wrong poses tried
+    keep_n: int = 150  # most grips of a jaw
+    picks_n: int = 24  # of them, from above for each way the part lies
+
+    def coarse(self) -> GripRules:
+        """Return the same demands with a quick, less thorough look: for a first plan."""
+        return replace(
+            self, seeds_n=40, spin_n=8, checked_n=160, fine_n=48, wrong_n=10, keep_n=40, picks_n=8
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

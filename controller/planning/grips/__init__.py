@@ -1,11 +1,19 @@
 """Where a jaw can hold a part, and which of many grips to plan with."""
 
+from ._seeds import FacePair, Seeds, find_seeds, needed_friction, opposed_faces
 from ._select import clear_of_table, resting_pose, select_arm_grips, spread, turned_over
-from ._synthesis import find_seeds, synthesise_grips
+from ._synthesis import Stage, Synthesis, judge_grips, synthesise_grips
 
 __all__ = [
+    "FacePair",
+    "Seeds",
+    "Stage",
+    "Synthesis",
     "clear_of_table",
     "find_seeds",
+    "judge_grips",
+    "needed_friction",
+    "opposed_faces",
     "resting_pose",
     "select_arm_grips",
     "spread",

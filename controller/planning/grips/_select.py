@@ -9,11 +9,10 @@ import numpy as np
 
 from controller.cad import Solid, StablePose
 
-from ..boxes import lowest_z, stack
+from ..boxes import BoolArray, lowest_z, stack
 from ..grip import TABLE_MARGIN_MM, Grip
 from ..layout import FloatArray, Jaw
-
-STEEPEST = -0.5  # z of the approach direction at a pick: within 60 degrees of straight down
+from ._clearance import STEEPEST
 
 
 def resting_pose(
@@ -34,34 +33,71 @@ def clear_of_table(T_world_part: FloatArray, grips: Sequence[Grip], jaw: Jaw) ->
     T = T_world_part @ np.stack([g.T_part_hand for g in grips])
     ok = T[:, 2, 0] <= STEEPEST
     for k in np.flatnonzero(ok).tolist():
-        T_box, half = stack([*jaw.body, *jaw.fingers(grips[k].pre_open_mm)])
+        T_box, half = stack([*jaw.body, *jaw.fingers(_open_gap(grips[k], jaw))])
         ok[k] = lowest_z(T[k] @ T_box, half).min() >= TABLE_MARGIN_MM
     return np.asarray(ok)
+
+
+def _open_gap(grip: Grip, jaw: Jaw) -> float:
+    return grip.pre_open_mm - (2 * jaw.finger_thickness_mm if grip.is_inner else 0.0)
+
+
+def cover(
+    T: FloatArray, score: FloatArray, picks: BoolArray, count: int, per_pose: int
+) -> list[int]:
+    """Return up to `count` numbers of hands (n, 4, 4) that stand for all: sure, and unlike.
+
+    First up to `per_pose` of those that take the part from above, for each way it lies
+    (`picks`, (k, n)), then from all round; farthest-point selection in approach, jaws' axis and
+    position, larger scores (n,) a little nearer (planning.md 2.2, step 7).
+    """
+    if len(T) <= count:
+        return list(range(len(T)))
+    share = min(per_pose, max(1, count // (2 * max(1, len(picks)))))
+    chosen: list[int] = []
+    features = _features(T)
+    for able in picks:
+        members = np.flatnonzero(able)
+        chosen += members[_unlike(features[members], score[members], share, [])].tolist()
+    chosen = list(dict.fromkeys(chosen))
+    return _unlike(features, score, count, chosen)
 
 
 def spread(grips: Sequence[Grip], members: Sequence[int], count: int) -> list[int]:
     """Return up to `count` of the members, sure ones first, then by how unlike the chosen."""
     if len(members) == 0:
         return []
-    T = np.stack([grips[k].T_part_hand for k in members])
+    features = _features(np.stack([grips[k].T_part_hand for k in members]))
     score = np.array([grips[k].score for k in members])
+    return [members[k] for k in _unlike(features, score, count, [])]
+
+
+def _features(T: FloatArray) -> FloatArray:
     axis = T[:, :3, 1]
-    features = np.hstack(
+    return np.hstack(
         [
             T[:, :3, 0],
             np.einsum("ni,nj->nij", axis, axis).reshape(-1, 9),  # blind to the axis' sign
             T[:, :3, 3] / 40.0,
         ]
     )
-    chosen = [int(np.argmax(score))]
-    distance = np.linalg.norm(features - features[chosen[0]], axis=1)
-    while len(chosen) < min(count, len(members)):
+
+
+def _unlike(features: FloatArray, score: FloatArray, count: int, chosen: list[int]) -> list[int]:
+    """Return `chosen` and more, up to `count`, always the one farthest from all chosen."""
+    if len(features) == 0:
+        return []
+    chosen = chosen or [int(np.argmax(score))]
+    distance = np.full(len(features), np.inf)
+    for k in chosen:
+        distance = np.minimum(distance, np.linalg.norm(features - features[k], axis=1))
+    while len(chosen) < min(count, len(features)):
         k = int(np.argmax(distance * (0.4 + score)))
         if distance[k] < 1e-6:
             break
         chosen.append(k)
         distance = np.minimum(distance, np.linalg.norm(features - features[k], axis=1))
-    return [members[k] for k in chosen]
+    return chosen
 
 
 def select_arm_grips(

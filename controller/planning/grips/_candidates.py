@@ -1,0 +1,121 @@
+"""Hands round each seed, and quick looks that spare the hopeless ones their rays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.cad import Solid
+
+from ..boxes import BoolArray
+from ..grip import GripRules
+from ..layout import FloatArray, Jaw
+from ._seeds import Seeds, across, narrowest_inner, widest_inner
+
+SHALLOWER_MM = 7.0  # the second depth tried: tips stand out less far behind the seed
+TABLE_GAP_MM = 3.0  # from the tips to the far end of the part, where that is the table
+LOOK_N = 250  # surface points looked for in the way in
+SLACK_MM = 0.5  # a surface point this far inside a box is in the way
+
+
+@dataclass(slots=True)
+class Candidates:
+    """Tip poses (n, 4, 4) in the part frame, gaps expected (n,), and which are inner (n,)."""
+
+    T: FloatArray
+    gap: FloatArray
+    inner: BoolArray
+
+    def take(self, rows: FloatArray) -> Candidates:
+        """Return some of them, by number or mask."""
+        return Candidates(self.T[rows], self.gap[rows], self.inner[rows])
+
+
+def candidates(
+    solid: Solid, seeds: Seeds, jaw: Jaw, downs: FloatArray, rules: GripRules
+) -> Candidates:
+    """Return hands round each seed the jaw is wide enough for, at a few depths.
+
+    Approaches are spread round the jaws' axis, and those square to the table in each resting pose
+    are among them.
+    """
+    able = np.where(
+        seeds.inner,
+        jaw.can_spread
+        & (seeds.gap >= narrowest_inner(jaw, rules))
+        & (seeds.gap <= widest_inner(jaw)),
+        seeds.gap <= jaw.max_mm - rules.jaw_reserve_mm,
+    )
+    hull = np.asarray(solid.mesh.convex_hull.vertices)
+    turn = np.arange(rules.spin_n) * 2 * np.pi / rules.spin_n
+    poses, gaps, inner = [np.zeros((0, 4, 4))], [np.zeros(0)], [np.zeros(0, dtype=bool)]
+    for k in np.flatnonzero(able):
+        middle, axis = seeds.middle[k], seeds.axis[k]
+        u, v = across(axis)
+        square = downs[np.abs(downs @ axis) < 0.02]
+        square = square - np.outer(square @ axis, axis)
+        square /= np.linalg.norm(square, axis=1, keepdims=True)
+        approach = np.outer(np.cos(turn), u) + np.outer(np.sin(turn), v)
+        fresh = np.abs(square @ approach.T).max(axis=1, initial=0.0) < 1 - 1e-6
+        approach = np.vstack([approach, square[fresh]])
+        ahead = ((hull - middle) @ approach.T).max(axis=0)
+        deep = np.repeat(jaw.pad_centre_mm, len(approach))
+        # flat parts on the table: as deep as the tips get without touching it
+        table = (ahead > TABLE_GAP_MM) & (ahead - TABLE_GAP_MM < jaw.pad_centre_mm)
+        approach = np.vstack([approach, approach, approach[table]])
+        depth = np.concatenate([deep, deep - SHALLOWER_MM, ahead[table] - TABLE_GAP_MM])
+        T = np.zeros((len(approach), 4, 4))
+        T[:, 3, 3] = 1.0
+        T[:, :3, 0], T[:, :3, 1] = approach, axis
+        T[:, :3, 2] = np.cross(approach, np.broadcast_to(axis, approach.shape))
+        T[:, :3, 3] = middle + approach * depth[:, None]
+        poses.append(T)
+        gaps.append(np.repeat(seeds.gap[k], len(T)))
+        inner.append(np.repeat(seeds.inner[k], len(T)))
+    return Candidates(np.concatenate(poses), np.concatenate(gaps), np.concatenate(inner))
+
+
+def axis_distance(T: FloatArray, centroid_mm: FloatArray, jaw: Jaw) -> FloatArray:
+    """Return how far the centre of mass is from the jaws' axis through the middle of the pads."""
+    at = T[:, :3, 3] - T[:, :3, 0] * jaw.pad_centre_mm
+    return np.asarray(np.linalg.norm(np.cross(centroid_mm - at, T[:, :3, 1]), axis=1))
+
+
+def way_seems_free(found: Candidates, seeds: Seeds, jaw: Jaw, rules: GripRules) -> BoolArray:
+    """Tell in whose way in no point of the surface lies (n,): necessary, not sufficient."""
+    gap = open_gap(found.gap, found.inner, jaw, rules)
+    free = np.ones(len(found.T), dtype=bool)
+    points = seeds.samples.points_mm
+    points = points[:: max(1, len(points) // LOOK_N)].astype(np.float32)
+    for rows in np.array_split(np.arange(len(free)), max(1, len(free) // 1000)):
+        R = found.T[rows, :3, :3].astype(np.float32)
+        local = points @ R - np.einsum("ni,nij->nj", found.T[rows, :3, 3], R)[:, None].astype(
+            np.float32
+        )
+        x, y, z = local[:, :, 0], np.abs(local[:, :, 1]), np.abs(local[:, :, 2])
+        near = (gap[rows] / 2 + SLACK_MM)[:, None].astype(np.float32)
+        hit = (x < -SLACK_MM) & (x > -jaw.finger_length_mm - rules.approach_mm)
+        hit &= (z < jaw.finger_width_mm / 2 - SLACK_MM) & (y > near)
+        hit &= y < near + jaw.finger_thickness_mm - 2 * SLACK_MM
+        for box in jaw.body:
+            at = (local - box.T[:3, 3].astype(np.float32)) @ box.T[:3, :3].astype(np.float32)
+            hit |= np.all(np.abs(at) < (box.half_mm - SLACK_MM).astype(np.float32), axis=2)
+        free[rows] = ~hit.any(axis=1)
+    return free
+
+
+def pre_open(opening: FloatArray, inner: BoolArray, jaw: Jaw, rules: GripRules) -> FloatArray:
+    """Return the width of the open jaw (n,) [mm]: wider than the grip, for an inner one narrower.
+
+    As `Grip.pre_open_mm`: of an inner grip the distance of the fingers' backs.
+    """
+    outer = np.minimum(jaw.max_mm, opening + 2 * rules.clearance_mm)
+    closed = np.maximum(2 * jaw.finger_thickness_mm, opening - 2 * rules.clearance_mm)
+    return np.asarray(np.where(inner, closed, outer))
+
+
+def open_gap(opening: FloatArray, inner: BoolArray, jaw: Jaw, rules: GripRules) -> FloatArray:
+    """Return the gap between the pads of the open jaw (n,) [mm], inner or not."""
+    back = np.where(inner, 2 * jaw.finger_thickness_mm, 0.0)
+    return np.asarray(pre_open(opening, inner, jaw, rules) - back)

@@ -1,0 +1,122 @@
+"""How often a grip still holds when the part does not lie quite where it was seen.
+
+Flat pads turn a part until its walls lie against them, so a wrong pose is first closed on, then
+turned by what the walls' normals ask, and judged as any grip is (planning.md 2.2, step 6; 5).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from controller.cad import RayCaster
+
+from ..boxes import BoolArray
+from ..grip import GripRules
+from ..layout import FloatArray, Jaw
+from ._pads import Contacts, PadGrid, close_pads
+
+COARSE_STEP_MM = 4.0  # of the first closing, which only tells how the part will turn
+MOST_TURN_RAD = float(np.radians(5.0))  # pads turn a part by little more than its pose was wrong
+TURNS_N = 2  # turns tried: flat walls need one, a bore against its rim two
+LATTICES_N = 4
+
+Holds = Callable[[Contacts, FloatArray], BoolArray]
+
+
+def wrong_poses(rules: GripRules) -> FloatArray:
+    """Return `wrong_n` poses (n, 4, 4) near none, evenly over +-wrong_mm and +-wrong_deg.
+
+    An additive recurrence whose steps are powers of a generalised golden ratio: no random numbers,
+    and any number of them fills the six dimensions evenly.
+    """
+    ratio = 1.0
+    for _ in range(60):
+        ratio = (1.0 + ratio) ** (1.0 / 7.0)
+    step = ratio ** -np.arange(1.0, 7.0)
+    unit = 2 * ((0.5 + np.outer(np.arange(1, rules.wrong_n + 1), step)) % 1.0) - 1
+    T = np.tile(np.eye(4), (rules.wrong_n, 1, 1))
+    T[:, :3, 3] = unit[:, :3] * rules.wrong_mm
+    T[:, :3, :3] = Rotation.from_rotvec(unit[:, 3:] * np.radians(rules.wrong_deg)).as_matrix()
+    return T
+
+
+def margins(
+    caster: RayCaster,
+    face_normals: FloatArray,
+    found: Contacts,
+    inner: BoolArray,
+    centroid_mm: FloatArray,
+    jaw: Jaw,
+    grid: PadGrid,
+    rules: GripRules,
+    holds: Holds,
+) -> FloatArray:
+    """Return for each grip the share of wrong poses in which it holds (n,).
+
+    Parameters
+    ----------
+    centroid_mm : (3,) point the part is turned about: where its pose is measured
+    holds : tells of contacts, and which grip each is of, which hold
+    """
+    wrong = wrong_poses(rules)
+    n, k = len(found.T), len(wrong)
+    if n == 0 or k == 0:
+        return np.ones(n)
+    T = np.tile(np.eye(4), (n * k, 1, 1))
+    R = np.einsum("kij,njl->nkil", wrong[:, :3, :3], found.T[:, :3, :3])
+    t = np.einsum("kij,nj->nki", wrong[:, :3, :3], found.T[:, :3, 3] - centroid_mm)
+    T[:, :3, :3] = R.reshape(-1, 3, 3)
+    T[:, :3, 3] = (t + centroid_mm + wrong[:, :3, 3]).reshape(-1, 3)
+    which = np.repeat(np.arange(n), k)
+    held = np.zeros(n * k, dtype=bool)
+    rows, look = np.arange(n * k), PadGrid.of(jaw, COARSE_STEP_MM)
+    for closing in range(1 + TURNS_N):
+        at = which[rows]
+        touched = close_pads(caster, face_normals, T, found.opening[at], inner[at], look, rules)
+        if closing:
+            held[rows] = holds(touched, at)
+        open_ = np.flatnonzero(touched.touched & ~held[rows])
+        T = laid_flat(touched.take(open_), inner[at[open_]], jaw, look)
+        rows, look = rows[open_], grid
+    return np.asarray(held.reshape(n, k).mean(axis=1))
+
+
+def laid_flat(touched: Contacts, inner: BoolArray, jaw: Jaw, grid: PadGrid) -> FloatArray:
+    """Return the tip poses (n, 4, 4) as the closing pads turn the part: until they close no more.
+
+    The part turns about the approach and about the pads' third axis as far as that brings the pads
+    nearer to each other, and no farther than `MOST_TURN_RAD`. For small turns a point of the wall
+    comes nearer in proportion to where on the pad it lies, and to how steep the wall is that the
+    turn shifts along the pad; so the width is a convex function of two slopes, and its least is
+    searched on ever finer lattices.
+    """
+    T, n = touched.T, len(touched.T)
+    sense = np.where(inner, -1.0, 1.0)
+    lever = (sense * touched.opening / 2)[:, None, None]
+    points = grid.points + np.array([jaw.pad_centre_mm, 0.0])
+    at = np.float32(points + lever * touched.gradient)  # (2, n, m, 2)
+    low, high = np.float32(touched.height)
+    slope = np.zeros((n, 2))
+    step = np.tan(MOST_TURN_RAD) / 2
+    lattice = np.array([(i, j) for i in range(-2, 3) for j in range(-2, 3)], dtype=float)
+    lattice = lattice[np.argsort(np.abs(lattice).sum(axis=1), kind="stable")]
+    for _ in range(LATTICES_N):
+        tried = slope[:, None] + step * lattice
+        width = np.empty(tried.shape[:2], dtype=np.float32)
+        for k in range(len(lattice)):
+            x, z = np.float32(tried[:, k, 0, None]), np.float32(tried[:, k, 1, None])
+            width[:, k] = (low + x * at[0, :, :, 0] + z * at[0, :, :, 1]).max(axis=1)
+            width[:, k] += (high - x * at[1, :, :, 0] - z * at[1, :, :, 1]).max(axis=1)
+        slope = tried[np.arange(n), np.argmin(width, axis=1)]
+        step *= 0.4
+    turned = np.zeros((n, 3))
+    turned[:, 2], turned[:, 0] = slope[:, 0] * sense, -slope[:, 1] * sense
+    pivot = T[:, :3, 3] - T[:, :3, 0] * jaw.pad_centre_mm
+    out = T.copy()
+    # the part turns in the hand, so the hand turns the other way in the part
+    out[:, :3, :3] = T[:, :3, :3] @ Rotation.from_rotvec(-turned).as_matrix()
+    out[:, :3, 3] = pivot + out[:, :3, 0] * jaw.pad_centre_mm
+    return out
