@@ -14,7 +14,15 @@ from controller.cad import RayCaster, Solid, SurfaceSamples
 from ..boxes import BoolArray
 from ..layout import FloatArray, IntArray
 from ._rules import SightRules
-from ._visible import cosines, eyes_of, first_met, free_sight, visible_from
+from ._visible import (
+    LIFT_MM,
+    chunks,
+    cosines,
+    eyes_of,
+    first_met,
+    free_sights,
+    visible_from,
+)
 
 SPHERE_N = 90
 SQUARE_SHARE = 0.02  # of all area: a planar face at least this large deserves a square view
@@ -22,8 +30,11 @@ SAME_RAD = np.radians(3.0)
 # 3 degrees apart: a spot shown only within a narrower cone than this could not be relied on, as
 # the hold is known to two degrees
 SEARCHED_N = 4096
+LEAST_SEARCHED_N = 512
+RAYS_N = 1_000_000
 # a spot with one direction is lost if a finger or a joint limit takes that one
 WANTED_N = 3
+FIRST_WORTH = 1e3  # of a first direction, beside a further one
 MOST_ADDED = 0.5  # of the even sphere's number, for spots that have a direction already
 
 
@@ -104,60 +115,106 @@ def look_out(
     """
     base = candidate_directions(solid, count)
     visible = visible_from(solid, samples, caster, base.vectors, rules)
-    added = _added(solid, samples, caster, rules, base.vectors, visible, int(MOST_ADDED * count))
-    if len(added):
-        more = visible_from(solid, samples, caster, added, rules)
-        visible = np.vstack([visible, more])
-    directions = Directions(
-        np.vstack([base.vectors, added]),
-        np.concatenate([base.square_to, np.full(len(added), -1, dtype=base.square_to.dtype)]),
-    )
-    best, blocker, coarse, blurred = _evidence(solid, samples, caster, rules, directions, visible)
-    return Lookout(directions, visible, best, blocker, coarse, blurred)
-
-
-def _added(
-    solid: Solid,
-    samples: SurfaceSamples,
-    caster: RayCaster,
-    rules: SightRules,
-    known: FloatArray,
-    visible: BoolArray,
-    most: int,
-) -> FloatArray:
-    """Return further directions (k, 3): greedily those that help most samples to `WANTED_N`."""
+    n = len(samples.points_mm)
+    best = np.zeros(n)
+    for rows in chunks(len(visible), n):
+        cosine = cosines(samples, eyes_of(solid, base.vectors[rows], rules))
+        best = np.maximum(best, np.where(visible[rows], cosine, 0.0).max(axis=0))
+    blocker = np.full(n, -1, dtype=np.int64)
+    coarse, blurred = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
     short = WANTED_N - visible.sum(axis=0)
     (hard,) = np.nonzero(short > 0)
     if len(hard) == 0:
-        return np.zeros((0, 3))
+        return Lookout(base, visible, np.arccos(best), blocker, coarse, blurred)
     few = SurfaceSamples(
         samples.points_mm[hard],
         samples.normals[hard],
         samples.face_ids[hard],
         samples.areas_mm2[hard],
     )
-    tried = np.vstack([even_sphere(SEARCHED_N), _straight_at(solid, few, rules)])
-    tried = tried[(tried @ known.T).max(axis=1) < np.cos(np.radians(0.5))]
-    shows = visible_from(solid, few, caster, tried, rules)
-    useful = shows.any(axis=1)
-    tried, table = tried[useful], shows[useful].astype(np.float32)
-    missing = np.minimum(short[hard], table.sum(axis=0))
     bare = ~visible[:, hard].any(axis=0)
+    search = _search(solid, few, caster, rules, base.vectors, bare)
+    near = (search.vectors @ base.vectors.T).max(axis=1) > np.cos(np.radians(0.5))
+    useful = search.shows.any(axis=1) & ~near
+    table = search.shows[useful]
+    added = search.vectors[useful][_chosen(table, short[hard], bare, int(MOST_ADDED * count))]
+    if len(added):
+        visible = np.vstack([visible, visible_from(solid, samples, caster, added, rules)])
+    directions = Directions(
+        np.vstack([base.vectors, added]),
+        np.concatenate([base.square_to, np.full(len(added), -1, dtype=base.square_to.dtype)]),
+    )
+    best[hard] = np.maximum(best[hard], search.best_cosine)
+    never = ~visible[:, hard].any(axis=0)
+    coarse[hard], blurred[hard] = search.coarse & never, search.blurred & never
+    straight = _eye_along(solid, few.points_mm[never], few.normals[never], rules)
+    met = first_met(caster, few.points_mm[never] + LIFT_MM * few.normals[never], straight)
+    blocker[hard[never]] = np.where(met >= 0, solid.face_of_triangle[np.maximum(met, 0)], -1)
+    return Lookout(directions, visible, np.arccos(np.clip(best, 0, 1)), blocker, coarse, blurred)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Search:
+    """What many directions (d, 3) show (d, n) of the hard spots, and of those nothing shows why."""
+
+    vectors: FloatArray
+    shows: BoolArray
+    best_cosine: FloatArray
+    coarse: BoolArray
+    blurred: BoolArray
+
+
+def _search(
+    solid: Solid,
+    samples: SurfaceSamples,
+    caster: RayCaster,
+    rules: SightRules,
+    known: FloatArray,
+    bare: BoolArray,
+) -> _Search:
+    """Look at hard spots from everywhere; at bare ones (n,), whatever the incidence."""
+    n = len(samples.points_mm)
+    # where whole parts are out of focus every sample is a hard one: fewer looks will do
+    even_n = int(np.clip(RAYS_N // n, LEAST_SEARCHED_N, SEARCHED_N))
+    vectors = np.vstack([known, even_sphere(even_n), _straight_at(solid, samples, rules)])
+    shows = np.zeros((len(vectors), n), dtype=bool)
+    best = np.zeros(n)
+    coarse, blurred = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+    from_com = samples.points_mm - solid.centroid_mm
+    for rows in chunks(len(vectors), n):
+        eyes = eyes_of(solid, vectors[rows], rules)
+        cosine = cosines(samples, eyes)
+        depth = rules.depth_bounds_mm(from_com, vectors[rows])
+        good = rules.shows(cosine, depth)
+        free = free_sights(samples, caster, good | (bare & (cosine > 0.0)), eyes)
+        shows[rows] = free & good
+        best = np.maximum(best, np.where(free, cosine, 0.0).max(axis=0))
+        allowed = free & rules.is_square_enough(cosine)
+        coarse |= (allowed & ~rules.is_fine(cosine, depth)).any(axis=0)
+        blurred |= (allowed & ~rules.is_sharp(depth)).any(axis=0)
+    return _Search(vectors, shows, best, coarse, blurred)
+
+
+def _chosen(shows: BoolArray, short: IntArray, bare: BoolArray, most: int) -> list[int]:
+    """Return the directions that greedily help most spots to `WANTED_N`.
+
+    Parameters
+    ----------
+    shows : (d, n); short : (n,) how many more a spot wants; bare : (n,) it has none yet
+    most : directions to add for spots that have one; those that have none get theirs regardless
+    """
+    table = shows.astype(np.float32)
+    missing = np.minimum(short, shows.sum(axis=0)).astype(np.float32)
+    bare = bare & (missing > 0)
     chosen: list[int] = []
-    while len(table) and (missing > 0).any():
-        # what nothing shows comes first, and is sought however many it takes
-        never = bare & (missing > 0)
-        if len(chosen) >= most and not never.any():
-            break
-        gain = table @ (missing > 0).astype(np.float32) + 1e3 * (table @ never.astype(np.float32))
+    while (missing > 0).any() and (len(chosen) < most or bare.any()):
+        gain = table @ (missing > 0) + FIRST_WORTH * (table @ bare)
         gain[chosen] = -1.0
         k = int(np.argmax(gain))
-        if gain[k] <= 0:
-            break
         chosen.append(k)
-        missing = missing - table[k]
-        bare &= table[k] == 0
-    return tried[chosen]
+        missing -= table[k]
+        bare &= ~shows[k]
+    return chosen
 
 
 def _straight_at(solid: Solid, samples: SurfaceSamples, rules: SightRules) -> FloatArray:
@@ -179,55 +236,3 @@ def _eye_along(
     half = np.einsum("ij,ij->i", offset, along)
     inner = half**2 - np.einsum("ij,ij->i", offset, offset) + rules.distance_mm**2
     return np.asarray(points + (np.sqrt(np.maximum(inner, 0.0)) - half)[:, None] * along)
-
-
-def _evidence(
-    solid: Solid,
-    samples: SurfaceSamples,
-    caster: RayCaster,
-    rules: SightRules,
-    directions: Directions,
-    visible: BoolArray,
-) -> tuple[FloatArray, IntArray, BoolArray, BoolArray]:
-    """Return best incidence, blocking face, too coarse, blurred of each sample (n,)."""
-    n = len(samples.points_mm)
-    eyes = eyes_of(solid, directions.vectors, rules)
-    best = np.full(n, -1.0)
-    for k, eye in enumerate(eyes):
-        cosine = cosines(samples, eye)
-        best = np.where(visible[k], np.maximum(best, cosine), best)
-    blocker = np.full(n, -1, dtype=np.int64)
-    coarse, blurred = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
-    (never,) = np.nonzero(~visible.any(axis=0))
-    if len(never) == 0:
-        return np.arccos(np.clip(best, 0.0, 1.0)), blocker, coarse, blurred
-    straight = _eye_along(solid, samples.points_mm[never], samples.normals[never], rules)
-    start = samples.points_mm[never] + 0.02 * samples.normals[never]
-    met = first_met(caster, start, straight)
-    blocker[never] = np.where(met >= 0, solid.face_of_triangle[np.maximum(met, 0)], -1)
-    fan = eyes_of(solid, np.vstack([directions.vectors, even_sphere(SEARCHED_N)]), rules)
-    limit = np.cos(rules.max_incidence_rad)
-    from_com = samples.points_mm - solid.centroid_mm
-    few = SurfaceSamples(
-        samples.points_mm[never],
-        samples.normals[never],
-        samples.face_ids[never],
-        samples.areas_mm2[never],
-    )
-    top = np.full(len(never), -1.0)
-    for eye in fan:
-        cosine = cosines(few, eye)
-        # only what would be news needs a ray
-        (ask,) = np.nonzero((cosine > np.maximum(top, 0.0)) | (cosine >= limit))
-        if len(ask) == 0:
-            continue
-        ask = ask[free_sight(few, caster, ask, eye)]
-        top[ask] = np.maximum(top[ask], cosine[ask])
-        allowed = ask[cosine[ask] >= limit]
-        if len(allowed):
-            direction = (eye - solid.centroid_mm) / rules.distance_mm
-            depth = rules.depth_bounds_mm(from_com[never[allowed]], direction)
-            coarse[never[allowed]] |= ~rules.is_fine(cosine[allowed], depth)
-            blurred[never[allowed]] |= ~rules.is_sharp(depth)
-    best[never] = top
-    return np.arccos(np.clip(best, 0.0, 1.0)), blocker, coarse, blurred

@@ -15,9 +15,11 @@ from ..motion import Scene, inverse_rows
 from ._arm import hidden_by_boxes, link_boxes, may_cover, standing_between
 from ._poses import Showing
 
-KEPT_Q = 5  # configurations kept per view and grip
+KEPT_Q = 4  # configurations kept per view and grip
 # nearly every one that the joints allow is free (planning.md 1.3), so few are checked at first
-FIRST_TRIED_N = 5
+FIRST_TRIED_N = 4
+# which of them the arm hides least in shows only when it is looked at
+FIRST_TRIED_BETWEEN_N = 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +77,7 @@ def reachable_views(
     between = links.any(axis=1)
     away_s = (np.abs(q - q_liked) / np.array(layout.pace.joint_per_s)).max(axis=1)
     order = np.lexsort((away_s, between, v_of))
-    rows = _free_rows(scene, q, v_of, order)
+    rows = _free_rows(scene, q, v_of, between, order)
     found: dict[int, FloatArray] = {}
     for v, members in rows.items():
         whole = v not in showing.partly
@@ -104,21 +106,25 @@ def reachable_views(
     return GripViews(found, shown)
 
 
-def _free_rows(scene: Scene, q: FloatArray, v_of: IntArray, order: IntArray) -> dict[int, IntArray]:
+def _free_rows(
+    scene: Scene, q: FloatArray, v_of: IntArray, between: BoolArray, order: IntArray
+) -> dict[int, IntArray]:
     """Return the rows free of contact per direction, in order; few are checked where few do.
 
     Parameters
     ----------
-    q : (m, 6); v_of : (m,) direction of each; order : (m,) rows by direction, the best ones first
+    q : (m, 6); v_of : (m,) direction of each; between : (m,) the arm may stand before the part
+    order : (m,) rows by direction, the best ones first
     """
     of_view = v_of[order]
     place = np.arange(len(order)) - np.searchsorted(of_view, of_view)
     free = np.zeros(len(order), dtype=bool)
-    (first,) = np.nonzero(place < FIRST_TRIED_N)
+    tried = np.where(between[order], FIRST_TRIED_BETWEEN_N, FIRST_TRIED_N)
+    (first,) = np.nonzero(place < tried)
     free[first] = scene.free(q[order[first]])
     done = np.zeros(int(of_view.max()) + 1, dtype=bool)
     done[of_view[free]] = True
-    (rest,) = np.nonzero((place >= FIRST_TRIED_N) & ~done[of_view])
+    (rest,) = np.nonzero((place >= tried) & ~done[of_view])
     if len(rest):
         free[rest] = scene.free(q[order[rest]])
     rows: dict[int, list[int]] = {}

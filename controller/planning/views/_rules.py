@@ -54,33 +54,35 @@ class SightRules:
             min_px_per_mm,
         )
 
-    def depth_bounds_mm(self, p_com_mm: FloatArray, direction: FloatArray) -> FloatArray:
-        """Return between which depths points (n, 3) from the centre of mass lie: (2, n).
+    def depth_bounds_mm(self, p_com_mm: FloatArray, vectors: FloatArray) -> FloatArray:
+        """Return between which depths points (n, 3) from the centre of mass lie: (2, v, n).
 
         One depth unless the camera looks past the station: then a roll of the part about the sight
         line moves its points in depth, and a direction's answer must hold for all rolls.
         """
-        along = p_com_mm @ direction
-        across = np.sqrt(np.maximum(np.einsum("ij,ij->i", p_com_mm, p_com_mm) - along**2, 0.0))
+        along = vectors @ p_com_mm.T
         middle = (self.distance_mm - along) * np.cos(self.tilt_rad)
-        spread = across * np.sin(self.tilt_rad)
+        across = np.einsum("ij,ij->i", p_com_mm, p_com_mm) - along**2
+        spread = np.sqrt(np.maximum(across, 0.0)) * np.sin(self.tilt_rad)
         return np.stack([middle - spread, middle + spread])
 
     def shows(self, cosine: FloatArray, depth_mm: FloatArray) -> BoolArray:
-        """Tell which surfaces are shown well enough, sight lines aside (n,).
+        """Tell which surfaces are shown well enough, sight lines aside.
 
         Parameters
         ----------
-        cosine : (n,) of the incidence; depth_mm : (2, n) least and greatest depth
+        cosine : (...) of the incidence; depth_mm : (2, ...) least and greatest depth
         """
         return np.asarray(
-            (cosine >= np.cos(self.max_incidence_rad))
-            & self.is_fine(cosine, depth_mm)
-            & self.is_sharp(depth_mm)
+            self.is_square_enough(cosine) & self.is_fine(cosine, depth_mm) & self.is_sharp(depth_mm)
         )
 
+    def is_square_enough(self, cosine: FloatArray) -> BoolArray:
+        """Tell what is not looked at too flatly (...)."""
+        return np.asarray(cosine >= np.cos(self.max_incidence_rad))
+
     def is_fine(self, cosine: FloatArray, depth_mm: FloatArray) -> BoolArray:
-        """Tell where a millimetre of surface has pixels enough, foreshortened as it is (n,).
+        """Tell where a millimetre of surface has pixels enough, foreshortened as it is (...).
 
         Exact on the axis; off it a flat surface has more pixels than this says, by 2 % at most in
         a picture 20 degrees wide.
@@ -88,7 +90,7 @@ class SightRules:
         return np.asarray(self.focal_px * cosine >= self.min_px_per_mm * depth_mm[1])
 
     def is_sharp(self, depth_mm: FloatArray) -> BoolArray:
-        """Tell what lies within the depth of field (n,)."""
+        """Tell what lies within the depth of field (...)."""
         low, high = self.sharp_mm
         return np.asarray((depth_mm[0] >= low) & (depth_mm[1] <= high))
 

@@ -9,7 +9,7 @@ from controller.cad import Camera, RayCaster, SurfaceSamples, inverse_pose, tran
 from ..boxes import BoolArray
 from ..layout import FloatArray
 from ._rules import in_picture
-from ._visible import cosines, free_sight
+from ._visible import cosines, free_sights
 
 
 def table_views(
@@ -36,11 +36,10 @@ def table_views(
         points = transform(T, samples.points_mm)
         depth = (points - camera.position_mm) @ camera.T_world_cam[:3, 2]
         eye = transform(inverse_pose(T), camera.position_mm[None])[0]
-        cosine = cosines(samples, eye)
+        cosine = cosines(samples, eye[None])[0]
         good = (cosine >= np.cos(max_incidence_rad)) & (depth > 0.0)
         good &= focal_px * cosine >= min_px_per_mm * depth
         good &= (depth >= sharp_mm[0]) & (depth <= sharp_mm[1])
         good &= in_picture(camera, points)
-        (facing,) = np.nonzero(good)
-        shown[k, facing] = free_sight(samples, caster, facing, eye)
+        shown[k] = free_sights(samples, caster, good[None], eye[None])[0]
     return shown

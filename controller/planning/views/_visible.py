@@ -14,6 +14,7 @@ LIFT_MM = 0.02  # sight lines start this far off the surface, or they would meet
 # rays that pass exactly between two triangles may meet neither, and a face behind would look
 # visible (planning.md 3.2): of three lines this far apart two must be free
 JITTER_MM = 0.03
+CHUNK_N = 200_000
 
 
 def eyes_of(solid: Solid, vectors: FloatArray, rules: SightRules) -> FloatArray:
@@ -31,42 +32,52 @@ def visible_from(
     """Return which samples the bare part shows well enough in each direction: (v, n) bool.
 
     The same for all rolls about the sight line; which part of it is in the picture is not, see
-    `view_poses`.
+    `hold_up`.
     """
     visible = np.zeros((len(vectors), len(samples.points_mm)), dtype=bool)
     from_com = samples.points_mm - solid.centroid_mm
-    for k, eye in enumerate(eyes_of(solid, vectors, rules)):
-        cosine = cosines(samples, eye)
-        (facing,) = np.nonzero(rules.shows(cosine, rules.depth_bounds_mm(from_com, vectors[k])))
-        visible[k, facing] = free_sight(samples, caster, facing, eye)
+    for rows in chunks(len(vectors), len(samples.points_mm)):
+        eyes = eyes_of(solid, vectors[rows], rules)
+        good = rules.shows(cosines(samples, eyes), rules.depth_bounds_mm(from_com, vectors[rows]))
+        visible[rows] = free_sights(samples, caster, good, eyes)
     return visible
 
 
-def cosines(samples: SurfaceSamples, eye: FloatArray) -> FloatArray:
-    """Return the cosine of the incidence at which an eye (3,) or (n, 3) sees each sample (n,)."""
-    sight = eye - samples.points_mm
-    length = np.linalg.norm(sight, axis=1)
-    return np.asarray(np.einsum("ij,ij->i", sight, samples.normals) / length)
+def chunks(count: int, each: int) -> list[slice]:
+    """Return runs of rows, of `each` elements, that fit the processor's cache."""
+    rows = max(1, CHUNK_N // max(1, each))
+    return [slice(k, min(k + rows, count)) for k in range(0, count, rows)]
 
 
-def free_sight(
-    samples: SurfaceSamples, caster: RayCaster, members: IntArray, eye: FloatArray
+def cosines(samples: SurfaceSamples, eyes: FloatArray) -> FloatArray:
+    """Return the cosine of the incidence at which eyes (v, 3) see each sample (v, n)."""
+    p, n = samples.points_mm, samples.normals
+    ahead = eyes @ n.T - np.einsum("ij,ij->i", p, n)
+    square = np.einsum("ij,ij->i", eyes, eyes)[:, None] - 2 * eyes @ p.T
+    return np.asarray(ahead / np.sqrt(square + np.einsum("ij,ij->i", p, p)))
+
+
+def free_sights(
+    samples: SurfaceSamples, caster: RayCaster, asked: BoolArray, eyes: FloatArray
 ) -> BoolArray:
-    """Tell which samples, by number (m,), an eye (3,) or (m, 3) sees past the part itself (m,)."""
-    n = samples.normals[members]
-    start = samples.points_mm[members] + LIFT_MM * n
-    eyes = np.broadcast_to(eye, start.shape)
-    free = first_met(caster, start, eyes) < 0
+    """Tell which samples asked for (v, n) eyes (v, 3) see past the part itself (v, n)."""
+    eye, member = np.nonzero(asked)
+    n = samples.normals[member]
+    start = samples.points_mm[member] + LIFT_MM * n
+    free = first_met(caster, start, eyes[eye]) < 0
     (again,) = np.nonzero(free)
     if len(again):
-        side = np.cross(n[again], np.eye(3)[np.argmin(np.abs(n[again]), axis=1)])
+        n = n[again]
+        side = np.cross(n, np.eye(3)[np.argmin(np.abs(n), axis=1)])
         side *= JITTER_MM / np.linalg.norm(side, axis=1)[:, None]
-        other = np.cross(n[again], side)
+        other = np.cross(n, side)
         votes = np.zeros(len(again), dtype=np.int64)
         for step in (side, 0.87 * other - 0.5 * side):
-            votes += first_met(caster, start[again] + step, eyes[again]) < 0
+            votes += first_met(caster, start[again] + step, eyes[eye[again]]) < 0
         free[again] = votes >= 1
-    return np.asarray(free)
+    result = np.zeros_like(asked)
+    result[eye, member] = free
+    return result
 
 
 def first_met(caster: RayCaster, start: FloatArray, eyes: FloatArray) -> IntArray:
