@@ -15,7 +15,7 @@ from .boxes import BoolArray, segments_hit
 from .errors import NoMotionError, NoPlanError, OutOfReachError
 from .grip import Grip
 from .layout import CellLayout, FloatArray
-from .motion import Scene, connect, fewest_waypoints, move_seconds
+from .motion import PlacedShape, Scene, connect, fewest_waypoints, move_seconds
 from .plan import (
     HandOver,
     Motion,
@@ -83,7 +83,7 @@ class Builder:
             self._layout,
             grip.opening_mm,
             self._layout.fixture_open_mm,
-            self._part.carried_box(grip),
+            carried_mesh=self._part.carried(grip),
         )
 
     # ---- taking up -----------------------------------------------------------------------------
@@ -96,8 +96,8 @@ class Builder:
         """
         part, layout = self._part, self._layout
         grip = part.arm_grips[ways[0].grip]
-        lying = part.part_box.placed(T_world_part)
-        scene = Scene(layout, grip.pre_open_mm, layout.fixture_open_mm, standing=(lying,))
+        lying = PlacedShape(part.shape, T_world_part)
+        scene = Scene(layout, grip.pre_open_mm, layout.fixture_open_mm, standing_meshes=(lying,))
         failure: NoPlanError | None = None
         for way in ways:
             try:
@@ -134,11 +134,11 @@ class Builder:
         """
         part, layout = self._part, self._layout
         grip = part.arm_grips[g]
-        standing = part.part_box.placed(T_world_part)
+        standing = PlacedShape(part.shape, T_world_part)
         opening = _standing_opening(build, layout)
         # the jaws stay as they let go until the straight way in begins: wide ones may pass on both
         # sides of a part that narrower ones run into
-        scene = Scene(layout, opening, held.opening_mm, standing=(standing,))
+        scene = Scene(layout, opening, held.opening_mm, standing_meshes=(standing,))
         way = tuple(fewest_waypoints(layout, take.retreat[::-1]))
         motion_in = self._connect(build, way[0], scene, "way round the fixture")
         motion_out = tuple(fewest_waypoints(layout, take.entry[::-1])[1:])
@@ -171,7 +171,7 @@ class Builder:
         """
         part, layout = self._part, self._layout
         grip = part.arm_grips[g]
-        scene = Scene(layout, grip.opening_mm, held.pre_open_mm, part.carried_box(grip))
+        scene = Scene(layout, grip.opening_mm, held.pre_open_mm, carried_mesh=part.carried(grip))
         motion = (
             *self._connect(build, leave.entry[0], scene, "way to the fixture"),
             *fewest_waypoints(layout, leave.entry)[1:],

@@ -16,7 +16,7 @@ from controller.cad import Solid, StablePose, SurfaceSamples, inverse_pose
 
 from ._build import Build, Builder, RefutedError
 from ._prepare import prepare_part, with_grips
-from ._prices import Prices, Support, first_seconds, hubs, make_prices, take_seconds, worthwhile
+from ._prices import Prices, Support, first_seconds, make_prices, take_seconds, worthwhile
 from ._why import unseen_pieces
 from .boxes import BoolArray
 from .errors import NoMotionError, NoPlanError
@@ -108,7 +108,6 @@ class _Planner:
         self._done = done
         self._avoid = avoid
         self._seed = seed
-        self._hub = hubs(part, layout)
         self._builder = Builder(part, layout, seed)
 
     def first_s(self) -> FloatArray:
@@ -131,7 +130,7 @@ class _Planner:
         NoPlanError : there is none
         """
         part, layout = self._part, self._layout
-        prices = make_prices(part, layout, self._hub, self.first_s(), self._done, self._avoid)
+        prices = make_prices(part, layout, self.first_s(), self._done, self._avoid)
         problem = prices.problem
         failure: NoPlanError | None = None
         solution: Solution | None = None
@@ -277,7 +276,7 @@ class _FromTable(_Planner):
         for ways in self._picks.values():
             ways.sort(key=lambda w: float(leg_seconds(layout, self._q, w.down[0])))
             del ways[PICKS_N:]
-        return first_seconds(part, layout, self._hub, self._q, self._picks)
+        return first_seconds(part, layout, self._q, self._picks)
 
     def begin(self, build: Build, g: int) -> None:
         self._builder.pick(build, self._picks[g], self._T)
@@ -302,7 +301,7 @@ class _FromArm(_Planner):
 
     def first_s(self) -> FloatArray:
         seconds = np.full(len(self._part.arm_grips), np.inf)
-        seconds[-1] = float(leg_seconds(self._layout, self._q, self._hub[-1]))
+        seconds[-1] = float(leg_seconds(self._layout, self._q, self._part.hub[-1]))
         return seconds
 
     def begin(self, build: Build, g: int) -> None:
@@ -328,7 +327,7 @@ class _FromFixture(_Planner):
         self._support = Support(-1, -1, ways)
 
     def first_s(self) -> FloatArray:
-        return take_seconds(self._part, self._layout, self._hub, self._q, self._support)
+        return take_seconds(self._part, self._layout, self._q, self._support)
 
     def begin(self, build: Build, g: int) -> None:
         T = self._layout.T_world_fixture @ inverse_pose(self._grip.T_part_hand)

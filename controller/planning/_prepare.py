@@ -22,8 +22,8 @@ from .grips import (
     synthesise_grips,
     turned_over,
 )
-from .layout import Box, CellLayout, FloatArray
-from .motion import Scene
+from .layout import CellLayout, FloatArray
+from .motion import PartShape, Scene, leg_seconds
 from .prepared import HandOff, PlanOptions, PreparedPart
 from .transfers import hand_offs, rests, set_downs
 from .views import SightRules, hidden_by_hand, hold_up, holding_boxes, look_out, reachable_views
@@ -69,13 +69,11 @@ def prepare_part(
     lookout = look_out(solid, samples, caster, rules, options.directions_n)
     arm_grips = (*base, *(turned_over(g) for g in base))
     fixture_grips = (*fixed_base, *(turned_over(g) for g in fixed_base))
-    low, high = solid.mesh.bounds
-    part_box = Box.from_bounds(low[0], high[0], low[1], high[1], low[2], high[2])
     bare = PreparedPart(
         solid=solid,
         samples=samples,
         options=options,
-        part_box=part_box,
+        shape=PartShape.of(solid),
         poses=poses,
         arm_grips=(),
         fixture_grips=fixture_grips,
@@ -85,6 +83,7 @@ def prepare_part(
         view_q=(),
         hand_offs=tuple({} for _ in fixture_grips),
         covered=np.zeros((0, len(samples.points_mm)), dtype=bool),
+        hub=np.zeros((0, 6)),
     )
     part = with_grips(bare, layout, arm_grips)
     return part if _is_joined(part, layout) else with_rests(part, layout)
@@ -135,6 +134,7 @@ def with_grips(part: PreparedPart, layout: CellLayout, grips: Sequence[Grip]) ->
         shown=(*part.shown, *shown),
         view_q=(*part.view_q, *view_q),
         covered=np.vstack([part.covered, np.reshape(covered, (len(grips), -1))]),
+        hub=np.vstack([part.hub, *(_hub(layout, q) for q in view_q)]),
         hand_offs=tuple(
             joined(old, hand_offs(layout, part.part_box, f, grips))
             for old, f in zip(part.hand_offs, part.fixture_grips, strict=True)
@@ -144,6 +144,16 @@ def with_grips(part: PreparedPart, layout: CellLayout, grips: Sequence[Grip]) ->
             for old, rest in zip(part.set_downs, part.rests, strict=True)
         ),
     )
+
+
+def _hub(layout: CellLayout, views: Mapping[int, FloatArray]) -> FloatArray:
+    """Return the configuration (1, 6) nearest to all views of a grip; parked where it has none."""
+    if not views:
+        return layout.park_q[None]
+    q = np.stack([views[v][0] for v in sorted(views)])
+    away = leg_seconds(layout, q[:, None], q[None])
+    nearest = int(np.argmin(away.sum(axis=1)))
+    return q[nearest : nearest + 1]
 
 
 def with_rests(part: PreparedPart, layout: CellLayout) -> PreparedPart:

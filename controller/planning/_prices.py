@@ -67,17 +67,6 @@ def risk_s(grip: Grip) -> float:
     return RECOVERY_S * (1.0 - LEAST_SURE) * (1.0 - grip.score)
 
 
-def hubs(part: PreparedPart, layout: CellLayout) -> FloatArray:
-    """Return one configuration per arm grip, in the midst of its views (g, 6)."""
-    middle = np.tile(layout.park_q, (len(part.arm_grips), 1))
-    for g, views in enumerate(part.view_q):
-        if views:
-            q = np.stack([views[v][0] for v in sorted(views)])
-            away = leg_seconds(layout, q[:, None], q[None])
-            middle[g] = q[int(np.argmin(away.sum(axis=1)))]
-    return middle
-
-
 def supports_of(part: PreparedPart, avoid: frozenset[str]) -> tuple[Support, ...]:
     """Return the fixture's grips and the places on the table, but for those to be avoided."""
     held = [
@@ -91,7 +80,6 @@ def supports_of(part: PreparedPart, avoid: frozenset[str]) -> tuple[Support, ...
 def first_seconds(
     part: PreparedPart,
     layout: CellLayout,
-    hub: FloatArray,
     q: FloatArray,
     picks: Mapping[int, Sequence[PickWay]],
 ) -> FloatArray:
@@ -99,21 +87,22 @@ def first_seconds(
     seconds = np.full(len(part.arm_grips), np.inf)
     for g, ways in picks.items():
         drives = [
-            move_seconds(layout, [q, *w.down]) + move_seconds(layout, [*w.up, hub[g]]) for w in ways
+            move_seconds(layout, [q, *w.down]) + move_seconds(layout, [*w.up, part.hub[g]])
+            for w in ways
         ]
         seconds[g] = min(drives) + layout.pace.grip_s + risk_s(part.arm_grips[g])
     return seconds
 
 
 def take_seconds(
-    part: PreparedPart, layout: CellLayout, hub: FloatArray, q: FloatArray, support: Support
+    part: PreparedPart, layout: CellLayout, q: FloatArray, support: Support
 ) -> FloatArray:
     """Return the price of taking the part from a support that holds it now (g,)."""
     seconds = np.full(len(part.arm_grips), np.inf)
     for g, way in support.ways.items():
         seconds[g] = (
             move_seconds(layout, [q, *way.retreat[::-1]])
-            + move_seconds(layout, [*way.entry[::-1], hub[g]])
+            + move_seconds(layout, [*way.entry[::-1], part.hub[g]])
             + layout.pace.grip_s
             + layout.pace.release_s
             + risk_s(part.arm_grips[g])
@@ -121,9 +110,7 @@ def take_seconds(
     return seconds
 
 
-def hop_seconds(
-    part: PreparedPart, layout: CellLayout, hub: FloatArray, support: Support
-) -> FloatArray:
+def hop_seconds(part: PreparedPart, layout: CellLayout, support: Support) -> FloatArray:
     """Return the price of each change of grip over one support, inf where none (g, g)."""
     count = len(part.arm_grips)
     seconds = np.full((count, count), np.inf)
@@ -141,7 +128,7 @@ def hop_seconds(
         ]
     )
     pace = layout.pace
-    reach = leg_seconds(layout, hub[members], entry)
+    reach = leg_seconds(layout, part.hub[members], entry)
     between = leg_seconds(layout, away[:, None], away[None])
     own = np.array([risk_s(part.arm_grips[int(g)]) for g in members])
     if support.fixture >= 0:
@@ -158,7 +145,6 @@ def hop_seconds(
 def make_prices(
     part: PreparedPart,
     layout: CellLayout,
-    hub: FloatArray,
     first_s: FloatArray,
     seen: BoolArray,
     avoid: frozenset[str],
@@ -180,8 +166,8 @@ def make_prices(
     count = len(seen) + len(faces)
     shows = tuple(s if s.shape[1] == count else np.zeros((0, count), dtype=bool) for s in shows)
     supports = supports_of(part, avoid)
-    table = [hop_seconds(part, layout, hub, s) for s in supports]
-    support_s = np.stack(table) if table else np.full((0, len(hub), len(hub)), np.inf)
+    table = [hop_seconds(part, layout, s) for s in supports]
+    support_s = np.stack(table) if table else np.full((0, len(part.hub), len(part.hub)), np.inf)
     hop_s = support_s.min(axis=0, initial=np.inf)
     hop_s[~usable], hop_s[:, ~usable] = np.inf, np.inf
     price = layout.pace.look_s + TRAVEL_S
@@ -191,7 +177,7 @@ def make_prices(
         view_s=tuple(np.full(len(s), price) for s in shows),
         first_s=np.where(usable, first_s, np.inf),
         hop_s=hop_s,
-        last_s=np.full(len(hub), FINISH_S),
+        last_s=np.full(len(part.hub), FINISH_S),
         # a face of which nothing is left to be shown need not be shown squarely either
         seen=np.concatenate([seen, [bool(seen[part.samples.face_ids == f].all()) for f in faces]]),
     )

@@ -12,6 +12,7 @@ from controller.cad import Solid, StablePose, SurfaceSamples, inverse_pose
 from .boxes import BoolArray
 from .grip import Grip, GripRules
 from .layout import Box, FloatArray
+from .motion import PartShape, PlacedShape
 from .views import Directions
 
 
@@ -62,12 +63,14 @@ class PreparedPart:
 
     Attributes
     ----------
+    shape : the part's triangles, to be asked what they touch
     arm_grips : each base grip, then each once more with the hand turned over, then measured ones
     visible : (v, n) samples the bare part shows in each direction
     shown : per arm grip (v, n), what of it hand and arm leave in sight
     view_q : per arm grip, direction -> (k, 6) collision-free configurations
     hand_offs : per fixture grip, arm grip -> how they meet
     covered : (g, n) samples some reachable view of an arm grip shows
+    hub : (g, 6) one configuration of each arm grip, in the midst of its views
     rests, set_downs : places on the table to put the part down at, and how arm grips do it; empty
         where no plan has needed them
     """
@@ -75,7 +78,7 @@ class PreparedPart:
     solid: Solid
     samples: SurfaceSamples
     options: PlanOptions
-    part_box: Box
+    shape: PartShape
     poses: tuple[StablePose, ...]
     arm_grips: tuple[Grip, ...]
     fixture_grips: tuple[Grip, ...]
@@ -85,6 +88,7 @@ class PreparedPart:
     view_q: tuple[Mapping[int, FloatArray], ...]
     hand_offs: tuple[Mapping[int, HandOff], ...]
     covered: BoolArray
+    hub: FloatArray
     rests: tuple[Rest, ...] = ()
     set_downs: tuple[Mapping[int, HandOff], ...] = ()
 
@@ -97,6 +101,15 @@ class PreparedPart:
     def shown_by(self, grip: int) -> BoolArray:
         """Return what arm grip `grip` leaves in sight (v, n)."""
         return self.shown[grip]
+
+    @property
+    def part_box(self) -> Box:
+        """Return the box round the part, along the axes of the CAD frame."""
+        return self.shape.box
+
+    def carried(self, grip: Grip) -> PlacedShape:
+        """Return the part in the tip frame of the hand that holds it."""
+        return PlacedShape(self.shape, inverse_pose(grip.T_part_hand))
 
     def carried_box(self, grip: Grip) -> Box:
         """Return the part as a box in the tip frame of the hand that holds it."""
