@@ -36,6 +36,7 @@ def build_layout(cell: Cell) -> CellLayout:
         station_mm=np.array(cell.station.position, dtype=float),
         inspection=cell.cameras.inspection.build(),
         overhead=cell.cameras.overhead.build(),
+        set_down_mm=np.array([cell.table.drop_area.x, cell.table.drop_area.y], dtype=float),
         trays={
             name: Tray(section.centre, section.size)
             for name, section in (

@@ -21,6 +21,7 @@ class InspectionSection(Section):
     max_incidence_deg: float = Field(70.0, ge=20, le=85)
     min_coverage: float = Field(0.90, ge=0, le=1)
     smallest_defect_mm: float = Field(3.0, ge=0.5, le=50)
+    least_gain: float = Field(0.0, ge=0, le=0.1)  # of the surface, that a view must add
 
 
 class GripSection(Section):
