@@ -24,43 +24,34 @@ def stack(boxes: list[Box] | tuple[Box, ...]) -> tuple[FloatArray, FloatArray]:
 
 def overlap(T_a: FloatArray, half_a: FloatArray, T_b: FloatArray, half_b: FloatArray) -> BoolArray:
     """Tell which pairs of boxes touch (n,): poses (n, 4, 4), half edges (n, 3) or (3,)."""
-    result = np.zeros(len(T_a), dtype=bool)
     offset = T_b[:, :3, 3] - T_a[:, :3, 3]
     half_a = np.broadcast_to(half_a, offset.shape)
     half_b = np.broadcast_to(half_b, offset.shape)
-    radius = np.linalg.norm(half_a, axis=1) + np.linalg.norm(half_b, axis=1)
-    (near,) = np.nonzero(np.einsum("ij,ij->i", offset, offset) <= radius**2)
-    if len(near):
-        result[near] = _separating_axis(
-            T_a[near, :3, :3], half_a[near], T_b[near, :3, :3], half_b[near], offset[near]
-        )
-    return result
+    return overlap_turned(T_a[:, :3, :3], half_a, T_b[:, :3, :3], half_b, offset)
 
 
-def _separating_axis(
+def overlap_turned(
     R_a: FloatArray, a: FloatArray, R_b: FloatArray, b: FloatArray, offset: FloatArray
 ) -> BoolArray:
-    """Gottschalk's 15 axes, all pairs at once."""
-    turn = np.einsum("nki,nkj->nij", R_a, R_b)
+    """Tell which pairs of boxes touch (n,): rotations (n, 3, 3), half edges (n, 3), a to b (n, 3).
+
+    Gottschalk's 15 axes, all pairs at once; pairs that a face separates never see the edges' nine.
+    """
+    turn = np.swapaxes(R_a, 1, 2) @ R_b
     across = np.abs(turn) + _EPS
-    t = np.einsum("nki,nk->ni", R_a, offset)
-    apart = np.any(np.abs(t) > a + np.einsum("nij,nj->ni", across, b), axis=1)
-    apart |= np.any(
-        np.abs(np.einsum("nij,ni->nj", turn, t)) > b + np.einsum("nij,ni->nj", across, a), axis=1
-    )
-    for i in range(3):
-        i1, i2 = (i + 1) % 3, (i + 2) % 3
-        for j in range(3):
-            j1, j2 = (j + 1) % 3, (j + 2) % 3
-            distance = np.abs(t[:, i2] * turn[:, i1, j] - t[:, i1] * turn[:, i2, j])
-            reach = (
-                a[:, i1] * across[:, i2, j]
-                + a[:, i2] * across[:, i1, j]
-                + b[:, j1] * across[:, i, j2]
-                + b[:, j2] * across[:, i, j1]
-            )
-            apart |= distance > reach
-    return np.asarray(~apart)
+    t = (offset[:, None] @ R_a)[:, 0]
+    touch = np.all(np.abs(t) <= a + (across @ b[..., None])[..., 0], axis=1)
+    seen_from_b = np.abs((t[:, None] @ turn)[:, 0])
+    touch &= np.all(seen_from_b <= b + (a[:, None] @ across)[:, 0], axis=1)
+    (left,) = np.nonzero(touch)
+    if len(left):
+        turn, across, t, a, b = turn[left], across[left], t[left], a[left], b[left]
+        one, two = [1, 2, 0], [2, 0, 1]
+        distance = np.abs(t[:, two, None] * turn[:, one] - t[:, one, None] * turn[:, two])
+        reach = a[:, one, None] * across[:, two] + a[:, two, None] * across[:, one]
+        reach += b[:, None, one] * across[:, :, two] + b[:, None, two] * across[:, :, one]
+        touch[left] = np.all(distance <= reach, axis=(1, 2))
+    return touch
 
 
 def segments_hit(

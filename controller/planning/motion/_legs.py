@@ -16,7 +16,7 @@ from drivers.umi_scara.kinematics import within_limits
 from ..boxes import BoolArray
 from ..layout import CellLayout, FloatArray
 from ._inverse import tip_pose
-from ._pace import leg_tube
+from ._pace import leg_tube, tube_bound_mm
 from ._scene import Scene
 
 MARGIN_MM = 5.0  # beside the tube: calibration, backlash, the part's place in the hand
@@ -24,7 +24,7 @@ END_MARGIN_MM = 2.0  # next to a hold or the fixture, which the straight ways ke
 END_LENGTH_MM = 60.0
 PIECE_MM = 64.0  # first cut; each further one is a quarter
 LEAST_PIECE_MM = 4.0  # half of it is the end margin
-_TUBE_N = 49
+_TUBE_AT = np.linspace(0.0, 1.0, 49)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,23 +48,27 @@ def leg_free(scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends) -> 
     """Tell whether one joint move (6,) to (6,) keeps the margins all the way."""
     if not within_limits(np.stack([q_from, q_to])).all():  # linear, so all between are as well
         return False
-    step = q_to - q_from
-    travel_mm = _travel_mm(scene, q_from, q_to)
+    layout, step = scene.layout, q_to - q_from
+    radii = _radii_mm(scene, q_from, q_to)
+    travel_mm = float(np.abs(step) @ radii)
+    bound_mm = tube_bound_mm(layout, step, radii)
     pieces = max(1, int(np.ceil(travel_mm / PIECE_MM)))
     middles = (np.arange(pieces) + 0.5) / pieces
-    tube_mm = None
+    tube_mm = None  # most legs do without: they are free with its bound, or hit something at once
     while True:
-        half_mm = travel_mm / pieces / 2
         q = q_from + middles[:, None] * step
-        near = ends.near(tip_pose(scene.layout, q)[:, :3, 3])
+        half_mm = travel_mm / pieces / 2
+        near = ends.near(tip_pose(layout, q)[:, :3, 3])
         margin = np.where(near, END_MARGIN_MM, MARGIN_MM)
         if tube_mm is None:
-            # contacts that need no tube are the commonest answer
-            if not scene.free(q, margin).all():
+            tight = np.flatnonzero(~scene.free(q, margin + bound_mm + half_mm))
+            if len(tight) == 0:
+                return True
+            if not scene.free(q[tight], margin[tight]).all():
                 return False
-            at = np.linspace(0.0, 1.0, _TUBE_N)
-            tube_mm = leg_tube(scene.layout, q_from, q_to, at)
-        margin = margin + np.interp(middles, at, tube_mm)
+            tube_mm = leg_tube(layout, q_from, q_to, _TUBE_AT)
+            q, margin, middles = q[tight], margin[tight], middles[tight]
+        margin = margin + np.interp(middles, _TUBE_AT, tube_mm)
         tight = np.flatnonzero(~scene.free(q, margin + half_mm))
         if len(tight) == 0:
             return True
@@ -76,8 +80,8 @@ def leg_free(scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends) -> 
         pieces *= 4
 
 
-def _travel_mm(scene: Scene, q_from: FloatArray, q_to: FloatArray) -> float:
-    """Return more than any point of arm, hand or part can move during a joint move [mm]."""
+def _radii_mm(scene: Scene, q_from: FloatArray, q_to: FloatArray) -> FloatArray:
+    """Return by how much more than any point of arm, hand or part moves with each joint (6,)."""
     arm = scene.layout.arm
     far, beside = scene.reach_mm()
     elbows = np.array([q_from[1], q_to[1]])
@@ -85,5 +89,4 @@ def _travel_mm(scene: Scene, q_from: FloatArray, q_to: FloatArray) -> float:
     bent = 0.0 if elbows.min() <= 0.0 <= elbows.max() else float(np.abs(elbows).min())
     wrist = np.hypot(arm.upper_mm + arm.fore_mm * np.cos(bent), arm.fore_mm * np.sin(bent))
     # half of the elbow's turn is taken back from the hand (umi_rtx.md 5.4)
-    radii = np.array([wrist + far, arm.fore_mm + far / 2, far, 1.0, far, beside])
-    return float(np.abs(q_to - q_from) @ radii)
+    return np.array([wrist + far, arm.fore_mm + far / 2, far, 1.0, far, beside])

@@ -26,8 +26,8 @@ _FULL_SPEED = 100.0  # SPEED of the motor that needs longest; the others get a s
 _OUT_MM = np.array(
     [[0.0, 0.0, 0.0], [40.0, 60.0, 0.0], [40.0, -60.0, 0.0], [40.0, 0.0, 60.0], [40.0, 0.0, -60.0]]
 )
-_COURSE_N = 25  # points of a move's course in time
-_BESIDE = np.linspace(-0.08, 0.08, 17)  # shares of the line
+_COURSE_N = 17  # points of a move's course in time
+_BESIDE = np.linspace(-0.06, 0.06, 13)  # shares of the line
 
 
 def motor_travel(step: FloatArray) -> FloatArray:
@@ -120,19 +120,40 @@ def leg_tube(
     ----------
     q_from, q_to : (6,) ends of one move; at : (k,) shares of the line, 0 to 1
     """
+    skew_s = layout.pace.skew_s
+    courses = [leg_course(layout, q_from, q_to, _COURSE_N, s) for s in (-skew_s, skew_s)]
+    q = np.concatenate([q for q, _ in courses])
+    # the line's nearest point is a little before or behind that of the same instant
+    share = np.clip(np.concatenate([d for _, d in courses])[:, None] + _BESIDE, 0.0, 1.0)
+    line = _corners(layout, q_from + share[..., None] * (q_to - q_from))
+    off = _corners(layout, q)[:, None] - line
+    away = np.sqrt(np.einsum("nsij,nsij->nsi", off, off).max(axis=2))
+    best = away.argmin(axis=1)
+    every = np.arange(len(q))
+    where = np.rint(share[every, best] * (_COURSE_N - 1)).astype(int)
     tube = np.zeros(_COURSE_N)
-    for skew_s in (-layout.pace.skew_s, layout.pace.skew_s):
-        q, done = leg_course(layout, q_from, q_to, _COURSE_N, skew_s)
-        # the line's nearest point is a little before or behind that of the same instant
-        share = np.clip(done[:, None] + _BESIDE, 0.0, 1.0)
-        line = _corners(layout, q_from + share[..., None] * (q_to - q_from))
-        away = np.linalg.norm(_corners(layout, q)[:, None] - line, axis=3).max(axis=2)
-        best = away.argmin(axis=1)
-        every = np.arange(_COURSE_N)
-        where = np.rint(share[every, best] * (_COURSE_N - 1)).astype(int)
-        for shift in (-1, 0, 1):  # between its points the course strays as far as at them
-            np.maximum.at(tube, np.clip(where + shift, 0, _COURSE_N - 1), away[every, best])
+    for shift in (-1, 0, 1):  # between its points the course strays as far as at them
+        np.maximum.at(tube, np.clip(where + shift, 0, _COURSE_N - 1), away[every, best])
     return np.asarray(np.interp(at, np.linspace(0.0, 1.0, _COURSE_N), tube))
+
+
+def tube_bound_mm(layout: CellLayout, step: FloatArray, radii_mm: FloatArray) -> float:
+    """Return more than `leg_tube` of a move by `step` (6,), at a fraction of its price.
+
+    Parameters
+    ----------
+    radii_mm : (6,) by which a joint's change moves hand and part at most
+    """
+    travel = np.abs(motor_travel(step))
+    shares_s = travel / _motor_speeds(layout.pace)
+    longest_s = float(shares_s.max())
+    if longest_s <= 0.0:
+        return 0.0
+    exact = np.maximum(_FULL_SPEED * shares_s / longest_s, 1e-6)
+    ahead = (1.0 - exact / np.ceil(exact - 1e-7)) * travel
+    if travel[:4].max() > STILL:
+        ahead[4:] += travel[4:] * layout.pace.skew_s / max(longest_s, layout.pace.skew_s)
+    return float(np.abs(_JOIN) @ ahead @ radii_mm)
 
 
 def _corners(layout: CellLayout, q: FloatArray) -> FloatArray:

@@ -9,15 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from ..boxes import BoolArray, lowest_z, overlap, stack
+from ..boxes import BoolArray, overlap_turned, stack
 from ..layout import Box, CellLayout, FloatArray, IntArray, Jaw
 from ._inverse import tip_pose
 from ._shape import PartShape, PlacedShape, Triangles
 
 STANDING = "the part standing there"
+_NONE = np.iinfo(np.int64).max
+_COLUMN_N = 1  # at the end of what stands, with an index in `names` of its own
 SELF_MARGIN_MM = 3.0  # links know each other's place better than the world's
 _SIGNS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
 Hands = tuple[FloatArray, FloatArray]
@@ -46,6 +49,8 @@ class Scene:
     ignore: frozenset[str] = field(default_factory=frozenset)
     carried_mesh: PlacedShape | None = None
     standing_meshes: tuple[PlacedShape, ...] = ()
+    # what follows from the above, worked out when first asked for: boxes that stand, that move
+    _cache: list[Any] = field(default_factory=lambda: [None, None], init=False, repr=False)
 
     def __post_init__(self) -> None:
         if self.carried is None and self.carried_mesh is not None:
@@ -126,195 +131,239 @@ class Scene:
         floor = np.broadcast_to(
             margin if table_margin_mm is None else np.asarray(table_margin_mm, np.float64), (n,)
         )
-        T_tip = tip_pose(self.layout, q)
-        T, half, shape, T_part = self._moving(q, T_tip, hand, part)
-        touching = self._touching(T, half, margin, floor)
+        moving = self._moving(q, hand, part)
+        row, body, name = self._touching(moving, margin, floor)
         # the part is the last of what moves; any other contact between boxes is a contact
-        loose = np.zeros(touching.shape[1:], dtype=bool)
-        if shape is not None:
-            loose[-1] = True
+        still = len(self._still().names)
+        loose = np.zeros(len(row), dtype=bool)
+        if moving.shape is not None:
+            loose |= body == moving.centres.shape[1] - 1
         if self.standing_meshes:
-            first = loose.shape[1] - 2 - len(self.standing_meshes)
-            loose[:, first : loose.shape[1] - 2] = True
-        fixed = (touching & ~loose).any(axis=1)
-        found = np.where(fixed.any(axis=1), fixed.argmax(axis=1), -1)
-        rows = np.flatnonzero((found < 0) & touching.any(axis=(1, 2)))
-        if len(rows):
-            exact = _Exact(self, T, half, margin, floor, shape, T_part)
-            for row in rows:
-                found[row] = exact.first_contact(row, touching[row])
-        return np.asarray(found)
+            last = 1 + still - _COLUMN_N
+            loose |= (name >= last - len(self.standing_meshes)) & (name < last)
+        found = np.full(n, _NONE)
+        np.minimum.at(found, row[~loose], name[~loose])
+        loose &= found[row] == _NONE
+        if loose.any():
+            exact = _Exact(self._still(), self.standing_meshes, moving, margin, floor)
+            order = np.lexsort((body[loose], name[loose], row[loose]))
+            for k in np.flatnonzero(loose)[order]:
+                if found[row[k]] == _NONE and exact.stands(int(row[k]), int(body[k]), int(name[k])):
+                    found[row[k]] = name[k]
+        return np.where(found == _NONE, -1, found)
+
+    def _still(self) -> _Still:
+        if self._cache[0] is None:
+            self._cache[0] = _Still.of([*self.statics(), ("column", self.layout.column)])
+        return self._cache[0]
 
     def _moving(
-        self,
-        q: FloatArray,
-        T_tip: FloatArray,
-        hand: Hands | None,
-        part: tuple[PartShape, FloatArray] | None,
-    ) -> tuple[FloatArray, FloatArray, PartShape | None, FloatArray]:
-        """Return world poses (n, k, 4, 4), half edges of links, hand and part, and its triangles.
-
-        The part's own pose comes per row (n, 4, 4), in the world; the shape is None where there
-        are no triangles.
-        """
+        self, q: FloatArray, hand: Hands | None, part: tuple[PartShape, FloatArray] | None
+    ) -> _Moving:
+        """Return world places of links, hand and part, and the part's triangles."""
         n = len(q)
-        shape, T_part = None, np.zeros((0, 4, 4))
-        in_tip: list[Box] = []
+        R_link, origins = self._frames(q)
+        T_tip = tip_pose(self.layout, q)
+        if self._cache[1] is None:
+            layout = self.layout
+            in_tip = [*layout.hand.body, *layout.hand.fingers(self.hand_opening_mm)]
+            carried = [] if self.carried is None else [self.carried]
+            links = [layout.carriage, layout.upper, layout.fore]
+            self._cache[1] = (stack(links), stack(in_tip), stack([*in_tip, *carried]))
+        (T_link, half_link), bare, full = self._cache[1]
+        shape, T_part = None, None
         if hand is None:
-            in_tip = [*self.layout.hand.body, *self.layout.hand.fingers(self.hand_opening_mm)]
-            if part is None and self.carried is not None:
-                in_tip.append(self.carried)
-                if self.carried_mesh is not None:
-                    shape, T_part = self.carried_mesh.shape, T_tip @ self.carried_mesh.T
-        T_hand, half_hand = stack(in_tip) if hand is None else hand
-        T_links, half_links = self._links(q)
-        poses = [T_links, T_tip[:, None] @ T_hand]
-        halves = [
-            np.broadcast_to(half_links, (n, 3, 3)),
-            np.broadcast_to(half_hand, (n, T_hand.shape[-3], 3)),
+            T_hand, half_hand = bare if part is not None else full
+            if part is None and self.carried_mesh is not None:
+                shape, T_part = self.carried_mesh.shape, T_tip @ self.carried_mesh.T
+        else:
+            T_hand, half_hand = hand
+        turns = [R_link @ T_link[:, :3, :3], T_tip[:, None, :3, :3] @ T_hand[..., :3, :3]]
+        centres = [
+            (R_link @ T_link[:, :3, 3, None])[..., 0] + origins,
+            (T_tip[:, None, :3, :3] @ T_hand[..., :3, 3, None])[..., 0] + T_tip[:, None, :3, 3],
         ]
+        m = T_hand.shape[-3]
+        halves = [np.broadcast_to(half_link, (n, 3, 3)), np.broadcast_to(half_hand, (n, m, 3))]
         if part is not None:
             shape, T_part = part[0], T_tip @ part[1]
-            poses.append((T_part @ shape.box.T)[:, None])
+            T_box = T_part @ shape.box.T
+            turns.append(T_box[:, None, :3, :3])
+            centres.append(T_box[:, None, :3, 3])
             halves.append(np.broadcast_to(shape.box.half_mm, (n, 1, 3)))
-        return np.concatenate(poses, axis=1), np.concatenate(halves, axis=1), shape, T_part
+        return _Moving(
+            np.concatenate(turns, axis=1),
+            np.concatenate(centres, axis=1),
+            np.concatenate(halves, axis=1),
+            shape,
+            T_part,
+        )
 
     def _touching(
-        self, T: FloatArray, half: FloatArray, margin: FloatArray, floor: FloatArray
-    ) -> BoolArray:
-        """Return which box of the arm touches what (n, k, names), all of them as boxes."""
-        n, moving = T.shape[:2]
-        body_n = len(self.layout.hand.body)
-        T_static, half_static = stack([b for _, b in self.statics()])
-        still = len(T_static)
-        touching = np.zeros((n, moving, 3 + still), dtype=bool)
-        touching[:, 2:, 0] = lowest_z(T[:, 2:], half[:, 2:]) < floor[:, None]
+        self, moving: _Moving, margin: FloatArray, floor: FloatArray
+    ) -> tuple[IntArray, IntArray, IntArray]:
+        """Return what touches, all of it as boxes: rows, moving bodies, indices in `names`."""
+        still = self._still()
+        R, centre, half = moving.turns, moving.centres, moving.halves
+        k = centre.shape[1]
+        around = (np.abs(R) @ half[..., None])[..., 0]  # half of the box along the world's axes
+        low = centre[:, 2:, 2] - around[:, 2:, 2] < floor[:, None]
+        row, body = np.nonzero(low)
+        rows, bodies, names = [row], [body + 2], [np.zeros_like(row)]
 
-        grown = half + margin[:, None, None]
-        pairs = [(i, j) for i in range(moving) for j in range(still)]
-        hits = _pairs(T, grown, T_static[None], half_static[None], pairs)
-        touching[:, :, 1 : 1 + still] = hits.reshape(n, moving, still)
+        # what the boxes along the axes keep apart needs no further test
+        room = around + margin[:, None, None]
+        near = (np.abs(centre[:, :, None] - still.centres) <= room[:, :, None] + still.around).all(
+            axis=3
+        )
+        near[:, :2, -1] = False  # carriage and upper arm ride on the column
+        row, body, j = np.nonzero(near)
+        hits = overlap_turned(
+            R[row, body],
+            half[row, body] + margin[row, None],
+            still.turns[j],
+            still.halves[j],
+            still.centres[j] - centre[row, body],
+        )
+        rows.append(row[hits])
+        bodies.append(body[hits])
+        column = still.centres.shape[0] - 1
+        names.append(np.where(j[hits] == column, 2 + column, 1 + j[hits]))
 
         # neighbours along the chain are kept apart by the joint limits, not by these coarse boxes:
         # the palm beside the forearm's end, the neck inside it
-        own = [(i, j) for i in range(3, moving) for j in (0, 1)]
-        own += [(i, 2) for i in range(3 + body_n, moving)]
-        hits = _pairs(T, half + SELF_MARGIN_MM, T, half, own)
-        for column, (i, _) in enumerate(own):
-            touching[:, i, 1 + still] |= hits[:, column]
+        first = 3 + len(self.layout.hand.body)
+        own = np.array(
+            [(i, j) for i in range(3, k) for j in (0, 1)] + [(i, 2) for i in range(first, k)]
+        )
+        room = around[:, own[:, 0]] + around[:, own[:, 1]] + 2 * SELF_MARGIN_MM
+        near = (np.abs(centre[:, own[:, 0]] - centre[:, own[:, 1]]) <= room).all(axis=2)
+        row, pair = np.nonzero(near)
+        i, j = own[pair].T
+        hits = overlap_turned(
+            R[row, i],
+            half[row, i] + SELF_MARGIN_MM,
+            R[row, j],
+            half[row, j],
+            centre[row, j] - centre[row, i],
+        )
+        rows.append(row[hits])
+        bodies.append(i[hits])
+        names.append(np.full(np.count_nonzero(hits), 1 + column))
+        return np.concatenate(rows), np.concatenate(bodies), np.concatenate(names)
 
-        T_column, half_column = stack([self.layout.column])
-        behind = [(i, 0) for i in range(2, moving)]
-        touching[:, 2:, 2 + still] = _pairs(T, grown, T_column[None], half_column[None], behind)
-        return touching
-
-    def _links(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _frames(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return rotations (n, 3, 3, 3) and origins (n, 3, 3) of carriage, upper arm, forearm."""
         layout = self.layout
         n = len(q)
-        T = np.zeros((n, 3, 4, 4))
-        T[:, :, 3, 3] = 1.0
-        T[:, :, 2, 2] = 1.0
-        T[:, :, 2, 3] = (layout.arm.wrist_height_mm + q[:, 3])[:, None]
-        for link, angle in enumerate((np.zeros(n), q[:, 0], q[:, 0] + q[:, 1])):
+        R = np.zeros((n, 3, 3, 3))
+        R[:, :, 2, 2] = R[:, 0, 0, 0] = R[:, 0, 1, 1] = 1.0
+        for link, angle in ((1, q[:, 0]), (2, q[:, 0] + q[:, 1])):
             c, s = np.cos(angle), np.sin(angle)
-            T[:, link, 0, 0], T[:, link, 0, 1] = c, -s
-            T[:, link, 1, 0], T[:, link, 1, 1] = s, c
-        T[:, 2, 0, 3] = layout.arm.upper_mm * np.cos(q[:, 0])
-        T[:, 2, 1, 3] = layout.arm.upper_mm * np.sin(q[:, 0])
-        T_box, half = stack([layout.carriage, layout.upper, layout.fore])
-        return np.asarray(layout.T_world_arm @ T @ T_box), half
+            R[:, link, 0, 0] = R[:, link, 1, 1] = c
+            R[:, link, 0, 1], R[:, link, 1, 0] = -s, s
+        origin = np.zeros((n, 3, 3))
+        origin[:, 2, :2] = layout.arm.upper_mm * R[:, 1, :2, 0]
+        origin[:, :, 2] = (layout.arm.wrist_height_mm + q[:, 3])[:, None]
+        T = layout.T_world_arm
+        return T[:3, :3] @ R, origin @ T[:3, :3].T + T[:3, 3]
 
     def arm_boxes(self, q: FloatArray) -> list[Box]:
         """Return the world boxes of the links and the open or closed hand at one q (6,)."""
-        T_links, half = self._links(q[None])
-        boxes = [Box(T, h) for T, h in zip(T_links[0], half, strict=True)]
+        links = [self.layout.carriage, self.layout.upper, self.layout.fore]
+        R, origins = self._frames(q[None])
+        boxes = []
+        for k, box in enumerate(links):
+            T_link = np.eye(4)
+            T_link[:3, :3], T_link[:3, 3] = R[0, k], origins[0, k]
+            boxes.append(box.placed(T_link))
         T_tip = tip_pose(self.layout, q)
         hand = [*self.layout.hand.body, *self.layout.hand.fingers(self.hand_opening_mm)]
         return boxes + [b.placed(T_tip) for b in hand]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Still:
+    """Boxes that stand, stacked: the scene's statics, the column last."""
+
+    names: tuple[str, ...]
+    turns: FloatArray
+    centres: FloatArray
+    halves: FloatArray
+    around: FloatArray
+
+    @classmethod
+    def of(cls, named: Sequence[tuple[str, Box]]) -> _Still:
+        T, half = stack([box for _, box in named])
+        R = np.ascontiguousarray(T[:, :3, :3])
+        around = (np.abs(R) @ half[..., None])[..., 0]
+        return cls(tuple(name for name, _ in named), R, T[:, :3, 3].copy(), half, around)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Moving:
+    """Boxes that move, per row: carriage, upper arm, forearm, hand, part.
+
+    Attributes
+    ----------
+    turns, centres, halves : (n, k, 3, 3), (n, k, 3), (n, k, 3)
+    shape, T_part : the part's triangles and their world poses (n, 4, 4), None without
+    """
+
+    turns: FloatArray
+    centres: FloatArray
+    halves: FloatArray
+    shape: PartShape | None
+    T_part: FloatArray | None
+
+
 class _Exact:
-    """The second stage: rows that only boxes round triangles have found touching, one by one."""
+    """The second stage: contacts of boxes round triangles, which the triangles confirm or not."""
 
     def __init__(
         self,
-        scene: Scene,
-        T: FloatArray,
-        half: FloatArray,
+        still: _Still,
+        standing: Sequence[PlacedShape],
+        moving: _Moving,
         margin: FloatArray,
         floor: FloatArray,
-        shape: PartShape | None,
-        T_part: FloatArray,
     ) -> None:
-        self._T, self._half, self._margin, self._floor = T, half, margin, floor
-        self._shape, self._T_part = shape, T_part
-        self._part = None if shape is None else Triangles(shape)
-        self._statics = [box for _, box in scene.statics()]
-        self._column = scene.layout.column
-        self._body_n = len(scene.layout.hand.body)
+        self._moving, self._margin, self._floor = moving, margin, floor
+        self._part = None if moving.shape is None else Triangles(moving.shape)
+        self._still = still
         self._standing = []
-        for mesh in scene.standing_meshes:
+        for mesh in standing:
             triangles = Triangles(mesh.shape)
             triangles.place(mesh.T)
             self._standing.append(triangles)
 
-    def first_contact(self, row: int, touching: BoolArray) -> int:
-        """Return the lowest index among contacts (k, names) of boxes that stands, -1 if none."""
-        last = touching.shape[0] - 1
-        if self._part is not None:
-            self._part.place(self._T_part[row])
-        for name, i in np.argwhere(touching.T):
-            if self._stands(row, int(i), int(name), is_part=i == last):
-                return int(name)
-        return -1
-
-    def _stands(self, row: int, i: int, name: int, *, is_part: bool) -> bool:
-        part = self._part if is_part else None
-        margin = float(self._margin[row])
-        still = len(self._statics)
+    def stands(self, row: int, body: int, name: int) -> bool:
+        """Tell whether a contact between boxes is one of triangles as well."""
+        moving, margin = self._moving, float(self._margin[row])
+        part = self._part if body == moving.centres.shape[1] - 1 else None
+        if part is not None and moving.T_part is not None:
+            part.place(moving.T_part[row])
+        column = len(self._still.names) - 1
         if name == 0:
-            if part is None or self._shape is None:
-                return True
-            T = self._T_part[row]
-            return bool((self._shape.hull_mm @ T[2, :3]).min() + T[2, 3] < self._floor[row])
-        if name == 1 + still:
-            # reached for the part alone: the hand's own contacts with the arm are between boxes
-            return part is not None and any(
-                part.touch(self._T[row, j], self._half[row, j] + SELF_MARGIN_MM) for j in range(3)
-            )
-        if name == 2 + still:
-            box = self._column
-            return part is None or part.touch(box.T, box.half_mm + margin)
-        box = self._statics[name - 1]
-        if part is not None and not part.touch(box.T, box.half_mm + margin):
+            return part is None or part.lowest_mm() < self._floor[row]
+        if name == 1 + column:
+            return part is None or any(self._touches_link(part, row, link) for link in range(3))
+        j = column if name == 2 + column else name - 1
+        R, centre, half = self._still.turns[j], self._still.centres[j], self._still.halves[j]
+        if part is not None and not part.touch(R, centre, half + margin):
             return False
-        mesh = name - 1 - (still - len(self._standing))
-        if mesh < 0:
+        mesh = j - (column - len(self._standing))
+        if mesh < 0 or j == column:
             return True
         # two parts: each against the box round the other, which errs on the safe side
-        return self._standing[mesh].touch(self._T[row, i], self._half[row, i] + margin)
+        R, centre, half = (
+            moving.turns[row, body],
+            moving.centres[row, body],
+            moving.halves[row, body],
+        )
+        return self._standing[mesh].touch(R, centre, half + margin)
 
-
-def _pairs(
-    T_a: FloatArray,
-    half_a: FloatArray,
-    T_b: FloatArray,
-    half_b: FloatArray,
-    pairs: Sequence[tuple[int, int]],
-) -> BoolArray:
-    """Return (n, pairs) contacts of boxes a (n, a, 4, 4), (n, a, 3) with b (n or 1, b, ...)."""
-    n, m = len(T_a), len(pairs)
-    result = np.zeros((n, m), dtype=bool)
-    if n == 0 or m == 0:
-        return result
-    i, j = np.array([p[0] for p in pairs]), np.array([p[1] for p in pairs])
-    # spheres first: most pairs are far apart and need no copy of their poses
-    radius = np.linalg.norm(half_a, axis=2)[:, i] + np.linalg.norm(half_b, axis=2)[:, j]
-    offset = T_b[:, j][..., :3, 3] - T_a[:, i][..., :3, 3]
-    near = np.einsum("nmk,nmk->nm", offset, offset) <= radius**2
-    row, column = np.nonzero(near)
-    if len(row):
-        a, b = i[column], j[column]
-        other = row if len(T_b) > 1 else np.zeros_like(row)
-        result[row, column] = overlap(T_a[row, a], half_a[row, a], T_b[other, b], half_b[other, b])
-    return result
+    def _touches_link(self, part: Triangles, row: int, link: int) -> bool:
+        moving = self._moving
+        half = moving.halves[row, link] + SELF_MARGIN_MM
+        return part.touch(moving.turns[row, link], moving.centres[row, link], half)

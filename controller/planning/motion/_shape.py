@@ -97,14 +97,15 @@ class Triangles:
         self._T = T_world_part
         self._object.setTransform(fcl.Transform(T_world_part[:3, :3], T_world_part[:3, 3]))
 
-    def touch(self, T_box: FloatArray, half_mm: FloatArray) -> bool:
-        """Tell whether the part touches a solid box of pose (4, 4) and half edges (3,)."""
-        box = fcl.CollisionObject(
-            fcl.Box(*(2.0 * half_mm)), fcl.Transform(T_box[:3, :3], T_box[:3, 3])
-        )
+    def lowest_mm(self) -> float:
+        """Return the height of the part's lowest point."""
+        return float((self._shape.hull_mm @ self._T[2, :3]).min() + self._T[2, 3])
+
+    def touch(self, R: FloatArray, centre_mm: FloatArray, half_mm: FloatArray) -> bool:
+        """Tell whether the part touches a solid box of rotation (3, 3), centre and half edges."""
+        box = fcl.CollisionObject(fcl.Box(*(2.0 * half_mm)), fcl.Transform(R, centre_mm))
         if fcl.collide(self._object, box, self._request, fcl.CollisionResult()):
             return True
         if np.all(np.sort(half_mm) < self._half):  # small enough to be lost inside the part
-            centre = self._T[:3, :3].T @ (T_box[:3, 3] - self._T[:3, 3])
-            return self._shape.holds(centre)
+            return self._shape.holds(self._T[:3, :3].T @ (centre_mm - self._T[:3, 3]))
         return False

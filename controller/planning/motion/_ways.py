@@ -49,9 +49,17 @@ def connect(
     ends = Ends.of(layout, q_from, q_to)
     if leg_free(scene, q_from, q_to, ends):
         return (q_to,)
+    known: dict[bytes, bool] = {}  # the ways over the top have most of their legs in common
+
+    def free(a: FloatArray, b: FloatArray) -> bool:
+        key = a.tobytes() + b.tobytes()
+        if key not in known:
+            known[key] = leg_free(scene, a, b, ends)
+        return known[key]
+
     rising = _over_the_top(q_from, q_to)
     for path in sorted(rising, key=lambda w: move_seconds(layout, w)):
-        if all(leg_free(scene, a, b, ends) for a, b in pairwise(path)):
+        if all(free(a, b) for a, b in pairwise(path)):
             return tuple(path[1:])
     found = rrt_connect(q_from, q_to, scene, seed) if search else None
     if found is None:
