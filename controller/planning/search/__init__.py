@@ -1,7 +1,7 @@
 """Which grips to hold the part with in turn, and which views to take under each."""
 
-from ._cover import best_order
 from ._greedy import greedy
+from ._order import best_order
 from ._problem import MAX_GRIPS, Problem, Solution, live_grips, needed_of, priced, refuted
 from ._solve import COARSE, FULL, Effort, solve
 

@@ -53,7 +53,8 @@ class Floors:
 
 def rounded(u: NDArray[np.floating]) -> Table:
     """Return prices as multiples of 1/1024."""
-    return (np.floor(u * PRICE_STEPS) / PRICE_STEPS).astype(np.float32)
+    whole: Table = (np.floor(u * PRICE_STEPS) / PRICE_STEPS).astype(np.float32)
+    return whole
 
 
 def floors(core: Core, u: Table) -> Floors:

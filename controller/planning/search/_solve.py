@@ -371,7 +371,7 @@ class _Search:
             self.covers += 1
             if rows is None:
                 break
-            missing = ~stacked.rows[rows].any(axis=0)
+            missing: BoolArray = ~np.asarray(stacked.rows[rows].any(axis=0))
             if missing.any():  # what completes them may still be the best so far
                 rest = quick_cover(stacked.rows[:, missing].astype(np.float32), stacked.prices_s)
                 whole = np.union1d(rows, rest)

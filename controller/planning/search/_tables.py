@@ -136,13 +136,11 @@ def learn_core(tables: Tables, sets: Sequence[IntArray]) -> list[int]:
         prices = np.concatenate([tables.prices_s[g] for g in members])
         if not len(rows):
             continue
-        can = rows.any(axis=0)
+        can: BoolArray = np.asarray(rows.any(axis=0))
         for _ in range(_LEARN_ROUNDS):
             at = [e for e in core if can[e]]
-            shown = np.zeros(len(can), dtype=bool)
-            if at:
-                shown = rows[quick_cover(rows[:, at].astype(np.float32), prices)].any(axis=0)
-            missing = can & ~shown
+            chosen = quick_cover(rows[:, at].astype(np.float32), prices)
+            missing = can & ~np.asarray(rows[chosen].any(axis=0))
             if not missing.any() or len(core) >= CORE_MOST:
                 break
             core += hard_elements(rows, missing, _LEARN_PICKS)
@@ -200,4 +198,5 @@ def _undominated(table: BoolArray, prices: Table) -> IntArray:
     inside = (bits @ bits.T) >= size[at][:, None]  # row is within column
     dominated = inside & (prices[at][None] <= prices[at][:, None])
     np.fill_diagonal(dominated, False)
-    return at[~dominated.any(axis=1)]
+    best: IntArray = at[~dominated.any(axis=1)]
+    return best
