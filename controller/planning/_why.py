@@ -75,7 +75,8 @@ def unseen_pieces(
                 reason, remedy = _fingers(part, layout, piece)
             elif missing.kind is Reason.REACH:
                 reason, remedy = _reach(part, layout, piece)
-            found.append(Unseen(int(face_id), share, reason, missing.kind, remedy))
+            which = tuple(np.flatnonzero(piece).tolist())
+            found.append(Unseen(int(face_id), share, reason, missing.kind, remedy, which))
     return tuple(sorted(found, key=lambda u: (-u.area_fraction, u.face_id, u.reason)))
 
 

@@ -174,6 +174,7 @@ class Unseen:
     area_fraction : share of all surface
     reason : a sentence for people, with the evidence
     kind : which of the five; remedy : the smallest change found that would show it, or ""
+    samples : which samples it is
     """
 
     face_id: int
@@ -181,6 +182,7 @@ class Unseen:
     reason: str
     kind: Reason
     remedy: str = ""
+    samples: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
