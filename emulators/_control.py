@@ -13,6 +13,8 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from emulators._cell import Cell
 from emulators.umi_scara import Axis
 from emulators.world import truth
@@ -39,6 +41,8 @@ class ControlPort:
             "remove": self._remove,
             "lose_part": self._lose_part,
             "slip": self._slip,
+            "miss": self._miss,
+            "place": self._place,
             "lamp": self._lamp,
             "unplug": self._unplug,
             "plug": self._plug,
@@ -147,8 +151,14 @@ class ControlPort:
     def _lose_part(self, gripper: str = "arm") -> None:
         self._cell.world.lose_grip(_gripper_name(gripper))
 
-    def _slip(self, along_mm: float, gripper: str = "arm") -> None:
-        self._cell.world.slip(_gripper_name(gripper), along_mm)
+    def _slip(self, along_mm: float, gripper: str = "arm", turn_deg: float = 0.0) -> None:
+        self._cell.world.slip(_gripper_name(gripper), along_mm, math.radians(turn_deg))
+
+    def _miss(self, gripper: str = "arm") -> None:
+        self._cell.world.miss(_gripper_name(gripper))
+
+    def _place(self, T_world_part: list[list[float]], part: int = 0) -> None:
+        self._cell.world.place(part, np.array(T_world_part, dtype=float).reshape(4, 4))
 
     # --- devices and wires ------------------------------------------------------------------------
 

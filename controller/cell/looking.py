@@ -361,7 +361,9 @@ class Looking(Toolkit):
         if was_seen and not is_held_otherwise(shift_mm, turn_rad):
             return
         hold.T_part_hand, hold.is_seen = measured, True
-        if is_held_otherwise(shift_mm, turn_rad):
+        # what inspection still takes for the grip that was planned can be lived with
+        is_bearable = result.evaluated and not self._may_recover(Trouble.HELD_OTHERWISE)
+        if is_held_otherwise(shift_mm, turn_rad) and not is_bearable:
             raise PartTroubleError(
                 Trouble.HELD_OTHERWISE,
                 f"the part sits {shift_mm:.1f} mm and {np.degrees(turn_rad):.1f} degrees from "

@@ -60,11 +60,14 @@ REMEDIES: Final[Mapping[Trouble, Remedy]] = {
     Trouble.GRIP_WRONG: Remedy(Event.GRIP_MISSED, "looking at the table again"),
     Trouble.DROPPED: Remedy(Event.PART_DROPPED, "looking where the part has fallen"),
     Trouble.NOT_IN_HAND: Remedy(Event.PART_DROPPED, "looking for the part on the table"),
-    Trouble.HELD_OTHERWISE: Remedy(Event.PLAN_VOID, "planning on from the grip as it is"),
+    Trouble.HELD_OTHERWISE: Remedy(Event.PLAN_VOID, "planning on from the grip as it is", 4),
     Trouble.HAND_OFF_FAILED: Remedy(Event.PLAN_VOID, "planning on from the hand"),
     Trouble.TAKE_BACK_FAILED: Remedy(Event.PLAN_VOID, "planning on from the fixed gripper"),
     Trouble.SEEN_TOO_LITTLE: Remedy(Event.PLAN_VOID, "planning what is still to be shown", 1),
 }
+
+# learnt, rather than gone wrong: these use up nothing of what is allowed in all
+LEARNT: Final = frozenset({Trouble.HELD_OTHERWISE, Trouble.SEEN_TOO_LITTLE})
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,9 +87,8 @@ def remedy_for(trouble: Trouble, past: Sequence[Recovery]) -> Remedy | None:
     """
     remedy = REMEDIES[trouble]
     tried = sum(one.trouble is trouble for one in past)
-    # planning once more for what was not seen is no sign of something being wrong
-    in_all = sum(one.trouble is not Trouble.SEEN_TOO_LITTLE for one in past)
-    if tried >= remedy.tries or in_all >= TRIES_IN_ALL:
+    in_all = sum(one.trouble not in LEARNT for one in past)
+    if tried >= remedy.tries or (in_all >= TRIES_IN_ALL and trouble not in LEARNT):
         return None
     return remedy
 

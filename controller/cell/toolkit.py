@@ -141,6 +141,9 @@ class Toolkit:
         assert hold is not None, "the hand is empty"
         return hold
 
+    def _may_recover(self, trouble: Trouble) -> bool:
+        return remedy_for(trouble, self.part.recoveries) is not None
+
     def _book_recovery(self, error: PartTroubleError) -> Remedy:
         """Write down what the cell sets out to get over by itself.
 

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller import inspection as inspecting
+from controller import planning
 from controller import recognition as recognising
 from controller.cad import (
     Camera,
@@ -50,8 +51,6 @@ from controller.config import (
 from controller.planning import (
     Box,
     Motion,
-    NoPlanError,
-    OnTable,
     Plan,
     PlanOptions,
     PreparedPart,
@@ -209,9 +208,9 @@ def plan_from(
     ------
     NoPlanError : and why not
     """
-    if isinstance(start, OnTable):
-        return plan(job, start.pose_index, start.T_world_part)
-    raise NoPlanError(f"{context(job).solid.name}: no plan begins with the part in a gripper")
+    # what else it may be settles nothing here yet: the views that would tell are to come first
+    del candidates
+    return planning.plan_from(_prepared(job), context(job).layout, start, seen=seen, avoid=avoid)
 
 
 def way_home(

@@ -61,6 +61,7 @@ class Gripper:
     opening_mm, before_mm : of the jaws, now and a step ago
     finger_bodies : pybullet's, +y first
     must_open : a part has been lost from these jaws: they hold nothing until they have opened
+    misses : the next part between the pads is missed: a fault
     passing : parts that still overlap with the fingers after a release, and do not feel them
     """
 
@@ -75,6 +76,7 @@ class Gripper:
     limit_mm: float | None = None
     hold: Hold | None = None
     must_open: bool = False
+    misses: bool = False
     passing: set[int] = field(default_factory=set)
 
     def T_world_finger(self, side: int) -> Array:

@@ -38,12 +38,21 @@ class JawBody(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something happened to a part: ``gripped``, ``released``, ``fell_out``, ``torn``, ``lies``."""
+    """Something happened to a part: ``gripped``, ``released``, ``fell_out``, ``torn``, ``lies``.
+
+    Attributes
+    ----------
+    by : the gripper, empty for ``lies``
+    lowest_mm : of the part, above the table
+    is_held : whether a gripper has the part now
+    """
 
     at_s: float
     what: str
     part: int
     by: str
+    lowest_mm: float = 0.0
+    is_held: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)

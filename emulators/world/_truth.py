@@ -61,6 +61,14 @@ def truth(world: World) -> dict[str, Any]:
             for c in world.collisions
         ],
         "events": [
-            {"at_s": e.at_s, "what": e.what, "part": e.part, "by": e.by} for e in world.events
+            {
+                "at_s": e.at_s,
+                "what": e.what,
+                "part": e.part,
+                "by": e.by,
+                "lowest_mm": e.lowest_mm,
+                "is_held": e.is_held,
+            }
+            for e in world.events
         ],
     }

@@ -19,7 +19,7 @@ from ._grip import TEAR_MM, TEAR_RAD, Gripper, apart, bears, make_gripper, relat
 from ._layout import Array, Layout
 from ._models import ArmBody, Event, JawBody, Snapshot
 from ._parts import AWAY, FALLING, HELD, LYING, Part
-from ._poses import JointValues, forward
+from ._poses import JointValues, forward, rotation_about
 from ._solid import Solid
 
 log = logging.getLogger(__name__)
@@ -158,6 +158,9 @@ class World:
             felt = gripper.pads.feel(part.scene, T_tip_part, gripper.opening_mm)
             if not felt.is_between:
                 continue
+            if gripper.misses:
+                gripper.misses, gripper.must_open = False, True
+                return
             held = part.state == HELD
             if bears(felt, gripper.opening_mm, is_held=held):
                 seat = gripper.pads.seat(part.scene, T_tip_part, gripper.opening_mm)
@@ -316,7 +319,12 @@ class World:
         self._note("lies", part, None)
 
     def _note(self, what: str, part: Part, by: Gripper | None) -> None:
-        self.events.append(Event(self.time_s, what, part.index, "" if by is None else by.name))
+        is_held = any(
+            one.hold is not None and one.hold.part == part.index
+            for one in (self.hand, self.fixture)
+        )
+        name = "" if by is None else by.name
+        self.events.append(Event(self.time_s, what, part.index, name, part.lowest_mm, is_held))
 
     # --- putting parts there -------------------------------------------------------------------
 
@@ -377,13 +385,19 @@ class World:
             else:
                 self._jaws.grip_limit_mm = None
 
-    def slip(self, name: str, along_mm: float) -> None:
-        """Let a part slip in a gripper along its approach axis."""
+    def slip(self, name: str, along_mm: float, turn_rad: float = 0.0) -> None:
+        """Let a part slip in a gripper along its approach axis, and turn about its jaws' axis."""
         gripper = self.hand if name == "arm" else self.fixture
         T = np.eye(4)
+        T[:3, :3] = rotation_about(np.array((0.0, 1.0, 0.0)), turn_rad)
         T[0, 3] = along_mm
         gripper.shift_hold(T)
         self._carry(STEP_S)
+
+    def miss(self, name: str) -> None:
+        """Let the next closing of a gripper miss the part that is between its jaws."""
+        gripper = self.hand if name == "arm" else self.fixture
+        gripper.misses = True
 
     def settle(self, limit_s: float = 10.0) -> bool:
         """Advance until nothing falls any more; False if that takes longer than ``limit_s``."""
