@@ -1,4 +1,4 @@
-"""Plans kept between runs, each in a file of the cache; and what a pose's plan comes to.
+"""Plans and certificates kept between runs, each in a file of the cache.
 
 A file is named by all that decides what is in it: the part, the cell as planning sees it, the
 planner's options and source, the libraries it computes with, and where the part lies. So nothing
@@ -25,11 +25,14 @@ from controller.cad import StablePose
 from controller.cad.compiled import CompiledPart, cache_dir, source_hash
 from controller.planning import (
     CellLayout,
+    Certificate,
     NoPlanError,
+    OnTable,
     Plan,
     PlanOptions,
     PreparedPart,
-    plan_part,
+    certify,
+    plan_from,
     prepare_part,
     resting_pose,
 )
@@ -38,32 +41,11 @@ Array = NDArray[np.float64]
 T = TypeVar("T")
 
 FORMAT = 1  # raised when the meaning of kept plans changes
-KEPT_FILES = 300  # the oldest ones go first; each can be made again
+KEPT_PLANS, KEPT_PREPARED = 500, 30  # the oldest ones go first; each can be made again
 ENDING = ".pickle"
 DECIDING = ("numpy", "scipy", "shapely", "trimesh", "embreex", "python-fcl", "networkx")
 
 log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, slots=True)
-class Certificate:
-    """What a part can count on that comes to lie in one stable pose.
-
-    Attributes
-    ----------
-    is_planned : there is a plan; the numbers are 0 and `reason` says why where there is none
-    view_count, regrip_count, forecast_s, covered_fraction, reachable_fraction : of the plan
-    """
-
-    pose_index: int
-    probability: float
-    is_planned: bool
-    view_count: int = 0
-    regrip_count: int = 0
-    forecast_s: float = 0.0
-    covered_fraction: float = 0.0
-    reachable_fraction: float = 0.0
-    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,15 +55,20 @@ class KeptPlan:
     Attributes
     ----------
     T_world_part : (4, 4) where the part lies
-    plan : None where `failure` says why
-    hidden_by_part : (n,) bool, samples that the part itself hides from everywhere
+    plan : None where `reason` says why
     """
 
     pose_index: int
     T_world_part: Array
     plan: Plan | None
-    failure: NoPlanError | None
-    hidden_by_part: NDArray[np.bool_]
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KeptCertificates:
+    """What each stable pose of a part comes to, in the order of the poses."""
+
+    told: tuple[Certificate, ...]
 
 
 class Planning:
@@ -114,6 +101,7 @@ class Planning:
             planner_hash(),
         )
         self._made = 0
+        self._told: dict[Path, KeptPlan] = {}
 
     @property
     def is_from_cache(self) -> bool:
@@ -128,61 +116,64 @@ class Planning:
         NoPlanError : nothing can hold it
         """
         if self._prepared is None:
-            shelf = Shelf(PreparedPart, "prepared")
-            file = shelf.file(self._part.solid.name, self._key)
-            found = shelf.load(file) if self._use_cache else None
+            file = PREPARED.file(self._part.solid.name, self._key)
+            found = PREPARED.load(file) if self._use_cache else None
             if found is None:
                 self._made += 1
                 found = prepare_part(
                     self._part.solid, self._part.samples, self._layout, self._options
                 )
                 if self._use_cache:
-                    shelf.save(file, found)
+                    PREPARED.save(file, found)
             self._prepared = found
         return self._prepared
 
     def lying(self, pose: StablePose, x_mm: float, y_mm: float, theta_rad: float) -> KeptPlan:
         """Return the plan for the part at rest at a place, or why there is none."""
         T = resting_pose(self._part.solid, pose, x_mm, y_mm, theta_rad)
-        shelf = Shelf(KeptPlan, "plan")
-        file = shelf.file(self._part.solid.name, digest_of(self._key, pose.index, T))
-        found = shelf.load(file) if self._use_cache else None
+        file = self._plan_file(pose.index, T)
+        found = self._told.get(file)
+        if found is None and self._use_cache:
+            found = PLANS.load(file)
         if found is None:
             self._made += 1
-            found = self._make(pose, T)
+            try:
+                plan = plan_from(self.prepared(), self._layout, OnTable(pose.index, T))
+                found = KeptPlan(pose.index, T, plan)
+            except NoPlanError as error:
+                found = KeptPlan(pose.index, T, None, str(error))
             if self._use_cache:
-                shelf.save(file, found)
+                PLANS.save(file, found)
+        self._told[file] = found
         return found
 
-    def _make(self, pose: StablePose, T_world_part: Array) -> KeptPlan:
-        part = self._part
-        hidden: NDArray[np.bool_] = np.zeros(len(part.samples.points_mm), dtype=bool)
+    def certificates(self) -> tuple[Certificate, ...]:
+        """Return what each stable pose comes to, lying in the middle of where parts may lie."""
+        file = CERTIFICATES.file(self._part.solid.name, digest_of(self._key, "certificates"))
+        found = CERTIFICATES.load(file) if self._use_cache else None
+        if found is None:
+            self._made += 1
+            found = KeptCertificates(self._certify())
+            if self._use_cache:
+                CERTIFICATES.save(file, found)
+        for pose, told in zip(self._part.poses, found.told, strict=True):
+            x_mm, y_mm = self._layout.set_down_mm.mean(axis=1).tolist()
+            T = resting_pose(self._part.solid, pose, x_mm, y_mm)
+            kept = KeptPlan(pose.index, T, told.plan, told.reason)
+            self._told[self._plan_file(pose.index, T)] = kept
+        return found.told
+
+    def _certify(self) -> tuple[Certificate, ...]:
+        poses = self._part.poses
         try:
-            prepared = self.prepared()
-            hidden = np.asarray(~prepared.visible.any(axis=0))
-            plan = plan_part(
-                part.solid, part.samples, pose, T_world_part, self._layout, prepared=prepared
+            return certify(self.prepared(), self._layout, poses)
+        except NoPlanError as error:  # nothing can hold it, whichever way it lies
+            return tuple(
+                Certificate(pose.index, pose.probability, None, str(error), 0.0) for pose in poses
             )
-        except NoPlanError as error:
-            return KeptPlan(pose.index, T_world_part, None, error, hidden)
-        return KeptPlan(pose.index, T_world_part, plan, None, hidden)
 
-
-def certificate(pose: StablePose, kept: KeptPlan) -> Certificate:
-    """Return what a plan, or the reason for none, says of its pose."""
-    if kept.plan is None:
-        return Certificate(pose.index, pose.probability, False, reason=str(kept.failure))
-    plan = kept.plan
-    return Certificate(
-        pose_index=pose.index,
-        probability=pose.probability,
-        is_planned=True,
-        view_count=len(plan.presents),
-        regrip_count=plan.regrip_count,
-        forecast_s=plan.forecast_s,
-        covered_fraction=plan.covered_fraction,
-        reachable_fraction=plan.reachable_fraction,
-    )
+    def _plan_file(self, pose_index: int, T_world_part: Array) -> Path:
+        return PLANS.file(self._part.solid.name, digest_of(self._key, pose_index, T_world_part))
 
 
 class Shelf(Generic[T]):
@@ -190,11 +181,16 @@ class Shelf(Generic[T]):
 
     A pickle runs what it says. So these files are only ever written and read in the user's own
     cache folder, and one whose digest is not that of its content is made anew.
+
+    Parameters
+    ----------
+    prefix : of the files' names; kept_n : how many of them there may be
     """
 
-    def __init__(self, kind: type[T], prefix: str) -> None:
+    def __init__(self, kind: type[T], prefix: str, kept_n: int) -> None:
         self._kind = kind
         self._prefix = prefix
+        self._kept_n = kept_n
 
     def file(self, name: str, key: str) -> Path:
         """Return where a value is kept."""
@@ -236,8 +232,13 @@ class Shelf(Generic[T]):
                 ages.append((file.stat().st_mtime, file))
             except FileNotFoundError:
                 continue  # another process tidies too
-        for _, file in sorted(ages)[:-KEPT_FILES]:
+        for _, file in sorted(ages)[: -self._kept_n]:
             file.unlink(missing_ok=True)
+
+
+PREPARED = Shelf(PreparedPart, "prepared", KEPT_PREPARED)
+PLANS = Shelf(KeptPlan, "plan", KEPT_PLANS)
+CERTIFICATES = Shelf(KeptCertificates, "certificates", KEPT_PREPARED)
 
 
 @lru_cache(maxsize=1)

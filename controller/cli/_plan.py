@@ -11,9 +11,10 @@ from rich.table import Table
 
 from controller.cad import StablePose
 from controller.cad.compiled import CompiledPart, CompileOptions, load_part
-from controller.cell.plans import Certificate, KeptPlan, Planning, certificate
+from controller.cell.plans import KeptPlan, Planning
 from controller.config import Cell, ConfigError, build_layout, load_cell
-from controller.planning import CellLayout, Plan
+from controller.planning import Certificate, Plan
+from controller.results.plan_page import PlanFacts, view_count, write_plan_page
 
 from ._output import emit, say, stdout, warn
 from ._plan_json import certificate_json, plan_json
@@ -46,60 +47,54 @@ def plan_part_file(
     poses = _asked(compiled, pose_index)
     started = time.monotonic()
     planning = Planning(compiled, layout, use_cache=use_cache)
-    kept, told = _plan_all(planning, poses, place)
+    told = planning.certificates() if pose_index is None else ()
+    kept = _likeliest(planning, poses, place)
     body = _head(compiled, cell, kept, place)
     seconds = time.monotonic() - started
     if kept.plan is None:
         reason = _no_plan(compiled, kept, told)
-        if as_json:
-            body |= {"steps": [], "error": reason}
-        else:
-            _print_certificates(told)
+        body |= {"steps": [], "error": reason}
+        if not as_json:
+            print_certificates(told)
         warn(f"cellctl: {reason}")
     elif as_json:
         body |= plan_json(compiled.solid, compiled.samples, layout, kept.plan)
     else:
         _print(compiled, kept.plan, body)
-        if pose_index is None:
-            _print_certificates(told)
+        print_certificates(told)
     if as_json:
-        emit(
-            body
-            | {"certificates": [certificate_json(c) for c in told]}
-            | {"seconds": seconds, "from_cache": planning.is_from_cache}
-        )
+        certificates = [certificate_json(c) for c in told]
+        end = {"seconds": seconds, "from_cache": planning.is_from_cache}
+        emit(body | {"certificates": certificates} | end)
     if report is not None:
-        _write_report(compiled, cell, layout, kept, told, place, report, as_json=as_json)
+        facts = PlanFacts(compiled, cell.name, layout, kept, told, place)
+        _write_report(facts, report, as_json=as_json)
     return 0 if kept.plan is not None else 1
 
 
 def _asked(part: CompiledPart, pose_index: int | None) -> tuple[StablePose, ...]:
-    if pose_index is None:
-        return part.poses
-    found = tuple(pose for pose in part.poses if pose.index == pose_index)
+    """Return the poses to try, the likeliest first."""
+    poses = sorted(part.poses, key=lambda p: (-p.probability, p.index))
+    if not poses:
+        raise ConfigError(f"{part.solid.name} has no pose to lie in: it rolls whichever way")
+    found = tuple(p for p in poses if pose_index in (None, p.index))
     if not found:
         known = ", ".join(str(pose.index) for pose in part.poses)
-        raise ConfigError(f"--pose {pose_index}: {part.solid.name} has poses {known or 'none'}")
+        raise ConfigError(f"--pose {pose_index}: {part.solid.name} has poses {known}")
     return found
 
 
-def _plan_all(
-    planning: Planning, poses: Sequence[StablePose], place: Place
-) -> tuple[KeptPlan, tuple[Certificate, ...]]:
-    """Return the plan from the likeliest pose that has one, and what every pose comes to."""
-    if not poses:
-        raise ConfigError("the part has no pose to lie in: it rolls whichever way it lies")
+def _likeliest(planning: Planning, poses: Sequence[StablePose], place: Place) -> KeptPlan:
+    """Return the first plan there is; where there is none, why there is none from the first."""
     x_mm, y_mm, theta_deg = place
-    likeliest_first = sorted(poses, key=lambda p: (-p.probability, p.index))
-    chosen: KeptPlan | None = None
-    told: dict[int, Certificate] = {}
-    for pose in likeliest_first:
+    first: KeptPlan | None = None
+    for pose in poses:
         kept = planning.lying(pose, x_mm, y_mm, float(np.radians(theta_deg)))
-        told[pose.index] = certificate(pose, kept)
-        if chosen is None or (chosen.plan is None and kept.plan is not None):
-            chosen = kept
-    assert chosen is not None
-    return chosen, tuple(told[index] for index in sorted(told))
+        if kept.plan is not None:
+            return kept
+        first = first or kept
+    assert first is not None
+    return first
 
 
 def _head(part: CompiledPart, cell: Cell, kept: KeptPlan, place: Place) -> dict[str, Any]:
@@ -117,9 +112,9 @@ def _head(part: CompiledPart, cell: Cell, kept: KeptPlan, place: Place) -> dict[
 
 
 def _no_plan(part: CompiledPart, kept: KeptPlan, told: Sequence[Certificate]) -> str:
-    """Return one sentence; where all poses fail for one reason, that reason."""
-    if len({c.reason for c in told}) == 1:
-        return str(kept.failure)
+    """Return one sentence; where the poses fail for several reasons, all of them."""
+    if len({c.reason for c in told}) <= 1 or any(c.plan for c in told):
+        return kept.reason
     reasons = "; ".join(f"from pose {c.pose_index}: {c.reason}" for c in told)
     return f"{part.solid.name}: no plan from any of its {len(told)} poses: {reasons}"
 
@@ -155,38 +150,36 @@ def proof_words(plan: Plan) -> str:
 
 def certificate_words(told: Certificate) -> str:
     """Return what a pose comes to, in words."""
-    if not told.is_planned:
+    plan = told.plan
+    if plan is None:
         return told.reason
-    shown = told.covered_fraction / told.reachable_fraction if told.reachable_fraction else 1.0
-    views = f"{told.view_count} view{'' if told.view_count == 1 else 's'}"
-    regrips = f"{told.regrip_count} re-grip{'' if told.regrip_count == 1 else 's'}"
-    return f"{views}, {regrips}, {told.forecast_s:.0f} s, {shown:.1%} of what can be shown"
+    shown = plan.covered_fraction / plan.reachable_fraction if plan.reachable_fraction else 1.0
+    count = view_count(plan)
+    views = f"{count} view{'' if count == 1 else 's'}"
+    regrips = f"{plan.regrip_count} re-grip{'' if plan.regrip_count == 1 else 's'}"
+    return f"{views}, {regrips}, {plan.forecast_s:.0f} s, {shown:.1%} of what can be shown"
 
 
-def _print_certificates(told: Sequence[Certificate]) -> None:
+def print_certificates(told: Sequence[Certificate]) -> None:
+    """Print what each pose comes to as a table; nothing where none was asked for."""
+    if not told:
+        return
     table = Table(box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("from pose", justify="right")
-    table.add_column("likely\n%", justify="right")
+    table.add_column("from pose", justify="right", no_wrap=True)
+    table.add_column("likely\n%", justify="right", no_wrap=True)
+    table.add_column("pickable\n%", justify="right", no_wrap=True)
     table.add_column("what it comes to", min_width=30)
     for c in told:
-        table.add_row(str(c.pose_index), f"{100 * c.probability:.1f}", certificate_words(c))
+        table.add_row(
+            str(c.pose_index),
+            f"{100 * c.probability:.1f}",
+            f"{100 * c.pickable:.0f}",
+            certificate_words(c),
+        )
     stdout.print(table)
 
 
-def _write_report(
-    part: CompiledPart,
-    cell: Cell,
-    layout: CellLayout,
-    kept: KeptPlan,
-    told: tuple[Certificate, ...],
-    place: Place,
-    path: Path,
-    *,
-    as_json: bool,
-) -> None:
-    from controller.results.plan_page import PlanFacts, write_plan_page
-
-    facts = PlanFacts(part=part, cell=cell.name, layout=layout, kept=kept, told=told, place=place)
+def _write_report(facts: PlanFacts, path: Path, *, as_json: bool) -> None:
     try:
         written = write_plan_page(facts, path)
     except OSError as error:

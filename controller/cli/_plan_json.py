@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.cad import Solid, SurfaceSamples
-from controller.cell.plans import Certificate
-from controller.planning import CellLayout, Plan
-from controller.results.plan_page import Moment, moments
+from controller.planning import CellLayout, Certificate, Plan
+from controller.results.plan_page import Moment, moments, view_count
 
 
 def plan_json(
@@ -79,18 +78,20 @@ def _step_json(
 
 
 def certificate_json(told: Certificate) -> dict[str, Any]:
-    """Return what a stable pose comes to."""
+    """Return what a stable pose comes to; `pickable` is the share of places it can be taken at."""
     body: dict[str, Any] = {
         "pose": told.pose_index,
         "probability": told.probability,
-        "planned": told.is_planned,
+        "pickable": told.pickable,
+        "planned": told.plan is not None,
     }
-    if not told.is_planned:
+    if told.plan is None:
         return body | {"reason": told.reason}
     return body | {
-        "views": told.view_count,
-        "regrips": told.regrip_count,
-        "forecast_s": told.forecast_s,
-        "covered_fraction": told.covered_fraction,
-        "reachable_fraction": told.reachable_fraction,
+        "complete": told.is_complete,
+        "views": view_count(told.plan),
+        "regrips": told.plan.regrip_count,
+        "forecast_s": told.plan.forecast_s,
+        "covered_fraction": told.plan.covered_fraction,
+        "reachable_fraction": told.plan.reachable_fraction,
     }

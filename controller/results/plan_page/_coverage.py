@@ -14,7 +14,6 @@ from ._render import FINER, data_uri, look, shade, smaller
 from ._views import slant_over, slanting_eye
 
 Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Floats = NDArray[np.float32]
 Colour = tuple[float, float, float]
 
@@ -76,7 +75,6 @@ def coverage_map(
     solid: Solid,
     samples: SurfaceSamples,
     plan: Plan,
-    hidden_by_part: Bools,
     painter: Painter,
     R_world_part: Array,
 ) -> CoverageMap:
@@ -84,11 +82,10 @@ def coverage_map(
 
     Parameters
     ----------
-    hidden_by_part : (n,) samples that no direction shows
     R_world_part : (3, 3) which way up it is drawn
     """
     weights = samples.areas_mm2 / samples.areas_mm2.sum()
-    words, colours = states(samples, plan, hidden_by_part)
+    words, colours = states(samples, plan)
     names = [name for _, name, _ in OFTEN] + [kind.value for kind in WHY] + [SPECKS_WORDS]
     table = [c for _, _, c in OFTEN] + list(WHY.values()) + [SPECKS]
     keys = tuple(
@@ -100,14 +97,8 @@ def coverage_map(
     return CoverageMap(_sides(solid, painter, R_world_part, colours), keys, SIZE_PX)
 
 
-def states(
-    samples: SurfaceSamples, plan: Plan, hidden_by_part: Bools
-) -> tuple[NDArray[np.int64], Floats]:
-    """Return what each sample's state is (n,), numbered as in the map's key, and its colour (n, 3).
-
-    A face that is unseen for several reasons has each in its list only as a share. There, what the
-    part hides is known place by place; the rest goes to the largest other reason of that face.
-    """
+def states(samples: SurfaceSamples, plan: Plan) -> tuple[NDArray[np.int64], Floats]:
+    """Return what each sample's state is (n,), as numbered in the key, and its colour (n, 3)."""
     counts = np.zeros(len(samples.points_mm), dtype=np.int64)
     for step in plan.steps:
         seen = getattr(step, "seen", None)
@@ -115,15 +106,8 @@ def states(
             counts += seen
     kinds = list(WHY)
     state = np.full(len(counts), len(OFTEN) + len(kinds))
-    for u in sorted(plan.unseen, key=lambda u: u.area_fraction):
-        here = samples.face_ids == u.face_id
-        if u.kind is Reason.HIDDEN_BY_PART:
-            continue
-        state[here] = len(OFTEN) + kinds.index(u.kind)
     for u in plan.unseen:
-        if u.kind is Reason.HIDDEN_BY_PART:
-            here = (samples.face_ids == u.face_id) & hidden_by_part
-            state[here] = len(OFTEN) + kinds.index(u.kind)
+        state[list(u.samples)] = len(OFTEN) + kinds.index(u.kind)
     state[counts > 0] = np.minimum(counts[counts > 0], len(OFTEN)) - 1
     colours = np.array([c for _, _, c in OFTEN] + list(WHY.values()) + [SPECKS], dtype=np.float32)
     return state, colours[state]

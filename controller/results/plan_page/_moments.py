@@ -158,6 +158,11 @@ def _moments(plan: Plan, layout: CellLayout) -> Iterator[Moment]:
     )
 
 
+def view_count(plan: Plan) -> int:
+    """Return how many times the part is looked at, in the hand or on the table."""
+    return sum(isinstance(step, Present | Look) for step in plan.steps)
+
+
 def slowest_tray(plan: Plan) -> tuple[Place, Park]:
     """Return the steps to the tray that the forecast counts on."""
     tray = max(plan.place, key=lambda t: plan.place[t].seconds + plan.park[t].seconds)

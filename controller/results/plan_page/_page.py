@@ -7,12 +7,12 @@ import numpy as np
 
 from controller.cad import Solid, StablePose
 from controller.cad.compiled import CompiledPart
-from controller.cell.plans import Certificate, KeptPlan
-from controller.planning import CellLayout, Plan
+from controller.cell.plans import KeptPlan
+from controller.planning import CellLayout, Certificate, Plan
 
 from .._html import make_environment, write_page
 from ._coverage import CoverageMap, coverage_map
-from ._moments import moments
+from ._moments import moments, view_count
 from ._paint import Painter
 from ._strip import AGAIN, BEFORE, NEW, OUTLINE, Frame, Strip, width_for
 from ._timeline import Timeline, timeline
@@ -27,7 +27,7 @@ class PlanFacts:
     Attributes
     ----------
     cell : its name
-    told : what each stable pose comes to
+    told : what each stable pose comes to; empty where only one was asked for
     place : x [mm], y [mm], theta [deg] where the part lies
     """
 
@@ -83,6 +83,7 @@ def render_plan(facts: PlanFacts) -> str:
     return environment.get_template("plan.html.j2").render(
         facts=facts,
         plan=plan,
+        view_count=view_count,
         drawn=None if plan is None else draw_plan(facts, plan),
         colours={"new": NEW, "again": AGAIN, "before": BEFORE, "outline": OUTLINE},
     )
@@ -97,7 +98,7 @@ def draw_plan(facts: PlanFacts, plan: Plan) -> Drawn:
     frames = Strip(solid, facts.layout, painter, width_for(len(steps))).frames(steps, weights)
     return Drawn(
         frames=tuple(frames),
-        map=coverage_map(solid, samples, plan, facts.kept.hidden_by_part, painter, facts.pose.R),
+        map=coverage_map(solid, samples, plan, painter, facts.pose.R),
         timeline=timeline(frames),
         reasons=reason_rows(solid, plan),
     )

@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 from controller.cad import Solid, SurfaceSamples, inverse_pose, transform
 
 from ._bodies import Stage
-from ._render import Sight
+from ._render import FINER, Paint, Sight
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -35,14 +35,11 @@ class Painter:
             out[on_part] = np.minimum(nearest, self._count - 1)
         return out
 
-    def paint(self, stage: Stage, sight: Sight, colours: Floats) -> Floats:
-        """Return the colours (height, width, 3) of a picture, NaN off the part.
-
-        Parameters
-        ----------
-        colours : (n, 3) of the samples
-        """
-        sample = self.sample_at(stage, sight)
-        out = np.full((*sample.shape, 3), np.nan, dtype=np.float32)
-        out[sample >= 0] = colours[sample[sample >= 0]]
-        return out
+    def paint(self, stage: Stage, sight: Sight, colours: Floats) -> Paint:
+        """Return what colours a picture's rays meet, (n, 3) of the samples; asked once a pixel."""
+        height, width = sight.triangle.shape
+        coarse = Sight(sight.triangle[::FINER, ::FINER], sight.points_mm[::FINER, ::FINER])
+        sample = self.sample_at(stage, coarse).repeat(FINER, axis=0).repeat(FINER, axis=1)
+        sample = sample[:height, :width]
+        sample[sight.triangle < stage.first_of_part] = -1
+        return Paint(sample, colours)

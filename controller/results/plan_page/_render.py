@@ -38,6 +38,20 @@ class Sight:
     points_mm: Array
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Paint:
+    """Colours of the part that stand for its own.
+
+    Attributes
+    ----------
+    sample : (height, width) int, which colour a ray meets, -1 for none
+    colours : (n, 3)
+    """
+
+    sample: NDArray[np.int64]
+    colours: Floats
+
+
 def look(stage: Stage, eye: Eye) -> Sight:
     """Cast a picture's rays."""
     width, height = eye.size
@@ -49,62 +63,74 @@ def look(stage: Stage, eye: Eye) -> Sight:
 
 
 def shade(
-    stage: Stage, eye: Eye, sight: Sight, paint: Floats | None = None, relief: float = 1.0
+    stage: Stage, eye: Eye, sight: Sight, paint: Paint | None = None, relief: float = 1.0
 ) -> Floats:
     """Return a picture as it was cast, (height, width, 3) 0..255.
 
     Parameters
     ----------
-    paint : (height, width, 3) colours that stand for the bodies' own, NaN where they do not
     relief : how much light and shadow change the colours, 0 for not at all
     """
     triangle = sight.triangle
-    seen = triangle >= 0
-    bodies = np.array([body.colour for body in stage.bodies], dtype=np.float32)
-    colour = bodies[stage.body_of_triangle[triangle]]
-    if paint is not None:
-        colour = np.where(np.isnan(paint), colour, paint)
     key = eye.back * 0.55 - eye.right * 0.45 + eye.up * 0.65
     fill = eye.back * 0.6 + eye.right * 0.7 + eye.up * 0.1
     key, fill = key / np.linalg.norm(key), fill / np.linalg.norm(fill)
     facing = np.where((stage.normals @ eye.back) < 0, -1.0, 1.0)
-    keyed = np.maximum(stage.normals @ key * facing, 0.0)
-    filled = np.maximum(stage.normals @ fill * facing, 0.0)
-    level = (AMBIENT + FILL * filled[triangle]).astype(np.float32)
-    lit = KEY * keyed[triangle]
-    lit[_shadowed(stage, sight, key, keyed)] *= 1 - SHADE
-    level += lit
-    glowing = np.array([body.glows for body in stage.bodies])
-    level[glowing[stage.body_of_triangle[triangle]]] = 1.0
-    level = 1 - relief * (1 - level)
-    level[_edges(stage, sight)] *= INK_SHARE
-    image: Floats = np.minimum(colour * level[..., None], 255.0).astype(np.float32)
-    image[~seen] = PAPER
+    keyed = KEY * np.maximum(stage.normals @ key * facing, 0.0)
+    level = AMBIENT + FILL * np.maximum(stage.normals @ fill * facing, 0.0) + keyed
+    shaded = level - SHADE * keyed
+    glows = np.array([body.glows for body in stage.bodies])[stage.body_of_triangle]
+    level[glows] = shaded[glows] = 1.0
+    dark = _shadowed(stage, sight, key, (keyed > 0.01) & ~glows)
+    bright = np.where(dark, shaded[triangle], level[triangle]).astype(np.float32)
+    bright = 1 - relief * (1 - bright)
+    bright[_edges(stage, sight)] *= INK_SHARE
+    bodies = np.array([body.colour for body in stage.bodies], dtype=np.float32)
+    image: Floats = bodies[stage.body_of_triangle][triangle]
+    if paint is not None:
+        here = paint.sample >= 0
+        image[here] = paint.colours[paint.sample[here]]
+    image *= bright[..., None]
+    np.minimum(image, 255.0, out=image)
+    image[triangle < 0] = PAPER
     return image
 
 
-def _shadowed(stage: Stage, sight: Sight, key: Array, keyed: Array) -> NDArray[np.bool_]:
-    """Return which rays meet what the key light does not reach."""
-    shaded = np.zeros(sight.triangle.shape, dtype=bool)
-    asked = (sight.triangle >= 0) & (keyed[sight.triangle] > 0.02)
-    start = sight.points_mm[asked] + LIFT_MM * stage.normals[sight.triangle[asked]]
-    start += 4 * LIFT_MM * key
+def _shadowed(
+    stage: Stage, sight: Sight, key: Array, is_turned: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return which rays meet what the key light does not reach, asked once a pixel.
+
+    Parameters
+    ----------
+    is_turned : (t,) triangles that look towards the light
+    """
+    height, width = sight.triangle.shape
+    coarse = sight.triangle[::FINER, ::FINER]
+    shaded = np.zeros(coarse.shape, dtype=bool)
+    asked = (coarse >= 0) & is_turned[coarse]
+    start = sight.points_mm[::FINER, ::FINER][asked]
+    start = start + LIFT_MM * stage.normals[coarse[asked]] + 4 * LIFT_MM * key
     shaded[asked] = stage.caster.blocked(start, np.broadcast_to(key, start.shape))
-    return shaded
+    return np.asarray(shaded.repeat(FINER, axis=0).repeat(FINER, axis=1)[:height, :width])
 
 
 def _edges(stage: Stage, sight: Sight) -> NDArray[np.bool_]:
     """Return where the picture steps from one body to another, or bends."""
     triangle = sight.triangle
-    body = np.where(triangle >= 0, stage.body_of_triangle[triangle], -1)
-    normals = stage.normals[triangle].astype(np.float32)
     ink = np.zeros(triangle.shape, dtype=bool)
     for axis in (0, 1):
         here, there = [slice(None)] * 2, [slice(None)] * 2
         here[axis], there[axis] = slice(None, -1), slice(1, None)
-        a, b = tuple(here), tuple(there)
-        bend = (normals[a] * normals[b]).sum(axis=-1) < CREASE
-        ink[a] |= (body[a] != body[b]) | (bend & (triangle[a] >= 0) & (triangle[b] >= 0))
+        a, b = triangle[tuple(here)], triangle[tuple(there)]
+        row, column = np.nonzero(a != b)
+        a, b = a[row, column], b[row, column]
+        step = (a < 0) != (b < 0)
+        both = (a >= 0) & (b >= 0)
+        bend = np.einsum("ij,ij->i", stage.normals[a], stage.normals[b]) < CREASE
+        other = stage.body_of_triangle[a] != stage.body_of_triangle[b]
+        step |= both & (bend | other)
+        ink[row[step], column[step]] = True
     return ink
 
 
@@ -118,5 +144,5 @@ def smaller(image: Floats) -> Floats:
 def data_uri(image: Floats) -> str:
     """Return a picture (height, width, 3), red first, as a data URI (PNG)."""
     levels = np.clip(np.round(image / COLOURS_STEP) * COLOURS_STEP, 0, 255).astype(np.uint8)
-    _, data = cv2.imencode(".png", levels[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    _, data = cv2.imencode(".png", levels[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 6])
     return "data:image/png;base64," + base64.b64encode(data.tobytes()).decode("ascii")

@@ -101,13 +101,16 @@ class Strip:
 
     @cached_property
     def _slant(self) -> Slant:
-        """Over everything that stands and all the arm's park pose needs: the same in each step."""
+        """Over everything that stands: the same in each step."""
         corners = np.vstack([body.vertices_mm for body in self._standing])
         return slant_over(corners, AZIMUTH_RAD, ELEVATION_RAD, 1.0, 0.01)
 
+    @cached_property
+    def _outside_eye(self) -> Eye:
+        return slanting_eye(self._slant, _fine(self._square), FAR_MM)
+
     def _outside(self, stage: Stage, colours: Floats) -> Floats:
-        eye = slanting_eye(self._slant, _fine(self._square), FAR_MM)
-        image = smaller(self._drawn(stage, eye, colours))
+        image = smaller(self._drawn(stage, self._outside_eye, colours))
         # the part is small from here, and often behind the arm: its outline is drawn over all
         corners = np.asarray(stage.bodies[-1].vertices_mm)
         pixels = self._slant.project(corners, self._square[0])

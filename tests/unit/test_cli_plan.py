@@ -1,0 +1,241 @@
+"""`cellctl plan`: its answers about a small part, from the cache and anew, and its refusals."""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from cad_solids import box, mesh_of, rod
+
+from controller.cell import plans
+from controller.cell.plans import KeptPlan, Shelf, digest_of
+from controller.cli import main
+from controller.config import build_layout, load_cell
+from controller.planning import NotGraspableError, PlanOptions, certificates, plan_from
+from controller.results.plan_page import _coverage as coverage
+from controller.results.plan_page import _strip as strip
+
+ROOT = Path(__file__).parents[2]
+CELL = ROOT / "recipes/cells/emulated.yaml"
+HOLDER = ROOT / "recipes/parts/holder.stl"
+KINDS = {"pick", "present", "hand_over", "take_back", "set_down", "look", "place", "park"}
+
+pytestmark = pytest.mark.xdist_group("cli_plan")  # one plan is made once and asked for often
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("plan")
+
+
+@pytest.fixture(autouse=True)
+def _coarse(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few grips and views are enough to see what the command makes of a plan."""
+    few = PlanOptions(arm_grips_per_pose=3, arm_grips_round=4, fixture_grips=4, directions_n=40)
+    monkeypatch.setattr(plans, "PlanOptions", lambda: few)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+    monkeypatch.setattr(strip, "WIDTHS_PX", (60, 60, 60))
+    monkeypatch.setattr(coverage, "SIZE_PX", (60, 48))
+
+
+@pytest.fixture(scope="module")
+def block(folder: Path) -> Path:
+    """A block of 50 x 30 x 20 mm with a bore of 10 mm through it."""
+    path = folder / "block.stl"
+    mesh_of(box(50, 30, 20) - rod(5, 40, 32)).export(path)
+    return path
+
+
+@pytest.fixture
+def told(block: Path, capsys: pytest.CaptureFixture[str]) -> Any:
+    assert main(["plan", str(block), "--cell", str(CELL), "--pose", "0", "--json"]) == 0
+    out = capsys.readouterr()
+    assert out.err == ""
+    return json.loads(out.out)
+
+
+def without_clock(body: dict[str, Any]) -> dict[str, Any]:
+    return {k: v for k, v in body.items() if k not in {"seconds", "from_cache"}}
+
+
+def test_a_plan_has_the_promised_keys(told: dict[str, Any]) -> None:
+    for key in ("forecast_s", "covered_fraction", "reachable_fraction", "seconds"):
+        assert isinstance(told[key], float)
+    assert 0 < told["covered_fraction"] <= told["reachable_fraction"] + 1e-9
+    assert set(told["proof"]) == {"cost_s", "bound_s", "gap", "optimal", "scope"}
+    for step in told["steps"]:
+        assert step["kind"] in KINDS
+        assert len(step["q"]) == 6
+        assert np.array(step["T_world_part"]).shape == (4, 4)
+        assert (step["view_id"] is None) == (step["kind"] not in {"present", "look"})
+        assert ("seen_fraction" in step) == (step["kind"] in {"present", "look"})
+    for piece in told["unseen"]:
+        assert set(piece) >= {"face", "area_fraction", "reason", "kind", "remedy"}
+    regrips = [s for s in told["steps"] if s["kind"] in {"take_back", "set_down"}]
+    assert told["regrips"] == len(regrips)
+
+
+def test_seconds_and_shares_of_the_steps_add_up(told: dict[str, Any]) -> None:
+    assert sum(s["seconds"] for s in told["steps"]) == pytest.approx(told["forecast_s"])
+    new = sum(s.get("new_fraction", 0.0) for s in told["steps"])
+    assert new == pytest.approx(told["covered_fraction"])
+
+
+def test_the_part_is_picked_where_it_lies_and_passed_over_without_moving(
+    told: dict[str, Any],
+) -> None:
+    steps = told["steps"]
+    assert steps[0]["kind"] == "pick"
+    assert np.allclose(steps[0]["T_world_part"], told["T_world_part"], atol=0.05)
+    for give, take in pairwise(steps):
+        if (give["kind"], take["kind"]) == ("hand_over", "take_back"):
+            assert np.allclose(give["T_world_part"], take["T_world_part"], atol=0.05)
+
+
+def test_the_view_of_every_picture_is_in_the_list(told: dict[str, Any]) -> None:
+    shown = [s["view_id"] for s in told["steps"] if s["kind"] == "present"]
+    assert [v["view"] for v in told["views"]] == shown
+
+
+def test_a_plan_from_the_cache_is_the_plan_made_anew_and_is_there_at_once(
+    told: dict[str, Any], block: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["plan", str(block), "--cell", str(CELL), "--pose", "0", "--json"]
+    assert main(words) == 0
+    again = json.loads(capsys.readouterr().out)
+    assert again["from_cache"]
+    assert again["seconds"] < 1.0  # measured as 0.05 s; a loaded machine is no reason to fail
+    assert main([*words, "--no-cache"]) == 0
+    anew = json.loads(capsys.readouterr().out)
+    assert not anew["from_cache"]
+    assert without_clock(anew) == without_clock(again) == without_clock(told)
+
+
+def test_the_page_is_written_beside_the_answer(
+    told: dict[str, Any], block: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "deep" / "plan.html"
+    words = ["plan", str(block), "--cell", str(CELL), "--pose", "0", "--report", str(page)]
+    assert main([*words, "--json"]) == 0
+    assert without_clock(json.loads(capsys.readouterr().out)) == without_clock(told)
+    text = page.read_text(encoding="utf-8")
+    assert text.count('alt="step ') == 2 * len(told["steps"])
+    assert len(text) < 5_000_000
+    (tmp_path / "file").write_text("")
+    assert main([*words[:-1], str(tmp_path / "file" / "plan.html")]) == 2
+    assert "--report" in capsys.readouterr().err
+
+
+def test_people_are_told_what_machines_are(
+    told: dict[str, Any], block: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["plan", str(block), "--cell", str(CELL), "--pose", "0"]) == 0
+    said = capsys.readouterr().out
+    for step in told["steps"]:
+        assert step["label"] in said
+    assert f"forecast {told['forecast_s']:.0f} s" in said
+
+
+def test_a_place_out_of_reach_is_the_cells_no(
+    block: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place = ["--pose", "0", "--at", "2000,0,0"]
+    assert main(["plan", str(block), "--cell", str(CELL), *place, "--json"]) == 1
+    out = capsys.readouterr()
+    body = json.loads(out.out)
+    assert body["steps"] == []
+    assert body["error"] in out.err
+    assert body["certificates"] == []  # of one pose only
+
+
+def test_without_a_pose_all_are_told_and_the_likeliest_with_a_plan_is_taken(
+    block: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def only_pose_two(part: Any, layout: Any, start: Any, **more: Any) -> Any:
+        if start.pose_index != 2:
+            raise NotGraspableError(f"pose {start.pose_index} is not to be had")
+        return plan_from(part, layout, start, **more)
+
+    monkeypatch.setattr(plans, "plan_from", only_pose_two)
+    monkeypatch.setattr(certificates, "plan_from", only_pose_two)
+    monkeypatch.setattr(certificates, "TURNS_N", 1)
+    words = ["plan", str(block), "--cell", str(CELL), "--at", "350,10,5"]
+    assert main([*words, "--json"]) == 0
+    body = json.loads(capsys.readouterr().out)
+    assert body["pose"] == 2
+    assert [c["pose"] for c in body["certificates"]] == list(range(6))  # a block lies on 6 sides
+    assert [c["planned"] for c in body["certificates"]] == [i == 2 for i in range(6)]
+    assert sum(c["probability"] for c in body["certificates"]) == pytest.approx(1.0, abs=0.02)
+    assert 0 < body["certificates"][2]["pickable"] <= 1
+    assert main(words) == 0
+    assert "pose 3 is not to be had" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(
+    ("more", "needed"),
+    [
+        (["--pose", "77"], "has poses 0, 1, 2"),
+        (["--at", "300,20"], "X,Y,THETA"),
+        (["--at", "a,b,c"], "X,Y,THETA"),
+        (["--at", "nan,0,0"], "X,Y,THETA"),
+        (["--cell", "nowhere.yaml"], "nowhere.yaml"),
+    ],
+)
+def test_a_wrong_option_is_answered_in_a_sentence(
+    more: list[str], needed: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["plan", str(HOLDER), "--cell", str(CELL), *more, "--json"]) == 2
+    out = capsys.readouterr()
+    assert out.out == ""
+    assert needed in out.err
+    assert len(out.err.strip().splitlines()) == 1
+
+
+def test_a_file_that_is_no_part_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "text.stl"
+    path.write_text("not a part")
+    assert main(["plan", str(path), "--cell", str(CELL)]) == 2
+    assert "text.stl" in capsys.readouterr().err
+    assert main(["plan", str(tmp_path / "none.stl"), "--cell", str(CELL)]) == 2
+    assert "none.stl" in capsys.readouterr().err
+
+
+def test_a_damaged_plan_is_not_believed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    shelf = Shelf(KeptPlan, "plan", 5)
+    kept = KeptPlan(3, np.eye(4), None, "no")
+    file = shelf.file("part", digest_of("key"))
+    shelf.save(file, kept)
+    found = shelf.load(file)
+    assert found is not None
+    assert (found.pose_index, found.reason) == (3, "no")
+    data = bytearray(file.read_bytes())
+    for place in (0, 40, len(data) - 1):
+        wrong = bytearray(data)
+        wrong[place] ^= 1
+        file.write_bytes(wrong)
+        assert shelf.load(file) is None
+    file.write_bytes(data[:20])
+    assert shelf.load(file) is None
+    for i in range(9):
+        shelf.save(shelf.file("part", digest_of(i)), kept)
+    assert len(list(file.parent.glob("*"))) == 5
+
+
+def test_a_key_tells_apart_all_that_decides_a_plan() -> None:
+    layout = build_layout(load_cell(CELL))
+    same = build_layout(load_cell(CELL))
+    assert digest_of(layout) == digest_of(same)
+    same.station_mm[1] += 1e-9
+    assert digest_of(layout) != digest_of(same)
+    assert digest_of("ab", "c") != digest_of("a", "bc")
+    assert digest_of((1, 2), 3) != digest_of((1,), 2, 3)
+    assert digest_of(1) != digest_of(1.0) != digest_of("1")
+    with pytest.raises(TypeError, match="object"):
+        digest_of(object())
