@@ -35,16 +35,16 @@ class GripRules:
     fine_step_mm: float = 1.0  # and to measure what is left
     seeds_n: int = 150  # of opposed planes, as many of other walls, as many again of inner walls
     spin_n: int = 12  # approaches round each
-    checked_n: int = 900  # most grips whose way in is checked on the exact triangles
-    fine_n: int = 200  # most grips that are measured finely and tried at wrong poses
+    enough_n: int = 500  # grips by coarse rays are enough; until then every candidate is tried
+    fine_n: int = 150  # most of them that are measured finely and tried at wrong poses
     wrong_n: int = 20  # wrong poses tried
-    keep_n: int = 150  # most grips of a jaw
-    picks_n: int = 24  # of them, from above for each way the part lies
+    keep_n: int = 120  # most grips of a jaw
+    picks_n: int = 20  # of them, from above for each way the part lies
 
     def coarse(self) -> GripRules:
         """Return the same demands with a quick, less thorough look: for a first plan."""
         return replace(
-            self, seeds_n=40, spin_n=8, checked_n=160, fine_n=48, wrong_n=10, keep_n=40, picks_n=8
+            self, seeds_n=60, spin_n=8, enough_n=100, fine_n=40, wrong_n=10, keep_n=40, picks_n=8
         )
 
 

@@ -10,12 +10,12 @@ from controller.cad import Solid
 
 from ..boxes import BoolArray
 from ..grip import GripRules
-from ..layout import FloatArray, Jaw
+from ..layout import FloatArray, IntArray, Jaw
 from ._seeds import Seeds, across, narrowest_inner, widest_inner
 
 SHALLOWER_MM = 7.0  # the second depth tried: tips stand out less far behind the seed
 TABLE_GAP_MM = 3.0  # from the tips to the far end of the part, where that is the table
-LOOK_N = 250  # surface points looked for in the way in
+LOOK_N = 200  # surface points looked for in the way in
 SLACK_MM = 0.5  # a surface point this far inside a box is in the way
 
 
@@ -27,7 +27,7 @@ class Candidates:
     gap: FloatArray
     inner: BoolArray
 
-    def take(self, rows: FloatArray) -> Candidates:
+    def take(self, rows: IntArray | BoolArray) -> Candidates:
         """Return some of them, by number or mask."""
         return Candidates(self.T[rows], self.gap[rows], self.inner[rows])
 
@@ -48,18 +48,16 @@ def candidates(
         seeds.gap <= jaw.max_mm - rules.jaw_reserve_mm,
     )
     hull = np.asarray(solid.mesh.convex_hull.vertices)
-    turn = np.arange(rules.spin_n) * 2 * np.pi / rules.spin_n
     poses, gaps, inner = [np.zeros((0, 4, 4))], [np.zeros(0)], [np.zeros(0, dtype=bool)]
+    round_axis: dict[bytes, tuple[FloatArray, FloatArray]] = {}
     for k in np.flatnonzero(able):
         middle, axis = seeds.middle[k], seeds.axis[k]
-        u, v = across(axis)
-        square = downs[np.abs(downs @ axis) < 0.02]
-        square = square - np.outer(square @ axis, axis)
-        square /= np.linalg.norm(square, axis=1, keepdims=True)
-        approach = np.outer(np.cos(turn), u) + np.outer(np.sin(turn), v)
-        fresh = np.abs(square @ approach.T).max(axis=1, initial=0.0) < 1 - 1e-6
-        approach = np.vstack([approach, square[fresh]])
-        ahead = ((hull - middle) @ approach.T).max(axis=0)
+        key = axis.tobytes()
+        if key not in round_axis:
+            approach = _approaches(axis, downs, rules.spin_n)
+            round_axis[key] = approach, (hull @ approach.T).max(axis=0)
+        approach, farthest = round_axis[key]
+        ahead = farthest - approach @ middle
         deep = np.repeat(jaw.pad_centre_mm, len(approach))
         # flat parts on the table: as deep as the tips get without touching it
         table = (ahead > TABLE_GAP_MM) & (ahead - TABLE_GAP_MM < jaw.pad_centre_mm)
@@ -68,12 +66,26 @@ def candidates(
         T = np.zeros((len(approach), 4, 4))
         T[:, 3, 3] = 1.0
         T[:, :3, 0], T[:, :3, 1] = approach, axis
-        T[:, :3, 2] = np.cross(approach, np.broadcast_to(axis, approach.shape))
+        T[:, 0, 2] = approach[:, 1] * axis[2] - approach[:, 2] * axis[1]
+        T[:, 1, 2] = approach[:, 2] * axis[0] - approach[:, 0] * axis[2]
+        T[:, 2, 2] = approach[:, 0] * axis[1] - approach[:, 1] * axis[0]
         T[:, :3, 3] = middle + approach * depth[:, None]
         poses.append(T)
         gaps.append(np.repeat(seeds.gap[k], len(T)))
         inner.append(np.repeat(seeds.inner[k], len(T)))
     return Candidates(np.concatenate(poses), np.concatenate(gaps), np.concatenate(inner))
+
+
+def _approaches(axis: FloatArray, downs: FloatArray, spin_n: int) -> FloatArray:
+    """Return unit vectors (n, 3) square to the axis: evenly round it, and straight down if so."""
+    turn = np.arange(spin_n) * 2 * np.pi / spin_n
+    u, v = across(axis)
+    square = downs[np.abs(downs @ axis) < 0.02]
+    square = square - np.outer(square @ axis, axis)
+    square /= np.linalg.norm(square, axis=1, keepdims=True)
+    even = np.outer(np.cos(turn), u) + np.outer(np.sin(turn), v)
+    fresh = (square @ even.T).max(axis=1, initial=0.0) < 1 - 1e-6
+    return np.vstack([even, square[fresh]])
 
 
 def axis_distance(T: FloatArray, centroid_mm: FloatArray, jaw: Jaw) -> FloatArray:
@@ -88,7 +100,7 @@ def way_seems_free(found: Candidates, seeds: Seeds, jaw: Jaw, rules: GripRules) 
     free = np.ones(len(found.T), dtype=bool)
     points = seeds.samples.points_mm
     points = points[:: max(1, len(points) // LOOK_N)].astype(np.float32)
-    for rows in np.array_split(np.arange(len(free)), max(1, len(free) // 1000)):
+    for rows in np.array_split(np.arange(len(free)), 1 + len(free) // 1000):
         R = found.T[rows, :3, :3].astype(np.float32)
         local = points @ R - np.einsum("ni,nij->nj", found.T[rows, :3, 3], R)[:, None].astype(
             np.float32

@@ -61,15 +61,27 @@ def clear_of_part(
     back = np.where(inner, 2 * (jaw.finger_thickness_mm + rules.compliance_mm), 0.0)
     shut = np.where(inner, opening - back, opening + 2 * rules.compliance_mm)
     T_body, half_body = stack([_swept(b, rules.approach_mm) for b in jaw.body])
+    length, thick = jaw.finger_length_mm, jaw.finger_thickness_mm
+    low, high = np.minimum(wide, shut), np.maximum(wide, shut)
+    # both fingers, open, along the way in; then each on its way to the part
+    centre = np.zeros((4, len(T), 3))
+    half = np.full((4, len(T), 3), jaw.finger_width_mm / 2)
+    centre[:2, :, 0], half[:2, :, 0] = (
+        -(length + rules.approach_mm) / 2,
+        (length + rules.approach_mm) / 2,
+    )
+    centre[2:, :, 0], half[2:, :, 0] = -length / 2, length / 2
+    half[:2, :, 1], half[2:, :, 1] = thick / 2, thick / 2 + (high - low) / 4
+    centre[0, :, 1] = wide / 2 + thick / 2
+    centre[2, :, 1] = (low + high) / 4 + thick / 2
+    centre[1::2, :, 1] = -centre[::2, :, 1]
+    fingers = np.repeat(T[None], 4, axis=0)
+    fingers[:, :, :3, 3] += np.einsum("nij,knj->kni", T[:, :3, :3], centre)
     clear = np.zeros(len(T), dtype=bool)
     for k, pose in enumerate(T):
-        low, high = sorted((float(wide[k]), float(shut[k])))
-        boxes = [
-            *jaw.fingers(float(wide[k]), behind_mm=rules.approach_mm),
-            *jaw.fingers(low, until_mm=high),
-        ]
-        T_box, half = stack(boxes)
-        clear[k] = not (part.touches(pose @ T_box, half) or part.touches(pose @ T_body, half_body))
+        clear[k] = not (
+            part.touches(fingers[:, k], half[:, k]) or part.touches(pose @ T_body, half_body)
+        )
     return clear
 
 

@@ -15,7 +15,7 @@ from controller.cad import RayCaster
 
 from ..boxes import BoolArray
 from ..grip import GripRules
-from ..layout import FloatArray, Jaw
+from ..layout import FloatArray, IntArray, Jaw
 
 SIDES = (1.0, -1.0)
 EDGES_N = 16  # directions in which the edge of a contact is looked for
@@ -39,7 +39,7 @@ class PadGrid:
     points: FloatArray
     area: FloatArray
     step_x: float
-    order: FloatArray
+    order: IntArray
 
     @classmethod
     def of(cls, jaw: Jaw, step_mm: float) -> PadGrid:
@@ -72,7 +72,7 @@ class Contacts:
     slope : (n,) larger of the two tangents between pad and mean wall normal
     height : (2, n, m) how far towards its pad the surface comes at each cell, -inf where there is
         none; the first touch is at the largest
-    gradient : (2, n, m, 2) of the height along the pad's two axes
+    gradient : (2, n, m, 2) of the height along the pad's two axes; (2, n, 0, 2) if not asked for
     touch : (2, n, m) which cells of the grid carry; first is the pad on +y
     """
 
@@ -92,7 +92,7 @@ class Contacts:
         """Return how far apart the contacts' centres are along the pads (n,) [mm]."""
         return np.asarray(np.linalg.norm(self.middle[0] - self.middle[1], axis=1))
 
-    def take(self, rows: FloatArray) -> Contacts:
+    def take(self, rows: IntArray) -> Contacts:
         """Return some of them, by number."""
         return Contacts(
             self.T[rows],
@@ -116,39 +116,40 @@ def close_pads(
     inner: BoolArray,
     grid: PadGrid,
     rules: GripRules,
-    clearance_mm: FloatArray | float | None = None,
+    slopes: bool = False,
 ) -> Contacts:
     """Move both pads straight on to the part, ray by ray.
 
     Parameters
     ----------
-    face_normals : (t, 3) of the mesh the caster casts on
+    face_normals : (t, 3) float32, of the mesh the caster casts on
     T : (n, 4, 4) tip poses in the part frame; the pads start symmetrically about them
     gap : (n,) between the surfaces expected to touch
     inner : (n,) the pads are the fingers' backs and move apart
-    clearance_mm : from where each pad starts to the wall expected; the rules' if None
+    slopes : work out the gradients too
     """
     n, m = len(T), len(grid.points)
     cone = np.cos(np.arctan(rules.friction))
     sense = np.where(inner, -1.0, 1.0)
-    start = gap / 2 + sense * (rules.clearance_mm if clearance_mm is None else clearance_mm)
-    start = np.maximum(start, 0.0)
+    start = np.maximum(gap / 2 + sense * rules.clearance_mm, 0.0)
     R, t = T[:, :3, :3], T[:, :3, 3]
-    plane = np.einsum("nij,mj->nmi", R[:, :, [0, 2]], grid.points) + t[:, None]
+    in_plane = R[:, :, [0, 2]]
+    # as the ray caster takes them; a ray's place is good to a hundredth of a micrometre so
+    plane = np.float32(grid.points @ in_plane.transpose(0, 2, 1) + t[:, None])
     axis = R[:, :, 1]
     middles, radii, areas, normals, touches = [], [], [], [], []
     heights, gradients = [], []
     reached = np.zeros((2, n))
     touched = np.ones(n, dtype=bool)
     for k, side in enumerate(SIDES):
-        origin = plane + (axis * (side * start)[:, None])[:, None]
-        inward = axis * (-side * sense)[:, None]
+        origin = plane + np.float32(axis * (side * start)[:, None])[:, None]
+        inward = np.float32(axis * (-side * sense)[:, None])
         rays = np.repeat(inward, m, axis=0)
         triangle, distance = caster.first_hit(origin.reshape(-1, 3), rays)
         normal = face_normals[triangle].reshape(n, m, 3)
         facing = np.matmul(normal, inward[:, :, None])[:, :, 0]
         distance = distance.reshape(n, m)
-        touched &= ~np.any((triangle.reshape(n, m) >= 0) & (facing > 0), axis=1)
+        touched &= ~np.any((facing > 0) & np.isfinite(distance), axis=1)
         first = distance.min(axis=1)
         touched &= np.isfinite(first)
         first = np.where(np.isfinite(first), first, 0.0)
@@ -157,19 +158,17 @@ def close_pads(
         area = weight.sum(axis=1)
         share = weight / np.maximum(area, 1e-9)[:, None]
         middle = share @ grid.points
-        off = np.hypot(
-            grid.points[:, 0] - middle[:, :1],
-            grid.points[:, 1] - middle[:, 1:],
-        )
+        off = np.hypot(grid.points[:, 0] - middle[:, :1], grid.points[:, 1] - middle[:, 1:])
         reached[k] = start - sense * first
         middles.append(middle)
         radii.append((off * share).sum(axis=1))
         areas.append(area)
-        normals.append(np.matmul(share[:, None], normal)[:, 0])
+        normals.append(np.matmul(np.float32(share[:, None]), normal)[:, 0])
         touches.append(carries)
         heights.append((sense * start)[:, None] - distance)
-        steep = np.minimum(facing, -LEAST_FACING)[:, :, None]
-        gradients.append(np.matmul(normal, R[:, :, [0, 2]]) / steep)
+        if slopes:
+            steep = np.minimum(facing, -LEAST_FACING)[:, :, None]
+            gradients.append(np.matmul(normal, np.float32(in_plane)) / steep)
     shift = (reached[0] - reached[1]) / 2
     T = T.copy()
     T[:, :3, 3] += axis * shift[:, None]
@@ -182,7 +181,7 @@ def close_pads(
         radius=(radii[0] + radii[1]) / 2,
         slope=np.maximum(_slope(normals[0], axis), _slope(normals[1], axis)),
         height=np.stack(heights),
-        gradient=np.stack(gradients),
+        gradient=np.stack(gradients) if slopes else np.zeros((2, n, 0, 2)),
         touch=np.stack(touches),
     )
 

@@ -6,24 +6,19 @@ turned by what the walls' normals ask, and judged as any grip is (planning.md 2.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from scipy.spatial.transform import Rotation
-
-from controller.cad import RayCaster
 
 from ..boxes import BoolArray
 from ..grip import GripRules
 from ..layout import FloatArray, Jaw
-from ._pads import Contacts, PadGrid, close_pads
+from ._judge import Judge
+from ._pads import Contacts, PadGrid
 
 COARSE_STEP_MM = 4.0  # of the first closing, which only tells how the part will turn
 MOST_TURN_RAD = float(np.radians(5.0))  # pads turn a part by little more than its pose was wrong
 TURNS_N = 2  # turns tried: flat walls need one, a bore against its rim two
-LATTICES_N = 4
-
-Holds = Callable[[Contacts, FloatArray], BoolArray]
+LATTICES_N = 3
 
 
 def wrong_poses(rules: GripRules) -> FloatArray:
@@ -43,24 +38,13 @@ def wrong_poses(rules: GripRules) -> FloatArray:
     return T
 
 
-def margins(
-    caster: RayCaster,
-    face_normals: FloatArray,
-    found: Contacts,
-    inner: BoolArray,
-    centroid_mm: FloatArray,
-    jaw: Jaw,
-    grid: PadGrid,
-    rules: GripRules,
-    holds: Holds,
-) -> FloatArray:
+def margins(judge: Judge, found: Contacts, inner: BoolArray) -> FloatArray:
     """Return for each grip the share of wrong poses in which it holds (n,).
 
-    Parameters
-    ----------
-    centroid_mm : (3,) point the part is turned about: where its pose is measured
-    holds : tells of contacts, and which grip each is of, which hold
+    The part is turned about its centre of mass, by which its pose is measured. Of the contact a
+    little more than half is enough: what the pads touch on the edge of a wrong pose still holds.
     """
+    rules, jaw, centroid_mm = judge.rules, judge.jaw, judge.solid.centroid_mm
     wrong = wrong_poses(rules)
     n, k = len(found.T), len(wrong)
     if n == 0 or k == 0:
@@ -75,12 +59,14 @@ def margins(
     rows, look = np.arange(n * k), PadGrid.of(jaw, COARSE_STEP_MM)
     for closing in range(1 + TURNS_N):
         at = which[rows]
-        touched = close_pads(caster, face_normals, T, found.opening[at], inner[at], look, rules)
+        touched = judge.close(T, found.opening[at], inner[at], look, slopes=closing < TURNS_N)
         if closing:
-            held[rows] = holds(touched, at)
+            held[rows] = judge.holds(touched, inner[at], rules.least_contact_mm2)
+        if closing == TURNS_N:
+            break
         open_ = np.flatnonzero(touched.touched & ~held[rows])
         T = laid_flat(touched.take(open_), inner[at[open_]], jaw, look)
-        rows, look = rows[open_], grid
+        rows, look = rows[open_], judge.coarse
     return np.asarray(held.reshape(n, k).mean(axis=1))
 
 

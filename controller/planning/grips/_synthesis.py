@@ -16,40 +16,26 @@ from controller.cad import RayCaster, Solid
 from ..boxes import BoolArray
 from ..errors import NotGraspableError
 from ..grip import Grip, GripRules, Holder
-from ..layout import FloatArray, Jaw
-from ._candidates import axis_distance, candidates, open_gap, pre_open, way_seems_free
+from ..layout import FloatArray, IntArray, Jaw
+from ._candidates import (
+    Candidates,
+    axis_distance,
+    candidates,
+    open_gap,
+    pre_open,
+    way_seems_free,
+)
 from ._clearance import PartTriangles, clear_of_part, lifts_off_table
-from ._pads import Contacts, PadGrid, close_pads
+from ._judge import Judge, Stage, closed, score_of
+from ._pads import Contacts
 from ._robust import margins
-from ._seeds import Seeds, needed_friction, widest_inner
+from ._seeds import Seeds, needed_friction
 from ._select import cover
-from ._strength import GRAVITY_N_PER_KG, least_load, loads
+from ._strength import least_load
 
-FULL_CONTACT_MM2 = 120.0  # more contact does not make a grip surer
-NO_OFFSET_MM = 12.0  # contacts this far apart leave nothing of a grip's score
 SORTING_SHARE = 0.8  # of the contact asked for, that coarse rays must find
-
-
-@dataclass(frozen=True, slots=True)
-class Stage:
-    """What one stage left: how many grips, and the best value it saw of what it asks for.
-
-    `best` and `limit` are nan for a stage that asks for no number.
-    """
-
-    name: str
-    left: int
-    best: float = float("nan")
-    limit: float = float("nan")
-    unit: str = ""
-
-    @property
-    def phrase(self) -> str:
-        """How people read it."""
-        if not np.isfinite(self.limit):
-            return f"{self.name} {self.left}"
-        best = f"best {self.best:.3g}" if np.isfinite(self.best) else "none came near"
-        return f"{self.name} {self.left} ({best}, {self.limit:.3g}{self.unit} asked)"
+BATCH_N = 400
+GOLDEN = 0.6180339887498949
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +86,7 @@ def _refusal(
     """Say which stage left no grip, with the number that fails."""
     last = next(s for s in stages if s.left == 0)
     name = f"{solid.name}: the {holder} cannot hold it"
-    if last.name == "tried":
+    if last.name == "hands round seeds":
         need, width = needed_friction(solid, seeds, caster)
         have = float(np.degrees(np.arctan(rules.friction)))
         widest = jaw.max_mm - rules.jaw_reserve_mm
@@ -128,10 +114,11 @@ def judge_grips(
     gravities: Sequence[FloatArray] | None = None,
 ) -> Synthesis:
     """Return what `synthesise_grips` does, and the tally of every stage; none is no error."""
-    judge = _Judge(solid, caster, jaw, rules, gravities)
+    judge = Judge(solid, caster, jaw, rules, gravities)
+    # only the arm takes parts from the table
+    tables = downs if holder == "arm" else downs[:0]
     tried = candidates(solid, seeds, jaw, downs, rules)
-    stages = [Stage("tried", len(tried.T))]
-
+    judge.tally.count("hands round seeds", len(tried.T))
     bound = least_load(
         axis_distance(tried.T, solid.centroid_mm, jaw),
         judge.weight_n,
@@ -139,58 +126,18 @@ def judge_grips(
         judge.coarse,
         rules,
     )
-    able = bound <= rules.max_load
-    best = bound.min(initial=np.inf)
-    tried = tried.take(able)
-    stages.append(
-        Stage("with a short enough lever", len(tried.T), best, rules.max_load, " of the limit")
+    tried = tried.take(
+        judge.tally.ask(
+            "short enough lever", bound, rules.max_load, " of the friction limit", most=True
+        )
     )
-    free = way_seems_free(tried, seeds, jaw, rules)
-    tried = tried.take(free)
-    stages.append(Stage("with a way in", len(tried.T)))
-
-    found = close_pads(
-        caster, judge.face_normals, tried.T, tried.gap, tried.inner, judge.coarse, rules
-    )
-    rows = judge.sorted_out(stages, found, tried.inner, judge.coarse, SORTING_SHARE)
-    found, inner = found.take(rows), tried.inner[rows]
-
-    # only the arm takes parts from the table
-    picks = _picks(solid, found, inner, jaw, downs if holder == "arm" else downs[:0], rules)
-    rows = cover(found.T, _score(found), picks, rules.checked_n, rules.checked_n // 8)
-    found, inner = found.take(rows), inner[rows]
-    clear = clear_of_part(PartTriangles(solid), found.T, found.opening, inner, jaw, rules)
-    found, inner, picks = found.take(np.flatnonzero(clear)), inner[clear], picks[:, rows][:, clear]
-    stages.append(Stage("clear of the part", len(found.T)))
-
-    rows = cover(found.T, _score(found), picks, rules.fine_n, 2 * rules.picks_n)
-    found, inner, picks = found.take(rows), inner[rows], picks[:, rows]
-    found = close_pads(caster, judge.face_normals, found.T, found.opening, inner, judge.fine, rules)
-    rows = judge.sorted_out(stages, found, inner, judge.fine, 1.0, "measured finely")
-    found, inner, picks = found.take(rows), inner[rows], picks[:, rows]
+    able, score = _sorted_out(judge, tried, seeds, _picks(solid, tried, jaw, tables, rules))
+    picks = _picks(solid, able, jaw, tables, rules)
+    rows = np.array(cover(able.T, score, picks, rules.fine_n, 2 * rules.picks_n), dtype=np.int64)
+    found, margin, inner = _measured(judge, able.take(rows))
+    picks = _picks(solid, Candidates(found.T, found.opening, inner), jaw, tables, rules)
     load = judge.load(found, inner, judge.fine)
-    margin = margins(
-        caster,
-        judge.face_normals,
-        found,
-        inner,
-        solid.centroid_mm,
-        jaw,
-        judge.coarse,
-        rules,
-        lambda contacts, which: judge.holds(
-            contacts, inner[which], judge.coarse, rules.least_contact_mm2
-        ),
-    )
-    sure = np.flatnonzero(margin >= rules.min_margin - 1e-9)
-    stages.append(
-        Stage("sure of a wrong pose", len(sure), margin.max(initial=0.0), rules.min_margin)
-    )
-    score = _score(found) * (1.0 - load) * margin
-    kept = [
-        int(sure[k])
-        for k in cover(found.T[sure], score[sure], picks[:, sure], rules.keep_n, rules.picks_n)
-    ]
+    score = score_of(found) * (1.0 - load) * margin
     wide = pre_open(found.opening, inner, jaw, rules)
     grips = tuple(
         Grip(
@@ -205,109 +152,85 @@ def judge_grips(
             margin=float(margin[k]),
             is_inner=bool(inner[k]),
         )
-        for number, k in enumerate(kept)
+        for number, k in enumerate(cover(found.T, score, picks, rules.keep_n, rules.picks_n))
     )
-    return Synthesis(grips, (*stages, Stage("chosen", len(grips))))
+    return Synthesis(grips, judge.tally.stages)
 
 
-class _Judge:
-    """What all stages ask of one part in one jaw."""
+def _sorted_out(
+    judge: Judge, tried: Candidates, seeds: Seeds, picks: BoolArray
+) -> tuple[Candidates, FloatArray]:
+    """Return the candidates that hold by coarse rays and come in clear of the part; their scores.
 
-    def __init__(
-        self,
-        solid: Solid,
-        caster: RayCaster,
-        jaw: Jaw,
-        rules: GripRules,
-        gravities: Sequence[FloatArray] | None,
-    ) -> None:
-        self.solid, self.caster, self.jaw, self.rules = solid, caster, jaw, rules
-        self.gravities = gravities
-        self.face_normals = np.asarray(solid.mesh.face_normals)
-        self.weight_n = solid.volume_mm3 * rules.density_kg_mm3 * GRAVITY_N_PER_KG
-        self.coarse = PadGrid.of(jaw, rules.ray_step_mm)
-        self.fine = PadGrid.of(jaw, rules.fine_step_mm)
+    In batches that take from every pose's picks and from all in turn, until there are `enough_n`:
+    a part that is easy to hold is done soon, a hard one is looked at to the last candidate.
+    """
+    rules, jaw = judge.rules, judge.jaw
+    order = _in_turn([*picks, np.ones(len(tried.T), dtype=bool)])
+    part = PartTriangles(judge.solid)
+    kept, scores, count = [tried.take(order[:0])], [np.zeros(0)], 0
+    for rows in (order[k : k + BATCH_N] for k in range(0, len(order), BATCH_N)):
+        batch = tried.take(rows)
+        judge.tally.count("tried", len(rows))
+        batch = batch.take(way_seems_free(batch, seeds, jaw, rules))
+        judge.tally.count("way in seems free", len(batch.T))
+        found = judge.close(batch.T, batch.gap, batch.inner, judge.coarse)
+        good = judge.sort_out(found, batch.inner, judge.coarse, SORTING_SHARE)
+        shut = closed(batch, found, good)
+        clear = clear_of_part(part, shut.T, shut.gap, shut.inner, jaw, rules)
+        judge.tally.count("clear of the part", int(clear.sum()))
+        kept.append(shut.take(clear))
+        scores.append(score_of(found)[good][clear])
+        count += int(clear.sum())
+        if count >= rules.enough_n:
+            break
+    return (
+        Candidates(
+            np.concatenate([k.T for k in kept]),
+            np.concatenate([k.gap for k in kept]),
+            np.concatenate([k.inner for k in kept]),
+        ),
+        np.concatenate(scores),
+    )
 
-    def load(self, found: Contacts, inner: BoolArray, grid: PadGrid) -> FloatArray:
-        return loads(
-            found,
-            grid,
-            self.solid.centroid_mm,
-            self.weight_n,
-            self.jaw.force_n,
-            inner,
-            self.rules,
-            self.gravities,
-        )
 
-    def in_width(self, found: Contacts, inner: BoolArray) -> BoolArray:
-        jaw, rules = self.jaw, self.rules
-        low = np.where(inner, 2 * jaw.finger_thickness_mm + 2 * rules.bore_clearance_mm, 1.0)
-        high = np.where(inner, widest_inner(jaw), jaw.max_mm - rules.jaw_reserve_mm)
-        return np.asarray(found.touched & (found.opening >= low) & (found.opening <= high))
+def _in_turn(groups: Sequence[BoolArray]) -> IntArray:
+    """Return all numbers once, taken from each group in turn; within a group from all over it."""
+    ranked = []
+    for group in groups:
+        members = np.flatnonzero(group)
+        if len(members):
+            # multiples of the golden section leave no stretch of the members out for long
+            spot = np.argsort((np.arange(len(members)) * GOLDEN) % 1.0, kind="stable")
+            rank = np.empty(len(members), dtype=np.int64)
+            rank[spot] = np.arange(len(members))
+            ranked.append(np.column_stack([rank, np.full(len(members), len(ranked)), members]))
+    if not ranked:
+        return np.zeros(0, dtype=np.int64)
+    table = np.vstack(ranked)
+    members = table[np.lexsort((table[:, 1], table[:, 0])), 2]
+    _, first = np.unique(members, return_index=True)
+    return np.asarray(members[np.sort(first)])
 
-    def holds(
-        self, found: Contacts, inner: BoolArray, grid: PadGrid, contact_mm2: float
-    ) -> BoolArray:
-        """Tell which contacts are good for every rule (n,)."""
-        good = self.in_width(found, inner) & (found.area >= contact_mm2)
-        good &= found.offset <= self.rules.max_offset_mm
-        rows = np.flatnonzero(good)
-        good[rows] = self.load(found.take(rows), inner[rows], grid) <= self.rules.max_load
-        return np.asarray(good)
 
-    def sorted_out(
-        self,
-        stages: list[Stage],
-        found: Contacts,
-        inner: BoolArray,
-        grid: PadGrid,
-        share: float,
-        prefix: str = "",
-    ) -> FloatArray:
-        """Return the numbers of the grips that hold, and tell the stages what each rule left."""
-        rules = self.rules
-        rows = np.flatnonzero(self.in_width(found, inner))
-        name = f"{prefix}: " if prefix else ""
-        if not prefix:
-            stages.append(Stage("touched by both pads", len(rows)))
-        area = found.area[rows]
-        least = share * rules.min_contact_mm2
-        best = area.max(initial=0.0)
-        rows = rows[area >= least]
-        stages.append(Stage(f"{name}enough contact", len(rows), best, least, " mm2"))
-        offset = found.offset[rows]
-        best = offset.min(initial=np.inf)
-        rows = rows[offset <= rules.max_offset_mm]
-        stages.append(
-            Stage(
-                f"{name}contacts opposite each other", len(rows), best, rules.max_offset_mm, " mm"
-            )
-        )
-        load = self.load(found.take(rows), inner[rows], grid)
-        best = load.min(initial=np.inf)
-        rows = rows[load <= rules.max_load]
-        stages.append(
-            Stage(f"{name}strong enough", len(rows), best, rules.max_load, " of the limit")
-        )
-        return rows
+def _measured(judge: Judge, able: Candidates) -> tuple[Contacts, FloatArray, BoolArray]:
+    """Return what holds by fine rays and at wrong poses, the margins, and which are inner."""
+    rules = judge.rules
+    found = judge.close(able.T, able.gap, able.inner, judge.fine)
+    rows = judge.sort_out(found, able.inner, judge.fine, 1.0, "measured finely: ")
+    found, inner = found.take(rows), able.inner[rows]
+    margin = margins(judge, found, inner)
+    sure = np.flatnonzero(
+        judge.tally.ask("sure of a wrong pose", margin, rules.min_margin, " of the poses")
+    )
+    return found.take(sure), margin[sure], inner[sure]
 
 
 def _picks(
-    solid: Solid,
-    found: Contacts,
-    inner: BoolArray,
-    jaw: Jaw,
-    downs: FloatArray,
-    rules: GripRules,
+    solid: Solid, hands: Candidates, jaw: Jaw, downs: FloatArray, rules: GripRules
 ) -> BoolArray:
-    """Tell for each way the part lies which grips take it from above (k, n)."""
+    """Tell for each way the part lies which hands take it from above (k, n)."""
     hull = np.asarray(solid.mesh.convex_hull.vertices)
-    wide = open_gap(found.opening, inner, jaw, rules)
-    picks = [lifts_off_table(found.T, wide, jaw, hull, down) for down in downs]
-    return np.array(picks, dtype=bool).reshape(len(downs), len(found.T))
-
-
-def _score(found: Contacts) -> FloatArray:
-    area = np.minimum(1.0, found.area / FULL_CONTACT_MM2)
-    return np.asarray(area * np.maximum(0.05, 1.0 - found.offset / NO_OFFSET_MM))
+    wide = open_gap(hands.gap, hands.inner, jaw, rules)
+    picks = [lifts_off_table(hands.T, wide, jaw, hull, down) for down in downs]
+    return np.array(picks, dtype=bool).reshape(len(downs), len(hands.T))

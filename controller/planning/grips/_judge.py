@@ -1,0 +1,165 @@
+"""What each stage of the synthesis asks of a part in a jaw, and the tally of what each left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.cad import RayCaster, Solid
+
+from ..boxes import BoolArray
+from ..grip import GripRules
+from ..layout import FloatArray, IntArray, Jaw
+from ._candidates import Candidates
+from ._pads import Contacts, PadGrid, close_pads
+from ._seeds import narrowest_inner, widest_inner
+from ._strength import GRAVITY_N_PER_KG, loads
+
+FULL_CONTACT_MM2 = 120.0  # more contact does not make a grip surer
+NO_OFFSET_MM = 12.0  # contacts this far apart leave nothing of a grip's score
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """What one demand left: how many grips, and the best value it saw of what it asks for.
+
+    `best` and `limit` are nan for a demand without a number.
+    """
+
+    name: str
+    left: int
+    best: float = float("nan")
+    limit: float = float("nan")
+    unit: str = ""
+
+    @property
+    def phrase(self) -> str:
+        """How people read it."""
+        if not np.isfinite(self.limit):
+            return f"{self.name} {self.left}"
+        best = f"best {self.best:.3g}" if np.isfinite(self.best) else "none came so far"
+        return f"{self.name} {self.left} ({best}, {self.limit:.3g}{self.unit} asked)"
+
+
+class Tally:
+    """Stages in the order first asked, added up over batches."""
+
+    def __init__(self) -> None:
+        self._stages: dict[str, Stage] = {}
+
+    def count(self, name: str, left: int) -> None:
+        """Add to a demand without a number."""
+        before = self._stages.get(name)
+        self._stages[name] = Stage(name, left + (before.left if before else 0))
+
+    def ask(
+        self, name: str, values: FloatArray, limit: float, unit: str = "", *, most: bool = False
+    ) -> BoolArray:
+        """Tell which values reach the limit (`most`: do not pass it), and remember the best."""
+        good = values <= limit + 1e-9 if most else values >= limit - 1e-9
+        before = self._stages.get(name, Stage(name, 0))
+        best = values.min(initial=np.inf) if most else values.max(initial=-np.inf)
+        if np.isfinite(before.best):
+            best = min(best, before.best) if most else max(best, before.best)
+        self._stages[name] = Stage(name, before.left + int(good.sum()), float(best), limit, unit)
+        return np.asarray(good)
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """All of them."""
+        return tuple(self._stages.values())
+
+
+class Judge:
+    """One part, one jaw, one set of rules."""
+
+    def __init__(
+        self,
+        solid: Solid,
+        caster: RayCaster,
+        jaw: Jaw,
+        rules: GripRules,
+        gravities: Sequence[FloatArray] | None,
+    ) -> None:
+        self.solid, self.caster, self.jaw, self.rules = solid, caster, jaw, rules
+        self.gravities = gravities
+        self.tally = Tally()
+        self.face_normals = np.asarray(solid.mesh.face_normals, dtype=np.float32)
+        self.weight_n = solid.volume_mm3 * rules.density_kg_mm3 * GRAVITY_N_PER_KG
+        self.coarse = PadGrid.of(jaw, rules.ray_step_mm)
+        self.fine = PadGrid.of(jaw, rules.fine_step_mm)
+
+    def close(
+        self, T: FloatArray, gap: FloatArray, inner: BoolArray, grid: PadGrid, slopes: bool = False
+    ) -> Contacts:
+        """Return what the pads touch, as `close_pads`."""
+        return close_pads(self.caster, self.face_normals, T, gap, inner, grid, self.rules, slopes)
+
+    def load(self, found: Contacts, inner: BoolArray, grid: PadGrid) -> FloatArray:
+        """Return the share of each grip's strength that the weight uses (n,)."""
+        return loads(
+            found,
+            grid,
+            self.solid.centroid_mm,
+            self.weight_n,
+            self.jaw.force_n,
+            inner,
+            self.rules,
+            self.gravities,
+        )
+
+    def in_width(self, found: Contacts, inner: BoolArray) -> BoolArray:
+        """Tell which were touched by both pads within what the jaw opens to (n,)."""
+        low = np.where(inner, narrowest_inner(self.jaw, self.rules), 1.0)
+        high = np.where(inner, widest_inner(self.jaw), self.jaw.max_mm - self.rules.jaw_reserve_mm)
+        return np.asarray(found.touched & (found.opening >= low) & (found.opening <= high))
+
+    def holds(self, found: Contacts, inner: BoolArray, contact_mm2: float) -> BoolArray:
+        """Tell which contacts, seen by the coarse grid, are good for every rule (n,)."""
+        good = self.in_width(found, inner) & (found.area >= contact_mm2)
+        good &= found.offset <= self.rules.max_offset_mm
+        rows = np.flatnonzero(good)
+        load = self.load(found.take(rows), inner[rows], self.coarse)
+        good[rows] = load <= self.rules.max_load
+        return np.asarray(good)
+
+    def sort_out(
+        self, found: Contacts, inner: BoolArray, grid: PadGrid, share: float, prefix: str = ""
+    ) -> IntArray:
+        """Return the numbers of the grips that hold, and tell the tally what each demand left.
+
+        `share` of the contact asked for is enough: a coarse grid may miss some.
+        """
+        rules, tally = self.rules, self.tally
+        rows = np.flatnonzero(self.in_width(found, inner))
+        tally.count(f"{prefix}touched by both pads", len(rows))
+        good = tally.ask(
+            f"{prefix}enough contact", found.area[rows], share * rules.min_contact_mm2, " mm2"
+        )
+        rows = rows[good]
+        good = tally.ask(
+            f"{prefix}contacts opposite",
+            found.offset[rows],
+            rules.max_offset_mm,
+            " mm apart",
+            most=True,
+        )
+        rows = rows[good]
+        load = self.load(found.take(rows), inner[rows], grid)
+        good = tally.ask(
+            f"{prefix}strong enough", load, rules.max_load, " of the friction limit", most=True
+        )
+        return np.asarray(rows[good])
+
+
+def score_of(found: Contacts) -> FloatArray:
+    """Return how sure each grip is, by contact and offset alone (n,), 0..1."""
+    area = np.minimum(1.0, found.area / FULL_CONTACT_MM2)
+    return np.asarray(area * np.maximum(0.05, 1.0 - found.offset / NO_OFFSET_MM))
+
+
+def closed(tried: Candidates, found: Contacts, rows: IntArray) -> Candidates:
+    """Return some of the candidates as they are once closed."""
+    return Candidates(found.T[rows], found.opening[rows], tried.inner[rows])
