@@ -1,0 +1,194 @@
+"""Where nothing may stand: over the glowing table, in a camera's sight, over a tray, in the arm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from shapely import MultiPoint, Polygon, box
+
+from ..boxes import lowest_z, overlap, segments_hit
+from ..layout import Box, CellLayout, FloatArray
+from ._site import Fellows, standoff_mm
+
+TRAY_GAP_MM = 20.0
+COLUMN_GAP_MM = 20.0
+GAP_MM = 5.0  # between things bolted down
+ABOVE_TABLE_MM = 0.0
+SIGHT_STEPS_N = 5  # points a side of what a camera has to see
+BEYOND = (
+    1.45  # of the standoff: how deep behind the camera the picture stays free, the panel's place
+)
+_CORNERS = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+
+
+def glowing_area(layout: CellLayout) -> FloatArray:
+    """Return what the overhead camera sees of the table, as rows x and y (2, 2), low and high."""
+    camera = layout.overhead
+    width, height = camera.size_px
+    corners = np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], float)
+    rays = camera.sight_lines(corners)
+    on_table = camera.position_mm + rays * (-camera.position_mm[2] / rays[:, 2:])
+    # the rectangle inside the quadrilateral: a lens bends its sides by a few pixels
+    xs, ys = np.sort(on_table[:, 0]), np.sort(on_table[:, 1])
+    return np.array([[xs[1], xs[2]], [ys[1], ys[2]]])
+
+
+def standing_boxes(
+    layout: CellLayout, fellows: Fellows
+) -> tuple[list[tuple[str, Box]], list[tuple[str, Box]]]:
+    """Return named world boxes: what goes down to the table (camera, panel, post), and the jaws."""
+    posts = [(n, layout.obstacles[n]) for n in (*fellows.camera, *fellows.fixture)]
+    hanging: list[tuple[str, Box]] = []
+    if (jaw := layout.fixture) is not None:
+        T = layout.T_world_fixture
+        hanging = [("fixture", b.placed(T)) for b in (*jaw.body, *jaw.fingers(jaw.max_mm))]
+    return posts, hanging
+
+
+def why_not_here(
+    layout: CellLayout,
+    fellows: Fellows,
+    keep_free_mm: FloatArray | None = None,
+    look: bool = True,
+) -> str | None:
+    """Return what forbids camera and fixture of this layout where they stand, None if nothing.
+
+    Parameters
+    ----------
+    keep_free_mm : (2, 2) rows x and y of the table's glowing area; what the overhead camera sees
+        of the table if None
+    look : whether the inspection camera's picture counts
+    """
+    area = glowing_area(layout) if keep_free_mm is None else np.asarray(keep_free_mm, float)
+    posts, hanging = standing_boxes(layout, fellows)
+    for check in (_on_the_table, _against_the_arm, _against_each_other):
+        if (why := check(layout, fellows, posts, hanging)) is not None:
+            return why
+    if (why := _over_what_is_kept_free(layout, area, posts, hanging)) is not None:
+        return why
+    if (why := _over_the_table(layout, area, posts, hanging)) is not None:
+        return why
+    return _in_the_picture(layout, fellows, hanging) if look else None
+
+
+def _on_the_table(
+    layout: CellLayout,
+    fellows: Fellows,
+    posts: Sequence[tuple[str, Box]],
+    hanging: Sequence[tuple[str, Box]],
+) -> str | None:
+    for name, b in (*posts, *hanging):
+        low = float(lowest_z(b.T, b.half_mm))
+        if low < ABOVE_TABLE_MM - 1e-6:
+            return f"{name} would reach {-low:.0f} mm below the table"
+    return None
+
+
+def _against_the_arm(
+    layout: CellLayout,
+    fellows: Fellows,
+    posts: Sequence[tuple[str, Box]],
+    hanging: Sequence[tuple[str, Box]],
+) -> str | None:
+    carriage = layout.carriage
+    reach = np.abs(carriage.T[:3, :3]) @ carriage.half_mm
+    low, high = carriage.T[:3, 3] - reach, carriage.T[:3, 3] + reach
+    travel = Box.from_bounds(
+        low[0], high[0], low[1], high[1], 0.0, layout.arm.wrist_height_mm + high[2]
+    ).placed(layout.T_world_arm)
+    for name, b in (*posts, *hanging):
+        for what, fixed in (("column", layout.column), ("carriage's travel", travel)):
+            if _touch(b, fixed, COLUMN_GAP_MM):
+                return f"{name} would stand in the arm's {what}"
+    return None
+
+
+def _against_each_other(
+    layout: CellLayout,
+    fellows: Fellows,
+    posts: Sequence[tuple[str, Box]],
+    hanging: Sequence[tuple[str, Box]],
+) -> str | None:
+    of_camera = [(n, b) for n, b in posts if n in fellows.camera]
+    of_fixture = [(n, b) for n, b in posts if n in fellows.fixture] + list(hanging)
+    others = [
+        (n, b)
+        for n, b in layout.obstacles.items()
+        if n not in fellows.camera and n not in fellows.fixture
+    ]
+    for group, rest in ((of_camera, [*of_fixture, *others]), (of_fixture, others)):
+        for name, a in group:
+            for other, b in rest:
+                if _touch(a, b, GAP_MM):
+                    return f"{name} and {other} would touch"
+    return None
+
+
+def _over_what_is_kept_free(
+    layout: CellLayout,
+    area: FloatArray,
+    posts: Sequence[tuple[str, Box]],
+    hanging: Sequence[tuple[str, Box]],
+) -> str | None:
+    glowing = box(area[0, 0], area[1, 0], area[0, 1], area[1, 1])
+    for name, b in posts:
+        if _shadow(b).intersects(glowing):
+            return f"{name} would stand over the glowing table"
+    for tray_name, tray in layout.trays.items():
+        (x, y), (w, h) = tray.centre_mm, tray.size_mm
+        w, h = w / 2 + TRAY_GAP_MM, h / 2 + TRAY_GAP_MM
+        ground = box(x - w, y - h, x + w, y + h)
+        for name, b in (*posts, *hanging):
+            if _shadow(b).intersects(ground):
+                return f"{name} would stand over the tray {tray_name}"
+    return None
+
+
+def _over_the_table(
+    layout: CellLayout,
+    area: FloatArray,
+    posts: Sequence[tuple[str, Box]],
+    hanging: Sequence[tuple[str, Box]],
+) -> str | None:
+    share = np.linspace(0.0, 1.0, SIGHT_STEPS_N)
+    on_table = np.array(
+        [
+            [area[0, 0] + a * (area[0, 1] - area[0, 0]), area[1, 0] + b * np.ptp(area[1]), 0.5]
+            for a in share
+            for b in share
+        ]
+    )
+    eye = layout.overhead.position_mm
+    for name, b in (*posts, *hanging):
+        if segments_hit(on_table, eye, [b], GAP_MM).any():
+            return f"{name} would hide part of the table from the overhead camera"
+    return None
+
+
+def _in_the_picture(
+    layout: CellLayout, fellows: Fellows, hanging: Sequence[tuple[str, Box]]
+) -> str | None:
+    share = np.linspace(0.0, 1.0, SIGHT_STEPS_N)
+    camera = layout.inspection
+    width, height = camera.size_px
+    pixels = np.array([[a * (width - 1), b * (height - 1)] for a in share for b in share])
+    ends = camera.position_mm + camera.sight_lines(pixels) * standoff_mm(layout) * BEYOND
+    fixed = [(n, b) for n, b in layout.obstacles.items() if n not in fellows.camera]
+    for name, b in (*fixed, *hanging, ("the arm's column", layout.column)):
+        if segments_hit(ends, camera.position_mm, [b], GAP_MM).any():
+            return f"{name} would stand in the inspection camera's picture"
+    return None
+
+
+def _touch(a: Box, b: Box, gap_mm: float) -> bool:
+    return bool(overlap(a.T[None], a.half_mm[None] + gap_mm, b.T[None], b.half_mm[None])[0])
+
+
+def _shadow(b: Box) -> Polygon:
+    """Return the outline of a box seen from above, widened by nothing."""
+    corners = (_CORNERS * b.half_mm) @ b.T[:3, :3].T + b.T[:3, 3]
+    return MultiPoint(corners[:, :2]).convex_hull
+
+
+__all__ = ["glowing_area", "standing_boxes", "why_not_here"]

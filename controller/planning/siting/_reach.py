@@ -1,0 +1,153 @@
+"""What the joints allow at a site, by closed-form kinematics alone: no collision, no motion.
+
+How the hand can turn at the station depends on the part only through where its centre of mass lies
+in the hand, so one table a site, over directions in the hand's frame, serves every grip of every
+part (planning.md 3.1). The exact form, grip by grip, follows for the sites worth it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.cad import inverse_pose
+
+from ..boxes import BoolArray
+from ..layout import CellLayout, FloatArray, IntArray
+from ..motion import inverse_rows
+from ._family import FamilyMember
+from ._site import Site, camera_frame, carried, standoff_mm
+
+HAND_DIRECTIONS_N = 200  # 7 degrees apart, half of what a view direction is from the next
+ROLLS_N = 12
+ENTRY_MM = 80.0  # straight way of the part into the fixture and of the hand away from it
+
+
+def sphere(count: int) -> FloatArray:
+    """Return evenly spread unit vectors (count, 3), the same ones each time."""
+    k = np.arange(count) + 0.5
+    polar, azimuth = np.arccos(1 - 2 * k / count), np.pi * (1 + 5**0.5) * k
+    ring = np.sin(polar)
+    return np.column_stack([np.cos(azimuth) * ring, np.sin(azimuth) * ring, np.cos(polar)])
+
+
+def _frames(vectors: FloatArray) -> FloatArray:
+    """Return rotations (n, 3, 3) whose z axes are the vectors."""
+    helper = np.eye(3)[np.argmin(np.abs(vectors), axis=1)]
+    u = helper - vectors * np.einsum("ij,ij->i", helper, vectors)[:, None]
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    return np.stack([u, np.cross(vectors, u), vectors], axis=2)
+
+
+def shown_directions(
+    layout: CellLayout, site: Site, in_hand: FloatArray, centre_mm: FloatArray
+) -> BoolArray:
+    """Tell which directions of the hand's frame (h, 3) the arm can turn to the camera: (h,) bool.
+
+    Parameters
+    ----------
+    centre_mm : (3,) of the part in the hand's frame, what is brought to the station
+    """
+    towards = camera_frame(site.station_mm, site.towards, standoff_mm(layout))[:3, :3]
+    at_station = np.column_stack([towards[:, 0], -towards[:, 1], -towards[:, 2]])
+    angle = 2 * np.pi * np.arange(ROLLS_N) / ROLLS_N
+    c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros(ROLLS_N), np.ones(ROLLS_N)
+    rolls = np.array([[c, -s, zero], [s, c, zero], [zero, zero, one]]).transpose(2, 0, 1)
+    T = np.zeros((len(in_hand), ROLLS_N, 4, 4))
+    T[..., 3, 3] = 1.0
+    T[..., :3, :3] = (at_station @ rolls)[None] @ np.swapaxes(_frames(in_hand), 1, 2)[:, None]
+    T[..., :3, 3] = site.station_mm - T[..., :3, :3] @ centre_mm
+    index, _, _ = inverse_rows(layout, T.reshape(-1, 4, 4))
+    found = np.zeros(len(in_hand) * ROLLS_N, dtype=bool)
+    found[index] = True
+    return np.asarray(found.reshape(len(in_hand), ROLLS_N).any(axis=1))
+
+
+def nearest_in_hand(member: FamilyMember, in_hand: FloatArray) -> IntArray:
+    """Return the nearest direction of a table for each grip, turned ones too, and view (2g, v)."""
+    R = np.stack([g.T_part_hand[:3, :3] for g in member.arm_grips])
+    own = np.einsum("gki,vk->gvi", R, member.vectors)
+    return np.asarray(np.argmax(own @ in_hand.T, axis=2))
+
+
+def table_views(nearest: IntArray, reached: BoolArray) -> BoolArray:
+    """Return which (grip, view) pairs a table of reached hand directions allows: (g, v) bool."""
+    each = reached[nearest]
+    half = len(each) // 2
+    return np.asarray(each[:half] | each[half:])
+
+
+def reached_views(layout: CellLayout, site: Site, member: FamilyMember) -> BoolArray:
+    """Return which (grip, view) pairs the joints allow, exactly: (g, v) bool."""
+    view, roll = np.nonzero(member.inside)
+    T_part = carried(layout, site) @ member.T_view[view, roll]
+    half = member.base_n
+    found = np.zeros((half, len(member.vectors)), dtype=bool)
+    for k, grip in enumerate(member.arm_grips):
+        index, _, _ = inverse_rows(layout, T_part @ grip.T_part_hand)
+        found[k % half, view[index]] = True
+    return found
+
+
+def covered_bits(member: FamilyMember, views: BoolArray) -> NDArray[np.uint8]:
+    """Return what each grip shows in its views, packed: (g, bytes)."""
+    out = np.zeros((len(views), member.bits.shape[2]), dtype=np.uint8)
+    for k, row in enumerate(views):
+        if row.any():
+            out[k] = np.bitwise_or.reduce(member.bits[k, row], axis=0)
+    return out
+
+
+def shown_share(member: FamilyMember, views: BoolArray) -> float:
+    """Return the share of the surface that all grips together show in their views."""
+    return float(member.share(np.bitwise_or.reduce(covered_bits(member, views), axis=0)))
+
+
+def meetings(member: FamilyMember) -> FloatArray:
+    """Return where the hand is in the fixture's frame for each pair of grips (f, g, 4, 4)."""
+    if not member.fixture_grips:
+        return np.zeros((0, len(member.arm_grips), 4, 4))
+    arm = np.stack([g.T_part_hand for g in member.arm_grips])
+    fixed = np.stack([inverse_pose(f.T_part_hand) for f in member.fixture_grips])
+    return np.asarray(fixed[:, None] @ arm[None])
+
+
+def met_grips(
+    layout: CellLayout, T_world_fixture: FloatArray, T_fixture_hand: FloatArray
+) -> BoolArray:
+    """Return which arm grips can meet which of the fixture's, by the joints alone: (f, g) bool.
+
+    Where both hold, where the part's way in begins and where the hand's way out ends.
+
+    Parameters
+    ----------
+    T_fixture_hand : (f, g, 4, 4) of `meetings`
+    """
+    T_hold = T_world_fixture @ T_fixture_hand.reshape(-1, 4, 4)
+    ahead = T_world_fixture[:3, 0]
+    rows = np.arange(len(T_hold))
+    for entry, back in ((0.0, 0.0), (ENTRY_MM, 0.0), (0.0, ENTRY_MM)):
+        T = T_hold[rows]
+        T[:, :3, 3] += entry * ahead - back * T[:, :3, 0]
+        if len(rows):
+            index, _, _ = inverse_rows(layout, T)
+            rows = rows[np.unique(index)]
+    met = np.zeros(len(T_hold), dtype=bool)
+    met[rows] = True
+    return met.reshape(T_fixture_hand.shape[:2])
+
+
+def hand_off_shares(member: FamilyMember, met: BoolArray) -> tuple[float, float]:
+    """Return the shares of `PartScore.partners_share` and `hand_offs_share`.
+
+    Parameters
+    ----------
+    met : (f, base_n) which grips can meet which of the fixture's
+    """
+    pairs = (met.T.astype(int) @ met.astype(int)) > 0
+    half, wanted = member.base_n, int(member.completes.sum())
+    from_table: BoolArray = np.asarray(member.from_pose.any(axis=0))
+    lonely = (from_table[:half] | from_table[half:]) & member.completes.any(axis=1)
+    joined = (pairs & member.completes).any(axis=1)
+    partners = float(joined[lonely].mean()) if lonely.any() else 1.0
+    return partners, float((pairs & member.completes).sum() / wanted) if wanted else 1.0

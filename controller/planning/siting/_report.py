@@ -1,0 +1,224 @@
+"""The answer in numbers and sentences, for the person who bolts the camera down."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..layout import Box, CellLayout, FloatArray
+from ..prepared import PreparedPart
+from ._score import SiteOptions, SiteScore
+from ._search import Progress, search_sites, survey
+from ._site import Site, carried, fellows_of, placed_at, site_of
+
+SAME_MM, SAME_DEG = 1.0, 0.5  # nobody places a camera or a gripper better by hand
+LEAST_PICKS = 0.01  # of the places on the table: fewer are noise
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SiteReport:
+    """Where camera and fixed gripper should stand, and whether that is worth moving them.
+
+    Attributes
+    ----------
+    present, best : of the same parts, all checked
+    others : the next best sites, unlike the best
+    joints_allow : mean share of the surface that the joints alone allow at the best side
+    stay : the present site is as good as the best found
+    cameras_tried, sites_checked : how many sites of the grid, and how many with everything checked
+    T_camera : (4, 4) pose of the camera at the best site; `boxes` what moves with it and with the
+        fixture, by name, as the layout has them
+    sentences : the answer in words
+    """
+
+    present: SiteScore
+    best: SiteScore
+    others: tuple[SiteScore, ...]
+    joints_allow: float
+    stay: bool
+    sites_tried: int
+    sites_checked: int
+    T_camera: FloatArray
+    move: FloatArray
+    boxes: dict[str, Box]
+    sentences: tuple[str, ...]
+
+
+def site_report(
+    parts: Sequence[PreparedPart],
+    layout: CellLayout,
+    options: SiteOptions | None = None,
+    progress: Progress | None = None,
+) -> SiteReport:
+    """Search sites for a family of parts and say what came out.
+
+    Parameters
+    ----------
+    parts : of `prepare_part` in this layout
+    progress : called with what is being done, steps done and steps in all
+
+    Raises
+    ------
+    ValueError : no part
+    """
+    search = survey(parts, layout, options, progress)
+    found = search_sites(search)
+    present = search.check(site_of(layout))
+    best = found[0]
+    why = reasons_to_move(present, best, search.options)
+    others = _unlike_best(found)
+    here = placed_at(layout, best.site, fellows_of(layout))
+    moving = (*search.fellows.camera, *search.fellows.fixture)
+    return SiteReport(
+        present=present,
+        best=best,
+        others=others,
+        joints_allow=max(s.joints_allow for s in found),
+        stay=not why,
+        sites_tried=search.tried_n,
+        sites_checked=len(found),
+        T_camera=here.inspection.T_world_cam,
+        move=carried(layout, best.site),
+        boxes={name: here.obstacles[name] for name in moving},
+        sentences=_sentences(present, best, why, max(s.joints_allow for s in found)),
+    )
+
+
+def reasons_to_move(present: SiteScore, best: SiteScore, options: SiteOptions) -> tuple[str, ...]:
+    """Return what the best site has over the present one that is more than noise; () if nothing."""
+    if best is present:
+        return ()
+    why: list[str] = []
+    if present.forbidden is not None:
+        why.append(f"as it stands, {present.forbidden}")
+    gain = best.shown_mean - present.shown_mean
+    if gain >= options.worth_moving:
+        why.append(f"it shows {100 * gain:.1f} % more of the surface")
+    worst = best.shown_worst - present.shown_worst
+    if worst >= options.worth_moving:
+        why.append(f"it shows {100 * worst:.1f} % more of the worst part in its worst pose")
+    picks = best.mean("picks_share") - present.mean("picks_share")
+    if picks >= LEAST_PICKS:
+        why.append(f"parts can be taken up in {100 * picks:.0f} % more of the places")
+    for name, free in present.trays.items():
+        if free == 0.0 and best.trays.get(name, 0.0) > 0.0:
+            why.append(f"the tray {name} can be served")
+    partners = best.mean("partners_share") - present.mean("partners_share")
+    if partners >= options.worth_moving_hand_offs:
+        why.append(
+            f"one hand-off shows the rest from {100 * best.mean('partners_share'):.0f} % of the "
+            f"grips instead of {100 * present.mean('partners_share'):.0f} %"
+        )
+    for name, free in present.trays.items():
+        more = best.trays.get(name, 0.0) - free
+        if free > 0.0 and more >= options.worth_moving_hand_offs:
+            why.append(
+                f"over the tray {name}, {100 * best.trays[name]:.0f} % of the hand's ways are "
+                f"clear instead of {100 * free:.0f} %"
+            )
+    before, after = seconds_of(present), seconds_of(best)
+    if np.isfinite(before) and after < before * (1.0 - options.worth_moving_s):
+        why.append(f"views and re-grip take about {after:.0f} s instead of {before:.0f} s a part")
+    return tuple(why)
+
+
+def seconds_of(score: SiteScore) -> float:
+    """Return the mean estimate of views and re-grip [s]; NaN where no part can be shown."""
+    regrip = score.mean("regrip_s")
+    return score.mean("view_s") + (regrip if np.isfinite(regrip) else 0.0)
+
+
+def _unlike_best(found: Sequence[SiteScore], count: int = 4) -> tuple[SiteScore, ...]:
+    kept = [found[0]]
+    for score in found[1:]:
+        if score.forbidden is None and all(not _close(score.site, k.site) for k in kept):
+            kept.append(score)
+        if len(kept) > count:
+            break
+    return tuple(kept[1:])
+
+
+def _close(a: Site, b: Site, mm: float = 100.0, deg: float = 30.0) -> bool:
+    near = bool(np.linalg.norm(a.station_mm - b.station_mm) < mm)
+    near &= bool(a.towards @ b.towards > np.cos(np.radians(deg)))
+    if a.T_world_fixture is not None and b.T_world_fixture is not None:
+        offset = a.T_world_fixture[:3, 3] - b.T_world_fixture[:3, 3]
+        turn = np.trace(a.T_world_fixture[:3, :3].T @ b.T_world_fixture[:3, :3])
+        near &= bool(np.linalg.norm(offset) < mm and turn > 1 + 2 * np.cos(np.radians(deg)))
+    return near
+
+
+def camera_words(site: Site) -> str:
+    """Return in words how the camera looks at the station."""
+    return f"look along {along(site.looks_along)} at {_at(site.station_mm)}"
+
+
+def fixture_words(T: FloatArray) -> str:
+    """Return in words where the fixed gripper's tips stand and which way they point."""
+    return (
+        f"stand with its tips at {_at(T[:3, 3])}, pointing along {along(T[:3, 0])}, "
+        f"its jaws closing along {along(T[:3, 1])}"
+    )
+
+
+def along(v: FloatArray) -> str:
+    """Return a direction as "+y", or as azimuth from x and height over the table in degrees."""
+    k = int(np.argmax(np.abs(v)))
+    if abs(v[k]) > np.cos(np.radians(SAME_DEG)):
+        return f"{'+' if v[k] > 0 else '-'}{'xyz'[k]}"
+    azimuth = np.degrees(np.arctan2(v[1], v[0]))
+    height = np.degrees(np.arcsin(np.clip(v[2], -1.0, 1.0)))
+    return f"azimuth {azimuth:.0f} deg, {abs(height):.0f} deg {'up' if height >= 0 else 'down'}"
+
+
+def _at(p: FloatArray) -> str:
+    return "(" + ", ".join(f"{v:.0f}" for v in p) + ")"
+
+
+def _figures(score: SiteScore) -> str:
+    text = (
+        f"{100 * score.shown_mean:.1f} % of the surface is shown "
+        f"({100 * score.shown_worst:.1f} % of the worst part in its worst pose)"
+    )
+    if any(np.isfinite(p.regrip_s) for p in score.parts):
+        text += (
+            f", one hand-off shows the rest from {100 * score.mean('partners_share'):.0f} % of the "
+            f"grips, views and re-grip take about {seconds_of(score):.0f} s"
+        )
+    return text
+
+
+def _sentences(
+    present: SiteScore, best: SiteScore, why: Sequence[str], joints_allow: float
+) -> tuple[str, ...]:
+    said = [
+        f"As it stands, {_figures(present)}; the joints alone would allow "
+        f"{100 * joints_allow:.1f} % with the camera anywhere."
+    ]
+    if not why:
+        said.append(
+            "Leave camera and fixed gripper where they are: nothing found is better by more than "
+            "the search can tell."
+        )
+        return tuple(said)
+    camera_moves = np.linalg.norm(
+        present.site.station_mm - best.site.station_mm
+    ) > SAME_MM or present.site.towards @ best.site.towards < np.cos(np.radians(SAME_DEG))
+    if camera_moves:
+        said.append(
+            f"The camera should {camera_words(best.site)}; now it looks along "
+            f"{along(present.site.looks_along)} at {_at(present.site.station_mm)}."
+        )
+    else:
+        said.append("The camera stands well where it is.")
+    T, T_now = best.site.T_world_fixture, present.site.T_world_fixture
+    if T is not None and T_now is not None:
+        turned = np.trace(T[:3, :3].T @ T_now[:3, :3]) < 1 + 2 * np.cos(np.radians(SAME_DEG))
+        if np.linalg.norm(T[:3, 3] - T_now[:3, 3]) > SAME_MM or turned:
+            said.append(f"The fixed gripper should {fixture_words(T)}.")
+        else:
+            said.append("The fixed gripper stands well where it is.")
+    said.append(f"There, {_figures(best)}: " + "; ".join(why) + ".")
+    return tuple(said)

@@ -1,0 +1,143 @@
+"""What a site costs in seconds: the views that show all, and one re-grip. Estimates for ranking.
+
+A greedy plan in the free: moves are joint lines, no way round anything is looked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..boxes import BoolArray
+from ..layout import CellLayout, FloatArray
+from ..motion import move_seconds
+from ..prepared import HandOff
+from ._family import FamilyMember
+
+LEAST_GAIN = 0.002  # of the surface that one more view must add
+PAIRS_N = 24  # of the pairs of grips that show all, timed
+SET_DOWN_S = 16.0  # two times down to the table and up, zed being the slowest axis
+
+
+def forecast(
+    layout: CellLayout,
+    member: FamilyMember,
+    views: BoolArray,
+    q: FloatArray,
+    by_pose: BoolArray,
+    met: BoolArray,
+    tables: Sequence[dict[int, HandOff]],
+) -> tuple[float, float]:
+    """Return seconds of the views under two grips and of the re-grip between; NaN where none is.
+
+    Parameters
+    ----------
+    views, q : (g, v), (g, v, 6) of the site; by_pose : (p, g) grips that take each pose up
+    met : (f, g) grips that meet
+    """
+    nan = float("nan")
+    if not len(by_pose) or not by_pose.any():
+        return nan, nan
+    start = by_pose[int(np.argmax(member.odds))]
+    if not start.any():
+        start = by_pose.any(axis=0)
+    weights = member.weights
+    seen_by = np.stack([_sees(member, views, k) for k in range(len(views))])
+    passed = (met.T.astype(int) @ met.astype(int)) > 0
+    # a second way to re-grip: put it down and take it up otherwise, which needs a new look at it
+    pairs = passed | (start[:, None] & start[None])
+    np.fill_diagonal(pairs, True)
+    together = (seen_by[:, None] | seen_by[None]) @ weights * (pairs & start[:, None])
+    enough = together >= together.max() - LEAST_GAIN
+    enough &= together > 0.0
+    if np.diagonal(enough).any():
+        first = second = int(np.argmax(np.diagonal(enough)))
+        regrip_s, at = nan, layout.park_q
+    else:
+        quickest = (np.inf, 0, 0, layout.park_q)
+        by_hand = np.argwhere(enough & passed) if (enough & passed).any() else np.argwhere(enough)
+        for one, other in by_hand[:PAIRS_N].tolist():
+            seconds, end = _regrip(
+                layout, tables, one, other, member.base_n, layout.park_q, bool(start[other])
+            )
+            if seconds < quickest[0]:
+                quickest = (seconds, one, other, end)
+        regrip_s, first, second, at = quickest
+    seen = np.zeros(len(weights), dtype=bool)
+    chosen = _greedy(member, views[first], first, seen)
+    if not chosen:
+        return nan, nan
+    view_s, _ = _tour(layout, q[first], chosen, layout.park_q)
+    if first == second:
+        return view_s, nan
+    chosen = _greedy(member, views[second], second, seen)
+    tour_s, _ = _tour(layout, q[second], chosen, at)
+    return view_s + tour_s, regrip_s
+
+
+def _sees(member: FamilyMember, views: BoolArray, grip: int) -> BoolArray:
+    return np.asarray(member.shown[grip, views[grip]].any(axis=0))
+
+
+def _greedy(member: FamilyMember, views: BoolArray, grip: int, seen: BoolArray) -> list[int]:
+    """Return directions, most new surface first; `seen` is added to."""
+    chosen: list[int] = []
+    rows = np.flatnonzero(views)
+    while len(rows):
+        gain = (member.shown[grip, rows] & ~seen) @ member.weights
+        k = int(np.argmax(gain))
+        if gain[k] < LEAST_GAIN:
+            break
+        chosen.append(int(rows[k]))
+        seen |= member.shown[grip, rows[k]]
+    return chosen
+
+
+def _tour(
+    layout: CellLayout, q: FloatArray, chosen: Sequence[int], start: FloatArray
+) -> tuple[float, FloatArray]:
+    """Return seconds of looking from each chosen view, the nearest next, and where it ends."""
+    at, left, seconds = start, list(chosen), 0.0
+    while left:
+        steps = [move_seconds(layout, np.stack([at, q[v]])) for v in left]
+        k = int(np.argmin(steps))
+        seconds += steps[k] + layout.pace.look_s
+        at = q[left.pop(k)]
+    return seconds, at
+
+
+def _regrip(
+    layout: CellLayout,
+    tables: Sequence[dict[int, HandOff]],
+    first: int,
+    second: int,
+    half: int,
+    start: FloatArray,
+    by_table: bool,
+) -> tuple[float, FloatArray]:
+    """Return the quickest way to pass the part from one base grip to another, and where it ends."""
+    best, end = np.inf, start
+    for table in tables:
+        for a in (first, first + half):
+            for b in (second, second + half):
+                if a not in table or b not in table:
+                    continue
+                give, take = table[a], table[b]
+                legs = move_seconds(layout, np.stack([start, give.entry[0]]))
+                legs += move_seconds(layout, np.stack([give.entry[0], give.entry[-1]]))
+                legs += move_seconds(layout, np.stack([give.retreat[0], give.retreat[-1]]))
+                legs += move_seconds(layout, np.stack([give.retreat[-1], take.retreat[-1]]))
+                legs += move_seconds(layout, np.stack([take.retreat[-1], take.retreat[0]]))
+                legs += move_seconds(layout, np.stack([take.entry[-1], take.entry[0]]))
+                if legs < best:
+                    best, end = legs, take.entry[0]
+    pace = layout.pace
+    best += 2 * (pace.grip_s + pace.release_s)
+    if by_table:
+        # down, away, a look from overhead, and up again: two ways of the arm as from park
+        set_down = 2 * move_seconds(layout, np.stack([start, layout.park_q])) + SET_DOWN_S
+        set_down += pace.release_s + pace.grip_s + pace.relook_s
+        if set_down < best:
+            return set_down, layout.park_q
+    return (float(best) if np.isfinite(best) else float("nan")), end

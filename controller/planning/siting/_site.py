@@ -1,0 +1,195 @@
+"""A place for camera and fixed gripper, and the cell with both put there.
+
+The camera keeps its distance from the station (its focal length, resolution and depth of field were
+chosen for it) and takes along what belongs to it: its own box and the backlight panel behind the
+station. The fixed gripper takes along the post that carries it down to the table.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from controller.cad import Camera, inverse_pose
+
+from ..boxes import overlap
+from ..layout import Box, CellLayout, FloatArray
+
+STEEP = 0.9  # |z| of the way it looks beyond which the world's z no longer says what up is
+POST_REACH_MM = 25.0  # a post that carries the fixture stands this close to its body at most
+BEHIND_MM = 150.0  # the camera's box reaches at least this far back from the lens, if it is its own
+SAME_MM = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Site:
+    """Where the part is shown, from which side, and where the second gripper stands.
+
+    Attributes
+    ----------
+    station_mm : (3,) world
+    towards : (3,) unit vector from the station to the camera
+    T_world_fixture : (4, 4) of its tip frame; None where the cell has no fixed gripper
+    """
+
+    station_mm: FloatArray
+    towards: FloatArray
+    T_world_fixture: FloatArray | None
+
+    @property
+    def looks_along(self) -> FloatArray:
+        """Return the camera's line of sight (3,)."""
+        return -self.towards
+
+
+@dataclass(frozen=True, slots=True)
+class Fellows:
+    """Names of the layout's obstacles that move with the camera and with the fixture."""
+
+    camera: tuple[str, ...]
+    fixture: tuple[str, ...]
+
+
+def site_of(layout: CellLayout) -> Site:
+    """Return where camera and fixture of a layout stand."""
+    towards = layout.inspection.position_mm - layout.station_mm
+    return Site(
+        np.asarray(layout.station_mm, dtype=float),
+        towards / np.linalg.norm(towards),
+        None if layout.fixture is None else np.asarray(layout.T_world_fixture, dtype=float),
+    )
+
+
+def standoff_mm(layout: CellLayout) -> float:
+    """Return how far the camera stands from the station [mm]."""
+    return float(np.linalg.norm(layout.inspection.position_mm - layout.station_mm))
+
+
+def fellows_of(layout: CellLayout) -> Fellows:
+    """Return which obstacles belong to the camera and which to the fixture, by where they stand.
+
+    The optical axis runs through the camera's own box and through the panel behind the station; a
+    post touches, or nearly, the body it carries.
+    """
+    post: list[str] = []
+    if layout.fixture is not None:
+        body = [b.placed(layout.T_world_fixture) for b in layout.fixture.body]
+        for name, box in layout.obstacles.items():
+            if any(
+                overlap(b.T[None], b.half_mm[None] + POST_REACH_MM, box.T[None], box.half_mm[None])[
+                    0
+                ]
+                for b in body
+            ):
+                post.append(name)
+    site, far = site_of(layout), standoff_mm(layout)
+    start = site.station_mm + (far + BEHIND_MM) * site.towards
+    end = site.station_mm - far * site.towards
+    camera = [
+        name
+        for name, box in layout.obstacles.items()
+        if name not in post and _segment_meets(start, end, box)
+    ]
+    return Fellows(tuple(camera), tuple(post))
+
+
+def _segment_meets(start: FloatArray, end: FloatArray, box: Box) -> bool:
+    from ..boxes import segments_hit
+
+    return bool(segments_hit(start[None], end, [box])[0])
+
+
+def camera_frame(station_mm: FloatArray, towards: FloatArray, distance_mm: float) -> FloatArray:
+    """Return the pose (4, 4) of an upright camera that looks at the station.
+
+    Its picture has the world's z up; looking steeply, what is away from the arm is up.
+    """
+    z = -np.asarray(towards, dtype=float)
+    up = np.array([0.0, 0.0, 1.0])
+    if abs(z[2]) > STEEP:
+        out = np.array([station_mm[0], station_mm[1], 0.0])
+        far = float(np.linalg.norm(out))
+        up = out / far if far > 1.0 else np.array([1.0, 0.0, 0.0])
+    y = -(up - z * (up @ z))
+    y = y / np.linalg.norm(y)
+    T = np.eye(4)
+    T[:3, :3] = np.column_stack([np.cross(y, z), y, z])
+    T[:3, 3] = station_mm + distance_mm * np.asarray(towards)
+    return T
+
+
+def carried(layout: CellLayout, site: Site) -> FloatArray:
+    """Return the rigid motion (4, 4) that takes station and camera from the layout to the site."""
+    now = site_of(layout)
+    if (
+        np.abs(now.station_mm - site.station_mm).max() < SAME_MM
+        and np.abs(now.towards - site.towards).max() < SAME_MM
+    ):
+        return np.eye(4)
+    far = standoff_mm(layout)
+    return camera_frame(site.station_mm, site.towards, far) @ inverse_pose(
+        camera_frame(now.station_mm, now.towards, far)
+    )
+
+
+def placed_at(layout: CellLayout, site: Site, fellows: Fellows | None = None) -> CellLayout:
+    """Return the cell with camera, its boxes, station, fixture and post put where a site says."""
+    fellows = fellows or fellows_of(layout)
+    move = carried(layout, site)
+    obstacles = dict(layout.obstacles)
+    for name in fellows.camera:
+        obstacles[name] = obstacles[name].placed(move)
+    T_fixture = layout.T_world_fixture
+    if layout.fixture is not None and site.T_world_fixture is not None:
+        for name in fellows.fixture:
+            obstacles[name] = moved_post(obstacles[name], T_fixture, site.T_world_fixture)
+        T_fixture = site.T_world_fixture
+    old: Camera = layout.inspection
+    return replace(
+        layout,
+        station_mm=np.asarray(site.station_mm, dtype=float),
+        inspection=replace(old, T_world_cam=move @ old.T_world_cam),
+        obstacles=obstacles,
+        T_world_fixture=T_fixture,
+    )
+
+
+def moved_post(post: Box, T_old: FloatArray, T_new: FloatArray) -> Box:
+    """Return the post under a fixture put elsewhere: it stays upright and stands on the table.
+
+    Level fixtures turn it with them about z; one that points up stands on it.
+    """
+    if np.abs(T_old - T_new).max() < SAME_MM:
+        return post
+    low, high = _z_range(post)
+    was_up, is_up = T_old[2, 0] > STEEP, T_new[2, 0] > STEEP
+    offset = post.T[:3, 3] - T_old[:3, 3]
+    back_mm = float(np.hypot(*offset[:2]))
+    half = post.half_mm.copy()
+    T = np.eye(4)
+    if is_up:
+        # its top carries the palm from below, as far from the tips as it was behind them
+        top = T_new[2, 3] - (back_mm - min(half[0], half[1]) if not was_up else T_old[2, 3] - high)
+        yaw = float(np.arctan2(T_new[1, 1], T_new[0, 1]))
+        T[:3, 3] = [T_new[0, 3], T_new[1, 3], (top + low) / 2]
+    else:
+        turn = np.arctan2(T_new[1, 0], T_new[0, 0]) - np.arctan2(T_old[1, 0], T_old[0, 0])
+        yaw = float(turn)
+        c, s = np.cos(yaw), np.sin(yaw)
+        xy = np.array([[c, -s], [s, c]]) @ offset[:2] + T_new[:2, 3]
+        top = high + T_new[2, 3] - T_old[2, 3]
+        T[:3, :3] = [[c, -s, 0], [s, c, 0], [0, 0, 1]]
+        T[:3, :3] = T[:3, :3] @ post.T[:3, :3]
+        T[:3, 3] = [*xy, (top + low) / 2]
+        half[2] = max((top - low) / 2, 1.0)
+        return Box(T, half)
+    c, s = np.cos(yaw), np.sin(yaw)
+    T[:3, :3] = [[c, -s, 0], [s, c, 0], [0, 0, 1]]
+    half[2] = max((top - low) / 2, 1.0)
+    return Box(T, half)
+
+
+def _z_range(box: Box) -> tuple[float, float]:
+    reach = float(np.abs(box.T[2, :3]) @ box.half_mm)
+    return float(box.T[2, 3] - reach), float(box.T[2, 3] + reach)
