@@ -1,0 +1,37 @@
+"""Views that settle a doubt: which of several candidates is in the hand.
+
+Recognition may leave a part in doubt with its mirror twin, or with a pose that looks alike from
+above. Pictures of all candidates are predicted for the views a common grip can reach; the cheapest
+views whose pictures differ, however the part may sit in the hand, settle it.
+"""
+
+from ._difference import difference
+from ._pictures import Picture, Stance, predict
+from ._rules import LIGHTS, Candidate, DoubtRules, Light
+from ._separate import Predicted, Separations, predict_view, separations
+from ._settle import Ask, Settling, Unsettled, cheapest_tree, separating_views
+from ._told import Told, apart, compare, tell_apart
+
+__all__ = [
+    "LIGHTS",
+    "Ask",
+    "Candidate",
+    "DoubtRules",
+    "Light",
+    "Picture",
+    "Predicted",
+    "Separations",
+    "Settling",
+    "Stance",
+    "Told",
+    "Unsettled",
+    "apart",
+    "cheapest_tree",
+    "compare",
+    "difference",
+    "predict",
+    "predict_view",
+    "separating_views",
+    "separations",
+    "tell_apart",
+]

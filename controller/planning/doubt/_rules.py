@@ -1,0 +1,55 @@
+"""What counts as a difference between two pictures of a part that is held nearly as planned."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from controller.cad import Solid
+
+from ..layout import FloatArray
+
+Light = Literal["backlight", "front"]
+LIGHTS: tuple[Light, ...] = ("backlight", "front")
+
+
+@dataclass(frozen=True, slots=True)
+class DoubtRules:
+    """How well the hold is known and how much of a picture must differ; each with its reason."""
+
+    shift_mm: float = 1.0  # a part moves this much when the jaws close on it
+    turn_rad: float = float(np.radians(2.0))  # and turns this much about any axis
+    edge_px: float = 1.5  # where lit edges and outlines are found, either way
+    least_area_px: float = 100.0  # ten pixels square; dust and glare make smaller patches
+    least_edge_px: float = 40.0  # a lit edge a quarter as long may be a scratch or a reflection
+    hand_px: float = 9.0  # nothing is compared this near to the hand (inspection/_view.py)
+    crease_rad: float = float(np.radians(20.0))  # a blunter edge may not show under a ring lamp
+    step_mm: float = 0.5  # nor may a lower step whose wall is not seen
+    coarse_px: int = 4  # pictures of all views are predicted on every fourth pixel
+    fine_px: int = 1
+    fine_n: int = 6  # views that are looked at again pixel by pixel, per pair
+    most_views: int = 90  # views looked at at all, spread evenly over those offered
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """One thing the part in the hand may be, and how it then lies in the hand.
+
+    Attributes
+    ----------
+    name : for people
+    T_hand_part : (4, 4) pose of its CAD frame in the tip frame
+    """
+
+    name: str
+    solid: Solid
+    T_hand_part: FloatArray
+
+    @classmethod
+    def taken(
+        cls, name: str, solid: Solid, T_world_part: FloatArray, T_world_hand: FloatArray
+    ) -> Candidate:
+        """Return the candidate that lies at `T_world_part` and is taken by a hand there."""
+        return cls(name, solid, np.linalg.inv(T_world_hand) @ T_world_part)

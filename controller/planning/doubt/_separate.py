@@ -1,0 +1,149 @@
+"""How well each reachable view tells each pair of candidates apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from controller.cad import Camera, RayCaster, Roi
+
+from ..layout import CellLayout, FloatArray
+from ..motion import Scene, tip_pose
+from ._difference import difference
+from ._pictures import Picture, Stance, predict, region_of, see_boxes, stance_of
+from ._rules import LIGHTS, Candidate, DoubtRules, Light
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Separations:
+    """What each view, an arm configuration and a light, makes of each pair.
+
+    Attributes
+    ----------
+    pairs : (i, j) candidates, i < j
+    margins : (k, 2, p) pixels that differ at least, however the part sits in the hand, over the
+        pixels it takes; 1 and more tells them apart. Per configuration, light (`LIGHTS`), pair
+    is_fine : (k,) looked at pixel by pixel; the other figures are from thinned pictures
+    """
+
+    pairs: tuple[tuple[int, int], ...]
+    margins: FloatArray
+    is_fine: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Predicted:
+    """The pictures of all candidates in one view, on one grid, and how they may be off."""
+
+    roi: Roi
+    pictures: tuple[Picture, ...]
+    stance: Stance
+
+
+def predict_view(
+    candidates: Sequence[Candidate],
+    casters: Sequence[RayCaster],
+    layout: CellLayout,
+    q: FloatArray,
+    opening_mm: float,
+    step_px: int,
+    rules: DoubtRules,
+    camera: Camera | None = None,
+) -> Predicted | None:
+    """Return the pictures of all candidates in one configuration (6,), None if out of sight.
+
+    Parameters
+    ----------
+    casters : of the candidates' meshes
+    opening_mm : of the hand that holds it
+    camera : the inspection camera unless given
+    """
+    camera = camera or layout.inspection
+    T_tip = tip_pose(layout, q)
+    T_parts = [T_tip @ c.T_hand_part for c in candidates]
+    solids = [c.solid for c in candidates]
+    # how far one picture may be moved over the other, and some more
+    coarse = stance_of(solids, T_parts, T_tip, camera, (0, 0, 1, 1), rules)
+    roi = region_of(solids, T_parts, camera, int(coarse.shift_px + 3 * coarse.tolerance_px) + 8)
+    if roi is None:
+        return None
+    stance = stance_of(solids, T_parts, T_tip, camera, roi, rules)
+    hand = see_boxes(Scene(layout, opening_mm, 0.0).arm_boxes(q), camera, roi, step_px)
+    pictures = tuple(
+        predict(c.solid, caster, T, camera, roi, step_px, hand, rules)
+        for c, caster, T in zip(candidates, casters, T_parts, strict=True)
+    )
+    return Predicted(roi, pictures, stance)
+
+
+def separations(
+    candidates: Sequence[Candidate],
+    layout: CellLayout,
+    q: FloatArray,
+    opening_mm: float,
+    rules: DoubtRules | None = None,
+) -> Separations:
+    """Return how well configurations (k, 6) of a hand that holds all candidates tell them apart.
+
+    All are looked at in thinned pictures, the most promising ones of each pair again pixel by
+    pixel.
+
+    Parameters
+    ----------
+    q : reachable and free of contact for every candidate
+    """
+    rules = rules or DoubtRules()
+    pairs = tuple(combinations(range(len(candidates)), 2))
+    casters = [RayCaster(c.solid.mesh) for c in candidates]
+    margins = np.zeros((len(q), len(LIGHTS), len(pairs)))
+    is_fine = np.zeros(len(q), dtype=bool)
+    looked = np.arange(len(q))
+    if len(q) > rules.most_views:
+        looked = np.unique(np.linspace(0, len(q) - 1, rules.most_views).round().astype(int))
+    for k in looked:
+        margins[k] = _margins(
+            candidates, casters, layout, q[k], opening_mm, pairs, rules.coarse_px, rules
+        )
+    again: list[int] = []
+    for pair in range(len(pairs)):
+        for light in range(len(LIGHTS)):
+            column = margins[:, light, pair]
+            best = np.argsort(-column, kind="stable")[: rules.fine_n]
+            again += [int(k) for k in best if column[k] > 0.0]
+    for k in sorted(set(again)):
+        margins[k] = _margins(
+            candidates, casters, layout, q[k], opening_mm, pairs, rules.fine_px, rules
+        )
+        is_fine[k] = True
+    margins[~is_fine] = np.minimum(margins[~is_fine], 0.0)  # thinned pictures decide nothing
+    return Separations(pairs, margins, is_fine)
+
+
+def _margins(
+    candidates: Sequence[Candidate],
+    casters: Sequence[RayCaster],
+    layout: CellLayout,
+    q: FloatArray,
+    opening_mm: float,
+    pairs: Sequence[tuple[int, int]],
+    step_px: int,
+    rules: DoubtRules,
+) -> FloatArray:
+    """Return the margins of one configuration (lights, pairs)."""
+    found = np.zeros((len(LIGHTS), len(pairs)))
+    view = predict_view(candidates, casters, layout, q, opening_mm, step_px, rules)
+    if view is None:
+        return found
+    for p, (i, j) in enumerate(pairs):
+        for row, light in enumerate(LIGHTS):
+            pixels = difference(view.pictures[i], view.pictures[j], view.stance, light)
+            found[row, p] = pixels / needed_px(light, rules)
+    return found
+
+
+def needed_px(light: Light, rules: DoubtRules) -> float:
+    """Return how many pixels must differ to tell two candidates apart under a light."""
+    return rules.least_area_px if light == "backlight" else rules.least_edge_px
