@@ -187,10 +187,20 @@ class _Planner:
             covered_fraction=float(part.weights[build.seen].sum()),
             reachable_fraction=float(part.weights[able].sum()),
             unseen=unseen_pieces(
-                part, layout, build.seen, _closure(problem), problem.seen[:count] & ~self._done
+                part,
+                layout,
+                build.seen,
+                _closure(problem),
+                apart=(solution.needed & ~solution.covered)[:count],
+                dropped=problem.seen[:count] & ~self._done,
             ),
             grips=tuple(used),
-            proof=Proof(solution.cost_s, solution.bound_s, self._scope(prices)),
+            # of what shows less than could be shown one way or another nothing is claimed
+            proof=Proof(
+                solution.cost_s,
+                solution.bound_s if solution.is_complete else 0.0,
+                self._scope(prices),
+            ),
         )
 
     def _scope(self, prices: Prices) -> str:

@@ -140,7 +140,7 @@ def with_grips(part: PreparedPart, layout: CellLayout, grips: Sequence[Grip]) ->
             for old, f in zip(part.hand_offs, part.fixture_grips, strict=True)
         ),
         set_downs=tuple(
-            joined(old, set_downs(layout, part.part_box, rest, grips))
+            joined(old, set_downs(layout, part.shape, rest, grips))
             for old, rest in zip(part.set_downs, part.rests, strict=True)
         ),
     )
@@ -162,7 +162,7 @@ def with_rests(part: PreparedPart, layout: CellLayout) -> PreparedPart:
     return replace(
         part,
         rests=places,
-        set_downs=tuple(set_downs(layout, part.part_box, r, part.arm_grips) for r in places),
+        set_downs=tuple(set_downs(layout, part.shape, r, part.arm_grips) for r in places),
     )
 
 
@@ -178,7 +178,11 @@ def _is_joined(part: PreparedPart, layout: CellLayout) -> bool:
     for pose in part.poses:
         T = resting_pose(part.solid, pose, float(x), float(y))
         had = np.asarray(clear_of_table(T, part.arm_grips, layout.hand), dtype=bool)
-        if had.any() and (able & ~part.covered[_reached(had, can)].any(axis=0)).any():
+        # the part comes up in one grip only: one of them has to lead on to everything
+        firsts = (np.arange(count) == g for g in np.flatnonzero(had))
+        if had.any() and not any(
+            part.covered[_reached(first, can)].any(axis=0)[able].all() for first in firsts
+        ):
             return False
     return True
 

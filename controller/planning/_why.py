@@ -52,6 +52,8 @@ def unseen_pieces(
     layout: CellLayout,
     seen: BoolArray,
     within_reach: Collection[int],
+    *,
+    apart: BoolArray,
     dropped: BoolArray,
 ) -> tuple[Unseen, ...]:
     """Return what is not seen (n,) per face with its reason.
@@ -59,10 +61,11 @@ def unseen_pieces(
     Parameters
     ----------
     within_reach : arm grips any change of grip from here leads to
+    apart : (n,) samples that a grip shows which can be had, but not one after the plan's
     dropped : (n,) samples that a view each would have been too little for
     """
     found = []
-    for missing in _classes(part, layout, seen, within_reach, dropped):
+    for missing in _classes(part, layout, seen, within_reach, apart, dropped):
         for face_id in np.unique(part.samples.face_ids[missing.mask]):
             piece = missing.mask & (part.samples.face_ids == face_id)
             share = float(part.weights[piece].sum())
@@ -85,6 +88,7 @@ def _classes(
     layout: CellLayout,
     seen: BoolArray,
     within_reach: Collection[int],
+    apart: BoolArray,
     dropped: BoolArray,
 ) -> list[Missing]:
     by_part = ~part.visible.any(axis=0)
@@ -101,7 +105,11 @@ def _classes(
     if cut.any():
         reason, remedy = _no_path(part, layout, cut)
         classes.append(Missing(Reason.NO_REGRASP_PATH, cut, reason, remedy))
-    rest = here & ~seen
+    split = here & apart & ~seen
+    if split.any():
+        reason, remedy = _no_path(part, layout, split)
+        classes.append(Missing(Reason.NO_REGRASP_PATH, split, reason, remedy))
+    rest = here & ~seen & ~apart
     if rest.any():
         classes.append(_left_out(part, rest, dropped))
     return classes

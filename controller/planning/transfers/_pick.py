@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controller.cad import inverse_pose
 from drivers.umi_scara.kinematics import inverse, limit_report
 
 from ..boxes import stack
@@ -67,7 +68,9 @@ def pick_ways(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) 
     touched = np.hstack(
         [
             _contacts(open_scene, down, _open_hands(layout, held), TABLE_MARGIN_MM),
-            _contacts(open_scene, lift, _full_hands(layout, part, held), -1.0, PART_MARGIN_MM),
+            _contacts(
+                open_scene, lift, _full_hands(layout, held), -1.0, PART_MARGIN_MM, (part, held)
+            ),
         ]
     )
     names = open_scene.names()
@@ -95,11 +98,23 @@ def _contacts(
     hands: tuple[FloatArray, FloatArray],
     table_margin_mm: float,
     margin_mm: float = CLOSE_MARGIN_MM,
+    held: tuple[PreparedPart, Sequence[Grip]] | None = None,
 ) -> IntArray:
-    """Return the contacts (n, k) along ways (n, k, 6), each with a hand of its own."""
+    """Return the contacts (n, k) along ways (n, k, 6), each with a hand of its own.
+
+    Parameters
+    ----------
+    held : the part in the hand, and each way's grip
+    """
     n, k = q.shape[:2]
     T, half = (np.repeat(h, k, axis=0) for h in hands)
-    found = scene.contacts(q.reshape(-1, 6), margin_mm, table_margin_mm, hand=(T, half))
+    carried = None
+    if held is not None and n:
+        T_hand_part = np.stack([inverse_pose(g.T_part_hand) for g in held[1]])
+        carried = held[0].shape, np.repeat(T_hand_part, k, axis=0)
+    found = scene.contacts(
+        q.reshape(-1, 6), margin_mm, table_margin_mm, hand=(T, half), part=carried
+    )
     return found.reshape(n, k)
 
 
@@ -109,15 +124,9 @@ def _open_hands(layout: CellLayout, grips: Sequence[Grip]) -> tuple[FloatArray, 
     )
 
 
-def _full_hands(
-    layout: CellLayout, part: PreparedPart, grips: Sequence[Grip]
-) -> tuple[FloatArray, FloatArray]:
+def _full_hands(layout: CellLayout, grips: Sequence[Grip]) -> tuple[FloatArray, FloatArray]:
     return _stacked(
-        [
-            [*layout.hand.body, *layout.hand.fingers(g.opening_mm), part.carried_box(g)]
-            for g in grips
-        ],
-        layout,
+        [[*layout.hand.body, *layout.hand.fingers(g.opening_mm)] for g in grips], layout
     )
 
 

@@ -15,8 +15,8 @@ from controller.cad import Solid, StablePose, inverse_pose
 from ..boxes import stack
 from ..grip import TABLE_MARGIN_MM, Grip
 from ..grips import clear_of_table, resting_pose
-from ..layout import Box, CellLayout, FloatArray
-from ..motion import Scene, inverse_rows, same_branch
+from ..layout import CellLayout, FloatArray
+from ..motion import PartShape, PlacedShape, Scene, inverse_rows, same_branch
 from ..prepared import HandOff, Rest
 from ._handoff import CLOSE_MARGIN_MM, PART_MARGIN_MM, STEP_MM, WAY_MM
 
@@ -42,13 +42,13 @@ def rests(solid: Solid, poses: Sequence[StablePose], layout: CellLayout) -> tupl
 
 
 def set_downs(
-    layout: CellLayout, part: Box, rest: Rest, hand_grips: Sequence[Grip]
+    layout: CellLayout, part: PartShape, rest: Rest, hand_grips: Sequence[Grip]
 ) -> dict[int, HandOff]:
     """Return how each arm grip (by its place in the sequence) puts the part down at one place.
 
     Parameters
     ----------
-    part : the part as a box in its CAD frame
+    part : its triangles
     """
     members = np.flatnonzero(clear_of_table(rest.T_world_part, hand_grips, layout.hand))
     if len(members) == 0:
@@ -81,7 +81,7 @@ def set_downs(
 
 def _is_free(
     layout: CellLayout,
-    part: Box,
+    part: PartShape,
     grip: Grip,
     entry: FloatArray,
     retreat: FloatArray,
@@ -91,7 +91,7 @@ def _is_free(
         layout,
         grip.opening_mm,
         layout.fixture_open_mm,
-        part.placed(inverse_pose(grip.T_part_hand)),
+        carried_mesh=PlacedShape(part, inverse_pose(grip.T_part_hand)),
     )
     way = np.vstack([q[None], entry])
     if not shut.free(way, PART_MARGIN_MM, PART_TABLE_MARGIN_MM).all():
