@@ -333,7 +333,7 @@ class _FromFixture(_Planner):
     ) -> None:
         super().__init__(part, layout, start.q, done, avoid - {start.grip.id}, seed)
         self._grip = start.grip
-        ways: Mapping[int, HandOff] = hand_offs(layout, part.part_box, start.grip, part.arm_grips)
+        ways: Mapping[int, HandOff] = hand_offs(layout, part.shape, start.grip, part.arm_grips)
         self._support = Support(-1, -1, ways)
 
     def first_s(self) -> FloatArray:

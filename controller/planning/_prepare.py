@@ -136,7 +136,7 @@ def with_grips(part: PreparedPart, layout: CellLayout, grips: Sequence[Grip]) ->
         covered=np.vstack([part.covered, np.reshape(covered, (len(grips), -1))]),
         hub=np.vstack([part.hub, *(_hub(layout, q) for q in view_q)]),
         hand_offs=tuple(
-            joined(old, hand_offs(layout, part.part_box, f, grips))
+            joined(old, hand_offs(layout, part.shape, f, grips))
             for old, f in zip(part.hand_offs, part.fixture_grips, strict=True)
         ),
         set_downs=tuple(

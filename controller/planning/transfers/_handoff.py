@@ -15,8 +15,8 @@ from controller.cad import inverse_pose
 
 from ..boxes import BoolArray, stack
 from ..grip import Grip
-from ..layout import Box, CellLayout, FloatArray, IntArray
-from ..motion import Scene, inverse_rows, same_branch
+from ..layout import CellLayout, FloatArray, IntArray
+from ..motion import PartShape, Scene, inverse_rows, same_branch
 from ..prepared import HandOff
 
 WAY_MM = 80.0  # straight in and out
@@ -26,13 +26,13 @@ PART_MARGIN_MM = 5.0
 
 
 def hand_offs(
-    layout: CellLayout, part: Box, fixture_grip: Grip, hand_grips: Sequence[Grip]
+    layout: CellLayout, part: PartShape, fixture_grip: Grip, hand_grips: Sequence[Grip]
 ) -> dict[int, HandOff]:
     """Return how each arm grip (by its place in the sequence) can meet one grip of the fixture.
 
     Parameters
     ----------
-    part : the part as a box in its CAD frame
+    part : its triangles
     """
     T_fixture = layout.T_world_fixture
     T_world_part = T_fixture @ inverse_pose(fixture_grip.T_part_hand)
@@ -42,8 +42,9 @@ def hand_offs(
         return {}
     steps = np.arange(1, round(WAY_MM / STEP_MM) + 1) * STEP_MM
 
-    hand_part = _hand_with_part(layout, part, hand_grips)
     hand_only = _hand_opening(layout, hand_grips)
+    closed_hands = _hand_closed(layout, hand_grips)
+    T_hand_part = np.stack([inverse_pose(g.T_part_hand) for g in hand_grips])
     around = Scene(
         layout, 0.0, fixture_grip.pre_open_mm, ignore=frozenset({"fixture", "fixture fingers"})
     )
@@ -53,10 +54,17 @@ def hand_offs(
     def ok(rows_q: FloatArray, rows_grip: IntArray) -> BoolArray:
         """Free with both jaws at any opening they have here, the part clear of all but them."""
         hand = hand_only[0][rows_grip], hand_only[1][rows_grip]
-        with_part = hand_part[0][rows_grip], hand_part[1][rows_grip]
         free = gripper.free(rows_q, CLOSE_MARGIN_MM, hand=hand)
-        free &= closed.free(rows_q, CLOSE_MARGIN_MM, hand=hand)
-        free &= around.free(rows_q, PART_MARGIN_MM, hand=with_part)
+        rest = np.flatnonzero(free)
+        free[rest] = closed.free(rows_q[rest], CLOSE_MARGIN_MM, hand=(hand[0][rest], hand[1][rest]))
+        rest = np.flatnonzero(free)
+        q_rest, of_rest = rows_q[rest], rows_grip[rest]
+        free[rest] = around.free(
+            q_rest,
+            PART_MARGIN_MM,
+            hand=(closed_hands[0][of_rest], closed_hands[1][of_rest]),
+            part=(part, T_hand_part[of_rest]),
+        )
         return np.asarray(free)
 
     keep = np.flatnonzero(ok(q, grip))
@@ -111,17 +119,6 @@ def _hand_opening(layout: CellLayout, grips: Sequence[Grip]) -> tuple[FloatArray
     return np.stack([p[0] for p in pairs]), np.stack([p[1] for p in pairs])
 
 
-def _hand_with_part(
-    layout: CellLayout, part: Box, grips: Sequence[Grip]
-) -> tuple[FloatArray, FloatArray]:
-    pairs = [
-        stack(
-            [
-                *layout.hand.body,
-                *layout.hand.fingers(g.opening_mm),
-                part.placed(inverse_pose(g.T_part_hand)),
-            ]
-        )
-        for g in grips
-    ]
+def _hand_closed(layout: CellLayout, grips: Sequence[Grip]) -> tuple[FloatArray, FloatArray]:
+    pairs = [stack([*layout.hand.body, *layout.hand.fingers(g.opening_mm)]) for g in grips]
     return np.stack([p[0] for p in pairs]), np.stack([p[1] for p in pairs])
