@@ -40,9 +40,10 @@ def overlap_turned(
     turn = np.swapaxes(R_a, 1, 2) @ R_b
     across = np.abs(turn) + _EPS
     t = (offset[:, None] @ R_a)[:, 0]
-    touch = np.all(np.abs(t) <= a + (across @ b[..., None])[..., 0], axis=1)
-    seen_from_b = np.abs((t[:, None] @ turn)[:, 0])
-    touch &= np.all(seen_from_b <= b + (a[:, None] @ across)[:, 0], axis=1)
+    seen_from_a = np.abs(t) <= a + (across @ b[..., None])[..., 0]
+    seen_from_b = np.abs((t[:, None] @ turn)[:, 0]) <= b + (a[:, None] @ across)[:, 0]
+    meet = seen_from_a & seen_from_b
+    touch: BoolArray = meet[:, 0] & meet[:, 1] & meet[:, 2]  # faster than `all` over three
     (left,) = np.nonzero(touch)
     if len(left):
         turn, across, t, a, b = turn[left], across[left], t[left], a[left], b[left]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -213,9 +214,10 @@ class Scene:
 
         # what the boxes along the axes keep apart needs no further test
         room = around + margin[:, None, None]
-        near = (np.abs(centre[:, :, None] - still.centres) <= room[:, :, None] + still.around).all(
-            axis=3
-        )
+        near = np.ones((*centre.shape[:2], len(still.centres)), dtype=bool)
+        for axis in range(3):
+            gap = np.abs(centre[:, :, axis, None] - still.centres[:, axis])
+            near &= gap <= room[:, :, axis, None] + still.around[:, axis]
         near[:, :2, -1] = False  # carriage and upper arm ride on the column
         row, body, j = np.nonzero(near)
         hits = overlap_turned(
@@ -232,14 +234,13 @@ class Scene:
 
         # neighbours along the chain are kept apart by the joint limits, not by these coarse boxes:
         # the palm beside the forearm's end, the neck inside it
-        first = 3 + len(self.layout.hand.body)
-        own = np.array(
-            [(i, j) for i in range(3, k) for j in (0, 1)] + [(i, 2) for i in range(first, k)]
-        )
-        room = around[:, own[:, 0]] + around[:, own[:, 1]] + 2 * SELF_MARGIN_MM
-        near = (np.abs(centre[:, own[:, 0]] - centre[:, own[:, 1]]) <= room).all(axis=2)
+        one, other = _own_pairs(k, len(self.layout.hand.body))
+        near = np.ones((len(centre), len(one)), dtype=bool)
+        for axis in range(3):
+            gap = np.abs(centre[:, one, axis] - centre[:, other, axis])
+            near &= gap <= around[:, one, axis] + around[:, other, axis] + 2 * SELF_MARGIN_MM
         row, pair = np.nonzero(near)
-        i, j = own[pair].T
+        i, j = one[pair], other[pair]
         hits = overlap_turned(
             R[row, i],
             half[row, i] + SELF_MARGIN_MM,
@@ -280,6 +281,15 @@ class Scene:
         T_tip = tip_pose(self.layout, q)
         hand = [*self.layout.hand.body, *self.layout.hand.fingers(self.hand_opening_mm)]
         return boxes + [b.placed(T_tip) for b in hand]
+
+
+@cache
+def _own_pairs(moving: int, body: int) -> tuple[IntArray, IntArray]:
+    """Return which boxes of the arm are kept from which links: two of (p,)."""
+    pairs = [(i, j) for i in range(3, moving) for j in (0, 1)]
+    pairs += [(i, 2) for i in range(3 + body, moving)]
+    one, other = np.array(pairs, dtype=np.int64).T
+    return one, other
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -61,6 +61,8 @@ class PartShape:
 
     def holds(self, point_mm: FloatArray) -> bool:
         """Tell whether a point (3,) lies inside: the triangles are seen from it all round."""
+        if np.any(np.abs(point_mm - self.box.T[:3, 3]) > self.box.half_mm):
+            return False
         a, b, c = np.moveaxis(self._vertices_mm[self._faces] - point_mm, 1, 0)
         la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
         volume = np.einsum("ij,ij->i", a, np.cross(b, c))

@@ -11,14 +11,18 @@ from itertools import pairwise
 
 import numpy as np
 
+from drivers.umi_scara.kinematics import within_limits
+
 from ..errors import NoMotionError
 from ..layout import FloatArray
-from ._legs import Ends, leg_free
-from ._pace import move_seconds
+from ._inverse import tip_pose
+from ._legs import END_MARGIN_MM, MARGIN_MM, Ends, leg_free
+from ._pace import leg_seconds
 from ._scene import Scene
 from ._trees import rrt_connect
 
-RAISED_MM = (-20.0, -120.0, -250.0)  # zed of the ways over the top
+RAISED_MM = (-20.0, -120.0, -250.0, -350.0)  # zed of the ways over the top
+VIA_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of the line, where its one point above it is
 ELBOWS_RAD = tuple(np.radians([-140.0, -90.0, 90.0, 140.0]).tolist())
 
 
@@ -45,22 +49,21 @@ def connect(
     ------
     NoMotionError : no way found; `what` says what for
     """
-    layout = scene.layout
-    ends = Ends.of(layout, q_from, q_to)
+    ends = Ends.of(scene.layout, q_from, q_to)
     if leg_free(scene, q_from, q_to, ends):
         return (q_to,)
-    known: dict[bytes, bool] = {}  # the ways over the top have most of their legs in common
+    known: dict[bytes, bool] = {}
 
     def free(a: FloatArray, b: FloatArray) -> bool:
-        key = a.tobytes() + b.tobytes()
+        key = _key(a, b)
         if key not in known:
             known[key] = leg_free(scene, a, b, ends)
         return known[key]
 
-    rising = _over_the_top(q_from, q_to)
-    for path in sorted(rising, key=lambda w: move_seconds(layout, w)):
-        if all(free(a, b) for a, b in pairwise(path)):
-            return tuple(path[1:])
+    for ways in (_over_one_point, _over_the_top):
+        for path in _promising(scene, ways(q_from, q_to), ends):
+            if all(free(a, b) for a, b in pairwise(path)):
+                return tuple(path[1:])
     found = rrt_connect(q_from, q_to, scene, seed) if search else None
     if found is None:
         raise NoMotionError(
@@ -75,19 +78,28 @@ def _degrees(q: FloatArray) -> str:
     return "(" + ", ".join(f"{v:.0f}" for v in shown) + ")"
 
 
+def _over_one_point(a: FloatArray, b: FloatArray) -> list[list[FloatArray]]:
+    """Return ways through one point above the line, and straight up and straight down."""
+    ways: list[list[FloatArray]] = []
+    for zed in RAISED_MM:
+        up_a, up_b = _raised(a, zed), _raised(b, zed)
+        vias = [up_a + share * (up_b - up_a) for share in VIA_SHARES]
+        ways += [[via] for via in vias]
+        ways += [[_hanging(via)] for via in vias[1:-1]]
+        ways.append([up_a, up_b])
+    return [_without_stops([a, *middle, b]) for middle in ways]
+
+
 def _over_the_top(a: FloatArray, b: FloatArray) -> list[list[FloatArray]]:
     """Return ways that rise, turn and come down.
 
-    Plain, with the arm drawn in, and with the hand hanging down, which at the top is above
-    everything that stands in the cell.
+    With the hand hanging down, which at the top is above everything that stands in the cell, and
+    with the arm drawn in.
     """
-    ways = []
-    for zed in RAISED_MM:
-        up_a, up_b = a.copy(), b.copy()
-        up_a[3], up_b[3] = max(zed, a[3]), max(zed, b[3])
-        ways.append([up_a, up_b])
-        hang_a, hang_b = up_a.copy(), up_b.copy()
-        hang_a[4] = hang_b[4] = -np.pi / 2
+    ways: list[list[FloatArray]] = []
+    for zed in RAISED_MM[:3]:
+        up_a, up_b = _raised(a, zed), _raised(b, zed)
+        hang_a, hang_b = _hanging(up_a), _hanging(up_b)
         ways.append([up_a, hang_a, hang_b, up_b])
         for elbow in ELBOWS_RAD:
             drawn_a, drawn_b = _drawn_in(up_a, elbow), _drawn_in(up_b, elbow)
@@ -95,6 +107,57 @@ def _over_the_top(a: FloatArray, b: FloatArray) -> list[list[FloatArray]]:
             drawn_a, drawn_b = _drawn_in(hang_a, elbow), _drawn_in(hang_b, elbow)
             ways.append([up_a, hang_a, drawn_a, drawn_b, hang_b, up_b])
     return [_without_stops([a, *middle, b]) for middle in ways]
+
+
+def _raised(q: FloatArray, zed_mm: float) -> FloatArray:
+    out = q.copy()
+    out[3] = max(zed_mm, q[3])
+    return out
+
+
+def _hanging(q: FloatArray) -> FloatArray:
+    out = q.copy()
+    out[4] = -np.pi / 2
+    return out
+
+
+def _key(a: FloatArray, b: FloatArray) -> bytes:
+    return a.tobytes() + b.tobytes()
+
+
+def _promising(
+    scene: Scene, paths: Sequence[list[FloatArray]], ends: Ends
+) -> list[list[FloatArray]]:
+    """Return those paths that a look at a few states of each leg leaves over, quickest first.
+
+    Most ways over the top are closed, and many share their legs: one question about all of them
+    costs little more than one about one.
+    """
+    legs: dict[bytes, int] = {}
+    rows = []
+    for path in paths:
+        for a, b in pairwise(path):
+            if legs.setdefault(_key(a, b), len(rows)) == len(rows):
+                rows.append(np.stack([a, b]))
+    if not rows:
+        return []
+    pairs = np.stack(rows)
+    seconds = leg_seconds(scene.layout, pairs[:, 0], pairs[:, 1])
+    shut = ~within_limits(pairs).all(axis=1)
+    for shares in (1.0, 0.5, (0.25, 0.75), (0.12, 0.38, 0.62, 0.88)):
+        left = np.flatnonzero(~shut)
+        at = np.atleast_1d(shares)[:, None]
+        q = pairs[left, None, 0] + at * (pairs[left, None, 1] - pairs[left, None, 0])
+        q = q.reshape(-1, 6)
+        near = ends.near(tip_pose(scene.layout, q)[:, :3, 3])
+        free = scene.free(q, np.where(near, END_MARGIN_MM, MARGIN_MM))
+        shut[left] |= ~free.reshape(len(left), -1).all(axis=1)
+    found = []
+    for k, path in enumerate(paths):
+        its = [legs[_key(a, b)] for a, b in pairwise(path)]
+        if its and not shut[its].any():
+            found.append((float(seconds[its].sum()), k))
+    return [paths[k] for _, k in sorted(found)]
 
 
 def _without_stops(path: list[FloatArray]) -> list[FloatArray]:
