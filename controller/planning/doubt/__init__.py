@@ -8,7 +8,7 @@ views whose pictures differ, however the part may sit in the hand, settle it.
 from ._difference import difference
 from ._pictures import Picture, Stance, predict
 from ._rules import LIGHTS, Candidate, DoubtRules, Light
-from ._separate import Predicted, Separations, predict_view, separations
+from ._separate import Model, Predicted, Separations, model_of, predict_view, separations
 from ._settle import Ask, Settling, Unsettled, cheapest_tree, separating_views
 from ._told import Told, apart, compare, tell_apart
 
@@ -18,6 +18,7 @@ __all__ = [
     "Candidate",
     "DoubtRules",
     "Light",
+    "Model",
     "Picture",
     "Predicted",
     "Separations",
@@ -29,6 +30,7 @@ __all__ = [
     "cheapest_tree",
     "compare",
     "difference",
+    "model_of",
     "predict",
     "predict_view",
     "separating_views",

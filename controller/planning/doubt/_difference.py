@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
@@ -12,9 +14,12 @@ from ._rules import Light
 
 TURNS_N = 9
 SHIFTS_N = 9
-POINTS_N = 500  # of an outline are moved about in the search; all are counted in the end
-FINISHED_N = 6  # placings that are looked at closely
+POINTS_N = 300  # of a line are moved about in the search; all are counted in the end
+FINISHED_N = 4  # placings that are looked at closely
 ROUNDS_N = 4
+FAR_CELLS = 20.0
+NEARER_COUNTS = 20.0  # a point without a partner counts this much more than one far from it
+_NEAR = np.stack(np.meshgrid(*[[0.0, -1.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def difference(a: Picture, b: Picture, stance: Stance, light: Light) -> float:
@@ -33,120 +38,100 @@ def difference(a: Picture, b: Picture, stance: Stance, light: Light) -> float:
     tolerance = stance.tolerance_px / step + 0.5  # half a cell is lost in drawing
     ignore = (a.behind | b.behind) if light == "backlight" else (a.before | b.before)
     lines = (_outline(a.mask), _outline(b.mask)) if light == "backlight" else (a.edges, b.edges)
-    own = [_points(e & ~ignore) for e in lines]
-    far = [_distance_to(e) for e in lines]
-    pivot = stance.pivot_px / step
-    best = _placings(own, far, pivot, stance, step, tolerance)
-    if light == "front":
-        return float(min(_count(own, far, pivot, p, tolerance) for p in best)) * step
-    area = min(_area(a.mask, b.mask, ignore, pivot, p, tolerance) for p in best)
-    return float(area) * step**2
+    own = (_points(lines[0] & ~ignore), _points(lines[1] & ~ignore))
+    pair = _Pair(own, (_distance_to(lines[0]), _distance_to(lines[1])), stance.pivot_px / step)
+
+    def pixels(placing: FloatArray) -> float:
+        if light == "front":
+            return float(_count(pair, placing, tolerance)) * step
+        return float(_area(a.mask, b.mask, ignore, pair.pivot, placing, tolerance)) * step**2
+
+    least = pixels(np.zeros(3))
+    if least == 0.0:  # as most pairs are, from most sides
+        return least
+    for placing in _placings(pair, stance, step, tolerance):
+        least = min(least, pixels(placing))
+    return least
 
 
-def _placings(
-    own: list[FloatArray],
-    far: list[FloatArray],
-    pivot: FloatArray,
-    stance: Stance,
-    step: int,
-    tolerance: float,
-) -> list[FloatArray]:
-    """Return the best few (turn, dx, dy) in radians and cells, by lines that find no partner."""
-    few = [_thinned(p) for p in own]
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pair:
+    """The lines of two pictures as points (n, 2) in cells, and how far each cell is from them."""
+
+    points: tuple[FloatArray, FloatArray]
+    far: tuple[FloatArray, FloatArray]
+    pivot: FloatArray
+
+    def thinned(self) -> _Pair:
+        """Return it with no more points than a search needs."""
+        first, second = (p[:: max(1, len(p) // POINTS_N)] for p in self.points)
+        return _Pair((first, second), self.far, self.pivot)
+
+
+def _placings(pair: _Pair, stance: Stance, step: int, tolerance: float) -> FloatArray:
+    """Return the best few placings (turn, dx, dy), in radians and cells (k, 3).
+
+    A grid no coarser than the tolerance, then finer ones about its best places.
+    """
+    few = pair.thinned()
     shift = stance.shift_px / step
-    shifts_n = min(SHIFTS_N, 2 * int(np.ceil(shift / max(tolerance, 0.5))) + 1)
+    shifts_n = min(SHIFTS_N, 2 * int(np.ceil(shift / tolerance)) + 1)
     turns = np.linspace(-stance.turn_rad, stance.turn_rad, TURNS_N)
-    line = np.linspace(-shift, shift, shifts_n) if shifts_n > 1 else np.zeros(1)
-    moves = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
-    grid = np.array([[t, *m] for t in turns for m in moves])
-    scores = np.concatenate(
-        [_costs(few, far, pivot, turn, moves, tolerance) for turn in turns.tolist()]
-    )
-    # the middle first among equals
-    order = np.lexsort(
-        (np.abs(grid / [stance.turn_rad or 1, shift or 1, shift or 1]).max(1), scores)
-    )
+    line = np.linspace(-shift, shift, shifts_n)
+    grid = np.stack(np.meshgrid(turns, line, line, indexing="ij"), axis=-1).reshape(-1, 3)
     limit = np.array([stance.turn_rad, shift, shift])
-    width = np.array(
-        [2 * stance.turn_rad / (TURNS_N - 1), *([2 * shift / max(shifts_n - 1, 1)] * 2)]
-    )
-    return [_settled(few, far, pivot, grid[k], width, limit, tolerance) for k in order[:FINISHED_N]]
-
-
-def _settled(
-    points: list[FloatArray],
-    far: list[FloatArray],
-    pivot: FloatArray,
-    start: FloatArray,
-    width: FloatArray,
-    limit: FloatArray,
-    tolerance: float,
-) -> FloatArray:
-    """Return a placing from which no step of a shrinking pattern leads to a better one."""
-    here, cost = start, _cost_at(points, far, pivot, start, tolerance)
+    width = np.array([turns[1] - turns[0], *([2 * shift / max(shifts_n - 1, 1)] * 2)])
+    best = grid[np.argsort(_costs(few, grid, tolerance), kind="stable")[:FINISHED_N]]
     for _ in range(ROUNDS_N):
         width = width / 2
-        for axis in range(3):
-            for sign in (-1.0, 1.0):
-                there = here.copy()
-                there[axis] = np.clip(here[axis] + sign * width[axis], -limit[axis], limit[axis])
-                value = _cost_at(points, far, pivot, there, tolerance)
-                if value < cost - 1e-9:
-                    here, cost = there, value
-    return here
+        near = best[:, None] + _NEAR * width
+        near = np.clip(near, -limit, limit)
+        cost = _costs(few, near.reshape(-1, 3), tolerance).reshape(len(best), -1)
+        best = near[np.arange(len(best)), np.argmin(cost, axis=1)]
+    return best
 
 
-def _cost_at(
-    points: list[FloatArray], far: list[FloatArray], pivot: FloatArray, p: FloatArray, tol: float
-) -> float:
-    return float(_costs(points, far, pivot, float(p[0]), p[None, 1:], tol)[0])
+def _costs(pair: _Pair, placings: FloatArray, tolerance: float) -> FloatArray:
+    """Return the cost of placings (m, 3): (m,).
 
-
-def _costs(
-    points: list[FloatArray],
-    far: list[FloatArray],
-    pivot: FloatArray,
-    turn: float,
-    moves: FloatArray,
-    tolerance: float,
-) -> FloatArray:
-    """Return the cost of moving the first lines by a turn and each of the moves (m, 2): (m,).
-
-    Points without partner count one, and a little more the farther off they are, so that the
-    search finds its way down.
+    The share of points without a partner, and a little for how far off all are, so that the search
+    finds its way down.
     """
-    total = np.zeros(len(moves))
-    for k, sign in ((0, 1.0), (1, -1.0)):
-        if len(points[k]) == 0:
-            continue
-        away = _look_up(far[1 - k], _moved(points[k], pivot, turn, moves, sign))
-        total += (away > tolerance).mean(axis=1) * _LENGTH + np.minimum(away, _FAR).mean(axis=1)
+    total = np.zeros(len(placings))
+    for k in (0, 1):
+        if len(pair.points[k]):
+            away = _look_up(pair.far[1 - k], _moved(pair.points[k], pair.pivot, placings, k == 1))
+            total += (away > tolerance).mean(axis=1)
+            total += np.minimum(away, FAR_CELLS).mean(axis=1) / (FAR_CELLS * NEARER_COUNTS)
     return total
 
 
-_LENGTH, _FAR = 20.0, 20.0
-
-
 def _moved(
-    points: FloatArray, pivot: FloatArray, turn: float, moves: FloatArray, sign: float
+    points: FloatArray, pivot: FloatArray, placings: FloatArray, is_back: bool
 ) -> FloatArray:
     """Return points (n, 2) turned about the pivot and shifted (m, n, 2); or the way back."""
-    c, s = np.cos(sign * turn), np.sin(sign * turn)
-    R = np.array([[c, -s], [s, c]])
-    if sign > 0:
-        return np.asarray((points - pivot) @ R.T + pivot + moves[:, None])
-    return np.asarray((points - pivot - moves[:, None]) @ R.T + pivot)
+    p = (points - pivot).astype(np.float32)
+    turn = -placings[:, 0] if is_back else placings[:, 0]
+    c, s = np.cos(turn).astype(np.float32)[:, None], np.sin(turn).astype(np.float32)[:, None]
+    shift = placings[:, 1:].astype(np.float32)
+    x, y = p[:, 0], p[:, 1]
+    out = np.empty((len(placings), len(points), 2), np.float32)
+    if is_back:
+        x, y = x - shift[:, :1], y - shift[:, 1:]
+        out[..., 0], out[..., 1] = c * x - s * y, s * x + c * y
+    else:
+        out[..., 0] = c * x - s * y + shift[:, :1]
+        out[..., 1] = s * x + c * y + shift[:, 1:]
+    out += pivot.astype(np.float32)
+    return out
 
 
-def _count(
-    own: list[FloatArray], far: list[FloatArray], pivot: FloatArray, p: FloatArray, tol: float
-) -> int:
-    """Return how many points of both have no partner at one placing."""
+def _count(pair: _Pair, placing: FloatArray, tolerance: float) -> int:
+    """Return how many points of both have no partner at one placing (3,)."""
     count = 0
-    for k, sign in ((0, 1.0), (1, -1.0)):
-        if len(own[k]):
-            moved = _moved(own[k], pivot, float(p[0]), p[None, 1:], sign)
-            count += int((_look_up(far[1 - k], moved) > tol).sum())
+    for k in (0, 1):
+        moved = _moved(pair.points[k], pair.pivot, placing[None], k == 1)
+        count += int((_look_up(pair.far[1 - k], moved) > tolerance).sum())
     return count
 
 
@@ -167,17 +152,18 @@ def _area(
 
 
 def _look_up(far: FloatArray, points: FloatArray) -> FloatArray:
+    """Return the distance (...) at the cells nearest to points (..., 2); beyond the grid, at it."""
     height, width = far.shape
-    x = np.clip(np.rint(points[..., 0]).astype(np.intp), 0, width - 1)
-    y = np.clip(np.rint(points[..., 1]).astype(np.intp), 0, height - 1)
-    return np.asarray(far[y, x])
+    x = np.minimum(np.maximum((points[..., 0] + 0.5).astype(np.int32), 0), width - 1)
+    y = np.minimum(np.maximum((points[..., 1] + 0.5).astype(np.int32), 0), height - 1)
+    return np.take(far, y * width + x)
 
 
 def _distance_to(mask: BoolArray) -> FloatArray:
     """Return the distance of every cell to the nearest one of a mask (h, w)."""
     if not mask.any():
         return np.full(mask.shape, 1e3)
-    return np.asarray(cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5), np.float64)
+    return np.asarray(cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5))
 
 
 def _outline(mask: BoolArray) -> BoolArray:
@@ -188,7 +174,3 @@ def _outline(mask: BoolArray) -> BoolArray:
 def _points(mask: BoolArray) -> FloatArray:
     y, x = np.nonzero(mask)
     return np.column_stack([x, y]).astype(np.float64)
-
-
-def _thinned(points: FloatArray) -> FloatArray:
-    return points[:: max(1, len(points) // POINTS_N)]

@@ -13,8 +13,10 @@ from controller.cad import Camera, RayCaster, Roi, Solid, ViewMaps, render_maps,
 
 from ..boxes import BoolArray
 from ..layout import Box, FloatArray
+from ..views import even_sphere
 from ._rules import DoubtRules
 
+OUTER_N = 400
 SAME_FACE_STEP_MM = 3.0  # a surface that hides part of itself
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 _TRIANGLES = np.array(
@@ -64,14 +66,22 @@ class Stance:
     tolerance_px: float
 
 
+def outer_points(solid: Solid) -> FloatArray:
+    """Return the points of a solid farthest out each way (n, 3), to a fraction of a pixel."""
+    vertices = np.asarray(solid.mesh.vertices)
+    return np.asarray(vertices[np.unique(np.argmax(even_sphere(OUTER_N) @ vertices.T, axis=1))])
+
+
 def region_of(
-    solids: Sequence[Solid], T_world_part: Sequence[FloatArray], camera: Camera, margin_px: int
+    outer_mm: Sequence[FloatArray], T_world_part: Sequence[FloatArray], camera: Camera, margin: int
 ) -> Roi | None:
-    """Return the region that holds all candidates with a margin, None if one is out of sight."""
-    found = [
-        view_roi(np.asarray(s.mesh.vertices), T, camera, margin_px)
-        for s, T in zip(solids, T_world_part, strict=True)
-    ]
+    """Return the region that holds all candidates with a margin [px], None if one is out of sight.
+
+    Parameters
+    ----------
+    outer_mm : of `outer_points`
+    """
+    found = [view_roi(p, T, camera, margin) for p, T in zip(outer_mm, T_world_part, strict=True)]
     known = [r for r in found if r is not None]
     if len(known) < len(found):
         return None
@@ -138,7 +148,7 @@ def see_boxes(boxes: Sequence[Box], camera: Camera, roi: Roi, step_px: int) -> V
 
 
 def stance_of(
-    solids: Sequence[Solid],
+    outer_mm: Sequence[FloatArray],
     T_world_part: Sequence[FloatArray],
     T_world_hand: FloatArray,
     camera: Camera,
@@ -153,10 +163,7 @@ def stance_of(
     axis = camera.T_world_cam[:3, 2]
     tip = T_world_hand[:3, 3]
     depths = np.concatenate(
-        [
-            (transform(T, np.asarray(s.mesh.vertices)) - tip) @ axis
-            for s, T in zip(solids, T_world_part, strict=True)
-        ]
+        [(transform(T, p) - tip) @ axis for p, T in zip(outer_mm, T_world_part, strict=True)]
     )
     middle, half = (depths.max() + depths.min()) / 2, (depths.max() - depths.min()) / 2
     px_per_mm = float(camera.K[0, 0]) / float((tip - camera.position_mm) @ axis + middle)

@@ -29,8 +29,8 @@ class DoubtRules:
     step_mm: float = 0.5  # nor may a lower step whose wall is not seen
     coarse_px: int = 4  # pictures of all views are predicted on every fourth pixel
     fine_px: int = 1
-    fine_n: int = 6  # views that are looked at again pixel by pixel, per pair
-    most_views: int = 90  # views looked at at all, spread evenly over those offered
+    fine_n: int = 3  # the cheapest and the clearest views of a pair, again pixel by pixel
+    most_views: int = 60  # views looked at at all, spread evenly over those offered
 
 
 @dataclass(frozen=True, slots=True, eq=False)

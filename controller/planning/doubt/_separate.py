@@ -13,8 +13,13 @@ from controller.cad import Camera, RayCaster, Roi
 from ..layout import CellLayout, FloatArray
 from ..motion import Scene, tip_pose
 from ._difference import difference
-from ._pictures import Picture, Stance, predict, region_of, see_boxes, stance_of
+from ._pictures import Picture, Stance, outer_points, predict, region_of, see_boxes, stance_of
 from ._rules import LIGHTS, Candidate, DoubtRules, Light
+
+HOPEFUL = 0.5  # of what it takes, in a thinned picture
+# a view that differs by just enough pixels fails to convince about every other time, one with
+# twice as many every fourth, and then wants another
+FAILS = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,9 +48,22 @@ class Predicted:
     stance: Stance
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Model:
+    """What predicting pictures of a candidate takes: a caster of its mesh, its outer points."""
+
+    caster: RayCaster
+    outer_mm: FloatArray
+
+
+def model_of(candidate: Candidate) -> Model:
+    """Return what predicting pictures of a candidate takes."""
+    return Model(RayCaster(candidate.solid.mesh), outer_points(candidate.solid))
+
+
 def predict_view(
     candidates: Sequence[Candidate],
-    casters: Sequence[RayCaster],
+    models: Sequence[Model],
     layout: CellLayout,
     q: FloatArray,
     opening_mm: float,
@@ -57,24 +75,24 @@ def predict_view(
 
     Parameters
     ----------
-    casters : of the candidates' meshes
+    models : of `model_of`, one per candidate
     opening_mm : of the hand that holds it
     camera : the inspection camera unless given
     """
     camera = camera or layout.inspection
     T_tip = tip_pose(layout, q)
     T_parts = [T_tip @ c.T_hand_part for c in candidates]
-    solids = [c.solid for c in candidates]
+    outer = [m.outer_mm for m in models]
     # how far one picture may be moved over the other, and some more
-    coarse = stance_of(solids, T_parts, T_tip, camera, (0, 0, 1, 1), rules)
-    roi = region_of(solids, T_parts, camera, int(coarse.shift_px + 3 * coarse.tolerance_px) + 8)
+    coarse = stance_of(outer, T_parts, T_tip, camera, (0, 0, 1, 1), rules)
+    roi = region_of(outer, T_parts, camera, int(coarse.shift_px + 3 * coarse.tolerance_px) + 8)
     if roi is None:
         return None
-    stance = stance_of(solids, T_parts, T_tip, camera, roi, rules)
+    stance = stance_of(outer, T_parts, T_tip, camera, roi, rules)
     hand = see_boxes(Scene(layout, opening_mm, 0.0).arm_boxes(q), camera, roi, step_px)
     pictures = tuple(
-        predict(c.solid, caster, T, camera, roi, step_px, hand, rules)
-        for c, caster, T in zip(candidates, casters, T_parts, strict=True)
+        predict(c.solid, m.caster, T, camera, roi, step_px, hand, rules)
+        for c, m, T in zip(candidates, models, T_parts, strict=True)
     )
     return Predicted(roi, pictures, stance)
 
@@ -83,21 +101,22 @@ def separations(
     candidates: Sequence[Candidate],
     layout: CellLayout,
     q: FloatArray,
+    seconds: FloatArray,
     opening_mm: float,
     rules: DoubtRules | None = None,
 ) -> Separations:
     """Return how well configurations (k, 6) of a hand that holds all candidates tell them apart.
 
-    All are looked at in thinned pictures, the most promising ones of each pair again pixel by
-    pixel.
+    All are looked at in thinned pictures, the cheapest and the clearest of each pair again pixel
+    by pixel.
 
     Parameters
     ----------
-    q : reachable and free of contact for every candidate
+    q : reachable and free of contact for every candidate; seconds : (k,) what each costs
     """
     rules = rules or DoubtRules()
     pairs = tuple(combinations(range(len(candidates)), 2))
-    casters = [RayCaster(c.solid.mesh) for c in candidates]
+    models = [model_of(c) for c in candidates]
     margins = np.zeros((len(q), len(LIGHTS), len(pairs)))
     is_fine = np.zeros(len(q), dtype=bool)
     looked = np.arange(len(q))
@@ -105,17 +124,19 @@ def separations(
         looked = np.unique(np.linspace(0, len(q) - 1, rules.most_views).round().astype(int))
     for k in looked:
         margins[k] = _margins(
-            candidates, casters, layout, q[k], opening_mm, pairs, rules.coarse_px, rules
+            candidates, models, layout, q[k], opening_mm, pairs, rules.coarse_px, rules
         )
     again: list[int] = []
     for pair in range(len(pairs)):
         for light in range(len(LIGHTS)):
             column = margins[:, light, pair]
-            best = np.argsort(-column, kind="stable")[: rules.fine_n]
-            again += [int(k) for k in best if column[k] > 0.0]
+            (hopeful,) = np.nonzero(column > HOPEFUL)
+            price = price_s(seconds[hopeful], column[hopeful])
+            again += hopeful[np.argsort(price, kind="stable")[: rules.fine_n]].tolist()
+            again += hopeful[np.argsort(-column[hopeful], kind="stable")[: rules.fine_n]].tolist()
     for k in sorted(set(again)):
         margins[k] = _margins(
-            candidates, casters, layout, q[k], opening_mm, pairs, rules.fine_px, rules
+            candidates, models, layout, q[k], opening_mm, pairs, rules.fine_px, rules
         )
         is_fine[k] = True
     margins[~is_fine] = np.minimum(margins[~is_fine], 0.0)  # thinned pictures decide nothing
@@ -124,7 +145,7 @@ def separations(
 
 def _margins(
     candidates: Sequence[Candidate],
-    casters: Sequence[RayCaster],
+    models: Sequence[Model],
     layout: CellLayout,
     q: FloatArray,
     opening_mm: float,
@@ -134,7 +155,7 @@ def _margins(
 ) -> FloatArray:
     """Return the margins of one configuration (lights, pairs)."""
     found = np.zeros((len(LIGHTS), len(pairs)))
-    view = predict_view(candidates, casters, layout, q, opening_mm, step_px, rules)
+    view = predict_view(candidates, models, layout, q, opening_mm, step_px, rules)
     if view is None:
         return found
     for p, (i, j) in enumerate(pairs):
@@ -142,6 +163,11 @@ def _margins(
             pixels = difference(view.pictures[i], view.pictures[j], view.stance, light)
             found[row, p] = pixels / needed_px(light, rules)
     return found
+
+
+def price_s(seconds: FloatArray, margin: FloatArray) -> FloatArray:
+    """Return what views (n,) cost, with the chance that they have to be followed by another."""
+    return np.asarray(seconds * (1.0 + FAILS / margin))
 
 
 def needed_px(light: Light, rules: DoubtRules) -> float:

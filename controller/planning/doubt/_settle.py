@@ -12,12 +12,9 @@ import numpy as np
 from ..layout import CellLayout, FloatArray
 from ._reasons import why_alike
 from ._rules import LIGHTS, Candidate, DoubtRules, Light
-from ._separate import Separations, separations
+from ._separate import Separations, price_s, separations
 
 SAME_PRICE_S = 1e-6
-# a view that differs by just enough pixels fails to convince about every other time, one with
-# twice as many every fourth, and then wants another
-FAILS = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +102,7 @@ def separating_views(
     opening_mm : of the hand, the same for all
     """
     rules = rules or DoubtRules()
-    found = separations(candidates, layout, q, opening_mm, rules)
+    found = separations(candidates, layout, q, seconds, opening_mm, rules)
     best = found.margins.max(axis=(0, 1), initial=0.0)
     doubtful = [(pair, float(best[p])) for p, pair in enumerate(found.pairs) if best[p] < 1.0]
     unsettled = []
@@ -179,7 +176,7 @@ def _worth_asking(found: Separations, seconds: FloatArray) -> list[_View]:
             if not parts:
                 continue
             weakest = min(float(margins[p]) for p in parts)
-            price = float(seconds[k]) * (1.0 + FAILS / weakest)
+            price = float(price_s(seconds[k], np.float64(weakest)))
             if parts not in kept or price < kept[parts].price_s - SAME_PRICE_S:
                 kept[parts] = _View(k, light, parts, price)
     return sorted(kept.values(), key=lambda v: (v.price_s, v.row, v.light))

@@ -1,0 +1,331 @@
+"""Doubt about what is in the hand: which views settle it, and what a picture leaves of it."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from cad_solids import SHARED, Body, box, rod, solid_of
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from planning_cell import emulated_layout
+
+from controller.cad import RayCaster, Solid, inverse_pose, load_solid, sample_surface
+from controller.planning import Box
+from controller.planning.doubt import (
+    LIGHTS,
+    Ask,
+    Candidate,
+    DoubtRules,
+    Light,
+    Predicted,
+    Separations,
+    apart,
+    cheapest_tree,
+    compare,
+    difference,
+    model_of,
+    predict_view,
+    separating_views,
+    tell_apart,
+)
+from controller.planning.motion import Scene
+from controller.planning.views import (
+    SightRules,
+    candidate_directions,
+    hold_up,
+    reachable_views,
+    visible_from,
+)
+
+LAYOUT = emulated_layout()
+RULES = DoubtRules()
+PX_PER_MM = 3733.0 / 700.0
+OPENING_MM = 12.0
+
+
+def plate(*holes: tuple[float, float, float]) -> Body:
+    """A plate with blind holes from below: x, y and which side, +1 up, -1 down."""
+    body = box(60, 40, 12)
+    for x, y, side in holes:
+        body -= rod(4, 8).translate((x, y, 6 * side))
+    return body
+
+
+@cache
+def solid(name: str) -> Solid:
+    made = {
+        "plain": lambda: plate(),
+        "holed": lambda: plate((15, 8, -1)),
+        "other": lambda: plate((15, -8, -1)),
+        "longer": lambda: box(66, 40, 12),
+        "through": lambda: box(60, 40, 12) - rod(6, 40).translate((12, 6, 0)),
+        "block": lambda: box(40, 30, 50),
+    }
+    return solid_of(made[name](), name)
+
+
+def in_hand() -> np.ndarray:
+    """T_part_hand: across the plate's thickness, near one end."""
+    T = np.eye(4)
+    T[:3, :3] = np.column_stack([[1, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])
+    T[:3, 3] = [-18, 0, 0]
+    return T
+
+
+def held(name: str, turn: np.ndarray | None = None, called: str = "") -> Candidate:
+    T = inverse_pose(in_hand())
+    return Candidate(called or name, solid(name), T if turn is None else T @ turn)
+
+
+def views_of(part: Solid, T_part_hand: np.ndarray, opening_mm: float, count: int) -> dict:
+    """One reachable configuration per direction."""
+    samples = sample_surface(part, 6.0)
+    rules = SightRules.of_station(LAYOUT, 70.0, 1.0)
+    vectors = candidate_directions(part, count).vectors
+    visible = visible_from(part, samples, RayCaster(part.mesh), vectors, rules)
+    low, high = part.mesh.bounds
+    carried = Box.from_bounds(low[0], high[0], low[1], high[1], low[2], high[2])
+    scene = Scene(
+        LAYOUT, opening_mm, LAYOUT.fixture_open_mm, carried.placed(inverse_pose(T_part_hand))
+    )
+    showing = hold_up(part, samples, LAYOUT, vectors)
+    found = reachable_views(LAYOUT, scene, samples, showing, visible, T_part_hand, LAYOUT.park_q)
+    return {tuple(np.round(vectors[v], 6)): found.q[v][0] for v in sorted(found.q)}
+
+
+@cache
+def plate_views() -> dict:
+    return views_of(solid("plain"), in_hand(), OPENING_MM, 24)
+
+
+def towards(direction: tuple[float, float, float]) -> np.ndarray:
+    """The configuration that shows the plate from nearest to a direction."""
+    return max(plate_views().items(), key=lambda item: float(np.dot(item[0], direction)))[1]
+
+
+def look(candidates: list[Candidate], q: np.ndarray, step_px: int = 2) -> Predicted:
+    models = [model_of(c) for c in candidates]
+    seen = predict_view(candidates, models, LAYOUT, q, OPENING_MM, step_px, RULES)
+    assert seen is not None
+    return seen
+
+
+def settle(candidates: list[Candidate], q: np.ndarray | None = None):  # noqa: ANN201
+    offered = np.stack(list(plate_views().values())) if q is None else q
+    return separating_views(candidates, LAYOUT, offered, np.full(len(offered), 5.0), OPENING_MM)
+
+
+def moved(candidate: Candidate, seed: int, share: float = 0.95) -> Candidate:
+    """The same part, as far off in the hand as it may be, any which way."""
+    rng = np.random.default_rng(seed)
+    axis, shift = rng.normal(size=3), rng.normal(size=3)
+    axis, shift = axis / np.linalg.norm(axis), shift / np.linalg.norm(shift)
+    angle = share * RULES.turn_rad
+    K = np.cross(np.eye(3), axis)
+    T = np.eye(4)
+    T[:3, :3] = np.eye(3) - np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+    T[:3, 3] = share * RULES.shift_mm * shift
+    return Candidate(candidate.name, candidate.solid, T @ candidate.T_hand_part)
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    name=st.sampled_from(["holed", "through", "block"]),
+    view=st.integers(0, 1000),
+)
+def test_a_part_held_a_little_otherwise_is_no_other_part(seed: int, name: str, view: int) -> None:
+    one = held(name)
+    offered = list(plate_views().values())
+    seen = look([one, moved(one, seed)], offered[view % len(offered)])
+    for light in LIGHTS:
+        pixels = difference(seen.pictures[0], seen.pictures[1], seen.stance, light)
+        assert pixels < (100.0 if light == "backlight" else 40.0)
+
+
+def test_against_the_light_a_longer_plate_differs_by_its_ends_less_what_the_hold_may_hide() -> None:
+    # seen face on from above, with a hand of no size; 3 mm more at either end, 40 mm wide
+    offered = [held("plain"), held("longer")]
+    seen = look(offered, towards((0, 0, 1)), 1)
+    bare = [
+        type(p)(p.step_px, p.mask, p.edges, np.zeros_like(p.mask), np.zeros_like(p.mask))
+        for p in seen.pictures
+    ]
+    pixels = difference(bare[0], bare[1], seen.stance, "backlight")
+    px_per_mm = 3733.0 / (700.0 - 6.0)
+    strip = 3.0 * px_per_mm - seen.stance.tolerance_px
+    assert strip > 3.0
+    # however it is shifted, what one end loses the other gains; a turn makes it more
+    assert pixels == pytest.approx(2 * strip * 40.0 * px_per_mm, rel=0.2)
+    assert difference(bare[1], bare[0], seen.stance, "backlight") == pytest.approx(pixels, rel=0.1)
+
+
+def test_a_blind_hole_underneath_is_told_by_its_rim_from_below_and_not_by_the_outline() -> None:
+    pair = [held("plain"), held("holed")]
+    found = settle(pair)
+    assert isinstance(found.first, Ask)
+    assert found.first.light == "front"
+    assert found.first.groups == ((0,), (1,))
+    assert found.unsettled == ()
+    direction = list(plate_views())[found.first.view]
+    assert direction[2] < -0.3  # from below
+    margins = found.separations.margins[:, :, 0]
+    assert margins[:, LIGHTS.index("backlight")].max() == 0.0
+    # the rim is 8 mm across: 25.1 mm of edge; inside it the hole's floor has another such edge
+    rim_px = np.pi * 8.0 * PX_PER_MM
+    below = difference(
+        *look(pair, towards((0, 0, -1)), 1).pictures,
+        look(pair, towards((0, 0, -1)), 1).stance,
+        "front",
+    )
+    assert 0.8 * rim_px < below < 2.2 * rim_px
+    above = look(pair, towards((0, 0, 1)), 1)
+    assert difference(*above.pictures, above.stance, "front") == 0.0
+
+
+def test_views_from_above_alone_leave_it_in_doubt_and_say_that_the_hole_is_hidden() -> None:
+    from_above = np.stack([q for d, q in plate_views().items() if d[2] > 0.3])
+    found = settle([held("plain"), held("holed")], from_above)
+    assert found.first is None
+    (pair,) = found.unsettled
+    assert pair.pair == (0, 1)
+    assert pair.best_margin == 0.0
+    assert "hides" in pair.reason
+    assert "8.0 mm" in pair.reason  # which bore
+
+
+def test_a_part_turned_into_itself_is_never_told_from_itself_and_that_is_said() -> None:
+    found = settle([held("plain"), held("plain", np.diag([-1.0, -1.0, 1.0, 1.0]), "turned")])
+    assert found.first is None
+    assert found.worst_s == 0.0
+    (pair,) = found.unsettled
+    assert "same shape in the same place" in pair.reason
+    assert found.separations.margins.max() < 1.0
+
+
+def test_a_difference_too_small_for_the_hold_is_said_to_be_in_sight_but_too_small() -> None:
+    slightly = Candidate(
+        "slightly longer", solid_of(box(61.2, 40, 12), "slightly"), inverse_pose(in_hand())
+    )
+    found = settle([held("plain"), slightly])
+    assert found.first is None
+    assert "in sight" in found.unsettled[0].reason
+
+
+def test_the_other_end_down_is_told_where_the_hole_then_is() -> None:
+    half_turn = np.diag([1.0, -1.0, -1.0, 1.0])  # the hole is above then, and on the other side
+    found = settle([held("holed"), held("holed", half_turn, "upside down")])
+    assert found.first is not None
+    assert found.unsettled == ()
+
+
+def test_among_three_every_pair_is_parted_and_the_dearest_way_is_priced() -> None:
+    trio = [held("plain"), held("holed"), held("other")]
+    found = settle(trio)
+    assert found.unsettled == ()
+    assert found.first is not None
+    for truth in range(3):
+        left, ask, spent = (0, 1, 2), found.first, 0.0
+        while ask is not None:
+            spent += 5.0
+            row = LIGHTS.index(ask.light)
+            margins = found.separations.margins[ask.view, row]
+            pairs = found.separations.pairs
+            left = tuple(
+                c
+                for c in left
+                if c == truth or margins[pairs.index((min(c, truth), max(c, truth)))] < 1.0
+            )
+            step = ask.after(left)
+            assert step is not None
+            assert step[0] == left
+            ask = step[1]
+        assert left == (truth,)
+        assert spent <= found.worst_s + 1e-9
+
+
+@pytest.mark.parametrize("truth", [0, 1, 2])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_pictures_of_a_part_held_a_little_off_leave_only_what_it_is(truth: int, seed: int) -> None:
+    trio = [held("plain"), held("holed"), held("other")]
+    below = towards((0, 0, -1))
+    light: Light = "front"
+    seen = look([*trio, moved(trio[truth], seed)], below, 1)
+    predicted = Predicted(seen.roi, seen.pictures[:3], seen.stance)
+    differs = compare(seen.pictures[3], predicted, light, (0, 1, 2))
+    told = tell_apart(differs, apart(predicted, light), light, (0, 1, 2))
+    assert told.left == (truth,)
+    assert told.is_settled
+
+
+def test_a_picture_that_fits_nothing_leaves_nothing_and_one_from_above_leaves_both() -> None:
+    pair = [held("plain"), held("holed")]
+    seen = look([*pair, held("through")], towards((0, 0, -1)), 1)
+    predicted = Predicted(seen.roi, seen.pictures[:2], seen.stance)
+    differs = compare(seen.pictures[2], predicted, "backlight", (0, 1))
+    assert tell_apart(differs, apart(predicted, "backlight"), "backlight", (0, 1)).left == ()
+    seen = look([*pair, moved(pair[1], 3)], towards((0, 0, 1)), 1)
+    predicted = Predicted(seen.roi, seen.pictures[:2], seen.stance)
+    differs = compare(seen.pictures[2], predicted, "front", (0, 1))
+    told = tell_apart(differs, apart(predicted, "front"), "front", (0, 1))
+    assert sorted(told.left) == [0, 1]
+    assert not told.is_settled
+
+
+def made_up(*rows: tuple[float, float, float]) -> Separations:
+    """Margins of the pairs 01, 02, 12 against the backlight, per view."""
+    margins = np.zeros((len(rows), 2, 3))
+    margins[:, 0] = rows
+    return Separations(((0, 1), (0, 2), (1, 2)), margins, np.ones(len(rows), bool))
+
+
+def test_one_dear_view_beats_two_cheap_ones_only_when_it_is_cheaper_than_both() -> None:
+    # view 0 parts 0 from the others, view 1 parts 1 from 2, view 2 parts all
+    table = made_up((9, 9, 0), (0, 0, 9), (9, 9, 9))
+    one, worst_s = cheapest_tree(3, table, np.array([5.0, 5.0, 9.0]))
+    assert one is not None
+    assert (one.view, one.views_n, worst_s) == (2, 1, 9.0)
+    two, worst_s = cheapest_tree(3, table, np.array([5.0, 5.0, 12.0]))
+    assert two is not None
+    assert (two.view, two.views_n, worst_s) == (0, 2, 10.0)
+    assert two.groups == ((0,), (1, 2))
+    assert two.then[0] is None
+
+
+def test_where_no_view_parts_the_middle_one_from_one_side_the_chain_is_still_walked() -> None:
+    # 0 and 2 are parted by view 0, which cannot tell 1 from either; view 1 parts 0 from 1
+    found, worst_s = cheapest_tree(3, made_up((0, 9, 0), (9, 0, 0)), np.array([4.0, 6.0]))
+    assert found is not None
+    assert worst_s == 10.0
+    assert found.views_n == 2
+    nothing, worst_s = cheapest_tree(3, made_up((0.9, 0.5, 0.0)), np.array([4.0]))
+    assert nothing is None
+    assert worst_s == 0.0
+
+
+@pytest.mark.slow
+def test_a_gear_is_told_from_its_mirror_image() -> None:
+    if not (SHARED / "parts").is_dir():
+        pytest.skip("no shared parts here")
+    gear, mirror = (
+        load_solid(SHARED / "parts" / f"cycloidal_gear{end}.stl") for end in ("", "_mirror")
+    )
+    extent = gear.mesh.extents
+    thin = int(np.argmin(extent))
+    y, x = np.eye(3)[thin], np.eye(3)[(thin + 1) % 3]
+    T = np.eye(4)
+    T[:3, :3] = np.column_stack([x, y, np.cross(x, y)])
+    T[:3, 3] = gear.centroid_mm - x * (extent[(thin + 1) % 3] / 2 - 15)
+    opening = float(extent[thin])
+    q = np.stack(list(views_of(gear, T, opening, 30).values()))
+    pair = [
+        Candidate("gear", gear, inverse_pose(T)),
+        Candidate("mirror image", mirror, inverse_pose(T)),
+    ]
+    found = separating_views(pair, LAYOUT, q, np.full(len(q), 5.0), opening)
+    assert found.first is not None
+    assert found.first.margin > 2.0
+    same = separating_views([pair[0], pair[0]], LAYOUT, q, np.full(len(q), 5.0), opening)
+    assert same.first is None
