@@ -21,7 +21,8 @@ class GripRules:
     max_load: float = 0.5
     compliance_mm: float = 0.4  # pads give this much, so that near-touching cells carry
     min_contact_mm2: float = 40.0  # per pad; less is a line or a corner
-    least_contact_mm2: float = 24.0  # where the pose was wrong: two lines 1 mm wide along a pad
+    # where the pose was wrong, or where a part on the table shows no more: two lines 1 mm wide
+    least_contact_mm2: float = 24.0
     max_offset_mm: float = 4.0  # between the two contacts along the pads: more tips the part
     clearance_mm: float = 4.0  # per finger while open, for 1-2 mm of pose error
     bore_clearance_mm: float = 1.5  # per finger that goes into a bore: at least; rather the above
@@ -61,6 +62,8 @@ class Grip:
     margin : share of the poses about the planned one (+-1 mm, +-2 deg) in which it still holds
     is_inner : the fingers spread inside a bore or a channel; `opening_mm` is then the distance of
         their backs, and `pre_open_mm` is narrower
+    on_table : `margin` counts for taking the part from a table, which gives its height and tilt;
+        contact may then be as little as `GripRules.least_contact_mm2`
     """
 
     id: str
@@ -73,3 +76,4 @@ class Grip:
     holder: Holder
     margin: float = 1.0
     is_inner: bool = False
+    on_table: bool = False

@@ -86,6 +86,7 @@ class Judge:
         self.solid, self.caster, self.jaw, self.rules = solid, caster, jaw, rules
         self.gravities = gravities
         self.tally = Tally()
+        self.hull = np.asarray(solid.mesh.convex_hull.vertices)
         self.face_normals = np.asarray(solid.mesh.face_normals, dtype=np.float32)
         self.weight_n = solid.volume_mm3 * rules.density_kg_mm3 * GRAVITY_N_PER_KG
         self.coarse = PadGrid.of(jaw, rules.ray_step_mm)
@@ -126,18 +127,18 @@ class Judge:
         return np.asarray(good)
 
     def sort_out(
-        self, found: Contacts, inner: BoolArray, grid: PadGrid, share: float, prefix: str = ""
+        self,
+        found: Contacts,
+        inner: BoolArray,
+        grid: PadGrid,
+        contact_mm2: float,
+        prefix: str = "",
     ) -> IntArray:
-        """Return the numbers of the grips that hold, and tell the tally what each demand left.
-
-        `share` of the contact asked for is enough: a coarse grid may miss some.
-        """
+        """Return the numbers of the grips that hold, and tell the tally what each demand left."""
         rules, tally = self.rules, self.tally
         rows = np.flatnonzero(self.in_width(found, inner))
         tally.count(f"{prefix}touched by both pads", len(rows))
-        good = tally.ask(
-            f"{prefix}enough contact", found.area[rows], share * rules.min_contact_mm2, " mm2"
-        )
+        good = tally.ask(f"{prefix}enough contact", found.area[rows], contact_mm2, " mm2")
         rows = rows[good]
         good = tally.ask(
             f"{prefix}contacts opposite",

@@ -7,7 +7,7 @@ that of its first touch carries, and only where the wall is inside the friction 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -105,6 +105,27 @@ class Contacts:
             self.height[:, rows],
             self.gradient[:, rows],
             self.touch[:, rows],
+        )
+
+    def bare(self) -> Contacts:
+        """Return them without their cells."""
+        n = len(self.T)
+        none = np.zeros((2, n, 0))
+        return replace(self, height=none, gradient=none[..., None], touch=none.astype(bool))
+
+    def joined(self, other: Contacts) -> Contacts:
+        """Return these and others, both on the same grid or bare."""
+        return Contacts(
+            np.concatenate([self.T, other.T]),
+            np.concatenate([self.touched, other.touched]),
+            np.concatenate([self.opening, other.opening]),
+            np.concatenate([self.area, other.area]),
+            np.concatenate([self.middle, other.middle], axis=1),
+            np.concatenate([self.radius, other.radius]),
+            np.concatenate([self.slope, other.slope]),
+            np.concatenate([self.height, other.height], axis=1),
+            np.concatenate([self.gradient, other.gradient], axis=1),
+            np.concatenate([self.touch, other.touch], axis=1),
         )
 
 

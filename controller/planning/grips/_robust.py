@@ -14,6 +14,7 @@ from ..grip import GripRules
 from ..layout import FloatArray, Jaw
 from ._judge import Judge
 from ._pads import Contacts, PadGrid
+from ._seeds import across
 
 COARSE_STEP_MM = 4.0  # of the first closing, which only tells how the part will turn
 MOST_TURN_RAD = float(np.radians(5.0))  # pads turn a part by little more than its pose was wrong
@@ -21,31 +22,46 @@ TURNS_N = 2  # turns tried: flat walls need one, a bore against its rim two
 LATTICES_N = 3
 
 
-def wrong_poses(rules: GripRules) -> FloatArray:
+def wrong_poses(rules: GripRules, down: FloatArray | None = None) -> FloatArray:
     """Return `wrong_n` poses (n, 4, 4) near none, evenly over +-wrong_mm and +-wrong_deg.
 
     An additive recurrence whose steps are powers of a generalised golden ratio: no random numbers,
     and any number of them fills the six dimensions evenly.
+
+    Parameters
+    ----------
+    down : (3,) which way is down for a part that lies on a table: height and tilt are right then
     """
     ratio = 1.0
     for _ in range(60):
         ratio = (1.0 + ratio) ** (1.0 / 7.0)
     step = ratio ** -np.arange(1.0, 7.0)
     unit = 2 * ((0.5 + np.outer(np.arange(1, rules.wrong_n + 1), step)) % 1.0) - 1
+    shift, turn = unit[:, :3] * rules.wrong_mm, unit[:, 3:] * np.radians(rules.wrong_deg)
+    if down is not None:
+        u, v = across(down)
+        shift = np.outer(shift[:, 0], u) + np.outer(shift[:, 1], v)
+        turn = np.outer(turn[:, 2], down)
     T = np.tile(np.eye(4), (rules.wrong_n, 1, 1))
-    T[:, :3, 3] = unit[:, :3] * rules.wrong_mm
-    T[:, :3, :3] = Rotation.from_rotvec(unit[:, 3:] * np.radians(rules.wrong_deg)).as_matrix()
+    T[:, :3, 3] = shift
+    T[:, :3, :3] = Rotation.from_rotvec(turn).as_matrix()
     return T
 
 
-def margins(judge: Judge, found: Contacts, inner: BoolArray) -> FloatArray:
+def margins(
+    judge: Judge, found: Contacts, inner: BoolArray, down: FloatArray | None = None
+) -> FloatArray:
     """Return for each grip the share of wrong poses in which it holds (n,).
 
     The part is turned about its centre of mass, by which its pose is measured. Of the contact a
-    little more than half is enough: what the pads touch on the edge of a wrong pose still holds.
+    little more than half is enough: what the pads touch at a wrong pose still holds.
+
+    Parameters
+    ----------
+    down : as `wrong_poses`
     """
     rules, jaw, centroid_mm = judge.rules, judge.jaw, judge.solid.centroid_mm
-    wrong = wrong_poses(rules)
+    wrong = wrong_poses(rules, down)
     n, k = len(found.T), len(wrong)
     if n == 0 or k == 0:
         return np.ones(n)

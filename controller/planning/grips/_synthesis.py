@@ -131,36 +131,82 @@ def judge_grips(
             "short enough lever", bound, rules.max_load, " of the friction limit", most=True
         )
     )
-    able, score = _sorted_out(judge, tried, seeds, _picks(solid, tried, jaw, tables, rules))
-    picks = _picks(solid, able, jaw, tables, rules)
-    rows = np.array(cover(able.T, score, picks, rules.fine_n, 2 * rules.picks_n), dtype=np.int64)
-    found, margin, inner = _measured(judge, able.take(rows))
-    picks = _picks(solid, Candidates(found.T, found.opening, inner), jaw, tables, rules)
-    load = judge.load(found, inner, judge.fine)
-    score = score_of(found) * (1.0 - load) * margin
-    wide = pre_open(found.opening, inner, jaw, rules)
+    able, score, area = _sorted_out(judge, tried, seeds, _picks(judge, tried, tables))
+    picks = _picks(judge, able, tables)
+    firm = area >= SORTING_SHARE * rules.min_contact_mm2
+    rows = _cover_of(np.flatnonzero(firm), able, score, picks, rules.fine_n, 2 * rules.picks_n)
+    found = _measured(judge, able, rows)
+    # a pose that few grips take from above: there the table gives height and tilt, and what
+    # contact the rim of a flat part offers is all there is
+    scarce = found.picks(judge, tables).sum(axis=1) < rules.picks_n // 2
+    for pose in np.flatnonzero(scarce):
+        fresh = np.setdiff1d(np.flatnonzero(picks[pose]), found.numbers)
+        rows = _cover_of(fresh, able, score, picks[:0], rules.fine_n // 4, 0)
+        found = found.joined(_measured(judge, able, rows, down=tables[pose]))
+    score = score_of(found.contacts) * (1.0 - found.load) * found.margin
+    chosen = cover(found.contacts.T, score, found.picks(judge, tables), rules.keep_n, rules.picks_n)
+    wide = pre_open(found.contacts.opening, found.inner, jaw, rules)
     grips = tuple(
         Grip(
             id=f"{holder[0].upper()}{number}",
-            T_part_hand=found.T[k],
-            opening_mm=float(found.opening[k]),
+            T_part_hand=found.contacts.T[k],
+            opening_mm=float(found.contacts.opening[k]),
             pre_open_mm=float(wide[k]),
-            contact_mm2=float(found.area[k]),
-            load=float(load[k]),
+            contact_mm2=float(found.contacts.area[k]),
+            load=float(found.load[k]),
             score=float(score[k]),
             holder=holder,
-            margin=float(margin[k]),
-            is_inner=bool(inner[k]),
+            margin=float(found.margin[k]),
+            is_inner=bool(found.inner[k]),
+            on_table=bool(found.on_table[k]),
         )
-        for number, k in enumerate(cover(found.T, score, picks, rules.keep_n, rules.picks_n))
+        for number, k in enumerate(chosen)
     )
     return Synthesis(grips, judge.tally.stages)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Measured:
+    """Grips (n) that hold by fine rays and at wrong poses; `numbers` tells which candidates."""
+
+    numbers: IntArray
+    contacts: Contacts
+    inner: BoolArray
+    load: FloatArray
+    margin: FloatArray
+    on_table: BoolArray
+
+    def joined(self, other: _Measured) -> _Measured:
+        return _Measured(
+            np.concatenate([self.numbers, other.numbers]),
+            self.contacts.joined(other.contacts),
+            np.concatenate([self.inner, other.inner]),
+            np.concatenate([self.load, other.load]),
+            np.concatenate([self.margin, other.margin]),
+            np.concatenate([self.on_table, other.on_table]),
+        )
+
+    def picks(self, judge: Judge, downs: FloatArray) -> BoolArray:
+        hands = Candidates(self.contacts.T, self.contacts.opening, self.inner)
+        return _picks(judge, hands, downs)
+
+
+def _cover_of(
+    members: IntArray,
+    able: Candidates,
+    score: FloatArray,
+    picks: BoolArray,
+    count: int,
+    per_pose: int,
+) -> IntArray:
+    chosen = cover(able.T[members], score[members], picks[:, members], count, per_pose)
+    return np.asarray(members[chosen], dtype=np.int64)
+
+
 def _sorted_out(
     judge: Judge, tried: Candidates, seeds: Seeds, picks: BoolArray
-) -> tuple[Candidates, FloatArray]:
-    """Return the candidates that hold by coarse rays and come in clear of the part; their scores.
+) -> tuple[Candidates, FloatArray, FloatArray]:
+    """Return the candidates that hold by coarse rays, clear of the part; their scores and contacts.
 
     In batches that take from every pose's picks and from all in turn, until there are `enough_n`:
     a part that is easy to hold is done soon, a hard one is looked at to the last candidate.
@@ -168,20 +214,20 @@ def _sorted_out(
     rules, jaw = judge.rules, judge.jaw
     order = _in_turn([*picks, np.ones(len(tried.T), dtype=bool)])
     part = PartTriangles(judge.solid)
-    kept, scores, count = [tried.take(order[:0])], [np.zeros(0)], 0
+    kept, values, count = [tried.take(order[:0])], [np.zeros((2, 0))], 0
     for rows in (order[k : k + BATCH_N] for k in range(0, len(order), BATCH_N)):
         batch = tried.take(rows)
         judge.tally.count("tried", len(rows))
         batch = batch.take(way_seems_free(batch, seeds, jaw, rules))
         judge.tally.count("way in seems free", len(batch.T))
         found = judge.close(batch.T, batch.gap, batch.inner, judge.coarse)
-        good = judge.sort_out(found, batch.inner, judge.coarse, SORTING_SHARE)
+        good = judge.sort_out(found, batch.inner, judge.coarse, rules.least_contact_mm2)
         shut = closed(batch, found, good)
         clear = clear_of_part(part, shut.T, shut.gap, shut.inner, jaw, rules)
         judge.tally.count("clear of the part", int(clear.sum()))
         kept.append(shut.take(clear))
-        scores.append(score_of(found)[good][clear])
-        count += int(clear.sum())
+        values.append(np.stack([score_of(found)[good][clear], found.area[good][clear]]))
+        count += int((values[-1][1] >= SORTING_SHARE * rules.min_contact_mm2).sum())
         if count >= rules.enough_n:
             break
     return (
@@ -190,7 +236,7 @@ def _sorted_out(
             np.concatenate([k.gap for k in kept]),
             np.concatenate([k.inner for k in kept]),
         ),
-        np.concatenate(scores),
+        *np.hstack(values),
     )
 
 
@@ -213,24 +259,34 @@ def _in_turn(groups: Sequence[BoolArray]) -> IntArray:
     return np.asarray(members[np.sort(first)])
 
 
-def _measured(judge: Judge, able: Candidates) -> tuple[Contacts, FloatArray, BoolArray]:
-    """Return what holds by fine rays and at wrong poses, the margins, and which are inner."""
-    rules = judge.rules
-    found = judge.close(able.T, able.gap, able.inner, judge.fine)
-    rows = judge.sort_out(found, able.inner, judge.fine, 1.0, "measured finely: ")
-    found, inner = found.take(rows), able.inner[rows]
-    margin = margins(judge, found, inner)
+def _measured(
+    judge: Judge, able: Candidates, numbers: IntArray, down: FloatArray | None = None
+) -> _Measured:
+    """Return which of the candidates numbered hold by fine rays and at wrong poses.
+
+    Of a part that lies on a table (`down`, (3,) in the part frame) only place and heading may be
+    wrong, and less contact will do.
+    """
+    rules, table = judge.rules, down is not None
+    prefix = "on the table: " if table else "measured finely: "
+    contact_mm2 = rules.least_contact_mm2 if table else rules.min_contact_mm2
+    tried = able.take(numbers)
+    found = judge.close(tried.T, tried.gap, tried.inner, judge.fine)
+    rows = judge.sort_out(found, tried.inner, judge.fine, contact_mm2, prefix)
+    found, inner = found.take(rows), tried.inner[rows]
+    margin = margins(judge, found, inner, down)
     sure = np.flatnonzero(
-        judge.tally.ask("sure of a wrong pose", margin, rules.min_margin, " of the poses")
+        judge.tally.ask(f"{prefix}sure", margin, rules.min_margin, " of wrong poses")
     )
-    return found.take(sure), margin[sure], inner[sure]
+    found, inner = found.take(sure), inner[sure]
+    load = judge.load(found, inner, judge.fine)
+    return _Measured(
+        numbers[rows[sure]], found.bare(), inner, load, margin[sure], np.full(len(sure), table)
+    )
 
 
-def _picks(
-    solid: Solid, hands: Candidates, jaw: Jaw, downs: FloatArray, rules: GripRules
-) -> BoolArray:
+def _picks(judge: Judge, hands: Candidates, downs: FloatArray) -> BoolArray:
     """Tell for each way the part lies which hands take it from above (k, n)."""
-    hull = np.asarray(solid.mesh.convex_hull.vertices)
-    wide = open_gap(hands.gap, hands.inner, jaw, rules)
-    picks = [lifts_off_table(hands.T, wide, jaw, hull, down) for down in downs]
+    wide = open_gap(hands.gap, hands.inner, judge.jaw, judge.rules)
+    picks = [lifts_off_table(hands.T, wide, judge.jaw, judge.hull, down) for down in downs]
     return np.array(picks, dtype=bool).reshape(len(downs), len(hands.T))
