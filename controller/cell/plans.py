@@ -65,10 +65,18 @@ class KeptPlan:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class KeptCertificates:
-    """What each stable pose of a part comes to, in the order of the poses."""
+class Certified:
+    """What each stable pose of a part comes to in a cell.
+
+    Attributes
+    ----------
+    told : in the order of the poses
+    arm_grip_count, fixture_grip_count : how many ways of holding it plans choose from
+    """
 
     told: tuple[Certificate, ...]
+    arm_grip_count: int
+    fixture_grip_count: int
 
 
 class Planning:
@@ -147,13 +155,13 @@ class Planning:
         self._told[file] = found
         return found
 
-    def certificates(self) -> tuple[Certificate, ...]:
+    def certificates(self) -> Certified:
         """Return what each stable pose comes to, lying in the middle of where parts may lie."""
         file = CERTIFICATES.file(self._part.solid.name, digest_of(self._key, "certificates"))
         found = CERTIFICATES.load(file) if self._use_cache else None
         if found is None:
             self._made += 1
-            found = KeptCertificates(self._certify())
+            found = self._certify()
             if self._use_cache:
                 CERTIFICATES.save(file, found)
         for pose, told in zip(self._part.poses, found.told, strict=True):
@@ -161,16 +169,22 @@ class Planning:
             T = resting_pose(self._part.solid, pose, x_mm, y_mm)
             kept = KeptPlan(pose.index, T, told.plan, told.reason)
             self._told[self._plan_file(pose.index, T)] = kept
-        return found.told
+        return found
 
-    def _certify(self) -> tuple[Certificate, ...]:
+    def _certify(self) -> Certified:
         poses = self._part.poses
         try:
-            return certify(self.prepared(), self._layout, poses)
+            prepared = self.prepared()
         except NoPlanError as error:  # nothing can hold it, whichever way it lies
-            return tuple(
+            told = tuple(
                 Certificate(pose.index, pose.probability, None, str(error), 0.0) for pose in poses
             )
+            return Certified(told, 0, 0)
+        return Certified(
+            certify(prepared, self._layout, poses),
+            len(prepared.arm_grips),
+            len(prepared.fixture_grips),
+        )
 
     def _plan_file(self, pose_index: int, T_world_part: Array) -> Path:
         return PLANS.file(self._part.solid.name, digest_of(self._key, pose_index, T_world_part))
@@ -238,7 +252,7 @@ class Shelf(Generic[T]):
 
 PREPARED = Shelf(PreparedPart, "prepared", KEPT_PREPARED)
 PLANS = Shelf(KeptPlan, "plan", KEPT_PLANS)
-CERTIFICATES = Shelf(KeptCertificates, "certificates", KEPT_PREPARED)
+CERTIFICATES = Shelf(Certified, "certificates", KEPT_PREPARED)
 
 
 @lru_cache(maxsize=1)

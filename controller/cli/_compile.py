@@ -22,10 +22,13 @@ from controller.cad.compiled import (
 from controller.cad.surfaces.features import Feature
 from controller.cad.surfaces.tolerances import Datum, Dimension, GeometricTolerance, Tolerance
 from controller.cad.views import LineView
-from controller.config import ConfigError
+from controller.cell.plans import Certified, Planning
+from controller.config import ConfigError, build_layout, load_cell
 from controller.results.sheet import write_sheet
 
 from ._output import emit, say, stdout, warn
+from ._plan import print_certificates
+from ._plan_json import certificate_json
 
 
 def compile_parts(
@@ -34,15 +37,21 @@ def compile_parts(
     unit: str | None,
     density_g_cm3: float | None,
     report: Path | None,
+    cell: Path | None,
     use_cache: bool,
     as_json: bool,
 ) -> int:
     """Tell what follows from CAD files; 2 if one is wrong, the others are told all the same.
 
+    Parameters
+    ----------
+    cell : cell file; with it come the ways to hold each part there, and a plan for each pose
+
     Raises
     ------
-    ConfigError : the report cannot be written
+    ConfigError : the cell file is wrong, or the report cannot be written
     """
+    layout = None if cell is None else build_layout(load_cell(cell))
     code, parts = 0, []
     for path in paths:
         started = time.perf_counter()
@@ -55,10 +64,16 @@ def compile_parts(
         seconds = time.perf_counter() - started
         parts.append(part)
         body = part_json(part, density_g_cm3) | {"seconds": seconds, "from_cache": from_cache}
+        if not as_json:
+            _print(part, body)
+        certified = None
+        if layout is not None:
+            certified = Planning(part, layout, use_cache=use_cache).certificates()
+            body |= certified_json(certified)
         if as_json:
             emit(body)
-        else:
-            _print(part, body)
+        elif certified is not None:
+            _print_certified(part, certified)
     if report is not None and parts:
         try:
             written = write_sheet(parts, density_g_cm3, report)
@@ -122,6 +137,14 @@ def part_json(part: CompiledPart, density_g_cm3: float | None) -> dict[str, Any]
     }
 
 
+def certified_json(certified: Certified) -> dict[str, Any]:
+    """Return how many ways there are to hold a part, and what each stable pose comes to."""
+    return {
+        "grasps": {"arm": certified.arm_grip_count, "fixture": certified.fixture_grip_count},
+        "certificates": [certificate_json(told) for told in certified.told],
+    }
+
+
 def _pose_json(part: CompiledPart, pose: StablePose, view: LineView) -> dict[str, Any]:
     return {
         "index": pose.index,
@@ -166,6 +189,14 @@ def _feature_json(feature: Feature) -> dict[str, Any]:
 def _tolerance_json(tolerance: Tolerance) -> dict[str, Any]:
     what = {Dimension: "dimension", GeometricTolerance: "geometric", Datum: "datum"}
     return {"tolerance": what[type(tolerance)], **asdict(tolerance)}
+
+
+def _print_certified(part: CompiledPart, certified: Certified) -> None:
+    say(
+        f"grips: {certified.arm_grip_count} of the hand, {certified.fixture_grip_count} of the "
+        f"fixed gripper; what {part.solid.name} can count on:"
+    )
+    print_certificates(certified.told)
 
 
 def _print(part: CompiledPart, body: dict[str, Any]) -> None:

@@ -47,7 +47,7 @@ def plan_part_file(
     poses = _asked(compiled, pose_index)
     started = time.monotonic()
     planning = Planning(compiled, layout, use_cache=use_cache)
-    told = planning.certificates() if pose_index is None else ()
+    told = planning.certificates().told if pose_index is None else ()
     kept = _likeliest(planning, poses, place)
     body = _head(compiled, cell, kept, place)
     seconds = time.monotonic() - started
@@ -79,7 +79,7 @@ def _asked(part: CompiledPart, pose_index: int | None) -> tuple[StablePose, ...]
         raise ConfigError(f"{part.solid.name} has no pose to lie in: it rolls whichever way")
     found = tuple(p for p in poses if pose_index in (None, p.index))
     if not found:
-        known = ", ".join(str(pose.index) for pose in part.poses)
+        known = sorted(pose.index for pose in part.poses)
         raise ConfigError(f"--pose {pose_index}: {part.solid.name} has poses {known}")
     return found
 

@@ -171,6 +171,10 @@ def compile_(
         float | None,
         typer.Option("--density", min=0.01, max=25, help="g/cm3; the file's, or 2.7, otherwise"),
     ] = None,
+    cell: Annotated[
+        Path | None,
+        typer.Option("--cell", help="cell file (YAML): tell how the part is held and shown there"),
+    ] = None,
     report: Annotated[
         Path | None, typer.Option("--report", help="HTML page to write, with every pose drawn")
     ] = None,
@@ -187,6 +191,7 @@ def compile_(
         unit=unit and unit.value,
         density_g_cm3=density,
         report=report,
+        cell=cell,
         use_cache=not no_cache,
         as_json=json,
     )

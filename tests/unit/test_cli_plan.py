@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from controller.cell import plans
 from controller.cell.plans import KeptPlan, Shelf, digest_of
 from controller.cli import main
 from controller.config import build_layout, load_cell
-from controller.planning import NotGraspableError, PlanOptions, certificates, plan_from
+from controller.planning import GripRules, NotGraspableError, PlanOptions, certificates, plan_from
 from controller.results.plan_page import _coverage as coverage
 from controller.results.plan_page import _strip as strip
 
@@ -35,7 +36,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def _coarse(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Few grips and views are enough to see what the command makes of a plan."""
-    few = PlanOptions(arm_grips_per_pose=3, arm_grips_round=4, fixture_grips=4, directions_n=40)
+    few = PlanOptions(
+        arm_grips_per_pose=3,
+        arm_grips_round=4,
+        fixture_grips=4,
+        directions_n=30,
+        rules=GripRules().coarse(),
+    )
     monkeypatch.setattr(plans, "PlanOptions", lambda: few)
     monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
     monkeypatch.setattr(strip, "WIDTHS_PX", (60, 60, 60))
@@ -175,10 +182,42 @@ def test_without_a_pose_all_are_told_and_the_likeliest_with_a_plan_is_taken(
     assert "pose 3 is not to be had" in " ".join(capsys.readouterr().out.split())
 
 
+def test_compile_tells_how_a_part_is_held_and_shown_in_a_cell(
+    told: dict[str, Any],
+    block: Path,
+    folder: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert told["steps"]  # so the part is prepared; what is told of it here is not to be kept
+    shutil.copytree(folder / "cache", tmp_path / "cache")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    for file in (tmp_path / "cache" / "cellctl").glob("certificates-*"):
+        file.unlink()
+
+    def never(*args: Any, **more: Any) -> Any:
+        raise NotGraspableError("not today")
+
+    monkeypatch.setattr(certificates, "plan_from", never)
+    monkeypatch.setattr(certificates, "PLACES_N", 1)
+    assert main(["compile", str(block), "--cell", str(CELL), "--json"]) == 0
+    body = json.loads(capsys.readouterr().out)
+    assert body["grasps"]["arm"] > 0
+    assert body["grasps"]["fixture"] > 0
+    assert [c["reason"] for c in body["certificates"]] == ["not today"] * 6
+    assert main(["compile", str(block), "--cell", "nowhere.yaml", "--json"]) == 2
+    out = capsys.readouterr()
+    assert out.out == ""
+    assert "nowhere.yaml" in out.err
+    assert main(["compile", str(block), "--json"]) == 0
+    assert "certificates" not in json.loads(capsys.readouterr().out)
+
+
 @pytest.mark.parametrize(
     ("more", "needed"),
     [
-        (["--pose", "77"], "has poses 0, 1, 2"),
+        (["--pose", "77"], "has poses [0, 1, 2]"),
         (["--at", "300,20"], "X,Y,THETA"),
         (["--at", "a,b,c"], "X,Y,THETA"),
         (["--at", "nan,0,0"], "X,Y,THETA"),

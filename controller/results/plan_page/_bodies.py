@@ -179,11 +179,14 @@ def _thinner(box: Box) -> Box:
     return Box(box.T, box.half_mm - THINNER_MM)
 
 
-def hand_bodies(layout: CellLayout, q: Array, opening_mm: float) -> list[Body]:
+def hand_bodies(
+    layout: CellLayout, q: Array, opening_mm: float, *, with_palm: bool = True
+) -> list[Body]:
     """Return the hand with its fingers at an opening."""
     T = tip_pose(layout, q)
+    palm = layout.hand.body if with_palm else ()
     return [
-        *(box_body("hand", HAND, box.placed(T)) for box in layout.hand.body),
+        *(box_body("hand", HAND, box.placed(T)) for box in palm),
         *(box_body("finger", FINGER, box.placed(T)) for box in layout.hand.fingers(opening_mm)),
     ]
 
@@ -225,12 +228,13 @@ def moment_stage(
     standing: Sequence[Body],
     *,
     with_links: bool = True,
+    with_palm: bool = True,
 ) -> Stage:
-    """Return the cell at a moment; without the arm's links to look through them."""
+    """Return the cell at a moment; without the arm's links, or the palm, to look through them."""
     bodies = [
         *standing,
         *fixture_bodies(layout, moment.fixture_opening_mm),
-        *hand_bodies(layout, moment.q, moment.hand_opening_mm),
+        *hand_bodies(layout, moment.q, moment.hand_opening_mm, with_palm=with_palm),
         *(arm_bodies(layout, moment.q) if with_links else []),
     ]
     return make_stage(bodies, part_body(solid, moment.T_world_part), moment.T_world_part)

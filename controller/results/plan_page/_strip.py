@@ -120,7 +120,10 @@ class Strip:
 
     def _near(self, moment: Moment, stage: Stage, colours: Floats) -> tuple[Floats, str]:
         if moment.seat is Seat.BESIDE:
-            return self._beside(moment, stage, colours), "from beside, arm transparent"
+            words = "from beside, arm transparent"
+            if moment.kind is Kind.PLACE:
+                words += "; of the trays, the one that takes longest"
+            return self._beside(moment, stage, colours), words
         camera = self._camera(moment.seat)
         corners = stage.bodies[-1].vertices_mm
         if moment.kind is Kind.PRESENT or not _is_in_sight(camera, corners):
@@ -155,7 +158,15 @@ class Strip:
     def _through_links(
         self, moment: Moment, standing: Sequence[Body], stage: Stage, eye: Eye, colours: Floats
     ) -> Floats:
-        bare = moment_stage(self._layout, self._solid, moment, standing, with_links=False)
+        # from above the palm is over the part; from beside it shows how the part is held
+        bare = moment_stage(
+            self._layout,
+            self._solid,
+            moment,
+            standing,
+            with_links=False,
+            with_palm=moment.seat is Seat.BESIDE,
+        )
         behind = self._drawn(bare, eye, colours)
         front = self._drawn(stage, eye, colours)
         return smaller((1 - GHOST) * behind + GHOST * front)
