@@ -196,8 +196,8 @@ class Handling(Toolkit):
         await self._go_back(len(step.approach))
         await self._require_fixture_holds()
         await self._go_back(len(step.motion_in))
-        if part.has_tried(Trouble.TAKE_BACK_FAILED):
-            part.avoid.add(step.grip.id)
+        # nothing sees the part in the fixed gripper: what failed once would fail again
+        part.avoid.add(step.grip.id)
         raise PartTroubleError(
             Trouble.TAKE_BACK_FAILED,
             f"taking the part back: the hand's jaws stopped at {width_mm:.1f} mm, "

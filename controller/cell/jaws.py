@@ -81,4 +81,4 @@ class Jaws:
     @property
     def is_between_fixture(self) -> bool:
         """Whether the light barrier of the fixed gripper sees something between its jaws."""
-        return self._io.signal("part_in_fixture") is Signal.OK
+        return self._io.signal("part_in_gripper") is Signal.OK

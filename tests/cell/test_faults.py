@@ -170,3 +170,51 @@ def test_a_dead_backlight_is_no_empty_table(start: Callable[..., Run]) -> None:
         once_in("resetting", lambda run: run.control("lamp", name="table_backlight", dead=True))
     )
     has_ended_well(ran, "cell", "does not glow", "table_backlight")
+
+
+def has_recovered(ran: Ran, *troubles: str) -> None:
+    """Check what every recovery has in common: no person, nothing opened, nothing shown twice."""
+    assert ran.code == 0, (ran.result, ran.stderr)
+    assert ran.result["end"] == "complete"
+    rows = list(read_rows(ran.journal, ran.result["run"]))
+    assert first_broken_row(ran.journal) is None
+    told = [r.body["trouble"] for r in rows if r.name == "recovery"]
+    for trouble in troubles:
+        assert trouble in told
+    custody = [r.name for r in rows if r.kind == "custody"]
+    assert custody[-1] == "placed"
+    # the world's own word: no gripper let the part go in the air by opening
+    let_go = [e for e in ran.seen["truth"]["events"] if e["what"] == "released"]
+    assert all(e["is_held"] or e["lowest_mm"] < 12.0 for e in let_go), let_go
+    assert not ran.seen["truth"]["collisions"]
+
+
+def remembering(watch: Callable[[dict[str, Any], Run], None]) -> Callable[..., None]:
+    """Return the watcher with the world's truth asked at the end as well."""
+
+    def both(body: dict[str, Any], run: Run) -> None:
+        watch(body, run)
+        if body.get("state") in ("complete", "completing"):
+            run.seen["truth"] = run.control("truth")
+
+    return both
+
+
+@pytest.mark.slow
+def test_a_part_that_falls_from_the_hand_is_taken_again_and_finished(
+    start: Callable[..., Run],
+) -> None:
+    # as soon as it is lifted, so that it stays within the camera's sight
+    watch = once_in("presenting", lambda run: run.control("lose_part"))
+    ran = start("recipes/holder.yaml", "--seed", "5").follow(remembering(watch))
+    has_recovered(ran, "part_lost")
+    custody = [r.name for r in read_rows(ran.journal, ran.result["run"]) if r.kind == "custody"]
+    assert custody[:4] == ["in_arm", "lost", "on_table", "in_arm"]
+
+
+@pytest.mark.slow
+def test_a_part_that_slips_in_the_hand_is_measured_and_shown_on(start: Callable[..., Run]) -> None:
+    # after the first view, which has measured the hold
+    watch = once_in("inspecting", lambda run: run.control("slip", along_mm=-3.0))
+    ran = start("recipes/holder.yaml", "--seed", "5").follow(remembering(watch))
+    has_recovered(ran, "held_otherwise")

@@ -1,8 +1,12 @@
-"""The cell's table as a Mermaid state diagram: `python tests/unit/machine_diagram.py`."""
+"""The cell's table as a Mermaid state diagram: `python tests/unit/machine_diagram.py`.
+
+With ``--stages`` only those of one part, as docs/operating.md shows them.
+"""
 
 from __future__ import annotations
 
 import re
+import sys
 
 from controller.cell.machine import ENTRY, EXECUTE, SEPARATOR, STATES, TABLE
 
@@ -25,6 +29,20 @@ def mermaid() -> str:
     return "\n".join(lines) + "\n"
 
 
+def stages_mermaid() -> str:
+    """Draw one part's way through the stages, recoveries among them; as the manual shows it."""
+    prefix = EXECUTE + SEPARATOR
+    lines = ["stateDiagram-v2"]
+    for event, sources, target in TABLE:
+        if not target.startswith(prefix):
+            continue
+        for source in sources:
+            if source.startswith(prefix):
+                way = f"{source.removeprefix(prefix)} --> {target.removeprefix(prefix)}"
+                lines.append(f"    {way} : {event.value}")
+    return "\n".join(lines) + "\n"
+
+
 def arrows(diagram: str) -> set[Arrow]:
     """Read the transitions back: (source, event, target)."""
     found: set[Arrow] = set()
@@ -35,4 +53,4 @@ def arrows(diagram: str) -> set[Arrow]:
 
 
 if __name__ == "__main__":
-    print(mermaid(), end="")  # noqa: T201 - its whole purpose
+    print(stages_mermaid() if "--stages" in sys.argv else mermaid(), end="")  # noqa: T201 - its whole purpose

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections import deque
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
-from machine_diagram import arrows, mermaid
+from machine_diagram import arrows, mermaid, stages_mermaid
 
 from controller.cell.machine import (
     ENTRY,
@@ -297,6 +299,12 @@ def test_a_state_nobody_knows_is_not_restored(name: str) -> None:
 
 def test_the_diagram_shows_exactly_the_table() -> None:
     assert arrows(mermaid()) == {(s, e.value, t) for (s, e), t in HANDLED.items()}
+
+
+def test_the_manual_shows_the_stages_as_the_table_has_them() -> None:
+    manual = Path(__file__).parents[2] / "docs" / "operating.md"
+    (drawn,) = re.findall(r"```mermaid\n(.*?)```", manual.read_text(), re.DOTALL)
+    assert drawn == stages_mermaid(), "paste what tests/unit/machine_diagram.py --stages prints"
 
 
 class Walk(RuleBasedStateMachine):
