@@ -250,7 +250,7 @@ def calibrate_camera(
 
 @app.command(epilog="Example: cellctl plan recipes/parts/featuretype.stl --report featuretype.html")
 def plan(
-    part: Annotated[Path, typer.Argument(help="CAD file")],
+    parts: Annotated[list[Path], typer.Argument(help="CAD file; several with --site")],
     cell: Annotated[Path, typer.Option("--cell", help="cell file (YAML)")] = Path(
         "recipes/cells/emulated.yaml"
     ),
@@ -266,16 +266,33 @@ def plan(
         Path | None, typer.Option("--report", help="HTML page to write, with every step drawn")
     ] = None,
     unit: UnitOption = None,
+    site: Annotated[
+        bool,
+        typer.Option("--site", help="where camera and fixed gripper should stand for the parts"),
+    ] = False,
     no_cache: Annotated[
         bool, typer.Option("--no-cache", help="plan anew, and keep nothing")
     ] = False,
     json: JsonOption = False,
 ) -> None:
     """Plan how a part would be shown: steps, forecast, coverage, and why not the rest."""
+    if site:
+        asked = {"--pose": pose, "--at": at, "--report": report}
+        for name, value in asked.items():
+            if value is not None:
+                raise ConfigError(f"--site is about the cell: it goes without {name}")
+        from ._plan_site import site_parts
+
+        code = site_parts(
+            parts, cell, unit=unit and unit.value, use_cache=not no_cache, as_json=json
+        )
+        raise typer.Exit(code)
+    if len(parts) > 1:
+        raise ConfigError(f"{parts[1]}: one part is planned at a time; several only with --site")
     from ._plan import plan_part_file
 
     code = plan_part_file(
-        part,
+        parts[0],
         cell,
         pose,
         at,

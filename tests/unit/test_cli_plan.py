@@ -14,9 +14,17 @@ from cad_solids import box, mesh_of, rod
 
 from controller.cell import plans
 from controller.cell.plans import KeptPlan, Shelf, digest_of
-from controller.cli import main
+from controller.cli import _plan_site, main
 from controller.config import build_layout, load_cell
-from controller.planning import GripRules, NotGraspableError, PlanOptions, certificates, plan_from
+from controller.planning import (
+    Box,
+    GripRules,
+    NotGraspableError,
+    PlanOptions,
+    certificates,
+    plan_from,
+)
+from controller.planning.siting import PartScore, SiteReport, SiteScore, site_of
 from controller.results.plan_page import _coverage as coverage
 from controller.results.plan_page import _strip as strip
 
@@ -232,6 +240,47 @@ def test_a_wrong_option_is_answered_in_a_sentence(
     assert out.out == ""
     assert needed in out.err
     assert len(out.err.strip().splitlines()) == 1
+
+
+def test_several_parts_are_for_a_site_only(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["plan", str(HOLDER), "other.stl", "--cell", str(CELL)]) == 2
+    assert "one part is planned at a time" in capsys.readouterr().err
+    assert main(["plan", str(HOLDER), "--cell", str(CELL), "--site", "--pose", "1"]) == 2
+    assert "goes without --pose" in capsys.readouterr().err
+
+
+def test_a_site_is_told_in_words_and_in_json(
+    told: dict[str, Any],
+    block: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert told["steps"]  # so the part is prepared
+    asked: dict[str, Any] = {}
+
+    def report(parts: Any, layout: Any, options: Any, progress: Any) -> SiteReport:
+        asked.update(names=[p.solid.name for p in parts], keep=options.keep_free_mm)
+        progress("trying", 1, 2)
+        score = PartScore("block", 1.0, 1.0, 0.98, 0.9, 0.5, 0.5, 0.5, 1.0, 20.0, float("nan"))
+        now = SiteScore(site_of(layout), (score,), "checked", 0.9, None, {"accept": 0.5})
+        moving = {"post": Box.from_bounds(0, 1, 0, 1, 0, 1)}
+        words = ("Leave camera and fixed gripper where they are.",)
+        return SiteReport(
+            now, now, (), 1.0, True, 100, 10, np.eye(4), np.eye(4), moving, sentences=words
+        )
+
+    monkeypatch.setattr(_plan_site, "site_report", report)
+    words = ["plan", str(block), str(block), "--cell", str(CELL), "--site"]
+    assert main([*words, "--json"]) == 0
+    body = json.loads(capsys.readouterr().out)
+    cell = load_cell(CELL)
+    glowing = cell.table.glowing_area
+    assert asked == {"names": ["block", "block"], "keep": (glowing.x, glowing.y)}
+    assert body["stay"] is True
+    assert body["best"]["site"]["station_mm"] == list(cell.station.position)
+    assert body["present"]["parts"][0]["regrip_s"] is None  # JSON knows no NaN
+    assert main(words) == 0
+    assert "Leave camera" in capsys.readouterr().out
 
 
 def test_a_file_that_is_no_part_is_named(

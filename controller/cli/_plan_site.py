@@ -1,0 +1,128 @@
+"""`cellctl plan --site`: where inspection camera and fixed gripper should stand for some parts."""
+
+import time
+from collections.abc import Sequence
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from rich.box import SIMPLE
+from rich.table import Table
+
+from controller.cad.compiled import CompileOptions, load_part
+from controller.cell.plans import Planning
+from controller.config import build_layout, load_cell
+from controller.planning.siting import Site, SiteOptions, SiteReport, SiteScore, site_report
+
+from ._output import emit, say, stderr, stdout
+
+
+def site_parts(
+    paths: Sequence[Path], cell_path: Path, *, unit: str | None, use_cache: bool, as_json: bool
+) -> int:
+    """Search places for camera and fixed gripper and tell what came out.
+
+    Raises
+    ------
+    ConfigError, CadError : a file is wrong
+    NoPlanError : a part cannot be held at all
+    """
+    cell = load_cell(cell_path)
+    layout = build_layout(cell)
+    parts = [load_part(path, CompileOptions(unit=unit)) for path in paths]
+    glowing = cell.table.glowing_area
+    options = SiteOptions(keep_free_mm=(glowing.x, glowing.y))
+    started = time.monotonic()
+    with stderr.status("preparing parts") as status:
+        prepared = [Planning(part, layout, use_cache=use_cache).prepared() for part in parts]
+
+        def progress(what: str, done: int, total: int) -> None:
+            status.update(f"{what}: {done} of {total}")
+
+        told = site_report(prepared, layout, options, progress)
+    seconds = time.monotonic() - started
+    if as_json:
+        head = {"parts": [part.solid.name for part in parts], "cell": cell.name}
+        emit(head | site_json(told) | {"seconds": seconds})
+        return 0
+    for sentence in told.sentences:
+        say(sentence)
+    _print(told)
+    return 0
+
+
+def site_json(told: SiteReport) -> dict[str, Any]:
+    """Return the answer; poses are nested row-major lists in the world."""
+    return {
+        "stay": told.stay,
+        "sentences": list(told.sentences),
+        "joints_allow": told.joints_allow,
+        "sites_tried": told.sites_tried,
+        "sites_checked": told.sites_checked,
+        "present": _score_json(told.present),
+        "best": _score_json(told.best),
+        "others": [_score_json(score) for score in told.others],
+        "T_world_camera": told.T_camera.tolist(),
+        "boxes": {
+            name: {"T": box.T.tolist(), "half_mm": box.half_mm.tolist()}
+            for name, box in told.boxes.items()
+        },
+    }
+
+
+def _score_json(score: SiteScore) -> dict[str, Any]:
+    return {
+        "site": _site_json(score.site),
+        "value": score.value,
+        "shown_mean": score.shown_mean,
+        "shown_worst": score.shown_worst,
+        "forbidden": score.forbidden,
+        "trays": dict(score.trays),
+        "parts": [
+            {
+                "part": part.name,
+                "showable": part.showable,
+                "joints_allow": part.joints_allow,
+                "shown": part.shown,
+                "shown_worst": part.shown_worst,
+                "views_share": part.views_share,
+                "partners_share": part.partners_share,
+                "hand_offs_share": part.hand_offs_share,
+                "picks_share": part.picks_share,
+                "view_s": _number(part.view_s),
+                "regrip_s": _number(part.regrip_s),
+            }
+            for part in score.parts
+        ],
+    }
+
+
+def _site_json(site: Site) -> dict[str, Any]:
+    T = site.T_world_fixture
+    return {
+        "station_mm": site.station_mm.tolist(),
+        "camera_looks_along": site.looks_along.tolist(),
+        "T_world_fixture": None if T is None else T.tolist(),
+    }
+
+
+def _number(value: float) -> float | None:
+    """Return a number as JSON has it, which knows no NaN."""
+    return value if isfinite(value) else None
+
+
+def _print(told: SiteReport) -> None:
+    table = Table(box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("part")
+    for heading in ("could be\n%", "shown now\n%", "at best\n%", "picked now\n%", "at best\n%"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for now, best in zip(told.present.parts, told.best.parts, strict=True):
+        table.add_row(
+            now.name,
+            f"{100 * best.showable:.1f}",
+            f"{100 * now.shown:.1f}",
+            f"{100 * best.shown:.1f}",
+            f"{100 * now.picks_share:.0f}",
+            f"{100 * best.picks_share:.0f}",
+        )
+    stdout.print(table)
