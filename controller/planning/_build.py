@@ -14,7 +14,7 @@ import numpy as np
 from .boxes import BoolArray, segments_hit
 from .errors import NoMotionError, NoPlanError, OutOfReachError
 from .grip import Grip
-from .layout import CellLayout, FloatArray
+from .layout import CellLayout, FloatArray, Tray
 from .motion import PlacedShape, Scene, connect, fewest_waypoints, move_seconds
 from .plan import (
     HandOver,
@@ -330,19 +330,24 @@ class Builder:
         RefutedError : it cannot
         """
         part = self._part
-        grip = part.arm_grips[g]
         for name, tray in self._layout.trays.items():
             if (g, name) not in self._tray_ways:
-                self._tray_ways[g, name] = place_ways(part, self._layout, grip, tray)
+                ways = place_ways(part, self._layout, part.arm_grips[g], tray)
+                self._tray_ways[g, name] = ways
             if not self._tray_ways[g, name]:
-                reason = OutOfReachError(
-                    f"{part.solid.name}: grip {grip.id} cannot let it go anywhere over tray {name} "
-                    f"at ({tray.centre_mm[0]:.0f}, {tray.centre_mm[1]:.0f}); move the tray nearer",
-                    reach_mm=float(np.hypot(*tray.centre_mm)),
-                    limit_mm=self._layout.arm.upper_mm + self._layout.arm.fore_mm,
-                    where=f"tray {name}",
-                )
-                raise RefutedError(reason, lasts=[g])
+                raise RefutedError(self._tray_missed(g, name), lasts=[g])
+
+    def _tray_missed(self, g: int, name: str) -> OutOfReachError:
+        arm, tray = self._layout.arm, self._layout.trays[name]
+        away, limit = tray_distance_mm(self._layout, tray), arm.upper_mm + arm.fore_mm
+        return OutOfReachError(
+            f"{self._part.solid.name}: grip {self._part.arm_grips[g].id} cannot let it go anywhere "
+            f"over tray {name}, {away:.0f} mm from the arm's axis (the wrist reaches {limit:.0f} "
+            f"mm, the hand {arm.tool_mm:.0f} mm more); move the tray",
+            reach_mm=away,
+            limit_mm=limit,
+            where=f"tray {name}",
+        )
 
     def sort(self, build: Build, g: int) -> tuple[dict[str, Place], dict[str, Park]]:
         """Return how the part gets into each tray, and the arm home from there.
@@ -399,6 +404,33 @@ class Builder:
             tilt_rad=way.tilt_rad,
         )
         return place, Park(seconds=self._seconds(way.up[-1], home), label="park", motion=home)
+
+
+def tray_distance_mm(layout: CellLayout, tray: Tray) -> float:
+    """Return how far from the arm's axis a tray's middle is."""
+    T_arm = layout.T_world_arm
+    return float(np.hypot(*(np.array(tray.centre_mm) - T_arm[:2, 3])))
+
+
+def check_trays_in_reach(name: str, layout: CellLayout) -> None:
+    """See that the hand gets as far as every tray, whatever it holds.
+
+    Raises
+    ------
+    OutOfReachError : a tray is farther away than the outstretched arm
+    """
+    arm = layout.arm
+    limit = arm.upper_mm + arm.fore_mm + arm.tool_mm
+    for tray_name, tray in layout.trays.items():
+        away = tray_distance_mm(layout, tray)
+        if away > limit + max(tray.size_mm) / 2:
+            raise OutOfReachError(
+                f"{name}: tray {tray_name} is {away:.0f} mm from the arm's axis, the outstretched "
+                f"arm with its hand reaches {limit:.0f} mm; move the tray nearer",
+                reach_mm=away,
+                limit_mm=arm.upper_mm + arm.fore_mm,
+                where=f"tray {tray_name}",
+            )
 
 
 def _standing_opening(build: Build, layout: CellLayout) -> float:

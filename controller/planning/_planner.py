@@ -14,12 +14,12 @@ import numpy as np
 
 from controller.cad import Solid, StablePose, SurfaceSamples, inverse_pose
 
-from ._build import Build, Builder, RefutedError
+from ._build import Build, Builder, RefutedError, check_trays_in_reach
 from ._prepare import prepare_part, with_grips
 from ._prices import Prices, Support, first_seconds, make_prices, take_seconds, worthwhile
 from ._why import unseen_pieces
 from .boxes import BoolArray
-from .errors import NoMotionError, NoPlanError
+from .errors import NoMotionError, NoPlanError, OutOfReachError
 from .grip import Grip
 from .layout import CellLayout, FloatArray
 from .motion import leg_seconds
@@ -130,6 +130,7 @@ class _Planner:
         NoPlanError : there is none
         """
         part, layout = self._part, self._layout
+        check_trays_in_reach(part.solid.name, layout)
         prices = make_prices(part, layout, self.first_s(), self._done, self._avoid)
         problem = prices.problem
         failure: NoPlanError | None = None
@@ -143,6 +144,8 @@ class _Planner:
             solution = solve(problem, incumbent=solution)
             if solution is None:
                 break
+            if not solution.needed.any() and not self._done.any():
+                raise self._nothing_shown()
             try:
                 return self._work_out(prices, problem, solution)
             except RefutedError as error:
@@ -157,6 +160,43 @@ class _Planner:
         raise failure or NoMotionError(
             f"{part.solid.name} {self.where()}: no grip it can be had in leads on to a tray"
         )
+
+    def _nothing_shown(self) -> NoPlanError:
+        """Say why not one view of the part can be had, with the number that fails."""
+        part, layout = self._part, self._layout
+        arm = layout.arm
+        x, y, z = layout.station_mm
+        away = float(np.hypot(*(layout.station_mm - layout.T_world_arm[:3, 3])[:2]))
+        limit = arm.upper_mm + arm.fore_mm
+        where = f"the station at ({x:.0f}, {y:.0f}, {z:.0f})"
+        if away > limit + arm.tool_mm:
+            return OutOfReachError(
+                f"{part.solid.name}: {where} is {away:.0f} mm from the arm's axis, the "
+                f"outstretched arm with its hand reaches {limit + arm.tool_mm:.0f} mm; move the "
+                "station nearer",
+                reach_mm=away,
+                limit_mm=limit,
+                where="station",
+            )
+        why = unseen_pieces(
+            part,
+            layout,
+            self._done,
+            range(len(part.arm_grips)),
+            apart=np.zeros_like(self._done),
+            dropped=np.zeros_like(self._done),
+        )
+        reason = f"{why[0].reason}; {why[0].remedy}" if why else "no view shows anything"
+        return OutOfReachError(
+            f"{part.solid.name}: nothing of it can be shown at {where}: {reason}",
+            reach_mm=away,
+            limit_mm=limit,
+            where="station",
+        )
+
+    def _lies_in(self) -> int:
+        """Return the index of the stable pose it lies in, -1 if it is held."""
+        return -1
 
     def _work_out(self, prices: Prices, problem: Problem, solution: Solution) -> Plan:
         part, layout, builder = self._part, self._layout, self._builder
@@ -193,6 +233,7 @@ class _Planner:
                 _closure(problem),
                 apart=(solution.needed & ~solution.covered)[:count],
                 dropped=problem.seen[:count] & ~self._done,
+                lies_in=self._lies_in(),
             ),
             grips=tuple(used),
             # of what shows less than could be shown one way or another nothing is claimed
@@ -277,6 +318,7 @@ class _FromTable(_Planner):
         q = layout.park_q if start.q is None else start.q
         super().__init__(part, layout, q, done, avoid, seed)
         self._T = start.T_world_part
+        self._pose_index = start.pose_index
         self._picks: dict[int, list[PickWay]] = {}
 
     def first_s(self) -> FloatArray:
@@ -293,6 +335,9 @@ class _FromTable(_Planner):
 
     def where(self) -> str:
         return "on the table"
+
+    def _lies_in(self) -> int:
+        return self._pose_index
 
 
 class _FromArm(_Planner):

@@ -181,7 +181,7 @@ def _is_joined(part: PreparedPart, layout: CellLayout) -> bool:
         # the part comes up in one grip only: one of them has to lead on to everything
         firsts = (np.arange(count) == g for g in np.flatnonzero(had))
         if had.any() and not any(
-            part.covered[_reached(first, can)].any(axis=0)[able].all() for first in firsts
+            part.covered[_reached(first, can)][:, able].any(axis=0).all() for first in firsts
         ):
             return False
     return True

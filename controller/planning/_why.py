@@ -55,6 +55,7 @@ def unseen_pieces(
     *,
     apart: BoolArray,
     dropped: BoolArray,
+    lies_in: int = -1,
 ) -> tuple[Unseen, ...]:
     """Return what is not seen (n,) per face with its reason.
 
@@ -63,9 +64,10 @@ def unseen_pieces(
     within_reach : arm grips any change of grip from here leads to
     apart : (n,) samples that a grip shows which can be had, but not one after the plan's
     dropped : (n,) samples that a view each would have been too little for
+    lies_in : index of the stable pose the part starts in, -1 if it is held
     """
     found = []
-    for missing in _classes(part, layout, seen, within_reach, apart, dropped):
+    for missing in _classes(part, layout, seen, within_reach, apart, dropped, lies_in):
         for face_id in np.unique(part.samples.face_ids[missing.mask]):
             piece = missing.mask & (part.samples.face_ids == face_id)
             share = float(part.weights[piece].sum())
@@ -90,6 +92,7 @@ def _classes(
     within_reach: Collection[int],
     apart: BoolArray,
     dropped: BoolArray,
+    lies_in: int,
 ) -> list[Missing]:
     by_part = ~part.visible.any(axis=0)
     shown = np.any([s.any(axis=0) for s in part.shown], axis=0)
@@ -103,11 +106,11 @@ def _classes(
     ]
     cut = coverable & ~here & ~seen
     if cut.any():
-        reason, remedy = _no_path(part, layout, cut)
+        reason, remedy = _no_path(part, layout, cut, lies_in)
         classes.append(Missing(Reason.NO_REGRASP_PATH, cut, reason, remedy))
     split = here & apart & ~seen
     if split.any():
-        reason, remedy = _no_path(part, layout, split)
+        reason, remedy = _no_path(part, layout, split, lies_in)
         classes.append(Missing(Reason.NO_REGRASP_PATH, split, reason, remedy))
     rest = here & ~seen & ~apart
     if rest.any():
@@ -213,10 +216,7 @@ def _reach(part: PreparedPart, layout: CellLayout, piece: BoolArray) -> tuple[st
     grip, view = pairs[0]
     T, inside = view_poses(part.solid, layout, part.directions.vectors[view : view + 1])
     if not inside.any():
-        return (
-            "out of the picture: the part is larger than the camera's field at the station",
-            "move the camera back, or take a shorter focal length",
-        )
+        return _out_of_picture(part, layout)
     held = part.arm_grips[grip]
     T_tip = T[0][inside[0]] @ held.T_part_hand
     index, _, q = inverse_rows(layout, T_tip)
@@ -232,6 +232,20 @@ def _reach(part: PreparedPart, layout: CellLayout, piece: BoolArray) -> tuple[st
     return f"out of reach: {limit}", _better_place(part, layout, pairs)
 
 
+def _out_of_picture(part: PreparedPart, layout: CellLayout) -> tuple[str, str]:
+    camera = layout.inspection
+    away = float(np.linalg.norm(camera.position_mm - layout.station_mm))
+    width, height = (
+        n * away / f for n, f in zip(camera.size_px, (camera.K[0, 0], camera.K[1, 1]), strict=True)
+    )
+    span = float(2 * np.linalg.norm(part.part_box.half_mm))
+    return (
+        f"out of the picture: the camera sees {width:.0f} x {height:.0f} mm at the station, the "
+        f"part is {span:.0f} mm across",
+        "move the camera back, or take a shorter focal length",
+    )
+
+
 def _better_place(part: PreparedPart, layout: CellLayout, pairs: Sequence[tuple[int, ...]]) -> str:
     """Return where a camera would have to stand for the arm to show one of some views to it."""
     for name, towards in SENSOR_PLACES.items():
@@ -240,6 +254,13 @@ def _better_place(part: PreparedPart, layout: CellLayout, pairs: Sequence[tuple[
             index, _, _ = inverse_rows(layout, T @ part.arm_grips[grip].T_part_hand)
             if len(index):
                 return f"a camera {name} would see it"
+    arm = layout.arm
+    away = float(np.hypot(*(layout.station_mm - layout.T_world_arm[:3, 3])[:2]))
+    if away > arm.upper_mm + arm.fore_mm:
+        return (
+            f"move the station, {away:.0f} mm from the arm's axis, to where the wrist gets round "
+            f"it: within {arm.upper_mm + arm.fore_mm:.0f} mm"
+        )
     return "another start pose or another gripper; no camera place that was tried would do"
 
 
@@ -267,11 +288,15 @@ def _poses_towards(
     return T
 
 
-def _no_path(part: PreparedPart, layout: CellLayout, cut: BoolArray) -> tuple[str, str]:
+def _no_path(
+    part: PreparedPart, layout: CellLayout, cut: BoolArray, lies_in: int
+) -> tuple[str, str]:
     """Say what is missing between the grips that can be had here and those that show a piece."""
     wanted = [g for g in range(len(part.arm_grips)) if part.covered[g][cut].any()]
     names = ", ".join(part.arm_grips[g].id for g in wanted[:4])
-    others = [p.index for p in part.poses if _starts(part, layout, p.index, wanted)]
+    others = [
+        p.index for p in part.poses if p.index != lies_in and _starts(part, layout, p.index, wanted)
+    ]
     remedy = ""
     if others:
         poses = ", ".join(str(p) for p in others)
@@ -281,6 +306,12 @@ def _no_path(part: PreparedPart, layout: CellLayout, cut: BoolArray) -> tuple[st
             f"no re-grip path from here to a grip that shows it ({names}): the cell has no fixed "
             "gripper, and no place on the table leads on",
             remedy or "a second gripper",
+        )
+    if not part.fixture_grips:
+        return (
+            f"no re-grip path from here to a grip that shows it ({names}): the fixed gripper finds "
+            "nothing to hold the part by while the hand lets go",
+            remedy or "other jaws for the fixed gripper",
         )
     if not any(part.hand_offs):
         return (

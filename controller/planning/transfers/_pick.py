@@ -13,7 +13,7 @@ from drivers.umi_scara.kinematics import inverse, limit_report
 from ..boxes import stack
 from ..errors import NoMotionError, NotGraspableError, OutOfReachError
 from ..grip import TABLE_MARGIN_MM, Grip
-from ..grips import clear_of_table
+from ..grips import clear_of_table, resting_pose
 from ..layout import Box, CellLayout, FloatArray, IntArray
 from ..motion import Scene, fewest_waypoints, inverse_rows, same_branch
 from ..prepared import PreparedPart
@@ -45,10 +45,7 @@ def pick_ways(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) 
     where = f"{part.solid.name} on the table at ({x:.0f}, {y:.0f})"
     members = np.flatnonzero(clear_of_table(T_world_part, grips, layout.hand))
     if len(members) == 0:
-        raise NotGraspableError(
-            f"{where}: lying like this it offers no grip from above that clears the table; "
-            "lay it down another way up"
-        )
+        raise NotGraspableError(f"{where}: {_no_grip_from_above(part, layout, T_world_part)}")
     T_hold = T_world_part @ np.stack([grips[k].T_part_hand for k in members])
     index, branch, q = inverse_rows(layout, T_hold)
     if len(index) == 0:
@@ -136,6 +133,28 @@ def _stacked(hands: Sequence[list[Box]], layout: CellLayout) -> tuple[FloatArray
         return np.zeros((0, m, 4, 4)), np.zeros((0, m, 3))
     pairs = [stack(boxes) for boxes in hands]
     return np.stack([p[0] for p in pairs]), np.stack([p[1] for p in pairs])
+
+
+def _no_grip_from_above(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) -> str:
+    """Say why nothing is there to be gripped, and which other ways to lie would do."""
+    hull = np.asarray(part.solid.mesh.convex_hull.vertices)
+    high = float((hull @ T_world_part[2, :3]).max() + T_world_part[2, 3])
+    text = (
+        f"no pick in this pose: {high:.1f} mm high, none of its {len(part.arm_grips)} grips comes "
+        f"from above and keeps the fingers {TABLE_MARGIN_MM:g} mm off the table"
+    )
+    x, y = layout.set_down_mm.mean(axis=1)
+    able = []
+    for pose in part.poses:
+        T = resting_pose(part.solid, pose, float(x), float(y))
+        lies_so = np.allclose(T[2, :3], T_world_part[2, :3], atol=0.02)
+        if pose.marginal or pose.rocking or lies_so:
+            continue
+        if clear_of_table(T, part.arm_grips, layout.hand).any():
+            able.append(str(pose.index))
+    if able:
+        return f"{text}; lay it down in stable pose {' or '.join(able)}"
+    return f"{text}, nor in any other stable pose; fit other fingers"
 
 
 def _out_of_reach(layout: CellLayout, T_tip: FloatArray, where: str) -> OutOfReachError:

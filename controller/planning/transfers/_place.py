@@ -61,7 +61,7 @@ def place_ways(
     if len(index) == 0:
         return []
     order = np.argsort(np.round(tilts[index], 2), kind="stable")
-    shut = Scene(layout, grip.opening_mm, layout.fixture_open_mm, part.carried_box(grip))
+    shut = Scene(layout, grip.opening_mm, layout.fixture_open_mm, carried_mesh=part.carried(grip))
     open_ = Scene(layout, grip.pre_open_mm, layout.fixture_open_mm)
     good = shut.free(q[order], MARGIN_MM, table_margin_mm=1.0)
     good &= open_.free(q[order], MARGIN_MM)
