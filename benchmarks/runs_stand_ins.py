@@ -8,6 +8,7 @@ this is part of the product, and nothing of the product knows it.
 
 import asyncio
 import json
+import re
 import time
 from collections.abc import Mapping
 from concurrent.futures import Executor
@@ -25,7 +26,7 @@ from controller.cell.experts import Holder, Workers
 from controller.planning import Plan, Start
 from controller.planning.boxes import segments_hit
 from controller.planning.layout import Box
-from controller.recognition import Sighting
+from controller.recognition import Alternative, Sighting
 from drivers.clock import CellClock
 
 Array = NDArray[np.float64]
@@ -116,6 +117,11 @@ class TruthCamera:
         return _Frame(image)
 
 
+def _planned_name(view_id: str) -> str:
+    """Return a view's name in its plan: views of later plans end in that plan's number."""
+    return re.sub(r"(-V\d+)-\d+$", r"\1", view_id)
+
+
 def read_truth(picture: Grey) -> tuple[Array, str]:
     """Return T_world_part (4, 4) and who had the part when a picture was taken."""
     numbers = np.frombuffer(picture.ravel()[:HEADER_BYTES].tobytes(), np.float64)
@@ -128,13 +134,14 @@ class Seen:
 
     Attributes
     ----------
-    samples : (n,) bool, what it showed
+    samples, promised : (n,) bool, what it showed, and what the plan wanted of it
     is_first_of_hold : it had to prove the hold by sight
     is_after_recovery : the cell had got over some trouble before
     """
 
     view: str
     samples: Mask
+    promised: Mask
     is_first_of_hold: bool
     is_after_recovery: bool
 
@@ -160,6 +167,7 @@ class StandIns(Workers):
         self.views: list[Seen] = []
         self.plan_wall_s: list[float] = []
         self.has_recovered = False
+        self._promised: dict[str, Mask] = {}
 
     @property
     def weights(self) -> Array:
@@ -172,14 +180,16 @@ class StandIns(Workers):
         start: Start,
         seen: Mask | None,
         avoid: frozenset[str],
-        candidates: tuple[Sighting, ...],
+        candidates: tuple[Alternative, ...],
     ) -> Plan:
         """Return the worker's plan, and note how long it took."""
         started = time.monotonic()
         try:
-            return await super().plan(start, seen, avoid, candidates)
+            plan = await super().plan(start, seen, avoid, candidates)
         finally:
             self.plan_wall_s.append(time.monotonic() - started)
+        self._promised |= {step.view_id: step.seen for step in plan.presents}
+        return plan
 
     async def recognise(self, glowing: Grey, lit: Mapping[str, Grey]) -> tuple[Sighting, ...]:
         """Return where the part truly lies, with noise; nothing outside the camera's picture."""
@@ -238,7 +248,8 @@ class StandIns(Workers):
             reason = f"part lies {shift:.1f} mm, {np.degrees(turn):.1f} degrees off: it slipped"
         else:
             seen = await asyncio.to_thread(self._in_sight, T, holder)
-            self.views.append(Seen(view_id, seen, not is_hold_seen, self.has_recovered))
+            planned = self._promised[_planned_name(view_id)]
+            self.views.append(Seen(view_id, seen, planned, not is_hold_seen, self.has_recovered))
         return inspecting.ViewResult(
             view_id=view_id,
             evaluated=not reason,

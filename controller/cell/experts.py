@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from controller import inspection as inspecting
 from controller.planning import Motion, Plan, Start
-from controller.recognition import Sighting
+from controller.recognition import Alternative, Sighting
 
 from . import workers
 
@@ -41,7 +41,7 @@ class Experts(Protocol):
         start: Start,
         seen: Mask | None,
         avoid: frozenset[str],
-        candidates: tuple[Sighting, ...],
+        candidates: tuple[Alternative, ...],
     ) -> Plan:
         """Return a plan from whoever has the part.
 
@@ -126,7 +126,7 @@ class Workers:
         start: Start,
         seen: Mask | None,
         avoid: frozenset[str],
-        candidates: tuple[Sighting, ...],
+        candidates: tuple[Alternative, ...],
     ) -> Plan:
         """As `Experts`."""
         return await self._ask(workers.plan_from, start, seen, avoid, candidates)

@@ -97,7 +97,7 @@ class Looking(Toolkit):
             self.part.number,
         )
         self.part.sighting = self._choose(sightings)
-        self.part.candidates = ()
+        self.part.candidates = self.part.sighting.ambiguous_with
         if self.part.custody is not Custody.ON_TABLE:
             self.part.hold = None
             await self._custody(Custody.ON_TABLE, "found again")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from controller import inspection as inspecting
 from controller.planning import Grip, Plan
-from controller.recognition import Sighting
+from controller.recognition import Alternative, Sighting
 
 from .custody import Custody
 from .recovery import Recovery, Trouble, merged
@@ -78,6 +78,7 @@ class PartRecord:
 
     Attributes
     ----------
+    candidates : what else it may be, as far as the pictures of the table tell
     plan, plan_count, next_step : the plan in work, how many were made, where it stands
     hold : of the hand, None where it is empty
     fixture_grip : how the fixed gripper has the part, as measured; None where it is empty
@@ -90,7 +91,7 @@ class PartRecord:
     custody: Custody = Custody.ON_TABLE
     pictures: dict[str, Grey] = field(default_factory=dict)
     sighting: Sighting | None = None
-    candidates: tuple[Sighting, ...] = ()
+    candidates: tuple[Alternative, ...] = ()
     plan: Plan | None = None
     plan_count: int = 0
     next_step: int = 0

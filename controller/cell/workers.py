@@ -200,7 +200,7 @@ def plan_from(
     start: Start,
     seen: NDArray[np.bool_] | None,
     avoid: frozenset[str],
-    candidates: tuple[recognising.Sighting, ...],
+    candidates: tuple[recognising.Alternative, ...],
 ) -> Plan:
     """Return the plan from whoever has the part; see `experts.Experts.plan`.
 
