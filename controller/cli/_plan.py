@@ -14,7 +14,7 @@ from controller.cad.compiled import CompiledPart, CompileOptions, load_part
 from controller.cell.plans import KeptPlan, Planning
 from controller.config import Cell, ConfigError, build_layout, load_cell
 from controller.planning import Certificate, Plan
-from controller.results.plan_page import PlanFacts, view_count, write_plan_page
+from controller.results.moments import view_count
 
 from ._output import emit, say, stdout, warn
 from ._plan_json import certificate_json, plan_json
@@ -67,8 +67,15 @@ def plan_part_file(
         end = {"seconds": seconds, "from_cache": planning.is_from_cache}
         emit(body | {"certificates": certificates} | end)
     if report is not None:
+        from controller.results.plan_page import PlanFacts, write_plan_page
+
         facts = PlanFacts(compiled, cell.name, layout, kept, told, place)
-        _write_report(facts, report, as_json=as_json)
+        try:
+            written = write_plan_page(facts, report)
+        except OSError as error:
+            raise ConfigError(f"--report {report}: {error.strerror or error}") from error
+        if not as_json:
+            say(f"report: {written}")
     return 0 if kept.plan is not None else 1
 
 
@@ -177,15 +184,6 @@ def print_certificates(told: Sequence[Certificate]) -> None:
             certificate_words(c),
         )
     stdout.print(table)
-
-
-def _write_report(facts: PlanFacts, path: Path, *, as_json: bool) -> None:
-    try:
-        written = write_plan_page(facts, path)
-    except OSError as error:
-        raise ConfigError(f"--report {path}: {error.strerror or error}") from error
-    if not as_json:
-        say(f"report: {written}")
 
 
 def parse_place(at: str | None, x: tuple[float, float], y: tuple[float, float]) -> Place:

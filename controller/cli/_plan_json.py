@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from controller.cad import Solid, SurfaceSamples
 from controller.planning import CellLayout, Certificate, Plan
-from controller.results.plan_page import Moment, moments, view_count
+from controller.results.moments import Moment, moments, view_count
 
 
 def plan_json(

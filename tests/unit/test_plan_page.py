@@ -40,7 +40,8 @@ from controller.planning import (
     resting_pose,
     shown_pose,
 )
-from controller.results.plan_page import Kind, PlanFacts, moments, render_plan, write_plan_page
+from controller.results.moments import Kind, moments
+from controller.results.plan_page import PlanFacts, render_plan, write_plan_page
 from controller.results.plan_page import _coverage as coverage
 from controller.results.plan_page import _strip as strip
 from controller.results.plan_page._bodies import (

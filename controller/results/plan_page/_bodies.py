@@ -9,10 +9,10 @@ import trimesh
 from numpy.typing import NDArray
 
 from controller.cad import RayCaster, Solid
-from controller.cell.holder import link_poses, tip_pose
 from controller.planning import Box, CellLayout
+from controller.planning.motion import Scene
 
-from ._moments import Moment
+from ..moments import Moment
 
 Array = NDArray[np.float64]
 Colour = tuple[float, float, float]  # red, green, blue, 0..255
@@ -164,31 +164,21 @@ def fixture_bodies(layout: CellLayout, opening_mm: float) -> list[Body]:
     ]
 
 
-def arm_bodies(layout: CellLayout, q: Array) -> list[Body]:
-    """Return the arm's links, without the hand."""
-    T = link_poses(layout, q)
+def arm_bodies(layout: CellLayout, q: Array, opening_mm: float) -> list[Body]:
+    """Return the arm as collisions are checked with: three links, the hand, two fingers."""
+    carriage, upper, fore, *hand = Scene(layout, opening_mm, 0.0).arm_boxes(q)
     return [
-        box_body("carriage", ARM, _thinner(layout.carriage.placed(T["carriage"]))),
-        box_body("upper", ARM, layout.upper.placed(T["upper"])),
-        box_body("fore", ARM, layout.fore.placed(T["fore"])),
+        box_body("carriage", ARM, _thinner(carriage)),
+        box_body("upper", ARM, upper),
+        box_body("fore", ARM, fore),
+        *(box_body("hand", HAND, box) for box in hand[: len(layout.hand.body)]),
+        *(box_body("finger", FINGER, box) for box in hand[len(layout.hand.body) :]),
     ]
 
 
 def _thinner(box: Box) -> Box:
     """Return a box a little smaller: its sides are not to lie in those of its neighbour."""
     return Box(box.T, box.half_mm - THINNER_MM)
-
-
-def hand_bodies(
-    layout: CellLayout, q: Array, opening_mm: float, *, with_palm: bool = True
-) -> list[Body]:
-    """Return the hand with its fingers at an opening."""
-    T = tip_pose(layout, q)
-    palm = layout.hand.body if with_palm else ()
-    return [
-        *(box_body("hand", HAND, box.placed(T)) for box in palm),
-        *(box_body("finger", FINGER, box.placed(T)) for box in layout.hand.fingers(opening_mm)),
-    ]
 
 
 def not_round(bodies: Sequence[Body], point_mm: Array) -> list[Body]:
@@ -231,10 +221,12 @@ def moment_stage(
     with_palm: bool = True,
 ) -> Stage:
     """Return the cell at a moment; without the arm's links, or the palm, to look through them."""
+    hidden = {"carriage", "upper", "fore"} if not with_links else set()
+    hidden |= {"hand"} if not with_palm else set()
+    arm = arm_bodies(layout, moment.q, moment.hand_opening_mm)
     bodies = [
         *standing,
         *fixture_bodies(layout, moment.fixture_opening_mm),
-        *hand_bodies(layout, moment.q, moment.hand_opening_mm, with_palm=with_palm),
-        *(arm_bodies(layout, moment.q) if with_links else []),
+        *(body for body in arm if body.name not in hidden),
     ]
     return make_stage(bodies, part_body(solid, moment.T_world_part), moment.T_world_part)

@@ -11,8 +11,8 @@ from controller.cell.plans import KeptPlan
 from controller.planning import CellLayout, Certificate, Plan
 
 from .._html import make_environment, write_page
+from ..moments import moments, view_count
 from ._coverage import CoverageMap, coverage_map
-from ._moments import moments, view_count
 from ._paint import Painter
 from ._strip import AGAIN, BEFORE, NEW, OUTLINE, Frame, Strip, width_for
 from ._timeline import Timeline, timeline

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from controller.cad import Camera, Solid
 from controller.planning import CellLayout
 
+from ..moments import Kind, Moment, Seat
 from ._bodies import PART, Body, Stage, moment_stage, not_round, standing_bodies
-from ._moments import Kind, Moment, Seat
 from ._paint import Painter
 from ._render import FINER, data_uri, look, shade, smaller
 from ._views import Eye, Slant, camera_eye, slant_over, slanting_eye, window_about

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ._moments import Kind
+from ..moments import Kind
 from ._strip import Frame
 
 COLOURS: dict[Kind, str] = {
