@@ -10,14 +10,13 @@ import numpy as np
 from controller.cad import inverse_pose
 
 from ..boxes import BoolArray
-from ..grip import TABLE_MARGIN_MM, Grip
-from ..grips import resting_pose
-from ..layout import CellLayout, FloatArray
+from ..grip import Grip
+from ..layout import CellLayout, FloatArray, IntArray
 from ..motion import Scene, inverse_rows
 from ..prepared import HandOff
 from ..transfers import hand_offs
 from ._family import FamilyMember
-from ._reach import covered_bits, hand_off_shares
+from ._reach import covered_bits, hand_off_shares, shown_share
 from ._score import PartScore, SiteScore, value_of
 from ._seconds import forecast
 from ._sight import links_in_sight
@@ -25,8 +24,6 @@ from ._site import Fellows, Site, carried, placed_at
 
 TRIED_Q = 5  # configurations per grip and direction that get a collision check
 PICK_MARGIN_MM = 2.0  # an empty hand creeping down to the part
-PICK_TURNS_N = 6
-PICK_LIFT_MM = 85.0
 TRAY_Z_MM = (60.0, 160.0)
 TRAY_TURNS_N = 12
 TRAY_PITCHES_DEG = (-90.0, -60.0, -30.0)
@@ -39,10 +36,12 @@ class Shows:
 
     Attributes
     ----------
-    views : (base_n, v) bool
-    q : (base_n, v, 6) the quickest configuration free of contact, NaN where there is none
+    reached : (base_n, v) bool, by the joints alone
+    views : (base_n, v) bool, free of contact too and with the arm out of the picture
+    q : (base_n, v, 6) one configuration each, NaN where there is none
     """
 
+    reached: BoolArray
     views: BoolArray
     q: FloatArray
 
@@ -55,82 +54,80 @@ def checked_views(site_layout: CellLayout, member: FamilyMember, move: FloatArra
     site_layout : with camera and fixture at the site
     move : (4, 4) of `carried`: from where the member's views were worked out to this site
     """
-    half, speed = member.base_n, np.array(site_layout.pace.joint_per_s)
-    q_best = np.full((half, len(member.vectors), 6), np.nan)
-    best_s = np.full((half, len(member.vectors)), np.inf)
-    radius_mm = float(
-        np.linalg.norm(
-            np.asarray(member.prepared.solid.mesh.convex_hull.vertices)
-            - member.prepared.solid.centroid_mm,
-            axis=1,
-        ).max()
+    half = member.base_n
+    q_free = np.full((half, len(member.vectors), 6), np.nan)
+    reached = np.zeros((half, len(member.vectors)), dtype=bool)
+    T_view = move @ member.T_view
+    rolls = np.arange(member.inside.shape[1])
+    for base in range(half):
+        left = member.shown[base].any(axis=1)
+        # half the rolls, the others, the same with the hand turned over: most directions are free
+        # at the first try, and only what is left goes on to the next
+        for grip in (member.arm_grips[base], member.arm_grips[base + half]):
+            for some in (rolls % 2 == 0, rolls % 2 == 1):
+                view, roll = np.nonzero(member.inside & left[:, None] & some)
+                if len(view):
+                    found = _first_free(site_layout, member, grip, T_view[view, roll], view)
+                    reached[base, found[0]] = True
+                    q_free[base, found[1]] = found[2]
+                    left[found[1]] = False
+    return Shows(reached, np.isfinite(q_free[:, :, 0]), q_free)
+
+
+def _first_free(
+    layout: CellLayout, member: FamilyMember, grip: Grip, T_part: FloatArray, view: IntArray
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return views the joints reach, those of them that are free, and how: (a,), (b,), (b, 6).
+
+    Parameters
+    ----------
+    T_part : (n, 4, 4) ways to hold the part up, of the views (n,)
+    """
+    index, _, q = inverse_rows(layout, T_part @ grip.T_part_hand)
+    if len(index) == 0:
+        return view[index], view[index], q
+    speed = np.array(layout.pace.joint_per_s)
+    away_s = (np.abs(q - layout.park_q) / speed).max(axis=1)
+    order = np.lexsort((away_s, view[index]))
+    of_view = view[index][order]
+    place = np.arange(len(order)) - np.searchsorted(of_view, of_view)
+    scene = Scene(
+        layout,
+        grip.opening_mm,
+        layout.fixture_open_mm,
+        member.prepared.part_box.placed(inverse_pose(grip.T_part_hand)),
     )
-    for k, grip in enumerate(member.arm_grips):
-        base = k % half
-        wanted = member.shown[base].any(axis=1)
-        view, roll = np.nonzero(member.inside & wanted[:, None])
-        if len(view) == 0:
-            continue
-        index, _, q = inverse_rows(site_layout, move @ member.T_view[view, roll] @ grip.T_part_hand)
-        if len(index) == 0:
-            continue
-        away_s = (np.abs(q - site_layout.park_q) / speed).max(axis=1)
-        order = np.lexsort((away_s, view[index]))
-        of_view = view[index][order]
-        place = np.arange(len(order)) - np.searchsorted(of_view, of_view)
-        done = np.zeros(len(member.vectors), dtype=bool)
-        scene = Scene(
-            site_layout,
-            grip.opening_mm,
-            site_layout.fixture_open_mm,
-            member.prepared.part_box.placed(inverse_pose(grip.T_part_hand)),
-        )
-        # most directions are free at the first try: the rest of the tries is for the others
-        for turn in range(TRIED_Q):
-            rows = order[(place == turn) & (away_s[order] < best_s[base, of_view])]
-            rows = rows[~done[view[index[rows]]]]
-            if len(rows) == 0:
-                continue
-            rows = rows[scene.free(q[rows])]
-            rows = rows[~links_in_sight(site_layout, q[rows], radius_mm)]
-            v = view[index[rows]]
-            best_s[base, v], q_best[base, v], done[v] = away_s[rows], q[rows], True
-    return Shows(np.isfinite(best_s), q_best)
+    free_rows = np.zeros(0, dtype=np.int64)
+    for tried in (place == 0, (place > 0) & (place < TRIED_Q)):
+        rows = order[tried & ~np.isin(of_view, view[index[free_rows]])]
+        rows = rows[scene.free(q[rows])]
+        rows = rows[~links_in_sight(layout, q[rows], member.radius_mm)]
+        _, first = np.unique(view[index[rows]], return_index=True)
+        free_rows = np.concatenate([free_rows, rows[first]])
+    return np.unique(view[index]), view[index[free_rows]], q[free_rows]
 
 
 def free_picks(site_layout: CellLayout, member: FamilyMember) -> BoolArray:
     """Return which grips take the part up where: (p poses, places, 2 base_n) bool."""
-    (x0, x1), (y0, y1) = site_layout.set_down_mm
-    places = [((x0 + x1) / 2, (y0 + y1) / 2), (x0, y0), (x0, y1), (x1, y0), (x1, y1)]
-    turns = 2 * np.pi * np.arange(PICK_TURNS_N) / PICK_TURNS_N
-    lying = member.lying
-    found = np.zeros((len(lying), len(places) * len(turns), len(member.arm_grips)), dtype=bool)
-    solid = member.prepared.solid
-    for row, pose in enumerate(lying):
-        T_rest = np.stack([resting_pose(solid, pose, x, y, t) for x, y in places for t in turns])
-        for k in np.flatnonzero(member.from_pose[row]).tolist():
-            grip = member.arm_grips[k]
-            found[row, :, k] = _taken_up(site_layout, T_rest @ grip.T_part_hand, grip)
-    return found
-
-
-def _taken_up(layout: CellLayout, T_hold: FloatArray, grip: Grip) -> BoolArray:
-    index, _, q = inverse_rows(layout, T_hold)
-    found = np.zeros(len(T_hold), dtype=bool)
-    if len(index) == 0:
+    picks = member.picks
+    found = np.zeros((len(member.lying), picks.places_n, len(member.arm_grips)), dtype=bool)
+    if len(picks.q_hold) == 0:
         return found
-    scene = Scene(layout, grip.pre_open_mm, layout.fixture_open_mm)
-    free = scene.free(q, PICK_MARGIN_MM, table_margin_mm=TABLE_MARGIN_MM - 1e-6)
-    found[index[free]] = True
-    rows = np.flatnonzero(found)
-    T_above = T_hold[rows].copy()
-    T_above[:, :3, 3] -= PICK_LIFT_MM * T_hold[rows, :3, 0]
-    found[:] = False
-    index, _, q = inverse_rows(layout, T_above)
-    if len(index):
-        free = scene.free(q, PICK_MARGIN_MM, table_margin_mm=TABLE_MARGIN_MM - 1e-6)
-        found[rows[index[free]]] = True
+    # with the hand wide open: a grip that needs it narrower by a pose's place is not lost by that
+    scene = Scene(site_layout, site_layout.hand.max_mm, site_layout.fixture_open_mm)
+    q = np.concatenate([picks.q_hold, picks.q_above])
+    free = ~_touches(scene, q).reshape(2, -1).any(axis=0)
+    found[picks.pose[free], picks.place[free], picks.grip[free]] = True
     return found
+
+
+def _touches(scene: Scene, q: FloatArray) -> BoolArray:
+    """Tell which configurations (n, 6) touch something that stands in the cell, the table apart.
+
+    Whether the hand clears the table was settled when the picks were listed.
+    """
+    contacts = scene.contacts(q, PICK_MARGIN_MM, table_margin_mm=-1e6)
+    return np.asarray(contacts >= 0)
 
 
 def tray_freedom(site_layout: CellLayout) -> dict[str, float]:
@@ -175,7 +172,7 @@ def checked_hand_offs(
     if site_layout.fixture is None or not member.fixture_grips:
         return np.zeros((0, half), dtype=bool), []
     tables = [
-        dict(hand_offs(site_layout, member.prepared.part_box, f, member.arm_grips))
+        dict(hand_offs(site_layout, member.prepared.shape, f, member.arm_grips))
         for f in member.fixture_grips
     ]
     met = np.zeros((len(tables), half), dtype=bool)
@@ -200,25 +197,21 @@ def score_site(
     site: Site,
     fellows: Fellows,
     members: Sequence[FamilyMember],
-    joints: Sequence[float],
 ) -> SiteScore:
     """Return the score of one site with everything checked.
 
     Parameters
     ----------
     layout : the cell the members were made for
-    joints : what the joints alone allow here, per member (`shown_share` of `reached_views`)
     """
     here = placed_at(layout, site, fellows)
     move = carried(layout, site)
-    parts = [_score_part(here, member, move, j) for member, j in zip(members, joints, strict=True)]
+    parts = [_score_part(here, member, move) for member in members]
     trays = tray_freedom(here)
     return SiteScore(site, tuple(parts), "checked", value_of(parts, trays), None, trays)
 
 
-def _score_part(
-    here: CellLayout, member: FamilyMember, move: FloatArray, joints_allow: float
-) -> PartScore:
+def _score_part(here: CellLayout, member: FamilyMember, move: FloatArray) -> PartScore:
     shows = checked_views(here, member, move)
     covered = covered_bits(member, shows.views)
     met, tables = checked_hand_offs(here, member)
@@ -237,7 +230,7 @@ def _score_part(
     return PartScore(
         name=member.name,
         showable=member.showable,
-        joints_allow=joints_allow,
+        joints_allow=shown_share(member, shows.reached),
         shown=float(shown @ member.odds) if len(shown) else 0.0,
         shown_worst=float(shown.min()) if len(shown) else 0.0,
         views_share=float((shows.views & worth).sum() / max(worth.sum(), 1)),

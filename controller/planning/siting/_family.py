@@ -8,18 +8,41 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import StablePose, inverse_pose
+from controller.cad import Solid, StablePose, inverse_pose
 
 from ..boxes import BoolArray
 from ..grip import Grip
 from ..grips import clear_of_table, resting_pose, select_arm_grips, spread, turned_over
 from ..layout import CellLayout, FloatArray, IntArray
+from ..motion import inverse_rows
 from ..prepared import PreparedPart
 from ..views import hidden_by_hand, holding_boxes, view_poses
 from ._site import standoff_mm
 
 PER_POSE_N = 4  # grips kept for taking each stable pose up
+PICK_TURNS_N = 6
+PICK_LIFT_MM = 85.0
+PICK_WAYS_N = 2  # branches of the arm per grip and place
+BRANCHES_N = 1000  # more than the kinematics number
 SHOWS_ALL = 0.99  # of what a pair of grips could show together: then they complement each other
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picks:
+    """Ways to take the part up all over the table, by the joints alone.
+
+    Attributes
+    ----------
+    pose, place, grip : (k,) of the way: which lying pose, which place and turn, which grip
+    q_hold, q_above : (k, 6) where the hand closes, and where it comes from
+    """
+
+    places_n: int
+    pose: IntArray
+    place: IntArray
+    grip: IntArray
+    q_hold: FloatArray
+    q_above: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,6 +60,7 @@ class FamilyMember:
     from_pose : (p, 2 base_n) which grips clear the table in each, from above
     odds : (p,) of these poses, adding to 1
     completes : (base_n, base_n) the second grip shows what the first one hides
+    radius_mm : of the ball about the centre of mass that holds the part
     """
 
     prepared: PreparedPart
@@ -52,6 +76,8 @@ class FamilyMember:
     from_pose: BoolArray
     odds: FloatArray
     completes: BoolArray
+    picks: Picks
+    radius_mm: float
 
     @property
     def name(self) -> str:
@@ -131,7 +157,49 @@ def family_member(
         from_pose=from_pose[able],
         odds=odds / odds.sum() if len(odds) else odds,
         completes=completing(np.asarray(shown.any(axis=1)), weights),
+        picks=_picks(layout, solid, [poses[k] for k in able.tolist()], arm_grips, from_pose[able]),
+        radius_mm=float(
+            np.linalg.norm(
+                np.asarray(solid.mesh.convex_hull.vertices) - solid.centroid_mm, axis=1
+            ).max()
+        ),
     )
+
+
+def _picks(
+    layout: CellLayout,
+    solid: Solid,
+    lying: Sequence[StablePose],
+    grips: Sequence[Grip],
+    from_pose: BoolArray,
+) -> Picks:
+    """List ways to take the part up at the middle and the corners of where parts may lie."""
+    (x0, x1), (y0, y1) = layout.set_down_mm
+    places = [((x0 + x1) / 2, (y0 + y1) / 2), (x0, y0), (x0, y1), (x1, y0), (x1, y1)]
+    turns = 2 * np.pi * np.arange(PICK_TURNS_N) / PICK_TURNS_N
+    rows: list[tuple[IntArray, IntArray, IntArray]] = []
+    joints: list[tuple[FloatArray, FloatArray]] = []
+    for p, pose in enumerate(lying):
+        T_rest = np.stack([resting_pose(solid, pose, x, y, t) for x, y in places for t in turns])
+        for k in np.flatnonzero(from_pose[p]).tolist():
+            T_hold = T_rest @ grips[k].T_part_hand
+            T_above = T_hold.copy()
+            T_above[:, :3, 3] -= PICK_LIFT_MM * T_hold[:, :3, 0]
+            holds, branch, q_hold = inverse_rows(layout, T_hold)
+            comes, other, q_above = inverse_rows(layout, T_above)
+            # the way down keeps its branch, so a pair of the same one is the same way
+            mine, its = holds * BRANCHES_N + branch, comes * BRANCHES_N + other
+            both = np.intersect1d(mine, its)
+            i, j = np.searchsorted(mine, both), np.searchsorted(its, both)
+            place = holds[i]
+            kept = np.arange(len(place)) - np.searchsorted(place, place) < PICK_WAYS_N
+            i, j = i[kept], j[kept]
+            rows.append((np.full(len(i), p), holds[i], np.full(len(i), k)))
+            joints.append((q_hold[i], q_above[j]))
+    none = (np.zeros(0, dtype=np.int64),) * 3
+    pose_of, place_of, grip_of = (np.concatenate([r[c] for r in [none, *rows]]) for c in range(3))
+    q = [np.concatenate([np.zeros((0, 6)), *[j[c] for j in joints]]) for c in range(2)]
+    return Picks(len(places) * len(turns), pose_of, place_of, grip_of, q[0], q[1])
 
 
 def completing(shown_by_grip: BoolArray, weights: FloatArray) -> BoolArray:

@@ -16,7 +16,7 @@ from ..boxes import BoolArray
 from ..layout import CellLayout, FloatArray, IntArray
 from ..motion import inverse_rows
 from ._family import FamilyMember
-from ._site import Site, camera_frame, carried, standoff_mm
+from ._site import Site, camera_frame, standoff_mm
 
 HAND_DIRECTIONS_N = 200  # 7 degrees apart, half of what a view direction is from the next
 ROLLS_N = 12
@@ -75,18 +75,6 @@ def table_views(nearest: IntArray, reached: BoolArray) -> BoolArray:
     each = reached[nearest]
     half = len(each) // 2
     return np.asarray(each[:half] | each[half:])
-
-
-def reached_views(layout: CellLayout, site: Site, member: FamilyMember) -> BoolArray:
-    """Return which (grip, view) pairs the joints allow, exactly: (g, v) bool."""
-    view, roll = np.nonzero(member.inside)
-    T_part = carried(layout, site) @ member.T_view[view, roll]
-    half = member.base_n
-    found = np.zeros((half, len(member.vectors)), dtype=bool)
-    for k, grip in enumerate(member.arm_grips):
-        index, _, _ = inverse_rows(layout, T_part @ grip.T_part_hand)
-        found[k % half, view[index]] = True
-    return found
 
 
 def covered_bits(member: FamilyMember, views: BoolArray) -> NDArray[np.uint8]:

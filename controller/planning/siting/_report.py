@@ -10,7 +10,7 @@ import numpy as np
 from ..layout import Box, CellLayout, FloatArray
 from ..prepared import PreparedPart
 from ._score import SiteOptions, SiteScore
-from ._search import Progress, search_sites, survey
+from ._search import Progress, search_sites, site_key, survey
 from ._site import Site, carried, fellows_of, placed_at, site_of
 
 SAME_MM, SAME_DEG = 1.0, 0.5  # nobody places a camera or a gripper better by hand
@@ -65,7 +65,8 @@ def site_report(
     """
     search = survey(parts, layout, options, progress)
     found = search_sites(search)
-    present = search.check(site_of(layout))
+    now = site_key(site_of(layout))
+    present = next(s for s in found if site_key(s.site) == now)
     best = found[0]
     why = reasons_to_move(present, best, search.options)
     others = _unlike_best(found)
@@ -193,10 +194,13 @@ def _figures(score: SiteScore) -> str:
 def _sentences(
     present: SiteScore, best: SiteScore, why: Sequence[str], joints_allow: float
 ) -> tuple[str, ...]:
-    said = [
-        f"As it stands, {_figures(present)}; the joints alone would allow "
-        f"{100 * joints_allow:.1f} % with the camera anywhere."
-    ]
+    if present.stage == "joints":
+        said = [f"By the joints alone, nothing checked for contact: {_figures(present)}."]
+    else:
+        said = [
+            f"As it stands, {_figures(present)}; the joints alone would allow "
+            f"{100 * joints_allow:.1f} % with the camera anywhere."
+        ]
     if not why:
         said.append(
             "Leave camera and fixed gripper where they are: nothing found is better by more than "

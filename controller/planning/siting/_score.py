@@ -22,20 +22,22 @@ class SiteOptions:
     ----------
     keep_free_mm : ((x, x), (y, y)) of the glowing area; what the overhead camera sees if None
     move_camera, move_fixture : False where it is bolted down
+    joints_only : a coarse answer within a minute: nothing is checked for collisions
     """
 
     arm_grips: int = 14  # beside those that take each resting pose up
     fixture_grips: int = 5  # each counts twice, turned over
     directions: int = 92
-    checked_cameras: int = 14  # camera sites that get the collision checks
-    checked_fixtures: int = 14
-    local_steps: int = 3  # rounds of the search about the best
+    checked_cameras: int = 12  # camera sites that get the collision checks
+    checked_fixtures: int = 10
+    local_steps: int = 2  # rounds of the search about the best
     worth_moving: float = 0.005  # of the surface: less is lost in grips and directions not tried
     worth_moving_s: float = 0.15  # of the seconds a part takes; these are estimates
     worth_moving_hand_offs: float = 0.2  # of the grips, or of the ways over a tray: a few are luck
     keep_free_mm: tuple[tuple[float, float], tuple[float, float]] | None = None
     move_camera: bool = True
     move_fixture: bool = True
+    joints_only: bool = False
 
 
 @dataclass(frozen=True, slots=True)

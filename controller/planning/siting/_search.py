@@ -19,7 +19,6 @@ from ._reach import (
     meetings,
     met_grips,
     nearest_in_hand,
-    reached_views,
     shown_directions,
     shown_share,
     sphere,
@@ -31,7 +30,8 @@ from ._site import Fellows, Site, fellows_of, placed_at, site_of, standoff_mm
 Progress = Callable[[str, int, int], None]  # what is being done, steps done, steps in all
 APART_MM, APART_DEG = 60.0, 20.0  # sites nearer than both to a better one are left to small steps
 STEP_MM, STEP_DEG = 40.0, 15.0  # of the first round; each later one is half as wide
-FIXTURE_ROUNDS = 3  # camera sites with which every fixture pose is tried
+FIXTURE_ROUNDS = 2  # camera sites with which every fixture pose is tried
+PAIRED_N = 60  # fixture poses tried with each camera site by the joints alone
 BETTER = 2e-4  # less is no improvement: steps would wander about a plateau
 
 
@@ -65,10 +65,9 @@ class Survey:
 
     def check(self, site: Site) -> SiteScore:
         """Return the full score of a site, worked out once."""
-        key = _key(site)
+        key = site_key(site)
         if key not in self.checked:
-            joints = [shown_share(m, reached_views(self.layout, site, m)) for m in self.members]
-            score = score_site(self.layout, site, self.fellows, self.members, joints)
+            score = score_site(self.layout, site, self.fellows, self.members)
             self.checked[key] = replace(score, forbidden=self.forbidden(site))
         return self.checked[key]
 
@@ -131,28 +130,46 @@ def cameras_by_joints(search: Survey) -> list[SiteScore]:
     return sorted(found, key=lambda s: (-round(s.value, 4), _far_mm(layout, s.site, now)))
 
 
-def fixtures_by_joints(search: Survey) -> list[tuple[float, FloatArray]]:
-    """Return (share of grips and pairs that hand-offs join, pose) of allowed poses, best first."""
+@dataclass(frozen=True, slots=True, eq=False)
+class FixtureScore:
+    """A pose of the fixed gripper and what the joints alone let it take and give.
+
+    Attributes
+    ----------
+    partners, joined : per part, `PartScore.partners_share` and `hand_offs_share`
+    """
+
+    T_world_fixture: FloatArray
+    partners: tuple[float, ...]
+    joined: tuple[float, ...]
+
+    @property
+    def value(self) -> float:
+        """Return what it is worth: half its mean over the parts, half its worst."""
+        each = 0.5 * (np.array(self.partners) + np.array(self.joined))
+        return float(0.5 * each.mean() + 0.5 * each.min())
+
+
+def fixtures_by_joints(search: Survey) -> list[FixtureScore]:
+    """Return the allowed poses of the fixed gripper, best first by the joints alone."""
     layout, members = search.layout, search.members
     if layout.fixture is None:
         return []
     poses = list(fixture_grid(layout)) if search.options.move_fixture else [layout.T_world_fixture]
-    now = site_of(layout)
-    bare = layout
+    now, bare = site_of(layout), layout
     if search.options.move_camera:
         kept = {n: b for n, b in layout.obstacles.items() if n not in search.fellows.camera}
         bare = replace(layout, obstacles=kept)
     fellows = Fellows((), search.fellows.fixture)
     keep = search.options.keep_free_mm
     together = [meetings(m) for m in members]
-    found: list[tuple[float, FloatArray]] = []
+    found: list[FixtureScore] = []
     for k, T in enumerate(poses):
         if k % 100 == 0:
             search.progress("fixture poses", k, len(poses))
-        site = replace(now, T_world_fixture=T)
-        # the camera's own picture is left to the pairs: it moves
+        # a camera that moves has its picture looked at later, with each fixture
         why = why_not_here(
-            placed_at(bare, site, fellows),
+            placed_at(bare, replace(now, T_world_fixture=T), fellows),
             fellows,
             None if keep is None else np.array(keep),
             look=not search.options.move_camera,
@@ -162,16 +179,15 @@ def fixtures_by_joints(search: Survey) -> list[tuple[float, FloatArray]]:
         shares = []
         for m, T_meet in zip(members, together, strict=True):
             met = met_grips(layout, T, T_meet)
-            each = met[:, : m.base_n] | met[:, m.base_n :]
-            partners, joined = hand_off_shares(m, each)
-            shares.append(0.5 * (partners + joined))
-        found.append((0.5 * float(np.mean(shares)) + 0.5 * min(shares), T))
+            shares.append(hand_off_shares(m, met[:, : m.base_n] | met[:, m.base_n :]))
+        found.append(FixtureScore(T, tuple(s[0] for s in shares), tuple(s[1] for s in shares)))
     search.tried_n += len(poses)
-    at = layout.T_world_fixture
-    return sorted(
-        found,
-        key=lambda f: (-round(f[0], 3), round(float(np.linalg.norm(f[1][:3, 3] - at[:3, 3])), 3)),
-    )
+    at = layout.T_world_fixture[:3, 3]
+
+    def away_mm(score: FixtureScore) -> float:
+        return round(float(np.linalg.norm(score.T_world_fixture[:3, 3] - at)), 3)
+
+    return sorted(found, key=lambda f: (-round(f.value, 3), away_mm(f)))
 
 
 def find_sites(
@@ -202,9 +218,12 @@ def find_sites(
 def search_sites(search: Survey) -> tuple[SiteScore, ...]:
     """Run the stages of `find_sites`."""
     options, now = search.options, site_of(search.layout)
-    cameras = _unlike([s.site for s in cameras_by_joints(search)], options.checked_cameras)
-    fixtures = [T for _, T in fixtures_by_joints(search)][: 40 * options.checked_fixtures]
-    few = _unlike_poses(fixtures, options.checked_fixtures)
+    by_joints = cameras_by_joints(search)
+    cameras = _unlike([s.site for s in by_joints], options.checked_cameras)
+    fixtures = fixtures_by_joints(search)
+    if options.joints_only:
+        return tuple(_joined(search, by_joints, fixtures))
+    few = _unlike_poses([f.T_world_fixture for f in fixtures], options.checked_fixtures)
 
     best = search.check(now)
     for k, camera in enumerate(cameras):
@@ -224,6 +243,49 @@ def search_sites(search: Survey) -> tuple[SiteScore, ...]:
     for turn in range(options.local_steps):
         best = _step_about(search, best, STEP_MM / 2**turn, STEP_DEG / 2**turn, turn)
     return tuple(_ranked(search))
+
+
+def _joined(
+    search: Survey, cameras: Sequence[SiteScore], fixtures: Sequence[FixtureScore]
+) -> list[SiteScore]:
+    """Return camera sites, each with the best fixture pose that goes with it, by the joints alone.
+
+    The present site is among them.
+    """
+    now = site_of(search.layout)
+    kept = _unlike([s.site for s in cameras], search.options.checked_cameras)
+    wanted = [now, *[site for site in kept if site_key(site) != site_key(now)]]
+    by_key = {site_key(s.site): s for s in cameras}
+    found: list[SiteScore] = []
+    for k, site in enumerate(wanted):
+        score = by_key[site_key(site)]
+        if not fixtures:
+            found.append(score)
+            continue
+        if k == 0:
+            found.append(_with_fixture(score, next(f for f in fixtures if _stands(f, now))))
+            found[0] = replace(found[0], forbidden=search.forbidden(now))
+        for fixture in fixtures[:PAIRED_N]:
+            pair = replace(site, T_world_fixture=fixture.T_world_fixture)
+            if site_key(pair) != site_key(now) and search.forbidden(pair) is None:
+                found.append(_with_fixture(replace(score, forbidden=None), fixture))
+                break
+    return sorted(found, key=lambda s: (s.forbidden is not None, -s.value))
+
+
+def _stands(fixture: FixtureScore, site: Site) -> bool:
+    return site.T_world_fixture is not None and bool(
+        np.allclose(fixture.T_world_fixture, site.T_world_fixture)
+    )
+
+
+def _with_fixture(score: SiteScore, fixture: FixtureScore) -> SiteScore:
+    parts = tuple(
+        replace(p, partners_share=a, hand_offs_share=b)
+        for p, a, b in zip(score.parts, fixture.partners, fixture.joined, strict=True)
+    )
+    site = replace(score.site, T_world_fixture=fixture.T_world_fixture)
+    return replace(score, site=site, parts=parts, value=value_of(parts))
 
 
 def _ranked(search: Survey) -> list[SiteScore]:
@@ -326,7 +388,8 @@ def _unlike_poses(poses: Sequence[FloatArray], count: int) -> list[FloatArray]:
     return kept
 
 
-def _key(site: Site) -> tuple[int, ...]:
+def site_key(site: Site) -> tuple[int, ...]:
+    """Return whole numbers that are the same for the same site and for no other."""
     values = [*site.station_mm * 100.0, *site.towards * 1e5]
     if site.T_world_fixture is not None:
         values += [
