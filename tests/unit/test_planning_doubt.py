@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from planning_cell import emulated_layout
 
-from controller.cad import RayCaster, Solid, inverse_pose, load_solid, sample_surface
+from controller.cad import Solid, inverse_pose, load_solid
 from controller.planning import Box
 from controller.planning.doubt import (
     LIGHTS,
@@ -26,18 +26,12 @@ from controller.planning.doubt import (
     compare,
     difference,
     model_of,
+    offered_views,
     predict_view,
     separating_views,
     tell_apart,
 )
-from controller.planning.motion import Scene
-from controller.planning.views import (
-    SightRules,
-    candidate_directions,
-    hold_up,
-    reachable_views,
-    visible_from,
-)
+from controller.planning.motion import Scene, tip_pose
 
 LAYOUT = emulated_layout()
 RULES = DoubtRules()
@@ -79,25 +73,17 @@ def held(name: str, turn: np.ndarray | None = None, called: str = "") -> Candida
     return Candidate(called or name, solid(name), T if turn is None else T @ turn)
 
 
-def views_of(part: Solid, T_part_hand: np.ndarray, opening_mm: float, count: int) -> dict:
-    """One reachable configuration per direction."""
-    samples = sample_surface(part, 6.0)
-    rules = SightRules.of_station(LAYOUT, 70.0, 1.0)
-    vectors = candidate_directions(part, count).vectors
-    visible = visible_from(part, samples, RayCaster(part.mesh), vectors, rules)
-    low, high = part.mesh.bounds
-    carried = Box.from_bounds(low[0], high[0], low[1], high[1], low[2], high[2])
-    scene = Scene(
-        LAYOUT, opening_mm, LAYOUT.fixture_open_mm, carried.placed(inverse_pose(T_part_hand))
-    )
-    showing = hold_up(part, samples, LAYOUT, vectors)
-    found = reachable_views(LAYOUT, scene, samples, showing, visible, T_part_hand, LAYOUT.park_q)
-    return {tuple(np.round(vectors[v], 6)): found.q[v][0] for v in sorted(found.q)}
-
-
 @cache
 def plate_views() -> dict:
-    return views_of(solid("plain"), in_hand(), OPENING_MM, 24)
+    """Return one configuration per direction to the camera, seen from the plate."""
+    q, _ = offered_views([held("plain")], LAYOUT, OPENING_MM, LAYOUT.park_q, 24)
+    eye = LAYOUT.inspection.position_mm
+    found = {}
+    for row in q:
+        T = tip_pose(LAYOUT, row) @ held("plain").T_hand_part
+        away = inverse_pose(T)[:3] @ [*eye, 1.0]
+        found[tuple(away / np.linalg.norm(away))] = row
+    return found
 
 
 def towards(direction: tuple[float, float, float]) -> np.ndarray:
@@ -281,6 +267,20 @@ def made_up(*rows: tuple[float, float, float]) -> Separations:
     return Separations(((0, 1), (0, 2), (1, 2)), margins, np.ones(len(rows), bool))
 
 
+def test_views_offered_hold_every_candidate_free_of_contact_before_the_camera() -> None:
+    pair = [held("plain"), held("longer")]
+    q, seconds = offered_views(pair, LAYOUT, OPENING_MM, LAYOUT.park_q, 24)
+    assert len(q) > 10
+    assert (seconds >= LAYOUT.pace.look_s).all()
+    for c in pair:
+        half = np.ptp(c.solid.mesh.vertices, axis=0) / 2
+        carried = Box(np.eye(4), half).placed(c.T_hand_part)
+        assert Scene(LAYOUT, OPENING_MM, LAYOUT.fixture_open_mm, carried).free(q).all()
+    for row in q:
+        com = tip_pose(LAYOUT, row) @ pair[0].T_hand_part
+        np.testing.assert_allclose(com[:3, 3], LAYOUT.station_mm, atol=1.0)
+
+
 def test_one_dear_view_beats_two_cheap_ones_only_when_it_is_cheaper_than_both() -> None:
     # view 0 parts 0 from the others, view 1 parts 1 from 2, view 2 parts all
     table = made_up((9, 9, 0), (0, 0, 9), (9, 9, 9))
@@ -319,13 +319,13 @@ def test_a_gear_is_told_from_its_mirror_image() -> None:
     T[:3, :3] = np.column_stack([x, y, np.cross(x, y)])
     T[:3, 3] = gear.centroid_mm - x * (extent[(thin + 1) % 3] / 2 - 15)
     opening = float(extent[thin])
-    q = np.stack(list(views_of(gear, T, opening, 30).values()))
     pair = [
         Candidate("gear", gear, inverse_pose(T)),
         Candidate("mirror image", mirror, inverse_pose(T)),
     ]
-    found = separating_views(pair, LAYOUT, q, np.full(len(q), 5.0), opening)
+    q, seconds = offered_views(pair, LAYOUT, opening, LAYOUT.park_q, 30)
+    found = separating_views(pair, LAYOUT, q, seconds, opening)
     assert found.first is not None
     assert found.first.margin > 2.0
-    same = separating_views([pair[0], pair[0]], LAYOUT, q, np.full(len(q), 5.0), opening)
+    same = separating_views([pair[0], pair[0]], LAYOUT, q, seconds, opening)
     assert same.first is None

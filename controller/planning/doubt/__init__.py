@@ -6,6 +6,7 @@ views whose pictures differ, however the part may sit in the hand, settle it.
 """
 
 from ._difference import difference
+from ._offer import offered_views
 from ._pictures import Picture, Stance, predict
 from ._rules import LIGHTS, Candidate, DoubtRules, Light
 from ._separate import Model, Predicted, Separations, model_of, predict_view, separations
@@ -31,6 +32,7 @@ __all__ = [
     "compare",
     "difference",
     "model_of",
+    "offered_views",
     "predict",
     "predict_view",
     "separating_views",

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from ..boxes import BoolArray
 from ..layout import FloatArray
@@ -59,7 +60,7 @@ class _Pair:
     """The lines of two pictures as points (n, 2) in cells, and how far each cell is from them."""
 
     points: tuple[FloatArray, FloatArray]
-    far: tuple[FloatArray, FloatArray]
+    far: tuple[NDArray[np.float32], NDArray[np.float32]]
     pivot: FloatArray
 
     def thinned(self) -> _Pair:
@@ -108,7 +109,7 @@ def _costs(pair: _Pair, placings: FloatArray, tolerance: float) -> FloatArray:
 
 def _moved(
     points: FloatArray, pivot: FloatArray, placings: FloatArray, is_back: bool
-) -> FloatArray:
+) -> NDArray[np.float32]:
     """Return points (n, 2) turned about the pivot and shifted (m, n, 2); or the way back."""
     p = (points - pivot).astype(np.float32)
     turn = -placings[:, 0] if is_back else placings[:, 0]
@@ -151,18 +152,18 @@ def _area(
     return int(((only_a | only_b) & counts).sum())
 
 
-def _look_up(far: FloatArray, points: FloatArray) -> FloatArray:
+def _look_up(far: NDArray[np.float32], points: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the distance (...) at the cells nearest to points (..., 2); beyond the grid, at it."""
     height, width = far.shape
     x = np.minimum(np.maximum((points[..., 0] + 0.5).astype(np.int32), 0), width - 1)
     y = np.minimum(np.maximum((points[..., 1] + 0.5).astype(np.int32), 0), height - 1)
-    return np.take(far, y * width + x)
+    return np.asarray(np.take(far, y * width + x))
 
 
-def _distance_to(mask: BoolArray) -> FloatArray:
+def _distance_to(mask: BoolArray) -> NDArray[np.float32]:
     """Return the distance of every cell to the nearest one of a mask (h, w)."""
     if not mask.any():
-        return np.full(mask.shape, 1e3)
+        return np.full(mask.shape, 1e3, np.float32)
     return np.asarray(cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5))
 
 

@@ -134,7 +134,7 @@ def separations(
             price = price_s(seconds[hopeful], column[hopeful])
             again += hopeful[np.argsort(price, kind="stable")[: rules.fine_n]].tolist()
             again += hopeful[np.argsort(-column[hopeful], kind="stable")[: rules.fine_n]].tolist()
-    for k in sorted(set(again)):
+    for k in looked[np.isin(looked, again)]:
         margins[k] = _margins(
             candidates, models, layout, q[k], opening_mm, pairs, rules.fine_px, rules
         )

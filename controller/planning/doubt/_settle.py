@@ -176,7 +176,7 @@ def _worth_asking(found: Separations, seconds: FloatArray) -> list[_View]:
             if not parts:
                 continue
             weakest = min(float(margins[p]) for p in parts)
-            price = float(price_s(seconds[k], np.float64(weakest)))
+            price = float(price_s(seconds[k : k + 1], np.array([weakest]))[0])
             if parts not in kept or price < kept[parts].price_s - SAME_PRICE_S:
                 kept[parts] = _View(k, light, parts, price)
     return sorted(kept.values(), key=lambda v: (v.price_s, v.row, v.light))

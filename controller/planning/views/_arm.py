@@ -88,7 +88,7 @@ def seen_extent(layout: CellLayout, points_mm: FloatArray) -> FloatArray:
         [(c * x + s * y).max(axis=-1) for c, s in zip(np.cos(angle), np.sin(angle), strict=True)],
         axis=-1,
     )
-    return np.where(behind.any(axis=-1)[..., None], np.inf, extent)
+    return np.where(np.asarray(behind.any(axis=-1))[..., None], np.inf, extent)
 
 
 def may_cover(

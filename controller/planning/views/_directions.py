@@ -132,7 +132,7 @@ def look_out(
         samples.face_ids[hard],
         samples.areas_mm2[hard],
     )
-    bare = ~visible[:, hard].any(axis=0)
+    bare: BoolArray = np.asarray(~visible[:, hard].any(axis=0))
     search = _search(solid, few, caster, rules, base.vectors, bare)
     near = (search.vectors @ base.vectors.T).max(axis=1) > np.cos(np.radians(0.5))
     useful = search.shows.any(axis=1) & ~near

@@ -81,8 +81,8 @@ def _whole(solid: Solid, camera: Camera, T: FloatArray) -> BoolArray:
     if in_picture(camera, _rim_of_ball(camera, centre, radius)).all():
         return np.ones(T.shape[:2], dtype=bool)  # whichever way it is turned
     # of a fine mesh the points farthest out, to less than a pixel
-    outer = np.unique(np.argmax(even_sphere(OUTER_N) @ hull.T, axis=1)) if len(hull) else []
-    points = np.einsum("vrij,kj->vrki", T[..., :3, :3], hull[outer]) + centre
+    outer = hull[np.unique(np.argmax(even_sphere(OUTER_N) @ hull.T, axis=1))]
+    points = np.einsum("vrij,kj->vrki", T[..., :3, :3], outer) + centre
     return np.asarray(in_picture(camera, points).all(axis=2))
 
 

@@ -57,7 +57,7 @@ def reachable_views(
     left_by_hand : (v, n) samples the hand leaves in sight; directions without any are not tried
     """
     shown = left_by_hand.copy()
-    allowed = showing.inside & left_by_hand.any(axis=1)[:, None]
+    allowed = showing.inside & np.asarray(left_by_hand.any(axis=1))[:, None]
     for v, inside in showing.partly.items():
         allowed[v] = (inside & left_by_hand[v]).any(axis=1)
     view, roll = np.nonzero(allowed)
@@ -74,7 +74,7 @@ def reachable_views(
     links[row, link] = may_cover(
         layout, T_links[row, link], half_links[row, link], showing.extent[v_of[row], r_of[row]]
     )
-    between = links.any(axis=1)
+    between: BoolArray = np.asarray(links.any(axis=1))
     away_s = (np.abs(q - q_liked) / np.array(layout.pace.joint_per_s)).max(axis=1)
     order = np.lexsort((away_s, between, v_of))
     rows = _free_rows(scene, q, v_of, between, order)
