@@ -34,7 +34,7 @@ def random_stops(seed: int, count: int, most: int) -> tuple[Array, list[Array], 
     return rng.normal(size=6), options, end
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 4))
 def test_the_order_is_as_short_as_the_best_of_all_orders(seed: int, count: int) -> None:
     start, options, end = random_stops(seed, count, 3)
@@ -48,11 +48,11 @@ def test_the_order_is_as_short_as_the_best_of_all_orders(seed: int, count: int) 
     assert seconds(start, [options[s][k] for s, k in way], end) == pytest.approx(shortest)
 
 
-def test_seven_stops_in_one_configuration_each_are_ordered_best() -> None:
-    start, options, end = random_stops(3, 7, 1)
+def test_six_stops_in_one_configuration_each_are_ordered_best() -> None:
+    start, options, end = random_stops(3, 6, 1)
     way = best_order(start, options, end, slowest_joint)
     shortest = min(
-        seconds(start, [options[s][0] for s in order], end) for order in permutations(range(7))
+        seconds(start, [options[s][0] for s in order], end) for order in permutations(range(6))
     )
     assert seconds(start, [options[s][0] for s, _ in way], end) == pytest.approx(shortest)
 

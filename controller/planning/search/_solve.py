@@ -17,7 +17,7 @@ import numpy as np
 from ..boxes import BoolArray
 from ..layout import FloatArray
 from ._bounds import Floors, floors, raise_floors, spread_scales, union_prices
-from ._exact import exact_cover, stack
+from ._exact import Stacked, exact_cover, stack
 from ._greedy import greedy
 from ._problem import (
     MAX_GRIPS,
@@ -62,12 +62,14 @@ class Effort:
 
 COARSE = Effort(floors=256, covers=4, nodes=500, ways=4_000)
 FULL = Effort()
-_BATCH = 96
-_STEPS = 45
+_FIRST_BATCH = 16  # what it leads to says how far the floors of the others must be raised
+_BATCH = 128
+_DIVES = 6  # covers by the likeliest views only, for a good solution early
+_DIVE_VIEWS = 40
+_STEPS = 128
 _TRIES = 6  # quick covers per batch, for an early good solution
 _LESSONS = 20  # sets of grips the deciding elements are learned from
 _MISSED = 8  # elements added where a cover of the core leaves some out
-_SCALE = 1.25  # few grips ask more for each element than all of them together
 
 
 def solve(
@@ -170,7 +172,7 @@ class _Search:
         self.union: Floors
         self.best: tuple[tuple[int, ...], tuple[tuple[int, ...], ...], float] | None = None
         self.best_s = np.inf
-        self.covers = self.floored = 0
+        self.covers = self.floored = self.dives = 0
         self.pool = _Pool()
         self.levels: list[Walks] = []
         self.all_s = 0.0  # what views cost at least, whatever the grips
@@ -300,7 +302,8 @@ class _Search:
             if stage[order[0]] == 0:
                 if self.floored >= self.effort.floors and self.best is not None:
                     return
-                self._raise([int(k) for k in order[stage[order] == 0][:_BATCH]])
+                batch = _BATCH if self.floored else _FIRST_BATCH
+                self._raise([int(k) for k in order[stage[order] == 0][:batch]])
             else:
                 if self.covers >= self.effort.covers:
                     return
@@ -314,10 +317,10 @@ class _Search:
         for row, k in enumerate(which):
             sets[row, : len(pool.sets[k])] = pool.sets[k]
         way = np.array([pool.way_s[k] for k in which])
-        start = np.repeat((self.union.u[-1] * np.float32(_SCALE))[None], len(which), axis=0)
+        start = self.union.u[-1]
         if not np.isfinite(self.best_s):
             for row in range(min(_TRIES, len(which))):
-                self._try(which[row], start[row])
+                self._try(which[row], start)
         units, u = raise_floors(self.core, sets, start, self._goals(way), _STEPS)
         floor = way + tables.views_floor_s(units)
         self.floored += len(which)
@@ -330,6 +333,8 @@ class _Search:
         for k in lowest:
             if pool.floor_s[k] < self.best_s - SAME_S:
                 self._try(k, pool.u[k])
+                if self.dives < _DIVES:
+                    self._dive(k)
 
     def _goals(self, way_s: FloatArray) -> FloatArray:
         """Return which floor in units would rule each set out."""
@@ -352,6 +357,30 @@ class _Search:
             chosen = quick_cover(rows, stacked.prices_s, prices)
             self._offer_rows(k, stacked.owner[chosen], stacked.index[chosen])
 
+    def _dive(self, k: int) -> None:
+        """Cover the set by the views that its prices favour most."""
+        self.dives += 1
+        stacked = stack(self.tables, self.pool.sets[k])
+        core = self.core.elements
+        left = stacked.units - stacked.rows[:, core].astype(np.float32) @ self.pool.u[k]
+        quick = quick_cover(stacked.rows.astype(np.float32), stacked.prices_s)
+        some = np.union1d(np.argsort(left, kind="stable")[:_DIVE_VIEWS], quick)
+        limit = self.best_s - self.pool.way_s[k]
+        rows, _ = exact_cover(
+            stacked.rows[np.ix_(some, core)], stacked.prices_s[some], limit, nodes=self.effort.nodes
+        )
+        if rows is not None:
+            self._offer_completed(k, stacked, some[rows])
+
+    def _offer_completed(self, k: int, stacked: Stacked, rows: IntArray) -> BoolArray:
+        """Offer these views and what completes them; return the elements they leave out (m,)."""
+        missing: BoolArray = ~np.asarray(stacked.rows[rows].any(axis=0))
+        if missing.any():
+            rest = quick_cover(stacked.rows[:, missing].astype(np.float32), stacked.prices_s)
+            rows = np.union1d(rows, rest)
+        self._offer_rows(k, stacked.owner[rows], stacked.index[rows])
+        return missing
+
     def _cover(self, k: int) -> None:
         """Settle the set for good."""
         tables, pool = self.tables, self.pool
@@ -371,17 +400,12 @@ class _Search:
             self.covers += 1
             if rows is None:
                 break
-            missing: BoolArray = ~np.asarray(stacked.rows[rows].any(axis=0))
-            if missing.any():  # what completes them may still be the best so far
-                rest = quick_cover(stacked.rows[:, missing].astype(np.float32), stacked.prices_s)
-                whole = np.union1d(rows, rest)
-                self._offer_rows(k, stacked.owner[whole], stacked.index[whole])
-                new = hard_elements(stacked.rows, missing, _MISSED)
-                self.extra += new
-                elements = sorted({*elements, *new})
-                continue
-            self._offer_rows(k, stacked.owner[rows], stacked.index[rows])
-            break
+            missing = self._offer_completed(k, stacked, rows)
+            if not missing.any():
+                break
+            new = hard_elements(stacked.rows, missing, _MISSED)
+            self.extra += new
+            elements = sorted({*elements, *new})
         pool.stage[k] = 2
         pool.floor_s[k] = max(pool.floor_s[k], pool.way_s[k] + floor)
         if pool.floor_s[k] < self.best_s - SAME_S:
