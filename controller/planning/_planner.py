@@ -15,7 +15,7 @@ import numpy as np
 from controller.cad import Solid, StablePose, SurfaceSamples, inverse_pose
 
 from ._build import Build, Builder, RefutedError, check_trays_in_reach
-from ._prepare import prepare_part, with_grips
+from ._prepare import prepare_part, with_grips, with_rests
 from ._prices import Prices, Support, first_seconds, make_prices, take_seconds, worthwhile
 from ._why import unseen_pieces
 from .boxes import BoolArray
@@ -129,17 +129,22 @@ class _Planner:
         ------
         NoPlanError : there is none
         """
-        part, layout = self._part, self._layout
-        check_trays_in_reach(part.solid.name, layout)
-        prices = make_prices(part, layout, self.first_s(), self._done, self._avoid)
+        check_trays_in_reach(self._part.solid.name, self._layout)
+        first_s = self.first_s()
+        prices = self._prices(first_s)
         problem = prices.problem
-        failure: NoPlanError | None = None
-        solution: Solution | None = None
-        if part.options.least_gain > 0.0:
+        solution = solve(problem, effort=COARSE)
+        if (solution is None or not solution.is_complete) and not self._part.rests:
+            # the table is the dearer way to change a grip, so that it is asked last
+            self._part = with_rests(self._part, self._layout)
+            self._builder = Builder(self._part, self._layout, self._seed)
+            prices = self._prices(first_s)
+            problem = prices.problem
             solution = solve(problem, effort=COARSE)
-            if solution is not None:
-                kept = worthwhile(prices, part, solution.grips)
-                problem = replace(problem, seen=problem.seen | ~kept)
+        if solution is not None and self._part.options.least_gain > 0.0:
+            kept = worthwhile(prices, self._part, solution.grips)
+            problem = replace(problem, seen=problem.seen | ~kept)
+        failure: NoPlanError | None = None
         for _ in range(REBUILDS_N):
             solution = solve(problem, incumbent=solution)
             if solution is None:
@@ -158,8 +163,11 @@ class _Planner:
                     lasts=error.lasts,
                 )
         raise failure or NoMotionError(
-            f"{part.solid.name} {self.where()}: no grip it can be had in leads on to a tray"
+            f"{self._part.solid.name} {self.where()}: no grip it can be had in leads on to a tray"
         )
+
+    def _prices(self, first_s: FloatArray) -> Prices:
+        return make_prices(self._part, self._layout, first_s, self._done, self._avoid)
 
     def _nothing_shown(self) -> NoPlanError:
         """Say why not one view of the part can be had, with the number that fails."""

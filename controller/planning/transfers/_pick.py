@@ -140,8 +140,8 @@ def _no_grip_from_above(part: PreparedPart, layout: CellLayout, T_world_part: Fl
     hull = np.asarray(part.solid.mesh.convex_hull.vertices)
     high = float((hull @ T_world_part[2, :3]).max() + T_world_part[2, 3])
     text = (
-        f"no pick in this pose: {high:.1f} mm high, none of its {len(part.arm_grips)} grips comes "
-        f"from above and keeps the fingers {TABLE_MARGIN_MM:g} mm off the table"
+        f"no pick in this pose: lying like this it is {high:.1f} mm high, and none of its "
+        f"{len(part.arm_grips)} grips from above clears the table by {TABLE_MARGIN_MM:g} mm"
     )
     x, y = layout.set_down_mm.mean(axis=1)
     able = []
