@@ -1,30 +1,33 @@
-"""Grips of parts whose right answer is plain: a block, a tetrahedron, a slab, a tube."""
+"""Grips of parts whose right answer is plain: blocks, balls, rings, wedges, a tetrahedron."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
+import manifold3d
 import numpy as np
 import pytest
 import trimesh
-from planning_cell import emulated_layout
+from cad_solids import box, prism, rod
+from cad_solids import solid_of as cad_solid
+from grip_bench import DOWN, HAND, QUICK, RULES, SPREADING, judged
 
 from controller.cad import RayCaster, Solid, make_solid, sample_surface
 from controller.planning import Grip, GripRules, NotGraspableError
-from controller.planning.grips import find_seeds, synthesise_grips
+from controller.planning.grips import find_seeds, judge_grips, synthesise_grips
 
-HAND = emulated_layout().hand
-RULES = GripRules()
 WIDEST_MM = HAND.max_mm - RULES.jaw_reserve_mm
-DOWN = np.array([[0.0, 0.0, -1.0]])
 
 
 def solid_of(mesh: trimesh.Trimesh, name: str = "part") -> Solid:
     return make_solid(mesh, name, "0123456789abcdef", where=name)
 
 
-def grips_of(solid: Solid) -> tuple[Grip, ...]:
+def grips_of(solid: Solid, rules: GripRules = QUICK) -> tuple[Grip, ...]:
     caster = RayCaster(solid.mesh)
-    seeds = find_seeds(solid, sample_surface(solid, 5.0), caster, WIDEST_MM, RULES)
-    return synthesise_grips(solid, seeds, caster, HAND, "arm", DOWN, RULES)
+    seeds = find_seeds(solid, sample_surface(solid, 5.0), caster, WIDEST_MM, rules)
+    return synthesise_grips(solid, seeds, caster, HAND, "arm", DOWN, rules)
 
 
 def test_a_block_is_held_across_its_widths_and_nothing_else() -> None:
@@ -51,23 +54,183 @@ def test_the_open_hand_never_reaches_into_the_block_on_its_way_in() -> None:
         for behind in (0.0, 30.0, 60.0):
             T = grip.T_part_hand.copy()
             T[:3, 3] -= behind * T[:3, 0]
-            for box in (*HAND.body, *HAND.fingers(grip.pre_open_mm)):
-                points = rng.uniform(-1, 1, (300, 3)) * box.half_mm
-                placed = T @ box.T
+            for part in (*HAND.body, *HAND.fingers(grip.pre_open_mm)):
+                points = rng.uniform(-1, 1, (300, 3)) * part.half_mm
+                placed = T @ part.T
                 world = points @ placed[:3, :3].T + placed[:3, 3]
                 assert not np.any(np.all(np.abs(world) < [30.0, 20.0, 15.0], axis=1))
 
 
-def test_a_tetrahedron_cannot_be_held_between_two_flat_pads() -> None:
+def test_a_tetrahedron_is_refused_with_the_friction_angle_it_would_need() -> None:
     corners = 25.0 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], float)
     mesh = trimesh.convex.convex_hull(corners)
-    with pytest.raises(NotGraspableError, match="tetra"):
+    # half of what the faces' 109.47 degrees lack of 180; friction 0.6 is 30.96 degrees
+    with pytest.raises(NotGraspableError, match=r"needed 35\.3 deg, have 31\.0"):
         grips_of(solid_of(mesh, "tetra"))
 
 
 def test_a_cube_wider_than_the_jaw_is_refused_with_the_width_that_would_do() -> None:
-    with pytest.raises(NotGraspableError, match="at most 80 mm"):
+    with pytest.raises(NotGraspableError, match=r"at most 80 mm apart.* are 120\.0 mm apart"):
         grips_of(solid_of(trimesh.creation.box((120.0, 120.0, 120.0)), "cube"))
+
+
+def test_a_lead_block_is_refused_with_the_load_it_would_be() -> None:
+    solid = solid_of(trimesh.creation.box((60.0, 60.0, 60.0)), "lead")
+    rules = replace(QUICK, density_kg_mm3=11.34e-6)
+    weight_n = 60**3 * 11.34e-6 * 9.81
+    # even with no lever: W / (2 mu N)
+    least = weight_n / (2 * rules.friction * HAND.force_n)
+    assert least > rules.max_load
+    with pytest.raises(NotGraspableError, match=rf"best {least:.2g}\d*, 0.5 of the friction limit"):
+        grips_of(solid, rules)
+
+
+def test_oil_refuses_what_dry_pads_hold() -> None:
+    solid = solid_of(trimesh.creation.box((60.0, 60.0, 60.0)), "steel")
+    steel = replace(QUICK, density_kg_mm3=7.85e-6)
+    assert grips_of(solid, steel)
+    with pytest.raises(NotGraspableError, match="of the friction limit asked"):
+        grips_of(solid, replace(steel, friction=0.2))
+
+
+def test_every_grip_keeps_what_the_rules_ask() -> None:
+    for grip in grips_of(solid_of(trimesh.creation.box((60.0, 40.0, 30.0)))):
+        assert grip.contact_mm2 >= RULES.min_contact_mm2
+        assert grip.load <= RULES.max_load
+        assert grip.margin >= RULES.min_margin
+        assert 0.0 < grip.score <= 1.0
+
+
+def test_a_ball_is_held_on_two_caps_as_deep_as_the_pads_give() -> None:
+    mesh = trimesh.creation.icosphere(subdivisions=4, radius=20.0)
+    grips = grips_of(solid_of(mesh, "ball"))
+    depth = RULES.compliance_mm
+    cap_mm2 = np.pi * (2 * 20.0 * depth - depth**2)
+    for grip in grips:
+        assert grip.opening_mm == pytest.approx(40.0, abs=0.1)
+        # the jaws' axis goes through the centre as far as a pad's length lets it miss it
+        assert grip.contact_mm2 <= cap_mm2 + 4.0
+    assert max(g.contact_mm2 for g in grips) == pytest.approx(cap_mm2, rel=0.1)
+
+
+def test_a_small_ball_is_refused_with_the_contact_it_offers() -> None:
+    mesh = trimesh.creation.icosphere(subdivisions=4, radius=8.0)
+    cap_mm2 = np.pi * (2 * 8.0 * RULES.compliance_mm - RULES.compliance_mm**2)
+    assert cap_mm2 < RULES.least_contact_mm2
+    with pytest.raises(NotGraspableError, match="mm2 asked") as refusal:
+        grips_of(solid_of(mesh, "pea"))
+    last = str(refusal.value).rsplit("(best ", 1)[1]
+    # as well as rays 2 mm apart tell an area 5 mm across
+    assert float(last.split(",")[0]) == pytest.approx(cap_mm2, abs=6.0)
+
+
+def test_a_cone_is_held_by_its_ends_alone() -> None:
+    cone = manifold3d.Manifold.cylinder(40.0, 30.0, 14.0, 96, True)
+    grips = grips_of(cad_solid(cone, "cone"))
+    for grip in grips:
+        assert abs(grip.T_part_hand[2, 1]) > np.cos(np.radians(1.0))
+        assert grip.opening_mm == pytest.approx(40.0, abs=0.1)
+
+
+def test_drafted_walls_are_held_along_what_bisects_them() -> None:
+    # walls 4 degrees from parallel, 90 mm long, so that only they are within the jaws
+    half = np.radians(2.0)
+    top = 20.0 - 40 * np.tan(half)
+    wedge = prism([(-20, 0), (20, 0), (top, 40), (-top, 40)], 90.0)
+    grips = [g for g in grips_of(cad_solid(wedge, "draft")) if abs(g.T_part_hand[0, 1]) > 0.9]
+    assert grips
+    square = [g for g in grips if abs(g.T_part_hand[0, 1]) > np.cos(np.radians(0.3))]
+    assert square
+    for grip in square:
+        along = abs(grip.T_part_hand[1, 0])  # of the approach, up or down the slope
+        if along > 0.999:
+            # what is within the pads' compliance of the first touch: c / tan(half) long, 12 wide
+            longest = 12.0 * RULES.compliance_mm / np.tan(half)
+            assert grip.contact_mm2 <= longest + 12.0 * RULES.fine_step_mm
+        # both pads lean on their walls by half the draft
+        assert grip.load >= np.tan(half) / RULES.friction - 1e-3
+
+
+def test_steep_walls_are_left_alone() -> None:
+    # each 20 degrees from the pads: the slope alone is 0.61 of friction 0.6
+    top = 30.0 - 40 * np.tan(np.radians(20.0))
+    wedge = prism([(-30, 0), (30, 0), (top, 40), (-top, 40)], 60.0)
+    for grip in grips_of(cad_solid(wedge, "steep")):
+        assert abs(grip.T_part_hand[0, 1]) < 0.1
+
+
+def test_a_jaw_that_spreads_holds_a_bore_from_inside() -> None:
+    body = rod(70, 30, 128) - rod(20, 40, 128)
+    found = judged(cad_solid(body, "ring"), QUICK, SPREADING).grips
+    inner = [g for g in found if g.is_inner]
+    assert inner
+    # the edges of a pad 12 mm wide meet a bore of 20 mm radius this far apart
+    across_mm = 2 * np.sqrt(20.0**2 - 6.0**2)
+    for grip in inner:
+        assert abs(grip.T_part_hand[2, 0]) > 0.999  # along the bore
+        assert grip.opening_mm == pytest.approx(across_mm, abs=0.15)
+        assert np.hypot(*grip.T_part_hand[:2, 3]) < 0.5
+        # closed in, the fingers' corners go into the bore with room to spare
+        assert grip.pre_open_mm < grip.opening_mm - 2.0
+        assert np.hypot(grip.pre_open_mm / 2, 6.0) < 20.0 - 1.0
+        # and the gap between the pads is not negative: there is a finger on either side
+        assert grip.pre_open_mm >= 2 * SPREADING.finger_thickness_mm
+    assert not any(g.is_inner for g in judged(cad_solid(body, "ring"), QUICK, HAND).grips)
+
+
+def test_a_channel_is_held_between_its_walls() -> None:
+    # 100 wide outside: only its inner walls, 40 apart, are within reach of the jaws
+    channel = box(90, 100, 90) - box(90, 40, 90).translate((0, 0, 25))
+    rules = replace(QUICK, density_kg_mm3=0.5e-6)
+    grips = judged(cad_solid(channel, "channel"), rules, SPREADING).grips
+    inner = [g for g in grips if g.is_inner]
+    assert inner
+    for grip in inner:
+        assert grip.opening_mm == pytest.approx(40.0, abs=0.05)
+        assert abs(grip.T_part_hand[1, 1]) > 0.999
+        assert grip.T_part_hand[1, 3] == pytest.approx(0.0, abs=0.05)
+
+
+def test_the_same_part_gives_the_same_bytes() -> None:
+    def run() -> bytes:
+        grips = judged(cad_solid(box(60, 40, 30) - rod(8, 50, 48), "part"), QUICK, SPREADING).grips
+        return b"".join(
+            g.T_part_hand.tobytes() + np.array([g.opening_mm, g.load, g.margin, g.score]).tobytes()
+            for g in grips
+        )
+
+    first = run()
+    assert first
+    assert run() == first
+
+
+@pytest.mark.slow
+def test_chosen_grips_come_from_every_side_and_lift_every_pose() -> None:
+    solid = cad_solid(box(60, 40, 30), "block")
+    downs = np.array([[0, 0, -1.0], [0, -1.0, 0], [-1.0, 0, 0], [0, 0, 1.0]])
+    grips = judged(solid, RULES, HAND, downs).grips
+    assert len(grips) <= RULES.keep_n
+    approach = np.stack([g.T_part_hand[:3, 0] for g in grips])
+    for side in np.vstack([np.eye(3), -np.eye(3)]):
+        assert (approach @ side).max() > 0.99
+    for down in downs:
+        assert (approach @ down > 0.5).sum() >= RULES.picks_n // 2
+
+
+def test_a_fixture_that_does_not_turn_holds_what_its_own_gravity_allows() -> None:
+    # gravity across the pads' width for ever: a lever along it does not twist
+    solid = solid_of(trimesh.creation.box((160.0, 30.0, 20.0)), "bar")
+    caster = RayCaster(solid.mesh)
+    rules = replace(QUICK, density_kg_mm3=7.85e-6)
+    seeds = find_seeds(solid, sample_surface(solid, 6.0), caster, WIDEST_MM, rules)
+    fixed = [np.array([0.0, 0.0, 1.0])]
+    turning = judge_grips(solid, seeds, caster, HAND, "arm", DOWN, rules).grips
+    still = judge_grips(solid, seeds, caster, HAND, "fixture", DOWN, rules, fixed).grips
+
+    def farthest(grips: Sequence[Grip]) -> float:
+        return max(abs(g.T_part_hand[0, 3]) for g in grips)
+
+    assert farthest(still) > farthest(turning) + 10.0
 
 
 def test_a_ring_wider_than_the_jaw_is_held_across_its_wall() -> None:
@@ -87,7 +250,7 @@ def test_a_heavy_part_leaves_only_grips_near_its_centre_of_mass() -> None:
     # steel bar 200 x 30 x 20 mm, 0.94 kg: weight x arm against 2 x 0.6 x 40 N on a 24 mm pad
     solid = solid_of(trimesh.creation.box((200.0, 30.0, 20.0)))
     caster = RayCaster(solid.mesh)
-    rules = GripRules(density_kg_mm3=7.85e-6)
+    rules = replace(QUICK, density_kg_mm3=7.85e-6)
     seeds = find_seeds(solid, sample_surface(solid, 6.0), caster, WIDEST_MM, rules)
     grips = synthesise_grips(solid, seeds, caster, HAND, "arm", DOWN, rules)
     weight_n = 200 * 30 * 20 * 7.85e-6 * 9.81

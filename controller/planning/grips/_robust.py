@@ -18,8 +18,9 @@ from ._seeds import across
 
 COARSE_STEP_MM = 4.0  # of the first closing, which only tells how the part will turn
 MOST_TURN_RAD = float(np.radians(5.0))  # pads turn a part by little more than its pose was wrong
-TURNS_N = 2  # turns tried: flat walls need one, a bore against its rim two
+MOST_SLIDE_MM = 2.0
 LATTICES_N = 3
+SIDES = np.array([1.0, -1.0])[:, None, None, None]  # what raises one pad's wall lowers the other's
 
 
 def wrong_poses(rules: GripRules, down: FloatArray | None = None) -> FloatArray:
@@ -54,7 +55,8 @@ def margins(
     """Return for each grip the share of wrong poses in which it holds (n,).
 
     The part is turned about its centre of mass, by which its pose is measured. Of the contact a
-    little more than half is enough: what the pads touch at a wrong pose still holds.
+    little more than half is enough: what the pads touch at a wrong pose still holds. Flat walls
+    need one turn until they lie flat, a bore against its rim two; a part that slips is tried last.
 
     Parameters
     ----------
@@ -73,15 +75,15 @@ def margins(
     which = np.repeat(np.arange(n), k)
     held = np.zeros(n * k, dtype=bool)
     rows, look = np.arange(n * k), PadGrid.of(jaw, COARSE_STEP_MM)
-    for closing in range(1 + TURNS_N):
+    for settle in (laid_flat, laid_flat, slid_home, None):
         at = which[rows]
-        touched = judge.close(T, found.opening[at], inner[at], look, slopes=closing < TURNS_N)
-        if closing:
+        touched = judge.close(T, found.opening[at], inner[at], look, slopes=settle is not None)
+        if look is judge.coarse:
             held[rows] = judge.holds(touched, inner[at], rules.least_contact_mm2)
-        if closing == TURNS_N:
+        if settle is None:
             break
         open_ = np.flatnonzero(touched.touched & ~held[rows])
-        T = laid_flat(touched.take(open_), inner[at[open_]], jaw, look)
+        T = settle(touched.take(open_), inner[at[open_]], jaw, look)
         rows, look = rows[open_], judge.coarse
     return np.asarray(held.reshape(n, k).mean(axis=1))
 
@@ -92,28 +94,14 @@ def laid_flat(touched: Contacts, inner: BoolArray, jaw: Jaw, grid: PadGrid) -> F
     The part turns about the approach and about the pads' third axis as far as that brings the pads
     nearer to each other, and no farther than `MOST_TURN_RAD`. For small turns a point of the wall
     comes nearer in proportion to where on the pad it lies, and to how steep the wall is that the
-    turn shifts along the pad; so the width is a convex function of two slopes, and its least is
-    searched on ever finer lattices.
+    turn shifts along the pad.
     """
     T, n = touched.T, len(touched.T)
     sense = np.where(inner, -1.0, 1.0)
     lever = (sense * touched.opening / 2)[:, None, None]
     points = grid.points + np.array([jaw.pad_centre_mm, 0.0])
-    at = np.float32(points + lever * touched.gradient)  # (2, n, m, 2)
-    low, high = np.float32(touched.height)
-    slope = np.zeros((n, 2))
-    step = np.tan(MOST_TURN_RAD) / 2
-    lattice = np.array([(i, j) for i in range(-2, 3) for j in range(-2, 3)], dtype=float)
-    lattice = lattice[np.argsort(np.abs(lattice).sum(axis=1), kind="stable")]
-    for _ in range(LATTICES_N):
-        tried = slope[:, None] + step * lattice
-        width = np.empty(tried.shape[:2], dtype=np.float32)
-        for k in range(len(lattice)):
-            x, z = np.float32(tried[:, k, 0, None]), np.float32(tried[:, k, 1, None])
-            width[:, k] = (low + x * at[0, :, :, 0] + z * at[0, :, :, 1]).max(axis=1)
-            width[:, k] += (high - x * at[1, :, :, 0] - z * at[1, :, :, 1]).max(axis=1)
-        slope = tried[np.arange(n), np.argmin(width, axis=1)]
-        step *= 0.4
+    rise = points + lever * touched.gradient  # (2, n, m, 2)
+    slope = _least_width(touched, rise * SIDES, np.tan(MOST_TURN_RAD))
     turned = np.zeros((n, 3))
     turned[:, 2], turned[:, 0] = slope[:, 0] * sense, -slope[:, 1] * sense
     pivot = T[:, :3, 3] - T[:, :3, 0] * jaw.pad_centre_mm
@@ -122,3 +110,40 @@ def laid_flat(touched: Contacts, inner: BoolArray, jaw: Jaw, grid: PadGrid) -> F
     out[:, :3, :3] = T[:, :3, :3] @ Rotation.from_rotvec(-turned).as_matrix()
     out[:, :3, 3] = pivot + out[:, :3, 0] * jaw.pad_centre_mm
     return out
+
+
+def slid_home(touched: Contacts, inner: BoolArray, jaw: Jaw, grid: PadGrid) -> FloatArray:
+    """Return the tip poses (n, 4, 4) as slipping pads centre the part: until they close no more.
+
+    A part that slips where its walls are hollow, as a bore, comes to lie where it slips no more.
+    """
+    slide = _least_width(touched, -touched.gradient, MOST_SLIDE_MM)
+    out = touched.T.copy()
+    out[:, :3, 3] -= out[:, :3, 0] * slide[:, :1] + out[:, :3, 2] * slide[:, 1:]
+    return out
+
+
+def _least_width(touched: Contacts, rise: FloatArray, most: float) -> FloatArray:
+    """Return the two amounts (n, 2) that bring both pads nearest, neither beyond `most`.
+
+    Every height changes by its two `rise` (2, n, m, 2) times the amounts, so the width between the
+    first touches is a convex function; its least is searched on ever finer lattices.
+    """
+    n = len(touched.T)
+    low, high = np.float32(touched.height)
+    low_rise, high_rise = np.float32(rise)
+    best = np.zeros((n, 2))
+    step = most / 2
+    lattice = np.array([(i, j) for i in range(-2, 3) for j in range(-2, 3)], dtype=float)
+    # nothing first: where nothing brings them nearer, nothing moves
+    lattice = lattice[np.argsort(np.abs(lattice).sum(axis=1), kind="stable")]
+    for _ in range(LATTICES_N):
+        tried = best[:, None] + step * lattice
+        width = np.empty(tried.shape[:2], dtype=np.float32)
+        for k in range(len(lattice)):
+            x, z = np.float32(tried[:, k, 0, None]), np.float32(tried[:, k, 1, None])
+            width[:, k] = (low + x * low_rise[:, :, 0] + z * low_rise[:, :, 1]).max(axis=1)
+            width[:, k] += (high + x * high_rise[:, :, 0] + z * high_rise[:, :, 1]).max(axis=1)
+        best = tried[np.arange(n), np.argmin(width, axis=1)]
+        step *= 0.4
+    return best

@@ -119,8 +119,9 @@ def judge_grips(
     tables = downs if holder == "arm" else downs[:0]
     tried = candidates(solid, seeds, jaw, downs, rules)
     judge.tally.count("hands round seeds", len(tried.T))
+    lever = axis_distance(tried.T, solid.centroid_mm, jaw)
     bound = least_load(
-        axis_distance(tried.T, solid.centroid_mm, jaw),
+        lever if gravities is None else 0.0 * lever,  # a still jaw may have the lever hang plumb
         judge.weight_n,
         jaw.force_n,
         judge.coarse,
@@ -133,7 +134,9 @@ def judge_grips(
     )
     able, score, area = _sorted_out(judge, tried, seeds, _picks(judge, tried, tables))
     picks = _picks(judge, able, tables)
-    firm = area >= SORTING_SHARE * rules.min_contact_mm2
+    firm = judge.tally.ask(
+        "enough contact off the table", area, SORTING_SHARE * rules.min_contact_mm2, " mm2"
+    )
     rows = _cover_of(np.flatnonzero(firm), able, score, picks, rules.fine_n, 2 * rules.picks_n)
     found = _measured(judge, able, rows)
     # a pose that few grips take from above: there the table gives height and tilt, and what
