@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from controller.cad import inverse_pose
-from drivers.umi_scara.kinematics import forward, inverse
+from drivers.umi_scara.kinematics import forward, inverse_legal
 
 from ..layout import CellLayout, FloatArray, IntArray
 
@@ -26,21 +26,7 @@ def inverse_rows(
     down = np.hypot(T[:, 0, 0], T[:, 1, 0]) < VERTICAL
     if down.any():
         T[down, :3, :3] = _straightened(T[down, :3, :3])
-    index, branch, rows = [np.zeros(0, int)], [np.zeros(0, int)], [np.zeros((0, 6))]
-    for members in (np.flatnonzero(down), np.flatnonzero(~down)):
-        if len(members):
-            headings = HEADINGS_RAD if down[members[0]] else HEADINGS_RAD[:1]
-            q, legal = inverse(T[members], layout.arm, heading_rad=headings)
-            i, k = np.nonzero(legal)
-            index.append(members[i])
-            branch.append(k)
-            rows.append(q[i, k])
-    order = np.argsort(np.concatenate(index), kind="stable")
-    return (
-        np.concatenate(index)[order],
-        np.concatenate(branch)[order],
-        np.concatenate(rows)[order],
-    )
+    return inverse_legal(T, layout.arm, heading_rad=HEADINGS_RAD)
 
 
 def _straightened(R: FloatArray) -> FloatArray:

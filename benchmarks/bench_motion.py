@@ -1,0 +1,262 @@
+"""IK, contacts, ways between configurations and their forecast, each against its number.
+
+python benchmarks/bench_motion.py [--json] [--parts NAME...] [--pairs 60] [--seed 1]
+
+Ways are asked for between configurations that plans have: from one view to another, from above a
+pick to a view, from a view to the way into the fixed gripper. The crowded cell has six more posts.
+Numbers to reach (planning.md 8): IK 2 us a pose, a state 0.1 ms, 95 % of the ways within 50 ms,
+all found that exist.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: threads only add noise
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit")]
+
+from planning_cell import PARTS, emulated_layout  # noqa: E402  (path set above)
+
+from controller.cad import inverse_pose, load_solid, sample_surface  # noqa: E402
+from controller.planning import (  # noqa: E402
+    Box,
+    CellLayout,
+    NoPlanError,
+    prepare_part,
+    resting_pose,
+)
+from controller.planning.motion import (  # noqa: E402
+    PartShape,
+    PlacedShape,
+    Scene,
+    connect,
+    inverse_rows,
+    path_free,
+    tip_pose,
+)
+from controller.planning.motion._ways import _over_the_top  # noqa: E402
+from controller.planning.prepared import PreparedPart  # noqa: E402
+from controller.planning.transfers import pick_ways  # noqa: E402
+from drivers.umi_scara.kinematics import forward, inverse, within_limits  # noqa: E402
+
+ALL_PARTS = ("featuretype", "flange_xy", "idler_riser", "holder")
+POSTS = (  # [mm] where they are in the way, and yet leave one
+    (250.0, 275.0, 150.0, 175.0, 0.0, 420.0),
+    (430.0, 455.0, 120.0, 145.0, 0.0, 380.0),
+    (520.0, 545.0, -140.0, -115.0, 0.0, 640.0),
+    (230.0, 255.0, -215.0, -190.0, 0.0, 300.0),
+    (470.0, 495.0, -330.0, -305.0, 0.0, 560.0),
+    (60.0, 85.0, 300.0, 325.0, 0.0, 500.0),
+)
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Asked:
+    """One way that a plan might ask for."""
+
+    kind: str
+    scene: Scene
+    start: np.ndarray
+    goal: np.ndarray
+
+
+def crowded(layout: CellLayout) -> CellLayout:
+    posts = {f"post {k}": Box.from_bounds(*bounds) for k, bounds in enumerate(POSTS)}
+    return replace(layout, obstacles={**layout.obstacles, **posts})
+
+
+def least_s(work: Callable[[], object], repeats: int = 5) -> float:
+    times = []
+    for _ in range(repeats):
+        begin = time.process_time()
+        work()
+        times.append(time.process_time() - begin)
+    return min(times)
+
+
+def legal_rows(rng: np.random.Generator, n: int) -> np.ndarray:
+    low = np.array([*np.radians([-90.0, -179.0, -170.0]), -940.0, *np.radians([-97.5, -131.0])])
+    high = np.array([*np.radians([90.0, 150.0, 160.0]), -1.0, *np.radians([3.5, 180.0])])
+    q = low + rng.random((n, 6)) * (high - low)
+    return np.asarray(q[within_limits(q)])
+
+
+def bench_ik(layout: CellLayout, seed: int) -> list[Row]:
+    q = legal_rows(np.random.default_rng(seed), 40000)
+    down = q.copy()
+    down[:, 4] = -np.pi / 2
+    rows = []
+    for what, joints in (("any pose", q), ("straight down", down)):
+        T = tip_pose(layout, joints)
+        T_arm = forward(joints, layout.arm)
+        index, _, found = inverse_rows(layout, T)
+        answers, legal = inverse(T_arm, layout.arm)
+        error = np.abs(forward(answers[legal], layout.arm) - T_arm[np.nonzero(legal)[0]]).max()
+        rows.append(
+            {
+                "what": f"IK, {what}",
+                "rows_us_a_pose": 1e6 * least_s(lambda T=T: inverse_rows(layout, T)) / len(T),
+                "inverse_us_a_pose": 1e6 * least_s(lambda T=T_arm: inverse(T, layout.arm)) / len(T),
+                "answers": len(found) / len(T),
+                "missed": int(len(T) - len(np.unique(index))),
+                "round_trip_error": float(error),
+            }
+        )
+    return rows
+
+
+def ms_a_state(scene: Scene, q: np.ndarray, repeats: int = 3) -> float:
+    return 1e3 * least_s(lambda: scene.free(q, 5.0), repeats) / len(q)
+
+
+def bench_contacts(layout: CellLayout, parts: list[PreparedPart], seed: int) -> list[Row]:
+    rows = []
+    for part in parts:
+        shape = PartShape.of(part.solid)
+        shape.model  # noqa: B018  -- builds the tree, once a part
+        grip = part.arm_grips[0]
+        T = inverse_pose(grip.T_part_hand)
+        boxes = Scene(layout, grip.opening_mm, layout.fixture_open_mm, part.carried_box(grip))
+        exact = replace(boxes, carried_mesh=PlacedShape(shape, T))
+        q = legal_rows(np.random.default_rng(seed), 8000)
+        undecided = boxes.contacts(q, 5.0) != exact.contacts(q, 5.0)
+        # near what holds it the part's box touches something at every state
+        near = np.concatenate([h.entry for table in part.hand_offs for h in table.values()][:40])
+        near = near if len(near) else q[:100]
+        rows.append(
+            {
+                "what": f"contacts, {part.solid.name}, {len(part.solid.mesh.faces)} triangles",
+                "boxes_ms_a_state": ms_a_state(boxes, q),
+                "exact_ms_a_state": ms_a_state(exact, q),
+                "by_the_fixture_ms_a_state": ms_a_state(exact, near),
+                "exact_20_states_ms_a_state": ms_a_state(exact, q[:20], 50),
+                "freed_by_triangles": float(undecided.mean()),
+            }
+        )
+    return rows
+
+
+def asked_ways(
+    layout: CellLayout, part: PreparedPart, pairs: int, rng: np.random.Generator
+) -> list[Asked]:
+    shape = PartShape.of(part.solid)
+    asked: list[Asked] = []
+
+    def views(g: int) -> np.ndarray:
+        rows = list(part.view_q[g].values())
+        return np.concatenate(rows) if rows else np.zeros((0, 6))
+
+    def carrying(g: int) -> Scene:
+        grip = part.arm_grips[g]
+        mesh = PlacedShape(shape, inverse_pose(grip.T_part_hand))
+        return Scene(layout, grip.opening_mm, layout.fixture_open_mm, carried_mesh=mesh)
+
+    usable = [g for g in range(len(part.arm_grips)) if len(views(g)) > 1]
+    for _ in range(pairs):
+        g = usable[rng.integers(len(usable))]
+        a, b = rng.choice(len(views(g)), 2, replace=False)
+        asked.append(Asked("view to view", carrying(g), views(g)[a], views(g)[b]))
+    resting = [p for p in part.poses if p.probability > 0.03]
+    while sum(a.kind == "pick to view" for a in asked) < pairs:
+        pose = resting[rng.integers(len(resting))]
+        x, y, turn = rng.uniform(270, 450), rng.uniform(-100, 100), rng.uniform(-np.pi, np.pi)
+        try:
+            ways = pick_ways(part, layout, resting_pose(part.solid, pose, x, y, turn))
+        except NoPlanError:
+            continue
+        ways = [w for w in ways if w.grip in usable]
+        for k in rng.permutation(len(ways))[:10]:
+            g = ways[k].grip
+            goal = views(g)[rng.integers(len(views(g)))]
+            asked.append(Asked("pick to view", carrying(g), ways[k].up[-1], goal))
+    passing = [(g, h) for table in part.hand_offs for g, h in table.items() if g in usable]
+    for k in rng.permutation(len(passing))[:pairs]:
+        g, hand_off = passing[k]
+        start = views(g)[rng.integers(len(views(g)))]
+        asked.append(Asked("view to hand-off", carrying(g), start, hand_off.entry[0]))
+    return asked
+
+
+def bench_ways(cell: str, asked: list[Asked]) -> list[Row]:
+    rows = []
+    for kind in dict.fromkeys(a.kind for a in asked):
+        times, solved, straight, over, shut = [], 0, 0, 0, 0
+        for a in (a for a in asked if a.kind == kind):
+            ends = np.stack([a.start, a.goal])
+            if not a.scene.free(ends, 2.0).all():
+                shut += 1  # in the crowded cell an end itself may stand in a post
+                continue
+            begin = time.process_time()
+            try:
+                way = connect(a.start, a.goal, a.scene, kind)
+            except NoPlanError:
+                way = ()
+            times.append(1e3 * (time.process_time() - begin))
+            solved += bool(way)
+            straight += len(way) == 1
+            over += len(way) > 1 and any(
+                len(w) == len(way) + 1 and np.array_equal(np.stack(w[1:]), np.stack(way))
+                for w in _over_the_top(a.start, a.goal)
+            )
+            assert not way or path_free(a.scene, [a.start, *way])
+        rows.append(
+            {
+                "what": f"{cell}: {kind}",
+                "asked": len(times),
+                "ends_shut": shut,
+                "solved": solved / max(1, len(times)),
+                "straight": straight / max(1, len(times)),
+                "over_the_top": over / max(1, len(times)),
+                "ms_median": float(np.median(times)) if times else 0.0,
+                "ms_p95": float(np.percentile(times, 95)) if times else 0.0,
+                "ms_max": max(times, default=0.0),
+            }
+        )
+    return rows
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", action="store_true", help="one object a row")
+    parser.add_argument("--parts", nargs="*", default=list(ALL_PARTS))
+    parser.add_argument("--pairs", type=int, default=60, help="ways of each kind and part")
+    parser.add_argument("--seed", type=int, default=1)
+    args = parser.parse_args()
+    layout = emulated_layout()
+    solids = [load_solid(PARTS / f"{name}.stl") for name in args.parts]
+    parts = [prepare_part(s, sample_surface(s, 4.0), layout) for s in solids]
+    rows = bench_ik(layout, args.seed) + bench_contacts(layout, parts, args.seed)
+    asked = []
+    for k, part in enumerate(parts):
+        asked += asked_ways(layout, part, args.pairs, np.random.default_rng([args.seed, k]))
+    rows += bench_ways("cell", asked)
+    more = crowded(layout)
+    rows += bench_ways("crowded", [replace(a, scene=replace(a.scene, layout=more)) for a in asked])
+    for row in rows:
+        if args.json:
+            print(json.dumps(row))
+            continue
+        figures = "  ".join(
+            f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}"
+            for k, v in row.items()
+            if k != "what"
+        )
+        print(f"{row['what']:40} {figures}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
