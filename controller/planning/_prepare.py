@@ -19,6 +19,7 @@ from .grips import (
     resting_pose,
     select_arm_grips,
     spread,
+    still_gravities,
     synthesise_grips,
     turned_over,
 )
@@ -52,7 +53,8 @@ def prepare_part(
     caster = RayCaster(solid.mesh)
     downs = np.stack([-p.R[2] for p in poses]) if poses else np.zeros((0, 3))
     widest = max(layout.hand.max_mm, layout.fixture_open_mm) - options.rules.jaw_reserve_mm
-    seeds = find_seeds(solid, samples, caster, widest, options.rules)
+    jaws = [layout.hand, *([] if layout.fixture is None else [layout.fixture])]
+    seeds = find_seeds(solid, samples, caster, widest, options.rules, spreading=jaws)
     every = synthesise_grips(solid, seeds, caster, layout.hand, "arm", downs, options.rules)
     base = select_arm_grips(
         solid, poses, every, layout.hand, options.arm_grips_per_pose, options.arm_grips_round
@@ -61,7 +63,14 @@ def prepare_part(
     if layout.fixture is not None:
         with suppress(NotGraspableError):
             fixed = synthesise_grips(
-                solid, seeds, caster, layout.fixture, "fixture", downs, options.rules
+                solid,
+                seeds,
+                caster,
+                layout.fixture,
+                "fixture",
+                downs,
+                options.rules,
+                still_gravities(layout.T_world_fixture),
             )
     fixed_base = [fixed[k] for k in spread(fixed, range(len(fixed)), options.fixture_grips)]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from .layout import FloatArray
+from .layout import FloatArray, Jaw
 
 Holder = Literal["arm", "fixture"]
 TABLE_MARGIN_MM = 1.5  # between an open hand and the table it takes a part from
@@ -77,3 +77,14 @@ class Grip:
     margin: float = 1.0
     is_inner: bool = False
     on_table: bool = False
+
+    def gap_mm(self, jaw: Jaw) -> float:
+        """Return the gap between the pads while it holds, as `Jaw.fingers` takes it."""
+        return self.opening_mm - self._backs_mm(jaw)
+
+    def open_gap_mm(self, jaw: Jaw) -> float:
+        """Return the gap between the pads before and after, as `Jaw.fingers` takes it."""
+        return self.pre_open_mm - self._backs_mm(jaw)
+
+    def _backs_mm(self, jaw: Jaw) -> float:
+        return 2 * jaw.finger_thickness_mm if self.is_inner else 0.0

@@ -1,8 +1,10 @@
 """Where a jaw can hold a part, and which of many grips to plan with."""
 
+from ._judge import Stage
 from ._seeds import FacePair, Seeds, find_seeds, needed_friction, opposed_faces
 from ._select import clear_of_table, resting_pose, select_arm_grips, spread, turned_over
-from ._synthesis import Stage, Synthesis, judge_grips, synthesise_grips
+from ._strength import still_gravities
+from ._synthesis import Synthesis, judge_grips, synthesise_grips
 
 __all__ = [
     "FacePair",
@@ -17,6 +19,7 @@ __all__ = [
     "resting_pose",
     "select_arm_grips",
     "spread",
+    "still_gravities",
     "synthesise_grips",
     "turned_over",
 ]

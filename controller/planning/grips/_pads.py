@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controller.cad import RayCaster
 
@@ -131,7 +132,7 @@ class Contacts:
 
 def close_pads(
     caster: RayCaster,
-    face_normals: FloatArray,
+    face_normals: NDArray[np.float32],
     T: FloatArray,
     gap: FloatArray,
     inner: BoolArray,
@@ -155,20 +156,19 @@ def close_pads(
     start = np.maximum(gap / 2 + sense * rules.clearance_mm, 0.0)
     R, t = T[:, :3, :3], T[:, :3, 3]
     in_plane = R[:, :, [0, 2]]
-    # as the ray caster takes them; a ray's place is good to a hundredth of a micrometre so
-    plane = np.float32(grid.points @ in_plane.transpose(0, 2, 1) + t[:, None])
+    plane = grid.points @ in_plane.transpose(0, 2, 1) + t[:, None]
     axis = R[:, :, 1]
     middles, radii, areas, normals, touches = [], [], [], [], []
     heights, gradients = [], []
     reached = np.zeros((2, n))
     touched = np.ones(n, dtype=bool)
     for k, side in enumerate(SIDES):
-        origin = plane + np.float32(axis * (side * start)[:, None])[:, None]
-        inward = np.float32(axis * (-side * sense)[:, None])
+        origin = plane + (axis * (side * start)[:, None])[:, None]
+        inward = axis * (-side * sense)[:, None]
         rays = np.repeat(inward, m, axis=0)
         triangle, distance = caster.first_hit(origin.reshape(-1, 3), rays)
         normal = face_normals[triangle].reshape(n, m, 3)
-        facing = np.matmul(normal, inward[:, :, None])[:, :, 0]
+        facing = np.matmul(normal, inward[:, :, None].astype(np.float32))[:, :, 0]
         distance = distance.reshape(n, m)
         touched &= ~np.any((facing > 0) & np.isfinite(distance), axis=1)
         first = distance.min(axis=1)
@@ -184,12 +184,12 @@ def close_pads(
         middles.append(middle)
         radii.append((off * share).sum(axis=1))
         areas.append(area)
-        normals.append(np.matmul(np.float32(share[:, None]), normal)[:, 0])
+        normals.append(np.matmul(share[:, None].astype(np.float32), normal)[:, 0])
         touches.append(carries)
         heights.append((sense * start)[:, None] - distance)
         if slopes:
             steep = np.minimum(facing, -LEAST_FACING)[:, :, None]
-            gradients.append(np.matmul(normal, np.float32(in_plane)) / steep)
+            gradients.append(np.matmul(normal, in_plane.astype(np.float32)) / steep)
     shift = (reached[0] - reached[1]) / 2
     T = T.copy()
     T[:, :3, 3] += axis * shift[:, None]

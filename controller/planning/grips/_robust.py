@@ -130,8 +130,8 @@ def _least_width(touched: Contacts, rise: FloatArray, most: float) -> FloatArray
     first touches is a convex function; its least is searched on ever finer lattices.
     """
     n = len(touched.T)
-    low, high = np.float32(touched.height)
-    low_rise, high_rise = np.float32(rise)
+    low, high = touched.height.astype(np.float32)
+    low_rise, high_rise = rise.astype(np.float32)
     best = np.zeros((n, 2))
     step = most / 2
     lattice = np.array([(i, j) for i in range(-2, 3) for j in range(-2, 3)], dtype=float)
@@ -141,7 +141,7 @@ def _least_width(touched: Contacts, rise: FloatArray, most: float) -> FloatArray
         tried = best[:, None] + step * lattice
         width = np.empty(tried.shape[:2], dtype=np.float32)
         for k in range(len(lattice)):
-            x, z = np.float32(tried[:, k, 0, None]), np.float32(tried[:, k, 1, None])
+            x, z = tried[:, k].T[:, :, None].astype(np.float32)
             width[:, k] = (low + x * low_rise[:, :, 0] + z * low_rise[:, :, 1]).max(axis=1)
             width[:, k] += (high + x * high_rise[:, :, 0] + z * high_rise[:, :, 1]).max(axis=1)
         best = tried[np.arange(n), np.argmin(width, axis=1)]

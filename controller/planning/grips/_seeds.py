@@ -16,7 +16,7 @@ from controller.cad import Face, RayCaster, Solid, SurfaceSamples
 
 from ..boxes import BoolArray
 from ..grip import GripRules
-from ..layout import FloatArray, Jaw
+from ..layout import FloatArray, IntArray, Jaw
 
 OPPOSED_COS = np.cos(np.radians(2.0))
 BARE_MM2 = 20.0  # less common area cannot make a contact: a pad's rule asks for more
@@ -260,7 +260,7 @@ def _rows(p: FloatArray, axis: FloatArray, width: FloatArray) -> FloatArray:
     return np.hstack([p - axis * width[:, None] / 2, axis, width[:, None]])
 
 
-def bisectors(samples: SurfaceSamples, most_rad: float) -> tuple[FloatArray, FloatArray]:
+def bisectors(samples: SurfaceSamples, most_rad: float) -> tuple[IntArray, FloatArray]:
     """Return sample numbers (k,) and axes (k, 3) halfway between a sample's normal and a wall's.
 
     The angle of the axis to both normals, which is the friction angle the two walls need, is
@@ -271,7 +271,7 @@ def bisectors(samples: SurfaceSamples, most_rad: float) -> tuple[FloatArray, Flo
     length = np.linalg.norm(towards, axis=2)  # 2 cos of the angle needed
     need = np.arccos(np.clip(length / 2, 0.0, 1.0))
     at, wall = np.nonzero((need > np.radians(1.0)) & (need <= most_rad))
-    return at, towards[at, wall] / length[at, wall][:, None]
+    return np.asarray(at, dtype=np.int64), towards[at, wall] / length[at, wall][:, None]
 
 
 def _main_directions(samples: SurfaceSamples) -> FloatArray:

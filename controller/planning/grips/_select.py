@@ -33,13 +33,9 @@ def clear_of_table(T_world_part: FloatArray, grips: Sequence[Grip], jaw: Jaw) ->
     T = T_world_part @ np.stack([g.T_part_hand for g in grips])
     ok = T[:, 2, 0] <= STEEPEST
     for k in np.flatnonzero(ok).tolist():
-        T_box, half = stack([*jaw.body, *jaw.fingers(_open_gap(grips[k], jaw))])
+        T_box, half = stack([*jaw.body, *jaw.fingers(grips[k].open_gap_mm(jaw))])
         ok[k] = lowest_z(T[k] @ T_box, half).min() >= TABLE_MARGIN_MM
     return np.asarray(ok)
-
-
-def _open_gap(grip: Grip, jaw: Jaw) -> float:
-    return grip.pre_open_mm - (2 * jaw.finger_thickness_mm if grip.is_inner else 0.0)
 
 
 def cover(

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..boxes import BoolArray
 from ..grip import GripRules
 from ..layout import FloatArray
 from ._pads import EDGE_DIRECTIONS, Contacts, PadGrid, edges
@@ -26,7 +27,7 @@ def loads(
     centroid_mm: FloatArray,
     weight_n: float,
     force_n: float,
-    inner: FloatArray,
+    inner: BoolArray,
     rules: GripRules,
     gravities: Sequence[FloatArray] | None = None,
 ) -> FloatArray:
@@ -57,29 +58,35 @@ def loads(
     half = len(EDGE_DIRECTIONS) // 2
     # how far apart the centres of pressure may be, in each direction of the pads' plane
     room = np.where(
-        np.asarray(inner, dtype=bool)[:, None],
+        inner[:, None],
         np.roll(a, half, axis=1) + b,
         a + np.roll(b, half, 1),
     )
     room = np.where(room > 1e-6, room, 1e-6)
     if gravities is None:
-        slip = np.full(len(d), per_pad)
         twist = per_pad * np.linalg.norm(in_plane, axis=1) / r
-        moved = 2 * per_pad * _farthest_pressure(in_plane, along)
-        pull = np.full(len(d), per_pad)
-        tip = (moved / room).max(axis=1)
-        holds = np.hypot(slip + contacts.slope, twist) / rules.friction
-        return np.asarray(np.maximum(np.maximum(holds, tip), pull))
+        holds = np.hypot(per_pad + contacts.slope, twist) / rules.friction
+        tip = (2 * per_pad * _farthest_pressure(in_plane, along) / room).max(axis=1)
+        return np.asarray(np.maximum(np.maximum(holds, tip), per_pad))
     worst = np.zeros(len(d))
     for g in gravities:
         g_t, g_y = g[[0, 2]], float(g[1])
-        slip = per_pad * float(np.linalg.norm(g_t))
         twist = per_pad * np.abs(in_plane[:, 0] * g_t[1] - in_plane[:, 1] * g_t[0]) / r
+        slip = per_pad * float(np.linalg.norm(g_t)) + contacts.slope
+        holds = np.hypot(slip, twist) / rules.friction
         moved = 2 * per_pad * (in_plane * g_y - np.outer(along, g_t)) @ EDGE_DIRECTIONS.T
-        holds = np.hypot(slip + contacts.slope, twist) / rules.friction
         tip = (moved / room).max(axis=1)
         worst = np.maximum(worst, np.maximum(np.maximum(holds, tip), per_pad * abs(g_y)))
     return worst
+
+
+def still_gravities(T_world_jaw: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return where down is in the tip frame of a jaw that does not turn: unit vectors (3,).
+
+    And once more for the same grip turned over, half a turn about the approach.
+    """
+    down = T_world_jaw[:3, :3].T @ np.array([0.0, 0.0, -1.0])
+    return down, down * np.array([1.0, -1.0, -1.0])
 
 
 def _farthest_pressure(in_plane: FloatArray, along: FloatArray) -> FloatArray:

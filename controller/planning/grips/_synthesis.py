@@ -245,7 +245,7 @@ def _sorted_out(
 
 def _in_turn(groups: Sequence[BoolArray]) -> IntArray:
     """Return all numbers once, taken from each group in turn; within a group from all over it."""
-    ranked = []
+    ranked: list[IntArray] = []
     for group in groups:
         members = np.flatnonzero(group)
         if len(members):
