@@ -6,12 +6,13 @@ views whose pictures differ, however the part may sit in the hand, settle it.
 """
 
 from ._difference import difference
+from ._measured import measured_picture
 from ._offer import offered_views
 from ._pictures import Picture, Stance, predict
 from ._rules import LIGHTS, Candidate, DoubtRules, Light
 from ._separate import Model, Predicted, Separations, model_of, predict_view, separations
 from ._settle import Ask, Settling, Unsettled, cheapest_tree, separating_views
-from ._told import Told, apart, compare, tell_apart
+from ._told import Told, apart, compare, edges_shown, tell_apart
 
 __all__ = [
     "LIGHTS",
@@ -31,6 +32,8 @@ __all__ = [
     "cheapest_tree",
     "compare",
     "difference",
+    "edges_shown",
+    "measured_picture",
     "model_of",
     "offered_views",
     "predict",

@@ -56,19 +56,23 @@ def tell_apart(
     apart_px: FloatArray,
     light: Light,
     among: Sequence[int],
+    edges_px: FloatArray | None = None,
     rules: DoubtRules | None = None,
 ) -> Told:
     """Return which candidates a picture leaves.
 
     One that fits worse than the best one is out when it fits worse by half of what the two of them
-    look different by, and that is enough for a picture to tell. If the best one itself is as far
-    off as this, the picture shows none of them.
+    look different by, and that is enough for a picture to tell: what a picture lacks or has too
+    much for both of them does not count. If the best one itself is as far off as this, the picture
+    shows none of them; under lamps, where edges that are there may not show, only if more than
+    half of its edges are missing as well.
 
     Parameters
     ----------
     differs_px : (n,) of the picture from each candidate's prediction, of `compare`
     apart_px : (n, n) of each prediction from each other one, of `apart`
     among : the candidates still possible
+    edges_px : (n,) edges that each prediction shows, of `edges_shown`; for pictures under lamps
     """
     rules = rules or DoubtRules()
     needed = needed_px(light, rules)
@@ -76,7 +80,8 @@ def tell_apart(
     best = order[0]
     others = [float(apart_px[best, c]) for c in order[1:] if apart_px[best, c] >= needed]
     nearest = min(others, default=needed / CONVINCED)
-    if differs_px[best] > CONVINCED * max(nearest, needed / CONVINCED):
+    shown = 0.0 if edges_px is None else float(edges_px[best])
+    if differs_px[best] > CONVINCED * max(nearest, needed / CONVINCED, shown):
         return Told((), differs_px)
     left = [
         c
@@ -97,3 +102,8 @@ def apart(predicted: Predicted, light: Light) -> FloatArray:
             a, b = predicted.pictures[i], predicted.pictures[j]
             found[i, j] = found[j, i] = difference(a, b, predicted.stance, light)
     return found
+
+
+def edges_shown(predicted: Predicted) -> FloatArray:
+    """Return the length [px] of edges each prediction shows clear of the hand (n,)."""
+    return np.array([float((p.edges & ~p.before).sum()) * p.step_px for p in predicted.pictures])

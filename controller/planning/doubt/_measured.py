@@ -1,0 +1,69 @@
+"""What was photographed, on the grid of the predictions it is to be compared with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..boxes import BoolArray
+from ._pictures import Picture
+from ._separate import Predicted
+
+Grey = NDArray[np.uint8]
+SMOOTH_PX = 1.2
+EDGE_NOISES = 8.0  # a step so many times the picture's noise is an edge, half of it goes on as one
+LEAST_STEP_GREY = 8.0
+
+
+def measured_picture(predicted: Predicted, backlit: Grey, lit: Sequence[Grey] = ()) -> Picture:
+    """Return outline and edges of a photographed part.
+
+    Edges far from those of every candidate, on the hand or behind the part, say nothing about
+    which it is and are left out.
+
+    Parameters
+    ----------
+    predicted : of `predict_view` with a grid of every pixel
+    backlit : (height, width) against the glowing panel; lit : under one lamp each
+
+    Raises
+    ------
+    ValueError : the predictions are thinned; or neither a dark part nor a bright panel is there
+    """
+    first = predicted.pictures[0]
+    if first.step_px != 1:
+        raise ValueError(f"pictures are compared on every pixel, not on every {first.step_px}th")
+    x0, y0, x1, y1 = predicted.roi
+    mask = _dark(backlit[y0:y1, x0:x1])
+    edges = np.zeros_like(mask)
+    for grey in lit:
+        edges |= _steps(grey[y0:y1, x0:x1])
+    inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0)
+    edges |= mask & (inner == 0)
+    known = np.any([p.edges for p in predicted.pictures], axis=0)
+    near = predicted.stance.shift_px + predicted.stance.tolerance_px
+    away = cv2.distanceTransform((~known).astype(np.uint8), cv2.DIST_L2, 5)
+    none = np.zeros_like(mask)
+    return Picture(1, mask, edges & (away <= near), none, none)
+
+
+def _dark(grey: Grey) -> BoolArray:
+    """Return what stands before the glow."""
+    level, _ = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
+    dark = np.asarray(grey <= level)
+    if not 0 < dark.sum() < dark.size:
+        raise ValueError("a picture against the light needs a dark part before a bright panel")
+    return dark
+
+
+def _steps(grey: Grey) -> BoolArray:
+    """Return the edges of one picture, thinned to lines."""
+    smooth = cv2.GaussianBlur(grey, (0, 0), SMOOTH_PX)
+    rough = np.abs(grey.astype(np.float32) - smooth)
+    noise = 1.5 * float(np.median(rough))
+    # Sobel's kernel answers a step of one grey level with four
+    high = 4.0 * max(LEAST_STEP_GREY, EDGE_NOISES * noise / (2.0 * SMOOTH_PX))
+    return np.asarray(cv2.Canny(smooth, high / 2, high) > 0)
