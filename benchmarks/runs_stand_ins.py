@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller import inspection as inspecting
-from controller.cad import inverse_pose, transform
+from controller.cad import Camera, inverse_pose, transform
 from controller.cell import workers
 from controller.cell.experts import Holder, Workers
-from controller.planning import Plan, Start
+from controller.planning import Look, Plan, Present, Start
 from controller.planning.boxes import segments_hit
 from controller.planning.layout import Box
 from controller.recognition import Alternative, Sighting
@@ -119,7 +119,7 @@ class TruthCamera:
 
 def _planned_name(view_id: str) -> str:
     """Return a view's name in its plan: views of later plans end in that plan's number."""
-    return re.sub(r"(-V\d+)-\d+$", r"\1", view_id)
+    return re.sub(r"~\d+$", "", view_id)
 
 
 def read_truth(picture: Grey) -> tuple[Array, str]:
@@ -188,7 +188,8 @@ class StandIns(Workers):
             plan = await super().plan(start, seen, avoid, candidates)
         finally:
             self.plan_wall_s.append(time.monotonic() - started)
-        self._promised |= {step.view_id: step.seen for step in plan.presents}
+        looks = [s for s in plan.steps if isinstance(s, Present | Look)]
+        self._promised |= {step.view_id: step.seen for step in looks}
         return plan
 
     async def recognise(self, glowing: Grey, lit: Mapping[str, Grey]) -> tuple[Sighting, ...]:
@@ -247,7 +248,7 @@ class StandIns(Workers):
         elif shift > SLIPPED_MM or turn > SLIPPED_RAD:
             reason = f"part lies {shift:.1f} mm, {np.degrees(turn):.1f} degrees off: it slipped"
         else:
-            seen = await asyncio.to_thread(self._in_sight, T, holder)
+            seen = await asyncio.to_thread(self._in_sight, T, holder, self._context.inspection)
             planned = self._promised[_planned_name(view_id)]
             self.views.append(Seen(view_id, seen, planned, not is_hold_seen, self.has_recovered))
         return inspecting.ViewResult(
@@ -257,6 +258,31 @@ class StandIns(Workers):
             T_world_part=T_world_part if reason else self._measured(T),
             shift_mm=0.0 if reason else shift,
             turn_rad=0.0 if reason else turn,
+            residual_px=0.1,
+            findings=(),
+            seen=seen,
+            outline_px=np.zeros((0, 2)),
+        )
+
+    async def inspect_lying(
+        self, view_id: str, T_world_part: Array, glowing: Grey, lit: Mapping[str, Grey]
+    ) -> inspecting.ViewResult:
+        """Return what the camera over the table sees of the part where it truly lies."""
+        T, custody = read_truth(glowing)
+        is_there = custody == "free"
+        count = len(self._context.samples.points_mm)
+        seen = np.zeros(count, dtype=bool)
+        if is_there:
+            seen = await asyncio.to_thread(self._in_sight, T, (), self._context.overhead)
+            planned = self._promised[_planned_name(view_id)]
+            self.views.append(Seen(view_id, seen & planned, planned, True, self.has_recovered))
+        return inspecting.ViewResult(
+            view_id=view_id,
+            evaluated=is_there,
+            reason="" if is_there else "no part",
+            T_world_part=T,
+            shift_mm=0.0,
+            turn_rad=0.0,
             residual_px=0.1,
             findings=(),
             seen=seen,
@@ -292,15 +318,15 @@ class StandIns(Workers):
         out[:3, 3] += self._rng.normal(0.0, MEASURED_MM, 3)
         return out
 
-    def _in_sight(self, T: Array, holder: Holder) -> Mask:
+    def _in_sight(self, T: Array, holder: Holder, camera: Camera) -> Mask:
         """Return the samples (n,) nothing stands before, as flat as inspection still compares."""
         c = self._context
         points = transform(T, c.samples.points_mm)
         normals = c.samples.normals @ T[:3, :3].T
-        towards = c.inspection.position_mm - points
+        towards = camera.position_mm - points
         unit = towards / np.linalg.norm(towards, axis=1)[:, None]
-        pixels = c.inspection.project(points)
-        width, height = c.inspection.size_px
+        pixels = camera.project(points)
+        width, height = camera.size_px
         seen: Mask = (unit * normals).sum(axis=1) > SEEN_COS
         seen &= (pixels[:, 0] >= 0) & (pixels[:, 0] < width)
         seen &= (pixels[:, 1] >= 0) & (pixels[:, 1] < height)
@@ -309,7 +335,7 @@ class StandIns(Workers):
         back = inverse_pose(T)
         hidden = c.caster.blocked(transform(back, start), unit[index] @ T[:3, :3])
         boxes = [Box(box.T, np.asarray(box.half_mm)) for box in holder]
-        hidden |= segments_hit(start, c.inspection.position_mm, boxes)
+        hidden |= segments_hit(start, camera.position_mm, boxes)
         seen[index[hidden]] = False
         return seen
 

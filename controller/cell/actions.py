@@ -14,7 +14,6 @@ from drivers.umi_scara import Stop
 
 from .custody import Custody
 from .errors import PartProblemError, PartTroubleError
-from .handling import Handling
 from .interlocks import check_interlocks
 from .journal import JournalError
 from .looking import Looking
@@ -23,7 +22,7 @@ from .machine import Effect, Event
 log = logging.getLogger(__name__)
 
 
-class Actions(Looking, Handling):
+class Actions(Looking):
     """All effects of the table."""
 
     async def perform(self, effect: Effect) -> Event:

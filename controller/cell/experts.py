@@ -85,6 +85,12 @@ class Experts(Protocol):
         """Judge one view."""
         ...
 
+    async def inspect_lying(
+        self, view_id: str, T_world_part: Array, glowing: Grey, lit: Mapping[str, Grey]
+    ) -> inspecting.ViewResult:
+        """Judge the pictures of the table as a view of the part that lies there."""
+        ...
+
     async def find_hold(
         self, T_world_part: Array, T_part_hand: Array, holder: Holder, backlit: Grey
     ) -> Array | None:
@@ -150,6 +156,12 @@ class Workers:
         return await self._ask(
             workers.inspect, view_id, T_world_part, holder, backlit, lit, is_hold_seen
         )
+
+    async def inspect_lying(
+        self, view_id: str, T_world_part: Array, glowing: Grey, lit: Mapping[str, Grey]
+    ) -> inspecting.ViewResult:
+        """As `Experts`."""
+        return await self._ask(workers.inspect_lying, view_id, T_world_part, glowing, lit)
 
     async def find_hold(
         self, T_world_part: Array, T_part_hand: Array, holder: Holder, backlit: Grey

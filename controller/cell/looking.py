@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from controller.planning import (
     HandOver,
     InArm,
     InFixture,
+    Look,
     NoPlanError,
     OnTable,
     Plan,
@@ -28,6 +30,7 @@ from controller.recognition import Sighting
 from . import workers
 from .custody import Custody
 from .errors import CellError, PartProblemError, PartTroubleError
+from .handling import Handling
 from .holder import holder_boxes, tip_pose
 from .machine import Event
 from .records import (
@@ -40,7 +43,6 @@ from .records import (
     describe_view,
 )
 from .recovery import WORTH_SHARE, Trouble, is_held_otherwise, merged
-from .toolkit import Toolkit
 
 log = logging.getLogger(__name__)
 
@@ -54,7 +56,7 @@ SAME_PLACE = np.array([0.01, 0.01, 0.01, 0.5, 0.01, 0.01])  # [rad, mm] of joint
 SETTLE_S = 0.3  # a long arm rings after it stops
 
 
-class Looking(Toolkit):
+class Looking(Handling):
     """What the cell sees and makes of it."""
 
     async def acquire(self) -> Event:
@@ -72,7 +74,13 @@ class Looking(Toolkit):
                 self.part.pictures[lamp] = await self._shoot("overhead", {lamp: 1.0})
         finally:
             await camera.pause()
-        names = {lamp: await self._save(lamp, image) for lamp, image in self.part.pictures.items()}
+        self.part.look_count += 1
+        again = f"_look{self.part.look_count}" if self.part.look_count > 1 else ""
+        names = {
+            lamp: await self._save(lamp + again, image)
+            for lamp, image in self.part.pictures.items()
+        }
+        self.part.picture_names = names
         self._journal.record("observation", "table_pictures", names, self.part.number)
         return Event.PICTURE_TAKEN
 
@@ -229,6 +237,14 @@ class Looking(Toolkit):
         self._journal.record("decision", "plan_kept", {"reason": str(error)}, self.part.number)
         return Event.PLANNED_ON
 
+    async def grasp(self) -> Event:
+        """Judge the part where it lies, if the plan says so, while the hand comes and takes it."""
+        while (look := self._step(Look)) is not None:
+            started = self._begin(look)
+            self._look_at_table(look)
+            self._end(look, started, view=self._name(look))
+        return await super().grasp()
+
     async def present(self) -> Event:
         """Show views to the inspection camera until something must be judged first.
 
@@ -253,10 +269,35 @@ class Looking(Toolkit):
             await camera.pause()
         return Event.SHOWN
 
-    def _name(self, step: Present) -> str:
+    def _look_at_table(self, step: Look) -> None:
+        """Hand the pictures that were just taken of the table to the worker, as a view."""
+        part = self.part
+        assert part.sighting is not None
+        T = part.sighting.T_world_part
+        assert T is not None
+        glowing = part.pictures["table_backlight"]
+        lit = {lamp: part.pictures[lamp] for lamp in workers.TABLE_LAMPS}
+        view = self._name(step)
+        self._journal.record(
+            "observation",
+            "view_pictures",
+            {"view": view, "pictures": part.picture_names, "q": []},
+            part.number,
+        )
+        task = asyncio.ensure_future(self._counted(view, T, glowing, lit, step))
+        part.pending.append(Shown(view, None, np.zeros(6), T, (), glowing, task))
+
+    async def _counted(
+        self, view: str, T: Array, glowing: Grey, lit: Mapping[str, Grey], step: Look
+    ) -> inspecting.ViewResult:
+        """Judge a view of the lying part; it counts for what the plan says it resolves."""
+        result = await self._experts.inspect_lying(view, T, glowing, lit)
+        return replace(result, seen=result.seen & step.seen)
+
+    def _name(self, step: Present | Look) -> str:
         """Return what a view is called: plans after the first one begin to count anew."""
         plan = self.part.plan_count
-        return step.view_id if plan < 2 else f"{step.view_id}-{plan}"
+        return step.view_id if plan < 2 else f"{step.view_id}~{plan}"
 
     def _is_worth(self, step: Present) -> bool:
         seen = self.part.seen
@@ -401,7 +442,7 @@ class Looking(Toolkit):
 
 def _new(plan: Plan, seen: Mask | None) -> Mask:
     """Return which samples (n,) a plan shows that have not been seen."""
-    promised = merged([step.seen for step in plan.presents])
+    promised = merged([s.seen for s in plan.steps if isinstance(s, Present | Look)])
     if promised is None:
         return np.zeros(0 if seen is None else len(seen), dtype=bool)
     return promised if seen is None else promised & ~seen

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller import inspection as inspecting
-from controller.planning import Grip, Plan
+from controller.planning import Grip, Look, Plan, Present
 from controller.recognition import Alternative, Sighting
 
 from .custody import Custody
@@ -78,6 +78,7 @@ class PartRecord:
 
     Attributes
     ----------
+    pictures, picture_names, look_count : of the last look at the table, and how many there were
     candidates : what else it may be, as far as the pictures of the table tell
     plan, plan_count, next_step : the plan in work, how many were made, where it stands
     hold : of the hand, None where it is empty
@@ -90,6 +91,8 @@ class PartRecord:
     number: int
     custody: Custody = Custody.ON_TABLE
     pictures: dict[str, Grey] = field(default_factory=dict)
+    picture_names: dict[str, str] = field(default_factory=dict)
+    look_count: int = 0
     sighting: Sighting | None = None
     candidates: tuple[Alternative, ...] = ()
     plan: Plan | None = None
@@ -113,7 +116,9 @@ class PartRecord:
     def promised(self) -> Mask | None:
         """Return what the views of the present plan were to show (n,)."""
         plan = self.plan
-        return None if plan is None else merged([step.seen for step in plan.presents])
+        if plan is None:
+            return None
+        return merged([s.seen for s in plan.steps if isinstance(s, Present | Look)])
 
     def has_tried(self, trouble: Trouble) -> bool:
         """Tell whether a trouble has come up before."""

@@ -326,6 +326,27 @@ def inspect(
     )
 
 
+def inspect_lying(
+    job: Job, view_id: str, T_world_part: Array, glowing: Grey, lit: Mapping[str, Grey]
+) -> inspecting.ViewResult:
+    """Judge the pictures of the table as a view; nothing stands before the part there."""
+    c = context(job)
+    task = inspecting.ViewTask(
+        view_id=view_id,
+        camera=c.overhead,
+        T_world_part=T_world_part,
+        holder=(),
+        panel_mm=table_corners(c.cell),
+        lamps=build_lamps(c.cell, tuple(lit)),
+        limits=inspection_limits(c.recipe),
+        is_hold_seen=True,
+    )
+    part = recognising.PosedPart(c.solid, c.caster)
+    return inspecting.inspect_view(
+        part, c.samples, task, inspecting.ViewPictures(backlit=glowing, lit=lit)
+    )
+
+
 def find_hold(
     job: Job,
     T_world_part: Array,

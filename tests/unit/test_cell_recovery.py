@@ -42,6 +42,7 @@ from controller.planning import (
     HandOver,
     InArm,
     InFixture,
+    Look,
     NoPlanError,
     OnTable,
     Park,
@@ -301,7 +302,7 @@ class PaperExperts:
     async def inspect(
         self, view: str, expected: Any, holder: Any, backlit: Any, lit: Any, is_seen: bool
     ) -> ViewResult:
-        name = re.sub(r"-\d+$", "", view)
+        name = re.sub(r"~\d+$", "", view)
         self.shown.append(name)
         in_hand = backlit[0, 0] == 255 and name not in self.blind
         T = expected.copy()
@@ -311,6 +312,10 @@ class PaperExperts:
             T_world_part=T, shift_mm=0.0, turn_rad=0.0, residual_px=0.1, findings=(),
             seen=self.by_view[name] if in_hand else mask(), outline_px=np.zeros((0, 2)),
         )  # fmt: skip
+
+    async def inspect_lying(self, view: str, T: Any, glowing: Any, lit: Any) -> ViewResult:
+        self.shown.append(re.sub(r"~\d+$", "", view))
+        return ViewResult(view, True, "", T, 0, 0, 0, (), mask(8, 9), np.zeros((0, 2)))
 
     async def find_hold(self, expected: Any, *args: object) -> Any:
         return expected if self.cell.has == "arm" else None
@@ -533,6 +538,23 @@ def test_without_a_new_plan_a_held_part_goes_on_with_the_old_one(tmp_path: Path)
     run.run()
     run.was_well()
     assert run.experts.shown == ["v1", "v2"]
+
+
+def test_what_the_camera_over_the_table_shows_counts_as_far_as_the_plan_says(
+    tmp_path: Path,
+) -> None:
+    look = Look(
+        seconds=0.0, label="look", view_id="top", T_world_part=EYE,
+        direction_part=np.array([0.0, 0.0, 1.0]), seen=mask(7, 8),
+    )  # fmt: skip
+    again = NoPlanError("nothing more")
+    run = PaperRun(tmp_path, plan(look, pick(), show("v1", 10, 0)), again).run()
+    run.was_well()
+    # sample 7 was promised by the look and not compared: one more plan is asked for
+    assert run.experts.shown == ["top", "v1"]
+    seen = run.experts.asked_seen[1]
+    assert seen is not None
+    assert (seen == mask(0, 8)).all()
 
 
 def test_a_part_set_down_is_looked_at_and_taken_with_another_grip(tmp_path: Path) -> None:
