@@ -50,6 +50,7 @@ from controller.config import (
 )
 from controller.planning import (
     Box,
+    GripRules,
     Motion,
     Plan,
     PlanOptions,
@@ -69,6 +70,7 @@ Grey = NDArray[np.uint8]
 
 TABLE_LAMPS = ("table_ring", "table_side")
 STATION_LAMPS = ("station_ring", "station_side")
+DEFECT_PX = 2.0
 CACHE_FORMAT = 1  # raised when the meaning of cached plans changes
 
 
@@ -264,7 +266,15 @@ def _prepared(job: Job) -> PreparedPart:
 
 def plan_options(recipe: Recipe) -> PlanOptions:
     """Return the planner's options a recipe asks for."""
-    return replace(PlanOptions(), max_incidence_deg=recipe.inspection.max_incidence_deg)
+    wanted = recipe.inspection
+    density_kg_mm3 = recipe.density_g_cm3 * 1e-6
+    return PlanOptions(
+        max_incidence_deg=wanted.max_incidence_deg,
+        # a defect that is to be found takes this many pixels, whichever way it runs
+        min_px_per_mm=DEFECT_PX / wanted.smallest_defect_mm,
+        least_gain=wanted.least_gain,
+        rules=replace(GripRules(), density_kg_mm3=density_kg_mm3),
+    )
 
 
 @lru_cache(maxsize=1)

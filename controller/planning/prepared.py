@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -55,6 +55,17 @@ class PlanOptions:
     least_gain: float = 0.0
     square_share: float = 0.5  # of a face must show for a view to count as its square view
     rules: GripRules = field(default_factory=GripRules)
+
+    def coarse(self) -> PlanOptions:
+        """Return the same aims with few candidates: for a first plan at once."""
+        return replace(
+            self,
+            directions_n=40,
+            arm_grips_per_pose=3,
+            arm_grips_round=6,
+            fixture_grips=6,
+            rules=self.rules.coarse(),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
