@@ -33,6 +33,7 @@ from controller.planning.siting._grids import (
 )
 from controller.planning.siting._keepouts import glowing_area, standing_boxes, why_not_here
 from controller.planning.siting._reach import shown_directions, sphere
+from controller.planning.siting._report import least_moved
 from controller.planning.siting._score import value_of
 from controller.planning.siting._sight import links_in_sight
 from controller.planning.siting._site import fellows_of, standoff_mm
@@ -346,3 +347,20 @@ def test_a_tray_under_the_fixture_forbids_it_there() -> None:
     trays = {"odd": Tray((float(T[0, 3]), float(T[1, 3] - 100.0)), (80.0, 80.0))}
     cell = replace(LAYOUT, trays=trays)
     assert "tray odd" in (why_not_here(cell, FELLOWS) or "")
+
+
+def test_of_equals_the_site_that_needs_the_smallest_moves_is_told() -> None:
+    now = site_of(LAYOUT)
+    far = replace(now, station_mm=now.station_mm + np.array([0.0, 0.0, 200.0]))
+    near = replace(now, station_mm=now.station_mm + np.array([30.0, 0.0, 0.0]))
+    turned = replace(now, towards=direction(-60.0, 0.0))  # 30 degrees, counted as 150 mm
+    present = SiteScore(now, (), "checked", 0.90)
+    found = [
+        SiteScore(site, (), "checked", value)
+        for site, value in ((far, 1.000), (turned, 0.9995), (near, 0.999))
+    ]
+    assert least_moved([*found, present], present, 0.002) is found[2]
+    assert least_moved([*found, present], present, 0.0001) is found[0]
+    assert least_moved([*found, present], present, 0.2) is present
+    barred = replace(found[2], forbidden="no")
+    assert least_moved([found[0], found[1], barred, present], present, 0.002) is found[1]

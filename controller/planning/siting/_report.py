@@ -14,6 +14,7 @@ from ._search import Progress, search_sites, site_key, survey
 from ._site import Site, carried, fellows_of, placed_at, site_of
 
 SAME_MM, SAME_DEG = 1.0, 0.5  # nobody places a camera or a gripper better by hand
+TURN_MM = 5.0  # what a degree of turning counts as, in mm of moving
 LEAST_PICKS = 0.01  # of the places on the table: fewer are noise
 
 
@@ -24,12 +25,14 @@ class SiteReport:
     Attributes
     ----------
     present, best : of the same parts, all checked
-    others : the next best sites, unlike the best
-    joints_allow : mean share of the surface that the joints alone allow at the best side
+        `best` is, of the sites as good as the best, the one that needs the smallest moves
+    others : the next best sites, unlike it
+    joints_allow : mean share of the surface that the joints alone allow, the camera anywhere
     stay : the present site is as good as the best found
-    cameras_tried, sites_checked : how many sites of the grid, and how many with everything checked
-    T_camera : (4, 4) pose of the camera at the best site; `boxes` what moves with it and with the
-        fixture, by name, as the layout has them
+    sites_tried, sites_checked : how many of the grid, and how many with everything checked
+    T_camera : (4, 4) pose of the camera at the best site
+    move : (4, 4) that takes there whatever belongs to the camera, its lamps too
+    boxes : obstacles that move with camera or fixture, as they stand then
     sentences : the answer in words
     """
 
@@ -67,9 +70,9 @@ def site_report(
     found = search_sites(search)
     now = site_key(site_of(layout))
     present = next(s for s in found if site_key(s.site) == now)
-    best = found[0]
+    best = least_moved(found, present, search.options.as_good)
     why = reasons_to_move(present, best, search.options)
-    others = _unlike_best(found)
+    others = _unlike_best(best, found)
     here = placed_at(layout, best.site, fellows_of(layout))
     moving = (*search.fellows.camera, *search.fellows.fixture)
     return SiteReport(
@@ -131,9 +134,39 @@ def seconds_of(score: SiteScore) -> float:
     return score.mean("view_s") + (regrip if np.isfinite(regrip) else 0.0)
 
 
-def _unlike_best(found: Sequence[SiteScore], count: int = 4) -> tuple[SiteScore, ...]:
-    kept = [found[0]]
-    for score in found[1:]:
+def least_moved(found: Sequence[SiteScore], present: SiteScore, as_good: float) -> SiteScore:
+    """Return, of the sites as good as the best, the one that needs the smallest moves.
+
+    Parameters
+    ----------
+    found : best first
+    """
+    equals = [s for s in found if s.forbidden is None and s.value >= found[0].value - as_good] or [
+        found[0]
+    ]
+    return min(equals, key=lambda s: (moved_mm(present.site, s.site), -s.value))
+
+
+def moved_mm(a: Site, b: Site) -> float:
+    """Return by how much station, camera and fixture move, turns counted 5 mm a degree."""
+    moved = float(np.linalg.norm(a.station_mm - b.station_mm))
+    moved += TURN_MM * _angle_deg(float(a.towards @ b.towards))
+    if a.T_world_fixture is not None and b.T_world_fixture is not None:
+        T_a, T_b = a.T_world_fixture, b.T_world_fixture
+        moved += float(np.linalg.norm(T_a[:3, 3] - T_b[:3, 3]))
+        moved += TURN_MM * _angle_deg((float(np.trace(T_a[:3, :3].T @ T_b[:3, :3])) - 1.0) / 2.0)
+    return round(moved, 3)
+
+
+def _angle_deg(cosine: float) -> float:
+    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+
+def _unlike_best(
+    best: SiteScore, found: Sequence[SiteScore], count: int = 4
+) -> tuple[SiteScore, ...]:
+    kept = [best]
+    for score in found:
         if score.forbidden is None and all(not _close(score.site, k.site) for k in kept):
             kept.append(score)
         if len(kept) > count:

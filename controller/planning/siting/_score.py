@@ -20,6 +20,8 @@ class SiteOptions:
 
     Attributes
     ----------
+    as_good : sites whose values differ by less are equals; of these the one that needs the
+        smallest moves is the answer
     keep_free_mm : ((x, x), (y, y)) of the glowing area; what the overhead camera sees if None
     move_camera, move_fixture : False where it is bolted down
     joints_only : a coarse answer within a minute: nothing is checked for collisions
@@ -34,6 +36,7 @@ class SiteOptions:
     worth_moving: float = 0.005  # of the surface: less is lost in grips and directions not tried
     worth_moving_s: float = 0.15  # of the seconds a part takes; these are estimates
     worth_moving_hand_offs: float = 0.2  # of the grips, or of the ways over a tray: a few are luck
+    as_good: float = 0.002
     keep_free_mm: tuple[tuple[float, float], tuple[float, float]] | None = None
     move_camera: bool = True
     move_fixture: bool = True
