@@ -8,6 +8,7 @@ that of its first touch carries, and only where the wall is inside the friction 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,19 +157,22 @@ def close_pads(
     start = np.maximum(gap / 2 + sense * rules.clearance_mm, 0.0)
     R, t = T[:, :3, :3], T[:, :3, 3]
     in_plane = R[:, :, [0, 2]]
-    plane = grid.points @ in_plane.transpose(0, 2, 1) + t[:, None]
+    # as embree takes them: at 100 mm a float32 is good to a hundredth of a micrometre
+    plane = (grid.points @ in_plane.transpose(0, 2, 1) + t[:, None]).astype(np.float32)
     axis = R[:, :, 1]
     middles, radii, areas, normals, touches = [], [], [], [], []
     heights, gradients = [], []
     reached = np.zeros((2, n))
     touched = np.ones(n, dtype=bool)
     for k, side in enumerate(SIDES):
-        origin = plane + (axis * (side * start)[:, None])[:, None]
-        inward = axis * (-side * sense)[:, None]
+        origin = plane + (axis * (side * start)[:, None])[:, None].astype(np.float32)
+        inward = (axis * (-side * sense)[:, None]).astype(np.float32)
         rays = np.repeat(inward, m, axis=0)
-        triangle, distance = caster.first_hit(origin.reshape(-1, 3), rays)
+        triangle, distance = caster.first_hit(
+            cast(FloatArray, origin.reshape(-1, 3)), cast(FloatArray, rays)
+        )
         normal = face_normals[triangle].reshape(n, m, 3)
-        facing = np.matmul(normal, inward[:, :, None].astype(np.float32))[:, :, 0]
+        facing = np.matmul(normal, inward[:, :, None])[:, :, 0]
         distance = distance.reshape(n, m)
         touched &= ~np.any((facing > 0) & np.isfinite(distance), axis=1)
         first = distance.min(axis=1)
