@@ -355,13 +355,17 @@ def test_a_gear_is_told_from_its_mirror_image() -> None:
     T[:3, :3] = np.column_stack([x, y, np.cross(x, y)])
     T[:3, 3] = gear.centroid_mm - x * (extent[(thin + 1) % 3] / 2 - 15)
     opening = float(extent[thin])
-    pair = [
-        Candidate("gear", gear, inverse_pose(T)),
-        Candidate("mirror image", mirror, inverse_pose(T)),
-    ]
-    q, seconds = offered_views(pair, LAYOUT, opening, LAYOUT.park_q, 30)
-    found = separating_views(pair, LAYOUT, q, seconds, opening)
-    assert found.first is not None
-    assert found.first.margin > 2.0
-    same = separating_views([pair[0], pair[0]], LAYOUT, q, seconds, opening)
+    held_gear = Candidate("gear", gear, inverse_pose(T))
+    # end for end about its middle the mirror image lies best in the gear, of all turns about it
+    over = np.eye(4)
+    over[:3, :3] = np.diag([1.0, -1.0, -1.0])
+    over[:3, 3] = gear.centroid_mm - over[:3, :3] @ mirror.centroid_mm
+    for twin in (inverse_pose(T), inverse_pose(T) @ over):
+        pair = [held_gear, Candidate("mirror image", mirror, twin)]
+        q, seconds = offered_views(pair, LAYOUT, opening, LAYOUT.park_q, 30)
+        found = separating_views(pair, LAYOUT, q, seconds, opening)
+        assert found.first is not None
+        assert found.first.margin > 2.0
+        assert found.worst_s == pytest.approx(seconds[found.first.view])
+    same = separating_views([held_gear, held_gear], LAYOUT, q, seconds, opening)
     assert same.first is None

@@ -31,7 +31,7 @@ class Separations:
     pairs : (i, j) candidates, i < j
     margins : (k, 2, p) pixels that differ at least, however the part sits in the hand, over the
         pixels it takes; 1 and more tells them apart. Per configuration, light (`LIGHTS`), pair
-    is_fine : (k,) looked at pixel by pixel; the other figures are from thinned pictures
+    is_fine : (k,) looked at on the finer grid; what is not decides nothing and counts 0
     """
 
     pairs: tuple[tuple[int, int], ...]
@@ -107,8 +107,8 @@ def separations(
 ) -> Separations:
     """Return how well configurations (k, 6) of a hand that holds all candidates tell them apart.
 
-    All are looked at in thinned pictures, the cheapest and the clearest of each pair again pixel
-    by pixel.
+    All are looked at in thinned pictures, the cheapest and the clearest of each pair again
+    on a finer grid.
 
     Parameters
     ----------
