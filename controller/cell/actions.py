@@ -100,7 +100,11 @@ class Actions(Looking):
         self._journal.record(
             "outcome",
             "part_done",
-            {"verdict": verdict.verdict.value, "tray": self.part.tray},
+            {
+                "verdict": verdict.verdict.value,
+                "tray": self.part.tray,
+                "recoveries": [one.trouble.value for one in self.part.recoveries],
+            },
             self.part.number,
         )
         if self.parts_left > 0:

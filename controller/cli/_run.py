@@ -217,6 +217,8 @@ def _tell_result(result: RunResult, run_id: str, report: Path, *, as_json: bool)
         if part.verdict is None:
             continue
         say(f"part {part.number}: {part.verdict.verdict.value.upper()} -> {part.tray}")
+        for one in part.recoveries:
+            say(f"  got over: {one.reason}")
         for reason in part.verdict.reasons[:6]:
             say(f"  {reason}")
     if result.outcome.end != "complete":
@@ -237,6 +239,7 @@ def _part_json(part: PartRecord) -> dict[str, Any]:
         "covered_fraction": None if part.verdict is None else part.verdict.covered_fraction,
         "views": len(part.results),
         "views_evaluated": sum(r.evaluated for r in part.results),
+        "recoveries": [one.trouble.value for one in part.recoveries],
         "sighting": None
         if s is None
         else {

@@ -40,6 +40,8 @@ def say_row(entry: LogEntry) -> str:
             return f"{name.replace('_', ' ')}: done{_rest(body)}"
         case "observation", "view":
             return _view(body)
+        case "decision", "recovery":
+            return f"{body.get('reason', '?')}; {body.get('remedy', '?')}"
         case "decision", "verdict":
             return f"verdict: {body.get('verdict', '?')}"
         case "event", "run_began":
