@@ -11,9 +11,11 @@ import pytest
 import trimesh
 from cad_solids import box, prism, rod
 from cad_solids import solid_of as cad_solid
-from grip_bench import DOWN, HAND, QUICK, RULES, SPREADING, judged
+from grip_bench import DOWN, HAND, QUICK, RULES, SPREADING, downs_of, judged
+from planning_cell import PARTS
 
 from controller.cad import RayCaster, Solid, make_solid, sample_surface
+from controller.cad.compiled import load_part
 from controller.planning import Grip, GripRules, NotGraspableError
 from controller.planning.grips import find_seeds, judge_grips, synthesise_grips
 
@@ -157,6 +159,48 @@ def test_steep_walls_are_left_alone() -> None:
     wedge = prism([(-30, 0), (30, 0), (top, 40), (-top, 40)], 60.0)
     for grip in grips_of(cad_solid(wedge, "steep")):
         assert abs(grip.T_part_hand[0, 1]) < 0.1
+
+
+def test_a_wedge_standing_on_a_triangle_has_no_grip_from_above() -> None:
+    # its walls are 45 degrees from opposed: half of that slope is tan 22.5 of friction 0.6, 0.69
+    wedge = prism([(0, 0), (45, 0), (0, 45)], 60.0)
+    for grip in grips_of(cad_solid(wedge, "wedge")):
+        assert abs(grip.T_part_hand[2, 1]) > 0.999, "by its triangles"
+        assert abs(grip.T_part_hand[2, 0]) < 0.5
+
+
+def test_a_thin_plate_lying_flat_is_taken_by_what_its_rim_offers() -> None:
+    # 7 mm thick; tips stay 1.5 mm off the table, so at most 5.5 mm of the rim meet 12 mm of pad;
+    # a pose 1 mm and 2 degrees wrong would leave too little, which lying on a table it cannot be
+    plate = cad_solid(box(100, 60, 7), "plate")
+    down = np.array([[0.0, 0.0, -1.0]])
+    flat = [g for g in judged(plate, RULES, HAND, down).grips if g.T_part_hand[2, 0] < -0.99]
+    assert flat
+    for grip in flat:
+        assert RULES.least_contact_mm2 <= grip.contact_mm2 <= 12 * 5.5
+        assert grip.opening_mm == pytest.approx(60.0, abs=0.01)
+    assert any(g.on_table for g in flat)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["featuretype.stl", "idler_riser.stl", "flange_xy.stl"])
+def test_no_open_hand_cuts_into_a_recipe_part_by_exact_solids(name: str) -> None:
+    part = load_part(PARTS / name)
+    mesh = part.solid.mesh
+    body = manifold3d.Manifold(
+        manifold3d.Mesh(
+            np.asarray(mesh.vertices, dtype=np.float32), np.asarray(mesh.faces, dtype=np.uint32)
+        )
+    )
+    assert body.volume() == pytest.approx(part.solid.volume_mm3, rel=1e-3)
+    for grip in judged(part.solid, QUICK, HAND, downs_of(part.solid), part.samples).grips:
+        for behind in (0.0, 20.0, 55.0):
+            T = grip.T_part_hand.copy()
+            T[:3, 3] -= behind * T[:3, 0]
+            for piece in (*HAND.body, *HAND.fingers(grip.open_gap_mm(HAND))):
+                placed = T @ piece.T
+                solid_box = box(*(2 * piece.half_mm)).transform(placed[:3])
+                assert (body ^ solid_box).volume() < 1e-3
 
 
 def test_a_jaw_that_spreads_holds_a_bore_from_inside() -> None:

@@ -109,7 +109,8 @@ def select_arm_grips(
     for pose in poses:
         able = np.flatnonzero(clear_of_table(resting_pose(solid, pose), grips, jaw))
         chosen += spread(grips, [int(k) for k in able], per_pose)
-    chosen += spread(grips, range(len(grips)), others)
+    anywhere = [k for k, grip in enumerate(grips) if not grip.on_table]
+    chosen += spread(grips, anywhere, others)
     return [grips[k] for k in dict.fromkeys(chosen)]
 
 
