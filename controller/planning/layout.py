@@ -121,7 +121,7 @@ class Pace:
         110.0,
         *np.radians([103.8, 103.8]).tolist(),
     )
-    ramp_s: float = 0.24
+    ramp_s: float = 0.25
     command_s: float = 0.10
     motor_s: float = 0.075
     hand_over_s: float = 0.04

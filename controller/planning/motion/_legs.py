@@ -24,6 +24,8 @@ END_MARGIN_MM = 2.0  # next to a hold or the fixture, which the straight ways ke
 END_LENGTH_MM = 60.0
 PIECE_MM = 64.0  # first cut; each further one is a quarter
 LEAST_PIECE_MM = 4.0  # half of it is the end margin
+GLANCE_MM = 30.0
+GLANCE_TUBE_MM = 4.0  # what the tube of a short move mostly is
 _TUBE_AT = np.linspace(0.0, 1.0, 49)
 
 
@@ -78,6 +80,19 @@ def leg_free(scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends) -> 
             return True
         middles = (middles[tight, None] + (np.arange(4) - 1.5) / (4 * pieces)).ravel()
         pieces *= 4
+
+
+def leg_seems_free(scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends) -> bool:
+    """Tell whether one look at states along a short move finds nothing; `leg_free` is to follow."""
+    if not within_limits(np.stack([q_from, q_to])).all():
+        return False
+    travel_mm = float(np.abs(q_to - q_from) @ _radii_mm(scene, q_from, q_to))
+    states = max(1, int(np.ceil(travel_mm / GLANCE_MM)))
+    share = np.arange(1, states + 1)[:, None] / states
+    q = q_from + share * (q_to - q_from)
+    near = ends.near(tip_pose(scene.layout, q)[:, :3, 3])
+    margin = np.where(near, END_MARGIN_MM, MARGIN_MM + GLANCE_TUBE_MM)
+    return bool(scene.free(q, margin).all())
 
 
 def _radii_mm(scene: Scene, q_from: FloatArray, q_to: FloatArray) -> FloatArray:

@@ -6,6 +6,7 @@ distance. Work is counted in nodes, never in time: the same seed gives the same 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -14,7 +15,7 @@ import numpy as np
 from drivers.umi_scara.kinematics import within_limits
 
 from ..layout import FloatArray
-from ._legs import MARGIN_MM, Ends, leg_free
+from ._legs import MARGIN_MM, Ends, leg_free, leg_seems_free
 from ._pace import move_seconds, travel_seconds
 from ._scene import Scene
 
@@ -24,7 +25,7 @@ SHRINKS_N = 2  # a third of an edge may be free where the whole is not
 TOWARDS_ROOT = 0.1  # share of the turns
 SAMPLES_N = 96  # drawn at a time; few are within limits and free
 TOP_SHARE = 0.2  # of zed's range
-SHORTCUTS_N = 60
+SHORTCUTS_N = 24
 _LOW = np.array([*np.radians([-90.0, -175.0, -190.0]), -900.0, *np.radians([-97.0, -131.0])])
 _HIGH = np.array([*np.radians([90.0, 150.0, 185.0]), -10.0, *np.radians([3.0, 180.0])])
 
@@ -69,7 +70,7 @@ def rrt_connect(
         new = target if arrives else here + (target - here) * STEP_S / away_s[k]
         for _ in range(SHRINKS_N):
             a, b = (here, new) if tree.forward else (new, here)
-            if leg_free(scene, a, b, ends):
+            if leg_seems_free(scene, a, b, ends):
                 return tree.add(new, k), arrives
             new, arrives = here + (new - here) / 3, False
         return -1, False
@@ -88,7 +89,9 @@ def rrt_connect(
             m, arrived = extend(other, new)
         if arrived:
             path = mine.trace(k)[::-1] + other.trace(m)[1:]
-            return shortened(path if mine.forward else path[::-1], scene, ends, rng)
+            path = path if mine.forward else path[::-1]
+            if all(leg_free(scene, a, b, ends) for a, b in pairwise(path)):
+                return shortened(path, scene, ends, rng)
     return None
 
 
@@ -105,10 +108,16 @@ def shortened(
 ) -> list[FloatArray]:
     """Return a quicker way: waypoints left out, then corners cut where that saves seconds."""
     layout = scene.layout
+
+    def free(legs: Sequence[tuple[FloatArray, FloatArray]]) -> bool:
+        return all(leg_seems_free(scene, a, b, ends) for a, b in legs) and all(
+            leg_free(scene, a, b, ends) for a, b in legs
+        )
+
     i = 0
     while i < len(path) - 2:
         for j in range(len(path) - 1, i + 1, -1):
-            if leg_free(scene, path[i], path[j], ends):
+            if free([(path[i], path[j])]):
                 path = path[: i + 1] + path[j:]
                 break
         i += 1
@@ -128,7 +137,7 @@ def shortened(
         cut += path[j + 1 :]
         if move_seconds(layout, cut) >= move_seconds(layout, path) - 1e-9:
             continue
-        legs_free = (leg_free(scene, p, q, ends) for p, q in pairwise(cut))
-        if all(legs_free):
+        kept = {(id(a), id(b)) for a, b in pairwise(path)}
+        if free([(a, b) for a, b in pairwise(cut) if (id(a), id(b)) not in kept]):
             path = cut
     return path
