@@ -50,7 +50,9 @@ def find_hold(
         return None
     roi = (0, 0, width, height)
     dark = backlit[::STEP_PX, ::STEP_PX] < level
-    hidden = _shadow(_caster(task.holder), np.eye(4), task, roi) if task.holder else ~(dark | ~dark)
+    hidden = (
+        _shadow(_caster(task.holder), np.eye(4), task, roi) if task.holder else np.zeros_like(dark)
+    )
     ranked: list[tuple[float, int, Array]] = []
     grid = itertools.product(ALONG_MM, ACROSS_MM, TURN_RAD)
     for number, (along, across, turn) in enumerate(grid):
