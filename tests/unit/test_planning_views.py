@@ -28,6 +28,7 @@ from controller.planning.views import (
     table_views,
     view_poses,
     visible_from,
+    why_hidden,
 )
 from controller.planning.views._hand import FINGER_SHADOW_MM
 
@@ -278,6 +279,7 @@ def test_hard_spots_are_looked_for_on_purpose_and_what_stays_hidden_is_so_at_any
         # from inside the void every look outwards is stopped by the void's own wall
         inner = set(np.unique(samples.face_ids[void]).tolist())
         assert set(found.blocker[void].tolist()) <= inner
+        assert "no place of the camera" in why_hidden(solid, found, void, 70.0)[0]
     np.testing.assert_array_equal(lost[0], lost[1])
     np.testing.assert_array_equal(lost[1], lost[2])
     even = visible_from(solid, samples, caster, even_sphere(40), RULES)
@@ -310,8 +312,21 @@ def test_a_spot_no_view_shows_says_what_stands_before_it_or_which_rule_it_breaks
     assert set(found.blocker[lip].tolist()) <= floor
     assert (found.best_incidence_rad[lip] > np.radians(40)).all()
     assert not found.too_coarse[lip].any()
+    reason, remedy = why_hidden(solid, found, lip, 40.0)
+    assert reason.startswith("hidden by the part itself: seen")
+    # the angle that is named as the smallest change must be one that helps
+    told = int(remedy.split(" degrees")[0].split()[-1])
+    assert 40 < told <= 90
+    accepted = look_out(
+        solid, samples, caster, replace(RULES, max_incidence_rad=np.radians(told)), 60
+    )
+    assert accepted.visible[:, lip].any(axis=0).mean() > 0.8
     fine = look_out(solid, samples, caster, replace(RULES, min_px_per_mm=9.0), 60)
     outside = (n[:, 2] > 0.99) & (p[:, 2] > 14)
     assert not fine.visible.any()
     assert fine.too_coarse[outside].all()
     assert not fine.blurred.any()
+    assert why_hidden(solid, fine, outside, 70.0)[0].startswith("too coarse")
+    soft = look_out(solid, samples, caster, replace(RULES, sharp_mm=(100.0, 300.0)), 60)
+    assert not soft.visible.any()
+    assert why_hidden(solid, soft, outside, 70.0)[0].startswith("out of focus")

@@ -5,6 +5,7 @@ Directions are unit vectors in the part frame from its centre of mass to the cam
 
 from ._directions import Directions, Lookout, candidate_directions, even_sphere, look_out
 from ._hand import hidden_by_hand, holding_boxes
+from ._hidden import why_hidden
 from ._poses import Showing, hold_up, view_poses
 from ._reach import GripViews, reachable_views
 from ._rules import SightRules, in_picture
@@ -28,4 +29,5 @@ __all__ = [
     "table_views",
     "view_poses",
     "visible_from",
+    "why_hidden",
 ]

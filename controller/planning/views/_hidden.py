@@ -1,0 +1,48 @@
+"""Why no view shows a piece of the bare part, with the evidence and what would help."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from controller.cad import Solid
+
+from ..boxes import BoolArray
+from ._directions import Lookout
+
+MOST = 0.5  # of a piece's samples
+NEVER_RAD = np.radians(89.5)  # seen flatter than this is not seen
+
+
+def why_hidden(
+    solid: Solid, lookout: Lookout, piece: BoolArray, max_incidence_deg: float
+) -> tuple[str, str]:
+    """Return the reason and the smallest change that would help, for samples (n,) never visible."""
+    best = np.degrees(lookout.best_incidence_rad[piece])
+    before = lookout.blocker[piece]
+    faces, counts = np.unique(before[before >= 0], return_counts=True)
+    blocker = solid.faces[int(faces[np.argmax(counts)])].label if len(faces) else ""
+    if lookout.too_coarse[piece].mean() >= MOST:
+        return (
+            f"too coarse in every picture: seen past the part {np.median(best):.0f} degrees from "
+            "its normal at best, with fewer pixels to the millimetre than are asked",
+            "a longer focal length, a camera nearer by, or fewer pixels asked in the recipe",
+        )
+    if lookout.blurred[piece].mean() >= MOST:
+        return (
+            f"out of focus in every picture: seen past the part {np.median(best):.0f} degrees "
+            "from its normal at best, but nearer or farther than the picture is sharp",
+            "a smaller aperture, which is sharp over more depth",
+        )
+    stands = f"; {blocker} stands before a look straight at it" if blocker else ""
+    seen = lookout.best_incidence_rad[piece] < NEVER_RAD
+    if seen.mean() >= MOST:
+        flattest = float(np.quantile(best[seen], 0.9))
+        return (
+            f"hidden by the part itself: seen {np.median(best[seen]):.0f} degrees from its normal "
+            f"at best, where {max_incidence_deg:.0f} count as seen{stands}",
+            f"accept views up to {np.ceil(flattest):.0f} degrees from the normal in the recipe",
+        )
+    return (
+        f"hidden by the part itself: no place of the camera sees it at all{stands}",
+        "look at it with a probe or a mirror, or leave it out in the recipe",
+    )
