@@ -30,6 +30,7 @@ from planning_cell import emulated_layout  # noqa: E402
 from controller.cad import RayCaster  # noqa: E402
 from controller.cad.compiled import CompiledPart, load_part  # noqa: E402
 from controller.planning import Grip, GripRules, Jaw  # noqa: E402
+from controller.planning.grip import Holder  # noqa: E402
 from controller.planning.grips import (  # noqa: E402
     Seeds,
     Synthesis,
@@ -86,7 +87,7 @@ def measure(path: Path, rules: GripRules) -> dict[str, Any]:
     part = load_part(path)
     solid, caster = part.solid, RayCaster(part.solid.mesh)
     downs, _ = downs_of(part)
-    jaws: dict[str, tuple[Jaw, Any]] = {"arm": (layout.hand, None)}
+    jaws: dict[Holder, tuple[Jaw, Any]] = {"arm": (layout.hand, None)}
     if layout.fixture is not None:
         jaws["fixture"] = (layout.fixture, still_gravities(layout.T_world_fixture))
     started = time.process_time()

@@ -11,7 +11,8 @@ from controller.cad import Solid
 from ..boxes import BoolArray
 from ..grip import GripRules
 from ..layout import FloatArray, IntArray, Jaw
-from ._seeds import Seeds, across, narrowest_inner, widest_inner
+from ._faces import across
+from ._seeds import Seeds, narrowest_inner, widest_inner
 
 SHALLOWER_MM = 7.0  # the second depth tried: tips stand out less far behind the seed
 TABLE_GAP_MM = 3.0  # from the tips to the far end of the part, where that is the table

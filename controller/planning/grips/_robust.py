@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 from ..boxes import BoolArray
 from ..grip import GripRules
 from ..layout import FloatArray, Jaw
+from ._faces import across
 from ._judge import Judge
 from ._pads import Contacts, PadGrid
-from ._seeds import across
 
 COARSE_STEP_MM = 4.0  # of the first closing, which only tells how the part will turn
 MOST_TURN_RAD = float(np.radians(5.0))  # pads turn a part by little more than its pose was wrong

@@ -10,16 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
 
-from controller.cad import Face, RayCaster, Solid, SurfaceSamples
+from controller.cad import RayCaster, Solid, SurfaceSamples
 
 from ..boxes import BoolArray
 from ..grip import GripRules
 from ..layout import FloatArray, IntArray, Jaw
+from ._faces import opposed_faces, plane_seeds
 
-OPPOSED_COS = np.cos(np.radians(2.0))
-BARE_MM2 = 20.0  # less common area cannot make a contact: a pad's rule asks for more
 SKIN_MM = 0.02  # rays start this far off the surface they leave
 MAIN_DIRECTIONS = 40  # of walls, that are tried as partners of every sample
 
@@ -48,26 +46,6 @@ class Seeds:
     widest_mm: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FacePair:
-    """Two opposed planar faces and what they have in common.
-
-    Attributes
-    ----------
-    gap_mm : between their planes; negative where they look at each other, as in a channel
-    overlap : both, projected on the plane between them, intersected; holes are left out
-    u, v : (3,) axes of that plane; height_mm : of that plane along the first face's normal
-    """
-
-    first: Face
-    second: Face
-    gap_mm: float
-    overlap: shapely.Geometry
-    u: FloatArray
-    v: FloatArray
-    height_mm: float
-
-
 def find_seeds(
     solid: Solid,
     samples: SurfaceSamples,
@@ -86,12 +64,12 @@ def find_seeds(
     pairs = opposed_faces(solid, widest_mm, low, high)
     some, few = rules.seeds_n, rules.seeds_n // 3
     kinds = [
-        (_plane_seeds([p for p in pairs if p.gap_mm > 0]), some, False),
+        (plane_seeds([p for p in pairs if p.gap_mm > 0]), some, False),
         (_wall_seeds(solid, samples, caster, widest_mm, rules), some, False),
         (_slanted_seeds(solid, samples, caster, widest_mm, rules), few, False),
     ]
     if high > low:
-        channels = _plane_seeds([p for p in pairs if p.gap_mm < 0])
+        channels = plane_seeds([p for p in pairs if p.gap_mm < 0])
         bores = _bore_seeds(solid, samples, caster, low, high, rules)
         kinds += [(channels, few, True), (bores, few, True)]
     middle, axis, gap, inner = [], [], [], []
@@ -128,71 +106,6 @@ def narrowest_inner(jaw: Jaw, rules: GripRules) -> float:
 def widest_inner(jaw: Jaw) -> float:
     """Return how far apart the backs of the fingers get [mm]."""
     return jaw.max_mm + 2 * jaw.finger_thickness_mm
-
-
-def opposed_faces(
-    solid: Solid, widest_mm: float, inner_low_mm: float = 0.0, inner_high_mm: float = 0.0
-) -> list[FacePair]:
-    """Return the pairs of planar faces with opposed normals (2 degrees) that overlap.
-
-    The overlap is exact: the triangles of either face, projected and united, intersected.
-    """
-    planes = [f for f in solid.faces if f.kind == "plane" and f.area_mm2 > BARE_MM2]
-    if len(planes) < 2:
-        return []
-    normals = np.stack([f.normal for f in planes])
-    centres = np.stack([f.centre_mm for f in planes])
-    opposed = np.triu(normals @ normals.T <= -OPPOSED_COS, 1)
-    gaps = np.einsum("ijk,ik->ij", centres[:, None] - centres[None], normals)
-    opposed &= ((gaps > 1.0) & (gaps <= widest_mm)) | (
-        (gaps < -max(inner_low_mm, 1e-9)) & (gaps >= -inner_high_mm)
-    )
-    corners = np.asarray(solid.mesh.triangles)
-    shapes: dict[tuple[int, tuple[float, ...]], shapely.Geometry] = {}
-    found = []
-    for i, j in np.argwhere(opposed).tolist():
-        a, b = planes[i], planes[j]
-        # one frame for both senses of a direction, so that outlines are drawn once
-        towards = np.round(a.normal, 6)
-        first = towards[np.flatnonzero(np.abs(towards) > 1e-6)[0]]
-        u, v = across(towards * np.sign(first))
-        flat = np.column_stack([u, v])
-        key = tuple(np.round(flat, 6).ravel().tolist())
-        for f in (a, b):
-            if (f.id, key) not in shapes:
-                triangles = shapely.polygons(corners[solid.face_of_triangle == f.id] @ flat)
-                outline = shapely.coverage_union_all(triangles[shapely.area(triangles) > 1e-9])
-                shapes[f.id, key] = shapely.make_valid(outline)
-        common = shapely.intersection(shapes[a.id, key], shapes[b.id, key])
-        if common.area >= BARE_MM2:
-            height = float((a.centre_mm + b.centre_mm) @ a.normal) / 2
-            found.append(FacePair(a, b, float(gaps[i, j]), common, u, v, height))
-    return found
-
-
-def _plane_seeds(pairs: Sequence[FacePair]) -> FloatArray:
-    """Return seeds (n, 7) in the overlap of opposed faces: middle, axis, gap."""
-    rows = []
-    for pair in pairs:
-        n = pair.first.normal
-        for x, y in _inside(pair.overlap):
-            middle = x * pair.u + y * pair.v + pair.height_mm * n
-            rows.append([*middle, *n, abs(pair.gap_mm)])
-    return np.reshape(np.array(rows, dtype=float), (-1, 7))
-
-
-def _inside(shape: shapely.Geometry, step_mm: float = 10.0, most: int = 30) -> list[FloatArray]:
-    """Return points of a polygon: one surely inside, its centroid, and a grid."""
-    x0, y0, x1, y1 = shape.bounds
-    step = max(step_mm, float(np.sqrt(shape.area / most)))
-    xs = np.arange(x0 + step / 2, x1, step)
-    ys = np.arange(y0 + step / 2, y1, step)
-    grid = np.array(np.meshgrid(xs, ys)).reshape(2, -1).T
-    sure, centroid = shape.representative_point(), shape.centroid
-    points = np.vstack([[sure.x, sure.y], [centroid.x, centroid.y], grid])
-    keep = shapely.contains_xy(shape, points[:, 0], points[:, 1])
-    keep[0] = True
-    return list(points[keep])
 
 
 def _wall_seeds(
@@ -340,11 +253,3 @@ def farthest(features: FloatArray, count: int, start: int = 0) -> list[int]:
         chosen.append(k)
         distance = np.minimum(distance, np.linalg.norm(features - features[k], axis=1))
     return chosen
-
-
-def across(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return two unit vectors square to the axis and each other, along part axes if possible."""
-    helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    u = helper - axis * (helper @ axis)
-    u = u / np.linalg.norm(u)
-    return u, np.cross(axis, u)
