@@ -126,7 +126,7 @@ def check_is_a_way(problem: Problem, solution: Solution) -> None:
     assert (solution.covered == shown).all()
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), most=st.integers(1, 4))
 def test_the_search_finds_what_trying_everything_finds(seed: int, most: int) -> None:
     problem = random_problem(seed)
@@ -148,7 +148,7 @@ def test_the_search_finds_what_trying_everything_finds(seed: int, most: int) -> 
     assert solution.bound_s <= cost + 1e-6
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_greedy_is_a_way_and_never_better_than_the_optimum(seed: int) -> None:
     problem = random_problem(seed)
@@ -160,7 +160,7 @@ def test_greedy_is_a_way_and_never_better_than_the_optimum(seed: int) -> None:
             assert best.bound_s <= best.cost_s <= quick.cost_s + 1e-6
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     floors=st.integers(0, 2),
@@ -184,7 +184,7 @@ def test_a_search_stopped_early_still_gives_a_true_bound(
         assert solution.cost_s >= expected[0] - 1e-6
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_the_same_problem_gives_the_same_solution_and_a_renumbered_one_the_same_cost(
     seed: int,
@@ -251,8 +251,11 @@ def test_a_refutation_takes_away_what_it_names_and_nothing_else(seed: int) -> No
         assert (old == kept).all()
     solution = solve(less)
     expected = brute_force(less, 3)
-    short = solve(less, max_grips=3)
+    short = solve(less, max_grips=3, incumbent=solve(problem, max_grips=3))
     assert (expected is None) == (short is None)
+    if expected is not None and short is not None and short.is_complete:
+        check_is_a_way(less, short)
+        assert short.cost_s == pytest.approx(expected[0], abs=1e-6)
     if solution is not None:
         assert not set(hops) & set(zip(solution.grips[:-1], solution.grips[1:], strict=True))
         for g, taken in zip(solution.grips, solution.views, strict=True):
@@ -260,7 +263,7 @@ def test_a_refutation_takes_away_what_it_names_and_nothing_else(seed: int) -> No
 
 
 def test_a_known_solution_handed_in_does_not_change_the_optimum() -> None:
-    for seed in range(25):
+    for seed in range(15):
         problem = random_problem(seed)
         known = greedy(problem)
         alone, warm = solve(problem), solve(problem, incumbent=known)
@@ -268,6 +271,27 @@ def test_a_known_solution_handed_in_does_not_change_the_optimum() -> None:
         if alone is not None and warm is not None and alone.is_complete:
             assert warm.is_optimal
             assert warm.cost_s == pytest.approx(alone.cost_s, abs=1e-6)
+
+
+def test_a_known_solution_is_made_good_where_one_of_its_views_was_refuted() -> None:
+    problem = Problem(
+        shows=(np.array([[1, 1, 0, 0], [0, 0, 1, 1], [0, 1, 1, 1], [1, 0, 0, 0]], dtype=bool),),
+        weights=np.full(4, 0.25),
+        view_s=(np.array([2.0, 2.0, 3.0, 4.0]),),
+        first_s=np.zeros(1),
+        hop_s=np.full((1, 1), np.inf),
+        last_s=np.zeros(1),
+        seen=np.zeros(4, dtype=bool),
+    )
+    best = solve(problem)
+    assert best is not None
+    assert best.views == ((0, 1),)
+    less = refuted(problem, views=[(0, 1)])
+    again = solve(less, incumbent=best)
+    assert again is not None
+    assert again.views == ((0, 2),)
+    assert again.cost_s == 5.0
+    assert again.is_optimal
 
 
 def pair_problem(hop_s: float) -> Problem:

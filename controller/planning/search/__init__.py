@@ -3,7 +3,8 @@
 from ._greedy import greedy
 from ._order import best_order
 from ._problem import MAX_GRIPS, Problem, Solution, live_grips, needed_of, priced, refuted
-from ._solve import COARSE, FULL, Effort, solve
+from ._search import COARSE, FULL, Effort
+from ._solve import solve
 
 __all__ = [
     "COARSE",
