@@ -26,7 +26,7 @@ from planning_cell import emulated_layout  # noqa: E402  (path set above)
 from controller.cad import load_solid, sample_surface  # noqa: E402
 from controller.planning import CellLayout, NoPlanError, PreparedPart, prepare_part  # noqa: E402
 from controller.planning.siting import SiteOptions, SiteScore, site_of, site_report  # noqa: E402
-from controller.planning.siting._search import survey  # noqa: E402
+from controller.planning.siting._survey import survey  # noqa: E402
 
 RECIPE_PARTS = ROOT / "recipes" / "parts"
 BENCH_PARTS = ROOT / "benchmarks" / "parts"

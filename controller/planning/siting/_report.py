@@ -10,8 +10,9 @@ import numpy as np
 from ..layout import Box, CellLayout, FloatArray
 from ..prepared import PreparedPart
 from ._score import SiteOptions, SiteScore
-from ._search import Progress, search_sites, site_key, survey
+from ._search import search_sites
 from ._site import Site, carried, fellows_of, placed_at, site_of
+from ._survey import Progress, site_key, survey
 
 SAME_MM, SAME_DEG = 1.0, 0.5  # nobody places a camera or a gripper better by hand
 TURN_MM = 5.0  # what a degree of turning counts as, in mm of moving

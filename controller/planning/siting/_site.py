@@ -13,7 +13,7 @@ import numpy as np
 
 from controller.cad import Camera, inverse_pose
 
-from ..boxes import overlap
+from ..boxes import overlap, segments_hit
 from ..layout import Box, CellLayout, FloatArray
 
 STEEP = 0.9  # |z| of the way it looks beyond which the world's z no longer says what up is
@@ -95,8 +95,6 @@ def fellows_of(layout: CellLayout) -> Fellows:
 
 
 def _segment_meets(start: FloatArray, end: FloatArray, box: Box) -> bool:
-    from ..boxes import segments_hit
-
     return bool(segments_hit(start[None], end, [box])[0])
 
 

@@ -1,0 +1,215 @@
+"""The grids, ranked by the joints alone: which camera sites, which poses of the fixed gripper."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..layout import CellLayout, FloatArray
+from ._family import FamilyMember, hand_offsets_mm
+from ._grids import camera_grid, fixture_grid
+from ._keepouts import why_not_here
+from ._reach import (
+    HAND_DIRECTIONS_N,
+    hand_off_shares,
+    meetings,
+    met_grips,
+    nearest_in_hand,
+    shown_directions,
+    shown_share,
+    sphere,
+    table_views,
+)
+from ._score import PartScore, SiteScore, value_of
+from ._site import Fellows, Site, placed_at, site_of, standoff_mm
+from ._survey import Survey, site_key
+
+APART_MM, APART_DEG = 60.0, 20.0  # sites nearer than both to a better one are left to small steps
+PAIRED_N = 60  # fixture poses tried with each camera site
+
+
+def cameras_by_joints(search: Survey) -> list[SiteScore]:
+    """Return the camera sites of the grid that are allowed, best first by the joints alone."""
+    layout, members = search.layout, search.members
+    now = site_of(layout)
+    sites = list(camera_grid(layout)) if search.options.move_camera else []
+    sites.insert(0, now)
+    bare = _without_fixture(layout, search.fellows) if search.options.move_fixture else layout
+    fellows = Fellows(search.fellows.camera, () if bare.fixture is None else search.fellows.fixture)
+    keep = search.options.keep_free_mm
+    in_hand = sphere(HAND_DIRECTIONS_N)
+    centre = hand_offsets_mm(members).mean(axis=0)
+    nearest = [nearest_in_hand(m, in_hand) for m in members]
+    found = []
+    for k, site in enumerate(sites):
+        if k % 100 == 0:
+            search.progress("camera sites", k, len(sites))
+        why = why_not_here(
+            placed_at(bare, site, fellows), fellows, None if keep is None else np.array(keep)
+        )
+        if why is not None and k > 0:
+            continue
+        reached = shown_directions(layout, site, in_hand, centre)
+        scores = []
+        for member, near in zip(members, nearest, strict=True):
+            views = table_views(near, reached)
+            scores.append(_by_joints(member, shown_share(member, views), float(views.mean())))
+        found.append(SiteScore(site, tuple(scores), "joints", value_of(scores), why))
+    search.tried_n += len(sites)
+    return sorted(found, key=lambda s: (-round(s.value, 4), _far_mm(layout, s.site, now)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FixtureScore:
+    """A pose of the fixed gripper and what the joints alone let it take and give.
+
+    Attributes
+    ----------
+    partners, joined : per part, `PartScore.partners_share` and `hand_offs_share`
+    """
+
+    T_world_fixture: FloatArray
+    partners: tuple[float, ...]
+    joined: tuple[float, ...]
+
+    @property
+    def value(self) -> float:
+        """Return what it is worth: half its mean over the parts, half its worst."""
+        each = 0.5 * (np.array(self.partners) + np.array(self.joined))
+        return float(0.5 * each.mean() + 0.5 * each.min())
+
+
+def fixtures_by_joints(search: Survey) -> list[FixtureScore]:
+    """Return the allowed poses of the fixed gripper, best first by the joints alone."""
+    layout, members = search.layout, search.members
+    if layout.fixture is None:
+        return []
+    poses = list(fixture_grid(layout)) if search.options.move_fixture else [layout.T_world_fixture]
+    now, bare = site_of(layout), layout
+    if search.options.move_camera:
+        kept = {n: b for n, b in layout.obstacles.items() if n not in search.fellows.camera}
+        bare = replace(layout, obstacles=kept)
+    fellows = Fellows((), search.fellows.fixture)
+    keep = search.options.keep_free_mm
+    together = [meetings(m) for m in members]
+    found: list[FixtureScore] = []
+    for k, T in enumerate(poses):
+        if k % 100 == 0:
+            search.progress("fixture poses", k, len(poses))
+        # a camera that moves has its picture looked at later, with each fixture
+        why = why_not_here(
+            placed_at(bare, replace(now, T_world_fixture=T), fellows),
+            fellows,
+            None if keep is None else np.array(keep),
+            look=not search.options.move_camera,
+        )
+        if why is not None and k > 0:
+            continue
+        shares = []
+        for m, T_meet in zip(members, together, strict=True):
+            met = met_grips(layout, T, T_meet)
+            shares.append(hand_off_shares(m, met[:, : m.base_n] | met[:, m.base_n :]))
+        found.append(FixtureScore(T, tuple(s[0] for s in shares), tuple(s[1] for s in shares)))
+    search.tried_n += len(poses)
+    at = layout.T_world_fixture[:3, 3]
+
+    def away_mm(score: FixtureScore) -> float:
+        return round(float(np.linalg.norm(score.T_world_fixture[:3, 3] - at)), 3)
+
+    return sorted(found, key=lambda f: (-round(f.value, 3), away_mm(f)))
+
+
+def joined(
+    search: Survey, cameras: Sequence[SiteScore], fixtures: Sequence[FixtureScore]
+) -> list[SiteScore]:
+    """Return camera sites, each with the best fixture pose that goes with it, by the joints alone.
+
+    The present site is among them.
+    """
+    now = site_of(search.layout)
+    kept = unlike([s.site for s in cameras], search.options.checked_cameras)
+    wanted = [now, *[site for site in kept if site_key(site) != site_key(now)]]
+    by_key = {site_key(s.site): s for s in cameras}
+    found: list[SiteScore] = []
+    for k, site in enumerate(wanted):
+        score = by_key[site_key(site)]
+        if not fixtures:
+            found.append(score)
+            continue
+        if k == 0:
+            found.append(_with_fixture(score, next(f for f in fixtures if _stands(f, now))))
+            found[0] = replace(found[0], forbidden=search.forbidden(now))
+        for fixture in fixtures[:PAIRED_N]:
+            pair = replace(site, T_world_fixture=fixture.T_world_fixture)
+            if site_key(pair) != site_key(now) and search.forbidden(pair) is None:
+                found.append(_with_fixture(replace(score, forbidden=None), fixture))
+                break
+    return sorted(found, key=lambda s: (s.forbidden is not None, -s.value))
+
+
+def _stands(fixture: FixtureScore, site: Site) -> bool:
+    return site.T_world_fixture is not None and bool(
+        np.allclose(fixture.T_world_fixture, site.T_world_fixture)
+    )
+
+
+def _with_fixture(score: SiteScore, fixture: FixtureScore) -> SiteScore:
+    parts = tuple(
+        replace(p, partners_share=a, hand_offs_share=b)
+        for p, a, b in zip(score.parts, fixture.partners, fixture.joined, strict=True)
+    )
+    site = replace(score.site, T_world_fixture=fixture.T_world_fixture)
+    return replace(score, site=site, parts=parts, value=value_of(parts))
+
+
+def _by_joints(member: FamilyMember, shown: float, views_share: float) -> PartScore:
+    nan = float("nan")
+    return PartScore(
+        member.name, member.showable, shown, shown, shown, views_share, 1.0, 1.0, 1.0, nan, nan
+    )
+
+
+def _without_fixture(layout: CellLayout, fellows: Fellows) -> CellLayout:
+    kept = {n: b for n, b in layout.obstacles.items() if n not in fellows.fixture}
+    return replace(layout, fixture=None, obstacles=kept)
+
+
+def _far_mm(layout: CellLayout, a: Site, b: Site) -> float:
+    """Return how far station and camera stand from another site's."""
+    far = standoff_mm(layout)
+    apart = np.linalg.norm(a.station_mm - b.station_mm)
+    return round(float(apart + far * np.linalg.norm(a.towards - b.towards)), 3)
+
+
+def unlike(sites: Sequence[Site], count: int) -> list[Site]:
+    """Return the first sites that are not near to one before them."""
+    kept: list[Site] = []
+    for site in sites:
+        if len(kept) >= count:
+            break
+        near = any(
+            np.linalg.norm(site.station_mm - k.station_mm) < APART_MM
+            and site.towards @ k.towards > np.cos(np.radians(APART_DEG))
+            for k in kept
+        )
+        if not near:
+            kept.append(site)
+    return kept
+
+
+def unlike_poses(poses: Sequence[FloatArray], count: int) -> list[FloatArray]:
+    """Return the first fixture poses that are not near to one before them."""
+    kept: list[FloatArray] = []
+    for T in poses:
+        if len(kept) >= count:
+            break
+        near = any(
+            np.linalg.norm(T[:3, 3] - k[:3, 3]) < 2 * APART_MM
+            and np.trace(T[:3, :3].T @ k[:3, :3]) > 1 + 2 * np.cos(np.radians(APART_DEG))
+            for k in kept
+        )
+        if not near:
+            kept.append(T)
+    return kept

@@ -1,0 +1,93 @@
+"""One search over sites: the cell, the family, and what has been checked of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..layout import CellLayout
+from ..prepared import PreparedPart
+from ._checked import score_site
+from ._family import FamilyMember, family_member
+from ._keepouts import why_not_here
+from ._score import SiteOptions, SiteScore
+from ._site import Fellows, Site, fellows_of, placed_at
+
+Progress = Callable[[str, int, int], None]  # what is being done, steps done, steps in all
+
+
+def _quiet(what: str, done: int, total: int) -> None:
+    return None
+
+
+@dataclass(slots=True, eq=False)
+class Survey:
+    """One search: the cell, the family, and every site checked so far.
+
+    Kept as an object because all stages share the members and what has been checked already.
+    """
+
+    layout: CellLayout
+    members: tuple[FamilyMember, ...]
+    options: SiteOptions
+    fellows: Fellows
+    progress: Progress = _quiet
+    checked: dict[tuple[int, ...], SiteScore] = field(default_factory=dict)
+    tried_n: int = 0
+
+    def forbidden(self, site: Site) -> str | None:
+        """Return what forbids a site, None if nothing."""
+        keep = self.options.keep_free_mm
+        return why_not_here(
+            placed_at(self.layout, site, self.fellows),
+            self.fellows,
+            None if keep is None else np.array(keep),
+        )
+
+    def check(self, site: Site) -> SiteScore:
+        """Return the full score of a site, worked out once."""
+        key = site_key(site)
+        if key not in self.checked:
+            score = score_site(self.layout, site, self.fellows, self.members)
+            self.checked[key] = replace(score, forbidden=self.forbidden(site))
+        return self.checked[key]
+
+
+def survey(
+    parts: Sequence[PreparedPart],
+    layout: CellLayout,
+    options: SiteOptions | None = None,
+    progress: Progress | None = None,
+) -> Survey:
+    """Return a search over sites, ready to begin.
+
+    Raises
+    ------
+    ValueError : no part
+    """
+    if not parts:
+        raise ValueError("siting needs at least one part")
+    options = options or SiteOptions()
+    tell = progress or _quiet
+    members = []
+    for k, part in enumerate(parts):
+        tell("parts", k, len(parts))
+        members.append(
+            family_member(
+                part, layout, options.arm_grips, options.fixture_grips, options.directions
+            )
+        )
+    return Survey(layout, tuple(members), options, fellows_of(layout), tell)
+
+
+def site_key(site: Site) -> tuple[int, ...]:
+    """Return whole numbers that are the same for the same site and for no other."""
+    values = [*site.station_mm * 100.0, *site.towards * 1e5]
+    if site.T_world_fixture is not None:
+        values += [
+            *site.T_world_fixture[:3, 3] * 100.0,
+            *site.T_world_fixture[:3, :2].ravel() * 1e5,
+        ]
+    return tuple(int(v) for v in np.rint(values))
