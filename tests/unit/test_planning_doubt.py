@@ -369,3 +369,29 @@ def test_a_gear_is_told_from_its_mirror_image() -> None:
         assert found.worst_s == pytest.approx(seconds[found.first.view])
     same = separating_views([held_gear, held_gear], LAYOUT, q, seconds, opening)
     assert same.first is None
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    apart_px=st.lists(st.floats(0, 900), min_size=6, max_size=6),
+    truth=st.integers(0, 3),
+    clutter_px=st.floats(0, 15),
+    order=st.permutations(range(4)),
+)
+def test_the_truth_is_never_ruled_out_by_a_picture_that_fits_it_and_names_do_not_matter(
+    apart_px: list[float], truth: int, clutter_px: float, order: list[int]
+) -> None:
+    table = np.zeros((4, 4))
+    table[np.triu_indices(4, 1)] = apart_px
+    table += table.T
+    differs = table[truth] + clutter_px
+    left = tell_apart(differs, table, "front", range(4)).left
+    assert truth in left
+    # gone are those, and only those, that look different enough from what it is
+    assert {c for c in range(4) if c not in left} == {
+        c for c in range(4) if table[left[0], c] >= 40.0 and c not in left
+    }
+    assert set(left) >= {c for c in range(4) if table[truth, c] < 20.0}
+    renamed = tell_apart(differs[order], table[np.ix_(order, order)], "front", range(4)).left
+    if len(set(differs)) == 4:
+        assert [order[c] for c in renamed] == list(left)
