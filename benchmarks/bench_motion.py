@@ -1,6 +1,6 @@
 """IK, contacts, ways between configurations and their forecast, each against its number.
 
-python benchmarks/bench_motion.py [--json] [--parts NAME...] [--pairs 60] [--seed 1]
+python benchmarks/bench_motion.py [--json] [--parts NAME...] [--pairs 60] [--moves 40]
 
 Ways are asked for between configurations that plans have: from one view to another, from above a
 pick to a view, from a view to the way into the fixed gripper. The crowded cell has six more posts.
@@ -11,6 +11,7 @@ all found that exist.
 from __future__ import annotations
 
 import argparse
+import asyncio
 import json
 import os
 import sys
@@ -34,6 +35,7 @@ from controller.planning import (  # noqa: E402
     Box,
     CellLayout,
     NoPlanError,
+    Pace,
     prepare_part,
     resting_pose,
 )
@@ -43,13 +45,13 @@ from controller.planning.motion import (  # noqa: E402
     Scene,
     connect,
     inverse_rows,
+    move_seconds,
     path_free,
     tip_pose,
 )
-from controller.planning.motion._ways import _over_the_top  # noqa: E402
 from controller.planning.prepared import PreparedPart  # noqa: E402
 from controller.planning.transfers import pick_ways  # noqa: E402
-from drivers.umi_scara.kinematics import forward, inverse, within_limits  # noqa: E402
+from drivers.umi_scara.kinematics import forward, inverse_legal, within_limits  # noqa: E402
 
 ALL_PARTS = ("featuretype", "flange_xy", "idler_riser", "holder")
 POSTS = (  # [mm] where they are in the way, and yet leave one
@@ -102,14 +104,13 @@ def bench_ik(layout: CellLayout, seed: int) -> list[Row]:
     for what, joints in (("any pose", q), ("straight down", down)):
         T = tip_pose(layout, joints)
         T_arm = forward(joints, layout.arm)
-        index, _, found = inverse_rows(layout, T)
-        answers, legal = inverse(T_arm, layout.arm)
-        error = np.abs(forward(answers[legal], layout.arm) - T_arm[np.nonzero(legal)[0]]).max()
+        _, _, found = inverse_rows(layout, T)
+        index, _, q_legal = inverse_legal(T_arm, layout.arm)
+        error = np.abs(forward(q_legal, layout.arm) - T_arm[index]).max()
         rows.append(
             {
                 "what": f"IK, {what}",
                 "rows_us_a_pose": 1e6 * least_s(lambda T=T: inverse_rows(layout, T)) / len(T),
-                "inverse_us_a_pose": 1e6 * least_s(lambda T=T_arm: inverse(T, layout.arm)) / len(T),
                 "answers": len(found) / len(T),
                 "missed": int(len(T) - len(np.unique(index))),
                 "round_trip_error": float(error),
@@ -193,24 +194,29 @@ def asked_ways(
 def bench_ways(cell: str, asked: list[Asked]) -> list[Row]:
     rows = []
     for kind in dict.fromkeys(a.kind for a in asked):
-        times, solved, straight, over, shut = [], 0, 0, 0, 0
+        times, slower, solved, straight, shut = [], [], 0, 0, 0
         for a in (a for a in asked if a.kind == kind):
             ends = np.stack([a.start, a.goal])
             if not a.scene.free(ends, 2.0).all():
                 shut += 1  # in the crowded cell an end itself may stand in a post
                 continue
-            begin = time.process_time()
-            try:
-                way = connect(a.start, a.goal, a.scene, kind)
-            except NoPlanError:
-                way = ()
-            times.append(1e3 * (time.process_time() - begin))
+            way: tuple[np.ndarray, ...] = ()
+            took_s = np.inf
+            for _ in range(2):  # the same work twice: the machine is shared
+                begin = time.process_time()
+                try:
+                    way = connect(a.start, a.goal, replace(a.scene), kind)
+                except NoPlanError:
+                    way = ()
+                took_s = min(took_s, time.process_time() - begin)
+            times.append(1e3 * took_s)
             solved += bool(way)
             straight += len(way) == 1
-            over += len(way) > 1 and any(
-                len(w) == len(way) + 1 and np.array_equal(np.stack(w[1:]), np.stack(way))
-                for w in _over_the_top(a.start, a.goal)
-            )
+            if way:
+                slower.append(
+                    move_seconds(a.scene.layout, [a.start, *way])
+                    / move_seconds(a.scene.layout, [a.start, a.goal])
+                )
             assert not way or path_free(a.scene, [a.start, *way])
         rows.append(
             {
@@ -219,7 +225,7 @@ def bench_ways(cell: str, asked: list[Asked]) -> list[Row]:
                 "ends_shut": shut,
                 "solved": solved / max(1, len(times)),
                 "straight": straight / max(1, len(times)),
-                "over_the_top": over / max(1, len(times)),
+                "slower_than_line": float(np.mean(slower)) if slower else 0.0,
                 "ms_median": float(np.median(times)) if times else 0.0,
                 "ms_p95": float(np.percentile(times, 95)) if times else 0.0,
                 "ms_max": max(times, default=0.0),
@@ -228,12 +234,31 @@ def bench_ways(cell: str, asked: list[Asked]) -> list[Row]:
     return rows
 
 
+def bench_forecast(count: int, speed: float, seed: int) -> list[Row]:
+    """Drive the emulated arm over its wire; `fit_pace.py` says more."""
+    from fit_pace import errors_by_size, timed_moves, tube_row
+
+    moves = asyncio.run(timed_moves(speed, count, seed))
+    every = errors_by_size(Pace(), moves)[0]
+    tube = tube_row(Pace(), moves)
+    return [
+        {
+            "what": f"forecast of {count} moves, speed {speed:g}",
+            **{k: v for k, v in every.items() if k.endswith(("error", "sum"))},
+            "tip_off_line_mm_p95": tube["tip_off_mm"][1],
+            "tube_mm_p95": tube["tube_mm"][1],
+            "outside_the_tube_mm": tube["outside_the_tube_mm"],
+        }
+    ]
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", action="store_true", help="one object a row")
     parser.add_argument("--parts", nargs="*", default=list(ALL_PARTS))
     parser.add_argument("--pairs", type=int, default=60, help="ways of each kind and part")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--moves", type=int, default=0, help="of the emulated arm, in real time")
     args = parser.parse_args()
     layout = emulated_layout()
     solids = [load_solid(PARTS / f"{name}.stl") for name in args.parts]
@@ -245,6 +270,8 @@ def main() -> int:
     rows += bench_ways("cell", asked)
     more = crowded(layout)
     rows += bench_ways("crowded", [replace(a, scene=replace(a.scene, layout=more)) for a in asked])
+    if args.moves:
+        rows += bench_forecast(args.moves, 1.0, args.seed)
     for row in rows:
         if args.json:
             print(json.dumps(row))

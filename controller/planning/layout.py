@@ -102,8 +102,9 @@ class Tray:
 class Pace:
     """Speeds and the fixed times of a cycle; the forecast is as good as these.
 
-    Fitted to the emulated arm over its wire (benchmarks/fit_pace.py) and to the journals of the
-    emulated cell; a real arm wants timing once, since no source vouches for umi_rtx.md 5.7.
+    Moves are fitted to the emulated arm over its wire, between what it takes in real time and ten
+    times as fast (benchmarks/fit_pace.py); grips and releases are medians of what runs of the
+    emulated cell journalled. A real arm wants timing once: no source vouches for umi_rtx.md 5.7.
 
     Attributes
     ----------
@@ -114,6 +115,10 @@ class Pace:
     motor_s : target and speed written, place read back, per motor that moves
     hand_over_s : of the line, where a move needs wrist and other motors
     skew_s : by which the wrist may start before or after the other motors
+    grip_s, release_s : the arm's jaws close until they stall, width read back; they open
+    fixture_grip_s, fixture_release_s : the same of the fixed gripper
+    look_s : a view of three pictures: lamps, exposure after the change, transfer. In real time;
+        an emulated cell run faster waits for its pictures to be drawn, by the host's clock
     """
 
     joint_per_s: tuple[float, ...] = (
@@ -126,9 +131,11 @@ class Pace:
     motor_s: float = 0.075
     hand_over_s: float = 0.04
     skew_s: float = 0.05
-    grip_s: float = 2.0  # close, force up, width read back
-    release_s: float = 1.2
-    look_s: float = 3.0  # settle, switch lamps, expose after the change, transfer
+    grip_s: float = 1.6
+    release_s: float = 1.3
+    fixture_grip_s: float = 0.7
+    fixture_release_s: float = 0.2
+    look_s: float = 3.2
     relook_s: float = 12.0  # pictures of the table, recognition and a new plan after a set-down
 
 
