@@ -8,7 +8,14 @@ from numpy.typing import NDArray
 
 from drivers.umi_scara import OutOfRangeError, kinematics
 from drivers.umi_scara._limits import check_limits
-from drivers.umi_scara.kinematics import ArmGeometry, counts_to_q, forward, inverse, q_to_counts
+from drivers.umi_scara.kinematics import (
+    ArmGeometry,
+    counts_to_q,
+    forward,
+    inverse,
+    inverse_legal,
+    q_to_counts,
+)
 
 # umi_rtx.md 6.6; columns S E Z W1 W2 Y, wrist x y z, tip x y z, heading in degrees
 TABLE = [
@@ -179,6 +186,52 @@ def test_steep_pitches_have_a_second_branch_beyond_straight_down() -> None:
     pitches = np.rad2deg(answers[legal][:, 4])
     assert pitches.min() == pytest.approx(-95.0)
     assert pitches.max() == pytest.approx(-85.0)
+
+
+def at_the_limits(rng: np.random.Generator) -> NDArray[np.float64]:
+    """Joints (n, 6) on the limits of 5.2, stretched, folded, straight down, and just outside."""
+    q = legal_q(rng, 160)
+    q[:20, 4] = -np.pi / 2
+    q[20:30, 1] = 0.0  # stretched
+    q[30:40, 1] = -np.pi  # folded: the wrist stands in the shoulder axis
+    q[40:50, 4] = -np.pi / 2
+    q[40:50, 1] = -np.pi
+    counts = q_to_counts(q)
+    counts[50:60, 0], counts[60:70, 0] = 2206, -2630
+    counts[70:80, 1], counts[80:90, 1] = 2630, -2630
+    counts[90:100, 2], counts[100:110, 2] = -20, -3303
+    counts[110:120, 5] = counts[110:120, 0] // 3 + 1071
+    counts[120:130, 3:5] += (-2642 - counts[120:130, 3:5].sum(axis=1, keepdims=True)) // 2
+    counts[130:140, 3:5] += (108 - counts[130:140, 3:5].sum(axis=1, keepdims=True)) // 2
+    counts[140:150, 2] = -3305
+    q[50:] = counts_to_q(counts[50:])
+    return q
+
+
+@given(seed=st.integers(0, 10**6), heading_count=st.integers(1, 12))
+@settings(max_examples=25, deadline=None)
+def test_the_legal_answers_alone_are_those_of_the_whole_inverse(
+    seed: int, heading_count: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    T_arm_tip = forward(at_the_limits(rng))
+    headings = rng.uniform(-np.pi, np.pi, heading_count)
+    answers, legal = inverse(T_arm_tip, heading_rad=headings)
+    where, which = np.nonzero(legal)
+    index, branch, q = inverse_legal(T_arm_tip, heading_rad=headings)
+    assert np.array_equal(index, where)
+    assert np.array_equal(branch, which)
+    assert np.array_equal(q, answers[legal])
+    assert np.abs(forward(q) - T_arm_tip[index]).max() < 1e-9
+
+
+def test_no_pose_has_no_answers() -> None:
+    far = np.eye(4)
+    far[:3, 3] = 3000.0, 0.0, 300.0
+    for T_arm_tip in (np.zeros((0, 4, 4)), far[None]):
+        index, branch, q = inverse_legal(T_arm_tip)
+        assert index.shape == branch.shape == (0,)
+        assert q.shape == (0, 6)
 
 
 def test_leading_dimensions_pass_through() -> None:
