@@ -131,11 +131,19 @@ class CellBoxes:
             body = self._fixed_bodies[j]
             if is_shared and body in self._fixture.finger_bodies:
                 continue
+            # the fixture's fingers close on it and open beside it: they meet the exact mesh
+            if body in self._fixture.finger_bodies and not self._is_in_finger(part, body):
+                continue
             nearest = self._bodies.deepest(part.carried, body)
             if nearest is not None and nearest[0] < -PIECE_MM:
                 other = self._fixed_names[j]
                 touches.append(Touch(part.name, other, "tip", -nearest[0], nearest[1], nearest[2]))
         return touches
+
+    def _is_in_finger(self, part: Part, body: int) -> bool:
+        side = self._fixture.finger_bodies.index(body)
+        box = _shrunk(self._fixture.finger_boxes[side], _GIVES_MM)
+        return part.overlaps(box, self._fixture.T_world_finger(side))
 
     def _near_part(
         self, part: Part, low: Array, high: Array, wake: Callable[[], None]
