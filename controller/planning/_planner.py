@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from controller.cad import Solid, StablePose, SurfaceSamples, inverse_pose
+from controller.cad import RayCaster, Solid, StablePose, SurfaceSamples, inverse_pose
 
 from ._build import Build, Builder, RefutedError, check_trays_in_reach
 from ._prepare import prepare_part, with_grips, with_rests
@@ -23,15 +23,17 @@ from .errors import NoMotionError, NoPlanError, OutOfReachError
 from .grip import Grip
 from .layout import CellLayout, FloatArray
 from .motion import leg_seconds
-from .plan import Plan, Proof
+from .plan import Look, Plan, Proof
 from .prepared import HandOff, PlanOptions, PreparedPart
-from .search import COARSE, Problem, Solution, refuted, solve
+from .search import COARSE, FULL, Effort, Problem, Solution, refuted, solve
 from .starts import InArm, InFixture, OnTable, Start
 from .transfers import PickWay, hand_offs, pick_ways
+from .views import table_views
 
 REBUILDS_N = 40  # answers of the search worked out before giving up
 SUPPORTS_N = 4  # ways over which one change of grip is tried
 PICKS_N = 3
+SQUARE_COS = float(np.cos(np.radians(10.0)))  # the table is looked at nearly from above
 
 
 def plan_part(
@@ -109,10 +111,16 @@ class _Planner:
         self._avoid = avoid
         self._seed = seed
         self._builder = Builder(part, layout, seed)
+        self._look: Look | None = None
+        self._squared: frozenset[int] = frozenset()
 
     def first_s(self) -> FloatArray:
         """Return what it costs to have the part in each arm grip (g,)."""
         raise NotImplementedError
+
+    def look(self) -> Look | None:
+        """Return what the pictures of the table show already, None if nothing new."""
+        return None
 
     def begin(self, build: Build, g: int) -> None:
         """Add the steps that bring the part into the first grip."""
@@ -131,6 +139,16 @@ class _Planner:
         """
         check_trays_in_reach(self._part.solid.name, self._layout)
         first_s = self.first_s()
+        self._look = self.look()
+        # a face of which nothing is left need not be shown squarely either
+        part = self._part
+        towards = part.directions.square_to.tolist()
+        faces = {f for f in towards if f >= 0 and part.solid.faces[f].kind == "plane"}
+        self._squared = frozenset(f for f in faces if self._done[part.samples.face_ids == f].all())
+        if self._look is not None:
+            self._done = self._done | self._look.seen
+            above = self._look.direction_part
+            self._squared |= {f for f in faces if part.solid.faces[f].normal @ above > SQUARE_COS}
         prices = self._prices(first_s)
         problem = prices.problem
         solution = solve(problem, effort=COARSE)
@@ -146,7 +164,7 @@ class _Planner:
             problem = replace(problem, seen=problem.seen | ~kept)
         failure: NoPlanError | None = None
         for _ in range(REBUILDS_N):
-            solution = solve(problem, incumbent=solution)
+            solution = solve(problem, effort=self._effort(), incumbent=solution)
             if solution is None:
                 break
             if not solution.needed.any() and not self._done.any():
@@ -166,8 +184,13 @@ class _Planner:
             f"{self._part.solid.name} {self.where()}: no grip it can be had in leads on to a tray"
         )
 
+    def _effort(self) -> Effort:
+        return COARSE if self._part.options.is_coarse else FULL
+
     def _prices(self, first_s: FloatArray) -> Prices:
-        return make_prices(self._part, self._layout, first_s, self._done, self._avoid)
+        return make_prices(
+            self._part, self._layout, first_s, self._done, self._squared, self._avoid
+        )
 
     def _nothing_shown(self) -> NoPlanError:
         """Say why not one view of the part can be had, with the number that fails."""
@@ -210,7 +233,7 @@ class _Planner:
         part, layout, builder = self._part, self._layout, self._builder
         count = len(part.samples.points_mm)
         needed = solution.needed[:count]
-        build = Build(self._q, self._done.copy())
+        build = Build(self._q, self._done.copy(), [] if self._look is None else [self._look])
         builder.check_trays(solution.grips[-1])
         self.begin(build, solution.grips[0])
         used: list[Grip] = []
@@ -337,6 +360,32 @@ class _FromTable(_Planner):
             ways.sort(key=lambda w: float(leg_seconds(layout, self._q, w.down[0])))
             del ways[PICKS_N:]
         return first_seconds(part, layout, self._q, self._picks)
+
+    def look(self) -> Look | None:
+        part, layout, options = self._part, self._layout, self._part.options
+        if not options.table_views:
+            return None
+        (seen,) = table_views(
+            part.samples,
+            RayCaster(part.solid.mesh),
+            self._T[None],
+            layout.overhead,
+            layout.overhead_sharp_mm,
+            float(np.radians(options.max_incidence_deg)),
+            options.min_px_per_mm,
+        )
+        if not (seen & ~self._done).any():
+            return None
+        eye = inverse_pose(self._T) @ np.append(layout.overhead.position_mm, 1.0)
+        towards = eye[:3] - part.solid.centroid_mm
+        return Look(
+            seconds=0.0,
+            label="look at it where it lies",
+            view_id="T0",
+            T_world_part=self._T,
+            direction_part=towards / np.linalg.norm(towards),
+            seen=seen,
+        )
 
     def begin(self, build: Build, g: int) -> None:
         self._builder.pick(build, self._picks[g], self._T)

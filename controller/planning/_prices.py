@@ -147,6 +147,7 @@ def make_prices(
     layout: CellLayout,
     first_s: FloatArray,
     seen: BoolArray,
+    squared: frozenset[int],
     avoid: frozenset[str],
 ) -> Prices:
     """Return the problem of showing everything, from grips that can be had at `first_s` (g,).
@@ -154,6 +155,7 @@ def make_prices(
     Parameters
     ----------
     seen : (n,) samples that need not be shown again
+    squared : ids of faces that need not be shown squarely again
     avoid : ids of grips not to use
     """
     usable = np.array([g.id not in avoid for g in part.arm_grips])
@@ -178,8 +180,7 @@ def make_prices(
         first_s=np.where(usable, first_s, np.inf),
         hop_s=hop_s,
         last_s=np.full(len(part.hub), FINISH_S),
-        # a face of which nothing is left to be shown need not be shown squarely either
-        seen=np.concatenate([seen, [bool(seen[part.samples.face_ids == f].all()) for f in faces]]),
+        seen=np.concatenate([seen, [int(f) in squared for f in faces]]),
     )
     return Prices(problem, views, faces, supports, support_s)
 

@@ -53,6 +53,10 @@ class PlanOptions:
     fixture_grips: int = 16
     # share of the surface a further view must add, for it costs seconds; 0 shows all that can be
     least_gain: float = 0.0
+    # the overhead camera's pictures of the part where it lies are views, where they resolve enough
+    table_views: bool = True
+    # the first answer of the search is taken, and its gap stated
+    is_coarse: bool = False
     square_share: float = 0.5  # of a face must show for a view to count as its square view
     rules: GripRules = field(default_factory=GripRules)
 
@@ -60,6 +64,7 @@ class PlanOptions:
         """Return the same aims with few candidates: for a first plan at once."""
         return replace(
             self,
+            is_coarse=True,
             directions_n=40,
             arm_grips_per_pose=3,
             arm_grips_round=6,
