@@ -66,15 +66,14 @@ class KeptPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Certified:
-    """What each stable pose of a part comes to in a cell.
+    """What a stable pose of a part comes to in a cell.
 
     Attributes
     ----------
-    told : in the order of the poses
     arm_grip_count, fixture_grip_count : how many ways of holding it plans choose from
     """
 
-    told: tuple[Certificate, ...]
+    told: Certificate
     arm_grip_count: int
     fixture_grip_count: int
 
@@ -155,36 +154,30 @@ class Planning:
         self._told[file] = found
         return found
 
-    def certificates(self) -> Certified:
-        """Return what each stable pose comes to, lying in the middle of where parts may lie."""
-        file = CERTIFICATES.file(self._part.solid.name, digest_of(self._key, "certificates"))
+    def certified(self, pose: StablePose) -> Certified:
+        """Return what a pose comes to, lying in the middle of where parts may lie."""
+        name = self._part.solid.name
+        file = CERTIFICATES.file(name, digest_of(self._key, "certificate", pose.index))
         found = CERTIFICATES.load(file) if self._use_cache else None
         if found is None:
             self._made += 1
-            found = self._certify()
+            found = self._certify(pose)
             if self._use_cache:
                 CERTIFICATES.save(file, found)
-        for pose, told in zip(self._part.poses, found.told, strict=True):
-            x_mm, y_mm = self._layout.set_down_mm.mean(axis=1).tolist()
-            T = resting_pose(self._part.solid, pose, x_mm, y_mm)
-            kept = KeptPlan(pose.index, T, told.plan, told.reason)
-            self._told[self._plan_file(pose.index, T)] = kept
+        x_mm, y_mm = self._layout.set_down_mm.mean(axis=1).tolist()
+        T = resting_pose(self._part.solid, pose, x_mm, y_mm)
+        kept = KeptPlan(pose.index, T, found.told.plan, found.told.reason)
+        self._told[self._plan_file(pose.index, T)] = kept
         return found
 
-    def _certify(self) -> Certified:
-        poses = self._part.poses
+    def _certify(self, pose: StablePose) -> Certified:
         try:
-            prepared = self.prepared()
+            part = self.prepared()
         except NoPlanError as error:  # nothing can hold it, whichever way it lies
-            told = tuple(
-                Certificate(pose.index, pose.probability, None, str(error), 0.0) for pose in poses
-            )
+            told = Certificate(pose.index, pose.probability, None, str(error), 0.0)
             return Certified(told, 0, 0)
-        return Certified(
-            certify(prepared, self._layout, poses),
-            len(prepared.arm_grips),
-            len(prepared.fixture_grips),
-        )
+        (told,) = certify(part, self._layout, (pose,))
+        return Certified(told, len(part.arm_grips), len(part.fixture_grips))
 
     def _plan_file(self, pose_index: int, T_world_part: Array) -> Path:
         return PLANS.file(self._part.solid.name, digest_of(self._key, pose_index, T_world_part))
@@ -252,7 +245,7 @@ class Shelf(Generic[T]):
 
 PREPARED = Shelf(PreparedPart, "prepared", KEPT_PREPARED)
 PLANS = Shelf(KeptPlan, "plan", KEPT_PLANS)
-CERTIFICATES = Shelf(Certified, "certificates", KEPT_PREPARED)
+CERTIFICATES = Shelf(Certified, "certificate", KEPT_PLANS)
 
 
 @lru_cache(maxsize=1)

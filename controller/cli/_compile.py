@@ -68,7 +68,8 @@ def compile_parts(
             _print(part, body)
         certified = None
         if layout is not None:
-            certified = Planning(part, layout, use_cache=use_cache).certificates()
+            planning = Planning(part, layout, use_cache=use_cache)
+            certified = [planning.certified(pose) for pose in part.poses]
             body |= certified_json(certified)
         if as_json:
             emit(body)
@@ -137,11 +138,14 @@ def part_json(part: CompiledPart, density_g_cm3: float | None) -> dict[str, Any]
     }
 
 
-def certified_json(certified: Certified) -> dict[str, Any]:
+def certified_json(certified: Sequence[Certified]) -> dict[str, Any]:
     """Return how many ways there are to hold a part, and what each stable pose comes to."""
     return {
-        "grasps": {"arm": certified.arm_grip_count, "fixture": certified.fixture_grip_count},
-        "certificates": [certificate_json(told) for told in certified.told],
+        "grasps": {
+            "arm": max((c.arm_grip_count for c in certified), default=0),
+            "fixture": max((c.fixture_grip_count for c in certified), default=0),
+        },
+        "certificates": [certificate_json(c.told) for c in certified],
     }
 
 
@@ -191,12 +195,13 @@ def _tolerance_json(tolerance: Tolerance) -> dict[str, Any]:
     return {"tolerance": what[type(tolerance)], **asdict(tolerance)}
 
 
-def _print_certified(part: CompiledPart, certified: Certified) -> None:
+def _print_certified(part: CompiledPart, certified: Sequence[Certified]) -> None:
+    grasps = certified_json(certified)["grasps"]
     say(
-        f"grips: {certified.arm_grip_count} of the hand, {certified.fixture_grip_count} of the "
-        f"fixed gripper; what {part.solid.name} can count on:"
+        f"grips: {grasps['arm']} of the hand, {grasps['fixture']} of the fixed gripper; what "
+        f"{part.solid.name} can count on:"
     )
-    print_certificates(certified.told)
+    print_certificates([c.told for c in certified])
 
 
 def _print(part: CompiledPart, body: dict[str, Any]) -> None:

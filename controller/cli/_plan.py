@@ -1,7 +1,7 @@
 """`cellctl plan`: how a part would be shown, at what cost, and why not the rest; nothing moves."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -47,25 +47,22 @@ def plan_part_file(
     poses = _asked(compiled, pose_index)
     started = time.monotonic()
     planning = Planning(compiled, layout, use_cache=use_cache)
-    told = planning.certificates().told if pose_index is None else ()
-    kept = _likeliest(planning, poses, place)
-    body = _head(compiled, cell, kept, place)
+    tell = None if as_json else (lambda kept: _print(compiled, cell, kept, place))
+    kept, told = _plan_all(planning, poses, place, tell, is_one=pose_index is not None)
     seconds = time.monotonic() - started
-    if kept.plan is None:
-        reason = _no_plan(compiled, kept, told)
-        body |= {"steps": [], "error": reason}
-        if not as_json:
-            print_certificates(told)
-        warn(f"cellctl: {reason}")
-    elif as_json:
-        body |= plan_json(compiled.solid, compiled.samples, layout, kept.plan)
-    else:
-        _print(compiled, kept.plan, body)
-        print_certificates(told)
     if as_json:
+        body = _head(compiled, cell, kept, place)
+        if kept.plan is None:
+            body |= {"steps": [], "error": _no_plan(compiled, kept, told)}
+        else:
+            body |= plan_json(compiled.solid, compiled.samples, layout, kept.plan)
         certificates = [certificate_json(c) for c in told]
         end = {"seconds": seconds, "from_cache": planning.is_from_cache}
         emit(body | {"certificates": certificates} | end)
+    else:
+        print_certificates(told)
+    if kept.plan is None:
+        warn(f"cellctl: {_no_plan(compiled, kept, told)}")
     if report is not None:
         from controller.results.plan_page import PlanFacts, write_plan_page
 
@@ -91,17 +88,36 @@ def _asked(part: CompiledPart, pose_index: int | None) -> tuple[StablePose, ...]
     return found
 
 
-def _likeliest(planning: Planning, poses: Sequence[StablePose], place: Place) -> KeptPlan:
-    """Return the first plan there is; where there is none, why there is none from the first."""
+def _plan_all(
+    planning: Planning,
+    poses: Sequence[StablePose],
+    place: Place,
+    tell: Callable[[KeptPlan], None] | None,
+    *,
+    is_one: bool,
+) -> tuple[KeptPlan, tuple[Certificate, ...]]:
+    """Return the plan from the likeliest pose that has one, and what each pose comes to.
+
+    Parameters
+    ----------
+    tell : called with the plan once it is there, while the other poses are still worked at
+    is_one : one pose was asked for, and nothing is said of the others
+    """
     x_mm, y_mm, theta_deg = place
-    first: KeptPlan | None = None
+    theta_rad = float(np.radians(theta_deg))
+    told: dict[int, Certificate] = {}
+    chosen: KeptPlan | None = None
     for pose in poses:
-        kept = planning.lying(pose, x_mm, y_mm, float(np.radians(theta_deg)))
-        if kept.plan is not None:
-            return kept
-        first = first or kept
-    assert first is not None
-    return first
+        if not is_one:
+            told[pose.index] = planning.certified(pose).told
+        if chosen is None or chosen.plan is None:
+            kept = planning.lying(pose, x_mm, y_mm, theta_rad)
+            if chosen is None or kept.plan is not None:
+                chosen = kept
+            if kept.plan is not None and tell is not None:
+                tell(kept)
+    assert chosen is not None
+    return chosen, tuple(told[index] for index in sorted(told))
 
 
 def _head(part: CompiledPart, cell: Cell, kept: KeptPlan, place: Place) -> dict[str, Any]:
@@ -126,7 +142,10 @@ def _no_plan(part: CompiledPart, kept: KeptPlan, told: Sequence[Certificate]) ->
     return f"{part.solid.name}: no plan from any of its {len(told)} poses: {reasons}"
 
 
-def _print(part: CompiledPart, plan: Plan, head: dict[str, Any]) -> None:
+def _print(part: CompiledPart, cell: Cell, kept: KeptPlan, place: Place) -> None:
+    plan = kept.plan
+    assert plan is not None
+    head = _head(part, cell, kept, place)
     say(
         f"{head['part']} in cell {head['cell']}, lying in pose {head['pose']} "
         f"({head['probability']:.0%}) at ({head['x_mm']:.0f}, {head['y_mm']:.0f}) mm, "

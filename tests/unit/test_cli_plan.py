@@ -201,7 +201,7 @@ def test_compile_tells_how_a_part_is_held_and_shown_in_a_cell(
     assert told["steps"]  # so the part is prepared; what is told of it here is not to be kept
     shutil.copytree(folder / "cache", tmp_path / "cache")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    for file in (tmp_path / "cache" / "cellctl").glob("certificates-*"):
+    for file in (tmp_path / "cache" / "cellctl").glob("certificate-*"):
         file.unlink()
 
     def never(*args: Any, **more: Any) -> Any:

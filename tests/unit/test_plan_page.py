@@ -288,6 +288,7 @@ def test_every_step_is_drawn_from_near_by_and_from_outside(page: str, facts: Pla
     for image in images:
         data = base64.b64decode(image["src"].removeprefix("data:image/png;base64,"))
         picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        assert picture is not None
         assert picture.shape == (int(image["height"]), int(image["width"]), 3)
         assert np.ptp(picture) > 0 or "overhead" in image["alt"]  # an empty table is one colour
 
