@@ -300,14 +300,14 @@ def shaft_axis() -> np.ndarray:
 def test_a_spot_no_view_shows_says_what_stands_before_it_or_which_rule_it_breaks() -> None:
     slot = box(60, 60, 30) - box(70, 8, 14).translate((0, 0, 10)) - box(70, 30, 8)
     solid = solid_of(slot, "t_slot")
-    samples = sample_surface(solid, 5.0)
+    samples = sample_surface(solid, 8.0)
     caster = RayCaster(solid.mesh)
     found = look_out(solid, samples, caster, replace(RULES, max_incidence_rad=np.radians(40)), 60)
     p, n = samples.points_mm, samples.normals
     # under the lips of the slot, in its middle: a look straight at it starts at the slot's floor
     lip = (n[:, 2] < -0.99) & (np.abs(p[:, 2] - 4.0) < 0.1) & (np.abs(p[:, 0]) < 15)
     floor = {f.id for f in solid.faces if f.kind == "plane" and f.normal[2] > 0.99}
-    assert lip.sum() >= 5
+    assert lip.sum() >= 3
     assert not found.visible[:, lip].any()
     assert set(found.blocker[lip].tolist()) <= floor
     assert (found.best_incidence_rad[lip] > np.radians(40)).all()
