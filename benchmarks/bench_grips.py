@@ -112,13 +112,15 @@ def measure(path: Path, rules: GripRules) -> dict[str, Any]:
 def jaw_row(found: Synthesis, downs: np.ndarray, seconds: float) -> dict[str, Any]:
     """Return what one jaw came to."""
     grips = found.grips
+    firm, flat = [g for g in grips if not g.on_table], [g for g in grips if g.on_table]
     approach = np.array([g.T_part_hand[:3, 0] for g in grips]).reshape(-1, 3)
     return {
         "stages": {s.name: s.left for s in found.stages},
         "grips": len(grips),
         "inner": sum(g.is_inner for g in grips),
         "on_table": sum(g.on_table for g in grips),
-        "worst_contact_mm2": round(min((g.contact_mm2 for g in grips), default=0.0), 1),
+        "worst_contact_mm2": round(min((g.contact_mm2 for g in firm), default=0.0), 1),
+        "worst_contact_on_table_mm2": round(min((g.contact_mm2 for g in flat), default=0.0), 1),
         "worst_load": round(max((g.load for g in grips), default=0.0), 3),
         "worst_margin": round(min((g.margin for g in grips), default=0.0), 3),
         "from_above": [int((approach @ d >= 0.5).sum()) for d in downs],
@@ -166,7 +168,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
     lines = [
         f"{'part':22} {'tri':>6} {'pairs':>5} {'seeds':>5} {'jaw':>7} "
         + " ".join(f"{head:>8}" for head in SHOWN.values())
-        + "  grips  mm2  load margin     s  from above"
+        + "  grips  mm2 flat  load margin     s  from above"
     ]
     for row in rows:
         for holder, jaw in row["jaws"].items():
@@ -174,7 +176,8 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
                 f"{row['part']:22} {row['triangles']:6} {row['face_pairs']:5} {row['seeds']:5} "
                 f"{holder:>7} "
                 + " ".join(f"{jaw['stages'].get(s, 0):8}" for s in SHOWN)
-                + f"  {jaw['grips']:5} {jaw['worst_contact_mm2']:4.0f} {jaw['worst_load']:5.2f} "
+                + f"  {jaw['grips']:5} {jaw['worst_contact_mm2']:4.0f} "
+                f"{jaw['worst_contact_on_table_mm2']:4.0f} {jaw['worst_load']:5.2f} "
                 f"{jaw['worst_margin']:6.2f} {jaw['seconds']:5.2f}  {jaw['from_above']}"
             )
     seconds = [row["seconds"] for row in rows]

@@ -203,6 +203,17 @@ def test_no_open_hand_cuts_into_a_recipe_part_by_exact_solids(name: str) -> None
                 assert (body ^ solid_box).volume() < 1e-3
 
 
+@pytest.mark.parametrize(("slot_mm", "fits"), [(12.5, False), (13.5, True)])
+def test_a_finger_goes_into_a_slot_with_room_for_a_wrong_pose(slot_mm: float, fits: bool) -> None:
+    # walls 10 mm thick; a finger 8 mm thick, open 4 mm, and 1 mm for the pose: 13 mm of slot
+    width = 2 * 10 + slot_mm
+    channel = box(60, width, 50) - box(60, slot_mm, 50).translate((0, 0, 8))
+    grips = grips_of(cad_solid(channel, "slot"))
+    across_a_wall = [g for g in grips if g.opening_mm < 10.1 and abs(g.T_part_hand[1, 1]) > 0.99]
+    assert bool(across_a_wall) == fits
+    assert any(abs(g.opening_mm - width) < 0.1 for g in grips)
+
+
 def test_a_jaw_that_spreads_holds_a_bore_from_inside() -> None:
     body = rod(70, 30, 128) - rod(20, 40, 128)
     found = judged(cad_solid(body, "ring"), QUICK, SPREADING).grips

@@ -77,6 +77,8 @@ def clear_of_part(
     centre[1::2, :, 1] = -centre[::2, :, 1]
     fingers = np.repeat(T[None], 4, axis=0)
     fingers[:, :, :3, 3] += np.einsum("nij,knj->kni", T[:, :3, :3], centre)
+    # the part may lie that much beside, or higher, than it was seen
+    half[:2] += rules.wrong_mm
     clear = np.zeros(len(T), dtype=bool)
     for k, pose in enumerate(T):
         clear[k] = not (
