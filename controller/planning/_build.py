@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from .boxes import BoolArray, segments_hit
 from .errors import NoMotionError, NoPlanError, OutOfReachError
 from .grip import Grip
 from .layout import CellLayout, FloatArray, Tray
-from .motion import PlacedShape, Scene, connect, fewest_waypoints, move_seconds
+from .motion import PlacedShape, Scene, connect, fewest_waypoints, leg_seconds, move_seconds
 from .plan import (
     HandOver,
     Motion,
@@ -69,7 +70,7 @@ class Builder:
         self._part = part
         self._layout = layout
         self._seed = seed
-        self._speed = np.array(layout.pace.joint_per_s)
+        self._leg_s = partial(leg_seconds, layout)
         self._tray_ways: dict[tuple[int, str], list[PlaceWay]] = {}
 
     def _connect(self, build: Build, q: FloatArray, scene: Scene, what: str) -> Motion:
@@ -250,7 +251,7 @@ class Builder:
         tries = 0
         while todo:
             names = list(todo)
-            order = best_order(build.q, [todo[v] for v in names], end, self._speed)
+            order = best_order(build.q, [todo[v] for v in names], end, self._leg_s)
             i, k = order[0]
             v = names[i]
             q = todo[v][k]

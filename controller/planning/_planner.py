@@ -279,11 +279,13 @@ class _Planner:
         part = self._part
         fixed = sum(s.fixture >= 0 for s in prices.supports)
         laid = len(prices.supports) - fixed
+        gain = part.options.least_gain
+        left_out = f"; views that add less than {gain:.2%} of the surface left out" if gain else ""
         return (
             f"seconds of re-grips with their risk, and {self._layout.pace.look_s:.1f} s a view "
             f"with the way to it, among {len(part.arm_grips)} grips of the hand, {fixed} of the "
             f"fixed gripper, {laid} places on the table and {len(part.directions.vectors)} "
-            "directions"
+            f"directions{left_out}"
         )
 
     def _hop(
