@@ -364,3 +364,55 @@ def test_of_equals_the_site_that_needs_the_smallest_moves_is_told() -> None:
     assert least_moved([*found, present], present, 0.2) is present
     barred = replace(found[2], forbidden="no")
     assert least_moved([found[0], found[1], barred, present], present, 0.002) is found[1]
+
+
+MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
+
+
+def mirrored_box(box: Box) -> Box:
+    return Box(MIRROR @ box.T @ MIRROR, box.half_mm)
+
+
+def mirrored_jaws(T: np.ndarray) -> np.ndarray:
+    """A gripper across y = 0; its jaws' axis is a line and may point either way."""
+    return np.asarray(MIRROR @ T @ np.diag([1.0, -1.0, 1.0, 1.0]))
+
+
+def mirrored_cell(cell: CellLayout) -> CellLayout:
+    def camera(T: np.ndarray) -> np.ndarray:
+        return np.asarray(MIRROR @ T @ np.diag([-1.0, 1.0, 1.0, 1.0]))
+
+    return replace(
+        cell,
+        obstacles={name: mirrored_box(box) for name, box in cell.obstacles.items()},
+        station_mm=MIRROR[:3, :3] @ cell.station_mm,
+        inspection=replace(cell.inspection, T_world_cam=camera(cell.inspection.T_world_cam)),
+        overhead=replace(cell.overhead, T_world_cam=camera(cell.overhead.T_world_cam)),
+        T_world_fixture=mirrored_jaws(cell.T_world_fixture),
+        trays={
+            name: replace(tray, centre_mm=(tray.centre_mm[0], -tray.centre_mm[1]))
+            for name, tray in cell.trays.items()
+        },
+    )
+
+
+def test_the_mirrored_cell_allows_the_mirrored_sites() -> None:
+    other = mirrored_cell(LAYOUT)
+    fellows = fellows_of(other)
+    assert fellows == FELLOWS
+    sites = [
+        *list(camera_grid(LAYOUT))[::31],
+        *[replace(site_of(LAYOUT), T_world_fixture=T) for T in list(fixture_grid(LAYOUT))[::41]],
+    ]
+    allowed = 0
+    for site in sites:
+        there = Site(
+            MIRROR[:3, :3] @ site.station_mm,
+            MIRROR[:3, :3] @ site.towards,
+            mirrored_jaws(site.T_world_fixture),
+        )
+        here_why = why_not_here(placed_at(LAYOUT, site, FELLOWS), FELLOWS)
+        there_why = why_not_here(placed_at(other, there, fellows), fellows)
+        assert (here_why is None) == (there_why is None), (site, here_why, there_why)
+        allowed += here_why is None
+    assert 0 < allowed < len(sites)

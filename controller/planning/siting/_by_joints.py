@@ -27,6 +27,7 @@ from ._site import Fellows, Site, placed_at, site_of, standoff_mm
 from ._survey import Survey, site_key
 
 APART_MM, APART_DEG = 60.0, 20.0  # sites nearer than both to a better one are left to small steps
+MET_N = 5  # of the fixture's grips, with which its poses are ranked
 PAIRED_N = 60  # fixture poses tried with each camera site
 
 
@@ -93,7 +94,7 @@ def fixtures_by_joints(search: Survey) -> list[FixtureScore]:
         bare = replace(layout, obstacles=kept)
     fellows = Fellows((), search.fellows.fixture)
     keep = search.options.keep_free_mm
-    together = [meetings(m) for m in members]
+    together = [meetings(m, MET_N) for m in members]
     found: list[FixtureScore] = []
     for k, T in enumerate(poses):
         if k % 100 == 0:

@@ -91,12 +91,19 @@ def shown_share(member: FamilyMember, views: BoolArray) -> float:
     return float(member.share(np.bitwise_or.reduce(covered_bits(member, views), axis=0)))
 
 
-def meetings(member: FamilyMember) -> FloatArray:
-    """Return where the hand is in the fixture's frame for each pair of grips (f, g, 4, 4)."""
+def meetings(member: FamilyMember, fixture_n: int) -> FloatArray:
+    """Return where the hand is in the fixture's frame for pairs of grips (f, g, 4, 4).
+
+    Parameters
+    ----------
+    fixture_n : grips of the fixture to take; they come most unlike first, and each turned over too
+    """
     if not member.fixture_grips:
         return np.zeros((0, len(member.arm_grips), 4, 4))
     arm = np.stack([g.T_part_hand for g in member.arm_grips])
-    fixed = np.stack([inverse_pose(f.T_part_hand) for f in member.fixture_grips])
+    half = len(member.fixture_grips) // 2
+    some = [*member.fixture_grips[:half][:fixture_n], *member.fixture_grips[half:][:fixture_n]]
+    fixed = np.stack([inverse_pose(f.T_part_hand) for f in some])
     return np.asarray(fixed[:, None] @ arm[None])
 
 

@@ -28,7 +28,7 @@ class SiteOptions:
     """
 
     arm_grips: int = 14  # beside those that take each resting pose up
-    fixture_grips: int = 5  # each counts twice, turned over
+    fixture_grips: int = 12  # each counts twice, turned over; with 5, some parts found no partner
     directions: int = 92
     checked_cameras: int = 12  # camera sites that get the collision checks
     checked_fixtures: int = 10
