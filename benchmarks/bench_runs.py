@@ -69,7 +69,8 @@ def schedule(benches: dict[str, list[int]], args: argparse.Namespace) -> list[Jo
     kinds.sort(key=lambda k: (benches[k[0]].index(k[1]), list(benches).index(k[0])))
     jobs = []
     for number, (name, pose) in zip(range(args.count), itertools.cycle(kinds), strict=False):
-        jobs.append(Job(name, pose, args.seed + number // len(kinds), args.fault_rate))
+        seed = args.seed + number // len(kinds)
+        jobs.append(Job(name, pose, seed, args.fault_rate, args.fault_per))
     return jobs
 
 
@@ -160,7 +161,10 @@ def main() -> int:
     parser.add_argument("--parts", nargs="+", default=[*RECIPES, *SHARED_PARTS])
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--speed", type=float, default=15.0)
-    parser.add_argument("--fault-rate", type=float, default=0.05, help="of steps, each")
+    parser.add_argument("--fault-rate", type=float, default=0.05)
+    parser.add_argument(
+        "--fault-per", choices=("hold", "step"), default="hold", help="what the rate is of"
+    )
     parser.add_argument("--per-start", type=int, default=25, help="runs per emulated cell")
     parser.add_argument("--out", type=Path, default=None, help="JSON lines; gone on with")
     parser.add_argument("--whole", action="store_true", help="`cellctl run`, with pictures")

@@ -21,7 +21,7 @@ from controller.cell.records import PartRecord, Progress
 from controller.cell.recovery import Trouble
 from controller.cell.run import EMULATED_TIMEOUT_WALL_S
 from controller.config import build_layout
-from controller.planning import Pick, resting_pose
+from controller.planning import Pick, TakeBack, resting_pose
 from drivers.clock import CellClock
 
 RUN_LIMIT_WALL_S = 400.0
@@ -31,38 +31,54 @@ NEW_SHARE = 0.002  # of the samples; a view that adds less has shown nothing new
 
 
 class Faults:
-    """Causes a trouble in some steps, at a random moment, fitting who has the part then."""
+    """Causes troubles at random moments, each fitting who has the part then.
+
+    Parameters
+    ----------
+    rate, per : how likely each ``hold`` (from a gripper's closing to its opening) is to slip, to
+        lose the part, or to miss it, or each ``step``
+    """
 
     def __init__(
-        self, world: World, clock: CellClock, rate: float, rng: np.random.Generator
+        self, world: World, clock: CellClock, rate: float, per: str, rng: np.random.Generator
     ) -> None:
-        self._world, self._clock, self._rate, self._rng = world, clock, rate, rng
+        self._world, self._clock, self._rate, self._per, self._rng = world, clock, rate, per, rng
         self._step: object = None
+        self._hold = ""
+        self._is_due = False
         self._tasks: list[asyncio.Task[None]] = []
         self.caused: list[str] = []
 
     def watch(self, part: PartRecord) -> None:
-        """Be told of progress; draws once a step."""
+        """Be told of progress; draws once a step, or once a hold and then in one of its steps."""
         plan = part.plan
         if plan is None or (part.verdict is not None and part.tray is not None):
             return
-        if part.next_step < len(plan.steps):
-            step: Any = plan.steps[part.next_step]
-        elif part.verdict is not None:
-            step = next(iter(plan.place.values()))
-        else:
+        rest: list[Any] = list(plan.steps[part.next_step :])
+        if rest or part.verdict is not None:
+            rest.append(next(iter(plan.place.values())))
+        if not rest or rest[0] is self._step:
             return
-        if step is self._step:
-            return
-        self._step = step
+        step = self._step = rest[0]
         # the same draws whatever is done with them: one step's luck is not the next one's
-        luck, moment, kind, size = self._rng.uniform(size=4)
-        if luck < self._rate:
-            delay_s = float(moment) * step.seconds
+        luck, turn, moment, kind, size = self._rng.uniform(size=5)
+        if self._per == "step":
+            is_hit = luck < self._rate
+        else:
+            hold = "fixture" if isinstance(step, TakeBack) else "arm"
+            if hold != self._hold or isinstance(step, Pick):
+                self._hold, self._is_due = hold, bool(luck < self._rate)
+            ends = (k for k, one in enumerate(rest) if isinstance(one, TakeBack))
+            left = 1 if hold == "fixture" else next(ends, len(rest))
+            is_hit = self._is_due and turn < 1.0 / max(1, left)
+            self._is_due = self._is_due and not is_hit
+        if is_hit:
+            delay_s = float(moment) * step.seconds * (0.4 if isinstance(step, TakeBack) else 1.0)
             self._tasks.append(asyncio.create_task(self._cause(step, delay_s, kind, size)))
 
     async def _cause(self, step: Any, delay_s: float, kind: float, size: float) -> None:  # noqa: ANN401
-        if isinstance(step, Pick) and kind < 0.5:
+        is_missed = isinstance(step, Pick) and kind < 0.5
+        if is_missed:
             await self._world("miss")
             self.caused.append("missed grip")
             return
@@ -75,7 +91,7 @@ class Faults:
         else:
             return
         name = f"{custody} {type(step).__name__}"
-        if kind > 0.5 if isinstance(step, Pick) else kind < 0.5:
+        if isinstance(step, Pick) or kind < 0.5:
             await self._world("lose_part", gripper=custody)
             self.caused.append(f"drop from {name}")
             return
@@ -145,7 +161,7 @@ class Bench:
         journal = Journal(folder / "journal.sqlite", "run")
         minds = StandIns(self.job, pool, Noise(), rng)
         progress = Progress()
-        faults = Faults(world, clock, job.fault_rate, fault_rng)
+        faults = Faults(world, clock, job.fault_rate, job.fault_per, fault_rng)
         actions: Actions
 
         def on_progress() -> None:

@@ -20,6 +20,7 @@ class Job:
     pose: int
     seed: int
     fault_rate: float
+    fault_per: str
 
     @property
     def key(self) -> str:
@@ -40,6 +41,7 @@ class Ran:
     verdict: str | None = None
     tray: str | None = None
     true_tray: str | None = None
+    at_mm: list[float] = field(default_factory=list)  # where the part was at the end
     faults: list[str] = field(default_factory=list)
     recoveries: list[str] = field(default_factory=list)
     covered: float = 0.0
@@ -71,6 +73,8 @@ class Ran:
 
 def read_world(ran: Ran, before: dict[str, Any], after: dict[str, Any]) -> None:
     ran.true_tray = after["parts"][0]["tray"]
+    T = after["parts"][0]["T_world_part"]
+    ran.at_mm = [] if T is None else [round(row[3], 0) for row in T[:3]]
     known = len(before["collisions"])
     ran.collisions = [
         f"{c['moving']} into {c['other']} {c['depth_mm']:.1f} mm at {c['at_s']:.1f} s"
@@ -110,5 +114,5 @@ def line_of(r: Ran) -> str:
         + (f"  AGAIN {r.twice}" if r.twice else "")
         + (f"  DOUBLE OPEN {r.double_open}" if r.double_open else "")
         + (f"  COLLISIONS {r.collisions}" if r.collisions else "")
-        + (f"  {r.code}: {r.message[:150]}" if r.message else "")
+        + (f"  {r.code} at {r.at_mm}: {r.message[:150]}" if r.message else "")
     )
