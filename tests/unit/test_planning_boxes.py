@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import fcl
 import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from controller.planning import Box
@@ -56,3 +58,16 @@ def test_the_lowest_corner_is_the_lowest_of_the_eight() -> None:
     signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
     corners = np.einsum("nij,nkj->nki", T[:, :3, :3], signs * half[:, None]) + T[:, None, :3, 3]
     np.testing.assert_allclose(lowest_z(T, half), corners[..., 2].min(axis=1), atol=1e-9)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_touching_is_mutual_and_does_not_depend_on_where_the_two_stand(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    T_a, a = random_boxes(rng, 40)
+    T_b, b = random_boxes(rng, 40)
+    here = overlap(T_a, a, T_b, b)
+    assert overlap(T_b, b, T_a, a).tolist() == here.tolist()
+    moved = random_boxes(rng, 1)[0]
+    assert overlap(moved @ T_a, a, moved @ T_b, b).tolist() == here.tolist()
+    assert overlap(T_a, a + 1.0, T_b, b)[here].all(), "a grown box touches what it touched"

@@ -156,7 +156,8 @@ class Scene:
     def _still(self) -> _Still:
         if self._cache[0] is None:
             self._cache[0] = _Still.of([*self.statics(), ("column", self.layout.column)])
-        return self._cache[0]
+        still: _Still = self._cache[0]
+        return still
 
     def _moving(
         self, q: FloatArray, hand: Hands | None, part: tuple[PartShape, FloatArray] | None

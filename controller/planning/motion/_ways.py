@@ -13,6 +13,7 @@ import numpy as np
 
 from drivers.umi_scara.kinematics import within_limits
 
+from ..boxes import BoolArray
 from ..errors import NoMotionError
 from ..layout import FloatArray
 from ._inverse import tip_pose
@@ -134,7 +135,7 @@ def _promising(
     costs little more than one about one.
     """
     legs: dict[bytes, int] = {}
-    rows = []
+    rows: list[FloatArray] = []
     for path in paths:
         for a, b in pairwise(path):
             if legs.setdefault(_key(a, b), len(rows)) == len(rows):
@@ -143,7 +144,7 @@ def _promising(
         return []
     pairs = np.stack(rows)
     seconds = leg_seconds(scene.layout, pairs[:, 0], pairs[:, 1])
-    shut = ~within_limits(pairs).all(axis=1)
+    shut: BoolArray = np.asarray(~within_limits(pairs).all(axis=1))
     for shares in (1.0, 0.5, (0.25, 0.75), (0.12, 0.38, 0.62, 0.88)):
         left = np.flatnonzero(~shut)
         at = np.atleast_1d(shares)[:, None]
