@@ -199,36 +199,28 @@ class Judge:
         faces = self.samples.face_ids
         chosen = _spread(np.flatnonzero(unseen), faces)
         classes, verdict.evidence = self.search.classify(chosen.tolist(), grips)
-        found = np.array([c.name for c in classes])
-        for face in np.unique(faces[unseen]).tolist():
-            mine = faces[chosen] == face
-            area = float(self.weights[unseen & (faces == face)].sum())
-            if not mine.any():
+        said: dict[int, Reason] = {k: u.kind for u in plan.unseen for k in u.samples}
+        found: dict[tuple[int, Reason | None, Class], float] = {}
+        for k, what in zip(chosen.tolist(), classes, strict=True):
+            mine = unseen & (faces == faces[k])
+            # each sample that was looked into stands for its share of the face's unseen surface
+            area = float(self.weights[mine].sum()) / int((faces[chosen] == faces[k]).sum())
+            kind = said.get(k)
+            if what is Class.UNDECIDED:
                 verdict.undecided += area
-                continue
-            w = self.weights[chosen] * mine
-            share = {c: float(w[found == c.name].sum() / w.sum()) * area for c in Class}
-            said: dict[Reason, float] = {}
-            for u in plan.unseen:
-                if u.face_id == face:
-                    said[u.kind] = said.get(u.kind, 0.0) + u.area_fraction
-            excused = sum(v for k, v in said.items() if k not in KINDS)
-            verdict.showable_unseen += share[Class.SHOWABLE]
-            verdict.left_out += min(excused, share[Class.SHOWABLE])
-            verdict.undecided += share[Class.UNDECIDED]
-            # one sample more or less is chance
-            is_sampled = int(mine.sum()) < int((unseen & (faces == face)).sum())
-            slack = area / int(mine.sum()) if is_sampled else 0.0
-            for kind, what in KINDS.items():
-                open_area = share[Class.UNDECIDED] + slack
-                off = said.get(kind, 0.0) - share[what] - open_area - 1e-9
-                if off > 0:
-                    verdict.wrong_kinds += off
-                    verdict.notes.append(
-                        f"face {face} ({self.solid.faces[face].label}): {said[kind]:.4f} said to "
-                        f"be {kind.value}, the search finds "
-                        + ", ".join(f"{v:.4f} {c.value}" for c, v in share.items() if v > 0)
-                    )
+            elif what is Class.SHOWABLE:
+                verdict.showable_unseen += area
+                verdict.left_out += 0.0 if kind in KINDS else area
+            if kind in KINDS and what is not Class.UNDECIDED and what is not KINDS[kind]:
+                verdict.wrong_kinds += area
+                key = (int(faces[k]), kind, what)
+                found[key] = found.get(key, 0.0) + area
+        for (face, kind, what), area in found.items():
+            assert kind is not None
+            verdict.notes.append(
+                f"face {face} ({self.solid.faces[face].label}): {100 * area:.2f} % of the surface "
+                f"is said to be out of sight for {kind.value}, the search finds it {what.value}"
+            )
 
     def _floor(self, moments: Sequence[Moment], covered: Mask, grips: Sequence[Grip]) -> int:
         """Return 1 where pads, being opaque, make one re-grip unavoidable (planning.md 0.3)."""
