@@ -252,6 +252,19 @@ def bench_forecast(count: int, speed: float, seed: int) -> list[Row]:
     ]
 
 
+def show(rows: list[Row], *, as_json: bool) -> None:
+    for row in rows:
+        if as_json:
+            print(json.dumps(row), flush=True)
+            continue
+        figures = "  ".join(
+            f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}"
+            for k, v in row.items()
+            if k != "what"
+        )
+        print(f"{row['what']:40} {figures}", flush=True)
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", action="store_true", help="one object a row")
@@ -261,27 +274,19 @@ def main() -> int:
     parser.add_argument("--moves", type=int, default=0, help="of the emulated arm, in real time")
     args = parser.parse_args()
     layout = emulated_layout()
+    show(bench_ik(layout, args.seed), as_json=args.json)
+    if args.moves:
+        show(bench_forecast(args.moves, 1.0, args.seed), as_json=args.json)
     solids = [load_solid(PARTS / f"{name}.stl") for name in args.parts]
     parts = [prepare_part(s, sample_surface(s, 4.0), layout) for s in solids]
-    rows = bench_ik(layout, args.seed) + bench_contacts(layout, parts, args.seed)
+    show(bench_contacts(layout, parts, args.seed), as_json=args.json)
     asked = []
     for k, part in enumerate(parts):
         asked += asked_ways(layout, part, args.pairs, np.random.default_rng([args.seed, k]))
-    rows += bench_ways("cell", asked)
+    show(bench_ways("cell", asked), as_json=args.json)
     more = crowded(layout)
-    rows += bench_ways("crowded", [replace(a, scene=replace(a.scene, layout=more)) for a in asked])
-    if args.moves:
-        rows += bench_forecast(args.moves, 1.0, args.seed)
-    for row in rows:
-        if args.json:
-            print(json.dumps(row))
-            continue
-        figures = "  ".join(
-            f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}"
-            for k, v in row.items()
-            if k != "what"
-        )
-        print(f"{row['what']:40} {figures}")
+    asked = [replace(a, scene=replace(a.scene, layout=more)) for a in asked]
+    show(bench_ways("crowded", asked), as_json=args.json)
     return 0
 
 
