@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 from cad_solids import box, solid_of
 from grip_bench import HAND, RULES, stood
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from controller.cad import RayCaster, Solid
 from controller.planning.grips._pads import Contacts, PadGrid, close_pads
@@ -127,3 +130,20 @@ def test_oil_leaves_a_third_of_the_friction() -> None:
     dry = loads(found, GRID, BAR.centroid_mm, 2.0, 40.0, OUTER, RULES)[0]
     oily = loads(found, GRID, BAR.centroid_mm, 2.0, 40.0, OUTER, replace(RULES, friction=0.2))[0]
     assert oily == pytest.approx(3 * dry, rel=1e-6)
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    st.tuples(*[st.floats(-3.0, 3.0) for _ in range(3)]),
+    st.tuples(*[st.floats(-200.0, 200.0) for _ in range(3)]),
+)
+def test_where_the_part_stands_in_its_drawing_changes_nothing(
+    turn: tuple[float, ...], shift_mm: tuple[float, ...]
+) -> None:
+    move = np.eye(4)
+    move[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
+    move[:3, 3] = shift_mm
+    moved = solid_of(box(160, 30, 60).transform(move[:3]))
+    T = stood((40.0, 0.0, -12.0), (0, 0, -1), (0, 1, 0))
+    here = load_at(solid_of(box(160, 30, 60)), T, 30.0, 3.0, None)
+    assert load_at(moved, move @ T, 30.0, 3.0, None) == pytest.approx(here, rel=2e-3)

@@ -14,10 +14,17 @@ from cad_solids import solid_of as cad_solid
 from grip_bench import DOWN, HAND, QUICK, RULES, SPREADING, downs_of, judged
 from planning_cell import PARTS
 
-from controller.cad import RayCaster, Solid, make_solid, sample_surface
+from controller.cad import RayCaster, Solid, make_solid, sample_surface, stable_poses
 from controller.cad.compiled import load_part
 from controller.planning import Grip, GripRules, NotGraspableError
-from controller.planning.grips import find_seeds, judge_grips, synthesise_grips
+from controller.planning.grips import (
+    clear_of_table,
+    find_seeds,
+    judge_grips,
+    resting_pose,
+    synthesise_grips,
+)
+from controller.planning.grips._clearance import lifts_off_table
 
 WIDEST_MM = HAND.max_mm - RULES.jaw_reserve_mm
 
@@ -244,6 +251,23 @@ def test_a_channel_is_held_between_its_walls() -> None:
         assert grip.opening_mm == pytest.approx(40.0, abs=0.05)
         assert abs(grip.T_part_hand[1, 1]) > 0.999
         assert grip.T_part_hand[1, 3] == pytest.approx(0.0, abs=0.05)
+
+
+def test_a_part_that_only_rolls_is_held_all_the_same() -> None:
+    assert judged(cad_solid(box(60, 40, 30), "block"), QUICK, HAND, np.zeros((0, 3))).grips
+
+
+def test_from_above_means_what_the_boxes_of_the_hand_say() -> None:
+    solid = cad_solid(box(60, 40, 30), "block")
+    poses = [p for p in stable_poses(solid) if not p.rolling]
+    grips = judged(solid, QUICK, SPREADING, downs_of(solid)).grips
+    T = np.stack([g.T_part_hand for g in grips])
+    gap = np.array([g.open_gap_mm(HAND) for g in grips])
+    hull = np.asarray(solid.mesh.convex_hull.vertices)
+    for pose in poses:
+        by_boxes = clear_of_table(resting_pose(solid, pose), grips, HAND)
+        assert 0 < by_boxes.sum() < len(grips)
+        assert np.array_equal(lifts_off_table(T, gap, HAND, hull, -pose.R[2]), by_boxes)
 
 
 def test_the_same_part_gives_the_same_bytes() -> None:
