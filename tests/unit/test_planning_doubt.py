@@ -338,6 +338,23 @@ def test_where_no_view_parts_the_middle_one_from_one_side_the_chain_is_still_wal
 
 
 @pytest.mark.slow
+def test_dear_views_are_left_unlooked_at_only_where_none_of_them_can_be_the_choice() -> None:
+    trio = [held("plain"), held("holed"), held("other")]
+    offered = np.stack(list(plate_views().values()))
+    # at equal prices every view is looked at
+    whole = separating_views(trio, LAYOUT, offered, np.full(len(offered), 5.0), OPENING_MM)
+    margins = whole.separations.margins
+    for seed in range(3):
+        seconds = np.random.default_rng(seed).uniform(4.0, 9.0, len(offered))
+        found = separating_views(trio, LAYOUT, offered, seconds, OPENING_MM)
+        assert found.first is not None
+        parting = margins.min(axis=2).max(axis=1)
+        prices = [s * (1 + 0.5 / m) for s, m in zip(seconds, parting, strict=True) if m >= 1.0]
+        chosen = seconds[found.first.view] * (1 + 0.5 / found.first.margin)
+        assert found.first.views_n > 1 or chosen <= min(prices) + 1e-6
+
+
+@pytest.mark.slow
 def test_a_gear_is_told_from_its_mirror_image() -> None:
     if not (SHARED / "parts").is_dir():
         pytest.skip("no shared parts here")

@@ -17,6 +17,7 @@ from ._pictures import Picture, Stance, outer_points, predict, region_of, see_bo
 from ._rules import LIGHTS, Candidate, DoubtRules, Light
 
 HOPEFUL = 0.5  # of what it takes, in a thinned picture
+DOUBTED = 2.0  # so many times less may be left of a thinned picture's margin on the finer grid
 # a view that differs by just enough pixels fails to convince about every other time, one with
 # twice as many every fourth, and then wants another
 FAILS = 0.5
@@ -107,8 +108,8 @@ def separations(
 ) -> Separations:
     """Return how well configurations (k, 6) of a hand that holds all candidates tell them apart.
 
-    All are looked at in thinned pictures, the cheapest and the clearest of each pair again
-    on a finer grid.
+    They are looked at in thinned pictures, the cheapest ones first, until a dearer one cannot
+    begin a cheaper way; the cheapest and the clearest of each pair again on a finer grid.
 
     Parameters
     ----------
@@ -122,10 +123,16 @@ def separations(
     looked = np.arange(len(q))
     if len(q) > rules.most_views:
         looked = np.unique(np.linspace(0, len(q) - 1, rules.most_views).round().astype(int))
-    for k in looked:
+    enough_s = np.inf  # what one view that parts all of them costs
+    for k in looked[np.argsort(seconds[looked], kind="stable")]:
+        if seconds[k] >= enough_s:
+            break  # no dearer view can begin a cheaper way
         margins[k] = _margins(
             candidates, models, layout, q[k], opening_mm, pairs, rules.coarse_px, rules
         )
+        weakest = np.array([margins[k].min(axis=1).max(initial=0.0) / DOUBTED])
+        if weakest[0] >= 1.0:
+            enough_s = min(enough_s, float(price_s(seconds[k : k + 1], weakest)[0]))
     again: list[int] = []
     for pair in range(len(pairs)):
         for light in range(len(LIGHTS)):
