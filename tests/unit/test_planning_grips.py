@@ -12,11 +12,11 @@ import trimesh
 from cad_solids import box, prism, rod
 from cad_solids import solid_of as cad_solid
 from grip_bench import DOWN, HAND, QUICK, RULES, SPREADING, downs_of, judged
-from planning_cell import PARTS
+from planning_cell import PARTS, emulated_layout
 
 from controller.cad import RayCaster, Solid, make_solid, sample_surface, stable_poses
 from controller.cad.compiled import load_part
-from controller.planning import Grip, GripRules, NotGraspableError
+from controller.planning import Grip, GripRules, NotGraspableError, PlanOptions
 from controller.planning.grips import (
     clear_of_table,
     find_seeds,
@@ -187,6 +187,28 @@ def test_a_thin_plate_lying_flat_is_taken_by_what_its_rim_offers() -> None:
         assert RULES.least_contact_mm2 <= grip.contact_mm2 <= 12 * 5.5
         assert grip.opening_mm == pytest.approx(60.0, abs=0.01)
     assert any(g.on_table for g in flat)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name",
+    ["featuretype.stl", "flange_xy.stl", "holder.stl", "idler_riser.stl", "widget.csg.yaml"],
+)
+def test_every_pose_of_a_recipe_part_leaves_grips_from_above_to_choose_from(
+    name: str,
+) -> None:
+    part = load_part(PARTS / name)
+    layout, options = emulated_layout(), PlanOptions()
+    downs = downs_of(part.solid)
+    arm = judged(part.solid, RULES, layout.hand, downs, part.samples).grips
+    for pose in stable_poses(part.solid):
+        if not pose.rolling:
+            able = clear_of_table(resting_pose(part.solid, pose), arm, layout.hand)
+            assert able.sum() >= options.arm_grips_per_pose // 2
+    assert all(g.contact_mm2 >= 40.0 for g in arm if not g.on_table)
+    assert layout.fixture is not None
+    fixture = judged(part.solid, RULES, layout.fixture, downs, part.samples).grips
+    assert len(fixture) >= options.fixture_grips
 
 
 @pytest.mark.slow
