@@ -413,6 +413,45 @@ def test_a_lost_part_is_not_caught_again_before_the_jaws_have_opened(bench: Benc
     assert bench.world.parts[0].centre_mm[2] < 25.0
 
 
+def test_a_grip_told_to_miss_closes_on_nothing_once_and_the_next_one_holds(bench: Bench) -> None:
+    bench.world.miss("arm")
+    bench.pick_block()
+    assert custody(bench.world, 0) == "free"
+    assert bench.arm.at.jaw_opening_mm == 0.0
+    assert bench.world.settle()
+    bench.hand(85.0)
+    bench.pick_block()
+    assert custody(bench.world, 0) == "arm"
+
+
+def test_a_slip_turns_the_part_about_the_pads_and_moves_it_along_the_fingers(bench: Bench) -> None:
+    bench.pick_block()
+    before = np.linalg.inv(bench.world.hand.T_world_tip) @ bench.world.parts[0].T_world_part
+    bench.world.slip("arm", 4.0, math.radians(10.0))
+    after = np.linalg.inv(bench.world.hand.T_world_tip) @ bench.world.parts[0].T_world_part
+    moved = after @ np.linalg.inv(before)
+    assert moved[:3, 3] == pytest.approx((4.0, 0.0, 0.0), abs=1e-9)
+    assert moved[:3, 1] == pytest.approx((0.0, 1.0, 0.0), abs=1e-9)
+    assert math.degrees(math.acos(moved[0, 0])) == pytest.approx(10.0)
+    assert custody(bench.world, 0) == "arm"
+
+
+def test_the_world_tells_letting_go_over_the_table_from_letting_go_in_the_air(
+    bench: Bench,
+) -> None:
+    bench.pick_block()
+    bench.hand(85.0)
+    high = [event for event in bench.world.events if event.what == "released"][-1]
+    # lifted from 5 to 150 mm, the block's lower side lies 145 mm above the table
+    assert high.lowest_mm == pytest.approx(145.0, abs=1.0)
+    assert not high.is_held
+    bench.pick_block()
+    bench.tip_to(0.5, 360.0, 0.0, 6.0, 0.0)
+    bench.hand(85.0)
+    low = [event for event in bench.world.events if event.what == "released"][-1]
+    assert low.lowest_mm == pytest.approx(1.0, abs=0.6)
+
+
 # --- handing over --------------------------------------------------------------------------------
 
 
@@ -432,6 +471,7 @@ def test_a_part_is_passed_on_without_ever_being_loose(bench: Bench) -> None:
     bring_to_fixture(bench)
     assert custody(bench.world, 0) == "arm"
     assert bench.world.part_in_fixture
+    bench.world.collisions.clear()  # the plain way in passes through a finger
     bench.fixture(0.0)
     assert bench.jaws.opening_mm == pytest.approx(20.0, abs=0.01)
     assert custody(bench.world, 0) == "both"
@@ -441,6 +481,9 @@ def test_a_part_is_passed_on_without_ever_being_loose(bench: Bench) -> None:
     bench.go(0.5, zed_mm=bench.arm.at.zed_mm + 120.0)
     assert custody(bench.world, 0) == "fixture"
     assert bench.world.parts[0].centre_mm == pytest.approx(before, abs=1.5)
+    (let_go,) = [event for event in bench.world.events if event.what == "released"]
+    assert let_go.is_held  # by the other one
+    assert bench.world.collisions == []
     bench.fixture(85.0)
     assert bench.world.settle()
     assert custody(bench.world, 0) == "free"
