@@ -39,6 +39,7 @@ from controller.cad.compiled import CompiledPart  # noqa: E402
 from controller.planning import (  # noqa: E402
     CellLayout,
     InArm,
+    Look,
     NoPlanError,
     OnTable,
     Plan,
@@ -252,8 +253,10 @@ def _replans(
     middle = plan.presents[: max(1, len(plan.presents) // 2)]
     if not middle:
         return
-    seen = np.any([v.seen for v in middle], axis=0)
     last = middle[-1]
+    until = next(k for k, s in enumerate(plan.steps) if s is last) + 1
+    views = [s for s in plan.steps[:until] if isinstance(s, Present | Look)]
+    seen = np.any([v.seen for v in views], axis=0)
     grip = replace(last.grip, T_part_hand=_wrongly(last.grip.T_part_hand, run))
     dropped = OnTable(pose.index, resting_pose(prepared.solid, pose, *other))
     for start in (InArm(grip, last.q), dropped):

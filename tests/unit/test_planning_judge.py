@@ -17,6 +17,7 @@ from planning_cell import emulated_layout
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
+from bench_planning import digest
 from planning_checker import check
 from planning_contacts import (
     Checker,
@@ -42,6 +43,7 @@ from controller.planning import (
     Box,
     Grip,
     HandOver,
+    Look,
     Pick,
     Place,
     Plan,
@@ -252,7 +254,8 @@ def test_a_good_plan_is_sound(plan: Plan, judge: Judge, prepared: PreparedPart) 
     assert verdict.trouble == []
     assert verdict.false_claims == 0
     assert verdict.covered == pytest.approx(plan.covered_fraction)
-    assert verdict.claims == sum(v.seen.sum() for v in plan.presents)
+    said = [s.seen for s in plan.steps if isinstance(s, Present | Look)]
+    assert verdict.claims == np.sum(said)
     assert verdict.floor_regrips == 1  # every pair of pads hides part of a closed surface
     assert verdict.cpu_s < 10.0
 
@@ -283,7 +286,8 @@ def test_a_covered_fraction_that_is_not_the_views_own_is_found_out(
 def test_surface_without_a_reason_is_found_out(plan: Plan, judge: Judge) -> None:
     # one view less, and nobody says why
     last = plan.presents[-1]
-    others = np.any([v.seen for v in plan.presents[:-1]], axis=0)
+    views = [s for s in plan.steps if isinstance(s, Present | Look) and s is not last]
+    others = np.any([v.seen for v in views], axis=0)
     k = next(k for k, s in enumerate(plan.steps) if s is last)
     weights = SAMPLES.areas_mm2 / SAMPLES.areas_mm2.sum()
     bad = replace(
@@ -300,10 +304,12 @@ def test_a_wrong_reason_is_found_out(plan: Plan, judge: Judge, prepared: Prepare
     weights = SAMPLES.areas_mm2 / SAMPLES.areas_mm2.sum()
     face = int(np.bincount(SAMPLES.face_ids[seen], weights[seen]).argmax())
     mine = SAMPLES.face_ids == face
-    steps = [replace(s, seen=s.seen & ~mine) if isinstance(s, Present) else s for s in plan.steps]
-    shown = np.any([s.seen for s in steps if isinstance(s, Present)], axis=0)
+    kinds = Present | Look
+    steps = [replace(s, seen=s.seen & ~mine) if isinstance(s, kinds) else s for s in plan.steps]
+    shown = np.any([s.seen for s in steps if isinstance(s, kinds)], axis=0)
     covered = float(weights[shown].sum())
-    lie = Unseen(face, float(weights[mine].sum()), "no", Reason.HIDDEN_BY_PART)
+    which = tuple(np.flatnonzero(mine).tolist())
+    lie = Unseen(face, float(weights[mine].sum()), "no", Reason.HIDDEN_BY_PART, samples=which)
     others = tuple(u for u in plan.unseen if u.face_id != face)
     bad = replace(plan, steps=tuple(steps), covered_fraction=covered, unseen=(lie, *others))
     verdict = judge.judge(bad, T_START, prepared.arm_grips)
@@ -343,7 +349,7 @@ def test_steps_out_of_order_are_found_out(plan: Plan) -> None:
     assert any(
         "needs the part with the fixture" in t for t in check(without, LAYOUT, SOLID, T_START)
     )
-    twice = replace(plan, steps=(plan.steps[0], *plan.steps))
+    twice = replace(plan, steps=(step_of(plan, Pick), *plan.steps))
     assert any("needs the part with the table" in t for t in check(twice, LAYOUT, SOLID, T_START))
 
 
@@ -373,8 +379,9 @@ def test_a_box_in_the_way_is_found_out(plan: Plan) -> None:
 def test_a_thin_wire_across_the_way_is_met_between_the_waypoints(plan: Plan) -> None:
     view = plan.presents[0]
     k = next(k for k, s in enumerate(plan.steps) if s is view)
-    before = [q for s in plan.steps[:k] for q in (getattr(s, "motion_up", None) or s.motion)]
-    for a, b in pairwise([before[-1], *view.motion]):
+    pick = step_of(plan, Pick)
+    assert plan.steps[k - 1] is pick
+    for a, b in pairwise([pick.motion_up[-1], *view.motion]):
         mid = frames(LAYOUT, (a + b) / 2)["fore"] @ LAYOUT.fore.T
         wire = Box(mid, np.array([1.0, 60.0, 1.0]))
         layout = replace(LAYOUT, obstacles={**LAYOUT.obstacles, "wire": wire})
@@ -402,6 +409,15 @@ def test_a_part_let_go_beside_its_tray_is_found_out(plan: Plan) -> None:
     lies = replace(plan, place={**plan.place, name: upright})
     said = [t for t in check(lies, LAYOUT, SOLID, T_START) if "said to lie flat" in t]
     assert bool(said) == (place.tilt_rad > 0)
+
+
+def test_a_digest_tells_plans_apart_by_their_last_bit(plan: Plan) -> None:
+    view = plan.presents[0]
+    assert digest(changed(plan, Present, q=view.q.copy())) == digest(plan)
+    other = view.q.copy()
+    other[3] = np.nextafter(other[3], 0.0)
+    assert digest(changed(plan, Present, q=other)) != digest(plan)
+    assert digest(replace(plan, unseen=(*plan.unseen, "one more"))) != digest(plan)
 
 
 # ---- the search ----------------------------------------------------------------------------------
