@@ -88,6 +88,7 @@ def prepare_part(
         fixture_grips=fixture_grips,
         directions=lookout.directions,
         visible=lookout.visible,
+        lookout=lookout,
         shown=(),
         view_q=(),
         hand_offs=tuple({} for _ in fixture_grips),

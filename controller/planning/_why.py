@@ -21,7 +21,7 @@ from .layout import CellLayout, FloatArray, Jaw
 from .motion import Scene, inverse_rows
 from .plan import Reason, Unseen
 from .prepared import PreparedPart
-from .views import hidden_by_hand, view_poses
+from .views import hidden_by_hand, view_poses, why_hidden
 
 LEAST_SHARE = 2e-4  # of the surface; less than this is single samples on edges
 THINNER = (0.75, 0.5, 0.25)  # of the fingers' width and thickness
@@ -75,7 +75,8 @@ def unseen_pieces(
                 continue
             reason, remedy = missing.reason, missing.remedy
             if missing.kind is Reason.HIDDEN_BY_PART:
-                reason, remedy = _hidden(part, int(face_id), piece)
+                limit = part.options.max_incidence_deg
+                reason, remedy = why_hidden(part.solid, part.lookout, piece, limit)
             elif missing.kind is Reason.FINGERS:
                 reason, remedy = _fingers(part, layout, piece)
             elif missing.kind is Reason.REACH:
@@ -132,27 +133,6 @@ def _left_out(part: PreparedPart, rest: BoolArray, dropped: BoolArray) -> Missin
         rest,
         "no way free of contact was found to the views or grips that would show it",
         "start with the part elsewhere on the table",
-    )
-
-
-def _hidden(part: PreparedPart, face_id: int, piece: BoolArray) -> tuple[str, str]:
-    """Say how steeply a hidden piece could be seen at best."""
-    face = part.solid.faces[face_id]
-    limit = part.options.max_incidence_deg
-    normals = part.samples.normals[piece]
-    facing = np.degrees(np.arccos(np.clip(normals @ part.directions.vectors.T, -1, 1)))
-    within = float((facing.min(axis=1) <= limit).mean())
-    what = "bore" if face.kind == "cylinder" and face.concave else "face"
-    if within < 0.5:
-        return (
-            f"hidden by the part itself: no direction looked from comes within {limit:.0f} degrees "
-            f"of its normal without something in between",
-            f"accept a flatter view of this {what} in the recipe",
-        )
-    return (
-        f"hidden by the part itself: the rest of the part stands in the way of every view within "
-        f"{limit:.0f} degrees of its normal",
-        f"look at this {what} with a probe or a mirror, or leave it out in the recipe",
     )
 
 

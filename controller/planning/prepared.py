@@ -13,7 +13,7 @@ from .boxes import BoolArray
 from .grip import Grip, GripRules
 from .layout import Box, FloatArray
 from .motion import PartShape, PlacedShape
-from .views import Directions
+from .views import Directions, Lookout
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,6 +82,7 @@ class PreparedPart:
     shape : the part's triangles, to be asked what they touch
     arm_grips : each base grip, then each once more with the hand turned over, then measured ones
     visible : (v, n) samples the bare part shows in each direction
+    lookout : with the evidence for what none of them shows
     shown : per arm grip (v, n), what of it hand and arm leave in sight
     view_q : per arm grip, direction -> (k, 6) collision-free configurations
     hand_offs : per fixture grip, arm grip -> how they meet
@@ -100,6 +101,7 @@ class PreparedPart:
     fixture_grips: tuple[Grip, ...]
     directions: Directions
     visible: BoolArray
+    lookout: Lookout
     shown: tuple[BoolArray, ...]
     view_q: tuple[Mapping[int, FloatArray], ...]
     hand_offs: tuple[Mapping[int, HandOff], ...]
