@@ -12,6 +12,7 @@ from .grip import Grip, GripRules
 from .grips import resting_pose
 from .layout import Box, CellLayout, Jaw, Pace, Tray
 from .plan import (
+    Doubt,
     HandOver,
     Look,
     Motion,
@@ -29,12 +30,14 @@ from .plan import (
     shown_pose,
 )
 from .prepared import PlanOptions, PreparedPart
+from .settling import Reading, plan_in_doubt, told
 from .starts import InArm, InFixture, OnTable, Start
 
 __all__ = [
     "Box",
     "CellLayout",
     "Certificate",
+    "Doubt",
     "Grip",
     "GripRules",
     "HandOver",
@@ -57,6 +60,7 @@ __all__ = [
     "PreparedPart",
     "Present",
     "Proof",
+    "Reading",
     "Reason",
     "SetDown",
     "Start",
@@ -66,10 +70,12 @@ __all__ = [
     "Unseen",
     "certify",
     "plan_from",
+    "plan_in_doubt",
     "plan_part",
     "prepare_part",
     "resting_pose",
     "shown_pose",
+    "told",
     "with_grips",
     "with_rests",
 ]

@@ -15,6 +15,7 @@ import numpy as np
 from controller.cad import inverse_pose
 
 from .boxes import BoolArray
+from .doubt import Candidate, Light
 from .grip import Grip
 from .layout import CellLayout, FloatArray
 from .motion import tip_pose
@@ -42,6 +43,21 @@ class Pick(Step):
     motion_up: Motion
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Doubt:
+    """What a view has to tell apart.
+
+    Attributes
+    ----------
+    candidates : the part that was planned for comes first
+    light : the picture that tells; margin : how much more it differs than is needed, 1 is enough
+    """
+
+    candidates: tuple[Candidate, ...]
+    light: Light
+    margin: float
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Present(Step):
     """Show the part to the inspection camera.
@@ -52,6 +68,7 @@ class Present(Step):
     direction_part : (3,) unit, from the centre of mass to the camera, in the part frame
     seen : (n,) bool, per sample
     square_to : id of the planar face or bore this view is square to, -1 if none
+    doubt : what this view is to tell apart before anything else is done, None as a rule
     """
 
     view_id: str
@@ -63,6 +80,7 @@ class Present(Step):
     seen: BoolArray
     square_to: int
     expected_opening_mm: float
+    doubt: Doubt | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
