@@ -82,8 +82,10 @@ def leg_free(scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends) -> 
         pieces *= 4
 
 
-def leg_seems_free(scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends) -> bool:
-    """Tell whether one look at states along a short move finds nothing; `leg_free` is to follow."""
+def leg_seems_free(
+    scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends, tube_mm: float = 0.0
+) -> bool:
+    """Tell whether one look at states along a move finds nothing; `leg_free` is to follow."""
     if not within_limits(np.stack([q_from, q_to])).all():
         return False
     travel_mm = float(np.abs(q_to - q_from) @ _radii_mm(scene, q_from, q_to))
@@ -91,7 +93,7 @@ def leg_seems_free(scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: End
     share = np.arange(1, states + 1)[:, None] / states
     q = q_from + share * (q_to - q_from)
     near = ends.near(tip_pose(scene.layout, q)[:, :3, 3])
-    margin = np.where(near, END_MARGIN_MM, MARGIN_MM + GLANCE_TUBE_MM)
+    margin = np.where(near, END_MARGIN_MM, MARGIN_MM + tube_mm)
     return bool(scene.free(q, margin).all())
 
 

@@ -15,11 +15,12 @@ import numpy as np
 from drivers.umi_scara.kinematics import within_limits
 
 from ..layout import FloatArray
-from ._legs import MARGIN_MM, Ends, leg_free, leg_seems_free
+from ._legs import GLANCE_TUBE_MM, MARGIN_MM, Ends, leg_free, leg_seems_free
 from ._pace import move_seconds, travel_seconds
 from ._scene import Scene
 
-TURNS_N = 600
+TURNS_N = 400
+SHUT_IN_N = 80  # turns after which a tree that is still its root is shut in
 STEP_S = 0.8  # longest edge
 SHRINKS_N = 2  # a third of an edge may be free where the whole is not
 TOWARDS_ROOT = 0.1  # share of the turns
@@ -70,7 +71,7 @@ def rrt_connect(
         new = target if arrives else here + (target - here) * STEP_S / away_s[k]
         for _ in range(SHRINKS_N):
             a, b = (here, new) if tree.forward else (new, here)
-            if leg_seems_free(scene, a, b, ends):
+            if leg_seems_free(scene, a, b, ends, GLANCE_TUBE_MM):
                 return tree.add(new, k), arrives
             new, arrives = here + (new - here) / 3, False
         return -1, False
@@ -78,6 +79,8 @@ def rrt_connect(
     pool: list[FloatArray] = []
     for turn in range(TURNS_N):
         mine, other = trees[turn % 2], trees[1 - turn % 2]
+        if turn >= SHUT_IN_N and min(len(mine.parents), len(other.parents)) == 1:
+            return None
         if not pool:
             pool = _free_samples(scene, rng)
         target = other.nodes[0] if rng.random() < TOWARDS_ROOT or not pool else pool.pop()

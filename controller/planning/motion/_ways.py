@@ -17,7 +17,7 @@ from ..boxes import BoolArray
 from ..errors import NoMotionError
 from ..layout import FloatArray
 from ._inverse import tip_pose
-from ._legs import END_MARGIN_MM, MARGIN_MM, Ends, leg_free
+from ._legs import END_MARGIN_MM, MARGIN_MM, Ends, leg_free, leg_seems_free
 from ._pace import leg_seconds
 from ._scene import Scene
 from ._trees import rrt_connect
@@ -58,7 +58,7 @@ def connect(
     def free(a: FloatArray, b: FloatArray) -> bool:
         key = _key(a, b)
         if key not in known:
-            known[key] = leg_free(scene, a, b, ends)
+            known[key] = leg_seems_free(scene, a, b, ends) and leg_free(scene, a, b, ends)
         return known[key]
 
     for ways in (_over_one_point, _over_the_top):
