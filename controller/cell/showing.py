@@ -19,7 +19,7 @@ from .handling import Handling
 from .holder import holder_boxes, tip_pose
 from .machine import Event
 from .records import Hold, Shown, describe_verdict, describe_view
-from .recovery import WORTH_SHARE, Trouble, is_held_otherwise
+from .recovery import WORTH_SHARE, Trouble, is_held_otherwise, merged
 
 log = logging.getLogger(__name__)
 
@@ -54,7 +54,7 @@ class Showing(Handling):
                 await self._move(step.motion)
                 await self._require_held()
                 hold = self._held()
-                if hold.is_seen and not self._is_worth(step):
+                if hold.is_seen and not await self._is_worth(step):
                     self._end(step, started, passed_by=step.view_id)
                     continue
                 await self._look(step, hold)
@@ -95,11 +95,19 @@ class Showing(Handling):
         plan = self.part.plan_count
         return step.view_id if plan < 2 else f"{step.view_id}~{plan}"
 
-    def _is_worth(self, step: Present) -> bool:
-        seen = self.part.seen
-        if seen is None or not self.part.recoveries:
+    async def _is_worth(self, step: Present) -> bool:
+        """Tell whether a view was meant to show what none has truly shown yet.
+
+        Without a recovery before, the plan is driven as it is. After one, the views still being
+        judged are waited for.
+        """
+        if not self.part.recoveries:
             return True
-        return bool((step.seen & ~seen).any())
+        tasks = [shown.task for shown in self.part.pending]
+        judged = [r for r in await asyncio.gather(*tasks, return_exceptions=True)
+                  if isinstance(r, inspecting.ViewResult)]  # fmt: skip
+        seen = merged([r.seen for r in (*self.part.results, *judged) if r.evaluated])
+        return seen is None or bool((step.seen & ~seen).any())
 
     def _is_in_doubt(self) -> bool:
         """Tell whether a view judged meanwhile says that the part is not where it should be."""
