@@ -104,8 +104,9 @@ class Showing(Handling):
         if not self.part.recoveries:
             return True
         tasks = [shown.task for shown in self.part.pending]
-        judged = [r for r in await asyncio.gather(*tasks, return_exceptions=True)
-                  if isinstance(r, inspecting.ViewResult)]  # fmt: skip
+        if tasks:
+            await asyncio.wait(tasks)  # which, cancelled, leaves them be: what they tell are facts
+        judged = [t.result() for t in tasks if not t.cancelled() and t.exception() is None]
         seen = merged([r.seen for r in (*self.part.results, *judged) if r.evaluated])
         return seen is None or bool((step.seen & ~seen).any())
 
@@ -166,7 +167,7 @@ class Showing(Handling):
         """
         while self.part.pending:
             shown = self.part.pending[0]
-            result = await shown.task
+            result = await asyncio.shield(shown.task)
             self.part.pending.pop(0)
             self.part.results.append(result)
             self._journal.record("observation", "view", describe_view(result), self.part.number)
