@@ -52,7 +52,14 @@ from controller.planning import (
     resting_pose,
 )
 
-OPTIONS = PlanOptions(directions_n=60, arm_grips_per_pose=6, arm_grips_round=10, fixture_grips=8)
+# what lies on the table shows its top to the overhead camera, whatever the station is like
+OPTIONS = PlanOptions(
+    directions_n=60,
+    arm_grips_per_pose=6,
+    arm_grips_round=10,
+    fixture_grips=8,
+    table_views=False,
+)
 FRICTION_DEG = float(np.degrees(np.arctan(OPTIONS.rules.friction)))  # 31.0
 REACH_MM = LAYOUT.arm.upper_mm + LAYOUT.arm.fore_mm  # 507, of the wrist
 OUTSTRETCHED_MM = REACH_MM + LAYOUT.arm.tool_mm  # 684, of the finger tips
@@ -275,7 +282,7 @@ def test_a_bore_deeper_than_its_limit_is_hidden_by_the_part() -> None:
     # looked straight into, the bottom shows
     assert not hidden[(depth > 35.9) & (radial < 3.0)].any()
     for piece in pieces:
-        assert f"{OPTIONS.max_incidence_deg:.0f} degrees" in piece.reason
+        assert re.search(rf"\b{OPTIONS.max_incidence_deg:.0f}\b", piece.reason)
         assert piece.remedy
 
 
