@@ -268,7 +268,13 @@ def _replans(
             run.replan_failures.append(str(error))
             continue
         run.replan_s.append(seconds)
-        again = [v for v in anew.steps if isinstance(v, Present) and not (v.seen & ~seen).any()]
+        # a face seen from aside before may still want its square view
+        square = {v.square_to for v in middle}
+        again = [
+            v
+            for v in anew.presents
+            if not (v.seen & ~seen).any() and (v.square_to < 0 or v.square_to in square)
+        ]
         if again:
             run.replan_failures.append(f"{len(again)} views show nothing that was not seen before")
 
