@@ -139,6 +139,7 @@ def tell(rans: Sequence[Ran]) -> dict[str, Any]:
         "complete_with_faults": sum(r.is_complete for r in hit),
         "recoveries": dict(Counter(t for r in tried for t in r.recoveries)),
         "collisions": sum(len(r.collisions) for r in rans),
+        "put_down_touches": sum(r.put_down_touches for r in rans),
         "inspected_twice": sum(r.twice for r in rans),
         "views_that_showed_nothing_new": sum(r.nothing_new for r in rans),
         "double_open": sum(r.double_open for r in rans),

@@ -9,6 +9,7 @@ from typing import Any
 
 from controller.cell.journal import Row
 
+PUT_DOWN_MM = 1.0  # a held part pressed on the table by less is being put down on it
 FREE_FALL_MM = 12.0  # let go this high above the table, a part falls
 
 
@@ -54,6 +55,7 @@ class Ran:
     nothing_new: int = 0  # those that showed nothing new, whatever they were to show
     double_open: int = 0  # let go in the air by the jaws themselves
     collisions: list[str] = field(default_factory=list)
+    put_down_touches: int = 0  # of the table, by a part that is being put down
     forecast_s: float = 0.0
     took_s: float = 0.0
     plan_wall_s: list[float] = field(default_factory=list)
@@ -75,11 +77,17 @@ def read_world(ran: Ran, before: dict[str, Any], after: dict[str, Any]) -> None:
     ran.true_tray = after["parts"][0]["tray"]
     T = after["parts"][0]["T_world_part"]
     ran.at_mm = [] if T is None else [round(row[3], 0) for row in T[:3]]
-    known = len(before["collisions"])
-    ran.collisions = [
-        f"{c['moving']} into {c['other']} {c['depth_mm']:.1f} mm at {c['at_s']:.1f} s"
-        for c in after["collisions"][known:]
+    new = after["collisions"][len(before["collisions"]) :]
+    is_put_down = [
+        c["moving"].startswith("part ") and c["other"] == "table" and c["depth_mm"] < PUT_DOWN_MM
+        for c in new
     ]
+    told = [
+        f"{c['moving']} into {c['other']} {c['depth_mm']:.1f} mm at {c['at_s']:.1f} s" for c in new
+    ]
+    ran.collisions = [words for words, is_wanted in zip(told, is_put_down, strict=True)
+                      if not is_wanted]  # fmt: skip
+    ran.put_down_touches = sum(is_put_down)
     for event in after["events"][len(before["events"]) :]:
         if event["what"] == "released" and not event["is_held"]:
             ran.double_open += event["lowest_mm"] > FREE_FALL_MM
