@@ -147,8 +147,7 @@ class Builder:
             TakeBack(
                 seconds=self._seconds(build.q, motion_in, way[1:])
                 + self._seconds(way[-1], motion_out)
-                + layout.pace.grip_s
-                + layout.pace.release_s,
+                + layout.pace.take_back_s,
                 label=f"take back with grip {grip.id}, {grip.opening_mm:.1f} mm",
                 grip=grip,
                 fixture_grip=held,
@@ -181,8 +180,7 @@ class Builder:
         build.steps.append(
             HandOver(
                 seconds=self._seconds(build.q, motion, retreat)
-                + layout.pace.grip_s
-                + layout.pace.release_s,
+                + layout.pace.hand_over_step_s,
                 label=f"hand over to the fixture, grip {held.id}",
                 grip=grip,
                 fixture_grip=held,

@@ -103,8 +103,7 @@ def take_seconds(
         seconds[g] = (
             move_seconds(layout, [q, *way.retreat[::-1]])
             + move_seconds(layout, [*way.entry[::-1], part.hub[g]])
-            + layout.pace.grip_s
-            + layout.pace.release_s
+            + layout.pace.take_back_s
             + risk_s(part.arm_grips[g])
         )
     return seconds
@@ -133,7 +132,7 @@ def hop_seconds(part: PreparedPart, layout: CellLayout, support: Support) -> Flo
     own = np.array([risk_s(part.arm_grips[int(g)]) for g in members])
     if support.fixture >= 0:
         # either hand closes once and lets go once
-        fixed = 2 * (pace.grip_s + pace.release_s) + risk_s(part.fixture_grips[support.fixture])
+        fixed = pace.hand_off_s + risk_s(part.fixture_grips[support.fixture])
     else:
         fixed = pace.release_s + pace.relook_s + pace.grip_s
     total = (reach + straight)[:, None] + between + (straight + reach + own)[None] + fixed

@@ -138,6 +138,21 @@ class Pace:
     look_s: float = 3.2
     relook_s: float = 12.0  # pictures of the table, recognition and a new plan after a set-down
 
+    @property
+    def hand_over_step_s(self) -> float:
+        """Return the time both jaws take to give the part to the fixed gripper."""
+        return self.fixture_grip_s + self.release_s
+
+    @property
+    def take_back_s(self) -> float:
+        """Return the time both jaws take to give it back to the hand."""
+        return self.grip_s + self.fixture_release_s
+
+    @property
+    def hand_off_s(self) -> float:
+        """Return the time the jaws take for a change of grip over the fixed gripper."""
+        return self.hand_over_step_s + self.take_back_s
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CellLayout:

@@ -565,7 +565,7 @@ def test_a_part_that_topples_when_let_go_does_not_catch_the_hand(bench: Bench) -
 
 
 def test_a_hand_swung_into_the_station_panel_stops_the_axis_that_swings_it(bench: Bench) -> None:
-    bench.tip_to(0.5, 330.0, 150.0, 450.0, 0.0)
+    bench.tip_to(0.5, 410.0, 150.0, 450.0, 0.0)
     assert not bench.world.collisions
     bench.go(1.0, shoulder_rad=bench.arm.at.shoulder_rad + 0.6)
     assert ("shoulder", 1) in bench.arm.blocked

@@ -133,7 +133,7 @@ def _regrip(
                 if legs < best:
                     best, end = legs, take.entry[0]
     pace = layout.pace
-    best += 2 * (pace.grip_s + pace.release_s)
+    best += pace.hand_off_s
     if by_table:
         # down, away, a look from overhead, and up again: two ways of the arm as from park
         set_down = 2 * move_seconds(layout, np.stack([start, layout.park_q])) + SET_DOWN_S
