@@ -179,8 +179,7 @@ class Builder:
         retreat = tuple(fewest_waypoints(layout, leave.retreat)[1:])
         build.steps.append(
             HandOver(
-                seconds=self._seconds(build.q, motion, retreat)
-                + layout.pace.hand_over_step_s,
+                seconds=self._seconds(build.q, motion, retreat) + layout.pace.hand_over_step_s,
                 label=f"hand over to the fixture, grip {held.id}",
                 grip=grip,
                 fixture_grip=held,

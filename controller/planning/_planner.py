@@ -140,11 +140,16 @@ class _Planner:
         check_trays_in_reach(self._part.solid.name, self._layout)
         first_s = self.first_s()
         self._look = self.look()
-        # a face of which nothing is left need not be shown squarely either
+        # a face that was inspected before, for its most part, need not be shown squarely again
         part = self._part
         towards = part.directions.square_to.tolist()
         faces = {f for f in towards if f >= 0 and part.solid.faces[f].kind == "plane"}
-        self._squared = frozenset(f for f in faces if self._done[part.samples.face_ids == f].all())
+        able = part.visible.any(axis=0)
+        self._squared = frozenset(
+            f
+            for f in faces
+            if self._done[able & (part.samples.face_ids == f)].mean() >= part.options.square_share
+        )
         if self._look is not None:
             self._done = self._done | self._look.seen
             above = self._look.direction_part
