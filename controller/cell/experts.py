@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller import inspection as inspecting
-from controller.planning import Motion, Plan, Start
+from controller.planning import Doubt, Motion, Plan, Start
 from controller.recognition import Alternative, Sighting
 
 from . import workers
@@ -55,6 +55,12 @@ class Experts(Protocol):
         ------
         NoPlanError : and why not
         """
+        ...
+
+    async def tell(
+        self, doubt: Doubt, q: Array, opening_mm: float, backlit: Grey, lit: tuple[Grey, ...]
+    ) -> tuple[int, ...]:
+        """Return which candidates the pictures of the view that is to tell leave; none fits: ()."""
         ...
 
     async def way_home(
@@ -136,6 +142,12 @@ class Workers:
     ) -> Plan:
         """As `Experts`."""
         return await self._ask(workers.plan_from, start, seen, avoid, candidates)
+
+    async def tell(
+        self, doubt: Doubt, q: Array, opening_mm: float, backlit: Grey, lit: tuple[Grey, ...]
+    ) -> tuple[int, ...]:
+        """As `Experts`."""
+        return await self._ask(workers.tell, doubt, q, opening_mm, backlit, lit)
 
     async def way_home(
         self, q: Array, hand_mm: float, fixture_mm: float, T_part_hand: Array | None

@@ -120,9 +120,4 @@ class Looking(Deciding):
                 f"{seen.part} lies at x {seen.x_mm:.0f}, y {seen.y_mm:.0f} mm, the recipe is for "
                 f"{expected}",
             )
-        others = [a for a in seen.ambiguous_with if a.part != seen.part]
-        if others:
-            raise PartProblemError(
-                "ambiguous", f"the object may be {seen.part} or {others[0].part}; turn it over"
-            )
         return seen

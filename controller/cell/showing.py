@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from controller import inspection as inspecting
 from controller.cad import inverse_pose
-from controller.planning import HandOver, Look, Present, SetDown, TakeBack, shown_pose
+from controller.planning import Doubt, HandOver, Look, Present, SetDown, TakeBack, shown_pose
 
 from . import workers
 from .custody import Custody
-from .errors import PartTroubleError
+from .errors import PartProblemError, PartTroubleError
 from .handling import Handling
 from .holder import holder_boxes, tip_pose
 from .machine import Event
@@ -133,6 +133,8 @@ class Showing(Handling):
             {"view": view, "pictures": names, "q": q.tolist()},
             self.part.number,
         )
+        if step.doubt is not None:
+            await self._settle(step.doubt, hold, q, backlit, tuple(lit.values()))
         expected = shown_pose(self._layout, q, hold.T_part_hand)
         holder = holder_boxes(self._layout, q, hold.width_mm)
         task = asyncio.ensure_future(
@@ -140,6 +142,47 @@ class Showing(Handling):
         )
         self._last_shown = Shown(view, hold, q, expected, holder, backlit, task)
         self.part.pending.append(self._last_shown)
+
+    async def _settle(
+        self, doubt: Doubt, hold: Hold, q: Array, backlit: Grey, lit: tuple[Grey, ...]
+    ) -> None:
+        """Find out by the view that tells what is in the hand.
+
+        Raises
+        ------
+        PartTroubleError : the part, but it lies another way than was planned with
+        PartProblemError : another part, or the doubt stays
+        """
+        part, names = self.part, [c.name for c in doubt.candidates]
+        left = await self._experts.tell(doubt, q, hold.width_mm, backlit, lit)
+        part.candidates = ()
+        self._journal.record(
+            "decision",
+            "doubt_settled",
+            {"between": names, "left": [names[k] for k in left], "light": doubt.light},
+            part.number,
+        )
+        if left == (0,):
+            return
+        if not left:
+            raise PartProblemError(
+                "unknown_object", f"what is in the hand looks like none of {', '.join(names)}"
+            )
+        if len(left) > 1:
+            raise PartProblemError(
+                "ambiguous",
+                f"it may still be {' or '.join(names[k] for k in left)}; look at what the hand "
+                "holds",
+            )
+        found = doubt.candidates[left[0]]
+        if found.name != names[0]:
+            raise PartProblemError(
+                "wrong_part", f"the view tells: it is {found.name}, the recipe is for {names[0]}"
+            )
+        hold.T_part_hand = inverse_pose(found.T_hand_part)
+        raise PartTroubleError(
+            Trouble.HELD_OTHERWISE, "the view tells: the part lies another way than it seemed"
+        )
 
     async def inspect(self) -> Event:
         """Wait for the views shown so far; decide what comes next."""

@@ -50,11 +50,14 @@ from controller.config import (
 )
 from controller.planning import (
     Box,
+    Doubt,
     GripRules,
     Motion,
+    OnTable,
     Plan,
     PlanOptions,
     PreparedPart,
+    Reading,
     Start,
     plan_part,
     prepare_part,
@@ -210,9 +213,26 @@ def plan_from(
     ------
     NoPlanError : and why not
     """
-    # what else it may be settles nothing here yet: the views that would tell are to come first
-    del candidates
-    return planning.plan_from(_prepared(job), context(job).layout, start, seen=seen, avoid=avoid)
+    prepared, layout = _prepared(job), context(job).layout
+    if isinstance(start, OnTable) and candidates:
+        others = _readings(job, candidates)
+        return planning.plan_in_doubt(prepared, layout, start, others, seen=seen, avoid=avoid)
+    return planning.plan_from(prepared, layout, start, seen=seen, avoid=avoid)
+
+
+def _readings(job: Job, candidates: tuple[recognising.Alternative, ...]) -> list[Reading]:
+    """Return what else lies there, if it is that, with its solid."""
+    c = context(job)
+    solids = {part.solid.name: part.solid for part in load_parts(c.recipe)}
+    solids[c.solid.name] = c.solid
+    return [Reading(a.part, solids[a.part], a.T_world_part) for a in candidates]
+
+
+def tell(
+    job: Job, doubt: Doubt, q: Array, opening_mm: float, backlit: Grey, lit: tuple[Grey, ...]
+) -> tuple[int, ...]:
+    """Return which candidates of a doubt a view leaves; see `experts.Experts.tell`."""
+    return planning.told(doubt, context(job).layout, q, opening_mm, backlit, lit).left
 
 
 def way_home(

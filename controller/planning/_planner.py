@@ -157,7 +157,7 @@ class _Planner:
         prices = self._prices(first_s)
         problem = prices.problem
         solution = solve(problem, effort=COARSE)
-        if (solution is None or not solution.is_complete) and not self._part.rests:
+        if not self._shows_all(solution) and not self._part.rests:
             # the table is the dearer way to change a grip, so that it is asked last
             self._part = with_rests(self._part, self._layout)
             self._builder = Builder(self._part, self._layout, self._seed)
@@ -188,6 +188,13 @@ class _Planner:
         raise failure or NoMotionError(
             f"{self._part.solid.name} {self.where()}: no grip it can be had in leads on to a tray"
         )
+
+    def _shows_all(self, solution: Solution | None) -> bool:
+        """Tell whether a solution shows what any grip shows, even one that nothing leads to."""
+        if solution is None:
+            return False
+        able = self._part.covered.any(axis=0) & ~self._done
+        return not bool((able & ~solution.covered[: len(able)]).any())
 
     def _effort(self) -> Effort:
         return COARSE if self._part.options.is_coarse else FULL

@@ -94,7 +94,9 @@ def plan_in_doubt(
             failure = failure or error
             continue
         if isinstance(found, Settling):
-            alike = alike or found
+            alike = found
+            if all(o.solid is part.solid for o in others):
+                break  # one part that looks the same whichever way it lies
             continue
         opening, held = found
         rest = plan_from(part, layout, held, seen=seen, avoid=avoid, rng_seed=rng_seed)

@@ -190,7 +190,8 @@ def _known(
         score=decision.score,
         covariance=_covariance(best, entry),
         ambiguous_with=tuple(
-            Alternative(library.entries[h.part].name, h.pose, h.theta_rad) for h in decision.rivals
+            Alternative(library.entries[h.part].name, h.pose, h.theta_rad, h.fit.T_world_part)
+            for h in decision.rivals
         ),
         area_mm2=area_mm2,
         box_px=region.box_px,

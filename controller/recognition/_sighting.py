@@ -1,6 +1,6 @@
 """What recognition answers, and what it keeps of its way there for whoever wants to look."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +14,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Alternative:
-    """Another reading of a sighting that the pictures do not rule out."""
+    """Another reading of a sighting that the pictures do not rule out.
+
+    Attributes
+    ----------
+    T_world_part : (4, 4) where that part lies, if it is that
+    """
 
     part: str
     pose_index: int
     theta_rad: float
+    T_world_part: Array = field(compare=False)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

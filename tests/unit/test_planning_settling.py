@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from planning_cell import emulated_layout
@@ -16,10 +17,12 @@ from controller.planning import (
     PlanOptions,
     PreparedPart,
     Present,
+    Reading,
+    plan_in_doubt,
     prepare_part,
     resting_pose,
+    told,
 )
-from controller.planning.settling import Reading, plan_in_doubt
 
 LAYOUT = emulated_layout()
 pytestmark = pytest.mark.xdist_group("settling")  # one worker prepares the part for all
@@ -82,6 +85,30 @@ def test_the_view_that_tells_looks_at_where_they_differ(left: PreparedPart, plan
     eye = inverse_pose(view.T_world_part) @ np.append(LAYOUT.inspection.position_mm, 1.0)
     away = eye[:3] - left.solid.centroid_mm
     assert np.allclose(d, away / np.linalg.norm(away), atol=1e-6)
+
+
+@pytest.mark.parametrize("truth", [0, 1])
+def test_the_pictures_of_that_view_tell_which_it_is(plan: Plan, truth: int) -> None:
+    view = next(s for s in plan.steps if isinstance(s, Present))
+    doubt = view.doubt
+    assert doubt is not None
+    camera = LAYOUT.inspection
+    tip = view.T_world_part @ view.grip.T_part_hand
+    held = doubt.candidates[truth]
+    # drawn from the triangles' corners alone: dark before a bright panel, under lamps a bright part
+    T = tip @ held.T_hand_part
+    corners = np.asarray(held.solid.mesh.triangles).reshape(-1, 3) @ T[:3, :3].T + T[:3, 3]
+    triangles = camera.project(corners).reshape(-1, 3, 2)
+    width, height = camera.size_px
+    backlit = np.full((height, width), 220, np.uint8)
+    for triangle in np.round(triangles).astype(np.int32):
+        cv2.fillConvexPoly(backlit, triangle, 20)
+    lit = np.where(backlit < 100, 140, 30).astype(np.uint8)
+    opening = view.grip.opening_mm
+    if doubt.light == "backlight":
+        assert told(doubt, LAYOUT, view.q, opening, backlit, [lit]).left == (truth,)
+    else:
+        assert truth in told(doubt, LAYOUT, view.q, opening, backlit, [lit]).left
 
 
 def test_what_no_grip_holds_both_ways_is_refused(left: PreparedPart) -> None:
