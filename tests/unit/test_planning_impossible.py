@@ -132,7 +132,7 @@ def test_a_cone_is_refused() -> None:
     assert "cone" in str(error)
 
 
-@pytest.mark.xfail(strict=True, reason="says the contact is too small, not the angle; no remedy")
+@pytest.mark.xfail(strict=True, reason="says the contact is too small, not the angle")
 def test_a_cone_is_refused_with_the_angle_its_wall_leans_by() -> None:
     text = str(refusal(cone(radius_mm=30.0, height_mm=40.0)))
     assert f"{np.degrees(np.arctan(30.0 / 40.0)):.1f}" in text  # 36.9
@@ -156,7 +156,6 @@ def test_what_slides_through_the_pads_is_refused_with_its_load(case: str) -> Non
 
 
 @pytest.mark.parametrize("case", ["heavy", "oily"])
-@pytest.mark.xfail(strict=True, reason="names nothing to change, and calls sliding a lever")
 def test_what_slides_through_the_pads_is_refused_with_what_would_hold_it(case: str) -> None:
     error, _, _ = slippery(case)
     assert "lever" not in str(error)

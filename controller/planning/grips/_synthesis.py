@@ -86,9 +86,9 @@ def _refusal(
     """Say which stage left no grip, with the number that fails."""
     last = next(s for s in stages if s.left == 0)
     name = f"{solid.name}: the {holder} cannot hold it"
+    need, width = needed_friction(solid, seeds, caster)
+    have = float(np.degrees(np.arctan(rules.friction)))
     if last.name == "hands round seeds":
-        need, width = needed_friction(solid, seeds, caster)
-        have = float(np.degrees(np.arctan(rules.friction)))
         widest = jaw.max_mm - rules.jaw_reserve_mm
         if need > have:
             return (
@@ -100,7 +100,20 @@ def _refusal(
             f"{width:.1f} mm apart; fit a wider jaw or other fingers"
         )
     tallies = "; ".join(s.phrase for s in stages[: stages.index(last) + 1])
-    return f"{name}; grips left by each demand: {tallies}"
+    told = f"grips left by each demand: {tallies}"
+    if last.name == "little enough weight":
+        mass_kg = solid.volume_mm3 * rules.density_kg_mm3
+        return (
+            f"{name}, grip strength: {mass_kg:.2f} kg between pads of {jaw.force_n:.0f} N and "
+            f"friction {rules.friction:g} use {last.best:.2f} of the friction limit at best, "
+            f"{last.limit:g} is allowed; press harder or fit pads that grip better; {told}"
+        )
+    if need > have:
+        return (
+            f"{name}: its walls lean, opposed friction angle needed {need:.1f} deg, have "
+            f"{have:.1f}; fit pads that grip better, or fingers shaped for it; {told}"
+        )
+    return f"{name}; {told}; fit other fingers or pads"
 
 
 def judge_grips(
@@ -129,7 +142,7 @@ def judge_grips(
     )
     tried = tried.take(
         judge.tally.ask(
-            "short enough lever", bound, rules.max_load, " of the friction limit", most=True
+            "little enough weight", bound, rules.max_load, " of the friction limit", most=True
         )
     )
     able, score, area = _sorted_out(judge, tried, seeds, _picks(judge, tried, tables))
