@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from controller.cad import RayCaster
 from drivers.umi_scara.kinematics import inverse, limit_report
 
 from .boxes import BoolArray
 from .grip import Grip
-from .grips import clear_of_table, resting_pose
+from .grips import clear_of_table, find_seeds, judge_grips, resting_pose, spread
 from .layout import CellLayout, FloatArray, Jaw
 from .motion import Scene, inverse_rows
 from .plan import Reason, Unseen
@@ -25,6 +26,8 @@ from .views import hidden_by_hand, view_poses, why_hidden
 
 LEAST_SHARE = 2e-4  # of the surface; less than this is single samples on edges
 THINNER = (0.75, 0.5, 0.25)  # of the fingers' width and thickness
+WEAKEST = 20.0  # of the friction limit; a grip weaker than this is none to speak of
+MOSTLY_HIDDEN = 0.5  # of a piece
 GRIPS_ASKED_N = 12  # the most promising ones are asked what stands in their way
 # where a camera may stand, seen from the part: along the reach line and square to it
 SENSOR_PLACES = {
@@ -67,22 +70,29 @@ def unseen_pieces(
     lies_in : index of the stable pose the part starts in, -1 if it is held
     """
     found = []
+    weak: tuple[Grip, ...] | None = None  # looked for where fingers hide something, and once
     for missing in _classes(part, layout, seen, within_reach, apart, dropped, lies_in):
         for face_id in np.unique(part.samples.face_ids[missing.mask]):
             piece = missing.mask & (part.samples.face_ids == face_id)
             share = float(part.weights[piece].sum())
             if share < LEAST_SHARE:
                 continue
-            reason, remedy = missing.reason, missing.remedy
+            kind, reason, remedy = missing.kind, missing.reason, missing.remedy
             if missing.kind is Reason.HIDDEN_BY_PART:
                 limit = part.options.max_incidence_deg
                 reason, remedy = why_hidden(part.solid, part.lookout, piece, limit)
             elif missing.kind is Reason.FINGERS:
-                reason, remedy = _fingers(part, layout, piece)
+                weak = weak_grips(part, layout) if weak is None else weak
+                load = _load_of_a_grip_that_shows(part, layout, piece, weak)
+                if load is None:
+                    reason, remedy = _fingers(part, layout, piece)
+                else:
+                    kind = Reason.GRIP_STRENGTH
+                    reason, remedy = _too_weak(part, load)
             elif missing.kind is Reason.REACH:
                 reason, remedy = _reach(part, layout, piece)
             which = tuple(np.flatnonzero(piece).tolist())
-            found.append(Unseen(int(face_id), share, reason, missing.kind, remedy, which))
+            found.append(Unseen(int(face_id), share, reason, kind, remedy, which))
     return tuple(sorted(found, key=lambda u: (-u.area_fraction, u.face_id, u.reason)))
 
 
@@ -136,6 +146,38 @@ def _left_out(part: PreparedPart, rest: BoolArray, dropped: BoolArray) -> Missin
     )
 
 
+def weak_grips(part: PreparedPart, layout: CellLayout) -> tuple[Grip, ...]:
+    """Return grips of the hand that would do but for the weight, from all round."""
+    rules = replace(part.options.rules.coarse(), max_load=WEAKEST)
+    solid = part.solid
+    caster = RayCaster(solid.mesh)
+    downs = np.stack([-p.R[2] for p in part.poses]) if part.poses else np.zeros((0, 3))
+    widest = layout.hand.max_mm - rules.jaw_reserve_mm
+    seeds = find_seeds(solid, part.samples, caster, widest, rules)
+    found = judge_grips(solid, seeds, caster, layout.hand, "arm", downs, rules).grips
+    weak = [g for g in found if g.load > part.options.rules.max_load]
+    return tuple(weak[k] for k in spread(weak, range(len(weak)), GRIPS_ASKED_N))
+
+
+def _load_of_a_grip_that_shows(
+    part: PreparedPart, layout: CellLayout, piece: BoolArray, weak: Sequence[Grip]
+) -> float | None:
+    """Return the least load among weak grips that leave most of a piece in sight."""
+    loads = [
+        g.load for g in weak if _still_hidden(part, layout, g, layout.hand, piece) < MOSTLY_HIDDEN
+    ]
+    return min(loads, default=None)
+
+
+def _too_weak(part: PreparedPart, load: float) -> tuple[str, str]:
+    rules = part.options.rules
+    return (
+        f"grip strength: the grips that leave it in sight hold too weakly, the best uses "
+        f"{load:.2f} of the friction limit, {rules.max_load:g} is allowed",
+        "press harder, or fit pads that grip better",
+    )
+
+
 def _fingers(part: PreparedPart, layout: CellLayout, piece: BoolArray) -> tuple[str, str]:
     """Name the grips nearest to showing a piece, and thinner fingers that would."""
     hides = np.stack([part.visible & ~shown for shown in part.shown[: _distinct(part)]])
@@ -146,7 +188,8 @@ def _fingers(part: PreparedPart, layout: CellLayout, piece: BoolArray) -> tuple[
     for share in THINNER:
         hand = _thinner(layout.hand, share)
         for g in order:
-            if _still_hidden(part, layout, part.arm_grips[int(g)], hand, piece) < 0.5:
+            grip = part.arm_grips[int(g)]
+            if _still_hidden(part, layout, grip, hand, piece) < MOSTLY_HIDDEN:
                 return reason, (
                     f"fingers {hand.finger_width_mm:.0f} mm wide and "
                     f"{hand.finger_thickness_mm:.0f} mm thick would do"

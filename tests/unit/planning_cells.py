@@ -81,6 +81,17 @@ def tabbed() -> Solid:
     return solid_of(pyramid + slab, "tabbed")
 
 
+def two_tabs() -> Solid:
+    """A long roof that slips out of any jaw, with a tab over its middle and one far out.
+
+    Held by the far one it hangs on 70 mm of lever.
+    """
+    roof = prism([(-30, 0), (30, 0), (0, 22)], 200.0).rotate((90, 0, 90)).translate((-100, 0, 0))
+    outline = [(-6.5, 0.0), (6.5, 0.0), (-4.0, 14.0)]
+    slab = prism(outline, 8.0).rotate((90, 0, 0)).translate((0, 4.0, 20.0))
+    return solid_of(roof + slab + slab.translate((70.0, 0, 0)), "two tabs")
+
+
 def plate() -> Solid:
     return solid_of(box(72.0, 60.0, 12.0), "plate")
 

@@ -28,6 +28,7 @@ from planning_cells import (
     plate,
     tabbed,
     tetrahedron,
+    two_tabs,
     walled_station,
     weak_hand,
     wedge,
@@ -313,6 +314,22 @@ def test_what_every_grip_covers_is_hidden_by_the_fingers() -> None:
     covered = {k for u in pieces for k in u.samples if flanks[k]}
     assert covered  # of the two flanks that are held
     assert any(re.search(r"fingers \d+ mm wide", u.remedy) for u in pieces)
+
+
+def test_what_only_a_far_grip_shows_is_hidden_for_want_of_grip_strength() -> None:
+    solid = two_tabs()
+    pose = stable_poses(solid)[0]
+    heavy = prepared_part(solid, LAYOUT, rules(density_kg_mm3=2.7e-6))
+    plan = plan_from(heavy, LAYOUT, start(solid, pose))
+    pieces = of_kind(plan, Reason.GRIP_STRENGTH)
+    assert pieces == list(plan.unseen)
+    p = heavy.samples.points_mm
+    for piece in pieces:  # the tab over the middle is what holds it
+        assert (np.abs(p[list(piece.samples), 0]) < 10.0).all()
+        assert CHANGE.search(piece.remedy)
+    # of a part that weighs next to nothing the far tab is as good
+    light = prepared_part(solid, LAYOUT, rules(density_kg_mm3=0.2e-6))
+    assert plan_from(light, LAYOUT, start(solid, pose)).covered_fraction > 0.999
 
 
 @pytest.mark.slow
