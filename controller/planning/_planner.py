@@ -25,7 +25,7 @@ from .layout import CellLayout, FloatArray
 from .motion import leg_seconds
 from .plan import Look, Plan, Proof
 from .prepared import HandOff, PlanOptions, PreparedPart
-from .search import COARSE, FULL, Effort, Problem, Solution, refuted, solve
+from .search import COARSE, FULL, Problem, Solution, refuted, solve
 from .starts import InArm, InFixture, OnTable, Start
 from .transfers import PickWay, hand_offs, pick_ways
 from .views import table_views
@@ -156,20 +156,23 @@ class _Planner:
             self._squared |= {f for f in faces if part.solid.faces[f].normal @ above > SQUARE_COS}
         prices = self._prices(first_s)
         problem = prices.problem
-        solution = solve(problem, effort=COARSE)
+        # which grips it comes to is enough to know what is worth a view; then it is asked in full
+        narrows = self._part.options.least_gain > 0.0
+        effort = COARSE if self._part.options.is_coarse else FULL
+        solution = solve(problem, effort=COARSE if narrows else effort)
         if not self._shows_all(solution) and not self._part.rests:
             # the table is the dearer way to change a grip, so that it is asked last
             self._part = with_rests(self._part, self._layout)
             self._builder = Builder(self._part, self._layout, self._seed)
             prices = self._prices(first_s)
             problem = prices.problem
-            solution = solve(problem, effort=COARSE)
-        if solution is not None and self._part.options.least_gain > 0.0:
+            solution = solve(problem, effort=COARSE if narrows else effort)
+        if solution is not None and narrows:
             kept = worthwhile(prices, self._part, solution.grips)
             problem = replace(problem, seen=problem.seen | ~kept)
+            solution = solve(problem, effort=effort, incumbent=solution)
         failure: NoPlanError | None = None
         for _ in range(REBUILDS_N):
-            solution = solve(problem, effort=self._effort(), incumbent=solution)
             if solution is None:
                 break
             if not solution.needed.any() and not self._done.any():
@@ -185,6 +188,7 @@ class _Planner:
                     firsts=error.firsts,
                     lasts=error.lasts,
                 )
+                solution = solve(problem, effort=effort, incumbent=solution)
         raise failure or NoMotionError(
             f"{self._part.solid.name} {self.where()}: no grip it can be had in leads on to a tray"
         )
@@ -195,9 +199,6 @@ class _Planner:
             return False
         able = self._part.covered.any(axis=0) & ~self._done
         return not bool((able & ~solution.covered[: len(able)]).any())
-
-    def _effort(self) -> Effort:
-        return COARSE if self._part.options.is_coarse else FULL
 
     def _prices(self, first_s: FloatArray) -> Prices:
         return make_prices(
