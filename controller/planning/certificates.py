@@ -23,7 +23,7 @@ from .starts import OnTable
 from .transfers import pick_ways
 
 PLACES_N = 3  # per side of the area parts may lie in
-TURNS_N = 8
+TURNS_N = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
