@@ -115,6 +115,13 @@ class Planning:
         """Tell whether all that was asked so far was there already."""
         return self._made == 0
 
+    @property
+    def is_prepared(self) -> bool:
+        """Tell whether the long work has been done before."""
+        if self._prepared is not None:
+            return True
+        return self._use_cache and PREPARED.file(self._part.solid.name, self._key).exists()
+
     def prepared(self) -> PreparedPart:
         """Return the part prepared for this cell.
 

@@ -13,7 +13,7 @@ from controller.cad import StablePose
 from controller.cad.compiled import CompiledPart, CompileOptions, load_part
 from controller.cell.plans import KeptPlan, Planning
 from controller.config import Cell, ConfigError, build_layout, load_cell
-from controller.planning import Certificate, Plan
+from controller.planning import CellLayout, Certificate, Plan, PlanOptions
 from controller.results.moments import view_count
 
 from ._output import emit, say, stdout, warn
@@ -48,6 +48,8 @@ def plan_part_file(
     started = time.monotonic()
     planning = Planning(compiled, layout, use_cache=use_cache)
     tell = None if as_json else (lambda kept: _print(compiled, cell, kept, place))
+    if tell is not None and not planning.is_prepared:
+        _say_coarse(compiled, layout, poses[0], place)
     kept, told = _plan_all(planning, poses, place, tell, is_one=pose_index is not None)
     seconds = time.monotonic() - started
     if as_json:
@@ -74,6 +76,21 @@ def plan_part_file(
         if not as_json:
             say(f"report: {written}")
     return 0 if kept.plan is not None else 1
+
+
+def _say_coarse(part: CompiledPart, layout: CellLayout, pose: StablePose, place: Place) -> None:
+    """Say what a plan from few candidates comes to: seconds before the full one is there."""
+    started = time.monotonic()
+    x_mm, y_mm, theta_deg = place
+    quick = Planning(part, layout, PlanOptions().coarse(), use_cache=False)
+    plan = quick.lying(pose, x_mm, y_mm, float(np.radians(theta_deg))).plan
+    if plan is None:
+        return  # few candidates prove nothing: the full plan tells why not
+    say(
+        f"at a first look, after {time.monotonic() - started:.1f} s: {view_count(plan)} views, "
+        f"{plan.regrip_count} x re-grip, {plan.forecast_s:.0f} s, {plan.covered_fraction:.1%} of "
+        "the surface; the full plan follows"
+    )
 
 
 def _asked(part: CompiledPart, pose_index: int | None) -> tuple[StablePose, ...]:
