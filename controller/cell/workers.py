@@ -4,9 +4,6 @@ Every function takes plain data and a `Job`, from which a worker builds, once, w
 between processes (meshes with their ray casters, tables of sight lines).
 """
 
-import hashlib
-import pickle
-import tempfile
 import time
 from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
@@ -33,10 +30,8 @@ from controller.cad import (
 from controller.cad.compiled import (
     CompiledPart,
     CompileOptions,
-    cache_dir,
     load_part,
     options_among,
-    source_hash,
 )
 from controller.config import (
     Cell,
@@ -60,13 +55,13 @@ from controller.planning import (
     Reading,
     Start,
     plan_part,
-    prepare_part,
 )
 from controller.planning.layout import CellLayout
 from controller.planning.motion import Scene, connect
 from controller.recognition.stored import open_library
 
 from . import slipped
+from .plans import Planning
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
@@ -74,7 +69,6 @@ Grey = NDArray[np.uint8]
 TABLE_LAMPS = ("table_ring", "table_side")
 STATION_LAMPS = ("station_ring", "station_side")
 DEFECT_PX = 2.0
-CACHE_FORMAT = 1  # raised when the meaning of cached plans changes
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,14 +86,27 @@ class Context:
     recipe: Recipe
     cell: Cell
     layout: CellLayout
-    solid: Solid
+    part: CompiledPart
     caster: RayCaster
-    samples: SurfaceSamples
-    poses: tuple[StablePose, ...]
     overhead: Camera
     inspection: Camera
     library: recognising.Library
     glowing: NDArray[np.bool_]
+
+    @property
+    def solid(self) -> Solid:
+        """Return the recipe's part."""
+        return self.part.solid
+
+    @property
+    def samples(self) -> SurfaceSamples:
+        """Return the points its surface is counted by."""
+        return self.part.samples
+
+    @property
+    def poses(self) -> tuple[StablePose, ...]:
+        """Return the ways it may lie."""
+        return self.part.poses
 
 
 def make_pool() -> ProcessPoolExecutor:
@@ -121,15 +128,12 @@ def context(job: Job) -> Context:
     layout = build_layout(cell)
     files = part_files(recipe)
     part = load_part(*files[0])
-    solid = part.solid
     return Context(
         recipe=recipe,
         cell=cell,
         layout=layout,
-        solid=solid,
-        caster=RayCaster(solid.mesh),
-        samples=part.samples,
-        poses=part.poses,
+        part=part,
+        caster=RayCaster(part.solid.mesh),
         overhead=layout.overhead,
         inspection=layout.inspection,
         library=open_library(files, layout.overhead),
@@ -263,25 +267,7 @@ def share(job: Job, samples: NDArray[np.bool_]) -> float:
 @lru_cache(maxsize=2)
 def _prepared(job: Job) -> PreparedPart:
     c = context(job)
-    options = plan_options(c.recipe)
-    key = hashlib.sha256(
-        "|".join(
-            (
-                str(CACHE_FORMAT),
-                c.solid.content_hash,
-                c.cell.model_dump_json(),
-                c.recipe.model_dump_json(exclude={"name", "part", "others", "cell", "count"}),
-                _code_hash(),
-            )
-        ).encode()
-    ).hexdigest()
-    path = cache_dir() / f"plan-{c.solid.name}-{key[:24]}.pickle"
-    cached = _load_cached(path)
-    if cached is not None:
-        return cached
-    prepared = prepare_part(c.solid, c.samples, c.layout, options)
-    _save_cached(path, prepared)
-    return prepared
+    return Planning(c.part, c.layout, plan_options(c.recipe)).prepared()
 
 
 def plan_options(recipe: Recipe) -> PlanOptions:
@@ -295,38 +281,6 @@ def plan_options(recipe: Recipe) -> PlanOptions:
         least_gain=wanted.least_gain,
         rules=replace(GripRules(), density_kg_mm3=density_kg_mm3),
     )
-
-
-@lru_cache(maxsize=1)
-def _code_hash() -> str:
-    """Return a hash of the planner's own source: a changed planner makes its old plans void."""
-    digest = hashlib.sha256(source_hash().encode())
-    for source in sorted((Path(__file__).parents[1] / "planning").rglob("*.py")):
-        digest.update(source.read_bytes())
-    return digest.hexdigest()
-
-
-def _load_cached(path: Path) -> PreparedPart | None:
-    try:
-        data = path.read_bytes()
-        digest, body = data[:32], data[32:]
-        if hashlib.sha256(body).digest() != digest:
-            return None
-        found = pickle.loads(body)
-    except (OSError, pickle.UnpicklingError, EOFError, AttributeError, ImportError, ValueError):
-        return None  # missing, cut short or of an older version: it is made anew
-    return found if isinstance(found, PreparedPart) else None
-
-
-def _save_cached(path: Path, prepared: PreparedPart) -> None:
-    body = pickle.dumps(prepared, protocol=pickle.HIGHEST_PROTOCOL)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-            file.write(hashlib.sha256(body).digest() + body)
-        Path(file.name).replace(path)
-    except OSError:
-        return  # a full or read-only disk costs time, not correctness
 
 
 def inspect(

@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from .boxes import BoolArray, segments_hit
+from .boxes import BoolArray
 from .errors import NoMotionError, NoPlanError, OutOfReachError
 from .grip import Grip
 from .layout import CellLayout, FloatArray, Tray
@@ -34,7 +34,6 @@ from .search import best_order
 from .transfers import PickWay, PlaceWay, place_ways
 
 MOTION_TRIES = 12
-SHADOW_LOSS = 0.002  # of the surface; configurations hiding more than the best one come last
 
 
 class RefutedError(Exception):
@@ -224,27 +223,21 @@ class Builder:
         build.q = leave.retreat[-1]
 
     # ---- showing -------------------------------------------------------------------------------
-    def show(
-        self, build: Build, g: int, views: Sequence[int], end: FloatArray | None, needed: BoolArray
-    ) -> None:
+    def show(self, build: Build, g: int, views: Sequence[int], end: FloatArray | None) -> None:
         """Add the views (directions) of one grip, in the quickest order.
 
         Parameters
         ----------
-        end : (6,) where the arm goes afterwards; needed : (n,) what the plan relies on
+        end : (6,) where the arm goes afterwards
 
         Raises
         ------
-        RefutedError : a view cannot be driven to, or does not show what it should
+        RefutedError : a view cannot be driven to
         """
         part = self._part
         grip = part.arm_grips[g]
         scene = self._carrying(grip)
-        todo = {v: self._clear_configurations(grip, g, v, scene, needed) for v in views}
-        bad = [(g, v) for v, rows in todo.items() if len(rows) == 0]
-        if bad:
-            reason = NoMotionError(f"{part.solid.name}: the arm stands in its own picture")
-            raise RefutedError(reason, views=bad)
+        todo = {v: part.view_q[g][v] for v in views}
         tries = 0
         while todo:
             names = list(todo)
@@ -261,42 +254,13 @@ class Builder:
                     raise RefutedError(error, views=[(g, v)]) from error
                 continue
             del todo[v]
-            self._present(build, grip, g, v, q, motion, scene)
+            self._present(build, g, v, q, motion)
 
-    def _clear_configurations(
-        self, grip: Grip, g: int, v: int, scene: Scene, needed: BoolArray
-    ) -> FloatArray:
-        """Return the configurations of a view in which the arm's links hide nothing needed."""
-        part = self._part
-        rows = part.view_q[g][v]
-        wanted = part.shown_by(g)[v] & needed
-        lost = np.array(
-            [part.weights[wanted & ~self._in_sight(grip, g, v, q, scene)].sum() for q in rows]
-        )
-        kept: FloatArray = rows[lost <= 0.0]
-        return kept
-
-    def _in_sight(self, grip: Grip, g: int, v: int, q: FloatArray, scene: Scene) -> BoolArray:
+    def _present(self, build: Build, g: int, v: int, q: FloatArray, motion: Motion) -> None:
         part, layout = self._part, self._layout
-        seen: BoolArray = part.shown_by(g)[v].copy()
-        T = shown_pose(layout, q, grip.T_part_hand)
-        points = part.samples.points_mm[seen] @ T[:3, :3].T + T[:3, 3]
-        hidden = segments_hit(points, layout.inspection.position_mm, scene.arm_boxes(q))
-        seen[np.flatnonzero(seen)[hidden]] = False
-        return seen
-
-    def _present(
-        self,
-        build: Build,
-        grip: Grip,
-        g: int,
-        v: int,
-        q: FloatArray,
-        motion: Motion,
-        scene: Scene,
-    ) -> None:
-        part, layout = self._part, self._layout
-        seen = self._in_sight(grip, g, v, q, scene)
+        grip = part.arm_grips[g]
+        # true of every configuration kept: what the arm hides in them has been taken off
+        seen = part.shown_by(g)[v]
         build.seen |= seen
         face_id = int(part.directions.square_to[v])
         label = f"show with grip {grip.id}"

@@ -7,6 +7,7 @@ Same input, same plan.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -92,7 +93,7 @@ def plan_from(
             return _FromFixture(part, layout, start, done, avoid, rng_seed).plan()
 
 
-class _Planner:
+class _Planner(ABC):
     """Searches, works out, searches again without what had no way."""
 
     def __init__(
@@ -114,21 +115,21 @@ class _Planner:
         self._look: Look | None = None
         self._squared: frozenset[int] = frozenset()
 
+    @abstractmethod
     def first_s(self) -> FloatArray:
         """Return what it costs to have the part in each arm grip (g,)."""
-        raise NotImplementedError
 
     def look(self) -> Look | None:
         """Return what the pictures of the table show already, None if nothing new."""
         return None
 
+    @abstractmethod
     def begin(self, build: Build, g: int) -> None:
         """Add the steps that bring the part into the first grip."""
-        raise NotImplementedError
 
+    @abstractmethod
     def where(self) -> str:
         """Say where the part is, for messages."""
-        raise NotImplementedError
 
     def plan(self) -> Plan:
         """Return the plan.
@@ -245,7 +246,6 @@ class _Planner:
     def _work_out(self, prices: Prices, problem: Problem, solution: Solution) -> Plan:
         part, layout, builder = self._part, self._layout, self._builder
         count = len(part.samples.points_mm)
-        needed = solution.needed[:count]
         build = Build(self._q, self._done.copy(), [] if self._look is None else [self._look])
         builder.check_trays(solution.grips[-1])
         self.begin(build, solution.grips[0])
@@ -254,10 +254,10 @@ class _Planner:
             used.append(part.arm_grips[g])
             views = [int(prices.views[g][row]) for row in solution.views[place]]
             if place + 1 == len(solution.grips):
-                builder.show(build, g, views, None, needed)
+                builder.show(build, g, views, None)
                 break
             h = solution.grips[place + 1]
-            support = self._hop(prices, build, g, h, views, needed)
+            support = self._hop(prices, build, g, h, views)
             if support.fixture >= 0:
                 used.append(part.fixture_grips[support.fixture])
         trays, home = builder.sort(build, solution.grips[-1])
@@ -308,7 +308,6 @@ class _Planner:
         g: int,
         h: int,
         views: Sequence[int],
-        needed: BoolArray,
     ) -> Support:
         """Show the views of one grip, then change to the next; return over what.
 
@@ -323,7 +322,7 @@ class _Planner:
                 break
             support: Support = prices.supports[int(k)]
             trial = Build(build.q, build.seen.copy(), list(build.steps))
-            self._builder.show(trial, g, views, support.ways[g].entry[0], needed)
+            self._builder.show(trial, g, views, support.ways[g].entry[0])
             try:
                 self._change(trial, support, g, h)
             except NoMotionError as error:

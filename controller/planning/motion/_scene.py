@@ -8,7 +8,7 @@ part's box touches something and the part's triangles are known, they decide.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
@@ -56,10 +56,6 @@ class Scene:
     def __post_init__(self) -> None:
         if self.carried is None and self.carried_mesh is not None:
             object.__setattr__(self, "carried", self.carried_mesh.box)
-
-    def with_carried(self, carried: Box | None, mesh: PlacedShape | None = None) -> Scene:
-        """Return the scene with something else in the hand."""
-        return replace(self, carried=carried, carried_mesh=mesh)
 
     def statics(self) -> list[tuple[str, Box]]:
         """Return the world boxes by name; those that bound `standing_meshes` come last."""

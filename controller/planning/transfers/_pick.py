@@ -19,7 +19,6 @@ from ..motion import Scene, fewest_waypoints, inverse_rows, same_branch
 from ..prepared import PreparedPart
 from ._handoff import CLOSE_MARGIN_MM, PART_MARGIN_MM
 
-DOWN_MM = 85.0
 LIFT_MM = 85.0
 STEP_MM = 10.0
 
