@@ -14,7 +14,7 @@ from cad_solids import box, mesh_of, rod
 
 from controller.cad.compiled import load_part
 from controller.cell import plans
-from controller.cell.plans import KeptPlan, Shelf, digest_of
+from controller.cell.plans import digest_of
 from controller.cli import _plan_site, main
 from controller.config import build_layout, load_cell
 from controller.planning import (
@@ -301,28 +301,6 @@ def test_a_file_that_is_no_part_is_named(
     assert "text.stl" in capsys.readouterr().err
     assert main(["plan", str(tmp_path / "none.stl"), "--cell", str(CELL)]) == 2
     assert "none.stl" in capsys.readouterr().err
-
-
-def test_a_damaged_plan_is_not_believed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    shelf = Shelf(KeptPlan, "plan", 5)
-    kept = KeptPlan(3, np.eye(4), None, "no")
-    file = shelf.file("part", digest_of("key"))
-    shelf.save(file, kept)
-    found = shelf.load(file)
-    assert found is not None
-    assert (found.pose_index, found.reason) == (3, "no")
-    data = bytearray(file.read_bytes())
-    for place in (0, 40, len(data) - 1):
-        wrong = bytearray(data)
-        wrong[place] ^= 1
-        file.write_bytes(wrong)
-        assert shelf.load(file) is None
-    file.write_bytes(data[:20])
-    assert shelf.load(file) is None
-    for i in range(9):
-        shelf.save(shelf.file("part", digest_of(i)), kept)
-    assert len(list(file.parent.glob("*"))) == 5
 
 
 def test_a_key_tells_apart_all_that_decides_a_plan() -> None:

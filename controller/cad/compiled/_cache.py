@@ -19,7 +19,7 @@ import trimesh
 from ..solid import Solid
 from ._mesh import Solids, called
 from ._part import CompiledPart, CompileOptions, compile_part, part_name
-from .keeping import ENDING, Keeper
+from .keeping import Keeper
 
 FORMAT = 1  # raised when the same source and options come to mean something else
 KEPT_FILES = 200  # the oldest ones go first; each can be computed again
@@ -71,7 +71,7 @@ def make_part(
         return part  # the CAD file was written to meanwhile: what was read may be either
     data = encode_part(part, file.stem)
     if _parts().write(file, data):
-        _tidy(file.parent)
+        _parts().tidy(file.parent, KEPT_FILES)
     # what the next start will get, so that the first run and the second are the same
     return decode_part(bytearray(data), file.stem)
 
@@ -149,15 +149,3 @@ def _version(package: str) -> str:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
         return "none"
-
-
-def _tidy(folder: Path) -> None:
-    """Remove the oldest files where there are too many."""
-    ages = []
-    for file in folder.glob(f"part-*{ENDING}"):
-        try:
-            ages.append((file.stat().st_mtime, file))
-        except FileNotFoundError:
-            continue  # another process tidies too
-    for _, file in sorted(ages)[:-KEPT_FILES]:
-        file.unlink(missing_ok=True)

@@ -4,9 +4,10 @@ A codec is made from a type's own annotations. What an annotation does not allow
 is written, and again when it is read: nothing is executed, and no class is named by a file.
 """
 
+import collections.abc
 import enum
 import types
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from typing import (
     Annotated,
@@ -21,7 +22,7 @@ from typing import (
 
 import numpy as np
 
-from ._columns import Alternatives, Arrays, Choices, Codec, Records, Runs, Scalars, Words
+from ._columns import Alternatives, Arrays, Choices, Codec, Mappings, Records, Runs, Scalars, Words
 
 SCALARS: dict[Any, Callable[[], Codec]] = {
     bool: lambda: Scalars(bool, "bool", (bool, np.bool_)),
@@ -38,7 +39,8 @@ def make_codec(kind: object, special: Mapping[Any, Codec] | None = None) -> Code
 
     Parameters
     ----------
-    kind : dataclass, tuple, union, literal, enum, NDArray of a dtype, bool, int, float, str, None
+    kind : dataclass, tuple, mapping, union, literal, enum, NDArray of a dtype, bool, int, float,
+        str, None
     special : codecs of types that have no annotations to go by
 
     Raises
@@ -46,6 +48,11 @@ def make_codec(kind: object, special: Mapping[Any, Codec] | None = None) -> Code
     TypeError : a type that cannot be stored, and where in the tree it stands
     """
     return _make(kind, special or {}, ())
+
+
+def one_of(kinds: Sequence[type], special: Mapping[Any, Codec] | None = None) -> Codec:
+    """Return the codec of a base class: a value is of one of these classes."""
+    return Alternatives([make_codec(kind, special) for kind in kinds])
 
 
 def _make(kind: object, special: Mapping[Any, Codec], way: tuple[object, ...]) -> Codec:
@@ -71,6 +78,8 @@ def _make(kind: object, special: Mapping[Any, Codec], way: tuple[object, ...]) -
         return Runs(inner(args[0]))
     if origin is tuple:
         return Records("tuple", tuple, [inner(arg) for arg in args], tuple, lambda *row: row)
+    if origin is collections.abc.Mapping:
+        return Mappings(inner(args[0]), inner(args[1]))
     if origin is np.ndarray:
         return Arrays(_dtype_of(args[1]))
     if isinstance(kind, type) and issubclass(kind, enum.Enum):
@@ -90,14 +99,19 @@ def _dtype_of(annotation: object) -> np.dtype[Any] | None:
 
 
 def _make_record(kind: type, inner: Callable[[Any], Codec]) -> Codec:
-    if any(not field.init or field.kw_only for field in fields(kind)):
-        raise TypeError(f"{kind.__name__}: has fields its constructor does not take in order")
+    if any(not field.init for field in fields(kind)):
+        raise TypeError(f"{kind.__name__}: has fields its constructor does not take")
     hints = get_type_hints(kind, include_extras=True)
     names = [field.name for field in fields(kind)]
+
+    def by_name(*row: object) -> object:
+        return kind(**dict(zip(names, row, strict=True)))
+
+    is_in_order = not any(field.kw_only for field in fields(kind))
     return Records(
         f"{kind.__name__}[{' '.join(names)}]",
         kind,
         [inner(hints[name]) for name in names],
         lambda value: [getattr(value, name) for name in names],
-        kind,
+        kind if is_in_order else by_name,
     )

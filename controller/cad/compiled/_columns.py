@@ -6,7 +6,7 @@ one constructor call each.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import accumulate, chain, pairwise
 from typing import Any
 
@@ -34,10 +34,16 @@ class Writer:
 
 
 class Reader:
-    """Hands out arrays by number, each checked before it is used."""
+    """Hands out arrays by number, each checked before it is used.
 
-    def __init__(self, arrays: Sequence[AnyArray]) -> None:
+    Parameters
+    ----------
+    is_finite : refuse arrays that hold an infinity or what is no number
+    """
+
+    def __init__(self, arrays: Sequence[AnyArray], *, is_finite: bool = False) -> None:
         self._arrays = arrays
+        self._is_finite = is_finite
 
     def get(self, number: object, dtype: str, count: int) -> AnyArray:
         """Return a flat array of a known type and length."""
@@ -50,7 +56,10 @@ class Reader:
         """Return an array as it was put."""
         if type(number) is not int or not 0 <= number < len(self._arrays):
             raise CodecError(f"no array {number!r}")
-        return self._arrays[number]
+        array = self._arrays[number]
+        if self._is_finite and array.dtype.kind == "f" and not np.isfinite(array).all():
+            raise CodecError(f"array {number} holds values that are no numbers")
+        return array
 
 
 class Codec(ABC):
@@ -222,6 +231,42 @@ class Runs(Codec):
         return [tuple(items[a:b]) for a, b in pairwise(marks)]
 
 
+class Mappings(Codec):
+    """Mappings of any length: all their keys as one column, all their values as another."""
+
+    def __init__(self, key: Codec, value: Codec) -> None:
+        self._key = key
+        self._value = value
+        self.says = f"mapping[{key.says}, {value.says}]"
+
+    def accepts(self, value: object) -> bool:
+        return isinstance(value, Mapping)
+
+    def write(self, column: Sequence[Any], to: Writer) -> Tree:
+        for value in column:
+            if not isinstance(value, Mapping):
+                raise _refuse(value, self.says)
+        lengths = np.array([len(value) for value in column], dtype=np.int64)
+        keys = [key for value in column for key in value]
+        values = [item for value in column for item in value.values()]
+        return [to.put(lengths), self._key.write(keys, to), self._value.write(values, to)]
+
+    def read(self, tree: object, count: int, of: Reader) -> list[Any]:
+        number, keys, values = parts_of(tree, 3)
+        marks = _marks(of.get(number, "int64", count))
+        items = list(
+            zip(
+                self._key.read(keys, marks[-1], of),
+                self._value.read(values, marks[-1], of),
+                strict=True,
+            )
+        )
+        found = [dict(items[a:b]) for a, b in pairwise(marks)]
+        if sum(map(len, found)) != len(items):
+            raise CodecError("a mapping has a key twice")
+        return found
+
+
 class Records(Codec):
     """Tuples of fixed length, and anything made of fields: a column per field."""
 
@@ -299,10 +344,13 @@ class Arrays(Codec):
         if not isinstance(tree, list) or not tree:
             raise CodecError("an array is asked")
         match tree:
-            case ["alike", number] if (stack := self._checked(number, of)).ndim > 1:
-                arrays = list(stack)
-            case ["alike", number]:  # 0-dimensional ones: what falls apart are numpy's scalars
-                arrays = [np.asarray(one) for one in self._checked(number, of)]
+            case ["alike", number]:
+                stack = self._checked(number, of)
+                # before it falls apart: a stack of empty arrays takes no room, its parts do
+                if not stack.ndim or len(stack) != count:
+                    raise CodecError(f"{count} arrays are asked, {stack.shape} is there")
+                # of 0-dimensional ones, what falls apart are numpy's scalars
+                arrays = list(stack) if stack.ndim > 1 else [np.asarray(one) for one in stack]
             case ["joined", lengths, number] if (joined := self._checked(number, of)).ndim:
                 marks = _marks(of.get(lengths, "int64", count))
                 if marks[-1] != len(joined):
@@ -321,6 +369,23 @@ class Arrays(Codec):
         if self._dtype is not None and array.dtype != self._dtype:
             raise CodecError(f"{self.says} is asked")
         return array
+
+
+class Given(Codec):
+    """What the reader has already: it is not stored, and every value read is this one."""
+
+    def __init__(self, value: object) -> None:
+        self.says = f"given {type(value).__name__}"
+        self._value = value
+
+    def accepts(self, value: object) -> bool:
+        return type(value) is type(self._value)
+
+    def write(self, column: Sequence[Any], to: Writer) -> Tree:
+        return []
+
+    def read(self, tree: object, count: int, of: Reader) -> list[Any]:
+        return [self._value] * count
 
 
 def _marks(lengths: AnyArray) -> list[int]:

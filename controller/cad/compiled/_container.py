@@ -8,6 +8,7 @@ reads them in place.
 import hashlib
 import json
 import os
+import stat
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,6 +24,8 @@ DIGEST_AT = len(NAME)
 BODY_AT = DIGEST_AT + hashlib.sha256().digest_size
 HEADER_AT = BODY_AT + 8
 ALIGNED = 64
+MOST_BYTES = 2**30  # of a file; the largest parts come to a tenth of it
+MOST_HEADER_BYTES = 2**24  # JSON takes twenty times its length in memory
 DTYPES = ("|b1", "|i1", "|u1", "<i2", "<u2", "<i4", "<u4", "<i8", "<u8", "<f2", "<f4", "<f8")
 
 
@@ -60,12 +63,12 @@ def unpack(data: bytearray) -> tuple[dict[str, Any], list[NDArray[Any]]]:
     CodecError : another kind of file, cut short, or changed since it was written
     """
     if len(data) < HEADER_AT or data[:DIGEST_AT] != NAME:
-        raise CodecError("is no compiled part")
+        raise CodecError("is no file of this cache")
     if hashlib.sha256(memoryview(data)[BODY_AT:]).digest() != data[DIGEST_AT:BODY_AT]:
         raise CodecError("is damaged")
     length = int.from_bytes(data[BODY_AT:HEADER_AT], "little")
-    if length > len(data) - HEADER_AT:
-        raise CodecError("has a header longer than the file")
+    if length > min(len(data) - HEADER_AT, MOST_HEADER_BYTES):
+        raise CodecError("has a header longer than the file, or than any")
     try:
         header = json.loads(data[HEADER_AT : HEADER_AT + length])
         start = _aligned(HEADER_AT + length)
@@ -101,9 +104,18 @@ def _aligned(offset: int) -> int:
 
 
 def read_file(path: Path) -> bytearray:
-    """Return a file's bytes in memory of our own, so that arrays in it are like any others."""
-    with path.open("rb", buffering=0) as file:
-        data = bytearray(os.fstat(file.fileno()).st_size)
+    """Return a file's bytes in memory of our own, so that arrays in it are like any others.
+
+    Raises
+    ------
+    OSError : it cannot be read; CodecError : it is no plain file, or a larger one than any
+    """
+    # a pipe in its place would keep us for ever
+    with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb", buffering=0) as file:  # noqa: PTH123  (Path.open takes no descriptor)
+        status = os.fstat(file.fileno())
+        if not stat.S_ISREG(status.st_mode) or status.st_size > MOST_BYTES:
+            raise CodecError("is no plain file, or a larger one than is ever kept")
+        data = bytearray(status.st_size)
         filled, view = 0, memoryview(data)
         while filled < len(data):
             got = file.readinto(view[filled:])

@@ -7,13 +7,16 @@ digest: it is whole, of the right kind and of that name, or it is not believed a
 import hashlib
 import logging
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from ._codec import make_codec
-from ._columns import Codec, CodecError, Reader, Writer
+from ._codec import make_codec, one_of
+from ._columns import Codec, CodecError, Given, Reader, Writer
 from ._container import pack, read_file, unpack, write_file
+from ._mesh import Solids
+
+__all__ = ["Codec", "CodecError", "Given", "Keeper", "Solids", "cache_dir", "one_of"]
 
 T = TypeVar("T")
 ENDING = ".cell"
@@ -36,6 +39,9 @@ class Keeper(Generic[T]):
     prefix : of the files' names
     what : it is called in messages
     special : codecs of types that have no annotations to go by
+    check : raises ValueError where a value read, of the right types, cannot be; no array of it
+        may then hold an infinity or what is no number
+    kept_count : the oldest files go where there are more; None keeps them all
 
     Raises
     ------
@@ -43,11 +49,20 @@ class Keeper(Generic[T]):
     """
 
     def __init__(
-        self, kind: type[T], prefix: str, what: str, special: Mapping[Any, Codec] | None = None
+        self,
+        kind: type[T],
+        prefix: str,
+        what: str,
+        special: Mapping[Any, Codec] | None = None,
+        *,
+        check: Callable[[T], None] | None = None,
+        kept_count: int | None = None,
     ) -> None:
         self._kind = kind
         self._prefix = prefix
         self._what = what
+        self._check = check
+        self._kept_count = kept_count
         self._codec = make_codec(kind, special)
         self._schema = hashlib.sha256(self._codec.says.encode()).hexdigest()
 
@@ -81,10 +96,13 @@ class Keeper(Generic[T]):
         if header.get("key") != key:
             raise CodecError("is of another part or other options")
         try:
-            (value,) = self._codec.read(header.get("tree"), 1, Reader(arrays))
+            reader = Reader(arrays, is_finite=self._check is not None)
+            (value,) = self._codec.read(header.get("tree"), 1, reader)
+            assert isinstance(value, self._kind)
+            if self._check is not None:
+                self._check(value)
         except (ArithmeticError, LookupError, RecursionError, TypeError, ValueError) as error:
             raise CodecError(f"does not hold {self._what} ({error})") from error
-        assert isinstance(value, self._kind)
         return value
 
     def load(self, file: Path, version: int = 1) -> T | None:
@@ -97,9 +115,9 @@ class Keeper(Generic[T]):
             log.warning("%s %s; it is made anew", file, error)
             return None
 
-    def save(self, file: Path, value: T) -> None:
+    def save(self, file: Path, value: T, version: int = 1) -> None:
         """Keep a value; a full or read-only disk costs time at the next start, not correctness."""
-        self.write(file, self.encode(value, file.stem))
+        self.write(file, self.encode(value, file.stem, version))
 
     def write(self, file: Path, data: bytes) -> bool:
         """Write a file's bytes; tell whether that went well."""
@@ -108,4 +126,17 @@ class Keeper(Generic[T]):
         except OSError as error:
             log.warning("%s: cannot be kept (%s); the next start works it out again", file, error)
             return False
+        if self._kept_count is not None:
+            self.tidy(file.parent, self._kept_count)
         return True
+
+    def tidy(self, folder: Path, kept_count: int) -> None:
+        """Remove the oldest files where there are too many."""
+        ages = []
+        for file in folder.glob(f"{self._prefix}-*{ENDING}"):
+            try:
+                ages.append((file.stat().st_mtime, file))
+            except FileNotFoundError:
+                continue  # another process tidies too
+        for _, file in sorted(ages)[: max(0, len(ages) - kept_count)]:
+            file.unlink(missing_ok=True)

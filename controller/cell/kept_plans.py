@@ -1,0 +1,238 @@
+"""Plans, certificates and prepared parts as files of the cache: how they are stored and checked.
+
+They are stored as compiled parts are (`controller.cad.compiled.keeping`): a header of JSON and the
+arrays beside it, read by the types alone, so that a file can hold nothing that runs. What is read
+is then held against what a plan has to be: a file that was planted or spoilt under a right digest
+moves no arm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cached_property
+from math import isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.cad import Solid, SurfaceSamples
+from controller.cad.compiled import CompiledPart
+from controller.cad.compiled.keeping import Given, Keeper, Solids, one_of
+from controller.planning import (
+    Certificate,
+    HandOver,
+    Look,
+    Pick,
+    Plan,
+    PreparedPart,
+    Present,
+    SetDown,
+    Step,
+    TakeBack,
+)
+from controller.planning.motion import PartShape
+
+Array = NDArray[np.float64]
+
+FORMAT = 2  # raised when the meaning of kept plans changes
+KEPT_PLANS, KEPT_PREPARED = 500, 30  # the oldest ones go first; each can be made again
+STEPS = (Pick, Present, HandOver, TakeBack, SetDown, Look)
+ROTATION_TOLERANCE = 1e-6
+# fields that hold one array each, and its shape; the others are looked into
+POSES = ("T_world_part", "T_part_hand", "T_hand_part")
+VECTORS = {"q": 6, "direction_part": 3}
+PATHS = (
+    "motion",
+    "motion_in",
+    "motion_down",
+    "motion_up",
+    "motion_out",
+    "approach",
+    "retreat",
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KeptPlan:
+    """A plan from one place, or why there is none.
+
+    Attributes
+    ----------
+    T_world_part : (4, 4) where the part lies
+    plan : None where `reason` says why
+    """
+
+    pose_index: int
+    T_world_part: Array
+    plan: Plan | None
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Certified:
+    """What a stable pose of a part comes to in a cell.
+
+    Attributes
+    ----------
+    arm_grip_count, fixture_grip_count : how many ways of holding it plans choose from
+    """
+
+    told: Certificate
+    arm_grip_count: int
+    fixture_grip_count: int
+
+
+class Kept:
+    """The caches of one part: its plans, certificates, and what is prepared of it."""
+
+    def __init__(self, part: CompiledPart) -> None:
+        self._part = part
+        solids = {Solid: Solids()}
+        steps = {Step: one_of(STEPS, solids)}
+        self.plans = Keeper(
+            KeptPlan,
+            "plan",
+            "a plan",
+            steps,
+            check=self._check_kept,
+            kept_count=KEPT_PLANS,
+        )
+        self.certificates = Keeper(
+            Certified,
+            "certificate",
+            "a certificate",
+            steps,
+            check=self._check_certified,
+            kept_count=KEPT_PLANS,
+        )
+
+    @cached_property
+    def prepared(self) -> Keeper[PreparedPart]:
+        """The cache of what is prepared of the part; the part itself is not stored once more."""
+        solid, samples, shape = self._part.solid, self._part.samples, PartShape.of(self._part.solid)
+        return Keeper(
+            PreparedPart,
+            "prepared",
+            "a prepared part",
+            {Solid: Given(solid), SurfaceSamples: Given(samples), PartShape: Given(shape)},
+            check=check_prepared,
+            kept_count=KEPT_PREPARED,
+        )
+
+    def _check_kept(self, kept: KeptPlan) -> None:
+        if kept.pose_index not in {pose.index for pose in self._part.poses}:
+            raise ValueError(f"the part has no pose {kept.pose_index}")
+        _require(is_pose(kept.T_world_part), "T_world_part is no pose")
+        self._check_outcome(kept.plan, kept.reason)
+
+    def _check_certified(self, certified: Certified) -> None:
+        told = certified.told
+        if told.pose_index not in {pose.index for pose in self._part.poses}:
+            raise ValueError(f"the part has no pose {told.pose_index}")
+        _require(0 <= told.probability <= 1 + 1e-9, "a probability outside 0..1")
+        _require(0 <= told.pickable <= 1, "a share outside 0..1")
+        counts = certified.arm_grip_count, certified.fixture_grip_count
+        _require(min(counts) >= 0, "a count below zero")
+        self._check_outcome(told.plan, told.reason)
+
+    def _check_outcome(self, plan: Plan | None, reason: str) -> None:
+        _require((plan is None) == bool(reason), "a plan and a reason against it, or neither")
+        if plan is not None:
+            check_plan(plan, len(self._part.samples.points_mm), len(self._part.solid.faces))
+
+
+def check_plan(plan: Plan, sample_count: int, face_count: int) -> None:
+    """Raise ValueError where a plan cannot be one of a part, whatever its cell."""
+    _require(bool(plan.place), "a plan that ends nowhere")
+    _require(plan.place.keys() == plan.park.keys(), "trays without a way to park, or the reverse")
+    for name, place in plan.place.items():
+        _require(place.tray == name, "a tray under another name")
+    for share in (plan.covered_fraction, plan.reachable_fraction):
+        _require(0 <= share <= 1 + 1e-9, "a share outside 0..1")
+    for unseen in plan.unseen:
+        _require(0 <= unseen.face_id < face_count, "a surface that is not there")
+        _require(all(0 <= s < sample_count for s in unseen.samples), "no such sample")
+    _check_fields(plan, sample_count, "plan")
+
+
+def check_prepared(part: PreparedPart) -> None:
+    """Raise ValueError where tables of a prepared part do not fit together."""
+    samples = len(part.samples.points_mm)
+    grips, views = len(part.arm_grips), len(part.directions.vectors)
+    for directions in (part.directions, part.lookout.directions):
+        _require(directions.vectors.shape == (views, 3), "directions of another shape")
+        _require(directions.square_to.shape == (views,), "directions of another number")
+    for table in (part.visible, part.lookout.visible, *part.shown):
+        _require(table.shape == (views, samples), "views of another number of samples")
+    look = part.lookout
+    for row in (look.best_incidence_rad, look.blocker, look.too_coarse, look.blurred):
+        _require(row.shape == (samples,), "evidence of another number of samples")
+    _require(part.covered.shape == (grips, samples), "coverage of another number of grips")
+    _require(part.hub.shape == (grips, 6), "configurations of another number of grips")
+    for per_grip in (part.shown, part.view_q):
+        _require(len(per_grip) == grips, "views of another number of grips")
+    for by_direction in part.view_q:
+        for direction, q in by_direction.items():
+            _require(0 <= direction < views, "no such direction")
+            _require(q.ndim == 2 and q.shape[1] == 6, "configurations of other joints")
+    _require(len(part.hand_offs) == len(part.fixture_grips), "hand-offs of other grips")
+    _require(len(part.set_downs) == len(part.rests), "ways to set down at other places")
+    for partners in (*part.hand_offs, *part.set_downs):
+        for grip, meeting in partners.items():
+            _require(0 <= grip < grips, "no such grip")
+            for path in (meeting.entry, meeting.retreat):
+                _require(path.ndim == 2 and path.shape[1] == 6, "a path of other joints")
+            _require(meeting.q.shape == (6,), "a meeting of other joints")
+    for rest in part.rests:
+        _require(is_pose(rest.T_world_part), "T_world_part is no pose")
+    for grip_row in (*part.arm_grips, *part.fixture_grips):
+        _check_fields(grip_row, samples, "grip")
+
+
+def is_pose(T: Array) -> bool:
+    """Tell whether a matrix is a pose (4, 4): a rotation and a translation."""
+    if T.shape != (4, 4) or not np.isfinite(T).all():
+        return False
+    R = T[:3, :3]
+    is_rotation = np.allclose(R @ R.T, np.eye(3), atol=ROTATION_TOLERANCE)
+    return bool(is_rotation and np.linalg.det(R) > 0 and np.array_equal(T[3], [0, 0, 0, 1]))
+
+
+def _check_fields(value: object, sample_count: int, where: str) -> None:
+    """Raise ValueError where a field of a plan has another shape than fields of its name have."""
+    assert is_dataclass(value)
+    for field in fields(value):
+        inner, name = getattr(value, field.name), field.name
+        at = f"{where}.{name}"
+        if name in POSES:
+            _require(is_pose(inner), f"{at} is no pose")
+        elif name in VECTORS:
+            _require(inner.shape == (VECTORS[name],), f"{at} has another length")
+        elif name in PATHS:
+            _require(all(q.shape == (6,) for q in inner), f"{at} is of other joints")
+        elif name == "seen":
+            _require(inner.shape == (sample_count,), f"{at} is of other samples")
+        elif isinstance(inner, np.ndarray):
+            raise ValueError(f"{at}: an array of no known shape")
+        elif isinstance(inner, float):
+            _require(isfinite(inner), f"{at} is no number")
+            if name == "seconds" or name.endswith(("_mm", "_mm2", "_s")):
+                _require(inner >= 0, f"{at} is below zero")
+        elif isinstance(inner, Solid):
+            continue
+        else:
+            for item in _items(inner):
+                if is_dataclass(item):
+                    _check_fields(item, sample_count, at)
+
+
+def _items(value: object) -> Iterable[object]:
+    if isinstance(value, Mapping):
+        return value.values()
+    return value if isinstance(value, tuple) else (value,)
+
+
+def _require(holds: bool, otherwise: str) -> None:
+    if not holds:
+        raise ValueError(otherwise)
