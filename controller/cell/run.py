@@ -21,11 +21,10 @@ from .custody import where_it_is
 from .devices import Devices, resolve
 from .dispatcher import Dispatcher, Outcome
 from .experts import Workers
-from .journal import Journal
+from .journal import JOURNAL_NAME, open_cell_journal
 from .records import PartRecord, Progress
 
 EMULATED_TIMEOUT_WALL_S = 10.0  # an emulated cell shares two cores with its controller
-JOURNAL_NAME = "journal.sqlite"
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +72,7 @@ async def run_batch(
     pool: ProcessPoolExecutor,
     on_progress: Callable[[Progress], None],
     on_dispatcher: Callable[[Dispatcher], None],
+    on_notice: Callable[[str], None] = lambda text: None,
 ) -> RunResult:
     """Run a batch to rest; everything from here on is in the journal.
 
@@ -82,7 +82,11 @@ async def run_batch(
     DeviceError : a device is not there, before anything moved
     """
     order.folder.mkdir(parents=True, exist_ok=True)
-    journal = Journal(order.runs_dir / JOURNAL_NAME, order.run_id)
+    # a long journal takes a second to check
+    opened = await asyncio.to_thread(open_cell_journal, order.runs_dir / JOURNAL_NAME, order.run_id)
+    journal = opened.journal
+    if opened.notice:
+        on_notice(opened.notice)
     try:
         where = resolve(order.cell, order.emulated.get("devices", {}))
         journal.record("event", "run_began", _who_and_what(order, where))

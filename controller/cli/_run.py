@@ -18,6 +18,7 @@ from rich.table import Table
 
 from controller.cad.compiled import CompiledPart, load_part, options_among
 from controller.cell.dispatcher import Dispatcher
+from controller.cell.lock import hold_cell
 from controller.cell.records import PartRecord, Progress
 from controller.cell.run import RunOrder, RunResult, new_run_id, run_batch
 from controller.cell.workers import Job, context, load_parts, make_pool
@@ -69,7 +70,7 @@ def run_recipe(
     command = emulator_command(
         cell_file, parts, speed=speed, seed=seed, more=(*emulator_args, *fed)
     )
-    with make_pool() as pool:
+    with hold_cell(runs_dir, run_id), make_pool() as pool:
         # the worker reads the CAD while the emulated cell comes up
         pool.submit(context, Job(recipe_path, cell_file))
         cell_beside: Any = (
@@ -136,7 +137,7 @@ async def _drive(
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, stop)
 
-    return await run_batch(order, pool, on_progress, on_dispatcher)
+    return await run_batch(order, pool, on_progress, on_dispatcher, warn)
 
 
 @contextmanager

@@ -5,12 +5,11 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from controller.cell.journal import JournalError, first_broken_row, read_rows
+from controller.cell.journal import JOURNAL_NAME, JournalError, first_broken_row, read_rows
 
 from ._fold import fold
 from ._model import ResultsError, RunRecord
 
-JOURNAL_NAME = "journal.sqlite"
 NAMED_COUNT = 12  # how many runs an error names, newest first
 
 

@@ -1,0 +1,26 @@
+"""The journal: what the cell did, append-only in SQLite, from the first event on.
+
+Rows are chained by hash, so that a changed row shows; a head beside the file (`_head.py`) names the
+last row known to be on the disk, so that rows taken off the end show. `open_cell_journal` checks
+all that before a run may write. What it can and cannot notice: ADR 15.
+"""
+
+from ._care import CellJournal, first_flaw, open_cell_journal
+from ._form import JOURNAL_NAME, SCHEMA_VERSION, JournalError, Kind, Row
+from ._reader import first_broken_row, read_rows, read_rows_of_kinds
+from ._writer import Journal
+
+__all__ = [
+    "JOURNAL_NAME",
+    "SCHEMA_VERSION",
+    "CellJournal",
+    "Journal",
+    "JournalError",
+    "Kind",
+    "Row",
+    "first_broken_row",
+    "first_flaw",
+    "open_cell_journal",
+    "read_rows",
+    "read_rows_of_kinds",
+]

@@ -1,0 +1,147 @@
+"""What a run does with the cell's journal before it writes: check it whole, or set it aside.
+
+A damaged journal is never written on and never deleted: it gets another name, a new one begins
+beside it, and what the old one may have known of custody counts as unknown. What is no damage (a
+folder in the way, no permission, another version) is refused.
+"""
+
+import sqlite3
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+from ._form import JournalError
+from ._head import SUFFIX, Head, HeadError, read_head
+from ._reader import first_broken_row
+from ._writer import Journal, last_row, require_known_version
+
+SET_ASIDE: Final = "journal_set_aside"
+_COLUMNS: Final = (
+    "seq", "t_utc", "t_mono", "run", "part", "kind", "name", "body", "prev_hash", "hash",
+)  # fmt: skip
+_DAMAGE: Final = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
+_PARTS: Final = ("", "-wal", "-shm", SUFFIX)
+
+
+@dataclass(frozen=True, slots=True)
+class CellJournal:
+    """A journal that may be written, and what had to be set aside for it.
+
+    Attributes
+    ----------
+    notice : for the operator; empty where the journal was whole
+    """
+
+    journal: Journal
+    notice: str = ""
+
+
+def open_cell_journal(path: Path, run: str) -> CellJournal:
+    """Return the cell's journal, checked from its first row to its last.
+
+    Raises
+    ------
+    JournalError : it may not be written, or is of another version; nothing may move without it
+    """
+    try:
+        flaw = first_flaw(path)
+        if flaw is None:
+            return CellJournal(Journal(path, run))
+        kept = _set_aside(path)
+    except OSError as error:
+        raise JournalError(f"journal {path}: {error}; nothing moves without it") from error
+    journal = Journal(path, run)
+    journal.record("event", SET_ASIDE, {"why": flaw, "file": kept.name})
+    notice = (
+        f"The journal {path} cannot be trusted: {flaw}. It is kept as {kept.name}, and a new one "
+        "begins. What it knew of parts in the grippers is unknown now."
+    )
+    return CellJournal(journal, notice)
+
+
+def first_flaw(path: Path) -> str | None:
+    """Return what is wrong with a journal that was damaged, cut, emptied or changed; None if whole.
+
+    A journal that has not begun is whole. Rows taken off the end show against the head, as far as
+    it reaches: those after the last row that was secured may go unnoticed.
+
+    Raises
+    ------
+    JournalError : no file, no journal of ours, not readable, or of another version
+    OSError : the head cannot be read
+    """
+    try:
+        head = read_head(path)
+    except HeadError as error:
+        return str(error)
+    if not path.exists():
+        return None if head is None else f"it is gone, its head names row {head.seq}"
+    if not path.is_file():
+        raise JournalError(f"journal {path}: is no file; nothing moves without it")
+    if path.stat().st_size == 0:
+        return "the file is empty"
+    try:
+        return _flaw_inside(path, head)
+    except sqlite3.Error as error:
+        if error.sqlite_errorcode & 0xFF in _DAMAGE:
+            return str(error)
+        raise JournalError(f"journal {path}: {error}; nothing moves without it") from error
+
+
+def _flaw_inside(path: Path, head: Head | None) -> str | None:
+    db = sqlite3.connect(f"{path.absolute().as_uri()}?mode=rw", uri=True, timeout=10.0)
+    try:
+        require_known_version(db, path)
+        columns = tuple(row[1] for row in db.execute("PRAGMA table_info(journal)"))
+        if columns != _COLUMNS:
+            (count,) = db.execute("SELECT count(*) FROM sqlite_schema").fetchone()
+            if count == 0:
+                return "it has no table"
+            raise JournalError(
+                f"journal {path}: is no journal of cellctl; nothing moves without one"
+            )
+        (state,) = db.execute("PRAGMA quick_check(1)").fetchone()
+        if state != "ok":
+            return f"the file is damaged ({state.splitlines()[-1]})"
+        last = last_row(db)
+        if last is None:
+            return "it has no row"
+        try:
+            broken = first_broken_row(path)
+        except JournalError as error:
+            return str(error)
+        if broken is not None:
+            return f"row {broken} was changed, or rows before it were taken out"
+        return _flaw_at_the_end(db, head, last)
+    finally:
+        db.close()
+
+
+def _flaw_at_the_end(db: sqlite3.Connection, head: Head | None, last: Head) -> str | None:
+    if head is None:
+        (version,) = db.execute("PRAGMA user_version").fetchone()
+        (secured,) = db.execute(
+            "SELECT EXISTS (SELECT 1 FROM journal WHERE kind IN ('custody', 'intent'))"
+        ).fetchone()
+        # one without a version was written before there were heads
+        return "its head is missing" if version and secured else None
+    if head.seq > last.seq:
+        return f"it ends with row {last.seq}, its head names row {head.seq}: rows were cut off"
+    (found,) = db.execute("SELECT hash FROM journal WHERE seq = ?", (head.seq,)).fetchone()
+    return None if found == head.hash else f"row {head.seq} is not the one its head names"
+
+
+def _set_aside(path: Path) -> Path:
+    """Give a journal and what belongs to it another name; return where it is kept."""
+    stamp = f"{datetime.now(UTC):%Y%m%d-%H%M%S}"
+    number, kept = 1, path
+    while any(kept.with_name(kept.name + part).exists() for part in _PARTS):
+        more = "" if number == 1 else f"-{number}"
+        kept = path.with_name(f"{path.stem}-set-aside-{stamp}{more}{path.suffix}")
+        number += 1
+    for part in _PARTS:
+        old = path.with_name(path.name + part)
+        if old.exists():
+            old.rename(kept.with_name(kept.name + part))
+    return kept

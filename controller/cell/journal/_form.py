@@ -1,0 +1,61 @@
+"""What a journal is made of: its table, its rows, the hash that chains them."""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+Kind = Literal["event", "intent", "outcome", "observation", "decision", "custody", "config"]
+
+SCHEMA: Final = """
+CREATE TABLE IF NOT EXISTS journal (
+    seq       INTEGER PRIMARY KEY,
+    t_utc     TEXT NOT NULL,
+    t_mono    REAL NOT NULL,
+    run       TEXT NOT NULL,
+    part      INTEGER,
+    kind      TEXT NOT NULL,
+    name      TEXT NOT NULL,
+    body      TEXT NOT NULL,
+    prev_hash TEXT NOT NULL,
+    hash      TEXT NOT NULL
+) STRICT;
+CREATE INDEX IF NOT EXISTS journal_run ON journal (run, seq);
+CREATE TRIGGER IF NOT EXISTS journal_keeps_rows BEFORE UPDATE ON journal
+BEGIN SELECT RAISE(ABORT, 'the journal is append-only'); END;
+CREATE TRIGGER IF NOT EXISTS journal_loses_none BEFORE DELETE ON journal
+BEGIN SELECT RAISE(ABORT, 'the journal is append-only'); END;
+-- REPLACE takes rows away without asking the trigger on DELETE
+CREATE TRIGGER IF NOT EXISTS journal_only_grows BEFORE INSERT ON journal
+WHEN NEW.seq <= (SELECT coalesce(max(seq), 0) FROM journal)
+BEGIN SELECT RAISE(ABORT, 'the journal is append-only'); END;
+"""
+GENESIS: Final = "0" * 64
+JOURNAL_NAME: Final = "journal.sqlite"
+SCHEMA_VERSION: Final = (
+    1  # in the file's user_version; 0 is the same table, written before it was numbered
+)
+
+
+class JournalError(Exception):
+    """The journal cannot be written or read; nothing may move without it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One line of the journal; `t_mono_s` is of the machine's monotonic clock [wall s]."""
+
+    seq: int
+    t_utc: str
+    t_mono_s: float
+    run: str
+    part: int | None
+    kind: str
+    name: str
+    body: dict[str, Any]
+
+
+def digest_of(prev: str, *fields: object) -> str:
+    """Return the hash of a row that follows the one with hash ``prev``."""
+    text = json.dumps([prev, *fields], separators=(",", ":"), ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -1,0 +1,79 @@
+"""Reads journals; never writes."""
+
+import json
+import sqlite3
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from ._form import GENESIS, JournalError, Kind, Row, digest_of
+
+
+def read_rows(path: Path, run: str | None = None) -> Iterator[Row]:
+    """Yield the rows of a journal in order, of one run or of all.
+
+    Raises
+    ------
+    JournalError : no journal there
+    """
+    yield from _rows(path, "" if run is None else " WHERE run = ?", () if run is None else (run,))
+
+
+def read_rows_of_kinds(path: Path, kinds: Sequence[Kind], events: Sequence[str]) -> Iterator[Row]:
+    """Yield the rows of some kinds, and the events of some names, of all runs, in order.
+
+    Raises
+    ------
+    JournalError : no journal there
+    """
+    where = f" WHERE kind IN ({_marks(kinds)}) OR (kind = 'event' AND name IN ({_marks(events)}))"
+    yield from _rows(path, where, (*kinds, *events))
+
+
+def _marks(values: Sequence[str]) -> str:
+    return ", ".join("?" for _ in values)
+
+
+def _rows(path: Path, where: str, values: Sequence[str]) -> Iterator[Row]:
+    db = _open_to_read(path)
+    try:
+        query = "SELECT seq, t_utc, t_mono, run, part, kind, name, body FROM journal"
+        rows = db.execute(f"{query}{where} ORDER BY seq", tuple(values))
+        for seq, t_utc, t_mono, run_id, part, kind, name, body in rows:
+            yield Row(seq, t_utc, t_mono, run_id, part, kind, name, json.loads(body))
+    except (sqlite3.Error, ValueError) as error:  # no database, or a body that is no JSON
+        raise JournalError(f"journal {path}: {error}; it is damaged or no journal") from error
+    finally:
+        db.close()
+
+
+def first_broken_row(path: Path) -> int | None:
+    """Return the number of the first row whose hash does not fit, None if the chain is whole.
+
+    Rows taken off the end leave a whole chain: only a copy of its last hash kept elsewhere tells.
+
+    Raises
+    ------
+    JournalError : no journal there
+    """
+    db = _open_to_read(path)
+    # a byte that is no text any more is a changed row like any other
+    db.text_factory = lambda raw: raw.decode("utf-8", "replace")
+    try:
+        prev = GENESIS
+        for row in db.execute("SELECT * FROM journal ORDER BY seq"):
+            *fields, prev_hash, digest = row
+            if prev_hash != prev or digest_of(prev, *fields) != digest:
+                return int(fields[0])
+            prev = digest
+    except sqlite3.Error as error:
+        raise JournalError(f"journal {path}: {error}; it is damaged or no journal") from error
+    finally:
+        db.close()
+    return None
+
+
+def _open_to_read(path: Path) -> sqlite3.Connection:
+    if not path.is_file():
+        raise JournalError(f"no journal at {path}")
+    # as a URI, since a folder's name may hold # ? or %
+    return sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)

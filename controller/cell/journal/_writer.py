@@ -1,0 +1,143 @@
+"""Writes the journal.
+
+Two grades of safety (architecture.md 5.2, 5.4): what may never be repeated without looking (grip,
+release, hand-off, sort) and every change of custody is on the disk before the bytes leave
+(``synchronous = FULL``); all else survives the death of the process, and may lose its last rows
+when the power fails.
+"""
+
+import asyncio
+import json
+import sqlite3
+import threading
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+
+from ._form import GENESIS, SCHEMA, SCHEMA_VERSION, JournalError, Kind, digest_of
+from ._head import Head, HeadFile
+
+BUSY_WALL_S: Final = 10.0  # how long another writer is waited for
+
+
+class Journal:
+    """Writer of one cell's journal. One instance a process; safe to call from its threads."""
+
+    def __init__(self, path: Path, run: str) -> None:
+        self.path = path
+        self.run = run
+        self._lock = threading.Lock()
+        self._head = HeadFile(path)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._db = sqlite3.connect(
+                path, isolation_level=None, check_same_thread=False, timeout=BUSY_WALL_S
+            )
+            self._begin()
+        except (sqlite3.Error, OSError) as error:
+            raise JournalError(f"journal {path}: {error}; nothing moves without it") from error
+
+    def _begin(self) -> None:
+        """Make the table where there is none. Two that begin one journal wait for each other."""
+        until_s = time.monotonic() + BUSY_WALL_S
+        while True:
+            try:
+                # turning to WAL needs the file alone and does not wait for it by itself
+                self._db.execute("PRAGMA journal_mode = WAL")
+                self._db.execute("PRAGMA synchronous = NORMAL")
+                if require_known_version(self._db, self.path) != SCHEMA_VERSION:
+                    version = f"PRAGMA user_version = {SCHEMA_VERSION};"
+                    self._db.executescript(f"BEGIN IMMEDIATE; {SCHEMA} {version} COMMIT;")
+            except sqlite3.OperationalError as error:
+                if error.sqlite_errorcode != sqlite3.SQLITE_BUSY or time.monotonic() > until_s:
+                    raise
+                time.sleep(0.01)
+            else:
+                return
+
+    def record(
+        self, kind: Kind, name: str, body: Mapping[str, Any] | None = None, part: int | None = None
+    ) -> int:
+        """Append a row that survives the death of the process; return its number."""
+        return self._write(kind, name, body or {}, part, full=False)
+
+    async def secure(
+        self, kind: Kind, name: str, body: Mapping[str, Any] | None = None, part: int | None = None
+    ) -> int:
+        """Append a row and return once it is on the disk."""
+        return await asyncio.to_thread(self._write, kind, name, body or {}, part, full=True)
+
+    def _write(
+        self, kind: Kind, name: str, body: Mapping[str, Any], part: int | None, *, full: bool
+    ) -> int:
+        text = json.dumps(body, separators=(",", ":"), ensure_ascii=False)
+        # file names may hold bytes that are no text; the row matters more than their spelling
+        text = text.encode("utf-8", "backslashreplace").decode("utf-8")
+        with self._lock:
+            try:
+                if full:
+                    self._db.execute("PRAGMA synchronous = FULL")
+                # IMMEDIATE: number, time and chain are read under the same lock they are written
+                # under, since another run may share the cell's journal
+                self._db.execute("BEGIN IMMEDIATE")
+                try:
+                    head = self._append(kind, name, text, part)
+                    self._db.execute("COMMIT")
+                except BaseException:
+                    if self._db.in_transaction:
+                        self._db.execute("ROLLBACK")
+                    raise
+                if full:
+                    self._db.execute("PRAGMA synchronous = NORMAL")
+                    self._head.write(head)
+            except (sqlite3.Error, OSError) as error:
+                raise JournalError(f"journal {self.path}: {error}") from error
+        return head.seq
+
+    def _append(self, kind: Kind, name: str, text: str, part: int | None) -> Head:
+        t_utc = datetime.now(UTC).isoformat(timespec="microseconds")
+        t_mono = time.monotonic()
+        last = last_row(self._db)
+        seq, prev = (last.seq + 1, last.hash) if last else (1, GENESIS)
+        digest = digest_of(prev, seq, t_utc, t_mono, self.run, part, kind, name, text)
+        self._db.execute(
+            "INSERT INTO journal VALUES (?,?,?,?,?,?,?,?,?,?)",
+            (seq, t_utc, t_mono, self.run, part, kind, name, text, prev, digest),
+        )
+        return Head(int(seq), digest)
+
+    def close(self) -> None:
+        """Put everything on the disk, move the head to the last row, close the file."""
+        with self._lock:
+            with suppress(sqlite3.Error, OSError):  # what was promised is on the disk already
+                is_busy, *_ = self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+                last = last_row(self._db)
+                if last is not None and not is_busy:
+                    self._head.write(last)
+            self._head.close()
+            self._db.close()
+
+
+def last_row(db: sqlite3.Connection) -> Head | None:
+    """Return number and hash of the last row, None of an empty journal."""
+    row = db.execute("SELECT seq, hash FROM journal ORDER BY seq DESC LIMIT 1").fetchone()
+    return Head(*row) if row else None
+
+
+def require_known_version(db: sqlite3.Connection, path: Path) -> int:
+    """Return the version of a journal.
+
+    Raises
+    ------
+    JournalError : another version of cellctl has written it
+    """
+    (version,) = db.execute("PRAGMA user_version").fetchone()
+    if not 0 <= version <= SCHEMA_VERSION:
+        raise JournalError(
+            f"journal {path} is of version {version}, this cellctl knows {SCHEMA_VERSION}. Nothing "
+            "has moved. Use the cellctl that wrote it, or another folder of runs (--runs)"
+        )
+    return int(version)

@@ -1,0 +1,219 @@
+"""A journal that was tampered with, cut, emptied or written by another version is never trusted."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import shutil
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from controller.cell.journal import (
+    Journal,
+    JournalError,
+    first_broken_row,
+    first_flaw,
+    open_cell_journal,
+    read_rows,
+)
+from controller.cell.lock import CellBusyError, hold_cell
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """A journal of one ended run: 12 rows, of which 10 and 11 are secured."""
+    place = tmp_path / "runs" / "journal.sqlite"
+    journal = Journal(place, "run-1")
+    for i in range(9):
+        journal.record("event", f"step {i}", {"i": i, "note": "marmalade" * 40})
+    asyncio.run(journal.secure("intent", "sort", {"tray": "accept"}, 1))
+    asyncio.run(journal.secure("custody", "placed", {"detail": "accept"}, 1))
+    journal.record("event", "run_ended")
+    journal.close()
+    return place
+
+
+def sql(path: Path, *statements: str) -> None:
+    db = sqlite3.connect(path, isolation_level=None)
+    for trigger in ("journal_keeps_rows", "journal_loses_none"):
+        db.execute(f"DROP TRIGGER IF EXISTS {trigger}")
+    for statement in statements:
+        db.execute(statement)
+    db.close()
+
+
+def flip(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[data.index(b'"i":4') + 4] ^= 1
+    path.write_bytes(data)
+
+
+DAMAGE: dict[str, tuple[Callable[[Path], None], str]] = {
+    "row edited": (lambda p: sql(p, "UPDATE journal SET name = 'x' WHERE seq = 4"), "row 4 was"),
+    "row deleted": (lambda p: sql(p, "DELETE FROM journal WHERE seq = 4"), "row 5 was"),
+    "first rows deleted": (lambda p: sql(p, "DELETE FROM journal WHERE seq < 4"), "row 4 was"),
+    "tail cut": (lambda p: sql(p, "DELETE FROM journal WHERE seq > 10"), "were cut off"),
+    "all rows cut": (lambda p: sql(p, "DELETE FROM journal"), "no row"),
+    "last row cut": (lambda p: sql(p, "DELETE FROM journal WHERE seq > 11"), "were cut off"),
+    "table dropped": (lambda p: sql(p, "DROP TABLE journal"), "no table"),
+    "bit flipped": (flip, "row 5 was"),
+    "zero bytes": (lambda p: p.write_bytes(b""), "empty"),
+    "text": (lambda p: p.write_text("Dear operator, " * 500), "not a database"),
+    "cut in half": (lambda p: os.truncate(p, p.stat().st_size // 2), "malformed"),
+    "cut by a page": (lambda p: os.truncate(p, p.stat().st_size - 4096), "malformed"),
+    "gone": (lambda p: p.unlink(), "gone"),
+    "head gone": (lambda p: head(p).unlink(), "head is missing"),
+    "head empty": (lambda p: head(p).write_bytes(b""), "no head"),
+    "head of another": (
+        lambda p: head(p).write_text('{"seq":11,"hash":"00"}'.ljust(127) + "\n"),
+        "not the one its head names",
+    ),
+}  # fmt: skip
+
+
+def head(path: Path) -> Path:
+    return path.with_name(path.name + ".head")
+
+
+def test_a_whole_journal_is_continued(path: Path) -> None:
+    assert first_flaw(path) is None
+    opened = open_cell_journal(path, "run-2")
+    assert opened.notice == ""
+    assert opened.journal.record("event", "run_began") == 13
+    opened.journal.close()
+    assert first_flaw(path) is None
+    assert first_broken_row(path) is None
+
+
+def test_a_journal_that_has_not_begun_is_whole(tmp_path: Path) -> None:
+    assert first_flaw(tmp_path / "journal.sqlite") is None
+
+
+@pytest.mark.parametrize("what", DAMAGE)
+def test_damage_is_named_and_a_new_journal_begins_beside_it(path: Path, what: str) -> None:
+    damage, words = DAMAGE[what]
+    damage(path)
+    before = path.read_bytes() if path.exists() else None
+
+    opened = open_cell_journal(path, "run-2")
+    opened.journal.close()
+
+    assert words in opened.notice
+    (row,) = read_rows(path)
+    assert (row.name, row.run) == ("journal_set_aside", "run-2")
+    assert words in row.body["why"]
+    assert first_flaw(path) is None
+    kept = path.with_name(row.body["file"])
+    assert kept.name in opened.notice
+    if before is None:
+        assert head(kept).exists()
+    else:
+        assert kept.read_bytes() == before  # not a byte of it is changed
+
+
+def test_a_second_damage_keeps_both(path: Path) -> None:
+    for run in ("run-2", "run-3"):
+        path.write_bytes(b"")
+        open_cell_journal(path, run).journal.close()
+    assert len(list(path.parent.glob("journal-set-aside-*.sqlite"))) == 2
+
+
+def test_what_is_no_damage_is_refused_and_left_as_it_is(path: Path, tmp_path: Path) -> None:
+    newer = path.with_name("newer.sqlite")
+    shutil.copy(path, newer)
+    sql(newer, "PRAGMA user_version = 2")
+    other = path.with_name("other.sqlite")
+    db = sqlite3.connect(other)
+    db.execute("CREATE TABLE recipes (name TEXT)")
+    db.close()
+    folder = path.with_name("folder.sqlite")
+    folder.mkdir()
+    before = newer.read_bytes(), other.read_bytes()
+    for place, words in ((newer, "version 2"), (other, "no journal of"), (folder, "no file")):
+        with pytest.raises(JournalError, match=words) as caught:
+            open_cell_journal(place, "run-2")
+        assert str(place) in str(caught.value)
+    assert (newer.read_bytes(), other.read_bytes()) == before
+    assert not list(tmp_path.rglob("*set-aside*"))
+
+
+def test_a_journal_of_the_days_before_versions_and_heads_is_continued(path: Path) -> None:
+    sql(path, "PRAGMA user_version = 0")
+    head(path).unlink()
+    opened = open_cell_journal(path, "run-2")
+    opened.journal.record("event", "run_began")
+    opened.journal.close()
+    assert opened.notice == ""
+    assert first_flaw(path) is None
+    assert head(path).exists()
+
+
+KILLED = """
+import asyncio, os, sys
+from pathlib import Path
+from controller.cell.journal import Journal
+
+journal = Journal(Path(sys.argv[1]), "killed")
+journal.record("event", "run_began")
+asyncio.run(journal.secure("intent", "grip"))
+journal.record("event", "after")
+os.kill(os.getpid(), 9)
+"""
+
+
+def killed(path: Path) -> None:
+    subprocess.run(
+        [sys.executable, "-c", KILLED, str(path)], cwd=ROOT, check=False, capture_output=True
+    )
+
+
+def test_a_killed_run_leaves_a_whole_journal_with_its_head(path: Path) -> None:
+    killed(path)
+    assert first_flaw(path) is None
+    assert list(read_rows(path))[-1].name == "after"
+
+
+def test_a_log_that_is_taken_away_from_a_killed_run_is_missed(path: Path) -> None:
+    killed(path)
+    wal = path.with_name(path.name + "-wal")
+    assert wal.stat().st_size > 0
+    wal.unlink()
+    assert "cut off" in str(first_flaw(path))
+
+
+# ---- one controller at a time --------------------------------------------------------------------
+
+HOLDER = """
+import sys, time
+from pathlib import Path
+from controller.cell.lock import hold_cell
+
+with hold_cell(Path(sys.argv[1]), "the-first"):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_busy_cell_names_who_has_it_until_that_process_is_gone(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLDER, str(tmp_path)],
+        cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    with process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "held\n"
+        with pytest.raises(CellBusyError) as caught, hold_cell(tmp_path, "the-second"):
+            pass
+        assert "the-first" in str(caught.value)
+        assert str(process.pid) in str(caught.value)
+        process.kill()
+    # the lock of a dead process is no lock, whatever the file still says
+    with hold_cell(tmp_path, "the-third"):
+        pass
