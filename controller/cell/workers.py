@@ -7,7 +7,7 @@ between processes (meshes with their ray casters, tables of sight lines).
 import time
 from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from multiprocessing import get_context
 from pathlib import Path
@@ -37,7 +37,6 @@ from controller.config import (
     Cell,
     Recipe,
     build_lamps,
-    build_layout,
     load_cell,
     load_recipe,
     panel_corners,
@@ -46,11 +45,9 @@ from controller.config import (
 from controller.planning import (
     Box,
     Doubt,
-    GripRules,
     Motion,
     OnTable,
     Plan,
-    PlanOptions,
     PreparedPart,
     Reading,
     Start,
@@ -61,6 +58,7 @@ from controller.planning.motion import Scene, connect
 from controller.recognition.stored import open_library
 
 from . import slipped
+from .planner_setup import PlannerSetup, planner_setup
 from .plans import Planning
 
 Array = NDArray[np.float64]
@@ -68,7 +66,6 @@ Grey = NDArray[np.uint8]
 
 TABLE_LAMPS = ("table_ring", "table_side")
 STATION_LAMPS = ("station_ring", "station_side")
-DEFECT_PX = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,13 +82,18 @@ class Context:
 
     recipe: Recipe
     cell: Cell
-    layout: CellLayout
+    setup: PlannerSetup
     part: CompiledPart
     caster: RayCaster
     overhead: Camera
     inspection: Camera
     library: recognising.Library
     glowing: NDArray[np.bool_]
+
+    @property
+    def layout(self) -> CellLayout:
+        """Return the cell as planning sees it."""
+        return self.setup.layout
 
     @property
     def solid(self) -> Solid:
@@ -125,13 +127,14 @@ def context(job: Job) -> Context:
     cv2.setNumThreads(1)  # two cores, and an emulated cell beside us
     recipe = load_recipe(job.recipe_path)
     cell = load_cell(job.cell_path)
-    layout = build_layout(cell)
     files = part_files(recipe)
     part = load_part(*files[0])
+    setup = planner_setup(recipe, cell, part)
+    layout = setup.layout
     return Context(
         recipe=recipe,
         cell=cell,
-        layout=layout,
+        setup=setup,
         part=part,
         caster=RayCaster(part.solid.mesh),
         overhead=layout.overhead,
@@ -267,20 +270,7 @@ def share(job: Job, samples: NDArray[np.bool_]) -> float:
 @lru_cache(maxsize=2)
 def _prepared(job: Job) -> PreparedPart:
     c = context(job)
-    return Planning(c.part, c.layout, plan_options(c.recipe)).prepared()
-
-
-def plan_options(recipe: Recipe) -> PlanOptions:
-    """Return the planner's options a recipe asks for."""
-    wanted = recipe.inspection
-    density_kg_mm3 = recipe.density_g_cm3 * 1e-6
-    return PlanOptions(
-        max_incidence_deg=wanted.max_incidence_deg,
-        # a defect that is to be found takes this many pixels, whichever way it runs
-        min_px_per_mm=DEFECT_PX / wanted.smallest_defect_mm,
-        least_gain=wanted.least_gain,
-        rules=replace(GripRules(), density_kg_mm3=density_kg_mm3),
-    )
+    return Planning(c.part, c.layout, c.setup.options).prepared()
 
 
 def inspect(

@@ -22,19 +22,20 @@ from controller.cad.compiled import (
 from controller.cad.surfaces.features import Feature
 from controller.cad.surfaces.tolerances import Datum, Dimension, GeometricTolerance, Tolerance
 from controller.cad.views import LineView
+from controller.cell.planner_setup import planner_setup
 from controller.cell.plans import Certified, Planning
-from controller.config import ConfigError, build_layout, load_cell
+from controller.config import ConfigError, load_cell
 from controller.results.sheet import write_sheet
 
 from ._output import emit, say, stdout, warn
 from ._plan import print_certificates
 from ._plan_json import certificate_json
+from ._planned_parts import PartFile
 
 
 def compile_parts(
-    paths: Sequence[Path],
+    files: Sequence[PartFile],
     *,
-    unit: str | None,
     density_g_cm3: float | None,
     report: Path | None,
     cell: Path | None,
@@ -45,18 +46,24 @@ def compile_parts(
 
     Parameters
     ----------
+    density_g_cm3 : of all parts; the recipe's, the file's, or aluminium's otherwise
     cell : cell file; with it come the ways to hold each part there, and a plan for each pose
 
     Raises
     ------
     ConfigError : the cell file is wrong, or the report cannot be written
     """
-    layout = None if cell is None else build_layout(load_cell(cell))
+    recipes = [file.recipe for file in files if file.recipe is not None]
+    on_command_line = density_g_cm3
+    if recipes and on_command_line is not None:
+        raise ConfigError("--density goes without --recipe: the recipe says `density_g_cm3:`")
+    density_g_cm3 = recipes[0].density_g_cm3 if recipes else on_command_line
+    planned_in = None if cell is None else load_cell(cell)
     code, parts = 0, []
-    for path in paths:
+    for file in files:
         started = time.perf_counter()
         try:
-            part, from_cache = _compiled(path, CompileOptions(unit=unit), use_cache=use_cache)
+            part, from_cache = _compiled(file.path, file.options, use_cache=use_cache)
         except CadError as error:
             warn(f"cellctl: {error}")
             code = 2
@@ -67,10 +74,13 @@ def compile_parts(
         if not as_json:
             _print(part, body)
         certified = None
-        if layout is not None:
-            planning = Planning(part, layout, use_cache=use_cache)
+        if planned_in is not None:
+            setup = planner_setup(file.recipe, planned_in, part, on_command_line)
+            if not as_json:
+                say(setup.sentence)
+            planning = Planning(part, setup.layout, setup.options, use_cache=use_cache)
             certified = [planning.certified(pose) for pose in part.poses]
-            body |= certified_json(certified)
+            body |= {"planned_with": setup.as_json()} | certified_json(certified)
         if as_json:
             emit(body)
         elif certified is not None:

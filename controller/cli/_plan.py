@@ -10,25 +10,26 @@ from rich.box import SIMPLE
 from rich.table import Table
 
 from controller.cad import StablePose
-from controller.cad.compiled import CompiledPart, CompileOptions, load_part
+from controller.cad.compiled import CompiledPart, load_part
+from controller.cell.planner_setup import PlannerSetup, planner_setup
 from controller.cell.plans import KeptPlan, Planning
-from controller.config import Cell, ConfigError, build_layout, load_cell
-from controller.planning import CellLayout, Certificate, Plan, PlanOptions
+from controller.config import Cell, ConfigError, load_cell
+from controller.planning import Certificate, Plan
 from controller.results.moments import view_count
 
 from ._output import emit, say, stdout, warn
 from ._plan_json import certificate_json, plan_json
+from ._planned_parts import PartFile
 
 Place = tuple[float, float, float]  # x [mm], y [mm], theta [deg]
 
 
 def plan_part_file(
-    part: Path,
+    part: PartFile,
     cell_path: Path,
     pose_index: int | None,
     at: str | None,
     *,
-    unit: str | None,
     report: Path | None,
     use_cache: bool,
     as_json: bool,
@@ -41,23 +42,25 @@ def plan_part_file(
     NoPlanError : asked for one pose, and there is no plan from it
     """
     cell = load_cell(cell_path)
-    layout = build_layout(cell)
     place = parse_place(at, cell.table.drop_area.x, cell.table.drop_area.y)
-    compiled = load_part(part, CompileOptions(unit=unit))
+    compiled = load_part(part.path, part.options)
+    setup = planner_setup(part.recipe, cell, compiled)
     poses = _asked(compiled, pose_index)
     started = time.monotonic()
-    planning = Planning(compiled, layout, use_cache=use_cache)
+    planning = Planning(compiled, setup.layout, setup.options, use_cache=use_cache)
     tell = None if as_json else (lambda kept: _print(compiled, cell, kept, place))
+    if not as_json:
+        say(setup.sentence)
     if tell is not None and not planning.is_prepared:
-        _say_coarse(compiled, layout, poses[0], place)
+        _say_coarse(compiled, setup, poses[0], place)
     kept, told = _plan_all(planning, poses, place, tell, is_one=pose_index is not None)
     seconds = time.monotonic() - started
     if as_json:
-        body = _head(compiled, cell, kept, place)
+        body = _head(compiled, cell, kept, place) | {"planned_with": setup.as_json()}
         if kept.plan is None:
             body |= {"steps": [], "error": _no_plan(compiled, kept, told)}
         else:
-            body |= plan_json(compiled.solid, compiled.samples, layout, kept.plan)
+            body |= plan_json(compiled.solid, compiled.samples, setup.layout, kept.plan)
         certificates = [certificate_json(c) for c in told]
         end = {"seconds": seconds, "from_cache": planning.is_from_cache}
         emit(body | {"certificates": certificates} | end)
@@ -68,7 +71,7 @@ def plan_part_file(
     if report is not None:
         from controller.results.plan_page import PlanFacts, write_plan_page
 
-        facts = PlanFacts(compiled, cell.name, layout, kept, told, place)
+        facts = PlanFacts(compiled, cell.name, setup.layout, kept, told, place)
         try:
             written = write_plan_page(facts, report)
         except OSError as error:
@@ -78,11 +81,11 @@ def plan_part_file(
     return 0 if kept.plan is not None else 1
 
 
-def _say_coarse(part: CompiledPart, layout: CellLayout, pose: StablePose, place: Place) -> None:
+def _say_coarse(part: CompiledPart, setup: PlannerSetup, pose: StablePose, place: Place) -> None:
     """Say what a plan from few candidates comes to: seconds before the full one is there."""
     started = time.monotonic()
     x_mm, y_mm, theta_deg = place
-    quick = Planning(part, layout, PlanOptions().coarse(), use_cache=False)
+    quick = Planning(part, setup.layout, setup.options.coarse(), use_cache=False)
     plan = quick.lying(pose, x_mm, y_mm, float(np.radians(theta_deg))).plan
     if plan is None:
         return  # few candidates prove nothing: the full plan tells why not

@@ -9,16 +9,18 @@ from typing import Any
 from rich.box import SIMPLE
 from rich.table import Table
 
-from controller.cad.compiled import CompileOptions, load_part
+from controller.cad.compiled import load_part
+from controller.cell.planner_setup import planner_setup
 from controller.cell.plans import Planning
 from controller.config import build_layout, load_cell
 from controller.planning.siting import Site, SiteOptions, SiteReport, SiteScore, site_report
 
 from ._output import emit, say, stderr, stdout
+from ._planned_parts import PartFile
 
 
 def site_parts(
-    paths: Sequence[Path], cell_path: Path, *, unit: str | None, use_cache: bool, as_json: bool
+    files: Sequence[PartFile], cell_path: Path, *, use_cache: bool, as_json: bool
 ) -> int:
     """Search places for camera and fixed gripper and tell what came out.
 
@@ -29,12 +31,18 @@ def site_parts(
     """
     cell = load_cell(cell_path)
     layout = build_layout(cell)
-    parts = [load_part(path, CompileOptions(unit=unit)) for path in paths]
+    parts = [load_part(file.path, file.options) for file in files]
+    setups = [
+        planner_setup(file.recipe, cell, part) for file, part in zip(files, parts, strict=True)
+    ]
     glowing = cell.table.glowing_area
     options = SiteOptions(keep_free_mm=(glowing.x, glowing.y))
     started = time.monotonic()
     with stderr.status("preparing parts") as status:
-        prepared = [Planning(part, layout, use_cache=use_cache).prepared() for part in parts]
+        prepared = [
+            Planning(part, setup.layout, setup.options, use_cache=use_cache).prepared()
+            for part, setup in zip(parts, setups, strict=True)
+        ]
 
         def progress(what: str, done: int, total: int) -> None:
             status.update(f"{what}: {done} of {total}")
@@ -43,8 +51,11 @@ def site_parts(
     seconds = time.monotonic() - started
     if as_json:
         head = {"parts": [part.solid.name for part in parts], "cell": cell.name}
-        emit(head | site_json(told) | {"seconds": seconds})
+        figures = {"planned_with": [setup.as_json() for setup in setups]}
+        emit(head | figures | site_json(told) | {"seconds": seconds})
         return 0
+    for part, setup in zip(parts, setups, strict=True):
+        say(f"{part.solid.name}: {setup.sentence}")
     for sentence in told.sentences:
         say(sentence)
     _print(told)

@@ -17,6 +17,7 @@ from rich.live import Live
 from rich.table import Table
 
 from controller.cad.compiled import CompiledPart, load_part, options_among
+from controller.cell.checking import check_job
 from controller.cell.dispatcher import Dispatcher
 from controller.cell.lock import hold_cell
 from controller.cell.records import PartRecord, Progress
@@ -26,6 +27,7 @@ from controller.config import ConfigError, load_cell, load_recipe
 from controller.results import load_run, write_html
 
 from ._emulator import emulated_cell, emulator_command
+from ._offline import warn_of
 from ._output import emit, say, stderr, warn
 
 EMULATOR_READS = (".stl", ".obj", ".ply", ".off")
@@ -52,6 +54,10 @@ def run_recipe(
     cell = load_cell(cell_file)
     # before anything starts: a bad CAD file is the command line's fault
     first, *_ = load_parts(recipe)
+    checked = check_job(Job(recipe_path, cell_file), None if as_json else warn)
+    if checked.problems:
+        warn_of(recipe_path, checked)
+        return 1
     laid = [(path, load_part(path, options_among(path, recipe.unit))) for path in lay]
     emulated = cell.emulated_devices
     if speed != 1 and len(emulated) < len(type(cell.devices).model_fields):

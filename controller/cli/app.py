@@ -165,7 +165,15 @@ def check(recipe: RecipeArg, cell: CellOption = None, json: JsonOption = False) 
     epilog="Example: cellctl compile recipes/parts/featuretype.stl --report featuretype.html",
 )
 def compile_(
-    parts: Annotated[list[Path], typer.Argument(help="CAD files")],
+    parts: Annotated[
+        list[Path] | None, typer.Argument(help="CAD files (default: the recipe's part)")
+    ] = None,
+    recipe: Annotated[
+        Path | None,
+        typer.Option(
+            "--recipe", help="recipe (YAML): plan in its cell, with its density, grip and views"
+        ),
+    ] = None,
     unit: UnitOption = None,
     density: Annotated[
         float | None,
@@ -185,13 +193,15 @@ def compile_(
 ) -> None:
     """Show what follows from a CAD file: ways to lie and their odds, outlines, surfaces, edges."""
     from ._compile import compile_parts
+    from ._planned_parts import part_files
 
+    recipes = [recipe] if recipe is not None else []
+    files, recipe_cell = part_files(list(parts or ()), recipes, unit and unit.value, cell)
     code = compile_parts(
-        parts,
-        unit=unit and unit.value,
+        files,
         density_g_cm3=density,
         report=report,
-        cell=cell,
+        cell=recipe_cell if recipes else cell,
         use_cache=not no_cache,
         as_json=json,
     )
@@ -248,12 +258,28 @@ def calibrate_camera(
     raise typer.Exit(calibrate_from_files(images, target, output, as_json=json))
 
 
-@app.command(epilog="Example: cellctl plan recipes/parts/featuretype.stl --report featuretype.html")
+@app.command(
+    epilog="Example: cellctl plan --recipe recipes/featuretype.yaml --report featuretype.html"
+)
 def plan(
-    parts: Annotated[list[Path], typer.Argument(help="CAD file; several with --site")],
-    cell: Annotated[Path, typer.Option("--cell", help="cell file (YAML)")] = Path(
-        "recipes/cells/emulated.yaml"
-    ),
+    parts: Annotated[
+        list[Path] | None,
+        typer.Argument(help="CAD file; several with --site (default: the recipe's part)"),
+    ] = None,
+    recipe: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--recipe",
+            help="recipe (YAML) whose density, grip and views count; may be repeated with --site",
+        ),
+    ] = None,
+    cell: Annotated[
+        Path | None,
+        typer.Option(
+            "--cell",
+            help="cell file (YAML) (default: the recipe's, or recipes/cells/emulated.yaml)",
+        ),
+    ] = None,
     pose: Annotated[
         int | None,
         typer.Option("--pose", help="stable pose it lies in; all of them are tried otherwise"),
@@ -276,6 +302,9 @@ def plan(
     json: JsonOption = False,
 ) -> None:
     """Plan how a part would be shown: steps, forecast, coverage, and why not the rest."""
+    from ._planned_parts import part_files
+
+    files, cell_file = part_files(list(parts or ()), list(recipe or ()), unit and unit.value, cell)
     if site:
         asked = {"--pose": pose, "--at": at, "--report": report}
         for name, value in asked.items():
@@ -283,20 +312,18 @@ def plan(
                 raise ConfigError(f"--site is about the cell: it goes without {name}")
         from ._plan_site import site_parts
 
-        code = site_parts(
-            parts, cell, unit=unit and unit.value, use_cache=not no_cache, as_json=json
-        )
+        code = site_parts(files, cell_file, use_cache=not no_cache, as_json=json)
         raise typer.Exit(code)
-    if len(parts) > 1:
-        raise ConfigError(f"{parts[1]}: one part is planned at a time; several only with --site")
+    if len(files) > 1:
+        second = files[1].path
+        raise ConfigError(f"{second}: one part is planned at a time; several only with --site")
     from ._plan import plan_part_file
 
     code = plan_part_file(
-        parts[0],
-        cell,
+        files[0],
+        cell_file,
         pose,
         at,
-        unit=unit and unit.value,
         report=report,
         use_cache=not no_cache,
         as_json=json,

@@ -48,7 +48,8 @@ class Recipe(Section):
     others : CAD files of other parts that may turn up on the table
     unit : of the lengths in those CAD files that name none, as STL; it contradicts no part that
         does
-    density_g_cm3 : of the material, for the load on the grips
+    density_g_cm3 : of the material, for the load on the grips; what the CAD file says, or
+        aluminium's, if nothing is said
     cell : cell file, relative to the recipe; the emulated cell if nothing is said
     """
 
@@ -56,7 +57,7 @@ class Recipe(Section):
     part: Path
     others: tuple[Path, ...] = ()
     unit: Unit | None = None
-    density_g_cm3: float = Field(2.7, gt=0, le=25)
+    density_g_cm3: float | None = Field(None, gt=0, le=25)
     cell: Path = DEFAULT_CELL
     inspection: InspectionSection = InspectionSection()
     grip: GripSection = GripSection()

@@ -57,6 +57,8 @@ class PlanOptions:
     table_views: bool = True
     # the first answer of the search is taken, and its gap stated
     is_coarse: bool = False
+    # the cell takes jaws that stop further off than this for another grip (recipe's grip section)
+    width_tolerance_mm: float = 2.0
     square_share: float = 0.5  # of a face must show for a view to count as its square view
     rules: GripRules = field(default_factory=GripRules)
 

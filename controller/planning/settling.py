@@ -175,7 +175,14 @@ def _common_ways(
         T_world_hand = start.T_world_part @ grip.T_part_hand
         own_area, _ = _closed(own, grip.T_part_hand, layout.hand, grip.pre_open_mm)
         if all(
-            _holds_too(c, inverse_pose(o.T_world_part) @ T_world_hand, layout, grip, own_area)
+            _holds_too(
+                c,
+                inverse_pose(o.T_world_part) @ T_world_hand,
+                layout,
+                grip,
+                own_area,
+                min(SAME_WIDTH_MM, part.options.width_tolerance_mm),
+            )
             for c, o in zip(casters, others, strict=True)
         ):
             found[way.grip] = way
@@ -185,11 +192,16 @@ def _common_ways(
 
 
 def _holds_too(
-    caster: RayCaster, T_part_hand: FloatArray, layout: CellLayout, grip: Grip, area: float
+    caster: RayCaster,
+    T_part_hand: FloatArray,
+    layout: CellLayout,
+    grip: Grip,
+    area: float,
+    tolerance_mm: float,
 ) -> bool:
     """Tell whether jaws that close on another solid there stop as they would on the part."""
     other, width = _closed(caster, T_part_hand, layout.hand, grip.pre_open_mm)
-    return other >= LEAST_SHARE * area and abs(width - grip.opening_mm) <= SAME_WIDTH_MM
+    return other >= LEAST_SHARE * area and abs(width - grip.opening_mm) <= tolerance_mm
 
 
 def _closed(

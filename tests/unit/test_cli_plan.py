@@ -13,7 +13,7 @@ import pytest
 from cad_solids import box, mesh_of, rod
 
 from controller.cad.compiled import load_part
-from controller.cell import plans
+from controller.cell import planner_setup, plans
 from controller.cell.plans import digest_of
 from controller.cli import _plan_site, main
 from controller.config import build_layout, load_cell
@@ -51,7 +51,7 @@ def _coarse(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         directions_n=30,
         rules=GripRules().coarse(),
     )
-    monkeypatch.setattr(plans, "PlanOptions", lambda: few)
+    monkeypatch.setattr(planner_setup, "PlanOptions", lambda: few)
     monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
     monkeypatch.setattr(strip, "WIDTHS_PX", (60, 60, 60))
     monkeypatch.setattr(coverage, "SIZE_PX", (60, 48))
@@ -175,7 +175,8 @@ def test_without_a_pose_all_are_told_and_the_likeliest_with_a_plan_is_taken(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     part = load_part(block)
-    planning = plans.Planning(part, build_layout(load_cell(CELL)))
+    setup = planner_setup.planner_setup(None, load_cell(CELL), part)
+    planning = plans.Planning(part, setup.layout, setup.options)
     made = planning.lying(part.poses[0], told["x_mm"], told["y_mm"], 0.0).plan
     assert planning.is_from_cache
 

@@ -101,7 +101,9 @@ def _refusal(
         )
     tallies = "; ".join(s.phrase for s in stages[: stages.index(last) + 1])
     told = f"grips left by each demand: {tallies}"
-    if last.name == "little enough weight":
+    if last.name == "little enough weight" or (
+        last.name.endswith("strong enough") and need <= have
+    ):
         mass_kg = solid.volume_mm3 * rules.density_kg_mm3
         return (
             f"{name}, grip strength: {mass_kg:.2f} kg between pads of {jaw.force_n:.0f} N and "

@@ -1,0 +1,133 @@
+"""What the planner is told of a part in a cell: one function for every command that plans.
+
+`run`, `check`, `plan`, `plan --site` and `compile --cell` all build it here, so that one recipe has
+one plan, and what nobody has said is assumed alike and printed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from controller.cad.compiled import CompiledPart
+from controller.config import Cell, Recipe, build_layout
+from controller.config.recipe import GripSection, InspectionSection
+from controller.planning import CellLayout, PlanOptions
+
+DEFECT_PX = 2.0  # a defect that is to be found takes as many pixels, whichever way it runs
+# the arm's MAX_FORCE has no unit (umi_rtx.md 5.6): no more than this is counted on
+ARM_COUNTED_N = 40.0
+
+DensityFrom = Literal["recipe", "command line", "CAD file", "assumed"]
+_DENSITY_WORDS: dict[DensityFrom, str] = {
+    "recipe": "density {} g/cm3 (recipe)",
+    "command line": "density {} g/cm3 (command line)",
+    "CAD file": "density {} g/cm3 (CAD file)",
+    "assumed": "density assumed {} g/cm3 (aluminium)",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannerSetup:
+    """What the planner is told.
+
+    Attributes
+    ----------
+    layout : the cell, with the force its grippers press with
+    options : what plans aim at
+    density_g_cm3, density_from : of the part, and who says so
+    has_recipe : the figures are a recipe's; otherwise those of a recipe that says nothing of them
+    """
+
+    layout: CellLayout
+    options: PlanOptions
+    density_g_cm3: float
+    density_from: DensityFrom
+    mass_g: float
+    smallest_defect_mm: float
+    force_n: float
+    has_recipe: bool
+
+    def as_json(self) -> dict[str, Any]:
+        """Return all that plans depend on beside part and cell file."""
+        fixture = self.layout.fixture
+        return {
+            "density_g_cm3": self.density_g_cm3,
+            "density_from": self.density_from,
+            "mass_g": self.mass_g,
+            "max_incidence_deg": self.options.max_incidence_deg,
+            "smallest_defect_mm": self.smallest_defect_mm,
+            "least_gain": self.options.least_gain,
+            "force_n": self.force_n,
+            "arm_gripper_n": self.layout.hand.force_n,
+            "fixed_gripper_n": None if fixture is None else fixture.force_n,
+            "width_tolerance_mm": self.options.width_tolerance_mm,
+            "from_recipe": self.has_recipe,
+        }
+
+    @property
+    def sentence(self) -> str:
+        """What plans depend on, for people."""
+        density = _DENSITY_WORDS[self.density_from].format(f"{self.density_g_cm3:g}")
+        fixture = self.layout.fixture
+        fixed = "" if fixture is None else f" and {fixture.force_n:g} N of the fixed gripper"
+        words = (
+            f"{density}, {self.mass_g:.0f} g; incidence up to "
+            f"{self.options.max_incidence_deg:g} deg; defects from {self.smallest_defect_mm:g} mm; "
+            f"views that add {self.options.least_gain:g} of the surface or more; "
+            f"{self.layout.hand.force_n:g} N of the arm gripper{fixed}; jaw widths to "
+            f"{self.options.width_tolerance_mm:g} mm"
+        )
+        return f"planned with {words}" if self.has_recipe else f"planned without a recipe: {words}"
+
+
+def planner_setup(
+    recipe: Recipe | None,
+    cell: Cell,
+    part: CompiledPart,
+    density_g_cm3: float | None = None,
+) -> PlannerSetup:
+    """Return what the planner is told of a part in a cell.
+
+    Parameters
+    ----------
+    recipe : None for the figures of a recipe that says nothing
+    density_g_cm3 : of the command line; the recipe's, the file's, or aluminium's otherwise
+    """
+    wanted = InspectionSection() if recipe is None else recipe.inspection
+    grip = GripSection() if recipe is None else recipe.grip
+    said = None if recipe is None else recipe.density_g_cm3
+    source: DensityFrom = "assumed"
+    if density_g_cm3 is not None:
+        source = "command line"
+    elif said is not None:
+        source = "recipe"
+    elif part.solid.density_g_cm3:
+        source = "CAD file"
+    density = part.density_g_cm3(density_g_cm3 or said)
+    layout = build_layout(cell)
+    fixture = layout.fixture
+    layout = replace(
+        layout,
+        hand=replace(layout.hand, force_n=min(grip.force_n, ARM_COUNTED_N)),
+        fixture=None if fixture is None else replace(fixture, force_n=grip.force_n),
+    )
+    options = PlanOptions()
+    options = replace(
+        options,
+        max_incidence_deg=wanted.max_incidence_deg,
+        min_px_per_mm=DEFECT_PX / wanted.smallest_defect_mm,
+        least_gain=wanted.least_gain,
+        width_tolerance_mm=grip.width_tolerance_mm,
+        rules=replace(options.rules, density_kg_mm3=density * 1e-6),
+    )
+    return PlannerSetup(
+        layout=layout,
+        options=options,
+        density_g_cm3=density,
+        density_from=source,
+        mass_g=part.solid.volume_mm3 / 1000 * density,
+        smallest_defect_mm=wanted.smallest_defect_mm,
+        force_n=grip.force_n,
+        has_recipe=recipe is not None,
+    )

@@ -1,0 +1,58 @@
+"""Which part is planned in which cell with which figures: from a recipe, or from options."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from controller.cad.compiled import CompileOptions, options_among
+from controller.config import ConfigError, Recipe, load_recipe
+
+DEFAULT_CELL = Path("recipes/cells/emulated.yaml")
+
+
+@dataclass(frozen=True, slots=True)
+class PartFile:
+    """A CAD file, how it is compiled, and the recipe it is planned with, if any."""
+
+    path: Path
+    options: CompileOptions
+    recipe: Recipe | None
+
+
+def part_files(
+    parts: list[Path], recipe_paths: list[Path], unit: str | None, cell_path: Path | None
+) -> tuple[list[PartFile], Path]:
+    """Return the parts a command line names, and the cell file.
+
+    CAD files without a recipe are planned with the figures of a recipe that says nothing; with one
+    recipe, with its figures. Several recipes name their parts themselves.
+
+    Raises
+    ------
+    ConfigError : a recipe is wrong, options contradict each other, or there is no part
+    """
+    recipes = [load_recipe(path) for path in recipe_paths]
+    if recipes and unit is not None:
+        raise ConfigError("--unit goes without --recipe: the recipe says `unit:`")
+    if len(recipes) > 1 and parts:
+        raise ConfigError(f"{parts[0]}: several recipes name their parts themselves; leave it out")
+    if not recipes and not parts:
+        raise ConfigError("a CAD file or --recipe is required")
+    cells = {recipe.cell.resolve(): recipe.cell for recipe in recipes}
+    if cell_path is None and len(cells) > 1:
+        names = ", ".join(str(path) for path in cells.values())
+        raise ConfigError(f"the recipes name different cells ({names}); say which with --cell")
+    cell = cell_path or next(iter(cells.values()), DEFAULT_CELL)
+    if parts:
+        recipe = recipes[0] if recipes else None
+        wanted = unit if recipe is None else recipe.unit
+        files = [
+            PartFile(path, _options(path, wanted, is_from_recipe=recipe is not None), recipe)
+            for path in parts
+        ]
+        return files, cell
+    return [PartFile(r.part, CompileOptions(unit=r.unit), r) for r in recipes], cell
+
+
+def _options(path: Path, unit: str | None, *, is_from_recipe: bool) -> CompileOptions:
+    """Return what a file is compiled with: a unit on the command line is checked against it."""
+    return options_among(path, unit) if is_from_recipe else CompileOptions(unit=unit)

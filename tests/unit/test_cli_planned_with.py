@@ -1,0 +1,227 @@
+"""One recipe, one plan: every command that plans does so with the recipe's figures."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cad_solids import box, mesh_of, rod
+
+from controller.cad.compiled import load_part
+from controller.cell import planner_setup as figures_module
+from controller.cell import workers
+from controller.cell.checking import check_job
+from controller.cell.planner_setup import planner_setup
+from controller.cell.plans import Planning, digest_of
+from controller.cli import main
+from controller.cli._plan_json import certificate_json, plan_json
+from controller.config import load_cell, load_recipe
+from controller.planning import GripRules, OnTable, PlanOptions, resting_pose
+
+ROOT = Path(__file__).parents[2]
+CELL = ROOT / "recipes/cells/emulated.yaml"
+FEW = PlanOptions(
+    arm_grips_per_pose=3,
+    arm_grips_round=4,
+    fixture_grips=4,
+    directions_n=30,
+    rules=GripRules().coarse(),
+)
+RECIPE = """
+name: {name}
+part: {name}.stl
+unit: mm
+density_g_cm3: {density}
+inspection: {{max_incidence_deg: 65, min_coverage: 0.5, smallest_defect_mm: 2.5, least_gain: 0.01}}
+grip: {{force_n: 30, width_tolerance_mm: 0.5}}
+"""
+
+pytestmark = pytest.mark.xdist_group("cli_planned_with")  # plans are made once and asked for often
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recipes")
+    mesh_of(box(50, 30, 20) - rod(5, 40, 32)).export(folder / "block.stl")
+    mesh_of(box(120, 120, 30)).export(folder / "slab.stl")
+    (folder / "block.yaml").write_text(RECIPE.format(name="block", density=7.85))
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def _coarse(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(figures_module, "PlanOptions", lambda: FEW)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+
+
+def told(words: list[str], capsys: pytest.CaptureFixture[str], code: int = 0) -> dict[str, Any]:
+    assert main([*words, "--cell", str(CELL), "--json"]) == code
+    body = json.loads(capsys.readouterr().out)
+    assert isinstance(body, dict)
+    return body
+
+
+def without_clock(body: dict[str, Any]) -> str:
+    return json.dumps({k: v for k, v in body.items() if k not in {"seconds", "from_cache"}})
+
+
+def test_all_figures_of_a_recipe_reach_the_planner(folder: Path) -> None:
+    recipe, cell = load_recipe(folder / "block.yaml"), load_cell(CELL)
+    part = load_part(recipe.part)
+    setup = planner_setup(recipe, cell, part)
+    options, layout = setup.options, setup.layout
+    assert options.rules.density_kg_mm3 == pytest.approx(7.85e-6)
+    assert (options.max_incidence_deg, options.least_gain) == (65.0, 0.01)
+    assert options.min_px_per_mm == pytest.approx(2 / 2.5)
+    assert options.width_tolerance_mm == 0.5
+    assert layout.fixture is not None
+    assert (layout.hand.force_n, layout.fixture.force_n) == (30.0, 30.0)
+    assert setup.mass_g == pytest.approx(part.solid.volume_mm3 * 7.85e-3)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("density_g_cm3: 7.85", "density_g_cm3: 7.8"),
+        ("max_incidence_deg: 65", "max_incidence_deg: 64"),
+        ("smallest_defect_mm: 2.5", "smallest_defect_mm: 2.4"),
+        ("least_gain: 0.01", "least_gain: 0.02"),
+        ("force_n: 30", "force_n: 31"),
+        ("width_tolerance_mm: 0.5", "width_tolerance_mm: 0.6"),
+    ],
+)
+def test_each_figure_is_in_the_key_of_kept_plans(key: str, value: str, folder: Path) -> None:
+    text = (folder / "block.yaml").read_text()
+    assert key in text
+    other = folder / "other.yaml"
+    other.write_text(text.replace(key, value))
+    cell = load_cell(CELL)
+    keys = set()
+    for path in (folder / "block.yaml", other):
+        recipe = load_recipe(path)
+        setup = planner_setup(recipe, cell, load_part(recipe.part))
+        keys.add(digest_of(setup.layout, setup.options))
+    assert len(keys) == 2
+
+
+def test_no_more_is_counted_on_of_the_arm_than_is_known(folder: Path) -> None:
+    path = folder / "firm.yaml"
+    path.write_text((folder / "block.yaml").read_text().replace("force_n: 30", "force_n: 150"))
+    recipe = load_recipe(path)
+    layout = planner_setup(recipe, load_cell(CELL), load_part(recipe.part)).layout
+    assert layout.fixture is not None
+    assert (layout.hand.force_n, layout.fixture.force_n) == (40.0, 150.0)
+
+
+def test_plan_check_compile_and_run_agree_to_the_byte(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = folder / "block.yaml"
+    planned = told(["plan", "--recipe", str(path)], capsys)
+    checked = told(["check", str(path)], capsys)
+    compiled = told(["compile", "--recipe", str(path)], capsys)
+    likely = {c["pose"] for c in checked["certificates"]}
+    assert likely
+    assert [c for c in planned["certificates"] if c["pose"] in likely] == checked["certificates"]
+    assert planned["certificates"] == compiled["certificates"]
+    assert planned["planned_with"] == checked["planned_with"] == compiled["planned_with"]
+    # what a run plans with, for the same part at the same place
+    job = workers.Job(path, CELL)
+    c = workers.context(job)
+    T = resting_pose(c.solid, c.poses[planned["pose"]], planned["x_mm"], planned["y_mm"], 0.0)
+    plan = workers.plan_from(job, OnTable(planned["pose"], T), None, frozenset(), ())
+    body = plan_json(c.solid, c.samples, c.layout, plan)
+    assert json.dumps(body) == json.dumps({key: planned[key] for key in body})
+    certificates = [certificate_json(p.certified.told) for p in check_job(job).poses]
+    assert certificates == checked["certificates"]
+    # and once more without any cache
+    anew = told(["plan", "--recipe", str(path), "--no-cache"], capsys)
+    assert without_clock(anew) == without_clock(planned)
+
+
+def test_a_part_too_heavy_in_steel_is_refused_by_all_for_the_same_reason(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    light, heavy = folder / "slab_light.yaml", folder / "slab.yaml"
+    light.write_text(RECIPE.format(name="slab", density=1.0).replace("force_n: 30", "force_n: 60"))
+    heavy.write_text(RECIPE.format(name="slab", density=7.85).replace("force_n: 30", "force_n: 60"))
+    reasons = set()
+    for words in (["check", str(heavy)], ["plan", "--recipe", str(heavy)]):
+        body = told(words, capsys, code=1)
+        reasons |= {c["reason"] for c in body["certificates"]}
+    body = told(["compile", "--recipe", str(heavy)], capsys)
+    reasons |= {c["reason"] for c in body["certificates"]}
+    words = ["compile", str(folder / "slab.stl"), "--density", "7.85"]
+    reasons |= {c["reason"] for c in told(words, capsys)["certificates"]}
+    assert main(["plan", "--site", "--recipe", str(heavy), "--cell", str(CELL)]) == 1
+    reasons.add(capsys.readouterr().err.strip().removeprefix("cellctl: "))
+    assert main(["run", str(heavy), "--cell", str(CELL), "--runs", str(folder / "runs")]) == 1
+    said = capsys.readouterr().err
+    assert len(reasons) == 1
+    (reason,) = reasons
+    assert "3.39 kg" in reason
+    assert "friction limit" in reason
+    assert reason in said
+    assert not (folder / "runs").exists()
+    body = told(["check", str(light)], capsys, code=1)  # in foam some poses have a plan
+    assert any(c["planned"] for c in body["certificates"])
+
+
+def test_without_a_recipe_what_is_assumed_is_said(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["plan", str(folder / "block.stl"), "--cell", str(CELL), "--pose", "0"]
+    assert main(words) == 0
+    assert "density assumed 2.7 g/cm3 (aluminium)" in capsys.readouterr().out
+    figures = told([*words[:2], "--pose", "0"], capsys)["planned_with"]
+    assert (figures["density_g_cm3"], figures["density_from"]) == (2.7, "assumed")
+    assert figures["from_recipe"] is False
+    words = ["compile", str(folder / "block.stl"), "--cell", str(CELL)]
+    assert main(words) == 0
+    assert "density assumed 2.7 g/cm3 (aluminium)" in capsys.readouterr().out
+
+
+def test_a_bare_recipe_plans_as_no_recipe_does(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bare = folder / "bare.yaml"
+    bare.write_text("name: bare\npart: block.stl\n")
+    with_recipe = told(["plan", "--recipe", str(bare), "--pose", "0"], capsys)
+    without = told(["plan", str(folder / "block.stl"), "--pose", "0"], capsys)
+    for body in (with_recipe, without):
+        body["planned_with"].pop("from_recipe")
+    assert without_clock(with_recipe) == without_clock(without)
+
+
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [
+        (["plan"], "a CAD file or --recipe is required"),
+        (["compile"], "a CAD file or --recipe is required"),
+        (["plan", "--recipe", "RECIPE", "--unit", "mm"], "--unit goes without --recipe"),
+        (["compile", "--recipe", "RECIPE", "--density", "2"], "--density goes without --recipe"),
+        (["plan", "--recipe", "RECIPE", "--recipe", "RECIPE"], "one part is planned at a time"),
+        (
+            ["plan", "a.stl", "--site", "--recipe", "RECIPE", "--recipe", "RECIPE"],
+            "several recipes name their parts themselves",
+        ),
+    ],
+)
+def test_options_that_contradict_each_other_are_named(
+    words: list[str], part: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    filled = [str(folder / "block.yaml") if word == "RECIPE" else word for word in words]
+    assert main([*filled, "--cell", str(CELL)]) == 2
+    assert part in capsys.readouterr().err
+
+
+def test_the_cache_of_one_density_is_not_taken_for_another(folder: Path) -> None:
+    cell = load_cell(CELL)
+    part = load_part(folder / "block.stl")
+    light, heavy = (planner_setup(None, cell, part, density) for density in (2.7, 7.85))
+    Planning(part, light.layout, light.options).lying(part.poses[0], 360.0, 0.0, 0.0)
+    planning = Planning(part, heavy.layout, heavy.options)
+    planning.lying(part.poses[0], 360.0, 0.0, 0.0)
+    assert not planning.is_from_cache
