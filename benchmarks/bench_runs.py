@@ -149,7 +149,9 @@ def tell(rans: Sequence[Ran]) -> dict[str, Any]:
         else None,
         "replan_wall_s_median": None if not len(plans) else round(float(np.median(plans)), 2),
         "replan_wall_s_max": None if not len(plans) else round(float(plans.max()), 2),
-        "world_s_lost": round(sum(r.skipped_s for r in rans), 2),
+        "speed_reached_median": round(float(np.median([r.speed_reached for r in rans])), 2)
+        if rans
+        else None,
         "not_complete": dict(Counter(r.code or r.end for r in tried if not r.is_complete)),
         "wall_s": round(sum(r.wall_s for r in rans), 0),
         "cores": os.cpu_count(),

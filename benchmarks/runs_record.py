@@ -59,7 +59,7 @@ class Ran:
     forecast_s: float = 0.0
     took_s: float = 0.0
     plan_wall_s: list[float] = field(default_factory=list)
-    skipped_s: float = 0.0
+    speed_reached: float = 0.0
     cell_s: float = 0.0
     wall_s: float = 0.0
 

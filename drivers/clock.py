@@ -1,57 +1,168 @@
-"""Time as a service: one factor that clock, time-outs and an emulated cell share.
+"""Time as a service: what a cell second is, and how long a wait or a time-out takes.
 
-A cell second is a real second divided by ``speed``. Drivers state every duration in cell
-seconds and ask the clock to wait, so that one driver serves the real cell (speed 1) and an
-emulated one that runs faster. Nothing here knows a device.
+Drivers state every duration in cell seconds and ask the clock to wait, so that one driver serves
+the real cell and an emulated one that runs faster, or slower where the machine is slow. On a
+real cell a cell second is a second. On an emulated one it is what the clock shares that world and
+drivers read alike (``docs/shared-clock.md``, `_shared_time`). Nothing here knows a device.
+
+Time-outs and staleness are measured in *attended* time: it stands still while this process could
+not look at its wires, so that a late reader is never taken for a late device.
 """
 
 import asyncio
+import math
 import time
-from contextlib import AbstractAsyncContextManager
-from dataclasses import dataclass
+from collections.abc import AsyncIterator, Iterable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from ._attendance import Attendance
+from ._patience import Patience
+from ._shared_time import SharedTime
+
+_Future = TypeVar("_Future", bound="asyncio.Future[Any]")
+
+LEAST_WAIT_WALL_S: Final = 0.0005  # where time stands still, a shorter wait would only spin
+WINDOWS_A_REPLY_MAY_TAKE: Final = 3  # request read, reply sent, reply read: each a window late
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class CellClock:
     """Clock of one cell.
 
     Attributes
     ----------
-    speed : cell seconds that pass in one second of the wall clock; 1 on real devices
-    min_timeout_wall_s : no time-out is shorter than this on the wall clock, since the jitter of
-        the host's own scheduler does not shrink with ``speed`` [s]
+    speed : cell seconds asked for in one second of the wall clock; 1 on real devices
+    min_timeout_wall_s : no time-out is shorter than this on the wall clock, where an emulated
+        device shares the host without sharing a clock [s]
+    shared : the clock of an emulated cell; None: the wall clock, times ``speed``
     """
 
     speed: float = 1.0
     min_timeout_wall_s: float = 0.0
+    shared: SharedTime | None = None
+    _attendance: Attendance = field(default_factory=Attendance, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not self.speed > 0:
             raise ValueError(f"speed must be positive, not {self.speed}")
 
+    @classmethod
+    def of_emulator(cls, path: Path) -> "CellClock":
+        """Return the clock that an emulated cell keeps at ``path``.
+
+        Raises
+        ------
+        LinkError : no emulator keeps a clock there
+        """
+        shared = SharedTime(path)
+        return cls(speed=shared.speed, shared=shared)
+
+    # --- instants -----------------------------------------------------------------------------
+
     def now_s(self) -> float:
         """Return the present instant [cell s] on a monotonic scale."""
+        if self.shared is not None:
+            return self.shared.now_s()
         return time.monotonic() * self.speed
 
     def from_monotonic_s(self, wall_s: float) -> float:
-        """Return the cell instant [s] of a CLOCK_MONOTONIC reading [wall s]."""
+        """Return the cell instant [s] of a CLOCK_MONOTONIC reading of the past [wall s]."""
+        if self.shared is not None:
+            return self.shared.from_monotonic_s(wall_s)
         return wall_s * self.speed
 
+    def attended_s(self) -> float:
+        """Return the present instant [cell s] on a scale that omits what this process missed.
+
+        The scale is good for differences alone. It is that of `now_s` on a shared clock, which
+        waits for this process, and where nobody attends (see `attending`).
+        """
+        return self.now_s() - self._attendance.lost_wall_s() * self.speed
+
     def to_wall_s(self, duration_s: float) -> float:
-        """Return how long a duration [cell s] takes on the wall clock [s]."""
+        """Return how long a duration [cell s] takes on the wall clock at least [s]."""
         return duration_s / self.speed
+
+    # --- waiting ------------------------------------------------------------------------------
 
     async def sleep(self, duration_s: float) -> None:
         """Wait for a duration [cell s]."""
+        if self.shared is None:
+            await asyncio.sleep(max(0.0, duration_s) / self.speed)
+            return
+        until_s = self.now_s() + duration_s
         await asyncio.sleep(max(0.0, duration_s) / self.speed)
+        while (left_s := until_s - self.now_s()) > 0:  # noqa: ASYNC110  (time has no event)
+            await asyncio.sleep(max(left_s / self.speed, LEAST_WAIT_WALL_S))
 
-    def timeout_wall_s(self, duration_s: float) -> float:
-        """Return the wall-clock length [s] of a time-out of ``duration_s`` [cell s]."""
-        return max(duration_s / self.speed, self.min_timeout_wall_s)
+    def patience_s(self, duration_s: float) -> float:
+        """Return how long a time-out of ``duration_s`` really is [cell s].
+
+        A shared clock is exact to its window only; on a clock that is not shared the jitter of
+        the host does not shrink with ``speed``.
+        """
+        if self.shared is not None:
+            return duration_s + WINDOWS_A_REPLY_MAY_TAKE * self.shared.window_s
+        return max(duration_s, self.min_timeout_wall_s * self.speed)
 
     def timeout(self, duration_s: float) -> AbstractAsyncContextManager[asyncio.Timeout]:
-        """Return a context manager that raises ``TimeoutError`` after a duration [cell s]."""
-        return asyncio.timeout(self.timeout_wall_s(duration_s))
+        """Return a context manager that raises ``TimeoutError`` after a duration [cell s].
+
+        It is `asyncio.timeout` in attended time; what has arrived by then is taken in first.
+        """
+        return self._after(self.patience_s(duration_s))
+
+    async def wait(
+        self,
+        futures: Iterable[_Future],
+        duration_s: float,
+        *,
+        return_when: str = asyncio.ALL_COMPLETED,
+    ) -> None:
+        """Wait as `asyncio.wait` does, for ``duration_s`` [cell s] of attended time at most."""
+        if duration_s == math.inf:
+            await asyncio.wait(futures, return_when=return_when)
+            return
+        with suppress(TimeoutError):
+            async with self._after(duration_s):
+                await asyncio.wait(futures, return_when=return_when)
+
+    def _after(self, duration_s: float) -> Patience:
+        return Patience(self.attended_s, self.speed, duration_s)
+
+    # --- attending ----------------------------------------------------------------------------
+
+    @asynccontextmanager
+    async def attending(self) -> AsyncIterator[None]:
+        """Attend to the clock while the block runs: once per process, round all that waits.
+
+        On a shared clock this process takes part, and the cell's time waits for it. On the wall
+        clock the delay of the event loop is measured.
+        """
+        beat: AbstractAsyncContextManager[None] = (
+            self._attendance.beating() if self.shared is None else self.shared.taking_part()
+        )
+        async with beat:
+            yield
+
+    def close(self) -> None:
+        """Let go of a shared clock's file."""
+        if self.shared is not None:
+            self.shared.close()
+
+    @property
+    def missed_wall_s(self) -> float:
+        """What this process has missed while it attended a clock that waits for nobody [s]."""
+        return self._attendance.lost_wall_s()
+
+    @property
+    def speed_reached(self) -> float:
+        """Cell seconds that passed in a second, since `attending` began; ``speed`` elsewhere."""
+        reached = None if self.shared is None else self.shared.speed_reached()
+        return self.speed if reached is None else reached
 
 
 REAL_TIME = CellClock()

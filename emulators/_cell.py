@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from emulators.camera_v4l2 import CameraConfig, CameraServer, PixelFormat, V4l2Device
-from emulators.clock import WorldClock
+from emulators.clock import SharedClock
 from emulators.gripper_modbus import JawModel, RobotiqDevice
 from emulators.io_modbus import CellSignals, E1214Device
 from emulators.lighting_modbus import AnalogOutput8Device, LampModel, LampWiring, Relay8Device
@@ -42,6 +42,7 @@ RELAY_UNIT: Final = 2
 IO_UNIT: Final = 1
 GRIPPER_BAUD: Final = 115_200
 LIGHTS_BAUD: Final = 9_600  # what the light modules leave the factory with
+PICTURE_S: Final = 0.1  # a camera's own way from exposure to buffer takes no longer
 _PRESENCE_S: Final = 0.05  # how often the light barrier of the fixture is looked at
 
 Line = TcpGateway | RtuOverTcpServer | RtuPtyServer
@@ -127,7 +128,6 @@ class Cell:
         self.options = options
         self.layout = read_layout(options.cell)
         self.solids = [load_solid(path) for path in options.parts]
-        self.skipped_s = 0.0
         self._presence_s = 0.0
         self._feed_left = options.feed
         seed = options.seed
@@ -148,8 +148,7 @@ class Cell:
         self.world = World(self.layout, self.solids, self.arm, jaws, self._obstruct, seed)
         self._drop_parts(options)
         self.desk = PictureDesk(build_scene(self.layout, self.solids), self, seed)
-        # the clock starts when all that takes seconds is done, and the parts lie
-        self.clock = WorldClock(options.speed)
+        self.clock = SharedClock(options.speed)
         self.cameras: dict[str, V4l2Device] = {}
         self._folder = folder
         self._open: list[Any] = []
@@ -186,7 +185,8 @@ class Cell:
     async def start(self) -> None:
         """Open all wires and start the picture worker."""
         self.desk.start()
-        self.clock = WorldClock(self.options.speed)
+        # the clock starts when all that takes seconds is done, and the parts lie
+        self.clock.begin()
         self._origin_s = self.world.time_s
         self.arm_server = ArmServer(self.arm_wire, self.clock)
         self.gripper_bus = Bus([self.gripper])
@@ -249,6 +249,7 @@ class Cell:
         self._open.clear()
         self.desk.close()
         self.world.close()
+        self.clock.close()
 
     def announcement(self) -> dict[str, Any]:
         """Return what clients need to know: where everything is."""
@@ -269,6 +270,7 @@ class Cell:
             "why_not_fuse": self.camera_server.why_not_fuse,
             "pid": os.getpid(),
             "started_wall_s": self.clock.started_wall_s,
+            "clock": str(self.clock.path),
         }
 
     def _where(self, line: Line) -> dict[str, Any]:
@@ -283,7 +285,7 @@ class Cell:
     @property
     def now_s(self) -> float:
         """World time on the clock's scale: how far everything has been advanced."""
-        return self.world.time_s - self._origin_s + self.skipped_s
+        return self.world.time_s - self._origin_s
 
     @property
     def behind_s(self) -> float:
@@ -309,11 +311,16 @@ class Cell:
             self._feed_left -= 1
             self.world.drop(0)
 
-    def skip(self, dt_s: float) -> None:
-        """Lose world time that this machine has no time for."""
-        if self.skipped_s == 0.0:
-            log.warning("this machine is too slow for --speed %g: time is lost", self.clock.speed)
-        self.skipped_s += dt_s
+    def tick(self) -> None:
+        """Let the clock go on: as far as the world has come, and no picture is overdue."""
+        self.clock.tick(self.now_s, self._picture_due_s())
+
+    def _picture_due_s(self) -> float | None:
+        if self.clock.participant_count == 0:
+            return None  # whoever only looks on through a camera does not hold the cell up
+        ends = [camera.oldest_due_s for camera in self.cameras.values()]
+        due = [end_s + PICTURE_S for end_s in ends if end_s is not None]
+        return min(due, default=None)
 
     # --- what pictures show ----------------------------------------------------------------------
 

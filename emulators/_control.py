@@ -101,7 +101,6 @@ class ControlPort:
         return {
             "world_s": cell.now_s,
             "behind_s": cell.behind_s,
-            "skipped_s": cell.skipped_s,
             "speed": cell.clock.speed,
             "lost_frames": {name: one.lost_count for name, one in cell.cameras.items()},
             "worker_pid": cell.desk.worker_pid,

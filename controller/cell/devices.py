@@ -132,7 +132,7 @@ class Devices:
                     unit=where["io"]["unit"],
                     # the host's own pauses do not shrink with a faster clock
                     poll_s=max(0.04, 0.02 * clock.speed),
-                    stale_s=max(0.2, clock.min_timeout_wall_s * clock.speed),
+                    stale_s=max(0.2, 0.1 * clock.speed),
                 ),
             ),
             overhead=camera("overhead"),

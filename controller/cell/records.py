@@ -11,6 +11,7 @@ from controller import inspection as inspecting
 from controller.planning import Grip, Look, Plan, Present
 from controller.recognition import Alternative, Sighting
 
+from .clocks import Speed
 from .custody import Custody
 from .recovery import Recovery, Trouble, merged
 
@@ -30,6 +31,7 @@ class Progress:
     part_pose: str = ""
     remaining_s: float | None = None
     custody: Custody = Custody.NONE
+    speed: Speed | None = None
 
 
 @dataclass(slots=True, eq=False)

@@ -13,18 +13,16 @@ from pathlib import Path
 from typing import Any
 
 from controller.config import Cell, Recipe, build_layout
-from drivers.clock import CellClock
 
 from . import workers
 from .actions import Actions
+from .clocks import Speed, clock_of
 from .custody import where_it_is
 from .devices import Devices, resolve
 from .dispatcher import Dispatcher, Outcome
 from .experts import Workers
 from .journal import JOURNAL_NAME, open_cell_journal
 from .records import PartRecord, Progress
-
-EMULATED_TIMEOUT_WALL_S = 10.0  # an emulated cell shares two cores with its controller
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,10 +53,11 @@ class RunOrder:
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """How the run ended and what became of each part."""
+    """How the run ended, what became of each part, how fast the cell's time ran."""
 
     outcome: Outcome
     parts: tuple[PartRecord, ...]
+    speed: Speed
 
 
 def new_run_id(recipe: Recipe) -> str:
@@ -90,11 +89,17 @@ async def run_batch(
     try:
         where = resolve(order.cell, order.emulated.get("devices", {}))
         journal.record("event", "run_began", _who_and_what(order, where))
-        clock = CellClock(
-            order.speed, EMULATED_TIMEOUT_WALL_S if order.cell.emulated_devices else 0.0
-        )
+        clock = clock_of(order.emulated)
         devices = Devices.build(order.cell, where, clock)
         progress = Progress()
+        speed = Speed(clock.speed)
+
+        def show() -> None:
+            if notice := speed.look(clock):
+                on_notice(notice)
+            progress.speed = speed
+            on_progress(progress)
+
         actions = Actions(
             Workers(workers.Job(order.recipe_path, order.cell_path), pool),
             order.recipe,
@@ -105,16 +110,21 @@ async def run_batch(
             journal,
             order.folder,
             progress,
-            lambda: on_progress(progress),
+            show,
         )
-        dispatcher = Dispatcher(actions, devices, journal, clock, lambda: on_progress(progress))
+        dispatcher = Dispatcher(actions, devices, journal, clock, show)
         on_dispatcher(dispatcher)
         try:
-            progress.label = "connecting"
-            on_progress(progress)
-            who = await devices.connect()
-            journal.record("event", "connected", who)
-            outcome = await dispatcher.run(order.count)
+            async with clock.attending():
+                try:
+                    progress.label = "connecting"
+                    show()
+                    who = await devices.connect()
+                    journal.record("event", "connected", who)
+                    outcome = await dispatcher.run(order.count)
+                    show()
+                finally:
+                    await devices.aclose()
         except BaseException as error:
             journal.record(
                 "event",
@@ -126,16 +136,21 @@ async def run_batch(
             )
             raise
         finally:
-            await devices.aclose()
+            clock.close()
         parts = list(actions.finished)
         if actions.part.number and actions.part not in parts:
             parts.append(actions.part)
         journal.record(
             "event",
             "run_ended",
-            {"end": outcome.end, "message": outcome.message, "parts": len(parts)},
+            {
+                "end": outcome.end,
+                "message": outcome.message,
+                "parts": len(parts),
+                "speed": speed.as_json(),
+            },
         )
-        return RunResult(outcome, tuple(parts))
+        return RunResult(outcome, tuple(parts), speed)
     finally:
         await asyncio.to_thread(journal.close)
 

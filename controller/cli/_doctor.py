@@ -10,9 +10,9 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from controller.cell.clocks import clock_of
 from controller.cell.devices import Devices, resolve
 from controller.cell.interlocks import REQUIRED_SIGNALS
-from controller.cell.run import EMULATED_TIMEOUT_WALL_S
 from controller.config import Cell, load_cell
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
@@ -105,8 +105,7 @@ def _access(*, there: bool, allowed: bool) -> str:
 
 
 async def _devices(cell: Cell, ready: dict[str, Any]) -> list[Check]:
-    emulated = bool(cell.emulated_devices)
-    clock = CellClock(1.0, EMULATED_TIMEOUT_WALL_S if emulated else 0.0)
+    clock = clock_of(ready)
     devices = Devices.build(cell, resolve(cell, ready.get("devices", {})), clock)
     checks: list[Check] = []
 
@@ -141,18 +140,20 @@ async def _devices(cell: Cell, ready: dict[str, Any]) -> list[Check]:
             f"2F, {'active' if status.is_activated else 'not activated'}, {status.width_mm:.0f} mm"
         )
 
-    try:
-        await ask("io", devices.io.connect)
-        await ask("arm", arm)
-        await ask("gripper", gripper)
-        await ask("lights", lights)
-        await ask("overhead", lambda: camera("overhead"))
-        await ask("inspection", lambda: camera("inspection"))
-        for name, remedy in REQUIRED_SIGNALS.items():
-            signal = await _settled(devices, name, clock)
-            checks.append(_check(name, signal.value, ok=signal is Signal.OK, remedy=remedy))
-    finally:
-        await devices.aclose()
+    async with clock.attending():
+        try:
+            await ask("io", devices.io.connect)
+            await ask("arm", arm)
+            await ask("gripper", gripper)
+            await ask("lights", lights)
+            await ask("overhead", lambda: camera("overhead"))
+            await ask("inspection", lambda: camera("inspection"))
+            for name, remedy in REQUIRED_SIGNALS.items():
+                signal = await _settled(devices, name, clock)
+                checks.append(_check(name, signal.value, ok=signal is Signal.OK, remedy=remedy))
+        finally:
+            await devices.aclose()
+    clock.close()
     return checks
 
 

@@ -11,8 +11,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
-READY_TIMEOUT_S = 120.0  # the first use of a part decomposes it into convex pieces
-STOP_TIMEOUT_S = 10.0
+# guards against a hang: a busy machine needs minutes for the first use of a part, which is
+# decomposed into convex pieces
+READY_TIMEOUT_S = 900.0
+STOP_TIMEOUT_S = 60.0
 
 
 class EmulatorError(Exception):

@@ -178,6 +178,7 @@ def _json_progress(progress: Progress) -> None:
             "part_pose": progress.part_pose,
             "remaining_s": progress.remaining_s,
             "custody": progress.custody.name.lower(),
+            "speed": None if progress.speed is None else progress.speed.as_json(),
         }
     )
 
@@ -201,6 +202,8 @@ def _table(progress: Progress, elapsed_s: float) -> Table:
     table.add_row("held by", progress.custody.value)
     left = "-" if progress.remaining_s is None else f"{progress.remaining_s:.0f} s of cell time"
     table.add_row("left", f"{left}, {elapsed_s:.0f} s gone")
+    if progress.speed is not None:
+        table.add_row("speed", str(progress.speed))
     return table
 
 
@@ -216,6 +219,7 @@ def _tell_result(result: RunResult, run_id: str, report: Path, *, as_json: bool)
                 "message": result.outcome.message,
                 "where": result.outcome.where,
                 "parts": [_part_json(part) for part in result.parts],
+                "speed": result.speed.as_json(),
                 "report": str(report),
             }
         )
@@ -231,6 +235,7 @@ def _tell_result(result: RunResult, run_id: str, report: Path, *, as_json: bool)
     if result.outcome.end != "complete":
         warn(f"cellctl: {result.outcome.end}: {result.outcome.message}")
         warn(result.outcome.where)
+    say(f"speed: {result.speed}")
     say(f"report: {report}")
     return 0 if good else 1
 

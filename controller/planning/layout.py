@@ -117,8 +117,8 @@ class Pace:
     skew_s : by which the wrist may start before or after the other motors
     grip_s, release_s : the arm's jaws close until they stall, width read back; they open
     fixture_grip_s, fixture_release_s : the same of the fixed gripper
-    look_s : a view of three pictures: lamps, exposure after the change, transfer. In real time;
-        an emulated cell run faster waits for its pictures to be drawn, by the host's clock
+    look_s : a view of three pictures: lamps, exposure after the change, transfer. An emulated
+        cell's time waits for its pictures to be drawn
     """
 
     joint_per_s: tuple[float, ...] = (

@@ -7,6 +7,7 @@ the switch was acknowledged (plus its settling time) to ``frame_after``.
 import asyncio
 import dataclasses
 import errno
+import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from types import TracebackType
@@ -264,8 +265,7 @@ class Camera:
                 continue
             if has_woken and not look.dequeued_count:
                 # POLLERR of a stream without buffers, say: it stays readable, so do not spin
-                wall_s = max(self._clock.to_wall_s(backoff_s), _MIN_BACKOFF_WALL_S)
-                await asyncio.sleep(wall_s)
+                await self._clock.sleep(max(backoff_s, _MIN_BACKOFF_WALL_S * self._clock.speed))
                 backoff_s = min(2 * backoff_s, capture.period_s)
             else:
                 backoff_s = capture.period_s / 8
@@ -292,10 +292,9 @@ class Camera:
 
     async def _wait(self, waiter: asyncio.Future[None], limit_s: float | None = None) -> None:
         """Wait for ``waiter``, for ``limit_s`` [cell s] at most, or for the camera to be closed."""
-        limit_wall_s = None if limit_s is None else self._clock.to_wall_s(limit_s)
         self._waiter = waiter
         try:
-            await asyncio.wait([waiter], timeout=limit_wall_s)
+            await self._clock.wait([waiter], math.inf if limit_s is None else limit_s)
         finally:
             self._waiter = None
             waiter.cancel()

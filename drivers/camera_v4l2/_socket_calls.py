@@ -25,6 +25,7 @@ _MAP: Final = struct.Struct("<QQ")
 _IOCTL_KIND, _MMAP_KIND, _EVENTS_KIND = 1, 2, 3
 _MAX_REPLY_BYTES: Final = 1 << 14  # an ioctl's size field has 14 bits
 _EVENT_GULP_BYTES: Final = 4096
+HANG_WALL_S: Final = 120.0  # the peer is an emulator: slow is not silent, only a hang is meant
 
 
 @dataclass(slots=True)
@@ -43,7 +44,7 @@ class SocketCalls:
         line is out of step and every further call fails with ENODEV
     """
 
-    def __init__(self, reply_timeout_wall_s: float = 10.0) -> None:
+    def __init__(self, reply_timeout_wall_s: float = HANG_WALL_S) -> None:
         self._reply_timeout_wall_s = reply_timeout_wall_s
         self._lines: dict[int, _Line] = {}
 

@@ -112,7 +112,7 @@ class Conversation:
                 raise FaultError(f"{self.name}: {what}: {status.fault_text}", status.fault)
             if claim(status):
                 return status
-            if self.clock.now_s() > deadline_s:
+            if self.clock.attended_s() > deadline_s:
                 message = f"{self.name}: {what} not finished after {limit_s:g} s"
                 if status.has_fault:
                     raise FaultError(f"{message}; {status.fault_text}", status.fault)
@@ -126,8 +126,8 @@ class Conversation:
         )
 
     def deadline_s(self, limit_s: float) -> float:
-        """Return the cell instant at which ``limit_s`` from now is over."""
-        return self.clock.now_s() + self.clock.timeout_wall_s(limit_s) * self.clock.speed
+        """Return the attended instant at which ``limit_s`` from now is over [cell s]."""
+        return self.clock.attended_s() + self.clock.patience_s(limit_s)
 
     async def _keep_alive(self) -> None:
         is_failing = False

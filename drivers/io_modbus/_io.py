@@ -98,6 +98,7 @@ class CellIo:
         self._relays: tuple[bool, ...] | None = None
         self._switching = asyncio.Lock()
         self._read_at_s = -math.inf
+        self._attended_at_s = -math.inf  # the same instant without what this process missed
         self._watches: set[Watch] = set()
         self._poller: asyncio.Task[None] | None = None
 
@@ -244,11 +245,11 @@ class CellIo:
     # --- polling ---
 
     def _is_stale(self) -> bool:
-        return self._clock.now_s() - self._read_at_s > self._stale_s
+        return self._clock.attended_s() - self._attended_at_s > self._stale_s
 
     @property
     def _stale_s(self) -> float:
-        return self._clock.timeout_wall_s(self.config.stale_s) * self._clock.speed
+        return self._clock.patience_s(self.config.stale_s)
 
     async def _poll(self) -> None:
         due_s = self._clock.now_s()
@@ -258,12 +259,12 @@ class CellIo:
             await self._clock.sleep(due_s - self._clock.now_s())
 
     async def _read_once(self) -> None:
-        at_s = self._clock.now_s()
+        at_s, attended_at_s = self._clock.now_s(), self._clock.attended_s()
         reading = asyncio.ensure_future(self._unit.read_discrete_inputs(FIRST_INPUT, INPUT_COUNT))
         try:
             # A silent block holds this up for longer than a reading may be old.
-            fresh_for_s = max(0.0, self._read_at_s + self._stale_s - at_s)
-            await asyncio.wait({reading}, timeout=self._clock.to_wall_s(fresh_for_s))
+            fresh_for_s = max(0.0, self._attended_at_s + self._stale_s - attended_at_s)
+            await self._clock.wait({reading}, fresh_for_s)
             if not reading.done():
                 self._forget()
             try:
@@ -273,15 +274,15 @@ class CellIo:
                 return
         finally:
             reading.cancel()
-        if self._clock.now_s() - at_s > self._stale_s:
+        if self._clock.attended_s() - attended_at_s > self._stale_s:
             return  # too old on arrival; signals are unknown already
-        self._read_at_s = at_s
+        self._read_at_s, self._attended_at_s = at_s, attended_at_s
         self._publish(self._believer.take(bits, at_s))
 
     def _fail(self, error: DeviceError) -> None:
         if self._read_at_s != -math.inf:
             log.warning("inputs unknown: %s", error)
-        self._read_at_s = -math.inf
+        self._read_at_s = self._attended_at_s = -math.inf
         self._forget()
 
     def _forget(self) -> None:

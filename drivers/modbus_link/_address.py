@@ -14,6 +14,9 @@ from pymodbus.client.base import ModbusBaseClient
 from pymodbus.pdu import ModbusPDU
 
 CONNECT_TIMEOUT_WALL_S = 3.0  # opening is the host's business: it does not scale with cell time
+_NO_TIMEOUT_WALL_S = (
+    86400.0  # pymodbus' own, for replies too, is the wall clock's: the link's counts
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +107,7 @@ class RtuAddress:
             stopbits=self.stopbits,
             name=str(self),
             reconnect_delay=0,
-            timeout=CONNECT_TIMEOUT_WALL_S,
+            timeout=_NO_TIMEOUT_WALL_S,
             retries=0,
             trace_packet=hooks.packet,
             trace_pdu=hooks.pdu,
@@ -135,7 +138,7 @@ def _tcp_client(host: str, port: int, framer: FramerType, hooks: Hooks) -> Modbu
         framer=framer,
         name=f"{host}:{port}",
         reconnect_delay=0,
-        timeout=CONNECT_TIMEOUT_WALL_S,
+        timeout=_NO_TIMEOUT_WALL_S,
         retries=0,
         trace_packet=hooks.packet,
         trace_pdu=hooks.pdu,

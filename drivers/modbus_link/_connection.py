@@ -12,7 +12,8 @@ from collections.abc import Callable
 from pymodbus.exceptions import ConnectionException, ModbusIOException
 from pymodbus.pdu import ModbusPDU
 
-from ._address import Address, Hooks
+from ..clock import CellClock
+from ._address import CONNECT_TIMEOUT_WALL_S, Address, Hooks
 from ._request import Request
 
 wire_log = logging.getLogger("cellctl.wire.modbus")
@@ -50,11 +51,15 @@ class Connection:
         self._received = bytearray()
         self.late_reply = asyncio.Event()  # set by a reply that nobody waits for any more
 
-    async def open(self) -> str | None:
+    async def open(self, clock: CellClock) -> str | None:
         """Open it; return None, or why that failed."""
         try:
-            if await self._client.connect():
-                return None
+            # opening is the host's business: it is no faster where cell time is
+            async with clock.timeout(CONNECT_TIMEOUT_WALL_S * clock.speed):
+                if await self._client.connect():
+                    return None
+        except TimeoutError:
+            pass
         except (termios.error, ValueError) as error:  # parity or baud rate the line cannot do
             return f"the line refuses the settings ({error})"
         finally:
@@ -71,8 +76,10 @@ class Connection:
         self._client.close()
         await asyncio.sleep(0)  # the socket itself is closed by the loop's next turn
 
-    async def ask(self, request: Request, unit: int, timeout_wall_s: float) -> ModbusPDU:
-        """Send a request and return what pymodbus takes for its answer.
+    async def ask(
+        self, request: Request, unit: int, clock: CellClock, patience_s: float
+    ) -> ModbusPDU:
+        """Send a request and return what pymodbus takes for its answer within a time [cell s].
 
         Raises
         ------
@@ -85,9 +92,7 @@ class Connection:
         answer = asyncio.ensure_future(self._send(request, unit))
         lost = asyncio.ensure_future(self._lost.wait())
         try:
-            await asyncio.wait(
-                {answer, lost}, timeout=timeout_wall_s, return_when=asyncio.FIRST_COMPLETED
-            )
+            await clock.wait({answer, lost}, patience_s, return_when=asyncio.FIRST_COMPLETED)
             if answer.done():
                 return answer.result()
             if lost.done():

@@ -132,8 +132,8 @@ class ModbusLink:
 
     @property
     def _patience_s(self) -> float:
-        """The reply time-out as it really passes on the wall clock [cell s]."""
-        return self.clock.timeout_wall_s(self._reply_timeout_s) * self.clock.speed
+        """The reply time-out as it really passes [cell s]."""
+        return self.clock.patience_s(self._reply_timeout_s)
 
     async def connect(self) -> None:
         """Open the line now, without regard to back-off; nothing to do when it is open.
@@ -221,9 +221,7 @@ class ModbusLink:
         if has_no_number:
             memory.owed.append((request, self.clock.now_s()))
         try:
-            reply = await connection.ask(
-                request, who.unit, self.clock.timeout_wall_s(self._reply_timeout_s)
-            )
+            reply = await connection.ask(request, who.unit, self.clock, self._patience_s)
         except NoAnswer as error:
             raise await self._silence(error.received, request, who) from None
         except Lost:
@@ -332,7 +330,7 @@ class ModbusLink:
             )
         connection = Connection(self.address, self._trace)
         try:
-            reason = await connection.open()
+            reason = await connection.open(self.clock)
         except asyncio.CancelledError:
             await connection.aclose()
             raise

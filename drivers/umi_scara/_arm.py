@@ -282,7 +282,7 @@ class UmiScara(ArmSession):
                     return counts
                 why = "rests against nothing (is motor power on?)"
                 break
-            if self._axes.clock.now_s() > until_s:
+            if self._axes.clock.attended_s() > until_s:
                 why = f"still closes after {deadline_s:.1f} s"
                 break
             await self._axes.pause()

@@ -46,8 +46,8 @@ class Axes:
         await self.clock.sleep(max(c.POLL_S, MIN_POLL_WALL_S * self.clock.speed))
 
     def deadline_s(self, patience_s: float) -> float:
-        """Return the instant at which a patience that begins now ends [cell s]."""
-        return self.clock.now_s() + self.clock.timeout_wall_s(patience_s) * self.clock.speed
+        """Return the attended instant at which a patience that begins now ends [cell s]."""
+        return self.clock.attended_s() + self.clock.patience_s(patience_s)
 
     # ---- the line ------------------------------------------------------------------------------
     def ips(self, axes: Iterable[Axis] = Axis) -> list[Ip]:
@@ -199,10 +199,10 @@ class Axes:
                 return
             except RefusedError as error:
                 if error.code == c.AXIS_BUSY:
-                    if self.clock.now_s() > until_s:
+                    if self.clock.attended_s() > until_s:
                         raise
                     await self.pause()
-                    while self.clock.now_s() <= until_s and await self._any(
+                    while self.clock.attended_s() <= until_s and await self._any(
                         started, StatusBits.MOVING
                     ):
                         guard()
@@ -213,7 +213,7 @@ class Axes:
             except DeviceError as error:
                 if not breaks_step(error):
                     raise
-            if self.clock.now_s() > until_s:
+            if self.clock.attended_s() > until_s:
                 raise BadReplyError("arm: no go gets through")
             if await self._any(started, StatusBits.MOVING | c.TROUBLE):
                 return

@@ -174,7 +174,7 @@ class Homing:
             else:
                 still_poll_count, before = 0, []
                 self._check(bits)
-            if self._axes.clock.now_s() > until_s:
+            if self._axes.clock.attended_s() > until_s:
                 waiting = [axis for axis, b in bits.items() if not b & StatusBits.STALLED]
                 names = ", ".join(axis.name.lower() for axis in waiting or drives)
                 raise HomingError(f"arm: {names} found no stop within {timeout_s:.0f} s")
@@ -195,6 +195,6 @@ class Homing:
         until_s = self._axes.deadline_s(self._config.timeout_s)
         while await self._axes.status(axis) & StatusBits.MOVING:
             self._guard()
-            if self._axes.clock.now_s() > until_s:
+            if self._axes.clock.attended_s() > until_s:
                 raise HomingError(f"arm: {axis.name.lower()} does not come to rest")
             await self._axes.pause()

@@ -190,15 +190,19 @@ class Link:
             await self._clock.sleep(left_s)
 
     async def _read(self, reader: ReplyReader, request: bytes) -> Reply:
-        timeout_wall_s = self._clock.timeout_wall_s(self._config.reply_timeout_s)
-        until_s = self._clock.now_s() + timeout_wall_s * self._clock.speed
-        while (left_s := until_s - self._clock.now_s()) > 0:
-            data = await self._transport.read(self._clock.to_wall_s(left_s))
+        until_s = self._clock.attended_s() + self._clock.patience_s(self._config.reply_timeout_s)
+        while True:
+            left_s = until_s - self._clock.attended_s()
+            # at the end, what has arrived is taken in before it counts as missing
+            data = await self._transport.read(max(0.0, self._clock.to_wall_s(left_s)))
             if data and (reply := reader.feed(data)) is not None:
                 return reply
+            if not data and left_s <= 0:
+                break
         got = f"only {reader.data.hex(' ').upper()} of a" if reader.data else "no"
         raise ReplyTimeoutError(
-            f"arm: {got} reply to {request.hex(' ').upper()} within {timeout_wall_s:.3f} s"
+            f"arm: {got} reply to {request.hex(' ').upper()} "
+            f"within {self._config.reply_timeout_s:.3f} s"
         )
 
     # ---- who listens ---------------------------------------------------------------------------
@@ -287,13 +291,17 @@ class Link:
 
         Silence is longer than the 8 ms after which an IP gives up on a broken request (2.9).
         """
+        clock = self._clock
         # every opening waits this long: it is no time-out, to be generous with
-        silence_wall_s = max(self._clock.to_wall_s(c.SILENCE_S), _MIN_SILENCE_WALL_S)
-        until_s = self._clock.now_s() + max(_DRAIN_LIMIT_S, 10 * silence_wall_s * self._clock.speed)
-        while data := await self._transport.read(silence_wall_s):
-            self._suspect += data
-            if self._clock.now_s() > until_s:
-                raise BadReplyError("arm: the line never falls silent")
+        silence_s = max(c.SILENCE_S, _MIN_SILENCE_WALL_S * clock.speed)
+        until_s = clock.attended_s() + max(_DRAIN_LIMIT_S, 10 * silence_s)
+        silent_at_s = clock.attended_s() + silence_s
+        while (left_s := silent_at_s - clock.attended_s()) > 0:
+            if data := await self._transport.read(clock.to_wall_s(left_s)):
+                silent_at_s = clock.attended_s() + silence_s
+                self._suspect += data
+                if clock.attended_s() > until_s:
+                    raise BadReplyError("arm: the line never falls silent")
         if looks_like_text(self._suspect):
             raise WrongDeviceError(
                 f"arm: unsupported ROM or monitor mode: it says {self._suspect[:60]!r}"

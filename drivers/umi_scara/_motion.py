@@ -134,7 +134,7 @@ class Watch:
                 elif in_turn:
                     break
             if moving:
-                if self._axes.clock.now_s() > self._until_s:
+                if self._axes.clock.attended_s() > self._until_s:
                     await self._give_up(moving)
                 await self._axes.pause()
 
@@ -184,13 +184,13 @@ async def verify_arrival(
     ------
     AxisStalledError : one is not, `settle_s` later either
     """
-    until_s = axes.clock.now_s() + settle_s
+    until_s = axes.deadline_s(settle_s)
     while True:
         got = await axes.read_actuals(targets)
         worst = max(targets, key=lambda axis: abs(got[axis] - targets[axis]) - tolerances[axis])
         if abs(got[worst] - targets[worst]) <= tolerances[worst]:
             return got
-        if axes.clock.now_s() > until_s:
+        if axes.clock.attended_s() > until_s:
             await axes.halt(Simple.DEAD_STOP)
             why = "rests off its target (is motor power on?)"
             raise AxisStalledError(worst, targets[worst], got[worst], why)

@@ -12,7 +12,7 @@ import itertools
 import threading
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Final, Protocol
 
 from . import _abi as abi
 from ._abi import Poll, Request
@@ -23,6 +23,8 @@ from ._formats import Picture
 from ._handle import ClientMemory, Handle, Refused
 from ._sensor import Clock, PictureSource, Sensor
 from ._settings import CameraConfig, CaptureSettings
+
+_PAUSE_WALL_S: Final = 0.0005
 
 
 class Outlet(Protocol):
@@ -150,6 +152,11 @@ class V4l2Device:
             self._sensor.faults = faults
             self._sensor.review()
 
+    @property
+    def oldest_due_s(self) -> float | None:
+        """When the oldest frame ended whose picture is still being made; None without one."""
+        return self._sensor.oldest_due_s
+
     def attach(self, outlet: Outlet) -> None:
         """Let a transport hold the frames' bytes and be woken."""
         with self._lock:
@@ -193,7 +200,9 @@ class V4l2Device:
                 if next_s is None:
                     await due.wait()
                     continue
-                timer = loop.call_at(self._clock.to_monotonic_s(next_s), due.set)
+                # time may stand still: look again, but not without a pause
+                at_wall_s = max(self._clock.to_monotonic_s(next_s), loop.time() + _PAUSE_WALL_S)
+                timer = loop.call_at(at_wall_s, due.set)
                 try:
                     await due.wait()
                 finally:

@@ -113,6 +113,12 @@ class Sensor:
         self.faults = Faults()
         self.lost_count = 0
 
+    @property
+    def oldest_due_s(self) -> float | None:
+        """Do as `V4l2Device.oldest_due_s` says."""
+        with self._lock:
+            return self._flights[0].end_s if self._flights else None
+
     def start(self) -> None:
         """Begin with frame 0 now."""
         period_s = 1.0 / self._settings.rate_hz

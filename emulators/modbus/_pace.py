@@ -7,6 +7,7 @@ from typing import Final
 from emulators.clock import WorldClock
 
 TIMER_GRAIN_WALL_S: Final = 0.0005  # epoll rounds a wait up to whole milliseconds
+TURNS: Final = 4  # of the loop, from a byte in the kernel to whoever waits for it
 JITTER_WALL_S: Final = 0.01  # a writer is not scheduled between two halves of one frame
 
 
@@ -26,20 +27,36 @@ class Pacer:
         if ahead_s > TIMER_GRAIN_WALL_S * self.clock.speed:
             await self.clock.sleep(ahead_s)
 
-    def silence_wall_s(self, duration_s: float, *, is_frame_complete: bool) -> float:
-        """Return how long to listen for a silence of `duration_s` [world s -> wall s].
+    def silence_s(self, duration_s: float, *, is_frame_complete: bool) -> float:
+        """Return how long to listen for a silence of `duration_s` [world s].
 
         Bytes that stand in the middle of a frame are given the jitter of the host on top, since
         a gap there may be the scheduler's and not the wire's.
         """
-        wall_s = duration_s / self.clock.speed
-        return wall_s if is_frame_complete else max(wall_s, JITTER_WALL_S)
+        return (
+            duration_s if is_frame_complete else max(duration_s, JITTER_WALL_S * self.clock.speed)
+        )
+
+    async def read_within(self, reader: asyncio.StreamReader, wait_s: float) -> bytes | None:
+        """Return bytes that come within a time [world s], b"" at the stream's end, None for none.
+
+        What has arrived when time is up still counts: the wire is as late as its reader.
+        """
+        reading = asyncio.ensure_future(reader.read(4096))
+        silence = asyncio.ensure_future(self._silence(wait_s))
+        try:
+            await asyncio.wait({reading, silence}, return_when=asyncio.FIRST_COMPLETED)
+            return reading.result() if reading.done() else None
+        finally:
+            await _ended(reading, silence)
+
+    async def _silence(self, wait_s: float) -> None:
+        await self.clock.sleep(wait_s)
+        for _ in range(TURNS):
+            await asyncio.sleep(0)
 
 
-async def read_within(reader: asyncio.StreamReader, wait_wall_s: float) -> bytes | None:
-    """Return bytes that come within a time [wall s], b"" at the stream's end, None for silence."""
-    try:
-        async with asyncio.timeout(wait_wall_s):
-            return await reader.read(4096)
-    except TimeoutError:
-        return None
+async def _ended(*tasks: "asyncio.Future[bytes] | asyncio.Future[None]") -> None:
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)

@@ -8,7 +8,7 @@ from emulators.clock import WorldClock
 
 from ._bus import Bus, BusReply
 from ._framing import RtuReader, characters_s, encode_rtu, frame_gap_s
-from ._pace import Pacer, read_within
+from ._pace import Pacer
 
 DEFAULT_TURNAROUND_S: Final = (
     0.001  # a device thinks before it answers (typical, not from a manual)
@@ -68,10 +68,10 @@ class RtuLine:
                 # the whole frame is handed over at once; on the line it would still be going on
                 end_s = heard_s + characters_s(hearing.byte_count, self._baudrate)
                 silence_s = end_s + self._gap_s - self._clock.now_s()
-                wait_wall_s = self._pacer.silence_wall_s(
+                wait_s = self._pacer.silence_s(
                     max(silence_s, 0.0), is_frame_complete=hearing.is_complete
                 )
-                more = await read_within(plug.reader, wait_wall_s)
+                more = await self._pacer.read_within(plug.reader, wait_s)
                 is_over = not more
                 hearing.feed(more or b"")
             frame = hearing.silence()

@@ -1,0 +1,52 @@
+"""How late this process's event loop is: what it missed is not the devices' fault."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Final
+
+BEAT_WALL_S: Final = 0.02
+JITTER_WALL_S: Final = 0.005  # a timer of a healthy loop is no later than this
+
+
+class Attendance:
+    """Measures the delay of the event loop by a beat that is due every 20 ms.
+
+    Time between a beat's due instant and the beat itself is lost: nothing that arrived meanwhile
+    could be read.
+    """
+
+    def __init__(self) -> None:
+        self._lost_wall_s = 0.0
+        self._due_wall_s: float | None = None
+        self.longest_wall_s = 0.0
+
+    def lost_wall_s(self) -> float:
+        """Return what has been lost so far, a delay that still goes on included [wall s]."""
+        return self._lost_wall_s + self._late_wall_s()
+
+    def _late_wall_s(self) -> float:
+        if self._due_wall_s is None:
+            return 0.0
+        return max(0.0, time.monotonic() - self._due_wall_s - JITTER_WALL_S)
+
+    @asynccontextmanager
+    async def beating(self) -> AsyncIterator[None]:
+        """Measure while the block runs."""
+        self._due_wall_s = time.monotonic() + BEAT_WALL_S
+        task = asyncio.create_task(self._beat(), name="loop delay")
+        try:
+            yield
+        finally:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+            self._lost_wall_s, self._due_wall_s = self.lost_wall_s(), None
+
+    async def _beat(self) -> None:
+        while True:
+            await asyncio.sleep(BEAT_WALL_S)
+            late_wall_s = self._late_wall_s()
+            self._lost_wall_s += late_wall_s
+            self.longest_wall_s = max(self.longest_wall_s, late_wall_s)
+            self._due_wall_s = time.monotonic() + BEAT_WALL_S

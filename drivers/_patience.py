@@ -1,0 +1,62 @@
+"""A time-out on a clock that may stand still. Knows asyncio, no device and no clock's inside."""
+
+import asyncio
+from collections.abc import Callable
+from types import TracebackType
+from typing import Final
+
+# What has arrived when time is up must be taken in before it counts as missing. A byte's way
+# from the kernel to the waiting task leads through this many turns of the loop at most: reader,
+# future, wait_for, task, wait, task, shield, caller.
+TURNS: Final = 10
+LEAST_WAIT_WALL_S: Final = 0.001
+
+
+class Patience:
+    """`asyncio.timeout` by another clock.
+
+    Expiry, cancellation and nesting are `asyncio.Timeout`'s own: it is told "now" when time is up.
+
+    Parameters
+    ----------
+    now_s : the clock [cell s]; may stand still, never goes back
+    speed : cell seconds in a wall second, when it does not stand still
+    duration_s : until time is up [cell s]
+    """
+
+    def __init__(self, now_s: Callable[[], float], speed: float, duration_s: float) -> None:
+        self._now_s = now_s
+        self._speed = speed
+        self._duration_s = duration_s
+        self._until_s = 0.0
+        self._turns_left = TURNS
+        self._inner = asyncio.timeout(None)
+        self._handle: asyncio.Handle | None = None
+
+    async def __aenter__(self) -> asyncio.Timeout:
+        await self._inner.__aenter__()
+        self._until_s = self._now_s() + self._duration_s
+        self._look()
+        return self._inner
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if self._handle is not None:
+            self._handle.cancel()
+        await self._inner.__aexit__(kind, error, traceback)
+
+    def _look(self) -> None:
+        loop = asyncio.get_running_loop()
+        left_s = self._until_s - self._now_s()
+        if left_s > 0:
+            wait_wall_s = max(left_s / self._speed, LEAST_WAIT_WALL_S)
+            self._handle = loop.call_later(wait_wall_s, self._look)
+        elif self._turns_left > 0:
+            self._turns_left -= 1
+            self._handle = loop.call_soon(self._look)
+        else:
+            self._inner.reschedule(loop.time())

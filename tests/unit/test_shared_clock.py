@@ -1,0 +1,215 @@
+"""One clock for world and drivers: both readings of docs/shared-clock.md, on a wall that jumps."""
+
+import asyncio
+import multiprocessing
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from drivers.clock import CellClock
+from drivers.errors import LinkError
+from emulators.clock import SharedClock
+
+SPEED = 10.0
+WINDOW_S = 0.05
+HERE = __name__
+
+
+class Wall:
+    """The wall clock, which passes because the test says so."""
+
+    def __init__(self) -> None:
+        self.ns = 1_000_000_000_000
+
+    def pass_s(self, duration_s: float) -> None:
+        self.ns += round(duration_s * 1e9)
+
+    @property
+    def s(self) -> float:
+        return self.ns * 1e-9
+
+
+@pytest.fixture
+def wall(monkeypatch: pytest.MonkeyPatch) -> Wall:
+    one = Wall()
+    for module in ("drivers._shared_time", "emulators.clock"):
+        monkeypatch.setattr(f"{module}.time.monotonic_ns", lambda: one.ns)
+    return one
+
+
+@pytest.fixture
+def world(wall: Wall, tmp_path: Path) -> Iterator[SharedClock]:
+    clock = SharedClock(SPEED, tmp_path)
+    yield clock
+    clock.close()
+
+
+@pytest.fixture
+def cell(world: SharedClock) -> Iterator[CellClock]:
+    clock = CellClock.of_emulator(world.path)
+    yield clock
+    clock.close()
+
+
+def test_both_sides_read_the_same_instant(world: SharedClock, cell: CellClock, wall: Wall) -> None:
+    assert cell.speed == SPEED
+    for _ in range(10):
+        wall.pass_s(0.001)
+        assert world.now_s() == cell.now_s()
+        world.tick(world.now_s())
+    assert cell.now_s() == pytest.approx(0.1)
+
+
+def test_time_waits_for_a_world_that_is_late(
+    world: SharedClock, cell: CellClock, wall: Wall
+) -> None:
+    wall.pass_s(60.0)
+    assert cell.now_s() == pytest.approx(WINDOW_S)
+    world.tick(0.0)
+    wall.pass_s(60.0)
+    assert cell.now_s() == pytest.approx(WINDOW_S)
+    world.tick(WINDOW_S)  # the world is there: time goes on from where it stood, not with a jump
+    assert cell.now_s() == pytest.approx(WINDOW_S)
+    wall.pass_s(0.001)
+    assert cell.now_s() == pytest.approx(WINDOW_S + 0.01)
+
+
+async def test_time_waits_for_a_controller_that_is_late(
+    world: SharedClock, cell: CellClock, wall: Wall
+) -> None:
+    async with cell.attending():
+        for _ in range(100):  # ticks of the world alone: the controller's loop gets no turn
+            wall.pass_s(1.0)
+            world.tick(world.now_s())
+        assert cell.now_s() == pytest.approx(WINDOW_S)
+    for _ in range(100):  # it has left, so that it holds nobody up
+        wall.pass_s(0.001)
+        world.tick(world.now_s())
+    assert cell.now_s() == pytest.approx(WINDOW_S + 1.0, abs=0.02)  # a tick to notice it
+
+
+def test_who_only_reads_the_clock_holds_nobody_up(world: SharedClock, wall: Wall) -> None:
+    reader = CellClock.of_emulator(world.path)
+    for _ in range(100):
+        wall.pass_s(0.001)
+        world.tick(world.now_s())
+    assert reader.now_s() == pytest.approx(1.0)
+    assert world.participant_count == 0
+    reader.close()
+
+
+def test_time_stops_at_a_picture_that_is_due(
+    world: SharedClock, cell: CellClock, wall: Wall
+) -> None:
+    for _ in range(100):
+        wall.pass_s(0.001)
+        world.tick(world.now_s(), 0.3)
+    assert cell.now_s() == pytest.approx(0.3)
+    world.tick(world.now_s())
+    wall.pass_s(0.001)
+    assert cell.now_s() == pytest.approx(0.31)
+
+
+steps = st.lists(
+    st.tuples(st.floats(0.0, 0.02), st.booleans(), st.one_of(st.none(), st.floats(0.0, 0.1))),
+    min_size=1,
+    max_size=60,
+)
+
+
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(steps=steps)
+def test_time_never_goes_back_and_frames_are_found_again_in_it(
+    steps: list[tuple[float, bool, float | None]], wall: Wall, tmp_path: Path
+) -> None:
+    world = SharedClock(SPEED, tmp_path)
+    cell = CellClock.of_emulator(world.path)
+    stamps: list[tuple[float, float]] = []  # wall reading, cell instant then
+    last_s = 0.0
+    for pause_wall_s, is_tick, hold_s in steps:
+        wall.pass_s(pause_wall_s)
+        if is_tick:
+            now_s = world.now_s()
+            world.tick(now_s, None if hold_s is None else now_s + hold_s)
+        assert world.now_s() == cell.now_s() >= last_s
+        last_s = cell.now_s()
+        stamps.append((wall.s, last_s))
+    world.tick(world.now_s())
+    for wall_s, cell_s in stamps:
+        assert cell.from_monotonic_s(wall_s) == pytest.approx(cell_s, abs=1e-6)
+        # an instant is stamped with the first moment it was reached at
+        stamp_s = world.to_monotonic_s(cell_s)
+        assert stamp_s <= wall_s + 1e-6
+        assert cell.from_monotonic_s(stamp_s) == pytest.approx(cell_s, abs=1e-6)
+    cell.close()
+    world.close()
+
+
+def test_a_clock_whose_emulator_has_ended_is_refused(world: SharedClock, tmp_path: Path) -> None:
+    copy = tmp_path / "left behind"
+    copy.write_bytes(world.path.read_bytes())  # as it lies there after a kill: nobody holds it
+    with pytest.raises(LinkError, match="has ended"):
+        CellClock.of_emulator(copy)
+
+
+@pytest.mark.parametrize("content", [b"", b"x" * 66048, b"cellclk1"])
+def test_what_is_no_clock_is_refused(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(content)
+    with pytest.raises(LinkError, match="no clock"):
+        CellClock.of_emulator(path)
+    with pytest.raises(LinkError, match="No such file"):
+        CellClock.of_emulator(tmp_path / "nothing")
+
+
+def test_the_file_goes_with_the_emulator(tmp_path: Path) -> None:
+    clock = SharedClock(folder=tmp_path)
+    assert list(tmp_path.iterdir()) == [clock.path]
+    clock.close()
+    assert list(tmp_path.iterdir()) == []
+
+
+async def test_time_goes_on_for_who_waits_when_the_emulator_has_ended(tmp_path: Path) -> None:
+    world = SharedClock(100.0, tmp_path)
+    cell = CellClock.of_emulator(world.path)
+    async with cell.attending():
+        world.close()
+        with pytest.raises(TimeoutError):
+            async with cell.timeout(1.0):
+                await asyncio.get_running_loop().create_future()
+    cell.close()
+
+
+def _take_part_until_killed(path: Path, is_there: "multiprocessing.synchronize.Event") -> None:
+    async def take_part() -> None:
+        async with CellClock.of_emulator(path).attending():
+            is_there.set()
+            time.sleep(600)  # noqa: ASYNC251  (a process that hangs)
+
+    asyncio.run(take_part())
+
+
+def test_a_process_that_hangs_holds_time_and_a_dead_one_does_not(tmp_path: Path) -> None:
+    spawn = multiprocessing.get_context("spawn")
+    world, is_there = SharedClock(SPEED, tmp_path), spawn.Event()
+    process = spawn.Process(target=_take_part_until_killed, args=(world.path, is_there))
+    process.start()
+    is_there.wait()
+    held_s = world.now_s()
+    begun_s = time.monotonic()
+    while time.monotonic() - begun_s < 0.2:
+        world.tick(world.now_s())
+    assert world.now_s() <= held_s + 2 * WINDOW_S
+    process.kill()
+    while world.now_s() < held_s + 1.0:  # the guard of a test that hangs is pytest's
+        world.tick(world.now_s())
+    assert world.participant_count == 0
+    process.join()
+    process.close()
+    world.close()
