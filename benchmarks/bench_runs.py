@@ -21,6 +21,7 @@ import itertools
 import json
 import logging
 import os
+import shutil
 import sys
 import tempfile
 from collections import Counter
@@ -57,8 +58,8 @@ def part_file(name: str, scratch: Path) -> tuple[Path, Path]:
     if name in RECIPES:
         return ROOT / f"recipes/{name}.yaml", cell
     path = scratch / f"{name}.yaml"
-    stl = SHARED / f"{name}.stl"
-    path.write_text(f"name: {name}\npart: {stl}\nunit: mm\ncell: {cell}\n")
+    shutil.copyfile(SHARED / f"{name}.stl", scratch / f"{name}.stl")
+    path.write_text(f"name: {name}\npart: {name}.stl\nunit: mm\n")
     return path, cell
 
 

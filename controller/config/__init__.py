@@ -1,7 +1,7 @@
 """recipe.yaml and cell.yaml: read once, checked whole, wrong keys answered with the right ones."""
 
-from ._yaml import ConfigError
 from .cell import EMULATED, Cell, load_cell
+from .errors import ConfigError
 from .layout import build_lamps, build_layout, panel_corners, table_corners
 from .recipe import Recipe, load_recipe
 

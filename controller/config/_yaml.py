@@ -1,14 +1,29 @@
 """YAML files with line numbers, and errors a person can act on: file, line, nearest right key."""
 
 import difflib
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, Final, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, Final, Generic, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
+from ruamel.yaml.constructor import ConstructorError, RoundTripConstructor
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.events import (
+    AliasEvent,
+    Event,
+    MappingEndEvent,
+    MappingStartEvent,
+    NodeEvent,
+    SequenceEndEvent,
+    SequenceStartEvent,
+)
+
+from ._files import read_text
+from .errors import ConfigError
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -22,8 +37,9 @@ _PLAIN_WORDS: Final = {
 }
 
 
-class ConfigError(Exception):
-    """A file or a command line is wrong; the message names the file, the line and the mend."""
+MOST_DEPTH: Final = 12  # sections within sections; a cell file has four
+MOST_VALUES: Final = 10_000  # and some hundreds of values
+MOST_PROBLEMS: Final = 10  # of one file told at once
 
 
 class Section(BaseModel):
@@ -40,6 +56,33 @@ class Section(BaseModel):
         return value
 
 
+@dataclass(frozen=True, slots=True)
+class Loaded(Generic[Model]):
+    """What a file holds, and where.
+
+    Attributes
+    ----------
+    line_of : of the key at a location, None where the file does not say it
+    """
+
+    value: Model
+    line_of: Callable[[tuple[int | str, ...]], int | None]
+
+
+class _Constructor(RoundTripConstructor):
+    """Reads dates that cannot be as errors with a line, which ruamel leaves to `datetime`."""
+
+    def construct_yaml_timestamp(self, node: Any, values: Any = None) -> Any:  # noqa: ANN401
+        try:
+            return super().construct_yaml_timestamp(node, values)
+        except ValueError as error:
+            told = f"{node.value!r:.40} is no date ({error})"
+            raise ConstructorError(None, None, told, node.start_mark) from error
+
+
+_Constructor.add_constructor("tag:yaml.org,2002:timestamp", _Constructor.construct_yaml_timestamp)
+
+
 def load_yaml(path: Path, model: type[Model]) -> Model:
     """Read a YAML file into a model.
 
@@ -48,29 +91,71 @@ def load_yaml(path: Path, model: type[Model]) -> Model:
     ConfigError : unreadable, not YAML, unknown or missing keys, values out of range; all
         problems of the file are told at once, each with its line
     """
+    return load_with_lines(path, model).value
+
+
+def load_with_lines(path: Path, model: type[Model]) -> Loaded[Model]:
+    """Read a YAML file into a model, and keep the lines of its keys; see `load_yaml`."""
+    tree = _tree(path, read_text(path, "a file of settings"))
     try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: is not a text file (UTF-8); is it the right file?") from error
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror or error}; check the path") from error
+        value = model.model_validate(_plain(tree))
+    except ValidationError as error:
+        found = sorted(error.errors(), key=lambda e: _line(tree, e["loc"]) or 0)
+        problems = [_explain(path, tree, model, dict(e)) for e in found[:MOST_PROBLEMS]]
+        if len(found) > MOST_PROBLEMS:
+            problems.append(f"{path}: and {len(found) - MOST_PROBLEMS} more like these")
+        raise ConfigError("\n".join(problems)) from error
+    return Loaded(value, lambda location: _line(tree, location))
+
+
+def _tree(path: Path, text: str) -> CommentedMap:
+    """Return a file's tree, ConfigError where it is none."""
     try:
-        tree = YAML(typ="rt").load(text)
+        _look_ahead(path, text)
+        yaml = YAML(typ="rt", pure=True)
+        yaml.Constructor = _Constructor
+        tree = yaml.load(text)
     except MarkedYAMLError as error:
         mark = error.problem_mark
         where = f":{mark.line + 1}" if mark is not None else ""
         raise ConfigError(f"{path}{where}: not valid YAML: {error.problem}") from error
     except YAMLError as error:
         told = " ".join(str(error).split())
-        raise ConfigError(f"{path}: not valid YAML: {told}") from error
+        raise ConfigError(f"{path}: not valid YAML: {told:.200}") from error
+    except ConfigError:
+        raise
+    except Exception as error:  # a parser in pure Python has its own surprises on garbage
+        told = " ".join(str(error).split())
+        raise ConfigError(f"{path}: not valid YAML: {told:.200}; is it the right file?") from error
     if not isinstance(tree, CommentedMap):
         raise ConfigError(f"{path}: is empty or not a list of `key: value` lines")
-    try:
-        return model.model_validate(_plain(tree))
-    except ValidationError as error:
-        found = sorted(error.errors(), key=lambda e: _line(tree, e["loc"]) or 0)
-        problems = [_explain(path, tree, model, dict(e)) for e in found]
-        raise ConfigError("\n".join(problems)) from error
+    return tree
+
+
+def _look_ahead(path: Path, text: str) -> None:
+    """Raise ConfigError for what a small text can blow up with: depth, aliases, tags."""
+    depth, values = 0, 0
+    for event in YAML(typ="rt", pure=True).parse(text):
+        if isinstance(event, MappingEndEvent | SequenceEndEvent):
+            depth -= 1
+        if not isinstance(event, NodeEvent):
+            continue
+        values += 1
+        if isinstance(event, AliasEvent) or event.anchor:
+            raise ConfigError(
+                f"{_at(path, event)}: anchors (&) and aliases (*) are not read; write the value out"
+            )
+        if getattr(event, "tag", None):
+            raise ConfigError(f"{_at(path, event)}: tags (!) are not read; write the plain value")
+        if isinstance(event, MappingStartEvent | SequenceStartEvent):
+            depth += 1
+        if depth > MOST_DEPTH or values > MOST_VALUES:
+            what = f"{MOST_VALUES} values" if values > MOST_VALUES else f"{MOST_DEPTH} levels"
+            raise ConfigError(f"{_at(path, event)}: more than {what}; is it the right file?")
+
+
+def _at(path: Path, event: Event) -> str:
+    return f"{path}:{event.start_mark.line + 1}"
 
 
 def _plain(node: Any) -> Any:  # noqa: ANN401 - a YAML tree is any value

@@ -10,7 +10,8 @@ from pydantic import AfterValidator, Field, model_validator
 
 from controller.cad import Camera
 
-from ._yaml import ConfigError, Section, load_yaml
+from ._yaml import Section, load_yaml
+from .errors import ConfigError
 
 Array = NDArray[np.float64]
 Vec2 = tuple[float, float]

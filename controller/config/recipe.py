@@ -7,10 +7,12 @@ from pydantic import AfterValidator, Field
 
 from controller.cad.compiled import is_cad_file
 
-from ._yaml import ConfigError, Section, load_yaml
+from ._files import reason_of
+from ._yaml import Section, load_with_lines
+from .errors import ConfigError
 
 DEFAULT_CELL = Path("cells/emulated.yaml")
-
+MOST_NAMED = 12  # files of a folder that a message lists
 
 Unit = Literal["mm", "cm", "m", "inch"]
 
@@ -67,27 +69,60 @@ class Recipe(Section):
 def load_recipe(path: Path) -> Recipe:
     """Read a recipe; its file names come back relative to the working directory.
 
+    A recipe and what it names travel together: part, others and cell lie in its folder or below,
+    also behind symbolic links, so that a recipe that came with a mail reads nothing else. A cell
+    somewhere else is named by the person at the machine, with ``--cell``.
+
     Raises
     ------
-    ConfigError : the file is wrong, or a CAD file it names is not there
+    ConfigError : the file is wrong, a file it names lies outside its folder, or a CAD file is not
+        there
     """
-    recipe = load_yaml(path, Recipe)
-    base = path.parent
-    recipe = recipe.model_copy(
-        update={
-            "part": base / recipe.part,
-            "others": tuple(base / other for other in recipe.others),
-            "cell": base / recipe.cell,
-        }
-    )
-    for cad in (recipe.part, *recipe.others):
-        if not cad.is_file():
-            raise ConfigError(_unknown_part(path, cad))
-    return recipe
+    loaded = load_with_lines(path, Recipe)
+    recipe, line_of = loaded.value, loaded.line_of
+
+    def inside(name: Path, *location: int | str) -> Path:
+        line = line_of(location)
+        where = f"{path}:{line}" if line is not None else f"{path}"
+        return _inside(path, name, where, location)
+
+    part = inside(recipe.part, "part")
+    others = tuple(inside(other, "others", i) for i, other in enumerate(recipe.others))
+    cell = inside(recipe.cell, "cell")
+    named = [(part, line_of(("part",)))]
+    named += [(other, line_of(("others", i))) for i, other in enumerate(others)]
+    for cad, line in named:
+        if not _is_file(cad):
+            raise ConfigError(_unknown_part(path, cad, line))
+    return recipe.model_copy(update={"part": part, "others": others, "cell": cell})
 
 
-def _unknown_part(recipe: Path, cad: Path) -> str:
+def _inside(recipe: Path, name: Path, where: str, location: tuple[int | str, ...]) -> Path:
+    """Return a file a recipe names, ConfigError where it is none of the recipe's folder."""
+    file, key = recipe.parent / name, location[0]
+    try:
+        is_inside = file.resolve().is_relative_to(recipe.parent.resolve())
+    except (OSError, RuntimeError, ValueError) as error:  # no name for a file, links in a circle
+        raise ConfigError(f"{where}: `{key}`: {reason_of(error)} ({str(name)!r:.80})") from error
+    if not is_inside:
+        mend = "name the cell with --cell" if key == "cell" else "copy the file there"
+        raise ConfigError(f"{where}: `{key}`: {name} lies outside the recipe's folder; {mend}")
+    return file
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
+def _unknown_part(recipe: Path, cad: Path, line: int | None) -> str:
     folder = cad.parent
-    known = sorted(p.name for p in folder.glob("*") if is_cad_file(p))
-    have = f"the folder has {', '.join(known)}" if known else f"there is nothing in {folder}"
-    return f"{recipe}: unknown part: no file {cad}; {have}"
+    try:
+        known = sorted(p.name for p in folder.glob("*") if is_cad_file(p))
+    except OSError:
+        known = []
+    shown = ", ".join(known[:MOST_NAMED]) + (" ..." if len(known) > MOST_NAMED else "")
+    have = f"the folder has {shown}" if known else f"there is nothing in {folder}"
+    return f"{recipe}:{line}: unknown part: no file {cad}; {have}"

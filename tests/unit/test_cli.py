@@ -11,6 +11,7 @@ from controller.cli import main
 
 ROOT = Path(__file__).parents[2]
 HOLDER = ROOT / "recipes/parts/holder.stl"
+CELL = ROOT / "recipes/cells/emulated.yaml"
 
 
 def recipe(folder: Path, text: str) -> str:
@@ -74,8 +75,8 @@ def test_an_open_surface_is_refused_before_anything_starts(
     box = trimesh.creation.box(extents=[30, 20, 10])
     box.update_faces(np.arange(len(box.faces)) > 0)
     box.export(tmp_path / "open.stl")
-    path = recipe(tmp_path, f"name: x\npart: open.stl\ncell: {ROOT}/recipes/cells/emulated.yaml\n")
-    assert main(["run", path]) == 2
+    path = recipe(tmp_path, "name: x\npart: open.stl\n")
+    assert main(["run", path, "--cell", str(CELL)]) == 2
     said = capsys.readouterr().err
     assert "not closed" in said
     assert "open.stl" in said
@@ -83,8 +84,8 @@ def test_an_open_surface_is_refused_before_anything_starts(
 
 def test_an_empty_cad_file_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "empty.stl").write_bytes(b"\0" * 80 + b"\0\0\0\0")
-    path = recipe(tmp_path, f"name: x\npart: empty.stl\ncell: {ROOT}/recipes/cells/emulated.yaml\n")
-    assert main(["run", path]) == 2
+    path = recipe(tmp_path, "name: x\npart: empty.stl\n")
+    assert main(["run", path, "--cell", str(CELL)]) == 2
     assert "empty.stl" in capsys.readouterr().err
 
 
@@ -96,7 +97,8 @@ def test_time_cannot_run_faster_on_real_devices(
     cell.write_text(
         text.replace("arm:         {address: emulated}", "arm: {address: /dev/ttyUSB9}")
     )
-    path = recipe(tmp_path, f"name: x\npart: {HOLDER}\ncell: cell.yaml\n")
+    (tmp_path / "holder.stl").write_bytes(HOLDER.read_bytes())
+    path = recipe(tmp_path, "name: x\npart: holder.stl\ncell: cell.yaml\n")
     assert main(["run", path, "--speed", "10"]) == 2
     assert "real devices" in capsys.readouterr().err
 

@@ -344,9 +344,10 @@ def test_the_picture_shows_the_part_whole_on_white(plate: Path) -> None:
 
 def test_a_recipe_declares_the_unit_of_its_cad(tmp_path: Path, plate: Path) -> None:
     recipe = tmp_path / "recipe.yaml"
-    recipe.write_text(f"name: x\npart: {plate}\nunit: inch\ncell: {CELL}\n")
+    (tmp_path / "plate.stl").write_bytes(plate.read_bytes())
+    recipe.write_text("name: x\npart: plate.stl\nunit: inch\n")
     assert load_recipe(recipe).unit == "inch"
-    recipe.write_text(f"name: x\npart: {plate}\nunit: ell\ncell: {CELL}\n")
+    recipe.write_text("name: x\npart: plate.stl\nunit: ell\n")
     with pytest.raises(ConfigError, match=r"recipe.yaml:3"):
         load_recipe(recipe)
 

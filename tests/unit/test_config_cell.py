@@ -13,6 +13,7 @@ from planning_cell import layout_of, read_cell
 from controller.config import (
     EMULATED,
     Cell,
+    ConfigError,
     build_lamps,
     build_layout,
     load_cell,
@@ -62,12 +63,39 @@ def test_file_names_are_relative_to_the_recipe_wherever_one_stands(
 
 
 def test_an_absolute_file_name_stays(tmp_path: Path) -> None:
-    part = tmp_path / "a.stl"
+    part = tmp_path / "sub" / "a.stl"
+    part.parent.mkdir()
     part.touch()
-    (tmp_path / "sub").mkdir()
-    recipe_file = tmp_path / "sub" / "a.yaml"
+    recipe_file = tmp_path / "a.yaml"
     recipe_file.write_text(f"name: a\npart: {part}\n")
     assert load_recipe(recipe_file).part == part
+
+
+@pytest.mark.parametrize("key", ["part", "others", "cell"])
+@pytest.mark.parametrize("way", ["absolute", "up", "link"])
+def test_what_a_recipe_names_lies_in_its_folder(key: str, way: str, tmp_path: Path) -> None:
+    outside = tmp_path / "outside.stl"
+    outside.touch()
+    folder = tmp_path / "recipes"
+    folder.mkdir()
+    (folder / "a.stl").touch()
+    (folder / "link.stl").symlink_to(outside)
+    name = {"absolute": str(outside), "up": "../outside.stl", "link": "link.stl"}[way]
+    value = f"[{name}]" if key == "others" else name
+    lines = ["name: a", f"{key}: {value}"]
+    lines += ["part: a.stl"] if key != "part" else []
+    recipe_file = folder / "a.yaml"
+    recipe_file.write_text("\n".join(lines) + "\n")
+    with pytest.raises(ConfigError, match=rf"a\.yaml:2: `{key}`: .* outside the recipe's folder"):
+        load_recipe(recipe_file)
+
+
+def test_a_folder_of_recipes_may_itself_be_a_link(tmp_path: Path) -> None:
+    (tmp_path / "real").mkdir()
+    (tmp_path / "real" / "a.stl").touch()
+    (tmp_path / "real" / "a.yaml").write_text("name: a\npart: a.stl\n")
+    (tmp_path / "link").symlink_to(tmp_path / "real")
+    assert load_recipe(tmp_path / "link" / "a.yaml").part.is_file()
 
 
 def test_every_device_of_the_shipped_cell_is_emulated() -> None:

@@ -256,7 +256,6 @@ def test_a_list_is_not_a_recipe(folder: Path) -> None:
         ("name: x\npart: [a, b\ncount: 3\n", 3),
         ("name: x\nname: y\n", 2),
         ("name: x\n---\nname: y\n", 2),
-        ("name: *nobody\n", 1),
         ("name: 'x\n", 2),
     ],
 )
@@ -283,7 +282,7 @@ def test_a_stray_control_character_is_one_sentence(folder: Path) -> None:
 
 
 def test_a_missing_file_and_a_folder_are_told(folder: Path) -> None:
-    assert "No such file" in told(load_recipe, folder / "gone.yaml")[0]
+    assert "no such file" in told(load_recipe, folder / "gone.yaml")[0].lower()
     assert "directory" in told(load_cell, folder)[0]
 
 

@@ -1,0 +1,68 @@
+"""Files of text that a person or a program hands us: whole, of a sane size, and never a pipe."""
+
+import os
+import stat
+from pathlib import Path
+
+from .errors import ConfigError
+
+MOST_TEXT_BYTES = 128 * 1024  # recipes and cells have a tenth of it
+CHUNK_BYTES = 1 << 20
+
+
+def read_bytes(path: Path, most_bytes: int, what: str) -> bytes:
+    """Return what a plain file holds; no more than the limit is ever read.
+
+    Parameters
+    ----------
+    most_bytes : a larger file is refused
+    what : such a file is called
+
+    Raises
+    ------
+    ConfigError : no such file, a directory, a pipe, a device, too large, or not to be read
+    """
+    try:
+        # a pipe would keep us until somebody writes to it
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{path}: {reason_of(error)}; check the path") from error
+    try:
+        status = os.fstat(handle)
+        if stat.S_ISDIR(status.st_mode):
+            raise ConfigError(f"{path}: is a directory; name the file in it")
+        if not stat.S_ISREG(status.st_mode):
+            raise ConfigError(f"{path}: is no plain file; copy it to one")
+        data = bytearray()
+        # to its end, whatever it says of its size: files of /proc say that they have no bytes
+        while len(data) <= most_bytes and (chunk := os.read(handle, CHUNK_BYTES)):
+            data += chunk
+    except OSError as error:
+        raise ConfigError(f"{path}: {reason_of(error)}; check the file") from error
+    finally:
+        os.close(handle)
+    if len(data) > most_bytes:
+        raise ConfigError(
+            f"{path}: has more than {most_bytes / 1024:,.0f} KiB; {what} is smaller, is it the "
+            "right file?"
+        )
+    return bytes(data)
+
+
+def read_text(path: Path, what: str, most_bytes: int = MOST_TEXT_BYTES) -> str:
+    """Return the text of a plain file.
+
+    Raises
+    ------
+    ConfigError : as `read_bytes`, or not UTF-8
+    """
+    try:
+        return read_bytes(path, most_bytes, what).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: is not a text file (UTF-8); is it the right file?") from error
+
+
+def reason_of(error: Exception) -> str:
+    """Return what the system says of a file, in its words."""
+    told = error.strerror if isinstance(error, OSError) else None
+    return told or str(error)
