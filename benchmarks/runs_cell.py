@@ -14,7 +14,7 @@ from runs_stand_ins import Noise, StandIns, TruthCamera, World
 
 from controller.cell import workers
 from controller.cell.actions import Actions
-from controller.cell.clocks import clock_of
+from controller.cell.clocks import find_clock
 from controller.cell.devices import Devices, resolve
 from controller.cell.dispatcher import Dispatcher, Outcome
 from controller.cell.journal import Journal, read_rows
@@ -131,8 +131,8 @@ class Bench:
     ) -> list[Ran]:
         """Make runs one after the other until one leaves the cell in a state to clear by hand."""
         world = World(control)
-        clock = clock_of(ready)
         cell = self.context.cell
+        clock = find_clock(cell, ready).open()
         devices = Devices.build(cell, resolve(cell, ready["devices"]), clock)
         for name in ("overhead", "inspection"):
             setattr(devices, name, TruthCamera(world, clock))

@@ -23,6 +23,7 @@ from typing import Any, Final
 
 from emulators._cell import Cell, CellOptions
 from emulators._control import ControlPort
+from emulators._register import registered
 from emulators.world import LayoutError
 
 log = logging.getLogger(__name__)
@@ -127,7 +128,9 @@ async def serve(options: CellOptions, control: Path | None, ready: Any, stdin_en
             if stdin_ends:
                 tasks.append(asyncio.create_task(_stdin_closed(), name="stdin"))
             stack.push_async_callback(_cancel, tasks)
-            ready.write(json.dumps(cell.announcement()) + "\n")
+            announcement = cell.announcement()
+            stack.enter_context(registered(announcement))
+            ready.write(json.dumps(announcement) + "\n")
             ready.flush()
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             for task in done:

@@ -24,6 +24,9 @@ from drivers.umi_scara import UmiScara
 
 Addresses = Mapping[str, Any]
 
+IO_POLL_WALL_S = 0.02  # an emulated block is not asked more often, however fast time runs
+STALE_POLLS = 5
+
 
 def _modbus_address(device: str, address: str, transport: str, baudrate: int) -> Address:
     if transport == "rtu":
@@ -83,6 +86,7 @@ class Devices:
     def build(cls, cell: Cell, where: Mapping[str, dict[str, Any]], clock: CellClock) -> "Devices":
         """Make the drivers; nothing is opened yet. Needs a running event loop."""
         links: dict[Address, ModbusLink] = {}
+        timing = cell.timing
 
         def link(name: str) -> ModbusLink:
             device = where[name]
@@ -90,7 +94,7 @@ class Devices:
                 name, device["address"], device["transport"], device["baudrate"]
             )
             if address not in links:
-                links[address] = ModbusLink(address, clock)
+                links[address] = ModbusLink(address, clock, reply_timeout_s=timing.modbus_reply_s)
             return links[address]
 
         def camera(name: str) -> Camera:
@@ -106,6 +110,7 @@ class Devices:
                     buffer_count=2,
                     settle_frame_count=section.settle_frames,
                     frame_margin_s=section.margin_s,
+                    frame_timeout_s=timing.frame_late_s,
                 ),
                 clock=clock,
             )
@@ -131,8 +136,8 @@ class Devices:
                 IoConfig(
                     unit=where["io"]["unit"],
                     # the host's own pauses do not shrink with a faster clock
-                    poll_s=max(0.04, 0.02 * clock.speed),
-                    stale_s=max(0.2, 0.1 * clock.speed),
+                    poll_s=max(timing.io_poll_s, IO_POLL_WALL_S * clock.speed),
+                    stale_s=max(timing.io_stale_s, STALE_POLLS * IO_POLL_WALL_S * clock.speed),
                 ),
             ),
             overhead=camera("overhead"),

@@ -16,7 +16,7 @@ from controller.config import Cell, Recipe, build_layout
 
 from . import workers
 from .actions import Actions
-from .clocks import Speed, clock_of
+from .clocks import FoundClock, Speed
 from .custody import where_it_is
 from .devices import Devices, resolve
 from .dispatcher import Dispatcher, Outcome
@@ -32,6 +32,7 @@ class RunOrder:
     Attributes
     ----------
     emulated : what the emulator said of itself, empty on a real cell
+    clock : the one the devices keep
     runs_dir : folder of all runs; the cell's journal stands in it
     """
 
@@ -42,6 +43,7 @@ class RunOrder:
     count: int
     speed: float
     emulated: Mapping[str, Any]
+    clock: FoundClock
     runs_dir: Path
     run_id: str
 
@@ -89,7 +91,7 @@ async def run_batch(
     try:
         where = resolve(order.cell, order.emulated.get("devices", {}))
         journal.record("event", "run_began", _who_and_what(order, where))
-        clock = clock_of(order.emulated)
+        clock = order.clock.open()
         devices = Devices.build(order.cell, where, clock)
         progress = Progress()
         speed = Speed(clock.speed)
@@ -173,6 +175,7 @@ def _who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> dict[
         "emulated_devices": list(order.cell.emulated_devices),
         "emulator": emulated,
         "speed": order.speed,
+        "clock": None if order.clock.path is None else str(order.clock.path),
         "count": order.count,
         "software": {
             "cellctl": version("cellctl"),

@@ -10,7 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from controller.cell.clocks import clock_of
+from controller.cell.clocks import find_clock
 from controller.cell.devices import Devices, resolve
 from controller.cell.interlocks import REQUIRED_SIGNALS
 from controller.config import Cell, load_cell
@@ -105,7 +105,7 @@ def _access(*, there: bool, allowed: bool) -> str:
 
 
 async def _devices(cell: Cell, ready: dict[str, Any]) -> list[Check]:
-    clock = clock_of(ready)
+    clock = find_clock(cell, ready).open()
     devices = Devices.build(cell, resolve(cell, ready.get("devices", {})), clock)
     checks: list[Check] = []
 

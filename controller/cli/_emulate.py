@@ -34,6 +34,7 @@ def serve(
                     else " ".join(f"{k} {v}" for k, v in where.items())
                 )
                 say(f"  {name:11} {text}")
-            say("Ctrl-C ends it")
+            say(f"  {'clock':11} {ready['clock']}")
+            say("a cell file with all these addresses shares the clock by itself; Ctrl-C ends it")
         ended.wait()
     return 0

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +19,13 @@ from rich.table import Table
 
 from controller.cad.compiled import CompiledPart, load_part, options_among
 from controller.cell.checking import check_job
+from controller.cell.clocks import FoundClock, find_clock
 from controller.cell.dispatcher import Dispatcher
 from controller.cell.lock import hold_cell
 from controller.cell.records import PartRecord, Progress
 from controller.cell.run import RunOrder, RunResult, new_run_id, run_batch
 from controller.cell.workers import Job, context, load_parts, make_pool
-from controller.config import ConfigError, load_cell, load_recipe
+from controller.config import Cell, ConfigError, load_cell, load_recipe
 from controller.results import load_run, write_html
 
 from ._emulator import emulated_cell, emulator_command
@@ -60,15 +62,21 @@ def run_recipe(
         return 1
     laid = [(path, load_part(path, options_among(path, recipe.unit))) for path in lay]
     emulated = cell.emulated_devices
-    if speed != 1 and len(emulated) < len(type(cell.devices).model_fields):
-        real = sorted(set(type(cell.devices).model_fields) - set(emulated))
-        raise ConfigError(f"--speed {speed:g}: time cannot run faster on real devices: {real}")
+    clock = find_clock(cell, {})
+    if emulated and not clock.is_mixed:
+        clock = replace(clock, speed=speed)
+    if speed not in (1, clock.speed):
+        raise ConfigError(_why_not_so_fast(speed, cell, clock))
     if seed is None:
         seed = secrets.randbelow(1_000_000)
     run_id = new_run_id(recipe)
     folder = runs_dir / run_id
     if emulated:
         warn(f"EMULATED: {', '.join(emulated)} ({speed:g} x real time, --seed {seed} repeats it)")
+    elif clock.path is not None:
+        warn(f"EMULATED: the devices share an emulator's clock ({clock.speed:g} x real time)")
+    if clock.is_mixed:
+        warn("MIXED: emulated devices beside real ones keep real time, however busy the machine is")
     on_table = [] if empty else laid or [(recipe.part, first)]
     parts = tuple(_for_emulator(path, part, folder) for path, part in on_table if emulated)
     pieces = count or recipe.count
@@ -90,8 +98,9 @@ def run_recipe(
                 recipe=recipe,
                 cell=cell,
                 count=pieces,
-                speed=speed,
+                speed=clock.speed,
                 emulated=ready,
+                clock=find_clock(cell, ready),
                 runs_dir=runs_dir,
                 run_id=run_id,
             )
@@ -99,6 +108,16 @@ def run_recipe(
                 result = asyncio.run(_drive(order, pool, on_progress))
     report = write_html(load_run(runs_dir, run_id), folder / "report.html")
     return _tell_result(result, run_id, report, as_json=as_json)
+
+
+def _why_not_so_fast(speed: float, cell: Cell, clock: FoundClock) -> str:
+    if clock.path is not None:
+        return (
+            f"--speed {speed:g}: the emulator at these addresses runs at {clock.speed:g} x; "
+            "leave --speed out here, and give it to `cellctl emulate`"
+        )
+    real = sorted(set(type(cell.devices).model_fields) - set(cell.emulated_devices))
+    return f"--speed {speed:g}: time cannot run faster on real devices: {real}"
 
 
 def _for_emulator(path: Path, part: CompiledPart, folder: Path) -> Path:

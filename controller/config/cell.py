@@ -272,11 +272,39 @@ class TraysSection(Section):
     quarantine: TraySection
 
 
+class TimingSection(Section):
+    """How patient the controller is with the devices, in seconds of cell time.
+
+    Attributes
+    ----------
+    io_poll_s : from one reading of the inputs to the next
+    io_stale_s : an input read longer ago is unknown, and unknown is not healthy
+    modbus_reply_s : a Modbus device that has not answered by then is silent
+    frame_late_s : a frame may come this much later than rate and exposure explain
+    """
+
+    io_poll_s: float = Field(0.04, ge=0.02, le=1)
+    io_stale_s: float = Field(0.2, ge=0.05, le=5)
+    modbus_reply_s: float = Field(0.3, ge=0.05, le=5)
+    frame_late_s: float = Field(5.0, ge=0.1, le=60)
+
+    @model_validator(mode="after")
+    def _polls_before_it_is_stale(self) -> "TimingSection":
+        if self.io_stale_s < 2 * self.io_poll_s:
+            raise ValueError(
+                f"io_stale_s is at least twice io_poll_s ({self.io_poll_s:g} s), "
+                f"not {self.io_stale_s:g} s: one late reading would stop the cell"
+            )
+        return self
+
+
 class Cell(Section):
     """One cell, as its file describes it."""
 
     name: str
     devices: DevicesSection
+    clock: Path | None = None  # of an emulator whose addresses stand in `devices`
+    timing: TimingSection = TimingSection()
     table: TableSection
     cameras: CamerasSection
     station: StationSection

@@ -4,6 +4,7 @@ import asyncio
 import json
 import math
 import os
+import re
 import sys
 import tempfile
 from collections.abc import AsyncIterator, Iterator
@@ -14,6 +15,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from controller.cell.clocks import FoundClock, find_clock
+from controller.config import load_cell
 from drivers.camera_v4l2 import Camera, CameraConfig
 from drivers.clock import CellClock
 from drivers.lighting_modbus import LampChannel, Lights, LightsConfig
@@ -41,7 +44,8 @@ class Cell:
         self, ready: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
         self.devices = ready["devices"]
-        self.clock = CellClock.of_emulator(Path(ready["clock"]))
+        self.clock_path = Path(ready["clock"])
+        self.clock = CellClock.of_emulator(self.clock_path)
         self._reader, self.writer = reader, writer
 
     async def ask(self, verb: str, **order: Any) -> dict[str, Any]:
@@ -56,6 +60,7 @@ async def cell(folder: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[C
     part = folder / "block.stl"
     trimesh.creation.box((60.0, 40.0, 20.0)).export(part)
     control = folder / "control.sock"
+    monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
     arguments = ("--part", str(part), "--speed", str(SPEED), "--control", str(control))
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "emulators", "--cell", str(CELL), *arguments),
@@ -106,6 +111,27 @@ async def test_a_frame_after_the_light_shows_the_light(cell: Cell) -> None:
     assert 90.0 < levels["ring 1.0 part"] < 190.0
     assert levels["ring 1.0 table"] < 70.0
     assert dark.mean() < 6.0
+
+
+async def test_addresses_given_by_hand_find_the_emulators_clock(
+    cell: Cell, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    text = CELL.read_text()
+    for name, where in cell.devices.items():
+        address = where if isinstance(where, str) else f"localhost:{where['port']}"
+        text = re.sub(rf"({name}: *{{address: )emulated", rf"\g<1>'{address}'", text)
+    by_hand = folder / "by_hand.yaml"
+    by_hand.write_text(text)
+    found = find_clock(load_cell(by_hand), {})
+    assert found == FoundClock(cell.clock_path, SPEED)
+    # one device of another cell: no clock is both devices' own
+    elsewhere = folder / "elsewhere.yaml"
+    elsewhere.write_text(re.sub(r"(arm: *{address: )'[^']*'", r"\1/dev/ttyUSB0", text))
+    assert find_clock(load_cell(elsewhere), {}) == FoundClock(is_mixed=True)
+    named = folder / "named.yaml"
+    named.write_text(elsewhere.read_text() + f"clock: {cell.clock_path}\n")
+    assert find_clock(load_cell(named), {}) == FoundClock(cell.clock_path, SPEED)
 
 
 def counts_at(x_mm: float, y_mm: float, z_mm: float) -> dict[Axis, int]:
