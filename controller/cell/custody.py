@@ -1,6 +1,15 @@
-"""Who holds the part. Said aloud whenever the cell stops, and never guessed."""
+"""Who holds the part. Said aloud whenever the cell stops, and never guessed.
 
+Custody belongs to the cell, not to the run: `fold_custody` reads it from the rows of all runs, so
+that a start knows what the last one left in a gripper, however that one ended.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any, Final
+
+from .journal import SET_ASIDE, Kind, Row
 
 
 class Custody(StrEnum):
@@ -12,8 +21,148 @@ class Custody(StrEnum):
     IN_BOTH = "in the arm's hand and in the fixture"
     IN_FIXTURE = "in the fixture"
     PLACED = "placed"
+    REMOVED = "taken out by the operator"
     LOST = "lost"
     UNKNOWN = "unknown"
+
+
+class GripperName(StrEnum):
+    """The two grippers of a cell."""
+
+    ARM = "arm gripper"
+    FIXED = "fixed gripper"
+
+
+BOTH: Final = frozenset(GripperName)
+NEITHER: Final[frozenset[GripperName]] = frozenset()
+# a part that was lost may hang in a gripper that does not hold it well
+MAY_HOLD: Final[Mapping[Custody, frozenset[GripperName]]] = {
+    Custody.NONE: NEITHER,
+    Custody.ON_TABLE: NEITHER,
+    Custody.IN_ARM: frozenset({GripperName.ARM}),
+    Custody.IN_BOTH: BOTH,
+    Custody.IN_FIXTURE: frozenset({GripperName.FIXED}),
+    Custody.PLACED: NEITHER,
+    Custody.REMOVED: NEITHER,
+    Custody.LOST: BOTH,
+    Custody.UNKNOWN: BOTH,
+}
+# which grippers an action that is never repeated blindly may leave a part in, until the row on
+# custody that follows it; what is not listed may leave it anywhere
+TOUCHED: Final[Mapping[str, frozenset[GripperName]]] = {
+    "grip": frozenset({GripperName.ARM}),
+    "set_down": frozenset({GripperName.ARM}),
+    "sort": frozenset({GripperName.ARM}),
+}
+# what `fold_custody` needs of a journal
+FOLDED_KINDS: Final[tuple[Kind, ...]] = ("custody", "intent")
+FOLDED_EVENTS: Final = ("run_began", SET_ASIDE)
+
+
+@dataclass(frozen=True, slots=True)
+class CellIdentity:
+    """Which grippers a run worked with.
+
+    Attributes
+    ----------
+    name : of the cell, as its file says
+    grippers : where each one is; an emulated one is where its emulator's process is, since it ends
+        with that
+    emulated : those that an emulator brings along
+    """
+
+    name: str
+    grippers: Mapping[GripperName, str]
+    emulated: frozenset[GripperName]
+
+    @classmethod
+    def of(cls, began: Mapping[str, Any]) -> "CellIdentity":
+        """Return it from the body of a run's first row."""
+        devices = began.get("devices", {})
+        listed = set(began.get("emulated_devices", ()))
+        names = {"arm": GripperName.ARM, "gripper": GripperName.FIXED}
+        emulated = frozenset(names[device] for device in listed if device in names)
+        emulator = began.get("emulator", {})
+        process = f"emulator {emulator.get('pid')} {emulator.get('started_wall_s')}"
+        where = {}
+        for device, gripper in names.items():
+            settings = devices.get(device, {})
+            address = f"{settings.get('address')} {settings.get('unit')}"
+            where[gripper] = process if gripper in emulated else address
+        return cls(str(began.get("cell", {}).get("name")), where, emulated)
+
+    def shares(self, gripper: GripperName, other: "CellIdentity") -> bool:
+        """Return whether a gripper is, or may be, the other cell's one too.
+
+        A real gripper is the same one where either the cell's name or its address is: an address
+        changes with a cable, a name with an edit.
+        """
+        if (gripper in self.emulated) != (gripper in other.emulated):
+            return False
+        if self.grippers[gripper] == other.grippers[gripper]:
+            return True
+        return gripper not in self.emulated and self.name == other.name
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """What the journal knows of a gripper that may hold something.
+
+    Attributes
+    ----------
+    since : when the row was written that says so, UTC
+    detail : of that row, or which action was cut off
+    """
+
+    gripper: GripperName
+    custody: Custody
+    run: str
+    part: int | None
+    since: str
+    detail: str
+
+
+def fold_custody(rows: Iterable[Row], here: CellIdentity) -> tuple[Held, ...]:
+    """Return which of a cell's grippers may hold a part, by the rows of all its runs.
+
+    An action that is never repeated blindly (grip, release, hand-off, sort) leaves custody unknown
+    from its intent on until the next row on custody, whether its outcome was written or not.
+
+    Parameters
+    ----------
+    rows : of `FOLDED_KINDS` and `FOLDED_EVENTS`, of all runs, in order
+    here : the cell that asks
+    """
+    cells: dict[str, CellIdentity] = {}
+    held: dict[GripperName, Held] = {}
+    for row in rows:
+        if row.name == "run_began" and row.kind == "event":
+            cells[row.run] = CellIdentity.of(row.body)
+            continue
+        for gripper in GripperName:
+            if row.name == SET_ASIDE:
+                if gripper not in here.emulated:
+                    why = "the journal before this one cannot be trusted"
+                    held[gripper] = _held(gripper, Custody.UNKNOWN, row, why)
+                continue
+            cell = cells.get(row.run)
+            # a run without its first row may have been anywhere
+            if cell is not None and not here.shares(gripper, cell):
+                continue
+            if row.kind == "custody":
+                custody = Custody.__members__.get(row.name.upper(), Custody.UNKNOWN)
+                held.pop(gripper, None)
+                if gripper in MAY_HOLD[custody]:
+                    detail = str(row.body.get("detail", ""))
+                    held[gripper] = _held(gripper, custody, row, detail)
+            elif row.kind == "intent" and gripper in TOUCHED.get(row.name, BOTH):
+                why = f"cut off while it did: {row.name.replace('_', ' ')}"
+                held[gripper] = _held(gripper, Custody.UNKNOWN, row, why)
+    return tuple(held[gripper] for gripper in GripperName if gripper in held)
+
+
+def _held(gripper: GripperName, custody: Custody, row: Row, detail: str) -> Held:
+    return Held(gripper, custody, row.run, row.part, row.t_utc, detail)
 
 
 def where_it_is(custody: Custody, detail: str = "") -> str:
@@ -36,6 +185,8 @@ def where_it_is(custody: Custody, detail: str = "") -> str:
             return f"The part is in the fixed gripper{more}, which keeps holding it."
         case Custody.PLACED:
             return f"The part is in its tray{more}."
+        case Custody.REMOVED:
+            return f"The part was taken out by the operator{more}."
         case Custody.LOST:
             return f"The part was lost{more}: look for it below the arm's last way, by hand."
         case Custody.UNKNOWN:

@@ -10,7 +10,7 @@ from controller.config import EMULATED, Cell, ConfigError
 from drivers.camera_v4l2 import Camera, CameraConfig
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
-from drivers.gripper_modbus import Gripper, GripperConfig
+from drivers.gripper_modbus import Gripper, GripperConfig, ObjectState
 from drivers.io_modbus import CellIo, IoConfig
 from drivers.lighting_modbus import LampChannel, Lights, LightsConfig
 from drivers.modbus_link import (
@@ -20,7 +20,7 @@ from drivers.modbus_link import (
     RtuOverTcpAddress,
     TcpAddress,
 )
-from drivers.umi_scara import UmiScara
+from drivers.umi_scara import JawReading, Stop, UmiScara
 
 Addresses = Mapping[str, Any]
 
@@ -72,7 +72,12 @@ def resolve(cell: Cell, emulated: Addresses) -> dict[str, dict[str, Any]]:
 
 @dataclass(slots=True)
 class Devices:
-    """The cell's devices, connected."""
+    """The cell's devices, connected.
+
+    Attributes
+    ----------
+    jaws_found : how the arm gripper stood when the arm answered first
+    """
 
     arm: UmiScara
     gripper: Gripper
@@ -81,6 +86,7 @@ class Devices:
     overhead: Camera
     inspection: Camera
     links: tuple[ModbusLink, ...]
+    jaws_found: JawReading | None = None
 
     @classmethod
     def build(cls, cell: Cell, where: Mapping[str, dict[str, Any]], clock: CellClock) -> "Devices":
@@ -146,7 +152,9 @@ class Devices:
         )
 
     async def connect(self) -> dict[str, str]:
-        """Open every device; return who answered, by device.
+        """Open every device, halt what still moves; return who answered, by device.
+
+        A controller that was killed leaves the last motion it had ordered. A stop opens no jaw.
 
         Raises
         ------
@@ -154,7 +162,12 @@ class Devices:
         """
         await self.io.connect()
         arm = await self.arm.connect()
+        # a stop may clear what the jaws say of themselves (umi_rtx.md 2.8)
+        self.jaws_found = await self.arm.read_jaws()
+        await self.arm.stop(Stop.DEAD)
         gripper = await self.gripper.connect()
+        if gripper.is_going and gripper.object is ObjectState.MOVING:
+            await self.gripper.stop()
         await self.lights.connect()
         await self.overhead.connect()
         await self.inspection.connect()

@@ -28,7 +28,7 @@ from .machine import CellMachine, Effect, Event
 log = logging.getLogger(__name__)
 
 LOSS_POLL_S = 0.5
-End = Literal["complete", "held", "stopped", "aborted"]
+End = Literal["complete", "held", "stopped", "aborted", "refused"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class Outcome:
 
     Attributes
     ----------
-    end : state it came to rest in
+    end : state it came to rest in; refused where nothing was allowed to move
     message : what happened, for the operator; empty when all went well
     code : stable short name of the trouble
     where : where the part is

@@ -193,6 +193,7 @@ class Handling(Toolkit):
         """Leave the part in the fixed gripper and go back to where the step began."""
         part = self.part
         await self._jaws.open_hand(step.pre_open_mm, part.custody)
+        await self._custody(Custody.IN_FIXTURE, "the arm gripper did not get it")
         await self._go_back(len(step.approach))
         await self._require_fixture_holds()
         await self._go_back(len(step.motion_in))

@@ -4,7 +4,7 @@ import asyncio
 import hashlib
 import platform
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -17,12 +17,21 @@ from controller.config import Cell, Recipe, build_layout
 from . import workers
 from .actions import Actions
 from .clocks import FoundClock, Speed
-from .custody import where_it_is
+from .custody import (
+    FOLDED_EVENTS,
+    FOLDED_KINDS,
+    CellIdentity,
+    Held,
+    fold_custody,
+    where_it_is,
+)
 from .devices import Devices, resolve
 from .dispatcher import Dispatcher, Outcome
 from .experts import Workers
-from .journal import JOURNAL_NAME, open_cell_journal
+from .journal import JOURNAL_NAME, Journal, Row, open_cell_journal, read_rows_of_kinds
+from .openings import read_openings
 from .records import PartRecord, Progress
+from .start_check import PartMayBeHeldError, require_empty_grippers
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +43,7 @@ class RunOrder:
     emulated : what the emulator said of itself, empty on a real cell
     clock : the one the devices keep
     runs_dir : folder of all runs; the cell's journal stands in it
+    is_part_removed : the operator states that no gripper holds anything
     """
 
     recipe_path: Path
@@ -46,6 +56,7 @@ class RunOrder:
     clock: FoundClock
     runs_dir: Path
     run_id: str
+    is_part_removed: bool = False
 
     @property
     def folder(self) -> Path:
@@ -90,7 +101,12 @@ async def run_batch(
         on_notice(opened.notice)
     try:
         where = resolve(order.cell, order.emulated.get("devices", {}))
-        journal.record("event", "run_began", _who_and_what(order, where))
+        began = _who_and_what(order, where)
+        journal.record("event", "run_began", began)
+        known, left = await asyncio.to_thread(_left_by_runs, journal, CellIdentity.of(began))
+        for notice in left:
+            journal.record("event", "emulated_cell_ended", {"message": notice})
+            on_notice(notice)
         clock = order.clock.open()
         devices = Devices.build(order.cell, where, clock)
         progress = Progress()
@@ -123,7 +139,9 @@ async def run_batch(
                     show()
                     who = await devices.connect()
                     journal.record("event", "connected", who)
-                    outcome = await dispatcher.run(order.count)
+                    outcome = await _refused(order, devices, journal, known)
+                    if outcome is None:
+                        outcome = await dispatcher.run(order.count)
                     show()
                 finally:
                     await devices.aclose()
@@ -155,6 +173,43 @@ async def run_batch(
         return RunResult(outcome, tuple(parts), speed)
     finally:
         await asyncio.to_thread(journal.close)
+
+
+def _left_by_runs(journal: Journal, here: CellIdentity) -> tuple[tuple[Held, ...], list[str]]:
+    """Return what the journal says of a cell's grippers, and what went with an emulated cell."""
+    rows = list(read_rows_of_kinds(journal.path, FOLDED_KINDS, FOLDED_EVENTS))
+    return fold_custody(rows, here), _gone_with_its_emulator(rows, here, journal.run)
+
+
+def _gone_with_its_emulator(rows: Sequence[Row], here: CellIdentity, run: str) -> list[str]:
+    began = [row for row in rows if row.name == "run_began" and row.run != run]
+    if not began:
+        return []
+    last = CellIdentity.of(began[-1].body)
+    return [
+        f"Run {one.run} may have left a part in the {one.gripper.value} of an emulated cell. That "
+        "cell has ended, and the part with it; on a real cell this start would be refused."
+        for one in fold_custody(rows, last)
+        if one.gripper in last.emulated and not here.shares(one.gripper, last)
+    ]
+
+
+async def _refused(
+    order: RunOrder, devices: Devices, journal: Journal, known: Sequence[Held]
+) -> Outcome | None:
+    """Return why nothing may move, or None."""
+    openings = await read_openings(devices)
+    try:
+        await require_empty_grippers(
+            known, openings, journal, is_part_removed=order.is_part_removed
+        )
+    except PartMayBeHeldError as error:
+        where = where_it_is(error.custody)
+        outcome = Outcome("refused", str(error), "part_may_be_held", where)
+        body = {"state": outcome.end, "message": outcome.message, "code": outcome.code}
+        journal.record("event", "at_rest", {**body, "custody": error.custody.name, "where": where})
+        return outcome
+    return None
 
 
 def _who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> dict[str, Any]:

@@ -48,6 +48,7 @@ def run_recipe(
     empty: bool,
     emulator_args: tuple[str, ...],
     runs_dir: Path,
+    is_part_removed: bool,
     as_json: bool,
 ) -> int:
     """Run a recipe and return the exit code: 0 all passed, 1 the cell or a part said no."""
@@ -103,6 +104,7 @@ def run_recipe(
                 clock=find_clock(cell, ready),
                 runs_dir=runs_dir,
                 run_id=run_id,
+                is_part_removed=is_part_removed,
             )
             with _display(as_json=as_json) as on_progress:
                 result = asyncio.run(_drive(order, pool, on_progress))
@@ -253,7 +255,8 @@ def _tell_result(result: RunResult, run_id: str, report: Path, *, as_json: bool)
             say(f"  {reason}")
     if result.outcome.end != "complete":
         warn(f"cellctl: {result.outcome.end}: {result.outcome.message}")
-        warn(result.outcome.where)
+        if result.outcome.end != "refused":  # its message has it
+            warn(result.outcome.where)
     say(f"speed: {result.speed}")
     say(f"report: {report}")
     return 0 if good else 1

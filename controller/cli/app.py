@@ -129,6 +129,12 @@ def run(
     pose: PoseOption = None,
     at: AtOption = None,
     control: ControlOption = None,
+    part_removed: Annotated[
+        bool,
+        typer.Option(
+            "--part-removed", help="state that you took the part out of the grippers; journaled"
+        ),
+    ] = False,
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
     verbose: VerboseOption = False,
@@ -147,6 +153,7 @@ def run(
         empty=empty,
         emulator_args=_emulator_args(pose, at, control),
         runs_dir=runs,
+        is_part_removed=part_removed,
         as_json=json,
     )
     raise typer.Exit(code)

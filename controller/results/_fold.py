@@ -21,7 +21,7 @@ from ._model import (
 from ._parts import PartFold
 from ._words import say_row
 
-ENDS: Final = ("complete", "held", "stopped", "aborted")
+ENDS: Final = ("complete", "held", "stopped", "aborted", "refused")
 
 
 def fold(run_id: str, folder: Path, rows: Sequence[Row], broken: int | None) -> RunRecord:
@@ -132,7 +132,7 @@ def _outcome(
             str(at_rest.get("message", "")),
             str(at_rest.get("code", "")),
             Custody.__members__.get(str(at_rest.get("custody")), custody),
-            where,
+            str(at_rest.get("where", where)),
         )
     then = f"part {last.number} then was {_held(last)}" if last else "no part was at hand"
     message = (

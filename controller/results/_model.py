@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 from controller.cell.custody import Custody
 
-End = Literal["complete", "held", "stopped", "aborted", "broke_off", "cut_off"]
+End = Literal["complete", "held", "stopped", "aborted", "refused", "broke_off", "cut_off"]
 Box = tuple[int, int, int, int]
 Points = tuple[tuple[float, float], ...]
 

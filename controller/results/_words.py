@@ -11,6 +11,7 @@ END_WORDS = {
     "held": "held: the cell stopped where it was safe and asks for a person",
     "stopped": "stopped on request",
     "aborted": "aborted: a fault stopped the cell",
+    "refused": "refused: a gripper may hold a part, so that nothing was moved",
     "broke_off": "broke off: the run could not be brought to rest",
     "cut_off": "cut off: the run has no end in the journal",
 }

@@ -4,7 +4,7 @@ Source of all facts: umi_rtx.md. `kinematics` turns joints into poses and back w
 """
 
 from . import kinematics
-from ._arm import UmiScara
+from ._arm import JawReading, UmiScara
 from ._constants import Axis, Ip, Parameter, StatusBits
 from ._gripper import GripperLaw
 from ._homing import HomingConfig, HomingError
@@ -25,6 +25,7 @@ __all__ = [
     "HomingConfig",
     "HomingError",
     "Ip",
+    "JawReading",
     "LinkConfig",
     "MotionStoppedError",
     "OutOfRangeError",

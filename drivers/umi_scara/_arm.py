@@ -7,13 +7,14 @@ goes out. Soak tests, built-in INIT and interpolation exist in the codec alone.
 
 import logging
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _constants as c
 from . import kinematics
-from ._constants import ADDRESSES, Axis, Parameter, StatusBits
+from ._constants import ADDRESSES, Axis, Drive, Parameter, StatusBits
 from ._homing import Homing
 from ._limits import COUNTS_ORDER, OutOfRangeError, check_limits
 from ._link import Guard
@@ -38,6 +39,20 @@ _PARTNERS = {
     Axis.WRIST2: Axis.WRIST1,
 }
 _STILL_POLL_COUNT = 3  # 9.17
+
+
+@dataclass(frozen=True, slots=True)
+class JawReading:
+    """How the jaws stand, asked without homing.
+
+    Attributes
+    ----------
+    is_pressing : they have stalled and press, on something between them or on each other
+    width_mm : opening [mm]; means something only if the arm was homed and has not restarted since
+    """
+
+    is_pressing: bool
+    width_mm: float
 
 
 class UmiScara(ArmSession):
@@ -206,6 +221,44 @@ class UmiScara(ArmSession):
         counts = await self._axes.read_actual(Axis.GRIPPER)
         self._require_homed()
         return self._config.gripper.width_mm(counts)
+
+    async def read_jaws(self) -> JawReading:
+        """Return how the jaws stand, homed or not; nothing moves."""
+        self._require_connected()
+        bits = await self._axes.status(Axis.GRIPPER)
+        counts = await self._axes.read_actual(Axis.GRIPPER)
+        return JawReading(bool(bits & StatusBits.STALLED), self._config.gripper.width_mm(counts))
+
+    async def widen_jaws(self, by_mm: float, deadline_s: float = 10.0) -> None:
+        """Open the jaws further by about so much [mm], homed or not; no other axis moves.
+
+        For a person who holds the part: counts need not be labelled, since only their difference
+        is used. Ends early at the end of the jaws' range.
+
+        Raises
+        ------
+        PowerOffError : motor power is off
+        AxisStalledError : the jaws did not come to rest by the deadline
+        """
+        gripper, ip = Axis.GRIPPER, ADDRESSES[Axis.GRIPPER].ip
+        async with self._motion(needs_home=False) as guard:
+            self._rest_counts.pop(gripper, None)
+            goal = await self._axes.read_actual(gripper) + by_mm / self._config.gripper.linear_mm
+            await self._axes.write(gripper, Parameter.SPEED, self._config.grip_speed, guard)
+            await self._axes.write(gripper, Parameter.MAX_FORCE, self._config.gripper_force, guard)
+            await self._axes.manual_go(ip, {gripper: Drive.FORWARD}, guard)
+            until_s = self._axes.deadline_s(deadline_s)
+            while True:
+                guard()
+                counts = await self._axes.read_actual(gripper)
+                bits = await self._axes.status(gripper)
+                if counts >= goal or bits & c.TROUBLE:
+                    break
+                if self._axes.clock.now_s() > until_s:
+                    await self._halt_quietly()
+                    raise AxisStalledError(gripper, round(goal), counts, "does not come to rest")
+                await self._axes.pause()
+            await self._axes.manual_go(ip, {}, guard)
 
     # ---- parts of the verbs --------------------------------------------------------------------
     async def _move(

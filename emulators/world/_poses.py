@@ -41,6 +41,14 @@ class JointValues:
     roll_rad: float = 0.0
     jaw_opening_mm: float = 85.0
 
+    @property
+    def of_links(self) -> tuple[float, ...]:
+        """Return all but the jaws."""
+        return (
+            self.shoulder_rad, self.elbow_rad, self.yaw_rad,
+            self.zed_mm, self.pitch_rad, self.roll_rad,
+        )  # fmt: skip
+
 
 def turn_z(angle_rad: float, x_mm: float = 0.0, y_mm: float = 0.0, z_mm: float = 0.0) -> Array:
     """Return the pose at (x, y, z) turned by an angle about z."""

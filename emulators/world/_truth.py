@@ -56,6 +56,8 @@ def truth(world: World) -> dict[str, Any]:
         "time_s": world.time_s,
         "at_rest": world.is_at_rest,
         "parts": parts,
+        "openings_mm": {"arm": world.hand.opening_mm, "fixture": world.fixture.opening_mm},
+        "last_motion_s": dict(world.last_motion_s),
         "collisions": [
             {"at_s": c.at_s, "moving": c.moving, "other": c.other, "depth_mm": c.depth_mm}
             for c in world.collisions

@@ -47,6 +47,8 @@ class World:
         self.time_s = 0.0
         self.collisions: list[Collision] = []
         self.events: list[Event] = []
+        # when each of them moved last [world s]; a reading now and then would miss a way and back
+        self.last_motion_s = {"arm": 0.0, "arm gripper": 0.0, "fixed gripper": 0.0}
         self._arm, self._jaws = arm, jaws
         self._rng = np.random.default_rng(seed)
         self._stall = Stall(layout.arm, obstruct)
@@ -101,6 +103,13 @@ class World:
         hand_jaws = self.hand.opening_mm != self.hand.before_mm
         fixture_jaws = self.fixture.opening_mm != self.fixture.before_mm
         self._jaw_moved = hand_jaws or fixture_jaws
+        for name, moved in (
+            ("arm", arm_moved and joints.of_links != before.of_links),
+            ("arm gripper", hand_jaws),
+            ("fixed gripper", fixture_jaws),
+        ):
+            if moved:
+                self.last_motion_s[name] = self.time_s
         if arm_moved:
             self._links = forward(self.layout.arm, joints)
             self.hand.T_world_tip = self._links["tip"]

@@ -658,6 +658,50 @@ async def test_jaws_that_never_meet_anything_are_stopped() -> None:
     assert bench.stops() == {0, 1}
 
 
+async def test_jaws_on_a_part_are_read_by_the_next_controller_before_homing() -> None:
+    bench = await Bench().homed()
+    await bench.arm.open_jaws()
+    bench.wire.motor(1, 4).low = 600
+    await bench.arm.grip(force=30)
+    await bench.arm.connect()  # as after a kill: no stop was sent
+    assert not bench.arm.is_homed
+    bench.forget()
+    reading = await bench.arm.read_jaws()
+    assert reading.is_pressing
+    assert reading.width_mm == pytest.approx(38.9, abs=0.05)
+    # asked with reads alone: status 1x, error 4x and position 4x, hand-over 29
+    assert {data[0] & 0xF0 for data in bench.requests()} <= {0x10, 0x20, 0x40}
+
+
+async def test_jaws_that_press_on_nothing_say_so() -> None:
+    bench = await Bench().homed()
+    await bench.arm.open_jaws()
+    assert not (await bench.arm.read_jaws()).is_pressing
+
+
+async def test_jaws_are_widened_without_homing_and_nothing_else_moves() -> None:
+    bench = await Bench().homed()
+    await bench.arm.open_jaws()
+    bench.wire.motor(1, 4).low = 600
+    await bench.arm.grip(force=30)
+    await bench.arm.aclose()
+    bench.wire.is_open = True
+    await bench.arm.connect()
+    with pytest.raises(PowerOffError):
+        await bench.arm.widen_jaws(10.0)
+    await bench.arm.enable_power()
+    motors = {address: bench.wire.motor(*address) for address in ADDRESSES.values()}
+    before = {address: motor.counts for address, motor in motors.items()}
+    await bench.arm.widen_jaws(10.0)
+    moved = {a: motor.counts - before[a] for a, motor in motors.items()}
+    assert 10.0 / 0.0584 <= moved.pop((1, 4)) <= 10.0 / 0.0584 + 200  # 5.5: mm per count
+    assert set(moved.values()) == {0}
+    now = bench.wire.motor(1, 4).counts
+    await bench.clock.sleep(2.0)
+    bench.wire.advance()
+    assert bench.wire.motor(1, 4).counts == now
+
+
 async def test_a_width_in_millimetres_is_reached() -> None:
     bench = await Bench().homed()
     assert await bench.arm.move_gripper_mm(20.4) == pytest.approx(20.4, abs=0.05)

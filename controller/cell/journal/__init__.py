@@ -5,7 +5,7 @@ last row known to be on the disk, so that rows taken off the end show. `open_cel
 all that before a run may write. What it can and cannot notice: ADR 15.
 """
 
-from ._care import CellJournal, first_flaw, open_cell_journal
+from ._care import SET_ASIDE, CellJournal, first_flaw, open_cell_journal
 from ._form import JOURNAL_NAME, SCHEMA_VERSION, JournalError, Kind, Row
 from ._reader import first_broken_row, read_rows, read_rows_of_kinds
 from ._writer import Journal
@@ -13,6 +13,7 @@ from ._writer import Journal
 __all__ = [
     "JOURNAL_NAME",
     "SCHEMA_VERSION",
+    "SET_ASIDE",
     "CellJournal",
     "Journal",
     "JournalError",

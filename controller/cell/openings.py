@@ -1,0 +1,99 @@
+"""What both grippers say of themselves before anything moves: whether they hold something.
+
+Asked of the devices as they stand, before activation and homing, both of which move jaws. Nothing
+here moves or decides; see `start_check`.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+from drivers.gripper_modbus import GripperStatus, ObjectState
+from drivers.io_modbus import Signal
+from drivers.umi_scara import ArmIdentity, JawReading
+
+from .custody import GripperName
+from .devices import Devices
+from .jaws import NOTHING_MM
+
+SLACK_MM: Final = 2.0  # of a gripper that was told to stand wide open
+
+
+class Finding(StrEnum):
+    """What an opening says."""
+
+    HOLDS = "holds something"
+    MAY_HOLD = "may hold something"
+    EMPTY = "is empty"
+    UNREADABLE = "cannot be read"
+
+
+@dataclass(frozen=True, slots=True)
+class Opening:
+    """What one gripper says of itself, and why."""
+
+    gripper: GripperName
+    finding: Finding
+    reason: str
+
+
+async def read_openings(devices: Devices) -> tuple[Opening, Opening]:
+    """Return what the arm gripper and the fixed gripper said when they were connected.
+
+    Nothing moves.
+
+    Raises
+    ------
+    DeviceError : one of them does not answer
+    """
+    jaws, identity = devices.jaws_found, devices.arm.identity
+    assert jaws is not None, "connect first"
+    assert identity is not None, "connect first"
+    arm = judge_arm(jaws, identity)
+    status = await devices.gripper.status()
+    barrier = devices.io.signal("part_in_gripper")
+    return arm, judge_fixed(status, barrier, devices.gripper.config.open_mm)
+
+
+def judge_arm(jaws: JawReading, identity: ArmIdentity) -> Opening:
+    """Return what the arm gripper's reading means.
+
+    Jaws that press on nothing prove nothing: a stop may have taken the pressure from a part.
+    """
+
+    def opening(finding: Finding, reason: str) -> Opening:
+        return Opening(GripperName.ARM, finding, reason)
+
+    if identity.was_restarted:
+        return opening(Finding.UNREADABLE, "the arm has lost its positions")
+    if not jaws.is_pressing:
+        return opening(Finding.UNREADABLE, "its jaws press on nothing")
+    if jaws.width_mm < NOTHING_MM:
+        return opening(Finding.EMPTY, "its jaws press on each other")
+    return opening(Finding.HOLDS, f"its jaws press on something at {jaws.width_mm:.1f} mm")
+
+
+def judge_fixed(status: GripperStatus, barrier: Signal, open_mm: float) -> Opening:
+    """Return what the fixed gripper's reading and its light barrier mean.
+
+    Parameters
+    ----------
+    open_mm : its widest opening [mm]
+    """
+
+    def opening(finding: Finding, reason: str) -> Opening:
+        return Opening(GripperName.FIXED, finding, reason)
+
+    width_mm = status.width_mm
+    if barrier is Signal.OK:
+        return opening(Finding.HOLDS, "its light barrier sees something between the jaws")
+    if not status.is_activated:
+        return opening(Finding.UNREADABLE, "it was switched off or never activated")
+    is_contact = status.object in (ObjectState.CONTACT_CLOSING, ObjectState.CONTACT_OPENING)
+    if status.is_going and is_contact and width_mm >= NOTHING_MM:
+        return opening(Finding.HOLDS, f"its jaws met something at {width_mm:.1f} mm")
+    if width_mm < NOTHING_MM or width_mm > open_mm - SLACK_MM:
+        return opening(Finding.EMPTY, f"its jaws stand at {width_mm:.1f} mm")
+    if status.is_going and status.object is ObjectState.AT_POSITION:
+        return opening(Finding.EMPTY, f"its jaws went to {width_mm:.1f} mm and met nothing")
+    return opening(Finding.MAY_HOLD, f"its jaws were stopped at {width_mm:.1f} mm")

@@ -1,0 +1,107 @@
+"""No jaw moves on an assumption: what must be so before anything of the cell moves.
+
+The journal of all runs and both openings are asked. If one of them names a gripper, nothing moves
+until the operator has stated that the part is out; a gripper that reports an object is believed
+more than the operator.
+"""
+
+from collections.abc import Sequence
+from datetime import datetime
+
+from .custody import Custody, GripperName, Held
+from .errors import CellError
+from .journal import Journal
+from .openings import Finding, Opening
+
+
+class PartMayBeHeldError(CellError):
+    """A gripper holds a part, or may: nothing has moved.
+
+    Attributes
+    ----------
+    custody : where the part is, as far as that is known
+    """
+
+    def __init__(self, message: str, custody: Custody) -> None:
+        super().__init__(message)
+        self.custody = custody
+
+
+async def require_empty_grippers(
+    known: Sequence[Held],
+    openings: Sequence[Opening],
+    journal: Journal,
+    *,
+    is_part_removed: bool,
+) -> None:
+    """Return once both grippers are known to be empty; journal what that rests on.
+
+    Parameters
+    ----------
+    known : what the journal of all runs says of the grippers
+    openings : what the grippers say of themselves
+    is_part_removed : the operator states that no gripper holds anything
+
+    Raises
+    ------
+    PartMayBeHeldError : a gripper holds something, or may
+    """
+    journal.record(
+        "observation",
+        "openings",
+        {one.gripper.value: f"{one.finding.value}: {one.reason}" for one in openings},
+    )
+    holding = [one for one in openings if one.finding is Finding.HOLDS]
+    doubtful = [one for one in openings if one.finding is Finding.MAY_HOLD]
+    if holding or ((known or doubtful) and not is_part_removed):
+        message = _refusal(known, holding or doubtful, is_part_removed=is_part_removed)
+        body = {"message": message, "part_removed": is_part_removed}
+        await journal.secure("decision", "start_refused", body)
+        raise PartMayBeHeldError(message, _custody_of(known, holding))
+    if known or doubtful:
+        said = "stated with --part-removed"
+        before = "; ".join(_known_words(one) for one in known)
+        body = {"by": "operator", "detail": said, "before": before}
+        await journal.secure("custody", Custody.REMOVED.name.lower(), body)
+
+
+def _custody_of(known: Sequence[Held], holding: Sequence[Opening]) -> Custody:
+    if known:
+        return known[0].custody
+    grippers = {one.gripper for one in holding}
+    if not grippers:
+        return Custody.UNKNOWN
+    if len(grippers) == 2:
+        return Custody.IN_BOTH
+    return Custody.IN_ARM if GripperName.ARM in grippers else Custody.IN_FIXTURE
+
+
+def _refusal(known: Sequence[Held], openings: Sequence[Opening], *, is_part_removed: bool) -> str:
+    """Return three sentences: what is where since when, that nothing moved, what to do."""
+    named = {one.gripper for one in known} | {one.gripper for one in openings}
+    holders = " and ".join(f"the {name.value}" for name in GripperName if name in named)
+    is_sure = any(one.finding is Finding.HOLDS for one in openings)
+    verb = ("hold" if len(named) > 1 else "holds") if is_sure else "may hold"
+    reasons = [
+        *dict.fromkeys(_known_words(one) for one in known),
+        *(f"the {one.gripper.value} says that {one.reason}" for one in openings),
+    ]
+    opens = " or ".join(
+        f"`cellctl recover --open {'arm' if name is GripperName.ARM else 'fixed'}`"
+        for name in GripperName
+        if name in named
+    )
+    again = "" if is_part_removed else " with --part-removed"
+    first = f"{holders} {verb} a part: {'; '.join(reasons)}."
+    return (
+        f"{first[0].upper()}{first[1:]} Nothing has moved. Take the part out "
+        f"({opens} opens the gripper while you hold the part), then start again{again}."
+    )
+
+
+def _known_words(one: Held) -> str:
+    part = f"part {one.part} of " if one.part else ""
+    since = datetime.fromisoformat(one.since)
+    detail = f" ({one.detail})" if one.detail else ""
+    what = "where it is, is unknown" if one.custody is Custody.UNKNOWN else one.custody.value
+    return f"{part}run {one.run}, {what}{detail} since {since:%Y-%m-%d %H:%M:%S} UTC"
