@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from controller import inspection as inspecting
+from controller.cell.clocks import FoundClock
 from controller.cell.custody import Custody
 from controller.cell.devices import resolve
 from controller.cell.journal import Journal
@@ -150,7 +151,16 @@ class RunWriter:
         cell = load_cell(CELL)
         recipe = load_recipe(RECIPE).model_copy(update={"name": name, "unit": unit})
         order = RunOrder(
-            RECIPE, CELL, recipe, cell, count, speed, {"devices": OFFERED}, runs_dir, run_id
+            recipe_path=RECIPE,
+            cell_path=CELL,
+            recipe=recipe,
+            cell=cell,
+            count=count,
+            speed=speed,
+            emulated={"devices": OFFERED},
+            clock=FoundClock(),
+            runs_dir=runs_dir,
+            run_id=run_id,
         )
         body = _who_and_what(order, resolve(cell, OFFERED))
         if real:
