@@ -200,14 +200,14 @@ class Motor:
         self.direction = direction
 
     def hold(self) -> None:
-        """Stop at once if moving, and hold (24, manual go 00).
+        """Make the set-point the true position at once, and hold (24, manual go 00).
 
         An axis that tripped has stopped already and keeps its error to be read (umi_rtx.md 3.6);
         a jaw that stalled on a part keeps pressing.
         """
         if self.is_busy:
             self.is_stopped = True
-        if self.is_busy or self.drive is Drive.FREE:
+        if self.drive is not Drive.TRIPPED:
             self.rest(Drive.HOLD)
 
     def ramp_down(self) -> None:
