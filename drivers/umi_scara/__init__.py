@@ -9,7 +9,7 @@ from ._constants import Axis, Ip, Parameter, StatusBits
 from ._gripper import GripperLaw
 from ._homing import HomingConfig, HomingError
 from ._limits import OutOfRangeError
-from ._link import LinkConfig, Trace, WireExchange
+from ._link import LineDoubtError, LinkConfig, SilentLineError, Trace, WireExchange
 from ._motion import AxisStalledError, MotionStoppedError, forecast_s, synchronised_speeds
 from ._session import ArmConfig, ArmIdentity, PowerOffError, Stop
 from ._transport import SerialTransport, Transport
@@ -26,12 +26,14 @@ __all__ = [
     "HomingError",
     "Ip",
     "JawReading",
+    "LineDoubtError",
     "LinkConfig",
     "MotionStoppedError",
     "OutOfRangeError",
     "Parameter",
     "PowerOffError",
     "SerialTransport",
+    "SilentLineError",
     "StatusBits",
     "Stop",
     "Trace",

@@ -17,7 +17,7 @@ from . import kinematics
 from ._constants import ADDRESSES, Axis, Drive, Parameter, StatusBits
 from ._homing import Homing
 from ._limits import COUNTS_ORDER, OutOfRangeError, check_limits
-from ._link import Guard
+from ._link import Guard, LineDoubtError
 from ._motion import (
     AxisStalledError,
     Watch,
@@ -86,14 +86,16 @@ class UmiScara(ArmSession):
             self._rest_counts.clear()
             await Homing(self._axes, self._config.homing, guard).run()
             self._dead_bands = {
-                axis: await self._axes.read(axis, Parameter.DEAD_BAND)
+                axis: await self._axes.read_twice(axis, Parameter.DEAD_BAND)
                 for ip in self._axes.ips()
                 for axis in on_ip(Axis, ip)
             }
             await self._arrive(self._config.homing.park_counts)
             guard()
             self._rest_counts.update(self._config.homing.park_counts)
-            self._is_homed = True
+            self._known = {axis: (n, n) for axis, n in self._config.homing.park_counts.items()}
+            self._may_be_relabelled = self._may_be_zeroed = self._grips = False
+            self._is_homed = self._is_sure = True
         log.info("arm homed")
 
     async def read_counts(self) -> dict[Axis, int]:
@@ -104,7 +106,10 @@ class UmiScara(ArmSession):
         PositionLostError : not homed, or an IP has restarted
         """
         self._require_homed()
-        counts = await self._axes.read_actuals(Axis)
+        if self._one_motion.locked():
+            counts = await self._axes.read_actuals(Axis)
+        else:
+            counts = await self._read_all()
         self._require_homed()  # it may have been lost to somebody else's request meanwhile
         return counts
 
@@ -207,18 +212,27 @@ class UmiScara(ArmSession):
             raise ValueError(f"a grip needs force, not {force}")
         gripper = Axis.GRIPPER
         async with self._motion() as guard:
+            await self._make_sure(guard)
             self._rest_counts.pop(gripper, None)
+            self._grips = True
             await self._axes.write(gripper, Parameter.SPEED, self._config.grip_speed, guard)
             await self._axes.write(gripper, Parameter.MAX_FORCE, force, guard)
             await self._axes.write(gripper, Parameter.NEW_POSITION, c.GRIP_COUNTS, guard)
+            if gripper in self._known:
+                self._known[gripper] = c.GRIPPER_RANGE[0], self._known[gripper][1]
             await self._axes.numeric_go(ADDRESSES[gripper].ip, [gripper], guard)
             counts = await self._until_held(deadline_s, guard)
+            self._known[gripper] = (counts, counts)
         return self._config.gripper.width_mm(counts)
 
     async def jaw_width_mm(self) -> float:
         """Return the jaw opening [mm] as it is now; raises as `read_counts`."""
         self._require_homed()
-        counts = await self._axes.read_actual(Axis.GRIPPER)
+        if self._one_motion.locked():
+            counts = await self._axes.read_actual(Axis.GRIPPER)
+        else:
+            at, error = await self._axes.read_counts_twice(Axis.GRIPPER)
+            counts = at - error
         self._require_homed()
         return self._config.gripper.width_mm(counts)
 
@@ -226,7 +240,9 @@ class UmiScara(ArmSession):
         """Return how the jaws stand, homed or not; nothing moves."""
         self._require_connected()
         bits = await self._axes.status(Axis.GRIPPER)
-        counts = await self._axes.read_actual(Axis.GRIPPER)
+        bits |= await self._axes.status(Axis.GRIPPER)  # no checksum: what is seen once counts
+        at, error = await self._axes.read_counts_twice(Axis.GRIPPER)
+        counts = at - error
         return JawReading(bool(bits & StatusBits.STALLED), self._config.gripper.width_mm(counts))
 
     async def widen_jaws(self, by_mm: float, deadline_s: float = 10.0) -> None:
@@ -243,6 +259,8 @@ class UmiScara(ArmSession):
         gripper, ip = Axis.GRIPPER, ADDRESSES[Axis.GRIPPER].ip
         async with self._motion(needs_home=False) as guard:
             self._rest_counts.pop(gripper, None)
+            self._known.pop(gripper, None)
+            self._is_sure = self._grips = False
             goal = await self._axes.read_actual(gripper) + by_mm / self._config.gripper.linear_mm
             await self._axes.write(gripper, Parameter.SPEED, self._config.grip_speed, guard)
             await self._axes.write(gripper, Parameter.MAX_FORCE, self._config.gripper_force, guard)
@@ -268,9 +286,27 @@ class UmiScara(ArmSession):
         speeds_for: Callable[[Mapping[Axis, int]], Mapping[Axis, int]],
         forces: Mapping[Axis, int] | None = None,
     ) -> dict[Axis, int]:
-        """Move as `move_counts` does, with speeds that follow from the distances [counts]."""
+        """Move as `move_counts` does, with speeds that follow from the distances [counts].
+
+        A move that ended in doubt about the line is begun once more from where the arm stands,
+        if its counters can be believed.
+        """
         wanted = {axis: int(counts) for axis, counts in targets.items()}
+        try:
+            return await self._move_once(wanted, deadline_s, speeds_for, forces)
+        except LineDoubtError as error:
+            log.warning("the move is begun again: %s", error)
+            return await self._move_once(wanted, deadline_s, speeds_for, forces)
+
+    async def _move_once(
+        self,
+        wanted: dict[Axis, int],
+        deadline_s: float | None,
+        speeds_for: Callable[[Mapping[Axis, int]], Mapping[Axis, int]],
+        forces: Mapping[Axis, int] | None,
+    ) -> dict[Axis, int]:
         async with self._motion() as guard:
+            await self._make_sure(guard)
             starts = await self._starts(wanted)
             moved = {axis: n for axis, n in wanted.items() if self._rest_counts.get(axis) != n}
             self._check_targets(starts | moved, moved)
@@ -284,14 +320,22 @@ class UmiScara(ArmSession):
                 deadline_s = 2 * forecast_s(distances, speeds, nominal) + 2.0
             for axis in moved:
                 self._rest_counts.pop(axis, None)
+            if Axis.GRIPPER in moved:
+                self._grips = False
             for axis, force in (forces or {}).items():
                 await self._axes.write(axis, Parameter.MAX_FORCE, force, guard)
-            await start(self._axes, moved, new_speeds, guard)
+
+            def on_go() -> None:
+                for axis, target in moved.items():
+                    self._known[axis] = min(starts[axis], target), max(starts[axis], target)
+
+            await start(self._axes, moved, new_speeds, guard, on_go=on_go)
             await Watch(self._axes, moved, deadline_s, guard).until_rest()
             guard()
             got = await self._arrive(moved)
             guard()
             self._rest_counts.update(moved)
+            self._known.update({axis: (n, n) for axis, n in moved.items()})
         return {axis: got.get(axis, wanted[axis]) for axis in wanted}
 
     def _speed(self, axis: Axis, new_speeds: Mapping[Axis, int]) -> int:

@@ -6,7 +6,7 @@ exchange whether it was carried out. Knows nothing of limits, homing or joints.
 
 import logging
 from collections.abc import Callable, Iterable, Mapping
-from typing import TypeVar
+from typing import NoReturn, TypeVar
 
 from drivers.clock import CellClock
 from drivers.errors import BadReplyError, DeviceError, PositionLostError, RefusedError
@@ -15,7 +15,7 @@ from . import _codec as codec
 from . import _constants as c
 from ._codec import Reply, Status, Value, Version
 from ._constants import ADDRESSES, Axis, Drive, Ip, Mode, Parameter, Simple, StatusBits
-from ._link import Guard, Link, breaks_step
+from ._link import Guard, LineDoubtError, Link, breaks_step
 
 log = logging.getLogger(__name__)
 R = TypeVar("R", Status, Value, Version)
@@ -23,6 +23,9 @@ R = TypeVar("R", Status, Value, Version)
 BUSY_LIMIT_S = 10.0  # a go that is refused as busy (2.9 code 03) for longer is stuck
 # An emulated cell that runs fast shares the host: asking more often costs it more than it learns.
 MIN_POLL_WALL_S = 0.004
+_DITHER_COUNTS = 2
+_READ_COUNT = 8  # reads until two agree; an arm at rest needs one
+_FASTEST_FIRST = sorted(Axis, key=lambda axis: -c.NOMINAL_COUNTS_PER_S[axis])
 
 
 def _the(kind: type[R], reply: Reply) -> R:
@@ -56,13 +59,33 @@ class Axes:
         return sorted(found, key=lambda ip: (ip is not self.link.listening, ip))
 
     async def _ask(
-        self, ip: Ip, *frames: bytes, repeats: bool = False, guard: Guard | None = None
+        self,
+        ip: Ip,
+        *frames: bytes,
+        repeats: bool = False,
+        guard: Guard | None = None,
+        proves: bool = False,
     ) -> Reply:
         try:
-            return (await self.link.ask(ip, *frames, repeats=repeats, guard=guard))[-1]
+            return (await self.link.ask(ip, *frames, repeats=repeats, guard=guard, proves=proves))[
+                -1
+            ]
         except PositionLostError:
             self._lose()
             raise
+        except LineDoubtError:
+            self._written.clear()
+            raise
+
+    async def doubt(self, why: str) -> NoReturn:
+        """Dead-stop both IPs because of what was seen, and raise LineDoubtError."""
+        self._written.clear()
+        await self.halt(Simple.DEAD_STOP)
+        raise LineDoubtError(f"arm: {why}; both boards were stopped")
+
+    def forget(self) -> None:
+        """Take no parameter to be what it was set to."""
+        self._written.clear()
 
     def _lose(self) -> None:
         self._written.clear()  # what a restart does to parameters is unknown (9.23)
@@ -89,11 +112,20 @@ class Axes:
                     del self._written[axis, parameter]
         for ip in self.ips():
             await self.tell(ip, codec.encode_simple(command), guard)
+            await self.expect_rest(ip)
 
-    async def halt(self, command: Simple) -> None:
+    async def expect_rest(self, ip: Ip) -> None:
+        """Make sure that a command to an arm at rest, acknowledged, has set nothing moving.
+
+        One wrong bit makes a go of it (`22` and `A2`, `24` and `A4`).
+        """
+        if await self.general_status(ip) & StatusBits.MOVING:
+            await self.doubt(f"IP{ip:d} moves, and nobody has asked it to")
+
+    async def halt(self, command: Simple, *, verifies: bool = True) -> None:
         """Send a stop to both IPs, ahead of everything else."""
         try:
-            await self.link.halt(codec.encode_simple(command))
+            await self.link.halt(codec.encode_simple(command), verifies=verifies)
         except PositionLostError:
             self._lose()
             raise
@@ -147,20 +179,39 @@ class Axes:
     async def write(
         self, axis: Axis, parameter: Parameter, value: int, guard: Guard | None = None
     ) -> None:
-        """Set a deferred parameter, unless it is known to have the value already."""
-        if self._written.get((axis, parameter)) == value:
+        """Set a deferred parameter to a value that it does not have yet, and read it back.
+
+        What it has already is not written: read back, a write that went elsewhere would look well.
+        """
+        if (axis, parameter) not in self._written:
+            self._written[axis, parameter] = await self.read(axis, parameter)
+        if self._written[axis, parameter] == value:
             return
         ip, ctl = ADDRESSES[axis]
         frames = codec.encode_deferred_write(parameter, ctl, value)
         self._written.pop((axis, parameter), None)
+        is_acknowledged = True
         try:
             await self._ask(ip, *frames, guard=guard)
         except DeviceError as error:
             if not breaks_step(error):
                 raise
-            if await self.read(axis, parameter) != value:
-                await self._ask(ip, *frames, guard=guard)
+            is_acknowledged = False
+        # the checksum protects the value alone, neither the parameter nor the motor (2.2)
+        if await self._differs(axis, parameter, value):
+            if is_acknowledged:
+                await self.doubt(f"what was written for {axis.name.lower()} went elsewhere")
+            await self._ask(ip, *frames, guard=guard)
+            if await self._differs(axis, parameter, value):
+                await self.doubt(f"{parameter.name} of {axis.name.lower()} does not take {value}")
         self._written[axis, parameter] = value
+
+    async def _differs(self, axis: Axis, parameter: Parameter, value: int) -> bool:
+        """Return whether a parameter reads other than `value`, twice."""
+        for _ in range(2):
+            if await self.read(axis, parameter) == value:
+                return False
+        return True
 
     async def label(self, axis: Axis, counts: int, guard: Guard | None = None) -> None:
         """Declare the present position of a motor at rest to be `counts`; nothing moves (2.5)."""
@@ -178,7 +229,31 @@ class Axes:
     ) -> None:
         """Drive motors of one IP without end; every other motor of that IP holds (2.6)."""
         by_ctl = {ADDRESSES[axis].ctl: drive for axis, drive in drives.items()}
-        await self.tell(ip, codec.encode_manual_go(by_ctl), guard)
+        request = codec.encode_manual_go(by_ctl)
+        for _ in range(2):
+            try:
+                await self._ask(ip, request, guard=guard, proves=True)
+                break
+            except DeviceError as error:
+                if not breaks_step(error):
+                    raise
+                last = error
+        else:
+            raise last
+        if not drives:
+            await self.expect_rest(ip)
+            return
+        # what is asked first: a go that was not heard as one may have nudged others (2.7)
+        for axis in drives:
+            if not await self.status(axis) & (StatusBits.MOVING | c.TROUBLE):
+                if guard is not None:
+                    guard()
+                await self.doubt(f"{axis.name.lower()} was sent off and stands still")
+        for axis in _FASTEST_FIRST:
+            if ADDRESSES[axis].ip is not ip or axis in drives:
+                continue
+            if await self.status(axis) & StatusBits.MOVING:
+                await self.doubt(f"{axis.name.lower()} moves, and nobody has asked it to")
 
     async def numeric_go(self, ip: Ip, axes: Iterable[Axis], guard: Guard) -> None:
         """Start motors of one IP towards their NEW_POSITION (2.7).
@@ -191,11 +266,14 @@ class Axes:
         RefusedError : still busy after BUSY_LIMIT_S
         """
         started = list(axes)
-        request = codec.encode_numeric_go(ADDRESSES[axis].ctl for axis in started)
+        # A1 is one bit from 21, which makes every counter of the IP zero; the shoulder, whose
+        # target is where it stands, makes A3 of it
+        company = [Axis.SHOULDER] if started == [Axis.ELBOW] else []
+        request = codec.encode_numeric_go(ADDRESSES[axis].ctl for axis in started + company)
         until_s = self.deadline_s(BUSY_LIMIT_S)
         while True:
             try:
-                await self._ask(ip, request, guard=guard)
+                await self._ask(ip, request, guard=guard, proves=True)
                 return
             except RefusedError as error:
                 if error.code == c.AXIS_BUSY:
@@ -217,6 +295,35 @@ class Axes:
                 raise BadReplyError("arm: no go gets through")
             if await self._any(started, StatusBits.MOVING | c.TROUBLE):
                 return
+
+    async def prove(self, ip: Ip) -> None:
+        """Make sure that it is this IP that answers."""
+        await self._ask(ip, codec.encode_simple(Simple.GENERAL_STATUS), repeats=True, proves=True)
+
+    async def read_counts_twice(self, axis: Axis) -> tuple[int, int]:
+        """Return CURRENT_POSITION and CP_ERROR of a motor at rest, each read twice alike [counts].
+
+        A read tells neither which parameter nor which motor it is of (2.2).
+        """
+        return (
+            await self.read_twice(axis, Parameter.CURRENT_POSITION),
+            await self.read_twice(axis, Parameter.CP_ERROR),
+        )
+
+    async def read_twice(self, axis: Axis, parameter: Parameter) -> int:
+        """Return a parameter that two reads in a row agree on to 2 counts.
+
+        Raises
+        ------
+        BadReplyError : no two do
+        """
+        before = await self.read(axis, parameter)
+        for _ in range(_READ_COUNT):
+            now = await self.read(axis, parameter)
+            if abs(now - before) <= _DITHER_COUNTS:
+                return now
+            before = now
+        raise BadReplyError(f"arm: {parameter.name} of {axis.name.lower()} reads differently")
 
     async def _any(self, axes: Iterable[Axis], bits: StatusBits) -> bool:
         for axis in axes:

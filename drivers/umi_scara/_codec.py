@@ -119,6 +119,22 @@ def request_length(opcode: int) -> int:
     return 1 if 0xA0 <= opcode <= 0xBF else 3
 
 
+def is_go(request: bytes) -> bool:
+    """Return whether a request is a numeric go (2.7): the one that an arm may refuse as busy."""
+    return 0xA0 <= request[0] <= 0xBF
+
+
+def is_query(request: bytes) -> bool:
+    """Return whether a request of one byte only asks, and may be sent again (2.3, 2.5)."""
+    opcode = request[0]
+    return len(request) == 1 and (
+        opcode in (Simple.IDENTIFY, Simple.VERSION)
+        or c.CONTROLLER_STATUS <= opcode <= Simple.GENERAL_STATUS
+        or c.READ_CP_ERROR <= opcode < 0x50
+        or c.DEFERRED_READ <= opcode < c.SELECT_WRITE
+    )
+
+
 # ---- replies -----------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True)
 class Acknowledged:

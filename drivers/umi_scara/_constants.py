@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 BAUD: Final = 9600  # 1.1; 8 data bits, no parity, 1 stop bit, no flow control
 MIN_SPACING_S: Final = 0.008  # 1.2 start of request to start of request
 SILENCE_S: Final = 0.020  # 1.6 step 1 and 1.7: the line is idle after so long without a byte
-REPLY_TIMEOUT_S: Final = 0.250  # 1.2 upper end of "100-250 ms"
+REPLY_TIMEOUT_S: Final = 0.140  # 1.2 "100-250 ms"; three and what lies between fit in 0.5 s
 BUSY_RETRY_S: Final = 0.010  # 2.9 for 01, 02 and 04
 POLL_S: Final = 0.020  # 3.3 asks for >= 10 ms
 

@@ -19,6 +19,8 @@ from ._motion import Watch, on_ip, start
 log = logging.getLogger(__name__)
 
 _STILL_POLL_COUNT = 3  # 9.17
+_ORIGIN_COUNTS = 4  # DEAD_BAND, and two of reading
+_NEAR_ORIGIN = 1  # less than DEAD_BAND, and not the 0 of the park, so that writing that is seen
 _DITHER_COUNTS = 1  # a motor that leans on its stop may flicker between two encoder counts
 
 
@@ -63,6 +65,7 @@ class Homing:
         AxisStalledError : an axis stalled on the way to the park
         """
         await self._ensure_modes()
+        await self._clear()
         await self._home_zed()
         await self._home_gripper()
         await self._home_wrist()
@@ -73,6 +76,18 @@ class Homing:
         await start(self._axes, park, {}, self._guard, in_turn=True)
         watch = Watch(self._axes, park, self._config.zed_timeout_s, self._guard)
         await watch.until_rest(in_turn=True)
+
+    async def _clear(self) -> None:
+        """Make every target the place where its axis stands: a go that nobody sent moves nothing.
+
+        Homing keeps it so: counters are 0 and targets near it whenever no axis is under way.
+        """
+        self._axes.forget()
+        await self._reload()
+        await self._origin()
+        for ip in self._axes.ips():
+            for axis in on_ip(Axis, ip):
+                await self._write(axis, Parameter.NEW_POSITION, _NEAR_ORIGIN)
 
     async def _ensure_modes(self) -> None:
         """Undo relative and force mode, which a predecessor may have left behind (2.4, 2.8)."""
@@ -92,21 +107,21 @@ class Homing:
         await self._origin()
 
     async def _home_gripper(self) -> None:
-        force = await self._axes.read(Axis.GRIPPER, Parameter.MAX_FORCE)
+        force = await self._axes.read_twice(Axis.GRIPPER, Parameter.MAX_FORCE)
         await self._write(Axis.GRIPPER, Parameter.MAX_FORCE, max(1, force // 2))
         await self._drive({Axis.GRIPPER: Drive.REVERSE})
         await self._origin()
         await self._reload()
         # 0 is 30 counts off fully closed (4.2)
         await self._creep(Axis.GRIPPER, 30)
-        await self._origin()
+        await self._origin_after(Axis.GRIPPER)
         await self._reload()
 
     async def _home_wrist(self) -> None:
         # the elbow swings the hand clear of the column while a limp yaw lets itself be dragged
         await self._write(Axis.YAW, Parameter.MAX_FORCE, 0)
         await self._creep(Axis.ELBOW, 440)
-        await self._origin()
+        await self._origin_after(Axis.ELBOW)
         await self._reload()
         roll_negative = {Axis.WRIST1: Drive.REVERSE, Axis.WRIST2: Drive.FORWARD}
         pitch_down = {Axis.WRIST1: Drive.REVERSE, Axis.WRIST2: Drive.REVERSE}
@@ -135,6 +150,18 @@ class Homing:
         for ip in (Ip.WRIST, Ip.ARM):  # as in 3.4
             for axis in on_ip(self._config.stop_counts, ip):
                 await self._axes.label(axis, self._config.stop_counts[axis], self._guard)
+            for axis in on_ip(self._config.stop_counts, ip):
+                await self._verify_label(axis)
+
+    async def _verify_label(self, axis: Axis) -> None:
+        """Read a label back: the answer to it does not say which motor has got it (2.2)."""
+        wanted = self._config.stop_counts[axis]
+        for _ in range(2):
+            got = await self._axes.read_twice(axis, Parameter.CURRENT_POSITION)
+            if abs(got - wanted) <= _DITHER_COUNTS:
+                return
+            await self._axes.label(axis, wanted, self._guard)
+        raise HomingError(f"arm: {axis.name.lower()} does not take its label {wanted}")
 
     # ---- words of 4.1 --------------------------------------------------------------------------
     async def _write(self, axis: Axis, parameter: Parameter, value: int) -> None:
@@ -149,7 +176,7 @@ class Homing:
     async def _drive(self, drives: Mapping[Axis, Drive], timeout_s: float | None = None) -> None:
         """Drive axes of one IP until every one of them leans on a stop; hold them there."""
         ip = ADDRESSES[next(iter(drives))].ip
-        await self._axes.halt(Simple.DEAD_STOP)
+        await self._axes.halt(Simple.DEAD_STOP, verifies=False)
         await self._axes.manual_go(ip.other, {}, self._guard)
         await self._axes.manual_go(ip, drives, self._guard)
         await self._lean(drives, timeout_s or self._config.timeout_s)
@@ -189,12 +216,32 @@ class Homing:
                 )
 
     async def _creep(self, axis: Axis, counts: int) -> None:
-        """Move one axis from its origin; ending against a stop is no error before homing."""
+        """Move one axis from its origin; ending against a stop is no error before homing.
+
+        Raises
+        ------
+        HomingError : its counter is not at 0, or it does neither arrive nor stall
+        """
+        origin = await self._axes.read_twice(axis, Parameter.CURRENT_POSITION)
+        if abs(origin) > _ORIGIN_COUNTS:
+            raise HomingError(f"arm: {axis.name.lower()} has its origin at {origin} counts")
         await self._write(axis, Parameter.NEW_POSITION, counts)
         await self._axes.numeric_go(ADDRESSES[axis].ip, [axis], self._guard)
         until_s = self._axes.deadline_s(self._config.timeout_s)
-        while await self._axes.status(axis) & StatusBits.MOVING:
+        rest_poll_count = 0
+        while rest_poll_count < 2:
+            bits = await self._axes.status(axis)
+            rest_poll_count = 0 if bits & StatusBits.MOVING else rest_poll_count + 1
             self._guard()
             if self._axes.clock.attended_s() > until_s:
                 raise HomingError(f"arm: {axis.name.lower()} does not come to rest")
-            await self._axes.pause()
+            if not rest_poll_count:
+                await self._axes.pause()
+        got = await self._axes.read_twice(axis, Parameter.CURRENT_POSITION)
+        if abs(got - counts) > _ORIGIN_COUNTS and not bits & c.TROUBLE:
+            raise HomingError(f"arm: {axis.name.lower()} was sent to {counts} and is at {got}")
+
+    async def _origin_after(self, axis: Axis) -> None:
+        """Make where a creep has ended the origin, and the target with it."""
+        await self._origin()
+        await self._write(axis, Parameter.NEW_POSITION, _NEAR_ORIGIN)

@@ -3,6 +3,9 @@
 Follows umi_rtx.md 1.2 (pacing), 1.4 (handing the line over, non-toggle mode), 1.6 (opening) and
 1.7 (back in step after a lost, short or long reply). It knows no motor: what a request does to
 the metal is the caller's business, and so is repeating anything but a read.
+
+A request carries no checksum, so that one wrong bit can make another command of it (ADR 13). A
+reply that another command may have caused is answered with a dead stop before anything else.
 """
 
 import logging
@@ -22,8 +25,18 @@ from drivers.errors import (
 )
 
 from . import _constants as c
-from ._codec import Identity, Reply, ReplyReader, encode_simple, looks_like_text
-from ._constants import Ip, Simple
+from ._codec import (
+    Identity,
+    Reply,
+    ReplyReader,
+    Status,
+    Version,
+    encode_simple,
+    is_go,
+    is_query,
+    looks_like_text,
+)
+from ._constants import Ip, Simple, StatusBits
 from ._tasks import Turns, run_to_end
 from ._transport import Transport
 
@@ -32,6 +45,12 @@ wire_log = logging.getLogger("cellctl.wire.arm")
 
 SILENT: Final = "nothing answers: check power, cable, boards"  # 8.8
 _ATTEMPT_COUNT: Final = 3  # 1.7
+_STAY_AWAY: Final = (
+    "whether the arm has stopped is unknown, and a motion that was started may go on to its "
+    "target. Press the emergency stop if anything moves, then"
+)
+_DEAD_STOP_LIMIT_S: Final = 0.1  # by then a board that was told to stop shows that it has
+_RAMP_LIMIT_S: Final = 0.6  # 7: a ramp takes 0.25 s
 _DRAIN_LIMIT_S: Final = 2.0  # a line that talks longer than that is no arm's
 # A host that is busy delivers what has arrived a little late, however fast the cell's clock runs.
 _MIN_SILENCE_WALL_S: Final = 0.02
@@ -63,10 +82,12 @@ class LinkConfig:
     spacing_s : start of request to start of request; the arm wants 8 ms (1.2), and a USB adapter
         sends in frames of 1 ms, so that what leaves 9 ms apart arrives at least 8 ms apart
     reply_timeout_s : a reply is complete by then, or lost (1.2)
+    silence_s : a line on which no byte has come back for so long is silent; three tries fit in
     """
 
     spacing_s: float = c.MIN_SPACING_S + 0.001
     reply_timeout_s: float = c.REPLY_TIMEOUT_S
+    silence_s: float = 0.5
 
     def __post_init__(self) -> None:
         if self.spacing_s < c.MIN_SPACING_S:
@@ -77,11 +98,57 @@ Trace = Callable[[WireExchange], None]
 Guard = Callable[[], None]
 
 
+class SilentLineError(LinkError):
+    """No byte has come back for so long that the arm must be taken for unplugged."""
+
+
+class LineDoubtError(DeviceError):
+    """A request may have reached the arm as another command; both IPs have had a dead stop.
+
+    Registers and counters may have changed: they count for nothing until they have been read.
+
+    Attributes
+    ----------
+    may_have_zeroed : define home (`21`) is among what may have been carried out
+    """
+
+    def __init__(self, message: str, *, may_have_zeroed: bool = False) -> None:
+        super().__init__(message)
+        self.may_have_zeroed = may_have_zeroed
+
+
 def breaks_step(error: DeviceError) -> bool:
-    """Tell whether an error leaves it open what the arm and the host have heard (2.9)."""
+    """Return whether an error leaves it open what the arm and the host have heard (2.9).
+
+    A refusal does too: this driver sends nothing that an arm refuses, but for a go while it moves.
+    """
     if isinstance(error, RefusedError):
-        return error.code in c.FRAME_CODES
+        return error.code != c.AXIS_BUSY
     return isinstance(error, ReplyTimeoutError | BadReplyError)
+
+
+def _heals(error: DeviceError) -> bool:
+    """Return whether asking anew who listens is the way on."""
+    return breaks_step(error) or isinstance(error, LineDoubtError)
+
+
+def may_be_another_command(request: bytes, received: bytes) -> bool:
+    """Return whether bytes that came back allow that something else was carried out (ADR 13).
+
+    A request of three bytes may have lost its first one, and its data are then commands. One that
+    asks can only have become one that does if it is acknowledged. One that does is checked by
+    what it has done.
+    """
+    if not received:
+        return False
+    return len(request) == 3 or (is_query(request) and received[0] == 0x00)
+
+
+def may_be_define_home(request: bytes) -> bool:
+    """Return whether one wrong, lost or late byte makes `21` of a request: all counters zero."""
+    if len(request) == 3:  # its data are commands once its first byte is lost
+        return Simple.DEFINE_HOME in request[1:]
+    return bool(request) and (request[0] ^ Simple.DEFINE_HOME).bit_count() == 1
 
 
 class Link:
@@ -101,6 +168,12 @@ class Link:
         self._turns = Turns()
         self._listening: Ip | None = None
         self._last_start_s = float("-inf")
+        self._last_request = b""
+        self._owes_reply = False  # a reply that was given up may still come
+        self._mute_since_s: float | None = None
+        self._has_given_go = False  # to the IP that is being met
+        self._is_silent = False  # the last thing asked for ended in silence
+        self._heard_nothing = False
         self._suspect = b""  # what a reply that made no sense consisted of
 
     @property
@@ -121,7 +194,12 @@ class Link:
             return await run_to_end(self._open())
 
     async def ask(
-        self, ip: Ip, *frames: bytes, repeats: bool = False, guard: Guard | None = None
+        self,
+        ip: Ip,
+        *frames: bytes,
+        repeats: bool = False,
+        guard: Guard | None = None,
+        proves: bool = False,
     ) -> tuple[Reply, ...]:
         """Send requests to one IP without anything in between; return their replies.
 
@@ -129,37 +207,54 @@ class Link:
         ----------
         repeats : the frames only read, so that they may be sent again after a resync
         guard : called right before each request; what it raises keeps the request from going out
+        proves : the IP is asked who it is right before the frames, though no hand-over was needed
 
         Raises
         ------
         ReplyTimeoutError, BadReplyError : done or not is unknown; the line is back in step
+        LineDoubtError : something else may have been done; both IPs were stopped
+        SilentLineError : nothing has come back for `silence_s`
         RefusedError : the IP's own no, with its code (2.9)
         PositionLostError : an IP has restarted (1.5)
         LinkError : the line could not be brought back in step
         """
         async with self._turns.take():
-            return await run_to_end(self._ask(ip, frames, repeats, guard))
+            self._listen_anew()
+            return await run_to_end(self._ask(ip, frames, repeats, guard, proves))
 
-    async def halt(self, request: bytes) -> None:
+    async def halt(self, request: bytes, *, verifies: bool = True) -> None:
         """Send a stop to BOTH IPs, ahead of all that waits, whatever state they are in (2.3).
 
-        The second IP gets its stop even if the first fails; the failure is raised afterwards.
+        The second IP gets its stop even if the first fails; the failure is raised afterwards. A
+        silent line gets both stops all the same: perhaps it is only the way back that is cut.
+
+        Parameters
+        ----------
+        verifies : both IPs are asked whether anything still moves, and stopped again if so
         """
         async with self._turns.take(urgent=True):
-            await run_to_end(self._halt(request))
+            self._listen_anew()
+            await run_to_end(self._halt(request, verifies))
 
     async def aclose(self) -> None:
         """Let go of the line."""
         await self._transport.aclose()
 
     # ---- one exchange --------------------------------------------------------------------------
+    def _listen_anew(self) -> None:
+        """Begin to count silence; a line that was silent before gets one more try, not three."""
+        self._mute_since_s = None
+        self._heard_nothing, self._is_silent = self._is_silent, False
+
     async def _exchange(self, request: bytes) -> Reply:
-        """Send one request and read its reply, patient with codes 01, 02 and 04 (2.9)."""
+        """Send one request and read its reply; questions are patient with 01, 02 and 04 (2.9)."""
         for _ in range(_ATTEMPT_COUNT):
             try:
                 return await self._exchange_once(request)
             except RefusedError as error:
-                if error.code not in c.RETRY_CODES:
+                if error.code == c.AXIS_BUSY and not is_go(request):
+                    raise BadReplyError(str(error)) from error
+                if error.code not in c.RETRY_CODES or not is_query(request):
                     raise
                 last = error
                 await self._clock.sleep(c.BUSY_RETRY_S)
@@ -168,21 +263,50 @@ class Link:
     async def _exchange_once(self, request: bytes) -> Reply:
         await self._pace()
         if stale := await self._transport.read(0):
-            self._suspect = stale
+            await self._judge_stale(stale)
             raise BadReplyError(f"arm: {stale.hex(' ').upper()} came unasked")
         started_s = self._last_start_s = self._clock.now_s()
         ip = self._listening
         reader = ReplyReader(request)
+        self._last_request = request
         self._transport.write(request)
         try:
             return await self._read(reader, request)
-        except BadReplyError:
-            self._suspect = reader.data
+        except PositionLostError:
+            raise
+        except (BadReplyError, ReplyTimeoutError, RefusedError) as error:
+            self._suspect = reader.data if isinstance(error, BadReplyError) else b""
+            is_busy = isinstance(error, RefusedError) and error.code == c.AXIS_BUSY
+            if (
+                not is_busy
+                and not self._owes_reply
+                and may_be_another_command(request, reader.data)
+            ):
+                await self._stop_stray(request, reader.data)
             raise
         finally:
             wire_log.debug("%s -> %s", request.hex(" ").upper(), reader.data.hex(" ").upper())
             if self._trace is not None:
                 self._trace(WireExchange(started_s, ip, request, reader.data))
+
+    async def _judge_stale(self, stale: bytes) -> None:
+        """Raise LineDoubtError if bytes that came unasked tell of a command that nobody sent."""
+        self._suspect = stale
+        is_owed, self._owes_reply = self._owes_reply, False
+        if not is_owed and (len(self._last_request) == 3 or stale[0] == 0x00):
+            await self._stop_stray(self._last_request, stale)
+
+    async def _stop_stray(self, request: bytes, received: bytes) -> None:
+        """Dead-stop whoever listens, before anything else is found out; raise LineDoubtError."""
+        self._listening = None
+        await self._pace()
+        self._last_start_s = self._clock.now_s()
+        self._transport.write(encode_simple(Simple.DEAD_STOP))
+        raise LineDoubtError(
+            f"arm: {received.hex(' ').upper()} came back for {request.hex(' ').upper()}: it may "
+            "have reached the arm as another command; both boards were stopped",
+            may_have_zeroed=may_be_define_home(request),
+        )
 
     async def _pace(self) -> None:
         due_s = self._last_start_s + self._config.spacing_s
@@ -190,26 +314,62 @@ class Link:
             await self._clock.sleep(left_s)
 
     async def _read(self, reader: ReplyReader, request: bytes) -> Reply:
-        until_s = self._clock.attended_s() + self._clock.patience_s(self._config.reply_timeout_s)
+        clock = self._clock
+        began_s = clock.attended_s()
+        if self._mute_since_s is None:
+            self._mute_since_s = began_s
+        until_s = began_s + clock.patience_s(self._config.reply_timeout_s)
+        if not self._heard_nothing:
+            until_s = min(until_s, self._mute_since_s + self._silence_limit_s())
         while True:
-            left_s = until_s - self._clock.attended_s()
+            left_s = until_s - clock.attended_s()
             # at the end, what has arrived is taken in before it counts as missing
-            data = await self._transport.read(max(0.0, self._clock.to_wall_s(left_s)))
-            if data and (reply := reader.feed(data)) is not None:
-                return reply
-            if not data and left_s <= 0:
+            data = await self._transport.read(max(0.0, clock.to_wall_s(left_s)))
+            if data:
+                self._mute_since_s, self._heard_nothing = None, False
+                if (reply := reader.feed(data)) is not None:
+                    return reply
+            elif left_s <= 0:
                 break
+        if self._mute_since_s is not None:
+            mute_s = clock.attended_s() - self._mute_since_s
+            if self._heard_nothing or mute_s >= self._silence_limit_s() - 1e-6:
+                self._is_silent, self._listening = True, None
+                raise SilentLineError(
+                    f"arm: no byte came back for {mute_s:.2f} s (last request "
+                    f"{request.hex(' ').upper()}): {_STAY_AWAY} {SILENT.partition(': ')[2]}"
+                )
+        self._owes_reply = self._owes_reply or not reader.data
         got = f"only {reader.data.hex(' ').upper()} of a" if reader.data else "no"
         raise ReplyTimeoutError(
             f"arm: {got} reply to {request.hex(' ').upper()} "
             f"within {self._config.reply_timeout_s:.3f} s"
         )
 
+    def _silence_limit_s(self) -> float:
+        """Return how long a line may be mute [cell s]; two tries fit in, whatever the host is."""
+        reply_s = self._clock.patience_s(self._config.reply_timeout_s)
+        return self._config.silence_s if 1.6 * reply_s <= self._config.silence_s else 2 * reply_s
+
     # ---- who listens ---------------------------------------------------------------------------
     async def _identify(self) -> Ip:
         reply = await self._exchange(encode_simple(Simple.IDENTIFY))
         assert isinstance(reply, Identity)  # the reader lets nothing else through
         return reply.ip
+
+    async def _who(self) -> Ip:
+        """Return who listens, by the one question that no single bit turns into harm (ADR 13)."""
+        for _ in range(_ATTEMPT_COUNT):
+            try:
+                reply = await self._exchange(encode_simple(Simple.VERSION))
+                assert isinstance(reply, Version)
+                return reply.ip
+            except DeviceError as error:
+                if not breaks_step(error):
+                    raise
+                last = error
+                await self._drain()
+        raise last
 
     async def _select(self, ip: Ip) -> None:
         """Have `ip` listen; a hand-over is never repeated without asking who listens (1.7)."""
@@ -222,14 +382,31 @@ class Link:
         raise BadReplyError(f"arm: IP{ip:d} does not take the line")
 
     async def _hand_over(self, to: Ip) -> None:
+        """Hand the line over once, and ask who has it: the acknowledgement proves nothing.
+
+        Raises
+        ------
+        LineDoubtError : acknowledged, and the same IP listens: something else was carried out
+        """
         self._listening = None
+        request = encode_simple(Simple.TOGGLE_ONCE)
+        is_acknowledged = True
         try:
-            await self._exchange(encode_simple(Simple.TOGGLE_ONCE))
-            self._listening = to
+            await self._exchange(request)
         except DeviceError as error:
             if not breaks_step(error):
                 raise
-            await self._resync()
+            is_acknowledged = 0x00 in self._suspect
+            await self._drain()
+        who = await self._who()
+        if who is not to and is_acknowledged:
+            await self._stop_stray(request, b"\x00")
+        self._listening = who
+
+    async def _prove(self, ip: Ip) -> None:
+        """Make sure that `ip` listens, right before a request that moves metal."""
+        if (who := await self._who()) is not ip:
+            await self._stop_stray(self._last_request, bytes([0x20 | who]))
 
     # ---- opening, and back in step -------------------------------------------------------------
     async def _open(self) -> frozenset[Ip]:
@@ -245,7 +422,7 @@ class Link:
             try:
                 await self._exchange(encode_simple(Simple.TOGGLE_ONCE))
             except DeviceError as error:
-                if not breaks_step(error):
+                if not _heals(error):
                     raise
                 await self._drain()
             second, second_restarted = await self._meet(allow_restart, f"the IP beside IP{first:d}")
@@ -253,6 +430,7 @@ class Link:
                 self._listening = second
                 restarted = {first: first_restarted, second: second_restarted}
                 return frozenset(ip for ip, was_restarted in restarted.items() if was_restarted)
+            first_restarted = first_restarted or second_restarted
         raise WrongDeviceError(f"arm: both boards say that they are IP{first:d}")
 
     async def _meet(self, allow_restart: bool, who: str) -> tuple[Ip, bool]:
@@ -260,11 +438,14 @@ class Link:
 
         A restarted IP is given GO where that is allowed (1.5).
         """
+        self._has_given_go = False
         for attempt in range(_ATTEMPT_COUNT):
             try:
-                return await self._greet(allow_restart)
+                return await self._greet(allow_restart), self._has_given_go
             except DeviceError as error:
-                if not breaks_step(error):
+                if isinstance(error, SilentLineError):
+                    raise LinkError(f"arm: {who} speaks; {SILENT}") from error
+                if not _heals(error):
                     raise
                 last = error
                 await self._drain()
@@ -272,19 +453,31 @@ class Link:
                     raise LinkError(f"arm: {who} speaks; {SILENT}") from error
         raise last
 
-    async def _greet(self, allow_restart: bool) -> tuple[Ip, bool]:
+    async def _greet(self, allow_restart: bool) -> Ip:
         try:
             await self._exchange(encode_simple(Simple.TOGGLE_OFF))
         except PositionLostError:
             if not allow_restart:
                 raise
         try:
-            return await self._identify(), False
+            ip = await self._identify()
         except PositionLostError:
             if not allow_restart:
                 raise
-        await self._exchange(encode_simple(Simple.GO))
-        return await self._identify(), True
+            self._has_given_go = True
+            await self._exchange(encode_simple(Simple.GO))
+            ip = await self._identify()
+        if allow_restart:
+            await self._expect_rest()
+        return ip
+
+    async def _expect_rest(self) -> None:
+        """Stop what moves on its own while the line is opened: nobody has asked for it yet."""
+        request = encode_simple(Simple.GENERAL_STATUS)
+        reply = await self._exchange(request)
+        assert isinstance(reply, Status)
+        if reply.bits & StatusBits.MOVING:
+            await self._stop_stray(request, bytes([Simple.GENERAL_STATUS, reply.bits]))
 
     async def _drain(self) -> None:
         """Discard input until the line is silent; text in it means a strange ROM (8.7).
@@ -292,6 +485,10 @@ class Link:
         Silence is longer than the 8 ms after which an IP gives up on a broken request (2.9).
         """
         clock = self._clock
+        if self._owes_reply:  # it has been silent for much longer than that already
+            if not (data := await self._transport.read(0)):
+                return
+            self._suspect += data
         # every opening waits this long: it is no time-out, to be generous with
         silence_s = max(c.SILENCE_S, _MIN_SILENCE_WALL_S * clock.speed)
         until_s = clock.attended_s() + max(_DRAIN_LIMIT_S, 10 * silence_s)
@@ -318,7 +515,7 @@ class Link:
                 await self._drain()
                 break
             except DeviceError as error:
-                if not breaks_step(error):
+                if not _heals(error):
                     raise
                 last = error
         else:
@@ -326,18 +523,24 @@ class Link:
                 raise LinkError(f"arm: {SILENT}") from last
             raise last
         await self._meet_both(allow_restart=False)
+        self._owes_reply = False
         log.warning("the line to the arm is back in step, IP%d listens", self._listening)
 
     # ---- transactions --------------------------------------------------------------------------
     async def _ask(
-        self, ip: Ip, frames: tuple[bytes, ...], repeats: bool, guard: Guard | None
+        self,
+        ip: Ip,
+        frames: tuple[bytes, ...],
+        repeats: bool,
+        guard: Guard | None,
+        proves: bool = False,
     ) -> tuple[Reply, ...]:
         for _ in range(_ATTEMPT_COUNT):
             try:
-                await self._pace()
-                if await self._transport.read(0):  # an earlier exchange has left bytes behind
-                    await self._resync()
+                await self._settle()
                 await self._select(ip)
+                if proves:
+                    await self._prove(ip)
                 replies = []
                 for frame in frames:
                     if guard is not None:
@@ -347,6 +550,10 @@ class Link:
             except DeviceError as error:
                 if isinstance(error, PositionLostError):
                     self._listening = None
+                if isinstance(error, LineDoubtError):
+                    log.warning("in doubt: %s", error)
+                    await self._end_doubt()
+                    raise
                 if not breaks_step(error):
                     raise
                 log.warning("out of step: %s", error)
@@ -356,15 +563,33 @@ class Link:
                 last = error
         raise last
 
-    async def _halt(self, request: bytes) -> None:
+    async def _settle(self) -> None:
+        """Make sure that nothing is left on the line of what was asked before."""
+        await self._pace()
+        if stale := await self._transport.read(0):
+            await self._judge_stale(stale)
+            await self._resync()
+
+    async def _end_doubt(self) -> None:
+        """Find out who listens, and see both IPs at rest; whoever listened was stopped before."""
+        await self._resync()
+        await self._halt(encode_simple(Simple.DEAD_STOP), verifies=True)
+
+    async def _halt(self, request: bytes, verifies: bool) -> None:
         first = self._listening if self._listening is not None else Ip.ARM
         failures: list[DeviceError] = []
         for ip in (first, first.other):
             try:
                 await self._halt_one(ip, request)
+            except SilentLineError:
+                await self._halt_blindly(request)
+                raise
             except DeviceError as error:
                 log.warning("the stop of IP%d: %s", ip, error)
                 failures.append(error)
+        if verifies and not failures:
+            for ip in (first.other, first):
+                await self._see_at_rest(ip, request)
         # a lost position outlasts any trouble of the line, so it is what the caller must hear
         failures.sort(key=lambda error: not isinstance(error, PositionLostError))
         if failures:
@@ -374,7 +599,7 @@ class Link:
         lost: PositionLostError | None = None
         for _ in range(_ATTEMPT_COUNT):
             try:
-                await self._ask(ip, (request,), repeats=True, guard=None)
+                await self._ask_to_halt(ip, request)
                 break
             except PositionLostError as error:
                 # an IP that has restarted does not hand the line over (1.5): without GO, the
@@ -383,3 +608,50 @@ class Link:
                 await self._exchange(encode_simple(Simple.GO))
         if lost is not None:
             raise lost
+
+    async def _ask_to_halt(self, ip: Ip, request: bytes) -> None:
+        """Send a stop to one IP; a doubt about the way there is no reason to leave it moving."""
+        for _ in range(_ATTEMPT_COUNT):
+            try:
+                await self._settle()
+                await self._select(ip)
+                await self._exchange(request)
+                return
+            except DeviceError as error:
+                if not _heals(error):
+                    raise
+                log.warning("out of step: %s", error)
+                last = error
+                await self._resync()
+        raise last
+
+    async def _see_at_rest(self, ip: Ip, request: bytes) -> None:
+        """Wait until nothing of an IP moves; what has not understood its stop gets a dead one."""
+        is_ramp = request == encode_simple(Simple.RAMP_STOP)
+        limit_s = self._clock.patience_s(_RAMP_LIMIT_S if is_ramp else _DEAD_STOP_LIMIT_S)
+        general_status = encode_simple(Simple.GENERAL_STATUS)
+        for _ in range(_ATTEMPT_COUNT):
+            until_s = self._clock.attended_s() + limit_s
+            while True:
+                replies = await self._ask(ip, (general_status,), repeats=True, guard=None)
+                assert isinstance(replies[0], Status)
+                if not replies[0].bits & StatusBits.MOVING:
+                    return
+                if self._clock.attended_s() > until_s:
+                    break
+                if not is_ramp:
+                    await self._halt_one(ip, request)
+            log.warning("IP%d moves after its stop", ip)
+            is_ramp, limit_s = False, self._clock.patience_s(_DEAD_STOP_LIMIT_S)
+            request = encode_simple(Simple.DEAD_STOP)
+            await self._halt_one(ip, request)
+        raise BadReplyError(f"arm: IP{ip:d} moves after its stop: press the emergency stop")
+
+    async def _halt_blindly(self, request: bytes) -> None:
+        """Send a stop to whoever listens, hand over, and send it again, without an answer."""
+        self._listening = None
+        for blind in (request, encode_simple(Simple.TOGGLE_ONCE), request):
+            await self._pace()
+            self._last_start_s = self._clock.now_s()
+            self._last_request = blind
+            self._transport.write(blind)

@@ -1,6 +1,6 @@
 """Moves that end where they should, or say which axis did not (umi_rtx.md 2.7, 2.8, 6.7)."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from math import ceil
 
 from drivers.errors import DeviceError, StalledError
@@ -72,11 +72,12 @@ async def start(
     guard: Guard,
     *,
     in_turn: bool = False,
+    on_go: Callable[[], None] = lambda: None,
 ) -> None:
-    """Set targets and go, all motors within two requests of each other.
+    """Set targets and go, all motors within a few requests of each other.
 
     With `in_turn` the first IP starts before the second is told its targets (3.4): one hand-over
-    less.
+    less. Without, `on_go` is called once all is set and nothing moves yet.
     """
     order = axes.ips(targets)
     for ip in order:
@@ -88,6 +89,7 @@ async def start(
         if in_turn:
             await axes.numeric_go(ip, mine, guard)
     if not in_turn:
+        on_go()
         for ip in reversed(order):  # the last one told is the one that listens
             await axes.numeric_go(ip, on_ip(targets, ip), guard)
 
@@ -139,6 +141,10 @@ class Watch:
                 await self._axes.pause()
 
     async def _rests(self, ip: Ip) -> bool:
+        """Return whether the axes of an IP rest, seen twice: a status has no checksum."""
+        return await self._rest_now(ip) and await self._rest_now(ip)
+
+    async def _rest_now(self, ip: Ip) -> bool:
         self._guard()
         mine = on_ip(self._targets, ip)
         if len(mine) > 1 and ip not in self._marked:
@@ -149,6 +155,8 @@ class Watch:
         any_moving = False
         for axis in mine:
             bits = await self._axes.status(axis)
+            if bits & c.TROUBLE:
+                bits = await self._axes.status(axis)
             if bits & c.TROUBLE:
                 await self._stalled(axis, bits)
             any_moving = any_moving or bool(bits & StatusBits.MOVING)
@@ -185,6 +193,8 @@ async def verify_arrival(
     AxisStalledError : one is not, `settle_s` later either
     """
     until_s = axes.deadline_s(settle_s)
+    for ip in axes.ips(targets):
+        await axes.prove(ip)
     while True:
         got = await axes.read_actuals(targets)
         worst = max(targets, key=lambda axis: abs(got[axis] - targets[axis]) - tolerances[axis])

@@ -21,8 +21,9 @@ from ._constants import Axis, Ip, Parameter, Simple, StatusBits
 from ._gripper import GripperLaw
 from ._homing import HomingConfig
 from ._limits import OutOfRangeError
-from ._link import Guard, Link, LinkConfig, Trace
-from ._motion import AxisStalledError, MotionStoppedError
+from ._link import Guard, LineDoubtError, Link, LinkConfig, Trace
+from ._motion import AxisStalledError, MotionStoppedError, on_ip
+from ._sureness import Known, judge_counters
 from ._tasks import run_to_end
 from ._transport import SerialTransport, Transport
 
@@ -116,6 +117,11 @@ class ArmSession:
         self._is_homed = False
         self._rest_counts: dict[Axis, int] = {}  # targets that axes were seen to rest at
         self._dead_bands: dict[Axis, int] = {}
+        self._known: Known = {}
+        self._is_sure = False  # that targets are where axes stand, and parameters what was written
+        self._may_be_relabelled = False  # counters must be compared with where axes were
+        self._may_be_zeroed = False  # ... and may have been made zero
+        self._grips = False
         self._stop_count = 0
         self._one_motion = asyncio.Lock()
 
@@ -208,6 +214,8 @@ class ArmSession:
         self._is_homed = self._is_powered = False
         self._identity = None
         self._rest_counts.clear()
+        self._known.clear()
+        self._is_sure = self._may_be_relabelled = self._may_be_zeroed = False
 
     def _require_homed(self) -> None:
         if not self._is_homed:
@@ -266,8 +274,12 @@ class ArmSession:
         """
         self._stop_count += 1
         self._rest_counts.clear()
+        self._is_sure = False
         if kind is Stop.FREE:
             self._is_powered = False
+            self._known.clear()  # axes may be moved by hand
+        if kind is Stop.RAMP:
+            self._may_be_relabelled = True  # one bit makes `21` of `25`
         await run_to_end(self._axes.halt(kind.value))
 
     @asynccontextmanager
@@ -292,12 +304,65 @@ class ArmSession:
                 self._require_homed()
             try:
                 yield guard
-            except (MotionStoppedError, AxisStalledError, OutOfRangeError):
-                raise  # the first two have had their stop, the third has sent nothing
-            except BaseException:
-                self._rest_counts.clear()
+            except OutOfRangeError:
+                raise  # has sent nothing
+            except (MotionStoppedError, AxisStalledError, LineDoubtError) as error:
+                self._unsettle(error)
+                raise  # these have had their stop
+            except BaseException as error:
+                self._unsettle(error)
                 await run_to_end(self._halt_quietly())
                 raise
+
+    def _unsettle(self, error: BaseException) -> None:
+        """Trust no register from now on until it has been read."""
+        self._is_sure = False
+        self._rest_counts.clear()
+        if isinstance(error, LineDoubtError):
+            self._may_be_relabelled = True
+            self._may_be_zeroed = self._may_be_zeroed or error.may_have_zeroed
+
+    async def _make_sure(self, guard: Guard) -> None:
+        """Read what the registers of an arm at rest are, and make every target where its axis is.
+
+        From then on a go that reaches an axis which nobody has asked to move leaves it in place.
+
+        Raises
+        ------
+        PositionLostError : the counters are not what they must be, or may have been made zero
+        """
+        if self._is_sure:
+            return
+        force = self._axes.written(Axis.GRIPPER, Parameter.MAX_FORCE)
+        self._axes.forget()
+        if self._may_be_relabelled:
+            await self._axes.tell_both(Simple.LOAD_DEFAULTS, guard)
+            if force is not None:
+                await self._axes.write(Axis.GRIPPER, Parameter.MAX_FORCE, force, guard)
+        counts = await self._read_all()
+        for axis in self._in_turn():
+            if not (axis is Axis.GRIPPER and self._grips):
+                await self._axes.write(axis, Parameter.NEW_POSITION, counts[axis], guard)
+        self._rest_counts.update(counts)
+        self._known = {axis: (n, n) for axis, n in counts.items()}
+        self._is_sure = True
+
+    def _in_turn(self) -> list[Axis]:
+        return [axis for ip in self._axes.ips() for axis in on_ip(Axis, ip)]
+
+    async def _read_all(self) -> dict[Axis, int]:
+        """Return where all axes are [counts]; check their labels first where these may be wrong."""
+        found = {axis: await self._axes.read_counts_twice(axis) for axis in self._in_turn()}
+        counts = {axis: found[axis][0] - found[axis][1] for axis in Axis}
+        if self._may_be_relabelled:
+            if why := judge_counters(self._known, counts, self._may_be_zeroed):
+                self._lose_position()
+                raise PositionLostError(
+                    f"arm: {why} after trouble on its line: positions are no longer known; "
+                    "connect and home again"
+                )
+            self._may_be_relabelled = self._may_be_zeroed = False
+        return counts
 
     async def _halt_quietly(self) -> None:
         """Dead-stop both IPs on the way out; what failed before is what the caller must hear."""

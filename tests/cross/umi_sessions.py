@@ -43,6 +43,19 @@ NOT_THE_DRIVERS = {
 POLLED_AGAIN = "how often one polls is up to the host (3.3)"
 READ_LATER = "bit 0 falls within DEAD_BAND of the target (7): read again when the axis has settled"
 SURE_OF_THE_STOP = "bit 3 is believed once the axis has not moved for 3 polls (9.17)"
+WHO_ANSWERS = (
+    "an acknowledged hand-over proves nothing: who answers is asked, and before a go (1.4)"
+)
+NOBODY_ELSE = (
+    "one wrong bit makes a go of a command: that nothing else moves is looked at (2.6, 2.7)"
+)
+READ_BACK = "the checksum protects the value alone: what was written is read back (2.2)"
+CHECKS: Mapping[str, str] = {  # what the driver asks in every session
+    "38": WHO_ANSWERS,
+    **dict.fromkeys(("17", "10", "11", "12", "13", "14"), NOBODY_ELSE),
+    **dict.fromkeys(("60 03 00", "60 04 00", "60 0A 00"), READ_BACK),
+    **dict.fromkeys(("48", "49", "4A", "4B", "4C", "68", "69", "6A", "6B", "6C"), READ_BACK),
+}
 EXTRAS: Mapping[str, Mapping[str, str]] = {  # session: request: why the driver sends it as well
     HOME_ZED: dict.fromkeys(("12", "4A", "42"), SURE_OF_THE_STOP),
     MOVE: dict.fromkeys(("49", "41"), READ_LATER),
@@ -144,8 +157,8 @@ def compare(name: str, trace: Sequence[WireExchange]) -> Comparison:
         elif polled and ours.request == polled[:1] and _is_same_kind(ours.reply, polled):
             result.lines.append(Line(Verdict.EXTRA, sent, got, "", POLLED_AGAIN))
             continue
-        elif sent in EXTRAS.get(name, {}):
-            result.lines.append(Line(Verdict.EXTRA, sent, got, "", EXTRAS[name][sent]))
+        elif reason := EXTRAS.get(name, {}).get(sent) or CHECKS.get(sent):
+            result.lines.append(Line(Verdict.EXTRA, sent, got, "", reason))
             continue
         else:
             line = Line(Verdict.DIFFERENT, sent, got, shown)

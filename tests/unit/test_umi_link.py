@@ -6,7 +6,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from umi_fakes import FakeArm, FakeClock, as_text, once
+from umi_fakes import FakeArm, FakeClock, as_text, once, only_asks, shows
 
 from drivers.errors import (
     BadReplyError,
@@ -56,14 +56,14 @@ class Bench:
 async def test_a_cold_open_is_the_references_session() -> None:
     bench = Bench(running=False)
     assert await bench.link.open() == {Ip.WRIST, Ip.ARM}
-    assert as_text(bench.trace) == session("cold open")[:9]
+    assert shows(as_text(bench.trace), session("cold open")[:9])
     assert bench.link.listening is Ip.ARM
 
 
 async def test_a_warm_open_is_the_references_session() -> None:
     bench = Bench()
     assert await bench.link.open() == frozenset()
-    assert as_text(bench.trace) == session("warm open")
+    assert shows(as_text(bench.trace), session("warm open"))
 
 
 async def test_opening_does_not_assume_who_listens() -> None:
@@ -124,7 +124,7 @@ async def test_what_was_on_the_line_before_is_discarded() -> None:
     bench = Bench()
     bench.arm.pending.append((bench.clock.now_s() + 0.015, b"\x0b"))
     await bench.link.open()
-    assert as_text(bench.trace) == session("warm open")
+    assert shows(as_text(bench.trace), session("warm open"))
 
 
 # ---- pacing ------------------------------------------------------------------------------------
@@ -167,6 +167,7 @@ async def test_the_line_changes_hands_only_when_it_must() -> None:
         (1, b"\x10"),
         (1, b"\x11"),
         (1, b"\x29"),
+        (0, b"\x38"),  # who answers: the hand-over's own answer does not tell
         (0, b"\x12"),
         (0, b"\x13"),
     ]
@@ -183,7 +184,8 @@ async def test_a_hand_over_whose_reply_is_lost_or_late_is_not_done_twice(
     assert bench.link.listening == bench.arm.listening == 0
     # before the line is handed over again, somebody has asked who listens
     requests = [data for _, data in bench.arm.heard]
-    assert requests.index(b"\x01") < requests.index(b"\x29", 1)
+    assert b"\x38" in requests[: [*requests[1:], b"\x29"].index(b"\x29") + 1]
+    assert requests.count(b"\x29") == 1
 
 
 # ---- back in step ------------------------------------------------------------------------------
@@ -268,13 +270,34 @@ async def test_a_busy_board_is_asked_again_after_10_ms(code: int) -> None:
     assert bench.trace[1].at_s - bench.trace[0].at_s >= 0.010
 
 
-@pytest.mark.parametrize("code", [0x03, 0x05, 0x06, 0x07, 0x08, 0x09, 0x0A])
-async def test_a_refusal_is_raised_and_not_argued_with(code: int) -> None:
+REFUSALS = [0x03, 0x05, 0x06, 0x07, 0x08, 0x09, 0x0A]
+
+
+@pytest.mark.parametrize("code", REFUSALS)
+async def test_a_refusal_of_what_no_arm_refuses_is_a_spoilt_request_and_read_again(
+    code: int,
+) -> None:
+    bench = await Bench().opened()
+    bench.arm.motor(1, 2).counts = -1000
+    bench.arm.mishap = once(READ_ZED, lambda _: [(0.003, bytes([code]))])
+    assert await bench.value(Ip.ARM, READ_ZED) == -1000
+
+
+@pytest.mark.parametrize("code", REFUSALS)
+async def test_a_refusal_is_not_argued_with_for_ever(code: int) -> None:
     bench = await Bench().opened()
     bench.arm.mishap = lambda _request, _reply: [(0.003, bytes([code]))]
-    with pytest.raises(RefusedError) as refusal:
+    with pytest.raises((RefusedError, BadReplyError)):
         await bench.link.ask(Ip.ARM, READ_ZED, repeats=True)
-    assert refusal.value.code == code
+    assert len(bench.trace) <= 6
+
+
+async def test_a_go_that_is_busy_is_refused_at_once() -> None:
+    bench = await Bench().opened()
+    bench.arm.boards[1].busy_count = 1
+    with pytest.raises(RefusedError) as refusal:
+        await bench.link.ask(Ip.ARM, b"\xa2")
+    assert refusal.value.code == 0x03
     assert len(bench.trace) == 1
 
 
@@ -305,7 +328,10 @@ def stops(bench: Bench) -> list[int]:
 async def test_a_stop_goes_to_both_boards() -> None:
     bench = await Bench().opened()
     await bench.link.halt(DEAD_STOP)
-    assert bench.arm.heard == [(1, DEAD_STOP), (1, b"\x29"), (0, DEAD_STOP)]
+    does = [(ip, data) for ip, data in bench.arm.heard if not only_asks(data.hex())]
+    assert does[:3] == [(1, DEAD_STOP), (1, b"\x29"), (0, DEAD_STOP)]
+    looks = [ip for ip, data in bench.arm.heard if data == b"\x17"]
+    assert looks == [0, 1]  # a stop is believed once the board says that nothing moves
 
 
 async def test_a_stop_overtakes_everything_that_waits() -> None:

@@ -260,7 +260,10 @@ class FakeArm:
             self.listening = 1 - self.listening
         pieces = self.mishap(data, reply) if self.mishap else None
         for delay_s, piece in [(0.003, reply)] if pieces is None else pieces:
-            self.pending.append((self.clock.now_s() + delay_s, piece))
+            at_s = self.clock.now_s() + delay_s
+            if self.pending:  # a line keeps the order of its bytes
+                at_s = max(at_s, self.pending[-1][0])
+            self.pending.append((at_s, piece))
         if self.on_request:
             self.on_request(data)
 
@@ -297,3 +300,37 @@ def once(target: bytes, pieces: Callable[[bytes], list[tuple[float, bytes]]]) ->
 
 def as_text(trace: list[WireExchange]) -> list[tuple[str, str]]:
     return [(x.request.hex(" ").upper(), x.reply.hex(" ").upper()) for x in trace]
+
+
+def only_asks(request: str) -> bool:
+    """Whether a request [hex] changes nothing: who listens, status, reads (2.3, 2.5)."""
+    opcode = int(request[:2], 16)
+    return opcode in (0x38, 0x60) or 0x10 <= opcode <= 0x17 or 0x40 <= opcode < 0x50 or (
+        0x68 <= opcode < 0x70
+    )  # fmt: skip
+
+
+def shows(trace: list[tuple[str, str]], session: list[tuple[str, str]]) -> bool:
+    """Whether a trace is a session, with nothing more in between than questions."""
+    due = list(session)
+    for exchange in trace:
+        if due and exchange == due[0]:
+            due.pop(0)
+        elif not only_asks(exchange[0]):
+            return False
+    return not due
+
+
+def contains(trace: list[tuple[str, str]], session: list[tuple[str, str]]) -> bool:
+    """Whether a part of a trace shows a session."""
+    starts = [n for n, exchange in enumerate(trace) if exchange == session[0]]
+    for start in starts:
+        due = list(session)
+        for exchange in trace[start:]:
+            if exchange == due[0]:
+                due.pop(0)
+            elif not only_asks(exchange[0]):
+                break
+            if not due:
+                return True
+    return False

@@ -1,0 +1,134 @@
+"""One wrong byte at every place of whole sessions of the arm: what moved, what was said.
+
+python benchmarks/bench_wire_faults.py [--json] [--sample N] [--seed S] [--flips N] [--jobs N]
+
+Two sessions: cold open, moves of every axis, gripper, grip with a part, stops, park; and warm open,
+homing, a move. At every byte of both directions: bits flipped (by default one, by the seed; 8 for
+all), the byte lost, doubled, late by two amounts. Judged by the emulated motors. With --sample, so
+many faults drawn at random. Exit code 1 when an axis moved that was not asked to, when something
+was said to be done that is not, or when a session did not end.
+"""
+
+import argparse
+import json
+import random
+import sys
+import time
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "cross"), str(ROOT / "tests" / "unit")]
+
+from umi_line_faults import (  # noqa: E402  (path set above)
+    LineFault,
+    Result,
+    SessionName,
+    faults_at,
+    quiet,
+    run_session,
+)
+
+SESSIONS: tuple[SessionName, ...] = ("moves", "homing")
+Case = tuple[SessionName, LineFault]
+
+
+def every_place(clean: dict[SessionName, Result], flip_count: int, seed: int) -> Iterator[Case]:
+    """All faults at all places; which bits are flipped where follows from the seed."""
+    rng = random.Random(seed)
+    for name, result in clean.items():
+        for way, count in result.place_counts.items():
+            for place in range(count):
+                for fault in faults_at(way, place, rng.sample(range(8), flip_count)):
+                    yield name, fault
+
+
+def run(case: Case) -> tuple[Case, Result]:
+    with quiet():
+        return case, run_session(*case)
+
+
+def tally(found: Iterable[tuple[Case, Result]]) -> tuple[list[dict[str, Any]], list[Any]]:
+    """Return a row per session, direction and kind, and the cases that are bad."""
+    rows: dict[tuple[str, ...], Counter[str]] = defaultdict(Counter)
+    largest: dict[tuple[str, ...], float] = defaultdict(float)
+    bad = []
+    for (name, fault), result in found:
+        key = (name, fault.way, fault.kind)
+        row = rows[key]
+        row["runs"] += 1
+        row[result.end] += 1
+        row["moved_unasked"] += bool(result.moved)
+        row["false_done"] += bool(result.false_done)
+        row["runs_on"] += bool(result.runs_on)
+        largest[key] = max(largest[key], result.largest_counts)
+        if result.is_bad:
+            bad.append({"session": name, "fault": asdict(fault), "result": asdict(result)})
+    columns = ("runs", "recovered", "went on after a fault", "fault", "clean", "bug", "hangs")
+    return [
+        {"session": key[0], "way": key[1], "kind": key[2]}
+        | {column: rows[key][column] for column in columns}
+        | {column: rows[key][column] for column in ("moved_unasked", "false_done", "runs_on")}
+        | {"largest_unasked_counts": largest[key]}
+        for key in sorted(rows)
+    ], bad
+
+
+def print_table(rows: list[dict[str, Any]], bad: list[Any]) -> None:
+    print("session way           kind       runs  recov.  went on  fault  moved  false  largest")
+    for row in rows:
+        print(
+            f"{row['session']:7} {row['way']:13} {row['kind']:8} {row['runs']:6d}"
+            f" {row['recovered'] + row['clean']:7d} {row['went on after a fault']:8d}"
+            f" {row['fault']:6d} {row['moved_unasked']:6d} {row['false_done']:6d}"
+            f" {row['largest_unasked_counts']:8.1f}"
+        )
+    for one in bad[:20]:
+        print(json.dumps(one))
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--sample", type=int, help="number of faults, drawn at random")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--flips", type=int, default=1, help="bits flipped per byte (default: 1)")
+    parser.add_argument("--jobs", type=int, default=1, help="processes (default: 1)")
+    args = parser.parse_args()
+    began_s = time.perf_counter()
+    with quiet():
+        clean = {name: run_session(name) for name in SESSIONS}
+    cases = list(every_place(clean, args.flips, args.seed))
+    total_count = len(cases)
+    if args.sample is not None:
+        cases = random.Random(args.seed).sample(cases, min(args.sample, total_count))
+    with ProcessPoolExecutor(args.jobs) as pool:
+        rows, bad = tally(pool.map(run, cases, chunksize=20))
+    whole = {
+        "places": sum(sum(one.place_counts.values()) for one in clean.values()),
+        "faults_in_all": total_count,
+        "faults_run": len(cases),
+        "recovered": sum(row["recovered"] + row["clean"] for row in rows),
+        "went_on_after_a_fault": sum(row["went on after a fault"] for row in rows),
+        "ended_with_a_fault": sum(row["fault"] for row in rows),
+        "bugs_or_hangs": sum(row["bug"] + row["hangs"] for row in rows),
+        "moved_unasked": sum(row["moved_unasked"] for row in rows),
+        "false_done": sum(row["false_done"] for row in rows),
+        "runs_on": sum(row["runs_on"] for row in rows),
+        "largest_unasked_counts": max((row["largest_unasked_counts"] for row in rows), default=0.0),
+        "seconds": round(time.perf_counter() - began_s, 1),
+    }
+    if args.json:
+        print(json.dumps(whole | {"rows": rows, "bad": bad, "seed": args.seed}))
+    else:
+        print_table(rows, bad)
+        print(", ".join(f"{name} {value}" for name, value in whole.items()))
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

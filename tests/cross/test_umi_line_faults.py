@@ -1,0 +1,65 @@
+"""One wrong byte in a whole session: no axis moves that was not asked, nothing false is done.
+
+benchmarks/bench_wire_faults.py goes through every place; here are those that used to go wrong, and
+a few drawn by a seed.
+"""
+
+import asyncio
+import random
+
+import pytest
+from umi_bench import EMULATED
+from umi_line_faults import LineFault, Session, SessionName, faults_at, quiet, run_session
+
+from drivers.umi_scara import Axis
+
+
+@pytest.mark.parametrize("name", ["moves", "homing"])
+def test_a_session_without_a_fault_moves_what_is_asked_and_nothing_else(name: SessionName) -> None:
+    result = run_session(name)
+    assert result.end == "clean"
+    assert not result.is_bad
+    assert result.largest_counts < 2
+    assert not result.errors
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_one_wrong_byte_moves_no_other_axis_and_makes_nothing_false(seed: int) -> None:
+    rng = random.Random(seed)
+    with quiet():
+        for name in ("moves", "homing"):
+            clean = run_session(name)
+            for _ in range(6):
+                way = rng.choice(("to the arm", "from the arm"))
+                place = rng.randrange(clean.place_counts[way])
+                fault = rng.choice(faults_at(way, place, [rng.randrange(8)]))
+                result = run_session(name, fault)
+                assert not result.is_bad, (fault, result)
+
+
+def test_the_judge_sees_an_axis_that_nobody_asked() -> None:
+    """An axis moved behind the driver's back is reported; else the tests above mean nothing."""
+    session = Session()
+    hear = session.line.on_write
+    assert hear is not None
+
+    def sabotage(data: bytes) -> None:
+        hear(data)
+        if data == b"\xa3":  # the first move's go
+            zed = session.model.axes[EMULATED[Axis.ZED]]
+            zed.position += 20
+            zed.rest(zed.drive)
+
+    session.line.on_write = sabotage
+    with quiet():
+        result = asyncio.run(session.run("moves"))
+    assert result.moved["zed"] >= 20
+    assert result.is_bad
+
+
+def test_a_register_that_was_hit_instead_of_the_one_meant_does_no_harm() -> None:
+    """The lowest bit of requests from the first move to the grip: another motor, parameter, go."""
+    with quiet():
+        for place in range(60, 140, 3):
+            result = run_session("moves", LineFault("to the arm", place, "flipped", bit=0))
+            assert not result.is_bad, (place, result)
