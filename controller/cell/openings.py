@@ -1,7 +1,7 @@
 """What both grippers say of themselves before anything moves: whether they hold something.
 
-Asked of the devices as they stand, before activation and homing, both of which move jaws. Nothing
-here moves or decides; see `start_check`.
+Asked of the devices as they stand, before activation and homing, both of which move jaws. What
+follows from it, `start_check` decides.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,8 @@ from drivers.umi_scara import ArmIdentity, JawReading
 
 from .custody import GripperName
 from .devices import Devices
-from .jaws import NOTHING_MM
+from .interlocks import check_interlocks
+from .jaws import LOST_MM, NOTHING_MM
 
 SLACK_MM: Final = 2.0  # of a gripper that was told to stand wide open
 
@@ -55,10 +56,26 @@ async def read_openings(devices: Devices) -> tuple[Opening, Opening]:
     return arm, judge_fixed(status, barrier, devices.gripper.config.open_mm)
 
 
+async def presses_on_something(devices: Devices) -> bool:
+    """Return whether the arm gripper, closed a little further, is stopped by something at once.
+
+    Closing drops nothing. Only for jaws of which the operator has stated that they are empty.
+
+    Raises
+    ------
+    InterlockError : a safety copy is not healthy
+    DeviceError : the arm does not answer
+    """
+    check_interlocks(devices)
+    await devices.arm.enable_power()
+    return await devices.arm.drive_jaws(-NOTHING_MM) < LOST_MM
+
+
 def judge_arm(jaws: JawReading, identity: ArmIdentity) -> Opening:
     """Return what the arm gripper's reading means.
 
-    Jaws that press on nothing prove nothing: a stop may have taken the pressure from a part.
+    Jaws that press on nothing prove nothing: a stop may have taken the pressure from a part. Jaws
+    that have stalled stand there, too, after the part was taken out (umi_rtx.md 7).
     """
 
     def opening(finding: Finding, reason: str) -> Opening:
@@ -70,7 +87,7 @@ def judge_arm(jaws: JawReading, identity: ArmIdentity) -> Opening:
         return opening(Finding.UNREADABLE, "its jaws press on nothing")
     if jaws.width_mm < NOTHING_MM:
         return opening(Finding.EMPTY, "its jaws press on each other")
-    return opening(Finding.HOLDS, f"its jaws press on something at {jaws.width_mm:.1f} mm")
+    return opening(Finding.MAY_HOLD, f"its jaws stalled at {jaws.width_mm:.1f} mm")
 
 
 def judge_fixed(status: GripperStatus, barrier: Signal, open_mm: float) -> Opening:

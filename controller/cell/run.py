@@ -29,7 +29,7 @@ from .devices import Devices, resolve
 from .dispatcher import Dispatcher, Outcome
 from .experts import Workers
 from .journal import JOURNAL_NAME, Journal, Row, open_cell_journal, read_rows_of_kinds
-from .openings import read_openings
+from .openings import presses_on_something, read_openings
 from .records import PartRecord, Progress
 from .start_check import PartMayBeHeldError, require_empty_grippers
 
@@ -201,7 +201,11 @@ async def _refused(
     openings = await read_openings(devices)
     try:
         await require_empty_grippers(
-            known, openings, journal, is_part_removed=order.is_part_removed
+            known,
+            openings,
+            journal,
+            lambda: presses_on_something(devices),
+            is_part_removed=order.is_part_removed,
         )
     except PartMayBeHeldError as error:
         where = where_it_is(error.custody)

@@ -5,13 +5,16 @@ until the operator has stated that the part is out; a gripper that reports an ob
 more than the operator.
 """
 
-from collections.abc import Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from datetime import datetime
+from typing import NoReturn
 
 from .custody import Custody, GripperName, Held
 from .errors import CellError
 from .journal import Journal
 from .openings import Finding, Opening
+
+Press = Callable[[], Awaitable[bool]]
 
 
 class PartMayBeHeldError(CellError):
@@ -31,6 +34,7 @@ async def require_empty_grippers(
     known: Sequence[Held],
     openings: Sequence[Opening],
     journal: Journal,
+    press: Press,
     *,
     is_part_removed: bool,
 ) -> None:
@@ -40,12 +44,21 @@ async def require_empty_grippers(
     ----------
     known : what the journal of all runs says of the grippers
     openings : what the grippers say of themselves
+    press : closes the arm gripper a little further and returns whether something is in it
     is_part_removed : the operator states that no gripper holds anything
 
     Raises
     ------
     PartMayBeHeldError : a gripper holds something, or may
     """
+
+    async def refuse(against: Sequence[Opening]) -> NoReturn:
+        message = _refusal(known, against, is_part_removed=is_part_removed)
+        body = {"message": message, "part_removed": is_part_removed}
+        await journal.secure("decision", "start_refused", body)
+        sure = [one for one in against if one.finding is Finding.HOLDS]
+        raise PartMayBeHeldError(message, _custody_of(known, sure))
+
     journal.record(
         "observation",
         "openings",
@@ -54,10 +67,10 @@ async def require_empty_grippers(
     holding = [one for one in openings if one.finding is Finding.HOLDS]
     doubtful = [one for one in openings if one.finding is Finding.MAY_HOLD]
     if holding or ((known or doubtful) and not is_part_removed):
-        message = _refusal(known, holding or doubtful, is_part_removed=is_part_removed)
-        body = {"message": message, "part_removed": is_part_removed}
-        await journal.secure("decision", "start_refused", body)
-        raise PartMayBeHeldError(message, _custody_of(known, holding))
+        await refuse(holding or doubtful)
+    if any(one.gripper is GripperName.ARM for one in doubtful) and await press():
+        stopped = Opening(GripperName.ARM, Finding.HOLDS, "its jaws, pressed once more, stay open")
+        await refuse([stopped])
     if known or doubtful:
         said = "stated with --part-removed"
         before = "; ".join(_known_words(one) for one in known)

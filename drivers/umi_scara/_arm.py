@@ -245,11 +245,15 @@ class UmiScara(ArmSession):
         counts = at - error
         return JawReading(bool(bits & StatusBits.STALLED), self._config.gripper.width_mm(counts))
 
-    async def widen_jaws(self, by_mm: float, deadline_s: float = 10.0) -> None:
-        """Open the jaws further by about so much [mm], homed or not; no other axis moves.
+    async def drive_jaws(self, by_mm: float, deadline_s: float = 10.0) -> float:
+        """Open (or, below 0, close) the jaws by about so much [mm]; no other axis moves.
 
-        For a person who holds the part: counts need not be labelled, since only their difference
-        is used. Ends early at the end of the jaws' range.
+        Homed or not: counts need not be labelled, since only their difference is used. Ends early
+        where the jaws stall, on something or at an end of their range.
+
+        Returns
+        -------
+        how far they went [mm], above 0 whichever way
 
         Raises
         ------
@@ -257,26 +261,30 @@ class UmiScara(ArmSession):
         AxisStalledError : the jaws did not come to rest by the deadline
         """
         gripper, ip = Axis.GRIPPER, ADDRESSES[Axis.GRIPPER].ip
+        mm_per_count = self._config.gripper.linear_mm
         async with self._motion(needs_home=False) as guard:
             self._rest_counts.pop(gripper, None)
             self._known.pop(gripper, None)
             self._is_sure = self._grips = False
-            goal = await self._axes.read_actual(gripper) + by_mm / self._config.gripper.linear_mm
+            before = await self._axes.read_actual(gripper)
             await self._axes.write(gripper, Parameter.SPEED, self._config.grip_speed, guard)
             await self._axes.write(gripper, Parameter.MAX_FORCE, self._config.gripper_force, guard)
-            await self._axes.manual_go(ip, {gripper: Drive.FORWARD}, guard)
+            drive = Drive.FORWARD if by_mm > 0 else Drive.REVERSE
+            await self._axes.manual_go(ip, {gripper: drive}, guard)
             until_s = self._axes.deadline_s(deadline_s)
             while True:
                 guard()
-                counts = await self._axes.read_actual(gripper)
                 bits = await self._axes.status(gripper)
-                if counts >= goal or bits & c.TROUBLE:
+                counts = await self._axes.read_actual(gripper)
+                went_mm = abs(counts - before) * mm_per_count
+                if went_mm >= abs(by_mm) or bits & c.TROUBLE:
                     break
                 if self._axes.clock.now_s() > until_s:
                     await self._halt_quietly()
-                    raise AxisStalledError(gripper, round(goal), counts, "does not come to rest")
+                    raise AxisStalledError(gripper, before, counts, "does not come to rest")
                 await self._axes.pause()
             await self._axes.manual_go(ip, {}, guard)
+        return went_mm
 
     # ---- parts of the verbs --------------------------------------------------------------------
     async def _move(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -157,7 +158,7 @@ KNOWN = ArmIdentity({Ip.ARM: (1, 1), Ip.WRIST: (1, 1)}, frozenset())
 @pytest.mark.parametrize(
     ("identity", "jaws", "expected"),
     [
-        (KNOWN, JawReading(is_pressing=True, width_mm=22.0), Finding.HOLDS),
+        (KNOWN, JawReading(is_pressing=True, width_mm=22.0), Finding.MAY_HOLD),
         (KNOWN, JawReading(is_pressing=True, width_mm=0.4), Finding.EMPTY),
         # a stop may have taken the pressure: no proof
         (KNOWN, JawReading(is_pressing=False, width_mm=22.0), Finding.UNREADABLE),
@@ -231,10 +232,16 @@ SILENT = says(Finding.UNREADABLE, Finding.UNREADABLE)
 def check(tmp_path: Path) -> Callable[..., Any]:
     """Run the check with a journal of its own; return the rows it wrote."""
 
-    async def run(known: Sequence[Held], openings: Any, *, removed: bool) -> list[Row]:
+    async def run(
+        known: Sequence[Held], openings: Any, *, removed: bool, pressed: bool | None = None
+    ) -> list[Row]:
+        async def press() -> bool:
+            assert pressed is not None, "nobody has allowed the jaws to move"
+            return pressed
+
         journal = Journal(tmp_path / "journal.sqlite", "run-2")
         try:
-            await require_empty_grippers(known, openings, journal, is_part_removed=removed)
+            await require_empty_grippers(known, openings, journal, press, is_part_removed=removed)
         finally:
             journal.close()
         return list(read_rows(tmp_path / "journal.sqlite"))
@@ -295,6 +302,18 @@ async def test_a_doubtful_opening_asks_for_the_operators_word(check: Callable[..
     assert rows[-1].name == "removed"
 
 
+async def test_stalled_jaws_are_pressed_once_more_after_the_operators_word(
+    check: Callable[..., Any],
+) -> None:
+    stalled = says(Finding.MAY_HOLD, Finding.EMPTY)
+    with pytest.raises(PartMayBeHeldError, match="may hold a part"):
+        await check((HELD,), stalled, removed=False)
+    with pytest.raises(PartMayBeHeldError, match=r"holds a part.*stay open"):
+        await check((HELD,), stalled, removed=True, pressed=True)
+    rows = await check((HELD,), stalled, removed=True, pressed=False)
+    assert rows[-1].name == "removed"
+
+
 async def test_an_opening_that_cannot_be_read_is_not_empty(check: Callable[..., Any]) -> None:
     for finding in (Finding.UNREADABLE, Finding.EMPTY):
         with pytest.raises(PartMayBeHeldError):
@@ -302,12 +321,13 @@ async def test_an_opening_that_cannot_be_read_is_not_empty(check: Callable[..., 
 
 
 def test_both_grippers_are_named_once(tmp_path: Path) -> None:
-    import asyncio
+    async def press() -> bool:
+        raise AssertionError("nobody has allowed the jaws to move")
 
     both = (HELD, replace(HELD, gripper=FIXED))
     journal = Journal(tmp_path / "journal.sqlite", "run-2")
     with pytest.raises(PartMayBeHeldError) as caught:
-        asyncio.run(require_empty_grippers(both, SILENT, journal, is_part_removed=False))
+        asyncio.run(require_empty_grippers(both, SILENT, journal, press, is_part_removed=False))
     journal.close()
     assert str(caught.value).startswith("The arm gripper and the fixed gripper may hold a part: ")
     assert str(caught.value).count("run-1") == 1

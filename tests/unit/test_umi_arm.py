@@ -692,11 +692,11 @@ async def test_jaws_are_widened_without_homing_and_nothing_else_moves() -> None:
     bench.wire.is_open = True
     await bench.arm.connect()
     with pytest.raises(PowerOffError):
-        await bench.arm.widen_jaws(10.0)
+        await bench.arm.drive_jaws(10.0)
     await bench.arm.enable_power()
     motors = {address: bench.wire.motor(*address) for address in ADDRESSES.values()}
     before = {address: motor.counts for address, motor in motors.items()}
-    await bench.arm.widen_jaws(10.0)
+    assert await bench.arm.drive_jaws(10.0) >= 10.0
     moved = {a: motor.counts - before[a] for a, motor in motors.items()}
     assert 10.0 / 0.0584 <= moved.pop((1, 4)) <= 10.0 / 0.0584 + 200  # 5.5: mm per count
     assert set(moved.values()) == {0}
@@ -704,6 +704,16 @@ async def test_jaws_are_widened_without_homing_and_nothing_else_moves() -> None:
     await bench.clock.sleep(2.0)
     bench.wire.advance()
     assert bench.wire.motor(1, 4).counts == now
+
+
+async def test_jaws_pressed_once_more_stand_on_a_part_and_close_on_nothing() -> None:
+    bench = await Bench().homed()
+    await bench.arm.open_jaws()
+    bench.wire.motor(1, 4).low = 600
+    await bench.arm.grip(force=30)
+    assert await bench.arm.drive_jaws(-3.0) < 0.1
+    bench.wire.motor(1, 4).low = -30  # it was taken out
+    assert await bench.arm.drive_jaws(-3.0) >= 3.0
 
 
 async def test_a_width_in_millimetres_is_reached() -> None:

@@ -1,0 +1,128 @@
+"""An emulated cell that outlives its controllers, and what it says of jaws, arm and part."""
+
+import json
+import os
+import re
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+STILL_S = 2.0  # of the world without any motion
+# which events of the world let a part go
+LET_GO = ("released", "lost")
+
+
+@dataclass(frozen=True)
+class KillWorld:
+    """One emulated cell as a process of its own.
+
+    Attributes
+    ----------
+    cell : cell file with its addresses
+    pid : of the emulator's process
+    """
+
+    cell: Path
+    control: Path
+    pid: int
+
+    def ask(self, do: str, **order: object) -> dict[str, Any]:
+        """Return the answer of the control port."""
+        with socket.socket(socket.AF_UNIX) as line:
+            line.settimeout(60)
+            line.connect(str(self.control))
+            with line.makefile("rwb") as file:
+                file.write(json.dumps({"do": do, **order}).encode() + b"\n")
+                file.flush()
+                answer: dict[str, Any] = json.loads(file.readline())
+        assert answer.pop("ok"), answer
+        return answer
+
+    def truth(self) -> dict[str, Any]:
+        """Return what is so in the world."""
+        return self.ask("truth")
+
+    def when_still(self) -> dict[str, Any]:
+        """Return the truth once neither arm nor jaws have moved for a while."""
+        while True:
+            truth = self.truth()
+            if truth["time_s"] - max(truth["last_motion_s"].values()) > STILL_S:
+                return truth
+            time.sleep(0.05)
+
+    def until_moving(self) -> None:
+        """Wait until the arm or a jaw moves."""
+        begun = self.truth()["last_motion_s"]
+        while self.truth()["last_motion_s"] == begun:
+            time.sleep(0.002)
+
+
+def let_go_count(truth: dict[str, Any]) -> int:
+    """Return how often the part was let go while nobody else held it."""
+    return sum(e["what"] in LET_GO and not e["is_held"] for e in truth["events"])
+
+
+@contextmanager
+def kill_world(folder: Path, part: str, *, seed: int, speed: float) -> Iterator[KillWorld]:
+    """Bring up the emulated cell by itself, with a cell file that names its addresses."""
+    control = folder / "control.sock"
+    process = subprocess.Popen(
+        [
+            sys.executable, "-m", "controller.cli", "emulate", "--json", "--part", part,
+            "--seed", str(seed), "--speed", f"{speed:g}", "--control", str(control),
+        ],
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        text=True,
+    )  # fmt: skip
+    assert process.stdout is not None
+    try:
+        ready = json.loads(process.stdout.readline())
+        cell = folder / "cell.yaml"
+        cell.write_text(with_addresses(ready["devices"]))
+        yield KillWorld(cell, control, int(ready["pid"]))
+    finally:
+        process.terminate()
+        process.wait()
+        process.stdout.close()
+
+
+def with_addresses(devices: dict[str, Any]) -> str:
+    """Return the emulated cell's file with the addresses of an emulator that is up."""
+    text = (ROOT / "recipes" / "cells" / "emulated.yaml").read_text()
+    for name, where in devices.items():
+        address = where if isinstance(where, str) else f"{where['host']}:{where['port']}"
+        text, count = re.subn(
+            rf"(\n  {name}:\s+\{{address: )emulated", rf"\g<1>{address}", text, count=1
+        )
+        assert count == 1, name
+    return text
+
+
+def start(world: KillWorld, recipe: str, runs: Path, *more: str) -> "subprocess.Popen[str]":
+    """Start `cellctl run` on the world; its progress comes as JSON lines."""
+    return subprocess.Popen(
+        [
+            sys.executable, "-m", "controller.cli", "run", recipe, "--cell", str(world.cell),
+            "--runs", str(runs), "--json", *more,
+        ],
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        text=True,
+    )  # fmt: skip
+
+
+def lines_of(process: "subprocess.Popen[str]") -> Iterator[dict[str, Any]]:
+    """Yield what a run prints."""
+    assert process.stdout is not None
+    for line in process.stdout:
+        yield json.loads(line)
