@@ -18,6 +18,7 @@ from .interlocks import check_interlocks
 from .journal import JournalError
 from .looking import Looking
 from .machine import Effect, Event
+from .stopping import stop_side_by_side
 
 log = logging.getLogger(__name__)
 
@@ -121,30 +122,40 @@ class Actions(Looking):
     async def stop_motion(self) -> Event:
         """Stop on request; release nothing."""
         self._drop_pending()
-        await self._devices.arm.stop(Stop.RAMP)
-        await self._devices.gripper.stop()
-        await self._devices.lights.all_off()
+        failures = await self._stop_all(Stop.RAMP)
+        for error in failures.values():
+            raise error
         return Event.STOP_DONE
 
     async def abort_motion(self) -> Event:
         """Stop at once whatever still answers; release nothing."""
         self._drop_pending()
-        for name, stopping in (
-            ("arm", lambda: self._devices.arm.stop(Stop.DEAD)),
-            ("gripper", self._devices.gripper.stop),
-            ("lights", self._devices.lights.all_off),
-        ):
-            try:
-                async with self._clock.timeout(3.0):
-                    await stopping()
+        failures = await self._stop_all(Stop.DEAD)
+        for name in ("arm", "gripper", "lights"):
+            error = failures.get(name)
+            if error is None:
                 self._journal.record("outcome", "stopped", {"device": name})
-            except Exception as error:  # noqa: BLE001 - the next device must be stopped all the same
-                log.warning("%s did not confirm the stop: %s", name, error)
-                with suppress(JournalError):
-                    self._journal.record(
-                        "outcome", "stop_not_confirmed", {"device": name, "error": str(error)}
-                    )
+                continue
+            log.warning("%s did not confirm the stop: %s", name, error)
+            with suppress(JournalError):
+                self._journal.record(
+                    "outcome", "stop_not_confirmed", {"device": name, "error": str(error)}
+                )
         return Event.ABORT_DONE
+
+    async def _stop_all(self, kind: Stop) -> dict[str, Exception]:
+        """Stop arm, fixed gripper and lamps side by side; return who did not confirm, and why."""
+        return await stop_side_by_side(
+            {"arm": lambda: self._devices.arm.stop(kind), **self._other_stops()}, self._clock
+        )
+
+    async def stop_others(self) -> None:
+        """Stop what is not the arm while the arm is being halted."""
+        for name, error in (await stop_side_by_side(self._other_stops(), self._clock)).items():
+            log.warning("%s did not confirm the stop: %s", name, error)
+
+    def _other_stops(self) -> dict[str, Callable[[], Awaitable[object]]]:
+        return {"gripper": self._devices.gripper.stop, "lights": self._devices.lights.all_off}
 
     async def clear_fault(self) -> Event:
         """Check that what stopped the cell is gone."""

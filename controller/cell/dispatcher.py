@@ -15,7 +15,7 @@ from drivers.clock import CellClock
 from drivers.errors import DeviceError
 from drivers.gripper_modbus import Hold
 from drivers.io_modbus import Signal
-from drivers.umi_scara import AxisStalledError, Stop
+from drivers.umi_scara import AxisStalledError, SilentLineError, Stop
 
 from .actions import Actions
 from .custody import where_it_is
@@ -148,7 +148,10 @@ class Dispatcher:
         self._actions.progress.state = decision.target.removeprefix("execute_")
         self._on_progress()
         if self._running is not None and self._running[0] is not note.of:
-            await self._end_running(halt=True)
+            stops = {Effect.STOP_MOTION, Effect.ABORT_MOTION} & set(decision.effects)
+            await asyncio.gather(
+                self._end_running(halt=True), *([self._actions.stop_others()] if stops else [])
+            )
         for effect in decision.effects:
             task = asyncio.create_task(self._act(effect), name=f"effect {effect.value}")
             self._running = (effect, task)
@@ -187,11 +190,14 @@ class Dispatcher:
             return _Note(Event.PART_PROBLEM, effect, str(problem), problem.code)
         except AxisStalledError as error:
             return _Note(Event.FAULT, effect, _explain_stall(error), "stall")
+        except SilentLineError as error:
+            return _Note(Event.FAULT, effect, f"in step {effect.value}: {error}", _code_of(error))
         except (DeviceError, CellError, JournalError, OSError) as error:
             return _Note(Event.FAULT, effect, str(error), _code_of(error))
         except ExceptionGroup as group:
             first = group.exceptions[0]
-            return _Note(Event.FAULT, effect, str(first), _code_of(first))
+            step = f"in step {effect.value}: " if isinstance(first, SilentLineError) else ""
+            return _Note(Event.FAULT, effect, f"{step}{first}", _code_of(first))
         except Exception as error:
             # a bug of ours must stop the cell like any fault, and be seen as a bug
             log.exception("effect %s failed", effect.value)

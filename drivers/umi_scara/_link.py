@@ -99,7 +99,10 @@ Guard = Callable[[], None]
 
 
 class SilentLineError(LinkError):
-    """No byte has come back for so long that the arm must be taken for unplugged."""
+    """No byte has come back for so long that the arm must be taken for unplugged.
+
+    Both IPs have been sent a stop, in case it is only the way back that is cut.
+    """
 
 
 class LineDoubtError(DeviceError):
@@ -550,6 +553,8 @@ class Link:
             except DeviceError as error:
                 if isinstance(error, PositionLostError):
                     self._listening = None
+                if isinstance(error, SilentLineError):
+                    await self._halt_blindly(encode_simple(Simple.DEAD_STOP))
                 if isinstance(error, LineDoubtError):
                     log.warning("in doubt: %s", error)
                     await self._end_doubt()

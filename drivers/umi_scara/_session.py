@@ -21,7 +21,7 @@ from ._constants import Axis, Ip, Parameter, Simple, StatusBits
 from ._gripper import GripperLaw
 from ._homing import HomingConfig
 from ._limits import OutOfRangeError
-from ._link import Guard, LineDoubtError, Link, LinkConfig, Trace
+from ._link import Guard, LineDoubtError, Link, LinkConfig, SilentLineError, Trace
 from ._motion import AxisStalledError, MotionStoppedError, on_ip
 from ._sureness import Known, judge_counters
 from ._tasks import run_to_end
@@ -306,7 +306,12 @@ class ArmSession:
                 yield guard
             except OutOfRangeError:
                 raise  # has sent nothing
-            except (MotionStoppedError, AxisStalledError, LineDoubtError) as error:
+            except (
+                MotionStoppedError,
+                AxisStalledError,
+                LineDoubtError,
+                SilentLineError,
+            ) as error:
                 self._unsettle(error)
                 raise  # these have had their stop
             except BaseException as error:

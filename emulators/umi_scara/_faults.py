@@ -27,6 +27,8 @@ class Faults:
     reset_toggles : `20` hands the line over as well
     restart_code : what a restarted IP answers, `0F` or `0E`
     monitor_rom : the boards hold a ROM that talks in ASCII
+    mute : no reply gets back; the arm hears and obeys
+    unplugged : no byte gets through, either way
     """
 
     drop_reply_byte: int | None = None
@@ -37,3 +39,5 @@ class Faults:
     reset_toggles: bool = False
     restart_code: int = RESTARTED
     monitor_rom: bool = False
+    mute: bool = False
+    unplugged: bool = False

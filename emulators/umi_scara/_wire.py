@@ -67,7 +67,7 @@ class ArmWire:
         data : any piece of the host's byte stream
         now_s : when the host handed them to the line [world s], never going back
         """
-        for byte in data:
+        for byte in data if not self.faults.unplugged else b"":
             arrival_s = max(now_s, self._line_free_s) + BYTE_S
             self._line_free_s = arrival_s
             self._expire(arrival_s)
@@ -179,6 +179,8 @@ class ArmWire:
         self._reply(reply, arrival_s + LATENCY_S)
 
     def _reply(self, reply: bytes, start_s: float) -> None:
+        if self.faults.mute or self.faults.unplugged:
+            return
         due_s = max(start_s + self.faults.reply_delay_s, self._reply_free_s)
         for byte in reply:
             self._replies.append((due_s, byte))

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from umi_bench import EMULATED
-from umi_fakes import FakeClock
 
+from drivers.clock import CellClock
 from drivers.errors import DeviceError
 from drivers.umi_scara import ArmConfig, Axis, HomingConfig, Stop, UmiScara
 from emulators.umi_scara import ArmModel, ArmWire
@@ -62,13 +62,28 @@ class LineFault:
     late_s: float = 0.0
 
 
-class LineClock(FakeClock):
-    """A clock that jumps and takes the line along."""
+class LineClock(CellClock):
+    """A clock that advances only by what somebody waits, and takes the line along."""
 
-    line: "JumpingLine"
+    def __init__(self) -> None:
+        super().__init__()
+        vars(self)["instant_s"] = 1000.0
+
+    def now_s(self) -> float:
+        return float(vars(self)["instant_s"])
+
+    def set_s(self, instant_s: float) -> None:
+        vars(self)["instant_s"] = max(self.now_s(), instant_s)
+
+    def attach(self, line: "JumpingLine") -> None:
+        vars(self)["line"] = line
 
     def advance(self, duration_s: float) -> None:
         vars(self)["line"].pass_time(duration_s)
+
+    async def sleep(self, duration_s: float) -> None:
+        self.advance(max(0.0, duration_s))
+        await asyncio.sleep(0)
 
 
 @dataclass
@@ -81,7 +96,7 @@ class JumpingLine:
     moved : largest way of an axis that was not asked to move [counts], by name
     """
 
-    clock: FakeClock
+    clock: LineClock
     model: ArmModel
     wire: ArmWire
     fault: LineFault | None = None
@@ -118,7 +133,7 @@ class JumpingLine:
             now_s = self.clock.now_s()
             next_s = min(until_s, self._next_s(until_s))
             self.model.advance(next_s - now_s)
-            object.__setattr__(self.clock, "instant_s", max(now_s, next_s))
+            self.clock.set_s(next_s)
             self._judge()
             self._carry()
             if next_s >= until_s:
@@ -226,7 +241,7 @@ class Session:
         self.model = ArmModel(seed=3)
         self.wire = ArmWire(self.model)
         self.line = JumpingLine(self.clock, self.model, self.wire, fault)
-        object.__setattr__(self.clock, "line", self.line)
+        self.clock.attach(self.line)
         self.wire._line_free_s = self.wire._reply_free_s = self.clock.now_s()
         self.line.on_write = self._hear
         self.errors: list[str] = []
