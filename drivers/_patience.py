@@ -3,13 +3,26 @@
 import asyncio
 from collections.abc import Callable
 from types import TracebackType
-from typing import Final
+from typing import Final, Protocol
 
 # What has arrived when time is up must be taken in before it counts as missing. A byte's way
 # from the kernel to the waiting task leads through this many turns of the loop at most: reader,
 # future, wait_for, task, wait, task, shield, caller.
 TURNS: Final = 10
 LEAST_WAIT_WALL_S: Final = 0.001
+# A kernel that is busy keeps bytes of a pseudo-terminal back (18 ms seen, 0.1 ms on a socket). They
+# left the device in time; where the clock can be held, it is while they may still come.
+IN_TRANSIT_WALL_S: Final = 0.05
+
+
+class Holdable(Protocol):
+    """A clock that stands still on request."""
+
+    def hold(self) -> None:
+        """Let time stand still until `release`."""
+
+    def release(self) -> None:
+        """Let time go on, once per `hold`."""
 
 
 class Patience:
@@ -22,14 +35,23 @@ class Patience:
     now_s : the clock [cell s]; may stand still, never goes back
     speed : cell seconds in a wall second, when it does not stand still
     duration_s : until time is up [cell s]
+    holding : the clock itself, where it can be held
     """
 
-    def __init__(self, now_s: Callable[[], float], speed: float, duration_s: float) -> None:
+    def __init__(
+        self,
+        now_s: Callable[[], float],
+        speed: float,
+        duration_s: float,
+        holding: Holdable | None = None,
+    ) -> None:
         self._now_s = now_s
         self._speed = speed
         self._duration_s = duration_s
         self._until_s = 0.0
         self._turns_left = TURNS
+        self._holding = holding
+        self._is_held = False
         self._inner = asyncio.timeout(None)
         self._handle: asyncio.Handle | None = None
 
@@ -47,6 +69,9 @@ class Patience:
     ) -> None:
         if self._handle is not None:
             self._handle.cancel()
+        if self._is_held and self._holding is not None:
+            self._is_held = False
+            self._holding.release()
         await self._inner.__aexit__(kind, error, traceback)
 
     def _look(self) -> None:
@@ -55,6 +80,10 @@ class Patience:
         if left_s > 0:
             wait_wall_s = max(left_s / self._speed, LEAST_WAIT_WALL_S)
             self._handle = loop.call_later(wait_wall_s, self._look)
+        elif self._holding is not None and not self._is_held:
+            self._is_held = True
+            self._holding.hold()
+            self._handle = loop.call_later(IN_TRANSIT_WALL_S, self._look)
         elif self._turns_left > 0:
             self._turns_left -= 1
             self._handle = loop.call_soon(self._look)

@@ -56,6 +56,7 @@ class SharedTime:
             self._words = memoryview(self._map).cast("q")
             if self._words[_MAGIC] != _MAGIC_VALUE or self._words[_SPEED] <= 0:
                 raise LinkError(f"clock {path}: this is no clock of an emulated cell")
+            self._hold_count = 0
             self._orphaned: tuple[int, int] | None = None
             self._begun: tuple[int, int] | None = None
             self._look_for_owner()
@@ -118,6 +119,14 @@ class SharedTime:
             limit_ns = at_ns
         return min(linear_ns, limit_ns) * _NS
 
+    def hold(self) -> None:
+        """Let time stand still, within a window, until `release`; if this process takes part."""
+        self._hold_count += 1
+
+    def release(self) -> None:
+        """Let time go on, once per `hold`."""
+        self._hold_count -= 1
+
     # --- taking part ----------------------------------------------------------------------------
 
     def speed_reached(self) -> float | None:
@@ -163,7 +172,8 @@ class SharedTime:
         look_wall_s = time.monotonic()
         while True:
             await asyncio.sleep(pause_wall_s)
-            self._words[slot + 1] = self._now_ns()
+            if not self._hold_count:
+                self._words[slot + 1] = self._now_ns()
             if time.monotonic() - look_wall_s > _OWNER_LOOK_WALL_S:
                 look_wall_s = time.monotonic()
                 self._look_for_owner()

@@ -12,14 +12,19 @@ not look at its wires, so that a late reader is never taken for a late device.
 import asyncio
 import math
 import time
-from collections.abc import AsyncIterator, Iterable
-from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Iterable, Iterator
+from contextlib import (
+    AbstractAsyncContextManager,
+    asynccontextmanager,
+    contextmanager,
+    suppress,
+)
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from ._attendance import Attendance
-from ._patience import Patience
+from ._patience import IN_TRANSIT_WALL_S, Patience
 from ._shared_time import SharedTime
 
 _Future = TypeVar("_Future", bound="asyncio.Future[Any]")
@@ -113,7 +118,7 @@ class CellClock:
 
         It is `asyncio.timeout` in attended time; what has arrived by then is taken in first.
         """
-        return self._after(self.patience_s(duration_s))
+        return Patience(self.attended_s, self.speed, self.patience_s(duration_s), self.shared)
 
     async def wait(
         self,
@@ -122,16 +127,31 @@ class CellClock:
         *,
         return_when: str = asyncio.ALL_COMPLETED,
     ) -> None:
-        """Wait as `asyncio.wait` does, for ``duration_s`` [cell s] of attended time at most."""
+        """Wait as `asyncio.wait` does, for ``duration_s`` [cell s] of attended time at most.
+
+        This is a pause that something may end, not a time-out: nothing is added to it.
+        """
         if duration_s == math.inf:
             await asyncio.wait(futures, return_when=return_when)
             return
         with suppress(TimeoutError):
-            async with self._after(duration_s):
+            async with Patience(self.attended_s, self.speed, duration_s):
                 await asyncio.wait(futures, return_when=return_when)
 
-    def _after(self, duration_s: float) -> Patience:
-        return Patience(self.attended_s, self.speed, duration_s)
+    @contextmanager
+    def held(self) -> Iterator[float]:
+        """Let time stand still, where it can, for a last look; yield for how long to look [wall s].
+
+        `timeout` does so by itself before it fires.
+        """
+        if self.shared is None:
+            yield 0.0
+            return
+        self.shared.hold()
+        try:
+            yield IN_TRANSIT_WALL_S
+        finally:
+            self.shared.release()
 
     # --- attending ----------------------------------------------------------------------------
 

@@ -7,7 +7,7 @@ import json
 import os
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -24,22 +24,33 @@ def register_folder() -> Path:
 def registered(announcement: Mapping[str, Any]) -> Iterator[None]:
     """Stand in the register while the block runs."""
     folder = register_folder()
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     entry = folder / f"{os.getpid()}.json"
-    draft = entry.with_suffix(".new")
-    draft.write_text(
-        json.dumps(
-            {
-                "clock": announcement["clock"],
-                "addresses": {k: _address(v) for k, v in announcement["devices"].items()},
-            }
-        )
+    text = json.dumps(
+        {
+            "clock": announcement["clock"],
+            "addresses": {k: _address(v) for k, v in announcement["devices"].items()},
+        }
     )
-    draft.replace(entry)
+    while not _write(entry, text):
+        pass
     try:
         yield
     finally:
         entry.unlink(missing_ok=True)
+        with suppress(OSError):  # others are in it
+            folder.rmdir()
+
+
+def _write(entry: Path, text: str) -> bool:
+    """Write an entry whole; False if the last one to leave took the folder away meanwhile."""
+    entry.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    draft = entry.with_suffix(".new")
+    try:
+        draft.write_text(text)
+        draft.replace(entry)
+    except FileNotFoundError:
+        return False
+    return True
 
 
 def _address(where: str | Mapping[str, Any]) -> str:

@@ -11,10 +11,12 @@ import os
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
-settings.register_profile("gate", derandomize=True, database=None)
-settings.register_profile("explore", derandomize=False)
+# an example takes as long as the machine is busy
+UNHURRIED = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
+settings.register_profile("gate", derandomize=True, database=None, **UNHURRIED)
+settings.register_profile("explore", derandomize=False, **UNHURRIED)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "gate"))
 
 HERE = Path(__file__).parent

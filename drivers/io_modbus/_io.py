@@ -265,6 +265,8 @@ class CellIo:
             # A silent block holds this up for longer than a reading may be old.
             fresh_for_s = max(0.0, self._attended_at_s + self._stale_s - attended_at_s)
             await self._clock.wait({reading}, fresh_for_s)
+            with self._clock.held() as look_wall_s:
+                await asyncio.wait({reading}, timeout=look_wall_s)
             if not reading.done():
                 self._forget()
             try:

@@ -8,6 +8,7 @@ import asyncio
 import logging
 import termios
 from collections.abc import Callable
+from contextlib import suppress
 
 from pymodbus.exceptions import ConnectionException, ModbusIOException
 from pymodbus.pdu import ModbusPDU
@@ -77,7 +78,7 @@ class Connection:
         await asyncio.sleep(0)  # the socket itself is closed by the loop's next turn
 
     async def ask(
-        self, request: Request, unit: int, clock: CellClock, patience_s: float
+        self, request: Request, unit: int, clock: CellClock, timeout_s: float
     ) -> ModbusPDU:
         """Send a request and return what pymodbus takes for its answer within a time [cell s].
 
@@ -92,7 +93,9 @@ class Connection:
         answer = asyncio.ensure_future(self._send(request, unit))
         lost = asyncio.ensure_future(self._lost.wait())
         try:
-            await clock.wait({answer, lost}, patience_s, return_when=asyncio.FIRST_COMPLETED)
+            with suppress(TimeoutError):
+                async with clock.timeout(timeout_s):
+                    await asyncio.wait({answer, lost}, return_when=asyncio.FIRST_COMPLETED)
             if answer.done():
                 return answer.result()
             if lost.done():

@@ -326,8 +326,11 @@ class Link:
             until_s = min(until_s, self._mute_since_s + self._silence_limit_s())
         while True:
             left_s = until_s - clock.attended_s()
-            # at the end, what has arrived is taken in before it counts as missing
-            data = await self._transport.read(max(0.0, clock.to_wall_s(left_s)))
+            if left_s > 0:
+                data = await self._transport.read(clock.to_wall_s(left_s))
+            else:  # what is on its way through the kernel came in time
+                with clock.held() as look_wall_s:
+                    data = await self._transport.read(look_wall_s)
             if data:
                 self._mute_since_s, self._heard_nothing = None, False
                 if (reply := reader.feed(data)) is not None:

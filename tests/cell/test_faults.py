@@ -51,7 +51,6 @@ def test_an_emergency_stop_in_motion_stops_the_arm_and_says_so(start: Callable[.
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
 def test_a_part_that_falls_off_the_table_is_noticed_looked_for_and_asked_for(
     start: Callable[..., Run],
 ) -> None:
@@ -202,7 +201,6 @@ def remembering(watch: Callable[[dict[str, Any], Run], None]) -> Callable[..., N
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
 def test_a_part_that_falls_from_the_hand_is_taken_again_and_finished(
     start: Callable[..., Run],
 ) -> None:
@@ -215,7 +213,6 @@ def test_a_part_that_falls_from_the_hand_is_taken_again_and_finished(
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
 def test_a_part_that_slips_in_the_hand_is_measured_and_shown_on(start: Callable[..., Run]) -> None:
     # after the first view, which has measured the hold
     watch = once_in("inspecting", lambda run: run.control("slip", along_mm=-3.0))

@@ -54,7 +54,7 @@ def test_a_perfect_part_is_shown_whole_and_lies_in_the_accept_tray(
     assert "EMULATED" in page
     told = subprocess.run(
         [sys.executable, "-m", "controller.cli", "report", "--runs", str(ran.runs), "--json"],
-        cwd=ROOT, capture_output=True, text=True, check=True, timeout=60,
+        cwd=ROOT, capture_output=True, text=True, check=True, timeout=600,
     )  # fmt: skip
     assert json.loads(told.stdout)["run"] == ran.result["run"]
 

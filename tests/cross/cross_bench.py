@@ -1,28 +1,39 @@
 """What every meeting of a driver with its emulator needs: world time, and nothing left behind."""
 
 import asyncio
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
-from emulators.clock import WorldClock
+from drivers.clock import CellClock
+from emulators.clock import SharedClock
 
 TICK_WALL_S = 0.002
-LONGEST_TICK_WALL_S = 0.01
+HANG_WALL_S = 600.0  # a guard, no measure: a busy machine takes its time
 
 
-async def live(world: WorldClock, advance: Callable[[float], None]) -> None:
-    """Let world time pass until cancelled.
+@asynccontextmanager
+async def one_clock(speed: float) -> AsyncIterator[tuple[SharedClock, CellClock]]:
+    """Share a clock between world and driver, as in a cell: a slow host slows both down."""
+    world = SharedClock(speed)
+    clock = CellClock.of_emulator(world.path)
+    try:
+        async with clock.attending():
+            yield world, clock
+    finally:
+        clock.close()
+        world.close()
 
-    A pause of the host does not count: time that nobody could act in would make every test of
-    "while it moves" or "within a second" a matter of luck.
-    """
-    then_s = world.now_s()
+
+async def live(world: SharedClock, advance: Callable[[float], None]) -> None:
+    """Let world time pass until cancelled."""
+    done_s = world.now_s()
     while True:
-        await asyncio.sleep(TICK_WALL_S)
         now_s = world.now_s()
-        advance(min(now_s - then_s, LONGEST_TICK_WALL_S * world.speed))
-        then_s = now_s
+        advance(now_s - done_s)
+        done_s = now_s
+        world.tick(done_s)
+        await asyncio.sleep(TICK_WALL_S)
 
 
 async def end(task: "asyncio.Task[None]") -> None:
@@ -41,8 +52,8 @@ def open_fds() -> set[str]:
     return {fd for fd in fds if "/proc/" not in fd}
 
 
-async def until(is_so: Callable[[], bool], limit_wall_s: float = 10.0) -> None:
-    """Wait until something is so."""
+async def until(is_so: Callable[[], bool], limit_wall_s: float = HANG_WALL_S) -> None:
+    """Wait until something is so; the limit is a guard against a hang."""
     async with asyncio.timeout(limit_wall_s):
         while not is_so():  # noqa: ASYNC110  (what is waited for has no event)
             await asyncio.sleep(0.001)

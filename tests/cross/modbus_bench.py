@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from cross_bench import end, live
+from cross_bench import end, live, one_clock
 
 from drivers.clock import CellClock
 from drivers.modbus_link import (
@@ -17,7 +17,7 @@ from drivers.modbus_link import (
     RtuOverTcpAddress,
     TcpAddress,
 )
-from emulators.clock import WorldClock
+from emulators.clock import SharedClock, WorldClock
 from emulators.modbus import (
     Bus,
     BusReply,
@@ -30,6 +30,7 @@ from emulators.modbus import (
 )
 
 Transport = Literal["tcp", "rtu", "rtu-tcp", "block"]
+REPLY_TIMEOUT_S = 0.3
 
 
 class WatchedBus(Bus):
@@ -41,18 +42,6 @@ class WatchedBus(Bus):
         if self.before_request is not None:
             self.before_request()
         return super().request(unit, pdu, now_s)
-
-
-PATIENCE_WALL_S = 5.0  # no busy host looks like a silent device
-
-
-def short_patience_wall_s(transport: Transport) -> float:
-    """Return the patience where silence is what is tested [wall s].
-
-    A busy kernel holds bytes back on a terminal for tenths of a second, on a socket for
-    milliseconds.
-    """
-    return 0.8 if transport == "rtu" else 0.12
 
 
 @dataclass
@@ -68,7 +57,7 @@ class ModbusBench:
     bus: WatchedBus
     server: TcpGateway | RtuPtyServer | RtuOverTcpServer | TcpServer
     link: ModbusLink
-    world: WorldClock
+    world: SharedClock
     clock: CellClock
     steppable: Sequence[Steppable]
     trace: list[tuple[bool, bytes]] = field(default_factory=list)
@@ -90,7 +79,7 @@ class ModbusBench:
     @property
     def patience_s(self) -> float:
         """How long the driver waits for a reply [cell s]."""
-        return self.clock.min_timeout_wall_s * self.clock.speed
+        return self.clock.patience_s(REPLY_TIMEOUT_S)
 
     def sent(self) -> list[bytes]:
         """Return all frames the driver has sent."""
@@ -130,7 +119,6 @@ async def modbus_bench(
     *,
     baudrate: int = 115_200,
     speed: float = 20.0,
-    patience_wall_s: float = PATIENCE_WALL_S,
 ) -> AsyncIterator[ModbusBench]:
     """Serve devices on one line and link to it; nothing has been asked yet.
 
@@ -139,9 +127,9 @@ async def modbus_bench(
     transport : "tcp" a gateway to a serial line, "rtu" a terminal, "rtu-tcp" RTU frames over TCP,
         "block" a device with a network plug of its own
     """
-    world, clock = WorldClock(speed), CellClock(speed, patience_wall_s)
     bus = WatchedBus(devices)
     async with AsyncExitStack() as stack:
+        world, clock = await stack.enter_async_context(one_clock(speed))
         server = _server(transport, bus, world, baudrate, folder)
         await server.start()
         stack.push_async_callback(server.aclose)
@@ -149,6 +137,7 @@ async def modbus_bench(
         link = ModbusLink(
             _address(server, baudrate),
             clock,
+            reply_timeout_s=REPLY_TIMEOUT_S,
             trace=lambda sending, data: trace.append((sending, data)),
         )
         stack.push_async_callback(link.aclose)

@@ -19,7 +19,7 @@ from emulators.camera_v4l2 import can_mount
 WHY_NOT = can_mount()
 pytestmark = pytest.mark.skipif(WHY_NOT is not None, reason=f"no FUSE: {WHY_NOT}")
 
-PATIENCE_S = 40.0
+PATIENCE_S = 600.0
 
 # Reads frames, prints one JSON line; a process of its own, as a client of FUSE must be.
 OPENCV_CLIENT = """

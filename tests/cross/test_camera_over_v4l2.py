@@ -31,7 +31,7 @@ WHY_NOT = can_mount()
 FUSE = pytest.param(
     "fuse", marks=pytest.mark.skipif(WHY_NOT is not None, reason=f"no FUSE: {WHY_NOT}")
 )
-PATIENCE_WALL_S = 5.0
+PATIENCE_WALL_S = 60.0
 SHARED_SPEED = 2.0
 STAMP_S = 2e-6  # stamps and pictures tell microseconds
 FPS = 20
@@ -326,7 +326,7 @@ async def test_an_unplug_ends_the_wait_and_a_replug_is_found_with_its_settings(
     await bench.clock.sleep(4 * PERIOD_S)
     bench.cameras.tell(unplug="video0")
     with pytest.raises(UnpluggedError):
-        await asyncio.wait_for(waiting, 10.0)
+        await asyncio.wait_for(waiting, 600)
     bench.cameras.tell(faults="video0")
     assert not bench.camera.is_connected
     with pytest.raises(LinkError):
@@ -358,7 +358,7 @@ async def test_a_camera_whose_server_dies_is_unplugged(
         bench.cameras.is_killed = True
         os.kill(bench.cameras.pid, 9)
         with pytest.raises(UnpluggedError):
-            await asyncio.wait_for(waiting, 10.0)
+            await asyncio.wait_for(waiting, 600)
 
 
 async def test_a_camera_that_another_program_has_is_refused(bench: Bench) -> None:

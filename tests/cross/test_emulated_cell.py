@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from cross_bench import HANG_WALL_S
 
 from controller.cell.clocks import FoundClock, find_clock
 from controller.config import load_cell
@@ -27,8 +28,6 @@ ROOT = Path(__file__).parents[2]
 CELL = ROOT / "recipes" / "cells" / "emulated.yaml"
 SPEED = 10.0
 X_MM, Y_MM = 360.0, 0.0
-
-pytestmark = pytest.mark.timeout(180)
 
 
 @pytest.fixture
@@ -70,7 +69,7 @@ async def cell(folder: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[C
         env=os.environ | {"TMPDIR": str(folder), "XDG_CACHE_HOME": str(folder)},
     )
     assert process.stdout is not None
-    async with asyncio.timeout(60.0):
+    async with asyncio.timeout(HANG_WALL_S):
         ready = json.loads(await process.stdout.readline())
     one = Cell(ready, *await asyncio.open_unix_connection(str(control)))
     async with one.clock.attending():
@@ -79,7 +78,7 @@ async def cell(folder: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[C
     one.writer.close()
     await one.writer.wait_closed()
     process.terminate()
-    async with asyncio.timeout(20.0):
+    async with asyncio.timeout(HANG_WALL_S):
         assert await process.wait() == 0
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cross_bench import nothing_is_left, open_fds, until
-from modbus_bench import ModbusBench, Transport, modbus_bench, short_patience_wall_s
+from cross_bench import HANG_WALL_S, nothing_is_left, open_fds, until
+from modbus_bench import ModbusBench, Transport, modbus_bench
 
 from drivers.errors import (
     FaultError,
@@ -62,12 +62,10 @@ class Bench:
 
 @asynccontextmanager
 async def gripper_bench(
-    transport: Transport, folder: Path, *, speed: float = 20.0, patience_wall_s: float = 5.0
+    transport: Transport, folder: Path, *, speed: float = 20.0
 ) -> AsyncIterator[Bench]:
     device = RobotiqDevice(JawModel(), UNIT)
-    async with modbus_bench(
-        transport, [device], [device], folder, speed=speed, patience_wall_s=patience_wall_s
-    ) as line:
+    async with modbus_bench(transport, [device], [device], folder, speed=speed) as line:
         gripper = Gripper(line.link)
         try:
             yield Bench(line, device, gripper)
@@ -95,8 +93,7 @@ def transport() -> Transport:
 
 @pytest.fixture
 async def impatient(transport: Transport, tmp_path: Path) -> AsyncIterator[Bench]:
-    patience_wall_s = short_patience_wall_s(transport)
-    async with gripper_bench(transport, tmp_path, patience_wall_s=patience_wall_s) as bench:
+    async with gripper_bench(transport, tmp_path) as bench:
         yield await bench.active()
 
 
@@ -172,7 +169,7 @@ async def test_a_part_is_gripped_held_and_its_loss_is_noticed(bench: Bench) -> N
     assert await bench.gripper.hold() is Hold.HELD
     asked_count = len(bench.line.sent())
     bench.jaws.grip_limit_mm = None
-    async with asyncio.timeout(10.0):
+    async with asyncio.timeout(HANG_WALL_S):
         await bench.gripper.wait_lost()
     assert len(bench.line.sent()) - asked_count <= 5  # the jaws need 0.1 s to be seen elsewhere
     assert await bench.gripper.hold() is Hold.LOST
@@ -374,7 +371,7 @@ async def test_a_line_that_comes_back_is_used_again_and_the_gripper_left_as_it_i
         await impatient.gripper.status()
     await impatient.line.server.start()
     impatient.line.trace.clear()
-    async with asyncio.timeout(10.0):
+    async with asyncio.timeout(HANG_WALL_S):
         while True:
             try:
                 status = await impatient.gripper.status()

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from cross_bench import nothing_is_left, open_fds
-from modbus_bench import ModbusBench, Transport, modbus_bench, short_patience_wall_s
+from cross_bench import HANG_WALL_S, nothing_is_left, open_fds
+from modbus_bench import ModbusBench, Transport, modbus_bench
 
 from drivers.errors import LinkError, ReplyTimeoutError, WrongDeviceError
 from drivers.lighting_modbus import LampChannel, Lights, LightsConfig
@@ -43,7 +43,7 @@ class Bench:
 
 @asynccontextmanager
 async def lights_bench(
-    transport: Transport, folder: Path, *, speed: float = 10.0, patience_wall_s: float = 5.0
+    transport: Transport, folder: Path, *, speed: float = 10.0
 ) -> AsyncIterator[Bench]:
     analog, relays = AnalogOutput8Device(1), Relay8Device(2)
     # modules print channels from 1 (driver), terminals count from 0 (emulator)
@@ -60,7 +60,6 @@ async def lights_bench(
         folder,
         baudrate=9600,
         speed=speed,
-        patience_wall_s=patience_wall_s,
     ) as line:
         yield Bench(line, analog, relays, lamps, Lights(line.link, config))
 
@@ -131,7 +130,7 @@ async def test_nothing_is_sent_that_is_so_already(bench: Bench) -> None:
 
 
 async def test_a_module_that_lost_its_power_is_asked_before_it_is_believed(tmp_path: Path) -> None:
-    async with lights_bench("tcp", tmp_path, patience_wall_s=short_patience_wall_s("tcp")) as bench:
+    async with lights_bench("tcp", tmp_path) as bench:
         await bench.lights.connect()
         await bench.lights.set({"ring": 0.5, "bar": 0.5}, settle=True)
         bench.relays.is_powered = False
@@ -144,8 +143,7 @@ async def test_a_module_that_lost_its_power_is_asked_before_it_is_believed(tmp_p
 
 
 async def test_all_off_reaches_one_module_though_the_other_is_silent(tmp_path: Path) -> None:
-    patience_wall_s = short_patience_wall_s("rtu-tcp")
-    async with lights_bench("rtu-tcp", tmp_path, patience_wall_s=patience_wall_s) as bench:
+    async with lights_bench("rtu-tcp", tmp_path) as bench:
         await bench.lights.connect()
         await bench.lights.set(dict.fromkeys(NAMES, 1.0), settle=True)
         bench.line.bus.faults(1).is_deaf = True
@@ -159,8 +157,7 @@ async def test_all_off_reaches_one_module_though_the_other_is_silent(tmp_path: P
 async def test_a_write_that_may_not_have_arrived_is_looked_for_by_the_next(
     tmp_path: Path, fault: str
 ) -> None:
-    patience_wall_s = short_patience_wall_s("rtu-tcp")
-    async with lights_bench("rtu-tcp", tmp_path, patience_wall_s=patience_wall_s) as bench:
+    async with lights_bench("rtu-tcp", tmp_path) as bench:
         await bench.lights.connect()
         await bench.lights.set({"ring": 0.5}, settle=True)
         faults = bench.line.bus.faults(1)
@@ -186,15 +183,14 @@ async def test_a_line_that_comes_back_finds_lamps_as_they_were_left(
     tmp_path: Path, transport: Transport
 ) -> None:
     """6.1: outputs keep their value when the master disappears."""
-    patience_wall_s = short_patience_wall_s(transport)
-    async with lights_bench(transport, tmp_path, patience_wall_s=patience_wall_s) as bench:
+    async with lights_bench(transport, tmp_path) as bench:
         await bench.lights.connect()
         await bench.lights.set({"ring": 0.7}, settle=True)
         await bench.line.server.aclose()
         with pytest.raises(LinkError):
             await bench.lights.read_back()
         await bench.line.server.start()
-        async with asyncio.timeout(10.0):
+        async with asyncio.timeout(HANG_WALL_S):
             while True:
                 try:
                     reading = await bench.lights.read_back()

@@ -33,7 +33,6 @@ from drivers.umi_scara import (
 from emulators.umi_scara import ArmWire
 from emulators.umi_scara import Axis as EmulatedAxis
 
-SHORT_PATIENCE_WALL_S = 0.15  # where a lost reply is what is tested; a false alarm does no harm
 ARRIVAL_TOLERANCE = 4  # DEAD_BAND and the driver's slack of 2
 AT_REST = 0.5
 
@@ -53,7 +52,7 @@ async def cold() -> AsyncIterator[ArmBench]:
 
 @pytest.fixture
 async def impatient() -> AsyncIterator[ArmBench]:
-    async with arm_bench(patience_wall_s=SHORT_PATIENCE_WALL_S, line="socket") as bench:
+    async with arm_bench(line="socket") as bench:
         yield bench
 
 
@@ -155,7 +154,7 @@ async def test_a_storm_on_the_line_moves_nothing_that_was_not_asked_for(
 
 @pytest.mark.slow
 async def test_homing_comes_through_a_storm_on_the_line() -> None:
-    async with arm_bench(seed=4, patience_wall_s=SHORT_PATIENCE_WALL_S, line="socket") as bench:
+    async with arm_bench(seed=4, line="socket") as bench:
         await bench.arm.connect()
         await bench.arm.enable_power()
         home = asyncio.create_task(bench.arm.home())

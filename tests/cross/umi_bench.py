@@ -1,9 +1,8 @@
 """The arm's driver on a real terminal against the emulated arm: everything but the metal.
 
-Driver and emulator share one event loop and one speed, and nothing else; the model is stepped in
-world time as the emulated cell does it. A busy kernel holds bytes back on a terminal for tenths of
-a second (0.34 s seen, with 4 ms on a socket): where silence is what is tested, and patience
-therefore short, driver and emulator meet on a socket instead.
+Driver and emulator share one event loop and one clock, and nothing else; the model is stepped in
+world time as the emulated cell does it. A busy kernel holds bytes back on a terminal: where silence
+is what is tested, driver and emulator meet on a socket instead.
 """
 
 import asyncio
@@ -14,16 +13,15 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Literal
 
-from cross_bench import end, live
+from cross_bench import HANG_WALL_S, end, live, one_clock
 
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
 from drivers.umi_scara import ArmConfig, Axis, UmiScara, WireExchange
-from emulators.clock import WorldClock
+from emulators.clock import SharedClock, WorldClock
 from emulators.umi_scara import ArmModel, ArmServer, ArmWire
 from emulators.umi_scara import Axis as EmulatedAxis
 
-PATIENCE_WALL_S = 5.0  # of every time-out: no busy host looks like a silent arm
 EMULATED = {axis: EmulatedAxis[axis.name] for axis in Axis}
 
 
@@ -41,7 +39,7 @@ class ArmBench:
     wire: ArmWire
     server: ArmServer
     clock: CellClock
-    world: WorldClock
+    world: SharedClock
     trace: list[WireExchange] = field(default_factory=list)
     lived_s: float = 0.0
     on_exchange: Callable[[WireExchange], None] | None = None
@@ -61,7 +59,7 @@ class ArmBench:
     async def exchanged(self, is_it: Callable[[WireExchange], bool]) -> None:
         """Wait for an exchange that is yet to come."""
         seen_count = len(self.trace)
-        async with asyncio.timeout(20.0):
+        async with asyncio.timeout(HANG_WALL_S):
             while not any(is_it(exchange) for exchange in self.trace[seen_count:]):
                 self._heard.clear()
                 await self._heard.wait()
@@ -172,11 +170,26 @@ async def arm_bench(
     listening: int = 0,
     strict: bool = False,
     config: ArmConfig | None = None,
-    patience_wall_s: float = PATIENCE_WALL_S,
     line: Literal["terminal", "socket"] = "terminal",
 ) -> AsyncIterator[ArmBench]:
     """Start an arm that was just switched on, and a driver that has not connected yet."""
-    clock, world = CellClock(speed, patience_wall_s), WorldClock(speed)
+    async with (
+        one_clock(speed) as (world, clock),
+        _arm_bench(world, clock, seed, listening, strict, config, line) as bench,
+    ):
+        yield bench
+
+
+@asynccontextmanager
+async def _arm_bench(
+    world: SharedClock,
+    clock: CellClock,
+    seed: int,
+    listening: int,
+    strict: bool,
+    config: ArmConfig | None,
+    line: Literal["terminal", "socket"],
+) -> AsyncIterator[ArmBench]:
     model = ArmModel(seed)
     wire = ArmWire(model, strict=strict, listening=listening)
     server = ArmServer(wire, world) if line == "terminal" else SocketArmServer(wire, world)

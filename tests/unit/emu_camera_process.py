@@ -10,7 +10,7 @@ from select import select
 from typing import Any
 
 ROOT = Path(__file__).parents[2]
-PATIENCE_S = 20.0  # on a busy machine; what is waited for takes tenths of a second
+PATIENCE_S = 600.0  # on a busy machine; what is waited for takes tenths of a second
 
 
 class CameraProcess:

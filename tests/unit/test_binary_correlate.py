@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import cv2
 import numpy as np
 import pytest
@@ -212,19 +210,3 @@ def test_coarser_pixels_are_recognised_with_tolerances_of_their_own(mm_per_px: f
 
 def test_finer_pixels_than_a_quarter_mm_change_no_tolerance() -> None:
     assert BinaryTolerances.for_pixels(0.1) == BinaryTolerances()
-
-
-@pytest.mark.slow
-def test_one_object_against_thirty_models_takes_milliseconds() -> None:
-    rng = np.random.default_rng(0)
-    shapes = [random_polygon(rng, 12) for _ in range(400)]
-    strings = [string(shape) for shape in shapes]
-    observed = strings[0]
-    like = [s for s in strings if abs(s.perimeter_mm / observed.perimeter_mm - 1) < 0.12][:30]
-    correlate(observed, like)
-    taken = []
-    for _ in range(15):
-        begin = time.process_time()
-        correlate(observed, like)
-        taken.append(time.process_time() - begin)
-    assert min(taken) < 0.015

@@ -452,9 +452,9 @@ def test_two_processes_at_once_get_the_same_part(tmp_path: Path) -> None:
     ]
     for worker in workers:
         worker.start()
-    found = [volume for _ in workers for volume in out.get(timeout=60)]
+    found = [volume for _ in workers for volume in out.get(timeout=600)]
     for worker in workers:
-        worker.join(timeout=60)
+        worker.join(timeout=600)
     assert set(found) == {compile_part(path).solid.volume_mm3}
     assert [file.suffix for file in (tmp_path / "cache").iterdir()] == [".cell"]
 

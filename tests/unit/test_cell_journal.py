@@ -213,7 +213,7 @@ def test_a_process_killed_while_writing_loses_nothing_it_had_reported(path: Path
 
 def test_two_processes_share_one_chain(path: Path) -> None:
     processes = [writer(path, run, 60) for run in ("left", "right")]
-    outputs = [process.communicate(timeout=60)[0] for process in processes]
+    outputs = [process.communicate(timeout=600)[0] for process in processes]
     assert [process.returncode for process in processes] == [0, 0]
     rows = list(read_rows(path))
     assert [row.seq for row in rows] == list(range(1, 241))
@@ -264,7 +264,7 @@ async def test_securing_does_not_hold_the_event_loop(journal: Journal, path: Pat
     assert not task.done()
     blocker.execute("COMMIT")
     blocker.close()
-    assert await asyncio.wait_for(task, 10) == 1
+    assert await asyncio.wait_for(task, 600) == 1
 
 
 def test_a_place_that_cannot_be_written_is_told_in_a_sentence(tmp_path: Path) -> None:

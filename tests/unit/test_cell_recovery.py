@@ -361,7 +361,7 @@ class PaperRun:
         return Signal.OK
 
     def run(self) -> PaperRun:
-        asyncio.run(asyncio.wait_for(self._run(), 20))
+        asyncio.run(asyncio.wait_for(self._run(), 600))
         self._journal.close()
         return self
 

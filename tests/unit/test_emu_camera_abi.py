@@ -75,8 +75,8 @@ def ask_compiler(tmp_path: Path, expressions: list[str]) -> list[int]:
         f"int main(void) {{ {lines} return 0; }}\n"
     )
     program = tmp_path / "ask"
-    subprocess.run(["cc", "-o", program, source], check=True, timeout=30)
-    answers = subprocess.run([program], check=True, timeout=10, capture_output=True, text=True)
+    subprocess.run(["cc", "-o", program, source], check=True, timeout=600)
+    answers = subprocess.run([program], check=True, timeout=600, capture_output=True, text=True)
     return [int(line) for line in answers.stdout.split()]
 
 

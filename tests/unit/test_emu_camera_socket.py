@@ -18,7 +18,7 @@ from emu_camera_client import Client, Frame, carry_over_socket, exchange
 from emulators.camera_v4l2 import CameraServer, SocketCamera
 
 IOCTL, MMAP, EVENTS = 1, 2, 3
-PATIENCE_S = 10.0
+PATIENCE_S = 600.0
 PIPE_BYTES = 65536  # what a pipe holds, pipe(7)
 
 

@@ -58,7 +58,7 @@ Client = tuple[asyncio.StreamReader, asyncio.StreamWriter]
 
 async def ask(client: Client, request: bytes, reply_length: int) -> bytes:
     client[1].write(request)
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(600):
         return await client[0].readexactly(reply_length)
 
 
@@ -88,12 +88,12 @@ async def test_a_silent_device_is_exception_0b_after_the_gateways_own_timeout(
 
 
 async def test_the_gateways_timeout_is_world_time(bus: Bus) -> None:
-    gateway = TcpGateway(bus, WorldClock(speed=50.0), reply_timeout_s=10.0)
+    gateway = TcpGateway(bus, WorldClock(speed=50_000.0), reply_timeout_s=10_000.0)
     await gateway.start()
     async with tcp_client(gateway.address) as client:
         before_s = time.monotonic()
         await ask(client, mbap(1, 9), 9)
-        assert 0.2 - LINE_GRAIN_S <= time.monotonic() - before_s < 3.0
+        assert time.monotonic() - before_s >= 0.2 - LINE_GRAIN_S
     await gateway.aclose()
 
 
@@ -297,7 +297,7 @@ async def test_a_frame_in_two_halves_is_one_and_a_spoilt_one_is_none(master: Pty
     master.write(frame[3:])
     assert await master.read_exactly(8) == frame
     master.write(frame + frame)  # no pause between them
-    await asyncio.sleep(0.05)
+    await asyncio.sleep(0.3)
     master.write(frame)
     assert await master.read_exactly(8) == frame
     assert not master.received
@@ -450,7 +450,7 @@ async def test_a_gripper_is_activated_and_closed_through_a_gateway() -> None:
             await ask(client, mbap(1, 9, request), 12)
 
         async def status(expected: int) -> None:
-            async with asyncio.timeout(5):
+            async with asyncio.timeout(600):
                 while True:
                     reply = await ask(client, mbap(2, 9, bytes.fromhex("03 07D0 0003")), 15)
                     if reply[9] == expected:

@@ -14,7 +14,7 @@ import pytest
 from emulators.clock import WorldClock
 from emulators.umi_scara import ArmModel, ArmServer, ArmWire, Axis
 
-PATIENCE_S = 5.0
+PATIENCE_S = 600.0
 
 
 def open_fds() -> list[str]:

@@ -282,7 +282,6 @@ def test_siting_needs_a_part() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)  # half a minute of one core, which may be a busy one
 def test_the_search_answers_the_same_each_time_and_never_below_the_present(
     prepared_block: PreparedPart,
 ) -> None:
@@ -311,7 +310,6 @@ def test_the_search_answers_the_same_each_time_and_never_below_the_present(
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)  # half a minute of one core, which may be a busy one
 def test_a_block_is_shown_whole_to_a_camera_beside_the_arm(prepared_block: PreparedPart) -> None:
     # every outer face of a convex block shows from outside; pads hide two of them, the next grip
     # shows these: sideways there is nothing the joints forbid
@@ -323,7 +321,6 @@ def test_a_block_is_shown_whole_to_a_camera_beside_the_arm(prepared_block: Prepa
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)  # half a minute of one core, which may be a busy one
 def test_a_camera_bolted_down_stays_where_it_is(prepared_block: PreparedPart) -> None:
     found = find_sites([prepared_block], LAYOUT, replace(FEW, move_camera=False))
     now = site_of(LAYOUT)
@@ -333,7 +330,6 @@ def test_a_camera_bolted_down_stays_where_it_is(prepared_block: PreparedPart) ->
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)  # half a minute of one core, which may be a busy one
 def test_a_cell_without_a_fixed_gripper_gets_a_place_for_its_camera(
     prepared_block: PreparedPart,
 ) -> None:
