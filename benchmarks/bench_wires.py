@@ -57,7 +57,7 @@ def timed(what: str, rows: list[Row], speed: float, exchanges: Callable[[], int]
 async def arm(speed: float, move_count: int) -> list[Row]:
     rows: list[Row] = []
     rng = np.random.default_rng(1)
-    async with arm_bench(speed=speed, seed=3, patience_wall_s=5.0) as bench:
+    async with arm_bench(speed=speed, seed=3) as bench:
         with timed("arm: connect", rows, speed, lambda: len(bench.trace)):
             await bench.arm.connect()
         await bench.arm.enable_power()
