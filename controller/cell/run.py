@@ -218,6 +218,8 @@ async def _refused(
 
 def _who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
     emulated = {k: v for k, v in order.emulated.items() if k != "devices"}
+    # whatever keeps an emulator's clock is emulated, also where its address was given by hand
+    emulated_names = where if order.clock.path is not None else order.cell.emulated_devices
     return {
         "recipe": order.recipe.model_dump(mode="json"),
         "files": {
@@ -230,8 +232,11 @@ def _who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> dict[
             )
         },
         "cell": order.cell.model_dump(mode="json"),
-        "devices": {name: dict(settings) for name, settings in where.items()},
-        "emulated_devices": list(order.cell.emulated_devices),
+        "devices": {
+            name: dict(settings) | {"emulated": name in emulated_names}
+            for name, settings in where.items()
+        },
+        "emulated_devices": list(emulated_names),
         "emulator": emulated,
         "speed": order.speed,
         "clock": None if order.clock.path is None else str(order.clock.path),

@@ -52,6 +52,7 @@ def fold(run_id: str, folder: Path, rows: Sequence[Row], broken: int | None) -> 
         emulator=began.get("emulator", {}),
         software={str(k): str(v) for k, v in began.get("software", {}).items()},
         speed=float(began.get("speed", 1.0)),
+        speed_reached=_body(log, "run_ended").get("speed", {}).get("reached"),
         ordered=int(began.get("count", len(parts))),
         start=log[0].at,
         end=log[-1].at,

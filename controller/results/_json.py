@@ -7,7 +7,7 @@ are cell seconds, `wall_s` is wall seconds. Unknown is null, never a made-up num
 | key | what |
 |---|---|
 | `schema`, `schema_version` | ``cellctl.report``, 1 |
-| `run`, `start`, `end`, `wall_s`, `speed` | id, times, cell seconds per wall second |
+| `run`, `start`, `end`, `wall_s`, `speed`, `speed_reached` | id, times, cell seconds per wall second: asked for, and reached (null: cut off) |
 | `recipe`, `cell` | as they were read, whole |
 | `emulated`, `emulated_devices` | true if any device was not real: not a production result |
 | `devices[]` | `name`, `address`, `emulated`, `identity` (null if it never answered) |
@@ -53,6 +53,7 @@ def report_json(record: RunRecord) -> dict[str, Any]:
         "end": record.end.isoformat(),
         "wall_s": round(record.wall_s, 3),
         "speed": record.speed,
+        "speed_reached": record.speed_reached,
         "recipe": record.recipe,
         "cell": record.cell,
         "emulated": bool(record.emulated_devices),

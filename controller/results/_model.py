@@ -260,7 +260,8 @@ class RunRecord:
     folder : the run's own folder, where its pictures are
     recipe, cell : as they were read, whole
     emulator : what the emulator said of itself, empty on a real cell
-    speed : cell seconds per wall second
+    speed, speed_reached : cell seconds per wall second, asked for and reached on average; None
+        where the run did not come to its end
     ordered : how many parts were asked for
     first_broken_row : number of the first journal row whose hash does not fit; None if all fit
     """
@@ -273,6 +274,7 @@ class RunRecord:
     emulator: Mapping[str, Any]
     software: Mapping[str, str]
     speed: float
+    speed_reached: float | None
     ordered: int
     start: datetime
     end: datetime

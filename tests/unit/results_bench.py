@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from controller import inspection as inspecting
-from controller.cell.clocks import FoundClock
+from controller.cell.clocks import FoundClock, Speed
 from controller.cell.custody import Custody
 from controller.cell.devices import resolve
 from controller.cell.journal import Journal
@@ -259,7 +259,8 @@ class RunWriter:
     ) -> None:
         body = {"state": state, "message": message, "code": code, "custody": custody}
         self.journal.record("event", "at_rest", body)
-        body = {"end": state, "message": message, "parts": self.number}
+        speed = Speed(10.0, 6.34).as_json()
+        body = {"end": state, "message": message, "parts": self.number, "speed": speed}
         self.journal.record("event", "run_ended", body)
         self.close()
 

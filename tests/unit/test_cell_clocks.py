@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 
 from controller.cell.clocks import FoundClock, Speed, find_clock
-from controller.config import Cell, ConfigError, load_cell
+from controller.cell.devices import resolve
+from controller.cell.run import RunOrder, _who_and_what
+from controller.config import Cell, ConfigError, load_cell, load_recipe
 from drivers.clock import CellClock
 
 CELL = Path(__file__).parents[2] / "recipes" / "cells" / "emulated.yaml"
@@ -127,3 +129,22 @@ def test_lateness_towards_real_devices_is_reported(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(PaperClock, "missed_s", 0.8)
     monkeypatch.setattr(PaperClock, "instant_s", 60.0)
     assert "late by 0.8 s" in (speed.look(clock) or "")
+
+
+def test_what_keeps_an_emulators_clock_is_reported_as_emulated(tmp_path: Path) -> None:
+    cell = cell_with(tmp_path, *REAL)
+    where = resolve(cell, {})
+    recipe = CELL.parents[1] / "featuretype.yaml"
+
+    def emulated_devices(clock: FoundClock) -> list[str]:
+        order = RunOrder(
+            recipe_path=recipe, cell_path=CELL, recipe=load_recipe(recipe), cell=cell, count=1,
+            speed=1.0, emulated={}, clock=clock, runs_dir=tmp_path, run_id="run",
+        )  # fmt: skip
+        body = _who_and_what(order, where)
+        flagged = [name for name, device in body["devices"].items() if device["emulated"]]
+        assert flagged == body["emulated_devices"]
+        return flagged
+
+    assert emulated_devices(FoundClock()) == []
+    assert len(emulated_devices(FoundClock(tmp_path / "clock"))) == 6

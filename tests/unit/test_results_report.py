@@ -424,3 +424,8 @@ def test_a_cut_out_holds_its_box_and_stays_in_the_picture(x: int, y: int, w: int
     assert box[2] <= x1 <= 1280
     assert box[3] <= y1 <= 1024
     assert (x1 - x0) / (y1 - y0) == pytest.approx(1.25, abs=0.03)
+
+
+def test_the_speed_reached_stands_beside_the_one_asked_for(tmp_path: Path) -> None:
+    good_run(tmp_path)
+    assert "10x real time asked, 6.3x reached" in page_of(tmp_path).text
