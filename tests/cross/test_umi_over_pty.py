@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+import time
 from collections.abc import AsyncIterator, Mapping
 from itertools import pairwise
 
@@ -268,6 +269,26 @@ async def test_a_stop_in_mid_move_stops_and_the_arm_still_knows_where_it_is(
         await homed.arm.enable_power()
     await homed.arm.move_counts({Axis.SHOULDER: 100})
     assert homed.true_counts()[Axis.SHOULDER] == pytest.approx(100, abs=ARRIVAL_TOLERANCE)
+
+
+async def test_a_ramp_stop_is_told_once_the_arm_rests(homed: ArmBench) -> None:
+    move = asyncio.create_task(homed.arm.move_counts({Axis.SHOULDER: 2600, Axis.ZED: -3000}))
+    await homed.moving()
+    await homed.arm.stop(Stop.RAMP)
+    still = homed.true_counts()
+    with pytest.raises(MotionStoppedError):
+        await move
+    assert await is_at_rest(homed)
+    assert homed.true_counts() == pytest.approx(still, abs=ARRIVAL_TOLERANCE)
+
+
+async def test_a_pause_of_the_host_is_no_time_that_the_arm_has_lived(bench: ArmBench) -> None:
+    before_s = bench.lived_s
+    passing = asyncio.create_task(bench.pass_time(1.0))
+    await asyncio.sleep(0)
+    time.sleep(0.1)  # noqa: ASYNC251 -- the host's pause: 3 s by the clock at this speed
+    await passing
+    assert bench.lived_s - before_s >= 1.0
 
 
 async def test_a_cancelled_move_stops_the_metal_before_it_ends(homed: ArmBench) -> None:

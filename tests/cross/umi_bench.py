@@ -44,11 +44,13 @@ class ArmBench:
     lived_s: float = 0.0
     on_exchange: Callable[[WireExchange], None] | None = None
     _heard: asyncio.Event = field(default_factory=asyncio.Event)
+    _lived: asyncio.Event = field(default_factory=asyncio.Event)
 
     def advance(self, dt_s: float) -> None:
         """Let time pass for the arm [world s]."""
         self.model.advance(dt_s)
         self.lived_s += dt_s
+        self._lived.set()
 
     def hear(self, exchange: WireExchange) -> None:
         self.trace.append(exchange)
@@ -95,8 +97,14 @@ class ArmBench:
         return self
 
     async def pass_time(self, duration_s: float) -> None:
-        """Let world time pass [world s]."""
-        await self.world.sleep(duration_s)
+        """Wait until so much time has passed for the arm, whatever the clock says [world s].
+
+        A pause of the host is time that the arm has not lived through (see `live`).
+        """
+        until_s = self.lived_s + duration_s
+        while self.lived_s < until_s:
+            self._lived.clear()
+            await self._lived.wait()
 
     def true_counts(self) -> dict[Axis, float]:
         """Return where the axes truly are, which no byte tells [counts]."""
