@@ -2,11 +2,14 @@
 
 import asyncio
 import json
+import logging
 import math
 import os
 import re
+import signal
 import sys
 import tempfile
+import time
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 from typing import Any
@@ -20,9 +23,10 @@ from controller.cell.clocks import FoundClock, find_clock
 from controller.config import load_cell
 from drivers.camera_v4l2 import Camera, CameraConfig
 from drivers.clock import CellClock
+from drivers.io_modbus import CellIo, Signal
 from drivers.lighting_modbus import LampChannel, Lights, LightsConfig
 from drivers.modbus_link import ModbusLink, TcpAddress
-from drivers.umi_scara import Axis, UmiScara
+from drivers.umi_scara import Axis, StatusBits, UmiScara, WireExchange
 
 ROOT = Path(__file__).parents[2]
 CELL = ROOT / "recipes" / "cells" / "emulated.yaml"
@@ -43,6 +47,7 @@ class Cell:
         self, ready: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
         self.devices = ready["devices"]
+        self.pid = int(ready["pid"])
         self.clock_path = Path(ready["clock"])
         self.clock = CellClock.of_emulator(self.clock_path)
         self._reader, self.writer = reader, writer
@@ -110,6 +115,36 @@ async def test_a_frame_after_the_light_shows_the_light(cell: Cell) -> None:
     assert 90.0 < levels["ring 1.0 part"] < 190.0
     assert levels["ring 1.0 table"] < 70.0
     assert dark.mean() < 6.0
+
+
+async def test_a_cell_or_a_controller_without_a_processor_for_seconds_times_nothing_out(
+    cell: Cell, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.DEBUG, "drivers")
+    where = cell.devices["io"]
+    sight = CameraConfig(device=cell.devices["overhead"], fps=5.0, exposure_s=0.010)
+    said: list[WireExchange] = []
+    async with (
+        ModbusLink(TcpAddress(where["host"], where["port"]), cell.clock) as link,
+        CellIo(link) as io,
+        UmiScara(cell.devices["arm"], clock=cell.clock, trace=said.append) as arm,
+        Camera(sight, cell.clock) as camera,
+    ):
+        await io.wait_for("estop_ok", Signal.OK)
+        for _ in range(3):
+            os.kill(cell.pid, signal.SIGSTOP)
+            # ten cell seconds if time went on: far more than a reply or a reading may take
+            asyncio.get_running_loop().call_later(1.0, os.kill, cell.pid, signal.SIGCONT)
+            asked_s = cell.clock.now_s()
+            frame, bits = await asyncio.gather(camera.frame_after(asked_s), arm.status(Axis.ZED))
+            assert frame.timestamp_s > asked_s
+            assert not bits & StatusBits.MOVING
+            time.sleep(1.0)  # noqa: ASYNC251  (now the controller is stopped, its loop with it)
+            assert io.signal("estop_ok") is Signal.OK
+    assert all(exchange.reply for exchange in said)
+    assert "asking again" not in caplog.text
+    assert "inputs unknown" not in caplog.text
+    assert cell.clock.speed_reached < SPEED
 
 
 async def test_addresses_given_by_hand_find_the_emulators_clock(

@@ -290,6 +290,21 @@ def test_a_kernel_that_dies_or_hangs_is_a_typed_error(
     assert time.monotonic() - begin < 600
 
 
+def test_a_kernel_that_others_keep_from_running_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    child, source = tmp_path / "child.py", tmp_path / "part.step"
+    child.write_text("import sys, time; time.sleep(1); sys.exit(9)")
+    source.write_text("whatever")
+    monkeypatch.setattr("controller.cad.reading._kernel.kept_waiting_s", lambda pid: 600.0)
+    limits = KernelLimits(time_s=0.01)
+    with (
+        KernelRun(child, source, tmp_path / "out.npz", (), limits) as run,
+        pytest.raises(UnreadableCadError, match="exit code 9"),
+    ):
+        run.result("part.step")
+
+
 @needs_kernel
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12))
