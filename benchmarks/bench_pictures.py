@@ -33,7 +33,7 @@ REPEATS = 5
 def poses_in_hand(scene: Scene, centre_mm: Array) -> dict[str, Array]:
     """Return a cell whose arm shows a part at the station, approach level and away."""
     layout = read_layout(ROOT / "recipes" / "cells" / "emulated.yaml")
-    arm, psi = layout.arm, math.radians(115.0)
+    arm, psi = layout.arm, math.radians(30.0)
     tip = layout.station_mm - 15.0 * np.array((math.cos(psi), math.sin(psi), 0.0))
     wrist = tip - arm.tool_mm * np.array((math.cos(psi), math.sin(psi), 0.0))
     reach = float(np.hypot(*wrist[:2]))

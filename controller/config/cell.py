@@ -175,6 +175,8 @@ class LampSection(Section):
     up: Vec3 | None = None
     size: Size | None = None
     radius: float | None = Field(None, gt=0)
+    width: float | None = Field(None, gt=0)  # of a ring's light, across its radius
+    diameter: float | None = Field(None, gt=0)  # of a spot's light
 
     @model_validator(mode="after")
     def _panels_are_whole(self) -> "LampSection":

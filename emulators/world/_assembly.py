@@ -47,10 +47,26 @@ class Assembly:
         faces = [surface.faces + start for surface, start in zip(surfaces, starts, strict=False)]
         # quick rays may slip through a seam; that is a jump of light, and many rays mend it
         self.scene: Any = ray_scene(np.vstack(vertices), np.vstack(faces), robust=False)
+        self._moving = (
+            vertices[len(still) :],
+            [surface.faces for surface in surfaces[len(still) :]],
+        )
+        self._moving_scene: Any = None
         self.normals = np.concatenate(normals)
+        self.flat = self.normals.mean(axis=1)  # good enough to lift rays off a surface
         self.material = np.concatenate([surface.material for surface in surfaces])
         self.panel = np.concatenate([surface.panel for surface in surfaces])
         self.fixed_count = sum(len(surface.faces) for surface in still)
+
+    @property
+    def moving_scene(self) -> Any:  # noqa: ANN401  (embree has no types)
+        """What moves alone, for what may throw a new shadow; made at its first use."""
+        if self._moving_scene is None:
+            vertices, faces = self._moving
+            starts = np.cumsum([0] + [len(one) for one in vertices])
+            moved = [one + start for one, start in zip(faces, starts, strict=False)]
+            self._moving_scene = ray_scene(np.vstack(vertices), np.vstack(moved), robust=False)
+        return self._moving_scene
 
 
 def without_own_box(scene: Scene, eye_mm: Array) -> Surface:

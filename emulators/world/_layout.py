@@ -17,6 +17,8 @@ from ruamel.yaml import YAML
 Array = NDArray[np.float64]
 
 MM_PER_M: Final = 1000.0
+RING_WIDTH_MM: Final = 8.0  # of a ring's light, unless the cell file says otherwise
+SPOT_DIAMETER_MM: Final = 40.0
 
 
 class LayoutError(Exception):
@@ -104,7 +106,8 @@ class LampLayout:
     centre_mm : (3,) in the world
     normal, up : (3,) of a panel: where it shines to, and the direction of ``size_mm[1]``
     size_mm : of a panel, across and along ``up``
-    radius_mm : of a ring
+    radius_mm, width_mm : of a ring: to the middle of its light, and how wide that is
+    diameter_mm : of a spot
     """
 
     name: str
@@ -116,6 +119,8 @@ class LampLayout:
     up: Array
     size_mm: tuple[float, float]
     radius_mm: float
+    width_mm: float = RING_WIDTH_MM
+    diameter_mm: float = SPOT_DIAMETER_MM
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -280,6 +285,8 @@ def _lamp(name: str, raw: dict[str, Any]) -> LampLayout:
         up=_vector(raw.get("up", [1, 0, 0])),
         size_mm=(float(size[0]), float(size[1])),
         radius_mm=float(raw.get("radius", 0.0)),
+        width_mm=float(raw.get("width", RING_WIDTH_MM)),
+        diameter_mm=float(raw.get("diameter", SPOT_DIAMETER_MM)),
     )
 
 

@@ -1,13 +1,17 @@
 """Lamps: what unit level of each gives back from a point of a surface, towards a camera.
 
 Radiance is in units of a glowing panel's middle at level 1. It adds up linearly over lamps.
+A ring and a spot are flat sources of some extent that face what the lamp points at: light,
+highlight and shadow are means over the same points of the source.
 """
 
+import math
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ._layout import Array
 from ._optics import Array32
 from ._scene import Scene, panel_frame
 
@@ -15,11 +19,67 @@ PANEL_DROP: Final = 0.10  # darker at the corners by this fraction
 PANEL_SPILL: Final = 0.04  # of a louvred panel's light reaches what stands before it
 RING_STRENGTH: Final = 0.95
 SPOT_STRENGTH: Final = 1.15
-_BEAM_POWER: Final = 6.0
+_GOLDEN: Final = (math.sqrt(5.0) - 1.0) / 2.0
+_TILE_PX: Final = 16  # patterns of source points repeat after this many pixels
+_OUTLINE_COUNT: Final = 12  # corners of a polygon round a source
+
+
+class Source:
+    """A flat source of even radiance: an annulus, or a disc.
+
+    Its points come in patterns, each spread evenly over the source. Neighbouring pixels use
+    different patterns, turned and shifted against each other, so that what a pattern leaves out
+    becomes a fine grain, less than the sensor's own, and not a band.
+    """
+
+    def __init__(self, centre_mm: Array, axis: Array, inner_mm: float, outer_mm: float) -> None:
+        self._centre_mm = centre_mm
+        across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+        across /= np.linalg.norm(across)
+        self._axes = np.stack((across, np.cross(axis, across)))
+        self._inner_mm, self._outer_mm = inner_mm, outer_mm
+        self._patterns: dict[int, Array32] = {}
+
+    def outline_mm(self) -> Array:
+        """Return corners of a polygon round the source, (k, 3) in the world."""
+        phi = 2.0 * math.pi * np.arange(_OUTLINE_COUNT) / _OUTLINE_COUNT
+        radius = self._outer_mm / math.cos(math.pi / _OUTLINE_COUNT)
+        around = np.stack((np.cos(phi), np.sin(phi)), axis=1) * radius
+        corners: Array = self._centre_mm + around @ self._axes
+        return corners
+
+    def points_mm(self, columns: NDArray[np.intp], rows: NDArray[np.intp], count: int) -> Array32:
+        """Return points of the source for pixels, (n, count, 3) in the world."""
+        if count not in self._patterns:
+            self._patterns[count] = self._make_patterns(count)
+        of_pixels: Array32 = self._patterns[count][rows % _TILE_PX * _TILE_PX + columns % _TILE_PX]
+        return of_pixels
+
+    def _make_patterns(self, count: int) -> Array32:
+        row, column = np.divmod(np.arange(_TILE_PX**2), _TILE_PX)
+        # additive sequences, as `sample_offsets` has them within a pixel
+        turn = (column * 0.7548776662 + row * 0.5698402910)[:, None]
+        shift = (column * 0.4142135624 + row * 0.7320508076)[:, None]
+        i = np.arange(count)[None]
+        if self._inner_mm > 0.0:  # one sector each
+            u, v = (i + turn) / count, i * _GOLDEN + shift
+        else:  # a sunflower's seeds
+            u, v = i * _GOLDEN + turn, (i + shift) / count
+        square = self._inner_mm**2 + (v % 1.0) * (self._outer_mm**2 - self._inner_mm**2)
+        phi = 2.0 * math.pi * u
+        around = np.stack((np.cos(phi), np.sin(phi)), axis=-1) * np.sqrt(square)[..., None]
+        around -= around.mean(axis=1, keepdims=True)  # what is linear over a source has no grain
+        points: Array32 = (self._centre_mm + around @ self._axes).astype(np.float32)
+        return points
 
 
 class Lamps:
-    """All lamps of a scene; shadows are the caller's matter."""
+    """All lamps of a scene; shadows are the caller's matter.
+
+    Attributes
+    ----------
+    sources : of each lamp; None for a panel, whose spill is diffuse and throws no shadow
+    """
 
     def __init__(self, scene: Scene) -> None:
         self.lamps = scene.lamps
@@ -28,12 +88,21 @@ class Lamps:
         self._gloss = np.array([m.gloss for m in scene.materials], np.float32)
         self._shine = np.array([m.shine for m in scene.materials], np.float32)
         self._aims = scene.aims_mm
+        self.sources = [self._source(lamp) for lamp in range(len(scene.lamps))]
 
-    def casts_shadows(self, lamp: int) -> bool:
-        """Whether a lamp is small and off the camera's axis; a ring's shadows hide."""
-        return self.lamps[lamp].kind == "spot"
+    def _source(self, lamp: int) -> Source | None:
+        layout = self.lamps[lamp]
+        aim = self._aims[lamp] - layout.centre_mm
+        axis = aim / np.linalg.norm(aim)
+        if layout.kind == "ring":
+            half_mm = min(layout.width_mm / 2.0, layout.radius_mm)
+            inner_mm, outer_mm = layout.radius_mm - half_mm, layout.radius_mm + half_mm
+            return Source(layout.centre_mm, axis, inner_mm, outer_mm)
+        if layout.kind == "spot":
+            return Source(layout.centre_mm, axis, 0.0, layout.diameter_mm / 2.0)
+        return None
 
-    def shade(
+    def from_panel(
         self,
         lamp: int,
         points_mm: Array32,
@@ -42,7 +111,7 @@ class Lamps:
         material: NDArray[np.int16],
         panel: NDArray[np.int16],
     ) -> Array32:
-        """Return the radiance of points under one lamp at level 1, (n,).
+        """Return the radiance of points under a panel at level 1, (n,).
 
         Parameters
         ----------
@@ -50,18 +119,14 @@ class Lamps:
         views : (n, 3) directions from the camera, any length
         material, panel : (n,) of the surface
         """
-        layout = self.lamps[lamp]
-        albedo = self._albedo[material]
-        if layout.kind == "panel":
-            to_lamp = layout.centre_mm.astype(np.float32) - points_mm
-            to_lamp /= _length(to_lamp)
-            spill = 0.5 + 0.5 * np.einsum("ij,ij->i", normals, to_lamp)
-            light: Array32 = PANEL_SPILL * albedo * spill
-            glows = np.flatnonzero(panel == lamp)
-            if len(glows):
-                light[glows] = self._glow(lamp, points_mm[glows], views[glows])
-            return light
-        return self._lit(lamp, points_mm, normals, views, albedo, material)
+        to_lamp = self.lamps[lamp].centre_mm.astype(np.float32) - points_mm
+        to_lamp /= _length(to_lamp)[:, None]
+        spill = 0.5 + 0.5 * np.einsum("ij,ij->i", normals, to_lamp)
+        light: Array32 = PANEL_SPILL * self._albedo[material] * spill
+        glows = np.flatnonzero(panel == lamp)
+        if len(glows):
+            light[glows] = self._glow(lamp, points_mm[glows], views[glows])
+        return light
 
     def _glow(self, lamp: int, points_mm: Array32, views: Array32) -> Array32:
         T = self.panel_frames[lamp]
@@ -72,33 +137,51 @@ class Lamps:
         glow: Array32 = ((1.0 - PANEL_DROP * off) * faces_camera).astype(np.float32)
         return glow
 
-    def _lit(
+    def from_points(
         self,
         lamp: int,
+        sources_mm: Array32 | None,
         points_mm: Array32,
         normals: Array32,
         views: Array32,
-        albedo: Array32,
         material: NDArray[np.int16],
     ) -> Array32:
+        """Return the radiance of points if all of a lamp's light came from single points.
+
+        Parameters
+        ----------
+        sources_mm : (n, k, 3) points of the lamp for each point; None: its centre alone
+        points_mm, normals, views, material : as `from_panel` has them
+
+        Returns
+        -------
+        (n, k)
+        """
         layout = self.lamps[lamp]
         aim = self._aims[lamp] - layout.centre_mm
         reach_mm = float(np.linalg.norm(aim))
-        to_lamp = layout.centre_mm.astype(np.float32) - points_mm
-        distance_mm = _length(to_lamp)
-        to_lamp /= distance_mm
-        cosine = np.maximum(np.einsum("ij,ij->i", normals, to_lamp), 0.0)
-        beam = np.maximum(-(to_lamp @ (aim / reach_mm).astype(np.float32)), 0.0) ** _BEAM_POWER
+        if sources_mm is None:
+            sources_mm = layout.centre_mm.astype(np.float32)[None, None]
+        to_lamp = sources_mm - points_mm[:, None]
+        inverse = 1.0 / _length(to_lamp)
+        cosine = np.einsum("ikj,ij->ik", to_lamp, normals) * inverse
+        beam = (to_lamp @ (-aim / reach_mm).astype(np.float32)) * inverse
+        beam = np.square(np.maximum(beam, 0.0))
+        beam *= np.square(beam)  # falls off as the sixth power of the cosine
         strength = RING_STRENGTH if layout.kind == "ring" else SPOT_STRENGTH
-        power = strength * beam * np.square(reach_mm / distance_mm[:, 0])
-        half = to_lamp - views / _length(views)
-        half /= _length(half)
-        mirror = np.maximum(np.einsum("ij,ij->i", normals, half), 0.0)
-        gloss = self._gloss[material] * mirror ** self._shine[material] * (cosine > 0.0)
-        light: Array32 = (power * (albedo * cosine + gloss)).astype(np.float32)
+        beam *= np.float32(strength * reach_mm**2) * np.square(inverse)
+        to_eye = -views / _length(views)[:, None]
+        # Blinn's half-way direction h: n.h = (n.l + n.v) / |l + v|
+        between = np.einsum("ikj,ij->ik", to_lamp, to_eye) * inverse
+        facing = cosine + np.einsum("ij,ij->i", normals, to_eye)[:, None]
+        mirror = np.maximum(facing, 0.0) / np.sqrt(np.maximum(2.0 + 2.0 * between, 1e-6))
+        gloss = self._gloss[material][:, None] * mirror ** self._shine[material][:, None]
+        light: Array32 = self._albedo[material][:, None] * cosine + gloss
+        light *= beam
+        light[cosine <= 0.0] = 0.0
         return light
 
 
 def _length(vectors: Array32) -> Array32:
-    length: Array32 = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))[:, None]
+    length: Array32 = np.sqrt(np.einsum("...j,...j->...", vectors, vectors))
     return np.maximum(length, np.float32(1e-9))

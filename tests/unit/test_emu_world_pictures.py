@@ -13,7 +13,7 @@ from scipy.special import erf
 
 from emulators.world import Layout, Scene, Solid, Studio, build_scene, read_layout
 from emulators.world._edges import Edges
-from emulators.world._layout import CameraLayout
+from emulators.world._layout import CameraLayout, LampLayout
 from emulators.world._optics import distort, project, undistort
 from emulators.world._picture import Eye, sample_offsets
 from emulators.world._picture_worker import Order
@@ -327,7 +327,9 @@ def test_blocks_filled_from_their_corners_look_as_if_every_pixel_had_its_ray(
     everywhere = np.ones((1024, 1280), np.uint8)
     monkeypatch.setattr(overhead, "_edges", lambda in_play: everywhere)
     full = overhead.picture(poses, levels)
-    assert np.abs(quick - full).max() < 0.003  # 0.6 grey
+    off = np.abs(quick - full)
+    assert (off > 0.003).sum() < 300  # 0.6 grey, but for the grain in shadows' borders
+    assert np.abs(blurred(quick) - blurred(full)).max() < 0.015
 
 
 def test_edges_are_drawn_where_a_curved_surface_turns_away(layout: Layout) -> None:
@@ -352,3 +354,156 @@ def test_edges_are_drawn_where_a_curved_surface_turns_away(layout: Layout) -> No
     # a ball of radius r at distance d is seen under asin(r / d)
     expected_px = 3571.0 * math.tan(math.asin(20.0 / 1230.0))
     assert np.abs(radius_px - expected_px).max() < 5.0
+
+
+# --- lamps of some extent: references that cast their own rays ----------------------------------
+
+
+def points_of(lamp: LampLayout, aim_mm: Array) -> Array:
+    """Return thousands of points of a lamp's light, a square grid cut out, (n, 3)."""
+    axis = (aim_mm - lamp.centre_mm) / np.linalg.norm(aim_mm - lamp.centre_mm)
+    inner, outer = 0.0, lamp.diameter_mm / 2.0
+    if lamp.kind == "ring":
+        inner, outer = lamp.radius_mm - lamp.width_mm / 2.0, lamp.radius_mm + lamp.width_mm / 2.0
+    e1 = np.cross(axis, (0.6, 0.8, 0.0))
+    e1 /= np.linalg.norm(e1)
+    e2 = np.cross(axis, e1)
+    one = np.linspace(-outer, outer, 50 if lamp.kind == "spot" else 110)
+    a, b = (grid.ravel() for grid in np.meshgrid(one, one + 0.1))
+    in_it = (np.hypot(a, b) >= inner) & (np.hypot(a, b) <= outer)
+    return np.asarray(lamp.centre_mm + a[in_it, None] * e1 + b[in_it, None] * e2)
+
+
+def on_plate(eye: Eye, rng: np.random.Generator, count: int) -> tuple[NDArray[np.intp], Array]:
+    """Return some pixels near the block, flat, and where their middles meet the plate, z = -1."""
+    pixels = rng.integers(300, 724, count) * 1280 + rng.integers(428, 852, count)
+    ways = eye.rays.directions[pixels].astype(float)
+    eye_mm = eye.camera.T_world_cam[:3, 3]
+    return pixels, eye_mm + ways * ((-1.0 - eye_mm[2]) / ways[:, 2])[:, None]
+
+
+def share_past_box(
+    point: Array, normal: Array, lights: Array, aim: Array, T: Array, half: Array
+) -> float:
+    """Return which share of a lamp's light reaches a matt point past a box, slab by slab."""
+    towards = lights - point
+    distance = np.linalg.norm(towards, axis=1)
+    axis = (aim - lights.mean(axis=0)) / np.linalg.norm(aim - lights.mean(axis=0))
+    beam = np.maximum(-(towards @ axis) / distance, 0.0) ** 6
+    weight = np.maximum(towards @ normal, 0.0) / distance * beam / distance**2
+    start, way = T[:3, :3].T @ (point - T[:3, 3]), towards @ T[:3, :3]
+    with np.errstate(divide="ignore"):
+        a, b = (-half - start) / way, (half - start) / way
+    enter, leave = np.minimum(a, b).max(axis=1), np.maximum(a, b).min(axis=1)
+    open_way = ~((enter < leave) & (leave > 1e-9) & (enter < 1.0))
+    return float((weight * open_way).sum() / weight.sum())
+
+
+def at_mm(eye: Eye, picture: Array, points_mm: Array) -> Array:
+    """Return a picture's values where points are seen, between pixels as they come."""
+    pixels, _ = project(eye.camera, points_mm)
+    column, row = np.floor(pixels).astype(int).T
+    fx, fy = (pixels - np.floor(pixels)).T
+    return np.asarray(
+        picture[row, column] * (1 - fx) * (1 - fy)
+        + picture[row, column + 1] * fx * (1 - fy)
+        + picture[row + 1, column] * (1 - fx) * fy
+        + picture[row + 1, column + 1] * fx * fy
+    )
+
+
+@pytest.mark.parametrize(
+    ("lamp", "height_mm"), [(SIDE, 15.0), (SIDE, 60.0), (RING, 40.0), (RING, 150.0)]
+)
+def test_the_border_of_a_shadow_is_as_soft_as_the_lamp_is_wide(
+    scene: Scene, overhead: Eye, lamp: int, height_mm: float
+) -> None:
+    """A block in the air shades the plate: against thousands of rays from each point."""
+    T = lying(0.3)
+    T[2, 3] = height_mm + BLOCK_MM[2] / 2.0
+    half, up = np.array(BLOCK_MM) / 2.0, np.array((0.0, 0.0, 1.0))
+    lights, aim = points_of(scene.lamps[lamp], scene.aims_mm[lamp]), scene.aims_mm[lamp]
+    pixels, plate = on_plate(overhead, np.random.default_rng(5), 2000)
+    eye_mm = overhead.camera.T_world_cam[None, :3, 3]
+    wide = half + 1.0  # off the block's own outline
+    seen = np.array([share_past_box(p, up, eye_mm, p, T, wide) > 0.5 for p in plate])
+    lit = overhead.picture({"part 0": T}, {lamp: 1.0}).reshape(-1)[pixels]
+    empty = overhead.picture({}, {lamp: 1.0}).reshape(-1)[pixels]
+    seen &= empty > 0.05  # no shadow but the block's
+    expected = np.array([share_past_box(p, up, lights, aim, T, half) for p in plate[seen]])
+    off = lit[seen] / empty[seen] - expected
+    border = (expected > 0.02) & (expected < 0.98)
+    assert border.sum() > 20
+    assert abs(off[border].mean()) < 0.01
+    assert np.sqrt(np.mean(off[border] ** 2)) < 0.03  # of single pixels, before the lens
+    assert np.abs(off[~border]).max() < 0.07
+
+
+def test_a_point_far_away_is_lit_as_if_by_a_point(scene: Scene, overhead: Eye) -> None:
+    """On the axis of a thin ring all its light comes at one angle, which has a closed form."""
+    at = scene.aims_mm[RING] - (0.0, 0.0, 1.0)
+    empty = overhead.picture({}, {RING: 1.0}).astype(float)
+    lamp = scene.lamps[RING]
+    reach_mm, away_mm = lamp.centre_mm[2], lamp.centre_mm[2] + 1.0
+    opal, strength = 0.20, 0.95
+    as_a_point = strength * opal * (reach_mm / away_mm) ** 2
+    (value,) = at_mm(overhead, empty, at[None])
+    cosine = away_mm / math.hypot(away_mm, lamp.radius_mm)
+    # of the surface, of the beam to the sixth power, and of distance squared
+    assert value == pytest.approx(as_a_point * cosine**9, rel=2e-3)
+    assert value == pytest.approx(as_a_point, rel=0.015)
+
+
+def test_a_floor_darkens_towards_a_wall_as_the_wall_hides_the_ring(
+    layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A step in a part: its lower floor against the reference, where the wall hides nothing too."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    floor = trimesh.creation.box((80.0, 60.0, 10.0))
+    wall = trimesh.creation.box((30.0, 60.0, 40.0))
+    wall.apply_translation((-25.0, 0.0, 15.0))
+    step = solid_of(trimesh.boolean.union([floor, wall], engine="manifold"), "step")
+    scene = build_scene(layout, [step])
+    eye = Eye(scene, 1)
+    lamp = [one.name for one in scene.lamps].index("station_ring")
+    T = np.eye(4)
+    T[:3, 1], T[:3, 2] = (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)  # its floor faces the camera
+    T[:3, 3] = scene.cameras[1].T_world_cam[0, 3], 0.0, 450.0
+    picture = eye.picture({"part 0": T}, {lamp: 1.0})
+    lights, aim = points_of(scene.lamps[lamp], scene.aims_mm[lamp]), scene.aims_mm[lamp]
+    away_mm = np.linspace(0.3, 30.0, 100)  # from the wall
+    local = np.stack((away_mm - 10.0, np.full(100, 3.0), np.full(100, 5.0)), axis=1)
+    points = local @ T[:3, :3].T + T[:3, 3]
+    T_wall = T.copy()
+    T_wall[:3, 3] += T[:3, :3] @ (-25.0, 0.0, 15.0)
+    half = np.array((15.0, 30.0, 20.0))
+    share = np.array([share_past_box(p, T[:3, 2], lights, aim, T_wall, half) for p in points])
+    assert share[0] < 0.6
+    assert share[-1] > 0.999
+    values = at_mm(eye, blurred(picture), points) / at_mm(eye, blurred(picture), points[-1:])
+    assert np.abs(values - share)[away_mm > 0.6].max() < 0.05  # nearer, the wall is in the blur
+    assert abs(np.mean(values - share)) < 0.015
+    assert np.sqrt(np.mean(np.square(values - share))) < 0.02
+
+
+def test_a_shadow_is_taken_anew_wherever_it_falls(scene: Scene) -> None:
+    """What is kept of the fixed things must not differ from all of it cast anew."""
+    eye = Eye(scene, 0)
+    held = lying(0.7, 300.0, -60.0)
+    held[2, 3] = 330.0
+    tip, upper = np.eye(4), np.eye(4)
+    tip[:3, 3] = 420.0, 150.0, 300.0  # in the picture and out of it
+    upper[:3, 3] = 300.0, -200.0, 500.0  # up to above the side lamp
+    poses = {"part 0": held, "tip": tip, "upper": upper}
+    quick = eye.picture(poses, {RING: 1.0, SIDE: 1.0})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(eye, "_wanted", lambda movers, lit: np.ones((1024, 1280), bool))
+        off = np.abs(quick - eye.picture(poses, {RING: 1.0, SIDE: 1.0}))
+    assert (off > 0.003).mean() < 2e-3
+    assert off.max() < 0.04  # a shadow left out or left behind would be ten times that
+
+
+def test_two_workers_take_the_same_picture(scene: Scene, overhead: Eye) -> None:
+    poses = {"part 0": lying(0.4)}
+    again = Eye(scene, 0).picture(poses, {RING: 1.0, SIDE: 1.0})
+    assert np.array_equal(again, overhead.picture(poses, {RING: 1.0, SIDE: 1.0}))
