@@ -4,7 +4,7 @@ Follows umi_rtx.md 1.2 (pacing), 1.4 (handing the line over, non-toggle mode), 1
 1.7 (back in step after a lost, short or long reply). It knows no motor: what a request does to
 the metal is the caller's business, and so is repeating anything but a read.
 
-A request carries no checksum, so that one wrong bit can make another command of it (ADR 13). A
+A request carries no checksum, so that one wrong bit can make another command of it (ADR 15). A
 reply that another command may have caused is answered with a dead stop before anything else.
 """
 
@@ -136,7 +136,7 @@ def _heals(error: DeviceError) -> bool:
 
 
 def may_be_another_command(request: bytes, received: bytes) -> bool:
-    """Return whether bytes that came back allow that something else was carried out (ADR 13).
+    """Return whether bytes that came back allow that something else was carried out (ADR 15).
 
     A request of three bytes may have lost its first one, and its data are then commands. One that
     asks can only have become one that does if it is acknowledged. One that does is checked by
@@ -364,7 +364,7 @@ class Link:
         return reply.ip
 
     async def _who(self) -> Ip:
-        """Return who listens, by the one question that no single bit turns into harm (ADR 13)."""
+        """Return who listens, by the one question that no single bit turns into harm (ADR 15)."""
         for _ in range(_ATTEMPT_COUNT):
             try:
                 reply = await self._exchange(encode_simple(Simple.VERSION))
