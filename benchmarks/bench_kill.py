@@ -1,6 +1,6 @@
 """SIGKILL a controller that holds a part, start again, and ask the world what was let go.
 
-    python benchmarks/bench_kill.py [--stages presenting handing placing] [--speed 10] [--json]
+    python benchmarks/bench_kill.py [--stages presenting handing ...] [--speed 10] [--json]
 
 The emulated cell is a process of its own and lives on. The first controller is killed in a stage,
 in the middle of a motion; once the world is still, a second one is started on the same folder of
@@ -20,7 +20,8 @@ from typing import Any
 from kill_world import kill_world, let_go_count, lines_of, start
 
 RECIPE, PART, SEED = "recipes/holder.yaml", "recipes/parts/holder.stl", 8
-STAGES = ("presenting", "handing", "placing")
+# states of the cell, and one of custody: while the fixed gripper alone has the part
+STAGES = ("presenting", "handing", "in_fixture", "placing")
 
 
 def kill_in(stage: str, speed: float, folder: Path) -> dict[str, Any]:
@@ -30,7 +31,7 @@ def kill_in(stage: str, speed: float, folder: Path) -> dict[str, Any]:
         first = start(world, RECIPE, runs)
         with first:
             for line in lines_of(first):
-                if line.get("state") == stage:
+                if stage in (line.get("state"), line.get("custody")):
                     world.until_moving()
                     os.kill(first.pid, signal.SIGKILL)
                     break

@@ -53,6 +53,8 @@ TOUCHED: Final[Mapping[str, frozenset[GripperName]]] = {
     "grip": frozenset({GripperName.ARM}),
     "set_down": frozenset({GripperName.ARM}),
     "sort": frozenset({GripperName.ARM}),
+    "open_arm_gripper": frozenset({GripperName.ARM}),
+    "open_fixed_gripper": frozenset({GripperName.FIXED}),
 }
 # what `fold_custody` needs of a journal
 FOLDED_KINDS: Final[tuple[Kind, ...]] = ("custody", "intent")

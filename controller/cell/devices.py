@@ -154,6 +154,27 @@ class Devices:
     async def connect(self) -> dict[str, str]:
         """Open every device, halt what still moves; return who answered, by device.
 
+        Raises
+        ------
+        DeviceError : the first device that is not there or not what it should be
+        """
+        who = await self.connect_grippers()
+        await self.lights.connect()
+        await self.overhead.connect()
+        await self.inspection.connect()
+        await self.overhead.pause()
+        await self.inspection.pause()
+        return {
+            **who,
+            "lights": "Waveshare analog output and relays",
+            "overhead": f"{self.overhead.identity().card} ({self.overhead.identity().driver})",
+            "inspection": f"{self.inspection.identity().card} "
+            f"({self.inspection.identity().driver})",
+        }
+
+    async def connect_grippers(self) -> dict[str, str]:
+        """Open what holds parts, and the I/O block; halt what still moves; return who answered.
+
         A controller that was killed leaves the last motion it had ordered. A stop opens no jaw.
 
         Raises
@@ -168,22 +189,13 @@ class Devices:
         gripper = await self.gripper.connect()
         if gripper.is_going and gripper.object is ObjectState.MOVING:
             await self.gripper.stop()
-        await self.lights.connect()
-        await self.overhead.connect()
-        await self.inspection.connect()
-        await self.overhead.pause()
-        await self.inspection.pause()
         versions = ", ".join(
             f"{ip.name} ROM {version[1]}.{version[0]}" for ip, version in arm.rom_versions.items()
         )
         return {
             "arm": f"UMI RTX, {versions}",
             "gripper": "Robotiq 2F" + (", active" if gripper.is_activated else ""),
-            "lights": "Waveshare analog output and relays",
             "io": "Moxa E1214",
-            "overhead": f"{self.overhead.identity().card} ({self.overhead.identity().driver})",
-            "inspection": f"{self.inspection.identity().card} "
-            f"({self.inspection.identity().driver})",
         }
 
     async def aclose(self) -> None:

@@ -7,6 +7,7 @@ ignored by the table on purpose.
 import asyncio
 import logging
 from collections.abc import Callable
+from concurrent.futures import BrokenExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
@@ -28,6 +29,7 @@ from .machine import CellMachine, Effect, Event
 log = logging.getLogger(__name__)
 
 LOSS_POLL_S = 0.5
+WORKER_GONE = "the worker process has died: it was killed, or memory ran out"
 End = Literal["complete", "held", "stopped", "aborted", "refused"]
 
 
@@ -80,18 +82,34 @@ class Dispatcher:
         self._running: tuple[Effect, asyncio.Task[None]] | None = None
         self._message = ""
         self._code = ""
+        self._has_begun = False
+        self._before: _Note | None = None
 
     @property
     def state(self) -> str:
         """Present state of the cell."""
         return self._machine.state
 
-    def request_stop(self) -> None:
-        """Ask for a stop that releases nothing (Ctrl-C)."""
-        self._inbox.put_nowait(_Note(Event.STOP, message="stopped by the operator", code="stop"))
+    def request_stop(self, message: str = "stopped by the operator", code: str = "stop") -> None:
+        """Ask for a stop that releases nothing; before the run it keeps that from beginning."""
+        self._request(_Note(Event.STOP, message=message, code=code))
+
+    def request_abort(self, message: str, code: str) -> None:
+        """Report a fault that no effect can tell of."""
+        self._request(_Note(Event.FAULT, message=message, code=code))
+
+    def _request(self, note: _Note) -> None:
+        if self._has_begun:
+            self._inbox.put_nowait(note)
+        elif self._before is None:
+            self._before = note
 
     async def run(self, count: int) -> Outcome:
         """Reset the cell, work through ``count`` parts, come to rest."""
+        self._has_begun = True
+        if self._before is not None:
+            self._message, self._code = self._before.message, self._before.code
+            return self._outcome("stopped")
         self._actions.parts_left = count
         watchers = [
             asyncio.create_task(self._watch_interlocks(), name="interlocks"),
@@ -194,6 +212,8 @@ class Dispatcher:
             return _Note(Event.FAULT, effect, f"in step {effect.value}: {error}", _code_of(error))
         except (DeviceError, CellError, JournalError, OSError) as error:
             return _Note(Event.FAULT, effect, str(error), _code_of(error))
+        except BrokenExecutor:
+            return _Note(Event.FAULT, effect, WORKER_GONE, "worker_gone")
         except ExceptionGroup as group:
             first = group.exceptions[0]
             step = f"in step {effect.value}: " if isinstance(first, SilentLineError) else ""

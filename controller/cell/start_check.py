@@ -73,7 +73,7 @@ async def require_empty_grippers(
         await refuse([stopped])
     if known or doubtful:
         said = "stated with --part-removed"
-        before = "; ".join(_known_words(one) for one in known)
+        before = "; ".join(known_words(one) for one in known)
         body = {"by": "operator", "detail": said, "before": before}
         await journal.secure("custody", Custody.REMOVED.name.lower(), body)
 
@@ -96,11 +96,11 @@ def _refusal(known: Sequence[Held], openings: Sequence[Opening], *, is_part_remo
     is_sure = any(one.finding is Finding.HOLDS for one in openings)
     verb = ("hold" if len(named) > 1 else "holds") if is_sure else "may hold"
     reasons = [
-        *dict.fromkeys(_known_words(one) for one in known),
+        *dict.fromkeys(known_words(one) for one in known),
         *(f"the {one.gripper.value} says that {one.reason}" for one in openings),
     ]
     opens = " or ".join(
-        f"`cellctl recover --open {'arm' if name is GripperName.ARM else 'fixed'}`"
+        f"`cellctl recover --cell CELL --open {'arm' if name is GripperName.ARM else 'fixed'}`"
         for name in GripperName
         if name in named
     )
@@ -112,7 +112,8 @@ def _refusal(known: Sequence[Held], openings: Sequence[Opening], *, is_part_remo
     )
 
 
-def _known_words(one: Held) -> str:
+def known_words(one: Held) -> str:
+    """Return what the journal knows of a gripper in words: what, of which run, since when."""
     part = f"part {one.part} of " if one.part else ""
     since = datetime.fromisoformat(one.since)
     detail = f" ({one.detail})" if one.detail else ""

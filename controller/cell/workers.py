@@ -4,12 +4,16 @@ Every function takes plain data and a `Job`, from which a worker builds, once, w
 between processes (meshes with their ray casters, tables of sight lines).
 """
 
+import ctypes
+import os
+import signal
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
 
 import cv2
@@ -66,6 +70,7 @@ Grey = NDArray[np.uint8]
 
 TABLE_LAMPS = ("table_ring", "table_side")
 STATION_LAMPS = ("station_ring", "station_side")
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,8 +117,37 @@ class Context:
 
 
 def make_pool() -> ProcessPoolExecutor:
-    """Return the pool; fresh processes, since a fork would copy open devices into them."""
-    return ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn"))
+    """Return the pool; fresh processes, since a fork would copy open devices into them.
+
+    Its worker ends with this process, however that ends. To be used first from the main thread.
+    """
+    return ProcessPoolExecutor(
+        max_workers=1,
+        mp_context=get_context("spawn"),
+        initializer=_belong_to,
+        initargs=(os.getpid(),),
+    )
+
+
+@contextmanager
+def worker_pool() -> Iterator[ProcessPoolExecutor]:
+    """Yield the pool; what its worker is still at when it is no longer needed is thrown away."""
+    pool = make_pool()
+    try:
+        yield pool
+    finally:
+        for child in active_children():
+            child.terminate()
+        pool.shutdown(cancel_futures=True)
+
+
+def _belong_to(parent: int) -> None:
+    """Tie a worker's life to its parent's, and leave the terminal's signals to that."""
+    for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP, signal.SIGTSTP):
+        signal.signal(number, signal.SIG_IGN)
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # it has died before that
+        os._exit(1)
 
 
 @lru_cache(maxsize=2)

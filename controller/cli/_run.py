@@ -3,12 +3,11 @@
 import asyncio
 import logging
 import secrets
-import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,11 +23,12 @@ from controller.cell.dispatcher import Dispatcher
 from controller.cell.lock import hold_cell
 from controller.cell.records import PartRecord, Progress
 from controller.cell.run import RunOrder, RunResult, new_run_id, run_batch
-from controller.cell.workers import Job, context, load_parts, make_pool
+from controller.cell.workers import Job, context, load_parts, worker_pool
 from controller.config import Cell, ConfigError, load_cell, load_recipe
-from controller.results import load_run, write_html
+from controller.results import ResultsError, load_run, write_html
 
 from ._emulator import emulated_cell, emulator_command
+from ._ends import Ends
 from ._offline import warn_of
 from ._output import emit, say, stderr, warn
 
@@ -85,7 +85,7 @@ def run_recipe(
     command = emulator_command(
         cell_file, parts, speed=speed, seed=seed, more=(*emulator_args, *fed)
     )
-    with hold_cell(runs_dir, run_id), make_pool() as pool:
+    with Ends().heard() as ends, hold_cell(runs_dir, run_id), worker_pool() as pool:
         # the worker reads the CAD while the emulated cell comes up
         pool.submit(context, Job(recipe_path, cell_file))
         cell_beside: Any = (
@@ -107,9 +107,23 @@ def run_recipe(
                 is_part_removed=is_part_removed,
             )
             with _display(as_json=as_json) as on_progress:
-                result = asyncio.run(_drive(order, pool, on_progress))
-    report = write_html(load_run(runs_dir, run_id), folder / "report.html")
-    return _tell_result(result, run_id, report, as_json=as_json)
+                try:
+                    result = asyncio.run(_drive(order, pool, ends, on_progress))
+                except BaseException:
+                    _report_if_any(runs_dir, run_id)
+                    raise
+        report = write_html(load_run(runs_dir, run_id), folder / "report.html")
+        return _tell_result(result, run_id, report, as_json=as_json)
+
+
+def _report_if_any(runs_dir: Path, run_id: str) -> None:
+    """Write the report of a run that broke off, unless that had not even begun."""
+    try:
+        report = write_html(load_run(runs_dir, run_id), runs_dir / run_id / "report.html")
+    except (ResultsError, OSError) as error:
+        log.warning("no report: %s", error)
+    else:
+        say(f"report: {report}")
 
 
 def _why_not_so_fast(speed: float, cell: Cell, clock: FoundClock) -> str:
@@ -143,28 +157,15 @@ def _say_transport(ready: dict[str, Any]) -> None:
 async def _drive(
     order: RunOrder,
     pool: ProcessPoolExecutor,
+    ends: Ends,
     on_progress: Callable[[Progress], None],
 ) -> RunResult:
-    loop = asyncio.get_running_loop()
-    task = asyncio.current_task()
-    assert task is not None
+    with ExitStack() as stack:
 
-    def on_dispatcher(dispatcher: Dispatcher) -> None:
-        stops = 0
+        def on_dispatcher(dispatcher: Dispatcher) -> None:
+            stack.enter_context(ends.stopping(dispatcher, order.emulated.get("pid")))
 
-        def stop() -> None:
-            nonlocal stops
-            stops += 1
-            if stops == 1:
-                warn("stopping: the arm halts, nothing is released (Ctrl-C again: give up)")
-                dispatcher.request_stop()
-            else:
-                task.cancel()
-
-        for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, stop)
-
-    return await run_batch(order, pool, on_progress, on_dispatcher, warn)
+        return await run_batch(order, pool, on_progress, on_dispatcher, warn)
 
 
 @contextmanager

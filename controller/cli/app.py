@@ -159,6 +159,38 @@ def run(
     raise typer.Exit(code)
 
 
+class Gripper(StrEnum):
+    """Which gripper."""
+
+    ARM = "arm"
+    FIXED = "fixed"
+
+
+@app.command(epilog="Example: cellctl recover --cell cell.yaml --open arm")
+def recover(
+    cell: Annotated[Path, typer.Option("--cell", help="cell file (YAML)")] = Path(
+        "recipes/cells/emulated.yaml"
+    ),
+    open_: Annotated[
+        Gripper | None,
+        typer.Option("--open", help="open this gripper while you hold the part; no arm motion"),
+    ] = None,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="state that the part is held, without being asked")
+    ] = False,
+    runs: RunsOption = Path("runs"),
+    json: JsonOption = False,
+) -> None:
+    """Report what the grippers may hold after a crash or a stop; open one for you."""
+    from controller.cell.custody import GripperName
+
+    from ._recover import recover_cell
+
+    names = {Gripper.ARM: GripperName.ARM, Gripper.FIXED: GripperName.FIXED}
+    gripper = None if open_ is None else names[open_]
+    raise typer.Exit(recover_cell(cell, runs, gripper, is_confirmed=yes, as_json=json))
+
+
 @app.command(epilog="Example: cellctl check recipes/flange_xy.yaml")
 def check(recipe: RecipeArg, cell: CellOption = None, json: JsonOption = False) -> None:
     """Find everything that can be wrong before anything moves: files, CAD, grips, views, reach."""

@@ -1,0 +1,152 @@
+"""Recovery under guidance: what the cell's grippers may hold, and opening one of them for a person.
+
+For a cell whose last controller ended with a part in a gripper. The arm does not move. The person
+holds the part before a jaw opens; that they do is their word, which the journal keeps.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+
+from controller.config import Cell
+from drivers.gripper_modbus import GripperStatus
+
+from .clocks import FoundClock
+from .custody import (
+    FOLDED_EVENTS,
+    FOLDED_KINDS,
+    CellIdentity,
+    Custody,
+    GripperName,
+    Held,
+    fold_custody,
+)
+from .devices import Devices, resolve
+from .errors import CellError
+from .interlocks import check_interlocks
+from .journal import JOURNAL_NAME, Journal, open_cell_journal, read_rows_of_kinds
+from .openings import Opening, read_openings
+
+OPEN_BY_MM: Final = 20.0  # enough to take a part out; the jaws meet nothing beside it
+INTENTS: Final = {
+    GripperName.ARM: "open_arm_gripper",
+    GripperName.FIXED: "open_fixed_gripper",
+}
+
+
+class ReleaseImpossibleError(CellError):
+    """A gripper cannot be opened without moving more than it should; nothing has moved."""
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """What is known of a cell's grippers.
+
+    Attributes
+    ----------
+    known : by the journal of all runs; openings : by the grippers themselves
+    notice : what was wrong with the journal; empty if nothing was
+    """
+
+    known: tuple[Held, ...]
+    openings: tuple[Opening, Opening]
+    notice: str
+
+
+class Recovery:
+    """One visit to a cell at rest, journaled like a run; usable as ``async with``."""
+
+    def __init__(self, cell: Cell, clock: FoundClock, runs_dir: Path) -> None:
+        self._cell = cell
+        self._found_clock = clock
+        self._runs_dir = runs_dir
+
+    async def __aenter__(self) -> "Recovery":
+        """Open the journal, connect the grippers, halt what still moves."""
+        now = datetime.now(UTC)
+        run = f"{now:%Y%m%d-%H%M%S}-{now.microsecond // 1000:03d}-recover"
+        where = resolve(self._cell, {})
+        opened = open_cell_journal(self._runs_dir / JOURNAL_NAME, run)
+        self._journal: Journal = opened.journal
+        self._notice = opened.notice
+        self._clock = self._found_clock.open()
+        self._devices = Devices.build(self._cell, where, self._clock)
+        try:
+            began = self._who_and_what(where)
+            self._journal.record("event", "run_began", began)
+            self._here = CellIdentity.of(began)
+            self._journal.record("event", "connected", await self._devices.connect_grippers())
+        except BaseException:
+            await self.__aexit__()
+            raise
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        """Close everything; opens no jaw."""
+        await self._devices.aclose()
+        self._clock.close()
+        self._journal.record("event", "run_ended", {"end": "stopped"})
+        self._journal.close()
+
+    def _who_and_what(self, where: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
+        return {
+            "recipe": {"name": "recover"},
+            "cell": self._cell.model_dump(mode="json"),
+            "devices": {name: dict(settings) for name, settings in where.items()},
+            "emulated_devices": list(self._cell.emulated_devices),
+            "count": 0,
+        }
+
+    async def look(self) -> Standing:
+        """Return what may be in the grippers; nothing moves."""
+        rows = read_rows_of_kinds(self._journal.path, FOLDED_KINDS, FOLDED_EVENTS)
+        known = fold_custody(rows, self._here)
+        openings = await read_openings(self._devices)
+        said = {one.gripper.value: f"{one.finding.value}: {one.reason}" for one in openings}
+        self._journal.record("observation", "openings", said)
+        return Standing(known, openings, self._notice)
+
+    async def open(self, gripper: GripperName, known: Sequence[Held]) -> Custody:
+        """Open one gripper while a person holds the part; return who has it then.
+
+        Parameters
+        ----------
+        known : which grippers may hold it now
+
+        Raises
+        ------
+        InterlockError : emergency stop or supply are not healthy
+        ReleaseImpossibleError : the gripper would have to be activated first, which closes it
+        DeviceError : it does not open
+        """
+        check_interlocks(self._devices, is_person_inside=True)
+        if gripper is GripperName.FIXED:
+            _require_ready(await self._devices.gripper.status())
+        word = {"by": "operator", "detail": "the part is held by hand"}
+        await self._journal.secure("intent", INTENTS[gripper], word)
+        if gripper is GripperName.ARM:
+            await self._devices.arm.enable_power()
+            await self._devices.arm.drive_jaws(OPEN_BY_MM)
+        else:
+            await self._devices.gripper.open_to(self._devices.gripper.config.open_mm)
+        self._journal.record("outcome", INTENTS[gripper])
+        left = {one.gripper for one in known} - {gripper}
+        custody = Custody.REMOVED
+        if GripperName.ARM in left:
+            custody = Custody.IN_ARM
+        elif left:
+            custody = Custody.IN_FIXTURE
+        body = {"by": "operator", "detail": f"the {gripper.value} was opened"}
+        await self._journal.secure("custody", custody.name.lower(), body)
+        return custody
+
+
+def _require_ready(status: GripperStatus) -> None:
+    if not status.is_activated or status.has_fault:
+        raise ReleaseImpossibleError(
+            "the fixed gripper is not active, and activating it would close its jaws first. "
+            "Nothing has moved. Take the part out by the gripper's own release, then start with "
+            "--part-removed"
+        )

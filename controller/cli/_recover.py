@@ -1,0 +1,116 @@
+"""`cellctl recover`: what a cell at rest may hold, and a gripper opened for who holds the part."""
+
+import asyncio
+import sys
+from pathlib import Path
+
+from controller.cell.clocks import find_clock
+from controller.cell.custody import GripperName
+from controller.cell.lock import hold_cell
+from controller.cell.openings import Finding
+from controller.cell.releasing import Recovery, Standing
+from controller.cell.start_check import known_words
+from controller.config import ConfigError, load_cell
+
+from ._output import emit, say, warn
+
+OPTION = {GripperName.ARM: "arm", GripperName.FIXED: "fixed"}
+
+
+def recover_cell(
+    cell_path: Path,
+    runs_dir: Path,
+    gripper: GripperName | None,
+    *,
+    is_confirmed: bool,
+    as_json: bool,
+) -> int:
+    """Report what the grippers may hold, open one if asked; 0 if nothing is held, 1 otherwise."""
+    cell = load_cell(cell_path)
+    if {"arm", "gripper", "io"} & set(cell.emulated_devices):
+        raise ConfigError(
+            f"{cell_path}: its grippers are emulated by each run and end with it. Nothing is left "
+            "to recover. Give the cell file with the addresses of `cellctl emulate`"
+        )
+    if gripper is not None and not is_confirmed and not sys.stdin.isatty():
+        raise ConfigError(
+            "--open asks whether you hold the part, and nobody is there to answer; --yes states it"
+        )
+
+    async def visit() -> int:
+        async with Recovery(cell, find_clock(cell, {}), runs_dir) as recovery:
+            standing = await recovery.look()
+            if not as_json:
+                _report(standing)
+            custody = None
+            if gripper is not None:
+                if not is_confirmed and not await asyncio.to_thread(_is_held_by_hand, gripper):
+                    warn("cellctl: nothing was opened")
+                    return 1
+                custody = await recovery.open(gripper, standing.known)
+                if not as_json:
+                    say(f"The {gripper.value} is open. The part is {custody.value}.")
+            if as_json:
+                emit(_json(standing, None if custody is None else custody.name.lower()))
+        if custody is not None:
+            return 0
+        return 1 if _may_hold(standing) else 0
+
+    with hold_cell(runs_dir, "recover"):
+        return asyncio.run(visit())
+
+
+def _may_hold(standing: Standing) -> set[GripperName]:
+    holding = (Finding.HOLDS, Finding.MAY_HOLD)
+    return {one.gripper for one in standing.known} | {
+        one.gripper for one in standing.openings if one.finding in holding
+    }
+
+
+def _report(standing: Standing) -> None:
+    if standing.notice:
+        warn(standing.notice)
+    for one in standing.known:
+        say(f"journal: the {one.gripper.value} may hold a part: {known_words(one)}")
+    if not standing.known:
+        say("journal: no gripper holds a part")
+    for opening in standing.openings:
+        say(f"{opening.gripper.value}: {opening.finding.value}; {opening.reason}")
+    names = sorted(OPTION[gripper] for gripper in _may_hold(standing))
+    if not names:
+        say("Nothing is held: `cellctl run` may start.")
+        return
+    for name in names:
+        say(f"To open the {name} gripper while you hold the part: cellctl recover --open {name}")
+    say("To go on after the part is out: cellctl run RECIPE --part-removed")
+
+
+def _is_held_by_hand(gripper: GripperName) -> bool:
+    warn(
+        f"The {gripper.value} will open by about 20 mm; the arm stays where it is. Hold the part. "
+        "Type `open` when you hold it:"
+    )
+    return sys.stdin.readline().strip() == "open"
+
+
+def _json(standing: Standing, custody: str | None) -> dict[str, object]:
+    return {
+        "event": "recover",
+        "known": [
+            {
+                "gripper": one.gripper.value,
+                "custody": one.custody.name.lower(),
+                "run": one.run,
+                "part": one.part,
+                "since": one.since,
+                "detail": one.detail,
+            }
+            for one in standing.known
+        ],
+        "openings": [
+            {"gripper": one.gripper.value, "finding": one.finding.value, "reason": one.reason}
+            for one in standing.openings
+        ],
+        "notice": standing.notice,
+        "custody": custody,
+    }

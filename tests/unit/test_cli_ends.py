@@ -1,0 +1,106 @@
+"""What is printed when nobody reads any more; a stop asked for before the cell is at work."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from controller.cell.custody import Custody
+from controller.cell.dispatcher import Dispatcher
+from controller.cell.journal import Journal, read_rows
+from controller.cell.workers import worker_pool
+from controller.cli._ends import Ends
+
+ROOT = Path(__file__).resolve().parents[2]
+
+PRINTER = """
+import sys
+from controller.cli._output import emit, is_output_gone, say, warn
+sys.stdin.read()
+for i in range(20000):
+    emit({"line": i}); say("to people"); warn("more")
+assert is_output_gone()
+open(sys.argv[1], "w").write("done")
+"""
+
+
+def test_a_reader_that_leaves_fails_nothing(tmp_path: Path) -> None:
+    done = tmp_path / "done"
+    process = subprocess.Popen(
+        [sys.executable, "-c", PRINTER, str(done)],
+        cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    for stream in (process.stdout, process.stderr, process.stdin):
+        assert stream is not None
+        stream.close()  # the readers leave, then the printing begins
+    assert process.wait(60) == 0
+    assert done.read_text() == "done"
+
+
+@pytest.mark.parametrize(("asking", "code"), [("request_stop", "stop"), ("request_abort", "gone")])
+async def test_a_stop_before_the_first_motion_keeps_the_cell_from_moving(
+    tmp_path: Path, asking: str, code: str
+) -> None:
+    journal = Journal(tmp_path / "journal.sqlite", "run")
+    part = SimpleNamespace(custody=Custody.ON_TABLE, tray=None)
+    actions = SimpleNamespace(part=part)  # no action to take: any would fail
+    nobody = cast(Any, None)
+    dispatcher = Dispatcher(cast(Any, actions), nobody, journal, nobody, lambda: None)
+    getattr(dispatcher, asking)("because", code)
+    outcome = await dispatcher.run(1)
+    journal.close()
+    assert (outcome.end, outcome.message, outcome.code) == ("stopped", "because", code)
+    assert [row.name for row in read_rows(tmp_path / "journal.sqlite")] == ["at_rest"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP])
+def test_before_anything_is_connected_a_signal_ends_the_command(number: signal.Signals) -> None:
+    before = signal.getsignal(number)
+    with pytest.raises(KeyboardInterrupt), Ends().heard():
+        os.kill(os.getpid(), number)
+    assert signal.getsignal(number) is before
+
+
+def test_whoever_ignores_hang_ups_is_left_alone() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with Ends().heard():
+            os.kill(os.getpid(), signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+PARENT = """
+import os, signal, sys, time
+from controller.cell.workers import worker_pool
+if __name__ == "__main__":
+    with worker_pool() as pool:
+        print(pool.submit(os.getpid).result(), flush=True)
+        pool.submit(time.sleep, 600)
+        os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_worker_ends_with_a_parent_that_was_killed(tmp_path: Path) -> None:
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT)
+    # the pipe ends when the last process that holds it has ended: parent, worker, its tracker
+    said = subprocess.run(
+        [sys.executable, str(script)], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE, timeout=60, check=False,
+    ).stdout  # fmt: skip
+    assert said.strip().isdigit()
+
+
+def test_a_worker_at_work_is_not_waited_for() -> None:
+    with worker_pool() as pool:
+        worker = pool.submit(os.getpid).result()
+        pool.submit(signal.pause)
+    assert not Path(f"/proc/{worker}").exists()
