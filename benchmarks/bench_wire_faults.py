@@ -1,12 +1,14 @@
 """One wrong byte at every place of whole sessions of the arm: what moved, what was said.
 
 python benchmarks/bench_wire_faults.py [--json] [--sample N] [--seed S] [--flips N] [--jobs N]
+    [--minutes M]
 
 Two sessions: cold open, moves of every axis, gripper, grip with a part, stops, park; and warm open,
 homing, a move. At every byte of both directions: bits flipped (by default one, by the seed; 8 for
 all), the byte lost, doubled, late by two amounts. Judged by the emulated motors. With --sample, so
-many faults drawn at random. Exit code 1 when an axis moved that was not asked to, when something
-was said to be done that is not, or when a session did not end.
+many faults drawn at random; with --minutes, as many as fit, in an order that the seed draws.
+Exit code 1 when an axis moved that was not asked to, when something was said to be done that is
+not, or when a session did not end.
 """
 
 import argparse
@@ -50,6 +52,23 @@ def every_place(clean: dict[SessionName, Result], flip_count: int, seed: int) ->
 def run(case: Case) -> tuple[Case, Result]:
     with quiet():
         return case, run_session(*case)
+
+
+def run_all(cases: list[Case], jobs: int, limit_s: float) -> Iterator[tuple[Case, Result]]:
+    """Run cases in order until time is up."""
+    until_s = time.perf_counter() + limit_s
+    if jobs == 1:
+        for case in cases:
+            if time.perf_counter() > until_s:
+                return
+            yield run(case)
+        return
+    with ProcessPoolExecutor(jobs) as pool:
+        step = 20 * jobs
+        for first in range(0, len(cases), step):
+            if time.perf_counter() > until_s:
+                return
+            yield from pool.map(run, cases[first : first + step], chunksize=5)
 
 
 def tally(found: Iterable[tuple[Case, Result]]) -> tuple[list[dict[str, Any]], list[Any]]:
@@ -98,20 +117,20 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--flips", type=int, default=1, help="bits flipped per byte (default: 1)")
     parser.add_argument("--jobs", type=int, default=1, help="processes (default: 1)")
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="time to stop after")
     args = parser.parse_args()
     began_s = time.perf_counter()
     with quiet():
         clean = {name: run_session(name) for name in SESSIONS}
     cases = list(every_place(clean, args.flips, args.seed))
     total_count = len(cases)
-    if args.sample is not None:
-        cases = random.Random(args.seed).sample(cases, min(args.sample, total_count))
-    with ProcessPoolExecutor(args.jobs) as pool:
-        rows, bad = tally(pool.map(run, cases, chunksize=20))
+    random.Random(args.seed).shuffle(cases)
+    cases = cases[: args.sample]
+    rows, bad = tally(run_all(cases, args.jobs, 60 * args.minutes))
     whole = {
         "places": sum(sum(one.place_counts.values()) for one in clean.values()),
         "faults_in_all": total_count,
-        "faults_run": len(cases),
+        "faults_run": sum(row["runs"] for row in rows),
         "recovered": sum(row["recovered"] + row["clean"] for row in rows),
         "went_on_after_a_fault": sum(row["went on after a fault"] for row in rows),
         "ended_with_a_fault": sum(row["fault"] for row in rows),

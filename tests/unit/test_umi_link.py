@@ -16,7 +16,7 @@ from drivers.errors import (
     ReplyTimeoutError,
     WrongDeviceError,
 )
-from drivers.umi_scara import Ip, LinkConfig, WireExchange
+from drivers.umi_scara import Ip, LineDoubtError, LinkConfig, WireExchange
 from drivers.umi_scara._codec import Status, Value
 from drivers.umi_scara._link import Link
 
@@ -186,6 +186,51 @@ async def test_a_hand_over_whose_reply_is_lost_or_late_is_not_done_twice(
     requests = [data for _, data in bench.arm.heard]
     assert b"\x38" in requests[: [*requests[1:], b"\x29"].index(b"\x29") + 1]
     assert requests.count(b"\x29") == 1
+
+
+@pytest.mark.parametrize("busy", [0x01, 0x02, 0x04])
+async def test_a_hand_over_whose_answer_reads_as_busy_is_not_sent_again(busy: int) -> None:
+    bench = await Bench().opened()
+    bench.arm.mishap = once(b"\x29", lambda _: [(0.003, bytes([busy]))])
+    await bench.link.ask(Ip.WRIST, b"\xa4")
+    assert [data for _, data in bench.arm.heard].count(b"\x29") == 1
+    assert bench.arm.heard[-1] == (0, b"\xa4")
+
+
+@pytest.mark.parametrize("became", [b"\x28", b"\x21", b"\xa9"])
+async def test_an_acknowledged_hand_over_that_was_none_stops_both_boards_before_any_motion(
+    became: bytes,
+) -> None:
+    """One bit makes toggle off, define home or a go of `29`; all are acknowledged alike."""
+    bench = await Bench().opened()
+    mangled: list[bytes] = []
+
+    def mangle(request: bytes) -> bytes:
+        if request == b"\x29" and not mangled:
+            mangled.append(request)
+            return became
+        return request
+
+    bench.arm.mangle = mangle
+    with pytest.raises(LineDoubtError, match="both boards were stopped") as doubt:
+        await bench.link.ask(Ip.WRIST, b"\xa4")
+    assert doubt.value.may_have_zeroed
+    does = [(ip, data) for ip, data in bench.arm.heard if not only_asks(data.hex())]
+    assert does[:2] == [(1, became), (1, DEAD_STOP)]
+    assert set(stops(bench)) == {0, 1}
+    assert (0, b"\xa4") not in bench.arm.heard
+    assert (1, b"\xa4") not in bench.arm.heard
+
+
+async def test_a_motion_command_is_proven_to_reach_its_board() -> None:
+    """A command that was acknowledged may have handed the line over: `21` and `29`."""
+    bench = await Bench().opened()
+    bench.arm.listening = 0  # behind the driver's back
+    with pytest.raises(LineDoubtError):
+        await bench.link.ask(Ip.ARM, b"\xa2", proves=True)
+    assert not [data for _, data in bench.arm.heard if data == b"\xa2"]
+    await bench.link.ask(Ip.ARM, b"\xa2", proves=True)
+    assert bench.arm.heard[-1] == (1, b"\xa2")
 
 
 # ---- back in step ------------------------------------------------------------------------------

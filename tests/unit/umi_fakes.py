@@ -225,6 +225,7 @@ class FakeArm:
         self.boards = [Board(0), Board(1)]
         self.listening = listening
         self.mishap: Mishap | None = None
+        self.mangle: Callable[[bytes], bytes] = lambda request: request  # on its way to the arm
         self.writes: list[tuple[float, bytes]] = []
         self.heard: list[tuple[int, bytes]] = []  # what each IP heard
         self.spoken = asyncio.Event()  # set by every request
@@ -248,6 +249,7 @@ class FakeArm:
     def write(self, data: bytes) -> None:
         self.advance()
         self.writes.append((self.clock.now_s(), data))
+        data = self.mangle(data)
         board = self.boards[self.listening]
         self.heard.append((self.listening, data))
         self.spoken.set()
