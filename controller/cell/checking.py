@@ -7,12 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
-from controller.cad import StablePose
+from controller.cad import Solid, StablePose, load_solid
+from controller.cad.compiled import UNITLESS, CompileOptions, cached_part, load_part
+from controller.config import Cell, ConfigError, Recipe, line_in, load_cell, load_recipe
 
 from .planner_setup import PlannerSetup
 from .plans import Certified, Planning
-from .workers import Job, context
+from .workers import Job, context, part_files
 
 LIKELY = 0.03  # poses rarer than this are no reason to refuse a recipe
 
@@ -39,6 +42,41 @@ class Checked:
     problems: tuple[str, ...]
 
 
+def check_sizes(recipe_path: Path, recipe: Recipe, cell: Cell) -> None:
+    """Check that each part would find room on the table, whichever way it lies.
+
+    Before anything is compiled: a part in the wrong unit may have millions of samples.
+
+    Raises
+    ------
+    ConfigError : it would not; the unit that the recipe declares may be wrong
+    CadError : a CAD file is wrong
+    """
+    area = cell.table.glowing_area
+    room_mm = sorted((area.x[1] - area.x[0], area.y[1] - area.y[0]))
+    for path, options in part_files(recipe):
+        solid = _solid(path, options)
+        size_mm = sorted(solid.mesh.extents.tolist())
+        if size_mm[0] <= room_mm[0] and size_mm[1] <= room_mm[1]:
+            continue
+        line = line_in(recipe_path, ("unit",))
+        where = recipe_path if line is None else f"{recipe_path}:{line}"
+        size = " x ".join(f"{side:.0f}" for side in reversed(size_mm))
+        raise ConfigError(
+            f"{where}: {solid.name} is {size} mm in `unit: {solid.unit}` and finds no room on the "
+            f"table of {room_mm[1]:.0f} x {room_mm[0]:.0f} mm; is the unit right?"
+        )
+
+
+def _solid(path: Path, options: CompileOptions) -> Solid:
+    """Return a part's solid, compiled only where reading alone takes as long."""
+    kept = cached_part(path, options)
+    if kept is not None:
+        return kept.solid
+    is_quick = path.suffix.lower() in UNITLESS
+    return load_solid(path, unit=options.unit) if is_quick else load_part(path, options).solid
+
+
 def check_job(job: Job, progress: Callable[[str], None] | None = None) -> Checked:
     """Check files, CAD, and whether the part can be taken and shown from every likely pose.
 
@@ -50,6 +88,8 @@ def check_job(job: Job, progress: Callable[[str], None] | None = None) -> Checke
     ------
     ConfigError, CadError : a file is wrong
     """
+    recipe, cell = load_recipe(job.recipe_path), load_cell(job.cell_path)
+    check_sizes(job.recipe_path, recipe, cell)
     c = context(job)
     planning = Planning(c.part, c.layout, c.setup.options)
     wanted = c.recipe.inspection.min_coverage

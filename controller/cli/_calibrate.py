@@ -29,8 +29,10 @@ from controller.recognition.calibration import (
     find_board,
 )
 
+from ._before import check_writable_folder
 from ._calibration_file import calibration_body, write_calibration
 from ._output import emit, say, stdout
+from ._pictures import decoded, read_whole, size_of
 
 Grey = NDArray[np.uint8]
 
@@ -43,6 +45,7 @@ def calibrate_camera(images: list[Path], target_file: Path, output: Path, *, as_
     ConfigError : a file is wrong, or the pictures do not determine the camera
     """
     target = load_target(target_file)
+    check_writable_folder(output.parent, "--output in")
     paths = _by_entry(images, target, target_file)
     pictures = _read_all(paths)
     board = target.build()
@@ -113,12 +116,9 @@ def _read_all(paths: Mapping[str, Path]) -> dict[str, Grey]:
 
 
 def _read(path: Path) -> Grey:
-    if not path.is_file():
-        raise ConfigError(f"{path}: no such picture")
-    data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    picture = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH) if len(data) else None
-    if picture is None:
-        raise ConfigError(f"{path}: is no picture that can be read (PNG, JPEG, TIFF)")
+    data = read_whole(path)
+    size_of(path, data)
+    picture = decoded(path, data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
     if picture.dtype != np.uint8:  # 10, 12 or 16 bits in 16: what counts is the pattern
         brightest = max(float(picture.max()), 1.0)
         picture = np.rint(picture.astype(np.float64) * (255.0 / brightest))

@@ -10,10 +10,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controller.cad import Camera
 from controller.config import ConfigError
+from controller.config.cell import LEAST_HEIGHT_MM, MOST_HEIGHT_MM
+from controller.config.files import read_text
 from controller.recognition.calibration import PARAMETERS, Calibration, Placed
+
+from ._pictures import MOST_PIXELS
+
+Array = NDArray[np.float64]
+
+MOST_BYTES = 16 * 2**20  # a calibration from hundreds of pictures lists each of them
 
 
 def load_calibration(path: Path) -> Camera:
@@ -23,22 +32,46 @@ def load_calibration(path: Path) -> Camera:
     ------
     ConfigError : missing, or not such a file
     """
+    text = read_text(path, "a calibration", MOST_BYTES)
     try:
-        body = json.loads(path.read_text(encoding="utf-8"))
-        width, height = body["size_px"]
+        body = json.loads(text)
+        width, height = (_count(number) for number in body["size_px"])
         K = np.array(body["K"], dtype=float).reshape(3, 3)
         distortion = np.array(body["distortion"], dtype=float).reshape(5)
         T = np.array(body["T_world_cam"], dtype=float).reshape(4, 4)
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror}; check the path") from error
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise ConfigError(
-            f"{path}: no camera calibration ({type(error).__name__}: {error}); asked are size_px "
-            "[width, height], K (3 x 3), distortion (5) and T_world_cam (4 x 4)"
+            f"{path}: no camera calibration ({type(error).__name__}: {error!s:.120}); required "
+            "are size_px [width, height], K (3 x 3), distortion (5) and T_world_cam (4 x 4)"
         ) from error
     if not (np.isfinite(K).all() and np.isfinite(distortion).all() and np.isfinite(T).all()):
         raise ConfigError(f"{path}: the calibration holds values that are no numbers")
-    return Camera((int(width), int(height)), K, distortion, T)
+    _check(path, (width, height), K, T)
+    return Camera((width, height), K, distortion, T)
+
+
+def _count(number: object) -> int:
+    """Return a number of pixels, ValueError where it is none."""
+    if isinstance(number, bool) or not isinstance(number, int | float) or number != int(number):
+        raise ValueError(f"size_px of {number!r:.40}")
+    return int(number)
+
+
+def _check(path: Path, size_px: tuple[int, int], K: Array, T: Array) -> None:
+    """Raise ConfigError where numbers of a calibration are of no camera over a table."""
+    width, height = size_px
+    if not (width > 0 and height > 0 and width * height <= MOST_PIXELS):
+        raise ConfigError(f"{path}: `size_px`: no camera has {width} x {height} px")
+    if min(K[0, 0], K[1, 1]) <= 0 or not np.array_equal(K[2], [0, 0, 1]):
+        raise ConfigError(f"{path}: `K`: focal lengths are more than 0, its last row is 0 0 1")
+    R = T[:3, :3]
+    if not np.allclose(R @ R.T, np.eye(3), atol=1e-3) or np.linalg.det(R) < 0:
+        raise ConfigError(f"{path}: `T_world_cam`: is no pose: its axes are not square")
+    if not LEAST_HEIGHT_MM <= T[2, 3] <= MOST_HEIGHT_MM:
+        raise ConfigError(
+            f"{path}: `T_world_cam`: the camera would stand {T[2, 3]:g} mm above the table; "
+            "lengths are in millimetres"
+        )
 
 
 def write_calibration(path: Path, body: Mapping[str, Any]) -> None:

@@ -27,6 +27,7 @@ from controller.cell.plans import Certified, Planning
 from controller.config import ConfigError, load_cell
 from controller.results.sheet import write_sheet
 
+from ._before import check_writable_folder
 from ._output import emit, say, stdout, warn
 from ._plan import print_certificates
 from ._plan_json import certificate_json
@@ -58,6 +59,8 @@ def compile_parts(
     if recipes and on_command_line is not None:
         raise ConfigError("--density goes without --recipe: the recipe says `density_g_cm3:`")
     density_g_cm3 = recipes[0].density_g_cm3 if recipes else on_command_line
+    if report is not None:
+        check_writable_folder(report.parent, "--report in")
     planned_in = None if cell is None else load_cell(cell)
     code, parts = 0, []
     for file in files:

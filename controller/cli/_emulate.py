@@ -1,28 +1,53 @@
 """`cellctl emulate`: the emulated cell for any client."""
 
 import signal
+import tempfile
 import threading
 from pathlib import Path
 
-from ._emulator import emulated_cell, emulator_command
+from controller.cad.compiled import load_part
+from controller.config import load_cell
+
+from ._before import check_control, parse_place
+from ._emulator import emulated_cell, emulator_args, emulator_command
 from ._output import emit, say
 
 
 def serve(
-    cell: Path,
+    cell_path: Path,
     parts: tuple[Path, ...],
+    *,
     speed: float,
     seed: int | None,
-    more: tuple[str, ...],
-    *,
+    pose: int | None,
+    at: str | None,
+    control: Path | None,
+    lines: str | None,
     as_json: bool,
 ) -> int:
-    """Bring the emulated cell up, say where it is, keep it until Ctrl-C."""
+    """Bring the emulated cell up, say where it is, keep it until Ctrl-C.
+
+    Raises
+    ------
+    ConfigError, CadError : a file or an option is wrong
+    """
+    cell = load_cell(cell_path)
+    check_control(control)
+    if at is not None:
+        parse_place(at, cell)
+    for part in parts:
+        load_part(part)
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
-    command = emulator_command(cell, parts, speed=speed, seed=seed, more=more)
-    with emulated_cell(command) as ready:
+    more = emulator_args(pose, at, control)
+    if lines is not None:
+        more = (*more, "--lines", lines)
+    command = emulator_command(cell_path, parts, speed=speed, seed=seed, more=more)
+    with (
+        tempfile.TemporaryDirectory(prefix="cellctl-") as folder,
+        emulated_cell(command, Path(folder) / "emulator.log") as ready,
+    ):
         if as_json:
             emit(ready)
         else:

@@ -11,10 +11,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
+from controller.config import ConfigError
+
 # guards against a hang: a busy machine needs minutes for the first use of a part, which is
 # decomposed into convex pieces
 READY_TIMEOUT_S = 900.0
 STOP_TIMEOUT_S = 60.0
+WRONG_COMMAND_LINE = 2  # the code with which it ends for a wrong option or cell file
 
 
 class EmulatorError(Exception):
@@ -35,12 +38,25 @@ def emulator_command(
     return [*command, *more]
 
 
+def emulator_args(pose: int | None, at: str | None, control: Path | None) -> tuple[str, ...]:
+    """Return the emulator's options for how the first part lies, and for causing faults."""
+    more: list[str] = []
+    if pose is not None:
+        more += ["--pose", str(pose)]
+    if at is not None:
+        more += [f"--at={at}"]  # it may begin with a minus
+    if control is not None:
+        more += ["--control", str(control)]
+    return tuple(more)
+
+
 @contextmanager
 def emulated_cell(command: Sequence[str], log_path: Path | None = None) -> Iterator[dict[str, Any]]:
     """Start the emulator, yield what it says of itself, end it.
 
     Raises
     ------
+    ConfigError : it refuses an option or a file
     EmulatorError : it did not become ready
     """
     log: IO[bytes] | int = subprocess.DEVNULL
@@ -86,6 +102,8 @@ def _ready(process: "subprocess.Popen[bytes]", log_path: Path | None) -> dict[st
         if not line:
             code = process.wait()
             words = _last_words(log_path)
+            if code == WRONG_COMMAND_LINE:
+                raise ConfigError(words.removeprefix("emulators.app: "))
             raise EmulatorError(f"the emulated cell ended with code {code}: {words}{tail}")
         try:
             body = json.loads(line)

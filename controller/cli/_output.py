@@ -2,6 +2,8 @@
 
 A terminal may be closed, and the reader of a pipe may leave: what is printed afterwards is lost,
 and nothing fails for it, least of all the stop of an arm.
+Names of files may be no text, and may hold what turns a terminal's colours round. So what is
+printed is made printable first.
 """
 
 import json
@@ -66,15 +68,29 @@ def is_output_gone() -> bool:
 
 def emit(body: Mapping[str, Any]) -> None:
     """Print one JSON object on a line of its own."""
-    _out.write(json.dumps(body, ensure_ascii=False, separators=(",", ":")) + "\n")
+    text = json.dumps(body, ensure_ascii=False, separators=(",", ":"))
+    _out.write(_encodable(text, sys.stdout.encoding) + "\n")
     _out.flush()
 
 
 def say(text: str, *, style: str | None = None) -> None:
     """Print a sentence for people on stdout."""
-    stdout.print(text, style=style, markup=False)
+    stdout.print(printable(text, stdout.encoding), style=style, markup=False)
 
 
 def warn(text: str) -> None:
     """Print a sentence for people on stderr."""
-    stderr.print(text, markup=False)
+    stderr.print(printable(text, stderr.encoding), markup=False)
+
+
+def printable(text: str, encoding: str | None = "utf-8") -> str:
+    """Return a text with what no terminal should get spelt out, as an escape."""
+    shown = "".join(
+        c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text
+    )
+    return _encodable(shown, encoding)
+
+
+def _encodable(text: str, encoding: str | None) -> str:
+    encoding = encoding or "utf-8"
+    return text.encode(encoding, errors="backslashreplace").decode(encoding)

@@ -4,7 +4,6 @@ What a file holds is read as it is stored: nothing is turned by a tag that a vie
 since the calibration is of the sensor's pixels.
 """
 
-import struct
 import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -16,6 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.config import ConfigError
+from controller.config.files import read_bytes
+
+from ._picture_header import JPEG_BEGIN, PNG_BEGIN, size_in_header
 
 Grey = NDArray[np.uint8]
 
@@ -23,8 +25,9 @@ ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".webp")
 CAMERA_BITS = (8, 10, 12, 14, 16)  # what sensors deliver
 UNIT_RANGE = 2.0  # levels of 0..255 of which none is brighter would be black: these are 0..1
 NOISE_BELOW_ZERO = 0.02  # of the brightest level: what filters leave under black
-PNG_BEGIN = b"\x89PNG\r\n\x1a\n"
-JPEG_BEGIN, JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
+MOST_PIXELS = 64_000_000  # the largest sensors of machine vision have some more than half of it
+MOST_PICTURE_BYTES = 128 * 2**20
+JPEG_END = b"\xff\xd9"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -83,36 +86,67 @@ def read_picture(path: Path, size_px: tuple[int, int]) -> StoredPicture:
     ------
     ConfigError : there is none, it cannot be read, or is not of the camera's size
     """
-    stored = _decoded(path)
-    height, width = stored.shape[:2]
+    data = read_whole(path)
+    width, height = size_of(path, data)
     if (width, height) != size_px:
         raise ConfigError(
             f"{path}: {width} x {height} px, the calibration is for {size_px[0]} x {size_px[1]} px"
         )
+    stored = decoded(path, data, cv2.IMREAD_UNCHANGED)
     notes: list[str] = []
     levels = _single(stored, notes)
     return StoredPicture(_eight_bits(path, levels, notes), tuple(notes))
 
 
-def _decoded(path: Path) -> NDArray[Any]:
-    if not path.is_file():
-        raise ConfigError(f"{path}: no such picture")
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror}; check the file's permissions") from error
+def read_whole(path: Path) -> bytes:
+    """Return the bytes of a picture that is all there.
+
+    Raises
+    ------
+    ConfigError : no such file, too large, empty, or cut off
+    """
+    data = read_bytes(path, MOST_PICTURE_BYTES, "a picture")
     if not data:
         raise ConfigError(f"{path}: the file is empty")
     if not _is_whole(data):
         raise ConfigError(f"{path}: the picture is cut off or damaged; copy it again")
-    if data.startswith(PNG_BEGIN) and 0 in struct.unpack(">II", data[16:24]):
+    return data
+
+
+def size_of(path: Path, data: bytes) -> tuple[int, int]:
+    """Return (width, height) of a picture by its header, before anything is decoded.
+
+    Raises
+    ------
+    ConfigError : no picture, one without pixels, or one larger than any camera's
+    """
+    size = size_in_header(data)
+    if size is None:
+        raise ConfigError(f"{path}: is no picture that can be read (PNG, JPEG, TIFF)")
+    width, height = size
+    if not width or not height:
         raise ConfigError(f"{path}: is no picture that can be read: it has no pixels")
+    if width * height > MOST_PIXELS:
+        raise ConfigError(
+            f"{path}: {width} x {height} px; a camera's picture has at most "
+            f"{MOST_PIXELS / 1e6:.0f} million"
+        )
+    return size
+
+
+def decoded(path: Path, data: bytes, flags: int) -> NDArray[Any]:
+    """Return a picture's pixels as OpenCV reads them.
+
+    Raises
+    ------
+    ConfigError : what the file holds is no picture, or not of the size of its header
+    """
     logging = cv2.utils.logging
     level = logging.getLogLevel()
     # what decoders say of a bad file is said below, in words
     logging.setLogLevel(logging.LOG_LEVEL_SILENT)
     try:
-        stored = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+        stored = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
     except cv2.error:  # no picture, or one larger than OpenCV reads
         stored = None
     finally:

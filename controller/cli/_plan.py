@@ -17,11 +17,10 @@ from controller.config import Cell, ConfigError, load_cell
 from controller.planning import Certificate, Plan
 from controller.results.moments import view_count
 
+from ._before import Place, check_writable_folder, parse_place
 from ._output import emit, say, stdout, warn
 from ._plan_json import certificate_json, plan_json
 from ._planned_parts import PartFile
-
-Place = tuple[float, float, float]  # x [mm], y [mm], theta [deg]
 
 
 def plan_part_file(
@@ -42,7 +41,9 @@ def plan_part_file(
     NoPlanError : asked for one pose, and there is no plan from it
     """
     cell = load_cell(cell_path)
-    place = parse_place(at, cell.table.drop_area.x, cell.table.drop_area.y)
+    if report is not None:
+        check_writable_folder(report.parent, "--report in")
+    place = parse_place(at, cell, is_on_table=False)
     compiled = load_part(part.path, part.options)
     setup = planner_setup(part.recipe, cell, compiled)
     poses = _asked(compiled, pose_index)
@@ -223,21 +224,3 @@ def print_certificates(told: Sequence[Certificate]) -> None:
             certificate_words(c),
         )
     stdout.print(table)
-
-
-def parse_place(at: str | None, x: tuple[float, float], y: tuple[float, float]) -> Place:
-    """Return x, y [mm] and theta [deg] of ``X,Y,THETA``; the middle of the area otherwise.
-
-    Raises
-    ------
-    ConfigError : not three numbers
-    """
-    if at is None:
-        return sum(x) / 2, sum(y) / 2, 0.0
-    try:
-        numbers = [float(word) for word in at.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) != 3 or not np.isfinite(numbers).all():
-        raise ConfigError(f"--at {at}: three numbers are asked, X,Y,THETA_DEG, as in 350,20,45")
-    return numbers[0], numbers[1], numbers[2]

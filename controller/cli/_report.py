@@ -3,8 +3,10 @@
 import json
 from pathlib import Path
 
+from controller.config import ConfigError
 from controller.results import load_run, report_json, write_html
 
+from ._before import check_writable_folder
 from ._output import emit, say
 
 
@@ -16,9 +18,18 @@ def write_report(runs_dir: Path, run: str | None, form: str, output: Path | None
         if output is None:
             emit(body)
         else:
+            _check(output)
             output.write_text(json.dumps(body, indent=1, ensure_ascii=False), encoding="utf-8")
             say(f"report: {output}")
         return 0
-    path = write_html(record, output or runs_dir / record.run_id / "report.html")
-    say(f"report: {path}")
+    path = output or runs_dir / record.run_id / "report.html"
+    _check(path)
+    say(f"report: {write_html(record, path)}")
     return 0
+
+
+def _check(output: Path) -> None:
+    """Raise ConfigError where no report can be written."""
+    if output.is_dir():
+        raise ConfigError(f"--output {output}: is a directory; name a file in it")
+    check_writable_folder(output.parent, "--output in")

@@ -17,7 +17,7 @@ from rich.live import Live
 from rich.table import Table
 
 from controller.cad.compiled import CompiledPart, load_part, options_among
-from controller.cell.checking import check_job
+from controller.cell.checking import check_job, check_sizes
 from controller.cell.clocks import FoundClock, find_clock
 from controller.cell.dispatcher import Dispatcher
 from controller.cell.lock import hold_cell
@@ -27,7 +27,8 @@ from controller.cell.workers import Job, context, load_parts, worker_pool
 from controller.config import Cell, ConfigError, load_cell, load_recipe
 from controller.results import ResultsError, load_run, write_html
 
-from ._emulator import emulated_cell, emulator_command
+from ._before import LEAST_FREE_BYTES, check_control, check_writable_folder, parse_place
+from ._emulator import emulated_cell, emulator_args, emulator_command
 from ._ends import Ends
 from ._offline import warn_of
 from ._output import emit, say, stderr, warn
@@ -46,7 +47,9 @@ def run_recipe(
     seed: int | None,
     lay: tuple[Path, ...],
     empty: bool,
-    emulator_args: tuple[str, ...],
+    pose: int | None,
+    at: str | None,
+    control: Path | None,
     runs_dir: Path,
     is_part_removed: bool,
     as_json: bool,
@@ -55,19 +58,24 @@ def run_recipe(
     recipe = load_recipe(recipe_path)
     cell_file = cell_path or recipe.cell
     cell = load_cell(cell_file)
-    # before anything starts: a bad CAD file is the command line's fault
-    first, *_ = load_parts(recipe)
-    checked = check_job(Job(recipe_path, cell_file), None if as_json else warn)
-    if checked.problems:
-        warn_of(recipe_path, checked)
-        return 1
-    laid = [(path, load_part(path, options_among(path, recipe.unit))) for path in lay]
+    # before anything starts: what is wrong is the command line's fault, the quick checks first
+    check_writable_folder(runs_dir, "--runs", LEAST_FREE_BYTES)
+    check_control(control)
+    if at is not None:
+        parse_place(at, cell)
     emulated = cell.emulated_devices
     clock = find_clock(cell, {})
     if emulated and not clock.is_mixed:
         clock = replace(clock, speed=speed)
     if speed not in (1, clock.speed):
         raise ConfigError(_why_not_so_fast(speed, cell, clock))
+    check_sizes(recipe_path, recipe, cell)
+    first, *_ = load_parts(recipe)
+    laid = [(path, load_part(path, options_among(path, recipe.unit))) for path in lay]
+    checked = check_job(Job(recipe_path, cell_file), None if as_json else warn)
+    if checked.problems:
+        warn_of(recipe_path, checked)
+        return 1
     if seed is None:
         seed = secrets.randbelow(1_000_000)
     run_id = new_run_id(recipe)
@@ -83,7 +91,7 @@ def run_recipe(
     pieces = count or recipe.count
     fed = ("--feed", str(pieces - 1)) if pieces > 1 and parts else ()
     command = emulator_command(
-        cell_file, parts, speed=speed, seed=seed, more=(*emulator_args, *fed)
+        cell_file, parts, speed=speed, seed=seed, more=(*emulator_args(pose, at, control), *fed)
     )
     with Ends().heard() as ends, hold_cell(runs_dir, run_id), worker_pool() as pool:
         # the worker reads the CAD while the emulated cell comes up
@@ -112,7 +120,15 @@ def run_recipe(
                 except BaseException:
                     _report_if_any(runs_dir, run_id)
                     raise
-        report = write_html(load_run(runs_dir, run_id), folder / "report.html")
+        try:
+            report = write_html(load_run(runs_dir, run_id), folder / "report.html")
+        except OSError as error:
+            _tell_result(result, run_id, None, as_json=as_json)
+            warn(
+                f"cellctl: {folder / 'report.html'}: {error.strerror or error}; make room, then "
+                f"`cellctl report {run_id} --runs {runs_dir}` writes it"
+            )
+            return 1
         return _tell_result(result, run_id, report, as_json=as_json)
 
 
@@ -229,7 +245,7 @@ def _table(progress: Progress, elapsed_s: float) -> Table:
     return table
 
 
-def _tell_result(result: RunResult, run_id: str, report: Path, *, as_json: bool) -> int:
+def _tell_result(result: RunResult, run_id: str, report: Path | None, *, as_json: bool) -> int:
     good = result.outcome.end == "complete" and all(part.tray == "accept" for part in result.parts)
     if as_json:
         emit(
@@ -242,7 +258,7 @@ def _tell_result(result: RunResult, run_id: str, report: Path, *, as_json: bool)
                 "where": result.outcome.where,
                 "parts": [_part_json(part) for part in result.parts],
                 "speed": result.speed.as_json(),
-                "report": str(report),
+                "report": None if report is None else str(report),
             }
         )
         return 0 if good else 1
@@ -259,7 +275,8 @@ def _tell_result(result: RunResult, run_id: str, report: Path, *, as_json: bool)
         if result.outcome.end != "refused":  # its message has it
             warn(result.outcome.where)
     say(f"speed: {result.speed}")
-    say(f"report: {report}")
+    if report is not None:
+        say(f"report: {report}")
     return 0 if good else 1
 
 

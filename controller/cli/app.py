@@ -3,9 +3,11 @@
 Exit codes: 0 done, 1 the cell or the part said no, 2 the command line or a file is wrong.
 """
 
+import os
 import sys
 from collections.abc import Sequence
 from enum import StrEnum
+from math import isnan
 from pathlib import Path
 from typing import Annotated
 
@@ -19,6 +21,7 @@ from controller.planning import NoPlanError
 from controller.results import ResultsError
 from drivers.errors import DeviceError
 
+from ._bug import report_bug
 from ._emulator import EmulatorError
 from ._output import warn
 
@@ -40,6 +43,9 @@ calibrate = typer.Typer(
 app.add_typer(calibrate, name="calibrate")
 
 
+MOST_PARTS = 100_000  # of one run, as in a recipe
+
+
 class Unit(StrEnum):
     """A unit of length."""
 
@@ -49,6 +55,13 @@ class Unit(StrEnum):
     INCH = "inch"
 
 
+def _finite(value: float | None) -> float | None:
+    """Refuse what is no number, which passes every limit."""
+    if value is not None and isnan(value):
+        raise typer.BadParameter("nan is no number")
+    return value
+
+
 RecipeArg = Annotated[Path, typer.Argument(help="recipe file (YAML)")]
 CellOption = Annotated[
     Path | None, typer.Option("--cell", help="cell file (YAML); the recipe's cell otherwise")
@@ -56,10 +69,14 @@ CellOption = Annotated[
 JsonOption = Annotated[bool, typer.Option("--json", help="one JSON object a line on stdout")]
 RunsOption = Annotated[Path, typer.Option("--runs", help="folder of all runs and the journal")]
 SpeedOption = Annotated[
-    float, typer.Option("--speed", min=0.1, max=100, help="emulated cell: times real time")
+    float,
+    typer.Option(
+        "--speed", min=0.1, max=100, callback=_finite, help="emulated cell: times real time"
+    ),
 ]
 SeedOption = Annotated[
-    int | None, typer.Option("--seed", help="emulated cell: same seed, same world")
+    int | None,
+    typer.Option("--seed", min=0, max=2**32 - 1, help="emulated cell: same seed, same world"),
 ]
 LayOption = Annotated[
     list[Path] | None,
@@ -67,7 +84,8 @@ LayOption = Annotated[
 ]
 EmptyOption = Annotated[bool, typer.Option("--empty", help="emulated cell: an empty table")]
 PoseOption = Annotated[
-    int | None, typer.Option("--pose", help="emulated cell: which stable pose the part lies in")
+    int | None,
+    typer.Option("--pose", min=0, help="emulated cell: which stable pose the part lies in"),
 ]
 AtOption = Annotated[
     str | None, typer.Option("--at", help="emulated cell: where it lies, as X,Y,THETA_DEG")
@@ -106,22 +124,22 @@ class Lines(StrEnum):
     RTU_TCP = "rtu-tcp"
 
 
-def _emulator_args(pose: int | None, at: str | None, control: Path | None) -> tuple[str, ...]:
-    more: list[str] = []
-    if pose is not None:
-        more += ["--pose", str(pose)]
-    if at is not None:
-        more += ["--at", at]
-    if control is not None:
-        more += ["--control", str(control)]
-    return tuple(more)
+@app.callback()
+def _common(
+    verbose: Annotated[
+        bool, typer.Option("--verbose", help="print the details of an error nobody expected")
+    ] = False,
+) -> None:
+    """Run a robotic inspection cell."""
 
 
 @app.command(epilog="Example: cellctl run recipes/featuretype.yaml --speed 10")
 def run(
     recipe: RecipeArg,
     cell: CellOption = None,
-    count: Annotated[int | None, typer.Option("--count", min=1, help="how many parts")] = None,
+    count: Annotated[
+        int | None, typer.Option("--count", min=1, max=MOST_PARTS, help="how many parts")
+    ] = None,
     speed: SpeedOption = 1.0,
     seed: SeedOption = None,
     lay: LayOption = None,
@@ -151,7 +169,9 @@ def run(
         seed=seed,
         lay=tuple(lay or ()),
         empty=empty,
-        emulator_args=_emulator_args(pose, at, control),
+        pose=pose,
+        at=at,
+        control=control,
         runs_dir=runs,
         is_part_removed=part_removed,
         as_json=json,
@@ -216,7 +236,13 @@ def compile_(
     unit: UnitOption = None,
     density: Annotated[
         float | None,
-        typer.Option("--density", min=0.01, max=25, help="g/cm3; the file's, or 2.7, otherwise"),
+        typer.Option(
+            "--density",
+            min=0.01,
+            max=25,
+            callback=_finite,
+            help="g/cm3; the file's, or 2.7, otherwise",
+        ),
     ] = None,
     cell: Annotated[
         Path | None,
@@ -391,10 +417,18 @@ def emulate(
     """Bring up the emulated cell on its ports for any client; Ctrl-C ends it."""
     from ._emulate import serve
 
-    more = list(_emulator_args(pose, at, control))
-    if lines is not None:
-        more += ["--lines", lines.value]
-    raise typer.Exit(serve(cell, tuple(part or ()), speed, seed, tuple(more), as_json=json))
+    code = serve(
+        cell,
+        tuple(part or ()),
+        speed=speed,
+        seed=seed,
+        pose=pose,
+        at=at,
+        control=control,
+        lines=lines and lines.value,
+        as_json=json,
+    )
+    raise typer.Exit(code)
 
 
 @app.command(epilog="Example: cellctl report --format json")
@@ -427,7 +461,9 @@ def doctor(
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command line and return its exit code."""
+    """Run a command line and return its exit code; nobody ever reads a traceback unasked."""
+    words = sys.argv[1:] if argv is None else list(argv)
+    is_verbose = "--verbose" in words or "-v" in words
     try:
         app(args=list(argv) if argv is not None else None, prog_name="cellctl")
     except SystemExit as end:  # how the parser ends each command, and each wrong command line
@@ -447,6 +483,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
     except KeyboardInterrupt:
         warn("cellctl: given up")
+        return 1
+    except OSError as error:
+        if error.strerror is None:
+            report_bug(error, words, verbose=is_verbose)
+            return 1
+        where = "" if error.filename is None else f"{os.fsdecode(error.filename)}: "
+        warn(f"cellctl: {where}{error.strerror}")
+        return 1
+    except Exception as error:  # noqa: BLE001  (the last resort: a sentence, the rest in a file)
+        report_bug(error, words, verbose=is_verbose)
         return 1
     return 0
 

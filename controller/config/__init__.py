@@ -1,5 +1,6 @@
 """recipe.yaml and cell.yaml: read once, checked whole, wrong keys answered with the right ones."""
 
+from ._yaml import line_in
 from .cell import EMULATED, Cell, load_cell
 from .errors import ConfigError
 from .layout import build_lamps, build_layout, panel_corners, table_corners
@@ -12,6 +13,7 @@ __all__ = [
     "Recipe",
     "build_lamps",
     "build_layout",
+    "line_in",
     "load_cell",
     "load_recipe",
     "panel_corners",

@@ -22,8 +22,8 @@ from ruamel.yaml.events import (
     SequenceStartEvent,
 )
 
-from ._files import read_text
 from .errors import ConfigError
+from .files import read_text
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -54,6 +54,14 @@ class Section(BaseModel):
         if isinstance(value, bool) and field.annotation is not bool:
             raise ValueError("true and false mean nothing here")  # pydantic would read 1 and 0
         return value
+
+
+class WrongKeyError(ValueError):
+    """What a check over several keys finds wrong, with the key below its section to name."""
+
+    def __init__(self, location: tuple[int | str, ...], told: str) -> None:
+        super().__init__(told)
+        self.location = location
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +114,11 @@ def load_with_lines(path: Path, model: type[Model]) -> Loaded[Model]:
             problems.append(f"{path}: and {len(found) - MOST_PROBLEMS} more like these")
         raise ConfigError("\n".join(problems)) from error
     return Loaded(value, lambda location: _line(tree, location))
+
+
+def line_in(path: Path, location: tuple[int | str, ...]) -> int | None:
+    """Return the line of a key in a file that was read before, None where it is not said there."""
+    return _line(_tree(path, read_text(path, "a file of settings")), location)
 
 
 def _tree(path: Path, text: str) -> CommentedMap:
@@ -210,6 +223,9 @@ def _section_in(annotation: Any) -> Any:  # noqa: ANN401 - an annotation is any 
 
 def _explain(path: Path, tree: Any, model: type[BaseModel], error: dict[str, Any]) -> str:  # noqa: ANN401
     location = tuple(error["loc"])
+    own = error.get("ctx", {}).get("error")
+    if isinstance(own, WrongKeyError):
+        location += own.location
     line = _line(tree, location)
     where = f"{path}:{line}" if line is not None else f"{path}"
     dotted = ".".join(str(part) for part in location)

@@ -10,12 +10,20 @@ from pydantic import AfterValidator, Field, model_validator
 
 from controller.cad import Camera
 
-from ._yaml import Section, load_yaml
+from ._yaml import Section, WrongKeyError, load_yaml
 from .errors import ConfigError
 
 Array = NDArray[np.float64]
-Vec2 = tuple[float, float]
-Vec3 = tuple[float, float, float]
+Number = Annotated[float, Field(ge=-50_000, le=50_000)]  # no cell is 50 m wide
+Vec2 = tuple[Number, Number]
+Vec3 = tuple[Number, Number, Number]
+Length = Annotated[float, Field(ge=10, le=5000)]  # of a link [mm]; in metres it would be below 1
+Width = Annotated[float, Field(ge=0.5, le=1000)]  # of what grips [mm]
+# between a camera and the table or the station it looks at [mm]; in metres it would be below 20
+LEAST_HEIGHT_MM, MOST_HEIGHT_MM = 50.0, 20_000.0
+MOST_SIZE_PX = 20_000  # of a picture, each way
+IN_MM = "lengths are in millimetres; are these metres?"
+LEAST_AREA_MM = 10.0  # side of an area that parts lie in
 
 
 def _rising(bounds: tuple[float, ...]) -> tuple[float, ...]:
@@ -24,6 +32,12 @@ def _rising(bounds: tuple[float, ...]) -> tuple[float, ...]:
         if low >= high:
             raise ValueError(f"bounds go from low to high, not from {low:g} to {high:g}")
     return bounds
+
+
+def _of_a_camera(size: tuple[int, int]) -> tuple[int, int]:
+    if max(size) > MOST_SIZE_PX:
+        raise ValueError(f"a camera has at most {MOST_SIZE_PX} px each way, not {max(size)}")
+    return size
 
 
 def _positive(size: tuple[float, ...]) -> tuple[float, ...]:
@@ -124,12 +138,20 @@ class TableSection(Section):
     glowing_area: Range2
     drop_area: Range2
 
+    @model_validator(mode="after")
+    def _areas_hold_a_part(self) -> "TableSection":
+        for name, area in (("glowing_area", self.glowing_area), ("drop_area", self.drop_area)):
+            side_mm = min(area.x[1] - area.x[0], area.y[1] - area.y[0])
+            if side_mm < LEAST_AREA_MM:
+                raise WrongKeyError((name,), f"a side of {side_mm:g} mm; {IN_MM}")
+        return self
+
 
 class CameraSection(Section):
     """A camera: its calibration and how it is run."""
 
-    size_px: Annotated[tuple[int, int], AfterValidator(_positive)]
-    focal_px: float = Field(gt=0)
+    size_px: Annotated[tuple[int, int], AfterValidator(_positive), AfterValidator(_of_a_camera)]
+    focal_px: float = Field(ge=10, le=1_000_000)
     centre_px: Vec2
     distortion: tuple[float, float, float, float, float] = (0, 0, 0, 0, 0)
     pose: Pose
@@ -138,6 +160,15 @@ class CameraSection(Section):
     formats: tuple[Literal["GREY", "YUYV", "MJPG", "Y16"], ...] = ("GREY", "YUYV", "MJPG")
     settle_frames: int = Field(3, ge=0, le=30)  # of a stream just started, before one is trusted
     margin_s: float | None = Field(None, ge=0, le=1)  # a stamp's play; the driver's own otherwise
+
+    def sees(self, point_mm: Array) -> bool:
+        """Tell whether a point (3,) of the world is in the picture, the lens aside."""
+        T = self.pose.build()
+        x, y, z = T[:3, :3].T @ (point_mm - T[:3, 3])
+        if z < LEAST_HEIGHT_MM:
+            return False
+        u, v = self.focal_px * np.array([x, y]) / z + np.array(self.centre_px)
+        return bool(0 <= u < self.size_px[0] and 0 <= v < self.size_px[1])
 
     def build(self) -> Camera:
         """Return the calibrated camera."""
@@ -156,6 +187,16 @@ class CamerasSection(Section):
 
     overhead: CameraSection
     inspection: CameraSection
+
+    @model_validator(mode="after")
+    def _overhead_is_above_the_table(self) -> "CamerasSection":
+        z_mm = self.overhead.pose.position[2]
+        if not LEAST_HEIGHT_MM <= z_mm <= MOST_HEIGHT_MM:
+            raise WrongKeyError(
+                ("overhead", "pose", "position"),
+                f"the camera would stand {z_mm:g} mm above the table; {IN_MM}",
+            )
+        return self
 
 
 class StationSection(Section):
@@ -193,10 +234,10 @@ class LampSection(Section):
 class FingersSection(Section):
     """The two fingers of a jaw."""
 
-    length_mm: float = Field(gt=0)
-    width_mm: float = Field(gt=0)
-    thickness_mm: float = Field(gt=0)
-    pad_length_mm: float = Field(gt=0)
+    length_mm: Width
+    width_mm: Width
+    thickness_mm: Width
+    pad_length_mm: Width
 
 
 class ParkSection(Section):
@@ -222,11 +263,11 @@ class ArmSection(Section):
     """The arm: where it stands and what shape it has."""
 
     pose: Pose
-    upper_mm: float = Field(gt=0)
-    fore_mm: float = Field(gt=0)
-    tool_mm: float = Field(gt=0)
-    wrist_height_mm: float = Field(gt=0)
-    jaw_max_mm: float = Field(gt=0)
+    upper_mm: Length
+    fore_mm: Length
+    tool_mm: Length
+    wrist_height_mm: Length
+    jaw_max_mm: Width
     park_deg: ParkSection
     links: LinksSection
     hand: dict[str, Box]
@@ -237,7 +278,7 @@ class FixtureSection(Section):
     """The fixed second gripper."""
 
     pose: Pose
-    jaw_max_mm: float = Field(gt=0)
+    jaw_max_mm: Width
     body: dict[str, Box]
     fingers: FingersSection
     post: Box
@@ -324,6 +365,20 @@ class Cell(Section):
             raise ValueError(f"`lamps` lacks {', '.join(missing)}")
         _all_different("`lamps`: analog channel", {n: x.analog for n, x in self.lamps.items()})
         _all_different("`lamps`: relay", {n: x.relay for n, x in self.lamps.items()})
+        return self
+
+    @model_validator(mode="after")
+    def _cameras_see_what_they_are_for(self) -> "Cell":
+        area = self.table.drop_area
+        middle = (sum(area.x) / 2, sum(area.y) / 2, 0.0)
+        for name, camera, point, what in (
+            ("overhead", self.cameras.overhead, middle, "the middle of `table.drop_area`"),
+            ("inspection", self.cameras.inspection, self.station.position, "`station.position`"),
+        ):
+            if not camera.sees(np.array(point)):
+                raise WrongKeyError(
+                    ("cameras", name, "pose"), f"{what} is not in its picture; {IN_MM}"
+                )
         return self
 
     @property

@@ -7,9 +7,9 @@ from pydantic import AfterValidator, Field
 
 from controller.cad.compiled import is_cad_file
 
-from ._files import reason_of
 from ._yaml import Section, load_with_lines
 from .errors import ConfigError
+from .files import reason_of
 
 DEFAULT_CELL = Path("cells/emulated.yaml")
 MOST_NAMED = 12  # files of a folder that a message lists

@@ -227,11 +227,11 @@ def test_the_longest_fitting_entry_is_meant(
 
 
 def test_pictures_that_are_none_are_refused(refusal: Callable[..., str], tmp_path: Path) -> None:
-    assert "no such picture" in refusal(images=[tmp_path / "a_0.png"])
+    assert "No such file" in refusal(images=[tmp_path / "a_0.png"])
     (tmp_path / "a_1.png").write_bytes(b"not a picture")
     assert "is no picture that can be read" in refusal(images=[tmp_path / "a_1.png"])
     (tmp_path / "a_2.png").write_bytes(b"")
-    assert "is no picture that can be read" in refusal(images=[tmp_path / "a_2.png"])
+    assert "the file is empty" in refusal(images=[tmp_path / "a_2.png"])
 
 
 def test_twelve_bits_in_sixteen_are_read_with_all_their_contrast(tmp_path: Path) -> None:

@@ -191,7 +191,7 @@ def test_every_bad_file_is_named_with_what_is_wrong(
             read_picture(tmp_path / name, SIZE)
         assert str(raised.value).startswith(str(tmp_path / name))
         assert words in str(raised.value)
-    with pytest.raises(ConfigError, match="no such picture"):
+    with pytest.raises(ConfigError, match="No such file"):
         read_picture(tmp_path / "missing.png", SIZE)
     assert capfd.readouterr() == ("", "")  # decoders do not talk past the sentence
 

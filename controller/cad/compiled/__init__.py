@@ -2,6 +2,7 @@
 
 from ._cache import cache_key, cached_part, load_part, make_part, source_hash
 from ._part import (
+    UNITLESS,
     CompiledPart,
     CompileOptions,
     compile_part,
@@ -13,6 +14,7 @@ from ._part import (
 from .keeping import cache_dir
 
 __all__ = [
+    "UNITLESS",
     "CompileOptions",
     "CompiledPart",
     "cache_dir",

@@ -1,0 +1,77 @@
+"""What wrong inputs of every command cost: exit code, seconds, and memory at most.
+
+    python benchmarks/bench_inputs.py [--only WORDS] [--json]
+
+Each row of `tests/unit/wrong_inputs.py` is asked in a process of its own, from the start of Python,
+with an empty cache. Prints a table, or one JSON object with --json; exit code 1 where a row is
+answered with another code, a traceback, or past the limits: 5 s and 200 MB. The seconds that count
+are those of computing, which other processes do not lengthen; the clock's stand beside them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "unit"))
+from wrong_inputs import ROWS, Row, cost_of, lay_out
+
+MOST_S = 5.0
+MOST_MB = 200.0
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", default="", help="rows whose name holds this")
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args()
+    rows = [measure(row) for row in ROWS if args.only in row.name]
+    failed = [row["name"] for row in rows if row["wrong"]]
+    worst = {key: max(row[key] for row in rows) for key in ("seconds", "cpu_s", "peak_mb")}
+    if args.json:
+        print(json.dumps({"rows": rows, "worst": worst, "failed": failed}))
+        return 1 if failed else 0
+    print("code  clock s  CPU s  peak MB  input; what is said")
+    for row in rows:
+        print(
+            f"{row['code']:4} {row['seconds']:8.1f} {row['cpu_s']:6.1f} {row['peak_mb']:8.0f}  "
+            f"{row['name']}{'  WRONG: ' + row['wrong'] if row['wrong'] else ''}\n"
+            f"{'':32}{row['said'].splitlines()[-1][:100] if row['said'] else '(nothing)'}"
+        )
+    print(
+        f"{len(rows)} rows, {len(failed)} wrong; at most {worst['seconds']:.1f} s by the clock, "
+        f"{worst['cpu_s']:.1f} s of computing, {worst['peak_mb']:.0f} MB"
+    )
+    return 1 if failed else 0
+
+
+def measure(row: Row) -> dict[str, Any]:
+    with tempfile.TemporaryDirectory(prefix="bench-inputs-") as scratch:
+        folder = Path(scratch) / "here"
+        folder.mkdir()
+        os.environ["XDG_CACHE_HOME"] = str(Path(scratch) / "cache")
+        lay_out(folder)
+        row.prepare(folder)
+        cost = cost_of(row, folder)
+    body = {"name": row.name, "command": " ".join(row.command)[:200], **asdict(cost)}
+    body["peak_mb"] = body.pop("peak_bytes") / 2**20
+    wrong = []
+    if cost.code != row.code:
+        wrong.append(f"code {cost.code}, {row.code} required")
+    if "Traceback" in cost.said or "this is a bug" in cost.said:
+        wrong.append("a traceback")
+    if row.says not in cost.said:
+        wrong.append(f"{row.says!r} is not said")
+    if row.code == 2 and (cost.cpu_s > MOST_S or body["peak_mb"] > MOST_MB):
+        wrong.append("past the limits")
+    return body | {"wrong": "; ".join(wrong)}
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,93 @@
+"""What can be known to be wrong before a run starts anything: places, folders, options."""
+
+import os
+import shutil
+import tempfile
+from math import isfinite
+from pathlib import Path
+
+from controller.config import Cell, ConfigError
+
+LEAST_FREE_BYTES = (
+    200_000_000  # pictures of a part with many views take 60 MB, and the journal grows
+)
+MOST_SOCKET_NAME_BYTES = 100  # of a unix socket's path; the system allows 107
+Place = tuple[float, float, float]  # x [mm], y [mm], theta [deg]
+
+
+def check_writable_folder(folder: Path, option: str, least_free_bytes: int = 0) -> None:
+    """Check that a folder is there or can be made, takes files, and has room; make nothing.
+
+    Raises
+    ------
+    ConfigError : and which of these it is
+    """
+    try:
+        there = _nearest(folder.absolute())
+        if not there.is_dir():
+            raise ConfigError(f"{option} {folder}: {there} is a file; name a folder")
+        with tempfile.TemporaryFile(dir=there, buffering=0) as probe:
+            probe.write(b"\0" * 4096)
+            os.fsync(probe.fileno())
+        free_bytes = shutil.disk_usage(there).free
+        if free_bytes < least_free_bytes:
+            raise ConfigError(
+                f"{option} {folder}: {free_bytes / 1e6:.0f} MB are free there, "
+                f"{least_free_bytes / 1e6:.0f} MB are required; make room or name another folder"
+            )
+    except (OSError, ValueError) as error:
+        told = error.strerror if isinstance(error, OSError) else None
+        raise ConfigError(
+            f"{option} {folder}: cannot be written to ({told or error}); name another folder"
+        ) from error
+
+
+def _nearest(folder: Path) -> Path:
+    """Return the folder, or the first above it that is there."""
+    for there in (folder, *folder.parents):
+        if os.path.lexists(there):
+            return there
+    return Path("/")
+
+
+def parse_place(at: str | None, cell: Cell, *, is_on_table: bool = True) -> Place:
+    """Return x, y [mm] and theta [deg] of ``X,Y,THETA``; the middle of the drop area otherwise.
+
+    Parameters
+    ----------
+    is_on_table : it must lie there, for something is laid down at it
+
+    Raises
+    ------
+    ConfigError : not three numbers, or not on the table
+    """
+    if at is None:
+        x, y = cell.table.drop_area.x, cell.table.drop_area.y
+        return sum(x) / 2, sum(y) / 2, 0.0
+    try:
+        numbers = [float(word) for word in at.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 3 or not all(isfinite(number) for number in numbers):
+        raise ConfigError(
+            f"--at {at:.80}: three numbers are required, X,Y,THETA_DEG, as in 350,20,45"
+        )
+    (x0, x1), (y0, y1) = cell.table.glowing_area.x, cell.table.glowing_area.y
+    x_mm, y_mm, theta_deg = numbers
+    if is_on_table and not (x0 <= x_mm <= x1 and y0 <= y_mm <= y1):
+        raise ConfigError(
+            f"--at {at}: is off the table, which has x {x0:g} to {x1:g} and y {y0:g} to {y1:g} mm"
+        )
+    return x_mm, y_mm, theta_deg % 360 if abs(theta_deg) > 360 else theta_deg
+
+
+def check_control(control: Path | None) -> None:
+    """Raise ConfigError where no socket can be made."""
+    if control is None:
+        return
+    if len(os.fsencode(control.absolute())) > MOST_SOCKET_NAME_BYTES:
+        raise ConfigError(f"--control {control}: the name is too long for a socket")
+    if not control.absolute().parent.is_dir():
+        raise ConfigError(f"--control {control}: there is no folder {control.parent}")
+    if control.is_dir():
+        raise ConfigError(f"--control {control}: is a directory; name a file in it")

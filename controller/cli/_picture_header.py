@@ -1,0 +1,95 @@
+"""How large a stored picture says it is, read from its first bytes: before anything is decoded.
+
+A picture of 60,000 x 60,000 pixels may be a file of a few kilobytes; decoded, it fills the memory.
+Formats: PNG (ISO/IEC 15948, 11.2.2), JPEG (ITU-T T.81, B.2.2), TIFF 6.0 (sections 2 and 8), BMP,
+PGM and PPM (netpbm), WebP (RFC 9649).
+"""
+
+import re
+import struct
+
+PNG_BEGIN = b"\x89PNG\r\n\x1a\n"
+JPEG_BEGIN = b"\xff\xd8\xff"
+# start of frame; C4, C8 and CC are tables and extensions
+JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+JPEG_BARE = frozenset((0x01, *range(0xD0, 0xD9)))  # markers without a length
+TIFF_WIDTH, TIFF_HEIGHT = 256, 257
+TIFF_TYPES = {3: "H", 4: "I"}
+NETPBM = re.compile(rb"P[1-6](?:\s|#[^\n]*\n)+(\d+)(?:\s|#[^\n]*\n)+(\d+)\s")
+
+
+def size_in_header(data: bytes) -> tuple[int, int] | None:
+    """Return (width, height) in pixels as the header has them; None where there is no header."""
+    try:
+        if data.startswith(PNG_BEGIN):
+            width, height = struct.unpack_from(">II", data, 16)
+            return width, height
+        if data.startswith(JPEG_BEGIN):
+            return _of_jpeg(data)
+        if data[:4] in (b"II*\0", b"MM\0*"):
+            return _of_tiff(data, "<" if data[:2] == b"II" else ">")
+        if data.startswith(b"BM"):
+            return _of_bmp(data)
+        if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
+            return _of_webp(data)
+        if (found := NETPBM.match(data[:1024])) is not None:
+            return int(found[1]), int(found[2])
+    except (struct.error, IndexError, ValueError):
+        return None
+    return None
+
+
+def _of_jpeg(data: bytes) -> tuple[int, int] | None:
+    at = 2
+    while at + 9 <= len(data):
+        if data[at] != 0xFF:
+            return None
+        marker = data[at + 1]
+        if marker == 0xFF:  # padding
+            at += 1
+            continue
+        if marker in JPEG_BARE:
+            at += 2
+            continue
+        if marker in JPEG_FRAMES:
+            height, width = struct.unpack_from(">HH", data, at + 5)
+            return width, height
+        at += 2 + int(struct.unpack_from(">H", data, at + 2)[0])
+    return None
+
+
+def _of_tiff(data: bytes, order: str) -> tuple[int, int] | None:
+    (at,) = struct.unpack_from(f"{order}I", data, 4)
+    (count,) = struct.unpack_from(f"{order}H", data, at)
+    found: dict[int, int] = {}
+    for i in range(count):
+        entry = at + 2 + 12 * i
+        tag, kind = struct.unpack_from(f"{order}HH", data, entry)
+        if tag in (TIFF_WIDTH, TIFF_HEIGHT) and kind in TIFF_TYPES:
+            (found[tag],) = struct.unpack_from(f"{order}{TIFF_TYPES[kind]}", data, entry + 8)
+    if len(found) < 2:
+        return None
+    return found[TIFF_WIDTH], found[TIFF_HEIGHT]
+
+
+def _of_bmp(data: bytes) -> tuple[int, int]:
+    (head,) = struct.unpack_from("<I", data, 14)
+    if head == 12:  # the oldest header has 16 bits
+        width, height = struct.unpack_from("<HH", data, 18)
+        return width, height
+    width, height = struct.unpack_from("<ii", data, 18)
+    return abs(width), abs(height)  # upside down below 0
+
+
+def _of_webp(data: bytes) -> tuple[int, int] | None:
+    kind = data[12:16]
+    if kind == b"VP8X":
+        width = int.from_bytes(data[24:27], "little") + 1
+        return width, int.from_bytes(data[27:30], "little") + 1
+    if kind == b"VP8L":
+        bits = int.from_bytes(data[21:25], "little")
+        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    if kind == b"VP8 ":
+        width, height = struct.unpack_from("<HH", data, 26)
+        return width & 0x3FFF, height & 0x3FFF
+    return None

@@ -1,0 +1,676 @@
+"""Wrong inputs of every command: what a person, a program or a bad disk can hand us.
+
+Each row lays out files in a folder of its own and names the command line, the exit code, and words
+of the one sentence that is to be printed. `test_cli_wrong_inputs.py` asks all of them within one
+process, `benchmarks/bench_inputs.py` each in a process of its own, with seconds and memory.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+import struct
+import subprocess
+import sys
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+CELL_TEXT = (ROOT / "recipes/cells/emulated.yaml").read_text()
+RECIPE_TEXT = """\
+name: block
+part: block.stl
+unit: mm
+density_g_cm3: 2.7
+inspection:
+  min_coverage: 0.5
+  smallest_defect_mm: 3.0
+grip:
+  force_n: 60
+"""
+CALIBRATION = {
+    "size_px": [64, 48],
+    "K": [[200.0, 0, 31.5], [0, 200.0, 23.5], [0, 0, 1]],
+    "distortion": [0, 0, 0, 0, 0],
+    "T_world_cam": [[0, -1, 0, 360], [-1, 0, 0, 0], [0, 0, -1, 1250], [0, 0, 0, 1]],
+}
+TARGET = {
+    "inner_corners": [8, 5],
+    "square_mm": 10,
+    "images": [{"image": "board_0.png", "placed": "flat"}],
+}
+CELL_FILE = "cells/emulated.yaml"
+RUN, CHECK = ("run", "recipe.yaml", "--runs", "runs"), ("check", "recipe.yaml")
+RECOGNISE = ("recognise", "a.png", "--parts", "block.stl", "--calibration", "camera.json")
+CALIBRATE = ("calibrate", "camera", "board_0.png", "--target", "target.json", "-o", "out.json")
+Prepare = Callable[[Path], None]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A wrong input.
+
+    Attributes
+    ----------
+    prepare : lays out what is wrong, in a folder that is sound but for that
+    command : words of the command line; file names are relative to that folder
+    says : words that the sentence must hold; those of a file with a line as `file:line`
+    code : 2 where the command line or a file is wrong, 1 where cell or part say no
+    """
+
+    name: str
+    prepare: Prepare
+    command: tuple[str, ...]
+    says: str
+    code: int = 2
+
+
+def lay_out(folder: Path) -> None:
+    """Write a recipe, its part and cell, a calibration and a picture, all of them sound."""
+    (folder / "cells").mkdir()
+    (folder / "cells" / "emulated.yaml").write_text(CELL_TEXT)
+    (folder / "recipe.yaml").write_text(RECIPE_TEXT)
+    (folder / "block.stl").write_bytes(stl_box(50, 30, 20))
+    (folder / "camera.json").write_text(json.dumps(CALIBRATION))
+    (folder / "target.json").write_text(json.dumps(TARGET))
+    (folder / "a.png").write_bytes(png(64, 48))
+    (folder / "board_0.png").write_bytes(png(64, 48))
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a command line came to in a process of its own.
+
+    Attributes
+    ----------
+    seconds : by the clock; cpu_s : of computing, which other processes do not lengthen
+    peak_bytes : of memory it held at once
+    said : all it printed
+    """
+
+    code: int
+    seconds: float
+    cpu_s: float
+    peak_bytes: int
+    said: str
+
+
+# a process starts with the peak of whoever forked it: so a small one forks
+LAUNCHER = """
+import json, os, sys, time
+started = time.monotonic()
+child = os.posix_spawn(sys.argv[1], sys.argv[1:], os.environ)
+_, status, used = os.wait4(child, 0)
+print(json.dumps([os.waitstatus_to_exitcode(status), time.monotonic() - started,
+                  used.ru_utime + used.ru_stime, used.ru_maxrss * 1024]), file=sys.stderr)
+"""
+
+
+def cost_of(row: Row, folder: Path) -> Cost:
+    """Ask a row's command line in a process of its own, in the folder it is laid out in."""
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-S",
+            "-c",
+            LAUNCHER,
+            sys.executable,
+            "-m",
+            "controller.cli",
+            *row.command,
+        ],
+        cwd=folder,
+        capture_output=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        text=True,
+        errors="replace",
+        check=True,
+    )
+    *said, told = done.stderr.strip().split("\n")
+    code, seconds, cpu_s, peak_bytes = json.loads(told)
+    return Cost(code, seconds, cpu_s, peak_bytes, "\n".join((*said, done.stdout)).strip())
+
+
+# --- what files hold ----------------------------------------------------------------------------
+
+
+def stl_box(x: float, y: float, z: float) -> bytes:
+    """A closed box as binary STL, centred."""
+    corners = (
+        np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)], dtype=float)
+        * [x, y, z]
+        - np.array([x, y, z]) / 2
+    )
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
+    records = b"".join(
+        struct.pack("<12fH", 0, 0, 0, *corners[[a, b, c]].ravel(), 0) for a, b, c in faces
+    )
+    return b"\0" * 80 + struct.pack("<I", len(faces)) + records
+
+
+def png(width: int, height: int, data: bytes | None = None) -> bytes:
+    """A grey PNG; its pixels are those of `data`, compressed, and few where its header lies."""
+
+    def chunk(name: bytes, body: bytes) -> bytes:
+        return (
+            struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+        )
+
+    rows = b"".join(b"\0" + bytes(width) for _ in range(height)) if data is None else data
+    head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", head)
+        + chunk(b"IDAT", zlib.compress(rows))
+        + chunk(b"IEND", b"")
+    )
+
+
+def jpeg_header(width: int, height: int) -> bytes:
+    frame = struct.pack(">BHHB", 8, height, width, 1) + b"\x01\x11\x00"
+    return b"\xff\xd8\xff\xc0" + struct.pack(">H", len(frame) + 2) + frame + b"\xff\xd9"
+
+
+def tiff_header(width: int, height: int) -> bytes:
+    entries = b"".join(
+        struct.pack("<HHII", tag, 4, 1, value)
+        for tag, value in ((256, width), (257, height), (258, 8), (259, 1), (262, 1), (273, 8))
+    )
+    return b"II*\0" + struct.pack("<IH", 8, 6) + entries + b"\0\0\0\0"
+
+
+LAUGHS = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
+    f"{chr(98 + i)}: &{chr(98 + i)} [{','.join([f'*{chr(97 + i)}'] * 9)}]\n" for i in range(9)
+)
+CSG_BOMB = (
+    "unit: mm\nshapes:\n  s0: {block: {size: [9, 9, 9]}}\n"
+    + "".join(
+        f"  s{i + 1}: {{union: [{{use: s{i}}}, {{use: s{i}, move: [{3.7 * i + 1}, 0, 1]}}]}}\n"
+        for i in range(40)
+    )
+    + "part: {use: s40}\n"
+)
+
+
+# --- how they are laid out ----------------------------------------------------------------------
+
+
+def nothing(folder: Path) -> None:
+    """The command line itself is wrong."""
+
+
+def write(name: str, data: bytes | str) -> Prepare:
+    """Another file in the place of a sound one."""
+
+    def prepare(folder: Path) -> None:
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data.encode() if isinstance(data, str) else data)
+
+    return prepare
+
+
+def recipe(old: str, new: str) -> Prepare:
+    assert RECIPE_TEXT.count(old) == 1, old
+    return write("recipe.yaml", RECIPE_TEXT.replace(old, new))
+
+
+def cell(old: str, new: str) -> Prepare:
+    assert CELL_TEXT.count(old) == 1, old
+    return write("cells/emulated.yaml", CELL_TEXT.replace(old, new))
+
+
+def cell_line(old: str) -> int:
+    """The line of the shipped cell file that holds a text."""
+    return CELL_TEXT[: CELL_TEXT.index(old)].count("\n") + 1
+
+
+def calibration(**more: Any) -> Prepare:
+    return write("camera.json", json.dumps({**CALIBRATION, **more}))
+
+
+def link(name: str, to: str) -> Prepare:
+    def prepare(folder: Path) -> None:
+        (folder / name).unlink(missing_ok=True)
+        (folder / name).symlink_to(to)
+
+    return prepare
+
+
+def pipe(name: str) -> Prepare:
+    def prepare(folder: Path) -> None:
+        (folder / name).unlink(missing_ok=True)
+        os.mkfifo(folder / name)
+
+    return prepare
+
+
+def directory(name: str) -> Prepare:
+    def prepare(folder: Path) -> None:
+        (folder / name).unlink(missing_ok=True)
+        (folder / name).mkdir()
+
+    return prepare
+
+
+def sparse(name: str, size: int) -> Prepare:
+    """A file that says it is large and takes no room."""
+
+    def prepare(folder: Path) -> None:
+        with (folder / name).open("wb") as file:
+            file.truncate(size)
+
+    return prepare
+
+
+def outside(name: str) -> Prepare:
+    """A sound part beside the recipe's folder, and a recipe that names it."""
+
+    def prepare(folder: Path) -> None:
+        inner = folder / "inner"
+        inner.mkdir()
+        shutil.move(folder / "cells", inner / "cells")
+        text = RECIPE_TEXT.replace("part: block.stl", f"part: {name}")
+        (inner / "recipe.yaml").write_text(text.replace("{folder}", str(folder)))
+        (inner / "link.stl").symlink_to(folder / "block.stl")
+
+    return prepare
+
+
+INNER = ("run", "inner/recipe.yaml", "--runs", "runs")
+OVERHEAD = "pose: {position: [360, 0, 1250], x_axis: [0, -1, 0], y_axis: [-1, 0, 0]}"
+INSPECTION = "pose: {position: [430, -700, 450], x_axis: [1, 0, 0], y_axis: [0, 0, -1]}"
+BOARD = json.dumps({**TARGET, "images": [{"image": "../board_0.png", "placed": "flat"}] * 2})
+
+ROWS: tuple[Row, ...] = (
+    # recipes and cells: files that are none
+    Row("no recipe", nothing, ("run", "none.yaml"), "none.yaml: No such file"),
+    Row("recipe is a directory", directory("recipe.yaml"), RUN, "recipe.yaml: is a directory"),
+    Row("recipe is a pipe", pipe("recipe.yaml"), RUN, "recipe.yaml: is no plain file"),
+    Row("recipe is /dev/zero", nothing, ("run", "/dev/zero"), "/dev/zero: is no plain file"),
+    Row("recipe links to /dev/zero", link("recipe.yaml", "/dev/zero"), RUN, "is no plain file"),
+    Row("recipe links to itself", link("recipe.yaml", "recipe.yaml"), RUN, "recipe.yaml: Too many"),
+    Row("recipe of 10 GB", sparse("recipe.yaml", 10**10), RUN, "recipe.yaml: has more than"),
+    Row("empty recipe", write("recipe.yaml", ""), CHECK, "recipe.yaml: is empty"),
+    Row("binary recipe", write("recipe.yaml", bytes(range(256))), CHECK, "is not a text file"),
+    Row("recipe in UTF-16", write("recipe.yaml", "name: x".encode("utf-16")), CHECK, "UTF-8"),
+    Row("recipe of zeros", write("recipe.yaml", b"\0" * 900), CHECK, "not valid YAML"),
+    Row("recipe is a list", write("recipe.yaml", "- a\n- b\n"), CHECK, "is empty or not a list of"),
+    Row("recipe is the part", write("recipe.yaml", stl_box(1, 1, 1)), CHECK, "recipe.yaml: "),
+    Row("name that is too long", nothing, ("run", "x" * 5000), "File name too long"),
+    Row("cell is /dev/zero", nothing, (*RUN, "--cell", "/dev/zero"), "/dev/zero: is no plain"),
+    Row("cell is a recipe", nothing, (*RUN, "--cell", "recipe.yaml"), "recipe.yaml:2: unknown key"),
+    Row("doctor of no cell", nothing, ("doctor", "--cell", "none.yaml"), "none.yaml: No such file"),
+    # YAML that is none, or blows up
+    Row("tab in YAML", recipe("  min_coverage", "\tmin_coverage"), CHECK, "recipe.yaml:6: "),
+    Row("key twice", recipe("unit: mm", "unit: mm\nunit: mm"), CHECK, "recipe.yaml:4: not valid"),
+    Row(
+        "deep YAML", write("recipe.yaml", "a: " + "[" * 60_000), RUN, "recipe.yaml:1: more than 12"
+    ),
+    Row(
+        "deep sections",
+        write("recipe.yaml", "".join(f"{' ' * i}a:\n" for i in range(400))),
+        RUN,
+        "more than 12 levels",
+    ),
+    Row("billion laughs", write("recipe.yaml", LAUGHS), RUN, "recipe.yaml:1: anchors"),
+    Row("alias of nothing", recipe("unit: mm", "unit: *mm"), CHECK, "recipe.yaml:3: anchors"),
+    Row(
+        "tag that would run",
+        recipe("unit: mm", "unit: !!python/object/apply:os.system [id]"),
+        CHECK,
+        "recipe.yaml:3: tags",
+    ),
+    Row("endless list", write("recipe.yaml", "a: [" + "1," * 50_000 + "]"), CHECK, "10000 values"),
+    Row(
+        "impossible date",
+        recipe("name: block", "name: 2026-13-45"),
+        CHECK,
+        "recipe.yaml:1: not valid YAML: '2026-13-45' is no date",
+    ),
+    Row(
+        "impossible hour",
+        recipe("name: block", "name: 2026-11-22 25:61:00"),
+        CHECK,
+        "recipe.yaml:1: ",
+    ),
+    Row("number of 9999 digits", recipe("2.7", "1" * 9999), CHECK, "recipe.yaml"),
+    # recipes: values
+    Row(
+        "unknown key",
+        recipe("force_n", "forse_n"),
+        RUN,
+        "recipe.yaml:9: unknown key `grip.forse_n`",
+    ),
+    Row("unknown unit", recipe("unit: mm", "unit: parsec"), RUN, "recipe.yaml:3: `unit`"),
+    Row(
+        "unit of a part in mm is inch",
+        recipe("unit: mm", "unit: inch"),
+        RUN,
+        "recipe.yaml:3: block is 1270",
+    ),
+    Row(
+        "unit of a part in mm is m",
+        recipe("unit: mm", "unit: m"),
+        RUN,
+        "recipe.yaml:3: block is 50000",
+    ),
+    Row("density that is no number", recipe("2.7", ".nan"), RUN, "recipe.yaml:4: `density_g_cm3`"),
+    Row("infinite density", recipe("2.7", ".inf"), CHECK, "recipe.yaml:4: `density_g_cm3`"),
+    Row("density of nothing", recipe("2.7", "0"), CHECK, "recipe.yaml:4: `density_g_cm3`"),
+    Row("negative force", recipe("force_n: 60", "force_n: -60"), CHECK, "recipe.yaml:9: "),
+    Row("section is a number", recipe("  force_n: 60", " 60"), CHECK, "recipe.yaml:8: `grip`"),
+    Row("no name", recipe("name: block\n", ""), CHECK, "`name` is missing"),
+    Row("name with a slash", recipe("name: block", "name: ../x"), RUN, "recipe.yaml:1: `name`"),
+    Row("count 0 in the recipe", recipe("unit: mm", "unit: mm\ncount: 0"), RUN, "recipe.yaml:4: "),
+    # what a recipe names
+    Row(
+        "part that is not there",
+        recipe("block.stl", "blok.stl"),
+        RUN,
+        "recipe.yaml:2: unknown part",
+    ),
+    Row(
+        "part up and outside", outside("../block.stl"), INNER, "recipe.yaml:2: `part`: ../block.stl"
+    ),
+    Row(
+        "part outside by its full name",
+        outside("{folder}/block.stl"),
+        INNER,
+        "outside the recipe's",
+    ),
+    Row(
+        "part outside by a link", outside("link.stl"), INNER, "recipe.yaml:2: `part`: link.stl lies"
+    ),
+    Row("part is a device", recipe("block.stl", "/dev/zero"), RUN, "recipe.yaml:2: `part`"),
+    Row("part with a zero byte", recipe("block.stl", '"a\\0.stl"'), RUN, "recipe.yaml:2: "),
+    Row(
+        "cell outside",
+        recipe("unit: mm", "unit: mm\ncell: ../cell.yaml"),
+        RUN,
+        "recipe.yaml:4: `cell`: ../cell.yaml lies outside the recipe's folder; name the cell",
+    ),
+    # cells: values
+    Row(
+        "camera pose in metres",
+        cell(OVERHEAD, OVERHEAD.replace("360, 0, 1250", "0.36, 0, 1.25")),
+        RUN,
+        f"emulated.yaml:{cell_line(OVERHEAD)}: `cameras.overhead.pose.position`: the camera",
+    ),
+    Row(
+        "inspection camera in metres",
+        cell(INSPECTION, INSPECTION.replace("430, -700, 450", "0.43, -0.7, 0.45")),
+        RUN,
+        f"emulated.yaml:{cell_line(INSPECTION)}: `cameras.inspection.pose`: `station.position` is",
+    ),
+    Row(
+        "camera that looks away",
+        cell(OVERHEAD, OVERHEAD.replace("[-1, 0, 0]}", "[1, 0, 0]}")),
+        RUN,
+        "`cameras.overhead.pose`: the middle of `table.drop_area` is not in its picture",
+    ),
+    Row(
+        "drop area in metres",
+        cell(
+            "drop_area:    {x: [270, 450], y: [-100, 100]}",
+            "drop_area:    {x: [0.27, 0.45], y: [-0.1, 0.1]}",
+        ),
+        CHECK,
+        "`table.drop_area`: a side of",
+    ),
+    Row("arm in metres", cell("upper_mm: 253.5", "upper_mm: 0.2535"), CHECK, "`arm.upper_mm`"),
+    Row("camera of no pixels", cell("focal_px: 3571.0", "focal_px: 0"), CHECK, "focal_px"),
+    Row(
+        "lamp on no channel",
+        cell("{analog: 5, relay: 5, kind: spot", "{analog: 9, relay: 5, kind: spot"),
+        CHECK,
+        "analog",
+    ),
+    # CAD files
+    Row("empty part", write("block.stl", b""), RUN, "block.stl: the file is empty"),
+    Row(
+        "part of 4 billion triangles",
+        write("block.stl", b"\0" * 80 + b"\xff" * 4 + b"\0" * 50),
+        RUN,
+        "block.stl: promises 4294967295 triangles",
+    ),
+    Row(
+        "part that is open",
+        write(
+            "block.stl",
+            stl_box(50, 30, 20)[:-50].replace(struct.pack("<I", 12), struct.pack("<I", 11), 1),
+        ),
+        RUN,
+        "not closed",
+    ),
+    Row(
+        "part with corners that are no numbers",
+        write("block.stl", stl_box(math.nan, 30, 20)),
+        RUN,
+        "block.stl",
+    ),
+    Row(
+        "part is a pipe",
+        pipe("block.stl"),
+        ("compile", "block.stl"),
+        "block.stl: is no regular file",
+    ),
+    Row(
+        "part is a directory",
+        directory("block.stl"),
+        ("plan", "block.stl", "--cell", CELL_FILE),
+        "block.stl: is a dir",
+    ),
+    Row("part is /dev/zero", nothing, ("compile", "/dev/zero"), "/dev/zero"),
+    Row("part of 10 GB", sparse("big.stl", 10**10), ("compile", "big.stl"), "big.stl: "),
+    Row("part in metres", write("block.stl", stl_box(0.05, 0.03, 0.02)), RUN, "block.stl"),
+    Row(
+        "CSG bomb", write("bomb.csg.yaml", CSG_BOMB), ("compile", "bomb.csg.yaml"), "bomb.csg.yaml"
+    ),
+    Row(
+        "deep CSG",
+        write("deep.csg.yaml", "part: " + "[" * 9999),
+        ("compile", "deep.csg.yaml"),
+        "deep.csg.yaml:1: nested deeper",
+    ),
+    Row("STEP that is none", write("x.step", "ISO-10303-21;"), ("compile", "x.step"), "x.step"),
+    Row("no such kind of part", write("x.dwg", "x"), ("compile", "x.dwg"), "x.dwg"),
+    # pictures and calibrations
+    Row(
+        "PNG of 60000 x 60000",
+        write("a.png", png(60_000, 60_000, b"\0")),
+        RECOGNISE,
+        "a.png: 60000 x 60000 px",
+    ),
+    Row(
+        "JPEG of 60000 x 60000",
+        write("a.png", jpeg_header(60_000, 60_000)),
+        RECOGNISE,
+        "a.png: 60000 x 60000 px",
+    ),
+    Row(
+        "TIFF of 60000 x 60000",
+        write("a.png", tiff_header(60_000, 60_000)),
+        RECOGNISE,
+        "a.png: 60000 x 60000 px",
+    ),
+    Row(
+        "board of 60000 x 60000",
+        write("board_0.png", png(60_000, 60_000, b"\0")),
+        CALIBRATE,
+        "board_0.png: 60000 x 60000 px",
+    ),
+    Row(
+        "PNG that unpacks to 100 MB",
+        write("a.png", png(64, 48, bytes(10**8))),
+        RECOGNISE,
+        "a.png",
+        1,
+    ),
+    Row("picture without pixels", write("a.png", png(0, 48)), RECOGNISE, "a.png: is no picture"),
+    Row(
+        "picture cut off", write("a.png", png(64, 48)[:-30]), RECOGNISE, "a.png: the picture is cut"
+    ),
+    Row("picture is a text", write("a.png", "hello"), RECOGNISE, "a.png: is no picture"),
+    Row("picture is /dev/zero", link("a.png", "/dev/zero"), RECOGNISE, "a.png: is no plain file"),
+    Row("picture is a pipe", pipe("a.png"), RECOGNISE, "a.png: is no plain file"),
+    Row("picture of 10 GB", sparse("a.png", 10**10), RECOGNISE, "a.png: has more than"),
+    Row("picture of another size", write("a.png", png(32, 24)), RECOGNISE, "a.png: 32 x 24 px"),
+    Row(
+        "calibration is /dev/zero",
+        link("camera.json", "/dev/zero"),
+        RECOGNISE,
+        "camera.json: is no",
+    ),
+    Row("calibration is a pipe", pipe("camera.json"), RECOGNISE, "camera.json: is no plain file"),
+    Row("deep JSON", write("camera.json", "[" * 200_000), RECOGNISE, "camera.json: no camera"),
+    Row("calibration with NaN", calibration(distortion=[math.nan] * 5), RECOGNISE, "no numbers"),
+    Row("calibration of words", calibration(K="focal"), RECOGNISE, "camera.json: no camera"),
+    Row(
+        "calibration of no pixels",
+        calibration(size_px=[0, -5]),
+        RECOGNISE,
+        "camera.json: `size_px`",
+    ),
+    Row("calibration of 10^12 pixels", calibration(size_px=[10**6, 10**6]), RECOGNISE, "`size_px`"),
+    Row(
+        "calibration in metres",
+        calibration(T_world_cam=[[0, -1, 0, 0.36], [-1, 0, 0, 0], [0, 0, -1, 1.25], [0, 0, 0, 1]]),
+        RECOGNISE,
+        "camera.json: `T_world_cam`: the camera would",
+    ),
+    Row("calibration that is a list", write("camera.json", "[1, 2]"), RECOGNISE, "camera.json: no"),
+    Row("target names a picture twice", write("target.json", BOARD), CALIBRATE, "target.json"),
+    Row(
+        "target of wrong types",
+        write("target.json", '{"square_mm": "ten"}'),
+        CALIBRATE,
+        "target.json",
+    ),
+    Row(
+        "folder without pictures", directory("a.png"), RECOGNISE, "a.png: no picture in this folder"
+    ),
+    # options
+    Row("unknown command", nothing, ("runn",), "runn"),
+    Row("unknown option", nothing, (*RUN, "--sped", "3"), "--sped"),
+    Row("count 0", nothing, (*RUN, "--count", "0"), "--count"),
+    Row("count below 0", nothing, (*RUN, "--count", "-1"), "--count"),
+    Row("count of a billion", nothing, (*RUN, "--count", "1000000000"), "--count"),
+    Row("speed 0", nothing, (*RUN, "--speed", "0"), "--speed"),
+    Row("speed below 0", nothing, (*RUN, "--speed", "-1"), "--speed"),
+    Row("speed nan", nothing, (*RUN, "--speed", "nan"), "--speed"),
+    Row("speed inf", nothing, (*RUN, "--speed", "inf"), "--speed"),
+    Row("seed of words", nothing, (*RUN, "--seed", "lucky"), "--seed"),
+    Row("seed below 0", nothing, (*RUN, "--seed", "-7"), "--seed"),
+    Row("density nan", nothing, ("compile", "block.stl", "--density", "nan"), "--density"),
+    Row(
+        "place that is no number", nothing, (*RUN, "--at", "nan,0,0"), "--at nan,0,0: three numbers"
+    ),
+    Row(
+        "place of two numbers",
+        nothing,
+        ("plan", "block.stl", "--at", "1,2", "--cell", CELL_FILE),
+        "--at 1,2: three",
+    ),
+    Row(
+        "place off the table", nothing, (*RUN, "--at", "900,0,0"), "--at 900,0,0: is off the table"
+    ),
+    Row(
+        "place to emulate off the table",
+        nothing,
+        ("emulate", "--at", "900,0,0", "--part", "block.stl", "--cell", "cells/emulated.yaml"),
+        "--at 900,0,0: is off the table",
+    ),
+    Row("pose below 0", nothing, (*RUN, "--pose", "-1"), "--pose"),
+    Row(
+        "no such pose",
+        nothing,
+        ("plan", "block.stl", "--unit", "mm", "--pose", "99", "--cell", "cells/emulated.yaml"),
+        "--pose 99: block has poses",
+    ),
+    Row("part to lay is not there", nothing, (*RUN, "--lay", "none.stl"), "none.stl"),
+    Row(
+        "part to emulate is a pipe",
+        pipe("p.stl"),
+        ("emulate", "--part", "p.stl", "--cell", "cells/emulated.yaml"),
+        "p.stl",
+    ),
+    Row(
+        "cell to emulate is wrong",
+        cell("upper_mm: 253.5", "upper_mm: -1"),
+        ("emulate", "--cell", "cells/emulated.yaml"),
+        "`arm.upper_mm`",
+    ),
+    Row("control socket nowhere", nothing, (*RUN, "--control", "no/such/socket"), "--control"),
+    Row(
+        "faster than real on real devices",
+        cell("arm:         {address: emulated}", "arm:         {address: /dev/ttyS9}"),
+        (*RUN, "--speed", "5"),
+        "--speed 5: time cannot",
+    ),
+    # folders and disks
+    Row("runs is a file", write("runs", "x"), RUN, "--runs runs: "),
+    Row(
+        "runs below a file",
+        write("runs", "x"),
+        ("run", "recipe.yaml", "--runs", "runs/deep"),
+        "is a file; name a folder",
+    ),
+    Row(
+        "runs that cannot be made",
+        nothing,
+        ("run", "recipe.yaml", "--runs", "/proc/runs"),
+        "--runs /proc/runs: ",
+    ),
+    Row(
+        "runs on a full disk",
+        nothing,
+        ("run", "recipe.yaml", "--runs", "/dev/full/runs"),
+        "--runs /dev/full/runs: ",
+    ),
+    Row(
+        "page that cannot be written",
+        nothing,
+        ("plan", "block.stl", "--cell", "cells/emulated.yaml", "--report", "/proc/none/x.html"),
+        "/proc/none",
+    ),
+    Row(
+        "calibration that cannot be written",
+        nothing,
+        (*CALIBRATE[:-1], "/proc/none/x.json"),
+        "--output in /proc/none",
+    ),
+    # reports
+    Row("report of no runs", nothing, ("report", "--runs", "none"), "no journal at none", 1),
+    Row(
+        "report of a path",
+        nothing,
+        ("report", "../../etc/passwd", "--runs", "runs"),
+        "no journal",
+        1,
+    ),
+    Row(
+        "journal is no database",
+        write("runs/journal.sqlite", b"x" * 4096),
+        ("report", "--runs", "runs"),
+        "journal",
+        1,
+    ),
+    Row("journal is a directory", directory("runs"), ("report", "--runs", "runs"), "no journal", 1),
+    # what the cell or the part says no to
+    Row(
+        "part that nothing can hold",
+        write("big.stl", stl_box(300, 200, 150)),
+        ("plan", "big.stl", "--cell", "cells/emulated.yaml", "--unit", "mm"),
+        "cellctl",
+        1,
+    ),
+)
