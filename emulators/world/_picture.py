@@ -40,7 +40,7 @@ COARSE_COUNT: Final = 16  # where it is half seen, of each of some neighbours th
 PIXEL_COUNT: Final = 32  # for one pixel alone
 NODE_COUNT: Final = 64  # for a block's corner, whose light many pixels share
 DIFFER: Final = 0.25  # between neighbours' shares, too much for a mean
-LEAN_DIFFER: Final = 0.03  # the same where they are all on one side
+LEAN_DIFFER: Final = 0.02  # between neighbours' radiance where they lie to one side
 _PIXEL_CORNERS: Final = np.array(((-1, -1), (-1, 1), (1, -1), (1, 1)), np.float32) / 2.0
 _CHUNK: Final = 60_000  # rays at a time: what they need stays in the processor's cache
 _MARGIN_PX: Final = 4  # the lens bends the edges of what spans the picture by less
@@ -789,6 +789,7 @@ def _from_neighbours(
     row, column = places[some, 0], places[some, 1]
     points_mm, flat, moves = spots.points_mm[some], spots.flat[some], spots.moves[some]
     light, unshaded = np.zeros(len(some), np.float32), np.zeros(len(some), np.float32)
+    brightest = np.zeros(len(some), np.float32)
     least, most = np.ones(len(some), np.float32), np.zeros(len(some), np.float32)
     is_shaded = np.zeros(len(some), bool)
     lean = np.zeros((len(some), 2), np.float32)  # of the neighbours' middle off the pixel
@@ -806,6 +807,7 @@ def _from_neighbours(
         it, much = index[pair], weight[pair].astype(np.float32)
         light[pair] += much * found.light[it]
         unshaded[pair] += much * found.unshaded[it]
+        brightest[pair] = np.maximum(brightest[pair], found.unshaded[it])
         least[pair] = np.minimum(least[pair], share[it])
         most[pair] = np.maximum(most[pair], share[it])
         is_shaded[pair] |= found.is_shaded[it]
@@ -813,7 +815,8 @@ def _from_neighbours(
         lean[pair, 1] += much * (2 * at_column - column)[pair]
     known = unshaded > 0.0
     span = most - least
-    is_open = ~known | (span > DIFFER) | (np.any(lean != 0.0, axis=1) & (span > LEAN_DIFFER))
+    leans = np.any(lean != 0.0, axis=1)
+    is_open = ~known | (span > DIFFER) | (leans & (span * brightest > LEAN_DIFFER))
     mean = np.where(known, light / np.where(known, unshaded, 1.0), 1.0).astype(np.float32)
     return mean, is_shaded, is_open
 
