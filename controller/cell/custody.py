@@ -70,7 +70,7 @@ class CellIdentity:
     name : of the cell, as its file says
     grippers : where each one is; an emulated one is where its emulator's process is, since it ends
         with that
-    emulated : those that an emulator brings along
+    emulated : those that the run's own emulator brings along
     """
 
     name: str
@@ -81,10 +81,11 @@ class CellIdentity:
     def of(cls, began: Mapping[str, Any]) -> "CellIdentity":
         """Return it from the body of a run's first row."""
         devices = began.get("devices", {})
-        listed = set(began.get("emulated_devices", ()))
         names = {"arm": GripperName.ARM, "gripper": GripperName.FIXED}
-        emulated = frozenset(names[device] for device in listed if device in names)
         emulator = began.get("emulator", {})
+        # one whose addresses were given by hand outlives its runs, as a real one does
+        listed = set(began.get("emulated_devices", ())) if "pid" in emulator else set()
+        emulated = frozenset(names[device] for device in listed if device in names)
         process = f"emulator {emulator.get('pid')} {emulator.get('started_wall_s')}"
         where = {}
         for device, gripper in names.items():

@@ -34,13 +34,13 @@ def began(
     arm: str = "/dev/arm",
     gripper: str = "10.0.0.5:502",
     emulated: Sequence[str] = (),
-    pid: int = 1,
+    pid: int | None = 1,
 ) -> dict[str, Any]:
     return {
         "cell": {"name": name},
         "devices": {"arm": {"address": arm}, "gripper": {"address": gripper, "unit": 9}},
         "emulated_devices": list(emulated),
-        "emulator": {"pid": pid, "started_wall_s": 5.0},
+        "emulator": {} if pid is None else {"pid": pid, "started_wall_s": 5.0},
     }
 
 
@@ -131,6 +131,13 @@ def test_a_run_without_its_first_row_may_have_been_here() -> None:
             {ARM, FIXED},
         ),
         (began(emulated=("arm", "gripper")), began(), set()),
+        # an emulator at addresses given by hand outlives its runs: as a real cell
+        (began(emulated=("arm", "gripper"), pid=None), began(), {ARM, FIXED}),
+        (
+            began("south", "/dev/b", "b:1", emulated=("arm", "gripper"), pid=None),
+            began(emulated=("arm", "gripper"), pid=None),
+            set(),
+        ),
         # a mix: only what is real stays
         (began(emulated=("gripper",), pid=1), began(emulated=("gripper",), pid=2), {ARM}),
     ],

@@ -10,7 +10,7 @@ from results_bench import STEPS, RunWriter, bad_run, good_run, sighting, verdict
 
 from controller.cell import run as cell_run
 from controller.cell.custody import Custody
-from controller.results import ResultsError, list_runs, load_run
+from controller.results import ResultsError, list_runs, load_run, write_html
 from controller.results._load import JOURNAL_NAME
 
 
@@ -224,6 +224,22 @@ def test_a_row_of_another_make_is_named_instead_of_crashing(tmp_path: Path) -> N
     writer.close()
     with pytest.raises(ResultsError, match=r"journal row \d+ \(decision plan\) is not what"):
         load_run(tmp_path)
+
+
+def test_a_refused_start_says_why_and_where_the_part_is(tmp_path: Path) -> None:
+    writer = RunWriter(tmp_path)
+    body = {
+        "state": "refused", "message": "The arm gripper may hold a part", "custody": "IN_ARM",
+        "code": "part_may_be_held", "where": "The part is in the arm's hand.",
+    }  # fmt: skip
+    writer.record("event", "at_rest", body)
+    writer.record("event", "run_ended", {"end": "refused"})
+    writer.close()
+    record = load_run(tmp_path)
+    assert (record.outcome.end, record.outcome.custody) == ("refused", Custody.IN_ARM)
+    assert record.outcome.where == "The part is in the arm's hand."
+    page = write_html(record, tmp_path / "report.html").read_text()
+    assert "refused: a gripper may hold a part" in page
 
 
 def test_time_spent_in_a_state_is_summed_over_its_visits(tmp_path: Path) -> None:

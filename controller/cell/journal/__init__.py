@@ -2,7 +2,7 @@
 
 Rows are chained by hash, so that a changed row shows; a head beside the file (`_head.py`) names the
 last row known to be on the disk, so that rows taken off the end show. `open_cell_journal` checks
-all that before a run may write. What it can and cannot notice: ADR 15.
+all that before a run may write. What it can and cannot notice: ADR 16.
 """
 
 from ._care import SET_ASIDE, CellJournal, first_flaw, open_cell_journal

@@ -1,0 +1,80 @@
+"""`cellctl recover` after a kill: it reports, moves nothing unasked, opens what it is told to."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+
+from kill_world import ROOT, KillWorld, kill_world, let_go_count, lines_of, start
+
+from controller.cell.journal import first_flaw, read_rows
+from controller.results import load_run, write_html
+
+
+def recover(world: KillWorld, runs: Path, *more: str) -> tuple[int, dict[str, Any]]:
+    done = subprocess.run(
+        [
+            sys.executable, "-m", "controller.cli", "recover", "--json",
+            "--cell", str(world.cell), "--runs", str(runs), *more,
+        ],
+        cwd=ROOT, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    return done.returncode, json.loads(done.stdout) if done.stdout else {"error": done.stderr}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_a_part_left_in_the_arm_gripper_is_taken_by_a_person(tmp_path: Path) -> None:
+    recipe, runs = "recipes/holder.yaml", tmp_path / "runs"
+    with kill_world(tmp_path, "recipes/parts/holder.stl", seed=8, speed=10.0) as world:
+        first = start(world, recipe, runs)
+        with first:
+            for line in lines_of(first):
+                if line.get("state") == "presenting":
+                    os.kill(first.pid, signal.SIGKILL)
+                    break
+        killed = world.when_still()
+
+        code, said = recover(world, runs)
+        assert code == 1
+        assert [one["gripper"] for one in said["known"]] == ["arm gripper"]
+        assert said["known"][0]["custody"] == "in_arm"
+        assert said["openings"][0]["finding"] == "may hold something"
+        code, said = recover(world, runs, "--open", "arm")  # nobody is there to answer
+        assert code == 2
+        assert "--yes" in said["error"]
+        looked = world.when_still()
+        assert looked["last_motion_s"] == killed["last_motion_s"]
+        assert let_go_count(looked) == 0
+
+        code, said = recover(world, runs, "--open", "arm", "--yes")
+        assert (code, said["custody"]) == (0, "removed")
+        opened = world.when_still()
+        wider_mm = opened["openings_mm"]["arm"] - killed["openings_mm"]["arm"]
+        assert let_go_count(opened) == 1
+        assert wider_mm > 3.0  # 20 mm, or as far as the jaws go
+        for name in ("arm", "fixed gripper"):
+            assert opened["last_motion_s"][name] == killed["last_motion_s"][name]
+
+        world.ask("remove")
+        code, said = recover(world, runs)
+        assert (code, said["known"]) == (0, [])
+        again = start(world, recipe, runs)
+        with again:
+            states = [line.get("state") for line in lines_of(again)]
+    assert "acquiring" in states
+    journal = runs / "journal.sqlite"
+    assert first_flaw(journal) is None
+    names = [row.name for row in read_rows(journal) if "recover" in row.run]
+    assert names.index("open_arm_gripper") < names.index("removed")
+    visit = next(row.run for row in read_rows(journal) if row.name == "open_arm_gripper")
+    assert write_html(load_run(runs, visit), tmp_path / "visit.html").stat().st_size > 0
