@@ -23,6 +23,18 @@ class CellBusyError(CellError):
     """Another controller has the cell: nothing was moved, nothing was written."""
 
 
+def require_free_cell(runs_dir: Path) -> None:
+    """Raise CellBusyError where another controller has the cell: said at once, before any work."""
+    path = runs_dir / LOCK_NAME
+    if not path.exists():
+        return
+    fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        _lock(fd, fcntl.LOCK_SH, path)
+    finally:
+        os.close(fd)
+
+
 @contextmanager
 def hold_cell(runs_dir: Path, run_id: str) -> Iterator[None]:
     """Hold the cell whose journal stands in a folder, or refuse and name who holds it.
@@ -42,13 +54,7 @@ def hold_cell(runs_dir: Path, run_id: str) -> Iterator[None]:
             f"folder of runs {runs_dir}: {error}; nothing moves without it"
         ) from error
     try:
-        try:
-            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise CellBusyError(
-                f"the cell is busy: {_holder(fd)} has it. Nothing has moved. Wait until that run "
-                f"has ended, or stop it with Ctrl-C (lock: {path})"
-            ) from error
+        _lock(fd, fcntl.LOCK_EX, path)
         now = datetime.now(UTC).isoformat(timespec="seconds")
         text = json.dumps({"run": run_id, "pid": os.getpid(), "since": now})
         os.ftruncate(fd, 0)
@@ -59,6 +65,16 @@ def hold_cell(runs_dir: Path, run_id: str) -> Iterator[None]:
             os.ftruncate(fd, 0)
     finally:
         os.close(fd)
+
+
+def _lock(fd: int, how: int, path: Path) -> None:
+    try:
+        fcntl.flock(fd, how | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise CellBusyError(
+            f"the cell is busy: {_holder(fd)} has it. Nothing has moved. Wait until that run has "
+            f"ended, or stop it with Ctrl-C (lock: {path})"
+        ) from error
 
 
 def _holder(fd: int) -> str:

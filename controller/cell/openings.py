@@ -50,7 +50,7 @@ async def read_openings(devices: Devices) -> tuple[Opening, Opening]:
     jaws, identity = devices.jaws_found, devices.arm.identity
     assert jaws is not None, "connect first"
     assert identity is not None, "connect first"
-    arm = judge_arm(jaws, identity)
+    arm = judge_arm(jaws, identity, devices.arm.config.gripper.max_width_mm)
     status = await devices.gripper.status()
     barrier = devices.io.signal("part_in_gripper")
     return arm, judge_fixed(status, barrier, devices.gripper.config.open_mm)
@@ -71,11 +71,15 @@ async def presses_on_something(devices: Devices) -> bool:
     return await devices.arm.drive_jaws(-NOTHING_MM) < LOST_MM
 
 
-def judge_arm(jaws: JawReading, identity: ArmIdentity) -> Opening:
+def judge_arm(jaws: JawReading, identity: ArmIdentity, open_mm: float) -> Opening:
     """Return what the arm gripper's reading means.
 
     Jaws that press on nothing prove nothing: a stop may have taken the pressure from a part. Jaws
     that have stalled stand there, too, after the part was taken out (umi_rtx.md 7).
+
+    Parameters
+    ----------
+    open_mm : its widest opening, where it stalls on its own end [mm]
     """
 
     def opening(finding: Finding, reason: str) -> Opening:
@@ -87,6 +91,8 @@ def judge_arm(jaws: JawReading, identity: ArmIdentity) -> Opening:
         return opening(Finding.UNREADABLE, "its jaws press on nothing")
     if jaws.width_mm < NOTHING_MM:
         return opening(Finding.EMPTY, "its jaws press on each other")
+    if jaws.width_mm > open_mm - SLACK_MM:
+        return opening(Finding.EMPTY, f"its jaws stand at {jaws.width_mm:.1f} mm")
     return opening(Finding.MAY_HOLD, f"its jaws stalled at {jaws.width_mm:.1f} mm")
 
 

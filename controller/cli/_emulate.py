@@ -38,7 +38,7 @@ def serve(
     for part in parts:
         load_part(part)
     ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: ended.set())
     more = emulator_args(pose, at, control)
     if lines is not None:

@@ -20,7 +20,7 @@ from controller.cad.compiled import CompiledPart, load_part, options_among
 from controller.cell.checking import check_job, check_sizes
 from controller.cell.clocks import FoundClock, find_clock
 from controller.cell.dispatcher import Dispatcher
-from controller.cell.lock import hold_cell
+from controller.cell.lock import hold_cell, require_free_cell
 from controller.cell.records import PartRecord, Progress
 from controller.cell.run import RunOrder, RunResult, new_run_id, run_batch
 from controller.cell.workers import Job, context, load_parts, worker_pool
@@ -60,6 +60,7 @@ def run_recipe(
     cell = load_cell(cell_file)
     # before anything starts: what is wrong is the command line's fault, the quick checks first
     check_writable_folder(runs_dir, "--runs", LEAST_FREE_BYTES)
+    require_free_cell(runs_dir)
     check_control(control)
     if at is not None:
         parse_place(at, cell)
@@ -117,8 +118,10 @@ def run_recipe(
             with _display(as_json=as_json) as on_progress:
                 try:
                     result = asyncio.run(_drive(order, pool, ends, on_progress))
-                except BaseException:
+                except BaseException as error:
                     _report_if_any(runs_dir, run_id)
+                    if isinstance(error, asyncio.CancelledError):  # a second Ctrl-C
+                        raise KeyboardInterrupt from error
                     raise
         try:
             report = write_html(load_run(runs_dir, run_id), folder / "report.html")
@@ -139,7 +142,7 @@ def _report_if_any(runs_dir: Path, run_id: str) -> None:
     except (ResultsError, OSError) as error:
         log.warning("no report: %s", error)
     else:
-        say(f"report: {report}")
+        warn(f"report: {report}")
 
 
 def _why_not_so_fast(speed: float, cell: Cell, clock: FoundClock) -> str:

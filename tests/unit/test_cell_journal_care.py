@@ -21,7 +21,7 @@ from controller.cell.journal import (
     open_cell_journal,
     read_rows,
 )
-from controller.cell.lock import CellBusyError, hold_cell
+from controller.cell.lock import CellBusyError, hold_cell, require_free_cell
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -211,9 +211,12 @@ def test_a_busy_cell_names_who_has_it_until_that_process_is_gone(tmp_path: Path)
         assert process.stdout.readline() == "held\n"
         with pytest.raises(CellBusyError) as caught, hold_cell(tmp_path, "the-second"):
             pass
+        with pytest.raises(CellBusyError, match="the-first"):
+            require_free_cell(tmp_path)
         assert "the-first" in str(caught.value)
         assert str(process.pid) in str(caught.value)
         process.kill()
     # the lock of a dead process is no lock, whatever the file still says
+    require_free_cell(tmp_path)
     with hold_cell(tmp_path, "the-third"):
         pass
