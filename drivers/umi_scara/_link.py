@@ -11,7 +11,7 @@ reply that another command may have caused is answered with a dead stop before a
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NoReturn
 
 from drivers.clock import CellClock
 from drivers.errors import (
@@ -49,6 +49,7 @@ _STAY_AWAY: Final = (
     "whether the arm has stopped is unknown, and a motion that was started may go on to its "
     "target. Press the emergency stop if anything moves, then"
 )
+_STRAY_STOP_COUNT: Final = 12  # 0.1 s
 _DEAD_STOP_LIMIT_S: Final = 0.1  # by then a board that was told to stop shows that it has
 _RAMP_LIMIT_S: Final = 0.6  # 7: a ramp takes 0.25 s
 _DRAIN_LIMIT_S: Final = 2.0  # a line that talks longer than that is no arm's
@@ -299,12 +300,18 @@ class Link:
         if not is_owed and (len(self._last_request) == 3 or stale[0] == 0x00):
             await self._stop_stray(self._last_request, stale)
 
-    async def _stop_stray(self, request: bytes, received: bytes) -> None:
-        """Dead-stop whoever listens, before anything else is found out; raise LineDoubtError."""
+    async def _stop_stray(self, request: bytes, received: bytes) -> NoReturn:
+        """Dead-stop whoever listens, before anything else is found out; raise LineDoubtError.
+
+        The stop is sent many times, because a byte that is late may still come, take the next two
+        for its data and move something by a step (2.7).
+        """
         self._listening = None
-        await self._pace()
-        self._last_start_s = self._clock.now_s()
-        self._transport.write(encode_simple(Simple.DEAD_STOP))
+        for _ in range(_STRAY_STOP_COUNT):
+            await self._pace()
+            await self._transport.read(0)
+            self._last_start_s = self._clock.now_s()
+            self._transport.write(encode_simple(Simple.DEAD_STOP))
         raise LineDoubtError(
             f"arm: {received.hex(' ').upper()} came back for {request.hex(' ').upper()}: it may "
             "have reached the arm as another command; both boards were stopped",
