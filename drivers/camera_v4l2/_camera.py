@@ -320,7 +320,9 @@ class Camera:
     async def _run(self, verb: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> _R:
         if self._worker is None:
             raise LinkError(f"camera {self._config.device}: not connected")
-        return await asyncio.wrap_future(self._worker.submit(verb, *args, **kwargs))
+        # the thread is this process, too: what it is late by is no time of an emulated cell
+        with self._clock.held():
+            return await asyncio.wrap_future(self._worker.submit(verb, *args, **kwargs))
 
     async def _tear_down(self) -> None:
         """Close what is open. The thread runs it last, even if this wait is cancelled."""

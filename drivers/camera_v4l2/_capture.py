@@ -249,9 +249,9 @@ class Capture:
                 ) from error
             log.warning("camera %s: the stream broke (%s): restarted", device.path, error)
         self._has_restarted, self._last_sequence, self._backlog_count = True, None, None
-        self.stats.restart_count += 1
         with explained(device.path, "restart of the stream"):
             self._open_stream().restart()
+        self.stats.restart_count += 1  # once it is done: whoever counts may go on then
         return Look(None, 0, is_empty=True)
 
     def _look(self, device: Device, after_s: float) -> Look:
