@@ -1,42 +1,82 @@
 """One wrong byte at every place of whole sessions of the arm: what moved, what was said.
 
 python benchmarks/bench_wire_faults.py [--json] [--sample N] [--seed S] [--flips N] [--jobs N]
-    [--minutes M]
+    [--minutes M] | --cost
 
 Two sessions: cold open, moves of every axis, gripper, grip with a part, stops, park; and warm open,
 homing, a move. At every byte of both directions: bits flipped (by default one, by the seed; 8 for
 all), the byte lost, doubled, late by two amounts. Judged by the emulated motors. With --sample, so
 many faults drawn at random; with --minutes, as many as fit, in an order that the seed draws.
+With --cost, what connecting, homing and moves take without a fault, in exact cell time.
 Exit code 1 when an axis moved that was not asked to, when something was said to be done that is
 not, or when a session did not end.
 """
 
 import argparse
+import asyncio
 import json
 import random
 import sys
 import time
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Awaitable, Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "cross"), str(ROOT / "tests" / "unit")]
 
+from test_umi_over_pty import random_targets  # noqa: E402  (path set above)
 from umi_line_faults import (  # noqa: E402  (path set above)
     LineFault,
     Result,
+    Session,
     SessionName,
     faults_at,
     quiet,
     run_session,
 )
 
+from drivers.umi_scara import Axis, UmiScara, kinematics  # noqa: E402
+from drivers.umi_scara.kinematics import COUNTS_ORDER  # noqa: E402
+
 SESSIONS: tuple[SessionName, ...] = ("moves", "homing")
 Case = tuple[SessionName, LineFault]
+
+
+async def cost() -> list[dict[str, Any]]:
+    """Return cell seconds and exchanges of verbs on a line without faults, from a cold arm."""
+    session = Session()
+    arm = UmiScara(lambda: session.line, clock=session.clock)
+    rows = []
+
+    async def take(what: str, *verbs: Callable[[], Awaitable[object]]) -> None:
+        began_s, count = session.clock.now_s(), session.line.exchange_count
+        for verb in verbs:
+            await verb()
+        rows.append(
+            {
+                "what": what,
+                "cell_s": round(session.clock.now_s() - began_s, 2),
+                "exchanges": session.line.exchange_count - count,
+            }
+        )
+
+    await take("connect", arm.connect)
+    await take("power", arm.enable_power)
+    await take("home", arm.home)
+    rng = np.random.default_rng(1)
+    counts = [random_targets(rng) for _ in range(10)]
+    joints = [kinematics.counts_to_q([one[axis] for axis in COUNTS_ORDER]) for one in counts]
+    await take("10 moves of 6 axes", *(partial(arm.move_joints, q) for q in joints))
+    await take("a move of 1 axis", partial(arm.move_counts, {Axis.SHOULDER: 0}))
+    await take("jaws to 40 mm", partial(arm.move_gripper_mm, 40.0))
+    return rows
 
 
 def every_place(clean: dict[SessionName, Result], flip_count: int, seed: int) -> Iterator[Case]:
@@ -118,7 +158,12 @@ def main() -> int:
     parser.add_argument("--flips", type=int, default=1, help="bits flipped per byte (default: 1)")
     parser.add_argument("--jobs", type=int, default=1, help="processes (default: 1)")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="time to stop after")
+    parser.add_argument("--cost", action="store_true", help="time of verbs without a fault")
     args = parser.parse_args()
+    if args.cost:
+        rows = asyncio.run(cost())
+        print(json.dumps({"rows": rows}) if args.json else "\n".join(map(str, rows)))
+        return 0
     began_s = time.perf_counter()
     with quiet():
         clean = {name: run_session(name) for name in SESSIONS}
