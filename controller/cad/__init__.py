@@ -4,7 +4,7 @@ Plain functions: a file or arrays in, dataclasses out. The facts are of the pape
 planning.md 4.
 """
 
-from .boundary import Boundary, Crease, Curve, Face
+from .boundary import Boundary, Crease, Curve, Face, surface_normals
 from .camera import Camera, inverse_pose, transform
 from .errors import (
     CadError,
@@ -109,6 +109,7 @@ __all__ = [
     "render_maps",
     "sample_surface",
     "stable_poses",
+    "surface_normals",
     "transform",
     "view_roi",
 ]

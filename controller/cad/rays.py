@@ -22,6 +22,7 @@ class RayCaster:
         vertices = np.ascontiguousarray(mesh.vertices, dtype=np.float32)
         faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
         self._geometry = TriangleMesh(self._scene, vertices, faces)
+        self.normals: Array = np.asarray(mesh.face_normals, dtype=np.float64)
 
     def first_hit(
         self, origins_mm: Array, directions: Array, within: Array | None = None

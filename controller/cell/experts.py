@@ -104,9 +104,18 @@ class Experts(Protocol):
         ...
 
     async def judge(
-        self, views: tuple[inspecting.ViewResult, ...], unseen: Mapping[int, str]
+        self,
+        views: tuple[inspecting.ViewResult, ...],
+        unseen: Mapping[int, str],
+        planned: Mapping[str, Mask],
     ) -> inspecting.PartVerdict:
-        """Weigh all views of a part."""
+        """Weigh all views of a part.
+
+        Parameters
+        ----------
+        unseen : by face id, why the plan shows not all of it
+        planned : by view id, which samples (n,) it was meant to show
+        """
         ...
 
     async def share(self, samples: Mask) -> float:
@@ -182,10 +191,13 @@ class Workers:
         return await self._ask(workers.find_hold, T_world_part, T_part_hand, holder, backlit)
 
     async def judge(
-        self, views: tuple[inspecting.ViewResult, ...], unseen: Mapping[int, str]
+        self,
+        views: tuple[inspecting.ViewResult, ...],
+        unseen: Mapping[int, str],
+        planned: Mapping[str, Mask],
     ) -> inspecting.PartVerdict:
         """As `Experts`."""
-        return await self._ask(workers.judge, views, unseen)
+        return await self._ask(workers.judge, views, unseen, planned)
 
     async def share(self, samples: Mask) -> float:
         """As `Experts`."""

@@ -86,6 +86,7 @@ class PartRecord:
     hold : of the hand, None where it is empty
     fixture_grip : how the fixed gripper has the part, as measured; None where it is empty
     results : of all views, whatever plan they were part of: they are facts
+    planned : by view, which samples (n,) it was meant to show
     recoveries : what the cell has set out to get over by itself
     avoid : ids of grips that have failed
     """
@@ -104,6 +105,7 @@ class PartRecord:
     fixture_grip: Grip | None = None
     pending: list[Shown] = field(default_factory=list)
     results: list[inspecting.ViewResult] = field(default_factory=list)
+    planned: dict[str, Mask] = field(default_factory=dict)
     recoveries: list[Recovery] = field(default_factory=list)
     avoid: set[str] = field(default_factory=set)
     verdict: inspecting.PartVerdict | None = None
@@ -111,8 +113,11 @@ class PartRecord:
 
     @property
     def seen(self) -> Mask | None:
-        """Return which samples (n,) have truly been compared; None before the first view."""
-        return merged([result.seen for result in self.results if result.evaluated])
+        """Return which samples (n,) views have truly shown; None before the first view.
+
+        Shown, not compared: what no check can compare, another view like it cannot either.
+        """
+        return merged([result.shown for result in self.results if result.evaluated])
 
     @property
     def promised(self) -> Mask | None:
@@ -179,6 +184,17 @@ def describe_view(r: inspecting.ViewResult) -> dict[str, Any]:
         "turn_deg": round(float(np.degrees(r.turn_rad)), 3),
         "residual_px": None if not np.isfinite(r.residual_px) else round(r.residual_px, 3),
         "seen_samples": int(r.seen.sum()),
+        "in_sight_samples": int(r.shown.sum()),
+        "checks": [
+            {
+                "check": c.name,
+                "reason": c.reason,
+                "compared_samples": int(c.compared.sum()),
+                "size_mm": round(c.size_mm, 2),
+                "length_mm": round(c.length_mm, 2),
+            }
+            for c in r.checks
+        ],
         "outline_px": np.round(r.outline_px[::3]).astype(int).tolist(),
         "findings": [
             {
@@ -202,6 +218,8 @@ def describe_verdict(v: inspecting.PartVerdict) -> dict[str, Any]:
         "verdict": v.verdict.value,
         "reasons": list(v.reasons),
         "covered_fraction": round(v.covered_fraction, 4),
+        "in_sight_fraction": round(v.in_sight_fraction, 4),
+        "claim": v.claim,
         "confirmed": [
             {"view": view_id, "kind": f.kind.value, "lamp": f.lamp, "faces": list(f.face_ids)}
             for view_id, f in v.confirmed
@@ -212,6 +230,8 @@ def describe_verdict(v: inspecting.PartVerdict) -> dict[str, Any]:
                 "label": f.label,
                 "area_mm2": round(f.area_mm2, 2),
                 "seen_fraction": round(f.seen_fraction, 4),
+                "by_check": {name: round(share, 4) for name, share in f.by_check},
+                "rest": {reason: round(share, 4) for reason, share in f.rest},
                 "verdict": f.verdict.value,
                 "views": list(f.views),
                 "reason": f.reason,

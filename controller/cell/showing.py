@@ -3,7 +3,6 @@
 import asyncio
 import logging
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,6 +80,7 @@ class Showing(Handling):
             {"view": view, "pictures": part.picture_names, "q": []},
             part.number,
         )
+        part.planned[view] = step.seen
         task = asyncio.ensure_future(self._counted(view, T, glowing, lit, step))
         part.pending.append(Shown(view, None, np.zeros(6), T, (), glowing, task))
 
@@ -89,7 +89,7 @@ class Showing(Handling):
     ) -> inspecting.ViewResult:
         """Judge a view of the lying part; it counts for what the plan says it resolves."""
         result = await self._experts.inspect_lying(view, T, glowing, lit)
-        return replace(result, seen=result.seen & step.seen)
+        return result.within(step.seen)
 
     def _name(self, step: Present | Look) -> str:
         """Return what a view is called: plans after the first one begin to count anew."""
@@ -108,7 +108,7 @@ class Showing(Handling):
         if tasks:
             await asyncio.wait(tasks)  # which, cancelled, leaves them be: what they tell are facts
         judged = [t.result() for t in tasks if not t.cancelled() and t.exception() is None]
-        seen = merged([r.seen for r in (*self.part.results, *judged) if r.evaluated])
+        seen = merged([r.shown for r in (*self.part.results, *judged) if r.evaluated])
         return seen is None or bool((step.seen & ~seen).any())
 
     def _is_in_doubt(self) -> bool:
@@ -133,6 +133,7 @@ class Showing(Handling):
             {"view": view, "pictures": names, "q": q.tolist()},
             self.part.number,
         )
+        self.part.planned[view] = step.seen
         if step.doubt is not None:
             await self._settle(step.doubt, hold, q, backlit, tuple(lit.values()))
         expected = shown_pose(self._layout, q, hold.T_part_hand)
@@ -277,14 +278,15 @@ class Showing(Handling):
         if missing >= WORTH_SHARE:
             raise PartTroubleError(
                 Trouble.SEEN_TOO_LITTLE,
-                f"{100 * missing:.1f} % of the surface was to be shown and could not be compared",
+                f"{100 * missing:.1f} % of the surface was to be shown and was not in sight",
             )
 
     async def _judge(self) -> None:
         plan = self.part.plan
         assert plan is not None
         unseen = {u.face_id: u.reason for u in plan.unseen}
-        verdict = await self._experts.judge(tuple(self.part.results), unseen)
+        results, planned = tuple(self.part.results), dict(self.part.planned)
+        verdict = await self._experts.judge(results, unseen, planned)
         self.part.verdict = verdict
         self._journal.record("decision", "verdict", describe_verdict(verdict), self.part.number)
 

@@ -41,6 +41,7 @@ from controller.config import (
     Cell,
     Recipe,
     build_lamps,
+    faces_left_out,
     load_cell,
     load_recipe,
     panel_corners,
@@ -94,6 +95,7 @@ class Context:
     inspection: Camera
     library: recognising.Library
     glowing: NDArray[np.bool_]
+    not_inspected: Mapping[int, str]
 
     @property
     def layout(self) -> CellLayout:
@@ -175,6 +177,7 @@ def context(job: Job) -> Context:
         inspection=layout.inspection,
         library=open_library(files, layout.overhead),
         glowing=glowing_mask(layout.overhead, table_corners(cell)),
+        not_inspected=faces_left_out(job.recipe_path, recipe, part.solid.faces),
     )
 
 
@@ -383,9 +386,12 @@ def inspection_limits(recipe: Recipe) -> inspecting.Limits:
 
 
 def judge(
-    job: Job, views: tuple[inspecting.ViewResult, ...], unseen: Mapping[int, str]
+    job: Job,
+    views: tuple[inspecting.ViewResult, ...],
+    unseen: Mapping[int, str],
+    planned: Mapping[str, NDArray[np.bool_]],
 ) -> inspecting.PartVerdict:
-    """Weigh all views of a part."""
+    """Weigh all views of a part; see `experts.Experts.judge`."""
     c = context(job)
     return inspecting.judge(
         c.solid,
@@ -394,4 +400,6 @@ def judge(
         unseen,
         c.recipe.inspection.min_coverage,
         inspection_limits(c.recipe),
+        c.not_inspected,
+        planned,
     )

@@ -4,7 +4,7 @@ from ._yaml import line_in
 from .cell import EMULATED, Cell, load_cell
 from .errors import ConfigError
 from .layout import build_lamps, build_layout, panel_corners, table_corners
-from .recipe import Recipe, load_recipe
+from .recipe import Recipe, faces_left_out, load_recipe
 
 __all__ = [
     "EMULATED",
@@ -13,6 +13,7 @@ __all__ = [
     "Recipe",
     "build_lamps",
     "build_layout",
+    "faces_left_out",
     "line_in",
     "load_cell",
     "load_recipe",

@@ -1,13 +1,16 @@
 """recipe.yaml: what to inspect and how sharply, in human units."""
 
+import difflib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
+from controller.cad import Face
 from controller.cad.compiled import is_cad_file
 
-from ._yaml import Section, load_with_lines
+from ._yaml import Section, line_in, load_with_lines
 from .errors import ConfigError
 from .files import reason_of
 
@@ -17,11 +20,22 @@ MOST_NAMED = 12  # files of a folder that a message lists
 Unit = Literal["mm", "cm", "m", "inch"]
 
 
+FaceName = Annotated[str, Field(min_length=1, max_length=80)]
+Reason = Annotated[str, Field(min_length=4, max_length=200)]
+
+
 class InspectionSection(Section):
-    """How sharply the part is looked at."""
+    """How sharply the part is looked at.
+
+    Attributes
+    ----------
+    min_coverage : share of the surface that must have been compared for a pass, above 0
+    not_inspected : why a face need not be inspected, by its name; see `faces_left_out`
+    """
 
     max_incidence_deg: float = Field(70.0, ge=20, le=85)
-    min_coverage: float = Field(0.90, ge=0, le=1)
+    min_coverage: float = Field(0.50, gt=0, le=1)
+    not_inspected: dict[FaceName, Reason] = Field(default_factory=dict)
     smallest_defect_mm: float = Field(3.0, ge=0.5, le=50)
     least_gain: float = Field(0.0, ge=0, le=0.1)  # of the surface, that a view must add
 
@@ -115,6 +129,51 @@ def _is_file(path: Path) -> bool:
         return path.is_file()
     except OSError:
         return False
+
+
+def faces_left_out(path: Path, recipe: Recipe, faces: Sequence[Face]) -> dict[int, str]:
+    """Return which faces of its part a recipe leaves out, by face id, each with the reason.
+
+    A name is a face's number (``F12``), its label (``F12 bore 8.0 mm``), or what its label says
+    without the number, which means all such faces (``bore 8.0 mm``, ``torus``). Planes are named
+    one by one.
+
+    Parameters
+    ----------
+    path : of the recipe, for the message
+
+    Raises
+    ------
+    ConfigError : a name that no face has, with the nearest ones
+    """
+    names: dict[str, list[int]] = {}
+    for face in faces:
+        number, _, kind = face.label.partition(" ")
+        for name in (number, face.label) if kind == "plane" else (number, face.label, kind):
+            names.setdefault(name.lower(), []).append(face.id)
+    left_out: dict[int, str] = {}
+    problems = []
+    for name, reason in recipe.inspection.not_inspected.items():
+        wanted = " ".join(name.lower().split())
+        if wanted not in names:
+            problems.append(_unknown_face(path, name, wanted, names))
+        left_out |= dict.fromkeys(names.get(wanted, ()), reason)
+    if problems:
+        raise ConfigError("\n".join(problems))
+    return left_out
+
+
+def _unknown_face(path: Path, name: str, wanted: str, names: dict[str, list[int]]) -> str:
+    line = line_in(path, ("inspection", "not_inspected", name))
+    where = f"{path}:{line}" if line is not None else f"{path}"
+    if wanted == "plane":
+        hint = "planes are named one by one, as in `F3`"
+    else:
+        near = difflib.get_close_matches(wanted, names, n=3, cutoff=0.4)
+        numbers = [n for n in names if n.startswith("f") and n[1:].isdigit()]
+        known = f"the part has F0 to F{len(numbers) - 1}; `cellctl compile` lists them"
+        hint = f"nearest: {', '.join(near)}; {known}" if near else known
+    return f"{where}: `inspection.not_inspected`: no face {name!r} on the part; {hint}"
 
 
 def _unknown_part(recipe: Path, cad: Path, line: int | None) -> str:

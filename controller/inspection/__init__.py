@@ -5,9 +5,12 @@ Arrays in, dataclasses out (inspection.md; DESIGN.md 3.7 to 3.9).
 
 from ._judge import FaceVerdict, PartVerdict, judge
 from ._types import (
+    OUTLINE,
+    Check,
     Finding,
     Kind,
     Limits,
+    Unjudged,
     Verdict,
     ViewPictures,
     ViewResult,
@@ -17,11 +20,14 @@ from ._types import (
 from ._view import inspect_view
 
 __all__ = [
+    "OUTLINE",
+    "Check",
     "FaceVerdict",
     "Finding",
     "Kind",
     "Limits",
     "PartVerdict",
+    "Unjudged",
     "Verdict",
     "ViewPictures",
     "ViewResult",

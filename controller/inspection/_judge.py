@@ -1,17 +1,34 @@
-"""From views to a verdict: per surface, per part. No pass with a surface nobody can account for."""
+"""From views to a verdict: per surface, per part. What no check compared has not been seen.
 
-from collections.abc import Mapping, Sequence
+A pass needs every surface compared for the greater part, or named by the recipe as not inspected;
+every failed self-check made good by another view; and no finding. A fail needs two looks that one
+error cannot explain. All else is indeterminate, with the reasons (docs/adr/0013).
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from controller.cad import Solid, SurfaceSamples
 
-from ._types import Finding, Limits, Verdict, ViewResult
+from ._types import OUTLINE, Finding, Kind, Limits, Unjudged, Verdict, ViewResult
 
-SURE_AREA = 2.5  # a finding this many times the smallest area stands alone
-SAME_PLACE_MM = 6.0  # findings of two views this close are one thing
+SURE_AREA: Final = 2.5  # times the smallest area: no noise at a border grows so large
+SAME_PLACE_MM: Final = 6.0  # findings of two views whose middles are this close are one thing
+SAME_PLACE_SHARE: Final = 0.25  # and this share of their sizes more
+OTHER_LOOK_RAD: Final = float(np.radians(15.0))  # the part turned by less: the same look again
+MIN_FACE_SHARE: Final = 0.5  # of a face that must have been compared
+MADE_GOOD_SHARE: Final = 0.99  # of what a failed view was to show that others have shown
+NO_VIEW: Final = "in no view that was evaluated"
+TOO_SMALL: Final = "smaller than the smallest difference looked for, which cannot lie on it alone"
+NOTHING: Final[Mapping[int, str]] = MappingProxyType({})
+NO_PLAN: Final[Mapping[str, NDArray[np.bool_]]] = MappingProxyType({})
+
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,10 +39,12 @@ class FaceVerdict:
     ----------
     face_id, label : which
     area_mm2 : its area
-    seen_fraction : of its samples, over all evaluated views
+    seen_fraction : of its samples, compared by any check of any evaluated view
     verdict : outcome
-    views : views that showed any of it
-    reason : why it failed or was not seen
+    views : views that compared any of it
+    reason : why it failed or was not compared
+    by_check : share of its samples compared, by name of the check
+    rest : share of its samples not compared, by reason, largest first
     """
 
     face_id: int
@@ -35,6 +54,8 @@ class FaceVerdict:
     verdict: Verdict
     views: tuple[str, ...]
     reason: str
+    by_check: tuple[tuple[str, float], ...] = ()
+    rest: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +67,10 @@ class PartVerdict:
     verdict : outcome
     reasons : sentences, most important first
     faces : one entry per surface; their areas add up to the whole
-    covered_fraction : of the whole area, seen in evaluated views
+    covered_fraction : of the whole area, compared in evaluated views
+    in_sight_fraction : of the whole area, in sight of them, compared or not
     confirmed : findings that decided
+    claim : what was looked for on the compared surface, as a sentence without a subject
     """
 
     verdict: Verdict
@@ -55,6 +78,8 @@ class PartVerdict:
     faces: tuple[FaceVerdict, ...]
     covered_fraction: float
     confirmed: tuple[tuple[str, Finding], ...]
+    in_sight_fraction: float = 0.0
+    claim: str = ""
 
 
 def judge(
@@ -64,67 +89,170 @@ def judge(
     unseen_reasons: Mapping[int, str],
     min_coverage: float,
     limits: Limits,
+    not_inspected: Mapping[int, str] = NOTHING,
+    planned: Mapping[str, Mask] = NO_PLAN,
 ) -> PartVerdict:
     """Weigh all views of a part.
 
     Parameters
     ----------
-    unseen_reasons : by face id, why the plan could not show (all of) it
-    min_coverage : share of the area that must have been seen for a pass
+    unseen_reasons : by face id, why the plan could not show (all of) it; explains, excuses nothing
+    min_coverage : share of the area that must have been compared for a pass, above 0
+    not_inspected : by face id, why the recipe leaves it out
+    planned : by view id, which samples (n,) the plan meant it to show
+
+    Raises
+    ------
+    ValueError : `min_coverage` is not above 0, or above 1
     """
+    if not 0 < min_coverage <= 1:
+        raise ValueError(f"min_coverage {min_coverage}: a pass must rest on something, up to 1")
     evaluated = [view for view in views if view.evaluated]
-    shown = np.zeros(len(samples.points_mm), dtype=bool)
-    for view in evaluated:
-        shown |= view.seen
-    covered = float(samples.areas_mm2[shown].sum() / samples.areas_mm2.sum())
+    seen = _any(samples, (view.seen for view in evaluated))
+    in_sight = _any(samples, (view.shown for view in evaluated)) | seen
+    covered, sighted = (
+        float(samples.areas_mm2[mask].sum() / samples.areas_mm2.sum()) for mask in (seen, in_sight)
+    )
     confirmed, doubtful = _confirm(evaluated, limits)
     found = dict.fromkeys((i for _, f in doubtful for i in f.face_ids), Verdict.INDETERMINATE)
     found |= dict.fromkeys((i for _, f in confirmed for i in f.face_ids), Verdict.FAIL)
+    excuses = _unjudged(samples, evaluated)
     faces = tuple(
-        _face(solid, samples, i, shown, evaluated, found.get(i), unseen_reasons, limits)
+        _face(
+            solid, samples, i, seen, excuses, evaluated, found.get(i),
+            unseen_reasons.get(i, ""), not_inspected.get(i, ""), limits,
+        )
         for i in range(len(solid.faces))
-    )
+    )  # fmt: skip
+    claim = _claim(evaluated)
     reasons: list[str] = [_sentence(solid, view_id, f) for view_id, f in confirmed]
-    unexplained = [f for f in faces if f.verdict is Verdict.NOT_EVALUATED and not f.reason]
-    failed_views = [v for v in views if not v.evaluated]
+    failures = [failure for view in views for failure in view.failures]
+    missing = _not_made_good(samples, views, planned)
+    stops: list[str] = []
+    if not evaluated or covered < min_coverage:
+        stops.append(
+            f"{100 * covered:.1f} % of the surface compared, {100 * min_coverage:.1f} % is asked"
+        )
+    stops += [f"{view_id}: no other view made good what it was to show" for view_id in missing]
+    stops += [
+        f"{f.label}: {100 * f.seen_fraction:.0f} % compared, {100 * MIN_FACE_SHARE:.0f} % is asked;"
+        f" {f.reason}"
+        for f in faces
+        if f.verdict is Verdict.NOT_EVALUATED
+        and f.face_id not in not_inspected
+        and f.area_mm2 >= limits.min_area_mm2
+    ]
     if confirmed:
         verdict = Verdict.FAIL
-    elif doubtful:
+    elif doubtful or stops:
         verdict = Verdict.INDETERMINATE
         reasons += [f"doubtful: {_sentence(solid, view_id, f)}" for view_id, f in doubtful]
-    elif covered < min_coverage or unexplained or not evaluated:
-        verdict = Verdict.INDETERMINATE
-        reasons.append(
-            f"{100 * covered:.1f} % of the surface seen, {100 * min_coverage:.1f} % is asked"
-        )
-        reasons += [f"{f.label}: not seen, and the plan gives no reason" for f in unexplained]
+        reasons += stops
     else:
         verdict = Verdict.PASS
         reasons.append(
-            f"{100 * covered:.1f} % of the surface seen in {len(evaluated)} views, no difference "
-            f"of {limits.smallest_defect_mm:g} mm or more"
+            f"{100 * covered:.1f} % of the surface compared in {len(evaluated)} views: {claim}"
         )
-    reasons += [f"view {v.view_id} not evaluated: {v.reason}" for v in failed_views]
-    return PartVerdict(verdict, tuple(reasons), faces, covered, tuple(confirmed))
+    reasons += failures
+    if not_inspected:
+        left = sum(f.area_mm2 for f in faces if f.face_id in not_inspected)
+        share = left / sum(f.area_mm2 for f in faces)
+        reasons.append(
+            f"the recipe leaves out {len(not_inspected)} of {len(faces)} faces, "
+            f"{100 * share:.1f} % of the surface"
+        )
+    return PartVerdict(verdict, tuple(reasons), faces, covered, tuple(confirmed), sighted, claim)
+
+
+def _any(samples: SurfaceSamples, masks: Iterator[Mask]) -> Mask:
+    out = np.zeros(len(samples.points_mm), dtype=bool)
+    for mask in masks:
+        out |= mask
+    return out
+
+
+def _claim(views: Sequence[ViewResult]) -> str:
+    """Return what all checks together looked for; the bluntest of them counts."""
+    made = [c for view in views for c in view.checks if not c.reason and c.compared.any()]
+    outlines = [c for c in made if c.name == OUTLINE]
+    lit = [c for c in made if c.name != OUTLINE]
+    parts = []
+    if outlines:
+        parts.append(
+            f"no outline off by {max(c.size_mm for c in outlines):.1f} mm or more over "
+            f"{max(c.length_mm for c in outlines):.1f} mm, the part's pose fitted in each view"
+        )
+    if lit:
+        parts.append(
+            f"no area of {max(c.size_mm for c in lit):g} mm or more half as bright as predicted, "
+            "or twice as bright"
+        )
+    if not parts:
+        return "no difference found"
+    return "; ".join(parts) + "; dimensions are not measured"
 
 
 def _confirm(
     views: Sequence[ViewResult], limits: Limits
 ) -> tuple[list[tuple[str, Finding]], list[tuple[str, Finding]]]:
-    """Split findings into those that decide and those nobody else saw."""
-    every = [(view.view_id, f) for view in views for f in view.findings]
+    """Split findings into those that decide and those that one error could explain."""
+    every = [(view, f) for view in views for f in view.findings]
     sure: list[tuple[str, Finding]] = []
     doubtful: list[tuple[str, Finding]] = []
-    for view_id, finding in every:
+    for view, finding in every:
         seconded = any(
-            (other_id, other.lamp) != (view_id, finding.lamp)
-            and np.linalg.norm(other.p_part_mm - finding.p_part_mm) < SAME_PLACE_MM
-            for other_id, other in every
+            other is not finding
+            and _is_other_look(view, finding, other_view, other, limits)
+            and _is_same_place(finding, other)
+            for other_view, other in every
         )
-        large = finding.area_mm2 >= SURE_AREA * limits.min_area_mm2
-        (sure if large or seconded else doubtful).append((view_id, finding))
+        (sure if seconded else doubtful).append((view.view_id, finding))
     sure.sort(key=lambda item: -item[1].area_mm2)
     return sure, doubtful
+
+
+def _is_other_look(
+    view: ViewResult, finding: Finding, other_view: ViewResult, other: Finding, limits: Limits
+) -> bool:
+    """Tell whether no one error explains two findings.
+
+    Two lamps in one pose share its error, and their prediction's. The part turned, that error
+    would move. Outline and shading of one pose share only the pose, and both checks have
+    confirmed it: together they count where both are too large for what an error within these
+    limits makes.
+    """
+    turn = view.T_world_part[:3, :3] @ other_view.T_world_part[:3, :3].T
+    angle = np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0))
+    if view.view_id != other_view.view_id and angle >= OTHER_LOOK_RAD:
+        return True
+    least = SURE_AREA * limits.min_area_mm2
+    is_both = (finding.kind is Kind.SURFACE) != (other.kind is Kind.SURFACE)
+    return is_both and min(finding.area_mm2, other.area_mm2) >= least
+
+
+def _is_same_place(finding: Finding, other: Finding) -> bool:
+    reach = SAME_PLACE_MM + SAME_PLACE_SHARE * (finding.size_mm + other.size_mm)
+    return bool(np.linalg.norm(other.p_part_mm - finding.p_part_mm) < reach)
+
+
+def _not_made_good(
+    samples: SurfaceSamples, views: Sequence[ViewResult], planned: Mapping[str, Mask]
+) -> list[str]:
+    """Return the views with failed checks whose surface no other view has shown."""
+    out = []
+    for view in views:
+        if not view.failures:
+            continue
+        others = _any(samples, (v.shown for v in views if v is not view))
+        if view.evaluated:
+            others |= view.shown  # another lamp's picture of the same pose
+            wanted = view.in_sight if len(view.in_sight) else view.seen
+        else:
+            wanted = planned.get(view.view_id, np.ones(len(samples.points_mm), dtype=bool))
+        whole = float(samples.areas_mm2[wanted].sum())
+        if whole and float(samples.areas_mm2[wanted & others].sum()) < MADE_GOOD_SHARE * whole:
+            out.append(f"view {view.view_id} failed")
+    return out
 
 
 def _sentence(solid: Solid, view_id: str, finding: Finding) -> str:
@@ -135,40 +263,77 @@ def _sentence(solid: Solid, view_id: str, finding: Finding) -> str:
     )
 
 
+def _unjudged(samples: SurfaceSamples, views: Sequence[ViewResult]) -> NDArray[np.uint8]:
+    """Return why samples in sight were not compared, (n,), as in `ViewResult.unjudged`.
+
+    Of several views the one that came closest counts: the latest reason in `Unjudged`'s order.
+    """
+    out = np.zeros(len(samples.points_mm), dtype=np.uint8)
+    holder = 1 + list(Unjudged).index(Unjudged.HOLDER)
+    for view in views:
+        if len(view.beside_hand):
+            out[view.beside_hand & (out == 0)] = holder
+        if len(view.unjudged):
+            out = np.maximum(out, view.unjudged)
+    return out
+
+
 def _face(
     solid: Solid,
     samples: SurfaceSamples,
     face_id: int,
-    shown: NDArray[np.bool_],
+    seen: Mask,
+    excuses: NDArray[np.uint8],
     views: Sequence[ViewResult],
     found: Verdict | None,
-    unseen_reasons: Mapping[int, str],
+    plan_reason: str,
+    recipe_reason: str,
     limits: Limits,
 ) -> FaceVerdict:
     face = solid.faces[face_id]
     mine = samples.face_ids == face_id
-    fraction = float(shown[mine].mean()) if mine.any() else 0.0
+    fraction = float(seen[mine].mean()) if mine.any() else 0.0
     by = tuple(v.view_id for v in views if (v.seen & mine).any())
-    reason = unseen_reasons.get(face_id, "")
+    rest = _rest(mine & ~seen, int(mine.sum()), excuses, plan_reason or NO_VIEW)
+    reason = rest[0][0] if rest else ""
     verdict = Verdict.NOT_EVALUATED
     if found is Verdict.FAIL:
         verdict, reason = found, "differs from the CAD"
     elif found is not None:
-        verdict, reason = found, "may differ from the CAD: one weak finding"
-    elif fraction >= 0.5:
-        rest = reason or f"{100 * (1 - fraction):.0f} % of it in no view that was evaluated"
-        verdict, reason = Verdict.PASS, "" if fraction > 0.98 else rest
-    elif not reason and _is_beside_hand(views, mine & ~shown):
-        reason = "too near to the hand to be compared wherever it was in sight"
-    elif not reason and face.area_mm2 < limits.min_area_mm2:
-        reason = "smaller than the smallest difference looked for"
-    return FaceVerdict(face_id, face.label, face.area_mm2, fraction, verdict, by, reason)
+        verdict, reason = found, "may differ from the CAD: one look says so, no second one"
+    elif fraction >= MIN_FACE_SHARE:
+        verdict = Verdict.PASS
+        if rest:
+            reason = f"{100 * (1 - fraction):.0f} % of it not compared: {reason}"
+    elif recipe_reason:
+        reason = f"left out by the recipe: {recipe_reason}"
+    elif face.area_mm2 < limits.min_area_mm2:
+        reason = TOO_SMALL
+    return FaceVerdict(
+        face_id, face.label, face.area_mm2, fraction, verdict, by, reason,
+        _by_check(mine, views), rest,
+    )  # fmt: skip
 
 
-def _is_beside_hand(views: Sequence[ViewResult], unseen: NDArray[np.bool_]) -> bool:
-    """Whether most of some samples were in sight, but so near to the hand that nobody compared."""
-    beside = np.zeros_like(unseen)
-    for view in views:
-        if len(view.beside_hand) == len(beside):
-            beside |= view.beside_hand
-    return bool(unseen.any() and beside[unseen].mean() >= 0.5)
+def _by_check(mine: Mask, views: Sequence[ViewResult]) -> tuple[tuple[str, float], ...]:
+    compared: dict[str, Mask] = {}
+    for check in (check for view in views for check in view.checks if not check.reason):
+        here = check.compared & mine
+        if here.any():
+            compared[check.name] = compared.get(check.name, np.zeros_like(mine)) | here
+    whole = int(mine.sum())
+    return tuple((name, float(mask.sum()) / whole) for name, mask in sorted(compared.items()))
+
+
+def _rest(
+    missing: Mask, whole: int, excuses: NDArray[np.uint8], otherwise: str
+) -> tuple[tuple[str, float], ...]:
+    if not missing.any():
+        return ()
+    words = [otherwise, *(reason.value for reason in Unjudged)]
+    numbers, counts = np.unique(excuses[missing], return_counts=True)
+    shares = [
+        (words[number], float(count) / whole)
+        for number, count in zip(numbers.tolist(), counts.tolist(), strict=True)
+    ]
+    return tuple(sorted(shares, key=lambda item: -item[1]))

@@ -1,7 +1,7 @@
 """What inspection takes and gives: one shown view in, what differs from the CAD out."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
@@ -21,6 +21,21 @@ class Verdict(StrEnum):
     FAIL = "fail"
     INDETERMINATE = "indeterminate"
     NOT_EVALUATED = "not evaluated"
+
+
+class Unjudged(StrEnum):
+    """Why a sample in sight was compared by no check; the first that applies, in this order."""
+
+    HOLDER = "beside the gripper, whose place is known to a millimetre"
+    FLAT = "seen too flat for the smallest defect to show"
+    UNLIT = "turned from the lamps or in shadow, where a defect stays as dark as all else"
+    PENUMBRA = "at the border of a shadow"
+    BOUNCE = "lit by light from neighbouring surfaces, which no prediction knows"
+    HIGHLIGHT = "where the lamp's highlight may lie"
+    ROUGH = "a finish too uneven for the smallest defect to stand out"
+    SHAPE = "a free-form surface, whose brightness is not predicted"
+    EDGE = "too near to an edge for the smallest defect to show whole"
+    LAMP = "in pictures that failed their self-check"
 
 
 class Kind(StrEnum):
@@ -44,10 +59,15 @@ class Limits:
     max_shift_mm, max_turn_rad : farther from the expected pose the part has slipped in the jaws
     slack_px : outlines and shading may be off by this much without meaning anything
     grey_share, grey_levels : a surface is as bright as predicted within these
+    min_contrast : between panel and part, and of a lamp on a surface square to it [grey]
+    max_lit_shift_px : a lit picture may lie this far from the pose the backlit one gave
+    max_edge_px : an edge may be this wide (standard deviation of its blur), and
+    max_edge_growth_px : wider than in the backlit picture by so much, or the picture is defocused
+    max_burnt_share : of the pixels of panel or part that may be burnt out
     """
 
     smallest_defect_mm: float = 3.0
-    max_residual_px: float = 1.2
+    max_residual_px: float = 0.5
     min_outline_share: float = 0.6
     max_shift_mm: float = 4.0
     max_turn_rad: float = 0.12
@@ -55,6 +75,10 @@ class Limits:
     grey_share: float = 0.30
     grey_levels: float = 22.0
     min_contrast: float = 40.0
+    max_lit_shift_px: float = 1.0
+    max_edge_px: float = 1.3
+    max_edge_growth_px: float = 0.45
+    max_burnt_share: float = 0.05
 
     @property
     def min_area_mm2(self) -> float:
@@ -131,8 +155,32 @@ class Finding:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class Check:
+    """One comparison of one picture with the CAD: what it compared, and how sharply.
+
+    Attributes
+    ----------
+    name : ``outline``, or the lamp's name
+    reason : why it was not made; empty where it was
+    compared : (n,) surface samples where a difference of `size_mm` would have been a finding
+    size_mm : of an outline how far it may be off unnoticed, along `length_mm` of it; under a lamp
+        the width of the smallest area that stands out
+    length_mm : see `size_mm`; 0 under a lamp
+    """
+
+    name: str
+    reason: str
+    compared: Mask
+    size_mm: float = 0.0
+    length_mm: float = 0.0
+
+
+OUTLINE = "outline"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class ViewResult:
-    """What one view told.
+    """What one view showed.
 
     Attributes
     ----------
@@ -141,8 +189,13 @@ class ViewResult:
     shift_mm, turn_rad : from the expected pose to the measured one
     residual_px : of the outline fit
     findings : differences from the CAD
-    seen : (n,) surface samples that this view did show and compare
-    beside_hand : (n,) samples in sight, but too near to the hand to be compared
+    seen : (n,) surface samples that any check of this view compared
+    beside_hand : (n,) samples in sight, but too near to the gripper to be compared
+    in_sight : (n,) samples nothing stood before, the gripper's margin left out; empty where a view
+        says no more than `seen`
+    checks : one by one, also those that failed
+    unjudged : (n,) of a sample in sight that no check compared why not, as number of `Unjudged`
+        counted from 1, else 0; may be empty
     outline_px : outline of the prediction at the measured pose, (k, 2), for the report
     """
 
@@ -157,3 +210,36 @@ class ViewResult:
     seen: Mask
     outline_px: Array
     beside_hand: Mask = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    in_sight: Mask = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    checks: tuple[Check, ...] = ()
+    unjudged: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, dtype=np.uint8))
+
+    @property
+    def shown(self) -> Mask:
+        """Return which samples (n,) were in sight of this view in pictures that were judged."""
+        if not self.evaluated:
+            return np.zeros_like(self.seen)
+        is_lit = any(not c.reason for c in self.checks if c.name != OUTLINE)
+        if len(self.in_sight) and is_lit:
+            return self.in_sight | self.seen
+        return self.seen
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """Return what failed its self-check: the whole view, or lamps, with the reason."""
+        if not self.evaluated:
+            return (f"view {self.view_id} not evaluated: {self.reason}",)
+        return tuple(
+            f"view {self.view_id}, {c.name} not evaluated: {c.reason}"
+            for c in self.checks
+            if c.reason
+        )
+
+    def within(self, samples: Mask) -> "ViewResult":
+        """Return what this view says of some samples (n,) only."""
+        return replace(
+            self,
+            seen=self.seen & samples,
+            in_sight=self.in_sight & samples if len(self.in_sight) else self.in_sight,
+            checks=tuple(replace(c, compared=c.compared & samples) for c in self.checks),
+        )

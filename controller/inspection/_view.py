@@ -1,13 +1,15 @@
 """One view against the CAD: measure the pose, then look for what should not be or is not there.
 
-Three comparisons, from sure to less sure: the silhouette before the glowing panel (material
-missing or too much, holes that should let the light through), and the shading under each lamp on
-plane surfaces, in bores and through them (a filled hole, a missing pocket). Each is made with
-`slack_px` of play and only where the prediction is trustworthy: not where the gripper, its
-shadow, or a curved highlight is. A view that fails its self-checks is not evaluated.
+Two kinds of comparison: the silhouette before the glowing panel (`_outline`), and the brightness
+under each lamp (`_shading`, within the bounds of `_light`). Each tells which surface samples it
+compared, so that a defect of the smallest size there would have been a finding; samples in sight
+that none compared keep the reason. A picture that does not lie where the pose says, or is not
+sharp (`_register`), proves nothing and is not evaluated.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
 
 import cv2
 import numpy as np
@@ -20,30 +22,49 @@ from controller.cad import (
     SurfaceSamples,
     ViewMaps,
     inverse_pose,
-    predict_light,
     render_maps,
     transform,
 )
 from controller.recognition import (
     Contour,
     PosedPart,
+    PoseFit,
     mask_contour,
     subpixel_contour,
     threshold_levels,
 )
 from controller.recognition import fit_pose as fit_outline
 
-from ._types import Finding, Kind, Mask, ViewPictures, ViewResult, ViewTask, WorldBox
+from ._blobs import blobs, grow
+from ._light import Light, Surface, bound_light, find_surface
+from ._outline import compare_outline
+from ._register import Registration, register
+from ._shading import BURNT_GREY, Compared, compare
+from ._types import (
+    Check,
+    Finding,
+    Kind,
+    Limits,
+    Mask,
+    Unjudged,
+    ViewPictures,
+    ViewResult,
+    ViewTask,
+    WorldBox,
+)
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
-HOLDER_MARGIN_PX = 9  # the hand's shape and place are known to about a millimetre
-SHADING_STEP_PX = 2  # shading is compared on every second pixel: defects are many pixels large
-PLANNED_HOLD = (1.5, 0.03)  # [mm, rad] how far a fresh grip may be from the planned one
-SEEN_HOLD = (0.3, 0.005)  # the same once a view has measured it
-HIGHLIGHT = 2.0  # of a matt surface square to the lamp
-MAX_INCIDENCE_COS = np.cos(np.radians(75.0))
+HOLDER_MARGIN_PX: Final = 9  # the gripper's shape and place are known to about a millimetre
+SHADING_STEP_PX: Final = 2  # shading is compared on every second pixel: defects are many px large
+PLANNED_HOLD: Final = (1.5, 0.03)  # [mm, rad] how far a fresh grip may be from the planned one
+SEEN_HOLD: Final = (0.3, 0.005)  # the same once a view has measured it
+MAX_INCIDENCE_COS: Final = float(np.cos(np.radians(75.0)))
+LENS_PX: Final = 0.7  # about how a lens blurs
+LEAST_NODES: Final = 2  # a difference in shading is at least as wide, on the grid
+LEAST_WIDTH_PX: Final = 6.0  # and leaves so much of a defect, the blur of its border taken off
+DISC_SHARE: Final = 0.6  # of a defect's disc that must lie on compared pixels
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -53,6 +74,15 @@ class _Scene:
     holder: RayCaster | None
     holder_mask: Mask  # (height, width), grown
     panel: Mask  # (height, width), where the panel glows, shrunk
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Sight:
+    """Which samples are in sight, and where; (n,) each, pixels (n, 2)."""
+
+    free: Mask
+    beside_hand: Mask
+    pixels: NDArray[np.int64]
 
 
 def inspect_view(
@@ -66,68 +96,64 @@ def inspect_view(
     pictures : taken while the arm stood still at the view's pose
     """
     scene = _make_scene(task)
+    limits = task.limits
     low, level, high = threshold_levels(pictures.backlit, scene.panel)
-    if high - low < task.limits.min_contrast:
+    if high - low < limits.min_contrast:
         return _not_evaluated(
             task,
             samples,
-            f"backlight contrast {high - low:.0f} grey levels, {task.limits.min_contrast:.0f} "
+            f"backlight contrast {high - low:.0f} grey levels, {limits.min_contrast:.0f} "
             "are asked: is the panel's lamp on?",
         )
+    burnt = float((pictures.backlit[scene.panel] >= BURNT_GREY).mean())
+    if burnt > limits.max_burnt_share:
+        return _not_evaluated(
+            task, samples, f"{100 * burnt:.0f} % of the panel are burnt out: its edges are not true"
+        )
     dark = (pictures.backlit < level) & scene.panel
-    dark_part = dark & ~scene.holder_mask
+    judged = scene.panel & ~scene.holder_mask
     contour = subpixel_contour(pictures.backlit, dark, level)
-    contour = _outside(contour, scene.holder_mask | ~scene.panel)
+    contour = _outside(contour, ~judged)
     prior_mm, prior_rad = SEEN_HOLD if task.is_hold_seen else PLANNED_HOLD
     fit = fit_outline(
         part,
         task.T_world_part,
         task.camera,
         contour,
-        ignore=scene.holder_mask,
+        ignore=~judged,
         prior_mm=prior_mm,
         prior_rad=prior_rad,
     )
     if fit is None:
         return _not_evaluated(task, samples, "no outline of the part where it should be")
-    moved = fit.T_world_part @ inverse_pose(task.T_world_part)
-    turn = float(np.arccos(np.clip((np.trace(moved[:3, :3]) - 1) / 2, -1.0, 1.0)))
-    com = part.solid.centroid_mm[None]
-    shift = float(
-        np.linalg.norm(transform(fit.T_world_part, com) - transform(task.T_world_part, com))
-    )
-    limits = task.limits
-    if fit.residual_px > limits.max_residual_px:
-        return _not_evaluated(
-            task,
-            samples,
-            f"outline off by {fit.residual_px:.2f} px, {limits.max_residual_px:.2f} px is allowed: "
-            "not this part, or not this pose",
+    shift, turn = _moved(part, task, fit)
+    trouble = _pose_trouble(fit, shift, turn, limits)
+    sharp = None if trouble else register(pictures.backlit, fit.edge_px, fit.edge_normals)
+    if not trouble and sharp is not None and sharp.width_px > limits.max_edge_px:
+        trouble = (
+            f"edges are {sharp.width_px:.1f} px wide, {limits.max_edge_px:.1f} px is allowed: out "
+            "of focus, or moved"
         )
-    if fit.paired < limits.min_outline_share:
-        return _not_evaluated(
-            task,
-            samples,
-            f"{100 * fit.paired:.0f} % of the part's outline found, "
-            f"{100 * limits.min_outline_share:.0f} % is asked: it slipped, or is another part",
-        )
-    if shift > limits.max_shift_mm or turn > limits.max_turn_rad:
-        return _not_evaluated(
-            task,
-            samples,
-            f"part lies {shift:.1f} mm and {np.degrees(turn):.1f} degrees from where the jaws "
-            "should hold it: it slipped",
-        )
-    findings = [*_silhouette(part, fit.maps, dark_part, scene, task, fit.T_world_part)]
-    for lamp in task.lamps:
-        picture = pictures.lit.get(lamp.name)
-        if picture is None:
-            return _not_evaluated(task, samples, f"no picture under {lamp.name}")
-        differing = _shading(part, fit.maps, scene, task, fit.T_world_part, lamp.name, picture)
-        if differing is None:
-            return _not_evaluated(task, samples, f"{lamp.name} gives no light: is the lamp on?")
-        findings += differing
-    seen, beside_hand = _seen(part, samples, task.camera, fit.T_world_part, scene)
+    if trouble:
+        return _not_evaluated(task, samples, trouble)
+    sight = _in_sight(part, samples, task.camera, fit.T_world_part, scene)
+    outline = compare_outline(part, fit, dark, judged, task, samples)
+    findings = outline.findings
+    checks = [outline.check]
+    codes: list[NDArray[np.uint8]] = []
+    if task.lamps:
+        shading = _Shading(part, samples, task, scene, fit, sight, sharp)
+        for lamp in task.lamps:
+            picture = pictures.lit.get(lamp.name)
+            if picture is None:
+                return _not_evaluated(task, samples, f"no picture under {lamp.name}")
+            check, differing, code = shading.check(lamp.name, picture)
+            checks.append(check)
+            codes.append(code)
+            findings = findings + differing
+    free = sight.free & ~sight.beside_hand
+    checks = [replace(c, compared=c.compared & free) for c in checks]
+    seen = np.logical_or.reduce([c.compared for c in checks])
     x0, y0, _, _ = fit.maps.roi
     return ViewResult(
         view_id=task.view_id,
@@ -139,9 +165,49 @@ def inspect_view(
         residual_px=fit.residual_px,
         findings=tuple(findings),
         seen=seen,
-        beside_hand=beside_hand,
         outline_px=mask_contour(fit.maps.mask) + np.array([x0, y0]),
+        beside_hand=sight.beside_hand,
+        in_sight=free,
+        checks=tuple(checks),
+        unjudged=_best_excuse(codes, free & ~seen),
     )
+
+
+def _moved(part: PosedPart, task: ViewTask, fit: PoseFit) -> tuple[float, float]:
+    """Return how far the part is from where it was expected [mm], and how far it is turned."""
+    moved = fit.T_world_part @ inverse_pose(task.T_world_part)
+    turn = float(np.arccos(np.clip((np.trace(moved[:3, :3]) - 1) / 2, -1.0, 1.0)))
+    com = part.solid.centroid_mm[None]
+    off = transform(fit.T_world_part, com) - transform(task.T_world_part, com)
+    return float(np.linalg.norm(off)), turn
+
+
+def _pose_trouble(fit: PoseFit, shift: float, turn: float, limits: Limits) -> str:
+    """Return what speaks against a fitted pose, empty if nothing does."""
+    if fit.paired < limits.min_outline_share:
+        return (
+            f"{100 * fit.paired:.0f} % of the part's outline found, "
+            f"{100 * limits.min_outline_share:.0f} % is asked: it slipped, or is another part"
+        )
+    if fit.residual_px > limits.max_residual_px:
+        return (
+            f"outline off by {fit.residual_px:.2f} px, {limits.max_residual_px:.2f} px is allowed: "
+            "not this part, not this pose, or a wrong dimension"
+        )
+    if shift > limits.max_shift_mm or turn > limits.max_turn_rad:
+        return (
+            f"part lies {shift:.1f} mm and {np.degrees(turn):.1f} degrees from where the jaws "
+            "should hold it: it slipped"
+        )
+    return ""
+
+
+def _best_excuse(codes: Sequence[NDArray[np.uint8]], missing: Mask) -> NDArray[np.uint8]:
+    """Return per sample why no check compared it: of several lamps the one that came closest."""
+    if not codes:
+        return np.zeros(len(missing), dtype=np.uint8)
+    best = np.maximum.reduce(codes)
+    return np.where(missing, best, 0).astype(np.uint8)
 
 
 def _not_evaluated(task: ViewTask, samples: SurfaceSamples, reason: str) -> ViewResult:
@@ -165,12 +231,6 @@ def _box_mesh(boxes: tuple[WorldBox, ...]) -> trimesh.Trimesh:
     )
 
 
-def _grow(mask: Mask, px: int) -> Mask:
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * px + 1, 2 * px + 1))
-    grown: Mask = cv2.dilate(mask.astype(np.uint8), kernel) > 0
-    return grown
-
-
 def _make_scene(task: ViewTask) -> _Scene:
     width, height = task.camera.size_px
     holder: RayCaster | None = None
@@ -181,7 +241,7 @@ def _make_scene(task: ViewTask) -> _Scene:
         # every fourth pixel is enough under a margin of nine
         maps = render_maps(holder, np.eye(4), task.camera, (0, 0, width, height), step_px=4)
         coarse = np.repeat(np.repeat(maps.mask, 4, axis=0), 4, axis=1)[:height, :width]
-        holder_mask = _grow(coarse, HOLDER_MARGIN_PX)
+        holder_mask = grow(coarse, HOLDER_MARGIN_PX)
     panel = np.zeros((height, width), dtype=np.uint8)
     edges = [
         task.panel_mm[i] + t * (task.panel_mm[(i + 1) % 4] - task.panel_mm[i])
@@ -202,103 +262,146 @@ def _outside(contour: Contour, forbidden: Mask) -> Contour:
     return Contour(contour.points_px[keep], contour.normals[keep])
 
 
-def _silhouette(
-    part: PosedPart, maps: ViewMaps, dark: Mask, scene: _Scene, task: ViewTask, T: Array
-) -> list[Finding]:
-    """Compare silhouettes; the gripper's part of the picture says nothing."""
-    margin = 40
-    x0, y0 = max(maps.roi[0] - margin, 0), max(maps.roi[1] - margin, 0)
-    x1 = min(maps.roi[2] + margin, task.camera.size_px[0])
-    y1 = min(maps.roi[3] + margin, task.camera.size_px[1])
-    expected = np.zeros((y1 - y0, x1 - x0), dtype=bool)
-    expected[maps.roi[1] - y0 : maps.roi[3] - y0, maps.roi[0] - x0 : maps.roi[2] - x0] = maps.mask
-    window = (slice(y0, y1), slice(x0, x1))
-    valid = scene.panel[window] & ~scene.holder_mask[window]
-    observed = dark[window]
-    slack = task.limits.slack_px
-    sure_part = ~_grow(~expected, slack)
-    sure_ground = ~_grow(expected, slack)
-    # Where hand and part overlap in the picture no ground is left to compare with
-    found = _blobs(
-        sure_part & ~observed & valid, Kind.MISSING, "backlit", part, maps, task, T, (x0, y0)
-    )
-    found += _blobs(
-        sure_ground & observed & valid, Kind.EXTRA, "backlit", part, maps, task, T, (x0, y0)
-    )
-    return found
+class _Shading:
+    """The lit pictures of one view; what they share is found once."""
 
+    def __init__(
+        self,
+        part: PosedPart,
+        samples: SurfaceSamples,
+        task: ViewTask,
+        scene: _Scene,
+        fit: PoseFit,
+        sight: _Sight,
+        sharp: Registration | None,
+    ) -> None:
+        self._part, self._samples, self._task, self._scene = part, samples, task, scene
+        self._fit, self._sight, self._sharp = fit, sight, sharp
+        step = SHADING_STEP_PX
+        whole = fit.maps
+        x0, y0, x1, y1 = whole.roi
+        self._window = (slice(y0, y1, step), slice(x0, x1, step))
+        maps = ViewMaps(whole.roi, whole.triangle[::step, ::step], whole.depth_mm[::step, ::step])
+        self._surface: Surface = find_surface(part.solid, maps, fit.T_world_part, task.camera, step)
+        com = transform(fit.T_world_part, part.solid.centroid_mm[None])[0]
+        self._mm = task.camera.mm_per_px(com)
+        # only inside the outline: beside it stands whatever stands behind the part
+        filled = np.zeros(maps.mask.shape, dtype=np.uint8)
+        contours, _ = cv2.findContours(
+            maps.mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+        )
+        cv2.drawContours(filled, contours, -1, 1, thickness=cv2.FILLED)
+        slack = max(1, round(task.limits.slack_px / step))
+        self._inside: Mask = ~grow(filled == 0, slack)
+        self._unheld: Mask = ~scene.holder_mask[self._window]
 
-def _shading(
-    part: PosedPart,
-    maps: ViewMaps,
-    scene: _Scene,
-    task: ViewTask,
-    T: Array,
-    lamp_name: str,
-    picture: Grey,
-) -> list[Finding] | None:
-    """Compare grey levels on plane faces, in bores and through them.
+    def check(
+        self, lamp_name: str, picture: Grey
+    ) -> tuple[Check, list[Finding], NDArray[np.uint8]]:
+        """Return what a lamp's picture compared, what it found, and why not the rest (n,)."""
+        task, limits = self._task, self._task.limits
+        lamp = next(lamp for lamp in task.lamps if lamp.name == lamp_name)
+        light = bound_light(
+            self._surface, self._part.caster, self._fit.T_world_part, task.camera, lamp,
+            self._scene.holder,
+        )  # fmt: skip
+        outcome = self._misfit(picture, light) or self._compare(picture, light)
+        if isinstance(outcome, str):
+            nothing = np.zeros(len(self._samples.points_mm), dtype=bool)
+            code = np.where(self._sight.free, 1 + list(Unjudged).index(Unjudged.LAMP), 0)
+            return Check(lamp_name, outcome, nothing), [], code.astype(np.uint8)
+        compared, code = self._per_sample(outcome)
+        check = Check(lamp_name, "", compared, limits.smallest_defect_mm)
+        step = SHADING_STEP_PX
+        kernel = np.ones((LEAST_NODES, LEAST_NODES), np.uint8)
+        opened = cv2.morphologyEx(outcome.wrong.astype(np.uint8), cv2.MORPH_OPEN, kernel)
+        x0, y0, x1, y1 = self._fit.maps.roi
+        area = np.where(self._surface.seen, self._surface.area_mm2, np.float32(self._mm**2))
+        full, areas = (
+            np.repeat(np.repeat(a, step, axis=0), step, axis=1)[: y1 - y0, : x1 - x0]
+            for a in (opened > 0, area)
+        )
+        found = blobs(
+            full, Kind.SURFACE, lamp_name, self._part, self._fit.maps, task.camera,
+            self._fit.T_world_part, (x0, y0), areas, limits.min_area_mm2,
+        )  # fmt: skip
+        return check, found, code
 
-    Nothing is found where the lamp lights nothing that is seen; None where it ought to and does
-    not, since then a silence would be no proof.
-    """
-    whole = maps
-    maps = ViewMaps(
-        whole.roi,
-        whole.triangle[::SHADING_STEP_PX, ::SHADING_STEP_PX],
-        whole.depth_mm[::SHADING_STEP_PX, ::SHADING_STEP_PX],
-    )
-    lamp = next(lamp for lamp in task.lamps if lamp.name == lamp_name)
-    x0, y0, x1, y1 = maps.roi
-    window = (slice(y0, y1, SHADING_STEP_PX), slice(x0, x1, SHADING_STEP_PX))
-    solid, limits = part.solid, task.limits
-    slack = max(1, round(limits.slack_px / SHADING_STEP_PX))
-    predicted, shaded = predict_light(
-        solid.mesh, part.caster, maps, T, task.camera, lamp, scene.holder, SHADING_STEP_PX
-    )
-    valid = ~scene.holder_mask[window]
-    valid &= ~_grow(shaded, HOLDER_MARGIN_PX // SHADING_STEP_PX + 1)
-    face = np.where(maps.mask, solid.face_of_triangle[maps.triangle], -1)
-    trusted = np.array([f.kind == "plane" or (f.kind == "cylinder" and f.concave)
-                        for f in solid.faces])  # fmt: skip
-    valid &= ~_grow(maps.mask & ~trusted[face], slack)
-    # only inside the outline: beside it stands whatever stands behind the part
-    outline = np.zeros(maps.mask.shape, dtype=np.uint8)
-    contours, _ = cv2.findContours(
-        maps.mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
-    )
-    cv2.drawContours(outline, contours, -1, 1, thickness=cv2.FILLED)
-    valid &= ~_grow(outline == 0, slack)
-    observed = cv2.GaussianBlur(picture[y0:y1, x0:x1], (0, 0), 1.0)
-    observed = observed[::SHADING_STEP_PX, ::SHADING_STEP_PX].astype(np.float32)
-    expected = cv2.GaussianBlur(predicted, (0, 0), 0.7)
-    bright = valid & maps.mask & (predicted > 0.25)
-    if bright.sum() < 150:
-        return []
-    gain = float(np.median(observed[bright] / expected[bright]))
-    if gain < limits.min_contrast / 2:
-        return None
-    gains = np.full(len(solid.faces) + 1, gain, dtype=np.float32)
-    for face_id in np.unique(face[bright]):
-        here = bright & (face == face_id)
-        # a plane may throw the lamp's highlight back: its own brightness is its reference
-        if solid.faces[face_id].kind == "plane" and here.sum() > 200:
-            ratio = float(np.median(observed[here] / expected[here]))
-            gains[face_id] = np.clip(ratio, 0.4 * gain, 2.5 * gain)
-    scaled = expected * gains[face]
-    # through a hole the wall behind is seen, lit or in the part's shadow
-    ground = _ground_level(picture, whole, scene)
-    kernel = np.ones((2 * slack + 1,) * 2, np.uint8)
-    # a curved wall throws the lamp's highlight back somewhere: there, too bright means nothing
-    curved = np.array([f.kind != "plane" for f in solid.faces] + [False])
-    most = np.where(curved[face], np.maximum(scaled, HIGHLIGHT * gain), scaled)
-    brightest = cv2.dilate(np.where(maps.mask, most, ground).astype(np.float32), kernel)
-    darkest = cv2.erode(np.where(maps.mask, scaled, np.float32(0)), kernel)
-    play = np.maximum(limits.grey_levels, limits.grey_share * brightest)
-    wrong = valid & ((observed > brightest + play) | (observed < darkest - play))
-    full = np.repeat(np.repeat(wrong, SHADING_STEP_PX, axis=0), SHADING_STEP_PX, axis=1)
-    full = full[: y1 - y0, : x1 - x0]
-    return _blobs(full, Kind.SURFACE, lamp_name, part, whole, task, T, (x0, y0))
+    def _misfit(self, picture: Grey, light: Light) -> str:
+        """Return why a lit picture does not lie on the pose, or is not sharp; empty if it does."""
+        limits, fit = self._task.limits, self._fit
+        expected = self._expected(picture, light)
+        steps = register(picture, fit.edge_px, fit.edge_normals, expected)
+        if steps is None:
+            return "it shows too little of the part's outline to tell whether it fits the pose"
+        shift = float(np.linalg.norm(steps.shift_px))
+        if shift > limits.max_lit_shift_px:
+            return (
+                f"it lies {shift:.1f} px beside the backlit one, "
+                f"{limits.max_lit_shift_px:.1f} px is allowed: the part or the camera moved"
+            )
+        sharp = self._sharp.width_px if self._sharp is not None else 0.5 * limits.max_edge_px
+        most = min(sharp + limits.max_edge_growth_px, limits.max_edge_px)
+        if steps.width_px > most:
+            return (
+                f"its edges are {steps.width_px:.1f} px wide, {most:.1f} px is allowed: out of "
+                "focus, or moved"
+            )
+        return ""
+
+    def _expected(self, picture: Grey, light: Light) -> NDArray[np.float32]:
+        """Return the whole picture as predicted, to a grey level or ten, (height, width)."""
+        step = SHADING_STEP_PX
+        whole = self._fit.maps
+        x0, y0, x1, y1 = whole.roi
+        matt = 0.5 * (light.least + light.most)
+        bright = self._surface.seen & (matt > 0.3)
+        observed = picture[self._window].astype(np.float32)
+        gain = float(np.median(observed[bright] / matt[bright])) if bright.any() else 0.0
+        full = np.repeat(np.repeat(matt, step, axis=0), step, axis=1)[: y1 - y0, : x1 - x0]
+        out = np.full(picture.shape, _ground_level(picture, whole, self._scene), dtype=np.float32)
+        # a node may be seen where the pixel beside it is not: its neighbour's light then
+        wide = cv2.dilate(full, np.ones((3, 3), np.uint8))
+        lit = gain * np.where(full > 0, full, wide)
+        out[y0:y1, x0:x1] = np.where(whole.mask, lit, out[y0:y1, x0:x1])
+        return np.asarray(cv2.GaussianBlur(out, (0, 0), LENS_PX), dtype=np.float32)
+
+    def _compare(self, picture: Grey, light: Light) -> Compared | str:
+        task, scene, surface = self._task, self._scene, self._surface
+        x0, y0, x1, y1 = self._fit.maps.roi
+        step = SHADING_STEP_PX
+        smooth = cv2.GaussianBlur(picture[y0:y1, x0:x1], (0, 0), 1.0)
+        observed = smooth[::step, ::step].astype(np.float32)
+        valid = self._unheld & ~grow(light.touched, HOLDER_MARGIN_PX // step + 1)
+        return compare(
+            observed, surface, light, self._inside, valid,
+            _ground_level(picture, self._fit.maps, scene), self._part.solid.faces, task.limits,
+            self._flattest,
+        )  # fmt: skip
+
+    @property
+    def _flattest(self) -> float:
+        """Return the cosine below which the smallest defect is too narrow in the picture."""
+        return float(LEAST_WIDTH_PX * self._mm / self._task.limits.smallest_defect_mm)
+
+    def _per_sample(self, outcome: Compared) -> tuple[Mask, NDArray[np.uint8]]:
+        """Return which samples a picture compared (n,), and why not the others (n,)."""
+        disc_px = self._task.limits.smallest_defect_mm / self._mm / SHADING_STEP_PX
+        size = max(1, round(disc_px)) | 1
+        share = cv2.blur(outcome.compared.astype(np.float32), (size, size))
+        x0, y0, _, _ = self._fit.maps.roi
+        u, v = ((self._sight.pixels - [x0, y0]) // SHADING_STEP_PX).T
+        height, width = outcome.compared.shape
+        inside = self._sight.free & (u >= 0) & (v >= 0) & (u < width) & (v < height)
+        compared = np.zeros(len(u), dtype=bool)
+        code = np.zeros(len(u), dtype=np.uint8)
+        v, u = v[inside], u[inside]
+        whole = outcome.compared[v, u] & (share[v, u] >= DISC_SHARE)
+        compared[inside] = whole & (self._flattest < 1.0)
+        edge = 1 + list(Unjudged).index(Unjudged.EDGE)
+        reason = outcome.reason[v, u]
+        code[inside] = np.where(whole, 0, np.where(reason == 0, edge, reason))
+        return compared, code
 
 
 def _ground_level(picture: Grey, maps: ViewMaps, scene: _Scene) -> float:
@@ -310,78 +413,10 @@ def _ground_level(picture: Grey, maps: ViewMaps, scene: _Scene) -> float:
     return float(np.quantile(values[::7], 0.9)) if len(values) > 700 else 255.0
 
 
-def _blobs(
-    wrong: Mask,
-    kind: Kind,
-    lamp: str,
-    part: PosedPart,
-    maps: ViewMaps,
-    task: ViewTask,
-    T: Array,
-    corner: tuple[int, int],
-) -> list[Finding]:
-    """Return differences large enough to matter; `corner` is the window's in the picture."""
-    com = transform(T, part.solid.centroid_mm[None])[0]
-    mm = task.camera.mm_per_px(com)
-    radius = max(1, round(0.12 * task.limits.smallest_defect_mm / mm))
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
-    opened = cv2.morphologyEx(wrong.astype(np.uint8), cv2.MORPH_OPEN, kernel)
-    count, labels, stats, centres = cv2.connectedComponentsWithStats(opened, connectivity=8)
-    found = []
-    for i in range(1, count):
-        x, y, w, h, area = (int(v) for v in stats[i])
-        area_mm2 = area * mm**2
-        if area_mm2 < task.limits.min_area_mm2:
-            continue
-        at = (float(centres[i][0] + corner[0]), float(centres[i][1] + corner[1]))
-        point, faces = _nearest_on_part(part, maps, task.camera, T, labels == i, corner)
-        found.append(
-            Finding(
-                kind=kind,
-                lamp=lamp,
-                area_mm2=area_mm2,
-                size_mm=float(np.hypot(w, h) * mm),
-                at_px=at,
-                box_px=(x + corner[0], y + corner[1], x + w + corner[0], y + h + corner[1]),
-                p_part_mm=point,
-                face_ids=faces,
-            )
-        )
-    return found
-
-
-def _nearest_on_part(
-    part: PosedPart, maps: ViewMaps, camera: Camera, T: Array, blob: Mask, corner: tuple[int, int]
-) -> tuple[Array, tuple[int, ...]]:
-    ys, xs = np.nonzero(_grow(blob, 5))
-    u = xs + corner[0] - maps.roi[0]
-    v = ys + corner[1] - maps.roi[1]
-    height, width = maps.mask.shape
-    inside = (u >= 0) & (v >= 0) & (u < width) & (v < height)
-    u, v = u[inside], v[inside]
-    on = maps.mask[v, u] if len(u) else np.zeros(0, dtype=bool)
-    if not on.any():
-        rows, columns = np.nonzero(maps.mask)
-        middle = np.array(
-            [xs.mean() + corner[0] - maps.roi[0], ys.mean() + corner[1] - maps.roi[1]]
-        )
-        nearest = int(np.argmin((columns - middle[0]) ** 2 + (rows - middle[1]) ** 2))
-        u, v = columns[nearest : nearest + 1], rows[nearest : nearest + 1]
-    else:
-        u, v = u[on], v[on]
-    lines = camera.sight_line_table[v + maps.roi[1], u + maps.roi[0]].astype(np.float64)
-    points = camera.position_mm + lines * maps.depth_mm[v, u][:, None]
-    ids, counts = np.unique(part.solid.face_of_triangle[maps.triangle[v, u]], return_counts=True)
-    order = np.argsort(-counts)
-    shares = counts[order] / counts.sum()
-    named = tuple(int(i) for i in ids[order][shares > 0.2]) or (int(ids[order][0]),)
-    return transform(inverse_pose(T), np.median(points, axis=0)[None])[0], named
-
-
-def _seen(
+def _in_sight(
     part: PosedPart, samples: SurfaceSamples, camera: Camera, T: Array, scene: _Scene
-) -> tuple[Mask, Mask]:
-    """Return which surface samples are compared, (n,), and which are in sight beside the hand."""
+) -> _Sight:
+    """Return which surface samples are in sight, and which of them beside the gripper."""
     points = transform(T, samples.points_mm)
     normals = samples.normals @ T[:3, :3].T
     towards = camera.position_mm - points
@@ -400,5 +435,4 @@ def _seen(
         hidden |= scene.holder.blocked(start[index], unit[index])
     seen[index[hidden]] = False
     x, y = np.clip(pixels, 0, [width - 1, height - 1]).T
-    beside = seen & scene.holder_mask[y, x]
-    return seen & ~beside, beside  # what is not compared has not been seen
+    return _Sight(seen, seen & scene.holder_mask[y, x], pixels)

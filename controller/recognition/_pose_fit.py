@@ -52,12 +52,19 @@ class PoseFit:
     residual_px : median distance of predicted outline points from the observed outline
     paired : share of predicted outline points that found a partner within 2 px
     maps : the prediction at the fitted pose
+    edge_px, edge_normals : (n, 2) the predicted outline, and its normals, from part to ground
+    edge_points_mm : (n, 3) the part's points there, world
+    gap_px : (n,) how far beyond it the observed outline is; nan where there is none near
     """
 
     T_world_part: Array
     residual_px: float
     paired: float
     maps: ViewMaps
+    edge_px: Array
+    edge_normals: Array
+    edge_points_mm: Array
+    gap_px: Array
 
 
 def _twist(rotation: Array, shift: Array, pivot: Array) -> Array:
@@ -70,8 +77,10 @@ def _twist(rotation: Array, shift: Array, pivot: Array) -> Array:
 
 def _outline_points(
     part: PosedPart, T: Array, maps: ViewMaps, camera: Camera, ignore: Mask | None, step_px: int
-) -> tuple[Array, Array]:
-    """Return the predicted outline [px] (n, 2) and the part's points there (n, 3), world.
+) -> tuple[Array, Array, Array]:
+    """Return the predicted outline [px], its outward normals, and the part's points there, world.
+
+    Shapes are (n, 2), (n, 2) and (n, 3).
 
     The border pixels of the mask lie anywhere up to a step inside the outline, all by the same
     amount along an edge that runs with the rows; so each is pushed outwards to where its sight
@@ -80,7 +89,7 @@ def _outline_points(
     x0, y0, _, _ = maps.roi
     pixels = mask_contour(maps.mask)
     if len(pixels) == 0:
-        return pixels, np.zeros((0, 3))
+        return pixels, pixels, np.zeros((0, 3))
     xi, yi = pixels[:, 0].astype(int), pixels[:, 1].astype(int)
     width, height = camera.size_px
     gx, gy = xi * step_px + x0, yi * step_px + y0
@@ -108,7 +117,7 @@ def _outline_points(
         inside, outside = np.where(hit, middle, inside), np.where(hit, outside, middle)
     edge = start + 0.5 * (inside + outside)[:, None] * outward
     points = camera.position_mm + camera.sight_lines(edge) * depth[:, None]
-    return edge, points
+    return edge, outward, points
 
 
 def _depths(part: PosedPart, T: Array, camera: Camera, pixels: Array) -> Array:
@@ -156,7 +165,7 @@ def fit_pose(
         if roi is None:
             return None
         maps = render_maps(part.caster, T, camera, roi, step_px)
-        pixels, points = _outline_points(part, T, maps, camera, ignore, step_px)
+        pixels, outward, points = _outline_points(part, T, maps, camera, ignore, step_px)
         if len(pixels) < 20:
             return None
         reach = max(MAX_PAIR_PX / (1 + step), 3.0)
@@ -183,10 +192,16 @@ def fit_pose(
         T = _twist(step_vector[3:], step_vector[:3], pivot) @ T
         pivot = pivot + step_vector[:3]
     assert maps is not None
+    gaps = np.full(len(pixels), np.nan)
+    gaps[ok] = gap
     every, _ = tree.query(pixels)
     return PoseFit(
         T_world_part=T,
         residual_px=float(np.median(np.abs(gap))),
         paired=float(np.mean(every < 2.0)),
         maps=maps,
+        edge_px=pixels,
+        edge_normals=outward,
+        edge_points_mm=points,
+        gap_px=gaps,
     )

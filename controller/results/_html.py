@@ -15,7 +15,7 @@ from jinja2 import DictLoader, Environment, StrictUndefined
 
 from ._model import RunRecord
 from ._optics import Optics
-from ._page import make_part_page
+from ._page import lamp_words, make_part_page
 from ._pictures import QUALITIES, Pictures, Quality
 from ._words import END_WORDS, cautions, count_of, headline, say_row, stage_words
 
@@ -117,6 +117,7 @@ def make_environment(package: str, names: Sequence[str]) -> Environment:
         "stage": stage_words,
         "count_of": count_of,
         "css": css_class,
+        "lamp_words": lamp_words,
     }
     return env
 

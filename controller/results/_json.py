@@ -15,10 +15,10 @@ are cell seconds, `wall_s` is wall seconds. Unknown is null, never a made-up num
 | `outcome` | `end` (complete, held, stopped, aborted, broke_off, cut_off), `message`, `code`, `custody`, `where` |
 | `verdict` | of the run: the worst of its parts; `no verdict` if one was not judged, `incomplete` if all passed that were begun and not all were |
 | `ordered`, `parts[]` | parts asked for; what became of those begun |
-| `parts[].verdict` | `pass`, `fail`, `indeterminate` or null; with `reasons`, `covered_fraction`, `tray`, `custody`, `in_doubt` (null, or what was begun and never confirmed) |
-| `parts[].faces[]` | `face`, `label`, `area_mm2`, `area_fraction` (they add up to 1), `seen_fraction`, `verdict`, `views`, `reason` |
+| `parts[].verdict` | `pass`, `fail`, `indeterminate` or null; with `reasons`, `covered_fraction` (of all surface, compared with the CAD), `in_sight_fraction` (in sight, compared or not), `claim` (what was looked for on the compared surface), `tray`, `custody`, `in_doubt` (null, or what was begun and never confirmed) |
+| `parts[].faces[]` | `face`, `label`, `area_mm2`, `area_fraction` (they add up to 1), `seen_fraction` (compared with the CAD), `by_check` (the same by check), `rest` (not compared, by reason), `verdict`, `views`, `reason` |
 | `parts[].findings[]` | `number`, `view`, `kind`, `lamp`, `size_mm`, `area_mm2`, `at_px`, `box_px`, `p_part_mm`, `faces` |
-| `parts[].views[]` | `view`, `evaluated` (null: never judged), `reason`, `shift_mm`, `turn_deg`, `residual_px`, `findings` (numbers), `pictures` |
+| `parts[].views[]` | `view`, `evaluated` (null: never judged), `reason`, `shift_mm`, `turn_deg`, `residual_px`, `checks` (`check`, `reason` why it was not made, `compared_samples`, `size_mm`, `length_mm`), `findings` (numbers), `pictures` |
 | `parts[].steps[]` | `label`, `forecast_s`, `seconds` (null: not finished), `view`, `tray` |
 | `parts[].sightings[]`, `looks`, `grips_missed`, `forecast_s`, `table_pictures` | the way there |
 | `pictures.<lamp>` | `file` (in the run's folder), `sha256` (null: the file is missing) |
@@ -102,6 +102,8 @@ def _part(record: RunRecord, part: PartReport) -> dict[str, Any]:
         "why": why(record, part),
         "reasons": verdict.reasons if verdict else (),
         "covered_fraction": verdict.covered_fraction if verdict else None,
+        "in_sight_fraction": verdict.in_sight_fraction if verdict else None,
+        "claim": verdict.claim if verdict else None,
         "tray": part.tray,
         "custody": part.custody.name.lower(),
         "in_doubt": part.in_doubt or None,
@@ -132,6 +134,8 @@ def _part(record: RunRecord, part: PartReport) -> dict[str, Any]:
                 "area_mm2": face.area_mm2,
                 "area_fraction": face.area_mm2 / total,
                 "seen_fraction": face.seen_fraction,
+                "by_check": face.by_check,
+                "rest": face.rest,
                 "verdict": face.verdict,
                 "views": face.views,
                 "reason": face.reason,
@@ -149,6 +153,7 @@ def _view(folder: Path, view: ViewReport) -> dict[str, Any]:
         "shift_mm": view.shift_mm,
         "turn_deg": view.turn_deg,
         "residual_px": view.residual_px,
+        "checks": [asdict(check) for check in view.checks],
         "findings": [finding.number for finding in view.findings],
         "pictures": _pictures(folder, view.pictures),
     }

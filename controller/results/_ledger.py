@@ -1,4 +1,4 @@
-"""The coverage ledger: every square millimetre of surface, seen or not, and why not.
+"""The coverage ledger: every square millimetre of surface, compared or not, and why not.
 
 Also the time line's sums. Plain numbers from a `PartReport`; shares are in percent.
 """
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from ._model import FaceReport, PartReport, StepReport
 
-NO_REASON = "planned to be seen, but no evaluated view shows it"
+NO_REASON = "planned to be shown, but no evaluated view compared it"
 DECIMALS = 2
 
 
@@ -27,7 +27,7 @@ class Ledger:
     Attributes
     ----------
     classes : share of all area by what is known of it, in words
-    unseen : share of all area by why it was not seen, largest first
+    unseen : share of all area by why it was not compared, largest first
     """
 
     rows: tuple[LedgerRow, ...]
@@ -68,13 +68,14 @@ def make_ledger(part: PartReport) -> Ledger | None:
         classes[face.verdict if face.verdict in classes else "seen"] += seen
         classes["unseen"] += whole - seen
         if face.seen_fraction < 1:
-            reason = _why_unseen(part, face)
-            unseen[reason] = unseen.get(reason, 0.0) + whole - seen
+            for reason, share in (face.rest or {_why_unseen(part, face): 1.0}).items():
+                part_of = share / (sum(face.rest.values()) or 1.0)
+                unseen[reason] = unseen.get(reason, 0.0) + (whole - seen) * part_of
     words = {
-        "pass": "seen, as the CAD says",
-        "fail": "seen, on a surface that differs from the CAD",
-        "seen": "seen, too little of the surface to judge it",
-        "unseen": "not seen",
+        "pass": "compared, as the CAD says",
+        "fail": "compared, on a surface that differs from the CAD",
+        "seen": "compared, too little of the surface to judge it, or in doubt",
+        "unseen": "not compared",
     }
     class_shares = rounded_to_whole(list(classes.values()))
     return Ledger(

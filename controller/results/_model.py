@@ -6,7 +6,7 @@ seconds, and say so in their names.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -149,11 +149,19 @@ class ViewReport:
     residual_px: float | None = None
     outline_px: Points = ()
     findings: tuple[FindingReport, ...] = ()
+    checks: tuple["CheckReport", ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class FaceReport:
-    """What is known of one surface; `seen_fraction` is of its own area, 0..1."""
+    """What is known of one surface; all shares are of its own area, 0..1.
+
+    Attributes
+    ----------
+    seen_fraction : compared with the CAD by any check
+    by_check : the same by each check
+    rest : what was not compared, by reason
+    """
 
     face_id: int
     label: str
@@ -162,16 +170,38 @@ class FaceReport:
     verdict: str
     views: tuple[str, ...]
     reason: str
+    by_check: Mapping[str, float] = field(default_factory=dict)
+    rest: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class CheckReport:
+    """One comparison of a view with the CAD; `reason` says why it was not made."""
+
+    check: str
+    reason: str
+    compared_samples: int
+    size_mm: float
+    length_mm: float
 
 
 @dataclass(frozen=True, slots=True)
 class VerdictReport:
-    """The verdict on a part; `reasons` has the most important first."""
+    """The verdict on a part.
+
+    Attributes
+    ----------
+    reasons : most important first
+    covered_fraction : of all surface, compared; in_sight_fraction : in sight, compared or not
+    claim : what was looked for on the compared surface
+    """
 
     verdict: str
     reasons: tuple[str, ...]
     covered_fraction: float
     faces: tuple[FaceReport, ...]
+    in_sight_fraction: float | None = None
+    claim: str = ""
 
 
 @dataclass(frozen=True, slots=True)

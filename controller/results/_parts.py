@@ -7,6 +7,7 @@ from typing import Any
 from controller.cell.custody import Custody
 
 from ._model import (
+    CheckReport,
     FaceReport,
     FindingReport,
     LogEntry,
@@ -221,6 +222,16 @@ def _view(body: Body, first: int) -> ViewReport:
         residual_px=_number(body.get("residual_px")),
         outline_px=tuple((float(x), float(y)) for x, y in body.get("outline_px", ())),
         findings=findings,
+        checks=tuple(
+            CheckReport(
+                check=str(c["check"]),
+                reason=str(c["reason"]),
+                compared_samples=int(c["compared_samples"]),
+                size_mm=float(c["size_mm"]),
+                length_mm=float(c["length_mm"]),
+            )
+            for c in body.get("checks", ())
+        ),
     )
 
 
@@ -238,7 +249,11 @@ def _verdict(body: Body) -> VerdictReport:
                 verdict=str(f["verdict"]),
                 views=tuple(str(v) for v in f["views"]),
                 reason=str(f["reason"]),
+                by_check={str(k): float(v) for k, v in f.get("by_check", {}).items()},
+                rest={str(k): float(v) for k, v in f.get("rest", {}).items()},
             )
             for f in body["faces"]
         ),
+        in_sight_fraction=_number(body.get("in_sight_fraction")),
+        claim=str(body.get("claim", "")),
     )

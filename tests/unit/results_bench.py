@@ -96,7 +96,7 @@ def face(
 
 def verdict(
     word: inspecting.Verdict = inspecting.Verdict.PASS,
-    reasons: Sequence[str] = ("97.0 % of the surface seen in 2 views, no difference of 3 mm",),
+    reasons: Sequence[str] = ("97.0 % of the surface compared in 2 views: no difference found",),
     faces: Sequence[inspecting.FaceVerdict] | None = None,
 ) -> inspecting.PartVerdict:
     if faces is None:

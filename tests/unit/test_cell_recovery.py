@@ -320,7 +320,7 @@ class PaperExperts:
     async def find_hold(self, expected: Any, *args: object) -> Any:
         return expected if self.cell.has == "arm" else None
 
-    async def judge(self, results: Any, unseen: Any) -> PartVerdict:
+    async def judge(self, results: Any, unseen: Any, planned: Any) -> PartVerdict:
         return PartVerdict(Verdict.PASS, ("fine",), (), 1.0, ())
 
     async def share(self, samples: np.ndarray) -> float:

@@ -134,9 +134,9 @@ def test_the_coverage_column_adds_up_to_one_hundred_percent(tmp_path: Path) -> N
     assert total[share] == "100.00"
     assert total[header.index("Area [mm²]")] == "3000.0"
     # one face of three is seen to 91 %: (100 + 91 + 100) / 3
-    assert total[header.index("Seen [%]")] == "97.00"
+    assert total[header.index("Compared [%]")] == "97.00"
     assert [row[:1] for row in rows] == [["F0 plane"], ["F1 bore 8.0 mm"], ["F2 plane"]]
-    _, (reason, unseen) = page.table("Not seen, because")
+    _, (reason, unseen) = page.table("Not compared, because")
     assert (reason, unseen) == ("in the jaws' shadow", "3.00")
 
 
@@ -144,10 +144,10 @@ def test_every_piece_of_surface_is_in_one_class(tmp_path: Path) -> None:
     bad_run(tmp_path)
     text = page_of(tmp_path).text
     # 6000 mm2: F0 5000 all seen, F1 250 seen to 0.9, F2 750 seen to 0.2
-    assert "seen, as the CAD says: 83.33 %" in text
-    assert "seen, on a surface that differs from the CAD: 3.75 %" in text
-    assert "seen, too little of the surface to judge it: 2.50 %" in text
-    assert "not seen: 10.42 %" in text
+    assert "compared, as the CAD says: 83.33 %" in text
+    assert "compared, on a surface that differs from the CAD: 3.75 %" in text
+    assert "compared, too little of the surface to judge it, or in doubt: 2.50 %" in text
+    assert "not compared: 10.42 %" in text
 
 
 @given(st.lists(st.floats(0.001, 1e6), min_size=1, max_size=300))

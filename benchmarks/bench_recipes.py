@@ -1,0 +1,205 @@
+"""The shipped recipes on perfect parts: planned views, pictures, verdict, without the wires.
+
+For every stable pose that a part is likely to take, the plan is made as in a run, each view is
+pictured by the emulated world with errors of grip and arm, and judged. Told: verdict, coverage, and
+which faces were compared too little and would have to be named by the recipe (`not_inspected`).
+
+    python benchmarks/bench_recipes.py [--recipes holder ...] [--seeds 1] [--json]
+"""
+
+import argparse
+import json
+import sys
+from typing import Any
+
+import numpy as np
+from inspection_scenes import (
+    CELL,
+    HOLD_DEG,
+    HOLD_MM,
+    ROOT,
+    VIEW_DEG,
+    VIEW_MM,
+    Held,
+    Station,
+    disturbed,
+    rotation,
+)
+
+from controller.cad import inverse_pose
+from controller.cell import workers
+from controller.cell.holder import holder_boxes
+from controller.cell.showing import _lamps_for
+from controller.config import panel_corners, table_corners
+from controller.inspection import (
+    Verdict,
+    ViewResult,
+    ViewTask,
+    inspect_view,
+    judge,
+)
+from controller.planning import Look, NoPlanError, Plan, Present, shown_pose
+from emulators.world._poses import JointValues, forward
+
+RECIPES = ("featuretype", "flange_xy", "holder", "idler_riser", "widget")
+LIKELY = 0.04
+
+
+def show(c: workers.Context, plan: Plan, station: Station, seed: int) -> list[ViewResult]:
+    """Return the views of a plan as they are judged."""
+    rng = np.random.default_rng(seed)
+    held = Held(c.solid, c.samples, workers.recognising.PosedPart(c.solid, c.caster))
+    limits = workers.inspection_limits(c.recipe)
+    results: list[ViewResult] = []
+    grip, known, true, is_seen = None, np.eye(4), np.eye(4), False
+    for number, step in enumerate(s for s in plan.steps if isinstance(s, Present)):
+        if grip is None or not np.allclose(step.grip.T_part_hand, grip):
+            grip, is_seen = step.grip.T_part_hand, False
+            slip = disturbed(np.eye(4), c.solid.centroid_mm, HOLD_MM, HOLD_DEG, rng)
+            known, true = grip, inverse_pose(slip) @ grip
+        T_true = shown_pose(c.layout, step.q, true)
+        T_true = disturbed(T_true, c.layout.station_mm, VIEW_MM, VIEW_DEG, rng)
+        joints = JointValues(*step.q[:3], *step.q[3:])
+        width = step.expected_opening_mm
+        lamps = _lamps_for(step)
+        links = forward(station.world_arm, joints)
+        pictures = station.shoot(
+            T_true, links["tip"], width, lamps, 100 * seed + number,
+            {k: v for k, v in links.items() if k != "tip"},
+        )  # fmt: skip
+        task = ViewTask(
+            view_id=step.view_id,
+            camera=c.inspection,
+            T_world_part=shown_pose(c.layout, step.q, known),
+            holder=holder_boxes(c.layout, step.q, width),
+            panel_mm=panel_corners(c.cell, "station_backlight"),
+            lamps=workers.build_lamps(c.cell, lamps),
+            limits=limits,
+            is_hold_seen=is_seen,
+        )
+        result = inspect_view(held.part, c.samples, task, pictures)
+        if result.evaluated and not is_seen:
+            known = inverse_pose(result.T_world_part) @ links["tip"]
+            is_seen = True
+        results.append(result)
+    return results
+
+
+def look(
+    c: workers.Context, plan: Plan, station: Station, T: np.ndarray, seed: int
+) -> list[ViewResult]:
+    """Return what the views of the part on the table come to, judged as `inspect_lying` does."""
+    rng = np.random.default_rng(seed + 5000)
+    part = workers.recognising.PosedPart(c.solid, c.caster)
+    results = []
+    for step in (s for s in plan.steps if isinstance(s, Look)):
+        middle = T[:3, :3] @ c.solid.centroid_mm + T[:3, 3]
+        found = disturbed(T, middle, 0.1, 0.05, rng)
+        found[2, 3] = T[2, 3]
+        lamp = workers.TABLE_LAMPS[0]
+        pictures = station.shoot_lying(T, (lamp,), seed)
+        task = ViewTask(
+            view_id=step.view_id,
+            camera=c.overhead,
+            T_world_part=found,
+            holder=(),
+            panel_mm=table_corners(c.cell),
+            lamps=workers.build_lamps(c.cell, (lamp,)),
+            limits=workers.inspection_limits(c.recipe),
+            is_hold_seen=True,
+        )
+        results.append(inspect_view(part, c.samples, task, pictures).within(step.seen))
+    return results
+
+
+def run_recipe(name: str, seeds: list[int]) -> list[dict[str, Any]]:
+    """Return a row per stable pose and seed."""
+    job = workers.Job(ROOT / "recipes" / f"{name}.yaml", CELL)
+    c = workers.context(job)
+    station = Station(c.solid.mesh)
+    rows = []
+    for pose in c.poses:
+        if pose.marginal or pose.probability < LIKELY:
+            continue
+        for seed in seeds:
+            rng = np.random.default_rng(seed)
+            T = np.eye(4)
+            theta = rng.uniform(-np.pi, np.pi)
+            T[:3, :3] = rotation(np.array([0.0, 0, 1]), theta) @ pose.R
+            x, y = rng.uniform(300, 420), rng.uniform(-70, 70)
+            T[:2, 3] = np.array([x, y]) - T[:2, :3] @ c.solid.centroid_mm
+            T[2, 3] = -float((c.solid.mesh.vertices @ T[2, :3]).min())
+            try:
+                plan = workers.plan(job, pose.index, T)
+            except NoPlanError as error:
+                rows.append({"recipe": name, "pose": pose.index, "seed": seed, "error": str(error)})
+                continue
+            results = [*look(c, plan, station, T, seed), *show(c, plan, station, seed)]
+            unseen = {u.face_id: u.reason for u in plan.unseen}
+            planned = {s.view_id: s.seen for s in plan.steps if isinstance(s, Present | Look)}
+            limits = workers.inspection_limits(c.recipe)
+            least = c.recipe.inspection.min_coverage
+            got = judge(
+                c.solid, c.samples, results, unseen, least, limits, c.not_inspected, planned
+            )
+            missing = {
+                f.label: [round(f.seen_fraction, 2), f.rest[0][0] if f.rest else ""]
+                for f in got.faces
+                if f.verdict is Verdict.NOT_EVALUATED and f.area_mm2 >= limits.min_area_mm2
+            }
+            rows.append(
+                {
+                    "recipe": name,
+                    "pose": pose.index,
+                    "seed": seed,
+                    "verdict": got.verdict.value,
+                    "views": len(results),
+                    "failures": [f for v in results for f in v.failures],
+                    "covered": round(got.covered_fraction, 4),
+                    "in_sight": round(got.in_sight_fraction, 4),
+                    "planned": round(plan.covered_fraction, 4),
+                    "findings": [
+                        [v.view_id, f.lamp, round(f.area_mm2, 1), f.face_ids]
+                        for v in results
+                        for f in v.findings
+                    ],
+                    "not_compared": missing,
+                    "reasons": list(got.reasons),
+                }
+            )
+    return rows
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--recipes", nargs="+", default=list(RECIPES))
+    parser.add_argument("--seeds", nargs="+", type=int, default=[1])
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    args = parser.parse_args()
+    every = []
+    for name in args.recipes:
+        rows = run_recipe(name, args.seeds)
+        every += rows
+        if args.json:
+            continue
+        for row in rows:
+            if "error" in row:
+                print(f"{name:12} pose {row['pose']} seed {row['seed']}: no plan: {row['error']}")
+                continue
+            print(
+                f"{name:12} pose {row['pose']} seed {row['seed']}: {row['verdict']:14}"
+                f"{row['views']} views, {row['covered']:.1%} compared of {row['in_sight']:.1%} in "
+                f"sight, {row['planned']:.1%} planned; {len(row['findings'])} findings",
+                flush=True,
+            )
+            for line in (*row["failures"], *map(str, row["findings"])):
+                print(f"    {line}")
+            for label, (share, why) in row["not_compared"].items():
+                print(f"    {label}: {share:.0%}; {why}")
+    if args.json:
+        print(json.dumps({"rows": every}))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,95 @@
+"""Differences in a picture -> findings on the part."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.cad import Camera, ViewMaps, inverse_pose, transform
+from controller.recognition import PosedPart
+
+from ._types import Finding, Kind, Mask
+
+Array = NDArray[np.float64]
+
+
+def grow(mask: Mask, px: int) -> Mask:
+    """Return a mask (h, w) grown by a disc."""
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * px + 1, 2 * px + 1))
+    grown: Mask = cv2.dilate(mask.astype(np.uint8), kernel) > 0
+    return grown
+
+
+def blobs(
+    wrong: Mask,
+    kind: Kind,
+    lamp: str,
+    part: PosedPart,
+    maps: ViewMaps,
+    camera: Camera,
+    T_world_part: Array,
+    corner: tuple[int, int],
+    area_mm2: NDArray[np.float32],
+    least_mm2: float,
+) -> list[Finding]:
+    """Return the connected differences that are large enough.
+
+    Parameters
+    ----------
+    wrong : (h, w) of a window, each pixel of the picture; `corner` is the window's in the picture
+    area_mm2 : (h, w) what a pixel stands for
+    least_mm2 : smallest area that is a finding
+    """
+    com = transform(T_world_part, part.solid.centroid_mm[None])[0]
+    mm = camera.mm_per_px(com)
+    count, labels, stats, centres = cv2.connectedComponentsWithStats(
+        wrong.astype(np.uint8), connectivity=8
+    )
+    areas = np.bincount(labels.ravel(), weights=area_mm2.ravel(), minlength=count)
+    found = []
+    for i in range(1, count):
+        if areas[i] < least_mm2:
+            continue
+        x, y, w, h, _ = (int(v) for v in stats[i])
+        at = (float(centres[i][0] + corner[0]), float(centres[i][1] + corner[1]))
+        point, faces = _nearest_on_part(part, maps, camera, T_world_part, labels == i, corner)
+        found.append(
+            Finding(
+                kind=kind,
+                lamp=lamp,
+                area_mm2=float(areas[i]),
+                size_mm=float(np.hypot(w, h) * mm),
+                at_px=at,
+                box_px=(x + corner[0], y + corner[1], x + w + corner[0], y + h + corner[1]),
+                p_part_mm=point,
+                face_ids=faces,
+            )
+        )
+    return found
+
+
+def _nearest_on_part(
+    part: PosedPart, maps: ViewMaps, camera: Camera, T: Array, blob: Mask, corner: tuple[int, int]
+) -> tuple[Array, tuple[int, ...]]:
+    ys, xs = np.nonzero(grow(blob, 5))
+    u = xs + corner[0] - maps.roi[0]
+    v = ys + corner[1] - maps.roi[1]
+    height, width = maps.mask.shape
+    inside = (u >= 0) & (v >= 0) & (u < width) & (v < height)
+    u, v = u[inside], v[inside]
+    on = maps.mask[v, u] if len(u) else np.zeros(0, dtype=bool)
+    if not on.any():
+        rows, columns = np.nonzero(maps.mask)
+        middle = np.array(
+            [xs.mean() + corner[0] - maps.roi[0], ys.mean() + corner[1] - maps.roi[1]]
+        )
+        nearest = int(np.argmin((columns - middle[0]) ** 2 + (rows - middle[1]) ** 2))
+        u, v = columns[nearest : nearest + 1], rows[nearest : nearest + 1]
+    else:
+        u, v = u[on], v[on]
+    lines = camera.sight_line_table[v + maps.roi[1], u + maps.roi[0]].astype(np.float64)
+    points = camera.position_mm + lines * maps.depth_mm[v, u][:, None]
+    ids, counts = np.unique(part.solid.face_of_triangle[maps.triangle[v, u]], return_counts=True)
+    order = np.argsort(-counts)
+    shares = counts[order] / counts.sum()
+    named = tuple(int(i) for i in ids[order][shares > 0.2]) or (int(ids[order][0]),)
+    return transform(inverse_pose(T), np.median(points, axis=0)[None])[0], named

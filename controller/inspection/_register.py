@@ -1,0 +1,112 @@
+"""Does a picture show the part where the pose says, and sharply? Measured across its outline.
+
+Grey-level profiles are taken across the predicted outline. Where one step stands out in a profile,
+its place and its width are measured; one shift in the picture, robustly, is fitted to all places.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Array32 = NDArray[np.float32]
+Grey = NDArray[np.uint8]
+
+REACH_PX: Final = 9.0  # to either side: a picture may lie some pixels off
+STEP_PX: Final = 0.5
+NEAR_PX: Final = 2.5  # of a step's middle, what belongs to it
+LEAST_STEP_GREY: Final = 14.0
+LEAST_SHARE: Final = 0.55  # of all the change in a profile that is the step's
+FLOOR: Final = 0.2  # of a step's steepest part: less is noise
+MOST_PROFILES: Final = 1200
+LEAST_PROFILES: Final = 40
+ROUNDS: Final = 6
+RIM_PRIOR: Final = 1.0  # weight of "no rim", in profiles
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Registration:
+    """How a picture lies on the predicted outline.
+
+    Attributes
+    ----------
+    shift_px : (2,) of the picture against the prediction, x before y
+    scatter_px : median distance of the steps from where the shift puts them
+    width_px : median standard deviation of the steps' blur
+    count : of profiles that told
+    """
+
+    shift_px: Array
+    scatter_px: float
+    width_px: float
+    count: int
+
+
+def register(
+    picture: Grey, edge_px: Array, normals: Array, expected: Array32 | None = None
+) -> Registration | None:
+    """Return how a picture lies on an outline (n, 2) with normals (n, 2); None if nothing tells.
+
+    Parameters
+    ----------
+    expected : the same picture as predicted; where the strongest step is another one than the
+        outline, as beside a dark wall, it is so there too. Without it steps lie on the outline
+    """
+    if len(edge_px) > MOST_PROFILES:
+        chosen = np.linspace(0, len(edge_px) - 1, MOST_PROFILES).astype(np.intp)
+        edge_px, normals = edge_px[chosen], normals[chosen]
+    if len(edge_px) < LEAST_PROFILES:
+        return None
+    tells, place, width = _steps(picture, edge_px, normals)
+    if expected is not None:
+        told_too, expected_place, _ = _steps(expected, edge_px, normals)
+        tells &= told_too
+        place = place - expected_place
+    if tells.sum() < LEAST_PROFILES:
+        return None
+    place, width, normals = place[tells], width[tells], normals[tells]
+    # a lit rim or a dark one moves all steps outwards alike: that is no shift, but it is small, and
+    # where the outline is seen on few sides the two are hard to tell apart
+    design = np.column_stack([normals, np.ones(len(place))])
+    solution = np.array([0.0, 0.0, np.median(place)])
+    for _ in range(ROUNDS):
+        off = place - design @ solution
+        scale = max(0.3, 1.5 * float(np.median(np.abs(off))))
+        trust = 1.0 / np.maximum(1.0, np.abs(off) / scale)
+        normal = (design * trust[:, None]).T @ design + np.diag([1e-3, 1e-3, RIM_PRIOR * len(off)])
+        solution = np.linalg.solve(normal, (design * trust[:, None]).T @ place)
+    off = place - design @ solution
+    return Registration(
+        shift_px=solution[:2],
+        scatter_px=float(np.median(np.abs(off))),
+        width_px=float(np.median(width)),
+        count=len(place),
+    )
+
+
+def _steps(
+    picture: Grey | Array32, edge_px: Array, normals: Array
+) -> tuple[NDArray[np.bool_], Array, Array]:
+    """Return which profiles show one step, where on the normal it is, and how wide; (n,) each."""
+    offsets = np.arange(-REACH_PX, REACH_PX + STEP_PX / 2, STEP_PX)
+    where = (edge_px[:, None, :] + offsets[None, :, None] * normals[:, None, :]).astype(np.float32)
+    profile = cv2.remap(picture, where[..., 0], where[..., 1], cv2.INTER_LINEAR).astype(np.float64)
+    rise = np.diff(profile, axis=1)
+    slope = np.abs(rise)
+    middles = offsets[:-1] + STEP_PX / 2
+    peak = middles[np.argmax(cv2.GaussianBlur(slope, (5, 1), 1.0), axis=1)]
+    near = np.abs(middles[None, :] - peak[:, None]) <= NEAR_PX
+    change = np.where(near, slope, 0.0).sum(axis=1)
+    share = change / np.maximum(slope.sum(axis=1), 1e-9)
+    signed = np.abs(np.where(near, rise, 0.0).sum(axis=1))
+    tells = (signed > LEAST_STEP_GREY) & (share > LEAST_SHARE) & (signed > 0.7 * change)
+    tells &= np.abs(peak) < REACH_PX - NEAR_PX / 2
+    weight = np.where(near, slope, 0.0)
+    weight = np.maximum(weight - FLOOR * weight.max(axis=1, keepdims=True), 0.0)
+    total = np.maximum(weight.sum(axis=1), 1e-9)
+    place = (weight * middles).sum(axis=1) / total
+    width = np.sqrt((weight * (middles - place[:, None]) ** 2).sum(axis=1) / total)
+    return tells, place, width

@@ -1,0 +1,89 @@
+"""Which faces a recipe leaves out: named as the part names them, each with a reason."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import pytest
+from cad_solids import box, rod, solid_of
+
+from controller.cad import Solid
+from controller.config import ConfigError, faces_left_out, load_recipe
+
+
+@cache
+def plate() -> Solid:
+    two = rod(4, 30, 48).translate((15, 5, 0)) + rod(4, 30, 48).translate((-15, 5, 0))
+    return solid_of(box(60, 40, 10) - two - rod(3, 30, 48), "plate")
+
+
+def recipe(folder: Path, named: str) -> Path:
+    (folder / "plate.stl").write_bytes(b"solid")
+    path = folder / "plate.yaml"
+    path.write_text(f"name: plate\npart: plate.stl\ninspection:\n  min_coverage: 0.5\n{named}")
+    return path
+
+
+def left_out(folder: Path, *names: str) -> dict[int, str]:
+    lines = "".join(f'    "{name}": gauged by hand\n' for name in names)
+    path = recipe(folder, f"  not_inspected:\n{lines}")
+    return faces_left_out(path, load_recipe(path), plate().faces)
+
+
+def bores(diameter_mm: float) -> set[int]:
+    return {f.id for f in plate().faces if f.label.endswith(f"bore {diameter_mm:.1f} mm")}
+
+
+def test_a_face_is_named_by_number_or_label_and_alike_ones_by_their_label(tmp_path: Path) -> None:
+    assert set(left_out(tmp_path, "F3")) == {3}
+    label = plate().faces[3].label
+    assert left_out(tmp_path, label) == {3: "gauged by hand"}
+    assert set(left_out(tmp_path, "bore 8.0 mm")) == bores(8.0)
+    assert len(bores(8.0)) == 2
+    assert set(left_out(tmp_path, "f0", "Bore  6.0 mm")) == {0} | bores(6.0)
+
+
+def test_nothing_named_leaves_nothing_out(tmp_path: Path) -> None:
+    path = recipe(tmp_path, "")
+    assert faces_left_out(path, load_recipe(path), plate().faces) == {}
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("bore 8.5 mm", "nearest: bore 8.0 mm"),
+        ("F99", "the part has F0 to F8"),
+        ("plane", "planes are named one by one"),
+    ],
+)
+def test_a_name_no_face_has_is_refused_with_its_line_and_the_nearest(
+    tmp_path: Path, name: str, hint: str
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        left_out(tmp_path, "F3", name)
+    message = str(caught.value)
+    assert message.startswith(f"{tmp_path / 'plate.yaml'}:7: ")
+    assert repr(name) in message
+    assert hint in message
+
+
+def test_every_wrong_name_is_told_at_once(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as caught:
+        left_out(tmp_path, "F98", "F99")
+    assert [line.split(":")[1] for line in str(caught.value).splitlines()] == ["6", "7"]
+
+
+@pytest.mark.parametrize("reason", ["", "''", "no"])
+def test_a_face_left_out_needs_a_reason(tmp_path: Path, reason: str) -> None:
+    path = recipe(tmp_path, f"  not_inspected:\n    F3: {reason}\n")
+    with pytest.raises(ConfigError, match=r"plate\.yaml:6: "):
+        load_recipe(path)
+
+
+@pytest.mark.parametrize("coverage", ["0", "0.0", "-0.1", "1.01", ".nan"])
+def test_a_coverage_that_asks_for_nothing_is_refused(tmp_path: Path, coverage: str) -> None:
+    path = recipe(tmp_path, "")
+    path.write_text(path.read_text().replace("0.5", coverage))
+    with pytest.raises(ConfigError, match=r"plate\.yaml:4: `inspection\.min_coverage`"):
+        load_recipe(path)
