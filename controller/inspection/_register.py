@@ -1,7 +1,8 @@
 """Does a picture show the part where the pose says, and sharply? Measured across its outline.
 
-Grey-level profiles are taken across the predicted outline. Where one step stands out in a profile,
-its place and its width are measured; one shift in the picture, robustly, is fitted to all places.
+Grey-level profiles are taken across the predicted outline. Of the steps in a profile the
+outermost that counts is measured, its place and its width; one shift in the picture, robustly, is
+fitted to all places.
 """
 
 from dataclasses import dataclass
@@ -17,9 +18,10 @@ Grey = NDArray[np.uint8]
 
 REACH_PX: Final = 9.0  # to either side: a picture may lie some pixels off
 STEP_PX: Final = 0.5
-NEAR_PX: Final = 2.5  # of a step's middle, what belongs to it
-LEAST_STEP_GREY: Final = 14.0
-LEAST_SHARE: Final = 0.55  # of all the change in a profile that is the step's
+NEAR_PX: Final = 2.0  # of a step's middle, what belongs to it
+WIDE_PX: Final = 4.5  # as far as a blurred one reaches
+LEAST_STEP_GREY: Final = 12.0
+OUTERMOST: Final = 0.35  # of the steepest step in a profile: another one that counts
 FLOOR: Final = 0.2  # of a step's steepest part: less is noise
 MOST_PROFILES: Final = 1200
 LEAST_PROFILES: Final = 40
@@ -35,13 +37,15 @@ class Registration:
     ----------
     shift_px : (2,) of the picture against the prediction, x before y
     scatter_px : median distance of the steps from where the shift puts them
-    width_px : median standard deviation of the steps' blur
+    width_px : median standard deviation of the steps' blur; growth_px : how much more it is than
+        in the picture expected, 0 without one
     count : of profiles that told
     """
 
     shift_px: Array
     scatter_px: float
     width_px: float
+    growth_px: float
     count: int
 
 
@@ -61,13 +65,14 @@ def register(
     if len(edge_px) < LEAST_PROFILES:
         return None
     tells, place, width = _steps(picture, edge_px, normals)
+    growth = np.zeros_like(width)
     if expected is not None:
-        told_too, expected_place, _ = _steps(expected, edge_px, normals)
+        told_too, expected_place, expected_width = _steps(expected, edge_px, normals)
         tells &= told_too
-        place = place - expected_place
+        place, growth = place - expected_place, width - expected_width
     if tells.sum() < LEAST_PROFILES:
         return None
-    place, width, normals = place[tells], width[tells], normals[tells]
+    place, normals = place[tells], normals[tells]
     # a lit rim or a dark one moves all steps outwards alike: that is no shift, but it is small, and
     # where the outline is seen on few sides the two are hard to tell apart
     design = np.column_stack([normals, np.ones(len(place))])
@@ -82,7 +87,8 @@ def register(
     return Registration(
         shift_px=solution[:2],
         scatter_px=float(np.median(np.abs(off))),
-        width_px=float(np.median(width)),
+        width_px=float(np.median(width[tells])),
+        growth_px=float(np.median(growth[tells])),
         count=len(place),
     )
 
@@ -97,16 +103,25 @@ def _steps(
     rise = np.diff(profile, axis=1)
     slope = np.abs(rise)
     middles = offsets[:-1] + STEP_PX / 2
-    peak = middles[np.argmax(cv2.GaussianBlur(slope, (5, 1), 1.0), axis=1)]
+    smooth = cv2.GaussianBlur(slope, (5, 1), 1.0)
+    before = np.pad(smooth, ((0, 0), (1, 0)))[:, :-1]
+    after = np.pad(smooth, ((0, 0), (0, 1)))[:, 1:]
+    is_peak = (smooth >= before) & (smooth >= after)
+    is_peak &= smooth >= OUTERMOST * smooth.max(axis=1, keepdims=True)
+    # a chamfer makes two steps: the outer one is the outline's
+    peak = middles[len(middles) - 1 - np.argmax(is_peak[:, ::-1], axis=1)]
     near = np.abs(middles[None, :] - peak[:, None]) <= NEAR_PX
     change = np.where(near, slope, 0.0).sum(axis=1)
-    share = change / np.maximum(slope.sum(axis=1), 1e-9)
     signed = np.abs(np.where(near, rise, 0.0).sum(axis=1))
-    tells = (signed > LEAST_STEP_GREY) & (share > LEAST_SHARE) & (signed > 0.7 * change)
+    tells = (signed > LEAST_STEP_GREY) & (signed > 0.7 * change)
     tells &= np.abs(peak) < REACH_PX - NEAR_PX / 2
     weight = np.where(near, slope, 0.0)
     weight = np.maximum(weight - FLOOR * weight.max(axis=1, keepdims=True), 0.0)
     total = np.maximum(weight.sum(axis=1), 1e-9)
     place = (weight * middles).sum(axis=1) / total
-    width = np.sqrt((weight * (middles - place[:, None]) ** 2).sum(axis=1) / total)
+    wide = np.where(np.abs(middles[None, :] - peak[:, None]) <= WIDE_PX, slope, 0.0)
+    wide = np.maximum(wide - FLOOR * wide.max(axis=1, keepdims=True), 0.0)
+    total = np.maximum(wide.sum(axis=1), 1e-9)
+    middle = (wide * middles).sum(axis=1) / total
+    width = np.sqrt((wide * (middles - middle[:, None]) ** 2).sum(axis=1) / total)
     return tells, place, width

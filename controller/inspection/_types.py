@@ -62,7 +62,7 @@ class Limits:
     min_contrast : between panel and part, and of a lamp on a surface square to it [grey]
     max_lit_shift_px : a lit picture may lie this far from the pose the backlit one gave
     max_edge_px : an edge may be this wide (standard deviation of its blur), and
-    max_edge_growth_px : wider than in the backlit picture by so much, or the picture is defocused
+    max_edge_growth_px : wider than predicted by so much more, or the picture is defocused
     max_burnt_share : of the pixels of panel or part that may be burnt out
     """
 

@@ -62,6 +62,7 @@ PLANNED_HOLD: Final = (1.5, 0.03)  # [mm, rad] how far a fresh grip may be from 
 SEEN_HOLD: Final = (0.3, 0.005)  # the same once a view has measured it
 MAX_INCIDENCE_COS: Final = float(np.cos(np.radians(75.0)))
 LENS_PX: Final = 0.7  # about how a lens blurs
+LENS_WIDTH_PX: Final = 0.56  # as `register` measures that
 LEAST_NODES: Final = 2  # a difference in shading is at least as wide, on the grid
 LEAST_WIDTH_PX: Final = 6.0  # and leaves so much of a defect, the blur of its border taken off
 DISC_SHARE: Final = 0.6  # of a defect's disc that must lie on compared pixels
@@ -340,12 +341,12 @@ class _Shading:
                 f"it lies {shift:.1f} px beside the backlit one, "
                 f"{limits.max_lit_shift_px:.1f} px is allowed: the part or the camera moved"
             )
-        sharp = self._sharp.width_px if self._sharp is not None else 0.5 * limits.max_edge_px
-        most = min(sharp + limits.max_edge_growth_px, limits.max_edge_px)
-        if steps.width_px > most:
+        # the expected picture is blurred by a good lens; the backlit one tells how good this one is
+        lens = max(self._sharp.width_px - LENS_WIDTH_PX, 0.0) if self._sharp is not None else 0.0
+        if steps.growth_px - lens > limits.max_edge_growth_px:
             return (
-                f"its edges are {steps.width_px:.1f} px wide, {most:.1f} px is allowed: out of "
-                "focus, or moved"
+                f"its edges are {steps.growth_px:.1f} px wider than they should be, "
+                f"{lens + limits.max_edge_growth_px:.1f} px is allowed: out of focus, or moved"
             )
         return ""
 

@@ -103,6 +103,8 @@ def _outline_points(
     steepness = np.linalg.norm(inward, axis=1)
     keep &= steepness > 1e-3
     outward = -inward[keep] / steepness[keep][:, None]
+    if not keep.any():
+        return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 3))
     start = np.column_stack([gx, gy])[keep].astype(np.float64)
     depth = maps.depth_mm[yi, xi][keep]
     inside, outside = np.zeros(len(start)), np.full(len(start), 1.5 * step_px)
