@@ -1,6 +1,7 @@
 """recipe.yaml: what to inspect and how sharply, in human units."""
 
 import difflib
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
@@ -15,6 +16,7 @@ from .errors import ConfigError
 from .files import reason_of
 
 DEFAULT_CELL = Path("cells/emulated.yaml")
+_RUN = re.compile(r"f(\d{1,6}) to f(\d{1,6})")
 MOST_NAMED = 12  # files of a folder that a message lists
 
 Unit = Literal["mm", "cm", "m", "inch"]
@@ -134,9 +136,9 @@ def _is_file(path: Path) -> bool:
 def faces_left_out(path: Path, recipe: Recipe, faces: Sequence[Face]) -> dict[int, str]:
     """Return which faces of its part a recipe leaves out, by face id, each with the reason.
 
-    A name is a face's number (``F12``), its label (``F12 bore 8.0 mm``), or what its label says
-    without the number, which means all such faces (``bore 8.0 mm``, ``torus``). Planes are named
-    one by one.
+    A name is a face's number (``F12``), a run of them (``F12 to F15``), a label (``F12 bore 8.0
+    mm``), or what a label says without the number, which means all such faces (``bore 8.0 mm``,
+    ``torus``). Planes are named by number.
 
     Parameters
     ----------
@@ -155,6 +157,11 @@ def faces_left_out(path: Path, recipe: Recipe, faces: Sequence[Face]) -> dict[in
     problems = []
     for name, reason in recipe.inspection.not_inspected.items():
         wanted = " ".join(name.lower().split())
+        if run := _RUN.fullmatch(wanted):
+            ids = range(int(run[1]), int(run[2]) + 1)
+            if len(ids) > 1 and ids[-1] < len(faces):
+                left_out |= dict.fromkeys(ids, reason)
+                continue
         if wanted not in names:
             problems.append(_unknown_face(path, name, wanted, names))
         left_out |= dict.fromkeys(names.get(wanted, ()), reason)
@@ -167,7 +174,7 @@ def _unknown_face(path: Path, name: str, wanted: str, names: dict[str, list[int]
     line = line_in(path, ("inspection", "not_inspected", name))
     where = f"{path}:{line}" if line is not None else f"{path}"
     if wanted == "plane":
-        hint = "planes are named one by one, as in `F3`"
+        hint = "planes are named by number, as in `F3` or `F3 to F9`"
     else:
         near = difflib.get_close_matches(wanted, names, n=3, cutoff=0.4)
         numbers = [n for n in names if n.startswith("f") and n[1:].isdigit()]

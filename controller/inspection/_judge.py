@@ -2,7 +2,7 @@
 
 A pass needs every surface compared for the greater part, or named by the recipe as not inspected;
 every failed self-check made good by another view; and no finding. A fail needs two looks that one
-error cannot explain. All else is indeterminate, with the reasons (docs/adr/0013).
+error cannot explain. All else is indeterminate, with the reasons (docs/adr/0017).
 """
 
 from collections.abc import Iterator, Mapping, Sequence

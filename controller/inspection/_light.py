@@ -29,7 +29,7 @@ Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 SHADOW_OFFSET_MM: Final = 0.05  # off the surface, or it would shadow itself
-SPOT_RADIUS_MM: Final = 15.0  # a lamp given as one point is taken to be as large as this
+SPOT_RADIUS_MM: Final = 25.0  # a lamp given as one point is taken to be as large as this
 RING_SPREAD: Final = 0.12  # a ring's light comes from radii that differ by this share
 BLUR_NODES: Final = 3  # window of nodes within which a shadow's border may lie elsewhere
 COSINE_PLAY: Final = 0.02  # the pose, and a surface, may be turned by a degree

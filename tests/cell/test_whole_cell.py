@@ -31,7 +31,8 @@ def test_a_perfect_part_is_shown_whole_and_lies_in_the_accept_tray(
     (part,) = ran.result["parts"]
     assert part["verdict"] == "pass"
     assert part["tray"] == "accept"
-    assert part["covered_fraction"] >= 0.9
+    # compared with the CAD, not merely in sight
+    assert part["covered_fraction"] >= 0.5
     (truth,) = ran.seen["truth"]["parts"]
     assert truth["tray"] == "accept"
     assert truth["custody"] == "free"

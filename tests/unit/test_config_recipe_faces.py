@@ -44,6 +44,10 @@ def test_a_face_is_named_by_number_or_label_and_alike_ones_by_their_label(tmp_pa
     assert set(left_out(tmp_path, "f0", "Bore  6.0 mm")) == {0} | bores(6.0)
 
 
+def test_a_run_of_numbers_names_all_its_faces(tmp_path: Path) -> None:
+    assert set(left_out(tmp_path, "F3 to F6")) == {3, 4, 5, 6}
+
+
 def test_nothing_named_leaves_nothing_out(tmp_path: Path) -> None:
     path = recipe(tmp_path, "")
     assert faces_left_out(path, load_recipe(path), plate().faces) == {}
@@ -54,7 +58,9 @@ def test_nothing_named_leaves_nothing_out(tmp_path: Path) -> None:
     [
         ("bore 8.5 mm", "nearest: bore 8.0 mm"),
         ("F99", "the part has F0 to F8"),
-        ("plane", "planes are named one by one"),
+        ("plane", "planes are named by number"),
+        ("F7 to F99", "the part has F0 to F8"),
+        ("F5 to F3", "the part has F0 to F8"),
     ],
 )
 def test_a_name_no_face_has_is_refused_with_its_line_and_the_nearest(
