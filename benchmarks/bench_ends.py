@@ -4,7 +4,8 @@
 
 The emulated cell is a process of its own, so that the world tells what arm and jaws did afterwards.
 Ways: the terminal is closed, SIGTERM, SIGHUP, Ctrl-Z, the reader of the output leaves, the parent
-is killed, the worker process is killed, the emulated cell is killed.
+is killed, the worker process is killed, the emulated cell is killed. The part stays in the gripper,
+so that the next start must be refused, too.
 """
 
 import argparse
@@ -23,7 +24,7 @@ from pathlib import Path
 from subprocess import PIPE, Popen
 from typing import Any
 
-from kill_world import ROOT, KillWorld, kill_world, let_go_count
+from kill_world import ROOT, KillWorld, kill_world, let_go_count, lines_of, start
 
 from controller.cell.journal import JOURNAL_NAME, read_rows
 
@@ -164,8 +165,11 @@ def end_by(name: str, speed: float, folder: Path) -> dict[str, Any]:
             os.close(run.terminal)
         if run.shell.stdout is not None:
             run.shell.stdout.close()
-        after = None if name == "emulator" else world.when_still()
-    rows = list(read_rows(runs / JOURNAL_NAME))
+        after, following = None, None
+        rows = list(read_rows(runs / JOURNAL_NAME))
+        if name != "emulator":
+            after = world.when_still()
+            following = the_next_start(world, runs)
     at_rest = [row.body for row in rows if row.name == "at_rest"]
     outcome: dict[str, Any] = {
         "way": name,
@@ -182,6 +186,7 @@ def end_by(name: str, speed: float, folder: Path) -> dict[str, Any]:
             "held_by": after["parts"][0]["custody"],
             "let_go": let_go_count(after) - let_go_count(before),
             "arm_went_on_s": round(after["last_motion_s"]["arm"] - before["time_s"], 2),
+            "next_start": following,
         }
     outcome["ok"] = (
         (outcome["end"], outcome["last_row"])
@@ -190,8 +195,22 @@ def end_by(name: str, speed: float, folder: Path) -> dict[str, Any]:
         and outcome["report"]
         and not left
         and (after is None or (outcome["held_by"] == "arm" and outcome["let_go"] == 0))
+        and following in (None, "refused, nothing moved")
     )
     return outcome
+
+
+def the_next_start(world: KillWorld, runs: Path) -> str:
+    """Start again on what was left; return how that ended and whether anything moved."""
+    before = world.truth()
+    again = start(world, RECIPE, runs)
+    with again:
+        *_, result = lines_of(again)
+    after = world.when_still()
+    has_moved = before["last_motion_s"] != after["last_motion_s"] or let_go_count(
+        before
+    ) != let_go_count(after)
+    return f"{result.get('end')}, {'something' if has_moved else 'nothing'} moved"
 
 
 def main() -> int:
