@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from conftest import ROOT, Run
+from conftest import ROOT, SPEED, Run
 
 from controller.cell.journal import first_broken_row, read_rows
 
@@ -38,6 +38,11 @@ def test_a_perfect_part_is_shown_whole_and_lies_in_the_accept_tray(
     assert truth["custody"] == "free"
     states = [line["state"] for line in ran.progress]
     assert [s for s in WAY if s in states] == WAY
+
+    speed = ran.result["speed"]
+    assert speed["asked"] == SPEED
+    assert 0.0 < speed["reached"] < 1.05 * SPEED
+    assert ran.stderr.count("machine is slow") <= 1
 
     rows = list(read_rows(ran.journal, ran.result["run"]))
     assert rows[0].name == "run_began"
