@@ -86,6 +86,22 @@ def test_a_door_that_opens_in_motion_aborts(start: Callable[..., Run]) -> None:
 
 
 @pytest.mark.slow
+def test_an_arm_whose_cable_is_pulled_is_known_at_once_and_the_lamps_go_out(
+    start: Callable[..., Run],
+) -> None:
+    ran = start("recipes/holder.yaml", "--seed", "6").follow(
+        once_in("presenting", lambda run: run.control("arm_line", unplugged=True))
+    )
+    has_ended_well(
+        ran, "silent_line", "arm", "step present", "emergency stop", "check power, cable"
+    )
+    assert ran.result["end"] == "aborted"
+    rows = [r for r in read_rows(ran.journal, ran.result["run"]) if r.kind == "outcome"]
+    stops = {r.body["device"]: r.name for r in rows if r.name.startswith("stop")}
+    assert stops == {"arm": "stop_not_confirmed", "gripper": "stopped", "lights": "stopped"}
+
+
+@pytest.mark.slow
 def test_two_parts_are_refused_with_both_places(start: Callable[..., Run]) -> None:
     ran = start(
         "recipes/holder.yaml", "--lay", "recipes/parts/holder.stl",
