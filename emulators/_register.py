@@ -4,12 +4,17 @@ Whoever is given an address by hand finds the clock that goes with it there.
 """
 
 import json
+import logging
 import os
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
+
+from emulators.clock import CLOCK_PREFIX, is_kept
+
+log = logging.getLogger(__name__)
 
 
 def register_folder() -> Path:
@@ -31,6 +36,11 @@ def registered(announcement: Mapping[str, Any]) -> Iterator[None]:
             "addresses": {k: _address(v) for k, v in announcement["devices"].items()},
         }
     )
+    if not _is_ours(folder):
+        log.warning("%s is somebody else's: addresses given by hand find no clock", folder)
+        yield
+        return
+    _sweep(folder)
     while not _write(entry, text):
         pass
     try:
@@ -39,6 +49,25 @@ def registered(announcement: Mapping[str, Any]) -> Iterator[None]:
         entry.unlink(missing_ok=True)
         with suppress(OSError):  # others are in it
             folder.rmdir()
+
+
+def _is_ours(folder: Path) -> bool:
+    """Return whether the folder, which is made if need be, belongs to this user."""
+    while True:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with suppress(FileNotFoundError):  # the last one to leave took it away meanwhile
+            return folder.stat().st_uid == os.getuid()
+
+
+def _sweep(folder: Path) -> None:
+    """Take away what emulators that were killed have left: their entries and their clocks."""
+    for entry in folder.glob("*.json"):
+        with suppress(OSError, ValueError, KeyError, TypeError):
+            clock = Path(json.loads(entry.read_text())["clock"])
+            if not is_kept(clock):
+                if clock.name.startswith(CLOCK_PREFIX):  # no entry can take another file away
+                    clock.unlink(missing_ok=True)
+                entry.unlink(missing_ok=True)
 
 
 def _write(entry: Path, text: str) -> bool:

@@ -50,6 +50,7 @@ class WorldClock:
             await asyncio.sleep(left_s / self.speed)
 
 
+CLOCK_PREFIX: Final = "cellctl-clock-"
 _MAGIC: Final = b"cellclk1"
 _SLOT_COUNT: Final = 16
 _STALL_COUNT_MAX: Final = 4096
@@ -75,7 +76,7 @@ class SharedClock(WorldClock):
         super().__init__(speed)
         shm = Path("/dev/shm")
         folder = folder or (shm if os.access(shm, os.W_OK) else Path(tempfile.gettempdir()))
-        self._fd, name = tempfile.mkstemp(prefix=f"cellctl-clock-{os.getpid()}-", dir=folder)
+        self._fd, name = tempfile.mkstemp(prefix=f"{CLOCK_PREFIX}{os.getpid()}-", dir=folder)
         self.path = Path(name)
         os.ftruncate(self._fd, _FILE_BYTES)
         self._map = mmap.mmap(self._fd, _FILE_BYTES)
@@ -173,6 +174,19 @@ class SharedClock(WorldClock):
                 answer = fcntl.fcntl(self._fd, fcntl.F_OFD_GETLK, _flock(fcntl.F_WRLCK, slot))
                 if struct.unpack("hhqqi", answer)[0] == fcntl.F_UNLCK:
                     self._words[slot] = 0
+
+
+def is_kept(path: Path) -> bool:
+    """Return whether a running emulator keeps the clock at ``path``."""
+    try:
+        fd = os.open(path, os.O_RDONLY)
+    except FileNotFoundError:
+        return False
+    try:
+        answer = fcntl.fcntl(fd, fcntl.F_OFD_GETLK, _flock(fcntl.F_RDLCK, 0))
+    finally:
+        os.close(fd)
+    return bool(struct.unpack("hhqqi", answer)[0] != fcntl.F_UNLCK)
 
 
 def _flock(kind: int, word: int) -> bytes:

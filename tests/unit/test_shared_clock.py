@@ -1,7 +1,10 @@
 """One clock for world and drivers: both readings of docs/shared-clock.md, on a wall that jumps."""
 
 import asyncio
+import json
 import multiprocessing
+import os
+import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +15,7 @@ from hypothesis import strategies as st
 
 from drivers.clock import CellClock
 from drivers.errors import LinkError
+from emulators._register import register_folder, registered
 from emulators.clock import SharedClock
 
 SPEED = 10.0
@@ -213,3 +217,34 @@ def test_a_process_that_hangs_holds_time_and_a_dead_one_does_not(tmp_path: Path)
     process.join()
     process.close()
     world.close()
+
+
+def test_an_emulator_takes_away_what_a_killed_one_has_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    folder = register_folder()
+    folder.mkdir()
+    alive = SharedClock(folder=tmp_path)
+    stale = tmp_path / "cellctl-clock-1-stale"
+    stale.write_bytes(alive.path.read_bytes())
+    precious = tmp_path / "thesis.tex"  # what a planted entry may name
+    precious.write_text("x")
+    for name, clock in (("1", stale), ("2", alive.path), ("3", precious)):
+        (folder / f"{name}.json").write_text(json.dumps({"clock": str(clock), "addresses": {}}))
+    mine = SharedClock(folder=tmp_path)
+    devices = {"arm": "/dev/pts/9", "io": {"transport": "tcp", "host": "127.0.0.1", "port": 502}}
+    with registered({"clock": str(mine.path), "devices": devices}):
+        assert not stale.exists()
+        assert precious.exists()
+        entries = {path.name: json.loads(path.read_text()) for path in folder.iterdir()}
+        assert set(entries) == {"2.json", f"{os.getpid()}.json"}
+        assert entries[f"{os.getpid()}.json"]["addresses"] == {
+            "arm": "/dev/pts/9",
+            "io": "127.0.0.1:502",
+        }
+    assert {path.name for path in folder.iterdir()} == {"2.json"}
+    assert alive.path.exists()
+    alive.close()
+    mine.close()
