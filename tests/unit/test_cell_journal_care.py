@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import random
 import shutil
 import sqlite3
 import subprocess
@@ -64,6 +65,7 @@ DAMAGE: dict[str, tuple[Callable[[Path], None], str]] = {
     "last row cut": (lambda p: sql(p, "DELETE FROM journal WHERE seq > 11"), "were cut off"),
     "table dropped": (lambda p: sql(p, "DROP TABLE journal"), "no table"),
     "bit flipped": (flip, "row 5 was"),
+    "triggers dropped": (lambda p: sql(p), "triggers that keep its rows"),
     "zero bytes": (lambda p: p.write_bytes(b""), "empty"),
     "text": (lambda p: p.write_text("Dear operator, " * 500), "not a database"),
     "cut in half": (lambda p: os.truncate(p, p.stat().st_size // 2), "malformed"),
@@ -220,3 +222,32 @@ def test_a_busy_cell_names_who_has_it_until_that_process_is_gone(tmp_path: Path)
     require_free_cell(tmp_path)
     with hold_cell(tmp_path, "the-third"):
         pass
+
+
+# 1264 and others: damage to what SQLite itself says of the table
+@pytest.mark.parametrize("seed", [*range(40), 1264, 1295, 1345, 1361, 2153])
+def test_whatever_happens_to_the_file_is_found_or_harmless(path: Path, seed: int) -> None:
+    before = list(read_rows(path))
+    rng = random.Random(seed)
+    data = bytearray(path.read_bytes())
+    if seed % 3 == 0:
+        del data[rng.randrange(1, len(data)) :]
+    elif seed % 3 == 1:
+        data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+    else:
+        at = rng.randrange(len(data))
+        data[at : at + 64] = rng.randbytes(len(data[at : at + 64]))
+    path.write_bytes(data)
+    opened, refusal = None, ""
+    try:
+        opened = open_cell_journal(path, "run-2")
+    except JournalError as error:
+        refusal = str(error)
+    if opened is None:  # the byte that says the version, or the name of the table
+        assert "version" in refusal or "no journal" in refusal
+        return
+    opened.journal.record("event", "run_began")
+    opened.journal.close()
+    assert first_flaw(path) is None
+    if not opened.notice:
+        assert list(read_rows(path))[:-1] == before

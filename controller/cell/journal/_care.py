@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
-from ._form import JournalError
+from ._form import SCHEMA, SCHEMA_VERSION, JournalError
 from ._head import SUFFIX, Head, HeadError, read_head
 from ._reader import first_broken_row
 from ._writer import Journal, last_row, require_known_version
@@ -84,9 +84,12 @@ def first_flaw(path: Path) -> str | None:
     try:
         return _flaw_inside(path, head)
     except sqlite3.Error as error:
-        if error.sqlite_errorcode & 0xFF in _DAMAGE:
+        # text that cannot be decoded comes without a code
+        if getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF in _DAMAGE:
             return str(error)
         raise JournalError(f"journal {path}: {error}; nothing moves without it") from error
+    except UnicodeDecodeError as error:  # not even SQLite's own words can be read
+        return f"the file is damaged ({error})"
 
 
 def _flaw_inside(path: Path, head: Head | None) -> str | None:
@@ -113,7 +116,7 @@ def _flaw_inside(path: Path, head: Head | None) -> str | None:
             return str(error)
         if broken is not None:
             return f"row {broken} was changed, or rows before it were taken out"
-        return _flaw_at_the_end(db, head, last)
+        return _flaw_at_the_end(db, head, last) or _flaw_of_the_table(db)
     finally:
         db.close()
 
@@ -130,6 +133,21 @@ def _flaw_at_the_end(db: sqlite3.Connection, head: Head | None, last: Head) -> s
         return f"it ends with row {last.seq}, its head names row {head.seq}: rows were cut off"
     (found,) = db.execute("SELECT hash FROM journal WHERE seq = ?", (head.seq,)).fetchone()
     return None if found == head.hash else f"row {head.seq} is not the one its head names"
+
+
+def _flaw_of_the_table(db: sqlite3.Connection) -> str | None:
+    """Return whether table, index and triggers are those that were made; None if they are."""
+    (version,) = db.execute("PRAGMA user_version").fetchone()
+    if version != SCHEMA_VERSION:
+        return None  # what is missing is made when it is opened
+    made = sqlite3.connect(":memory:")
+    try:
+        made.executescript(SCHEMA)
+        query = "SELECT type, name, sql FROM sqlite_schema ORDER BY type, name"
+        is_same = made.execute(query).fetchall() == db.execute(query).fetchall()
+    finally:
+        made.close()
+    return None if is_same else "its table or the triggers that keep its rows were changed"
 
 
 def _set_aside(path: Path) -> Path:

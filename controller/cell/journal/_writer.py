@@ -52,7 +52,8 @@ class Journal:
                     version = f"PRAGMA user_version = {SCHEMA_VERSION};"
                     self._db.executescript(f"BEGIN IMMEDIATE; {SCHEMA} {version} COMMIT;")
             except sqlite3.OperationalError as error:
-                if error.sqlite_errorcode != sqlite3.SQLITE_BUSY or time.monotonic() > until_s:
+                is_busy = getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_BUSY
+                if not is_busy or time.monotonic() > until_s:
                     raise
                 time.sleep(0.01)
             else:
