@@ -192,6 +192,7 @@ def describe_view(r: inspecting.ViewResult) -> dict[str, Any]:
                 "compared_samples": int(c.compared.sum()),
                 "size_mm": round(c.size_mm, 2),
                 "length_mm": round(c.length_mm, 2),
+                "misfit": round(c.misfit, 3),
             }
             for c in r.checks
         ],

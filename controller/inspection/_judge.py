@@ -21,6 +21,7 @@ SURE_AREA: Final = 2.5  # times the smallest area: no noise at a border grows so
 SAME_PLACE_MM: Final = 6.0  # findings of two views whose middles are this close are one thing
 SAME_PLACE_SHARE: Final = 0.25  # and this share of their sizes more
 OTHER_LOOK_RAD: Final = float(np.radians(15.0))  # the part turned by less: the same look again
+EVEN_MISFIT: Final = 0.03  # a lit picture so well predicted that its findings are no finish's doing
 MIN_FACE_SHARE: Final = 0.5  # of a face that must have been compared
 MADE_GOOD_SHARE: Final = 0.99  # of what a failed view was to show that others have shown
 NO_VIEW: Final = "in no view that was evaluated"
@@ -217,17 +218,25 @@ def _is_other_look(
     """Tell whether no one error explains two findings.
 
     Two lamps in one pose share its error, and their prediction's. The part turned, that error
-    would move. Outline and shading of one pose share only the pose, and both checks have
-    confirmed it: together they count where both are too large for what an error within these
-    limits makes.
+    would move; not so the light model's about a finish, so that two lit pictures decide only where
+    both are predicted well all over. Outline and shading of one pose share only the pose, and both
+    checks have confirmed it: together they count where both are too large for what an error
+    within these limits makes.
     """
     turn = view.T_world_part[:3, :3] @ other_view.T_world_part[:3, :3].T
     angle = np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0))
+    is_lit = finding.kind is Kind.SURFACE and other.kind is Kind.SURFACE
+    if is_lit and max(_misfit(view, finding), _misfit(other_view, other)) > EVEN_MISFIT:
+        return False  # what the finish does in one view it may do in the other
     if view.view_id != other_view.view_id and angle >= OTHER_LOOK_RAD:
         return True
     least = SURE_AREA * limits.min_area_mm2
     is_both = (finding.kind is Kind.SURFACE) != (other.kind is Kind.SURFACE)
     return is_both and min(finding.area_mm2, other.area_mm2) >= least
+
+
+def _misfit(view: ViewResult, finding: Finding) -> float:
+    return max((c.misfit for c in view.checks if c.name == finding.lamp), default=0.0)
 
 
 def _is_same_place(finding: Finding, other: Finding) -> bool:

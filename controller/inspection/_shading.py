@@ -5,7 +5,7 @@ fits the picture about as well as the best one widens the bounds. So does the sc
 face by face. What is then known too badly for a defect to stand out is not compared, and says why.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import cv2
@@ -50,11 +50,13 @@ class Compared:
     wrong : brighter or darker than anything predicted
     compared : where a defect would stand out
     reason : elsewhere on the part why not, as number of `Unjudged` from 1, else 0
+    misfit : see `Check`
     """
 
     wrong: Mask
     compared: Mask
     reason: NDArray[np.uint8]
+    misfit: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -103,7 +105,8 @@ def compare(
         return "it gives no light: is the lamp on?"
     middle = _predicted(best, light)
     residual = observed[fitting] / np.maximum(middle[fitting], 1.0)
-    worst = float(np.median(np.abs(residual - np.median(residual))))
+    spread = np.abs(residual - np.median(residual))
+    worst, misfit = float(np.median(spread)), float(np.quantile(spread, 0.9))
     if worst > WORST_RESIDUAL:
         return (
             f"brightness scatters by {100 * worst:.0f} % about the prediction, "
@@ -116,10 +119,11 @@ def compare(
         low, high = np.minimum(low, bottom), np.maximum(high, top)
     bounce = np.float32(best.gain) * light.bounce
     middle, low, high = middle * tone, low * tone, high * tone + bounce
-    return _weigh(
+    weighed = _weigh(
         observed, surface, light, inside, valid, ground, limits,
         middle, low, high, bounce, scatter, odd, shape_known, flattest,
     )  # fmt: skip
+    return replace(weighed, misfit=misfit)
 
 
 def _nothing(surface: Surface, light: Light) -> Compared:

@@ -166,6 +166,7 @@ class Check:
     size_mm : of an outline how far it may be off unnoticed, along `length_mm` of it; under a lamp
         the width of the smallest area that stands out
     length_mm : see `size_mm`; 0 under a lamp
+    misfit : share by which a tenth of the lit surface, at least, is off its predicted brightness
     """
 
     name: str
@@ -173,6 +174,7 @@ class Check:
     compared: Mask
     size_mm: float = 0.0
     length_mm: float = 0.0
+    misfit: float = 0.0
 
 
 OUTLINE = "outline"

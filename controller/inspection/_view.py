@@ -312,7 +312,7 @@ class _Shading:
             code = np.where(self._sight.free, 1 + list(Unjudged).index(Unjudged.LAMP), 0)
             return Check(lamp_name, outcome, nothing), [], code.astype(np.uint8)
         compared, code = self._per_sample(outcome)
-        check = Check(lamp_name, "", compared, limits.smallest_defect_mm)
+        check = Check(lamp_name, "", compared, limits.smallest_defect_mm, misfit=outcome.misfit)
         step = SHADING_STEP_PX
         kernel = np.ones((LEAST_NODES, LEAST_NODES), np.uint8)
         opened = cv2.morphologyEx(outcome.wrong.astype(np.uint8), cv2.MORPH_OPEN, kernel)

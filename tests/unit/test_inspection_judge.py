@@ -344,6 +344,25 @@ def test_a_second_look_is_of_the_same_place_from_elsewhere(
 
 
 @pytest.mark.parametrize(
+    ("misfit", "kind", "expected"),
+    [
+        (0.01, Kind.SURFACE, Verdict.FAIL),
+        (0.08, Kind.SURFACE, Verdict.INDETERMINATE),  # an uneven finish looks odd from all sides
+        (0.08, Kind.MISSING, Verdict.FAIL),  # which no finish explains
+    ],
+)
+def test_lit_pictures_alone_fail_a_part_only_where_they_are_predicted_well(
+    misfit: float, kind: Kind, expected: Verdict
+) -> None:
+    one, two = everywhere(2.0)
+    poor = Check("ring", "", everything(), 3.0, misfit=misfit)
+    one, two = (replace(v, checks=(poor,)) for v in (one, two))
+    other = "ring" if kind is Kind.SURFACE else "backlit"
+    two = replace(two, findings=(replace(two.findings[0], kind=kind, lamp=other),))
+    assert verdict(one, two).verdict is expected
+
+
+@pytest.mark.parametrize(
     ("kind", "lamp", "size", "expected"),
     [
         (Kind.SURFACE, "side", 3.0, Verdict.INDETERMINATE),  # two lamps share the pose's error
