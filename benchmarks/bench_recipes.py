@@ -112,14 +112,14 @@ def look(
     return results
 
 
-def run_recipe(name: str, seeds: list[int]) -> list[dict[str, Any]]:
+def run_recipe(name: str, seeds: list[int], poses: list[int] | None = None) -> list[dict[str, Any]]:
     """Return a row per stable pose and seed."""
     job = workers.Job(ROOT / "recipes" / f"{name}.yaml", CELL)
     c = workers.context(job)
     station = Station(c.solid.mesh)
     rows = []
     for pose in c.poses:
-        if pose.marginal or pose.probability < LIKELY:
+        if pose.marginal or pose.probability < LIKELY or (poses and pose.index not in poses):
             continue
         for seed in seeds:
             rng = np.random.default_rng(seed)
@@ -173,12 +173,13 @@ def run_recipe(name: str, seeds: list[int]) -> list[dict[str, Any]]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--recipes", nargs="+", default=list(RECIPES))
+    parser.add_argument("--poses", nargs="+", type=int, help="stable poses (default: likely ones)")
     parser.add_argument("--seeds", nargs="+", type=int, default=[1])
     parser.add_argument("--json", action="store_true", help="one JSON object")
     args = parser.parse_args()
     every = []
     for name in args.recipes:
-        rows = run_recipe(name, args.seeds)
+        rows = run_recipe(name, args.seeds, args.poses)
         every += rows
         if args.json:
             continue

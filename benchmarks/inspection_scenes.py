@@ -244,6 +244,7 @@ def judged_views(
         pictures = station.shoot(T_true, T_tip, opening, lamps, 100 * seed + number)
         task = station.task(f"v{number:02d}", T @ known, T_tip, opening, lamps, limits, is_seen)
         result = inspect_view(nominal.part, nominal.samples, task, pictures)
-        if result.evaluated:
+        # a pose that a lit picture speaks against is no measured hold
+        if result.evaluated and not result.failures:
             known, is_seen = np.linalg.inv(T) @ result.T_world_part, True
         yield result, pictures, task
