@@ -35,13 +35,16 @@ def read_bytes(path: Path, most_bytes: int, what: str) -> bytes:
             raise ConfigError(f"{path}: is no plain file; copy it to one")
         data = bytearray()
         # to its end, whatever it says of its size: files of /proc say that they have no bytes
-        while len(data) <= most_bytes and (chunk := os.read(handle, CHUNK_BYTES)):
+        is_too_large = status.st_size > most_bytes
+        while (
+            not is_too_large and len(data) <= most_bytes and (chunk := os.read(handle, CHUNK_BYTES))
+        ):
             data += chunk
     except OSError as error:
         raise ConfigError(f"{path}: {reason_of(error)}; check the file") from error
     finally:
         os.close(handle)
-    if len(data) > most_bytes:
+    if is_too_large or len(data) > most_bytes:
         raise ConfigError(
             f"{path}: has more than {most_bytes / 1024:,.0f} KiB; {what} is smaller, is it the "
             "right file?"
