@@ -60,6 +60,7 @@ HOLDER_MARGIN_PX: Final = 9  # the gripper's shape and place are known to about 
 SHADING_STEP_PX: Final = 2  # shading is compared on every second pixel: defects are many px large
 PLANNED_HOLD: Final = (1.5, 0.03)  # [mm, rad] how far a fresh grip may be from the planned one
 SEEN_HOLD: Final = (0.3, 0.005)  # the same once a view has measured it
+HELD_BACK_PX: Final = 0.12  # a pose that its prior does not hold back fits better than this
 MAX_INCIDENCE_COS: Final = float(np.cos(np.radians(75.0)))
 LENS_PX: Final = 0.7  # about how a lens blurs
 LENS_WIDTH_PX: Final = 0.56  # as `register` measures that
@@ -125,6 +126,19 @@ def inspect_view(
         prior_mm=prior_mm,
         prior_rad=prior_rad,
     )
+    if fit is not None and task.is_hold_seen and fit.residual_px > HELD_BACK_PX:
+        # the view that measured the hold knew its depth and tilt badly: this one is not bound by it
+        prior_mm, prior_rad = PLANNED_HOLD
+        loose = fit_outline(
+            part,
+            fit.T_world_part,
+            task.camera,
+            contour,
+            ignore=~judged,
+            prior_mm=prior_mm,
+            prior_rad=prior_rad,
+        )
+        fit = loose if loose is not None and loose.residual_px < fit.residual_px else fit
     if fit is None:
         return _not_evaluated(task, samples, "no outline of the part where it should be")
     shift, turn = _moved(part, task, fit)

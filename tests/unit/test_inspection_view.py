@@ -419,3 +419,14 @@ def test_the_measured_pose_can_stand_in_for_the_expected_one() -> None:
     step = inverse_pose(first.T_world_part) @ again.T_world_part
     assert step[:3, 3] == pytest.approx([0, 0, 0], abs=0.3)
     assert again.shift_mm < first.shift_mm
+
+
+def test_a_hold_that_was_measured_badly_does_not_hold_a_later_view_back() -> None:
+    # along its own sight line the first view knew little: the next one sees that from aside
+    T = VIEWS["side"]
+    T_true = moved(T, (2.5, 0.0, -1.5), 5.0)
+    pictures = photograph(perfect(), T_true, hand(T), lamps=())
+    seen = replace(task(T), is_hold_seen=True, lamps=())
+    result = inspect_view(part(), samples(), seen, pictures)
+    assert result.evaluated, result.reason
+    assert result.residual_px < 0.12
