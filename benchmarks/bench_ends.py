@@ -86,7 +86,7 @@ def begin(world: KillWorld, runs: Path, *, by_a_shell: bool) -> Run:
         text=True,
         start_new_session=True,
         # a shell that has the terminal would pass its own death on as SIGHUP
-        preexec_fn=None if by_a_shell else _take_terminal,
+        preexec_fn=_hear_hang_ups if by_a_shell else _take_terminal,
     )
     os.close(slave)
     assert shell.stdout is not None
@@ -104,7 +104,12 @@ def begin(world: KillWorld, runs: Path, *, by_a_shell: bool) -> Run:
     return Run(shell, min(runs_of_session), master)
 
 
+def _hear_hang_ups() -> None:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # also where this bench runs under nohup
+
+
 def _take_terminal() -> None:
+    _hear_hang_ups()
     ioctl(0, termios.TIOCSCTTY, 0)
 
 

@@ -8,6 +8,7 @@ ones, for whoever has the time to find out why one fails.
 from __future__ import annotations
 
 import os
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,9 @@ UNHURRIED = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 settings.register_profile("gate", derandomize=True, database=None, **UNHURRIED)
 settings.register_profile("explore", derandomize=False, **UNHURRIED)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "gate"))
+
+# no test notes its journals in the home of whoever runs it
+os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="cellctl-tests-")
 
 HERE = Path(__file__).parent
 # each of these starts processes of its own that keep time: two of them at once would only wait

@@ -58,6 +58,9 @@ TOUCHED: Final[Mapping[str, frozenset[GripperName]]] = {
 }
 # what `fold_custody` needs of a journal
 FOLDED_KINDS: Final[tuple[Kind, ...]] = ("custody", "intent")
+_UNTRUSTED: Final = "the journal before this one cannot be trusted"
+# a journal in another folder knew of the cell and is gone or damaged
+NOT_READABLE: Final = "journal_not_readable"
 FOLDED_EVENTS: Final = ("run_began", SET_ASIDE)
 
 
@@ -143,9 +146,9 @@ def fold_custody(rows: Iterable[Row], here: CellIdentity) -> tuple[Held, ...]:
             cells[row.run] = CellIdentity.of(row.body)
             continue
         for gripper in GripperName:
-            if row.name == SET_ASIDE:
+            if row.name in (SET_ASIDE, NOT_READABLE):
                 if gripper not in here.emulated:
-                    why = "the journal before this one cannot be trusted"
+                    why = _UNTRUSTED if row.name == SET_ASIDE else str(row.body["why"])
                     held[gripper] = _held(gripper, Custody.UNKNOWN, row, why)
                 continue
             cell = cells.get(row.run)

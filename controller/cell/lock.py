@@ -1,17 +1,22 @@
-"""One controller at a time per cell: a lock file beside the journal, held for the whole run.
+"""One controller at a time per cell: lock files held for the whole run.
 
-The lock is the kernel's (`flock`), so that it goes with its process, however that ends. What the
-file says serves the message alone.
+One stands beside the journal. One for each gripper whose address the cell file gives stands in the
+user's folder for state, so that a run with another folder of runs is kept out, too. The locks are
+the kernel's (`flock`): they go with their process, however that ends. What a file says serves the
+message alone.
 """
 
 import fcntl
 import json
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
+from hashlib import sha256
 from pathlib import Path
 from typing import Final
+
+from controller.config import EMULATED, Cell
 
 from .errors import CellError
 from .journal import JournalError
@@ -23,36 +28,58 @@ class CellBusyError(CellError):
     """Another controller has the cell: nothing was moved, nothing was written."""
 
 
-def require_free_cell(runs_dir: Path) -> None:
+def state_dir() -> Path:
+    """Return the folder for what outlasts a run and its folder: $XDG_STATE_HOME/cellctl."""
+    base = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
+    return Path(base) / "cellctl"
+
+
+def lock_paths(runs_dir: Path, cell: Cell) -> tuple[Path, ...]:
+    """Return the files whose locks make a cell this process's own, in the order of locking."""
+    folder = state_dir() / "locks"
+    addresses = {
+        f"{name} {getattr(cell.devices, name).address}"
+        for name in ("arm", "gripper")
+        if getattr(cell.devices, name).address != EMULATED
+    }
+    names = sorted(sha256(address.encode()).hexdigest()[:24] for address in addresses)
+    return (runs_dir / LOCK_NAME, *(folder / f"{name}.lock" for name in names))
+
+
+def require_free_cell(runs_dir: Path, cell: Cell) -> None:
     """Raise CellBusyError where another controller has the cell: said at once, before any work."""
-    path = runs_dir / LOCK_NAME
-    if not path.exists():
-        return
-    fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-    try:
-        _lock(fd, fcntl.LOCK_SH, path)
-    finally:
-        os.close(fd)
+    for path in lock_paths(runs_dir, cell):
+        if path.exists():
+            fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+            try:
+                _lock(fd, fcntl.LOCK_SH, path)
+            finally:
+                os.close(fd)
 
 
 @contextmanager
-def hold_cell(runs_dir: Path, run_id: str) -> Iterator[None]:
-    """Hold the cell whose journal stands in a folder, or refuse and name who holds it.
+def hold_cell(runs_dir: Path, cell: Cell, run_id: str) -> Iterator[None]:
+    """Hold a cell, or refuse and name who holds it.
 
     Raises
     ------
     CellBusyError : another process has it
-    JournalError : the folder cannot be written
+    JournalError : a folder for locks cannot be written
     """
-    path = runs_dir / LOCK_NAME
+    with ExitStack() as held:
+        for path in lock_paths(runs_dir, cell):
+            held.enter_context(_hold(path, run_id))
+        yield
+
+
+@contextmanager
+def _hold(path: Path, run_id: str) -> Iterator[None]:
     try:
-        runs_dir.mkdir(parents=True, exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         # not inherited by children (PEP 446): it must not outlive this process in one of them
         fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     except OSError as error:
-        raise JournalError(
-            f"folder of runs {runs_dir}: {error}; nothing moves without it"
-        ) from error
+        raise JournalError(f"lock {path}: {error.strerror}; nothing moves without it") from error
     try:
         _lock(fd, fcntl.LOCK_EX, path)
         now = datetime.now(UTC).isoformat(timespec="seconds")

@@ -14,19 +14,12 @@ from controller.config import Cell
 from drivers.gripper_modbus import GripperStatus
 
 from .clocks import FoundClock
-from .custody import (
-    FOLDED_EVENTS,
-    FOLDED_KINDS,
-    CellIdentity,
-    Custody,
-    GripperName,
-    Held,
-    fold_custody,
-)
+from .custody import CellIdentity, Custody, GripperName, Held, fold_custody
 from .devices import Devices, resolve
 from .errors import CellError
 from .interlocks import check_interlocks
-from .journal import JOURNAL_NAME, Journal, open_cell_journal, read_rows_of_kinds
+from .journal import JOURNAL_NAME, Journal, open_cell_journal
+from .known_journals import note_journal, rows_of_all_journals
 from .openings import Opening, read_openings
 
 OPEN_BY_MM: Final = 20.0  # enough to take a part out; the jaws meet nothing beside it
@@ -76,7 +69,8 @@ class Recovery:
         try:
             began = self._who_and_what(where)
             self._journal.record("event", "run_began", began)
-            self._here = CellIdentity.of(began)
+            note_journal(self._journal.path, began)
+            self._began = began
             self._journal.record("event", "connected", await self._devices.connect_grippers())
         except BaseException:
             await self.__aexit__()
@@ -96,13 +90,14 @@ class Recovery:
             "cell": self._cell.model_dump(mode="json"),
             "devices": {name: dict(settings) for name, settings in where.items()},
             "emulated_devices": list(self._cell.emulated_devices),
+            "clock": None if self._found_clock.path is None else str(self._found_clock.path),
             "count": 0,
         }
 
     async def look(self) -> Standing:
         """Return what may be in the grippers; nothing moves."""
-        rows = read_rows_of_kinds(self._journal.path, FOLDED_KINDS, FOLDED_EVENTS)
-        known = fold_custody(rows, self._here)
+        rows = rows_of_all_journals(self._journal.path, self._began)
+        known = fold_custody(rows, CellIdentity.of(self._began))
         openings = await read_openings(self._devices)
         said = {one.gripper.value: f"{one.finding.value}: {one.reason}" for one in openings}
         self._journal.record("observation", "openings", said)

@@ -17,18 +17,12 @@ from controller.config import Cell, Recipe, build_layout
 from . import workers
 from .actions import Actions
 from .clocks import FoundClock, Speed
-from .custody import (
-    FOLDED_EVENTS,
-    FOLDED_KINDS,
-    CellIdentity,
-    Held,
-    fold_custody,
-    where_it_is,
-)
+from .custody import CellIdentity, Held, fold_custody, where_it_is
 from .devices import Devices, resolve
 from .dispatcher import Dispatcher, Outcome
 from .experts import Workers
-from .journal import JOURNAL_NAME, Journal, Row, open_cell_journal, read_rows_of_kinds
+from .journal import JOURNAL_NAME, Journal, Row, open_cell_journal
+from .known_journals import note_journal, rows_of_all_journals
 from .openings import presses_on_something, read_openings
 from .records import PartRecord, Progress
 from .start_check import PartMayBeHeldError, require_empty_grippers
@@ -103,7 +97,7 @@ async def run_batch(
         where = resolve(order.cell, order.emulated.get("devices", {}))
         began = _who_and_what(order, where)
         journal.record("event", "run_began", began)
-        known, left = await asyncio.to_thread(_left_by_runs, journal, CellIdentity.of(began))
+        known, left = await asyncio.to_thread(_left_by_runs, journal, began)
         for notice in left:
             journal.record("event", "emulated_cell_ended", {"message": notice})
             on_notice(notice)
@@ -175,9 +169,11 @@ async def run_batch(
         await asyncio.to_thread(journal.close)
 
 
-def _left_by_runs(journal: Journal, here: CellIdentity) -> tuple[tuple[Held, ...], list[str]]:
-    """Return what the journal says of a cell's grippers, and what went with an emulated cell."""
-    rows = list(read_rows_of_kinds(journal.path, FOLDED_KINDS, FOLDED_EVENTS))
+def _left_by_runs(journal: Journal, began: Mapping[str, Any]) -> tuple[tuple[Held, ...], list[str]]:
+    """Return what all journals say of a cell's grippers, and what went with an emulated cell."""
+    note_journal(journal.path, began)
+    here = CellIdentity.of(began)
+    rows = rows_of_all_journals(journal.path, began)
     return fold_custody(rows, here), _gone_with_its_emulator(rows, here, journal.run)
 
 

@@ -56,7 +56,7 @@ def recover_cell(
             return 0
         return 1 if _may_hold(standing) else 0
 
-    with hold_cell(runs_dir, "recover"):
+    with hold_cell(runs_dir, cell, "recover"):
         return asyncio.run(visit())
 
 

@@ -60,7 +60,7 @@ def run_recipe(
     cell = load_cell(cell_file)
     # before anything starts: what is wrong is the command line's fault, the quick checks first
     check_writable_folder(runs_dir, "--runs", LEAST_FREE_BYTES)
-    require_free_cell(runs_dir)
+    require_free_cell(runs_dir, cell)
     check_control(control)
     if at is not None:
         parse_place(at, cell)
@@ -94,7 +94,7 @@ def run_recipe(
     command = emulator_command(
         cell_file, parts, speed=speed, seed=seed, more=(*emulator_args(pose, at, control), *fed)
     )
-    with Ends().heard() as ends, hold_cell(runs_dir, run_id), worker_pool() as pool:
+    with Ends().heard() as ends, hold_cell(runs_dir, cell, run_id), worker_pool() as pool:
         # the worker reads the CAD while the emulated cell comes up
         pool.submit(context, Job(recipe_path, cell_file))
         cell_beside: Any = (

@@ -23,8 +23,10 @@ from controller.cell.journal import (
     read_rows,
 )
 from controller.cell.lock import CellBusyError, hold_cell, require_free_cell
+from controller.config import load_cell
 
 ROOT = Path(__file__).resolve().parents[2]
+EMULATED_CELL = ROOT / "recipes" / "cells" / "emulated.yaml"
 
 
 @pytest.fixture
@@ -196,31 +198,59 @@ HOLDER = """
 import sys, time
 from pathlib import Path
 from controller.cell.lock import hold_cell
+from controller.config import load_cell
 
-with hold_cell(Path(sys.argv[1]), "the-first"):
+with hold_cell(Path(sys.argv[1]), load_cell(Path(sys.argv[2])), "the-first"):
     print("held", flush=True)
     sys.stdin.read()
 """
 
 
-def test_a_busy_cell_names_who_has_it_until_that_process_is_gone(tmp_path: Path) -> None:
+def cell_at(folder: Path, arm: str) -> Path:
+    """Write a cell file whose arm stands at an address."""
+    text = EMULATED_CELL.read_text().replace("{address: emulated}", f"{{address: {arm}}}", 1)
+    assert arm in text
+    path = folder / "cell.yaml"
+    path.write_text(text)
+    return path
+
+
+# the second run writes beside the first, or to a folder of its own
+@pytest.mark.parametrize("second", ["runs", "elsewhere"])
+def test_a_busy_cell_names_who_has_it_until_that_process_is_gone(
+    tmp_path: Path, second: str
+) -> None:
+    file = cell_at(tmp_path, "/dev/arm")
+    cell, runs = load_cell(file), tmp_path / second
     process = subprocess.Popen(
-        [sys.executable, "-c", HOLDER, str(tmp_path)],
+        [sys.executable, "-c", HOLDER, str(tmp_path / "runs"), str(file)],
         cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
     )  # fmt: skip
     with process:
         assert process.stdout is not None
         assert process.stdout.readline() == "held\n"
-        with pytest.raises(CellBusyError) as caught, hold_cell(tmp_path, "the-second"):
+        with pytest.raises(CellBusyError) as caught, hold_cell(runs, cell, "the-second"):
             pass
         with pytest.raises(CellBusyError, match="the-first"):
-            require_free_cell(tmp_path)
+            require_free_cell(runs, cell)
         assert "the-first" in str(caught.value)
         assert str(process.pid) in str(caught.value)
         process.kill()
     # the lock of a dead process is no lock, whatever the file still says
-    require_free_cell(tmp_path)
-    with hold_cell(tmp_path, "the-third"):
+    require_free_cell(runs, cell)
+    with hold_cell(runs, cell, "the-third"):
+        pass
+
+
+def test_another_cell_is_not_kept_out(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    one = load_cell(cell_at(tmp_path / "a", "/dev/arm"))
+    other = load_cell(cell_at(tmp_path / "b", "/dev/other"))
+    with (
+        hold_cell(tmp_path / "runs-1", one, "first"),
+        hold_cell(tmp_path / "runs-2", other, "next"),
+    ):
         pass
 
 

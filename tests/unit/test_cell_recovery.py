@@ -713,8 +713,9 @@ def test_no_jaw_of_the_cell_opens_but_through_the_guard() -> None:
         for match in opening.finditer(file.read_text())
         if file.name != "jaws.py"
     }
-    # activating moves the jaws, and comes after homing has found the fixed gripper empty
-    assert found == {("actions.py", "activate")}
+    # activating moves the jaws, and comes after homing has found the fixed gripper empty;
+    # `cellctl recover` opens for a person who holds the part and said so
+    assert found == {("actions.py", "activate"), ("releasing.py", "open_to")}
 
 
 def test_every_effect_of_recovery_is_something_the_actions_can_do() -> None:

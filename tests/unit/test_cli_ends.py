@@ -62,10 +62,13 @@ async def test_a_stop_before_the_first_motion_keeps_the_cell_from_moving(
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP])
 def test_before_anything_is_connected_a_signal_ends_the_command(number: signal.Signals) -> None:
-    before = signal.getsignal(number)
-    with pytest.raises(KeyboardInterrupt), Ends().heard():
-        os.kill(os.getpid(), number)
-    assert signal.getsignal(number) is before
+    whoever_started_us = signal.signal(number, signal.SIG_DFL)  # nohup ignores hang-ups
+    try:
+        with pytest.raises(KeyboardInterrupt), Ends().heard():
+            os.kill(os.getpid(), number)
+        assert signal.getsignal(number) is signal.SIG_DFL
+    finally:
+        signal.signal(number, whoever_started_us)
 
 
 def test_whoever_ignores_hang_ups_is_left_alone() -> None:

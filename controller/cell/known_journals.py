@@ -1,0 +1,138 @@
+"""Which journals know of a cell's grippers, whatever folder each run was told to write to.
+
+`--runs` names another folder, or a shell stands in another one: the part in a gripper is the same.
+So every journal of a cell whose grippers outlive the run is noted, in the user's own folder for
+state, with what the cell is. A start asks them all.
+"""
+
+import json
+import logging
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, Final
+
+from .custody import FOLDED_EVENTS, FOLDED_KINDS, NOT_READABLE, CellIdentity
+from .journal import JournalError, Row, first_flaw, read_rows_of_kinds
+from .lock import state_dir
+
+FOLDER: Final = "journals"
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class _Entry:
+    """A journal that knows of a cell; `began` is the first row's body of its latest run."""
+
+    path: Path
+    journal: Path
+    began: Mapping[str, Any]
+    noted_utc: str
+
+    @property
+    def clock(self) -> str | None:
+        """The clock of the emulator that the cell belongs to, None for real devices."""
+        return self.began.get("clock")
+
+
+def note_journal(journal: Path, began: Mapping[str, Any]) -> None:
+    """Note that a journal knows of a cell; done before anything moves.
+
+    Nothing is noted of a cell whose grippers end with the run.
+
+    Parameters
+    ----------
+    began : the body of the run's first row
+
+    Raises
+    ------
+    JournalError : it cannot be noted
+    """
+    if not _outlives_the_run(began):
+        return
+    path = state_dir() / FOLDER / f"{sha256(bytes(journal.resolve())).hexdigest()[:24]}.json"
+    kept = {key: began.get(key) for key in ("devices", "emulated_devices", "emulator", "clock")}
+    kept["cell"] = {"name": (began.get("cell") or {}).get("name")}
+    new = path.with_name(f"{path.name}.{os.getpid()}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with new.open("w", encoding="utf-8") as file:
+            json.dump({"journal": str(journal.resolve()), "began": kept}, file)
+            file.flush()
+            os.fsync(file.fileno())
+        new.replace(path)
+    except OSError as error:
+        raise JournalError(
+            f"{path}: {error.strerror}; the next start must find this run's journal. Nothing has "
+            "moved. Set XDG_STATE_HOME to a folder that can be written"
+        ) from error
+
+
+def rows_of_all_journals(own: Path, began: Mapping[str, Any]) -> list[Row]:
+    """Return what `fold_custody` needs of all journals that know of a cell, in order of time.
+
+    A journal that is gone or damaged may have known of a part: a row says that it cannot be read.
+
+    Parameters
+    ----------
+    own : the journal that is written now
+    began : the body of the first row of the run that asks
+
+    Raises
+    ------
+    JournalError : the own journal cannot be read
+    """
+    rows = list(read_rows_of_kinds(own, FOLDED_KINDS, FOLDED_EVENTS))
+    if not _outlives_the_run(began):
+        return rows
+    others = [row for entry in _others(own, began) for row in _rows_of(entry)]
+    return sorted((*others, *rows), key=lambda row: row.t_utc) if others else rows
+
+
+def _outlives_the_run(began: Mapping[str, Any]) -> bool:
+    here = CellIdentity.of(began)
+    return set(here.grippers) != set(here.emulated)
+
+
+def _others(own: Path, began: Mapping[str, Any]) -> Sequence[_Entry]:
+    here, clock = CellIdentity.of(began), began.get("clock")
+    found = []
+    for entry in _entries():
+        if entry.clock is not None and not Path(entry.clock).exists():
+            entry.path.unlink(missing_ok=True)  # that emulator has ended, its parts with it
+        elif entry.journal != own.resolve() and entry.clock == clock:
+            cell = CellIdentity.of(entry.began)
+            if any(here.shares(gripper, cell) for gripper in here.grippers):
+                found.append(entry)
+    return found
+
+
+def _rows_of(entry: _Entry) -> list[Row]:
+    try:
+        flaw = first_flaw(entry.journal) if entry.journal.exists() else "it is gone"
+        if flaw is None:
+            return list(read_rows_of_kinds(entry.journal, FOLDED_KINDS, FOLDED_EVENTS))
+    except (JournalError, OSError) as error:
+        flaw = str(error)
+    body = {"why": f"its journal knew of this cell, but {flaw}"}
+    return [Row(0, entry.noted_utc, 0.0, f"in {entry.journal}", None, "event", NOT_READABLE, body)]
+
+
+def _entries() -> Iterator[_Entry]:
+    for path in sorted((state_dir() / FOLDER).glob("*.json")):
+        try:
+            body = json.loads(path.read_text(encoding="utf-8"))
+            noted = datetime.fromtimestamp(path.stat().st_mtime, UTC)
+            CellIdentity.of(body["began"])
+            yield _Entry(
+                path,
+                Path(body["journal"]),
+                body["began"],
+                noted.isoformat(timespec="microseconds"),
+            )
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            log.warning("%s names no journal (%s); it is passed over", path, error)
