@@ -126,8 +126,9 @@ def inspect_view(
         prior_mm=prior_mm,
         prior_rad=prior_rad,
     )
-    if fit is not None and task.is_hold_seen and fit.residual_px > HELD_BACK_PX:
-        # the view that measured the hold knew its depth and tilt badly: this one is not bound by it
+    if fit is not None and fit.residual_px > HELD_BACK_PX:
+        # the view that measured the hold may have known its depth and tilt badly, and a fresh grip
+        # may be further off than three rounds go: on from there, as for a fresh grip
         prior_mm, prior_rad = PLANNED_HOLD
         loose = fit_outline(
             part,
