@@ -64,8 +64,8 @@ HELD_BACK_PX: Final = 0.12  # a pose that its prior does not hold back fits bett
 MAX_INCIDENCE_COS: Final = float(np.cos(np.radians(75.0)))
 LENS_PX: Final = 0.7  # about how a lens blurs
 LENS_WIDTH_PX: Final = 0.56  # as `register` measures that
-LEAST_NODES: Final = 2  # a difference in shading is at least as wide, on the grid
-LEAST_WIDTH_PX: Final = 6.0  # and leaves so much of a defect, the blur of its border taken off
+LEAST_NODES: Final = 3  # a difference in shading is at least as wide, on the grid
+LEAST_WIDTH_PX: Final = 7.0  # and leaves so much of a defect, the blur of its border taken off
 DISC_SHARE: Final = 0.6  # of a defect's disc that must lie on compared pixels
 
 
