@@ -3,6 +3,7 @@
 import asyncio
 import errno
 import os
+import select
 from typing import Protocol
 
 import serial
@@ -72,8 +73,18 @@ class SerialTransport:
         if data:
             self._buffer += data
             self._arrived.set()
-        else:  # readable and empty: the other end has hung up
+        elif self._has_hung_up():
             self._fail("the line hung up")
+
+    def _has_hung_up(self) -> bool:
+        """Return whether a read that brought nothing means that the other end is gone.
+
+        A line with VMIN and VTIME 0 also reads as empty where another look has just taken what made
+        it readable.
+        """
+        poll = select.poll()
+        poll.register(self._fd, 0)  # hang-up and error are told unasked
+        return bool(poll.poll(0))
 
     def _fail(self, why: str) -> None:
         self._failure = UnpluggedError(f"arm: {self._port} is gone: {why}")

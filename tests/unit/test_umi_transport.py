@@ -72,6 +72,22 @@ async def test_a_read_without_patience_still_sees_what_has_arrived(line: Line) -
         await transport.aclose()
 
 
+async def test_what_another_look_has_taken_already_is_no_hang_up(line: Line) -> None:
+    transport = SerialTransport(line.path)
+    try:
+        os.write(line.arm_fd, b"\x0b")
+        assert select.select([line.host_fd], [], [], 5.0)[0]
+        # the loop is told that the line is readable while a read without patience is under way:
+        # both look, and there is something for the first one only
+        transport._on_readable()
+        transport._on_readable()
+        assert await transport.read(0) == b"\x0b"
+        transport.write(b"\x01")  # the line lives
+        assert os.read(line.arm_fd, 8) == b"\x01"
+    finally:
+        await transport.aclose()
+
+
 async def test_a_cancelled_read_loses_no_byte(line: Line) -> None:
     transport = SerialTransport(line.path)
     try:
