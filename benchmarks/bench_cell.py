@@ -30,7 +30,7 @@ from controller.cad import load_solid
 
 ROOT = Path(__file__).parents[1]
 RECIPES = ("featuretype", "flange_xy", "idler_riser")
-RUN_LIMIT_S = 300.0
+RUN_LIMIT_S = 1500.0
 
 
 @dataclass

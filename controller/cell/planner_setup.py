@@ -12,9 +12,12 @@ from typing import Any, Literal
 from controller.cad.compiled import CompiledPart
 from controller.config import Cell, Recipe, build_layout
 from controller.config.recipe import GripSection, InspectionSection
+from controller.inspection import LEAST_WIDTH_PX
 from controller.planning import CellLayout, PlanOptions
 
-DEFECT_PX = 2.0  # a defect that is to be found takes as many pixels, whichever way it runs
+# the narrower extent of a defect in the picture: what inspection needs to compare a surface, and a
+# tenth more, since the part is held a little otherwise than planned
+DEFECT_PX = 1.1 * LEAST_WIDTH_PX
 # the arm's MAX_FORCE has no unit (umi_rtx.md 5.6): no more than this is counted on
 ARM_COUNTED_N = 40.0
 

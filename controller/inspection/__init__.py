@@ -17,9 +17,10 @@ from ._types import (
     ViewTask,
     WorldBox,
 )
-from ._view import inspect_view
+from ._view import LEAST_WIDTH_PX, inspect_view
 
 __all__ = [
+    "LEAST_WIDTH_PX",
     "OUTLINE",
     "Check",
     "FaceVerdict",

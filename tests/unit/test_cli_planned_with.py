@@ -18,6 +18,7 @@ from controller.cell.plans import Planning, digest_of
 from controller.cli import main
 from controller.cli._plan_json import certificate_json, plan_json
 from controller.config import load_cell, load_recipe
+from controller.inspection import LEAST_WIDTH_PX
 from controller.planning import GripRules, OnTable, PlanOptions, resting_pose
 
 ROOT = Path(__file__).parents[2]
@@ -74,7 +75,8 @@ def test_all_figures_of_a_recipe_reach_the_planner(folder: Path) -> None:
     options, layout = setup.options, setup.layout
     assert options.rules.density_kg_mm3 == pytest.approx(7.85e-6)
     assert (options.max_incidence_deg, options.least_gain) == (65.0, 0.01)
-    assert options.min_px_per_mm == pytest.approx(2 / 2.5)
+    # what is planned to be shown must be compared: a defect of 2.5 mm spans what inspection needs
+    assert LEAST_WIDTH_PX < 2.5 * options.min_px_per_mm < 1.3 * LEAST_WIDTH_PX
     assert options.width_tolerance_mm == 0.5
     assert layout.fixture is not None
     assert (layout.hand.force_n, layout.fixture.force_n) == (30.0, 30.0)
