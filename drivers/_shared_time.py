@@ -32,6 +32,7 @@ _NS: Final = 1e-9
 _BEATS_PER_WINDOW: Final = 4
 _LEAST_BEAT_WALL_S: Final = 0.001
 _OWNER_LOOK_WALL_S: Final = 0.25
+_CREEP: Final = 0.2  # cell seconds in a second, while time is held
 _FLOCK: Final = "hhqqi"  # struct flock of Linux, 64 bit
 
 
@@ -57,6 +58,7 @@ class SharedTime:
             if self._words[_MAGIC] != _MAGIC_VALUE or self._words[_SPEED] <= 0:
                 raise LinkError(f"clock {path}: this is no clock of an emulated cell")
             self._hold_count = 0
+            self._held = (0, 0)  # wall instant at which time began to creep, and its limit then
             self._orphaned: tuple[int, int] | None = None
             self._begun: tuple[int, int] | None = None
             self._look_for_owner()
@@ -120,7 +122,13 @@ class SharedTime:
         return min(linear_ns, limit_ns) * _NS
 
     def hold(self) -> None:
-        """Let time stand still, within a window, until `release`; if this process takes part."""
+        """Let time creep until `release`; if this process takes part.
+
+        It goes on at a fifth of real time: a request that was long on its way through the kernel is
+        still answered, which takes milliseconds of cell time.
+        """
+        if not self._hold_count:
+            self._held = (time.monotonic_ns(), self._words[_LIMIT])
         self._hold_count += 1
 
     def release(self) -> None:
@@ -172,11 +180,17 @@ class SharedTime:
         look_wall_s = time.monotonic()
         while True:
             await asyncio.sleep(pause_wall_s)
-            if not self._hold_count:
-                self._words[slot + 1] = self._now_ns()
+            self._words[slot + 1] = self._reached_ns(self._words[slot + 1])
             if time.monotonic() - look_wall_s > _OWNER_LOOK_WALL_S:
                 look_wall_s = time.monotonic()
                 self._look_for_owner()
+
+    def _reached_ns(self, before_ns: int) -> int:
+        if not self._hold_count:
+            return self._now_ns()
+        wall_ns, limit_ns = self._held
+        creep_ns = int((time.monotonic_ns() - wall_ns) * _CREEP)
+        return max(before_ns, limit_ns + creep_ns - self._words[_WINDOW])
 
     # --- locks, section 4 -----------------------------------------------------------------------
 

@@ -140,7 +140,7 @@ class CellClock:
 
     @contextmanager
     def held(self) -> Iterator[float]:
-        """Let time stand still, where it can, for a last look; yield for how long to look [wall s].
+        """Let time creep, where it can, for a last look; yield for how long to look [wall s].
 
         `timeout` does so by itself before it fires.
         """

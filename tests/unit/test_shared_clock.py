@@ -96,6 +96,26 @@ async def test_time_waits_for_a_controller_that_is_late(
     assert cell.now_s() == pytest.approx(WINDOW_S + 1.0, abs=0.02)  # a tick to notice it
 
 
+async def test_held_time_creeps_so_that_what_was_long_on_its_way_is_still_answered(
+    world: SharedClock, cell: CellClock, wall: Wall
+) -> None:
+    assert cell.shared is not None
+    async with cell.attending():
+        began_s = cell.now_s()
+        cell.shared.hold()
+        for _ in range(100):  # a second of the wall clock, ten of the cell if time ran
+            wall.pass_s(0.01)
+            await asyncio.sleep(0.002)
+            world.tick(world.now_s())
+        crept_s = cell.now_s() - began_s
+        assert 0.1 < crept_s <= 2 * WINDOW_S + 0.2
+        cell.shared.release()
+        while cell.now_s() < began_s + 1.0:
+            wall.pass_s(0.01)
+            await asyncio.sleep(0.002)
+            world.tick(world.now_s())
+
+
 def test_who_only_reads_the_clock_holds_nobody_up(world: SharedClock, wall: Wall) -> None:
     reader = CellClock.of_emulator(world.path)
     for _ in range(100):
