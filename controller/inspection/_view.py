@@ -33,11 +33,11 @@ from controller.recognition import (
     subpixel_contour,
     threshold_levels,
 )
-from controller.recognition import fit_pose as fit_outline
 
 from ._blobs import blobs, grow
 from ._light import Light, Surface, bound_light, find_surface
 from ._outline import compare_outline
+from ._pose import measure_pose, moved, poses_as_good
 from ._register import Registration, register
 from ._shading import BURNT_GREY, Compared, compare
 from ._types import (
@@ -58,9 +58,6 @@ Grey = NDArray[np.uint8]
 
 HOLDER_MARGIN_PX: Final = 9  # the gripper's shape and place are known to about a millimetre
 SHADING_STEP_PX: Final = 2  # shading is compared on every second pixel: defects are many px large
-PLANNED_HOLD: Final = (1.5, 0.03)  # [mm, rad] how far a fresh grip may be from the planned one
-SEEN_HOLD: Final = (0.3, 0.005)  # the same once a view has measured it
-HELD_BACK_PX: Final = 0.12  # a pose that its prior does not hold back fits better than this
 MAX_INCIDENCE_COS: Final = float(np.cos(np.radians(75.0)))
 LENS_PX: Final = 0.7  # about how a lens blurs
 LENS_WIDTH_PX: Final = 0.56  # as `register` measures that
@@ -116,34 +113,10 @@ def inspect_view(
     judged = scene.panel & ~scene.holder_mask
     contour = subpixel_contour(pictures.backlit, dark, level)
     contour = _outside(contour, ~judged)
-    prior_mm, prior_rad = SEEN_HOLD if task.is_hold_seen else PLANNED_HOLD
-    fit = fit_outline(
-        part,
-        task.T_world_part,
-        task.camera,
-        contour,
-        ignore=~judged,
-        prior_mm=prior_mm,
-        prior_rad=prior_rad,
-    )
-    if fit is not None and fit.residual_px > HELD_BACK_PX:
-        # the view that measured the hold may have known its depth and tilt badly, and a fresh grip
-        # may be further off than three rounds go: on from there, as for a fresh grip
-        prior_mm, prior_rad = PLANNED_HOLD
-        loose = fit_outline(
-            part,
-            fit.T_world_part,
-            task.camera,
-            contour,
-            ignore=~judged,
-            prior_mm=prior_mm,
-            prior_rad=prior_rad,
-        )
-        fit = loose if loose is not None and loose.residual_px < fit.residual_px else fit
+    fit = measure_pose(part, task, contour, judged)
     if fit is None:
         return _not_evaluated(task, samples, "no outline of the part where it should be")
-    shift, turn = _moved(part, task, fit)
-    trouble = _pose_trouble(fit, shift, turn, limits)
+    trouble = _pose_trouble(fit, *moved(part, task, fit), limits)
     sharp = None if trouble else register(pictures.backlit, fit.edge_px, fit.edge_normals)
     if not trouble and sharp is not None and sharp.width_px > limits.max_edge_px:
         trouble = (
@@ -152,50 +125,83 @@ def inspect_view(
         )
     if trouble:
         return _not_evaluated(task, samples, trouble)
-    sight = _in_sight(part, samples, task.camera, fit.T_world_part, scene)
-    outline = compare_outline(part, fit, dark, judged, task, samples)
-    findings = outline.findings
-    checks = [outline.check]
-    codes: list[NDArray[np.uint8]] = []
-    if task.lamps:
-        shading = _Shading(part, samples, task, scene, fit, sight, sharp)
-        for lamp in task.lamps:
-            picture = pictures.lit.get(lamp.name)
-            if picture is None:
-                return _not_evaluated(task, samples, f"no picture under {lamp.name}")
-            check, differing, code = shading.check(lamp.name, picture)
-            checks.append(check)
-            codes.append(code)
-            findings = findings + differing
-    free = sight.free & ~sight.beside_hand
-    checks = [replace(c, compared=c.compared & free) for c in checks]
-    seen = np.logical_or.reduce([c.compared for c in checks])
-    x0, y0, _, _ = fit.maps.roi
-    return ViewResult(
-        view_id=task.view_id,
-        evaluated=True,
-        reason="",
-        T_world_part=fit.T_world_part,
-        shift_mm=shift,
-        turn_rad=turn,
-        residual_px=fit.residual_px,
-        findings=tuple(findings),
-        seen=seen,
-        outline_px=mask_contour(fit.maps.mask) + np.array([x0, y0]),
-        beside_hand=sight.beside_hand,
-        in_sight=free,
-        checks=tuple(checks),
-        unjudged=_best_excuse(codes, free & ~seen),
-    )
+    if missing := [lamp.name for lamp in task.lamps if lamp.name not in pictures.lit]:
+        return _not_evaluated(task, samples, f"no picture under {missing[0]}")
+    view = _View(part, samples, task, pictures, scene, dark, judged, sharp)
+    best = view.compare_at(fit)
+    if not any(f.kind is Kind.SURFACE for f in best.findings):
+        return best
+    # what a lit picture shows against one pose, and not against another that the outline allows as
+    # well, speaks of the pose and not of the part
+    for other in poses_as_good(part, task, fit, contour, judged):
+        if _pose_trouble(other, *moved(part, task, other), limits):
+            continue
+        result = view.compare_at(other)
+        if _explains_more(result, best):
+            best = result
+        if not best.findings:
+            break
+    return best
 
 
-def _moved(part: PosedPart, task: ViewTask, fit: PoseFit) -> tuple[float, float]:
-    """Return how far the part is from where it was expected [mm], and how far it is turned."""
-    moved = fit.T_world_part @ inverse_pose(task.T_world_part)
-    turn = float(np.arccos(np.clip((np.trace(moved[:3, :3]) - 1) / 2, -1.0, 1.0)))
-    com = part.solid.centroid_mm[None]
-    off = transform(fit.T_world_part, com) - transform(task.T_world_part, com)
-    return float(np.linalg.norm(off)), turn
+def _explains_more(result: ViewResult, best: ViewResult) -> bool:
+    """Return whether half of the findings go, or more, and every check is still made."""
+    if len(result.failures) > len(best.failures):
+        return False
+    left, before = (sum(f.area_mm2 for f in view.findings) for view in (result, best))
+    return left <= 0.5 * before
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _View:
+    """One view's pictures, and what they are compared with, wherever the part is."""
+
+    part: PosedPart
+    samples: SurfaceSamples
+    task: ViewTask
+    pictures: ViewPictures
+    scene: _Scene
+    dark: Mask
+    judged: Mask
+    sharp: Registration | None
+
+    def compare_at(self, fit: PoseFit) -> ViewResult:
+        """Return what the pictures tell of the part if this is its pose."""
+        part, samples, task, scene = self.part, self.samples, self.task, self.scene
+        shift, turn = moved(part, task, fit)
+        sight = _in_sight(part, samples, task.camera, fit.T_world_part, scene)
+        outline = compare_outline(part, fit, self.dark, self.judged, task, samples)
+        findings = outline.findings
+        checks = [outline.check]
+        codes: list[NDArray[np.uint8]] = []
+        if task.lamps:
+            shading = _Shading(part, samples, task, scene, fit, sight, self.sharp)
+            for lamp in task.lamps:
+                picture = self.pictures.lit[lamp.name]
+                check, differing, code = shading.check(lamp.name, picture)
+                checks.append(check)
+                codes.append(code)
+                findings = findings + differing
+        free = sight.free & ~sight.beside_hand
+        checks = [replace(c, compared=c.compared & free) for c in checks]
+        seen = np.logical_or.reduce([c.compared for c in checks])
+        x0, y0, _, _ = fit.maps.roi
+        return ViewResult(
+            view_id=task.view_id,
+            evaluated=True,
+            reason="",
+            T_world_part=fit.T_world_part,
+            shift_mm=shift,
+            turn_rad=turn,
+            residual_px=fit.residual_px,
+            findings=tuple(findings),
+            seen=seen,
+            outline_px=mask_contour(fit.maps.mask) + np.array([x0, y0]),
+            beside_hand=sight.beside_hand,
+            in_sight=free,
+            checks=tuple(checks),
+            unjudged=_best_excuse(codes, free & ~seen),
+        )
 
 
 def _pose_trouble(fit: PoseFit, shift: float, turn: float, limits: Limits) -> str:

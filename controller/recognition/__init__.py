@@ -5,9 +5,10 @@ Arrays in, dataclasses out (paper, section 3; DESIGN.md 3.5).
 
 from ._contours import Contour, mask_contour, subpixel_contour, threshold_levels
 from ._hypotheses import Hypothesis, SearchLimits
-from ._pose_fit import PosedPart, PoseFit, fit_pose
+from ._pose_fit import PosedPart, PoseFit, fit_pose, twist
 from ._recognise import Limits, recognise
 from ._sighting import Alternative, Recognition, Sighting, Trace
+from .fitting import edge_jacobian
 from .library import Entry, Library, lying, make_library
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "SearchLimits",
     "Sighting",
     "Trace",
+    "edge_jacobian",
     "fit_pose",
     "lying",
     "make_library",
@@ -30,4 +32,5 @@ __all__ = [
     "recognise",
     "subpixel_contour",
     "threshold_levels",
+    "twist",
 ]

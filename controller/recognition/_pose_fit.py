@@ -67,7 +67,8 @@ class PoseFit:
     gap_px: Array
 
 
-def _twist(rotation: Array, shift: Array, pivot: Array) -> Array:
+def twist(rotation: Array, shift: Array, pivot: Array) -> Array:
+    """Return the motion (4, 4) that turns about a point by a rotation vector and shifts then."""
     R, _ = cv2.Rodrigues(rotation.reshape(3, 1))
     T = np.eye(4)
     T[:3, :3] = R
@@ -191,7 +192,7 @@ def fit_pose(
         step_vector = np.linalg.solve(information, pull)
         start_shift = start_shift + step_vector[:3]
         start_rotation = start_rotation + step_vector[3:]
-        T = _twist(step_vector[3:], step_vector[:3], pivot) @ T
+        T = twist(step_vector[3:], step_vector[:3], pivot) @ T
         pivot = pivot + step_vector[:3]
     assert maps is not None
     gaps = np.full(len(pixels), np.nan)

@@ -1,0 +1,78 @@
+"""A pose that the outline leaves open: a turn of a round part about its axis."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from cad_solids import Body, box, rod, solid_of
+from numpy.typing import NDArray
+from shown_part import FRONT, photograph, task
+
+from controller.cad import RayCaster, SurfaceSamples, sample_surface
+from controller.inspection import Kind, ViewResult, _view, inspect_view
+from controller.recognition import PosedPart, twist
+
+Array = NDArray[np.float64]
+TILT = twist(np.radians([12.0, 0.0, 7.0]), np.zeros(3), np.zeros(3))
+
+
+def disc() -> Body:
+    return rod(26, 14, 128)
+
+
+def pockets() -> Body:
+    """Blind, so that no light through them tells how the disc is turned."""
+    return box(9, 9, 8).translate((17, 0, 7)) + box(7, 12, 8).translate((-10, 13, 7))
+
+
+@cache
+def part() -> PosedPart:
+    solid = solid_of(disc() - pockets(), "disc")
+    return PosedPart(solid, RayCaster(solid.mesh))
+
+
+@cache
+def samples() -> SurfaceSamples:
+    return sample_surface(part().solid)
+
+
+def facing() -> Array:
+    T = np.eye(4)
+    T[:3, :3] = TILT[:3, :3] @ FRONT
+    T[:3, 3] = -T[:3, :3] @ part().solid.centroid_mm
+    return T
+
+
+def turned(T: Array, deg: float) -> Array:
+    """The pose with the disc turned about its own axis."""
+    return T @ twist(np.radians([0.0, 0.0, deg]), np.zeros(3), np.zeros(3))
+
+
+def look(body: Body, T_true: Array) -> ViewResult:
+    pictures = photograph(body, T_true, ())
+    return inspect_view(part(), samples(), task(facing(), holder=()), pictures)
+
+
+def test_what_a_turn_that_the_outline_hides_explains_is_no_finding(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    T_true = turned(facing(), 5.0)
+    result = look(disc() - pockets(), T_true)
+    assert result.evaluated, result.reason
+    assert result.findings == ()
+    assert not result.failures
+    # the pockets lie 1.5 mm, eight pixels, from where the outline's pose alone puts them
+    monkeypatch.setattr(_view, "poses_as_good", lambda *_: iter(()))
+    assert look(disc() - pockets(), T_true).findings
+
+
+def test_no_turn_explains_a_pocket_that_is_missing() -> None:
+    filled = disc() - box(7, 12, 8).translate((-10, 13, 7))
+    result = look(filled, turned(facing(), 5.0))
+    assert result.evaluated, result.reason
+    found = [f for f in result.findings if f.kind is Kind.SURFACE]
+    assert found
+    at = np.array([17.0, 0.0, 7.0])
+    assert min(float(np.linalg.norm(f.p_part_mm - at)) for f in found) < 7.0
