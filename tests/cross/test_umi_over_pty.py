@@ -278,7 +278,8 @@ async def test_a_ramp_stop_is_told_once_the_arm_rests(homed: ArmBench) -> None:
     still = homed.true_counts()
     with pytest.raises(MotionStoppedError):
         await move
-    assert await is_at_rest(homed)
+    await homed.pass_time(1.0)
+    # the servo's last count: a ramp under way would be tens of counts on
     assert homed.true_counts() == pytest.approx(still, abs=ARRIVAL_TOLERANCE)
 
 
