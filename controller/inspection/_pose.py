@@ -53,8 +53,11 @@ def measure_pose(part: PosedPart, task: ViewTask, outline: Contour, judged: Mask
         if fit is None or (fit.residual_px <= HELD_BACK_PX and _off_share(fit) <= OFF_SHARE):
             break
         # the view that measured the hold may have known it badly, and a fresh grip may be further
-        # off than three rounds go: on from there, as for a fresh grip
-        again = _fit(part, task, fit.T_world_part, outline, judged, PLANNED_HOLD)
+        # off than three rounds go: on from there, as for a fresh grip, whose prior stays where it
+        # is, or what the outline leaves open would drift
+        again = _fit(
+            part, task, fit.T_world_part, outline, judged, PLANNED_HOLD, expected=task.T_world_part
+        )
         if again is None or _badness(again) >= _badness(fit):
             break
         fit = again
@@ -104,6 +107,7 @@ def _fit(
     judged: Mask,
     prior: tuple[float, float],
     steps_px: tuple[int, ...] = (2, 2, 1),
+    expected: Array | None = None,
 ) -> PoseFit | None:
     return fit_pose(
         part,
@@ -114,6 +118,7 @@ def _fit(
         steps_px=steps_px,
         prior_mm=prior[0],
         prior_rad=prior[1],
+        T_expected=expected,
     )
 
 

@@ -137,10 +137,11 @@ def fit_pose(
     steps_px: Sequence[int] = (2, 2, 1),
     prior_mm: float = 1.5,
     prior_rad: float = 0.03,
+    T_expected: Array | None = None,
 ) -> PoseFit | None:
     """Fit all six freedoms of a pose to an observed outline.
 
-    It is drawn towards the start by a prior, since depth and tilt hardly show in one view.
+    It is drawn towards the pose expected by a prior, since depth and tilt hardly show in one view.
 
     Parameters
     ----------
@@ -149,7 +150,8 @@ def fit_pose(
     ignore : (height, width) pixels whose outline is not the part's own (the gripper's)
     steps_px : one round of fitting for each, the outline predicted on every so many-th pixel; a
         last prediction on every pixel is what the answer is judged by
-    prior_mm, prior_rad : standard deviations of the start
+    prior_mm, prior_rad : standard deviations of the pose expected
+    T_expected : (4, 4) what the prior draws towards; the start without it
 
     Returns
     -------
@@ -161,6 +163,9 @@ def fit_pose(
     T = T_world_part.copy()
     pivot = T[:3, :3] @ part.solid.centroid_mm + T[:3, 3]
     start_shift, start_rotation = np.zeros(3), np.zeros(3)
+    if T_expected is not None:
+        start_shift = pivot - T_expected[:3, :3] @ part.solid.centroid_mm - T_expected[:3, 3]
+        start_rotation = cv2.Rodrigues(T[:3, :3] @ T_expected[:3, :3].T)[0].ravel()
     maps: ViewMaps | None = None
     rounds = len(steps_px)
     for step, step_px in enumerate((*steps_px, 1)):
