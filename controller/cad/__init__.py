@@ -19,6 +19,7 @@ from .errors import (
     UnitCadError,
     UnreadableCadError,
 )
+from .lamp import PointLamp
 from .rays import RayCaster
 from .reading import load_solid
 from .resting import (
@@ -35,7 +36,6 @@ from .resting import (
     pose_odds,
     stable_poses,
 )
-from .shading import PointLamp, predict_light, predict_radiance
 from .solid import Solid, make_solid
 from .surfaces import Feature, SurfaceSamples, find_features, sample_surface
 from .views import (
@@ -103,8 +103,6 @@ __all__ = [
     "outline",
     "part_symmetries",
     "pose_odds",
-    "predict_light",
-    "predict_radiance",
     "prepare_views",
     "render_maps",
     "sample_surface",

@@ -1,4 +1,4 @@
-"""Predicted pictures against silhouettes and shading worked out on paper."""
+"""Predicted pictures against silhouettes worked out on paper."""
 
 from __future__ import annotations
 
@@ -8,16 +8,13 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
-from cad_solids import Body, box, mesh_of, rod, solid_of
+from cad_solids import box, mesh_of, rod, solid_of
 from numpy.typing import NDArray
 
 from controller.cad import (
     Camera,
-    PointLamp,
     RayCaster,
     ViewMaps,
-    predict_light,
-    predict_radiance,
     render_maps,
     view_roi,
 )
@@ -199,90 +196,3 @@ def test_no_rays_are_no_answers() -> None:
     triangle, distance = caster.first_hit(np.zeros((0, 3)), np.zeros((0, 3)))
     assert len(triangle) == len(distance) == 0
     assert len(caster.blocked(np.zeros((0, 3)), np.zeros((0, 3)))) == 0
-
-
-# --- shading ------------------------------------------------------------------------------------
-
-
-def radiance(body: Body, T: Array, lamp: PointLamp) -> tuple[NDArray[np.float32], ViewMaps]:
-    cam, mesh = camera(), mesh_of(body)
-    caster = RayCaster(mesh)
-    maps = render_maps(caster, T, cam, (0, 0, *SIZE))
-    return predict_radiance(mesh, caster, maps, T, cam, lamp), maps
-
-
-def pixel_of(x: float, y: float, z: float) -> tuple[int, int]:
-    u, v = np.round(camera().project(np.array([[x, y, z]]))[0]).astype(int)
-    return int(v), int(u)
-
-
-@pytest.mark.parametrize("tilt_deg", [0, 30, 60, 80])
-def test_a_plane_is_lit_by_the_cosine_and_the_distance_squared(tilt_deg: float) -> None:
-    # a plate of 1 mm below the origin: its top passes through z = 0
-    T = at(0, 0, 0)
-    tilt = np.radians(tilt_deg)
-    position = 400 * np.array([np.sin(tilt), 0, np.cos(tilt)])
-    lamp = PointLamp("far", position[None])
-    picture, _ = radiance(box(200, 150, 1).translate((0, 0, -0.5)), T, lamp)
-    assert picture[pixel_of(0, 0, 0)] == pytest.approx(np.cos(tilt), abs=2e-3)
-    for x, y in ((50, 20), (-60, -40), (80, 0)):
-        towards = position - [x, y, 0]
-        r = np.linalg.norm(towards)
-        expected = towards[2] / r * (400 / r) ** 2
-        assert picture[pixel_of(x, y, 0)] == pytest.approx(expected, rel=0.01)
-
-
-def test_a_lamp_below_the_surface_gives_nothing() -> None:
-    lamp = PointLamp("below", np.array([[300.0, 0, -100]]))
-    picture, maps = radiance(box(100, 80, 10), at(0, 0, -5), lamp)
-    assert maps.mask.any()
-    assert picture.max() == 0
-
-
-def test_a_wall_throws_a_shadow_as_long_as_the_lamp_is_low() -> None:
-    # floor z = 0; a wall of 20 mm from x = 0 to 4; a lamp at 45 degrees, far away on the left
-    body = box(200, 100, 2).translate((0, 0, -1)) + box(4, 100, 20).translate((2, 0, 10))
-    far = 1e5
-    lamp = PointLamp("low", np.array([[-far, 0, far]]))
-    picture, _ = radiance(body, at(0, 0, 0), lamp)
-    # the wall's far upper edge (4, 20) throws its shadow to x = 24
-    for x, lit in ((-30, True), (-3, True), (10, False), (22.5, False), (25.5, True), (60, True)):
-        value = picture[pixel_of(x, 10, 0)]
-        assert value == (pytest.approx(np.cos(np.pi / 4), rel=0.01) if lit else 0.0), x
-
-
-def test_where_a_gripper_keeps_the_light_away_is_told_beside_the_parts_own_shading() -> None:
-    lamp = PointLamp("above", np.array([[0.0, 0, 5000]]))
-    # a bar of 10 mm along y at z = 50 in the world, and one that stands behind the lamp
-    bar = box(10, 200, 2).translate((60, 0, 50))
-    behind = box(500, 500, 2).translate((0, 0, 6000))
-    cam, mesh, T = camera(), mesh_of(box(200, 100, 2).translate((0, 0, -1))), at(5, 0, 0, 0.2)
-    caster = RayCaster(mesh)
-    maps = render_maps(caster, T, cam, (0, 0, *SIZE))
-    picture, shaded = predict_light(
-        mesh, caster, maps, T, cam, lamp, RayCaster(mesh_of(bar + behind))
-    )
-    assert np.array_equal(picture, predict_radiance(mesh, caster, maps, T, cam, lamp))
-    assert shaded[pixel_of(60, 5, 0)]
-    assert not any(shaded[pixel_of(x, 5, 0)] for x in (53, 67, 0, -60))
-
-
-def test_a_ring_is_the_mean_of_its_points_round_the_axis() -> None:
-    centre, axis = np.array([10.0, 20, 590]), np.array([0.0, 0, -1])
-    ring = PointLamp.ring("ring", centre, axis, 50.0)
-    away = ring.points_mm - centre
-    assert np.linalg.norm(away, axis=1) == pytest.approx([50.0] * 6)
-    assert away @ axis == pytest.approx([0.0] * 6, abs=1e-9)
-    assert away.sum(axis=0) == pytest.approx([0, 0, 0], abs=1e-9)
-    body, T = box(100, 80, 10), at(0, 0, -5)
-    together, maps = radiance(body, T, ring)
-    singles = [radiance(body, T, PointLamp("one", p[None]))[0] for p in ring.points_mm]
-    # the same reference distance for all: each is at the same distance within 1 %
-    mean = np.mean(singles, axis=0)
-    assert together[maps.mask] == pytest.approx(mean[maps.mask], rel=0.02)
-
-
-def test_a_part_out_of_sight_is_dark_everywhere() -> None:
-    picture, maps = radiance(box(10, 10, 10), at(1000, 0, 0), PointLamp("l", np.zeros((1, 3))))
-    assert not maps.mask.any()
-    assert picture.max() == 0

@@ -5,11 +5,12 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from cad_solids import box, solid_of
+import pytest
+from cad_solids import Body, box, mesh_of, solid_of
 from numpy.typing import NDArray
 from shown_part import CAMERA, FRONT
 
-from controller.cad import PointLamp, RayCaster, render_maps, view_roi
+from controller.cad import Camera, PointLamp, RayCaster, ViewMaps, render_maps, view_roi
 from controller.inspection._light import (
     ALBEDO,
     HIGHLIGHT_WIDTHS_RAD,
@@ -93,3 +94,125 @@ def test_a_surface_square_to_camera_and_ring_lies_in_its_highlight() -> None:
     _, bright = light.glints[0]
     assert bright[here].max() < 0.01
     assert len(light.glints) == len(HIGHLIGHT_WIDTHS_RAD)
+
+
+# --- what is known exactly lies between the bounds: lamps of no extent, seen from above ---------
+
+Array = NDArray[np.float64]
+SIZE = (640, 512)
+
+
+@cache
+def above() -> Camera:
+    """Straight down from 600 mm; world x is picture right, world y picture up."""
+    K = np.array([[1800.0, 0, 319.5], [0, 1800.0, 255.5], [0, 0, 1.0]])
+    T = np.diag([1.0, -1, -1, 1])
+    T[2, 3] = 600.0
+    return Camera(SIZE, K, np.zeros(5), T)
+
+
+def at(x: float, y: float, z: float, turn_rad: float = 0.0) -> Array:
+    T = np.eye(4)
+    T[:2, :2] = [[np.cos(turn_rad), -np.sin(turn_rad)], [np.sin(turn_rad), np.cos(turn_rad)]]
+    T[:3, 3] = x, y, z
+    return T
+
+
+def point_lamp(name: str, x: float, y: float, z: float) -> PointLamp:
+    """A lamp of no extent; given by one point it would be taken for one of unknown size."""
+    return PointLamp(name, np.array([[x, y, z]] * 2))
+
+
+def light_of(
+    body: Body, T: Array, lamp: PointLamp, others: RayCaster | None = None
+) -> tuple[Light, ViewMaps]:
+    solid = solid_of(body)
+    caster = RayCaster(solid.mesh)
+    maps = render_maps(caster, T, above(), (0, 0, *SIZE))
+    surface = find_surface(solid, maps, T, above(), 1)
+    return bound_light(surface, caster, T, above(), lamp, others), maps
+
+
+def pixel_of(x: float, y: float, z: float) -> tuple[int, int]:
+    u, v = np.round(above().project(np.array([[x, y, z]]))[0]).astype(int)
+    return int(v), int(u)
+
+
+@pytest.mark.parametrize("tilt_deg", [0, 30, 60, 80])
+def test_a_plane_is_lit_by_the_cosine_and_the_distance_squared(tilt_deg: float) -> None:
+    # a plate of 1 mm below the origin: its top passes through z = 0
+    tilt = np.radians(tilt_deg)
+    position = 400 * np.array([np.sin(tilt), 0, np.cos(tilt)])
+    plate = box(200, 150, 1).translate((0, 0, -0.5))
+    light, _ = light_of(plate, at(0, 0, 0), point_lamp("far", *position))
+    assert light.open[pixel_of(0, 0, 0)] == pytest.approx(np.cos(tilt), abs=2e-3)
+    for x, y in ((50, 20), (-60, -40), (80, 0)):
+        towards = position - [x, y, 0]
+        r = np.linalg.norm(towards)
+        expected = towards[2] / r * (400 / r) ** 2
+        here = pixel_of(x, y, 0)
+        assert light.open[here] == pytest.approx(expected, rel=0.01)
+        assert light.least[here] <= expected <= light.most[here]
+
+
+def test_a_lamp_below_the_surface_gives_nothing() -> None:
+    light, maps = light_of(box(100, 80, 10), at(0, 0, -5), point_lamp("below", 300.0, 0, -100))
+    assert maps.mask.any()
+    assert light.most.max() == 0
+
+
+def test_a_wall_throws_a_shadow_as_long_as_the_lamp_is_low() -> None:
+    # floor z = 0; a wall of 20 mm from x = 0 to 4; a lamp at 45 degrees, far away on the left
+    body = box(200, 100, 2).translate((0, 0, -1)) + box(4, 100, 20).translate((2, 0, 10))
+    far = 1e5
+    light, _ = light_of(body, at(0, 0, 0), point_lamp("low", -far, 0, far))
+    # the wall's far upper edge (4, 20) throws its shadow to x = 24
+    for x, is_lit in (
+        (-30, True),
+        (-3, True),
+        (10, False),
+        (22.5, False),
+        (25.5, True),
+        (60, True),
+    ):
+        here = pixel_of(x, 10, 0)
+        if is_lit:
+            assert light.open[here] == pytest.approx(np.cos(np.pi / 4), rel=0.01), x
+            assert 0.65 < light.least[here] <= np.cos(np.pi / 4) <= light.most[here] < 0.75, x
+        else:
+            assert light.most[here] == 0.0, x
+
+
+def test_where_a_gripper_keeps_the_light_away_is_told_beside_the_parts_own_shading() -> None:
+    lamp = point_lamp("above", 0.0, 0, 5000)
+    # a bar of 10 mm along y at z = 50 in the world, and one that stands behind the lamp
+    bar = box(10, 200, 2).translate((60, 0, 50))
+    behind = box(500, 500, 2).translate((0, 0, 6000))
+    plate, T = box(200, 100, 2).translate((0, 0, -1)), at(5, 0, 0, 0.2)
+    held, _ = light_of(plate, T, lamp, RayCaster(mesh_of(bar + behind)))
+    alone, _ = light_of(plate, T, lamp)
+    assert np.array_equal(held.least, alone.least)
+    assert np.array_equal(held.most, alone.most)
+    assert held.touched[pixel_of(60, 5, 0)]
+    assert not any(held.touched[pixel_of(x, 5, 0)] for x in (53, 67, 0, -60))
+
+
+def test_a_ring_is_the_mean_of_its_points_round_the_axis() -> None:
+    centre, axis = np.array([10.0, 20, 590]), np.array([0.0, 0, -1])
+    ring = PointLamp.ring("ring", centre, axis, 50.0)
+    away = ring.points_mm - centre
+    assert np.linalg.norm(away, axis=1) == pytest.approx([50.0] * 6)
+    assert away @ axis == pytest.approx([0.0] * 6, abs=1e-9)
+    assert away.sum(axis=0) == pytest.approx([0, 0, 0], abs=1e-9)
+    body, T = box(100, 80, 10), at(0, 0, -5)
+    together, maps = light_of(body, T, ring)
+    singles = [light_of(body, T, point_lamp("one", *p))[0].open for p in ring.points_mm]
+    # the same reference distance for all: each is at the same distance within 1 %
+    mean = np.mean(singles, axis=0)
+    assert together.open[maps.mask] == pytest.approx(mean[maps.mask], rel=0.02)
+
+
+def test_a_part_out_of_sight_is_dark_everywhere() -> None:
+    light, maps = light_of(box(10, 10, 10), at(1000, 0, 0), PointLamp("l", np.zeros((1, 3))))
+    assert not maps.mask.any()
+    assert light.most.max() == 0

@@ -1,0 +1,35 @@
+"""Where the light of a cell's lamps comes from."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PointLamp:
+    """A lamp as the points its light comes from.
+
+    Attributes
+    ----------
+    name : as in the cell file
+    points_mm : (n, 3) in the world; a ring is a handful of points
+    """
+
+    name: str
+    points_mm: Array
+
+    @staticmethod
+    def ring(
+        name: str, centre_mm: Array, axis: Array, radius_mm: float, count: int = 6
+    ) -> "PointLamp":
+        """Return a ring of lamps round a camera's axis."""
+        helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
+        e1 = np.cross(axis, helper)
+        e1 /= np.linalg.norm(e1)
+        e2 = np.cross(axis, e1)
+        phi = np.arange(count) * 2 * np.pi / count
+        points = centre_mm + radius_mm * (np.cos(phi)[:, None] * e1 + np.sin(phi)[:, None] * e2)
+        return PointLamp(name, points)
