@@ -231,8 +231,7 @@ class UmiScara(ArmSession):
         if self._one_motion.locked():
             counts = await self._axes.read_actual(Axis.GRIPPER)
         else:
-            at, error = await self._axes.read_counts_twice(Axis.GRIPPER)
-            counts = at - error
+            counts = await self._axes.read_actual_twice(Axis.GRIPPER)
         self._require_homed()
         return self._config.gripper.width_mm(counts)
 
@@ -241,8 +240,7 @@ class UmiScara(ArmSession):
         self._require_connected()
         bits = await self._axes.status(Axis.GRIPPER)
         bits |= await self._axes.status(Axis.GRIPPER)  # no checksum: what is seen once counts
-        at, error = await self._axes.read_counts_twice(Axis.GRIPPER)
-        counts = at - error
+        counts = await self._axes.read_actual_twice(Axis.GRIPPER)
         return JawReading(bool(bits & StatusBits.STALLED), self._config.gripper.width_mm(counts))
 
     async def drive_jaws(self, by_mm: float, deadline_s: float = 10.0) -> float:
@@ -279,7 +277,7 @@ class UmiScara(ArmSession):
                 went_mm = abs(counts - before) * mm_per_count
                 if went_mm >= abs(by_mm) or bits & c.TROUBLE:
                     break
-                if self._axes.clock.now_s() > until_s:
+                if self._axes.clock.attended_s() > until_s:
                     await self._halt_quietly()
                     raise AxisStalledError(gripper, before, counts, "does not come to rest")
                 await self._axes.pause()

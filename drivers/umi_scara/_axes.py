@@ -300,15 +300,13 @@ class Axes:
         """Make sure that it is this IP that answers."""
         await self._ask(ip, codec.encode_simple(Simple.GENERAL_STATUS), repeats=True, proves=True)
 
-    async def read_counts_twice(self, axis: Axis) -> tuple[int, int]:
-        """Return CURRENT_POSITION and CP_ERROR of a motor at rest, each read twice alike [counts].
+    async def read_actual_twice(self, axis: Axis) -> int:
+        """Return where a motor at rest truly is [counts], from reads that agree.
 
         A read tells neither which parameter nor which motor it is of (2.2).
         """
-        return (
-            await self.read_twice(axis, Parameter.CURRENT_POSITION),
-            await self.read_twice(axis, Parameter.CP_ERROR),
-        )
+        commanded = await self.read_twice(axis, Parameter.CURRENT_POSITION)
+        return commanded - await self.read_twice(axis, Parameter.CP_ERROR)
 
     async def read_twice(self, axis: Axis, parameter: Parameter) -> int:
         """Return a parameter that two reads in a row agree on to 2 counts.

@@ -187,7 +187,6 @@ REPLY_TEXTS: Final = {  # 2.9
 }
 RETRY_CODES: Final = frozenset({0x01, 0x02, 0x04})  # 2.9: ask again after 10 ms
 AXIS_BUSY: Final = 0x03  # 2.9
-FRAME_CODES: Final = frozenset({0x0B, 0x0C, 0x0D})  # 2.9: resync
 RESTARTED_CODES: Final = frozenset({0x0E, 0x0F})  # 1.5, 2.9
 
 # ---- scaling (5.1, 5.3) ------------------------------------------------------------------------

@@ -357,8 +357,8 @@ class ArmSession:
 
     async def _read_all(self) -> dict[Axis, int]:
         """Return where all axes are [counts]; check their labels first where these may be wrong."""
-        found = {axis: await self._axes.read_counts_twice(axis) for axis in self._in_turn()}
-        counts = {axis: found[axis][0] - found[axis][1] for axis in Axis}
+        found = {axis: await self._axes.read_actual_twice(axis) for axis in self._in_turn()}
+        counts = {axis: found[axis] for axis in Axis}
         if self._may_be_relabelled:
             if why := judge_counters(self._known, counts, self._may_be_zeroed):
                 self._lose_position()
