@@ -278,7 +278,7 @@ def _unjudged(samples: SurfaceSamples, views: Sequence[ViewResult]) -> NDArray[n
     Of several views the one that came closest counts: the latest reason in `Unjudged`'s order.
     """
     out = np.zeros(len(samples.points_mm), dtype=np.uint8)
-    holder = 1 + list(Unjudged).index(Unjudged.HOLDER)
+    holder = Unjudged.HOLDER.number
     for view in views:
         if len(view.beside_hand):
             out[view.beside_hand & (out == 0)] = holder

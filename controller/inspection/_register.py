@@ -36,17 +36,13 @@ class Registration:
     Attributes
     ----------
     shift_px : (2,) of the picture against the prediction, x before y
-    scatter_px : median distance of the steps from where the shift puts them
     width_px : median standard deviation of the steps' blur; growth_px : how much more it is than
         in the picture expected, 0 without one
-    count : of profiles that told
     """
 
     shift_px: Array
-    scatter_px: float
     width_px: float
     growth_px: float
-    count: int
 
 
 def register(
@@ -83,13 +79,10 @@ def register(
         trust = 1.0 / np.maximum(1.0, np.abs(off) / scale)
         normal = (design * trust[:, None]).T @ design + np.diag([1e-3, 1e-3, RIM_PRIOR * len(off)])
         solution = np.linalg.solve(normal, (design * trust[:, None]).T @ place)
-    off = place - design @ solution
     return Registration(
         shift_px=solution[:2],
-        scatter_px=float(np.median(np.abs(off))),
         width_px=float(np.median(width[tells])),
         growth_px=float(np.median(growth[tells])),
-        count=len(place),
     )
 
 

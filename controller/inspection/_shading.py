@@ -128,12 +128,8 @@ def compare(
 
 def _nothing(surface: Surface, light: Light) -> Compared:
     none = np.zeros(surface.seen.shape, dtype=bool)
-    reason = np.where(surface.seen, _number(Unjudged.UNLIT), 0).astype(np.uint8)
+    reason = np.where(surface.seen, Unjudged.UNLIT.number, 0).astype(np.uint8)
     return Compared(none, none.copy(), reason)
-
-
-def _number(reason: Unjudged) -> int:
-    return 1 + list(Unjudged).index(reason)
 
 
 def _predicted(model: _Model, light: Light) -> Image:
@@ -231,7 +227,7 @@ def _weigh(
     stands_out = (bottom >= HALF * middle) & (top <= TWICE * middle)
     lit = (middle >= UNLIT_GREY) & (light.most >= 0.5 * FITTED_LIGHT)
     compared = seen & judged & lit & stands_out & (surface.cosine > flattest)
-    reason = np.where(seen & ~compared, _number(Unjudged.EDGE), 0).astype(np.uint8)
+    reason = np.where(seen & ~compared, Unjudged.EDGE.number, 0).astype(np.uint8)
     pure = high - bounce
     for which, why in (
         (odd | (SCATTERS * scatter > HALF), Unjudged.ROUGH),
@@ -243,5 +239,5 @@ def _weigh(
         (~shape_known, Unjudged.SHAPE),
         (~valid, Unjudged.HOLDER),
     ):
-        reason[seen & ~compared & which] = _number(why)
+        reason[seen & ~compared & which] = why.number
     return Compared(wrong, compared, reason)

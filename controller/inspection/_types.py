@@ -37,6 +37,11 @@ class Unjudged(StrEnum):
     EDGE = "too near to an edge for the smallest defect to show whole"
     LAMP = "in pictures that failed their self-check"
 
+    @property
+    def number(self) -> int:
+        """What stands for it in `ViewResult.unjudged`, from 1; 0 is no reason."""
+        return 1 + list(Unjudged).index(self)
+
 
 class Kind(StrEnum):
     """What a finding is."""
@@ -58,7 +63,7 @@ class Limits:
         the wrong place keeps a third by chance, one that lost its half keeps three quarters
     max_shift_mm, max_turn_rad : farther from the expected pose the part has slipped in the jaws
     slack_px : outlines and shading may be off by this much without meaning anything
-    grey_share, grey_levels : a surface is as bright as predicted within these
+    grey_levels : where the prediction is dark, differences of half as many mean nothing
     min_contrast : between panel and part, and of a lamp on a surface square to it [grey]
     max_lit_shift_px : a lit picture may lie this far from the pose the backlit one gave
     max_edge_px : an edge may be this wide (standard deviation of its blur), and
@@ -72,7 +77,6 @@ class Limits:
     max_shift_mm: float = 4.0
     max_turn_rad: float = 0.12
     slack_px: int = 2
-    grey_share: float = 0.30
     grey_levels: float = 22.0
     min_contrast: float = 40.0
     max_lit_shift_px: float = 1.0

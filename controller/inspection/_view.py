@@ -330,7 +330,7 @@ class _Shading:
         outcome = self._misfit(picture, light) or self._compare(picture, light)
         if isinstance(outcome, str):
             nothing = np.zeros(len(self._samples.points_mm), dtype=bool)
-            code = np.where(self._sight.free, 1 + list(Unjudged).index(Unjudged.LAMP), 0)
+            code = np.where(self._sight.free, Unjudged.LAMP.number, 0)
             return Check(lamp_name, outcome, nothing), [], code.astype(np.uint8)
         compared, code = self._per_sample(outcome)
         check = Check(lamp_name, "", compared, limits.smallest_defect_mm, misfit=outcome.misfit)
@@ -420,7 +420,7 @@ class _Shading:
         v, u = v[inside], u[inside]
         whole = outcome.compared[v, u] & (share[v, u] >= DISC_SHARE)
         compared[inside] = whole & (self._flattest < 1.0)
-        edge = 1 + list(Unjudged).index(Unjudged.EDGE)
+        edge = Unjudged.EDGE.number
         reason = outcome.reason[v, u]
         code[inside] = np.where(whole, 0, np.where(reason == 0, edge, reason))
         return compared, code
