@@ -77,8 +77,19 @@ def _solid(path: Path, options: CompileOptions) -> Solid:
     return load_solid(path, unit=options.unit) if is_quick else load_part(path, options).solid
 
 
-def check_job(job: Job, progress: Callable[[str], None] | None = None) -> Checked:
+def check_job(job: Job) -> Checked:
     """Check files, CAD, and whether the part can be taken and shown from every likely pose.
+
+    Raises
+    ------
+    ConfigError, CadError : a file is wrong
+    """
+    check_sizes(job.recipe_path, load_recipe(job.recipe_path), load_cell(job.cell_path))
+    return check_plans(job)
+
+
+def check_plans(job: Job, progress: Callable[[str], None] | None = None) -> Checked:
+    """Check whether the part, whose files are known to be sound, can be taken and shown.
 
     Parameters
     ----------
@@ -88,8 +99,6 @@ def check_job(job: Job, progress: Callable[[str], None] | None = None) -> Checke
     ------
     ConfigError, CadError : a file is wrong
     """
-    recipe, cell = load_recipe(job.recipe_path), load_cell(job.cell_path)
-    check_sizes(job.recipe_path, recipe, cell)
     c = context(job)
     planning = Planning(c.part, c.layout, c.setup.options)
     wanted = c.recipe.inspection.min_coverage

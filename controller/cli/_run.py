@@ -17,7 +17,7 @@ from rich.live import Live
 from rich.table import Table
 
 from controller.cad.compiled import CompiledPart, load_part, options_among
-from controller.cell.checking import check_job, check_sizes
+from controller.cell.checking import check_plans, check_sizes
 from controller.cell.clocks import FoundClock, find_clock
 from controller.cell.dispatcher import Dispatcher
 from controller.cell.lock import hold_cell, require_free_cell
@@ -73,7 +73,7 @@ def run_recipe(
     check_sizes(recipe_path, recipe, cell)
     first, *_ = load_parts(recipe)
     laid = [(path, load_part(path, options_among(path, recipe.unit))) for path in lay]
-    checked = check_job(Job(recipe_path, cell_file), None if as_json else warn)
+    checked = check_plans(Job(recipe_path, cell_file), None if as_json else warn)
     if checked.problems:
         warn_of(recipe_path, checked)
         return 1
