@@ -49,7 +49,8 @@ class SocketCamera:
         self._memory_fd = -1
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._lock = threading.Lock()
-        self._clients: dict[_Client, threading.Thread] = {}
+        self._clients: set[_Client] = set()
+        self._threads: list[threading.Thread] = []
         self._acceptor = threading.Thread(target=self._accept, name=str(path), daemon=True)
 
     def open(self) -> None:
@@ -74,9 +75,9 @@ class SocketCamera:
         """Hang up on everybody and free everything."""
         self.retire()
         with self._lock:
-            clients = dict(self._clients)
-        for client, thread in clients.items():
-            client.hang_up()
+            for client in self._clients:
+                client.hang_up()
+        for thread in self._threads:  # also of a client that has left a moment ago
             thread.join()
         self._device.detach(self)
         os.close(self._memory_fd)
@@ -107,8 +108,9 @@ class SocketCamera:
             client = _Client(connection, self._device, number, self._memory_fd)
             thread = threading.Thread(target=self._serve, args=(client,), daemon=True)
             with self._lock:
-                self._clients[client] = thread
+                self._clients.add(client)
             thread.start()
+            self._threads = [known for known in self._threads if known.is_alive()] + [thread]
 
     def _serve(self, client: "_Client") -> None:
         try:
@@ -117,7 +119,7 @@ class SocketCamera:
             log.exception("client of %s is dropped", self.path)
         finally:
             with self._lock:
-                del self._clients[client]
+                self._clients.remove(client)
                 client.end_events()
             self._device.close(client.number)
             client.hang_up()

@@ -126,6 +126,28 @@ def test_a_client_that_hangs_up_frees_the_camera(bench: Bench, path: Path) -> No
         assert not bench.device.is_streaming
 
 
+def test_closing_waits_for_a_client_that_left_a_moment_ago(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    leaves, closed, order = threading.Event(), threading.Event(), list[str]()
+
+    def close_slowly(number: int) -> None:
+        leaves.set()
+        closed.wait(0.2)  # longer than a camera takes that does not wait
+        order.append("file closed")
+
+    camera = SocketCamera(bench.device, tmp_path / "video1.sock")
+    camera.open()
+    monkeypatch.setattr(bench.device, "close", close_slowly)
+    with Connection(camera.path) as file:
+        assert file.client.get(v4l2.GAIN) == 0
+    assert leaves.wait(PATIENCE_S)
+    camera.close()
+    order.append("camera closed")
+    closed.set()
+    assert order == ["file closed", "camera closed"]
+
+
 def test_unplugging_ends_the_events_and_every_ioctl_says_no_device(
     bench: Bench, path: Path
 ) -> None:
