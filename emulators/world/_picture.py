@@ -10,9 +10,8 @@ light, in its full shadow or between; there, and next to there, many more tell h
 rays fall within a pixel each goes on to another point of the source.
 """
 
-import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Final
 
 import cv2
@@ -24,34 +23,20 @@ from ._edges import BLOCK_PX, any_in_blocks, fine_blocks, spread
 from ._layout import Array
 from ._light import Lamps
 from ._optics import Array32, RayTable, project
+from ._reach import Reach, fill
 from ._scene import PAINTED, Scene
+from ._shadows import CHUNK, LIFT_MM, Shadows, Spots, cast_shadows, chunks, wide_mask
 from ._solid import ray_scene
 
 Index = NDArray[np.intp]
-Outline = NDArray[np.int32]
 Mask = NDArray[np.bool_]
 
 JUMP: Final = 0.012  # of radiance between neighbours: 2.5 grey at unit level
 STEEP: Final = 0.2  # of radiance between neighbours: a shadow's border of a few pixels
 GENTLE: Final = 0.04  # of radiance over a block of a shadow's border that is straight enough
 SAMPLE_COUNT: Final = 48
-PROBE_COUNT: Final = 8  # points of a source that tell whether all of it is seen
-COARSE_COUNT: Final = 16  # where it is half seen, of each of some neighbours that share
-PIXEL_COUNT: Final = 32  # for one pixel alone
-NODE_COUNT: Final = 64  # for a block's corner, whose light many pixels share
-DIFFER: Final = 0.25  # between neighbours' shares, too much for a mean
-LEAN_DIFFER: Final = 0.02  # between neighbours' radiance where they lie to one side
 _PIXEL_CORNERS: Final = np.array(((-1, -1), (-1, 1), (1, -1), (1, 1)), np.float32) / 2.0
-_CHUNK: Final = 60_000  # rays at a time: what they need stays in the processor's cache
-_MARGIN_PX: Final = 4  # the lens bends the edges of what spans the picture by less
 _CORNERS: Final = ((0, 0), (0, 1), (1, 0), (1, 1))  # of a block: down, right
-_FAR_PX: Final = 20_000  # where coordinates are cut off, for OpenCV's sake
-_LIFT_MM: Final = 0.05  # shadow rays start off the surface by this much
-_NEAR_MM: Final = 20.0
-_ALIKE_COS: Final = 0.98  # of one surface's normals in neighbouring pixels
-_ALIKE_MM: Final = 0.15  # off each other's plane
-_SHORT_OF: Final = 0.999  # shadow rays end before the lamp, whatever it is fixed to
-_HIGHEST: Final = 0.98  # of a lamp's height: what is above throws its shadow far away
 
 
 def sample_offsets() -> Array32:
@@ -79,88 +64,12 @@ class _Hits:
 
 
 @dataclass(slots=True, eq=False)
-class _Spots:
-    """Where some rays met surfaces.
-
-    Attributes
-    ----------
-    ray : (n,) number of the ray
-    normals, flat : (n, 3) for shading, and of the triangle; both towards the camera
-    moves : (n,) bool, whether the surface is of something that moves
-    """
-
-    ray: Index
-    points_mm: Array32
-    normals: Array32
-    flat: Array32
-    views: Array32
-    material: NDArray[np.int16]
-    panel: NDArray[np.int16]
-    moves: Mask
-
-    def some(self, which: Index | Mask | slice) -> "_Spots":
-        return _Spots(*(getattr(self, field.name)[which] for field in fields(self)))
-
-
-@dataclass(slots=True, eq=False)
 class _Seen:
     """The light of one lamp in the middle of some pixels, with and without shadows, (n,) each."""
 
     light: Array32
     unshaded: Array32
     is_new: Mask
-
-
-@dataclass(slots=True, eq=False)
-class _Shadow:
-    """What surfaces see of a source, (n,) each.
-
-    Attributes
-    ----------
-    share : of the light that would fall on them
-    is_shaded, is_near : bool, whether something is hidden; whether it is there or nearby
-    """
-
-    share: Array32
-    is_shaded: Mask
-    is_near: Mask
-
-
-@dataclass(slots=True, eq=False)
-class _Lit:
-    """What of a source shines on some surfaces, (n,) each.
-
-    Attributes
-    ----------
-    unshaded, light : without and with what stands between
-    """
-
-    unshaded: Array32
-    light: Array32
-
-    @property
-    def is_lit(self) -> Mask:
-        """Whether any of it is seen."""
-        return np.asarray(self.light > 0.0)
-
-    @property
-    def is_shaded(self) -> Mask:
-        """Whether some of it is hidden."""
-        return np.asarray(self.light < self.unshaded)
-
-    @property
-    def share(self) -> Array32:
-        """The share of the light that is not kept away, 1 where there is none, (n,)."""
-        known = self.unshaded > 0.0
-        share = np.where(known, self.light / np.where(known, self.unshaded, 1.0), 1.0)
-        return share.astype(np.float32)
-
-    def some(self, which: Index) -> "_Lit":
-        return _Lit(self.unshaded[which], self.light[which])
-
-    def update(self, which: Index, better: "_Lit") -> None:
-        """Take in what is known better of some surfaces."""
-        self.unshaded[which], self.light[which] = better.unshaded, better.light
 
 
 class Eye:
@@ -170,16 +79,18 @@ class Eye:
         self.camera = scene.cameras[number]
         self.rays = RayTable(self.camera)
         self.lamps = Lamps(scene)
+        self._reach = Reach(self.camera, self.lamps)
         self._aims_mm = scene.aims_mm
         self._fixed = without_own_box(scene, self.camera.T_world_cam[:3, 3])
         self._movers = {surface.name: Mover(surface) for surface in scene.moving}
         self._shape = (self.camera.height_px, self.camera.width_px)
+        self._shadows = Shadows(self.lamps, self._shape)
         self._layers: dict[int, Array32] = {}
         self._bodies: Mask | None = None
         self._body_materials = [i for i, one in enumerate(scene.materials) if one == PAINTED]
         self._offsets = sample_offsets()
         self._spread = spread()
-        self._origins = np.tile(self.rays.origin_mm, (_CHUNK, 1))
+        self._origins = np.tile(self.rays.origin_mm, (CHUNK, 1))
 
     def layer(self, lamp: int) -> Array32:
         """Return what the camera sees of the fixed things under one lamp at level 1, (h, w)."""
@@ -232,9 +143,9 @@ class Eye:
         """Return where a picture may differ from that of the fixed things, (h, w)."""
         mask = np.zeros(self._shape, np.uint8)
         for mover in movers.values() if lit else ():
-            _fill(mask, self._outline(mover.corners_mm))
-            for outline in self._shadow_outlines(mover, lit):
-                _fill(mask, outline)
+            fill(mask, self._reach.outline(mover.corners_mm))
+            for outline in self._reach.shadow_outlines(mover, lit):
+                fill(mask, outline)
         wanted = mask.astype(bool)
         if movers and self._any_source(lit):
             wanted |= self._fixed_bodies()
@@ -246,7 +157,7 @@ class Eye:
             is_body = np.isin(self._fixed.material, self._body_materials)
             scene = ray_scene(self._fixed.vertices_mm, self._fixed.faces, robust=False)
             bodies = np.zeros(len(self.rays.directions), bool)
-            for part in _chunks(len(bodies), _CHUNK):
+            for part in chunks(len(bodies), CHUNK):
                 hits = self._meet(scene, self.rays.directions[part])
                 bodies[part] = (hits.triangle >= 0) & is_body[hits.triangle]
             wide = cv2.dilate(bodies.reshape(self._shape).astype(np.uint8), np.ones((3, 3)))
@@ -266,18 +177,21 @@ class Eye:
             mover
             for mover in movers.values()
             if lit
-            and (self._outline(mover.corners_mm) is not None or self._may_shade(mover, movers, lit))
+            and (
+                self._reach.outline(mover.corners_mm) is not None
+                or self._may_shade(mover, movers, lit)
+            )
         ]
 
     def _may_shade(self, mover: Mover, movers: Mapping[str, Mover], lit: Sequence[int]) -> bool:
         """Whether a thing out of sight may stand between a lamp and something in sight."""
-        if self._shadow_outlines(mover, lit):
+        if self._reach.shadow_outlines(mover, lit):
             return True
         if not self._any_source(lit):
             return False
         if self._fixed_bodies().any():
             return True
-        return any(self._outline(other.corners_mm) is not None for other in movers.values())
+        return any(self._reach.outline(other.corners_mm) is not None for other in movers.values())
 
     def _any_source(self, lit: Iterable[int]) -> bool:
         """Whether any of some lamps throws shadows."""
@@ -290,57 +204,6 @@ class Eye:
                 mover.place(poses[name])
                 movers[name] = mover
         return movers
-
-    def _outline(self, points_mm: Array) -> Outline | None:
-        """Return the convex outline of points in the picture, (n, 2) px; None if out of it."""
-        pixels, depth = project(self.camera, points_mm)
-        height, width = self._shape
-        if np.all(depth < _NEAR_MM):
-            return None
-        if np.any(depth < _NEAR_MM):  # it reaches behind the lens: anything is possible
-            return np.array(((0, 0), (width, 0), (width, height), (0, height)), np.int32)
-        low, high = pixels.min(axis=0) - _MARGIN_PX, pixels.max(axis=0) + _MARGIN_PX
-        if high[0] < 0 or high[1] < 0 or low[0] >= width or low[1] >= height:
-            return None
-        near = np.clip(np.rint(pixels), -_FAR_PX, _FAR_PX).astype(np.int32)
-        outline: Outline = cv2.convexHull(near)[:, 0]
-        return outline
-
-    def _shadow_outlines(self, mover: Mover, lit: Sequence[int]) -> list[Outline]:
-        """Return where shadows of a thing, soft borders included, may fall on table and panels."""
-        outlines = []
-        for lamp in lit:
-            source = self.lamps.sources[lamp]
-            if source is None:
-                continue
-            corners_mm = source.outline_mm()
-            for point, normal in self._screens():
-                outline = self._shadow_outline(corners_mm, mover.corners_mm, point, normal)
-                if outline is not None:
-                    outlines.append(outline)
-        return outlines
-
-    def _screens(self) -> list[tuple[Array, Array]]:
-        table = (np.zeros(3), np.array((0.0, 0.0, 1.0)))
-        standing = [
-            (lamp.centre_mm, lamp.normal)
-            for lamp in self.lamps.lamps
-            if lamp.kind == "panel" and abs(lamp.normal[2]) < 0.99
-        ]
-        return [table, *standing]
-
-    def _shadow_outline(
-        self, source: Array, corners: Array, point: Array, normal: Array
-    ) -> Outline | None:
-        lamp_height = float(((source - point) @ normal).min())
-        between = _slab(corners, (corners - point) @ normal, _HIGHEST * lamp_height)
-        if lamp_height <= 0.0 or len(between) == 0:
-            return None
-        height = (between - point) @ normal
-        over = (source - point) @ normal
-        scale = over[:, None] / (over[:, None] - height)
-        shadow = source[:, None] + (between - source[:, None]) * scale[..., None]
-        return self._outline(shadow.reshape(-1, 3))
 
     def _cast(
         self,
@@ -370,7 +233,7 @@ class Eye:
         on_mover = spots.some(moving)
         for lamp in lit:
             new = pixels[on_mover.ray]
-            unshaded[lamp].reshape(-1)[new] = self._unshaded(lamp, on_mover, new)
+            unshaded[lamp].reshape(-1)[new] = self._shadows.unshaded(lamp, on_mover, new)
             layers[lamp].reshape(-1)[new] = unshaded[lamp].reshape(-1)[new]
             fresh[lamp].reshape(-1)[new] = True
         jumps = self._jumps(unshaded, fresh, JUMP)
@@ -382,10 +245,12 @@ class Eye:
             layer = layers[lamp].reshape(-1)
             bright = np.flatnonzero(layer[pixels[spots.ray]] > 0.0)
             here, there = spots.some(bright), pixels[spots.ray[bright]]
-            found = self._shadow(assembly, lamp, here, there, 1, fine.reshape(-1)[there])
+            found = self._shadows.shadow(assembly, lamp, here, there, 1, fine.reshape(-1)[there])
             layer[there[here.moves]] *= found.share[here.moves]
             new = np.flatnonzero(~here.moves & found.is_shaded)
-            layer[there[new]] = found.share[new] * self._unshaded(lamp, here.some(new), there[new])
+            layer[there[new]] = found.share[new] * self._shadows.unshaded(
+                lamp, here.some(new), there[new]
+            )
             fresh[lamp].reshape(-1)[there[new]] = True
             near_shade[lamp].reshape(-1)[there] = found.is_near
         later = self._jumps(unshaded, fresh, JUMP) & ~jumps
@@ -477,23 +342,25 @@ class Eye:
         for lamp, layer in layers.items():
             light = layer.reshape(-1)[pixels]
             is_new = np.zeros(len(pixels), bool)
-            light[on_mover.ray] = self._unshaded(lamp, on_mover, pixels[on_mover.ray], step_px)
+            light[on_mover.ray] = self._shadows.unshaded(
+                lamp, on_mover, pixels[on_mover.ray], step_px
+            )
             is_new[on_mover.ray] = True
             unshaded = light.copy()
             if self.lamps.sources[lamp] is not None:
                 bright = np.flatnonzero(light[spots.ray] > 0.0)
                 here, there = spots.some(bright), spots.ray[bright]
-                found = self._shadow(assembly, lamp, here, pixels[there], step_px)
+                found = self._shadows.shadow(assembly, lamp, here, pixels[there], step_px)
                 light[there[here.moves]] *= found.share[here.moves]
                 new = np.flatnonzero(~here.moves & found.is_shaded)
                 at = there[new]
-                light[at] = self._unshaded(lamp, here.some(new), pixels[at], step_px)
+                light[at] = self._shadows.unshaded(lamp, here.some(new), pixels[at], step_px)
                 light[at] *= found.share[new]
                 is_new[at] = True
             seen[lamp] = _Seen(light, unshaded, is_new)
         return seen
 
-    def _spots_at(self, assembly: Assembly, pixels: Index, layers: Mapping[int, Array32]) -> _Spots:
+    def _spots_at(self, assembly: Assembly, pixels: Index, layers: Mapping[int, Array32]) -> Spots:
         """Return what moves in the middle of pixels, and what is fixed and may be shaded."""
         directions = self.rays.directions[pixels]
         hits = self._meet(assembly.scene, directions)
@@ -505,109 +372,6 @@ class Eye:
             assembly, hits, directions, curved=self._any_source(layers), met=np.flatnonzero(told)
         )
 
-    def _shadow(
-        self,
-        assembly: Assembly,
-        lamp: int,
-        spots: _Spots,
-        pixels: Index,
-        step_px: int,
-        passed_over: Mask | None = None,
-    ) -> _Shadow:
-        """Return how much of a ring or a spot surfaces see, one in each of some pixels.
-
-        That varies slowly over a surface, so that every other pixel in every other row is asked
-        first, and pixels at a surface's rim, where shadows may be narrow. The others take the
-        mean of their neighbours on the same surface, or are asked themselves where there is none,
-        or where these differ. Corners of blocks are asked one by one on what moves.
-
-        Parameters
-        ----------
-        step_px : from a pixel to its neighbours among these
-        passed_over : (n,) pixels that need not be right, only a neighbour's guess
-        """
-        places = np.stack(np.divmod(pixels, self._shape[1]), axis=1) // step_px
-        shape = (self._shape[0] // step_px, self._shape[1] // step_px)
-        alone = spots.moves if step_px > 1 else _rims(spots, places, shape)
-        is_coarse = ((places % 2) == 0).all(axis=1)
-        coarse = np.flatnonzero(is_coarse)
-        first = np.flatnonzero(is_coarse | alone)
-        probe = self._rays_to(assembly, lamp, spots.some(first), places[first], PROBE_COUNT)
-        half = (shape[0] // 2 + 1, shape[1] // 2 + 1)
-        is_lit = _wide_mask(places[first[probe.is_lit]] // 2, half)
-        is_near = _wide_mask(places[first[probe.is_shaded]] // 2, half)
-        at = tuple((places // 2).T)
-        is_near, is_partly = is_near[at], is_near[at] & is_lit[at]
-        found = probe.some(np.flatnonzero(is_coarse[first]))
-        partly = np.flatnonzero(is_partly[coarse])
-        again = coarse[partly]
-        more = self._rays_to(assembly, lamp, spots.some(again), places[again], COARSE_COUNT)
-        found.update(partly, more)
-        share = np.where(is_near, np.float32(0.0), np.float32(1.0))
-        is_shaded = is_near.copy()
-        if passed_over is not None:
-            is_partly &= ~passed_over
-        some = np.flatnonzero(is_partly & ~alone)
-        share[some], is_shaded[some], is_open = _from_neighbours(
-            spots, places, half, coarse, found, some
-        )
-        asked = np.append(some[is_open], np.flatnonzero(is_partly & alone))
-        count = PIXEL_COUNT if step_px == 1 else NODE_COUNT
-        own = self._rays_to(assembly, lamp, spots.some(asked), places[asked], count)
-        share[asked], is_shaded[asked] = own.share, own.is_shaded
-        return _Shadow(share, is_shaded, is_near)
-
-    def _unshaded(self, lamp: int, spots: _Spots, pixels: Index, step_px: int = 1) -> Array32:
-        """Return the light of a lamp on surfaces, one in each of some pixels, without shadows."""
-        source = self.lamps.sources[lamp]
-        if source is None:
-            return self._from_panel(lamp, spots)
-        light = np.zeros(len(pixels), np.float32)
-        rows, columns = np.divmod(pixels, self._shape[1])
-        mean = np.full(PROBE_COUNT, 1.0 / PROBE_COUNT, np.float32)
-        for part in _chunks(len(pixels), _CHUNK // PROBE_COUNT):
-            at = (columns[part] // step_px, rows[part] // step_px)
-            points_mm = source.points_mm(*at, PROBE_COUNT)
-            light[part] = self._from(lamp, spots.some(part), points_mm) @ mean
-        return light
-
-    def _rays_to(
-        self, assembly: Assembly, lamp: int, spots: _Spots, places: Index, count: int
-    ) -> _Lit:
-        """Cast rays from surfaces to so many points of a lamp each."""
-        source = self.lamps.sources[lamp]
-        if source is None:
-            raise ValueError("a panel has no shadow rays")
-        total = len(places)
-        unshaded, light = np.zeros(total, np.float32), np.zeros(total, np.float32)
-        mean = np.full(count, 1.0 / count, np.float32)
-        for part in _chunks(total, _CHUNK // count):
-            here = spots.some(part)
-            points_mm = source.points_mm(places[part, 1], places[part, 0], count)
-            radiance = self._from(lamp, here, points_mm)
-            seen = self._seen_from(assembly, here, points_mm, radiance)
-            unshaded[part], light[part] = radiance @ mean, (radiance * seen) @ mean
-        return _Lit(unshaded, light)
-
-    def _seen_from(
-        self, assembly: Assembly, spots: _Spots, points_mm: Array32, radiance: Array32
-    ) -> NDArray[np.bool_]:
-        """Return which points of a lamp light a surface, (n, k).
-
-        On what is fixed only moving things can throw new shadows; but where one does, shadows of
-        fixed things count as well, since both may take the same part of the lamp away.
-        """
-        seen = radiance > 0.0
-        starts = spots.points_mm + np.float32(_LIFT_MM) * spots.flat
-        moves = spots.moves[:, None]
-        _cast_shadows(assembly.scene, starts, points_mm, seen, seen & moves)
-        if not spots.moves.all():
-            asked = seen & ~moves
-            _cast_shadows(assembly.moving_scene, starts, points_mm, seen, asked)
-            shaded = np.any(asked & ~seen, axis=1, keepdims=True)
-            _cast_shadows(assembly.scene, starts, points_mm, seen, seen & shaded & ~moves)
-        return seen
-
     def _crossed(self, assembly: Assembly, among: Mask, lit: Sequence[int]) -> Mask:
         """Return which pixels an edge crosses: their corners see different light, (h, w).
 
@@ -616,16 +380,16 @@ class Eye:
         pixels = np.flatnonzero(among)
         crossed = np.zeros(len(pixels), bool)
         count = len(_PIXEL_CORNERS)
-        for part in _chunks(len(pixels), _CHUNK // count):
+        for part in chunks(len(pixels), CHUNK // count):
             directions = self.rays.fractions(pixels[part], _PIXEL_CORNERS)
             hits = self._meet(assembly.scene, directions)
             spots = self._spots(assembly, hits, directions, curved=self._any_source(lit))
             for lamp in lit:
                 light = np.zeros(len(directions), np.float32)
                 if self.lamps.sources[lamp] is None:
-                    light[spots.ray] = self._from_panel(lamp, spots)
+                    light[spots.ray] = self._shadows.from_panel(lamp, spots)
                 else:
-                    light[spots.ray] = self._from(lamp, spots, None)[:, 0]
+                    light[spots.ray] = self._shadows.from_points(lamp, spots, None)[:, 0]
                 crossed[part] |= np.ptp(light.reshape(-1, count), axis=1) > JUMP / 2.0
         mask = np.zeros(self._shape, bool)
         mask.reshape(-1)[pixels[crossed]] = True
@@ -649,7 +413,7 @@ class Eye:
         """
         count = len(self._offsets)
         mean = np.full(count, 1.0 / count, np.float32)
-        for part in _chunks(len(pixels), _CHUNK // count):
+        for part in chunks(len(pixels), CHUNK // count):
             some = pixels[part]
             directions = self.rays.fractions(some, self._offsets)
             hits = self._meet(assembly.scene, directions)
@@ -659,20 +423,20 @@ class Eye:
                 light = np.zeros(len(directions), np.float32)
                 source = self.lamps.sources[lamp]
                 if source is None:
-                    light[spots.ray] = self._from_panel(lamp, spots)
+                    light[spots.ray] = self._shadows.from_panel(lamp, spots)
                 else:
                     points_mm = source.points_mm(columns, rows, count).reshape(-1, 1, 3)[spots.ray]
-                    radiance = self._from(lamp, spots, points_mm)
+                    radiance = self._shadows.from_points(lamp, spots, points_mm)
                     seen = radiance > 0.0
                     asked = seen & near_shade[lamp].reshape(-1)[some[spots.ray // count], None]
-                    starts = spots.points_mm + np.float32(_LIFT_MM) * spots.flat
-                    _cast_shadows(assembly.scene, starts, points_mm, seen, asked)
+                    starts = spots.points_mm + np.float32(LIFT_MM) * spots.flat
+                    cast_shadows(assembly.scene, starts, points_mm, seen, asked)
                     light[spots.ray] = (radiance * seen)[:, 0]
                 layer.reshape(-1)[some] = light.reshape(-1, count) @ mean
 
     def _meet(self, scene: Any, directions: Array32) -> _Hits:  # noqa: ANN401  (embree has no types)
         parts = []
-        for part in _chunks(len(directions), _CHUNK) or [slice(0)]:
+        for part in chunks(len(directions), CHUNK) or [slice(0)]:
             some = directions[part]
             parts.append(scene.run(self._origins[: len(some)], some, output=True))
         if len(parts) == 1:
@@ -689,7 +453,7 @@ class Eye:
         *,
         curved: bool,
         met: Index | None = None,
-    ) -> _Spots:
+    ) -> Spots:
         """Return the surfaces that rays met.
 
         Parameters
@@ -708,7 +472,7 @@ class Eye:
             normals = corner[:, 0] * (1.0 - u - v) + corner[:, 1] * u + corner[:, 2] * v
             normals /= np.sqrt(np.einsum("ij,ij->i", normals, normals))[:, None] + np.float32(1e-9)
             normals = _towards_camera(normals, views)
-        return _Spots(
+        return Spots(
             met,
             self.rays.origin_mm + views * hits.far[met, None],
             normals,
@@ -719,17 +483,6 @@ class Eye:
             triangle >= assembly.fixed_count,
         )
 
-    def _from_panel(self, lamp: int, spots: _Spots) -> Array32:
-        # its faint spill shows no curvature
-        return self.lamps.from_panel(
-            lamp, spots.points_mm, spots.flat, spots.views, spots.material, spots.panel
-        )
-
-    def _from(self, lamp: int, spots: _Spots, points_mm: Array32 | None) -> Array32:
-        return self.lamps.from_points(
-            lamp, points_mm, spots.points_mm, spots.normals, spots.views, spots.material
-        )
-
 
 def _towards_camera(normals: Array32, views: Array32) -> Array32:
     """Return normals turned over where they point away."""
@@ -738,142 +491,11 @@ def _towards_camera(normals: Array32, views: Array32) -> Array32:
     return normals
 
 
-def _cast_shadows(
-    scene: Any,  # noqa: ANN401  (embree has no types)
-    starts_mm: Array32,
-    points_mm: Array32,
-    seen: Mask,
-    asked: Mask,
-) -> None:
-    """Take away from ``seen``, (n, k), what a scene hides among the pairs that are asked for.
-
-    Parameters
-    ----------
-    starts_mm : (n, 3) off the surface
-    points_mm : (n, k, 3) of the lamp
-    """
-    pairs = np.flatnonzero(asked)
-    if len(pairs) == 0:
-        return
-    starts = starts_mm[pairs // asked.shape[1]]
-    towards = points_mm.reshape(-1, 3)[pairs] - starts
-    length = np.full(len(pairs), _SHORT_OF, np.float32)
-    met: NDArray[np.int32] = scene.run(starts, towards, length, query="OCCLUDED")
-    seen.reshape(-1)[pairs[met >= 0]] = False
-
-
-def _from_neighbours(
-    spots: _Spots,
-    places: Index,
-    shape: tuple[int, ...],
-    coarse: Index,
-    found: _Lit,
-    some: Index,
-) -> tuple[Array32, Mask, Mask]:
-    """Return what is known of a source from samples in every other row and column.
-
-    Parameters
-    ----------
-    places : (n, 2) rows and columns of all spots
-    shape : of the grid of samples, half as many rows and columns
-    coarse, found : (m,) numbers of the spots that were sampled, and what came of it
-    some : (k,) numbers of the spots that are asked for
-
-    Returns
-    -------
-    (k,) share of the source that is seen, (k,) bool whether part of it is hidden,
-    (k,) bool whether neighbours do not tell
-    """
-    sample = np.full((shape[0] + 2, shape[1] + 2), -1, np.intp)
-    sample[places[coarse, 0] // 2 + 1, places[coarse, 1] // 2 + 1] = np.arange(len(coarse))
-    row, column = places[some, 0], places[some, 1]
-    points_mm, flat, moves = spots.points_mm[some], spots.flat[some], spots.moves[some]
-    light, unshaded = np.zeros(len(some), np.float32), np.zeros(len(some), np.float32)
-    brightest = np.zeros(len(some), np.float32)
-    least, most = np.ones(len(some), np.float32), np.zeros(len(some), np.float32)
-    is_shaded = np.zeros(len(some), bool)
-    lean = np.zeros((len(some), 2), np.float32)  # of the neighbours' middle off the pixel
-    share = found.share
-    for down, right in itertools.product((-1, 0, 1), repeat=2):
-        at_row, at_column = row // 2 + down, column // 2 + right
-        weight = (3 - np.abs(2 * at_row - row)) * (3 - np.abs(2 * at_column - column))
-        index = sample[at_row + 1, at_column + 1]
-        pair = np.flatnonzero((weight > 0) & (index >= 0))
-        other = coarse[index[pair]]
-        apart = np.einsum("ij,ij->i", spots.points_mm[other] - points_mm[pair], flat[pair])
-        alike = np.einsum("ij,ij->i", spots.flat[other], flat[pair]) > _ALIKE_COS
-        alike &= (np.abs(apart) < _ALIKE_MM) & (spots.moves[other] == moves[pair])
-        pair = pair[alike]
-        it, much = index[pair], weight[pair].astype(np.float32)
-        light[pair] += much * found.light[it]
-        unshaded[pair] += much * found.unshaded[it]
-        brightest[pair] = np.maximum(brightest[pair], found.unshaded[it])
-        least[pair] = np.minimum(least[pair], share[it])
-        most[pair] = np.maximum(most[pair], share[it])
-        is_shaded[pair] |= found.is_shaded[it]
-        lean[pair, 0] += much * (2 * at_row - row)[pair]
-        lean[pair, 1] += much * (2 * at_column - column)[pair]
-    known = unshaded > 0.0
-    span = most - least
-    leans = np.any(lean != 0.0, axis=1)
-    is_open = ~known | (span > DIFFER) | (leans & (span * brightest > LEAN_DIFFER))
-    mean = np.where(known, light / np.where(known, unshaded, 1.0), 1.0).astype(np.float32)
-    return mean, is_shaded, is_open
-
-
-def _rims(spots: _Spots, places: Index, shape: tuple[int, ...]) -> Mask:
-    """Return which of some pixels have a neighbour that is off their surface's plane, (n,)."""
-    number = np.full((shape[0] + 1, shape[1] + 1), -1, np.int32)
-    number[places[:, 0], places[:, 1]] = np.arange(len(places), dtype=np.int32)
-    rims = np.zeros(len(places), bool)
-    for down, right in ((0, 1), (1, 0)):
-        other = number[places[:, 0] + down, places[:, 1] + right]
-        one = np.flatnonzero(other >= 0)
-        other = other[one]
-        apart = spots.points_mm[other] - spots.points_mm[one]
-        off = np.abs(np.einsum("ij,ij->i", apart, spots.flat[one])) > _ALIKE_MM
-        rims[one[off]] = True
-        rims[other[off]] = True
-    return rims
-
-
-def _wide_mask(places: Index, shape: tuple[int, ...]) -> Mask:
-    """Return a mask of places, rows and columns, and those next to them."""
-    mask = np.zeros(shape, np.uint8)
-    mask[places[:, 0], places[:, 1]] = 1
-    wide: Mask = np.asarray(cv2.dilate(mask, np.ones((3, 3), np.uint8)), bool)
-    return wide
-
-
-def _slab(corners: Array, height: Array, highest: float) -> Array:
-    """Return corners that bound what of a convex thing is between height 0 and the highest."""
-    for sign, limit in ((1.0, highest), (-1.0, 0.0)):
-        over = sign * (height - limit)
-        inside, outside = np.flatnonzero(over <= 0.0), np.flatnonzero(over > 0.0)
-        i, o = (one.ravel() for one in np.meshgrid(inside, outside))
-        share = (over[i] / (over[i] - over[o]))[:, None]
-        cut = corners[i] * (1.0 - share) + corners[o] * share
-        corners = np.concatenate((corners[inside], cut))
-        height = np.concatenate((height[inside], np.full(len(cut), limit)))
-    return corners
-
-
-def _fill(mask: NDArray[np.uint8], outline: Outline | None) -> None:
-    """Mark what is within an outline, and a margin that lens distortion may need."""
-    if outline is not None:
-        cv2.fillConvexPoly(mask, outline, 1)
-        cv2.polylines(mask, [outline], isClosed=True, color=1, thickness=2 * _MARGIN_PX + 1)
-
-
 def _with_neighbours(
     chosen: NDArray[np.bool_], blocks: Index, shape: tuple[int, ...]
 ) -> NDArray[np.bool_]:
     """Return which blocks are chosen or next to a chosen one."""
-    return _wide_mask(blocks[chosen], shape)[blocks[:, 0], blocks[:, 1]]
-
-
-def _chunks(count: int, size: int) -> list[slice]:
-    return [slice(start, min(count, start + size)) for start in range(0, count, size)]
+    return wide_mask(blocks[chosen], shape)[blocks[:, 0], blocks[:, 1]]
 
 
 def _jumps(values: Array32, only: Mask, least: float) -> Mask:
