@@ -50,6 +50,7 @@ class SearchLimits:
     coarse_samples : edge samples of a coarse fit: enough to tell a turn that is off
     fine_samples, fine_outline : of a full one; of one to an outline
     first_reach_mm : how far off a candidate may lie: its place comes from a centroid
+    slack_mm : less than this, by which a tall part's place may be off, is in that reach already
     coarse_share : of the best one's coarse score that others need for a full fit
     overlap_gap : of silhouettes, by which a candidate may fall short of one that fits perfectly
     perfect, perfect_px : probability from which, and misfit up to which a fit is perfect
@@ -67,6 +68,7 @@ class SearchLimits:
     fine_samples: int = 1000
     fine_outline: int = 600
     first_reach_mm: float = 5.0
+    slack_mm: float = 1.5
     coarse_share: float = 0.75
     overlap_gap: float = 0.025
     perfect: float = 0.9
@@ -121,10 +123,9 @@ def weigh(
     for candidate in distinct(candidates, library)[:most]:
         if candidate.overlap < bound:
             break  # one fits perfectly, and this one's outline is another
-        coarse = _coarse(candidate, sight, camera, library, limits)
+        coarse, score = _coarse(candidate, sight, camera, library, limits)
         if coarse is None:
             continue
-        score = _coarse_score(coarse)
         if score < limits.sure_coarse:
             held.append((score, candidate, coarse))
             continue
@@ -207,14 +208,29 @@ def _reach_px(mm: float, sight: Sight) -> float:
 
 def _coarse(
     candidate: Candidate, sight: Sight, camera: Camera, library: Library, limits: SearchLimits
-) -> EdgeFit | None:
+) -> tuple[EdgeFit | None, float]:
+    """Return a candidate's first fit and its score; a tall part's place is looked for farther off.
+
+    A longer reach is a second try, since it also finds more edges that are another's.
+    """
     pose = library.entries[candidate.part].pose(candidate.pose)
     model = library.model(candidate.part)
     T = lying(model, pose, candidate.x_mm, candidate.y_mm, candidate.theta_rad)
-    options = FitOptions(
-        reach_px=(_reach_px(limits.first_reach_mm, sight),), steps=3, most=limits.coarse_samples
-    )
-    return fit_edges(model, T, camera, sight.measure, options)
+    best, best_score = None, 0.0
+    for slack_mm in (0.0, candidate.slack_mm):
+        options = FitOptions(
+            reach_px=(_reach_px(limits.first_reach_mm + slack_mm, sight),),
+            steps=3,
+            most=limits.coarse_samples,
+        )
+        fit = fit_edges(model, T, camera, sight.measure, options)
+        score = 0.0 if fit is None else _coarse_score(fit)
+        if score > best_score:
+            best, best_score = fit, score
+        is_near = candidate.slack_mm < limits.slack_mm or not sight.is_backlit  # lines say more
+        if best_score >= limits.sure_coarse or is_near:
+            break
+    return best, best_score
 
 
 def _coarse_score(fit: EdgeFit) -> float:

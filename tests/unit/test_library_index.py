@@ -132,11 +132,6 @@ def test_every_likely_way_of_every_part_is_among_the_best_at_its_place(name: str
         assert min(off, default=np.inf) < REACH_MM
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="a part 60 mm tall and 10 mm wide has views below the camera and on a ring of 104 mm; "
-    "half-way between, 48 views of other parts are nearer than its own",
-)
 @pytest.mark.parametrize("place", [(0.0, 30.0), (0.0, 40.0), (0.0, 50.0)])
 def test_a_plate_on_end_is_proposed_wherever_it_stands(place: tuple[float, float]) -> None:
     on_end = next(k for k, p in enumerate(poses("plate")) if p.com_height_mm > 25)
@@ -181,17 +176,17 @@ def test_a_view_of_a_tall_part_speaks_for_its_own_side_alone(side: int) -> None:
     # and by none of the other three turns
     made = views("square_bar")
     standing = next(p for p in poses("square_bar") if p.com_height_mm > 30)
-    on_right = (made.pose == standing.index) & (made.place_mm[:, 0] > 1)
-    (at,) = np.flatnonzero(on_right & (np.abs(made.place_mm[:, 1]) < 1e-6))
+    on_right = (made.pose == standing.index) & (np.abs(made.place_mm[:, 1]) < 1e-6)
+    at = int(np.where(on_right, made.place_mm[:, 0], 0.0).argmax())  # on the outer ring
     assert np.isfinite(made.ring_mm[at])
-    alone = ViewIndex([only_from(made, int(at))], CAMERA.position_mm)
+    alone = ViewIndex([only_from(made, at)], CAMERA.position_mm)
     x, y = 70 * np.cos(np.radians(side)), 70 * np.sin(np.radians(side))
     eye = CAMERA.position_mm
     T = resting(solid("square_bar"), standing.R, x + eye[0], y + eye[1], 0.0)
     (found,) = alone.search(silhouette_of("square_bar", T), within=0.5)
     assert gap(found.theta_rad, np.radians(side)) < np.radians(3.0)
     # the rule is what leaves one: a view that spoke for everywhere would offer others
-    heedless = replace(only_from(made, int(at)), ring_mm=np.array([np.inf]))
+    heedless = replace(only_from(made, at), ring_mm=np.array([np.inf]))
     free = ViewIndex([heedless], CAMERA.position_mm)
     assert len(free.search(silhouette_of("square_bar", T), within=0.5)) > 1
 
@@ -237,13 +232,13 @@ def test_a_round_views_perimeter_is_nearly_that_of_the_shadow() -> None:
     assert flat.perimeter_mm[round_ones] == pytest.approx(wide, rel=0.12)
 
 
-def test_a_flat_part_needs_one_view_and_a_tall_one_a_ring_of_them() -> None:
+def test_a_flat_part_needs_one_view_and_a_tall_one_rings_of_them() -> None:
     def count(name: str, height: float) -> int:
         pose = next(p for p in poses(name) if 2 * p.com_height_mm == pytest.approx(height))
         return int((views(name).pose == pose.index).sum())
 
     assert count("disc", 10.0) == 1 + 8  # 10 mm are 2.2 mm of shift in the corner, of 40: 5.5 %
-    assert count("square_bar", 70.0) == 1 + 16
+    assert count("square_bar", 70.0) == 1 + 8 + 16
     low = Station(eye_mm=2000.0, reach_mm=150.0)
     assert len(view_part(solid("disc"), poses("disc")[:1], model("disc").caster, low).pose) == 1
 

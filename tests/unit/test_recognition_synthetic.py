@@ -15,6 +15,7 @@ from table_pictures import SIZE, coverage, overhead, picture, resting, silhouett
 
 from controller.cad import (
     CadError,
+    Camera,
     PointLamp,
     Solid,
     StablePose,
@@ -358,3 +359,38 @@ def test_a_part_too_large_for_the_picture_is_refused_by_name() -> None:
     with pytest.raises(CadError, match=r"rail: 240 mm long.*does not fit"):
         make_library([compile_solid(solid_of(box(240, 30, 10), "rail"))], CAMERA)
     assert make_library([compile_solid(solid_of(box(150, 100, 10), "sheet"))], CAMERA).entries
+
+
+def tower() -> Body:
+    """A block on end, with a step on one side: its top hides its foot, and leans outwards."""
+    return box(30, 26, 110).translate((0, 0, 55)) + box(14, 12, 96).translate((0, 16, 48))
+
+
+def wide() -> Camera:
+    """The same camera with a lens that sees 560 x 450 mm of the table."""
+    K = CAMERA.K.copy()
+    K[[0, 1], [0, 1]] /= 2.5
+    return Camera(CAMERA.size_px, K, CAMERA.distortion, CAMERA.T_world_cam)
+
+
+@cache
+def tower_library() -> tuple[Solid, Library]:
+    solid = solid_of(tower(), "tower")
+    return solid, make_library([compile_solid(solid)], wide())
+
+
+@pytest.mark.parametrize("away_mm", [0.0, 35.0, 70.0, 105.0])
+@pytest.mark.parametrize("side_deg", [0, 50, 160, 265])
+def test_a_tall_part_is_known_between_the_places_its_views_were_made_for(
+    away_mm: float, side_deg: int
+) -> None:
+    solid, known = tower_library()
+    side = np.radians(side_deg)
+    foot = wide().position_mm[:2] + away_mm * np.array([np.cos(side), np.sin(side)])
+    T = resting(solid, np.eye(3), float(foot[0]), float(foot[1]), 1.3 * side + 0.4)
+    seen = recognise(picture([silhouette(solid.mesh, T, wide())]), wide(), known, "backlit")
+    (sighting,) = seen.sightings
+    assert sighting.part == "tower", sighting.reason
+    assert sighting.T_world_part is not None
+    off = transform(sighting.T_world_part, solid.mesh.vertices) - transform(T, solid.mesh.vertices)
+    assert np.abs(off).max() < 0.2

@@ -54,6 +54,7 @@ class Candidate:
     x_mm, y_mm : of the centre of mass
     overlap : cosine of the two silhouettes, 0..1
     distance : in the index
+    slack_mm : how far off its place may be because the view was made for another one
     """
 
     part: int
@@ -63,6 +64,7 @@ class Candidate:
     y_mm: float
     overlap: float
     distance: float
+    slack_mm: float = 0.0
 
     @property
     def place_mm(self) -> Array:
@@ -85,6 +87,7 @@ class ViewIndex:
         self.pose: Ids = np.concatenate([v.pose for v in views])
         self.place_mm = np.concatenate([v.place_mm for v in views])
         self.ring_mm = np.concatenate([v.ring_mm for v in views])
+        self.lean = np.concatenate([v.lean for v in views])
         self.centroid_mm = np.concatenate([v.centroid_mm for v in views])
         self.area_mm2 = np.concatenate([v.area_mm2 for v in views])
         self._perimeter_mm = np.concatenate([v.perimeter_mm for v in views])
@@ -179,7 +182,8 @@ class ViewIndex:
             c, s = np.cos(theta), np.sin(theta)
             R = np.array([[c, -s], [s, c]])
             place = seen.centroid_mm - R @ self.centroid_mm[view] - foot
-            if np.linalg.norm(place - R @ self.place_mm[view]) > self.ring_mm[view]:
+            apart = float(np.linalg.norm(place - R @ self.place_mm[view]))
+            if apart > self.ring_mm[view]:
                 continue  # seen from that side it would look otherwise
             x, y = place + foot
             found.append(
@@ -191,6 +195,7 @@ class ViewIndex:
                     float(y),
                     float(scores[k]),
                     distance,
+                    apart * float(self.lean[view]),
                 )
             )
             if len(found) == turns_each:

@@ -2,8 +2,9 @@
 
 A shadow cast from the camera's centre onto z = 0 is what the picture's outline becomes when its
 pixels are taken to the table plane. It depends on the camera's place alone, not on its lens, and
-on where the part lies: the taller the part, the more. A flat pose needs one view; a tall one gets
-a ring of them, the part lying to this side and that of the point below the camera.
+on where the part lies: the taller the part, the more. A flat pose needs one view; a taller one gets
+a ring of them, the part lying to this side and that of the point below the camera; one that stands
+on its end gets two rings.
 """
 
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from ._polar import HALF, from_raster, shape_of
 Array = NDArray[np.float64]
 
 EMPTY_PX = 5
+EPS_MM = 1.0
 RASTER_PX = 128  # a shadow's longer side
 FLAT_SHARE = 0.05  # of the outline's size that perspective may move it before more views are made
 RING_SHARE = 0.65  # where the ring of views stands, between the middle and the farthest corner
@@ -55,6 +57,7 @@ class PartViews:
     bits : (n, RINGS, ANGLES / 8) uint8 polar grids, a bit a cell: thousands stay in memory
     shapes : (n, f) float16 what of them does not change with the turn
     ring_mm : (n,) distance within which a view speaks for a place; inf where one is enough
+    lean : (n,) how far the shadow of the part's top moves as the part moves, over its foot
     """
 
     pose: NDArray[np.int32]
@@ -65,6 +68,7 @@ class PartViews:
     bits: NDArray[np.uint8]
     shapes: NDArray[np.float16]
     ring_mm: Array
+    lean: Array
 
 
 class Weighted(Protocol):
@@ -111,11 +115,13 @@ def view_part(
     rows = []
     eye = np.array([0.0, 0.0, station.eye_mm])
     for pose in poses:
+        height = float(np.ptp(solid.mesh.vertices @ pose.R[2]))
+        lean = height / max(station.eye_mm - height, EPS_MM)
         for place, ring in _places(solid, pose, station):
             T = lying(solid, pose, place[0], place[1], 0.0)
             area, perimeter, centroid, grid = _shadow(solid, caster, T, eye)
-            rows.append((pose.index, place, area, perimeter, centroid - place, grid, ring))
-    pose_of, places, areas, perimeters, centroids, grids, rings = zip(*rows, strict=True)
+            rows.append((pose.index, place, area, perimeter, centroid - place, grid, ring, lean))
+    pose_of, places, areas, perimeters, centroids, grids, rings, leans = zip(*rows, strict=True)
     packed = np.packbits(np.stack(grids) > HALF, axis=-1)
     return PartViews(
         pose=np.array(pose_of, dtype=np.int32),
@@ -126,6 +132,7 @@ def view_part(
         bits=packed,
         shapes=shape_of(np.unpackbits(packed, axis=-1) * np.uint8(255)).astype(np.float16),
         ring_mm=np.array(rings),
+        lean=np.array(leans),
     )
 
 
@@ -138,11 +145,19 @@ def _places(solid: Solid, pose: StablePose, station: Station) -> list[tuple[Arra
     middle = np.zeros(2)
     if shift < FLAT_SHARE * size:
         return [(middle, np.inf)]
-    count = RING_VIEWS if shift < TALL_SHARE * size else 2 * RING_VIEWS
     ring = RING_SHARE * station.reach_mm
+    far = [(place, 0.75 * ring) for place in _around(ring, RING_VIEWS)]
+    if shift < TALL_SHARE * size:
+        return [(middle, 0.75 * ring), *far]
+    far = [(place, 0.75 * ring) for place in _around(ring, 2 * RING_VIEWS)]
+    near = [(place, 0.75 * ring) for place in _around(0.5 * ring, RING_VIEWS)]
+    return [(middle, 0.75 * ring), *near, *far]
+
+
+def _around(ring_mm: float, count: int) -> Array:
+    """Return places (count, 2) on a ring about the middle."""
     turn = np.arange(count) * 2 * np.pi / count
-    around = ring * np.column_stack([np.cos(turn), np.sin(turn)])
-    return [(middle, 0.75 * ring)] + [(place, 0.75 * ring) for place in around]
+    return ring_mm * np.column_stack([np.cos(turn), np.sin(turn)])
 
 
 def _shadow(
