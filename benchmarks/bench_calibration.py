@@ -17,14 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.cad import Camera, inverse_pose
-from controller.config.target import CalibrationTarget, load_target
-from controller.recognition.calibration import (
+from controller.commissioning.calibration import (
     Chessboard,
     View,
     WorldFrame,
     calibrate,
     find_board,
 )
+from controller.config.target import CalibrationTarget, load_target
 
 Array = NDArray[np.float64]
 IMAGES = Path(__file__).resolve().parents[2] / "shared" / "images"

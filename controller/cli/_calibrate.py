@@ -1,6 +1,6 @@
 """`cellctl calibrate camera`: pictures of a board -> the camera, its lens, where it stands.
 
-Reads files and tells the operator; what is computed is `controller.recognition.calibration`.
+Reads files and tells the operator; what is computed is `controller.commissioning.calibration`.
 """
 
 from collections.abc import Mapping
@@ -14,9 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
-from controller.config import ConfigError
-from controller.config.target import CalibrationTarget, load_target
-from controller.recognition.calibration import (
+from controller.commissioning.calibration import (
     Calibration,
     CalibrationError,
     Charuco,
@@ -28,6 +26,8 @@ from controller.recognition.calibration import (
     calibrate,
     find_board,
 )
+from controller.config import ConfigError
+from controller.config.target import CalibrationTarget, load_target
 
 from ._before import check_writable_folder
 from ._calibration_file import calibration_body, write_calibration

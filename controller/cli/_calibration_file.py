@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.cad import Camera
+from controller.commissioning.calibration import PARAMETERS, Calibration, Placed
 from controller.config import ConfigError
 from controller.config.cell import LEAST_HEIGHT_MM, MOST_HEIGHT_MM
 from controller.config.files import read_text
-from controller.recognition.calibration import PARAMETERS, Calibration, Placed
 
 from ._pictures import MOST_PIXELS
 

@@ -12,8 +12,8 @@ from rich.table import Table
 from controller.cad.compiled import load_part
 from controller.cell.planner_setup import planner_setup
 from controller.cell.plans import Planning
+from controller.commissioning.siting import Site, SiteOptions, SiteReport, SiteScore, site_report
 from controller.config import build_layout, load_cell
-from controller.planning.siting import Site, SiteOptions, SiteReport, SiteScore, site_report
 
 from ._output import emit, say, stderr, stdout
 from ._planned_parts import PartFile

@@ -10,7 +10,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field, model_validator
 
-from controller.recognition.calibration import (
+from controller.commissioning.calibration import (
     Charuco,
     Chessboard,
     Placed,

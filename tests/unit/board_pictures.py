@@ -16,7 +16,7 @@ from scipy.interpolate import RectBivariateSpline
 from scipy.spatial.transform import Rotation
 
 from controller.cad import Camera, inverse_pose
-from controller.recognition.calibration import (
+from controller.commissioning.calibration import (
     Charuco,
     FoundBoard,
     Placed,

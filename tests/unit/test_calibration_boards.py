@@ -12,7 +12,7 @@ from board_pictures import (
     true_pixels,
 )
 
-from controller.recognition.calibration import (
+from controller.commissioning.calibration import (
     Charuco,
     Chessboard,
     NoBoardError,

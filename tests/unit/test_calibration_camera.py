@@ -10,7 +10,7 @@ from board_pictures import Scene, camera_over_table, corners_of, noisy_views, po
 from scipy.spatial.transform import Rotation
 
 from controller.cad import Camera, inverse_pose
-from controller.recognition.calibration import (
+from controller.commissioning.calibration import (
     PARAMETERS,
     Calibration,
     CalibrationError,
@@ -22,9 +22,9 @@ from controller.recognition.calibration import (
     WorldFrame,
     calibrate,
 )
-from controller.recognition.calibration._refusals import check_uncertainty
-from controller.recognition.calibration._solve import Solution, solve
-from controller.recognition.calibration._uncertainty import spread
+from controller.commissioning.calibration._refusals import check_uncertainty
+from controller.commissioning.calibration._solve import Solution, solve
+from controller.commissioning.calibration._uncertainty import spread
 
 BOARD = Chessboard((8, 5), 12.0)
 WORLD = WorldFrame("flat 0", (-40.0, -25.0, 0.0), float(np.radians(8.0)))

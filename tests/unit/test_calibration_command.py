@@ -17,8 +17,8 @@ from board_pictures import camera_over_table, picture_of, pose
 from controller.cli import main
 from controller.cli._calibrate import _read
 from controller.cli._calibration_file import load_calibration, write_calibration
+from controller.commissioning.calibration import Chessboard
 from controller.config import ConfigError
-from controller.recognition.calibration import Chessboard
 
 BOARD = Chessboard((7, 4), 14.0)
 CAMERA = camera_over_table((240, 192), (420.0, 525.0), (-0.2, 0.1, 0.0, 0.0, 0.0), height_mm=400.0)

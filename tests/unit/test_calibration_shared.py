@@ -12,8 +12,8 @@ import pytest
 from cad_solids import SHARED
 
 from controller.cad import Camera
+from controller.commissioning.calibration import View, calibrate, find_board
 from controller.config.target import load_target
-from controller.recognition.calibration import View, calibrate, find_board
 
 IMAGES = SHARED / "images"
 pytestmark = [

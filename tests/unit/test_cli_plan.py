@@ -16,6 +16,7 @@ from controller.cad.compiled import load_part
 from controller.cell import planner_setup, plans
 from controller.cell.plans import digest_of
 from controller.cli import _plan_site, main
+from controller.commissioning.siting import PartScore, SiteReport, SiteScore, site_of
 from controller.config import build_layout, load_cell
 from controller.planning import (
     Box,
@@ -24,7 +25,6 @@ from controller.planning import (
     PlanOptions,
     certificates,
 )
-from controller.planning.siting import PartScore, SiteReport, SiteScore, site_of
 from controller.results.plan_page import _coverage as coverage
 from controller.results.plan_page import _strip as strip
 

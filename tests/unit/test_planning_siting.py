@@ -11,9 +11,7 @@ import trimesh
 from planning_cell import emulated_layout
 
 from controller.cad import Solid, inverse_pose, make_solid, sample_surface
-from controller.planning import Box, CellLayout, PlanOptions, PreparedPart, Tray, prepare_part
-from controller.planning.motion import tip_pose
-from controller.planning.siting import (
+from controller.commissioning.siting import (
     PartScore,
     Site,
     SiteOptions,
@@ -24,19 +22,21 @@ from controller.planning.siting import (
     site_of,
     site_report,
 )
-from controller.planning.siting._checked import passed_on
-from controller.planning.siting._grids import (
+from controller.commissioning.siting._checked import passed_on
+from controller.commissioning.siting._grids import (
     camera_grid,
     direction,
     fixture_frame,
     fixture_grid,
 )
-from controller.planning.siting._keepouts import glowing_area, standing_boxes, why_not_here
-from controller.planning.siting._reach import shown_directions, sphere
-from controller.planning.siting._report import least_moved
-from controller.planning.siting._score import value_of
-from controller.planning.siting._sight import links_in_sight
-from controller.planning.siting._site import fellows_of, standoff_mm
+from controller.commissioning.siting._keepouts import glowing_area, standing_boxes, why_not_here
+from controller.commissioning.siting._reach import shown_directions, sphere
+from controller.commissioning.siting._report import least_moved
+from controller.commissioning.siting._score import value_of
+from controller.commissioning.siting._sight import links_in_sight
+from controller.commissioning.siting._site import fellows_of, standoff_mm
+from controller.planning import Box, CellLayout, PlanOptions, PreparedPart, Tray, prepare_part
+from controller.planning.motion import tip_pose
 
 LAYOUT = emulated_layout()
 FELLOWS = fellows_of(LAYOUT)

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.cad import inverse_pose
+from controller.planning.boxes import BoolArray
+from controller.planning.layout import CellLayout, FloatArray, IntArray
+from controller.planning.motion import inverse_rows
 
-from ..boxes import BoolArray
-from ..layout import CellLayout, FloatArray, IntArray
-from ..motion import inverse_rows
 from ._family import FamilyMember
 from ._site import Site, camera_frame, standoff_mm
 

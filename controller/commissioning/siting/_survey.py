@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..layout import CellLayout
-from ..prepared import PreparedPart
+from controller.planning.layout import CellLayout
+from controller.planning.prepared import PreparedPart
+
 from ._checked import score_site
 from ._family import FamilyMember, family_member
 from ._keepouts import why_not_here

@@ -9,10 +9,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..boxes import BoolArray
-from ..layout import CellLayout, FloatArray
-from ..motion import move_seconds
-from ..prepared import HandOff
+from controller.planning.boxes import BoolArray
+from controller.planning.layout import CellLayout, FloatArray
+from controller.planning.motion import move_seconds
+from controller.planning.prepared import HandOff
+
 from ._family import FamilyMember
 
 LEAST_GAIN = 0.002  # of the surface that one more view must add

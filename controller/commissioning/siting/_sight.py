@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..boxes import BoolArray, segments_hit
-from ..layout import Box, CellLayout, FloatArray
+from controller.planning.boxes import BoolArray, segments_hit
+from controller.planning.layout import Box, CellLayout, FloatArray
 
 AROUND_N = 8  # points round the part's outline that the camera has to see, beside its middle
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..layout import CellLayout, FloatArray
+from controller.planning.layout import CellLayout, FloatArray
+
 from ._site import STEEP, Site, site_of
 
 STATION_AZIMUTHS_DEG = (-50.0, -25.0, 0.0, 25.0, 50.0)

@@ -9,14 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.cad import Solid, StablePose, inverse_pose
+from controller.planning.boxes import BoolArray
+from controller.planning.grip import Grip
+from controller.planning.grips import (
+    clear_of_table,
+    resting_pose,
+    select_arm_grips,
+    spread,
+    turned_over,
+)
+from controller.planning.layout import CellLayout, FloatArray, IntArray
+from controller.planning.motion import inverse_rows
+from controller.planning.prepared import PreparedPart
+from controller.planning.views import hidden_by_hand, holding_boxes, view_poses
 
-from ..boxes import BoolArray
-from ..grip import Grip
-from ..grips import clear_of_table, resting_pose, select_arm_grips, spread, turned_over
-from ..layout import CellLayout, FloatArray, IntArray
-from ..motion import inverse_rows
-from ..prepared import PreparedPart
-from ..views import hidden_by_hand, holding_boxes, view_poses
 from ._site import standoff_mm
 
 PER_POSE_N = 4  # grips kept for taking each stable pose up

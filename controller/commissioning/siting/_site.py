@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from controller.cad import Camera, inverse_pose
-
-from ..boxes import overlap, segments_hit
-from ..layout import Box, CellLayout, FloatArray
+from controller.planning.boxes import overlap, segments_hit
+from controller.planning.layout import Box, CellLayout, FloatArray
 
 STEEP = 0.9  # |z| of the way it looks beyond which the world's z no longer says what up is
 POST_REACH_MM = 25.0  # a post that carries the fixture stands this close to its body at most

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from controller.cad import inverse_pose
+from controller.planning.boxes import BoolArray
+from controller.planning.grip import Grip
+from controller.planning.layout import CellLayout, FloatArray, IntArray
+from controller.planning.motion import Scene, inverse_rows
+from controller.planning.prepared import HandOff
+from controller.planning.transfers import hand_offs
 
-from ..boxes import BoolArray
-from ..grip import Grip
-from ..layout import CellLayout, FloatArray, IntArray
-from ..motion import Scene, inverse_rows
-from ..prepared import HandOff
-from ..transfers import hand_offs
 from ._family import FamilyMember
 from ._reach import covered_bits, hand_off_shares, shown_share
 from ._score import PartScore, SiteScore, value_of

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..layout import CellLayout, FloatArray
+from controller.planning.layout import CellLayout, FloatArray
+
 from ._family import FamilyMember, hand_offsets_mm
 from ._grids import camera_grid, fixture_grid
 from ._keepouts import why_not_here

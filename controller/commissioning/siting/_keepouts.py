@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from shapely import MultiPoint, Polygon, box
 
-from ..boxes import lowest_z, overlap, segments_hit
-from ..layout import Box, CellLayout, FloatArray
+from controller.planning.boxes import lowest_z, overlap, segments_hit
+from controller.planning.layout import Box, CellLayout, FloatArray
+
 from ._site import Fellows, standoff_mm
 
 TRAY_GAP_MM = 20.0

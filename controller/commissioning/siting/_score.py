@@ -8,7 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from ..layout import FloatArray
+from controller.planning.layout import FloatArray
+
 from ._site import Site
 
 Stage = Literal["joints", "checked"]

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..layout import Box, CellLayout, FloatArray
-from ..prepared import PreparedPart
+from controller.planning.layout import Box, CellLayout, FloatArray
+from controller.planning.prepared import PreparedPart
+
 from ._score import SiteOptions, SiteScore
 from ._search import search_sites
 from ._site import Site, carried, fellows_of, placed_at, site_of
