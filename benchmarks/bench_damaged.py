@@ -21,8 +21,8 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit")]
 
-from cad_solids import SHARED  # noqa: E402  (path set above)
 from damaged_files import Original, facts_of, make_cases, originals_of, run  # noqa: E402
+from shared_files import SHARED  # noqa: E402  (path set above)
 
 from controller.cad import load_solid  # noqa: E402
 

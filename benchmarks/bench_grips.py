@@ -24,8 +24,8 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit")]
 
-from cad_solids import SHARED  # noqa: E402  (path set above)
 from planning_cell import emulated_layout  # noqa: E402
+from shared_files import SHARED  # noqa: E402  (path set above)
 
 from controller.cad import RayCaster  # noqa: E402
 from controller.cad.compiled import CompiledPart, load_part  # noqa: E402

@@ -29,7 +29,6 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit")]
 
-from cad_solids import SHARED  # noqa: E402  (path set above)
 from recognition_judge import (  # noqa: E402
     Judge,
     Thing,
@@ -56,6 +55,7 @@ from recognition_runs import (  # noqa: E402
 )
 from recognition_symmetry import Surface  # noqa: E402
 from recognition_tables import TARGETS, print_costs, print_lights  # noqa: E402
+from shared_files import SHARED  # noqa: E402  (path set above)
 
 LIGHTS = {
     "backlit": ("hi", "back"),

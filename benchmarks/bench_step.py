@@ -25,9 +25,9 @@ from scipy.spatial.transform import Rotation
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "cross"), str(ROOT / "tests" / "unit")]
 
-from cad_solids import SHARED  # noqa: E402  (path set above)
 from line_agreement import compare  # noqa: E402
 from occ_views import ask  # noqa: E402
+from shared_files import SHARED  # noqa: E402  (path set above)
 
 from controller.cad import Solid, load_solid  # noqa: E402
 from controller.cad.boundary import Face  # noqa: E402

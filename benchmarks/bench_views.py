@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit")]
 
-from cad_solids import SHARED  # noqa: E402  (path set above)
+from shared_files import SHARED  # noqa: E402  (path set above)
 
 from controller.cad import (  # noqa: E402
     Camera,

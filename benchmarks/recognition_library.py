@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit")]
 
-from cad_solids import SHARED  # noqa: E402  (path set above)
 from recognition_parts import cad_files, read_mesh  # noqa: E402
+from shared_files import SHARED  # noqa: E402  (path set above)
 
 from controller.cad.compiled import part_name  # noqa: E402
 

@@ -1,4 +1,4 @@
-"""Our solids, surfaces and line drawings against the STEP kernel's own, on the shared parts.
+"""Our solids, surfaces and line drawings against the STEP kernel's own, on parts of others.
 
 A reduced form of benchmarks/bench_step.py.
 """
@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.util
-import json
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from data_files import listed_parts, part_file
 from line_agreement import compare
 from occ_views import ask
 from scipy.spatial.transform import Rotation
@@ -22,14 +21,10 @@ from controller.cad import load_solid
 from controller.cad.reading.step import StepPart, read_step_part
 from controller.cad.views import line_view
 
-PARTS = Path(__file__).resolve().parents[3] / "shared" / "parts"
-pytestmark = [
-    pytest.mark.skipif(not PARTS.is_dir(), reason="the shared parts are not here"),
-    pytest.mark.skipif(
-        importlib.util.find_spec("OCP") is None,
-        reason="the STEP kernel is not installed: pip install 'cellctl[step]'",
-    ),
-]
+pytestmark = pytest.mark.skipif(
+    importlib.util.find_spec("OCP") is None,
+    reason="the STEP kernel is not installed: pip install 'cellctl[step]'",
+)
 SLOW = pytest.mark.slow
 EVERY = [
     "flange_xy",
@@ -43,13 +38,12 @@ EVERY = [
 @cache
 def told(name: str) -> dict[str, Any]:
     """The manifest's entry of a part."""
-    parts = json.loads((PARTS / "manifest.json").read_text())["parts"]
-    return next(part for part in parts if part["name"] == name)
+    return next(part for part in listed_parts() if part["name"] == name)
 
 
 @cache
 def step(name: str) -> StepPart:
-    return read_step_part(PARTS / told(name)["step"])
+    return read_step_part(part_file(told(name)["step"]))
 
 
 @pytest.mark.parametrize("name", EVERY)
@@ -103,7 +97,7 @@ def test_every_corner_of_a_face_is_on_its_exact_surface(name: str) -> None:
 
 @pytest.mark.parametrize("name", EVERY)
 def test_the_stl_beside_it_is_the_same_solid(name: str) -> None:
-    stl, part = load_solid(PARTS / told(name)["stl"]), step(name)
+    stl, part = load_solid(part_file(told(name)["stl"])), step(name)
     assert stl.volume_mm3 == pytest.approx(part.solid.volume_mm3, rel=1e-3)
     assert stl.mesh.area == pytest.approx(part.area_mm2, rel=1e-3)
     assert stl.centroid_mm == pytest.approx(part.solid.centroid_mm, abs=1e-3 * stl.mesh.scale)
@@ -114,7 +108,7 @@ def test_visible_edges_are_those_of_exact_hidden_line_removal(name: str) -> None
     solid = step(name).solid
     poses = [np.array(pose["R"]) for pose in told(name)["stable_poses"]]
     R = np.array([*poses, *Rotation.random(2, random_state=7).as_matrix()])
-    drawn = ask(PARTS / told(name)["step"], R, solid.centroid_mm, timeout_s=60.0)
+    drawn = ask(part_file(told(name)["step"]), R, solid.centroid_mm, timeout_s=60.0)
     for i, lines in enumerate(drawn):
         assert lines is not None, f"view {i}: the kernel drew nothing"
         agreement = compare(line_view(solid, R[i]), lines)

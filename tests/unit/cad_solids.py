@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import manifold3d
 import numpy as np
 import trimesh
 
 from controller.cad import Solid, make_solid
 
-SHARED = Path(__file__).resolve().parents[3] / "shared"
 Body = manifold3d.Manifold
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from cad_solids import SHARED
+from data_files import part_file
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -165,11 +165,9 @@ def test_shapes_of_another_size_are_no_match() -> None:
 
 @pytest.fixture(scope="module")
 def part_views() -> list[tuple[BoundaryString, list[Array], list[bool]]]:
-    if not SHARED.is_dir():
-        pytest.skip("the shared parts are absent")
     views = []
     for name in ("angle_block", "holder", "idler_riser", "flange_xy"):
-        solid = load_solid(SHARED / "parts" / f"{name}.stl", unit="mm")
+        solid = load_solid(part_file(f"{name}.stl"), unit="mm")
         view = outline(solid, np.eye(3), prepared=prepare_views(solid))
         loops = [loop.points for loop in view.loops]
         views.append((model_string(view.loops), loops, [loop.is_hole for loop in view.loops]))

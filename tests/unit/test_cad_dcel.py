@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from cad_solids import SHARED, Body, box, mesh_of, prism, rod, solid_of
+from cad_solids import Body, box, mesh_of, prism, rod, solid_of
+from data_files import listed_parts, part_file
 
 from controller.cad import load_solid
 from controller.cad.boundary import (
@@ -25,7 +26,7 @@ from controller.cad.boundary import (
 )
 from controller.cad.boundary._halfedges import components
 
-PARTS = sorted((SHARED / "parts").glob("*.stl")) if (SHARED / "parts").is_dir() else []
+PARTS = [part_file(part["stl"]) for part in listed_parts()]
 LONG = ("nist_ftc06", "cycloidal_gear", "cycloidal_gear_mirror")  # half a second and more each
 
 
@@ -258,7 +259,6 @@ def test_any_parting_of_a_mesh_into_surfaces_gives_a_right_boundary(kept: float)
         assert euler_defect(b, genera) == 0
 
 
-@pytest.mark.skipif(not PARTS, reason="no shared/parts beside the checkout")
 @pytest.mark.parametrize(
     "path",
     [pytest.param(p, id=p.stem, marks=[pytest.mark.slow] if p.stem in LONG else []) for p in PARTS],

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
-from cad_solids import SHARED, Body, box, polygon_area, prism, rod, solid_of
+from cad_solids import Body, box, polygon_area, prism, rod, solid_of
+from data_files import part_file
 from manifold3d import CrossSection
 
 from controller.cad import Face, Solid, load_solid, make_solid, sample_surface
@@ -184,9 +185,8 @@ def test_a_flat_facet_in_a_free_surface_is_no_plane_of_its_own() -> None:
     assert [f.kind for f in solid.faces] == ["freeform"]
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason=f"no parts: {SHARED} is not there")
 def test_the_gear_has_one_free_wall_a_bore_and_two_ends() -> None:
-    solid = load_solid(SHARED / "parts" / "cycloidal_gear.stl")
+    solid = load_solid(part_file("cycloidal_gear.stl"))
     assert sorted(f.kind for f in solid.faces) == ["cylinder", "freeform", "plane", "plane"]
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cad_solids import SHARED, Body, box, prism, rod, solid_of
+from cad_solids import Body, box, prism, rod, solid_of
+from data_files import part_file
 from manifold3d import CrossSection
 
 from controller.cad import Solid, load_solid
@@ -321,10 +322,9 @@ def test_a_mirrored_parts_features_stand_at_mirrored_places() -> None:
     ]
 
 
-@pytest.mark.skipif(not (SHARED / "parts").is_dir(), reason="no shared/parts beside the checkout")
 def test_the_flange_has_the_holes_its_step_file_says() -> None:
     # flange_xy.step: eight cylinders; four bolt holes of 17 mm and the bores through the middle
-    solid = load_solid(SHARED / "parts" / "flange_xy.stl")
+    solid = load_solid(part_file("flange_xy.stl"))
     holes = [f for f in find_features(solid) if f.kind == "hole"]
     assert len(holes) == solid.boundary.genus == 5
     assert all(h.is_through for h in holes)

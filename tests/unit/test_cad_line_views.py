@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import shapely
-from cad_solids import SHARED, Body, box, polygon_area, prism, rod, solid_of
+from cad_solids import Body, box, polygon_area, prism, rod, solid_of
+from data_files import part_file
 from manifold3d import CrossSection
 from numpy.typing import NDArray
 
@@ -468,10 +469,9 @@ def test_the_outline_alone_is_the_drawings_outline() -> None:
             assert np.array_equal(one.edges, other.edges)
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason=f"needs the parts in {SHARED}")
 @pytest.mark.parametrize("name", ["angle_block", "holder", "idler_riser", "flange_xy"])
 def test_filled_outlines_are_the_pixel_maps_masks(name: str) -> None:
-    solid = load_solid(SHARED / "parts" / f"{name}.stl")
+    solid = load_solid(part_file(f"{name}.stl"))
     R = anywhere(11)
     T = posed(R, *(np.array([30.0, -20.0, 80.0]) - R @ solid.centroid_mm))
     cam = camera(BENT)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import struct
 import zipfile
@@ -11,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from cad_solids import SHARED, Body, box, mesh_of, rod
+from cad_solids import Body, box, mesh_of, rod
+from data_files import listed_parts, part_file
 
 from controller.cad import (
     CadError,
@@ -28,8 +28,6 @@ from controller.cad import (
 )
 from controller.cad.soundness import check_soundness, touch_of
 from controller.cad.welding import weld
-
-MANIFEST = SHARED / "parts" / "manifest.json"
 
 
 def block(x: float = 10.0, y: float = 20.0, z: float = 30.0) -> trimesh.Trimesh:
@@ -398,10 +396,9 @@ def test_whatever_manifold3d_makes_of_random_shapes_is_sound(seed: int) -> None:
     check_soundness(trimesh.Trimesh(points, triangles, process=False), "part")
 
 
-@pytest.mark.skipif(not MANIFEST.is_file(), reason=f"the shared parts are not at {SHARED}")
-def test_the_shared_parts_are_sound_and_two_of_them_pushed_together_are_not() -> None:
-    for entry in json.loads(MANIFEST.read_text())["parts"]:
-        mesh = trimesh.load(SHARED / "parts" / entry["stl"], force="mesh")
+def test_parts_of_others_are_sound_and_two_of_them_pushed_together_are_not() -> None:
+    for entry in listed_parts():
+        mesh = trimesh.load(part_file(entry["stl"]), force="mesh")
         check_soundness(mesh, entry["name"])
         pushed = joined(mesh, hollow(moved(mesh, *(mesh.extents * 0.05))))
         with pytest.raises((ManySolidsCadError, SelfIntersectingCadError)):

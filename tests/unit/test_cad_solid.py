@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
-from cad_solids import SHARED, box, mesh_of, polygon_area, rod, solid_of
+from cad_solids import box, mesh_of, polygon_area, rod, solid_of
+from data_files import listed_parts, part_file
 
 from controller.cad import (
     CadError,
@@ -25,7 +25,6 @@ from controller.cad import (
 )
 
 PARTS = Path(__file__).resolve().parents[2] / "recipes" / "parts"
-MANIFEST = SHARED / "parts" / "manifest.json"
 
 
 def block() -> trimesh.Trimesh:
@@ -253,18 +252,11 @@ def test_the_shipped_parts_load() -> None:
         assert load_solid(path).volume_mm3 > 1000
 
 
-def manifest() -> list[dict[str, Any]]:
-    if not MANIFEST.is_file():
-        return []
-    return list(json.loads(MANIFEST.read_text())["parts"])
-
-
-@pytest.mark.skipif(not MANIFEST.is_file(), reason=f"the shared parts are not at {SHARED}")
-@pytest.mark.parametrize("entry", manifest(), ids=lambda e: str(e["name"]))
-def test_the_shared_parts_have_the_volume_and_centroid_their_manifest_says(
+@pytest.mark.parametrize("entry", listed_parts(), ids=lambda e: str(e["name"]))
+def test_parts_of_others_have_the_volume_and_centroid_their_manifest_says(
     entry: dict[str, Any],
 ) -> None:
-    solid = load_solid(SHARED / "parts" / entry["stl"])
+    solid = load_solid(part_file(entry["stl"]))
     assert solid.content_hash == entry["sha256_stl"]
     assert solid.volume_mm3 == pytest.approx(entry["volume_mm3"], abs=0.06)  # rounded to 0.1
     assert solid.centroid_mm == pytest.approx(entry["centroid_mm"], abs=1e-3)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import manifold3d
 import numpy as np
 import pytest
 import trimesh
-from cad_solids import SHARED, Body, box, mesh_of, prism, rod, solid_of
+from cad_solids import Body, box, mesh_of, prism, rod, solid_of
+from data_files import listed_parts, part_file
 
 from controller.cad import (
     Solid,
@@ -21,7 +21,6 @@ from controller.cad import (
     stable_poses,
 )
 
-MANIFEST = SHARED / "parts" / "manifest.json"
 G = 9.81
 
 
@@ -148,16 +147,9 @@ def test_the_same_file_gives_the_same_poses() -> None:
         assert a.probability == b.probability
 
 
-def manifest() -> list[dict[str, Any]]:
-    if not MANIFEST.is_file():
-        return []
-    return list(json.loads(MANIFEST.read_text())["parts"])
-
-
-@pytest.mark.skipif(not MANIFEST.is_file(), reason=f"the shared parts are not at {SHARED}")
-@pytest.mark.parametrize("entry", manifest(), ids=lambda e: str(e["name"]))
-def test_the_shared_parts_lie_as_their_manifest_says(entry: dict[str, Any]) -> None:
-    poses = stable_poses(load_solid(SHARED / "parts" / entry["stl"]))
+@pytest.mark.parametrize("entry", listed_parts(), ids=lambda e: str(e["name"]))
+def test_parts_of_others_lie_as_their_manifest_says(entry: dict[str, Any]) -> None:
+    poses = stable_poses(load_solid(part_file(entry["stl"])))
     assert_sound(poses)
     # a gear's tooth rests on a run of slivers: the manifest names the likeliest of them, and the
     # tooth itself rocks to where its centre is lowest

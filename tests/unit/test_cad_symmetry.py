@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import trimesh
-from cad_solids import SHARED, Body, box, mesh_of, prism, rod, solid_of
+from cad_solids import Body, box, mesh_of, prism, rod, solid_of
+from data_files import part_file
 
 from controller.cad import (
     Solid,
@@ -17,10 +18,6 @@ from controller.cad import (
     name_duplicates,
     part_symmetries,
     stable_poses,
-)
-
-needs_parts = pytest.mark.skipif(
-    not (SHARED / "parts").is_dir(), reason=f"the shared parts are not at {SHARED}"
 )
 
 
@@ -150,7 +147,6 @@ def test_a_turn_of_the_frame_changes_no_symmetry() -> None:
         assert gaps.min() < 1e-3
 
 
-@needs_parts
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "order", "is_chiral"),
@@ -162,10 +158,10 @@ def test_a_turn_of_the_frame_changes_no_symmetry() -> None:
         ("cycloidal_gear_mirror", 6, True),
     ],
 )
-def test_the_shared_parts_have_the_symmetry_they_are_drawn_with(
+def test_parts_of_others_have_the_symmetry_they_are_drawn_with(
     name: str, order: int, *, is_chiral: bool
 ) -> None:
-    symmetry = part_symmetries(load_solid(SHARED / "parts" / f"{name}.stl"))
+    symmetry = part_symmetries(load_solid(part_file(f"{name}.stl")))
     assert len(symmetry.rotations) == order
     assert symmetry.is_chiral is is_chiral
 
@@ -184,13 +180,12 @@ def test_a_bore_a_little_off_the_axis_leaves_the_turns_about_it(off_mm: float, o
     assert len(part_symmetries(turned(body)).rotations) == order
 
 
-@needs_parts
 @pytest.mark.slow
 def test_a_gear_lies_alike_on_its_teeth_from_triangles_and_from_step() -> None:
     pytest.importorskip("OCP")
     told = []
     for ending in ("stl", "step"):
-        solid = load_solid(SHARED / "parts" / f"cycloidal_gear.{ending}")
+        solid = load_solid(part_file(f"cycloidal_gear.{ending}"))
         poses = name_duplicates(stable_poses(solid), part_symmetries(solid))
         assert sorted(pose.same_as for pose in poses) == [0] * 6 + [6] * 2  # teeth, then ends
         told.append(sorted(poses, key=lambda pose: tuple(np.round(pose.R[2], 1) + 0.0)))
@@ -238,12 +233,11 @@ def test_the_turn_told_carries_one_view_to_the_other() -> None:
     assert far.max() < 0.02
 
 
-@needs_parts
 @pytest.mark.slow
 def test_a_cam_plate_looks_the_same_upside_down_and_an_angle_block_never() -> None:
-    cam = load_solid(SHARED / "parts" / "disc_cam_a.stl")
+    cam = load_solid(part_file("disc_cam_a.stl"))
     assert pairs(cam)[(0, 1)] == "edges"
-    block = load_solid(SHARED / "parts" / "angle_block.stl")
+    block = load_solid(part_file("angle_block.stl"))
     assert not pairs(block)
 
 

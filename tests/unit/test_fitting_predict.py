@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
-from cad_solids import SHARED
+from data_files import part_file
 from fitting_bodies import about_z, anywhere, area_of, model, solid
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -149,10 +149,9 @@ def test_no_crease_that_is_seen_goes_without_a_prediction(name: str, seed: int) 
     assert covered_share(creases, edges.pixels[~edges.on_outline], 1.5 * step_px + 1.5) > 0.93
 
 
-@pytest.mark.skipif(not (SHARED / "parts").is_dir(), reason=f"no shared parts at {SHARED}")
 @pytest.mark.parametrize("file", PARTS)
-def test_a_shared_parts_edges_are_those_of_its_line_drawing(file: str) -> None:
-    part = load_solid(SHARED / "parts" / file)
+def test_a_real_parts_edges_are_those_of_its_line_drawing(file: str) -> None:
+    part = load_solid(part_file(file))
     prepared = edge_model(part)
     pose = stable_poses(part)[0]
     T = resting(part, pose.R, 25.0, -20.0, 1.1)

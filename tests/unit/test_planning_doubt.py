@@ -7,7 +7,8 @@ from functools import cache
 import numpy as np
 import pytest
 import trimesh
-from cad_solids import SHARED, Body, box, rod, solid_of
+from cad_solids import Body, box, rod, solid_of
+from data_files import part_file
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from lit_pictures import Renderer, placed
@@ -356,11 +357,7 @@ def test_dear_views_are_left_unlooked_at_only_where_none_of_them_can_be_the_choi
 
 @pytest.mark.slow
 def test_a_gear_is_told_from_its_mirror_image() -> None:
-    if not (SHARED / "parts").is_dir():
-        pytest.skip("no shared parts here")
-    gear, mirror = (
-        load_solid(SHARED / "parts" / f"cycloidal_gear{end}.stl") for end in ("", "_mirror")
-    )
+    gear, mirror = (load_solid(part_file(f"cycloidal_gear{end}.stl")) for end in ("", "_mirror"))
     extent = gear.mesh.extents
     thin = int(np.argmin(extent))
     y, x = np.eye(3)[thin], np.eye(3)[(thin + 1) % 3]

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from cad_solids import SHARED, box, mesh_of, prism, rod
+from cad_solids import box, mesh_of, prism, rod
+from data_files import part_file, true_pictures
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -357,17 +358,16 @@ def test_a_library_starts_with_its_originals_and_is_the_same_again(tmp_path: Pat
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not SHARED.is_dir(), reason=f"needs the parts in {SHARED}")
-def test_the_true_answers_to_the_shared_pictures_are_all_right() -> None:
-    things = read_things(json.loads((SHARED / "images" / "truth.json").read_text()))
+def test_the_true_answers_to_the_stored_pictures_are_all_right() -> None:
+    things = read_things(true_pictures())
     surfaces: dict[str, Surface] = {}
 
-    def shared(name: str) -> Surface:
+    def of_others(name: str) -> Surface:
         if name not in surfaces:
-            surfaces[name] = Surface(trimesh.load(SHARED / "parts" / f"{name}.stl"))
+            surfaces[name] = Surface(trimesh.load(part_file(f"{name}.stl")))
         return surfaces[name]
 
     answers = [replace(told(t), part=t.part if t.is_known else None) for t in things]
-    numbers = figures(Judge(shared).judge(things, answers))
+    numbers = figures(Judge(of_others).judge(things, answers))
     assert set(numbers["tally"]) == {"right", "refused"}
     assert numbers["angle_deg"]["worst"] == pytest.approx(0.0, abs=1e-4)

@@ -1,11 +1,10 @@
-"""Recognition on the shared path-traced pictures: made by a renderer that is not of this project.
+"""Recognition on stored path-traced pictures: made by a renderer that is not of this project.
 
 The everyday set is a cross-section; all 21 backlit pictures run with the slow tests.
 """
 
 from __future__ import annotations
 
-import json
 from functools import cache
 from typing import Any
 
@@ -13,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
-from cad_solids import SHARED
+from data_files import PICTURES, listed_parts, part_file, true_pictures
 from numpy.typing import NDArray
 
 from controller.cad import Camera, inverse_pose, load_solid, sample_surface, transform
@@ -21,22 +20,14 @@ from controller.cad.compiled import CompiledPart, compile_solid
 from controller.recognition import Library, Sighting, make_library, recognise
 
 Array = NDArray[np.float64]
-IMAGES = SHARED / "images"
-TRUTH = IMAGES / "truth.json"
 PLACE_MM = 0.3
 TURN_DEG = 0.3
-
-pytestmark = pytest.mark.skipif(
-    not TRUTH.is_file(), reason=f"the shared pictures are not at {IMAGES}"
-)
 
 # one part alone, several, strangers, mirror images, a part on its edge, one that barely stands
 EVERYDAY = ["0002", "0006", "0010", "0015", "0024", "0030", "0032"]
 
 
-@cache
-def truth() -> dict[str, Any]:
-    return dict(json.loads(TRUTH.read_text())) if TRUTH.is_file() else {"images": []}
+truth = cache(true_pictures)
 
 
 def backlit() -> list[str]:
@@ -56,8 +47,7 @@ def camera() -> Camera:
 
 @cache
 def parts() -> tuple[CompiledPart, ...]:
-    listed = json.loads((SHARED / "parts" / "manifest.json").read_text())["parts"]
-    return tuple(compile_solid(load_solid(SHARED / "parts" / p["stl"])) for p in listed)
+    return tuple(compile_solid(load_solid(part_file(p["stl"]))) for p in listed_parts())
 
 
 @cache
@@ -102,7 +92,7 @@ def assert_placed(seen: Sighting, told: dict[str, Any]) -> None:
 
 def check(number: str) -> None:
     (told,) = (im for im in truth()["images"] if im["image"] == f"img_{number}.png")
-    picture = cv2.imread(str(IMAGES / told["image"]), cv2.IMREAD_GRAYSCALE)
+    picture = cv2.imread(str(PICTURES / told["image"]), cv2.IMREAD_GRAYSCALE)
     assert picture is not None
     lighting = {"back": "backlit", "front": "front"}[told["mode"]]
     sightings = list(

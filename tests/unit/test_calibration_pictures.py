@@ -1,36 +1,26 @@
-"""The shared board pictures against the camera that is known to have taken them."""
+"""Stored board pictures against the camera that is known to have taken them."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from cad_solids import SHARED
+from data_files import BOARDS, true_pictures
 
 from controller.cad import Camera
 from controller.commissioning.calibration import View, calibrate, find_board
 from controller.config.target import load_target
 
-IMAGES = SHARED / "images"
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not IMAGES.is_dir(), reason=f"no shared pictures in {IMAGES}"),
-]
+pytestmark = pytest.mark.slow
 # the digitiser's raster over the camera's: u_lo = (u + 0.5) / 5 - 0.5, v_lo = (v + 0.5) / 4 - 0.5
 LO_HI = np.array([[0.2, 0, -0.4], [0, 0.25, -0.375], [0, 0, 1]])
 
 
-def _truth() -> dict[str, Any]:
-    body: dict[str, Any] = json.loads((IMAGES / "truth.json").read_text(encoding="utf-8"))
-    return body
-
-
 def _true_camera(lo: bool) -> Camera:
-    told = _truth()["camera"]
+    told = true_pictures()["camera"]
     T_cam_world = np.eye(4)
     T_cam_world[:3, :3], T_cam_world[:3, 3] = told["R_wc"], told["t_wc"]
     K = np.array(told["K"])
@@ -39,10 +29,10 @@ def _true_camera(lo: bool) -> Camera:
 
 
 def _views(prefix: str) -> tuple[list[View], Any]:
-    target = load_target(IMAGES / "calib" / "calib.json")
+    target = load_target(BOARDS / "calib.json")
     views = []
     for entry in target.images:
-        path: Path = IMAGES / "calib" / f"{prefix}{entry.image}"
+        path: Path = BOARDS / f"{prefix}{entry.image}"
         grey = np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), dtype=np.uint8)
         board = find_board(grey, target.build())
         views.append(View(entry.image, target.placed(entry.image), board))
@@ -50,13 +40,13 @@ def _views(prefix: str) -> tuple[list[View], Any]:
 
 
 @pytest.mark.parametrize(("prefix", "corner_px"), [("", 0.035), ("lo_", 0.012)])
-def test_the_camera_of_the_shared_pictures_is_found(prefix: str, corner_px: float) -> None:
+def test_the_camera_of_the_stored_pictures_is_found(prefix: str, corner_px: float) -> None:
     truth = _true_camera(lo=bool(prefix))
     views, world = _views(prefix)
     assert len(views) == 14
     # every corner against the board's true pose: 0.14 mm at 4 px/mm would be half a pixel
     for view in views:
-        T = np.array(_truth()["boards"][view.name])
+        T = np.array(true_pictures()["boards"][view.name])
         flat = np.column_stack([view.board.board_mm, np.zeros(len(view.board.board_mm))])
         off = view.board.pixels - truth.project(flat @ T[:3, :3].T + T[:3, 3])
         assert np.sqrt((off**2).sum(axis=1).mean()) < corner_px
