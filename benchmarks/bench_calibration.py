@@ -24,7 +24,7 @@ from controller.commissioning.calibration import (
     calibrate,
     find_board,
 )
-from controller.config.target import CalibrationTarget, load_target
+from controller.commissioning.target import CalibrationTarget, load_target
 
 Array = NDArray[np.float64]
 IMAGES = Path(__file__).resolve().parents[2] / "shared" / "images"

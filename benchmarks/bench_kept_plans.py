@@ -18,7 +18,8 @@ from pathlib import Path
 
 from controller.cad.compiled import CompileOptions, load_part, options_among
 from controller.cell.plans import Planning
-from controller.config import build_layout, load_cell
+from controller.config import load_cell
+from controller.setup.layout import build_layout
 
 ROOT = Path(__file__).parents[1]
 CELL = ROOT / "recipes/cells/emulated.yaml"

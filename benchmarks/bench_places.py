@@ -22,8 +22,10 @@ from numpy.typing import NDArray
 from controller.cad import StablePose
 from controller.cad.compiled import CompiledPart, CompileOptions, load_part
 from controller.cell.workers import glowing_mask
-from controller.config import build_layout, load_cell, table_corners
+from controller.config import load_cell
 from controller.recognition import Sighting, lying, make_library, recognise
+from controller.setup.layout import build_layout
+from controller.setup.optics import table_corners
 
 Array = NDArray[np.float64]
 CELL = load_cell(ROOT / "recipes" / "cells" / "emulated.yaml")

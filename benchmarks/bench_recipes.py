@@ -30,7 +30,6 @@ from controller.cad import inverse_pose
 from controller.cell import workers
 from controller.cell.holder import holder_boxes
 from controller.cell.showing import _lamps_for
-from controller.config import panel_corners, table_corners
 from controller.inspection import (
     Verdict,
     ViewResult,
@@ -39,6 +38,7 @@ from controller.inspection import (
     judge,
 )
 from controller.planning import Look, NoPlanError, Plan, Present, shown_pose
+from controller.setup.optics import panel_corners, table_corners
 from emulators.world._poses import JointValues, forward
 
 RECIPES = ("featuretype", "flange_xy", "holder", "idler_riser", "widget")

@@ -31,7 +31,7 @@ from controller.cad import (  # noqa: E402
     sample_surface,
 )
 from controller.cell import workers  # noqa: E402
-from controller.config import build_lamps, build_layout, load_cell, panel_corners  # noqa: E402
+from controller.config import load_cell  # noqa: E402
 from controller.inspection import (  # noqa: E402
     Limits,
     ViewPictures,
@@ -41,6 +41,8 @@ from controller.inspection import (  # noqa: E402
     inspect_view,
 )
 from controller.recognition import PosedPart  # noqa: E402
+from controller.setup.layout import build_layout  # noqa: E402
+from controller.setup.optics import build_lamps, panel_corners  # noqa: E402
 from emulators import world as emulated  # noqa: E402
 from emulators.world._picture import Eye  # noqa: E402
 from emulators.world._sensor import Exposure, blurred, develop  # noqa: E402

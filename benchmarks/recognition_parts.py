@@ -12,7 +12,8 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from controller.cad import load_solid  # noqa: E402  (path set above)
-from controller.cad.compiled import is_cad_file, part_name  # noqa: E402
+from controller.cad.compiled import part_name  # noqa: E402
+from controller.config import is_cad_file  # noqa: E402
 
 
 def cad_files(paths: Iterable[Path]) -> dict[str, Path]:

@@ -20,8 +20,8 @@ from controller.cell.dispatcher import Dispatcher, Outcome
 from controller.cell.journal import Journal, read_rows
 from controller.cell.records import PartRecord, Progress
 from controller.cell.recovery import Trouble
-from controller.config import build_layout
 from controller.planning import Pick, TakeBack, resting_pose
+from controller.setup.layout import build_layout
 from drivers.clock import CellClock
 
 RUN_LIMIT_WALL_S = 400.0

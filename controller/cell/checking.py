@@ -12,8 +12,8 @@ from pathlib import Path
 from controller.cad import Solid, StablePose, load_solid
 from controller.cad.compiled import UNITLESS, CompileOptions, cached_part, load_part
 from controller.config import Cell, ConfigError, Recipe, line_in, load_cell, load_recipe
+from controller.setup.planner import PlannerSetup
 
-from .planner_setup import PlannerSetup
 from .plans import Certified, Planning
 from .workers import Job, context, part_files
 

@@ -12,7 +12,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from controller.config import Cell, Recipe, build_layout
+from controller.config import Cell, Recipe
+from controller.setup.layout import build_layout
 
 from . import workers
 from .actions import Actions

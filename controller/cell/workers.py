@@ -37,16 +37,7 @@ from controller.cad.compiled import (
     load_part,
     options_among,
 )
-from controller.config import (
-    Cell,
-    Recipe,
-    build_lamps,
-    faces_left_out,
-    load_cell,
-    load_recipe,
-    panel_corners,
-    table_corners,
-)
+from controller.config import Cell, Recipe, load_cell, load_recipe
 from controller.planning import (
     Box,
     Doubt,
@@ -61,9 +52,11 @@ from controller.planning import (
 from controller.planning.layout import CellLayout
 from controller.planning.motion import Scene, connect
 from controller.recognition.stored import open_library
+from controller.setup.faces import faces_left_out
+from controller.setup.optics import build_lamps, panel_corners, table_corners
+from controller.setup.planner import PlannerSetup, planner_setup
 
 from . import slipped
-from .planner_setup import PlannerSetup, planner_setup
 from .plans import Planning
 
 Array = NDArray[np.float64]

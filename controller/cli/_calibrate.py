@@ -26,8 +26,8 @@ from controller.commissioning.calibration import (
     calibrate,
     find_board,
 )
+from controller.commissioning.target import CalibrationTarget, load_target
 from controller.config import ConfigError
-from controller.config.target import CalibrationTarget, load_target
 
 from ._before import check_writable_folder
 from ._calibration_file import calibration_body, write_calibration

@@ -22,10 +22,10 @@ from controller.cad.compiled import (
 from controller.cad.surfaces.features import Feature
 from controller.cad.surfaces.tolerances import Datum, Dimension, GeometricTolerance, Tolerance
 from controller.cad.views import LineView
-from controller.cell.planner_setup import planner_setup
 from controller.cell.plans import Certified, Planning
 from controller.config import ConfigError, load_cell
 from controller.results.sheet import write_sheet
+from controller.setup.planner import planner_setup
 
 from ._before import check_writable_folder
 from ._output import emit, say, stdout, warn

@@ -11,11 +11,11 @@ from rich.table import Table
 
 from controller.cad import StablePose
 from controller.cad.compiled import CompiledPart, load_part
-from controller.cell.planner_setup import PlannerSetup, planner_setup
 from controller.cell.plans import KeptPlan, Planning
 from controller.config import Cell, ConfigError, load_cell
 from controller.planning import Certificate, Plan
 from controller.results.moments import view_count
+from controller.setup.planner import PlannerSetup, planner_setup
 
 from ._before import Place, check_writable_folder, parse_place
 from ._output import emit, say, stdout, warn

@@ -10,10 +10,11 @@ from rich.box import SIMPLE
 from rich.table import Table
 
 from controller.cad.compiled import load_part
-from controller.cell.planner_setup import planner_setup
 from controller.cell.plans import Planning
 from controller.commissioning.siting import Site, SiteOptions, SiteReport, SiteScore, site_report
-from controller.config import build_layout, load_cell
+from controller.config import load_cell
+from controller.setup.layout import build_layout
+from controller.setup.planner import planner_setup
 
 from ._output import emit, say, stderr, stdout
 from ._planned_parts import PartFile

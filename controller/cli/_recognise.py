@@ -9,9 +9,8 @@ from typing import Any, Literal
 import numpy as np
 
 from controller.cad import Camera
-from controller.cad.compiled import is_cad_file, options_among, part_name
-from controller.cad.reading import FORMATS
-from controller.config import ConfigError
+from controller.cad.compiled import options_among, part_name
+from controller.config import CAD_FORMATS, ConfigError, is_cad_file
 from controller.recognition import Library, Recognition, recognise
 from controller.recognition.explain import explain
 from controller.recognition.stored import open_library
@@ -112,7 +111,7 @@ def _parts_in(folder: Path) -> list[Path]:
     """Return a folder's CAD files, one a part: the quickest to read where it is there twice."""
     files = sorted(
         (file for file in folder.iterdir() if is_cad_file(file)),
-        key=lambda file: (part_name(file), FORMATS.index(file.suffix.lower())),
+        key=lambda file: (part_name(file), CAD_FORMATS.index(file.suffix.lower())),
     )
     return [next(same) for _, same in groupby(files, part_name)]
 

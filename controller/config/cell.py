@@ -8,8 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
-from controller.cad import Camera
-
 from ._yaml import Section, WrongKeyError, load_yaml
 from .errors import ConfigError
 
@@ -169,17 +167,6 @@ class CameraSection(Section):
             return False
         u, v = self.focal_px * np.array([x, y]) / z + np.array(self.centre_px)
         return bool(0 <= u < self.size_px[0] and 0 <= v < self.size_px[1])
-
-    def build(self) -> Camera:
-        """Return the calibrated camera."""
-        K = np.array(
-            [
-                [self.focal_px, 0, self.centre_px[0]],
-                [0, self.focal_px, self.centre_px[1]],
-                [0, 0, 1],
-            ]
-        )
-        return Camera(self.size_px, K, np.array(self.distortion), self.pose.build())
 
 
 class CamerasSection(Section):

@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from controller.config import Cell
+from controller.setup.optics import build_camera
 
 ARROW_MM = 25.0
 
@@ -20,9 +21,9 @@ class Optics:
     """
 
     def __init__(self, cell: Cell) -> None:
-        self._overhead = cell.cameras.overhead.build()
+        self._overhead = build_camera(cell.cameras.overhead)
         station = np.array(cell.station.position, dtype=float)
-        self.station_mm_per_px = cell.cameras.inspection.build().mm_per_px(station)
+        self.station_mm_per_px = build_camera(cell.cameras.inspection).mm_per_px(station)
         (x0, x1), (y0, y1) = cell.table.glowing_area.x, cell.table.glowing_area.y
         middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, 0.0])
         self.table_mm_per_px = self._overhead.mm_per_px(middle)

@@ -20,8 +20,9 @@ from controller.cad.compiled import CompiledPart, load_part
 from controller.cad.compiled import _container as container
 from controller.cell.kept_plans import FORMAT, Kept, KeptPlan, check_prepared, is_pose
 from controller.cell.plans import Planning
-from controller.config import build_layout, load_cell
+from controller.config import load_cell
 from controller.planning import GripRules, PlanOptions, PreparedPart, Present
+from controller.setup.layout import build_layout
 
 CELL = Path(__file__).parents[2] / "recipes" / "cells" / "emulated.yaml"
 FEW = PlanOptions(

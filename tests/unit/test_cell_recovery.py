@@ -35,7 +35,7 @@ from controller.cell.recovery import (
     Trouble,
     remedy_for,
 )
-from controller.config import build_layout, load_cell, load_recipe
+from controller.config import load_cell, load_recipe
 from controller.inspection import PartVerdict, Verdict, ViewResult
 from controller.planning import (
     Grip,
@@ -58,6 +58,7 @@ from controller.planning import (
     shown_pose,
 )
 from controller.recognition import Sighting
+from controller.setup.layout import build_layout
 from drivers.clock import CellClock
 from drivers.gripper_modbus import Hold
 from drivers.io_modbus import Signal

@@ -17,8 +17,10 @@ from controller.cad import (
     transform,
 )
 from controller.cell.slipped import find_hold
-from controller.config import build_layout, load_cell, panel_corners
+from controller.config import load_cell
 from controller.recognition import PosedPart
+from controller.setup.layout import build_layout
+from controller.setup.optics import panel_corners
 
 ROOT = Path(__file__).parents[2]
 CELL = load_cell(ROOT / "recipes/cells/emulated.yaml")

@@ -13,11 +13,11 @@ import pytest
 from cad_solids import box, mesh_of, rod
 
 from controller.cad.compiled import load_part
-from controller.cell import planner_setup, plans
+from controller.cell import plans
 from controller.cell.plans import digest_of
 from controller.cli import _plan_site, main
 from controller.commissioning.siting import PartScore, SiteReport, SiteScore, site_of
-from controller.config import build_layout, load_cell
+from controller.config import load_cell
 from controller.planning import (
     Box,
     GripRules,
@@ -27,6 +27,8 @@ from controller.planning import (
 )
 from controller.results.plan_page import _coverage as coverage
 from controller.results.plan_page import _strip as strip
+from controller.setup import planner
+from controller.setup.layout import build_layout
 
 ROOT = Path(__file__).parents[2]
 CELL = ROOT / "recipes/cells/emulated.yaml"
@@ -51,7 +53,7 @@ def _coarse(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         directions_n=30,
         rules=GripRules().coarse(),
     )
-    monkeypatch.setattr(planner_setup, "PlanOptions", lambda: few)
+    monkeypatch.setattr(planner, "PlanOptions", lambda: few)
     monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
     monkeypatch.setattr(strip, "WIDTHS_PX", (60, 60, 60))
     monkeypatch.setattr(coverage, "SIZE_PX", (60, 48))
@@ -175,7 +177,7 @@ def test_without_a_pose_all_are_told_and_the_likeliest_with_a_plan_is_taken(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     part = load_part(block)
-    setup = planner_setup.planner_setup(None, load_cell(CELL), part)
+    setup = planner.planner_setup(None, load_cell(CELL), part)
     planning = plans.Planning(part, setup.layout, setup.options)
     made = planning.lying(part.poses[0], told["x_mm"], told["y_mm"], 0.0).plan
     assert planning.is_from_cache

@@ -10,16 +10,16 @@ import pytest
 from cad_solids import box, mesh_of, rod
 
 from controller.cad.compiled import load_part
-from controller.cell import planner_setup as figures_module
 from controller.cell import workers
 from controller.cell.checking import check_job
-from controller.cell.planner_setup import planner_setup
 from controller.cell.plans import Planning, digest_of
 from controller.cli import main
 from controller.cli._plan_json import certificate_json, plan_json
 from controller.config import load_cell, load_recipe
 from controller.inspection import LEAST_WIDTH_PX
 from controller.planning import GripRules, OnTable, PlanOptions, resting_pose
+from controller.setup import planner as figures_module
+from controller.setup.planner import planner_setup
 
 ROOT = Path(__file__).parents[2]
 CELL = ROOT / "recipes/cells/emulated.yaml"

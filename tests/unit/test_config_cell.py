@@ -10,17 +10,9 @@ import pytest
 from config_text import CELL_TEXT
 from planning_cell import layout_of, read_cell
 
-from controller.config import (
-    EMULATED,
-    Cell,
-    ConfigError,
-    build_lamps,
-    build_layout,
-    load_cell,
-    load_recipe,
-    panel_corners,
-    table_corners,
-)
+from controller.config import EMULATED, Cell, ConfigError, load_cell, load_recipe
+from controller.setup.layout import build_layout
+from controller.setup.optics import build_lamps, panel_corners, table_corners
 
 ROOT = Path(__file__).resolve().parents[2]
 RECIPES = sorted((ROOT / "recipes").glob("*.yaml"))

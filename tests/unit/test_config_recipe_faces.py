@@ -9,7 +9,8 @@ import pytest
 from cad_solids import box, rod, solid_of
 
 from controller.cad import Solid
-from controller.config import ConfigError, faces_left_out, load_recipe
+from controller.config import ConfigError, load_recipe
+from controller.setup.faces import faces_left_out
 
 
 @cache

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from controller.cad import Camera, sample_surface
 from controller.cad.compiled import CompiledPart, compile_part
 from controller.cell.plans import KeptPlan
-from controller.config import build_layout, load_cell
+from controller.config import load_cell
 from controller.planning import (
     Box,
     CellLayout,
@@ -60,6 +60,7 @@ from controller.results.plan_page._views import (
     slanting_eye,
     window_about,
 )
+from controller.setup.layout import build_layout
 
 ROOT = Path(__file__).parents[2]
 CELL = ROOT / "recipes/cells/emulated.yaml"

@@ -7,7 +7,6 @@ from ._part import (
     CompileOptions,
     compile_part,
     compile_solid,
-    is_cad_file,
     options_among,
     part_name,
 )
@@ -22,7 +21,6 @@ __all__ = [
     "cached_part",
     "compile_part",
     "compile_solid",
-    "is_cad_file",
     "load_part",
     "make_part",
     "options_among",

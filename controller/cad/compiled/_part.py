@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..boundary import euler_defect, face_genera
-from ..reading import FORMATS, load_solid
+from ..reading import load_solid
 from ..reading._units import check_unit
 from ..resting import (
     LookAlike,
@@ -48,12 +48,6 @@ class CompileOptions:
     unit: str | None = None
     sample_spacing_mm: float = 4.0
     samples_per_face: int = 6
-
-
-def is_cad_file(path: Path) -> bool:
-    """Tell whether a file is one of CAD by its name; of YAML only what says that it is CSG."""
-    ending = path.suffix.lower()
-    return path.name.lower().endswith(".csg.yaml") if ending == ".yaml" else ending in FORMATS
 
 
 def part_name(path: Path) -> str:

@@ -14,6 +14,8 @@ from typing import Final
 import numpy as np
 import trimesh
 
+from controller.config import CAD_FORMATS
+
 from ..errors import UnreadableCadError
 from ..solid import Solid, make_solid
 from ._ahead import check_ahead, read_file, size_of
@@ -24,7 +26,6 @@ from .csg import read_csg
 # what trimesh stumbles over is told once, by our errors, and not on the terminal besides
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
-FORMATS: Final = (".stl", ".obj", ".ply", ".off", ".3mf", ".step", ".stp", ".yaml")
 FORMAT_NAMES: Final = "STL, OBJ, PLY, OFF, 3MF, STEP, CSG text (.csg.yaml)"
 
 
@@ -42,7 +43,7 @@ def load_solid(path: Path, *, unit: str | None = None) -> Solid:
     CadError : as its classes say; each names the file, the trouble and what to do about it
     """
     ending = path.suffix.lower()
-    if ending not in FORMATS:
+    if ending not in CAD_FORMATS:
         raise UnreadableCadError(
             f"{path}: format {path.suffix or 'without ending'} is not read; "
             f"export the part as one of {FORMAT_NAMES}"

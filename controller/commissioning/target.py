@@ -1,8 +1,4 @@
-"""target.json: the calibration board, how it was placed in each picture, what fixes the world.
-
-Not among the package's names: it builds what the calibration room takes, and who reads a recipe
-need not load that.
-"""
+"""target.json: the calibration board, how it was placed in each picture, what fixes the world."""
 
 from math import radians
 from pathlib import Path
@@ -10,7 +6,9 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field, model_validator
 
-from controller.commissioning.calibration import (
+from controller.config import Section, load_yaml
+
+from .calibration import (
     Charuco,
     Chessboard,
     Placed,
@@ -18,8 +16,6 @@ from controller.commissioning.calibration import (
     WorldFrame,
     charuco_board,
 )
-
-from ._yaml import Section, load_yaml
 
 Corners = Annotated[int, Field(ge=3, le=100)]
 

@@ -10,10 +10,12 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from controller.cad.compiled import CompiledPart
-from controller.config import Cell, Recipe, build_layout
+from controller.config import Cell, Recipe
 from controller.config.recipe import GripSection, InspectionSection
 from controller.inspection import LEAST_WIDTH_PX
 from controller.planning import CellLayout, PlanOptions
+
+from .layout import build_layout
 
 # the narrower extent of a defect in the picture: what inspection needs to compare a surface, and a
 # tenth more, since the part is held a little otherwise than planned

@@ -1,0 +1,14 @@
+"""Which files are CAD files, by their names alone."""
+
+from pathlib import Path
+from typing import Final
+
+CAD_FORMATS: Final = (".stl", ".obj", ".ply", ".off", ".3mf", ".step", ".stp", ".yaml")
+
+
+def is_cad_file(path: Path) -> bool:
+    """Tell whether a file is one of CAD by its name; of YAML only what says that it is CSG."""
+    ending = path.suffix.lower()
+    if ending == ".yaml":
+        return path.name.lower().endswith(".csg.yaml")
+    return ending in CAD_FORMATS

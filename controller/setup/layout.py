@@ -1,0 +1,64 @@
+"""From the cell file to the layout that planning works on."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from controller.config.cell import Box as BoxNumbers
+from controller.config.cell import Cell, FingersSection
+from controller.planning.layout import Box, CellLayout, Jaw, Tray
+from drivers.umi_scara.kinematics import ArmGeometry
+
+from .optics import build_camera
+
+PARK_ZED_MM = -10.0  # below the noisy last counts under the top stop (umi_rtx.md 5.2)
+
+
+def build_layout(cell: Cell) -> CellLayout:
+    """Return the layout that planning works on [mm, rad]."""
+    arm, park = cell.arm, cell.arm.park_deg
+    obstacles = {name: Box.from_bounds(*box) for name, box in cell.obstacles.items()}
+    obstacles["fixture_post"] = Box.from_bounds(*cell.fixture.post)
+    return CellLayout(
+        arm=ArmGeometry(arm.upper_mm, arm.fore_mm, arm.tool_mm, arm.wrist_height_mm),
+        T_world_arm=arm.pose.build(),
+        column=Box.from_bounds(*arm.links.column),
+        carriage=Box.from_bounds(*arm.links.carriage),
+        upper=Box.from_bounds(*arm.links.upper),
+        fore=Box.from_bounds(*arm.links.fore),
+        hand=_jaw(arm.hand.values(), arm.fingers, arm.jaw_max_mm),
+        fixture=_jaw(cell.fixture.body.values(), cell.fixture.fingers, cell.fixture.jaw_max_mm),
+        T_world_fixture=cell.fixture.pose.build(),
+        obstacles=obstacles,
+        station_mm=np.array(cell.station.position, dtype=float),
+        inspection=build_camera(cell.cameras.inspection),
+        overhead=build_camera(cell.cameras.overhead),
+        set_down_mm=np.array([cell.table.drop_area.x, cell.table.drop_area.y], dtype=float),
+        trays={
+            name: Tray(section.centre, section.size)
+            for name, section in (
+                ("accept", cell.trays.accept),
+                ("reject", cell.trays.reject),
+                ("quarantine", cell.trays.quarantine),
+            )
+        },
+        park_q=np.array(
+            [
+                *np.radians([park.shoulder, park.elbow, park.yaw]),
+                PARK_ZED_MM,
+                *np.radians([park.pitch, park.roll]),
+            ]
+        ),
+    )
+
+
+def _jaw(body: Iterable[BoxNumbers], fingers: FingersSection, max_mm: float) -> Jaw:
+    boxes = tuple(Box.from_bounds(*box) for box in body)
+    return Jaw(
+        body=boxes,
+        finger_length_mm=fingers.length_mm,
+        finger_width_mm=fingers.width_mm,
+        finger_thickness_mm=fingers.thickness_mm,
+        pad_length_mm=fingers.pad_length_mm,
+        max_mm=max_mm,
+    )
