@@ -18,10 +18,11 @@ from controller.planning import (
     Start,
     shown_pose,
 )
+from controller.planning.motion import tip_pose
 
 from .custody import Custody
 from .errors import PartProblemError, PartTroubleError
-from .holder import holder_boxes, tip_pose
+from .holder import holder_boxes
 from .machine import Event
 from .records import describe_plan
 from .recovery import WORTH_SHARE, Trouble, merged

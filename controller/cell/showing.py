@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from controller import inspection as inspecting
 from controller.cad import inverse_pose
 from controller.planning import Doubt, HandOver, Look, Present, SetDown, TakeBack, shown_pose
+from controller.planning.motion import tip_pose
 
 from . import workers
 from .custody import Custody
 from .errors import PartProblemError, PartTroubleError
 from .handling import Handling
-from .holder import holder_boxes, tip_pose
+from .holder import holder_boxes
 from .machine import Event
 from .records import Hold, Shown, describe_verdict, describe_view
 from .recovery import WORTH_SHARE, Trouble, is_held_otherwise, merged

@@ -19,6 +19,7 @@ from ._limits import COUNTS_ORDER, limit_margins, worst_violation
 __all__ = [
     "COUNTS_ORDER",
     "HEADINGS_RAD",
+    "LINKS",
     "Q_ORDER",
     "ArmGeometry",
     "counts_to_q",
@@ -26,6 +27,7 @@ __all__ = [
     "inverse",
     "inverse_legal",
     "limit_report",
+    "link_frames",
     "q_to_counts",
     "within_limits",
 ]
@@ -34,6 +36,7 @@ Floats = NDArray[np.float64]
 
 Q_ORDER: Final = ("shoulder_rad", "elbow_rad", "yaw_rad", "zed_mm", "pitch_rad", "roll_rad")
 HEADINGS_RAD: Final = np.deg2rad(np.arange(-180.0, 180.0, 15.0))  # tried where heading is free
+LINKS: Final = ("carriage", "upper", "fore")
 
 _SHOULDER, _ELBOW, _YAW, _ZED, _PITCH, _ROLL = range(6)
 _REACH_SLACK_MM: Final = 1e-9  # rounding of a fully stretched arm must not make it unreachable
@@ -169,6 +172,37 @@ def forward(q: ArrayLike, geometry: ArmGeometry = _DEFAULT) -> Floats:
     T_arm_tip[..., :3, 3] = wrist + geometry.tool_mm * T_arm_tip[..., :3, 0]
     T_arm_tip[..., 3, 3] = 1.0
     return T_arm_tip
+
+
+def link_frames(q: ArrayLike, geometry: ArmGeometry = _DEFAULT) -> tuple[Floats, Floats]:
+    """Return the frames of LINKS in the arm's frame (6.2, 6.4), all at wrist height.
+
+    The carriage rides on the shoulder axis and does not turn; x of the upper arm and of the
+    forearm runs along the link, from the shoulder axis and from the elbow axis.
+
+    Parameters
+    ----------
+    q : (n, 6) joints; limits are not checked
+    geometry : lengths of the arm
+
+    Returns
+    -------
+    R : (n, 3, 3, 3) rotations
+    origin_mm : (n, 3, 3) origins [mm]
+    """
+    joints = np.asarray(q, dtype=np.float64)
+    n = len(joints)
+    shoulder, elbow, zed = joints[:, _SHOULDER], joints[:, _ELBOW], joints[:, _ZED]
+    R = np.zeros((n, 3, 3, 3))
+    R[:, :, 2, 2] = R[:, 0, 0, 0] = R[:, 0, 1, 1] = 1.0
+    for link, angle in ((1, shoulder), (2, shoulder + elbow)):
+        cos, sin = np.cos(angle), np.sin(angle)
+        R[:, link, 0, 0] = R[:, link, 1, 1] = cos
+        R[:, link, 0, 1], R[:, link, 1, 0] = -sin, sin
+    origin_mm = np.zeros((n, 3, 3))
+    origin_mm[:, 2, :2] = geometry.upper_mm * R[:, 1, :2, 0]
+    origin_mm[:, :, 2] = (geometry.wrist_height_mm + zed)[:, None]
+    return R, origin_mm
 
 
 # ---- inverse -----------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from drivers.umi_scara.kinematics import (
     forward,
     inverse,
     inverse_legal,
+    link_frames,
     q_to_counts,
 )
 
@@ -74,6 +75,34 @@ def test_forward_agrees_with_the_numerical_check(
     heading = q[0] + q[1] / 2 + q[2]
     assert np.rad2deg(heading) == pytest.approx(heading_deg, abs=0.0005001)
     assert q_to_counts(q).tolist() == to_counts_order(row)
+
+
+def test_the_links_are_a_chain_of_turns_and_shifts_that_ends_at_the_wrist() -> None:
+    def turned(angle_rad: float) -> NDArray[np.float64]:
+        T = np.eye(4)
+        T[:2, :2] = [
+            [np.cos(angle_rad), -np.sin(angle_rad)],
+            [np.sin(angle_rad), np.cos(angle_rad)],
+        ]
+        return T
+
+    def shifted(x: float, z: float) -> NDArray[np.float64]:
+        T = np.eye(4)
+        T[[0, 2], 3] = x, z
+        return T
+
+    geometry = ArmGeometry(upper_mm=210.0, fore_mm=180.0, tool_mm=0.0, wrist_height_mm=800.0)
+    q = legal_q(np.random.default_rng(4), 50)
+    R, origin_mm = link_frames(q, geometry)
+    for row, joints in enumerate(q):
+        carriage = shifted(0.0, 800.0 + joints[3])
+        upper = carriage @ turned(joints[0])
+        fore = upper @ shifted(210.0, 0.0) @ turned(joints[1])
+        for link, T in enumerate((carriage, upper, fore)):
+            np.testing.assert_allclose(R[row, link], T[:3, :3], atol=1e-12)
+            np.testing.assert_allclose(origin_mm[row, link], T[:3, 3], atol=1e-9)
+        wrist = fore @ shifted(180.0, 0.0)
+        np.testing.assert_allclose(wrist[:3, 3], forward(joints, geometry)[:3, 3], atol=1e-9)
 
 
 def test_the_orientation_is_the_product_of_the_three_rotations() -> None:

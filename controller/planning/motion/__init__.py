@@ -1,6 +1,6 @@
 """Where the arm can be, what it touches there, and its ways from one place to the other."""
 
-from ._inverse import inverse_rows, tip_pose
+from ._kinematics import inverse_rows, link_boxes, tip_pose
 from ._lines import fewest_waypoints, same_branch
 from ._pace import leg_seconds, leg_tube, move_seconds, travel_seconds
 from ._scene import Scene
@@ -16,6 +16,7 @@ __all__ = [
     "inverse_rows",
     "leg_seconds",
     "leg_tube",
+    "link_boxes",
     "move_seconds",
     "path_free",
     "same_branch",

@@ -15,7 +15,7 @@ from drivers.umi_scara.kinematics import within_limits
 
 from ..boxes import BoolArray
 from ..layout import CellLayout, FloatArray
-from ._inverse import tip_pose
+from ._kinematics import tip_pose
 from ._pace import leg_tube, tube_bound_mm
 from ._scene import Scene
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..layout import CellLayout, FloatArray, IntArray
-from ._inverse import inverse_rows, tip_pose
+from ._kinematics import inverse_rows, tip_pose
 
 
 def same_branch(layout: CellLayout, T: FloatArray, branch: IntArray) -> FloatArray:

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..layout import CellLayout, FloatArray, Pace
-from ._inverse import tip_pose
+from ._kinematics import tip_pose
 
 STILL = 1e-6  # rad, mm: less than a count of any motor
 # joints = these @ motors: pitch is half the sum, roll half the difference (umi_rtx.md 5.3)

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..boxes import BoolArray, overlap_turned, stack
 from ..layout import Box, CellLayout, FloatArray, IntArray, Jaw
-from ._inverse import tip_pose
+from ._kinematics import link_boxes, link_frames, tip_pose
 from ._shape import PartShape, PlacedShape, Triangles
 
 STANDING = "the part standing there"
@@ -160,7 +160,7 @@ class Scene:
     ) -> _Moving:
         """Return world places of links, hand and part, and the part's triangles."""
         n = len(q)
-        R_link, origins = self._frames(q)
+        R_link, origins = link_frames(self.layout, q)
         T_tip = tip_pose(self.layout, q)
         if self._cache[1] is None:
             layout = self.layout
@@ -250,34 +250,15 @@ class Scene:
         names.append(np.full(np.count_nonzero(hits), 1 + column))
         return np.concatenate(rows), np.concatenate(bodies), np.concatenate(names)
 
-    def _frames(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return rotations (n, 3, 3, 3) and origins (n, 3, 3) of carriage, upper arm, forearm."""
-        layout = self.layout
-        n = len(q)
-        R = np.zeros((n, 3, 3, 3))
-        R[:, :, 2, 2] = R[:, 0, 0, 0] = R[:, 0, 1, 1] = 1.0
-        for link, angle in ((1, q[:, 0]), (2, q[:, 0] + q[:, 1])):
-            c, s = np.cos(angle), np.sin(angle)
-            R[:, link, 0, 0] = R[:, link, 1, 1] = c
-            R[:, link, 0, 1], R[:, link, 1, 0] = -s, s
-        origin = np.zeros((n, 3, 3))
-        origin[:, 2, :2] = layout.arm.upper_mm * R[:, 1, :2, 0]
-        origin[:, :, 2] = (layout.arm.wrist_height_mm + q[:, 3])[:, None]
-        T = layout.T_world_arm
-        return T[:3, :3] @ R, origin @ T[:3, :3].T + T[:3, 3]
-
     def arm_boxes(self, q: FloatArray) -> list[Box]:
         """Return the world boxes of the links and the open or closed hand at one q (6,)."""
-        links = [self.layout.carriage, self.layout.upper, self.layout.fore]
-        R, origins = self._frames(q[None])
-        boxes = []
-        for k, box in enumerate(links):
-            T_link = np.eye(4)
-            T_link[:3, :3], T_link[:3, 3] = R[0, k], origins[0, k]
-            boxes.append(box.placed(T_link))
+        T_link, half_mm = link_boxes(self.layout, q[None])
         T_tip = tip_pose(self.layout, q)
         hand = [*self.layout.hand.body, *self.layout.hand.fingers(self.hand_opening_mm)]
-        return boxes + [b.placed(T_tip) for b in hand]
+        return [
+            *(Box(T, half) for T, half in zip(T_link[0], half_mm[0], strict=True)),
+            *(box.placed(T_tip) for box in hand),
+        ]
 
 
 @cache

@@ -16,7 +16,7 @@ from drivers.umi_scara.kinematics import within_limits
 from ..boxes import BoolArray
 from ..errors import NoMotionError
 from ..layout import FloatArray
-from ._inverse import tip_pose
+from ._kinematics import tip_pose
 from ._legs import END_MARGIN_MM, MARGIN_MM, Ends, leg_free, leg_seems_free
 from ._pace import leg_seconds
 from ._scene import Scene

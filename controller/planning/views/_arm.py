@@ -103,21 +103,6 @@ def may_cover(
     return np.asarray(~(-opposite > extent).any(axis=1))
 
 
-def link_boxes(layout: CellLayout, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return carriage, upper arm and forearm of configurations (n, 6): (n, 3, 4, 4), (n, 3, 3)."""
-    n = len(q)
-    T = np.zeros((n, 3, 4, 4))
-    T[:, :, 3, 3] = T[:, :, 2, 2] = 1.0
-    T[:, :, 2, 3] = (layout.arm.wrist_height_mm + q[:, 3])[:, None]
-    angles = np.stack([np.zeros(n), q[:, 0], q[:, 0] + q[:, 1]], axis=1)
-    T[:, :, 0, 0] = T[:, :, 1, 1] = np.cos(angles)
-    T[:, :, 1, 0], T[:, :, 0, 1] = np.sin(angles), -np.sin(angles)
-    T[:, 2, 0, 3] = layout.arm.upper_mm * np.cos(q[:, 0])
-    T[:, 2, 1, 3] = layout.arm.upper_mm * np.sin(q[:, 0])
-    T_box, half = stack([layout.carriage, layout.upper, layout.fore])
-    return layout.T_world_arm @ T @ T_box, np.broadcast_to(half, (n, 3, 3))
-
-
 def standing_between(
     layout: CellLayout, statics: list[tuple[str, Box]], cone: SightCone
 ) -> list[Box]:

@@ -11,8 +11,8 @@ from controller.cad import SurfaceSamples
 
 from ..boxes import BoolArray
 from ..layout import Box, CellLayout, FloatArray, IntArray
-from ..motion import Scene, inverse_rows
-from ._arm import hidden_by_boxes, link_boxes, may_cover, standing_between
+from ..motion import Scene, inverse_rows, link_boxes
+from ._arm import hidden_by_boxes, may_cover, standing_between
 from ._poses import Showing
 
 KEPT_Q = 4  # configurations kept per view and grip

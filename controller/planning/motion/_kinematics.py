@@ -1,4 +1,4 @@
-"""Joints of tip poses in the world, as rows, and back."""
+"""Where the arm's tip and links are in the world, and which joints bring the tip to a pose."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ import numpy as np
 
 from controller.cad import inverse_pose
 from drivers.umi_scara.kinematics import forward, inverse_legal
+from drivers.umi_scara.kinematics import link_frames as frames_in_arm
 
+from ..boxes import stack
 from ..layout import CellLayout, FloatArray, IntArray
 
 HEADINGS_RAD = np.radians(np.arange(-180.0, 180.0, 30.0))  # tried where the hand points down
@@ -42,3 +44,21 @@ def _straightened(R: FloatArray) -> FloatArray:
 def tip_pose(layout: CellLayout, q: FloatArray) -> FloatArray:
     """Return T_world_tip (..., 4, 4) of configurations (..., 6)."""
     return np.asarray(layout.T_world_arm @ forward(q, layout.arm))
+
+
+def link_frames(layout: CellLayout, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return rotations (n, k, 3, 3) and origins (n, k, 3) of the k links in the world."""
+    R, origin_mm = frames_in_arm(q, layout.arm)
+    T = layout.T_world_arm
+    return T[:3, :3] @ R, origin_mm @ T[:3, :3].T + T[:3, 3]
+
+
+def link_boxes(layout: CellLayout, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the links' boxes in the world of configurations (n, 6): (n, k, 4, 4), (n, k, 3)."""
+    R, origin_mm = link_frames(layout, q)
+    T_box, half_mm = stack([layout.carriage, layout.upper, layout.fore])
+    T = np.zeros((*R.shape[:2], 4, 4))
+    T[..., 3, 3] = 1.0
+    T[..., :3, :3] = R @ T_box[:, :3, :3]
+    T[..., :3, 3] = (R @ T_box[:, :3, 3, None])[..., 0] + origin_mm
+    return T, np.broadcast_to(half_mm, (*R.shape[:2], 3))

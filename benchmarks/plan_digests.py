@@ -1,0 +1,113 @@
+"""Digests of the plans of the recipes: the same before and after a change that is to change none.
+
+python benchmarks/plan_digests.py [--recipes NAME...] [--json]
+
+Per recipe: what is prepared of its part, and the plan from every likely stable pose at two places
+of the drop area, each as a hash of every bit; with the CPU seconds they took. Run it on both
+states of the code and compare.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit"), str(ROOT / "benchmarks")]
+
+from bench_planning import digest  # noqa: E402  (path set above)
+
+from controller.cad import StablePose  # noqa: E402
+from controller.cad.compiled import load_part  # noqa: E402
+from controller.cell.planner_setup import planner_setup  # noqa: E402
+from controller.cell.workers import part_files  # noqa: E402
+from controller.config import load_cell, load_recipe  # noqa: E402
+from controller.planning import (  # noqa: E402
+    CellLayout,
+    NoPlanError,
+    OnTable,
+    PreparedPart,
+    plan_from,
+    prepare_part,
+    resting_pose,
+)
+
+RECIPES = ("featuretype", "flange_xy", "holder", "idler_riser", "widget")
+LIKELY = 0.03
+OF_THE_PART = ("solid", "samples", "shape")  # what the planner is given; meshes have no digest
+# shares of the drop area, and a turn [rad]: its middle, and a place that is none in particular
+PLACES = ((0.5, 0.5, 0.0), (0.83, 0.21, 2.0))
+
+
+def plan_digest(
+    part: PreparedPart, layout: CellLayout, pose: StablePose, place: tuple[float, float, float]
+) -> str:
+    """Return the digest of one plan, or of the reason why there is none."""
+    low, high = layout.set_down_mm.T
+    x, y = low + np.array(place[:2]) * (high - low)
+    T = resting_pose(part.solid, pose, float(x), float(y), place[2])
+    try:
+        return digest(plan_from(part, layout, OnTable(pose.index, T)))
+    except NoPlanError as error:
+        return f"none {digest(str(error))}"
+
+
+def digests(name: str) -> dict[str, object]:
+    """Return the digests of one recipe's plans, and what they took."""
+    recipe = load_recipe(ROOT / "recipes" / f"{name}.yaml")
+    part = load_part(*part_files(recipe)[0])
+    setup = planner_setup(recipe, load_cell(ROOT / "recipes" / "cells" / "emulated.yaml"), part)
+    begin = time.process_time()
+    prepared = prepare_part(part.solid, part.samples, setup.layout, setup.options)
+    prepare_s = time.process_time() - begin
+    tables = {f.name: getattr(prepared, f.name) for f in dataclasses.fields(prepared)}
+    plans: dict[str, str] = {}
+    begin = time.process_time()
+    for pose in part.poses:
+        if pose.rolling or pose.marginal or pose.probability < LIKELY:
+            continue
+        for k, place in enumerate(PLACES):
+            plans[f"pose {pose.index} place {k}"] = plan_digest(prepared, setup.layout, pose, place)
+    return {
+        "recipe": name,
+        "prepared": digest({k: v for k, v in tables.items() if k not in OF_THE_PART}),
+        "plans": plans,
+        "prepare_cpu_s": prepare_s,
+        "plan_cpu_s": time.process_time() - begin,
+    }
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--recipes", nargs="*", default=list(RECIPES), metavar="NAME")
+    parser.add_argument("--json", action="store_true", help="one JSON object instead of the table")
+    args = parser.parse_args()
+    rows = []
+    for name in args.recipes:
+        row = digests(name)
+        rows.append(row)
+        if not args.json:
+            print(
+                f"{name}: prepared {row['prepared']}, {row['prepare_cpu_s']:.1f} s; plans in "
+                f"{row['plan_cpu_s']:.1f} s",
+                flush=True,
+            )
+            plans = row["plans"]
+            assert isinstance(plans, dict)
+            for what, found in plans.items():
+                print(f"  {what:20} {found}")
+    if args.json:
+        print(json.dumps({"recipes": rows}))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
