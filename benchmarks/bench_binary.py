@@ -29,15 +29,9 @@ import cv2  # noqa: E402  (threads and path come first)
 import numpy as np  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
-from controller.cad import (  # noqa: E402
-    Camera,
-    StablePose,
-    ViewModel,
-    inverse_pose,
-    outline,
-    prepare_views,
-)
+from controller.cad import StablePose, ViewModel, outline, prepare_views  # noqa: E402
 from controller.cad.compiled import CompiledPart, load_part, part_name  # noqa: E402
+from controller.imaging import Camera, inverse_pose  # noqa: E402
 from controller.recognition import lying  # noqa: E402
 from controller.recognition.binary import (  # noqa: E402
     BinaryTolerances,

@@ -16,7 +16,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import Camera, inverse_pose
 from controller.commissioning.calibration import (
     Chessboard,
     View,
@@ -25,6 +24,7 @@ from controller.commissioning.calibration import (
     find_board,
 )
 from controller.commissioning.target import CalibrationTarget, load_target
+from controller.imaging import Camera, inverse_pose
 
 Array = NDArray[np.float64]
 IMAGES = Path(__file__).resolve().parents[2] / "shared" / "images"

@@ -27,16 +27,9 @@ import cv2  # noqa: E402  (threads and path come first)
 import numpy as np  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
-from controller.cad import (  # noqa: E402
-    Camera,
-    LookAlike,
-    PartSymmetry,
-    Solid,
-    StablePose,
-    camera_view,
-    prepare_views,
-)
+from controller.cad import LookAlike, PartSymmetry, Solid, StablePose, camera_view, prepare_views  # noqa: E402
 from controller.cad.compiled import CompiledPart, load_part, part_name  # noqa: E402
+from controller.imaging import Camera  # noqa: E402
 from controller.recognition import lying  # noqa: E402
 from controller.recognition.grey import (  # noqa: E402
     FeatureIndex,

@@ -27,8 +27,8 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit")]
 from planning_cell import emulated_layout  # noqa: E402
 from shared_files import SHARED  # noqa: E402  (path set above)
 
-from controller.cad import RayCaster  # noqa: E402
 from controller.cad.compiled import CompiledPart, load_part  # noqa: E402
+from controller.imaging import RayCaster  # noqa: E402
 from controller.planning import Grip, GripRules, Jaw  # noqa: E402
 from controller.planning.grip import Holder  # noqa: E402
 from controller.planning.grips import (  # noqa: E402

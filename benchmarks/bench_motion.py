@@ -30,7 +30,8 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit")]
 
 from planning_cell import PARTS, emulated_layout  # noqa: E402  (path set above)
 
-from controller.cad import inverse_pose, load_solid, sample_surface  # noqa: E402
+from controller.cad import load_solid, sample_surface  # noqa: E402
+from controller.imaging import inverse_pose  # noqa: E402
 from controller.planning import (  # noqa: E402
     Box,
     CellLayout,

@@ -26,10 +26,10 @@ from inspection_scenes import (
     rotation,
 )
 
-from controller.cad import inverse_pose
 from controller.cell import workers
 from controller.cell.holder import holder_boxes
 from controller.cell.showing import _lamps_for
+from controller.imaging import inverse_pose
 from controller.inspection import (
     Verdict,
     ViewResult,

@@ -28,7 +28,8 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit"), str(ROOT / "benchmarks"
 from bench_views import FINE, filled, true_pose  # noqa: E402  (path set above)
 from shared_files import SHARED  # noqa: E402
 
-from controller.cad import Camera, LineView, load_solid, outline, prepare_views  # noqa: E402
+from controller.cad import LineView, load_solid, outline, prepare_views  # noqa: E402
+from controller.imaging import Camera  # noqa: E402
 from controller.recognition.segmentation import Region, Segmentation, segment  # noqa: E402
 
 Array = NDArray[np.float64]

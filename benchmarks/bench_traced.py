@@ -16,7 +16,7 @@ import numpy as np
 from inspection_scenes import ROOT, Held
 from numpy.typing import NDArray
 
-from controller.cad import Camera, PointLamp
+from controller.imaging import Camera, PointLamp
 from controller.inspection import (
     Limits,
     Verdict,

@@ -23,14 +23,8 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit")]
 
 from planning_cell import PARTS, emulated_layout  # noqa: E402  (path set above)
 
-from controller.cad import (  # noqa: E402
-    RayCaster,
-    Solid,
-    SurfaceSamples,
-    inverse_pose,
-    load_solid,
-    sample_surface,
-)
+from controller.cad import Solid, SurfaceSamples, load_solid, sample_surface  # noqa: E402
+from controller.imaging import RayCaster, inverse_pose  # noqa: E402
 from controller.planning import Box, CellLayout, Grip  # noqa: E402
 from controller.planning.motion import Scene  # noqa: E402
 from controller.planning.views import (  # noqa: E402

@@ -27,15 +27,8 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit")]
 
 from shared_files import SHARED  # noqa: E402  (path set above)
 
-from controller.cad import (  # noqa: E402
-    Camera,
-    LineView,
-    Solid,
-    line_view,
-    load_solid,
-    outline,
-    prepare_views,
-)
+from controller.cad import LineView, Solid, line_view, load_solid, outline, prepare_views  # noqa: E402
+from controller.imaging import Camera  # noqa: E402
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

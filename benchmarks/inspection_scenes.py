@@ -23,15 +23,10 @@ import numpy as np  # noqa: E402
 import trimesh  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
-from controller.cad import (  # noqa: E402
-    RayCaster,
-    Solid,
-    SurfaceSamples,
-    load_solid,
-    sample_surface,
-)
+from controller.cad import Solid, SurfaceSamples, load_solid, sample_surface  # noqa: E402
 from controller.cell import workers  # noqa: E402
 from controller.config import load_cell  # noqa: E402
+from controller.imaging import RayCaster  # noqa: E402
 from controller.inspection import (  # noqa: E402
     Limits,
     ViewPictures,

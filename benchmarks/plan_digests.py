@@ -25,7 +25,6 @@ from bench_planning import digest  # noqa: E402  (path set above)
 
 from controller.cad import StablePose  # noqa: E402
 from controller.cad.compiled import load_part  # noqa: E402
-from controller.cell.planner_setup import planner_setup  # noqa: E402
 from controller.cell.workers import part_files  # noqa: E402
 from controller.config import load_cell, load_recipe  # noqa: E402
 from controller.planning import (  # noqa: E402
@@ -37,6 +36,7 @@ from controller.planning import (  # noqa: E402
     prepare_part,
     resting_pose,
 )
+from controller.setup.planner import planner_setup  # noqa: E402
 
 RECIPES = ("featuretype", "flange_xy", "holder", "idler_riser", "widget")
 LIKELY = 0.03

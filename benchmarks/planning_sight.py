@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import Camera
+from controller.imaging import Camera
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -32,7 +32,7 @@ sys.path.insert(0, str(ROOT))
 
 from recognition_parts import cad_files, read_mesh  # noqa: E402
 
-from controller.cad import Camera  # noqa: E402  (path set above)
+from controller.imaging import Camera  # noqa: E402  (path set above)
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller import inspection as inspecting
-from controller.cad import Camera, inverse_pose, transform
 from controller.cell import workers
 from controller.cell.experts import Holder, Workers
+from controller.imaging import Camera, inverse_pose, transform
 from controller.planning import Look, Plan, Present, Start
 from controller.planning.boxes import segments_hit
 from controller.planning.layout import Box

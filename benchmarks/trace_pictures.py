@@ -56,7 +56,8 @@ from trace_placing import (  # noqa: E402
 )
 from trace_scene import Body, NoTracerError, PixelRays, radiance, tracer  # noqa: E402
 
-from controller.cad import CadError, Camera, outline  # noqa: E402
+from controller.cad import CadError, outline  # noqa: E402
+from controller.imaging import Camera  # noqa: E402
 
 Array = NDArray[np.float64]
 

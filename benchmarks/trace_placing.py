@@ -15,7 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import Camera, Solid, StablePose, load_solid, stable_poses
+from controller.cad import Solid, StablePose, load_solid, stable_poses
+from controller.imaging import Camera
 
 Array = NDArray[np.float64]
 Truth = dict[str, Any]

@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import Camera
+from controller.imaging import Camera
 
 Array = NDArray[np.float64]
 Light = dict[str, Any]

@@ -5,7 +5,6 @@ planning.md 4.
 """
 
 from .boundary import Boundary, Crease, Curve, Face, surface_normals
-from .camera import Camera, inverse_pose, transform
 from .errors import (
     CadError,
     CoordinatesCadError,
@@ -19,8 +18,6 @@ from .errors import (
     UnitCadError,
     UnreadableCadError,
 )
-from .lamp import PointLamp
-from .rays import RayCaster
 from .reading import load_solid
 from .resting import (
     LookAlike,
@@ -42,23 +39,17 @@ from .views import (
     DrawnEdge,
     LineView,
     Loop,
-    Roi,
     Stroke,
-    ViewMaps,
     ViewModel,
     camera_view,
     line_view,
-    meet_part,
     outline,
     prepare_views,
-    render_maps,
-    view_roi,
 )
 
 __all__ = [
     "Boundary",
     "CadError",
-    "Camera",
     "CoordinatesCadError",
     "Crease",
     "CsgCadError",
@@ -75,11 +66,8 @@ __all__ = [
     "ManySolidsCadError",
     "OpenCadError",
     "PartSymmetry",
-    "PointLamp",
     "PoseOdds",
-    "RayCaster",
     "Resting",
-    "Roi",
     "RollingFamily",
     "SelfIntersectingCadError",
     "Solid",
@@ -88,26 +76,20 @@ __all__ = [
     "SurfaceSamples",
     "UnitCadError",
     "UnreadableCadError",
-    "ViewMaps",
     "ViewModel",
     "camera_view",
     "find_features",
     "find_resting",
-    "inverse_pose",
     "line_view",
     "load_solid",
     "look_alikes",
     "make_solid",
-    "meet_part",
     "name_duplicates",
     "outline",
     "part_symmetries",
     "pose_odds",
     "prepare_views",
-    "render_maps",
     "sample_surface",
     "stable_poses",
     "surface_normals",
-    "transform",
-    "view_roi",
 ]

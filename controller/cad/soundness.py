@@ -12,6 +12,8 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from controller.imaging import RayCaster
+
 from .errors import (
     InsideOutCadError,
     ManySolidsCadError,
@@ -19,7 +21,6 @@ from .errors import (
     SelfIntersectingCadError,
 )
 from .graph import components
-from .rays import RayCaster
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import inverse_pose
+from controller.imaging import inverse_pose
 from controller.planning import (
     InArm,
     InFixture,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller import inspection as inspecting
-from controller.cad import inverse_pose
+from controller.imaging import inverse_pose
 from controller.planning import (
     Grip,
     HandOver,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller import inspection as inspecting
-from controller.cad import inverse_pose
+from controller.imaging import inverse_pose
 from controller.planning import Doubt, HandOver, Look, Present, SetDown, TakeBack, shown_pose
 from controller.planning.motion import tip_pose
 

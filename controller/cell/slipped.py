@@ -14,8 +14,9 @@ import trimesh
 from numpy.typing import NDArray
 
 from controller import inspection as inspecting
-from controller.cad import RayCaster, SurfaceSamples, inverse_pose, render_maps
-from controller.recognition import PosedPart, threshold_levels
+from controller.cad import SurfaceSamples
+from controller.imaging import RayCaster, inverse_pose, render_maps, threshold_levels
+from controller.recognition import PosedPart
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

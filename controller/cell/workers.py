@@ -23,14 +23,7 @@ from numpy.typing import NDArray
 from controller import inspection as inspecting
 from controller import planning
 from controller import recognition as recognising
-from controller.cad import (
-    Camera,
-    RayCaster,
-    Solid,
-    StablePose,
-    SurfaceSamples,
-    inverse_pose,
-)
+from controller.cad import Solid, StablePose, SurfaceSamples
 from controller.cad.compiled import (
     CompiledPart,
     CompileOptions,
@@ -38,6 +31,7 @@ from controller.cad.compiled import (
     options_among,
 )
 from controller.config import Cell, Recipe, load_cell, load_recipe
+from controller.imaging import Camera, RayCaster, inverse_pose
 from controller.planning import (
     Box,
     Doubt,

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import Camera
 from controller.commissioning.calibration import PARAMETERS, Calibration, Placed
 from controller.config import ConfigError
 from controller.config.cell import LEAST_HEIGHT_MM, MOST_HEIGHT_MM
 from controller.config.files import read_text
+from controller.imaging import Camera
 
 from ._pictures import MOST_PIXELS
 

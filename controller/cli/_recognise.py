@@ -8,9 +8,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from controller.cad import Camera
 from controller.cad.compiled import options_among, part_name
 from controller.config import CAD_FORMATS, ConfigError, is_cad_file
+from controller.imaging import Camera
 from controller.recognition import Library, Recognition, recognise
 from controller.recognition.explain import explain
 from controller.recognition.stored import open_library

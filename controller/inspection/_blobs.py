@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import Camera, ViewMaps, inverse_pose, transform
+from controller.imaging import Camera, ViewMaps, inverse_pose, transform
 from controller.recognition import PosedPart
 
 from ._types import Finding, Kind, Mask

@@ -13,16 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import (
-    Camera,
-    PointLamp,
-    RayCaster,
-    Solid,
-    ViewMaps,
-    inverse_pose,
-    surface_normals,
-    transform,
-)
+from controller.cad import Solid, surface_normals
+from controller.imaging import Camera, PointLamp, RayCaster, ViewMaps, inverse_pose, transform
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from controller.cad import SurfaceSamples, ViewMaps, transform
+from controller.cad import SurfaceSamples
+from controller.imaging import ViewMaps, transform
 from controller.recognition import PosedPart, PoseFit
 
 from ._blobs import blobs, grow

@@ -11,15 +11,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import inverse_pose, transform
-from controller.recognition import (
-    Contour,
-    PosedPart,
-    PoseFit,
-    edge_jacobian,
-    fit_pose,
-    twist,
-)
+from controller.imaging import Contour, inverse_pose, transform
+from controller.recognition import PosedPart, PoseFit, edge_jacobian, fit_pose, twist
 
 from ._types import Mask, ViewTask
 

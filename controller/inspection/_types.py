@@ -7,7 +7,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import Camera, PointLamp
+from controller.imaging import Camera, PointLamp
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

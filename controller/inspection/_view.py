@@ -16,23 +16,20 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from controller.cad import (
+from controller.cad import SurfaceSamples
+from controller.imaging import (
     Camera,
+    Contour,
     RayCaster,
-    SurfaceSamples,
     ViewMaps,
     inverse_pose,
-    render_maps,
-    transform,
-)
-from controller.recognition import (
-    Contour,
-    PosedPart,
-    PoseFit,
     mask_contour,
+    render_maps,
     subpixel_contour,
     threshold_levels,
+    transform,
 )
+from controller.recognition import PosedPart, PoseFit
 
 from ._blobs import blobs, grow
 from ._light import Light, Surface, bound_light, find_surface

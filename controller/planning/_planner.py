@@ -13,7 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from controller.cad import RayCaster, Solid, StablePose, SurfaceSamples, inverse_pose
+from controller.cad import Solid, StablePose, SurfaceSamples
+from controller.imaging import RayCaster, inverse_pose
 
 from ._build import Build, Builder, RefutedError, check_trays_in_reach
 from ._prepare import prepare_part, with_grips, with_rests

@@ -8,7 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from controller.cad import RayCaster, Solid, SurfaceSamples, stable_poses
+from controller.cad import Solid, SurfaceSamples, stable_poses
+from controller.imaging import RayCaster
 
 from .boxes import BoolArray
 from .errors import NotGraspableError

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from controller.cad import RayCaster
+from controller.imaging import RayCaster
 from drivers.umi_scara.kinematics import inverse, limit_report
 
 from .boxes import BoolArray

@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import Camera
+from controller.imaging import Camera
 from drivers.umi_scara.kinematics import ArmGeometry
 
 FloatArray = NDArray[np.float64]

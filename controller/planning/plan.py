@@ -12,7 +12,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from controller.cad import inverse_pose
+from controller.imaging import inverse_pose
 
 from .boxes import BoolArray
 from .doubt import Candidate, Light

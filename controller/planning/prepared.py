@@ -7,7 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from controller.cad import Solid, StablePose, SurfaceSamples, inverse_pose
+from controller.cad import Solid, StablePose, SurfaceSamples
+from controller.imaging import inverse_pose
 
 from .boxes import BoolArray
 from .grip import Grip, GripRules

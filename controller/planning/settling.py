@@ -15,7 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import RayCaster, Solid, inverse_pose
+from controller.cad import Solid
+from controller.imaging import RayCaster, inverse_pose
 
 from ._build import Build, Builder, RefutedError
 from ._planner import plan_from

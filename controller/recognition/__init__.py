@@ -3,7 +3,6 @@
 Arrays in, dataclasses out (paper, section 3; DESIGN.md 3.5).
 """
 
-from ._contours import Contour, mask_contour, subpixel_contour, threshold_levels
 from ._hypotheses import Hypothesis, SearchLimits
 from ._pose_fit import PosedPart, PoseFit, fit_pose, twist
 from ._recognise import Limits, recognise
@@ -13,7 +12,6 @@ from .library import Entry, Library, lying, make_library
 
 __all__ = [
     "Alternative",
-    "Contour",
     "Entry",
     "Hypothesis",
     "Library",
@@ -28,9 +26,6 @@ __all__ = [
     "fit_pose",
     "lying",
     "make_library",
-    "mask_contour",
     "recognise",
-    "subpixel_contour",
-    "threshold_levels",
     "twist",
 ]

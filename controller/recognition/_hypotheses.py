@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import Camera
+from controller.imaging import Camera
 
 from ._scores import FRONT, SILHOUETTE, log_odds, probability
 from ._sight import Sight

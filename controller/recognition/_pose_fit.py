@@ -13,17 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from controller.cad import (
+from controller.cad import Solid
+from controller.imaging import (
     Camera,
+    Contour,
     RayCaster,
-    Solid,
     ViewMaps,
+    mask_contour,
     meet_part,
     render_maps,
     view_roi,
 )
 
-from ._contours import Contour, mask_contour
 from .fitting import edge_jacobian
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import Camera
+from controller.imaging import Camera
 
 from ._decide import Decision, decide, is_convincing
 from ._hypotheses import Hypothesis, SearchLimits, is_tried, weigh, without_repeats

@@ -10,9 +10,10 @@ from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
-from controller.cad import Camera, Solid
+from controller.cad import Solid
 from controller.cad.compiled import CompileOptions, cache_key, load_part, part_name
 from controller.cad.compiled.keeping import Keeper
+from controller.imaging import Camera
 
 from .fitting import EdgeShape, edge_shape
 from .library import Entry, Library, Station, check_fits, make_entry, station_of

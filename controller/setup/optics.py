@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import Camera, PointLamp
 from controller.config.cell import CameraSection, Cell, LampSection
+from controller.imaging import Camera, PointLamp
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 from scipy.spatial.transform import Rotation
 
-from controller.cad import Camera, inverse_pose
 from controller.commissioning.calibration import (
     Charuco,
     FoundBoard,
@@ -25,6 +24,7 @@ from controller.commissioning.calibration import (
     WorldFrame,
     charuco_board,
 )
+from controller.imaging import Camera, inverse_pose
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]

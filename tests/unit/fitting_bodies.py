@@ -9,7 +9,8 @@ import shapely
 from cad_solids import Body, box, prism, rod, solid_of
 from numpy.typing import NDArray
 
-from controller.cad import Camera, LineView, Solid, outline, transform
+from controller.cad import LineView, Solid, outline
+from controller.imaging import Camera, transform
 from controller.recognition.fitting import EdgeModel, edge_model
 
 Array = NDArray[np.float64]

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from controller.cad import RayCaster, Solid, SurfaceSamples, sample_surface, stable_poses
+from controller.cad import Solid, SurfaceSamples, sample_surface, stable_poses
+from controller.imaging import RayCaster
 from controller.planning import Box, GripRules, Jaw
 from controller.planning.grips import Synthesis, find_seeds, judge_grips
 

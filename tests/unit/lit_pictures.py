@@ -14,7 +14,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from controller.cad import Camera, PointLamp
+from controller.imaging import Camera, PointLamp
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]

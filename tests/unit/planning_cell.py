@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from ruamel.yaml import YAML
 
-from controller.cad import Camera
+from controller.imaging import Camera
 from controller.planning import Box, CellLayout, Jaw, Tray
 from drivers.umi_scara.kinematics import ArmGeometry
 

@@ -13,8 +13,9 @@ from cad_solids import Body, box, prism, rod, solid_of
 from numpy.typing import NDArray
 from table_pictures import overhead, picture, resting, silhouette
 
-from controller.cad import Camera, Solid
+from controller.cad import Solid
 from controller.cad.compiled import compile_solid
+from controller.imaging import Camera
 from controller.recognition import Library, make_library
 
 Array = NDArray[np.float64]

@@ -11,7 +11,8 @@ from cad_solids import Body, box, mesh_of, rod, solid_of
 from lit_pictures import Renderer, Scene, placed
 from numpy.typing import NDArray
 
-from controller.cad import Camera, PointLamp, RayCaster, Solid, SurfaceSamples, sample_surface
+from controller.cad import Solid, SurfaceSamples, sample_surface
+from controller.imaging import Camera, PointLamp, RayCaster
 from controller.inspection import Limits, ViewPictures, ViewTask, WorldBox
 from controller.recognition import PosedPart
 

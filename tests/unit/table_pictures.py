@@ -15,7 +15,8 @@ import shapely
 import trimesh
 from numpy.typing import NDArray
 
-from controller.cad import Camera, Solid
+from controller.cad import Solid
+from controller.imaging import Camera
 
 Array = NDArray[np.float64]
 SIZE = (800, 640)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from controller.cad import Camera, inverse_pose, transform
+from controller.imaging import Camera, inverse_pose, transform
 
 Array = NDArray[np.float64]
 SIZE = (1280, 1024)

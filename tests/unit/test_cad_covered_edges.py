@@ -9,7 +9,8 @@ import pytest
 from cad_solids import Body, box, rod, solid_of
 from numpy.typing import NDArray
 
-from controller.cad import Camera, LineView, camera_view, line_view, prepare_views
+from controller.cad import LineView, camera_view, line_view, prepare_views
+from controller.imaging import Camera
 
 Array = NDArray[np.float64]
 

@@ -14,11 +14,9 @@ from manifold3d import CrossSection
 from numpy.typing import NDArray
 
 from controller.cad import (
-    Camera,
     DrawnEdge,
     LineView,
     Loop,
-    RayCaster,
     Solid,
     camera_view,
     line_view,
@@ -26,10 +24,8 @@ from controller.cad import (
     make_solid,
     outline,
     prepare_views,
-    render_maps,
-    transform,
-    view_roi,
 )
+from controller.imaging import Camera, RayCaster, render_maps, transform, view_roi
 
 Array = NDArray[np.float64]
 SEGMENTS = 256

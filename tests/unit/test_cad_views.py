@@ -11,13 +11,7 @@ import trimesh
 from cad_solids import box, mesh_of, rod, solid_of
 from numpy.typing import NDArray
 
-from controller.cad import (
-    Camera,
-    RayCaster,
-    ViewMaps,
-    render_maps,
-    view_roi,
-)
+from controller.imaging import Camera, RayCaster, ViewMaps, render_maps, view_roi
 
 Array = NDArray[np.float64]
 SIZE = (640, 512)

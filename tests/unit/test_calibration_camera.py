@@ -9,7 +9,6 @@ import pytest
 from board_pictures import Scene, camera_over_table, corners_of, noisy_views, pose, true_pixels
 from scipy.spatial.transform import Rotation
 
-from controller.cad import Camera, inverse_pose
 from controller.commissioning.calibration import (
     PARAMETERS,
     Calibration,
@@ -25,6 +24,7 @@ from controller.commissioning.calibration import (
 from controller.commissioning.calibration._refusals import check_uncertainty
 from controller.commissioning.calibration._solve import Solution, solve
 from controller.commissioning.calibration._uncertainty import spread
+from controller.imaging import Camera, inverse_pose
 
 BOARD = Chessboard((8, 5), 12.0)
 WORLD = WorldFrame("flat 0", (-40.0, -25.0, 0.0), float(np.radians(8.0)))

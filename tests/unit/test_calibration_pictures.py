@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from data_files import BOARDS, true_pictures
 
-from controller.cad import Camera
 from controller.commissioning.calibration import View, calibrate, find_board
 from controller.commissioning.target import load_target
+from controller.imaging import Camera
 
 pytestmark = pytest.mark.slow
 # the digitiser's raster over the camera's: u_lo = (u + 0.5) / 5 - 0.5, v_lo = (v + 0.5) / 4 - 0.5

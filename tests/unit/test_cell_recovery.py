@@ -19,7 +19,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controller.cad import inverse_pose
 from controller.cell.actions import Actions
 from controller.cell.custody import Custody
 from controller.cell.errors import PartProblemError, PartTroubleError, ReleaseRefusedError
@@ -36,6 +35,7 @@ from controller.cell.recovery import (
     remedy_for,
 )
 from controller.config import load_cell, load_recipe
+from controller.imaging import inverse_pose
 from controller.inspection import PartVerdict, Verdict, ViewResult
 from controller.planning import (
     Grip,

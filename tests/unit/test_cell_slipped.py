@@ -8,16 +8,10 @@ import numpy as np
 import pytest
 
 from controller import inspection as inspecting
-from controller.cad import (
-    RayCaster,
-    inverse_pose,
-    load_solid,
-    render_maps,
-    sample_surface,
-    transform,
-)
+from controller.cad import load_solid, sample_surface
 from controller.cell.slipped import find_hold
 from controller.config import load_cell
+from controller.imaging import RayCaster, inverse_pose, render_maps, transform
 from controller.recognition import PosedPart
 from controller.setup.layout import build_layout
 from controller.setup.optics import panel_corners

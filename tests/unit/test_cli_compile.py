@@ -14,14 +14,15 @@ import numpy as np
 import pytest
 from cad_solids import box, mesh_of, rod
 
-from controller.cad import RayCaster, load_solid, solid
 from controller.cad import compiled as compiling
+from controller.cad import load_solid, solid
 from controller.cad.compiled import CompiledPart, CompileOptions, compile_part, load_part
 from controller.cad.surfaces.tolerances import Datum, Dimension, GeometricTolerance
 from controller.cad.views import Loop, Stroke
 from controller.cli import main
 from controller.cli._compile import part_json
 from controller.config import ConfigError, load_recipe
+from controller.imaging import RayCaster
 from controller.results.sheet import _drawings, _picture
 from controller.results.sheet._sheet import render_sheet
 from controller.results.sheet._tables import tolerance_rows

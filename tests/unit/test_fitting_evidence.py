@@ -13,7 +13,8 @@ from lit_pictures import Renderer, Scene, placed
 from numpy.typing import NDArray
 from table_pictures import SIZE, overhead, picture, resting, silhouette
 
-from controller.cad import PointLamp, stable_poses
+from controller.cad import stable_poses
+from controller.imaging import PointLamp
 from controller.recognition.fitting import (
     EdgeFit,
     EdgePoints,

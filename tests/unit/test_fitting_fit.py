@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from table_pictures import overhead, resting
 from trimesh.transformations import rotation_matrix
 
-from controller.cad import outline, stable_poses, transform
+from controller.cad import outline, stable_poses
+from controller.imaging import transform
 from controller.recognition.fitting import (
     EdgeFit,
     FitOptions,

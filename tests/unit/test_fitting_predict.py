@@ -11,17 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from table_pictures import overhead, resting
 
-from controller.cad import (
-    Camera,
-    LineView,
-    Solid,
-    camera_view,
-    inverse_pose,
-    load_solid,
-    outline,
-    stable_poses,
-    transform,
-)
+from controller.cad import LineView, Solid, camera_view, load_solid, outline, stable_poses
+from controller.imaging import Camera, inverse_pose, transform
 from controller.recognition.fitting import (
     EdgeModel,
     EdgePoints,

@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from controller.cad import RayCaster, Solid
+from controller.cad import Solid
+from controller.imaging import RayCaster
 from controller.planning import GripRules
 from controller.planning.grips._judge import Judge
 from controller.planning.grips._robust import laid_flat, margins, wrong_poses

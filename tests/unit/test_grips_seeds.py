@@ -8,7 +8,8 @@ import trimesh
 from cad_solids import box, polygon_area, prism, rod, solid_of
 from grip_bench import HAND, RULES, SPREADING
 
-from controller.cad import RayCaster, make_solid, sample_surface
+from controller.cad import make_solid, sample_surface
+from controller.imaging import RayCaster
 from controller.planning.grips import FacePair, find_seeds, needed_friction, opposed_faces
 
 

@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from controller.cad import RayCaster, Solid
+from controller.cad import Solid
+from controller.imaging import RayCaster
 from controller.planning.grips._pads import Contacts, PadGrid, close_pads
 from controller.planning.grips._strength import loads
 

@@ -10,7 +10,7 @@ from cad_solids import Body, box, mesh_of, solid_of
 from numpy.typing import NDArray
 from shown_part import CAMERA, FRONT
 
-from controller.cad import Camera, PointLamp, RayCaster, ViewMaps, render_maps, view_roi
+from controller.imaging import Camera, PointLamp, RayCaster, ViewMaps, render_maps, view_roi
 from controller.inspection._light import (
     ALBEDO,
     HIGHLIGHT_WIDTHS_RAD,

@@ -10,7 +10,8 @@ from cad_solids import Body, box, rod, solid_of
 from numpy.typing import NDArray
 from shown_part import FRONT, photograph, task
 
-from controller.cad import RayCaster, SurfaceSamples, sample_surface
+from controller.cad import SurfaceSamples, sample_surface
+from controller.imaging import RayCaster
 from controller.inspection import Kind, ViewResult, _view, inspect_view
 from controller.recognition import PosedPart, twist
 

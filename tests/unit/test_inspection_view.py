@@ -32,7 +32,7 @@ from shown_part import (
     task,
 )
 
-from controller.cad import inverse_pose, transform
+from controller.imaging import inverse_pose, transform
 from controller.inspection import (
     Finding,
     Kind,

@@ -15,7 +15,6 @@ from table_pictures import overhead, resting
 
 from controller.cad import (
     CadError,
-    Camera,
     PartSymmetry,
     StablePose,
     outline,
@@ -23,6 +22,7 @@ from controller.cad import (
     stable_poses,
 )
 from controller.cad.compiled import CompiledPart, compile_solid
+from controller.imaging import Camera
 from controller.recognition.library import (
     Candidate,
     Library,

@@ -15,10 +15,11 @@ from cad_solids import box, mesh_of, solid_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controller.cad import Camera, sample_surface
+from controller.cad import sample_surface
 from controller.cad.compiled import CompiledPart, compile_part
 from controller.cell.plans import KeptPlan
 from controller.config import load_cell
+from controller.imaging import Camera
 from controller.planning import (
     Box,
     CellLayout,

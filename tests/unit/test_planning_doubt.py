@@ -15,7 +15,8 @@ from lit_pictures import Renderer, placed
 from lit_pictures import Scene as Pictured
 from planning_cell import emulated_layout
 
-from controller.cad import PointLamp, Solid, inverse_pose, load_solid
+from controller.cad import Solid, load_solid
+from controller.imaging import PointLamp, inverse_pose
 from controller.planning import Box
 from controller.planning.doubt import (
     LIGHTS,

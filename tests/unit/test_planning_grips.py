@@ -14,8 +14,9 @@ from cad_solids import solid_of as cad_solid
 from grip_bench import DOWN, HAND, QUICK, RULES, SPREADING, downs_of, judged
 from planning_cell import PARTS, emulated_layout
 
-from controller.cad import RayCaster, Solid, make_solid, sample_surface, stable_poses
+from controller.cad import Solid, make_solid, sample_surface, stable_poses
 from controller.cad.compiled import load_part
+from controller.imaging import RayCaster
 from controller.planning import Grip, GripRules, NotGraspableError, PlanOptions
 from controller.planning.grips import (
     clear_of_table,

@@ -38,7 +38,8 @@ from planning_sight import (
     pixels_of,
 )
 
-from controller.cad import Camera, sample_surface, stable_poses
+from controller.cad import sample_surface, stable_poses
+from controller.imaging import Camera
 from controller.planning import (
     Box,
     Grip,

@@ -8,7 +8,8 @@ import pytest
 from planning_cell import emulated_layout
 from trimesh.creation import box as make_box
 
-from controller.cad import Solid, inverse_pose, make_solid, sample_surface, stable_poses
+from controller.cad import Solid, make_solid, sample_surface, stable_poses
+from controller.imaging import inverse_pose
 from controller.planning import (
     NoPlanError,
     OnTable,

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 from planning_cell import emulated_layout
 
-from controller.cad import Solid, inverse_pose, make_solid, sample_surface
+from controller.cad import Solid, make_solid, sample_surface
 from controller.commissioning.siting import (
     PartScore,
     Site,
@@ -35,6 +35,7 @@ from controller.commissioning.siting._report import least_moved
 from controller.commissioning.siting._score import value_of
 from controller.commissioning.siting._sight import links_in_sight
 from controller.commissioning.siting._site import fellows_of, standoff_mm
+from controller.imaging import inverse_pose
 from controller.planning import Box, CellLayout, PlanOptions, PreparedPart, Tray, prepare_part
 from controller.planning.motion import tip_pose
 

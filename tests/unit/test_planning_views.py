@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from planning_cell import emulated_layout
 from trimesh.ray.ray_triangle import RayMeshIntersector
 
-from controller.cad import Camera, RayCaster, inverse_pose, sample_surface, transform
+from controller.cad import sample_surface
+from controller.imaging import Camera, RayCaster, inverse_pose, transform
 from controller.planning import Box, Grip
 from controller.planning.boxes import segments_hit
 from controller.planning.motion import Scene, inverse_rows, tip_pose

@@ -19,8 +19,9 @@ from lit_pictures import Renderer, Scene, placed
 from numpy.typing import NDArray
 from table_pictures import SIZE, overhead, picture, resting, silhouette
 
-from controller.cad import PointLamp, Solid, StablePose, stable_poses
+from controller.cad import Solid, StablePose, stable_poses
 from controller.cad.compiled import compile_solid
+from controller.imaging import PointLamp
 from controller.recognition import Library, Sighting, make_library, recognise
 
 Array = NDArray[np.float64]

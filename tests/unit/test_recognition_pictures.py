@@ -15,8 +15,9 @@ import trimesh
 from data_files import PICTURES, listed_parts, part_file, true_pictures
 from numpy.typing import NDArray
 
-from controller.cad import Camera, inverse_pose, load_solid, sample_surface, transform
+from controller.cad import load_solid, sample_surface
 from controller.cad.compiled import CompiledPart, compile_solid
+from controller.imaging import Camera, inverse_pose, transform
 from controller.recognition import Library, Sighting, make_library, recognise
 
 Array = NDArray[np.float64]

@@ -13,18 +13,9 @@ from lit_pictures import Renderer, Scene, placed
 from numpy.typing import NDArray
 from table_pictures import SIZE, coverage, overhead, picture, resting, silhouette
 
-from controller.cad import (
-    CadError,
-    Camera,
-    PointLamp,
-    Solid,
-    StablePose,
-    inverse_pose,
-    sample_surface,
-    stable_poses,
-    transform,
-)
+from controller.cad import CadError, Solid, StablePose, sample_surface, stable_poses
 from controller.cad.compiled import compile_solid
+from controller.imaging import Camera, PointLamp, inverse_pose, transform
 from controller.recognition import Library, Sighting, lying, make_library, recognise
 
 Array = NDArray[np.float64]

@@ -126,12 +126,13 @@ def cache_key(path: Path, options: CompileOptions) -> str | None:
 
 @lru_cache(maxsize=1)
 def source_hash() -> str:
-    """Return a hash of this room's own source: what it computes changes with it."""
-    root = Path(__file__).parents[1]
+    """Return a hash of the source of cad and imaging: what is computed changes with it."""
+    root = Path(__file__).parents[2]
     digest = hashlib.sha256()
-    for source in sorted(root.rglob("*.py")):
-        digest.update(source.relative_to(root).as_posix().encode())
-        digest.update(source.read_bytes())
+    for room in ("cad", "imaging"):
+        for source in sorted((root / room).rglob("*.py")):
+            digest.update(source.relative_to(root).as_posix().encode())
+            digest.update(source.read_bytes())
     return digest.hexdigest()
 
 

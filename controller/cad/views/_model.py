@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.imaging import RayCaster
+
 from ..boundary import Crease
-from ..rays import RayCaster
 from ..solid import Solid
 
 Array = NDArray[np.float64]

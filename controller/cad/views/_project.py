@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera import Camera, inverse_pose, transform
+from controller.imaging import Camera, inverse_pose, transform
+
 from ._model import ViewModel
 
 Array = NDArray[np.float64]

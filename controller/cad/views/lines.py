@@ -7,7 +7,8 @@ itself, seen from above or through a calibrated camera.
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera import Camera
+from controller.imaging import Camera
+
 from ..solid import Solid
 from ._covered import without_covered
 from ._doubles import without_doubles

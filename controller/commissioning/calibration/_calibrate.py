@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from controller.cad import Camera, inverse_pose
+from controller.imaging import Camera, inverse_pose
 
 from ._lens import PINHOLE, likeliest
 from ._refusals import (

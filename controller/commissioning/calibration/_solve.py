@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from controller.cad import inverse_pose
+from controller.imaging import inverse_pose
 
 from ._types import PARAMETERS, CalibrationError, Placed, View, WorldFrame
 

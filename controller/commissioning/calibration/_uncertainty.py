@@ -13,7 +13,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from controller.cad import Camera
+from controller.imaging import Camera
 
 from ._solve import Fit, by_turn, project
 from ._types import PARAMETERS, Array, TableUncertainty

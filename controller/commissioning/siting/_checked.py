@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.cad import inverse_pose
+from controller.imaging import inverse_pose
 from controller.planning.boxes import BoolArray
 from controller.planning.grip import Grip
 from controller.planning.layout import CellLayout, FloatArray, IntArray

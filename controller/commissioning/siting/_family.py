@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import Solid, StablePose, inverse_pose
+from controller.cad import Solid, StablePose
+from controller.imaging import inverse_pose
 from controller.planning.boxes import BoolArray
 from controller.planning.grip import Grip
 from controller.planning.grips import (

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import inverse_pose
+from controller.imaging import inverse_pose
 from controller.planning.boxes import BoolArray
 from controller.planning.layout import CellLayout, FloatArray, IntArray
 from controller.planning.motion import inverse_rows

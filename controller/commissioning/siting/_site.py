@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from controller.cad import Camera, inverse_pose
+from controller.imaging import Camera, inverse_pose
 from controller.planning.boxes import overlap, segments_hit
 from controller.planning.layout import Box, CellLayout, FloatArray
 

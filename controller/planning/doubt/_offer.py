@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from controller.cad import Solid, inverse_pose, sample_surface
+from controller.cad import Solid, sample_surface
+from controller.imaging import inverse_pose
 
 from ..layout import Box, CellLayout, FloatArray
 from ..motion import Scene, leg_seconds

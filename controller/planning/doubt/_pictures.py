@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 import trimesh
 
-from controller.cad import Camera, RayCaster, Roi, Solid, ViewMaps, render_maps, transform, view_roi
+from controller.cad import Solid
+from controller.imaging import Camera, RayCaster, Roi, ViewMaps, render_maps, transform, view_roi
 
 from ..boxes import BoolArray
 from ..layout import Box, FloatArray

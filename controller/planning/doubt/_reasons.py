@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from controller.cad import RayCaster, SurfaceSamples, inverse_pose, sample_surface, transform
+from controller.cad import SurfaceSamples, sample_surface
+from controller.imaging import RayCaster, inverse_pose, transform
 
 from ..boxes import BoolArray, segments_hit
 from ..layout import CellLayout, FloatArray

@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from controller.cad import Camera, RayCaster, Roi
+from controller.imaging import Camera, RayCaster, Roi
 
 from ..layout import CellLayout, FloatArray
 from ..motion import Scene, tip_pose

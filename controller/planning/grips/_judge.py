@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.cad import RayCaster, Solid
+from controller.cad import Solid
+from controller.imaging import RayCaster
 
 from ..boxes import BoolArray
 from ..grip import GripRules

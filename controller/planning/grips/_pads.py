@@ -13,7 +13,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import RayCaster
+from controller.imaging import RayCaster
 
 from ..boxes import BoolArray
 from ..grip import GripRules

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from controller.cad import inverse_pose
+from controller.imaging import inverse_pose
 from drivers.umi_scara.kinematics import forward, inverse_legal
 from drivers.umi_scara.kinematics import link_frames as frames_in_arm
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from controller.cad import inverse_pose
+from controller.imaging import inverse_pose
 
 from ..boxes import BoolArray, stack
 from ..grip import Grip

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.cad import inverse_pose
+from controller.imaging import inverse_pose
 from drivers.umi_scara.kinematics import inverse, limit_report
 
 from ..boxes import stack

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from controller.cad import inverse_pose
+from controller.imaging import inverse_pose
 
 from ..boxes import BoolArray
 from ..grip import Grip

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from controller.cad import Solid, StablePose, inverse_pose
+from controller.cad import Solid, StablePose
+from controller.imaging import inverse_pose
 
 from ..boxes import stack
 from ..grip import TABLE_MARGIN_MM, Grip

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.cad import transform
+from controller.imaging import transform
 
 from ..boxes import BoolArray, overlap, segments_hit, stack
 from ..layout import Box, CellLayout, FloatArray

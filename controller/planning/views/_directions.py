@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.cad import RayCaster, Solid, SurfaceSamples
+from controller.cad import Solid, SurfaceSamples
+from controller.imaging import RayCaster
 
 from ..boxes import BoolArray
 from ..layout import FloatArray, IntArray

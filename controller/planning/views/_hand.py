@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from controller.cad import Solid, SurfaceSamples, inverse_pose, transform
+from controller.cad import Solid, SurfaceSamples
+from controller.imaging import inverse_pose, transform
 
 from ..boxes import BoolArray
 from ..grip import Grip

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.cad import Camera, Solid, SurfaceSamples
+from controller.cad import Solid, SurfaceSamples
+from controller.imaging import Camera
 
 from ..boxes import BoolArray
 from ..layout import CellLayout, FloatArray

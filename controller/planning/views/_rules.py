@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from controller.cad import Camera
+from controller.imaging import Camera
 
 from ..boxes import BoolArray
 from ..layout import CellLayout, FloatArray

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from controller.cad import Camera, RayCaster, SurfaceSamples, inverse_pose, transform
+from controller.cad import SurfaceSamples
+from controller.imaging import Camera, RayCaster, inverse_pose, transform
 
 from ..boxes import BoolArray
 from ..layout import FloatArray

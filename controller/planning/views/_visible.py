@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from controller.cad import RayCaster, Solid, SurfaceSamples
+from controller.cad import Solid, SurfaceSamples
+from controller.imaging import RayCaster
 
 from ..boxes import BoolArray
 from ..layout import FloatArray, IntArray

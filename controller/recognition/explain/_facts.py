@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import Camera, ViewModel, outline, prepare_views
+from controller.cad import ViewModel, outline, prepare_views
+from controller.imaging import Camera
 
 from .._hypotheses import Hypothesis, distinct, is_same_turn
 from .._sighting import Recognition, Sighting, Trace

@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from controller.cad import Camera
+from controller.imaging import Camera
 
 from ..fitting import EdgePoints
 from ._draw import (

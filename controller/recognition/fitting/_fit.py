@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import Camera, transform
+from controller.imaging import Camera, transform
 
 from ._measure import Gaps, Measure
 from ._model import EdgeModel

@@ -6,7 +6,8 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from controller.cad import RayCaster, Solid, prepare_views
+from controller.cad import Solid, prepare_views
+from controller.imaging import RayCaster
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import Camera, inverse_pose, transform
+from controller.imaging import Camera, inverse_pose, transform
 
 from ._model import EdgeModel
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import Camera, meet_part
+from controller.imaging import Camera, meet_part
 
 from ._model import EdgeModel
 

@@ -12,17 +12,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import (
-    CadError,
-    Camera,
-    PartSymmetry,
-    RayCaster,
-    Solid,
-    StablePose,
-    camera_view,
-    prepare_views,
-)
+from controller.cad import CadError, PartSymmetry, Solid, StablePose, camera_view, prepare_views
 from controller.cad.compiled import CompiledPart
+from controller.imaging import Camera, RayCaster
 
 from ..fitting import EdgeModel, EdgeShape, edge_model, edge_shape
 from ..grey import FeatureIndex, ModelFeatures, feature_index, model_features

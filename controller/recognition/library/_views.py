@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import Camera, RayCaster, Solid, StablePose, inverse_pose, transform
+from controller.cad import Solid, StablePose
+from controller.imaging import Camera, RayCaster, inverse_pose, transform
 
 from ._polar import HALF, from_raster, shape_of
 

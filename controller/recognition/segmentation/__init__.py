@@ -3,8 +3,7 @@
 Dark things before a glowing table, or things under lamps on a matt one (paper, section 3.1).
 """
 
-from ._levels import Levels
 from ._segment import segment
 from ._types import Region, Segmentation
 
-__all__ = ["Levels", "Region", "Segmentation", "segment"]
+__all__ = ["Region", "Segmentation", "segment"]

@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ._levels import GROUND_BIN, MOST_BEYOND_WHITE, Ground
+from controller.imaging.levels import GROUND_BIN, MOST_BEYOND_WHITE, Ground
+
 from ._objects import Box, Crop, boxes_of, regions_of, sharpen
 from ._types import Region
 

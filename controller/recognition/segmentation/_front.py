@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ._levels import GROUND_BIN, Ground
+from controller.imaging.levels import GROUND_BIN, Ground
+
 from ._objects import Crop, boxes_of, regions_of, sharpen
 from ._types import Region
 

@@ -7,7 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ._loops import evenly, polygon_area, trace_loops
+from controller.imaging.loops import evenly, polygon_area, trace_loops
+
 from ._types import Region
 
 Array = NDArray[np.float64]

@@ -6,9 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ._backlit import find_backlit
-from ._front import find_front
-from ._levels import (
+from controller.imaging.levels import (
     GROUND_BIN,
     REDUCED_PX,
     Ground,
@@ -19,6 +17,9 @@ from ._levels import (
     two_humps,
     white_level,
 )
+
+from ._backlit import find_backlit
+from ._front import find_front
 from ._types import Lighting, Segmentation
 
 Grey = NDArray[np.uint8]

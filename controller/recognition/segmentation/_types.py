@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ._levels import Levels
+from controller.imaging.levels import Levels
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

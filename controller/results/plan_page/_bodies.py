@@ -8,7 +8,8 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from controller.cad import RayCaster, Solid
+from controller.cad import Solid
+from controller.imaging import RayCaster
 from controller.planning import Box, CellLayout
 from controller.planning.motion import Scene
 

@@ -4,7 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from controller.cad import Solid, SurfaceSamples, inverse_pose, transform
+from controller.cad import Solid, SurfaceSamples
+from controller.imaging import inverse_pose, transform
 
 from ._bodies import Stage
 from ._render import FINER, Paint, Sight

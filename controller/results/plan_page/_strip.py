@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import Camera, Solid
+from controller.cad import Solid
+from controller.imaging import Camera
 from controller.planning import CellLayout
 
 from ..moments import Kind, Moment, Seat

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import Camera
+from controller.imaging import Camera
 
 Array = NDArray[np.float64]
 Window = tuple[float, float, float, float]  # x0, y0, x1, y1 [px] of a camera's picture

@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cad import RayCaster, Solid
+from controller.cad import Solid
+from controller.imaging import RayCaster
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]

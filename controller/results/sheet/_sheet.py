@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from controller.cad import RayCaster, StablePose
+from controller.cad import StablePose
 from controller.cad.boundary import Crease, Curve
 from controller.cad.compiled import CompiledPart
 from controller.cad.views import LineView
+from controller.imaging import RayCaster
 
 from .._html import make_environment, write_page
 from ._drawings import Drawing, Frame, draw, frame_of

@@ -1,4 +1,4 @@
-"""What a calibrated camera sees of a posed solid: which triangle in which pixel, and how far.
+"""What a calibrated camera sees of a posed mesh: which triangle in which pixel, and how far.
 
 The one picture predictor of the controller; recognition and inspection compare against it.
 """
@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera import Camera, inverse_pose, transform
-from ..rays import RayCaster
+from .camera import Camera, inverse_pose, transform
+from .rays import RayCaster
 
 Array = NDArray[np.float64]
 Roi = tuple[int, int, int, int]  # x0, y0, x1, y1 [px], the last ones excluded

@@ -1,0 +1,36 @@
+"""Pictures and rays, without a part: cameras, lamps, what a line of sight meets, levels, outlines.
+
+The ground floor of all that looks at a picture. Camera frames are OpenCV's; pixel (0, 0) is the
+centre of the first pixel; millimetres and radians.
+"""
+
+from .camera import Camera, inverse_pose, transform
+from .contours import Contour, mask_contour, subpixel_contour, threshold_levels
+from .lamp import PointLamp
+from .levels import Ground, Levels, fit_ground
+from .loops import evenly, polygon_area, trace_loops
+from .maps import Roi, ViewMaps, meet_part, render_maps, view_roi
+from .rays import RayCaster
+
+__all__ = [
+    "Camera",
+    "Contour",
+    "Ground",
+    "Levels",
+    "PointLamp",
+    "RayCaster",
+    "Roi",
+    "ViewMaps",
+    "evenly",
+    "fit_ground",
+    "inverse_pose",
+    "mask_contour",
+    "meet_part",
+    "polygon_area",
+    "render_maps",
+    "subpixel_contour",
+    "threshold_levels",
+    "trace_loops",
+    "transform",
+    "view_roi",
+]
