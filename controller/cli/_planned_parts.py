@@ -4,9 +4,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from controller.cad.compiled import CompileOptions, options_among
-from controller.config import ConfigError, Recipe, load_recipe
-
-DEFAULT_CELL = Path("recipes/cells/emulated.yaml")
+from controller.config import (
+    EMULATED_CELL,
+    ConfigError,
+    Recipe,
+    find_recipe,
+    load_recipe,
+    project_recipe,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,13 +29,23 @@ def part_files(
     """Return the parts a command line names, and the cell file.
 
     CAD files without a recipe are planned with the figures of a recipe that says nothing; with one
-    recipe, with its figures. Several recipes name their parts themselves.
+    recipe, with its figures. Several recipes name their parts themselves. Without either it is the
+    recipe of the working directory.
+
+    Parameters
+    ----------
+    parts : CAD files
+    recipe_paths : recipe files, or names of recipes that come with cellctl
+    unit : of CAD files that name none
+    cell_path : cell file, None for the recipe's
 
     Raises
     ------
     ConfigError : a recipe is wrong, options contradict each other, or there is no part
     """
-    recipes = [load_recipe(path) for path in recipe_paths]
+    if not parts and not recipe_paths and unit is None and (here := project_recipe()) is not None:
+        recipe_paths = [here]
+    recipes = [load_recipe(find_recipe(path)) for path in recipe_paths]
     if recipes and unit is not None:
         raise ConfigError("--unit goes without --recipe: the recipe says `unit:`")
     if len(recipes) > 1 and parts:
@@ -41,7 +56,7 @@ def part_files(
     if cell_path is None and len(cells) > 1:
         names = ", ".join(str(path) for path in cells.values())
         raise ConfigError(f"the recipes name different cells ({names}); say which with --cell")
-    cell = cell_path or next(iter(cells.values()), DEFAULT_CELL)
+    cell = cell_path or next(iter(cells.values()), EMULATED_CELL)
     if parts:
         recipe = recipes[0] if recipes else None
         wanted = unit if recipe is None else recipe.unit
@@ -51,6 +66,17 @@ def part_files(
         ]
         return files, cell
     return [PartFile(r.part, CompileOptions(unit=r.unit), r) for r in recipes], cell
+
+
+def cell_of_this_folder() -> Path:
+    """Return the cell file of the working directory's recipe, else the emulated cell.
+
+    Raises
+    ------
+    ConfigError : that recipe is wrong
+    """
+    recipe = project_recipe()
+    return EMULATED_CELL if recipe is None else load_recipe(recipe).cell
 
 
 def _options(path: Path, unit: str | None, *, is_from_recipe: bool) -> CompileOptions:

@@ -5,17 +5,22 @@ from .cad_files import CAD_FORMATS, is_cad_file
 from .cell import EMULATED, Cell, load_cell
 from .errors import ConfigError
 from .recipe import Recipe, load_recipe
+from .shipped import EMULATED_CELL, SHIPPED, find_recipe, project_recipe
 
 __all__ = [
     "CAD_FORMATS",
     "EMULATED",
+    "EMULATED_CELL",
+    "SHIPPED",
     "Cell",
     "ConfigError",
     "Recipe",
     "Section",
+    "find_recipe",
     "is_cad_file",
     "line_in",
     "load_cell",
     "load_recipe",
     "load_yaml",
+    "project_recipe",
 ]

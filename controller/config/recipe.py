@@ -9,6 +9,7 @@ from ._yaml import Section, load_with_lines
 from .cad_files import is_cad_file
 from .errors import ConfigError
 from .files import reason_of
+from .shipped import EMULATED_CELL
 
 DEFAULT_CELL = Path("cells/emulated.yaml")
 MOST_NAMED = 12  # files of a folder that a message lists
@@ -62,7 +63,8 @@ class Recipe(Section):
         does
     density_g_cm3 : of the material, for the load on the grips; what the CAD file says, or
         aluminium's, if nothing is said
-    cell : cell file, relative to the recipe; the emulated cell if nothing is said
+    cell : cell file, relative to the recipe; if nothing is said, `DEFAULT_CELL` beside the recipe,
+        else the emulated cell that comes with cellctl
     """
 
     name: Annotated[str, AfterValidator(_fit_for_a_folder)]
@@ -99,6 +101,8 @@ def load_recipe(path: Path) -> Recipe:
     part = inside(recipe.part, "part")
     others = tuple(inside(other, "others", i) for i, other in enumerate(recipe.others))
     cell = inside(recipe.cell, "cell")
+    if "cell" not in recipe.model_fields_set and not _is_file(cell):
+        cell = EMULATED_CELL
     named = [(part, line_of(("part",)))]
     named += [(other, line_of(("others", i))) for i, other in enumerate(others)]
     for cad, line in named:
