@@ -6,19 +6,19 @@ import tempfile
 import traceback
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from controller.cad.compiled import cache_dir
 
 from ._output import warn
+from ._version import installed_version
 
 
 def report_bug(error: BaseException, argv: Sequence[str], *, verbose: bool) -> None:
     """Print one sentence about an error, and write the rest to a file."""
     details = "".join(traceback.format_exception(error))
     about = (
-        f"cellctl {_version()}, Python {sys.version}, {platform.platform()}\n"
+        f"cellctl {installed_version()}, Python {sys.version}, {platform.platform()}\n"
         f"command line: {' '.join(argv)}\n\n{details}"
     )
     file = _write(about.encode(errors="backslashreplace"))
@@ -28,13 +28,6 @@ def report_bug(error: BaseException, argv: Sequence[str], *, verbose: bool) -> N
     warn(f"cellctl: {what}; this is a bug of cellctl; {where}")
     if verbose:
         warn(details)
-
-
-def _version() -> str:
-    try:
-        return version("cellctl")
-    except PackageNotFoundError:
-        return "(not installed)"
 
 
 def _write(data: bytes) -> Path | None:

@@ -47,7 +47,7 @@ def test_without_a_name_the_projects_recipe_comes_before_the_default(elsewhere: 
 
 
 def test_a_bare_name_that_is_unknown_is_answered_with_those_there_are() -> None:
-    with pytest.raises(ConfigError, match="flange: no such file, .* flange_xy, holder"):
+    with pytest.raises(ConfigError, match=r"flange: no such file, .* flange_xy, holder"):
         find_recipe(Path("flange"))
 
 

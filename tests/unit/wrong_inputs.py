@@ -309,6 +309,9 @@ ROWS: tuple[Row, ...] = (
     Row("cell is /dev/zero", nothing, (*RUN, "--cell", "/dev/zero"), "/dev/zero: is no plain"),
     Row("cell is a recipe", nothing, (*RUN, "--cell", "recipe.yaml"), "recipe.yaml:2: unknown key"),
     Row("doctor of no cell", nothing, ("doctor", "--cell", "none.yaml"), "none.yaml: No such file"),
+    Row("recover of no cell", nothing, ("recover", "--cell", "none.yaml"), "none.yaml: No such"),
+    Row("recover of the emulated cell", nothing, ("recover",), "Nothing is left to recover"),
+    Row("recipe of no name we know", nothing, ("check", "flange"), "flange: no such file, and no"),
     # YAML that is none, or blows up
     Row("tab in YAML", recipe("  min_coverage", "\tmin_coverage"), CHECK, "recipe.yaml:6: "),
     Row("key twice", recipe("unit: mm", "unit: mm\nunit: mm"), CHECK, "recipe.yaml:4: not valid"),

@@ -1,0 +1,47 @@
+"""From what ended a command to one sentence and an exit code.
+
+Knows the errors of all rooms, and so imports them all: it is imported when something has failed.
+"""
+
+import os
+from collections.abc import Sequence
+
+from controller.cad import CadError
+from controller.cell.errors import CellError
+from controller.cell.journal import JournalError
+from controller.config import ConfigError
+from controller.planning import NoPlanError
+from controller.results import ResultsError
+from drivers.errors import DeviceError
+
+from ._bug import report_bug
+from ._emulator import EmulatorError
+from ._output import warn
+
+WRONG_INPUT = (ConfigError, CadError)
+SAID_NO = (CellError, DeviceError, EmulatorError, JournalError, NoPlanError, ResultsError)
+
+
+def report_failure(error: BaseException, words: Sequence[str]) -> int:
+    """Print one sentence about an error and return the exit code.
+
+    Parameters
+    ----------
+    error : what ended the command
+    words : the command line, for the report of a bug
+    """
+    if isinstance(error, KeyboardInterrupt):
+        warn("cellctl: given up")
+        return 1
+    if isinstance(error, WRONG_INPUT):
+        warn(f"cellctl: {error}")
+        return 2
+    if isinstance(error, SAID_NO):
+        warn(f"cellctl: {error}")
+        return 1
+    if isinstance(error, OSError) and error.strerror is not None:
+        where = "" if error.filename is None else f"{os.fsdecode(error.filename)}: "
+        warn(f"cellctl: {where}{error.strerror}")
+        return 1
+    report_bug(error, words, verbose="--verbose" in words or "-v" in words)
+    return 1

@@ -1,0 +1,27 @@
+"""`cellctl calibrate camera`: what it takes."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .options import JsonOption
+
+CAMERA_EXAMPLE = "cellctl calibrate camera board_*.png --target board.json -o camera.json"
+
+
+def camera(
+    images: Annotated[list[Path], typer.Argument(help="pictures of the board, flat and tilted")],
+    target: Annotated[
+        Path, typer.Option("--target", help="board, and its position in each picture (JSON)")
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="calibration file to write")],
+    json: JsonOption = False,
+) -> None:
+    """Calibrate a camera from pictures of a board.
+
+    Writes intrinsics, distortion, pose over the table, and the uncertainty of each.
+    """
+    from .._calibrate import calibrate_camera
+
+    raise typer.Exit(calibrate_camera(images, target, output, as_json=json))

@@ -1,0 +1,67 @@
+"""`cellctl compile`: what it takes."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .options import JsonOption, UnitOption, finite
+
+EXAMPLE = "cellctl compile recipes/parts/featuretype.stl --report featuretype.html"
+
+
+def compile_(
+    parts: Annotated[
+        list[Path] | None,
+        typer.Argument(help="CAD files (default: the recipe's part)"),
+    ] = None,
+    recipe: Annotated[
+        Path | None,
+        typer.Option(
+            "--recipe",
+            help="recipe (YAML) with the cell, density, grasp and views to plan with "
+            "(default without a CAD file: recipe.yaml in this folder)",
+        ),
+    ] = None,
+    unit: UnitOption = None,
+    density: Annotated[
+        float | None,
+        typer.Option(
+            "--density",
+            min=0.01,
+            max=25,
+            callback=finite,
+            help="density in g/cm3 (default: the CAD file's, else 2.7)",
+        ),
+    ] = None,
+    cell: Annotated[
+        Path | None,
+        typer.Option("--cell", help="cell file (YAML): add grasps and plans in this cell"),
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option("--report", help="HTML page to write, with every stable pose")
+    ] = None,
+    no_cache: Annotated[
+        bool, typer.Option("--no-cache", help="compile anew, and keep nothing")
+    ] = False,
+    json: JsonOption = False,
+) -> None:
+    """Print what follows from a CAD file alone.
+
+    Stable poses, outlines, surfaces, edges; with a cell also grasps and plans.
+    """
+    from .._compile import compile_parts
+    from .._planned_parts import part_files
+
+    recipes = [recipe] if recipe is not None else []
+    files, recipe_cell = part_files(list(parts or ()), recipes, unit and unit.value, cell)
+    has_recipe = any(file.recipe is not None for file in files)
+    code = compile_parts(
+        files,
+        density_g_cm3=density,
+        report=report,
+        cell=recipe_cell if has_recipe else cell,
+        use_cache=not no_cache,
+        as_json=json,
+    )
+    raise typer.Exit(code)

@@ -1,0 +1,66 @@
+"""`cellctl emulate`: what it takes."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .options import (
+    CellOption,
+    ControlOption,
+    EmulatedAtOption,
+    EmulatedPoseOption,
+    JsonOption,
+    SeedOption,
+    SpeedOption,
+)
+
+EXAMPLE = "cellctl emulate --part recipes/parts/holder.stl --speed 5"
+
+
+class Lines(StrEnum):
+    """What the emulated Modbus lines are."""
+
+    TCP = "tcp"
+    RTU_PTY = "rtu-pty"
+    RTU_TCP = "rtu-tcp"
+
+
+def emulate(
+    cell: CellOption = None,
+    part: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--part", help="CAD file of a part to put on the table; may be repeated (default: none)"
+        ),
+    ] = None,
+    speed: SpeedOption = 1.0,
+    seed: SeedOption = None,
+    pose: EmulatedPoseOption = None,
+    at: EmulatedAtOption = None,
+    control: ControlOption = None,
+    lines: Annotated[
+        Lines | None, typer.Option("--lines", help="transport of the Modbus lines (default: tcp)")
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Start the emulated cell, for any client; Ctrl-C ends it.
+
+    Prints the address of every device.
+    """
+    from .._emulate import serve
+    from .._planned_parts import cell_of_this_folder
+
+    code = serve(
+        cell or cell_of_this_folder(),
+        tuple(part or ()),
+        speed=speed,
+        seed=seed,
+        pose=pose,
+        at=at,
+        control=control,
+        lines=lines and lines.value,
+        as_json=json,
+    )
+    raise typer.Exit(code)

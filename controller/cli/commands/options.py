@@ -1,0 +1,88 @@
+"""Arguments and options that several commands share. Imports no room of the controller."""
+
+from enum import StrEnum
+from math import isnan
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+class Unit(StrEnum):
+    """A unit of length."""
+
+    MM = "mm"
+    CM = "cm"
+    M = "m"
+    INCH = "inch"
+
+
+def finite(value: float | None) -> float | None:
+    """Return a number of the command line.
+
+    Raises
+    ------
+    BadParameter : nan, which passes every limit
+    """
+    if value is not None and isnan(value):
+        raise typer.BadParameter("nan is no number")
+    return value
+
+
+RecipeArg = Annotated[
+    Path | None,
+    typer.Argument(
+        metavar="RECIPE",
+        help="recipe file (YAML), or the name of a recipe that comes with cellctl "
+        "(default: recipe.yaml in this folder, else featuretype)",
+    ),
+]
+RecipeCellOption = Annotated[
+    Path | None, typer.Option("--cell", help="cell file (YAML) (default: the recipe's)")
+]
+CellOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--cell",
+        help="cell file (YAML) (default: the cell of recipe.yaml in this folder, else the "
+        "emulated cell)",
+    ),
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="print one JSON object a line on stdout")]
+RunsOption = Annotated[Path, typer.Option("--runs", help="folder of all runs and of the journal")]
+SpeedOption = Annotated[
+    float,
+    typer.Option(
+        "--speed",
+        min=0.1,
+        max=100,
+        callback=finite,
+        help="speed of the emulated cell in times real time",
+    ),
+]
+SeedOption = Annotated[
+    int | None,
+    typer.Option(
+        "--seed", min=0, max=2**32 - 1, help="seed of the emulated cell: same seed, same world"
+    ),
+]
+EmulatedPoseOption = Annotated[
+    int | None,
+    typer.Option(
+        "--pose", min=0, help="stable pose of the emulated part, by index (default: by the seed)"
+    ),
+]
+EmulatedAtOption = Annotated[
+    str | None,
+    typer.Option(
+        "--at", help="pose of the emulated part on the table, X,Y,THETA_DEG (default: by the seed)"
+    ),
+]
+ControlOption = Annotated[
+    Path | None,
+    typer.Option("--control", help="unix socket on which tests inject faults"),
+]
+UnitOption = Annotated[
+    Unit | None,
+    typer.Option("--unit", help="unit of CAD files that name none, such as STL (default: mm)"),
+]

@@ -1,0 +1,89 @@
+"""`cellctl plan`: what it takes."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .options import JsonOption, UnitOption
+
+EXAMPLE = "cellctl plan --recipe featuretype --report featuretype.html"
+
+
+def plan(
+    parts: Annotated[
+        list[Path] | None,
+        typer.Argument(help="CAD file; several with --site (default: the recipe's part)"),
+    ] = None,
+    recipe: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--recipe",
+            help="recipe (YAML) with the density, grasp and views to plan with; may be repeated "
+            "with --site (default without a CAD file: recipe.yaml in this folder)",
+        ),
+    ] = None,
+    cell: Annotated[
+        Path | None,
+        typer.Option(
+            "--cell", help="cell file (YAML) (default: the recipe's, else the emulated cell)"
+        ),
+    ] = None,
+    pose: Annotated[
+        int | None,
+        typer.Option("--pose", help="stable pose to plan for, by index (default: all)"),
+    ] = None,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            "--at", help="pose on the table, X,Y,THETA_DEG (default: middle of the drop area)"
+        ),
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option("--report", help="HTML page to write, with every step")
+    ] = None,
+    unit: UnitOption = None,
+    site: Annotated[
+        bool,
+        typer.Option(
+            "--site", help="compute where camera and fixed gripper should stand for these parts"
+        ),
+    ] = False,
+    no_cache: Annotated[
+        bool, typer.Option("--no-cache", help="plan anew, and keep nothing")
+    ] = False,
+    json: JsonOption = False,
+) -> None:
+    """Plan how to show a part to the inspection camera.
+
+    Prints steps, forecast and coverage, and for the rest of the surface why not.
+    """
+    from controller.config import ConfigError
+
+    from .._planned_parts import part_files
+
+    files, cell_file = part_files(list(parts or ()), list(recipe or ()), unit and unit.value, cell)
+    if site:
+        given = {"--pose": pose, "--at": at, "--report": report}
+        for name, value in given.items():
+            if value is not None:
+                raise ConfigError(f"--site is about the cell: it goes without {name}")
+        from .._plan_site import site_parts
+
+        code = site_parts(files, cell_file, use_cache=not no_cache, as_json=json)
+        raise typer.Exit(code)
+    if len(files) > 1:
+        second = files[1].path
+        raise ConfigError(f"{second}: one part is planned at a time; several only with --site")
+    from .._plan import plan_part_file
+
+    code = plan_part_file(
+        files[0],
+        cell_file,
+        pose,
+        at,
+        report=report,
+        use_cache=not no_cache,
+        as_json=json,
+    )
+    raise typer.Exit(code)

@@ -1,0 +1,51 @@
+"""`cellctl recognise`: what it takes."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .options import JsonOption, UnitOption
+
+EXAMPLE = "cellctl recognise table.png --parts recipes/parts --calibration camera.json"
+
+
+class Lighting(StrEnum):
+    """How a stored picture was lit."""
+
+    AUTO = "auto"
+    BACKLIT = "backlit"
+    FRONT = "front"
+
+
+def recognise(
+    images: Annotated[list[Path], typer.Argument(help="pictures of the table, or folders of them")],
+    parts: Annotated[list[Path], typer.Option("--parts", help="CAD files, or folders of them")],
+    calibration: Annotated[Path, typer.Option("--calibration", help="camera calibration (JSON)")],
+    lighting: Annotated[
+        Lighting, typer.Option("--lighting", help="lighting of the pictures")
+    ] = Lighting.AUTO,
+    explain: Annotated[
+        Path | None,
+        typer.Option("--explain", help="folder to write a drawing and tables of each answer into"),
+    ] = None,
+    unit: UnitOption = None,
+    json: JsonOption = False,
+) -> None:
+    """Recognise parts in stored pictures of the table.
+
+    Prints part, stable pose and pose on the table of every object, or "unknown".
+    """
+    from .._recognise import recognise_images
+
+    code = recognise_images(
+        images,
+        parts,
+        calibration,
+        lighting.value,
+        unit=unit and unit.value,
+        as_json=json,
+        explain_in=explain,
+    )
+    raise typer.Exit(code)

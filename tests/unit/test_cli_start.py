@@ -1,0 +1,106 @@
+"""What `cellctl` does before any work: help, version, completion; and how little it loads."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+from controller.cli import app as app_module
+from controller.cli import main
+
+ROOT = Path(__file__).resolve().parents[2]
+HEAVY = ("numpy", "scipy", "cv2", "trimesh", "pybullet")
+PROBE = """
+import json, sys
+from controller.cli import main
+report = []
+for line in json.load(sys.stdin):
+    code = main(line)
+    report.append([line, code, [name for name in sys.argv[1:] if name in sys.modules]])
+print(json.dumps(report), file=sys.stderr)
+"""
+
+
+def command_names() -> list[list[str]]:
+    commands = [[str(command.name)] for command in app_module.app.registered_commands]
+    for group in app_module.app.registered_groups:
+        assert group.typer_instance is not None
+        commands += [
+            [str(group.name), str(command.name)]
+            for command in group.typer_instance.registered_commands
+        ]
+    return commands
+
+
+def test_no_help_and_no_version_loads_a_library_that_computes() -> None:
+    lines = [["--help"], ["--version"], *([*name, "--help"] for name in command_names())]
+    done = subprocess.run(
+        [sys.executable, "-c", PROBE, *HEAVY],
+        input=json.dumps(lines), capture_output=True, text=True, check=True, cwd=ROOT,
+    )  # fmt: skip
+    report = json.loads(done.stderr)
+    assert report == [[line, 0, []] for line in lines]
+
+
+def test_the_probe_would_notice(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", PROBE, *HEAVY],
+        input=json.dumps([["check", "nowhere.yaml"]]),
+        capture_output=True, text=True, check=True, cwd=ROOT,
+    )  # fmt: skip
+    ((_, code, heavy),) = json.loads(done.stderr.splitlines()[-1])
+    assert code == 2
+    assert "numpy" in heavy
+
+
+def test_the_version_is_the_one_installed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"cellctl {version('cellctl')}\n"
+
+
+def complete(shell: str, **more: str) -> str:
+    """Return what the shell gets that asks `cellctl` for completions of ``cellctl re``."""
+    done = subprocess.run(
+        [sys.executable, "-m", "controller.cli"],
+        env=os.environ | {"PYTHONPATH": str(ROOT), "_CELLCTL_COMPLETE": f"complete_{shell}"} | more,
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    return done.stdout
+
+
+@pytest.mark.parametrize(
+    ("shell", "more"),
+    [
+        ("bash", {"COMP_WORDS": "cellctl re", "COMP_CWORD": "1"}),
+        ("zsh", {"_TYPER_COMPLETE_ARGS": "cellctl re"}),
+        (
+            "fish",
+            {
+                "_TYPER_COMPLETE_ARGS": "cellctl re",
+                "_TYPER_COMPLETE_FISH_ACTION": "get-args",
+            },
+        ),
+    ],
+)
+def test_shells_complete_commands(shell: str, more: dict[str, str]) -> None:
+    offered = complete(shell, **more)
+    for command in ("recognise", "recover", "report"):
+        assert command in offered
+    assert "doctor" not in offered
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_completion_script_of_each_shell_can_be_printed(shell: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "controller.cli"],
+        env=os.environ | {"PYTHONPATH": str(ROOT), "_CELLCTL_COMPLETE": f"source_{shell}"},
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert "_CELLCTL_COMPLETE" in done.stdout
+    assert "cellctl" in done.stdout
