@@ -27,8 +27,8 @@ from inspection_scenes import (
 )
 
 from controller.cell import workers
+from controller.cell.actions import lamps_for
 from controller.cell.holder import holder_boxes
-from controller.cell.showing import _lamps_for
 from controller.imaging import inverse_pose
 from controller.inspection import (
     Verdict,
@@ -61,7 +61,7 @@ def show(c: workers.Context, plan: Plan, station: Station, seed: int) -> list[Vi
         T_true = disturbed(T_true, c.layout.station_mm, VIEW_MM, VIEW_DEG, rng)
         joints = JointValues(*step.q[:3], *step.q[3:])
         width = step.expected_opening_mm
-        lamps = _lamps_for(step)
+        lamps = lamps_for(step)
         links = forward(station.world_arm, joints)
         pictures = station.shoot(
             T_true, links["tip"], width, lamps, 100 * seed + number,

@@ -13,13 +13,13 @@ from runs_record import Job, Ran, read_journal, read_world
 from runs_stand_ins import Noise, StandIns, TruthCamera, World
 
 from controller.cell import workers
-from controller.cell.actions import Actions
+from controller.cell.assembly import Batch, assemble
 from controller.cell.clocks import find_clock
 from controller.cell.devices import Devices, resolve
-from controller.cell.dispatcher import Dispatcher, Outcome
+from controller.cell.dispatcher import Outcome
 from controller.cell.journal import Journal, read_rows
 from controller.cell.records import PartRecord, Progress
-from controller.cell.recovery import Trouble
+from controller.cell.recovery import PartFault
 from controller.planning import Pick, TakeBack, resting_pose
 from controller.setup.layout import build_layout
 from drivers.clock import CellClock
@@ -164,23 +164,24 @@ class Bench:
         minds = StandIns(self.job, pool, Noise(), rng)
         progress = Progress()
         faults = Faults(world, clock, job.fault_rate, job.fault_per, fault_rng)
-        actions: Actions
+        batch: Batch
 
         def on_progress() -> None:
-            troubles = [r.trouble for r in actions.part.recoveries]
-            minds.has_recovered = any(t is not Trouble.SEEN_TOO_LITTLE for t in troubles)
-            faults.watch(actions.part)
+            part = batch.record.part
+            minds.has_recovered = any(
+                r.fault is not PartFault.SEEN_TOO_LITTLE for r in part.recoveries
+            )
+            faults.watch(part)
 
-        actions = Actions(
+        batch = assemble(
             minds, self.context.recipe, cell=self.context.cell,
             layout=build_layout(self.context.cell), devices=devices, clock=clock, journal=journal,
             folder=folder, progress=progress, on_progress=on_progress,
         )  # fmt: skip
-        dispatcher = Dispatcher(actions, devices, journal, clock, on_progress)
         started = time.monotonic()
         try:
             async with asyncio.timeout(RUN_LIMIT_WALL_S):
-                outcome = await dispatcher.run(1)
+                outcome = await batch.dispatcher.run(1)
         except TimeoutError:
             outcome = Outcome("aborted", f"not done after {RUN_LIMIT_WALL_S} s", "bench_limit", "")
         finally:
@@ -194,7 +195,7 @@ class Bench:
         ran.speed_reached = round(ran.cell_s / wall_s, 2)
         ran.plan_wall_s = [round(s, 2) for s in minds.plan_wall_s]
         read_world(ran, before, after)
-        _read_part(ran, actions.part, minds)
+        _read_part(ran, batch.record.part, minds)
         read_journal(ran, list(read_rows(folder / "journal.sqlite")))
         return ran
 
@@ -219,7 +220,7 @@ def _read_part(ran: Ran, part: PartRecord, minds: StandIns) -> None:
     ran.tray = part.tray
     ran.twice, ran.nothing_new = count_twice(minds)
     ran.views, ran.plans = len(part.results), part.plan_count
-    ran.recoveries = [r.trouble.value for r in part.recoveries]
+    ran.recoveries = [r.fault.value for r in part.recoveries]
     seen = part.seen
     ran.covered = 0.0 if seen is None else round(float(weights[seen].sum()), 4)
     if part.plan is not None:

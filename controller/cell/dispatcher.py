@@ -6,29 +6,25 @@ ignored by the table on purpose.
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Sequence
 from concurrent.futures import BrokenExecutor
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
-from drivers.clock import CellClock
 from drivers.errors import DeviceError
-from drivers.gripper_modbus import Hold
-from drivers.io_modbus import Signal
-from drivers.umi_scara import AxisStalledError, SilentLineError, Stop
+from drivers.umi_scara import AxisStalledError, SilentLineError
 
 from .actions import Actions
 from .custody import where_it_is
-from .devices import Devices
 from .errors import CellError, PartProblemError
-from .interlocks import REQUIRED_SIGNALS
 from .journal import Journal, JournalError
 from .machine import CellMachine, Effect, Event
+from .services import BatchRecord
+from .stopping import Stopping
+from .watchers import Watcher
 
 log = logging.getLogger(__name__)
 
-LOSS_POLL_S = 0.5
 WORKER_GONE = "the worker process has died: it was killed, or memory ran out"
 End = Literal["complete", "held", "stopped", "aborted", "refused"]
 
@@ -62,21 +58,30 @@ class _Note:
 
 
 class Dispatcher:
-    """Runs one batch to a state of rest."""
+    """Runs one batch to a state of rest.
+
+    Parameters
+    ----------
+    actions : do what the table sets going
+    record : where the part is, for the outcome
+    stopping : halts metal before a task is cancelled
+    watchers : report what no action reports
+    journal : of the run
+    """
 
     def __init__(
         self,
         actions: Actions,
-        devices: Devices,
+        record: BatchRecord,
+        stopping: Stopping,
+        watchers: Sequence[Watcher],
         journal: Journal,
-        clock: CellClock,
-        on_progress: Callable[[], None],
     ) -> None:
         self._actions = actions
-        self._devices = devices
+        self._record = record
+        self._stopping = stopping
+        self._watchers = watchers
         self._journal = journal
-        self._clock = clock
-        self._on_progress = on_progress
         self._machine = CellMachine()
         self._inbox: asyncio.Queue[_Note] = asyncio.Queue()
         self._running: tuple[Effect, asyncio.Task[None]] | None = None
@@ -104,16 +109,19 @@ class Dispatcher:
         elif self._before is None:
             self._before = note
 
+    def _report(self, event: Event, message: str = "", code: str = "") -> None:
+        self._inbox.put_nowait(_Note(event, message=message, code=code))
+
     async def run(self, count: int) -> Outcome:
         """Reset the cell, work through ``count`` parts, come to rest."""
         self._has_begun = True
         if self._before is not None:
             self._message, self._code = self._before.message, self._before.code
             return self._outcome("stopped")
-        self._actions.parts_left = count
+        self._record.parts_left = count
         watchers = [
-            asyncio.create_task(self._watch_interlocks(), name="interlocks"),
-            asyncio.create_task(self._watch_fixture(), name="fixture"),
+            asyncio.create_task(watcher.run(self._report), name=type(watcher).__name__)
+            for watcher in self._watchers
         ]
         try:
             self._inbox.put_nowait(_Note(Event.RESET))
@@ -136,8 +144,8 @@ class Dispatcher:
             await self._end_running(halt=True)
 
     def _outcome(self, end: End) -> Outcome:
-        custody = self._actions.part.custody
-        where = where_it_is(custody, self._actions.part.tray or "")
+        custody = self._record.part.custody
+        where = where_it_is(custody, self._record.part.tray or "")
         self._journal.record(
             "event",
             "at_rest",
@@ -163,12 +171,11 @@ class Dispatcher:
             return
         if note.message:
             self._message, self._code = note.message, note.code
-        self._actions.progress.state = decision.target.removeprefix("execute_")
-        self._on_progress()
+        self._record.show_state(decision.target.removeprefix("execute_"))
         if self._running is not None and self._running[0] is not note.of:
             stops = {Effect.STOP_MOTION, Effect.ABORT_MOTION} & set(decision.effects)
             await asyncio.gather(
-                self._end_running(halt=True), *([self._actions.stop_others()] if stops else [])
+                self._end_running(halt=True), *([self._stopping.stop_others()] if stops else [])
             )
         for effect in decision.effects:
             task = asyncio.create_task(self._act(effect), name=f"effect {effect.value}")
@@ -185,9 +192,7 @@ class Dispatcher:
         if halt:
             # the effect of the state now entered stops everything properly and says so; here the
             # arm is only kept from going on while the task unwinds
-            with suppress(DeviceError, TimeoutError):
-                async with self._clock.timeout(2.0):
-                    await self._devices.arm.stop(Stop.DEAD)
+            await self._stopping.halt_arm()
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
 
@@ -224,42 +229,6 @@ class Dispatcher:
             return _Note(
                 Event.FAULT, effect, f"internal error in {effect.value}: {error!r}", "internal"
             )
-
-    async def _watch_interlocks(self) -> None:
-        """Turn a safety copy that is not healthy into a fault, at once."""
-        with self._devices.io.watch() as changes:
-            async for change in changes:
-                if change.name in REQUIRED_SIGNALS and change.signal is not Signal.OK:
-                    remedy = REQUIRED_SIGNALS[change.name]
-                    if change.signal is Signal.UNKNOWN:
-                        remedy = "the I/O block gives no fresh reading; check its cable and power"
-                    self._inbox.put_nowait(
-                        _Note(
-                            Event.FAULT,
-                            message=f"{change.name}: {remedy}",
-                            code=change.name.removesuffix("_ok"),
-                        )
-                    )
-
-    async def _watch_fixture(self) -> None:
-        """Turn a part that leaves the fixed gripper into an event, at once."""
-        gripper = self._devices.gripper
-        while True:
-            await gripper.wait_lost()
-            try:
-                trouble = await self._actions.note_fixture_loss()
-            except PartProblemError as problem:
-                self._inbox.put_nowait(
-                    _Note(Event.PART_PROBLEM, message=str(problem), code=problem.code)
-                )
-                return
-            if trouble is not None:
-                self._inbox.put_nowait(_Note(Event.PART_DROPPED))
-            # the loss stands until the jaws are sent somewhere again
-            with suppress(DeviceError):
-                while (await gripper.hold()) is Hold.LOST:
-                    await self._clock.sleep(LOSS_POLL_S)
-            await self._clock.sleep(LOSS_POLL_S)
 
 
 def _code_of(error: Exception) -> str:

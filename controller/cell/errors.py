@@ -1,6 +1,6 @@
 """What goes wrong at the level of the cell; driver and room errors are turned into these words."""
 
-from .recovery import Trouble
+from .recovery import PartFault
 
 
 class CellError(Exception):
@@ -28,14 +28,14 @@ class PartProblemError(Exception):
         self.code = code
 
 
-class PartTroubleError(PartProblemError):
-    """Trouble with the part that the cell may get over by itself.
+class PartFaultError(PartProblemError):
+    """A fault of the part that the cell may recover from by itself.
 
     Attributes
     ----------
-    trouble : which
+    fault : which
     """
 
-    def __init__(self, trouble: Trouble, message: str) -> None:
-        super().__init__(trouble.value, message)
-        self.trouble = trouble
+    def __init__(self, fault: PartFault, message: str) -> None:
+        super().__init__(fault.value, message)
+        self.fault = fault

@@ -3,9 +3,8 @@
 The emergency stop is hard-wired. What stands here may only stop work early.
 """
 
-from drivers.io_modbus import Signal
+from drivers.io_modbus import CellIo, Signal
 
-from .devices import Devices
 from .errors import InterlockError
 
 GUARD = "guard_closed"
@@ -16,17 +15,18 @@ REQUIRED_SIGNALS = {
 }
 
 
-def check_interlocks(devices: Devices, *, is_person_inside: bool = False) -> None:
+def check_interlocks(io: CellIo, *, is_person_inside: bool = False) -> None:
     """Raise InterlockError unless every safety copy is known to be healthy.
 
     Parameters
     ----------
+    io : where the safety copies are read
     is_person_inside : somebody holds the part by hand, so that the door may be open
     """
     for name, remedy in REQUIRED_SIGNALS.items():
         if is_person_inside and name == GUARD:
             continue
-        signal = devices.io.signal(name)
+        signal = io.signal(name)
         if signal is Signal.NOT_OK:
             raise InterlockError(f"{name}: {remedy}")
         if signal is Signal.UNKNOWN:

@@ -15,7 +15,7 @@ from drivers.umi_scara import ArmIdentity, JawReading
 from .custody import GripperName
 from .devices import Devices
 from .interlocks import check_interlocks
-from .jaws import LOST_MM, NOTHING_MM
+from .release_guard import LOST_MM, NOTHING_MM
 
 SLACK_MM: Final = 2.0  # of a gripper that was told to stand wide open
 
@@ -66,7 +66,7 @@ async def presses_on_something(devices: Devices) -> bool:
     InterlockError : a safety copy is not healthy
     DeviceError : the arm does not answer
     """
-    check_interlocks(devices)
+    check_interlocks(devices.io)
     await devices.arm.enable_power()
     return await devices.arm.drive_jaws(-NOTHING_MM) < LOST_MM
 

@@ -13,7 +13,7 @@ from controller.recognition import Alternative, Sighting
 
 from .clocks import Speed
 from .custody import Custody
-from .recovery import Recovery, Trouble, merged
+from .recovery import PartFault, Recovery, merged
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -127,9 +127,9 @@ class PartRecord:
             return None
         return merged([s.seen for s in plan.steps if isinstance(s, Present | Look)])
 
-    def has_tried(self, trouble: Trouble) -> bool:
-        """Tell whether a trouble has come up before."""
-        return any(one.trouble is trouble for one in self.recoveries)
+    def has_had(self, fault: PartFault) -> bool:
+        """Return whether the part has had a fault before."""
+        return any(one.fault is fault for one in self.recoveries)
 
 
 def describe_plan(plan: Plan) -> dict[str, Any]:

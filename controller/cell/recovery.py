@@ -1,8 +1,8 @@
-"""What the cell does about trouble with a part: which ones it gets over itself, and how often.
+"""The recovery policy: which faults of a part the cell recovers from by itself, and how often.
 
-Plain decisions, no device. Each trouble leads back into the table by one event; planning then
-starts from whoever has the part, with what has been seen left out (planning.md 5). Tried too
-often, the trouble is a person's.
+Plain decisions, no device. Each part fault leads back into the table by one event; planning then
+starts from whoever has the part, with what has been seen left out (planning.md 5). After too many
+tries a person is asked.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ HOLD_RAD: Final = float(np.radians(2.0))
 WORTH_SHARE: Final = 0.01  # of the surface that a further plan must promise
 
 
-class Trouble(StrEnum):
+class PartFault(StrEnum):
     """What may go wrong with a part and be put right without a person; also its code."""
 
     GRIP_MISSED = "grip_missed"
@@ -40,8 +40,8 @@ class Trouble(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Remedy:
-    """How a trouble is got over.
+class RecoveryAction:
+    """What the cell does about a part fault.
 
     Attributes
     ----------
@@ -55,46 +55,53 @@ class Remedy:
     tries: int = TRIES_PER_KIND
 
 
-REMEDIES: Final[Mapping[Trouble, Remedy]] = {
-    Trouble.GRIP_MISSED: Remedy(Event.GRIP_MISSED, "looking at the table again"),
-    Trouble.GRIP_WRONG: Remedy(Event.GRIP_MISSED, "looking at the table again"),
-    Trouble.DROPPED: Remedy(Event.PART_DROPPED, "looking where the part has fallen"),
-    Trouble.NOT_IN_HAND: Remedy(Event.PART_DROPPED, "looking for the part on the table"),
-    Trouble.HELD_OTHERWISE: Remedy(Event.PLAN_VOID, "planning on from the grip as it is", 4),
-    Trouble.HAND_OFF_FAILED: Remedy(Event.PLAN_VOID, "planning on from the hand"),
-    Trouble.TAKE_BACK_FAILED: Remedy(Event.PLAN_VOID, "planning on from the fixed gripper"),
-    Trouble.SEEN_TOO_LITTLE: Remedy(Event.PLAN_VOID, "planning what is still to be shown", 1),
+RECOVERY_ACTIONS: Final[Mapping[PartFault, RecoveryAction]] = {
+    PartFault.GRIP_MISSED: RecoveryAction(Event.GRIP_MISSED, "looking at the table again"),
+    PartFault.GRIP_WRONG: RecoveryAction(Event.GRIP_MISSED, "looking at the table again"),
+    PartFault.DROPPED: RecoveryAction(Event.PART_DROPPED, "looking where the part has fallen"),
+    PartFault.NOT_IN_HAND: RecoveryAction(Event.PART_DROPPED, "looking for the part on the table"),
+    PartFault.HELD_OTHERWISE: RecoveryAction(
+        Event.PLAN_VOID, "planning on from the grip as it is", 4
+    ),
+    PartFault.HAND_OFF_FAILED: RecoveryAction(Event.PLAN_VOID, "planning on from the hand"),
+    PartFault.TAKE_BACK_FAILED: RecoveryAction(
+        Event.PLAN_VOID, "planning on from the fixed gripper"
+    ),
+    PartFault.SEEN_TOO_LITTLE: RecoveryAction(
+        Event.PLAN_VOID, "planning what is still to be shown", 1
+    ),
 }
 
 # learnt, rather than gone wrong: these use up nothing of what is allowed in all
-LEARNT: Final = frozenset({Trouble.HELD_OTHERWISE, Trouble.SEEN_TOO_LITTLE})
+LEARNT: Final = frozenset({PartFault.HELD_OTHERWISE, PartFault.SEEN_TOO_LITTLE})
 
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """One trouble that the cell set out to get over by itself."""
+    """One part fault that the cell set out to recover from."""
 
-    trouble: Trouble
+    fault: PartFault
     reason: str
 
 
-def remedy_for(trouble: Trouble, past: Sequence[Recovery]) -> Remedy | None:
-    """Return what to do about a trouble; None where it has been tried often enough.
+def recovery_for(fault: PartFault, past: Sequence[Recovery]) -> RecoveryAction | None:
+    """Return what to do about a part fault; None where it has been tried often enough.
 
     Parameters
     ----------
+    fault : which
     past : recoveries of the same part
     """
-    remedy = REMEDIES[trouble]
-    tried = sum(one.trouble is trouble for one in past)
-    in_all = sum(one.trouble not in LEARNT for one in past)
-    if tried >= remedy.tries or (in_all >= TRIES_IN_ALL and trouble not in LEARNT):
+    action = RECOVERY_ACTIONS[fault]
+    tried = sum(one.fault is fault for one in past)
+    in_all = sum(one.fault not in LEARNT for one in past)
+    if tried >= action.tries or (in_all >= TRIES_IN_ALL and fault not in LEARNT):
         return None
-    return remedy
+    return action
 
 
 def is_held_otherwise(shift_mm: float, turn_rad: float) -> bool:
-    """Tell whether a measured grip is too far from the one that was planned with."""
+    """Return whether a measured grasp is too far from the one that was planned with."""
     return shift_mm > HOLD_MM or turn_rad > HOLD_RAD
 
 

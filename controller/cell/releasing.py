@@ -116,7 +116,7 @@ class Recovery:
         ReleaseImpossibleError : the gripper would have to be activated first, which closes it
         DeviceError : it does not open
         """
-        check_interlocks(self._devices, is_person_inside=True)
+        check_interlocks(self._devices.io, is_person_inside=True)
         if gripper is GripperName.FIXED:
             _require_ready(await self._devices.gripper.status())
         word = {"by": "operator", "detail": "the part is held by hand"}

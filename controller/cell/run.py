@@ -16,7 +16,7 @@ from controller.config import Cell, Recipe
 from controller.setup.layout import build_layout
 
 from . import workers
-from .actions import Actions
+from .assembly import assemble
 from .clocks import FoundClock, Speed
 from .custody import CellIdentity, Held, fold_custody, where_it_is
 from .devices import Devices, resolve
@@ -113,7 +113,7 @@ async def run_batch(
             progress.speed = speed
             on_progress(progress)
 
-        actions = Actions(
+        batch = assemble(
             Workers(workers.Job(order.recipe_path, order.cell_path), pool),
             order.recipe,
             order.cell,
@@ -125,7 +125,7 @@ async def run_batch(
             progress,
             show,
         )
-        dispatcher = Dispatcher(actions, devices, journal, clock, show)
+        dispatcher = batch.dispatcher
         on_dispatcher(dispatcher)
         try:
             async with clock.attending():
@@ -146,15 +146,13 @@ async def run_batch(
                 "run_broke_off",
                 {
                     "error": str(error) or type(error).__name__,
-                    "where": where_it_is(actions.part.custody),
+                    "where": where_it_is(batch.record.part.custody),
                 },
             )
             raise
         finally:
             clock.close()
-        parts = list(actions.finished)
-        if actions.part.number and actions.part not in parts:
-            parts.append(actions.part)
+        parts = batch.record.parts
         journal.record(
             "event",
             "run_ended",
@@ -165,7 +163,7 @@ async def run_batch(
                 "speed": speed.as_json(),
             },
         )
-        return RunResult(outcome, tuple(parts), speed)
+        return RunResult(outcome, parts, speed)
     finally:
         await asyncio.to_thread(journal.close)
 

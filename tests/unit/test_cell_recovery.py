@@ -19,21 +19,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controller.cell.actions import Actions
+from controller.cell.assembly import assemble
 from controller.cell.custody import Custody
-from controller.cell.errors import PartProblemError, PartTroubleError, ReleaseRefusedError
-from controller.cell.jaws import Jaws
+from controller.cell.errors import PartFaultError, PartProblemError, ReleaseRefusedError
 from controller.cell.journal import Journal, read_rows
 from controller.cell.machine import ENTRY, CellMachine, Effect, Event, verdict_on
 from controller.cell.records import PartRecord, Progress
 from controller.cell.recovery import (
-    REMEDIES,
+    RECOVERY_ACTIONS,
     TRIES_IN_ALL,
     TRIES_PER_KIND,
+    PartFault,
     Recovery,
-    Trouble,
-    remedy_for,
+    recovery_for,
 )
+from controller.cell.release_guard import ReleaseGuard
 from controller.config import load_cell, load_recipe
 from controller.imaging import inverse_pose
 from controller.inspection import PartVerdict, Verdict, ViewResult
@@ -345,13 +345,13 @@ class PaperRun:
         )
         self.journal = folder / "journal.sqlite"
         self._journal = Journal(self.journal, "run")
-        self.actions = Actions(
+        batch = assemble(
             self.experts, load_recipe(ROOT / "recipes/holder.yaml"),
             load_cell(ROOT / "recipes/cells/emulated.yaml"), LAYOUT, devices, clock,
             self._journal, folder, Progress(), lambda: None,
         )  # fmt: skip
-        self.actions.parts_left = 1
-        self.actions._trail = [LAYOUT.park_q]
+        self.record, self.actions, self._motion = batch.record, batch.actions, batch.motion
+        self.record.parts_left = 1
         self.machine = CellMachine("idle")
         self.problem: PartProblemError | None = None
         self.states: list[str] = []
@@ -367,6 +367,7 @@ class PaperRun:
         return self
 
     async def _run(self) -> None:
+        await self._motion.start_from(LAYOUT.park_q)
         event = Event.START
         while True:
             decision = self.machine.dispatch(event)
@@ -391,7 +392,7 @@ class PaperRun:
     def was_well(self) -> None:
         assert self.problem is None, self.problem
         assert self.machine.state == "complete"
-        assert self.actions.finished[0].tray == "accept"
+        assert self.record.finished[0].tray == "accept"
         assert self.cell.opened_on_part == ["arm"]  # once, over the tray
 
 
@@ -439,7 +440,7 @@ def test_a_part_that_fell_out_of_the_cameras_sight_is_asked_for(tmp_path: Path) 
     assert run.problem is not None
     assert run.problem.code == "part_lost"
     assert "camera over the table" in str(run.problem)
-    assert run.actions.part.custody is Custody.LOST
+    assert run.record.part.custody is Custody.LOST
 
 
 def test_a_part_that_falls_again_and_again_is_a_persons(tmp_path: Path) -> None:
@@ -594,43 +595,43 @@ def test_a_further_plan_that_promises_next_to_nothing_is_not_driven(tmp_path: Pa
 # --- decisions ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("trouble", list(Trouble))
-def test_each_trouble_is_got_over_its_share_of_times_and_then_asked_about(trouble: Trouble) -> None:
+@pytest.mark.parametrize("fault", list(PartFault))
+def test_each_trouble_is_got_over_its_share_of_times_and_then_asked_about(fault: PartFault) -> None:
     past: list[Recovery] = []
-    while remedy_for(trouble, past) is not None:
-        past.append(Recovery(trouble, "again"))
+    while recovery_for(fault, past) is not None:
+        past.append(Recovery(fault, "again"))
         assert len(past) < 10
-    assert len(past) == REMEDIES[trouble].tries
+    assert len(past) == RECOVERY_ACTIONS[fault].tries
 
 
 def test_all_troubles_together_are_bounded_too() -> None:
     past: list[Recovery] = []
-    kinds = [t for t in Trouble for _ in range(REMEDIES[t].tries)]
-    for trouble in kinds:
-        if remedy_for(trouble, past) is not None:
-            past.append(Recovery(trouble, "again"))
-    learnt = {Trouble.HELD_OTHERWISE, Trouble.SEEN_TOO_LITTLE}
-    assert sum(one.trouble not in learnt for one in past) == TRIES_IN_ALL
+    kinds = [t for t in PartFault for _ in range(RECOVERY_ACTIONS[t].tries)]
+    for fault in kinds:
+        if recovery_for(fault, past) is not None:
+            past.append(Recovery(fault, "again"))
+    learnt = {PartFault.HELD_OTHERWISE, PartFault.SEEN_TOO_LITTLE}
+    assert sum(one.fault not in learnt for one in past) == TRIES_IN_ALL
 
 
 @pytest.mark.parametrize(
-    ("trouble", "stages"),
+    ("fault", "stages"),
     [
-        (Trouble.GRIP_MISSED, ["grasping"]),
-        (Trouble.GRIP_WRONG, ["grasping"]),
-        (Trouble.DROPPED, ["grasping", "presenting", "handing", "lowering", "placing"]),
-        (Trouble.NOT_IN_HAND, ["inspecting", "planning"]),
-        (Trouble.HELD_OTHERWISE, ["inspecting"]),
-        (Trouble.HAND_OFF_FAILED, ["handing"]),
-        (Trouble.TAKE_BACK_FAILED, ["handing"]),
-        (Trouble.SEEN_TOO_LITTLE, ["inspecting"]),
+        (PartFault.GRIP_MISSED, ["grasping"]),
+        (PartFault.GRIP_WRONG, ["grasping"]),
+        (PartFault.DROPPED, ["grasping", "presenting", "handing", "lowering", "placing"]),
+        (PartFault.NOT_IN_HAND, ["inspecting", "planning"]),
+        (PartFault.HELD_OTHERWISE, ["inspecting"]),
+        (PartFault.HAND_OFF_FAILED, ["handing"]),
+        (PartFault.TAKE_BACK_FAILED, ["handing"]),
+        (PartFault.SEEN_TOO_LITTLE, ["inspecting"]),
     ],
 )
-def test_the_table_takes_each_remedy_wherever_its_trouble_comes_up(
-    trouble: Trouble, stages: list[str]
+def test_the_table_takes_each_recovery_wherever_its_trouble_comes_up(
+    fault: PartFault, stages: list[str]
 ) -> None:
     for stage in stages:
-        assert verdict_on(f"execute_{stage}", REMEDIES[trouble].event)[0] == "handled"
+        assert verdict_on(f"execute_{stage}", RECOVERY_ACTIONS[fault].event)[0] == "handled"
 
 
 def test_only_views_that_were_truly_compared_are_remembered() -> None:
@@ -645,12 +646,12 @@ def test_only_views_that_were_truly_compared_are_remembered() -> None:
 # --- never both open ----------------------------------------------------------------------------
 
 
-def jaws_of(cell: PaperCell) -> Jaws:
+def guard_of(cell: PaperCell) -> ReleaseGuard:
     between = lambda name: Signal.OK if cell.has in ("fixture", "both") else Signal.NOT_OK  # noqa: E731
     arm: Any = cell
     fixture: Any = PaperFixture(cell)
     io: Any = SimpleNamespace(signal=between)
-    return Jaws(arm, fixture, io)
+    return ReleaseGuard(arm, fixture, io)
 
 
 BOOKS = {"table": Custody.ON_TABLE, "arm": Custody.IN_ARM, "both": Custody.IN_BOTH,
@@ -671,17 +672,17 @@ def test_no_order_of_openings_leaves_a_held_part_without_a_holder_while_the_book
     cell = PaperCell(CellClock(), has=has)
     cell.hand_mm = WIDTH_MM if has in ("arm", "both") else 0.0
     cell.fixture_mm = FIXTURE_MM if has in ("fixture", "both") else 4.0
-    jaws = jaws_of(cell)
+    guard = guard_of(cell)
 
     async def open_all() -> None:
         custody = booked
         for which in openings:
             try:
                 if which == "hand":
-                    await jaws.open_hand(80.0, custody)
+                    await guard.open_arm(80.0, custody)
                     custody = Custody.IN_FIXTURE if custody is Custody.IN_BOTH else custody
                 else:
-                    await jaws.open_fixture(80.0, custody, WIDTH_MM)
+                    await guard.open_fixed(80.0, custody, WIDTH_MM)
                     custody = Custody.IN_ARM if custody is Custody.IN_BOTH else custody
             except ReleaseRefusedError:
                 continue
@@ -693,34 +694,34 @@ def test_no_order_of_openings_leaves_a_held_part_without_a_holder_while_the_book
 
 def test_the_hand_lets_go_on_purpose_only_where_it_says_so() -> None:
     cell = PaperCell(CellClock(), has="arm", hand_mm=WIDTH_MM)
-    jaws = jaws_of(cell)
+    guard = guard_of(cell)
     with pytest.raises(ReleaseRefusedError, match="alone holds"):
-        asyncio.run(jaws.open_hand(80.0, Custody.IN_ARM))
-    asyncio.run(jaws.open_hand(80.0, Custody.IN_ARM, lets_go=True))
+        asyncio.run(guard.open_arm(80.0, Custody.IN_ARM))
+    asyncio.run(guard.open_arm(80.0, Custody.IN_ARM, lets_go=True))
     assert cell.has == "table"
 
 
 def test_a_lost_part_that_hangs_in_the_fixed_gripper_keeps_it_closed() -> None:
     cell = PaperCell(CellClock(), has="fixture", fixture_mm=25.0)
     with pytest.raises(ReleaseRefusedError, match="between"):
-        asyncio.run(jaws_of(cell).open_fixture(85.0, Custody.LOST, 0.0))
+        asyncio.run(guard_of(cell).open_fixed(85.0, Custody.LOST, 0.0))
 
 
 def test_no_jaw_of_the_cell_opens_but_through_the_guard() -> None:
     opening = re.compile(r"\.(move_gripper_mm|open_jaws|open_to|open_on|activate)\(")
     found = {
         (file.name, match.group(1))
-        for file in sorted((ROOT / "controller/cell").glob("*.py"))
+        for file in sorted((ROOT / "controller/cell").rglob("*.py"))
         for match in opening.finditer(file.read_text())
-        if file.name != "jaws.py"
+        if file.name != "release_guard.py"
     }
     # activating moves the jaws, and comes after homing has found the fixed gripper empty;
     # `cellctl recover` opens for a person who holds the part and said so
-    assert found == {("actions.py", "activate"), ("releasing.py", "open_to")}
+    assert found == {("home.py", "activate"), ("releasing.py", "open_to")}
 
 
 def test_every_effect_of_recovery_is_something_the_actions_can_do() -> None:
     done = set(ENTRY.values())
     assert {Effect.WITHDRAW, Effect.SET_DOWN} <= done
-    for error in Trouble:
-        assert PartTroubleError(error, "x").code == error.value
+    for error in PartFault:
+        assert PartFaultError(error, "x").code == error.value

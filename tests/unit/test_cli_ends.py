@@ -50,9 +50,9 @@ async def test_a_stop_before_the_first_motion_keeps_the_cell_from_moving(
 ) -> None:
     journal = Journal(tmp_path / "journal.sqlite", "run")
     part = SimpleNamespace(custody=Custody.ON_TABLE, tray=None)
-    actions = SimpleNamespace(part=part)  # no action to take: any would fail
-    nobody = cast(Any, None)
-    dispatcher = Dispatcher(cast(Any, actions), nobody, journal, nobody, lambda: None)
+    record = cast(Any, SimpleNamespace(part=part))
+    nobody = cast(Any, None)  # no action to take, nothing to stop: any call would fail
+    dispatcher = Dispatcher(nobody, record, nobody, (), journal)
     getattr(dispatcher, asking)("because", code)
     outcome = await dispatcher.run(1)
     journal.close()

@@ -1,4 +1,4 @@
-"""The only door through which jaws of the cell open, so that a held part always has a holder.
+"""The only door through which the jaws of the cell open: a held part always has a holder.
 
 Who lets go needs the other one's hold confirmed, asked of the device at that moment; a part that
 only one gripper has is let go on purpose (tray, table) or not at all. What is refused here is a
@@ -18,43 +18,47 @@ LOST_MM: Final = 1.5  # jaws that close by more than this while carrying have lo
 NOTHING_MM: Final = 3.0  # jaws this near to each other hold nothing
 
 
-class Jaws:
-    """Opens the hand and the fixed gripper, or refuses to."""
+class ReleaseGuard:
+    """Opens the arm gripper and the fixed gripper, or refuses to."""
 
-    def __init__(self, arm: UmiScara, fixture: Gripper, io: CellIo) -> None:
+    def __init__(self, arm: UmiScara, fixed: Gripper, io: CellIo) -> None:
         self._arm = arm
-        self._fixture = fixture
+        self._fixed = fixed
         self._io = io
 
-    async def open_hand(self, width_mm: float, custody: Custody, *, lets_go: bool = False) -> float:
-        """Open the hand; return the width reached [mm].
+    async def open_arm(
+        self, opening_mm: float, custody: Custody, *, lets_go: bool = False
+    ) -> float:
+        """Open the arm gripper; return the opening reached [mm].
 
         Parameters
         ----------
+        opening_mm : how wide
         custody : who has the part now
-        lets_go : the part is meant to stay where the hand is: in its tray, on the table
+        lets_go : the part is meant to stay where the jaws are: in its tray, on the table
 
         Raises
         ------
-        ReleaseRefusedError : nobody else is known to hold what the hand holds
+        ReleaseRefusedError : nobody else is known to hold what the arm gripper holds
         """
         if custody is Custody.UNKNOWN:
             raise ReleaseRefusedError("the hand stays closed: who holds the part is not known")
         if custody is Custody.IN_ARM and not lets_go:
             raise ReleaseRefusedError("the hand stays closed: it alone holds the part")
-        if custody is Custody.IN_BOTH and (hold := await self._fixture.hold()) is not Hold.HELD:
+        if custody is Custody.IN_BOTH and (hold := await self._fixed.hold()) is not Hold.HELD:
             raise ReleaseRefusedError(
                 f"the hand stays closed: the fixed gripper does not confirm its hold ({hold.value})"
             )
-        return await self._arm.move_gripper_mm(width_mm)
+        return await self._arm.move_gripper_mm(opening_mm)
 
-    async def open_fixture(self, width_mm: float, custody: Custody, gripped_mm: float) -> None:
+    async def open_fixed(self, opening_mm: float, custody: Custody, gripped_mm: float) -> None:
         """Open the fixed gripper.
 
         Parameters
         ----------
+        opening_mm : how wide
         custody : who has the part now
-        gripped_mm : width of the hand's jaws since they closed on the part
+        gripped_mm : opening of the arm gripper since it closed on the part
 
         Raises
         ------
@@ -71,14 +75,14 @@ class Jaws:
                     f"the fixed gripper stays closed: the hand's jaws stand at {width:.1f} mm, "
                     f"{gripped_mm:.1f} mm is the part's width"
                 )
-        if custody is Custody.LOST and self.is_between_fixture:
+        if custody is Custody.LOST and self.is_something_in_fixed:
             raise ReleaseRefusedError(
                 "the fixed gripper stays closed: the part is lost, and something is between "
                 "its jaws"
             )
-        await self._fixture.open_to(width_mm)
+        await self._fixed.open_to(opening_mm)
 
     @property
-    def is_between_fixture(self) -> bool:
+    def is_something_in_fixed(self) -> bool:
         """Whether the light barrier of the fixed gripper sees something between its jaws."""
         return self._io.signal("part_in_gripper") is Signal.OK

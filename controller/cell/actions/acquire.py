@@ -1,0 +1,58 @@
+"""Acquiring: the pictures of the table."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import workers
+from ..errors import CellError
+from ..machine import Event
+from ..services import BatchRecord, Imaging
+
+Grey = NDArray[np.uint8]
+
+LEAST_GLOW = 60  # of 255; a glowing table shows 150 and more
+
+
+class AcquireAction:
+    """Takes the pictures of the table: glowing, then under each of its lamps."""
+
+    def __init__(self, imaging: Imaging, record: BatchRecord) -> None:
+        self._imaging = imaging
+        self._record = record
+
+    async def run(self) -> Event:
+        """Begin the next part, or look at the present one again.
+
+        Raises
+        ------
+        CellError : the table does not glow
+        """
+        self._record.begin_look()
+        self._record.show("taking pictures of the table", step=0, step_count=0, remaining_s=None)
+        part = self._record.part
+        try:
+            glowing = await self._imaging.shoot("overhead", {"table_backlight": 1.0})
+            _require_glow(glowing)
+            part.pictures = {"table_backlight": glowing}
+            for lamp in workers.TABLE_LAMPS:
+                part.pictures[lamp] = await self._imaging.shoot("overhead", {lamp: 1.0})
+        finally:
+            await self._imaging.pause("overhead")
+        part.look_count += 1
+        again = f"_look{part.look_count}" if part.look_count > 1 else ""
+        part.picture_names = {
+            lamp: await self._imaging.save(part.number, lamp + again, image)
+            for lamp, image in part.pictures.items()
+        }
+        self._record.note("observation", "table_pictures", part.picture_names)
+        return Event.PICTURE_TAKEN
+
+
+def _require_glow(picture: Grey) -> None:
+    """Raise CellError where the table does not glow: that is no empty table."""
+    level = float(np.quantile(picture[::8, ::8], 0.9))
+    if level < LEAST_GLOW:
+        raise CellError(
+            f"the table does not glow (grey level {level:.0f}, {LEAST_GLOW} is the least): "
+            "check the lamp table_backlight, its relay and its supply, and the lens cap"
+        )

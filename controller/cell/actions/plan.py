@@ -1,0 +1,124 @@
+"""Planning: what to do next, from whichever gripper or table has the part, as it is measured."""
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.planning import (
+    InArm,
+    InFixture,
+    Look,
+    NoPlanError,
+    OnTable,
+    Plan,
+    Present,
+    Start,
+)
+
+from ..custody import Custody
+from ..errors import PartProblemError
+from ..experts import Experts
+from ..machine import Event
+from ..records import describe_plan
+from ..recovery import WORTH_SHARE, PartFault, merged
+from ..services import BatchRecord, HeldPose, Motion, Preparation, Views
+
+log = logging.getLogger(__name__)
+
+Mask = NDArray[np.bool_]
+
+
+class PlanAction:
+    """Plans how to go on, leaving out what has been seen.
+
+    Parameters
+    ----------
+    compute, preparation : plan
+    views : still being judged; what they show need not be shown again
+    held_pose : measures how the part is held
+    motion : where the arm stands
+    record : what is known of the part
+    """
+
+    def __init__(
+        self,
+        compute: Experts,
+        preparation: Preparation,
+        views: Views,
+        held_pose: HeldPose,
+        motion: Motion,
+        record: BatchRecord,
+    ) -> None:
+        self._compute = compute
+        self._preparation = preparation
+        self._views = views
+        self._held_pose = held_pose
+        self._motion = motion
+        self._record = record
+
+    async def run(self) -> Event:
+        """Take in all views, measure the hold if need be, and plan.
+
+        Raises
+        ------
+        PartFaultError : the part is not seen in the arm gripper
+        PartProblemError : no plan, and none to go on with
+        """
+        self._record.show("planning")
+        part, before = self._record.part, self._record.part.plan
+        while await self._views.take_next() is not None:
+            pass  # how the part is held is measured here, not learnt from views of an earlier plan
+        await self._held_pose.measure_again()
+        start = await self._start()
+        try:
+            await self._preparation.wait()
+            plan = await self._compute.plan(
+                start, part.seen, frozenset(part.avoid), part.candidates
+            )
+        except NoPlanError as error:
+            return self._keep_plan(error, start, before)
+        is_more = part.recoveries and part.recoveries[-1].fault is PartFault.SEEN_TOO_LITTLE
+        if is_more and await self._compute.share(_new(plan, part.seen)) < WORTH_SHARE:
+            return Event.PLANNED_ON  # nothing to be gained: the plan there was goes on to its end
+        part.plan, part.next_step = plan, 0
+        part.plan_count += 1
+        self._record.note("decision", "plan", describe_plan(plan))
+        return Event.PLANNED if isinstance(start, OnTable) else Event.PLANNED_ON
+
+    async def _start(self) -> Start:
+        """Return which gripper or table has the part, as measured."""
+        part = self._record.part
+        match part.custody:
+            case Custody.ON_TABLE:
+                sighting = part.sighting
+                assert sighting is not None
+                assert sighting.T_world_part is not None
+                return OnTable(sighting.pose_index, sighting.T_world_part)
+            case Custody.IN_ARM:
+                hold = self._record.held()
+                grip = replace(hold.grip, T_part_hand=hold.T_part_hand, opening_mm=hold.width_mm)
+                return InArm(grip, await self._motion.read_q())
+            case Custody.IN_FIXTURE if part.fixture_grip is not None:
+                return InFixture(part.fixture_grip, await self._motion.read_q())
+        raise PartProblemError("no_plan", f"the part is {part.custody.value}: nothing to plan from")
+
+    def _keep_plan(self, error: NoPlanError, start: Start, before: Plan | None) -> Event:
+        """Go on with the plan there was, where the part is still held; ask a person otherwise.
+
+        A failed hand-off left the arm where that step began, so that it may be tried once more.
+        """
+        if isinstance(start, OnTable) or before is None:
+            raise PartProblemError("no_plan", str(error)) from error
+        log.info("no new plan (%s): on with the one there was", error)
+        self._record.note("decision", "plan_kept", {"reason": str(error)})
+        return Event.PLANNED_ON
+
+
+def _new(plan: Plan, seen: Mask | None) -> Mask:
+    """Return which samples (n,) a plan shows that have not been seen."""
+    promised = merged([s.seen for s in plan.steps if isinstance(s, Present | Look)])
+    if promised is None:
+        return np.zeros(0 if seen is None else len(seen), dtype=bool)
+    return promised if seen is None else promised & ~seen

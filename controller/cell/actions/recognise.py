@@ -1,0 +1,94 @@
+"""Recognising: which part it is, which way up it is, and where."""
+
+import numpy as np
+
+from controller.cad.compiled import part_name
+from controller.config import Recipe
+from controller.recognition import Sighting
+
+from .. import workers
+from ..custody import Custody
+from ..errors import PartProblemError
+from ..experts import Experts
+from ..machine import Event
+from ..records import describe_sighting
+from ..services import BatchRecord
+
+
+class RecogniseAction:
+    """Finds the recipe's part, and it alone, on the table."""
+
+    def __init__(self, compute: Experts, recipe: Recipe, record: BatchRecord) -> None:
+        self._compute = compute
+        self._recipe = recipe
+        self._record = record
+
+    async def run(self) -> Event:
+        """Recognise what the pictures of the table show.
+
+        Raises
+        ------
+        PartProblemError : nothing, too much, or something else is on the table
+        """
+        self._record.show("recognising")
+        part = self._record.part
+        lit = {lamp: part.pictures[lamp] for lamp in workers.TABLE_LAMPS}
+        sightings = await self._compute.recognise(part.pictures["table_backlight"], lit)
+        self._record.note(
+            "observation", "sightings", {"sightings": [describe_sighting(s) for s in sightings]}
+        )
+        part.sighting = s = self._choose(sightings)
+        part.candidates = s.ambiguous_with
+        if part.custody is not Custody.ON_TABLE:
+            part.hold = None
+            await self._record.set_custody(Custody.ON_TABLE, "found again")
+        self._record.show(
+            "recognised",
+            part_pose=f"{s.part}, pose {s.pose_index}, x {s.x_mm:.1f} y {s.y_mm:.1f} mm, "
+            f"{np.degrees(s.theta_rad):.1f} deg",
+        )
+        return Event.PART_RECOGNISED
+
+    def _choose(self, sightings: tuple[Sighting, ...]) -> Sighting:
+        """Return the one sighting of the recipe's part."""
+        if not sightings:
+            raise self._nothing_found()
+        if len(sightings) > 1:
+            where = "; ".join(
+                f"{s.part or 'unknown object'} at x {s.x_mm:.0f}, y {s.y_mm:.0f} mm"
+                for s in sightings
+            )
+            raise PartProblemError(
+                "many_parts", f"{len(sightings)} objects on the table, one is allowed: {where}"
+            )
+        (seen,) = sightings
+        expected = part_name(self._recipe.part)
+        if seen.part is None:
+            raise PartProblemError(
+                "unknown_object",
+                f"the object at x {seen.x_mm:.0f}, y {seen.y_mm:.0f} mm: {seen.reason}",
+            )
+        if seen.part != expected:
+            raise PartProblemError(
+                "wrong_part",
+                f"{seen.part} lies at x {seen.x_mm:.0f}, y {seen.y_mm:.0f} mm, the recipe is for "
+                f"{expected}",
+            )
+        return seen
+
+    def _nothing_found(self) -> PartProblemError:
+        part = self._record.part
+        if part.custody is Custody.ON_TABLE:
+            return PartProblemError(
+                "no_part", "no part on the table: lay one on the glowing area and start again"
+            )
+        lost = part.recoveries[-1]
+        return PartProblemError(
+            lost.fault.value,
+            f"{lost.reason}; it does not lie where the camera over the table sees: look "
+            + (
+                "below the arm's last way, and at the fixed gripper"
+                if part.custody is Custody.LOST
+                else "at what the hand holds"
+            ),
+        )

@@ -1,0 +1,71 @@
+"""Finds out what the arm gripper holds, by the view that decides between the hypotheses."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.imaging import inverse_pose
+from controller.planning import Doubt
+
+from ..errors import PartFaultError, PartProblemError
+from ..experts import Experts
+from ..records import Hold
+from ..recovery import PartFault
+from .record import BatchRecord
+
+Array = NDArray[np.float64]
+Grey = NDArray[np.uint8]
+
+
+class Disambiguation:
+    """Compares a view with every hypothesis of what is held."""
+
+    def __init__(self, compute: Experts, record: BatchRecord) -> None:
+        self._compute = compute
+        self._record = record
+
+    async def resolve(
+        self, doubt: Doubt, hold: Hold, q: Array, backlit: Grey, lit: tuple[Grey, ...]
+    ) -> None:
+        """Return if the view leaves the hypothesis that the plan was made for, and it alone.
+
+        Parameters
+        ----------
+        doubt : the hypotheses
+        hold : is corrected where another one is true
+        q : (6,) where the arm stands
+        backlit, lit : pictures of the view
+
+        Raises
+        ------
+        PartFaultError : the part, but in another stable pose than was planned with
+        PartProblemError : another part, or more than one hypothesis is left
+        """
+        part, names = self._record.part, [c.name for c in doubt.candidates]
+        left = await self._compute.tell(doubt, q, hold.width_mm, backlit, lit)
+        part.candidates = ()
+        self._record.note(
+            "decision",
+            "doubt_settled",
+            {"between": names, "left": [names[k] for k in left], "light": doubt.light},
+        )
+        if left == (0,):
+            return
+        if not left:
+            raise PartProblemError(
+                "unknown_object", f"what is in the hand looks like none of {', '.join(names)}"
+            )
+        if len(left) > 1:
+            raise PartProblemError(
+                "ambiguous",
+                f"it may still be {' or '.join(names[k] for k in left)}; look at what the hand "
+                "holds",
+            )
+        found = doubt.candidates[left[0]]
+        if found.name != names[0]:
+            raise PartProblemError(
+                "wrong_part", f"the view tells: it is {found.name}, the recipe is for {names[0]}"
+            )
+        hold.T_part_hand = inverse_pose(found.T_hand_part)
+        raise PartFaultError(
+            PartFault.HELD_OTHERWISE, "the view tells: the part lies another way than it seemed"
+        )

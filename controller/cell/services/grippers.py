@@ -1,0 +1,175 @@
+"""Opens and closes both grippers, checks that they hold, and books the part that they lose."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from controller.config import Recipe
+from drivers.gripper_modbus import Gripper, GripResult, Hold
+from drivers.io_modbus import CellIo
+from drivers.umi_scara import UmiScara
+
+from ..custody import Custody
+from ..errors import PartFaultError
+from ..recovery import PartFault
+from ..release_guard import LOST_MM, NOTHING_MM, ReleaseGuard
+from .record import BatchRecord
+
+
+class Grippers:
+    """The arm gripper and the fixed gripper.
+
+    Parameters
+    ----------
+    arm, fixed, io : the devices; the light barrier of the fixed gripper is an input of ``io``
+    record : who has the part
+    recipe : how hard to grip, and how far an opening may be off
+    """
+
+    def __init__(
+        self, arm: UmiScara, fixed: Gripper, io: CellIo, record: BatchRecord, recipe: Recipe
+    ) -> None:
+        self._arm = arm
+        self._fixed = fixed
+        self._record = record
+        self._guard = ReleaseGuard(arm, fixed, io)
+        self._force_n = recipe.grip.force_n
+        # MAX_FORCE has no unit of its own; 20 to 60 have been used (umi_rtx.md 5.6)
+        self._arm_force = max(20, min(60, round(recipe.grip.force_n)))
+        self.tolerance_mm = recipe.grip.width_tolerance_mm
+
+    async def open_arm(self, opening_mm: float) -> None:
+        """Open the arm gripper; it must not be the only one to hold the part.
+
+        Raises
+        ------
+        ReleaseRefusedError : nobody else is known to hold what it holds
+        """
+        await self._guard.open_arm(opening_mm, self._record.part.custody)
+
+    async def release_to_fixed(self, opening_mm: float) -> None:
+        """Open the arm gripper once the fixed gripper has the part, too.
+
+        Raises
+        ------
+        ReleaseRefusedError : the fixed gripper does not confirm that it holds the part
+        """
+        await self._record.once(
+            "release", {"open_mm": opening_mm}, lambda: self.open_arm(opening_mm)
+        )
+        self._record.part.hold = None
+
+    async def let_go(self, name: str, body: Mapping[str, Any], opening_mm: float) -> None:
+        """Open the arm gripper where the part is meant to stay: on the table, over its tray.
+
+        Parameters
+        ----------
+        name, body : of the row on the intent
+        opening_mm : how wide
+        """
+        await self._record.once(
+            name,
+            body,
+            lambda: self._guard.open_arm(opening_mm, self._record.part.custody, lets_go=True),
+        )
+        self._record.part.hold = None
+
+    async def open_fixed(self, opening_mm: float | None = None) -> None:
+        """Open the fixed gripper; as wide as it goes where no opening is named.
+
+        Raises
+        ------
+        ReleaseRefusedError : nobody else is known to hold what it holds
+        """
+        part = self._record.part
+        gripped_mm = 0.0 if part.hold is None else part.hold.width_mm
+        if opening_mm is None:
+            opening_mm = self._fixed.config.open_mm
+        await self._guard.open_fixed(opening_mm, part.custody, gripped_mm)
+
+    async def release_to_arm(self, opening_mm: float) -> None:
+        """Open the fixed gripper once the arm gripper has the part, too.
+
+        Raises
+        ------
+        ReleaseRefusedError : the jaws of the arm gripper do not stand on the part
+        """
+        await self._record.once(
+            "fixture_release", {"open_mm": opening_mm}, lambda: self.open_fixed(opening_mm)
+        )
+        self._record.part.fixture_grip = None
+
+    async def close_arm(self, name: str, expected_mm: float) -> float:
+        """Close the arm gripper on the part; return the opening reached [mm].
+
+        Parameters
+        ----------
+        name : of the rows on intent and outcome
+        expected_mm : the opening the plan expects
+        """
+        return await self._record.once(
+            name, {"expected_mm": expected_mm}, lambda: self._arm.grip(self._arm_force)
+        )
+
+    async def close_fixed(self, expected_mm: float) -> GripResult:
+        """Close the fixed gripper on the part that the arm gripper holds."""
+        return await self._record.once(
+            "hand_off",
+            {"expected_mm": expected_mm},
+            lambda: self._fixed.close_on(expected_mm, force_n=self._force_n),
+        )
+
+    async def require_arm_holds(self) -> None:
+        """Press once more and look at the jaws: with nothing between them they close.
+
+        A jaw that stalled on the part stands where it stalled even when the part has gone
+        (umi_rtx.md 7), so that its opening alone proves nothing.
+
+        Raises
+        ------
+        PartFaultError : the part is gone; custody says where it may be
+        """
+        hold = self._record.held()
+        opening_mm = await self._arm.grip(self._arm_force)
+        if opening_mm >= hold.width_mm - LOST_MM and opening_mm >= NOTHING_MM:
+            return
+        self._record.part.hold = None
+        message = (
+            f"the part is gone from the arm's hand: jaws at {opening_mm:.1f} mm, "
+            f"{hold.width_mm:.1f} mm while it was held"
+        )
+        if self._record.part.custody is Custody.IN_BOTH:
+            await self._record.set_custody(
+                Custody.IN_FIXTURE, f"jaws of the hand at {opening_mm:.1f} mm"
+            )
+            raise PartFaultError(PartFault.TAKE_BACK_FAILED, message)
+        await self._record.set_custody(Custody.LOST, f"jaws at {opening_mm:.1f} mm")
+        raise PartFaultError(PartFault.DROPPED, message)
+
+    async def does_fixed_hold(self) -> bool:
+        """Return whether the fixed gripper itself confirms that it holds something."""
+        return (await self._fixed.hold()) is Hold.HELD
+
+    async def require_fixed_holds(self) -> None:
+        """Ask the fixed gripper, which alone has the part.
+
+        Raises
+        ------
+        PartFaultError : the part has left it
+        """
+        if not await self.does_fixed_hold():
+            raise await self.lose_from_fixed()
+
+    async def lose_from_fixed(self) -> PartFaultError:
+        """Book a part that has left the fixed gripper while nobody else had it."""
+        self._record.part.fixture_grip = None
+        await self._record.set_custody(Custody.LOST, "at the fixture")
+        return PartFaultError(PartFault.DROPPED, "the part left the fixed gripper")
+
+    async def openings_mm(self) -> tuple[float, float]:
+        """Return how wide the jaws stand: of the arm gripper, of the fixed gripper [mm]."""
+        return await self._arm.jaw_width_mm(), (await self._fixed.status()).width_mm
+
+    @property
+    def is_something_in_fixed(self) -> bool:
+        """Whether the light barrier of the fixed gripper sees something between its jaws."""
+        return self._guard.is_something_in_fixed

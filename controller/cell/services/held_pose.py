@@ -1,0 +1,141 @@
+"""How the part truly sits in the arm gripper, as the inspection camera sees it."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller import inspection as inspecting
+from controller.imaging import inverse_pose
+from controller.planning import shown_pose
+from controller.planning.layout import CellLayout
+from controller.planning.motion import tip_pose
+
+from ..errors import PartFaultError
+from ..experts import Experts
+from ..holder import holder_boxes
+from ..records import Hold, Shown
+from ..recovery import PartFault, is_held_otherwise
+from .imaging import Imaging
+from .motion import Motion
+from .record import BatchRecord
+from .recoveries import Recoveries
+from .views import Views
+
+Array = NDArray[np.float64]
+
+BAD_VIEW_COUNT = 2  # in a row, after which a hold that was seen is no longer trusted
+SAME_CONFIGURATION = np.array([0.01, 0.01, 0.01, 0.5, 0.01, 0.01])  # [rad, mm] servo and counts
+
+
+class HeldPose:
+    """Confirms by sight how the part is held, and measures it.
+
+    Parameters
+    ----------
+    record : has the hold
+    views : which view was shown last
+    motion : where the arm stands
+    imaging : takes one more picture
+    compute : looks for the part in it
+    recoveries : whether a hold that differs from the planned one would be planned anew
+    layout : where camera, arm and fixed gripper stand
+    """
+
+    def __init__(
+        self,
+        record: BatchRecord,
+        views: Views,
+        motion: Motion,
+        imaging: Imaging,
+        compute: Experts,
+        recoveries: Recoveries,
+        layout: CellLayout,
+    ) -> None:
+        self._record = record
+        self._views = views
+        self._motion = motion
+        self._imaging = imaging
+        self._compute = compute
+        self._recoveries = recoveries
+        self._layout = layout
+
+    async def measure_again(self) -> None:
+        """Look how the part is held, if the arm still stands before the camera.
+
+        Raises
+        ------
+        PartFaultError : it is not seen in the arm gripper
+        """
+        hold, shown = self._record.part.hold, self._views.last_in_hand
+        if hold is None or hold.is_seen or shown is None:
+            return
+        q = await self._motion.read_q()
+        if (np.abs(q - shown.q) > SAME_CONFIGURATION).any():
+            return
+        await self._motion.ring_down()
+        backlit = await self._imaging.shoot("inspection", {"station_backlight": 1.0})
+        expected = shown_pose(self._layout, q, hold.T_part_hand)
+        holder = holder_boxes(self._layout, q, hold.width_mm)
+        found = await self._compute.find_hold(expected, hold.T_part_hand, holder, backlit)
+        if found is None:
+            raise PartFaultError(
+                PartFault.NOT_IN_HAND, "the camera does not see the part in the hand"
+            )
+        hold.T_part_hand = inverse_pose(found) @ tip_pose(self._layout, q)
+        hold.is_seen = True
+
+    async def learn(self, shown: Shown, hold: Hold, result: inspecting.ViewResult) -> None:
+        """Take a view as proof of the hold, and its pose as the true one.
+
+        Parameters
+        ----------
+        shown : the view
+        hold : under which it was taken
+        result : what inspection made of it
+
+        Raises
+        ------
+        PartFaultError : the part is held otherwise than planned with, or not seen in the gripper
+        """
+        T_world_part, was_seen = result.T_world_part, hold.is_seen
+        if not result.evaluated:
+            found = await self._search(shown, hold, result.reason)
+            if found is None:
+                return
+            T_world_part = found
+        hold.doubts = 0
+        measured = inverse_pose(T_world_part) @ tip_pose(self._layout, shown.q)
+        shift_mm, turn_rad = _difference(measured, hold.T_part_hand)
+        if was_seen and not is_held_otherwise(shift_mm, turn_rad):
+            return
+        hold.T_part_hand, hold.is_seen = measured, True
+        # what inspection still takes for the planned grasp can be lived with
+        is_bearable = result.evaluated and not self._recoveries.may_recover(
+            PartFault.HELD_OTHERWISE
+        )
+        if is_held_otherwise(shift_mm, turn_rad) and not is_bearable:
+            raise PartFaultError(
+                PartFault.HELD_OTHERWISE,
+                f"the part sits {shift_mm:.1f} mm and {np.degrees(turn_rad):.1f} degrees from "
+                + ("where it was in the hand" if was_seen else "where the grip was planned"),
+            )
+
+    async def _search(self, shown: Shown, hold: Hold, reason: str) -> Array | None:
+        """Return T_world_part of a part that a view missed; None where one bad view is excused."""
+        found = await self._compute.find_hold(
+            shown.expected, hold.T_part_hand, shown.holder, shown.backlit
+        )
+        hold.doubts += 1
+        # one bad view is a view less where others have confirmed the hold
+        if found is None and not (hold.is_seen and hold.doubts < BAD_VIEW_COUNT):
+            raise PartFaultError(
+                PartFault.NOT_IN_HAND,
+                f"the camera does not confirm how the part is held: {reason}",
+            )
+        return found
+
+
+def _difference(T_part_hand: Array, T_other: Array) -> tuple[float, float]:
+    """Return how two holds differ: where the gripper is on the part [mm], and its turn [rad]."""
+    turn = T_part_hand[:3, :3].T @ T_other[:3, :3]
+    angle = float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0)))
+    return float(np.linalg.norm(T_part_hand[:3, 3] - T_other[:3, 3])), angle

@@ -1,0 +1,97 @@
+"""Takes pictures, each exposed wholly after the lamps were as wanted, and stores them."""
+
+import asyncio
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera_v4l2 import Camera
+from drivers.lighting_modbus import Lights
+
+Grey = NDArray[np.uint8]
+CameraName = Literal["overhead", "inspection"]
+
+LOOK_TIMEOUT_S = 30.0  # a camera that stalls is a fault, a slow one is not
+
+
+class Imaging:
+    """The lamps and both cameras.
+
+    Parameters
+    ----------
+    lights : all lamps of the cell
+    cameras : the driver of each
+    quick : cameras whose stream starts at once, so that it need not run while nobody looks
+    folder : of the run; pictures go to its ``pictures``
+    """
+
+    def __init__(
+        self,
+        lights: Lights,
+        cameras: Mapping[CameraName, Camera],
+        quick: frozenset[CameraName],
+        folder: Path,
+    ) -> None:
+        self._lights = lights
+        self._cameras = cameras
+        self._quick = quick
+        self._folder = folder
+
+    async def shoot(self, camera: CameraName, lamps: Mapping[str, float]) -> Grey:
+        """Return a picture (height, width), exposed after the lamps were as wanted.
+
+        Parameters
+        ----------
+        camera : which
+        lamps : by name, how bright, 0..1; all others are dark
+
+        Raises
+        ------
+        DeviceError : a lamp does not confirm, or no frame comes
+        """
+        everything = dict.fromkeys(self._lights.names, 0.0) | dict(lamps)
+        lit_at_s = await self._lights.set(everything, settle=True)
+        device = self._cameras[camera]
+        if device.is_paused:
+            await device.resume()
+        try:
+            frame = await device.frame_after(lit_at_s, LOOK_TIMEOUT_S)
+        finally:
+            if camera in self._quick:
+                await device.pause()
+        image = frame.image
+        if image.dtype != np.uint8:
+            image = (image.astype(np.float32) * (255.0 / frame.white)).astype(np.uint8)
+        return np.ascontiguousarray(image)
+
+    async def pause(self, camera: CameraName) -> None:
+        """Stop a camera's stream; the next picture starts it again."""
+        await self._cameras[camera].pause()
+
+    async def all_dark(self) -> None:
+        """Switch every lamp off."""
+        await self._lights.all_off()
+
+    async def save(self, part_number: int, name: str, image: Grey) -> str:
+        """Store a picture of a part; return its file, relative to the run's folder.
+
+        Parameters
+        ----------
+        part_number : whose picture
+        name : what it shows
+        image : (height, width)
+
+        Raises
+        ------
+        OSError : it cannot be written
+        """
+        path = self._folder / "pictures" / f"part{part_number:03d}_{name}.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        level = [cv2.IMWRITE_PNG_COMPRESSION, 1]
+        if not await asyncio.to_thread(cv2.imwrite, str(path), image, level):
+            raise OSError(f"{path}: cannot be written; is the disk full?")
+        return str(path.relative_to(self._folder))

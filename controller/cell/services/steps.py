@@ -1,0 +1,72 @@
+"""Goes through the plan in work step by step; says when each began and how long it took."""
+
+from typing import TypeVar
+
+from controller.planning import Step
+from drivers.clock import CellClock
+
+from .motion import Motion
+from .record import BatchRecord
+
+SomeStep = TypeVar("SomeStep", bound=Step)
+
+
+class PlanSteps:
+    """The plan of the part at hand, and where it stands.
+
+    Parameters
+    ----------
+    record : has the plan
+    motion : learns that the arm stands free after each step
+    clock : times the steps [cell s]
+    """
+
+    def __init__(self, record: BatchRecord, motion: Motion, clock: CellClock) -> None:
+        self._record = record
+        self._motion = motion
+        self._clock = clock
+
+    def next(self, kind: type[SomeStep]) -> SomeStep | None:
+        """Return the step that comes next if it is of this kind, None otherwise."""
+        part = self._record.part
+        if part.plan is None or part.next_step >= len(part.plan.steps):
+            return None
+        step = part.plan.steps[part.next_step]
+        return step if isinstance(step, kind) else None
+
+    def begin(self, step: Step) -> float:
+        """Show that a step begins; return when [cell s]."""
+        part, plan = self._record.part, self._record.part.plan
+        remaining = None
+        if plan is not None:
+            done = sum(s.seconds for s in plan.steps[: part.next_step])
+            remaining = max(0.0, plan.forecast_s - done)
+        self._record.show(
+            step.label,
+            step=part.next_step + 1,
+            step_count=len(plan.steps) + 1 if plan else 0,
+            remaining_s=remaining,
+        )
+        return self._clock.now_s()
+
+    def end(self, step: Step, started_s: float, **body: object) -> None:
+        """Write down that a step is done; every step ends where the arm stands free.
+
+        Parameters
+        ----------
+        step : which
+        started_s : when it began, as `begin` returned it [cell s]
+        body : what else its row says
+        """
+        self._record.note(
+            "outcome",
+            "step",
+            {
+                "label": step.label,
+                "forecast_s": round(step.seconds, 2),
+                "seconds": round(self._clock.now_s() - started_s, 2),
+                **body,
+            },
+        )
+        self._record.part.next_step += 1
+        self._motion.mark_free()

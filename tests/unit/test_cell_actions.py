@@ -1,0 +1,246 @@
+"""Single actions and services of the cell, each built by its constructor with small fakes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from controller.cell.actions import (
+    AbortMotionAction,
+    Actions,
+    CompleteAction,
+    PlaceAction,
+    WithdrawAction,
+)
+from controller.cell.custody import Custody
+from controller.cell.errors import InterlockError, PartFaultError, PartProblemError
+from controller.cell.journal import Journal, read_rows
+from controller.cell.machine import Effect, Event
+from controller.cell.records import Progress
+from controller.cell.recovery import PartFault
+from controller.cell.services import BatchRecord, Motion, Recoveries
+from controller.cell.stopping import Stopping
+from controller.inspection import PartVerdict, Verdict
+from controller.planning import NoMotionError
+from drivers.clock import CellClock
+from drivers.io_modbus import Signal
+
+ANY: Any = SimpleNamespace
+
+
+@pytest.fixture
+def journal(tmp_path: Path) -> Any:
+    opened = Journal(tmp_path / "journal.sqlite", "run")
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def record(journal: Journal) -> BatchRecord:
+    made = BatchRecord(journal, Progress(), lambda: None)
+    made.begin_look()
+    return made
+
+
+class Arm:
+    """Goes wherever it is sent."""
+
+    def __init__(self) -> None:
+        self.been: list[float] = []
+
+    async def move_joints(self, q: np.ndarray) -> None:
+        self.been.append(float(q[0]))
+
+    async def read_q(self) -> np.ndarray:
+        return at(self.been[-1])
+
+
+def at(x: float) -> np.ndarray:
+    return np.array([x, 0, 0, 0, 0, 0])
+
+
+def io(signal: Signal = Signal.OK) -> Any:
+    return SimpleNamespace(signal=lambda name: signal)
+
+
+def motion_of(arm: Any, inputs: Any = None) -> Motion:
+    return Motion(arm, inputs or io(), CellClock(1000.0))
+
+
+async def test_the_way_back_is_the_way_in_backwards_as_far_as_the_arm_stood_free() -> None:
+    arm = Arm()
+    motion = motion_of(arm)
+    await motion.start_from(at(0))
+    await motion.follow((at(1), at(2)))
+    motion.mark_free()
+    assert not motion.can_go_back
+    await motion.follow((at(3), at(4)))
+    await motion.go_back(2)
+    assert arm.been == [0, 1, 2, 3, 4, 3, 2]
+
+
+async def test_with_the_door_open_the_arm_stays_where_it_is() -> None:
+    arm = Arm()
+    motion = motion_of(arm, io(Signal.NOT_OK))
+    with pytest.raises(InterlockError):
+        await motion.follow((at(1),))
+    assert arm.been == []
+
+
+class Gripper:
+    """Both grippers of the cell, as the actions see them."""
+
+    is_something_in_fixed = False
+
+    def __init__(self, record: BatchRecord) -> None:
+        self.record = record
+        self.done: list[str] = []
+
+    async def openings_mm(self) -> tuple[float, float]:
+        return 20.0, 85.0
+
+    async def open_fixed(self, opening_mm: float | None = None) -> None:
+        self.done.append("open fixed")
+
+    async def require_arm_holds(self) -> None:
+        self.done.append("check")
+
+    async def let_go(self, name: str, body: Any, opening_mm: float) -> None:
+        self.done.append(f"{name} {body}")
+
+
+class Paths:
+    """Knows a path home from some places only."""
+
+    def __init__(self, *free_x: float) -> None:
+        self.free_x = free_x
+
+    async def way_home(self, q: np.ndarray, *_: object) -> Any:
+        if float(q[0]) not in self.free_x:
+            raise NoMotionError("boxed in")
+        return (at(100),)
+
+
+async def test_an_arm_that_is_boxed_in_goes_back_until_a_path_leads_home(
+    record: BatchRecord,
+) -> None:
+    arm, gripper = Arm(), Gripper(record)
+    motion = motion_of(arm)
+    await motion.start_from(at(0))
+    await motion.follow((at(1), at(2), at(3)))
+    record.part.custody = Custody.LOST
+    compute: Any = Paths(1)
+    action = WithdrawAction(compute, motion, gripper, Recoveries(record), record)  # type: ignore[arg-type]
+    assert await action.run() is Event.WITHDRAWN
+    assert arm.been == [0, 1, 2, 3, 2, 1, 100]
+    assert gripper.done == ["open fixed"]  # what was lost may hang there, and does not
+
+
+async def test_an_arm_that_no_path_leads_home_is_a_persons(record: BatchRecord) -> None:
+    arm: Any = Arm()
+    motion = motion_of(arm)
+    await motion.start_from(at(0))
+    await motion.follow((at(1),))
+    action = WithdrawAction(
+        ANY(way_home=Paths().way_home), motion, Gripper(record), Recoveries(record), record,  # type: ignore[arg-type]
+    )  # fmt: skip
+    with pytest.raises(PartProblemError) as error:
+        await action.run()
+    assert error.value.code == "no_way_home"
+    assert arm.been == [0, 1, 0]
+
+
+@pytest.mark.parametrize(
+    ("verdict", "tray"),
+    [
+        (Verdict.PASS, "accept"),
+        (Verdict.FAIL, "reject"),
+        (Verdict.INDETERMINATE, "quarantine"),
+    ],
+)
+async def test_a_part_goes_into_the_tray_its_verdict_names(
+    record: BatchRecord, verdict: Verdict, tray: str
+) -> None:
+    arm: Any = Arm()
+    trays = {name: number for number, name in enumerate(("accept", "reject", "quarantine"), 1)}
+    step = {
+        name: ANY(motion=(at(n),), motion_down=(), motion_up=(), open_mm=30.0)
+        for name, n in trays.items()
+    }
+    part: Any = record.part
+    part.plan = ANY(place=step, park=dict.fromkeys(trays, ANY(motion=(at(0),))))
+    part.verdict = PartVerdict(verdict, ("because",), (), 1.0, ())
+    steps: Any = ANY(begin=lambda step: 0.0, end=lambda *_, **__: None)
+    gripper: Any = Gripper(record)
+    assert await PlaceAction(steps, motion_of(arm), gripper, record).run() is Event.PLACED
+    assert (part.tray, part.custody) == (tray, Custody.PLACED)
+    assert arm.been == [trays[tray], 0]
+    # it is looked at before it is let go, not after
+    assert gripper.done == ["check", f"sort {{'tray': '{tray}'}}"]
+
+
+async def test_the_lamps_stay_on_until_the_last_part_is_done(record: BatchRecord) -> None:
+    dark: list[int] = []
+
+    async def all_dark() -> None:
+        dark.append(record.parts_left)
+
+    record.parts_left = 2
+    action = CompleteAction(record, ANY(all_dark=all_dark))
+    events = []
+    for _ in range(2):
+        record.part.verdict = PartVerdict(Verdict.PASS, ("fine",), (), 1.0, ())
+        record.part.tray = "accept"
+        events.append(await action.run())
+        record.begin_look()
+    assert events == [Event.PART_DONE, Event.BATCH_DONE]
+    assert dark == [0]
+    assert [part.number for part in record.finished] == [1, 2]
+
+
+async def test_an_abort_writes_down_which_device_confirmed_it(
+    journal: Journal, tmp_path: Path
+) -> None:
+    dropped: list[bool] = []
+
+    async def confirm(*_: object) -> None: ...
+
+    async def refuse(*_: object) -> None:
+        raise OSError("gone")
+
+    stopping = Stopping(ANY(stop=confirm), ANY(stop=refuse), ANY(all_off=confirm), CellClock())
+    views: Any = ANY(drop_pending=lambda: dropped.append(True))
+    assert await AbortMotionAction(stopping, views, journal).run() is Event.ABORT_DONE
+    assert dropped == [True]
+    rows = [(row.name, row.body["device"]) for row in read_rows(tmp_path / "journal.sqlite")]
+    assert rows == [("stopped", "arm"), ("stop_not_confirmed", "gripper"), ("stopped", "lights")]
+
+
+def test_an_effect_without_an_action_is_known_before_anything_moves(record: BatchRecord) -> None:
+    with pytest.raises(ValueError, match="no action for abort_motion"):
+        Actions(dict.fromkeys(list(Effect)[:2], ANY()), Recoveries(record))
+
+
+async def test_a_part_fault_leads_where_its_recovery_action_says(record: BatchRecord) -> None:
+    async def fail() -> Event:
+        raise PartFaultError(PartFault.GRIP_MISSED, "on nothing")
+
+    actions = Actions(dict.fromkeys(Effect, ANY(run=fail)), Recoveries(record))
+    events = [await actions.perform(Effect.GRASP) for _ in range(2)]
+    assert events == [Event.GRIP_MISSED] * 2
+    with pytest.raises(PartProblemError, match="asks for you"):
+        await actions.perform(Effect.GRASP)
+
+
+def test_a_drop_that_two_notice_is_booked_once(record: BatchRecord) -> None:
+    recoveries = Recoveries(record)
+    for words in ("by the jaws", "by the keep-alive"):
+        recoveries.book(PartFaultError(PartFault.DROPPED, words))
+    assert [one.reason for one in record.part.recoveries] == ["by the jaws"]
+    recoveries.forget_drop()
+    recoveries.book(PartFaultError(PartFault.DROPPED, "again"))
+    assert len(record.part.recoveries) == 2
