@@ -28,7 +28,16 @@ def emulator_command(
     cell: Path, parts: Sequence[Path], *, speed: float, seed: int | None, more: Sequence[str] = ()
 ) -> list[str]:
     """Return the command line of the emulator; it is its own program on purpose."""
-    command = [sys.executable, "-m", "emulators", "--cell", str(cell), "--speed", f"{speed:g}"]
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        "emulators",
+        "--cell",
+        str(cell),
+        "--speed",
+        f"{speed:g}",
+    ]
     for part in parts:
         command += ["--part", str(part)]
     if not parts:

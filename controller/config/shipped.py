@@ -1,7 +1,7 @@
 """What comes with cellctl (recipes, parts, the emulated cell), and what a project's folder names.
 
 The folder `recipes` stands beside the package `controller`, in a checkout as in site-packages
-(ADR 19), so that every command works in any folder.
+(ADR 21), so that every command works in any folder.
 """
 
 from pathlib import Path

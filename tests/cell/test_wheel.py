@@ -1,0 +1,123 @@
+"""A wheel, installed into an environment of its own, works in a folder that is no checkout."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKED = ("controller", "drivers", "emulators", "recipes")
+LIMIT_S = 1500.0  # a guard against a hang, no measure
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Build the wheel from a copy, so that the checkout stays as it is."""
+    source = tmp_path_factory.mktemp("source")
+    for folder in PACKED:
+        shutil.copytree(
+            ROOT / folder, source / folder, ignore=shutil.ignore_patterns("__pycache__")
+        )
+    for file in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / file, source)
+    built = tmp_path_factory.mktemp("built")
+    script = "import sys; from setuptools import build_meta; build_meta.build_wheel(sys.argv[1])"
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(built)],
+        cwd=source, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    (found,) = built.glob("*.whl")
+    return found
+
+
+class Installed:
+    """`cellctl` from the wheel, called in a folder of its own."""
+
+    def __init__(self, wheel: Path, scratch: Path) -> None:
+        place = scratch / "environment"
+        venv.create(place, with_pip=False, symlinks=True)
+        python = place / "bin" / "python"
+        (packages,) = (place / "lib").glob("python*/site-packages")
+        # what cellctl depends on is what the tests run on; paths alone, so that nothing that is
+        # installed there by reference to the checkout comes along
+        shared = [path for path in sys.path if path.endswith("site-packages")]
+        (packages / "shared.pth").write_text("\n".join(shared) + "\n")
+        subprocess.run(
+            [sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet",
+             "--no-deps", "--no-index", "--disable-pip-version-check", str(wheel)],
+            check=True,
+        )  # fmt: skip
+        self.packages = packages
+        self.cellctl = place / "bin" / "cellctl"
+        self.folder = scratch / "elsewhere"
+        self.folder.mkdir()
+        self.env = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+
+    def __call__(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [str(self.cellctl), *arguments],
+            cwd=self.folder, env=self.env,
+            capture_output=True, text=True, check=False, timeout=LIMIT_S,
+        )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Installed:
+    return Installed(wheel, tmp_path_factory.mktemp("installed"))
+
+
+def test_the_wheel_has_recipes_parts_their_licences_and_the_cell(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        packed = {name for name in archive.namelist() if name.startswith("recipes/")}
+    there = {
+        path.relative_to(ROOT).as_posix()
+        for path in (ROOT / "recipes").rglob("*")
+        if path.is_file() and path.suffix != ".pyc"
+    }
+    assert packed == there
+
+
+def test_it_runs_from_the_wheel_and_not_from_the_checkout(installed: Installed) -> None:
+    done = installed("check", "nobody_knows")
+    assert done.returncode == 2, done.stderr
+    assert "featuretype, flange_xy" in done.stderr
+    python = installed.cellctl.with_name("python")
+    where = subprocess.run(
+        [str(python), "-c", "import controller, emulators; print(controller.__file__)"],
+        cwd=installed.folder, env=installed.env, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert Path(where.stdout).is_relative_to(installed.packages)
+
+
+def test_doctor_finds_the_emulated_cell_well(installed: Installed) -> None:
+    done = installed("doctor", "--json")
+    checks = {row["check"]: row for row in map(json.loads, done.stdout.splitlines())}
+    assert {"arm", "gripper", "lights", "io", "overhead", "inspection"} <= set(checks)
+    bad = [row for row in checks.values() if not row["ok"] and row["check"] != "disk"]
+    assert bad == []
+
+
+def test_a_recipe_that_comes_with_it_is_planned(installed: Installed) -> None:
+    done = installed("plan", "--recipe", "holder", "--pose", "0", "--json")
+    assert done.returncode == 0, done.stderr
+    plan = json.loads(done.stdout)
+    assert plan["part"] == "holder"
+    assert plan["covered_fraction"] > 0.9
+
+
+@pytest.mark.slow
+def test_the_default_recipe_runs_to_its_end(installed: Installed) -> None:
+    done = installed("run", "--speed", "10", "--seed", "1", "--json")
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout.splitlines()[-1])
+    assert result["end"] == "complete"
+    assert (installed.folder / result["report"]).is_file()
