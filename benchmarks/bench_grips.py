@@ -30,7 +30,6 @@ from shared_files import SHARED  # noqa: E402  (path set above)
 from controller.cad.compiled import CompiledPart, load_part  # noqa: E402
 from controller.imaging import RayCaster  # noqa: E402
 from controller.planning import Grip, GripRules, Jaw  # noqa: E402
-from controller.planning.grip import Holder  # noqa: E402
 from controller.planning.grips import (  # noqa: E402
     Seeds,
     Synthesis,
@@ -39,6 +38,7 @@ from controller.planning.grips import (  # noqa: E402
     still_gravities,
 )
 from controller.planning.grips._judge import Judge  # noqa: E402
+from controller.planning.model import Holder  # noqa: E402
 
 STEEL_KG_MM3 = 7.85e-6
 BASE = GripRules(friction=0.5)

@@ -40,9 +40,9 @@ from controller.planning import (  # noqa: E402
     prepare_part,
     resting_pose,
 )
+from controller.planning.geometry import PartShape, PlacedShape  # noqa: E402
+from controller.planning.model import PreparedPart  # noqa: E402
 from controller.planning.motion import (  # noqa: E402
-    PartShape,
-    PlacedShape,
     Scene,
     connect,
     inverse_rows,
@@ -50,7 +50,6 @@ from controller.planning.motion import (  # noqa: E402
     path_free,
     tip_pose,
 )
-from controller.planning.prepared import PreparedPart  # noqa: E402
 from controller.planning.transfers import pick_ways  # noqa: E402
 from drivers.umi_scara.kinematics import forward, inverse_legal, within_limits  # noqa: E402
 

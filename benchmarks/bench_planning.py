@@ -46,11 +46,11 @@ from controller.planning import (  # noqa: E402
     PlanOptions,
     PreparedPart,
     Present,
-    _planner,
     plan_from,
     prepare_part,
     resting_pose,
 )
+from controller.planning.planner import planner as _planner  # noqa: E402
 from controller.planning.search import FULL, Effort, Problem, Solution, greedy  # noqa: E402
 
 WRONG_MM, WRONG_RAD = 1.0, np.radians(2.0)  # what a measured grip is off the planned one

@@ -28,7 +28,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit")]
 
 import numpy as np  # noqa: E402  (threads and path come first)
 
-from controller.planning import _planner  # noqa: E402
+from controller.planning.planner import planner as _planner  # noqa: E402
 from controller.planning.search import (  # noqa: E402
     COARSE,
     Problem,

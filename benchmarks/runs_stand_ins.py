@@ -24,8 +24,7 @@ from controller.cell import workers
 from controller.cell.experts import Holder, Workers
 from controller.imaging import Camera, inverse_pose, transform
 from controller.planning import Look, Plan, Present, Start
-from controller.planning.boxes import segments_hit
-from controller.planning.layout import Box
+from controller.planning.geometry import Box, segments_hit
 from controller.recognition import Alternative, Sighting
 from drivers.clock import CellClock
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from controller.config import Cell, Recipe
-from controller.planning.layout import CellLayout
+from controller.planning.model import CellLayout
 from drivers.camera_v4l2 import Camera
 from drivers.clock import CellClock
 

@@ -4,7 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.inspection import WorldBox
-from controller.planning.layout import Box, CellLayout
+from controller.planning.geometry import Box
+from controller.planning.model import CellLayout
 from controller.planning.motion import Scene
 
 Array = NDArray[np.float64]

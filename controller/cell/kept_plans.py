@@ -31,7 +31,7 @@ from controller.planning import (
     Step,
     TakeBack,
 )
-from controller.planning.motion import PartShape
+from controller.planning.geometry import PartShape
 
 Array = NDArray[np.float64]
 

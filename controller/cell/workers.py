@@ -43,7 +43,7 @@ from controller.planning import (
     Start,
     plan_part,
 )
-from controller.planning.layout import CellLayout
+from controller.planning.model import CellLayout
 from controller.planning.motion import Scene, connect
 from controller.recognition.stored import open_library
 from controller.setup.faces import faces_left_out

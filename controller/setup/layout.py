@@ -6,7 +6,8 @@ import numpy as np
 
 from controller.config.cell import Box as BoxNumbers
 from controller.config.cell import Cell, FingersSection
-from controller.planning.layout import Box, CellLayout, Jaw, Tray
+from controller.planning.geometry import Box
+from controller.planning.model import CellLayout, Jaw, Tray
 from drivers.umi_scara.kinematics import ArmGeometry
 
 from .optics import build_camera

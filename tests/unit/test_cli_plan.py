@@ -18,13 +18,8 @@ from controller.cell.plans import digest_of
 from controller.cli import _plan_site, main
 from controller.commissioning.siting import PartScore, SiteReport, SiteScore, site_of
 from controller.config import load_cell
-from controller.planning import (
-    Box,
-    GripRules,
-    NotGraspableError,
-    PlanOptions,
-    certificates,
-)
+from controller.planning import Box, GripRules, NotGraspableError, PlanOptions
+from controller.planning.planner import certificates
 from controller.results.plan_page import _coverage as coverage
 from controller.results.plan_page import _strip as strip
 from controller.setup import planner

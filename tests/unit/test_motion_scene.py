@@ -14,9 +14,8 @@ from planning_cell import emulated_layout
 from scipy.spatial.transform import Rotation
 
 from controller.planning import Box
-from controller.planning.boxes import stack
-from controller.planning.motion import PartShape, PlacedShape, Scene, tip_pose
-from controller.planning.motion._shape import Triangles
+from controller.planning.geometry import PartShape, PlacedShape, Triangles, stack
+from controller.planning.motion import Scene, tip_pose
 from drivers.umi_scara.kinematics import within_limits
 
 LAYOUT = emulated_layout()

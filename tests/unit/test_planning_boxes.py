@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from controller.planning import Box
-from controller.planning.boxes import lowest_z, overlap, segments_hit
+from controller.planning.geometry import lowest_z, overlap, segments_hit
 
 
 def random_boxes(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:

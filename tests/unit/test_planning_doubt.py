@@ -19,11 +19,8 @@ from controller.cad import Solid, load_solid
 from controller.imaging import PointLamp, inverse_pose
 from controller.planning import Box
 from controller.planning.doubt import (
-    LIGHTS,
     Ask,
-    Candidate,
     DoubtRules,
-    Light,
     Predicted,
     Separations,
     apart,
@@ -38,6 +35,7 @@ from controller.planning.doubt import (
     separating_views,
     tell_apart,
 )
+from controller.planning.model import LIGHTS, Candidate, Light
 from controller.planning.motion import Scene, tip_pose
 
 LAYOUT = emulated_layout()

@@ -16,7 +16,7 @@ from trimesh.ray.ray_triangle import RayMeshIntersector
 from controller.cad import sample_surface
 from controller.imaging import Camera, RayCaster, inverse_pose, transform
 from controller.planning import Box, Grip
-from controller.planning.boxes import segments_hit
+from controller.planning.geometry import segments_hit
 from controller.planning.motion import Scene, inverse_rows, tip_pose
 from controller.planning.views import (
     SightRules,

@@ -1,7 +1,7 @@
 """Grasping: the part is judged where it rests, if the plan says so, and taken off the table."""
 
 from controller.planning import Look, Pick
-from controller.planning.layout import CellLayout
+from controller.planning.model import CellLayout
 
 from .. import workers
 from ..custody import Custody

@@ -8,7 +8,7 @@ from typing import NoReturn
 
 from controller.imaging import inverse_pose
 from controller.planning import HandOver, TakeBack, shown_pose
-from controller.planning.layout import CellLayout
+from controller.planning.model import CellLayout
 
 from ..custody import Custody
 from ..errors import PartFaultError

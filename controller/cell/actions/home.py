@@ -2,7 +2,7 @@
 
 import asyncio
 
-from controller.planning.layout import CellLayout
+from controller.planning.model import CellLayout
 from drivers.gripper_modbus import Gripper
 from drivers.io_modbus import CellIo
 from drivers.umi_scara import UmiScara

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from controller import inspection as inspecting
 from controller.imaging import inverse_pose
 from controller.planning import shown_pose
-from controller.planning.layout import CellLayout
+from controller.planning.model import CellLayout
 from controller.planning.motion import tip_pose
 
 from ..errors import PartFaultError

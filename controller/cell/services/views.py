@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from controller import inspection as inspecting
 from controller.planning import Look, Present, shown_pose
-from controller.planning.layout import CellLayout
+from controller.planning.model import CellLayout
 
 from ..experts import Experts
 from ..holder import holder_boxes

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from controller.planning.layout import CellLayout, FloatArray
+from controller.arrays import FloatArray
+from controller.planning.model import CellLayout
 
 from ._family import FamilyMember, hand_offsets_mm
 from ._grids import camera_grid, fixture_grid

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.imaging import inverse_pose
-from controller.planning.boxes import BoolArray
-from controller.planning.grip import Grip
-from controller.planning.layout import CellLayout, FloatArray, IntArray
+from controller.planning.model import CellLayout, Grip, HandOff
 from controller.planning.motion import Scene, inverse_rows
-from controller.planning.prepared import HandOff
 from controller.planning.transfers import hand_offs
 
 from ._family import FamilyMember

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import Solid, StablePose
 from controller.imaging import inverse_pose
-from controller.planning.boxes import BoolArray
-from controller.planning.grip import Grip
 from controller.planning.grips import (
     clear_of_table,
     resting_pose,
@@ -19,9 +18,8 @@ from controller.planning.grips import (
     spread,
     turned_over,
 )
-from controller.planning.layout import CellLayout, FloatArray, IntArray
+from controller.planning.model import CellLayout, Grip, PreparedPart
 from controller.planning.motion import inverse_rows
-from controller.planning.prepared import PreparedPart
 from controller.planning.views import hidden_by_hand, holding_boxes, view_poses
 
 from ._site import standoff_mm

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from controller.planning.layout import CellLayout, FloatArray
+from controller.arrays import FloatArray
+from controller.planning.model import CellLayout
 
 from ._site import STEEP, Site, site_of
 

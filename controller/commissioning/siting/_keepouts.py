@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from shapely import MultiPoint, Polygon, box
 
-from controller.planning.boxes import lowest_z, overlap, segments_hit
-from controller.planning.layout import Box, CellLayout, FloatArray
+from controller.arrays import FloatArray
+from controller.planning.geometry import Box, lowest_z, overlap, segments_hit
+from controller.planning.model import CellLayout
 
 from ._site import Fellows, standoff_mm
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.imaging import inverse_pose
-from controller.planning.boxes import BoolArray
-from controller.planning.layout import CellLayout, FloatArray, IntArray
+from controller.planning.model import CellLayout
 from controller.planning.motion import inverse_rows
 
 from ._family import FamilyMember

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.planning.layout import Box, CellLayout, FloatArray
-from controller.planning.prepared import PreparedPart
+from controller.arrays import FloatArray
+from controller.planning.geometry import Box
+from controller.planning.model import CellLayout, PreparedPart
 
 from ._score import SiteOptions, SiteScore
 from ._search import search_sites

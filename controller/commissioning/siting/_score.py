@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from controller.planning.layout import FloatArray
+from controller.arrays import FloatArray
 
 from ._site import Site
 

@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from controller.planning.layout import CellLayout
-from controller.planning.prepared import PreparedPart
+from controller.planning.model import CellLayout, PreparedPart
 
 from ._by_joints import cameras_by_joints, fixtures_by_joints, joined, unlike, unlike_poses
 from ._grids import camera_steps, fixture_steps

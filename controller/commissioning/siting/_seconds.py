@@ -9,10 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from controller.planning.boxes import BoolArray
-from controller.planning.layout import CellLayout, FloatArray
+from controller.arrays import BoolArray, FloatArray
+from controller.planning.model import CellLayout, HandOff
 from controller.planning.motion import move_seconds
-from controller.planning.prepared import HandOff
 
 from ._family import FamilyMember
 

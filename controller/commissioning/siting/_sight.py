@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from controller.planning.boxes import BoolArray, segments_hit
-from controller.planning.layout import Box, CellLayout, FloatArray
+from controller.arrays import BoolArray, FloatArray
+from controller.planning.geometry import Box, segments_hit
+from controller.planning.model import CellLayout
 from controller.planning.motion import link_boxes
 
 AROUND_N = 8  # points round the part's outline that the camera has to see, beside its middle

@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from controller.arrays import FloatArray
 from controller.imaging import Camera, inverse_pose
-from controller.planning.boxes import overlap, segments_hit
-from controller.planning.layout import Box, CellLayout, FloatArray
+from controller.planning.geometry import Box, overlap, segments_hit
+from controller.planning.model import CellLayout
 
 STEEP = 0.9  # |z| of the way it looks beyond which the world's z no longer says what up is
 POST_REACH_MM = 25.0  # a post that carries the fixture stands this close to its body at most

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from controller.planning.layout import CellLayout
-from controller.planning.prepared import PreparedPart
+from controller.planning.model import CellLayout, PreparedPart
 
 from ._checked import score_site
 from ._family import FamilyMember, family_member

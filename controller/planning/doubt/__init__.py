@@ -5,11 +5,12 @@ above. Pictures of all candidates are predicted for the views a common grip can 
 views whose pictures differ, however the part may sit in the hand, settle it.
 """
 
+from ..model import LIGHTS, Candidate, Light
 from ._difference import difference
 from ._measured import measured_picture
 from ._offer import offered_views
 from ._pictures import Picture, Stance, predict
-from ._rules import LIGHTS, Candidate, DoubtRules, Light
+from ._rules import DoubtRules
 from ._separate import Model, Predicted, Separations, model_of, predict_view, separations
 from ._settle import Ask, Settling, Unsettled, cheapest_tree, separating_views
 from ._told import Told, apart, compare, edges_shown, tell_apart

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..boxes import BoolArray
-from ..layout import FloatArray
+from controller.arrays import BoolArray, FloatArray
+
+from ..model import Light
 from ._pictures import Picture, Stance
-from ._rules import Light
 
 TURNS_N = 9
 SHIFTS_N = 9

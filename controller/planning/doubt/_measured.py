@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..boxes import BoolArray
+from controller.arrays import BoolArray
+
 from ._pictures import Picture
 from ._separate import Predicted
 

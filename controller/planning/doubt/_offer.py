@@ -6,13 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from controller.arrays import FloatArray
 from controller.cad import Solid, sample_surface
 from controller.imaging import inverse_pose
 
-from ..layout import Box, CellLayout, FloatArray
+from ..geometry import Box
+from ..model import Candidate, CellLayout
 from ..motion import Scene, leg_seconds
 from ..views import candidate_directions, hold_up, reachable_views
-from ._rules import Candidate
 
 DIRECTIONS_N = 50
 SPACING_MM = 6.0

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import trimesh
 
+from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid
 from controller.imaging import Camera, RayCaster, Roi, ViewMaps, render_maps, transform, view_roi
 
-from ..boxes import BoolArray
-from ..layout import Box, FloatArray
+from ..geometry import Box
 from ..views import even_sphere
 from ._rules import DoubtRules
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
+from controller.arrays import BoolArray, FloatArray
 from controller.cad import SurfaceSamples, sample_surface
 from controller.imaging import RayCaster, inverse_pose, transform
 
-from ..boxes import BoolArray, segments_hit
-from ..layout import CellLayout, FloatArray
+from ..geometry import segments_hit
+from ..model import Candidate, CellLayout
 from ..motion import Scene, tip_pose
-from ._rules import Candidate
 
 SAME_MM = 0.15  # as in cad/resting: bores are drawn this far off the axis of symmetric parts
 SPACING_MM = 3.0

@@ -3,16 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
-
-from controller.cad import Solid
-
-from ..layout import FloatArray
-
-Light = Literal["backlight", "front"]
-LIGHTS: tuple[Light, ...] = ("backlight", "front")
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,25 +23,3 @@ class DoubtRules:
     fine_px: int = 2
     fine_n: int = 3  # the cheapest and the clearest views of a pair, again on a finer grid
     most_views: int = 60  # views looked at at all, spread evenly over those offered
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Candidate:
-    """One thing the part in the hand may be, and how it then lies in the hand.
-
-    Attributes
-    ----------
-    name : for people
-    T_hand_part : (4, 4) pose of its CAD frame in the tip frame
-    """
-
-    name: str
-    solid: Solid
-    T_hand_part: FloatArray
-
-    @classmethod
-    def taken(
-        cls, name: str, solid: Solid, T_world_part: FloatArray, T_world_hand: FloatArray
-    ) -> Candidate:
-        """Return the candidate that lies at `T_world_part` and is taken by a hand there."""
-        return cls(name, solid, np.linalg.inv(T_world_hand) @ T_world_part)

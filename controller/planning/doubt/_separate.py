@@ -8,13 +8,14 @@ from itertools import combinations
 
 import numpy as np
 
+from controller.arrays import FloatArray
 from controller.imaging import Camera, RayCaster, Roi
 
-from ..layout import CellLayout, FloatArray
+from ..model import LIGHTS, Candidate, CellLayout, Light
 from ..motion import Scene, tip_pose
 from ._difference import difference
 from ._pictures import Picture, Stance, outer_points, predict, region_of, see_boxes, stance_of
-from ._rules import LIGHTS, Candidate, DoubtRules, Light
+from ._rules import DoubtRules
 
 HOPEFUL = 0.5  # of what it takes, in a thinned picture
 DOUBTED = 2.0  # so many times less may be left of a thinned picture's margin on the finer grid

@@ -9,9 +9,11 @@ from itertools import combinations
 
 import numpy as np
 
-from ..layout import CellLayout, FloatArray
+from controller.arrays import FloatArray
+
+from ..model import LIGHTS, Candidate, CellLayout, Light
 from ._reasons import why_alike
-from ._rules import LIGHTS, Candidate, DoubtRules, Light
+from ._rules import DoubtRules
 from ._separate import Separations, price_s, separations
 
 SAME_PRICE_S = 1e-6

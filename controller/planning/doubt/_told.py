@@ -7,10 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..layout import FloatArray
+from controller.arrays import FloatArray
+
+from ..model import Light
 from ._difference import difference
 from ._pictures import Picture
-from ._rules import DoubtRules, Light
+from ._rules import DoubtRules
 from ._separate import Predicted, needed_px
 
 CONVINCED = 0.5  # of what two predictions differ by, the measured picture must be nearer to one

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import Solid
 
-from ..boxes import BoolArray
-from ..grip import GripRules
-from ..layout import FloatArray, IntArray, Jaw
+from ..model import GripRules, Jaw
 from ._faces import across
 from ._seeds import Seeds, narrowest_inner, widest_inner
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 import fcl
 import numpy as np
 
+from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid
 
-from ..boxes import BoolArray, stack
-from ..grip import TABLE_MARGIN_MM, GripRules
-from ..layout import Box, FloatArray, Jaw
+from ..geometry import Box, stack
+from ..model import TABLE_MARGIN_MM, GripRules, Jaw
 from ._candidates import open_gap
 
 STEEPEST = -0.5  # z of the approach direction at a pick: within 60 degrees of straight down

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from controller.arrays import FloatArray
 from controller.cad import Face, Solid
-
-from ..layout import FloatArray
 
 OPPOSED_COS = np.cos(np.radians(2.0))
 BARE_MM2 = 20.0  # less common area cannot make a contact: a pad's rule asks for more

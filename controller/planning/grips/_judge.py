@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import Solid
 from controller.imaging import RayCaster
 
-from ..boxes import BoolArray
-from ..grip import GripRules
-from ..layout import FloatArray, IntArray, Jaw
+from ..model import GripRules, Jaw
 from ._candidates import Candidates
 from ._pads import Contacts, PadGrid, close_pads
 from ._seeds import narrowest_inner, widest_inner

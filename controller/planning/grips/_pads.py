@@ -13,11 +13,10 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.imaging import RayCaster
 
-from ..boxes import BoolArray
-from ..grip import GripRules
-from ..layout import FloatArray, IntArray, Jaw
+from ..model import GripRules, Jaw
 
 SIDES = (1.0, -1.0)
 EDGES_N = 16  # directions in which the edge of a contact is looked for

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..boxes import BoolArray
-from ..grip import GripRules
-from ..layout import FloatArray, Jaw
+from controller.arrays import BoolArray, FloatArray
+
+from ..model import GripRules, Jaw
 from ._faces import across
 from ._judge import Judge
 from ._pads import Contacts, PadGrid

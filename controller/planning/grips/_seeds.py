@@ -11,12 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import Solid, SurfaceSamples
 from controller.imaging import RayCaster
 
-from ..boxes import BoolArray
-from ..grip import GripRules
-from ..layout import FloatArray, IntArray, Jaw
+from ..model import GripRules, Jaw
 from ._faces import opposed_faces, plane_seeds
 
 SKIN_MM = 0.02  # rays start this far off the surface they leave

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid, StablePose
 
-from ..boxes import BoolArray, lowest_z, stack
-from ..grip import TABLE_MARGIN_MM, Grip
-from ..layout import FloatArray, Jaw
+from ..geometry import lowest_z, stack
+from ..model import TABLE_MARGIN_MM, Grip, Jaw
 from ._clearance import STEEPEST
 
 

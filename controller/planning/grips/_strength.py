@@ -10,9 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..boxes import BoolArray
-from ..grip import GripRules
-from ..layout import FloatArray
+from controller.arrays import BoolArray, FloatArray
+
+from ..model import GripRules
 from ._pads import EDGE_DIRECTIONS, Contacts, PadGrid, edges
 
 GRAVITY_N_PER_KG = 9.81

@@ -11,13 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import Solid
 from controller.imaging import RayCaster
 
-from ..boxes import BoolArray
-from ..errors import NotGraspableError
-from ..grip import Grip, GripRules, Holder
-from ..layout import FloatArray, IntArray, Jaw
+from ..model import Grip, GripRules, Holder, Jaw, NotGraspableError
 from ._candidates import (
     Candidates,
     axis_distance,

@@ -1,10 +1,10 @@
 """Where the arm can be, what it touches there, and its ways from one place to the other."""
 
-from ._kinematics import inverse_rows, link_boxes, tip_pose
+from ..geometry import PartShape, PlacedShape
+from ._kinematics import inverse_rows, link_boxes, shown_pose, tip_pose
 from ._lines import fewest_waypoints, same_branch
 from ._pace import leg_seconds, leg_tube, move_seconds, travel_seconds
 from ._scene import Scene
-from ._shape import PartShape, PlacedShape
 from ._ways import connect, path_free
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "move_seconds",
     "path_free",
     "same_branch",
+    "shown_pose",
     "tip_pose",
     "travel_seconds",
 ]

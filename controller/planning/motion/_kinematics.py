@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from controller.arrays import FloatArray, IntArray
 from controller.imaging import inverse_pose
 from drivers.umi_scara.kinematics import forward, inverse_legal
 from drivers.umi_scara.kinematics import link_frames as frames_in_arm
 
-from ..boxes import stack
-from ..layout import CellLayout, FloatArray, IntArray
+from ..geometry import stack
+from ..model import CellLayout
 
 HEADINGS_RAD = np.radians(np.arange(-180.0, 180.0, 30.0))  # tried where the hand points down
 # a hand this close to straight down is taken as straight down: its heading would be noise
@@ -62,3 +63,9 @@ def link_boxes(layout: CellLayout, q: FloatArray) -> tuple[FloatArray, FloatArra
     T[..., :3, :3] = R @ T_box[:, :3, :3]
     T[..., :3, 3] = (R @ T_box[:, :3, 3, None])[..., 0] + origin_mm
     return T, np.broadcast_to(half_mm, (*R.shape[:2], 3))
+
+
+def shown_pose(layout: CellLayout, q: FloatArray, T_part_hand: FloatArray) -> FloatArray:
+    """Return T_world_part of a part held at `T_part_hand`, measured or planned, at joints (6,)."""
+    T: FloatArray = tip_pose(layout, np.asarray(q)) @ inverse_pose(T_part_hand)
+    return T

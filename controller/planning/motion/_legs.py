@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controller.arrays import BoolArray, FloatArray
 from drivers.umi_scara.kinematics import within_limits
 
-from ..boxes import BoolArray
-from ..layout import CellLayout, FloatArray
+from ..model import CellLayout
 from ._kinematics import tip_pose
 from ._pace import leg_tube, tube_bound_mm
 from ._scene import Scene

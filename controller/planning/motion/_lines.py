@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..layout import CellLayout, FloatArray, IntArray
+from controller.arrays import FloatArray, IntArray
+
+from ..model import CellLayout
 from ._kinematics import inverse_rows, tip_pose
 
 

@@ -13,7 +13,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..layout import CellLayout, FloatArray, Pace
+from controller.arrays import FloatArray
+
+from ..model import CellLayout, Pace
 from ._kinematics import tip_pose
 
 STILL = 1e-6  # rad, mm: less than a count of any motor

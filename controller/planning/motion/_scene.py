@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from ..boxes import BoolArray, overlap_turned, stack
-from ..layout import Box, CellLayout, FloatArray, IntArray, Jaw
+from controller.arrays import BoolArray, FloatArray, IntArray
+
+from ..geometry import Box, PartShape, PlacedShape, Triangles, overlap_turned, stack
+from ..model import CellLayout, Jaw
 from ._kinematics import link_boxes, link_frames, tip_pose
-from ._shape import PartShape, PlacedShape, Triangles
 
 STANDING = "the part standing there"
 _NONE = np.iinfo(np.int64).max

@@ -12,9 +12,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from controller.arrays import FloatArray
 from drivers.umi_scara.kinematics import within_limits
 
-from ..layout import FloatArray
 from ._legs import GLANCE_TUBE_MM, MARGIN_MM, Ends, leg_free, leg_seems_free
 from ._pace import move_seconds, travel_seconds
 from ._scene import Scene

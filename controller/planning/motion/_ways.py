@@ -11,11 +11,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from controller.arrays import BoolArray, FloatArray
 from drivers.umi_scara.kinematics import within_limits
 
-from ..boxes import BoolArray
-from ..errors import NoMotionError
-from ..layout import FloatArray
+from ..model import NoMotionError
 from ._kinematics import tip_pose
 from ._legs import END_MARGIN_MM, MARGIN_MM, Ends, leg_free, leg_seems_free
 from ._pace import leg_seconds

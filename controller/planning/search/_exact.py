@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import csr_array
 
-from ..boxes import BoolArray
+from controller.arrays import BoolArray
+
 from ._problem import SAME_S, IntArray
 from ._tables import Table, Tables
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..boxes import BoolArray
-from ..layout import FloatArray
+from controller.arrays import BoolArray, FloatArray
+
 from ._problem import MAX_GRIPS, Problem, Solution, live_grips, needed_of, priced
 
 

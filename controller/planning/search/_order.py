@@ -12,7 +12,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..layout import FloatArray
+from controller.arrays import FloatArray
+
 from ._problem import IntArray
 
 LegSeconds = Callable[[FloatArray, FloatArray], FloatArray]

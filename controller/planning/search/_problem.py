@@ -13,8 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ..boxes import BoolArray
-from ..layout import FloatArray
+from controller.arrays import BoolArray, FloatArray
 
 IntArray = NDArray[np.intp]
 MAX_GRIPS = 5  # planning.md 1.3: a fourth re-grip's bound exceeded every optimum measured

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..boxes import BoolArray
-from ..layout import FloatArray
+from controller.arrays import BoolArray, FloatArray
+
 from ._bounds import Floors, floors, raise_floors, spread_scales, union_prices
 from ._exact import Stacked, exact_cover, stack
 from ._problem import (

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..boxes import BoolArray
+from controller.arrays import BoolArray
+
 from ._greedy import greedy
 from ._problem import MAX_GRIPS, Problem, Solution, live_grips, needed_of, price_of, priced
 from ._search import FULL, Effort, Search

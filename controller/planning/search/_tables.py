@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..boxes import BoolArray
+from controller.arrays import BoolArray
+
 from ._problem import IntArray, Problem, live_grips
 
 FloatArray = NDArray[np.float64]

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..boxes import BoolArray
-from ..layout import FloatArray
+from controller.arrays import BoolArray, FloatArray
+
 from ._problem import SAME_S, IntArray, Problem
 
 

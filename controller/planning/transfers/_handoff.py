@@ -11,13 +11,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.imaging import inverse_pose
 
-from ..boxes import BoolArray, stack
-from ..grip import Grip
-from ..layout import CellLayout, FloatArray, IntArray
-from ..motion import PartShape, Scene, inverse_rows, same_branch
-from ..prepared import HandOff
+from ..geometry import PartShape, stack
+from ..model import CellLayout, Grip, HandOff
+from ..motion import Scene, inverse_rows, same_branch
 
 WAY_MM = 80.0  # straight in and out
 STEP_MM = 10.0

@@ -7,16 +7,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controller.arrays import FloatArray, IntArray
 from controller.imaging import inverse_pose
 from drivers.umi_scara.kinematics import inverse, limit_report
 
-from ..boxes import stack
-from ..errors import NoMotionError, NotGraspableError, OutOfReachError
-from ..grip import TABLE_MARGIN_MM, Grip
+from ..geometry import Box, stack
 from ..grips import clear_of_table, resting_pose
-from ..layout import Box, CellLayout, FloatArray, IntArray
+from ..model import (
+    TABLE_MARGIN_MM,
+    CellLayout,
+    Grip,
+    NoMotionError,
+    NotGraspableError,
+    OutOfReachError,
+    PreparedPart,
+)
 from ..motion import Scene, fewest_waypoints, inverse_rows, same_branch
-from ..prepared import PreparedPart
 from ._handoff import CLOSE_MARGIN_MM, PART_MARGIN_MM
 
 LIFT_MM = 85.0

@@ -7,13 +7,11 @@ from functools import cache
 
 import numpy as np
 
+from controller.arrays import BoolArray, FloatArray
 from controller.imaging import inverse_pose
 
-from ..boxes import BoolArray
-from ..grip import Grip
-from ..layout import CellLayout, FloatArray, Tray
+from ..model import CellLayout, Grip, PreparedPart, Tray
 from ..motion import Scene, fewest_waypoints, inverse_rows, same_branch
-from ..prepared import PreparedPart
 
 RELEASE_MM = 3.0  # above the tray's floor
 UP_MM = 100.0

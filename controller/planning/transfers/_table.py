@@ -10,15 +10,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from controller.arrays import FloatArray
 from controller.cad import Solid, StablePose
 from controller.imaging import inverse_pose
 
-from ..boxes import stack
-from ..grip import TABLE_MARGIN_MM, Grip
+from ..geometry import PartShape, PlacedShape, stack
 from ..grips import clear_of_table, resting_pose
-from ..layout import CellLayout, FloatArray
-from ..motion import PartShape, PlacedShape, Scene, inverse_rows, same_branch
-from ..prepared import HandOff, Rest
+from ..model import TABLE_MARGIN_MM, CellLayout, Grip, HandOff, Rest
+from ..motion import Scene, inverse_rows, same_branch
 from ._handoff import CLOSE_MARGIN_MM, PART_MARGIN_MM, STEP_MM, WAY_MM
 
 TURNS_N = 8  # about the vertical, per stable pose

@@ -3,7 +3,8 @@
 Directions are unit vectors in the part frame from its centre of mass to the camera.
 """
 
-from ._directions import Directions, Lookout, candidate_directions, even_sphere, look_out
+from ..model import Directions, Lookout
+from ._directions import candidate_directions, even_sphere, look_out
 from ._hand import hidden_by_hand, holding_boxes
 from ._hidden import why_hidden
 from ._poses import Showing, hold_up, view_poses

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controller.arrays import BoolArray, FloatArray
 from controller.imaging import transform
 
-from ..boxes import BoolArray, overlap, segments_hit, stack
-from ..layout import Box, CellLayout, FloatArray
+from ..geometry import Box, overlap, segments_hit, stack
+from ..model import CellLayout
 from ._hand import FINGER_SHADOW_MM
 
 _PIECES_N = 4  # of the cone, each held by a box

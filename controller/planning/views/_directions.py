@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import Solid, SurfaceSamples
 from controller.imaging import RayCaster
 
-from ..boxes import BoolArray
-from ..layout import FloatArray, IntArray
+from ..model import Directions, Lookout
 from ._rules import SightRules
 from ._visible import (
     LIFT_MM,
@@ -37,37 +37,6 @@ RAYS_N = 1_000_000
 WANTED_N = 3
 FIRST_WORTH = 1e3  # of a first direction, beside a further one
 MOST_ADDED = 0.5  # of the even sphere's number, for spots that have a direction already
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Directions:
-    """Candidate directions (v, 3) and, for square views, the face each is square to (else -1)."""
-
-    vectors: FloatArray
-    square_to: IntArray
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Lookout:
-    """Directions and what each shows of the bare part, with the evidence for what none shows.
-
-    Attributes
-    ----------
-    directions : square ones first, then the even sphere, then those added for hard spots
-    visible : (v, n) bool
-    best_incidence_rad : (n,) the squarest at which any camera place sees a sample past the part,
-        resolution and sharpness aside; pi/2 where none does
-    blocker : (n,) the face that stands before the squarest look at a sample, -1 if none does
-    too_coarse, blurred : (n,) bool, not visible though the sight line is free at an incidence
-        allowed: pixels too few for the millimetre, or out of the depth of field
-    """
-
-    directions: Directions
-    visible: BoolArray
-    best_incidence_rad: FloatArray
-    blocker: IntArray
-    too_coarse: BoolArray
-    blurred: BoolArray
 
 
 def even_sphere(count: int) -> FloatArray:

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import Solid, SurfaceSamples
 from controller.imaging import inverse_pose, transform
 
-from ..boxes import BoolArray
-from ..grip import Grip
-from ..layout import Box, FloatArray, IntArray, Jaw
+from ..geometry import Box
+from ..model import Grip, Jaw
 
 # Inspection compares nothing within nine pixels of the hand (inspection/_view.py), 1.7 mm at the
 # station; a plan that counts what lies there as shown leaves it unseen

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from controller.arrays import BoolArray
 from controller.cad import Solid
 
-from ..boxes import BoolArray
-from ._directions import Lookout
+from ..model import Lookout
 
 MOST = 0.5  # of a piece's samples
 NEVER_RAD = np.radians(89.5)  # seen flatter than this is not seen

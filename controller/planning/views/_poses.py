@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid, SurfaceSamples
 from controller.imaging import Camera
 
-from ..boxes import BoolArray
-from ..layout import CellLayout, FloatArray
+from ..model import CellLayout
 from ._arm import SightCone, seen_extent
 from ._directions import even_sphere
 from ._rules import in_picture

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import SurfaceSamples
 
-from ..boxes import BoolArray
-from ..layout import Box, CellLayout, FloatArray, IntArray
+from ..geometry import Box
+from ..model import CellLayout
 from ..motion import Scene, inverse_rows, link_boxes
 from ._arm import hidden_by_boxes, may_cover, standing_between
 from ._poses import Showing

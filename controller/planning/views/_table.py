@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from controller.arrays import BoolArray, FloatArray
 from controller.cad import SurfaceSamples
 from controller.imaging import Camera, RayCaster, inverse_pose, transform
 
-from ..boxes import BoolArray
-from ..layout import FloatArray
 from ._rules import in_picture
 from ._visible import cosines, free_sights
 

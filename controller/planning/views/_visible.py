@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import Solid, SurfaceSamples
 from controller.imaging import RayCaster
 
-from ..boxes import BoolArray
-from ..layout import FloatArray, IntArray
 from ._rules import SightRules
 
 LIFT_MM = 0.02  # sight lines start this far off the surface, or they would meet it

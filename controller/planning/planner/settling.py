@@ -15,14 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid
 from controller.imaging import RayCaster, inverse_pose
 
-from ._build import Build, Builder, RefutedError
-from ._planner import plan_from
-from .boxes import BoolArray
-from .doubt import (
-    Candidate,
+from ..doubt import (
     DoubtRules,
     Settling,
     Told,
@@ -36,14 +33,24 @@ from .doubt import (
     separating_views,
     tell_apart,
 )
-from .errors import NoPlanError
-from .grip import Grip
-from .layout import CellLayout, FloatArray, Jaw
-from .motion import Scene, connect, leg_seconds, move_seconds
-from .plan import Doubt, Plan, Present, Step, shown_pose
-from .prepared import PreparedPart
-from .starts import InArm, OnTable
-from .transfers import PickWay, pick_ways
+from ..model import (
+    Candidate,
+    CellLayout,
+    Doubt,
+    Grip,
+    InArm,
+    Jaw,
+    NoPlanError,
+    OnTable,
+    Plan,
+    PreparedPart,
+    Present,
+    Step,
+)
+from ..motion import Scene, connect, leg_seconds, move_seconds, shown_pose
+from ..transfers import PickWay, pick_ways
+from .build import Build, Builder, RefutedError
+from .planner import plan_from
 
 Grey = NDArray[np.uint8]
 GRIPS_N = 6  # that hold every candidate, tried for a view that tells

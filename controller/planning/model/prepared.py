@@ -7,14 +7,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid, StablePose, SurfaceSamples
 from controller.imaging import inverse_pose
 
-from .boxes import BoolArray
+from ..geometry import Box, PartShape, PlacedShape
 from .grip import Grip, GripRules
-from .layout import Box, FloatArray
-from .motion import PartShape, PlacedShape
-from .views import Directions, Lookout
+from .visibility import Directions, Lookout
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,24 +13,35 @@ from dataclasses import replace
 
 import numpy as np
 
+from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid, StablePose, SurfaceSamples
 from controller.imaging import RayCaster, inverse_pose
 
-from ._build import Build, Builder, RefutedError, check_trays_in_reach
-from ._prepare import prepare_part, with_grips, with_rests
-from ._prices import Prices, Support, first_seconds, make_prices, take_seconds, worthwhile
-from ._why import unseen_pieces
-from .boxes import BoolArray
-from .errors import NoMotionError, NoPlanError, OutOfReachError
-from .grip import Grip
-from .layout import CellLayout, FloatArray
-from .motion import leg_seconds
-from .plan import Look, Plan, Proof
-from .prepared import HandOff, PlanOptions, PreparedPart
-from .search import COARSE, FULL, Problem, Solution, refuted, solve
-from .starts import InArm, InFixture, OnTable, Start
-from .transfers import PickWay, hand_offs, pick_ways
-from .views import table_views
+from ..model import (
+    CellLayout,
+    Grip,
+    HandOff,
+    InArm,
+    InFixture,
+    Look,
+    NoMotionError,
+    NoPlanError,
+    OnTable,
+    OutOfReachError,
+    Plan,
+    PlanOptions,
+    PreparedPart,
+    Proof,
+    Start,
+)
+from ..motion import leg_seconds
+from ..search import COARSE, FULL, Problem, Solution, refuted, solve
+from ..transfers import PickWay, hand_offs, pick_ways
+from ..views import table_views
+from .build import Build, Builder, RefutedError, check_trays_in_reach
+from .prepare import prepare_part, with_grips, with_rests
+from .prices import Prices, Support, first_seconds, make_prices, take_seconds, worthwhile
+from .why import unseen_pieces
 
 REBUILDS_N = 40  # answers of the search worked out before giving up
 SUPPORTS_N = 4  # ways over which one change of grip is tried

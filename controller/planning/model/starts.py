@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from controller.arrays import FloatArray
+
 from .grip import Grip
-from .layout import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,17 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from controller.arrays import BoolArray, FloatArray
 from controller.imaging import RayCaster
 from drivers.umi_scara.kinematics import inverse, limit_report
 
-from .boxes import BoolArray
-from .grip import Grip
-from .grips import clear_of_table, find_seeds, judge_grips, resting_pose, spread
-from .layout import CellLayout, FloatArray, Jaw
-from .motion import Scene, inverse_rows
-from .plan import Reason, Unseen
-from .prepared import PreparedPart
-from .views import hidden_by_hand, view_poses, why_hidden
+from ..grips import clear_of_table, find_seeds, judge_grips, resting_pose, spread
+from ..model import CellLayout, Grip, Jaw, PreparedPart, Reason, Unseen
+from ..motion import Scene, inverse_rows
+from ..views import hidden_by_hand, view_poses, why_hidden
 
 LEAST_SHARE = 2e-4  # of the surface; less than this is single samples on edges
 THINNER = (0.75, 0.5, 0.25)  # of the fingers' width and thickness

@@ -1,4 +1,4 @@
-"""Boxes against boxes and segments against boxes, many at a time.
+"""Boxes: against boxes, and segments against boxes, many at a time.
 
 Links, hands, obstacles and (away from the fingers) the part are boxes, so the separating-axis
 test is exact and, vectorised, cheaper per configuration than one call into a collision library.
@@ -6,13 +6,42 @@ test is exact and, vectorised, cheaper per configuration than one call into a co
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Self
+
 import numpy as np
-from numpy.typing import NDArray
 
-from .layout import Box, FloatArray
+from controller.arrays import BoolArray, FloatArray
 
-BoolArray = NDArray[np.bool_]
 _EPS = 1e-9  # parallel edges make a zero cross product; this keeps such an axis from separating
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Box:
+    """A solid box in the frame of whatever it belongs to.
+
+    Attributes
+    ----------
+    T : (4, 4) pose of the box's centre in that frame
+    half_mm : (3,) half of each edge
+    """
+
+    T: FloatArray
+    half_mm: FloatArray
+
+    @classmethod
+    def from_bounds(cls, x0: float, x1: float, y0: float, y1: float, z0: float, z1: float) -> Self:
+        """Return the axis-aligned box between the bounds [mm]."""
+        low, high = np.array([x0, y0, z0], float), np.array([x1, y1, z1], float)
+        if np.any(high <= low):
+            raise ValueError(f"a box needs low < high on every axis, got {low} and {high}")
+        T = np.eye(4)
+        T[:3, 3] = (low + high) / 2
+        return cls(T, (high - low) / 2)
+
+    def placed(self, T_world_frame: FloatArray) -> Box:
+        """Return this box carried from its frame to the world."""
+        return Box(T_world_frame @ self.T, self.half_mm)
 
 
 def stack(boxes: list[Box] | tuple[Box, ...]) -> tuple[FloatArray, FloatArray]:

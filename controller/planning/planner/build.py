@@ -12,26 +12,31 @@ from functools import partial
 
 import numpy as np
 
-from .boxes import BoolArray
-from .errors import NoMotionError, NoPlanError, OutOfReachError
-from .grip import Grip
-from .layout import CellLayout, FloatArray, Tray
-from .motion import PlacedShape, Scene, connect, fewest_waypoints, leg_seconds, move_seconds
-from .plan import (
+from controller.arrays import BoolArray, FloatArray
+
+from ..geometry import PlacedShape
+from ..model import (
+    CellLayout,
+    Grip,
+    HandOff,
     HandOver,
     Motion,
+    NoMotionError,
+    NoPlanError,
+    OutOfReachError,
     Park,
     Pick,
     Place,
+    PreparedPart,
     Present,
     SetDown,
     Step,
     TakeBack,
-    shown_pose,
+    Tray,
 )
-from .prepared import HandOff, PreparedPart
-from .search import best_order
-from .transfers import PickWay, PlaceWay, place_ways
+from ..motion import Scene, connect, fewest_waypoints, leg_seconds, move_seconds, shown_pose
+from ..search import best_order
+from ..transfers import PickWay, PlaceWay, place_ways
 
 MOTION_TRIES = 12
 

@@ -10,15 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-import numpy as np
+from controller.arrays import BoolArray, FloatArray
 
-from controller.imaging import inverse_pose
-
-from .boxes import BoolArray
-from .doubt import Candidate, Light
+from .candidates import Candidate, Light
 from .grip import Grip
-from .layout import CellLayout, FloatArray
-from .motion import tip_pose
 
 Motion = tuple[FloatArray, ...]
 
@@ -270,9 +265,3 @@ class Plan:
     def regrip_count(self) -> int:
         """Return how often the part changes grip."""
         return sum(isinstance(s, TakeBack | SetDown) for s in self.steps)
-
-
-def shown_pose(layout: CellLayout, q: FloatArray, T_part_hand: FloatArray) -> FloatArray:
-    """Return T_world_part of a part held at `T_part_hand`, measured or planned, at joints (6,)."""
-    T: FloatArray = tip_pose(layout, np.asarray(q)) @ inverse_pose(T_part_hand)
-    return T

@@ -14,9 +14,10 @@ import fcl
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from controller.arrays import FloatArray, IntArray
 from controller.cad import Solid
 
-from ..layout import Box, FloatArray, IntArray
+from .boxes import Box
 
 
 class PartShape:

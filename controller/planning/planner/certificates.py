@@ -13,14 +13,10 @@ import numpy as np
 
 from controller.cad import StablePose
 
-from ._planner import plan_from
-from .errors import NoPlanError
-from .grips import resting_pose
-from .layout import CellLayout
-from .plan import Plan
-from .prepared import PreparedPart
-from .starts import OnTable
-from .transfers import pick_ways
+from ..grips import resting_pose
+from ..model import CellLayout, NoPlanError, OnTable, Plan, PreparedPart
+from ..transfers import pick_ways
+from .planner import plan_from
 
 PLACES_N = 3  # per side of the area parts may lie in
 TURNS_N = 4

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from .layout import FloatArray, Jaw
+from controller.arrays import FloatArray
+
+from .layout import Jaw
 
 Holder = Literal["arm", "fixture"]
 TABLE_MARGIN_MM = 1.5  # between an open hand and the table it takes a part from

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .boxes import BoolArray
-from .grip import Grip
-from .layout import CellLayout, FloatArray, IntArray
-from .motion import leg_seconds, move_seconds
-from .prepared import HandOff, PreparedPart
-from .search import Problem
-from .transfers import PickWay
+from controller.arrays import BoolArray, FloatArray, IntArray
+
+from ..model import CellLayout, Grip, HandOff, PreparedPart
+from ..motion import leg_seconds, move_seconds
+from ..search import Problem
+from ..transfers import PickWay
 
 # a failed grip is looked for, seen anew and taken again: about a minute
 RECOVERY_S = 60.0

@@ -8,44 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import FloatArray
 from controller.imaging import Camera
 from drivers.umi_scara.kinematics import ArmGeometry
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Box:
-    """A solid box in the frame of whatever it belongs to.
-
-    Attributes
-    ----------
-    T : (4, 4) pose of the box's centre in that frame
-    half_mm : (3,) half of each edge
-    """
-
-    T: FloatArray
-    half_mm: FloatArray
-
-    @classmethod
-    def from_bounds(cls, x0: float, x1: float, y0: float, y1: float, z0: float, z1: float) -> Self:
-        """Return the axis-aligned box between the bounds [mm]."""
-        low, high = np.array([x0, y0, z0], float), np.array([x1, y1, z1], float)
-        if np.any(high <= low):
-            raise ValueError(f"a box needs low < high on every axis, got {low} and {high}")
-        T = np.eye(4)
-        T[:3, 3] = (low + high) / 2
-        return cls(T, (high - low) / 2)
-
-    def placed(self, T_world_frame: FloatArray) -> Box:
-        """Return this box carried from its frame to the world."""
-        return Box(T_world_frame @ self.T, self.half_mm)
+from ..geometry import Box
 
 
 @dataclass(frozen=True, slots=True, eq=False)

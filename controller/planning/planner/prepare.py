@@ -8,13 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid, SurfaceSamples, stable_poses
 from controller.imaging import RayCaster
 
-from .boxes import BoolArray
-from .errors import NotGraspableError
-from .grip import Grip
-from .grips import (
+from ..geometry import PartShape
+from ..grips import (
     clear_of_table,
     find_seeds,
     resting_pose,
@@ -24,11 +23,10 @@ from .grips import (
     synthesise_grips,
     turned_over,
 )
-from .layout import CellLayout, FloatArray
-from .motion import PartShape, Scene, leg_seconds
-from .prepared import HandOff, PlanOptions, PreparedPart
-from .transfers import hand_offs, rests, set_downs
-from .views import SightRules, hidden_by_hand, hold_up, holding_boxes, look_out, reachable_views
+from ..model import CellLayout, Grip, HandOff, NotGraspableError, PlanOptions, PreparedPart
+from ..motion import Scene, leg_seconds
+from ..transfers import hand_offs, rests, set_downs
+from ..views import SightRules, hidden_by_hand, hold_up, holding_boxes, look_out, reachable_views
 
 TURNED = "'"  # ends the ids of grips with the hand turned over
 

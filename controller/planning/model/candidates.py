@@ -1,0 +1,36 @@
+"""What the part in the hand may be, and the light under which that is decided."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from controller.arrays import FloatArray
+from controller.cad import Solid
+
+Light = Literal["backlight", "front"]
+LIGHTS: tuple[Light, ...] = ("backlight", "front")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """One thing the part in the hand may be, and how it then lies in the hand.
+
+    Attributes
+    ----------
+    name : for people
+    T_hand_part : (4, 4) pose of its CAD frame in the tip frame
+    """
+
+    name: str
+    solid: Solid
+    T_hand_part: FloatArray
+
+    @classmethod
+    def taken(
+        cls, name: str, solid: Solid, T_world_part: FloatArray, T_world_hand: FloatArray
+    ) -> Candidate:
+        """Return the candidate that lies at `T_world_part` and is taken by a hand there."""
+        return cls(name, solid, np.linalg.inv(T_world_hand) @ T_world_part)

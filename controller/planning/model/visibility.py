@@ -1,0 +1,41 @@
+"""Directions to look at a part from, and what each of them shows.
+
+Directions are unit vectors in the part frame from its centre of mass to the camera.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from controller.arrays import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Directions:
+    """Candidate directions (v, 3) and, for square views, the face each is square to (else -1)."""
+
+    vectors: FloatArray
+    square_to: IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lookout:
+    """Directions and what each shows of the bare part, with the evidence for what none shows.
+
+    Attributes
+    ----------
+    directions : square ones first, then the even sphere, then those added for hard spots
+    visible : (v, n) bool
+    best_incidence_rad : (n,) the squarest at which any camera place sees a sample past the part,
+        resolution and sharpness aside; pi/2 where none does
+    blocker : (n,) the face that stands before the squarest look at a sample, -1 if none does
+    too_coarse, blurred : (n,) bool, not visible though the sight line is free at an incidence
+        allowed: pixels too few for the millimetre, or out of the depth of field
+    """
+
+    directions: Directions
+    visible: BoolArray
+    best_incidence_rad: FloatArray
+    blocker: IntArray
+    too_coarse: BoolArray
+    blurred: BoolArray
