@@ -1,7 +1,8 @@
-"""An emulated cell's clock, read and held from the drivers' side; layout: docs/shared-clock.md.
+"""An emulated cell's clock, read and held from the drivers' side.
 
 The emulator alone moves the clock; this side reads it and reports how far it has come itself, so
-that cell time never runs away from a process that gets no turn.
+that cell time never runs away from a process that gets no turn. Sections (§) are those of
+shared-clock.md.
 """
 
 import asyncio
@@ -17,7 +18,7 @@ from typing import Final
 
 from .errors import LinkError
 
-# places of the file in words of 8 bytes, section 1
+# places of the file in words of 8 bytes, §1
 _MAGIC, _SPEED, _START, _LIMIT, _LAG, _WINDOW, _STALL_COUNT = range(7)
 _SLOTS: Final = 8
 _SLOT_COUNT: Final = 16
@@ -98,7 +99,7 @@ class SharedTime:
             wall_ns, cell_ns = self._orphaned
             return cell_ns + self._linear(time.monotonic_ns() - wall_ns)
         words = self._words
-        limit_ns, lag_ns = words[_LIMIT], words[_LAG]  # in this order, section 2
+        limit_ns, lag_ns = words[_LIMIT], words[_LAG]  # in this order, §2
         return min(self._linear(time.monotonic_ns() - words[_START]) - lag_ns, limit_ns)
 
     def _linear(self, wall_ns: int) -> int:
@@ -107,7 +108,7 @@ class SharedTime:
     def from_monotonic_s(self, wall_s: float) -> float:
         """Return the cell instant [cell s] of a past CLOCK_MONOTONIC reading [wall s].
 
-        Stalls are walked back from the latest one, section 3.
+        Stalls are walked back from the latest one, §3.
         """
         words = self._words
         since_start_ns = round(wall_s / _NS) - words[_START]
@@ -192,7 +193,7 @@ class SharedTime:
         creep_ns = int((time.monotonic_ns() - wall_ns) * _CREEP)
         return max(before_ns, limit_ns + creep_ns - self._words[_WINDOW])
 
-    # --- locks, section 4 -----------------------------------------------------------------------
+    # --- locks, §4 ------------------------------------------------------------------------------
 
     def _lock(self, word: int, kind: int) -> None:
         lock = struct.pack(_FLOCK, kind, os.SEEK_SET, word * _WORD_BYTES, 1, 0)

@@ -2,6 +2,8 @@
 
 Sequences after modbus_devices.md 2.6. It does not know which part it holds, and it never decides
 to drop one: activating, which moves the jaws, happens only when asked for.
+
+Sections (§) are those of modbus_devices.md.
 """
 
 import asyncio
@@ -40,8 +42,8 @@ log = logging.getLogger(__name__)
 
 STOP_TRIES: Final = 3
 RESET_TIMEOUT_S: Final = 1.0
-RELEASE_TIMEOUT_S: Final = 10.0  # a full stroke at the slowest speed is 4.3 s, 2.5
-MOVE_MARGIN: Final = 1.5  # speed is only quasi linear, 2.5
+RELEASE_TIMEOUT_S: Final = 10.0  # a full stroke at the slowest speed is 4.3 s, §2.5
+MOVE_MARGIN: Final = 1.5  # speed is only quasi linear, §2.5
 MOVE_MARGIN_S: Final = 1.0
 
 

@@ -1,6 +1,8 @@
 """Register map of Robotiq's 2F grippers, transcribed: modbus_devices.md 2.2 to 2.4.
 
 Numbers in, numbers out: no link, no millimetres, no clock.
+
+Sections (§) are those of modbus_devices.md.
 """
 
 from dataclasses import dataclass
@@ -11,17 +13,17 @@ from ..errors import BadReplyError
 
 Counts = NewType("Counts", int)  # 0 open .. 255 closed, of the encoders or of a request
 
-OUTPUT_REGISTER: Final = 0x03E8  # 2.1: master to gripper
+OUTPUT_REGISTER: Final = 0x03E8  # §2.1: master to gripper
 OUTPUT_COUNT: Final = 3
-INPUT_REGISTER: Final = 0x07D0  # 2.1: gripper to master
+INPUT_REGISTER: Final = 0x07D0  # §2.1: gripper to master
 INPUT_COUNT: Final = 3
 
-ACTIVATE: Final = 0x01  # rACT, 2.2
-GO_TO: Final = 0x08  # rGTO, 2.2
+ACTIVATE: Final = 0x01  # rACT, §2.2
+GO_TO: Final = 0x08  # rGTO, §2.2
 FULLY_OPEN: Final = Counts(0x00)
 FULLY_CLOSED: Final = Counts(0xFF)
 
-_RESERVED_STATUS_BITS: Final = 0x06  # 2.3: bits 1 and 2 of the status byte have no meaning
+_RESERVED_STATUS_BITS: Final = 0x06  # §2.3: bits 1 and 2 of the status byte have no meaning
 
 
 class ActivationState(IntEnum):
@@ -33,7 +35,7 @@ class ActivationState(IntEnum):
 
 
 class ObjectState(IntEnum):
-    """gOBJ, 2.3; means nothing while the gripper is not told to go anywhere."""
+    """gOBJ, §2.3; means nothing while the gripper is not told to go anywhere."""
 
     MOVING = 0
     CONTACT_OPENING = 1
@@ -61,7 +63,7 @@ class Fault:
 
 _REACTIVATE: Final = "take the part out if one is held, then activate the gripper again"
 
-FAULTS: Final[dict[int, Fault]] = {  # 2.4
+FAULTS: Final[dict[int, Fault]] = {  # §2.4
     0x00: Fault(FaultClass.NONE, "no fault", "nothing to do"),
     0x05: Fault(FaultClass.PRIORITY, "action delayed by an activation", "let it finish activating"),
     0x07: Fault(FaultClass.PRIORITY, "not activated", "activate it before it is moved"),
@@ -92,7 +94,7 @@ def fault_of(code: int) -> Fault:
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """The three input registers, taken apart (2.3)."""
+    """The three input registers, taken apart (§2.3)."""
 
     activation_echo: bool  # gACT
     go_to_echo: bool  # gGTO
@@ -136,7 +138,7 @@ def decode_inputs(registers: tuple[int, ...]) -> Inputs:
 def encode_outputs(
     action: int, position: Counts = FULLY_OPEN, speed: int = 0, force: int = 0
 ) -> tuple[int, int, int]:
-    """Return the three output registers: action << 8, rPR, rSP << 8 | rFR (2.2)."""
+    """Return the three output registers: action << 8, rPR, rSP << 8 | rFR (§2.2)."""
     if not all(0 <= byte <= 0xFF for byte in (action, position, speed, force)):
         raise ValueError(f"bytes hold 0..255, not {action}, {position}, {speed}, {force}")
     return action << 8, position, speed << 8 | force

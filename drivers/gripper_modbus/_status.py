@@ -1,4 +1,7 @@
-"""What the gripper said at an instant, in millimetres, and what that means for a part."""
+"""What the gripper said at an instant, in millimetres, and what that means for a part.
+
+Sections (§) are those of modbus_devices.md.
+"""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -156,5 +159,5 @@ def judge_hold(grip: GripResult | None, status: GripperStatus, config: GripperCo
     if status.object is ObjectState.MOVING:
         return Hold.UNKNOWN
     if status.object is ObjectState.AT_POSITION and grip.evidence is GripEvidence.CONTACT:
-        return Hold.LOST  # "at position, or the object was lost", 2.3
+        return Hold.LOST  # "at position, or the object was lost", §2.3
     return Hold.HELD

@@ -1,11 +1,14 @@
-"""Which lamp hangs on which channels, and how a level becomes millivolts."""
+"""Which lamp hangs on which channels, and how a level becomes millivolts.
+
+Sections (§) are those of modbus_devices.md.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
 CHANNEL_COUNT: Final = 8  # of either module, modbus_devices.md 6.1 and 6.2
-MAX_MV: Final = 10_000  # 6.1: the (B) module takes 0..10000 mV
+MAX_MV: Final = 10_000  # §6.1: the (B) module takes 0..10000 mV
 
 
 @dataclass(frozen=True, slots=True)

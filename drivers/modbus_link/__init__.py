@@ -3,7 +3,7 @@
 Several devices may stand behind one link (a gateway, an RS-485 line); each speaks through its own
 `ModbusUnit`. Framing is pymodbus' (pinned exactly); everything a late reply, a lost line or a
 silent device means for the caller is decided here. Knows no register of any device.
-Source: the reference page modbus_devices.md, sections 8 and 9.
+Source: the reference page modbus_devices.md 8, 9.
 """
 
 from ._address import Address, RtuAddress, RtuOverTcpAddress, TcpAddress

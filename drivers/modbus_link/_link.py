@@ -22,7 +22,7 @@ from ._unit import ModbusUnit
 
 log = logging.getLogger(__name__)
 
-REPLY_TIMEOUT_S: Final = 0.3  # modbus_devices.md 9, rule 1: 0.1 to 0.3 s
+REPLY_TIMEOUT_S: Final = 0.3  # modbus_devices.md 9.1: 0.1 to 0.3 s
 BACK_OFF_FIRST_S: Final = 0.1
 BACK_OFF_MAX_S: Final = 2.0
 SILENCES_UNTIL_REOPENED: Final = 3  # a half-open connection looks like silent devices

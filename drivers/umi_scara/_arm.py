@@ -1,7 +1,7 @@
 """The UMI RTX arm as the cell uses it: connect, power, home, move, grip, stop.
 
-Facts from umi_rtx.md, whose sections the docstrings name. It does not know what it holds, plans no
-path and avoids no obstacle. Targets are checked against the joint limits of 5.2 before any byte
+Sections (§) are those of umi_rtx.md. It does not know what it holds, plans no
+path and avoids no obstacle. Targets are checked against the joint limits of §5.2 before any byte
 goes out. Soak tests, built-in INIT and interpolation exist in the codec alone.
 """
 
@@ -31,14 +31,14 @@ from ._session import ArmSession, check_speeds
 
 log = logging.getLogger(__name__)
 
-# limits that tie axes together (5.2): to check one, the other must be known
+# limits that tie axes together (§5.2): to check one, the other must be known
 _PARTNERS = {
     Axis.ELBOW: Axis.YAW,
     Axis.YAW: Axis.ELBOW,
     Axis.WRIST1: Axis.WRIST2,
     Axis.WRIST2: Axis.WRIST1,
 }
-_STILL_POLL_COUNT = 3  # 9.17
+_STILL_POLL_COUNT = 3  # §9.17
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class UmiScara(ArmSession):
     A moving verb that is cancelled or fails sends a dead stop to both IPs before it ends. Any
     answer 0E or 0F raises PositionLostError; from then on `is_homed` is False, motors have no
     power as far as this object is concerned, and no position is reported, until `connect`,
-    `enable_power` and `home` have been through again (1.5).
+    `enable_power` and `home` have been through again (§1.5).
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class UmiScara(ArmSession):
     """
 
     async def home(self) -> None:
-        """Find all end stops, label them and park (4.1, 4.2); sweeps the whole workspace.
+        """Find all end stops, label them and park (§4.1, §4.2); sweeps the whole workspace.
 
         Closes the gripper: whatever it holds is dropped or crushed.
 
@@ -125,7 +125,7 @@ class UmiScara(ArmSession):
         deadline_s: float | None = None,
         speeds: Mapping[Axis, int] | None = None,
     ) -> dict[Axis, int]:
-        """Move axes to absolute targets [counts] and wait until they are there (2.7, 6.7).
+        """Move axes to absolute targets [counts] and wait until they are there (§2.7, §6.7).
 
         Axes run side by side, each at its own SPEED; nothing else coordinates them.
 
@@ -140,7 +140,7 @@ class UmiScara(ArmSession):
 
         Raises
         ------
-        OutOfRangeError : a limit of 5.2, combined ones included, would be passed
+        OutOfRangeError : a limit of §5.2, combined ones included, would be passed
         PositionLostError : not homed, or an IP restarted
         PowerOffError : motor power is off
         AxisStalledError : an axis stalled, fell behind, stopped short or was too slow
@@ -157,7 +157,7 @@ class UmiScara(ArmSession):
 
         Parameters
         ----------
-        speed : SPEED of the axis that needs longest; the others get less (8.13)
+        speed : SPEED of the axis that needs longest; the others get less (§8.13)
 
         Raises
         ------
@@ -173,7 +173,7 @@ class UmiScara(ArmSession):
 
     # ---- gripper -------------------------------------------------------------------------------
     async def move_gripper_mm(self, width_mm: float) -> float:
-        """Open or close the jaws to a width [mm] in empty air; return the width reached (5.5).
+        """Open or close the jaws to a width [mm] in empty air; return the width reached (§5.5).
 
         Raises
         ------
@@ -194,7 +194,7 @@ class UmiScara(ArmSession):
         return await self.move_gripper_mm(0.0)
 
     async def grip(self, force: int, deadline_s: float = 10.0) -> float:
-        """Close the jaws until they stall, on something or on each other (5.5).
+        """Close the jaws until they stall, on something or on each other (§5.5).
 
         Parameters
         ----------
@@ -371,7 +371,7 @@ class UmiScara(ArmSession):
         return await verify_arrival(self._axes, targets, tolerances, self._config.settle_s)
 
     async def _until_held(self, deadline_s: float, guard: Guard) -> int:
-        """Return the counts of the gripper once it rests against something (2.8, 9.17)."""
+        """Return the counts of the gripper once it rests against something (§2.8, §9.17)."""
         until_s = self._axes.deadline_s(deadline_s)
         still_poll_count, before = 0, None
         while True:

@@ -2,6 +2,8 @@
 
 Knows which IP a motor hangs on, what has been written already, and how to learn after a broken
 exchange whether it was carried out. Knows nothing of limits, homing or joints.
+
+Sections (§) are those of umi_rtx.md.
 """
 
 import logging
@@ -20,7 +22,7 @@ from ._link import Guard, LineDoubtError, Link, breaks_step
 log = logging.getLogger(__name__)
 R = TypeVar("R", Status, Value, Version)
 
-BUSY_LIMIT_S = 10.0  # a go that is refused as busy (2.9 code 03) for longer is stuck
+BUSY_LIMIT_S = 10.0  # a go that is refused as busy (§2.9 code 03) for longer is stuck
 # An emulated cell that runs fast shares the host: asking more often costs it more than it learns.
 MIN_POLL_WALL_S = 0.004
 _DITHER_COUNTS = 2
@@ -88,7 +90,7 @@ class Axes:
         self._written.clear()
 
     def _lose(self) -> None:
-        self._written.clear()  # what a restart does to parameters is unknown (9.23)
+        self._written.clear()  # what a restart does to parameters is unknown (§9.23)
         self._on_position_lost()
 
     async def tell(self, ip: Ip, request: bytes, guard: Guard | None = None) -> None:
@@ -132,23 +134,23 @@ class Axes:
 
     # ---- reading -------------------------------------------------------------------------------
     async def status(self, axis: Axis) -> StatusBits:
-        """Return the status of one controller (2.8)."""
+        """Return the status of one controller (§2.8)."""
         ip, ctl = ADDRESSES[axis]
         reply = await self._ask(ip, codec.encode_controller_status(ctl), repeats=True)
         return _the(Status, reply).bits
 
     async def general_status(self, ip: Ip) -> StatusBits:
-        """Return the status of one IP (2.8)."""
+        """Return the status of one IP (§2.8)."""
         reply = await self._ask(ip, codec.encode_simple(Simple.GENERAL_STATUS), repeats=True)
         return _the(Status, reply).bits
 
     async def version(self, ip: Ip) -> Version:
-        """Return the ROM version of one IP (2.3)."""
+        """Return the ROM version of one IP (§2.3)."""
         reply = await self._ask(ip, codec.encode_simple(Simple.VERSION), repeats=True)
         return _the(Version, reply)
 
     async def read(self, axis: Axis, parameter: Parameter) -> int:
-        """Return a parameter, by the transport it takes (2.5)."""
+        """Return a parameter, by the transport it takes (§2.5)."""
         ip, ctl = ADDRESSES[axis]
         if parameter in c.IMMEDIATE:
             frames: tuple[bytes, ...] = (codec.encode_immediate_read(parameter, ctl),)
@@ -157,7 +159,7 @@ class Axes:
         return _the(Value, await self._ask(ip, *frames, repeats=True)).value
 
     async def read_actual(self, axis: Axis) -> int:
-        """Return where a motor truly is [counts]: CURRENT_POSITION less CP_ERROR (2.5, nr 15)."""
+        """Return where a motor truly is [counts]: CURRENT_POSITION less CP_ERROR (§2.5, nr 15)."""
         commanded = await self.read(axis, Parameter.CURRENT_POSITION)
         return commanded - await self.read(axis, Parameter.CP_ERROR)
 
@@ -197,7 +199,7 @@ class Axes:
             if not breaks_step(error):
                 raise
             is_acknowledged = False
-        # the checksum protects the value alone, neither the parameter nor the motor (2.2)
+        # the checksum protects the value alone, neither the parameter nor the motor (§2.2)
         if await self._differs(axis, parameter, value):
             if is_acknowledged:
                 await self.doubt(f"what was written for {axis.name.lower()} went elsewhere")
@@ -214,12 +216,12 @@ class Axes:
         return True
 
     async def label(self, axis: Axis, counts: int, guard: Guard | None = None) -> None:
-        """Declare the present position of a motor at rest to be `counts`; nothing moves (2.5)."""
+        """Declare the present position of a motor at rest to be `counts`; nothing moves (§2.5)."""
         ip, ctl = ADDRESSES[axis]
         await self.tell(ip, codec.encode_immediate_write(ctl, counts), guard)
 
     async def set_mode(self, axis: Axis, mode: Mode) -> None:
-        """Put a controller into a mode (2.4)."""
+        """Put a controller into a mode (§2.4)."""
         ip, ctl = ADDRESSES[axis]
         await self.tell(ip, codec.encode_mode(mode, ctl))
 
@@ -227,7 +229,7 @@ class Axes:
     async def manual_go(
         self, ip: Ip, drives: Mapping[Axis, Drive], guard: Guard | None = None
     ) -> None:
-        """Drive motors of one IP without end; every other motor of that IP holds (2.6)."""
+        """Drive motors of one IP without end; every other motor of that IP holds (§2.6)."""
         by_ctl = {ADDRESSES[axis].ctl: drive for axis, drive in drives.items()}
         request = codec.encode_manual_go(by_ctl)
         for _ in range(2):
@@ -243,7 +245,7 @@ class Axes:
         if not drives:
             await self.expect_rest(ip)
             return
-        # what is asked first: a go that was not heard as one may have nudged others (2.7)
+        # what is asked first: a go that was not heard as one may have nudged others (§2.7)
         for axis in drives:
             if not await self.status(axis) & (StatusBits.MOVING | c.TROUBLE):
                 if guard is not None:
@@ -256,7 +258,7 @@ class Axes:
                 await self.doubt(f"{axis.name.lower()} moves, and nobody has asked it to")
 
     async def numeric_go(self, ip: Ip, axes: Iterable[Axis], guard: Guard) -> None:
-        """Start motors of one IP towards their NEW_POSITION (2.7).
+        """Start motors of one IP towards their NEW_POSITION (§2.7).
 
         Waits while one is still busy (code 03). After a lost reply the motors themselves are
         asked whether they have started.
@@ -303,7 +305,7 @@ class Axes:
     async def read_actual_twice(self, axis: Axis) -> int:
         """Return where a motor at rest truly is [counts], from reads that agree.
 
-        A read tells neither which parameter nor which motor it is of (2.2).
+        A read tells neither which parameter nor which motor it is of (§2.2).
         """
         commanded = await self.read_twice(axis, Parameter.CURRENT_POSITION)
         return commanded - await self.read_twice(axis, Parameter.CP_ERROR)

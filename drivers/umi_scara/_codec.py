@@ -1,7 +1,7 @@
 """Bytes of the UMI RTX line: every request of the reference, and a reader of the replies.
 
 Requests go out as bytes, replies come in as bytes and leave as values: no link, no clock, no log.
-Which IP hears a request is not the codec's business. Sections are those of umi_rtx.md.
+Which IP hears a request is not the codec's business. Sections (§) are those of umi_rtx.md.
 """
 
 from collections.abc import Iterable, Mapping
@@ -15,7 +15,7 @@ from ._constants import Drive, Ip, Mode, Parameter, Simple, StatusBits
 
 
 def checksum(value: int) -> int:
-    """Return the XOR of the four nibbles of a 16-bit value (2.2)."""
+    """Return the XOR of the four nibbles of a 16-bit value (§2.2)."""
     word = value & 0xFFFF
     return (word ^ word >> 4 ^ word >> 8 ^ word >> 12) & 0xF
 
@@ -34,22 +34,22 @@ def _ctl(ctl: int) -> int:
 
 # ---- requests ----------------------------------------------------------------------------------
 def encode_simple(command: Simple) -> bytes:
-    """Return a one-byte command (2.3)."""
+    """Return a one-byte command (§2.3)."""
     return bytes([command])
 
 
 def encode_controller_status(ctl: int) -> bytes:
-    """Return the request for the status of one controller (2.3)."""
+    """Return the request for the status of one controller (§2.3)."""
     return bytes([c.CONTROLLER_STATUS + _ctl(ctl)])
 
 
 def encode_mode(mode: Mode, ctl: int = 0) -> bytes:
-    """Return a mode command (2.4); the user I/O modes concern the whole IP and ignore `ctl`."""
+    """Return a mode command (§2.4); the user I/O modes concern the whole IP and ignore `ctl`."""
     return bytes([mode, _ctl(ctl), 0x00])
 
 
 def encode_immediate_read(parameter: Parameter, ctl: int) -> bytes:
-    """Return the one-frame read of CP_ERROR or CURRENT_POSITION (2.5)."""
+    """Return the one-frame read of CP_ERROR or CURRENT_POSITION (§2.5)."""
     if parameter not in c.IMMEDIATE:
         raise ValueError(f"{parameter.name} takes a deferred read")
     is_error = parameter is Parameter.CP_ERROR
@@ -57,24 +57,24 @@ def encode_immediate_read(parameter: Parameter, ctl: int) -> bytes:
 
 
 def encode_immediate_write(ctl: int, counts: int) -> bytes:
-    """Return the one-frame write of CURRENT_POSITION: a label, no motion (2.5)."""
+    """Return the one-frame write of CURRENT_POSITION: a label, no motion (§2.5)."""
     return bytes([c.WRITE_CURRENT_POSITION + _ctl(ctl)]) + _word(counts)
 
 
 def _deferred(parameter: Parameter) -> int:
     if parameter in c.IMMEDIATE:
-        raise ValueError(f"{parameter.name} has no deferred access that is known to work")  # 9.14
+        raise ValueError(f"{parameter.name} has no deferred access that is known to work")  # §9.14
     return parameter
 
 
 def encode_deferred_read(parameter: Parameter, ctl: int) -> tuple[bytes, bytes]:
-    """Return both frames of the read of any other parameter (2.5); always send both."""
+    """Return both frames of the read of any other parameter (§2.5); always send both."""
     select = bytes([c.SELECT_READ, _deferred(parameter), c.FILLER])
     return select, bytes([c.DEFERRED_READ + _ctl(ctl)])
 
 
 def encode_deferred_write(parameter: Parameter, ctl: int, value: int) -> tuple[bytes, bytes]:
-    """Return both frames of the write of any other parameter (2.5); always send both."""
+    """Return both frames of the write of any other parameter (§2.5); always send both."""
     if parameter in c.READ_ONLY:
         raise ValueError(f"{parameter.name} is read-only")
     select = bytes([c.SELECT_WRITE, _deferred(parameter), c.FILLER])
@@ -82,7 +82,7 @@ def encode_deferred_write(parameter: Parameter, ctl: int, value: int) -> tuple[b
 
 
 def encode_manual_go(drives: Mapping[int, Drive]) -> bytes:
-    """Return a manual go from ctl to drive (2.6); a ctl that is not named holds."""
+    """Return a manual go from ctl to drive (§2.6); a ctl that is not named holds."""
     word = 0
     for ctl, drive in drives.items():
         word |= drive << 2 * _ctl(ctl)
@@ -90,7 +90,7 @@ def encode_manual_go(drives: Mapping[int, Drive]) -> bytes:
 
 
 def encode_numeric_go(ctls: Iterable[int]) -> bytes:
-    """Return the command that starts these controllers towards their NEW_POSITION (2.7)."""
+    """Return the command that starts these controllers towards their NEW_POSITION (§2.7)."""
     mask = 0
     for ctl in ctls:
         mask |= 1 << _ctl(ctl)
@@ -100,7 +100,7 @@ def encode_numeric_go(ctls: Iterable[int]) -> bytes:
 
 
 def encode_interpolation(increments: Mapping[int, int]) -> bytes:
-    """Return one interpolation step from ctl to increment, -8 to 7 counts (2.7); untried (9.2)."""
+    """Return one interpolation step, ctl to increment of -8 to 7 counts (§2.7); untried (§9.2)."""
     nibbles = [0] * c.CONTROLLER_COUNT
     for ctl, increment in increments.items():
         if not -8 <= increment <= 7:
@@ -111,7 +111,7 @@ def encode_interpolation(increments: Mapping[int, int]) -> bytes:
 
 
 def request_length(opcode: int) -> int:
-    """Return how many bytes a request has that begins with `opcode`: 1 or 3 (2.1)."""
+    """Return how many bytes a request has that begins with `opcode`: 1 or 3 (§2.1)."""
     if opcode < 0x40:
         return 3 if 0x18 <= opcode <= 0x1D else 1
     if opcode < 0x80:
@@ -120,12 +120,12 @@ def request_length(opcode: int) -> int:
 
 
 def is_go(request: bytes) -> bool:
-    """Return whether a request is a numeric go (2.7): the one that an arm may refuse as busy."""
+    """Return whether a request is a numeric go (§2.7): the one that an arm may refuse as busy."""
     return 0xA0 <= request[0] <= 0xBF
 
 
 def is_query(request: bytes) -> bool:
-    """Return whether a request of one byte only asks, and may be sent again (2.3, 2.5)."""
+    """Return whether a request of one byte only asks, and may be sent again (§2.3, §2.5)."""
     opcode = request[0]
     return len(request) == 1 and (
         opcode in (Simple.IDENTIFY, Simple.VERSION)
@@ -138,19 +138,19 @@ def is_query(request: bytes) -> bool:
 # ---- replies -----------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True)
 class Acknowledged:
-    """Done, or accepted (2.9 code 00; 2.5 for the first frame of a deferred access)."""
+    """Done, or accepted (§2.9 code 00; §2.5 for the first frame of a deferred access)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Which IP listens (2.3)."""
+    """Which IP listens (§2.3)."""
 
     ip: Ip
 
 
 @dataclass(frozen=True, slots=True)
 class Version:
-    """ROM of an IP (2.3); the order of the two bytes is two sources' guess (9.4)."""
+    """ROM of an IP (§2.3); the order of the two bytes is two sources' guess (§9.4)."""
 
     ip: Ip
     revision: int
@@ -159,9 +159,9 @@ class Version:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """Status of one controller, or of the IP where `ctl` is None (2.8).
+    """Status of one controller, or of the IP where `ctl` is None (§2.8).
 
-    `third` is the byte that every known driver ignores (9.3).
+    `third` is the byte that every known driver ignores (§9.3).
     """
 
     ctl: int | None
@@ -171,7 +171,7 @@ class Status:
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """The 16-bit value of a parameter, its checksum verified (2.5)."""
+    """The 16-bit value of a parameter, its checksum verified (§2.5)."""
 
     value: int
 
@@ -179,12 +179,12 @@ class Value:
 Reply = Acknowledged | Identity | Version | Status | Value
 
 _ACKNOWLEDGED: Final = Acknowledged()
-_THREE_BYTE_CLASSES: Final = frozenset({0x1, 0x8, 0xD})  # 2.1
-_CLASSES: Final = frozenset({0x0, 0x1, 0x2, 0x8, 0xA, 0xC, 0xD, 0xE, 0xF})  # 2.1
+_THREE_BYTE_CLASSES: Final = frozenset({0x1, 0x8, 0xD})  # §2.1
+_CLASSES: Final = frozenset({0x0, 0x1, 0x2, 0x8, 0xA, 0xC, 0xD, 0xE, 0xF})  # §2.1
 
 
 def looks_like_text(data: bytes) -> bool:
-    """Tell whether bytes are a message in ASCII, as a non-standard ROM sends (8.7).
+    """Tell whether bytes are a message in ASCII, as a non-standard ROM sends (§8.7).
 
     Four characters at least, three of them letters: no reply of the protocol reads like that.
     """
@@ -194,7 +194,7 @@ def looks_like_text(data: bytes) -> bool:
 
 
 def _expected_classes(request: bytes) -> frozenset[int]:
-    """Return the high nibbles, other than 0, that may answer a request (2.1 to 2.7)."""
+    """Return the high nibbles, other than 0, that may answer a request (§2.1 to §2.7)."""
     opcode = request[0]
     if opcode in (Simple.GO, Simple.IDENTIFY, Simple.VERSION):
         return frozenset({0x2})
@@ -213,10 +213,10 @@ class ReplyReader:
 
     Raises, from `feed`
     -------------------
-    PositionLostError : codes 0E, 0F: the IP has restarted (1.5)
-    RefusedError : codes 01 to 0D (2.9); `code` holds it
+    PositionLostError : codes 0E, 0F: the IP has restarted (§1.5)
+    RefusedError : codes 01 to 0D (§2.9); `code` holds it
     BadReplyError : a reply that does not answer this request, is too long, or whose checksum fails
-    WrongDeviceError : the bytes are text: unsupported ROM or monitor mode (8.7)
+    WrongDeviceError : the bytes are text: unsupported ROM or monitor mode (§8.7)
     """
 
     def __init__(self, request: bytes) -> None:
@@ -241,7 +241,7 @@ class ReplyReader:
             )
         head = self._data[0]
         if self._request[0] == Simple.RESET and len(self._data) == 1:
-            return _ACKNOWLEDGED  # the reply byte of a reset is specified nowhere (1.5)
+            return _ACKNOWLEDGED  # the reply byte of a reset is specified nowhere (§1.5)
         if head >> 4 not in _CLASSES:
             raise self._bad("begins with a byte that the protocol does not have")
         length = 3 if head >> 4 in _THREE_BYTE_CLASSES or self._asks_version(head) else 1

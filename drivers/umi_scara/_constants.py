@@ -1,24 +1,24 @@
 """Transcript of what is known of the UMI RTX / RT100 line: numbers only, each with its section.
 
-Sections are those of the reference page umi_rtx.md. Counts are motor encoder counts.
+Sections (§) are those of umi_rtx.md. Counts are motor encoder counts.
 """
 
 from enum import IntEnum, IntFlag
 from fractions import Fraction
 from typing import Final, NamedTuple
 
-# ---- line (1.1, 1.2) ---------------------------------------------------------------------------
-BAUD: Final = 9600  # 1.1; 8 data bits, no parity, 1 stop bit, no flow control
-MIN_SPACING_S: Final = 0.008  # 1.2 start of request to start of request
-SILENCE_S: Final = 0.020  # 1.6 step 1 and 1.7: the line is idle after so long without a byte
-REPLY_TIMEOUT_S: Final = 0.140  # 1.2 "100-250 ms"; three and what lies between fit in 0.5 s
-BUSY_RETRY_S: Final = 0.010  # 2.9 for 01, 02 and 04
-POLL_S: Final = 0.020  # 3.3 asks for >= 10 ms
+# ---- line (§1.1, §1.2) ---------------------------------------------------------------------------
+BAUD: Final = 9600  # §1.1; 8 data bits, no parity, 1 stop bit, no flow control
+MIN_SPACING_S: Final = 0.008  # §1.2 start of request to start of request
+SILENCE_S: Final = 0.020  # §1.6 step 1 and §1.7: the line is idle after so long without a byte
+REPLY_TIMEOUT_S: Final = 0.140  # §1.2 "100-250 ms"; three and what lies between fit in 0.5 s
+BUSY_RETRY_S: Final = 0.010  # §2.9 for 01, 02 and 04
+POLL_S: Final = 0.020  # §3.3 asks for >= 10 ms
 
 
-# ---- motors (1.3) ------------------------------------------------------------------------------
+# ---- motors (§1.3) ------------------------------------------------------------------------------
 class Ip(IntEnum):
-    """The two Intelligent Peripherals that share the line (1.3)."""
+    """The two Intelligent Peripherals that share the line (§1.3)."""
 
     WRIST = 0
     ARM = 1
@@ -30,7 +30,7 @@ class Ip(IntEnum):
 
 
 class Axis(IntEnum):
-    """The seven motors by their library numbers (1.3); never sent over the line."""
+    """The seven motors by their library numbers (§1.3); never sent over the line."""
 
     ELBOW = 0
     SHOULDER = 1
@@ -42,13 +42,13 @@ class Axis(IntEnum):
 
 
 class Address(NamedTuple):
-    """Where a motor sits: its IP, and its controller number 0-4 inside it (1.3)."""
+    """Where a motor sits: its IP, and its controller number 0-4 inside it (§1.3)."""
 
     ip: Ip
     ctl: int
 
 
-ADDRESSES: Final = {  # 1.3: the table every working driver sends, not the manual's tables 1 and 2
+ADDRESSES: Final = {  # §1.3: the table every working driver sends, not the manual's tables 1 and 2
     Axis.ELBOW: Address(Ip.ARM, 0),
     Axis.SHOULDER: Address(Ip.ARM, 1),
     Axis.ZED: Address(Ip.ARM, 2),
@@ -57,12 +57,12 @@ ADDRESSES: Final = {  # 1.3: the table every working driver sends, not the manua
     Axis.WRIST1: Address(Ip.WRIST, 2),
     Axis.WRIST2: Address(Ip.WRIST, 3),
 }
-CONTROLLER_COUNT: Final = 5  # 1.3
+CONTROLLER_COUNT: Final = 5  # §1.3
 
 
-# ---- requests (2.1, 2.3-2.7) -------------------------------------------------------------------
+# ---- requests (§2.1, §2.3-2.7) -------------------------------------------------------------------
 class Simple(IntEnum):
-    """One-byte commands (2.3)."""
+    """One-byte commands (§2.3)."""
 
     GO = 0x00
     IDENTIFY = 0x01
@@ -85,7 +85,7 @@ class Simple(IntEnum):
 
 
 class Mode(IntEnum):
-    """Mode commands, three bytes each (2.4)."""
+    """Mode commands, three bytes each (§2.4)."""
 
     POSITION = 0x18
     FORCE = 0x19
@@ -95,22 +95,22 @@ class Mode(IntEnum):
     USER_IO_OUTPUT = 0x1D
 
 
-CONTROLLER_STATUS: Final = 0x10  # 2.3, + ctl
-READ_CP_ERROR: Final = 0x40  # 2.5, + ctl
-READ_CURRENT_POSITION: Final = 0x48  # 2.5, + ctl
-WRITE_CURRENT_POSITION: Final = 0x58  # 2.5, + ctl
-SELECT_READ: Final = 0x60  # 2.5 frame 1 of a deferred read
-DEFERRED_READ: Final = 0x68  # 2.5 frame 2, + ctl
-SELECT_WRITE: Final = 0x70  # 2.5 frame 1 of a deferred write
-DEFERRED_WRITE: Final = 0x78  # 2.5 frame 2, + ctl
-FILLER: Final = 0x00  # 2.5: UvA and UTS send 00, iLab and BS send CC; the IP ignores it
-MANUAL_GO: Final = 0x80  # 2.6
-NUMERIC_GO: Final = 0xA0  # 2.7, | mask
-INTERPOLATION: Final = 0xE0  # 2.7 and 9 no. 2: UvA's E0, iLab says C0
+CONTROLLER_STATUS: Final = 0x10  # §2.3, + ctl
+READ_CP_ERROR: Final = 0x40  # §2.5, + ctl
+READ_CURRENT_POSITION: Final = 0x48  # §2.5, + ctl
+WRITE_CURRENT_POSITION: Final = 0x58  # §2.5, + ctl
+SELECT_READ: Final = 0x60  # §2.5 frame 1 of a deferred read
+DEFERRED_READ: Final = 0x68  # §2.5 frame 2, + ctl
+SELECT_WRITE: Final = 0x70  # §2.5 frame 1 of a deferred write
+DEFERRED_WRITE: Final = 0x78  # §2.5 frame 2, + ctl
+FILLER: Final = 0x00  # §2.5: UvA and UTS send 00, iLab and BS send CC; the IP ignores it
+MANUAL_GO: Final = 0x80  # §2.6
+NUMERIC_GO: Final = 0xA0  # §2.7, | mask
+INTERPOLATION: Final = 0xE0  # §2.7 and 9 no. 2: UvA's E0, iLab says C0
 
 
 class Parameter(IntEnum):
-    """Parameters of a controller (2.5); 15, ACTUAL_POSITION, is not on the wire."""
+    """Parameters of a controller (§2.5); 15, ACTUAL_POSITION, is not on the wire."""
 
     CP_ERROR = 0
     CURRENT_POSITION = 1
@@ -129,8 +129,8 @@ class Parameter(IntEnum):
     USER_IO = 14
 
 
-IMMEDIATE: Final = frozenset({Parameter.CP_ERROR, Parameter.CURRENT_POSITION})  # 2.5
-READ_ONLY: Final = frozenset({Parameter.CP_ERROR, Parameter.CURRENT_FORCE})  # 2.5
+IMMEDIATE: Final = frozenset({Parameter.CP_ERROR, Parameter.CURRENT_POSITION})  # §2.5
+READ_ONLY: Final = frozenset({Parameter.CP_ERROR, Parameter.CURRENT_FORCE})  # §2.5
 RELOADED: Final = frozenset(Parameter) - {  # 7, on `22`: parameters 2, 4-10 and 12
     Parameter.CP_ERROR,
     Parameter.CURRENT_POSITION,
@@ -142,7 +142,7 @@ RELOADED: Final = frozenset(Parameter) - {  # 7, on `22`: parameters 2, 4-10 and
 
 
 class Drive(IntEnum):
-    """What a manual go tells one controller, two bits each (2.6)."""
+    """What a manual go tells one controller, two bits each (§2.6)."""
 
     HOLD = 0b00
     FORWARD = 0b01
@@ -150,9 +150,9 @@ class Drive(IntEnum):
     FREE = 0b11
 
 
-# ---- replies (2.1, 2.8, 2.9) -------------------------------------------------------------------
+# ---- replies (§2.1, §2.8, §2.9) ----------------------------------------------------------------
 class StatusBits(IntFlag):
-    """Status byte of a controller or, OR-ed over its controllers, of an IP (2.8).
+    """Status byte of a controller or, OR-ed over its controllers, of an IP (§2.8).
 
     Bits 4 and 5 mean the user I/O lines in a general status; bit 1 carries no decision.
     """
@@ -168,9 +168,9 @@ class StatusBits(IntFlag):
     IO_INPUT = 0x20
 
 
-TROUBLE: Final = StatusBits.FOLLOWING_ERROR | StatusBits.STALLED  # 2.8
+TROUBLE: Final = StatusBits.FOLLOWING_ERROR | StatusBits.STALLED  # §2.8
 
-REPLY_TEXTS: Final = {  # 2.9
+REPLY_TEXTS: Final = {  # §2.9
     0x01: "in progress",
     0x02: "stored",
     0x03: "axis busy",
@@ -185,29 +185,29 @@ REPLY_TEXTS: Final = {  # 2.9
     0x0C: "frame overrun: too many or too early bytes",
     0x0D: "parity error",
 }
-RETRY_CODES: Final = frozenset({0x01, 0x02, 0x04})  # 2.9: ask again after 10 ms
-AXIS_BUSY: Final = 0x03  # 2.9
-RESTARTED_CODES: Final = frozenset({0x0E, 0x0F})  # 1.5, 2.9
+RETRY_CODES: Final = frozenset({0x01, 0x02, 0x04})  # §2.9: ask again after 10 ms
+AXIS_BUSY: Final = 0x03  # §2.9
+RESTARTED_CODES: Final = frozenset({0x0E, 0x0F})  # §1.5, §2.9
 
-# ---- scaling (5.1, 5.3) ------------------------------------------------------------------------
+# ---- scaling (§5.1, §5.3) ------------------------------------------------------------------------
 SHOULDER_COUNTS_PER_DEG: Final = 29.221
 ELBOW_COUNTS_PER_DEG: Final = 14.611
 YAW_COUNTS_PER_DEG: Final = 9.740
 WRIST_COUNTS_PER_DEG: Final = 13.487
 ZED_COUNTS_PER_MM: Final = 3.750
 
-# ---- ranges [counts] (5.2) ---------------------------------------------------------------------
+# ---- ranges [counts] (§5.2) ---------------------------------------------------------------------
 SHOULDER_RANGE: Final = (-2630, 2630)
 ELBOW_RANGE: Final = (-2630, 2206)
 ZED_RANGE: Final = (-3303, -20)  # software; the stops are at -3554 and 0
 YAW_LESS_ELBOW_RANGE: Final = (-1071, 1071)  # of yaw - elbow / 3
-YAW_ELBOW_RATIO: Final = Fraction(1, 3)  # 5.2, 5.4: the yaw belt runs over the elbow axis
+YAW_ELBOW_RATIO: Final = Fraction(1, 3)  # §5.2, §5.4: the yaw belt runs over the elbow axis
 WRIST_SUM_RANGE: Final = (-2642, 108)  # of W1 + W2: pitch
 WRIST_DIFFERENCE_RANGE: Final = (-3560, 4882)  # of W1 - W2: roll
 GRIPPER_RANGE: Final = (-30, 1200)
 
-# ---- homing (4.1, 4.2) -------------------------------------------------------------------------
-STOP_COUNTS: Final = {  # 4.2, column UvA: satisfies the combined limits exactly
+# ---- homing (§4.1, §4.2) -------------------------------------------------------------------------
+STOP_COUNTS: Final = {  # §4.2, column UvA: satisfies the combined limits exactly
     Axis.ZED: 0,
     Axis.SHOULDER: 2630,
     Axis.ELBOW: -2629,
@@ -216,11 +216,11 @@ STOP_COUNTS: Final = {  # 4.2, column UvA: satisfies the combined limits exactly
     Axis.WRIST2: 459,
     Axis.GRIPPER: 0,
 }
-PARK_COUNTS: Final = {axis: -18 if axis is Axis.ZED else 0 for axis in Axis}  # 4.1 step 7
-GRIP_COUNTS: Final = -500  # 5.5: iLab's target beyond closed
+PARK_COUNTS: Final = {axis: -18 if axis is Axis.ZED else 0 for axis in Axis}  # §4.1 step 7
+GRIP_COUNTS: Final = -500  # §5.5: iLab's target beyond closed
 
 # ---- motion (7) --------------------------------------------------------------------------------
-NOMINAL_COUNTS_PER_S: Final = {  # 7, from 5.7: unsourced; only forecasts and speed ratios use it
+NOMINAL_COUNTS_PER_S: Final = {  # 7, from §5.7: unsourced; only forecasts and speed ratios use it
     Axis.ZED: 412.0,
     Axis.SHOULDER: 672.0,
     Axis.ELBOW: 643.0,
@@ -229,6 +229,6 @@ NOMINAL_COUNTS_PER_S: Final = {  # 7, from 5.7: unsourced; only forecasts and sp
     Axis.WRIST2: 1400.0,
     Axis.GRIPPER: 1400.0,
 }
-NOMINAL_SPEED: Final = 100  # 2.5, 5.6: "top speed"
+NOMINAL_SPEED: Final = 100  # §2.5, §5.6: "top speed"
 RAMP_S: Final = 0.25  # 7: time to reach full speed
-MAX_SPEED: Final = 160  # 2.5, 5.6: the highest value any driver has used
+MAX_SPEED: Final = 160  # §2.5, §5.6: the highest value any driver has used

@@ -1,4 +1,7 @@
-"""How wide the jaws of the UMI gripper stand for its motor counts (umi_rtx.md 5.5)."""
+"""How wide the jaws of the UMI gripper stand for its motor counts (umi_rtx.md 5.5).
+
+Sections (§) are those of umi_rtx.md.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +15,7 @@ from ._limits import OutOfRangeError
 class GripperLaw:
     """Quadratic law of the pincer linkage: width = offset + linear n + quadratic n^2 [mm].
 
-    The default is London Hackspace's fit, which 5.5 recommends until three widths have been
+    The default is London Hackspace's fit, which §5.5 recommends until three widths have been
     measured on the arm itself.
     """
 

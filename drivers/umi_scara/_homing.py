@@ -2,6 +2,8 @@
 
 The arm has no home switches: each axis is driven until it stalls, and the stop it leans on is
 labelled. `21` zeroes all counters of an IP, so a homed axis stands still until the labels.
+
+Sections (§) are those of umi_rtx.md.
 """
 
 import logging
@@ -18,7 +20,7 @@ from ._motion import Watch, on_ip, start
 
 log = logging.getLogger(__name__)
 
-_STILL_POLL_COUNT = 3  # 9.17
+_STILL_POLL_COUNT = 3  # §9.17
 _ORIGIN_COUNTS = 4  # DEAD_BAND, and two of reading
 _NEAR_ORIGIN = 1  # less than DEAD_BAND, and not the 0 of the park, so that writing that is seen
 _DITHER_COUNTS = 1  # a motor that leans on its stop may flicker between two encoder counts
@@ -30,14 +32,14 @@ class HomingError(DeviceError):
 
 @dataclass(frozen=True, slots=True)
 class HomingConfig:
-    """What an owner may have to adjust (4.2 says that the stops are factory values).
+    """What an owner may have to adjust (§4.2 says that the stops are factory values).
 
     Attributes
     ----------
     stop_counts : what each axis reads at its homing stop [counts]
     park_counts : where each axis goes afterwards [counts]
-    zed_speed, zed_force : SPEED and MAX_FORCE on the way up; 3.3's, since UMI's are unknown
-    zed_timeout_s, timeout_s : patience for the way to a stop [cell s] (4.6)
+    zed_speed, zed_force : SPEED and MAX_FORCE on the way up; §3.3's, since UMI's are unknown
+    zed_timeout_s, timeout_s : patience for the way to a stop [cell s] (§4.6)
     """
 
     stop_counts: Mapping[Axis, int] = field(default_factory=lambda: dict(c.STOP_COUNTS))
@@ -90,7 +92,7 @@ class Homing:
                 await self._write(axis, Parameter.NEW_POSITION, _NEAR_ORIGIN)
 
     async def _ensure_modes(self) -> None:
-        """Undo relative and force mode, which a predecessor may have left behind (2.4, 2.8)."""
+        """Undo relative and force mode, which a predecessor may have left behind (§2.4, §2.8)."""
         for ip in self._axes.ips():
             for axis in on_ip(Axis, ip):
                 bits = await self._axes.status(axis)
@@ -99,7 +101,7 @@ class Homing:
                 if bits & StatusBits.FORCE_MODE:
                     await self._axes.set_mode(axis, Mode.POSITION)
 
-    # ---- 4.1, steps 1 to 6 ---------------------------------------------------------------------
+    # ---- §4.1, steps 1 to 6 ---------------------------------------------------------------------
     async def _home_zed(self) -> None:
         await self._write(Axis.ZED, Parameter.SPEED, self._config.zed_speed)
         await self._write(Axis.ZED, Parameter.MAX_FORCE, self._config.zed_force)
@@ -112,7 +114,7 @@ class Homing:
         await self._drive({Axis.GRIPPER: Drive.REVERSE})
         await self._origin()
         await self._reload()
-        # 0 is 30 counts off fully closed (4.2)
+        # 0 is 30 counts off fully closed (§4.2)
         await self._creep(Axis.GRIPPER, 30)
         await self._origin_after(Axis.GRIPPER)
         await self._reload()
@@ -140,21 +142,21 @@ class Homing:
         await self._write(Axis.ELBOW, Parameter.MAX_FORCE, 30)
         await self._write(Axis.YAW, Parameter.SPEED, 100)
         await self._write(Axis.YAW, Parameter.MAX_FORCE, 60)
-        # the elbow drags the yaw motor along while it leans on its own stop (4.1)
+        # the elbow drags the yaw motor along while it leans on its own stop (§4.1)
         await self._write(Axis.YAW, Parameter.ERROR_LIMIT, 1500)
         await self._drive({Axis.ELBOW: Drive.REVERSE, Axis.YAW: Drive.REVERSE})
         await self._origin()
         await self._reload()
 
     async def _label(self) -> None:
-        for ip in (Ip.WRIST, Ip.ARM):  # as in 3.4
+        for ip in (Ip.WRIST, Ip.ARM):  # as in §3.4
             for axis in on_ip(self._config.stop_counts, ip):
                 await self._axes.label(axis, self._config.stop_counts[axis], self._guard)
             for axis in on_ip(self._config.stop_counts, ip):
                 await self._verify_label(axis)
 
     async def _verify_label(self, axis: Axis) -> None:
-        """Read a label back: the answer to it does not say which motor has got it (2.2)."""
+        """Read a label back: the answer to it does not say which motor has got it (§2.2)."""
         wanted = self._config.stop_counts[axis]
         for _ in range(2):
             got = await self._axes.read_twice(axis, Parameter.CURRENT_POSITION)
@@ -163,7 +165,7 @@ class Homing:
             await self._axes.label(axis, wanted, self._guard)
         raise HomingError(f"arm: {axis.name.lower()} does not take its label {wanted}")
 
-    # ---- words of 4.1 --------------------------------------------------------------------------
+    # ---- words of §4.1 --------------------------------------------------------------------------
     async def _write(self, axis: Axis, parameter: Parameter, value: int) -> None:
         await self._axes.write(axis, parameter, value, self._guard)
 
@@ -184,7 +186,7 @@ class Homing:
         log.info("stop found: %s", ", ".join(axis.name.lower() for axis in drives))
 
     async def _lean(self, drives: Mapping[Axis, Drive], timeout_s: float) -> None:
-        """Wait for bit 3 of all axes, and none moving any more for three polls (8.12, 9.17)."""
+        """Wait for bit 3 of all axes, and none moving any more for three polls (§8.12, §9.17)."""
         until_s = self._axes.deadline_s(timeout_s)
         still_poll_count = 0
         before: list[int] = []

@@ -1,7 +1,9 @@
 """Joint limits in counts, the combined ones included (umi_rtx.md 5.2): where the arm may be sent.
 
 Counts rows are ordered [elbow, shoulder, zed, wrist 1, wrist 2, yaw], the library's motor order
-(1.3). Yaw and both wrist motors have no limit of their own, only combined ones.
+(§1.3). Yaw and both wrist motors have no limit of their own, only combined ones.
+
+Sections (§) are those of umi_rtx.md.
 """
 
 from collections.abc import Collection
@@ -83,7 +85,7 @@ _ROUNDING: Final = 1e-9  # of a third of a count in binary
 
 
 def limit_margins(counts: ArrayLike) -> NDArray[np.float64]:
-    """Return how far inside each of LIMITS counts lie [counts]; negative is outside (5.2).
+    """Return how far inside each of LIMITS counts lie [counts]; negative is outside (§5.2).
 
     Parameters
     ----------
@@ -99,7 +101,7 @@ def limit_margins(counts: ArrayLike) -> NDArray[np.float64]:
 
 
 def check_limits(counts: ArrayLike, moved: Collection[c.Axis] = COUNTS_ORDER) -> None:
-    """Check one row of counts against those limits of 5.2 that a moved axis has a part in.
+    """Check one row of counts against those limits of §5.2 that a moved axis has a part in.
 
     Raises
     ------

@@ -1,11 +1,13 @@
 """The line to the arm: one request in flight, paced, in step, and always the right IP listening.
 
-Follows umi_rtx.md 1.2 (pacing), 1.4 (handing the line over, non-toggle mode), 1.6 (opening) and
-1.7 (back in step after a lost, short or long reply). It knows no motor: what a request does to
+Follows umi_rtx.md 1.2 (pacing), §1.4 (handing the line over, non-toggle mode), §1.6 (opening) and
+§1.7 (back in step after a lost, short or long reply). It knows no motor: what a request does to
 the metal is the caller's business, and so is repeating anything but a read.
 
 A request carries no checksum, so that one wrong bit can make another command of it (ADR 15). A
 reply that another command may have caused is answered with a dead stop before anything else.
+
+Sections (§) are those of umi_rtx.md.
 """
 
 import logging
@@ -43,8 +45,8 @@ from ._transport import Transport
 log = logging.getLogger(__name__)
 wire_log = logging.getLogger("cellctl.wire.arm")
 
-SILENT: Final = "nothing answers: check power, cable, boards"  # 8.8
-_ATTEMPT_COUNT: Final = 3  # 1.7
+SILENT: Final = "nothing answers: check power, cable, boards"  # §8.8
+_ATTEMPT_COUNT: Final = 3  # §1.7
 _STAY_AWAY: Final = (
     "whether the arm has stopped is unknown, and a motion that was started may go on to its "
     "target. Press the emergency stop if anything moves, then"
@@ -80,9 +82,9 @@ class LinkConfig:
 
     Attributes
     ----------
-    spacing_s : start of request to start of request; the arm wants 8 ms (1.2), and a USB adapter
+    spacing_s : start of request to start of request; the arm wants 8 ms (§1.2), and a USB adapter
         sends in frames of 1 ms, so that what leaves 9 ms apart arrives at least 8 ms apart
-    reply_timeout_s : a reply is complete by then, or lost (1.2)
+    reply_timeout_s : a reply is complete by then, or lost (§1.2)
     silence_s : a line on which no byte has come back for so long is silent; three tries fit in
     """
 
@@ -122,7 +124,7 @@ class LineDoubtError(DeviceError):
 
 
 def breaks_step(error: DeviceError) -> bool:
-    """Return whether an error leaves it open what the arm and the host have heard (2.9).
+    """Return whether an error leaves it open what the arm and the host have heard (§2.9).
 
     A refusal does too: this driver sends nothing that an arm refuses, but for a go while it moves.
     """
@@ -186,12 +188,12 @@ class Link:
         return self._listening
 
     async def open(self) -> frozenset[Ip]:
-        """Bring both IPs to running, non-toggle mode (1.6, steps 1-6); return the restarted ones.
+        """Bring both IPs to running, non-toggle mode (§1.6, steps 1-6); return the restarted ones.
 
         Raises
         ------
         LinkError : an IP is silent
-        WrongDeviceError : text instead of the protocol (8.7), or twice the same IP
+        WrongDeviceError : text instead of the protocol (§8.7), or twice the same IP
         BadReplyError : bytes that make no sense
         """
         async with self._turns.take():
@@ -218,8 +220,8 @@ class Link:
         ReplyTimeoutError, BadReplyError : done or not is unknown; the line is back in step
         LineDoubtError : something else may have been done; both IPs were stopped
         SilentLineError : nothing has come back for `silence_s`
-        RefusedError : the IP's own no, with its code (2.9)
-        PositionLostError : an IP has restarted (1.5)
+        RefusedError : the IP's own no, with its code (§2.9)
+        PositionLostError : an IP has restarted (§1.5)
         LinkError : the line could not be brought back in step
         """
         async with self._turns.take():
@@ -227,7 +229,7 @@ class Link:
             return await run_to_end(self._ask(ip, frames, repeats, guard, proves))
 
     async def halt(self, request: bytes, *, verifies: bool = True) -> None:
-        """Send a stop to BOTH IPs, ahead of all that waits, whatever state they are in (2.3).
+        """Send a stop to BOTH IPs, ahead of all that waits, whatever state they are in (§2.3).
 
         The second IP gets its stop even if the first fails; the failure is raised afterwards. A
         silent line gets both stops all the same: perhaps it is only the way back that is cut.
@@ -251,7 +253,7 @@ class Link:
         self._heard_nothing, self._is_silent = self._is_silent, False
 
     async def _exchange(self, request: bytes) -> Reply:
-        """Send one request and read its reply; questions are patient with 01, 02 and 04 (2.9)."""
+        """Send one request and read its reply; questions are patient with 01, 02 and 04 (§2.9)."""
         for _ in range(_ATTEMPT_COUNT):
             try:
                 return await self._exchange_once(request)
@@ -304,7 +306,7 @@ class Link:
         """Dead-stop whoever listens, before anything else is found out; raise LineDoubtError.
 
         The stop is sent many times, because a byte that is late may still come, take the next two
-        for its data and move something by a step (2.7).
+        for its data and move something by a step (§2.7).
         """
         self._listening = None
         for _ in range(_STRAY_STOP_COUNT):
@@ -385,7 +387,7 @@ class Link:
         raise last
 
     async def _select(self, ip: Ip) -> None:
-        """Have `ip` listen; a hand-over is never repeated without asking who listens (1.7)."""
+        """Have `ip` listen; a hand-over is never repeated without asking who listens (§1.7)."""
         if self._listening is None:
             await self._resync()
         for _ in range(_ATTEMPT_COUNT):
@@ -428,7 +430,7 @@ class Link:
         return await self._meet_both(allow_restart=True)
 
     async def _meet_both(self, *, allow_restart: bool) -> frozenset[Ip]:
-        """Meet the listening IP, hand over, meet the other one (1.6, steps 2-6)."""
+        """Meet the listening IP, hand over, meet the other one (§1.6, steps 2-6)."""
         self._listening = None
         first, first_restarted = await self._meet(allow_restart, "neither IP")
         for _ in range(2):  # a second time only if the first hand-over turns out not to have been
@@ -449,7 +451,7 @@ class Link:
     async def _meet(self, allow_restart: bool, who: str) -> tuple[Ip, bool]:
         """Switch off automatic toggling in whoever listens; return who it is and if it restarted.
 
-        A restarted IP is given GO where that is allowed (1.5).
+        A restarted IP is given GO where that is allowed (§1.5).
         """
         self._has_given_go = False
         for attempt in range(_ATTEMPT_COUNT):
@@ -493,9 +495,9 @@ class Link:
             await self._stop_stray(request, bytes([Simple.GENERAL_STATUS, reply.bits]))
 
     async def _drain(self) -> None:
-        """Discard input until the line is silent; text in it means a strange ROM (8.7).
+        """Discard input until the line is silent; text in it means a strange ROM (§8.7).
 
-        Silence is longer than the 8 ms after which an IP gives up on a broken request (2.9).
+        Silence is longer than the 8 ms after which an IP gives up on a broken request (§2.9).
         """
         clock = self._clock
         if self._owes_reply:  # it has been silent for much longer than that already
@@ -519,7 +521,7 @@ class Link:
         self._suspect = b""
 
     async def _resync(self) -> None:
-        """Find out who listens and that both IPs still run (1.7); moves nothing."""
+        """Find out who listens and that both IPs still run (§1.7); moves nothing."""
         self._listening = None
         for _ in range(_ATTEMPT_COUNT):
             await self._drain()
@@ -617,8 +619,8 @@ class Link:
                 await self._ask_to_halt(ip, request)
                 break
             except PositionLostError as error:
-                # an IP that has restarted does not hand the line over (1.5): without GO, the
-                # other IP could not be stopped; GO alone leaves its motors without power (8.10)
+                # an IP that has restarted does not hand the line over (§1.5): without GO, the
+                # other IP could not be stopped; GO alone leaves its motors without power (§8.10)
                 lost = error
                 await self._exchange(encode_simple(Simple.GO))
         if lost is not None:

@@ -1,4 +1,7 @@
-"""Moves that end where they should, or say which axis did not (umi_rtx.md 2.7, 2.8, 6.7)."""
+"""Moves that end where they should, or say which axis did not (umi_rtx.md 2.7, 2.8, 6.7).
+
+Sections (§) are those of umi_rtx.md.
+"""
 
 from collections.abc import Callable, Iterable, Mapping
 from math import ceil
@@ -36,7 +39,7 @@ class AxisStalledError(StalledError):
 def synchronised_speeds(
     distances: Mapping[Axis, int], nominal: Mapping[Axis, float], speed: int = c.NOMINAL_SPEED
 ) -> dict[Axis, int]:
-    """Return the SPEED of each axis with which all arrive together (8.13).
+    """Return the SPEED of each axis with which all arrive together (§8.13).
 
     Parameters
     ----------
@@ -56,7 +59,7 @@ def synchronised_speeds(
 def forecast_s(
     distances: Mapping[Axis, int], speeds: Mapping[Axis, int], nominal: Mapping[Axis, float]
 ) -> float:
-    """Return how long a move takes [s], by nominal speeds that no source vouches for (5.7, 7)."""
+    """Return how long a move takes [s], by nominal speeds that no source vouches for (§5.7, 7)."""
     times_s = [
         abs(far) / (nominal[axis] * speeds[axis] / c.NOMINAL_SPEED)
         for axis, far in distances.items()
@@ -76,7 +79,7 @@ async def start(
 ) -> None:
     """Set targets and go, all motors within a few requests of each other.
 
-    With `in_turn` the first IP starts before the second is told its targets (3.4): one hand-over
+    With `in_turn` the first IP starts before the second is told its targets (§3.4): one hand-over
     less. Without, `on_go` is called once all is set and nothing moves yet.
     """
     order = axes.ips(targets)
@@ -103,10 +106,10 @@ def on_ip(axes: Iterable[Axis], ip: Ip) -> list[Axis]:
 class Watch:
     """Watches started axes until all rest.
 
-    One axis of an IP is asked for its own status (3.5); several by the IP's general status (3.4),
+    One axis of an IP is asked for its own status (§3.5); several by the IP's general status (§3.4),
     which shows them all in one request. But a motor that is not part of the move may have left its
-    mark in that, as a gripper that holds something does (5.5): from then on the axes of that IP are
-    asked one by one.
+    mark in that, as a gripper that holds something does (§5.5): from then on the axes of that IP
+    are asked one by one.
     """
 
     def __init__(
@@ -120,7 +123,7 @@ class Watch:
         self._marked: set[Ip] = set()
 
     async def until_rest(self, *, in_turn: bool = False) -> None:
-        """Return when no axis moves; `in_turn` watches one IP to its rest, then the other (3.4).
+        """Return when no axis moves; `in_turn` watches one IP to its rest, then the other (§3.4).
 
         Raises
         ------
@@ -165,7 +168,7 @@ class Watch:
     async def _stalled(self, axis: Axis, bits: StatusBits) -> None:
         self._guard()  # after a stop that somebody asked for, these bits mean nothing
         await self._axes.halt(Simple.DEAD_STOP)
-        error = await self._axes.read(axis, Parameter.CP_ERROR)  # first of all, as in 3.6
+        error = await self._axes.read(axis, Parameter.CP_ERROR)  # first of all, as in §3.6
         got = await self._axes.read(axis, Parameter.CURRENT_POSITION) - error
         if bits & StatusBits.STALLED:
             why = "stalled"

@@ -1,6 +1,6 @@
 """One arm's session: the line, motor power, what is known of positions, and how a motion ends.
 
-Facts from umi_rtx.md, whose sections the docstrings name.
+Sections (§) are those of umi_rtx.md.
 """
 
 import asyncio
@@ -31,18 +31,18 @@ log = logging.getLogger(__name__)
 
 
 class PowerOffError(DeviceError):
-    """A motion without motor power: the arm would acknowledge it and do nothing (8.10)."""
+    """A motion without motor power: the arm would acknowledge it and do nothing (§8.10)."""
 
 
 class Stop(Enum):
-    """Ways to stop (2.3)."""
+    """Ways to stop (§2.3)."""
 
     DEAD = Simple.DEAD_STOP
     """At once; motors hold."""
     RAMP = Simple.RAMP_STOP
     """Slow down, then hold."""
     FREE = Simple.FREE_STOP
-    """Power removed: axes can be moved by hand and may sink (8.6)."""
+    """Power removed: axes can be moved by hand and may sink (§8.6)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +51,8 @@ class ArmIdentity:
 
     Attributes
     ----------
-    rom_versions : per IP, (revision, version); the order of the two bytes is a guess (9.4)
-    restarted_ips : those that had lost their positions and were given GO (1.5)
+    rom_versions : per IP, (revision, version); the order of the two bytes is a guess (§9.4)
+    restarted_ips : those that had lost their positions and were given GO (§1.5)
     """
 
     rom_versions: Mapping[Ip, tuple[int, int]]
@@ -73,8 +73,8 @@ class ArmConfig:
     arrival_slack_counts : tolerance of arrival beyond the axis' own DEAD_BAND
     settle_s : how long an axis at rest may take to come within that tolerance
     nominal_counts_per_s : speed of each axis at SPEED 100 (7), for forecasts and speed ratios
-    gripper_force : MAX_FORCE with which the jaws open and close in position moves (5.6)
-    grip_speed : SPEED with which the jaws close on something (5.6)
+    gripper_force : MAX_FORCE with which the jaws open and close in position moves (§5.6)
+    grip_speed : SPEED with which the jaws close on something (§5.6)
     """
 
     link: LinkConfig = field(default_factory=LinkConfig)
@@ -90,7 +90,7 @@ class ArmConfig:
 
 
 def check_speeds(speeds: Mapping[Axis, int]) -> None:
-    """Raise ValueError for a SPEED that no driver has ever used (2.5)."""
+    """Raise ValueError for a SPEED that no driver has ever used (§2.5)."""
     for axis, speed in speeds.items():
         if not 1 <= speed <= c.MAX_SPEED or int(speed) != speed:
             raise ValueError(f"{axis.name}: SPEED is a whole 1 to {c.MAX_SPEED}, not {speed}")
@@ -127,12 +127,12 @@ class ArmSession:
 
     # ---- connection ----------------------------------------------------------------------------
     async def connect(self) -> ArmIdentity:
-        """Open the line and bring both IPs to running (1.6, steps 1-7); nothing moves.
+        """Open the line and bring both IPs to running (§1.6, steps 1-7); nothing moves.
 
         Raises
         ------
         LinkError : no port, or silence on it ("check power, cable, boards")
-        WrongDeviceError : text instead of the protocol (8.7), or not two different IPs
+        WrongDeviceError : text instead of the protocol (§8.7), or not two different IPs
         BadReplyError : bytes that make no sense
         """
         await self._disconnect()
@@ -151,7 +151,7 @@ class ArmSession:
         return self._identity
 
     async def aclose(self) -> None:
-        """Dead-stop both IPs (8.20) and let go of the line; motors keep holding."""
+        """Dead-stop both IPs (§8.20) and let go of the line; motors keep holding."""
         if self._axes_or_none is not None:
             self._stop_count += 1
             await run_to_end(self._halt_quietly())
@@ -222,18 +222,18 @@ class ArmSession:
             raise PositionLostError("arm: not homed, so that no position of it is known")
 
     async def enable_power(self) -> None:
-        """Allow motor power on both IPs (`27`, 1.6 step 9): only once people agree to motion."""
+        """Allow motor power on both IPs (`27`, §1.6 step 9): only once people agree to motion."""
         self._require_connected()
         await self._axes.tell_both(Simple.FREE_OFF)
         self._is_powered = True
 
     # ---- settings and raw registers ------------------------------------------------------------
     async def read_parameter(self, axis: Axis, parameter: Parameter) -> int:
-        """Return any parameter of a motor (2.5); a raw register, valid as a position or not."""
+        """Return any parameter of a motor (§2.5); a raw register, valid as a position or not."""
         return await self._axes.read(axis, parameter)
 
     async def write_parameter(self, axis: Axis, parameter: Parameter, value: int) -> None:
-        """Set a parameter of a motor (2.5).
+        """Set a parameter of a motor (§2.5).
 
         Raises
         ------
@@ -244,27 +244,27 @@ class ArmSession:
         await self._axes.write(axis, parameter, value)
 
     async def set_speed(self, axis: Axis, speed: int) -> None:
-        """Set SPEED of an axis: 1 to 160, 100 is "top speed" (2.5, 5.6)."""
+        """Set SPEED of an axis: 1 to 160, 100 is "top speed" (§2.5, §5.6)."""
         check_speeds({axis: speed})
         await self._axes.write(axis, Parameter.SPEED, speed)
 
     async def set_force(self, axis: Axis, force: int) -> None:
-        """Set MAX_FORCE of an axis; 0 makes the motor limp (2.5), 20 to 60 have been used."""
+        """Set MAX_FORCE of an axis; 0 makes the motor limp (§2.5), 20 to 60 have been used."""
         if not 0 <= force <= 100:
             raise ValueError(f"{axis.name}: MAX_FORCE is 0 to 100, not {force}")
         await self._axes.write(axis, Parameter.MAX_FORCE, force)
 
     async def status(self, axis: Axis) -> StatusBits:
-        """Return the status of one controller (2.8)."""
+        """Return the status of one controller (§2.8)."""
         return await self._axes.status(axis)
 
     async def general_status(self) -> dict[Ip, StatusBits]:
-        """Return the status of both IPs (2.8)."""
+        """Return the status of both IPs (§2.8)."""
         return {ip: await self._axes.general_status(ip) for ip in self._axes.ips()}
 
     # ---- how a motion ends ---------------------------------------------------------------------
     async def stop(self, kind: Stop = Stop.DEAD) -> None:
-        """Stop both IPs (2.3), ahead of all other traffic; a running verb ends with an error.
+        """Stop both IPs (§2.3), ahead of all other traffic; a running verb ends with an error.
 
         Motions that were waiting for their turn end too, before they begin.
 

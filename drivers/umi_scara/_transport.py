@@ -1,4 +1,7 @@
-"""The wire under the link: bytes over a serial line (umi_rtx.md 1.1), or over anything like it."""
+"""The wire under the link: bytes over a serial line (umi_rtx.md 1.1), or over anything like it.
+
+Sections (§) are those of umi_rtx.md.
+"""
 
 import asyncio
 import errno
@@ -17,7 +20,7 @@ class Transport(Protocol):
     """Three methods, so that a test can be the other end."""
 
     def write(self, data: bytes) -> None:
-        """Send all bytes in one call: a request split in two breaks the 8 ms rule (8.17)."""
+        """Send all bytes in one call: a request split in two breaks the 8 ms rule (§8.17)."""
 
     async def read(self, timeout_wall_s: float) -> bytes:
         """Return what has arrived, after waiting [wall s] for a first byte; b"" if none came.
@@ -33,14 +36,14 @@ _GONE = frozenset({errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF, errno.EPIP
 
 
 class SerialTransport:
-    """A serial port: 9600 8N1, no flow control, DTR and RTS asserted, exclusive (1.1).
+    """A serial port: 9600 8N1, no flow control, DTR and RTS asserted, exclusive (§1.1).
 
     The event loop watches the descriptor; no thread is involved. Create it inside the loop.
 
     Parameters
     ----------
     port : device node, such as /dev/ttyUSB0
-    rtscts : hardware flow control, for a cable that needs it (1.1)
+    rtscts : hardware flow control, for a cable that needs it (§1.1)
 
     Raises
     ------

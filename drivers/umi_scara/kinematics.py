@@ -1,10 +1,10 @@
 """Where the hand is for given joints, and which joints bring it somewhere: closed form, no I/O.
 
 Joints are rows q = [shoulder, elbow, yaw, zed, pitch, roll]: shoulder, elbow and the yaw MOTOR's
-angle, pitch and roll in rad, zed in mm (0 at the top stop, negative downwards). Frames (6.2): `arm`
-has its origin on the table plane under the shoulder axis, x straight ahead, y left, z up; `tip`
-has its origin at the gripper tip, x along the approach axis, and the jaws open along y. Everything
-is vectorised over leading dimensions. Sections are those of umi_rtx.md.
+angle, pitch and roll in rad, zed in mm (0 at the top stop, negative downwards). Frames (§6.2):
+`arm` has its origin on the table plane under the shoulder axis, x straight ahead, y left, z up;
+`tip` has its origin at the gripper tip, x along the approach axis, and the jaws open along y.
+Everything is vectorised over leading dimensions. Sections (§) are those of umi_rtx.md.
 """
 
 from dataclasses import dataclass
@@ -41,11 +41,11 @@ LINKS: Final = ("carriage", "upper", "fore")
 _SHOULDER, _ELBOW, _YAW, _ZED, _PITCH, _ROLL = range(6)
 _REACH_SLACK_MM: Final = 1e-9  # rounding of a fully stretched arm must not make it unreachable
 _GIMBAL_RAD: Final = 1e-10  # pitch closer to +-90 deg than this says nothing about the heading
-# 5.2: ranges short of a full turn but not centred on 0; the image nearest to the centre is the one
+# §5.2: ranges short of a full turn but not centred on 0; the image nearest to the centre is the one
 _ROLL_CENTRE_RAD: Final = np.deg2rad((-132.0 + 181.0) / 2)
 _ELBOW_CENTRE_RAD: Final = np.deg2rad((-180.0 + 151.0) / 2)
 
-# a first look at limits, each wider by more than a count; `within_limits` decides (5.2)
+# a first look at limits, each wider by more than a count; `within_limits` decides (§5.2)
 _ROUGH_RAD: Final = 0.01
 _ROUGH_MM: Final = 1.0
 _WRIST_PER_RAD: Final = np.rad2deg(2 * c.WRIST_COUNTS_PER_DEG)
@@ -56,7 +56,7 @@ _PITCH_RAD: Final = np.array(c.WRIST_SUM_RANGE) / _WRIST_PER_RAD
 _ROLL_RAD: Final = np.array(c.WRIST_DIFFERENCE_RANGE) / _WRIST_PER_RAD
 _ZED_MM: Final = np.array(c.ZED_RANGE) / c.ZED_COUNTS_PER_MM
 
-# counts = q @ _COUNTS_PER_Q in COUNTS_ORDER (5.1, 5.3)
+# counts = q @ _COUNTS_PER_Q in COUNTS_ORDER (§5.1, §5.3)
 _COUNTS_PER_Q: Final = np.zeros((6, 6))
 _COUNTS_PER_Q[_ELBOW, 0] = np.rad2deg(c.ELBOW_COUNTS_PER_DEG)
 _COUNTS_PER_Q[_SHOULDER, 1] = np.rad2deg(c.SHOULDER_COUNTS_PER_DEG)
@@ -69,7 +69,7 @@ _Q_PER_COUNT: Final = np.linalg.inv(_COUNTS_PER_Q)
 
 @dataclass(frozen=True, slots=True)
 class ArmGeometry:
-    """Lengths of one arm (6.1) [mm]; tool and wrist height want measuring on the arm itself.
+    """Lengths of one arm (§6.1) [mm]; tool and wrist height want measuring on the arm itself.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ def _wrap(angle_rad: Floats) -> Floats:
 
 # ---- counts ------------------------------------------------------------------------------------
 def q_to_counts(q: ArrayLike) -> NDArray[np.int64]:
-    """Return the whole counts nearest to joints (5.1, 5.3).
+    """Return the whole counts nearest to joints (§5.1, §5.3).
 
     Parameters
     ----------
@@ -115,13 +115,13 @@ def q_to_counts(q: ArrayLike) -> NDArray[np.int64]:
 
 
 def counts_to_q(counts: ArrayLike) -> Floats:
-    """Return the joints (..., 6) of counts (..., 6) in COUNTS_ORDER (6.3)."""
+    """Return the joints (..., 6) of counts (..., 6) in COUNTS_ORDER (§6.3)."""
     return np.asarray(counts, dtype=np.float64) @ _Q_PER_COUNT
 
 
 # ---- limits ------------------------------------------------------------------------------------
 def within_limits(q: ArrayLike) -> NDArray[np.bool_]:
-    """Tell whether the arm would accept joints (..., 6): all of 5.2, on whole counts.
+    """Tell whether the arm would accept joints (..., 6): all of §5.2, on whole counts.
 
     Joints are rounded to counts first, so that this answer and the arm's are the same one.
     NaN is outside.
@@ -138,7 +138,7 @@ def limit_report(q: ArrayLike) -> str:
 
 # ---- forward -----------------------------------------------------------------------------------
 def forward(q: ArrayLike, geometry: ArmGeometry = _DEFAULT) -> Floats:
-    """Return T_arm_tip of joints (6.4).
+    """Return T_arm_tip of joints (§6.4).
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def forward(q: ArrayLike, geometry: ArmGeometry = _DEFAULT) -> Floats:
     """
     joints = np.asarray(q, dtype=np.float64)
     shoulder, elbow, yaw, zed, pitch, roll = np.moveaxis(joints, -1, 0)
-    heading = shoulder + elbow / 2 + yaw  # the yaw belt takes back half of the elbow's turn (5.4)
+    heading = shoulder + elbow / 2 + yaw  # the yaw belt takes back half of the elbow's turn (§5.4)
     sin_h, cos_h = np.sin(heading), np.cos(heading)
     sin_p, cos_p = np.sin(pitch), np.cos(pitch)
     sin_r, cos_r = np.sin(roll), np.cos(roll)
@@ -175,7 +175,7 @@ def forward(q: ArrayLike, geometry: ArmGeometry = _DEFAULT) -> Floats:
 
 
 def link_frames(q: ArrayLike, geometry: ArmGeometry = _DEFAULT) -> tuple[Floats, Floats]:
-    """Return the frames of LINKS in the arm's frame (6.2, 6.4), all at wrist height.
+    """Return the frames of LINKS in the arm's frame (§6.2, §6.4), all at wrist height.
 
     The carriage rides on the shoulder axis and does not turn; x of the upper arm and of the
     forearm runs along the link, from the shoulder axis and from the elbow axis.
@@ -212,7 +212,7 @@ def inverse(
     *,
     heading_rad: ArrayLike | None = None,
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return all joints that bring the tip to a pose (6.5), and which of them the arm accepts.
+    """Return all joints that bring the tip to a pose (§6.5), and which of them the arm accepts.
 
     Branches are both elbow signs times the ways to hold the hand. Where the heading follows from
     the pose, these are two: pitch p, and 180 deg - p with heading and roll half a turn further.
@@ -355,7 +355,7 @@ def _elbows(pose: Floats, geometry: ArmGeometry) -> tuple[Floats, Floats, NDArra
     y = pose[..., 1, 3] - geometry.tool_mm * pose[..., 1, 0]
     reach = np.hypot(x, y)
     # half angle: tan(e/2)^2 = ((U+F)^2 - r^2) / (r^2 - (U-F)^2); its arctan keeps precision where
-    # the arccos of 6.5 loses it
+    # the arccos of §6.5 loses it
     outer = (upper + fore - reach) * (upper + fore + reach)
     inner = (reach - abs(upper - fore)) * (reach + abs(upper - fore))
     slack = _REACH_SLACK_MM * (upper + fore)
@@ -386,7 +386,7 @@ def _row(
     q = np.empty((*psi.shape, 6))
     q[..., _SHOULDER] = shoulder
     q[..., _ELBOW] = elbow
-    q[..., _YAW] = _wrap(psi - shoulder - elbow) + elbow / 2  # relative to the forearm (5.4)
+    q[..., _YAW] = _wrap(psi - shoulder - elbow) + elbow / 2  # relative to the forearm (§5.4)
     q[..., _ZED] = height
     q[..., _PITCH:] = hand[..., 1:]
     q[np.isnan(q).any(axis=-1)] = np.nan
