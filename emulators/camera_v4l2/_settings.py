@@ -11,7 +11,7 @@ from ._formats import PixelFormat
 from ._handle import Refused
 
 _CAPABILITIES: Final = abi.CAP_VIDEO_CAPTURE | abi.CAP_EXT_PIX_FORMAT | abi.CAP_STREAMING
-_KERNEL_VERSION: Final = 0x060100  # 6.1, whose uvcvideo this camera was compared with
+_KERNEL_VERSION: Final = 0x060100  # Linux 6.1, whose uvcvideo this camera was compared with
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

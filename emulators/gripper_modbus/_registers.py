@@ -1,4 +1,7 @@
-"""Register map of the Robotiq 2F family: modbus_devices.md 2.2 to 2.5. Bytes in, meaning out."""
+"""Register map of the Robotiq 2F family: modbus_devices.md 2.2 to 2.5. Bytes in, meaning out.
+
+Sections (§) are those of modbus_devices.md.
+"""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -12,17 +15,17 @@ from ._jaws import (
     STROKE_MM,
 )
 
-OUTPUT_START: Final = 0x03E8  # what the master writes; 2.2
+OUTPUT_START: Final = 0x03E8  # what the master writes; §2.2
 OUTPUT_COUNT: Final = 8
-INPUT_START: Final = 0x07D0  # what the gripper tells; 2.3
+INPUT_START: Final = 0x07D0  # what the gripper tells; §2.3
 INPUT_COUNT: Final = 3
 
-ACTIVATE: Final = 1 << 0  # rACT; 2.2
+ACTIVATE: Final = 1 << 0  # rACT; §2.2
 GO_TO: Final = 1 << 3  # rGTO
 RELEASE: Final = 1 << 4  # rATR
 RELEASE_OPENS: Final = 1 << 5  # rARD
 
-MA_PER_COUNT: Final = 10.0  # 2.3, gCU
+MA_PER_COUNT: Final = 10.0  # §2.3, gCU
 FULL_COUNTS: Final = 255
 
 
@@ -66,7 +69,7 @@ MAJOR_FAULTS: Final = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class JawScale:
-    """What the encoder reads at the ends of the stroke; 2.5, standard fingertips.
+    """What the encoder reads at the ends of the stroke; §2.5, standard fingertips.
 
     Attributes
     ----------
@@ -90,13 +93,13 @@ class JawScale:
 
 
 def speed_mm_per_s(counts: int) -> float:
-    """Return the speed of rSP [mm/s]; 2.5, linear between the ends."""
+    """Return the speed of rSP [mm/s]; §2.5, linear between the ends."""
     span = MAX_SPEED_MM_PER_S - MIN_SPEED_MM_PER_S
     return MIN_SPEED_MM_PER_S + span * counts / FULL_COUNTS
 
 
 def force_n(counts: int) -> float:
-    """Return the force of rFR [N]; 2.5, linear between the ends."""
+    """Return the force of rFR [N]; §2.5, linear between the ends."""
     return MIN_FORCE_N + (MAX_FORCE_N - MIN_FORCE_N) * counts / FULL_COUNTS
 
 

@@ -3,6 +3,8 @@
 Source: modbus_devices.md 2.1 to 2.9. It never answers with an exception: what it does not
 understand stays without a reply. How it activates inside is not documented; the choreography
 (open, close, open) and its duration are ours.
+
+Sections (§) are those of modbus_devices.md.
 """
 
 import struct
@@ -31,7 +33,7 @@ from ._registers import (
     speed_mm_per_s,
 )
 
-SILENCE_LIMIT_S: Final = 1.0  # 2.4, fault 09
+SILENCE_LIMIT_S: Final = 1.0  # §2.4, fault 09
 _EPSILON_S: Final = 1e-9  # steps of 1/240 s do not add up to round numbers
 
 
@@ -43,7 +45,7 @@ class RobotiqConfig:
     ----------
     activation_s : duration of an unhindered activation [world s]; 1 to 3 s is typical
     refresh_s : age that a status may have when it is read: registers are renewed at 200 Hz
-        (2.1); 0: every read is fresh [world s]
+        (§2.1); 0: every read is fresh [world s]
     scale : what the encoder reads at the ends
     """
 
@@ -79,7 +81,7 @@ class RobotiqDevice:
         self._status = GripperStatus.RESET
         self._fault = Fault.NONE  # major, or of the automatic release; stays until rACT 0
         self._priority_fault = Fault.NONE  # 05 or 07
-        self._is_clear = False  # rACT was written 0 since power came: only then 1 activates (2.2)
+        self._is_clear = False  # rACT was written 0 since power came: only then 1 activates (§2.2)
         self._legs: list[float] = []  # openings still to be visited in this activation [mm]
         self._position_echo = 0
         self._idle_s = 0.0
@@ -139,7 +141,7 @@ class RobotiqDevice:
                 from_address, count = parse_range(body[:4])
                 self._check(from_address, count)
                 self._write(*parse_registers(body[4:]))
-                self._refresh()  # one motion-control cycle lies between write and read (2.1)
+                self._refresh()  # one motion-control cycle lies between write and read (§2.1)
                 return bytes((function,)) + self._read(from_address, count)
             case _:
                 return None
@@ -291,7 +293,7 @@ class RobotiqDevice:
 
     def _object(self) -> ObjectStatus:
         if self._status is not GripperStatus.ACTIVE or not self._action & GO_TO:
-            return ObjectStatus.MOVING  # means nothing without rGTO (2.3)
+            return ObjectStatus.MOVING  # means nothing without rGTO (§2.3)
         if self._fault is not Fault.NONE:
             return ObjectStatus.MOVING
         if self.jaws.is_at_target:

@@ -1,7 +1,9 @@
 """Moxa ioLogik E1214: six inputs and six relays on Modbus TCP, with the factory's register map.
 
-Sources: modbus_devices.md 7.1 (map), 7.4 (what is wired where in this cell). Peer-to-peer I/O and
+Sources: modbus_devices.md 7.1 (map), §7.4 (what is wired where in this cell). Peer-to-peer I/O and
 the web console are not emulated; their status bits read 0.
+
+Sections (§) are those of modbus_devices.md.
 """
 
 from dataclasses import dataclass

@@ -4,6 +4,8 @@
 Left open by the page and chosen here: the first of two characters is in the high byte, and text is
 filled up with zeros; bits 6 to 15 of the relay word have no effect; counters are stopped as
 delivered.
+
+Sections (§) are those of modbus_devices.md.
 """
 
 import struct
@@ -27,7 +29,7 @@ class E1214Config:
     ----------
     watchdog_s : host-connection watchdog [world s]; None: off, as delivered
     safe_state : relays when the watchdog bites
-    stack_red, stack_amber, stack_green : relays of the stack light; 7.4
+    stack_red, stack_amber, stack_green : relays of the stack light; §7.4
     mac, ip, firmware, build, device_name : as read back at 5024 to 5040
     """
 

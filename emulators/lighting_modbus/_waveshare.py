@@ -1,6 +1,8 @@
 """What Waveshare's RTU modules have in common: settings registers, number, version.
 
 Source: modbus_devices.md 6.1 and 6.2.
+
+Sections (§) are those of modbus_devices.md.
 """
 
 from typing import Final
@@ -14,7 +16,7 @@ VERSION_REGISTER: Final = 0x8000
 VERSION_1_00: Final = 0x0064
 
 BAUDRATES: Final = (4800, 9600, 19200, 38400, 57600, 115200, 128000, 256000)  # by code
-PARITY_CODES: Final = 3  # none and two more, whose order the vendor gives both ways (6.2)
+PARITY_CODES: Final = 3  # none and two more, whose order the vendor gives both ways (§6.2)
 
 
 class WaveshareModule:

@@ -1,6 +1,6 @@
 """The UMI RTX arm: motors and stops (`ArmModel`), its line (`ArmWire`), a terminal (`ArmServer`).
 
-A second reading of umi_rtx.md, shared with nobody; section 7 is the specification.
+A second reading of umi_rtx.md, shared with nobody; umi_rtx.md 7 is the specification.
 """
 
 from ._axes import ArmJoints, Axis

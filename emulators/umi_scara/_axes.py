@@ -1,8 +1,10 @@
 """What the arm is made of: seven motors, their scaling, their stops and where homing ends.
 
-Facts: umi_rtx.md 1.3 (which motor answers where), 4.2 (stop labels), 5.1 to 5.5 (scaling and
-ranges), 5.7 and 7 (motion model). *True counts* are encoder counts whose zero is the arm's own:
+Facts: umi_rtx.md 1.3 (which motor answers where), §4.2 (stop labels), §5.1 to §5.5 (scaling and
+ranges), §5.7 and 7 (motion model). *True counts* are encoder counts whose zero is the arm's own:
 zed 0 at the top stop, every other joint 0 straight ahead. What the IPs report is relabelled.
+
+Sections (§) are those of umi_rtx.md.
 """
 
 import math

@@ -1,6 +1,6 @@
 """One Intelligent Peripheral: what it answers to a complete request, and what that does.
 
-Transcript of umi_rtx.md 2 (commands) and 7 (behaviour, where section 2 is silent). Knows neither
+Transcript of umi_rtx.md 2 (commands) and, where that is silent, umi_rtx.md 7. Knows neither
 framing nor time.
 """
 
