@@ -1,7 +1,7 @@
 """What follows from the CAD model alone: solid, surfaces, stable poses, what a camera would see.
 
-Plain functions: a file or arrays in, dataclasses out. The facts are of the paper's section 2 and
-planning.md 4.
+Plain functions: a file or arrays in, dataclasses out. Facts: references.md P2.0 to
+P2.2, planning-facts.md 4.
 """
 
 from .boundary import Boundary, Crease, Curve, Face, surface_normals

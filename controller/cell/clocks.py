@@ -1,7 +1,7 @@
 """Which clock a cell's devices keep, and how fast it runs on this machine.
 
 Emulated devices share their emulator's clock, also where their addresses were given by hand: the
-emulators of this user stand in a register (docs/shared-clock.md, section 5). Real devices, and any
+emulators of this user stand in a register (docs/shared-clock.md 5). Real devices, and any
 mix of real and emulated ones, keep the wall clock.
 """
 

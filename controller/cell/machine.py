@@ -3,7 +3,7 @@
 States carry PackML's names; within Execute stand the stages of one part. `transitions` only
 holds the table: callbacks append effects to a list, the dispatcher runs them as tasks, and their
 outcomes come back as events. `AsyncMachine` is not used: it cancels running callbacks, swallows
-time-outs and loses queued faults (architecture.md 5.3).
+time-outs and loses queued faults (cell-facts.md 1).
 
 Every pair of state and event is handled, refused with a reason, or ignored on purpose;
 `verdict_on` tells which, and a test builds the whole table.

@@ -1,7 +1,7 @@
 """The recovery policy: which faults of a part the cell recovers from by itself, and how often.
 
 Plain decisions, no device. Each part fault leads back into the table by one event; planning then
-starts from whoever has the part, with what has been seen left out (planning.md 5). After too many
+starts from whoever has the part, with what has been seen left out (planning-facts.md 5). After too many
 tries a person is asked.
 """
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 TRIES_PER_KIND: Final = 2
 TRIES_IN_ALL: Final = 6
 # of what one grip lets a part be off: beyond it ways and hand-offs are planned anew. A planned grip
-# bears 1 mm and 2 degrees (planning.md 2.2); beyond 4 mm the inspection calls it a slip
+# bears 1 mm and 2 degrees (planning-facts.md 2.2); beyond 4 mm the inspection calls it a slip
 HOLD_MM: Final = 1.5
 HOLD_RAD: Final = float(np.radians(2.0))
 WORTH_SHARE: Final = 0.01  # of the surface that a further plan must promise

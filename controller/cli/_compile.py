@@ -106,7 +106,7 @@ def _compiled(path: Path, options: CompileOptions, *, use_cache: bool) -> tuple[
 
 
 def part_json(part: CompiledPart, density_g_cm3: float | None) -> dict[str, Any]:
-    """Return a compiled part as DESIGN.md 7 promises it; R are nested row-major lists."""
+    """Return a compiled part as conventions.md 7 promises it; R are nested row-major lists."""
     solid, boundary = part.solid, part.solid.boundary
     density = part.density_g_cm3(density_g_cm3)
     return {

@@ -1,4 +1,4 @@
-"""A plan as DESIGN.md 7 promises it: one JSON object; poses are nested row-major lists."""
+"""A plan as conventions.md 7 promises it: one JSON object; poses are nested row-major lists."""
 
 from typing import Any
 

@@ -2,7 +2,7 @@
 
 A glowing plate fades to its rim and a lens darkens the corners, so levels are told relative to the
 ground: a low polynomial over the picture, fitted to what belongs to the table. The histogram of
-the picture divided by it is what the threshold is taken from (paper, section 3.1).
+the picture divided by it is what the threshold is taken from (references.md P3.1).
 """
 
 from dataclasses import dataclass

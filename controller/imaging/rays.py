@@ -2,7 +2,7 @@
 
 Embree works in single precision: with lengths in mm and a scene of a metre the hit distance is
 right to about 1e-4 mm. Rays that graze an edge shared by two triangles may miss both, so that
-callers never rely on one ray along an edge (planning.md 3.2).
+callers never rely on one ray along an edge (planning-facts.md 3.2).
 """
 
 import numpy as np

@@ -1,6 +1,6 @@
 """Pictures of known views -> what differs from the CAD, what was seen of it, and a verdict.
 
-Arrays in, dataclasses out (inspection.md; DESIGN.md 3.7 to 3.9).
+Arrays in, dataclasses out (cell-facts.md 3).
 """
 
 from ._judge import FaceVerdict, PartVerdict, judge

@@ -15,7 +15,7 @@ Grey = NDArray[np.uint8]
 
 
 class Verdict(StrEnum):
-    """Four outcomes, not two (inspection.md, finding 7)."""
+    """Four outcomes, not two (cell-facts.md 3)."""
 
     PASS = "pass"
     FAIL = "fail"

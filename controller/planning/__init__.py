@@ -1,7 +1,7 @@
 """How a part gets shown: grips, views, hand-offs, motions, their forecast, and "why not".
 
 Arrays and dataclasses in, dataclasses out; no files, no clock, no device; same input, same plan.
-The approach is that of planning.md 1.3 and 2.2.
+The approach is that of planning-facts.md 1.3 and 2.2.
 """
 
 from .geometry import Box

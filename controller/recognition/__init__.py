@@ -1,6 +1,6 @@
 """Pictures of the table -> which part, which way up, where, how sure, or "none of these".
 
-Arrays in, dataclasses out (paper, section 3; DESIGN.md 3.5).
+Arrays in, dataclasses out (references.md P3.0).
 """
 
 from ._hypotheses import Hypothesis, SearchLimits

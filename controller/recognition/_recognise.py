@@ -1,9 +1,9 @@
 """Which part, which way up, where: a picture of the table -> sightings.
 
-The order is the paper's section 3: what lies there is cut out, its size and outline search the
-library, the best readings are fitted edge by edge under full perspective, and what speaks for
-them decides. Under lamps, or where silhouettes say nothing, grey-level features propose readings
-of their own.
+The order is the paper's (references.md P3.0): what lies there is cut out, its size and outline
+search the library, the best readings are fitted edge by edge under full perspective, and what
+speaks for them decides. Under lamps, or where silhouettes say nothing, grey-level features propose
+readings of their own.
 """
 
 from collections.abc import Sequence
@@ -126,7 +126,7 @@ def _identify(
 
 
 def _by_lines(sight: Sight, camera: Camera, library: Library) -> list[Candidate]:
-    """Return what lines, corners and circles of the picture propose; paper, section 3.2."""
+    """Return what lines, corners and circles of the picture propose; references.md P3.2."""
     corner = np.array(sight.corner_px, dtype=np.float64)
     features = image_features(sight.crops[0], lambda p: camera.on_plane(p + corner)[:, :2])
     foot = camera.position_mm

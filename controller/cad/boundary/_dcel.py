@@ -1,4 +1,4 @@
-"""The doubly connected edge list of a segmented mesh (paper, section 2.0; planning.md 4).
+"""The doubly connected edge list of a segmented mesh (references.md P2.0; planning-facts.md 4).
 
 A mesh edge is on the list where the surfaces on its two sides differ. Runs of such mesh edges
 between vertices where three surfaces or more meet are one edge; loops follow from turning about

@@ -1,6 +1,6 @@
 """A solid's boundary: surfaces, and the edges between them as a doubly connected edge list.
 
-The edge list is the one of the paper's section 2, with faces that hold several loops, and with
+The edge list is the paper's (references.md P2.0), with faces that hold several loops, and with
 edges that know their curve, so that a tessellated bore has two circles and not two polygons.
 """
 
@@ -137,7 +137,7 @@ class Boundary:
         return len(self.curve)
 
     def loop_edges(self, loop: int) -> Iterator[int]:
-        """Walk the half-edges of a loop once round (paper, section 2.0)."""
+        """Walk the half-edges of a loop once round (references.md P2.0)."""
         start = here = int(self.first[loop])
         while True:
             yield here
@@ -146,7 +146,7 @@ class Boundary:
                 return
 
     def edges_round(self, half_edge: int) -> Iterator[int]:
-        """Walk the half-edges that leave a half-edge's vertex, once round (paper, section 2.0)."""
+        """Walk the half-edges that leave a half-edge's vertex, once round (references.md P2.0)."""
         here = half_edge
         while True:
             yield here

@@ -2,7 +2,7 @@
 
 Apart from `_step_child`, since reading with attributes crashes on files whose geometry is sound.
 Facts: the kernel's reference pages (Open CASCADE 7.9: XCAFDoc_DimTolTool, XCAFDimTolObjects) and
-inspection.md 4.4. Values of dimensions are left as the kernel gives them, which is wrong in part;
+cell-facts.md 4. Values of dimensions are left as the kernel gives them, which is wrong in part;
 the parent mends them from the file's text.
 
 Usage: ``python _step_pmi_child.py FILE OUT MEMORY_BYTES CPU_S``. It ends with 0 and in OUT the JSON

@@ -3,7 +3,7 @@
 The kernel knows what each tolerance is and which surfaces it is of. Of its numbers it loses the
 sign of lower deviations, the unit of nominal values (it converts tolerances, but nominal values
 and limits only where they have no number of decimals), and widths that are written as complex
-records. These come from the text, by what the kernel did keep. Traps: inspection.md 4.4.
+records. These come from the text, by what the kernel did keep. Traps: cell-facts.md 4.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""CSG text, the modern BOXER (paper, section 2.0): shapes joined, cut and placed; docs/csg.md.
+"""CSG text, the modern BOXER (references.md P2.0): shapes joined, cut and placed; docs/csg.md.
 
 Curves become polygons whose corners lie on the curve and whose sides stay within ``tolerance_mm``
 of it; manifold3d does the set operations, exactly up to rounding.

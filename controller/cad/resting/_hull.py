@@ -1,6 +1,6 @@
 """A solid's convex hull in facets: what a table can touch, and what lies beside what.
 
-The table touches the hull alone (paper, section 2.1). Qhull answers in triangles; those that lie in
+The table touches the hull alone (references.md P2.1). Qhull answers in triangles; those that lie in
 one plane, up to what single precision in an STL file blurs, are one facet here.
 """
 

@@ -1,7 +1,7 @@
 """How likely each way to lie is, as drops are seen: a prior from geometry, updated by counts.
 
-A Dirichlet prior worth about twenty drops (planning.md 4): drop height and table change the odds,
-so geometry is believed until the overhead camera has seen some tens of parts lie.
+A Dirichlet prior worth about twenty drops (planning-facts.md 4): drop height and table change the
+odds, so geometry is believed until the overhead camera has seen some tens of parts lie.
 """
 
 from collections.abc import Sequence

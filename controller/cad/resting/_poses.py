@@ -1,9 +1,9 @@
-"""How a solid can lie: hull facets over which its centre of mass stands (paper, section 2.1).
+"""How a solid can lie: hull facets over which its centre of mass stands (references.md P2.1).
 
 Two odds are told. The quasi-static ones follow from geometry alone: where a part ends that topples
 without a bounce. Parts that drop and bounce follow the product of those and the energy to tip over
-(planning.md 4: nearest to 300 drops of eight parts each). Curves lie as one family, and strips that
-are an artefact of the tessellation are no pose at all.
+(planning-facts.md 4: nearest to 300 drops of eight parts each). Curves lie as one family, and
+strips that are an artefact of the tessellation are no pose at all.
 """
 
 from dataclasses import dataclass, field
@@ -20,7 +20,7 @@ from ._topple import Landscape, landscape_of
 Array = NDArray[np.float64]
 
 GRAVITY_M_S2 = 9.81
-MARGINAL_LIFT_MM = 0.5  # planning.md 4: a pose of 0.16 mm never occurred in 900 drops
+MARGINAL_LIFT_MM = 0.5  # planning-facts.md 4: a pose of 0.16 mm never occurred in 900 drops
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -1,7 +1,7 @@
 """Features people dimension: holes, slots, bosses, chamfers, fillets, from surfaces and edges.
 
 A hole is walls on one axis that face it, with their ledges, countersinks and bottom; everything
-here follows from the kinds of the faces and from how they meet (reference/inspection.md, 4.4).
+here follows from the kinds of the faces and from how they meet (cell-facts.md 4).
 """
 
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Doubled lines merged: what lies right under a nearer line is not drawn (paper, section 2.2)."""
+"""Doubled lines merged: what lies right under a nearer line is not drawn (references.md P2.2)."""
 
 import numpy as np
 from numpy.typing import NDArray

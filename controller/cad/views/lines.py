@@ -1,6 +1,6 @@
 """Line drawings: the outline in loops, and the visible edges with hidden lines removed.
 
-The paper's section 2.2 took them from a plot file of BOXER; here they follow from the solid
+The paper (references.md P2.2) took them from a plot file of BOXER; here they follow from the solid
 itself, seen from above or through a calibrated camera.
 """
 

@@ -1,7 +1,7 @@
 """Where inspection camera and fixed gripper should stand for a family of parts.
 
 Arm, table and overhead camera stay where they are; the camera keeps its distance from the part.
-planning.md 3.1 (which side to look from) and 1.3 (what a plan needs).
+planning-facts.md 3.1 (which side to look from) and 1.3 (what a plan needs).
 """
 
 from ._report import SiteReport, reasons_to_move, site_report

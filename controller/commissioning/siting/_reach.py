@@ -2,7 +2,7 @@
 
 How the hand can turn at the station depends on the part only through where its centre of mass lies
 in the hand, so one table a site, over directions in the hand's frame, serves every grip of every
-part (planning.md 3.1). The exact form, grip by grip, follows for the sites worth it.
+part (planning-facts.md 3.1). The exact form, grip by grip, follows for the sites worth it.
 """
 
 from __future__ import annotations

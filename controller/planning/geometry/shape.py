@@ -1,8 +1,8 @@
 """A part's triangles, ready to be asked what they touch; the only room that knows FCL.
 
-Margins are kept by growing the boxes that the triangles meet: FCL's `collide` is robust, its
-signed distance is not (planning.md 3.2). A box grown on all its faces holds every point within
-the margin of it, so that growing errs on the safe side, at its edges by 0.41 of the margin.
+Margins are kept by growing the boxes that the triangles meet: FCL's `collide` is robust, its signed
+distance is not (planning-facts.md 3.2). A box grown on all its faces holds every point within the
+margin of it, so that growing errs on the safe side, at its edges by 0.41 of the margin.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Whether an open hand comes straight in, and closes, without touching the part elsewhere.
 
-On the exact triangles of the part (python-fcl); boxes are those of the jaw. Source: planning.md
-2.2, step 5. Clearance of the table is asked of many grips at once.
+On the exact triangles of the part (python-fcl); boxes are those of the jaw. Source:
+planning-facts.md 2.2, step 5. Clearance of the table is asked of many grips at once.
 """
 
 from __future__ import annotations

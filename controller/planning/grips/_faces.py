@@ -1,6 +1,7 @@
 """Planar faces that look away from each other, or at each other, and what they have in common.
 
-Exact: outlines are unions of the mesh's own triangles, holes included (planning.md 2.2, step 1).
+Exact: outlines are unions of the mesh's own triangles, holes included (planning-facts.md 2.2, step
+1).
 """
 
 from __future__ import annotations

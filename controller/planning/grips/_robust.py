@@ -1,7 +1,7 @@
 """How often a grip still holds when the part does not lie quite where it was seen.
 
 Flat pads turn a part until its walls lie against them, so a wrong pose is first closed on, then
-turned by what the walls' normals ask, and judged as any grip is (planning.md 2.2, step 6; 5).
+turned by what the walls' normals ask, and judged as any grip is (planning-facts.md 2.2, step 6; 5).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Where to try a jaw: exactly opposed faces, walls across a ray, and walls facing each other.
 
 A seed is a point between two walls and the direction in which the jaws close there (or spread,
-for a seed inside a bore or a channel). Source: planning.md 2.2, steps 1 and 2.
+for a seed inside a bore or a channel). Source: planning-facts.md 2.2, steps 1 and 2.
 """
 
 from __future__ import annotations

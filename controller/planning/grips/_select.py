@@ -1,4 +1,4 @@
-"""Which of many grips to plan with: few, sure, and unlike each other (planning.md 2.2, step 7)."""
+"""Which of many grips to plan with: few, sure, unlike each other; planning-facts.md 2.2, step 7."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def cover(
 
     First up to `per_pose` of those that take the part from above, for each way it lies
     (`picks`, (k, n)), then from all round; farthest-point selection in approach, jaws' axis and
-    position, larger scores (n,) a little nearer (planning.md 2.2, step 7).
+    position, larger scores (n,) a little nearer (planning-facts.md 2.2, step 7).
     """
     if len(T) <= count:
         return list(range(len(T)))

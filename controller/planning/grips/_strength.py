@@ -1,7 +1,7 @@
 """Whether friction and the pads' width hold a part against its weight, however the hand turns.
 
 Two soft contacts of a known force: slip and twist together within the ellipse of the limit
-surface, tipping within the pads' edges (planning.md 2.2, step 4).
+surface, tipping within the pads' edges (planning-facts.md 2.2, step 4).
 """
 
 from __future__ import annotations

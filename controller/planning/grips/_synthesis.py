@@ -1,7 +1,7 @@
 """Where a parallel jaw can hold a part: seeds, one evaluator, what friction and pose errors leave.
 
 Each stage is cheaper than the next and counts what it leaves and how near the best came, so that
-a part which cannot be held is refused with the number that fails (planning.md 2.2).
+a part which cannot be held is refused with the number that fails (planning-facts.md 2.2).
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ class GripRules:
     bore_clearance_mm: float = 1.5  # per finger that goes into a bore: at least; rather the above
     jaw_reserve_mm: float = 5.0  # of the full opening, so that the open hand gets over the part
     approach_mm: float = 90.0  # straight way in and out
-    # the pose a part is picked at is known this well, each way on each axis (planning.md 2.2, 6)
+    # the pose a part is picked at is known this well, each way on each axis (planning-facts.md 6)
     wrong_mm: float = 1.0
     wrong_deg: float = 2.0
     min_margin: float = 0.9  # share of such poses in which it must hold as well

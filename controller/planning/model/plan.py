@@ -168,7 +168,7 @@ class Park(Step):
 
 
 class Reason(StrEnum):
-    """Why a piece of surface cannot be shown; the first that applies (planning.md 1.3)."""
+    """Why a piece of surface cannot be shown; the first that applies (planning-facts.md 1.3)."""
 
     HIDDEN_BY_PART = "hidden by the part"
     FINGERS = "fingers"

@@ -1,7 +1,7 @@
 """Collision-free ways between configurations, as few whole joint moves as will do.
 
 Tried in turn: one joint line, over the top, two random trees. Whatever is answered has been
-checked leg by leg against the tube of where the arm will really be (planning.md 3.3).
+checked leg by leg against the tube of where the arm will really be (planning-facts.md 3.3).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A sequence of grips and views worked out to the last waypoint, or what of it cannot be driven.
 
 What has no way is named, so that the search can go on without it and without anything else
-(planning.md 1.3, lazy verification).
+(planning-facts.md 1.3, lazy verification).
 """
 
 from __future__ import annotations

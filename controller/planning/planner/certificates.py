@@ -1,7 +1,7 @@
 """For each way the part may start lying: a complete plan, or the reason why there is none.
 
 Worked out before the first part arrives, so that nobody learns at the cell that a part which fell
-on its side cannot be picked (planning.md 9).
+on its side cannot be picked (planning-facts.md 9).
 """
 
 from __future__ import annotations

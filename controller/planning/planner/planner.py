@@ -1,8 +1,8 @@
 """From where the part is to the steps that show all of it that can be shown, and sort it.
 
-The search (planning.md 1.3) settles in which grips to hold the part and which views to take; its
-answer is worked out with all motions, and what turns out to have no way is taken out of the search.
-Same input, same plan.
+The search (planning-facts.md 1.3) settles in which grips to hold the part and which views to take;
+its answer is worked out with all motions, and what turns out to have no way is taken out of the
+search. Same input, same plan.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What it costs to get the part into a grip, from grip to grip, and what each grip can show.
 
 Prices are seconds between hubs (one configuration per grip, in the midst of its views) plus the
-seconds a failure would cost times how likely it is (planning.md 1.3, "Cost").
+seconds a failure would cost times how likely it is (planning-facts.md 1.3, "Cost").
 """
 
 from __future__ import annotations

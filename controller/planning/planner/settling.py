@@ -4,7 +4,7 @@ Recognition may leave a part in doubt with a mirror twin or with a pose that loo
 The part is taken with a grip that holds whichever it is; the cheapest view that parts the
 candidates comes first, and the plan goes on by its answer: for the part that was planned for it
 just goes on, for another reading of it a new plan starts from the hand, and another part is put by
-(DESIGN.md 3.6).
+(ADR 12).
 """
 
 from __future__ import annotations

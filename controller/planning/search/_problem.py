@@ -1,7 +1,7 @@
 """What the search is asked and what it answers: tables of who shows what, and prices; no geometry.
 
 A *grip* is a way to hold the part, an *element* a thing to be shown (a surface sample, or a
-feature such as "face 7 seen square"). planning.md 1.3.
+feature such as "face 7 seen square"). planning-facts.md 1.3.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from controller.arrays import BoolArray, FloatArray
 
 IntArray = NDArray[np.intp]
-MAX_GRIPS = 5  # planning.md 1.3: a fourth re-grip's bound exceeded every optimum measured
+MAX_GRIPS = 5  # planning-facts.md 1.3: a fourth re-grip's bound exceeded every optimum measured
 SAME_S = 1e-7  # costs closer than this [s] are one
 
 

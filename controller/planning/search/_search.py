@@ -4,7 +4,7 @@ Ways through the grips are listed cheapest first, one grip longer at a time, as 
 still lead to something better than the best known. Each *set* of grips that shows everything gets a
 floor of what views it needs: first from prices good for all sets at once, then from prices of its
 own, last the exact cover; always the set of the lowest floor next, so that the exact cover is done
-only where the proof needs it. planning.md 1.3.
+only where the proof needs it. planning-facts.md 1.3.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ def rests(solid: Solid, poses: Sequence[StablePose], layout: CellLayout) -> tupl
     """Return where and how the part may be put down again: stably, in the middle of its area.
 
     A pose that tips when it is lifted by half a millimetre, or rolls, or rocks, is none to aim at
-    (planning.md 4).
+    (planning-facts.md 4).
     """
     x, y = layout.set_down_mm.mean(axis=1)
     return tuple(

@@ -17,7 +17,7 @@ from ._arm import hidden_by_boxes, may_cover, standing_between
 from ._poses import Showing
 
 KEPT_Q = 4  # configurations kept per view and grip
-# nearly every one that the joints allow is free (planning.md 1.3), so few are checked at first
+# nearly every one the joints allow is free (planning-facts.md 1.3), so few are checked at first
 FIRST_TRIED_N = 4
 # which of them the arm hides least in shows only when it is looked at
 FIRST_TRIED_BETWEEN_N = 12

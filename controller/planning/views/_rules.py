@@ -17,7 +17,7 @@ PICTURE_MARGIN_PX = 12.0  # nearer to the border the hold's millimetre may carry
 
 @dataclass(frozen=True, slots=True)
 class SightRules:
-    """How the camera stands to the station, and what it asks of a surface (planning.md 1.3, `vis`).
+    """How the camera stands to the station, and what it asks of a surface (planning-facts.md 1.3).
 
     Attributes
     ----------

@@ -12,7 +12,7 @@ from ._rules import SightRules
 
 LIFT_MM = 0.02  # sight lines start this far off the surface, or they would meet it
 # rays that pass exactly between two triangles may meet neither, and a face behind would look
-# visible (planning.md 3.2): of three lines this far apart two must be free
+# visible (planning-facts.md 3.2): of three lines this far apart two must be free
 JITTER_MM = 0.03
 CHUNK_N = 200_000
 

@@ -1,6 +1,6 @@
 """The boundary of a mask as a 4-way chain: the cracks between pixels, and how it turns.
 
-The paper's section 3.1 encodes each binary object by the first difference of Freeman's 4-way
+The paper (references.md P3.1) encodes each binary object by the first difference of Freeman's 4-way
 chain code. The chain here runs along the cracks between object and ground and not through pixel
 centres: then an outer boundary and a hole are of one kind, a line one pixel thick needs no
 turning back, and the shoelace area is the pixel count exactly.

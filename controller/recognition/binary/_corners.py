@@ -1,7 +1,7 @@
 """Corners of a boundary from its curvature code: a triangular filter, a threshold, local peaks.
 
-The paper's section 3.1: the filter is two box-cars one after the other, each a running sum, so
-that a sample costs four additions whatever the length; its Table 2 lists distance and size.
+The paper (references.md P3.1): the filter is two box-cars one after the other, each a running sum,
+so that a sample costs four additions whatever the length; its Table 2 lists distance and size.
 """
 
 from dataclasses import dataclass

@@ -1,9 +1,9 @@
 """Which model view an observed boundary is, and how it is turned: strings are correlated.
 
-The paper's section 3.1: from each corner of the object as reference, against each model corner of
-like sign and size, corners at about equal distance along the perimeter are compared, and the
-count of matches and their error rank the candidates. What that leaves to chance where corners are
-few is helped by the same idea at every point of the outline (its samples correlated with the
+The paper (references.md P3.1): from each corner of the object as reference, against each model
+corner of like sign and size, corners at about equal distance along the perimeter are compared, and
+the count of matches and their error rank the candidates. What that leaves to chance where corners
+are few is helped by the same idea at every point of the outline (its samples correlated with the
 model's at all starting points at once, by Fourier transform) and by the holes, seen from the
 outline's centroid. Every candidate is then laid onto the object and fitted.
 """

@@ -1,6 +1,7 @@
 """Grey chain: lines, corners and circles of a grey picture, and which view they may be of.
 
-Paper, section 3.2: for tables that are not backlit, and for what silhouettes cannot decide.
+The paper (references.md P3.2): for tables that are not backlit, and for what silhouettes cannot
+decide.
 """
 
 from ._arcs import Circles

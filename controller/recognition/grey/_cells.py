@@ -1,6 +1,6 @@
 """Lines in small cells: a radius-theta Hough transform in each, all cells at once.
 
-Paper, section 3.2. The direction of the gradient says which few angles a point can vote for, and
+references.md P3.2. The direction of the gradient says which few angles a point can vote for, and
 on which side of a line it is bright. Maxima are taken one a round; points of a line found do not
 vote again, which keeps maxima apart.
 """

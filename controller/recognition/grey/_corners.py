@@ -1,7 +1,7 @@
 """Corners and junctions: where ends of lines meet.
 
-Paper, section 3.2, has corners of about 90 deg; here they are of any angle, with the Y (three ends
-meet) and the T (one ends at another's middle) that it left open.
+The paper (references.md P3.2) has corners of about 90 deg; here they are of any angle, with the Y
+(three ends meet) and the T (one ends at another's middle) that it left open.
 """
 
 from dataclasses import dataclass

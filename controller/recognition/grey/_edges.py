@@ -1,7 +1,7 @@
 """Grey picture -> edge points: Sobel, a low threshold, and the ridge of the gradient.
 
-The paper's section 3.2 thresholds low and keeps every point above. Here those off the ridge are
-left out, so that a point is a place on the edge to a tenth of a pixel, and votes once.
+The paper (references.md P3.2) thresholds low and keeps every point above. Here those off the ridge
+are left out, so that a point is a place on the edge to a tenth of a pixel, and votes once.
 """
 
 from collections.abc import Callable
@@ -48,7 +48,7 @@ class EdgePoints:
 
 
 def edge_points(grey: Grey, to_plane: ToPlane, tol: GreyTolerances) -> EdgePoints:
-    """Return the edge points of a picture in the plane; paper, section 3.2.
+    """Return the edge points of a picture in the plane; references.md P3.2.
 
     Parameters
     ----------

@@ -64,7 +64,7 @@ class ImageFeatures:
 def image_features(
     grey: Grey, to_plane: ToPlane, tol: GreyTolerances | None = None
 ) -> ImageFeatures:
-    """Return the features of a grey picture; paper, section 3.2.
+    """Return the features of a grey picture; references.md P3.2.
 
     Parameters
     ----------

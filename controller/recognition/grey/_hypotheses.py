@@ -1,10 +1,10 @@
 """Which view, turned and shifted how, explains a picture's features: best first.
 
-Paper, section 3.2: a feature of the model on one of the picture fixes the transformation, scale
-being known; its worth is how much of the one is then found in the other. The paper tried all
-pairs. Here an index finds the pairs whose sizes agree, pairs that agree with each other are one
-hypothesis, and a hypothesis is dropped when what it has not yet been asked about cannot bring it
-among the best.
+The paper (references.md P3.2): a feature of the model on one of the picture fixes the
+transformation, scale being known; its worth is how much of the one is then found in the other. The
+paper tried all pairs. Here an index finds the pairs whose sizes agree, pairs that agree with each
+other are one hypothesis, and a hypothesis is dropped when what it has not yet been asked about
+cannot bring it among the best.
 """
 
 from collections.abc import Sequence
@@ -65,7 +65,7 @@ def propose(
     most: int = 10,
     tol: GreyTolerances | None = None,
 ) -> tuple[Hypothesis, ...]:
-    """Return what a picture may show, best first; paper, section 3.2.
+    """Return what a picture may show, best first; references.md P3.2.
 
     Parameters
     ----------

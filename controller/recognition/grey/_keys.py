@@ -1,6 +1,6 @@
 """Keys of features that do not change with place and turn.
 
-Four kinds of key: a line between two corners (paper, 3.2), a corner with its two lines, two
+Four kinds of key: a line between two corners (references.md P3.2), a corner with its two lines, two
 circles, a circle and a line; and for views with little of these, a line alone. Keys are scaled so
 that a tolerance is 1.
 """

@@ -1,8 +1,8 @@
 """Pieces of lines from cells -> lines: neighbours that are collinear become one, in rounds.
 
-Paper, section 3.2: "the ends are close together and the angle between them is close to zero". A
-third condition makes it safe: the points of both still lie on one line, which sums of their
-coordinates tell without going back to the points.
+The paper (references.md P3.2): "the ends are close together and the angle between them is close to
+zero". A third condition makes it safe: the points of both still lie on one line, which sums of
+their coordinates tell without going back to the points.
 """
 
 import numpy as np

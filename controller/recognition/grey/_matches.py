@@ -33,7 +33,7 @@ def matches(
     foot_mm: tuple[float, float] = (0.0, 0.0),
     tol: GreyTolerances | None = None,
 ) -> Matches:
-    """Return which features are which once a view is laid on the picture; paper, section 3.2.
+    """Return which features are which once a view is laid on the picture; references.md P3.2.
 
     Parameters
     ----------

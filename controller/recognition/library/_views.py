@@ -84,7 +84,7 @@ class Weighted(Protocol):
 def lying(part: Weighted, pose: StablePose, x_mm: float, y_mm: float, theta_rad: float) -> Array:
     """Return T_world_part of a part at rest: turned upright, then by theta, then moved.
 
-    The centre of mass stands over (x, y) and the lowest point at z = 0 (DESIGN.md 4).
+    The centre of mass stands over (x, y) and the lowest point at z = 0 (conventions.md 4).
     """
     c, s = np.cos(theta_rad), np.sin(theta_rad)
     T = np.eye(4)

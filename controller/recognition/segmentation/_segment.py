@@ -42,7 +42,7 @@ def segment(
     usable: Mask | None = None,
     min_area_px: float | None = None,
 ) -> Segmentation:
-    """Return the things on the table with their outlines (paper, section 3.1).
+    """Return the things on the table with their outlines (references.md P3.1).
 
     Parameters
     ----------
