@@ -2,10 +2,10 @@
 
 python benchmarks/bench_grips.py [--coarse | --materials] [--part NAME ...] [--json]
 
-Parts are those of recipes/parts, of benchmarks/parts and, where the papers lie beside the
-checkout, of shared/parts; the jaws are those of the emulated cell. Seconds are processor time.
-With --materials: the share of each part's grips (found for aluminium, friction 0.5, 30 N) that
-hold with safety 2 when the part is of steel, the pads oily or the jaw weaker (planning.md 2.3).
+Parts are those of recipes/parts, of benchmarks/parts and, where the papers lie beside the checkout,
+of shared/parts; the jaws are those of the emulated cell. Seconds are processor time. With
+--materials: the share of each part's grips (found for aluminium, friction 0.5, 30 N) that hold with
+safety 2 when the part is of steel, the pads oily or the jaw weaker (planning-facts.md 2.3).
 """
 
 from __future__ import annotations

@@ -4,8 +4,8 @@ python benchmarks/bench_motion.py [--json] [--parts NAME...] [--pairs 60] [--mov
 
 Ways are asked for between configurations that plans have: from one view to another, from above a
 pick to a view, from a view to the way into the fixed gripper. The crowded cell has six more posts.
-Numbers to reach (planning.md 8): IK 2 us a pose, a state 0.1 ms, 95 % of the ways within 50 ms,
-all found that exist.
+Numbers to reach (planning-facts.md 8): IK 2 us a pose, a state 0.1 ms, 95 % of the ways within 50
+ms, all found that exist.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ Bools = NDArray[np.bool_]
 FOUND_IOU = 0.5
 NEAR_PX = 3.0  # loop points farther off are of another border
 REPEATS = 5
-LO_SCALE = np.array([5.0, 4.0])  # images/README.md
+LO_SCALE = np.array([5.0, 4.0])  # tests/data/README.md
 LEAST_HOLE_PX = 8.0  # smaller ones in the picture are not counted
 PERIODS = 4
 

@@ -223,7 +223,7 @@ class Judge:
             )
 
     def _floor(self, moments: Sequence[Moment], covered: Mask, grips: Sequence[Grip]) -> int:
-        """Return 1 where pads, being opaque, make one re-grip unavoidable (planning.md 0.3)."""
+        """Return 1 where opaque pads make one regrasp unavoidable (planning-facts.md 0.3)."""
         above = np.zeros(len(covered), dtype=bool)
         for m in moments:
             if isinstance(m.step, Look):

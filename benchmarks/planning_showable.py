@@ -2,7 +2,7 @@
 
 For samples that a plan leaves unseen: directions the bare part shows them from, grips that leave
 them in sight there, joints that hold the part so, free of contact. The first of these sets that is
-empty is the reason (planning.md 1.3); if none is, the sample could have been shown.
+empty is the reason (planning-facts.md 1.3); if none is, the sample could have been shown.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""The gripper's driver and the emulated Robotiq over each of the three ways to its RS-485 line."""
+"""The gripper's driver and the emulated Robotiq over each of the three ways to its RS-485 line.
+
+Sections (§) are those of modbus_devices.md.
+"""
 
 import asyncio
 import itertools
@@ -137,7 +140,7 @@ async def test_jaws_blocked_while_activating_are_a_fault_that_activating_again_c
     by_gateway.jaws.jammed = True
     with pytest.raises(FaultError, match="activation") as fault:
         await by_gateway.gripper.activate()
-    assert fault.value.code == 0x0D  # 2.4
+    assert fault.value.code == 0x0D  # §2.4
     by_gateway.jaws.jammed = False
     assert (await by_gateway.gripper.activate()).is_activated
 
@@ -281,7 +284,7 @@ async def test_the_keep_alive_keeps_fault_09_away(tmp_path: Path, speed: float) 
         while bench.line.lived_s < until_s:
             await asyncio.sleep(0.005)
             longest_idle_s = max(longest_idle_s, bench.device._idle_s)
-        assert 0.05 < longest_idle_s < 1.0  # 2.4: 09 comes after a second
+        assert 0.05 < longest_idle_s < 1.0  # §2.4: 09 comes after a second
         await bench.gripper.aclose()
         await bench.line.pass_time(1.2)
         assert bench.device._shown_fault() == 0x09
@@ -292,7 +295,7 @@ async def test_the_keep_alive_keeps_fault_09_away(tmp_path: Path, speed: float) 
 # ---- faults of the line --------------------------------------------------------------------------
 @pytest.mark.parametrize("transport", FAST_TO_BE_SILENT)
 async def test_a_silent_gripper_is_told_whichever_way_it_shows(impatient: Bench) -> None:
-    """2.8: behind a gateway as exception 0B, else as time-out; both are silence."""
+    """§2.8: behind a gateway as exception 0B, else as time-out; both are silence."""
     impatient.line.bus.faults(UNIT).is_deaf = True
     with pytest.raises(ReplyTimeoutError, match="check its 24 V supply"):
         await impatient.gripper.status()
@@ -346,7 +349,7 @@ async def test_a_reply_that_goes_wrong_once_is_got_over(impatient: Bench, fault:
 
 @pytest.mark.parametrize("transport", [pytest.param("rtu", marks=pytest.mark.slow), "rtu-tcp"])
 async def test_late_answers_are_never_taken_for_others(impatient: Bench) -> None:
-    """8.7: without a transaction number the answer to one read looks like that to the next."""
+    """§8.7: without a transaction number the answer to one read looks like that to the next."""
     faults = impatient.line.bus.faults(UNIT)
     for step in range(4):
         before_mm = impatient.jaws.opening_mm

@@ -1,4 +1,7 @@
-"""The I/O driver and the emulated Moxa E1214: healthy is 1, and what is not fresh is unknown."""
+"""The I/O driver and the emulated Moxa E1214: healthy is 1, and what is not fresh is unknown.
+
+Sections (§) are those of modbus_devices.md.
+"""
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -93,7 +96,7 @@ async def test_an_emergency_stop_is_seen_at_once_and_good_news_twice(
         await bench.shows()
         bench.signals.press_estop()
         await bench.io.wait_for("estop_ok", Signal.NOT_OK)
-        bench.signals.release_estop()  # 7.4: released is not reset
+        bench.signals.release_estop()  # §7.4: released is not reset
         await bench.line.pass_time(0.3)
         assert bench.io.signal("estop_ok") is Signal.NOT_OK
         bench.signals.reset()

@@ -1,4 +1,7 @@
-"""The lamps' driver and the emulated Waveshare modules, LED drivers and all, on one RS-485 line."""
+"""The lamps' driver and the emulated Waveshare modules, LED drivers and all, on one RS-485 line.
+
+Sections (§) are those of modbus_devices.md.
+"""
 
 import asyncio
 from collections.abc import AsyncIterator
@@ -16,7 +19,7 @@ from emulators.lighting_modbus import AnalogOutput8Device, LampModel, LampWiring
 
 LINES: tuple[Transport, ...] = ("tcp", "rtu", "rtu-tcp")
 NAMES = ("ring", "bar", "back")
-# modbus_devices.md 6.1: 12 bits; 6.4: what a lamp loses when it is warm is not lost in a second
+# modbus_devices.md 6.1: 12 bits; §6.4: what a lamp loses when it is warm is not lost in a second
 DAC_STEP = 1 / 4095
 DROOP = 0.03 / 60
 
@@ -73,7 +76,7 @@ async def bench(request: pytest.FixtureRequest, tmp_path: Path) -> AsyncIterator
 
 async def test_both_modules_are_known_and_nothing_is_switched(bench: Bench) -> None:
     bench.line.trace.clear()
-    assert await bench.lights.identify() == ("V1.00", "V1.00")  # 6.1, 6.2: 0064
+    assert await bench.lights.identify() == ("V1.00", "V1.00")  # §6.1, §6.2: 0064
     assert all(state.is_off for state in (await bench.lights.read_back()).lamps.values())
     assert bench.levels() == dict.fromkeys(NAMES, 0.0)
 
@@ -111,7 +114,7 @@ async def test_dark_is_relay_open_and_zero_millivolts(bench: Bench) -> None:
 
 async def test_all_off_takes_what_others_have_lit_too(bench: Bench) -> None:
     await bench.lights.set(dict.fromkeys(NAMES, 1.0), settle=True)
-    bench.relays.request(bytes.fromhex("05 0000 FF00"), 0.0)  # 6.2: relay 1, which has no lamp
+    bench.relays.request(bytes.fromhex("05 0000 FF00"), 0.0)  # §6.2: relay 1, which has no lamp
     await bench.lights.all_off(settle=True)
     assert not any(bench.relays.is_closed(n) for n in range(8))
     assert [bench.analog.output_mv(n) for n in range(8)] == [0.0] * 8
@@ -182,7 +185,7 @@ async def test_swapped_modules_are_told(tmp_path: Path) -> None:
 async def test_a_line_that_comes_back_finds_lamps_as_they_were_left(
     tmp_path: Path, transport: Transport
 ) -> None:
-    """6.1: outputs keep their value when the master disappears."""
+    """§6.1: outputs keep their value when the master disappears."""
     async with lights_bench(transport, tmp_path) as bench:
         await bench.lights.connect()
         await bench.lights.set({"ring": 0.7}, settle=True)

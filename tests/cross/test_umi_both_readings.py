@@ -2,6 +2,8 @@
 
 No terminal and no real time: the emulator's wire is the driver's transport, on a clock that jumps,
 since a busy host cannot keep milliseconds. What does not need them is tried on a real terminal.
+
+Sections (§) are those of umi_rtx.md.
 """
 
 import asyncio
@@ -83,4 +85,4 @@ async def test_no_request_comes_too_early_from_opening_to_the_end_of_a_move() ->
     await bench.arm.move_joints(kinematics.counts_to_q(target))
     assert bench.true_counts() == pytest.approx(target, abs=4)
     assert len(bench.trace) > 500
-    assert not [x for x in bench.trace if x.reply == b"\x0c"]  # 2.9: too early
+    assert not [x for x in bench.trace if x.reply == b"\x0c"]  # §2.9: too early

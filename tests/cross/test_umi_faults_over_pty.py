@@ -2,6 +2,8 @@
 
 "Acceptance for the driver: passes every one of those without moving anything unintended, and never
 reports a joint position as valid after 0E/0F."
+
+Sections (§) are those of umi_rtx.md.
 """
 
 import asyncio
@@ -271,7 +273,7 @@ async def test_automatic_toggling_left_on_is_switched_off(listening: int) -> Non
 async def test_a_reset_that_may_hand_the_line_over_loses_nobody(
     homed: ArmBench, ip: Ip, hands_over: bool
 ) -> None:
-    """1.5: `20` may hand over or not; somebody below the verbs sends one."""
+    """§1.5: `20` may hand over or not; somebody below the verbs sends one."""
     homed.wire.faults.reset_toggles = hands_over
     await homed.arm._axes.link.ask(ip, b"\x20")
     with pytest.raises((PositionLostError, BadReplyError)):
@@ -315,7 +317,7 @@ async def test_an_axis_that_is_jammed_from_the_start_is_homed_where_it_is_or_not
 
 async def test_an_emergency_stop_in_mid_move_ends_it_and_wants_power_anew(homed: ArmBench) -> None:
     arm, model = homed.arm, homed.model
-    assert await arm.read_parameter(Axis.SHOULDER, Parameter.USER_IO) & 1 == 1  # 8.9
+    assert await arm.read_parameter(Axis.SHOULDER, Parameter.USER_IO) & 1 == 1  # §8.9
     move = asyncio.create_task(arm.move_counts({Axis.SHOULDER: 2500, Axis.WRIST1: -2500}))
     await homed.moving()
     model.press_estop()

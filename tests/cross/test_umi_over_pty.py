@@ -1,4 +1,7 @@
-"""The arm's driver and its emulator on a real terminal: opening, homing, moving, gripping."""
+"""The arm's driver and its emulator on a real terminal: opening, homing, moving, gripping.
+
+Sections (§) are those of umi_rtx.md.
+"""
 
 import asyncio
 import math
@@ -28,9 +31,9 @@ from drivers.umi_scara import (
 )
 from emulators.umi_scara import ArmJoints
 
-# umi_rtx.md 4.1 step 7, 4.2: where homing ends, by the arm's own scale
+# umi_rtx.md 4.1 step 7, §4.2: where homing ends, by the arm's own scale
 PARK = {axis: -18 if axis is Axis.ZED else 0 for axis in Axis}
-# one count of rounding at the elbow's stop (4.2: -2629 for -2630), DEAD_BAND 2 (7), one of reading
+# one count of rounding at the elbow's stop (§4.2: -2629 for -2630), DEAD_BAND 2 (7), one of reading
 LABEL_TOLERANCE = 4
 ARRIVAL_TOLERANCE = 4  # DEAD_BAND and the driver's slack of 2
 
@@ -83,7 +86,7 @@ async def test_a_cold_arm_is_opened_whichever_board_listens_and_nothing_moves(
         await bench.arm.enable_power()
         await bench.pass_time(1.0)
         assert identity.restarted_ips == {Ip.WRIST, Ip.ARM}
-        assert identity.rom_versions == {Ip.WRIST: (2, 3), Ip.ARM: (2, 3)}  # 3.1's placeholders
+        assert identity.rom_versions == {Ip.WRIST: (2, 3), Ip.ARM: (2, 3)}  # §3.1's placeholders
         assert bench.true_counts() == before
         assert bench.model.power_on == [True, True]
         assert not bench.refused()
@@ -97,7 +100,7 @@ async def test_a_warm_arm_is_opened_and_its_positions_are_not_believed(listening
         bench.wire.run_warm()
         identity = await bench.arm.connect()
         assert not identity.was_restarted
-        with pytest.raises(PowerOffError):  # 8.10: it is not known whether 27 was ever sent
+        with pytest.raises(PowerOffError):  # §8.10: it is not known whether 27 was ever sent
             await bench.arm.home()
         with pytest.raises(PositionLostError, match="not homed"):
             await bench.arm.read_counts()
@@ -156,7 +159,7 @@ async def test_homing_and_a_move_at_the_speeds_of_cells(speed: float) -> None:
         assert true[Axis.SHOULDER] == pytest.approx(600, abs=ARRIVAL_TOLERANCE + LABEL_TOLERANCE)
         assert true[Axis.WRIST1] == pytest.approx(-300, abs=ARRIVAL_TOLERANCE + LABEL_TOLERANCE)
         gaps_s = [b.at_s - a.at_s for a, b in pairwise(bench.trace)]
-        assert min(gaps_s) >= 0.008  # 1.2, start to start, on the cell's clock
+        assert min(gaps_s) >= 0.008  # §1.2, start to start, on the cell's clock
 
 
 async def test_homing_that_is_cancelled_leaves_an_arm_at_rest_and_not_homed(
@@ -177,7 +180,7 @@ async def test_homing_that_is_cancelled_leaves_an_arm_at_rest_and_not_homed(
 
 # ---- moving --------------------------------------------------------------------------------------
 def random_targets(rng: np.random.Generator) -> dict[Axis, int]:
-    """Counts inside all limits of 5.2, the combined ones included."""
+    """Counts inside all limits of §5.2, the combined ones included."""
     elbow = int(rng.integers(-2500, 2100))
     pitch, roll = int(rng.integers(-2600, 100)), int(rng.integers(-3500, 4800))
     return {
@@ -216,7 +219,7 @@ async def arrivals_s(bench: ArmBench, targets: Mapping[Axis, int]) -> dict[Axis,
 
 
 async def test_axes_of_a_joint_move_arrive_together() -> None:
-    """8.13: speeds are scaled so that all finish at once; without that, they do not."""
+    """§8.13: speeds are scaled so that all finish at once; without that, they do not."""
     order = [Axis.ELBOW, Axis.SHOULDER, Axis.ZED, Axis.WRIST1, Axis.WRIST2, Axis.YAW]
     targets = dict(zip(order, (-1800, 2400, -900, -1300, -700, -300), strict=True))
     async with arm_bench(speed=10.0) as bench:
@@ -227,7 +230,7 @@ async def test_axes_of_a_joint_move_arrive_together() -> None:
         together = await watch
         away = dict.fromkeys(order, 0) | {
             Axis.ZED: -20
-        }  # 5.2: the last counts to the top are taboo
+        }  # §5.2: the last counts to the top are taboo
         await bench.arm.move_counts(away, speeds=dict.fromkeys(order, 150))
         watch = asyncio.create_task(arrivals_s(bench, targets))
         await bench.arm.move_counts(targets, speeds=dict.fromkeys(order, 100))
@@ -319,7 +322,7 @@ async def test_a_part_is_gripped_held_and_its_loss_is_found_by_gripping_again(
     homed: ArmBench,
 ) -> None:
     arm, model = homed.arm, homed.model
-    assert await arm.open_jaws() == pytest.approx(85.5, abs=0.5)  # 5.5, LHS fit at +1200
+    assert await arm.open_jaws() == pytest.approx(85.5, abs=0.5)  # §5.5, LHS fit at +1200
     model.grip_limit_mm = 30.0
     assert await arm.grip(force=30) == pytest.approx(30.0, abs=0.5)
     assert model.jaw_force_fraction == pytest.approx(0.3)  # MAX_FORCE of 100

@@ -3,6 +3,8 @@
 Driver, wire and model share one thread and a clock that jumps, so that a session takes a fraction
 of a second. A *place* is a byte that the session without a fault put on the line; a fault strikes
 at one place, once. What moved is read from the emulated motors, never from the driver.
+
+Sections (§) are those of umi_rtx.md.
 """
 
 import asyncio
@@ -24,7 +26,7 @@ SessionName = Literal["moves", "homing"]
 
 STILL_COUNTS = 4.0  # DEAD_BAND and the driver's slack of 2: less is no motion
 NEAR_COUNTS = 4.5  # of a target; half a count more, since counters are whole
-HOMED_COUNTS = 6.5  # of a label: one count of rounding at the elbow's stop (4.2), and a dither
+HOMED_COUNTS = 6.5  # of a label: one count of rounding at the elbow's stop (§4.2), and a dither
 WIDTH_MM = 0.5  # of a jaw width; 5 counts are 0.4 mm
 PATIENCE_S = 400.0  # a session that takes longer hangs
 PARK = {axis: -18 if axis is Axis.ZED else 0 for axis in Axis}
@@ -276,7 +278,7 @@ class Session:
         if not asked:
             return
         if Axis.ELBOW in asked:
-            asked |= {Axis.YAW}  # the forearm drags the hand along (5.4)
+            asked |= {Axis.YAW}  # the forearm drags the hand along (§5.4)
         if data[0] & 0xE0 == 0xA0 and self.line.asked:
             asked |= self.line.asked  # the boards start one after the other
         self.line.allow(asked)

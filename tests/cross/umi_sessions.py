@@ -4,6 +4,8 @@ The referee is tests/golden/umi_rtx.toml. An exchange is *equal* when request, r
 IP are the reference's; *illustrative* when the reference marks the reply as its own choice and ours
 has the same kind, length and checksum but other numbers; *extra* when the driver asks something
 that the session does not show, for a reason given here. Anything else is *different*.
+
+Sections (§) are those of umi_rtx.md.
 """
 
 import asyncio
@@ -120,7 +122,7 @@ def _is_status(data: bytes) -> bool:
 
 
 def _decisive(status: bytes) -> int:
-    return status[1] & 0x0D  # 2.8: moving, following error, stall; bit 1 carries no decision
+    return status[1] & 0x0D  # §2.8: moving, following error, stall; bit 1 carries no decision
 
 
 def _is_same_kind(ours: bytes, theirs: bytes) -> bool:
@@ -131,7 +133,7 @@ def _is_same_kind(ours: bytes, theirs: bytes) -> bool:
         return ours[0] == theirs[0] and _decisive(ours) == _decisive(theirs)
     if ours[0] >> 4 in (0x8, 0xD):
         low, high = ours[1:]
-        return ours[0] & 0xF == low >> 4 ^ low & 0xF ^ high >> 4 ^ high & 0xF  # 2.2
+        return ours[0] & 0xF == low >> 4 ^ low & 0xF ^ high >> 4 ^ high & 0xF  # §2.2
     return ours[0] == theirs[0]
 
 
@@ -228,7 +230,7 @@ async def _stop_on_error(bench: ArmBench) -> Comparison:
     await bench.moving()
     shoulder = bench.model.axes[EmulatedAxis.SHOULDER]
     bench.model.jam(EmulatedAxis.SHOULDER)
-    # held up while the set-point went on: what 3.6 takes for granted, to the count
+    # held up while the set-point went on: what §3.6 takes for granted, to the count
     counts = round(shoulder.position - shoulder.origin)
     shoulder.set_point, shoulder.velocity = shoulder.origin + counts + 1005, 0.0
     bench.trace.clear()

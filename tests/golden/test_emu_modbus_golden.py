@@ -2,6 +2,8 @@
 
 Every frame of modbus_devices.toml that concerns an emulated device is played; a test counts them,
 so that none is left out in silence.
+
+Sections (§) are those of modbus_devices.md.
 """
 
 import tomllib
@@ -194,7 +196,7 @@ def test_the_gripper_answers_as_its_manual_prints(frame: dict[str, Any]) -> None
     if frame["name"] == "read_status_word_in_reset":
         device = gripper()
     request = raw(frame["request"])
-    # FC06 of 2.7 is printed without its reply, which the standard makes an echo
+    # FC06 of §2.7 is printed without its reply, which the standard makes an echo
     expected = raw(frame["reply"]) if "reply" in frame else request
     assert ask_rtu(device, request) == expected
 

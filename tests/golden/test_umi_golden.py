@@ -1,4 +1,7 @@
-"""The arm's codec against the reference's own bytes: umi_rtx.md 2.2, 2.6, 2.7 and 3."""
+"""The arm's codec against the reference's own bytes: umi_rtx.md 2.2, 2.6, 2.7 and 3.
+
+Sections (§) are those of umi_rtx.md.
+"""
 
 import tomllib
 from pathlib import Path
@@ -49,7 +52,7 @@ def every_request_of_the_encoders() -> set[bytes]:
 def test_every_reply_of_the_worked_sessions_reads_as_one(exchange: dict[str, Any]) -> None:
     request, reply = _bytes(exchange["request"]), _bytes(exchange["reply"])
     if len(request) != codec.request_length(request[0]):
-        assert (exchange["request"], exchange["reply"]) == ("7A 18", "0B")  # 3.9, cut on purpose
+        assert (exchange["request"], exchange["reply"]) == ("7A 18", "0B")  # §3.9, cut on purpose
         request += b"\x00"
     reader = codec.ReplyReader(request)
     if reply == b"\x0f":
@@ -67,8 +70,8 @@ def test_every_reply_of_the_worked_sessions_reads_as_one(exchange: dict[str, Any
 
 def test_the_encoders_can_say_every_request_of_the_worked_sessions() -> None:
     known = every_request_of_the_encoders()
-    foreign_dialect = {bytes.fromhex("62 04 CC")}  # 2.5: iLab's and BS's frame 1
-    cut_short = {bytes.fromhex("7A 18")}  # 3.9
+    foreign_dialect = {bytes.fromhex("62 04 CC")}  # §2.5: iLab's and BS's frame 1
+    cut_short = {bytes.fromhex("7A 18")}  # §3.9
     for session in GOLDEN["session"]:
         for exchange in session["exchange"]:
             request = _bytes(exchange["request"])

@@ -485,7 +485,7 @@ async def test_an_io_error_after_the_restart_is_a_fault(
 async def test_a_node_that_polls_ready_with_nothing_there_is_no_unplug_and_no_spin(
     fake: FakeCamera, calls: FakeCalls, connect: Connect
 ) -> None:
-    # v4l2.md 7, duty 9: POLLERR also means "nothing queued"
+    # v4l2.md 7.9: POLLERR also means "nothing queued"
     camera, t_s = await connect(), past_s()
     fake.is_stuck_ready = True
     fake.changed(False)

@@ -55,7 +55,7 @@ def reachable(start: str, without: frozenset[Event] = frozenset()) -> set[str]:
 
 
 def test_the_states_are_twenty_one_and_each_works_or_rests() -> None:
-    # PackML's words, and within Execute eight stages of a part (DESIGN.md 5) and two of recovery
+    # PackML's words, and within Execute eight stages of a part (ADR 1) and two of recovery
     assert len(STATES) == len(set(STATES)) == 21
     assert set(IN_EXECUTE) <= set(STATES)
     assert set(RESTING) | set(ENTRY) == set(STATES)

@@ -1,4 +1,7 @@
-"""Robotiq 2F-85 emulator: what modbus_devices.md 2.1 to 2.9 says, beyond its printed frames."""
+"""Robotiq 2F-85 emulator: what modbus_devices.md 2.1 to 2.9 says, beyond its printed frames.
+
+Sections (§) are those of modbus_devices.md.
+"""
 
 import pytest
 from emu_modbus_bench import STEP_S
@@ -9,7 +12,7 @@ from emulators.gripper_modbus import Fault, JawModel, RobotiqConfig, RobotiqDevi
 
 RESET, ACTIVATING, ACTIVE = 0, 1, 3
 MOVING, CONTACT_OPENING, CONTACT_CLOSING, AT_POSITION = 0, 1, 2, 3
-COUNT_MM = 85 / (230 - 3)  # 2.5: 3 open, 230 closed
+COUNT_MM = 85 / (230 - 3)  # §2.5: 3 open, 230 closed
 
 
 class Bench:
@@ -214,7 +217,7 @@ def test_a_status_may_be_one_refresh_old_but_fc23_reads_its_own_write() -> None:
     bench = Bench().activate()
     bench.wait(STEP_S * 2)
     bench.write(0x09, 0x80)
-    assert bench.read()[3] == 0x00  # gPR of before: 2.6 warns of it
+    assert bench.read()[3] == 0x00  # gPR of before: §2.6 warns of it
     bench.wait(STEP_S * 2)
     assert bench.read()[3] == 0x80
     both = bench.device.request(bytes.fromhex("17 07D0 0003 03E8 0003 06 0900 0040 FFFF"), 0.0)
@@ -265,7 +268,7 @@ def test_a_part_that_gives_way_a_little_stays_gripped(bench: Bench) -> None:
 
 
 def test_a_part_as_wide_as_asked_is_a_position_reached(bench: Bench) -> None:
-    # gOBJ 3 says "no object or lost": a driver must ask for less than the part's width (2.3)
+    # gOBJ 3 says "no object or lost": a driver must ask for less than the part's width (§2.3)
     bench.jaws.grip_limit_mm = (230 - 0x80) * COUNT_MM
     bench.write(0x09, 0x80)
     bench.wait(1.0)

@@ -1,4 +1,7 @@
-"""Waveshare analog outputs and relays, and their lamps: modbus_devices.md 6.1, 6.2, 6.4."""
+"""Waveshare analog outputs and relays, and their lamps: modbus_devices.md 6.1, 6.2, 6.4.
+
+Sections (§) are those of modbus_devices.md.
+"""
 
 import pytest
 from emu_modbus_bench import STEP_S
@@ -14,7 +17,7 @@ from emulators.lighting_modbus import (
 )
 from emulators.modbus import Bus
 
-STEP_MV = 10000 / 4095  # 6.1: 12-bit DAC
+STEP_MV = 10000 / 4095  # §6.1: 12-bit DAC
 
 
 def pdu(text: str) -> bytes:

@@ -1,11 +1,14 @@
-"""Homing: the host's procedure of umi_rtx.md 4.1 as bytes, and the IPs' own routines."""
+"""Homing: the host's procedure of umi_rtx.md 4.1 as bytes, and the IPs' own routines.
+
+Sections (§) are those of umi_rtx.md.
+"""
 
 import pytest
 from emu_umi_line import Line
 
 from emulators.umi_scara import Axis
 
-# umi_rtx.md 4.2: what homing writes, and the true stops of 5.2 that it was written at
+# umi_rtx.md 4.2: what homing writes, and the true stops of §5.2 that it was written at
 LABELS = {
     Axis.WRIST1: -3101,
     Axis.WRIST2: 459,
@@ -105,7 +108,7 @@ def test_after_homing_the_arm_parks_where_its_counters_say(seed: int) -> None:
             if line.on(ip).ask("17") == "17 00 00":
                 break
             line.pass_time(0.2)
-        line.run(("17", "17 00 00"))  # none of the bits 2, 3, 5: a healthy homed arm; 2.8
+        line.run(("17", "17 00 00"))  # none of the bits 2, 3, 5: a healthy homed arm; §2.8
     line.pass_time(0.5)
     for axis in Axis:
         assert line.counter(axis) == (-18 if axis is Axis.ZED else 0)

@@ -1,4 +1,7 @@
-"""The Robotiq driver against a gripper written from the manual, over each transport."""
+"""The Robotiq driver against a gripper written from the manual, over each transport.
+
+Sections (§) are those of modbus_devices.md.
+"""
 
 import asyncio
 import itertools
@@ -73,7 +76,7 @@ class Robotiq:
         if pdu[0] == 6 and address == 0x03E8:
             self._write(pdu[3:5] + bytes(self.outputs[2:]))
             return pdu
-        return None  # 2.1: it never answers with an exception
+        return None  # §2.1: it never answers with an exception
 
     def _write(self, data: bytes) -> None:
         self.writes.append(bytes(data))
@@ -151,7 +154,7 @@ async def gripper_on(
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
-        # the values are the reference's own reading of each frame, 2.7
+        # the values are the reference's own reading of each frame, §2.7
         ("status_closing", (True, True, 3, 0, 0, 0xFF, 0x0E, 100)),
         ("status_gripped", (True, True, 3, 2, 0, 0xFF, 0xBD, 0)),
         ("status_opening", (True, True, 3, 0, 0, 0x00, 0xBB, 160)),

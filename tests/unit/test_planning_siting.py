@@ -71,7 +71,7 @@ def seen_from(side: np.ndarray) -> float:
 
 
 def test_a_hand_shows_most_to_a_camera_at_its_side_and_least_to_one_overhead() -> None:
-    # the order of planning.md 3.1; and of the whole sphere 0.99 sideways, about half from above
+    # the order of planning-facts.md 3.1; of the whole sphere 0.99 sideways, about half from above
     side, above = seen_from(direction(90.0, 0.0)), seen_from(direction(0.0, 45.0))
     ahead, overhead = seen_from(direction(0.0, 0.0)), seen_from(direction(0.0, 90.0))
     assert side > above > ahead > overhead

@@ -23,7 +23,7 @@ from controller.config import ConfigError
 SIZE = (16, 12)
 KEYS = {
     "image", "part", "stable_pose_R", "x_mm", "y_mm", "theta_deg", "score", "ambiguous_with",
-    "seconds",  # DESIGN.md 7
+    "seconds",  # conventions.md 7
     "pose_index", "sigma_mm", "sigma_deg", "T_world_part", "reason", "remarks", "lighting",
     "seconds_picture",
 }  # fmt: skip

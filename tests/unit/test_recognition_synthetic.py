@@ -80,7 +80,7 @@ def assert_right(seen: Sighting, name: str, T_true: Array, tolerance_mm: float =
     assert seen.T_world_part is not None
     assert seen.R is not None
     assert surface_gap_mm(name, seen.T_world_part, T_true).max() < tolerance_mm
-    # the answer's parts say the same as its pose (DESIGN.md 4)
+    # the answer's parts say the same as its pose (conventions.md 4)
     (pose,) = (p for p in poses(name) if p.index == seen.pose_index)
     told = lying(solids()[name], pose, seen.x_mm, seen.y_mm, seen.theta_rad)
     assert seen.T_world_part == pytest.approx(told, abs=0.03)  # but for a tilt of 0.1 degrees

@@ -1,4 +1,7 @@
-"""The arm's verbs against a small arm on the other end: what moves, what is refused, what stops."""
+"""The arm's verbs against a small arm on the other end: what moves, what is refused, what stops.
+
+Sections (§) are those of umi_rtx.md.
+"""
 
 import asyncio
 import tomllib
@@ -51,7 +54,7 @@ def session(name: str) -> list[tuple[str, str]]:
 def without_repeated_polls(trace: list[tuple[str, str]]) -> list[tuple[str, str]]:
     """How often one polls is up to the host: keep the first of equal polls in a row.
 
-    Bit 1 of a status carries no decision (2.8); the reference marks these statuses as its choice.
+    Bit 1 of a status carries no decision (§2.8); the reference marks these statuses as its choice.
     """
     kept: list[tuple[str, str]] = []
     for request, reply in trace:
@@ -128,7 +131,7 @@ async def test_homing_holds_the_references_sessions() -> None:
     await bench.arm.home()
     trace = without_repeated_polls(as_text(bench.trace))
     zed = without_repeated_polls(session("home one axis: zed"))
-    assert contains(trace, zed[:12])  # up to the stall; then the driver makes sure of it (9.17)
+    assert contains(trace, zed[:12])  # up to the stall; then the driver makes sure of it (§9.17)
     assert contains(trace, zed[12:])
     name = "end of homing: label the stop positions, go to the start pose"
     assert contains(trace, without_repeated_polls(session(name)))
@@ -143,7 +146,7 @@ async def test_homing_labels_the_factory_stops_and_parks() -> None:
     await bench.arm.connect()
     await bench.arm.enable_power()
     await bench.arm.home()
-    # the stop that an axis was driven against now reads as in 4.2
+    # the stop that an axis was driven against now reads as in §4.2
     assert bench.wire.motor(1, 2).high == 0
     assert bench.wire.motor(1, 1).high == 2630
     assert bench.wire.motor(1, 0).low == -2629
@@ -338,7 +341,7 @@ async def test_combined_limits_count_where_the_partner_stands() -> None:
 
 
 async def test_leaving_the_park_does_not_trip_over_zed_above_its_limit() -> None:
-    bench = await Bench().homed()  # zed parks at -18 (4.1), above the software limit of -20
+    bench = await Bench().homed()  # zed parks at -18 (§4.1), above the software limit of -20
     await bench.arm.move_counts({Axis.SHOULDER: 100})
     assert bench.wire.motor(1, 1).counts == 100
 
@@ -367,7 +370,7 @@ async def test_an_axis_that_falls_behind_is_named() -> None:
 
 async def test_motor_power_cut_behind_the_drivers_back_is_noticed() -> None:
     bench = await Bench().homed()
-    bench.wire.motor(1, 1).powered = False  # acknowledged, and nothing happens (8.10)
+    bench.wire.motor(1, 1).powered = False  # acknowledged, and nothing happens (§8.10)
     with pytest.raises(AxisStalledError, match="is motor power on"):
         await bench.arm.move_counts({Axis.SHOULDER: 1000})
 
@@ -621,9 +624,9 @@ async def test_positions_are_labelled_by_homing_alone() -> None:
 # ---- gripper -----------------------------------------------------------------------------------
 async def test_a_grip_ends_where_the_part_is() -> None:
     bench = await Bench().homed()
-    assert await bench.arm.open_jaws() == pytest.approx(85.5, abs=0.05)  # 5.5, n = 1200
+    assert await bench.arm.open_jaws() == pytest.approx(85.5, abs=0.05)  # §5.5, n = 1200
     bench.wire.motor(1, 4).low = 600  # the part
-    assert await bench.arm.grip(force=30) == pytest.approx(38.9, abs=0.05)  # 5.5, n = 600
+    assert await bench.arm.grip(force=30) == pytest.approx(38.9, abs=0.05)  # §5.5, n = 600
     assert bench.wire.motor(1, 4).parameters[10] == 30
     assert await bench.arm.jaw_width_mm() == pytest.approx(38.9, abs=0.05)
 
@@ -639,7 +642,7 @@ async def test_moving_with_a_held_part_is_no_stall_and_a_stall_is_still_seen() -
     bench = await Bench().homed()
     await bench.arm.open_jaws()
     bench.wire.motor(1, 4).low = 600
-    await bench.arm.grip(force=30)  # leaves bit 3 in the general status of IP1 (5.5)
+    await bench.arm.grip(force=30)  # leaves bit 3 in the general status of IP1 (§5.5)
     await bench.arm.move_counts({Axis.SHOULDER: 500, Axis.ZED: -300})
     assert bench.wire.motor(1, 1).counts == 500
     bench.wire.motor(1, 2).low = -700
@@ -698,7 +701,7 @@ async def test_jaws_are_widened_without_homing_and_nothing_else_moves() -> None:
     before = {address: motor.counts for address, motor in motors.items()}
     assert await bench.arm.drive_jaws(10.0) >= 10.0
     moved = {a: motor.counts - before[a] for a, motor in motors.items()}
-    assert 10.0 / 0.0584 <= moved.pop((1, 4)) <= 10.0 / 0.0584 + 200  # 5.5: mm per count
+    assert 10.0 / 0.0584 <= moved.pop((1, 4)) <= 10.0 / 0.0584 + 200  # §5.5: mm per count
     assert set(moved.values()) == {0}
     now = bench.wire.motor(1, 4).counts
     await bench.clock.sleep(2.0)
@@ -754,6 +757,6 @@ async def test_read_q_is_the_forward_side_of_move_joints() -> None:
     q = np.array([0.3, -0.6, 0.2, -250.0, -0.9, 0.4])
     await bench.arm.move_joints(q)
     got = await bench.arm.read_q()
-    # half a count of each motor (5.1): 0.017 to 0.05 deg, and 0.13 mm of zed
+    # half a count of each motor (§5.1): 0.017 to 0.05 deg, and 0.13 mm of zed
     assert np.abs(got - q)[[0, 1, 2, 4, 5]].max() < np.deg2rad(0.08)
     assert abs(got[3] - q[3]) < 0.14

@@ -1,4 +1,7 @@
-"""The arm's codec beyond the reference's examples: cuts, noise, refusals, ranges."""
+"""The arm's codec beyond the reference's examples: cuts, noise, refusals, ranges.
+
+Sections (§) are those of umi_rtx.md.
+"""
 
 import contextlib
 
@@ -15,7 +18,7 @@ ctls = st.integers(0, 4)
 
 
 def nibble_xor(value: int) -> int:
-    """The checksum by the words of 2.2, written another way."""
+    """The checksum by the words of §2.2, written another way."""
     total = 0
     for digit in f"{value & 0xFFFF:04x}":
         total ^= int(digit, 16)

@@ -1,4 +1,7 @@
-"""Kinematics of the arm against umi_rtx.md 6.6, and against itself there and back."""
+"""Kinematics of the arm against umi_rtx.md 6.6, and against itself there and back.
+
+Sections (§) are those of umi_rtx.md.
+"""
 
 import numpy as np
 import pytest
@@ -50,7 +53,7 @@ def to_counts_order(row: tuple[int, ...]) -> list[int]:
 
 
 def legal_q(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-    """Random joints inside the limits of 5.2, drawn from the limits as printed there."""
+    """Random joints inside the limits of §5.2, drawn from the limits as printed there."""
     elbow = rng.uniform(-2629, 2205, count)
     shoulder = rng.uniform(-2629, 2629, count)
     yaw = elbow / 3 + rng.uniform(-1070, 1070, count)
@@ -138,7 +141,7 @@ def test_the_other_elbow_is_legal_as_often_as_the_reference_found() -> None:
     answers, legal = inverse(forward(q), heading_rad=0.0)
     same = np.sign(answers[..., 1]) == np.sign(q[:, None, 1])
     other_is_legal = (legal & ~same).any(axis=-1).mean()
-    assert other_is_legal == pytest.approx(0.39, abs=0.03)  # 6.6: 39 %
+    assert other_is_legal == pytest.approx(0.39, abs=0.03)  # §6.6: 39 %
 
 
 @settings(max_examples=200)
@@ -218,7 +221,7 @@ def test_steep_pitches_have_a_second_branch_beyond_straight_down() -> None:
 
 
 def at_the_limits(rng: np.random.Generator) -> NDArray[np.float64]:
-    """Joints (n, 6) on the limits of 5.2, stretched, folded, straight down, and just outside."""
+    """Joints (n, 6) on the limits of §5.2, stretched, folded, straight down, and just outside."""
     q = legal_q(rng, 160)
     q[:20, 4] = -np.pi / 2
     q[20:30, 1] = 0.0  # stretched
@@ -288,7 +291,7 @@ def test_leading_dimensions_pass_through() -> None:
         ([0, 0, -100, -1321, -1322, 0], "pitch"),
         ([0, 0, -100, 2442, -2441, 0], "roll"),
         ([0, 0, -100, -1781, 1780, 0], "roll"),
-        ([-2629, 0, -100, 0, 0, -1948], "yaw"),  # 4.2: this yaw lies 0.7 count outside
+        ([-2629, 0, -100, 0, 0, -1948], "yaw"),  # §4.2: this yaw lies 0.7 count outside
         ([300, 0, -100, 0, 0, 1172], "yaw"),
         ([300, 0, -100, 0, 0, -972], "yaw"),
     ],
@@ -307,7 +310,7 @@ def test_one_count_beyond_a_limit_is_reported_by_name(counts: list[int], name: s
     [
         [2206, 2630, -20, 54, 54, 735],
         [-2630, -2630, -3303, -1321, -1321, -876],
-        [-2629, 2630, -20, -3101, 459, -1947],  # 4.2: satisfies all combined limits
+        [-2629, 2630, -20, -3101, 459, -1947],  # §4.2: satisfies all combined limits
         [300, 0, -20, 0, 0, 1171],
         [300, 0, -20, 0, 0, -971],
     ],

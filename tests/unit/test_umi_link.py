@@ -1,4 +1,7 @@
-"""The arm's line: opening, pacing, handing over, and back in step after every kind of loss."""
+"""The arm's line: opening, pacing, handing over, and back in step after every kind of loss.
+
+Sections (§) are those of umi_rtx.md.
+"""
 
 import asyncio
 import tomllib
@@ -93,7 +96,7 @@ async def test_silence_says_what_to_check() -> None:
         board.mute = True
     with pytest.raises(LinkError, match=r"neither IP.*check power, cable, boards"):
         await bench.link.open()
-    assert [data for _, data in bench.arm.writes] == [b"\x28", b"\x28"]  # 1.6 step 2
+    assert [data for _, data in bench.arm.writes] == [b"\x28", b"\x28"]  # §1.6 step 2
 
 
 async def test_one_silent_board_is_named() -> None:

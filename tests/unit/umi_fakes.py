@@ -1,8 +1,10 @@
 """The other end of the arm's line for unit tests: a clock that jumps, a small arm, and mishaps.
 
 Written from umi_rtx.md with bytes as literals, so that it shares nothing with the driver. Motors
-run at a constant rate towards an end; the wrist's two share their stops (5.3); there is no yaw
+run at a constant rate towards an end; the wrist's two share their stops (§5.3); there is no yaw
 coupling, no servo and no gravity here.
+
+Sections (§) are those of umi_rtx.md.
 """
 
 import asyncio
@@ -89,7 +91,7 @@ class Board:
         self.motors = [Motor(*reach.get((number, ctl), (-300, 9000))) for ctl in range(5)]
         if number == 0:
             self.motors = [Motor(-(10**6), 10**6) for _ in range(5)]
-        # stops of W1 + W2 and of W1 - W2 (5.2), before anybody has labelled anything
+        # stops of W1 + W2 and of W1 - W2 (§5.2), before anybody has labelled anything
         self.wrist_low, self.wrist_high = [-200, -300], [2550, 8142]
         self.load_defaults()
 
@@ -209,7 +211,7 @@ class Board:
         return b"\x00"
 
     def rate(self, motor: Motor) -> float:
-        # counts per second; brisk, so that tests are short, and IP1 rests later, as in 3.4
+        # counts per second; brisk, so that tests are short, and IP1 rests later, as in §3.4
         return motor.parameters[4] * (30.0 if self.number == 0 else 20.0)
 
 
@@ -305,7 +307,7 @@ def as_text(trace: list[WireExchange]) -> list[tuple[str, str]]:
 
 
 def only_asks(request: str) -> bool:
-    """Whether a request [hex] changes nothing: who listens, status, reads (2.3, 2.5)."""
+    """Whether a request [hex] changes nothing: who listens, status, reads (§2.3, §2.5)."""
     opcode = int(request[:2], 16)
     return opcode in (0x38, 0x60) or 0x10 <= opcode <= 0x17 or 0x40 <= opcode < 0x50 or (
         0x68 <= opcode < 0x70
