@@ -1,7 +1,7 @@
 """Keeps what is known of the part at hand, and reports it: to the journal and to the operator.
 
 *Once* actions (grip, release, hand-off, sort) are on the disk before their bytes leave and are
-never repeated without a look at the jaws (DESIGN.md 5).
+never repeated without a look at the jaws (cell-facts.md 2).
 """
 
 from collections.abc import Awaitable, Callable, Mapping
