@@ -1,20 +1,22 @@
 """The cell's mind as a table: (state, event) -> (state, effects). No I/O, no clock, no waiting.
 
-States carry PackML's names; within Execute stand the stages of one part. `transitions` only
-holds the table: callbacks append effects to a list, the dispatcher runs them as tasks, and their
-outcomes come back as events. `AsyncMachine` is not used: it cancels running callbacks, swallows
-time-outs and loses queued faults (cell-facts.md 1).
+States carry PackML's names; within Execute stand the stages of one part. `transitions` decides: a
+transition of `TABLE` is taken, one of `IGNORED` is an internal transition that changes nothing, and
+an event for which there is none is refused with a reason. Callbacks only note what was decided;
+the dispatcher runs the effects as tasks, and their outcomes come back as events. `AsyncMachine` is
+not used: it cancels running callbacks, swallows time-outs and loses queued faults
+(cell-facts.md 1).
 
-Every pair of state and event is handled, refused with a reason, or ignored on purpose;
-`verdict_on` tells which, and a test builds the whole table.
+docs/state-machine.md is drawn from the machine (`controller.cell.machine_diagram`).
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from typing import Any, Final, Literal
 
-from transitions import EventData
+from transitions import EventData, MachineError
 from transitions.extensions.nesting import HierarchicalMachine
 
 
@@ -168,41 +170,54 @@ TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
     (Event.CLEAR_DONE, ("clearing",), "stopped"),
 )
 
-_HANDLED: Final = frozenset((source, event) for event, sources, _ in TABLE for source in sources)
+# What people and interlocks send; all other events are outcomes of effects
+COMMANDS: Final = (Event.RESET, Event.START, Event.STOP, Event.CLEAR, Event.FAULT)
+_OUTCOMES: Final = tuple(event for event in Event if event not in COMMANDS)
+# Where an effect was overtaken by a stop or a fault, with the outcome that is waited for there
+_OVERTAKEN: Final[Mapping[str, Event | None]] = {
+    "stopping": Event.STOP_DONE,
+    "stopped": None,
+    "aborting": Event.ABORT_DONE,
+    "aborted": None,
+    "holding": Event.HOLD_DONE,
+    "held": None,
+    "clearing": Event.CLEAR_DONE,
+}
 
-# Pairs that are no mistake and change nothing
-IGNORED: Final[Mapping[tuple[str, Event], str]] = {
-    **{(s, Event.FAULT): "already aborting: the first fault is the one on record"
-       for s in ("aborting", "aborted")},
-    **{(s, Event.STOP): "nothing moves any more" for s in
-       ("stopped", "stopping", "aborting", "aborted", "complete", "clearing")},
-    # the fixture's keep-alive may notice late what the hand's own look has told already
-    **{
-        (_stage(name), Event.PART_DROPPED): "nobody holds the part: it is being looked for already"
-        for name in ("acquiring", "recognising", "withdrawing")
-    },
-    # outcomes of a task that was overtaken by a stop or a fault arrive late
-    **{
-        (s, e): "outcome of a task that was stopped"
-        for s in ("stopping", "stopped", "aborting", "aborted", "holding", "held", "clearing")
-        for e in (
-            Event.RESET_DONE, Event.PICTURE_TAKEN, Event.PART_RECOGNISED, Event.PLANNED,
-            Event.PLANNED_ON, Event.GRASPED, Event.GRIP_MISSED, Event.SHOWN, Event.INSPECTED,
-            Event.HAND_OFF_DUE, Event.HANDED_OFF, Event.SET_DOWN_DUE, Event.SET_DOWN,
-            Event.PART_DROPPED, Event.WITHDRAWN, Event.PLAN_VOID, Event.ALL_SEEN, Event.PLACED,
-            Event.PART_DONE, Event.BATCH_DONE, Event.PART_PROBLEM, Event.HOLD_DONE,
-            Event.STOP_DONE, Event.ABORT_DONE, Event.CLEAR_DONE,
+# Pairs that are no mistake and change nothing: events, states, why
+IGNORED: Final[tuple[tuple[tuple[Event, ...], tuple[str, ...], str], ...]] = (
+    (
+        (Event.FAULT,),
+        ("aborting", "aborted"),
+        "already aborting: the first fault is the one on record",
+    ),
+    (
+        (Event.STOP,),
+        ("stopped", "stopping", "aborting", "aborted", "complete", "clearing"),
+        "nothing moves any more",
+    ),
+    # the fixed gripper's keep-alive may notice late what the arm gripper's own look has shown
+    (
+        (Event.PART_DROPPED,),
+        tuple(_stage(name) for name in ("acquiring", "recognising", "withdrawing")),
+        "nobody holds the part: it is being looked for already",
+    ),
+    *(
+        (
+            tuple(event for event in _OUTCOMES if event is not awaited),
+            (state,),
+            "outcome of a task that was stopped",
         )
-        if (s, e) not in _HANDLED
-    },
-}  # fmt: skip
+        for state, awaited in _OVERTAKEN.items()
+    ),
+)
 
 Answer = Literal["handled", "ignored", "refused"]
 
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What the table said to an event.
+    """What the machine did with an event.
 
     Attributes
     ----------
@@ -219,54 +234,69 @@ class Decision:
     reason: str = ""
 
 
+@dataclass(frozen=True, slots=True)
+class Transition:
+    """One transition of the machine; `target` is None where the event is ignored on purpose."""
+
+    event: Event
+    source: str
+    target: str | None
+
+
 class CellMachine:
     """The table with a present state."""
 
     def __init__(self, initial: str = "stopped") -> None:
         self._effects: list[Effect] = []
+        self._ignored_because = ""
         self.state: str = initial
-        states: list[Any] = [s for s in STATES if not s.startswith(EXECUTE)]
-        states.append({"name": EXECUTE, "children": list(STAGES)})
+        stages = [self._described(stage, _stage(stage)) for stage in STAGES]
+        states = [self._described(s, s) for s in STATES if not s.startswith(EXECUTE)]
         self._machine = HierarchicalMachine(
             model=self,
-            states=states,
+            states=[*states, {"name": EXECUTE, "children": stages}],
             initial=initial,
             auto_transitions=False,
             send_event=True,
-            queued=True,
-            after_state_change="_note_effect",
         )
         for event, sources, target in TABLE:
-            for source in sources:
-                self._machine.add_transition(event.value, source, target)
+            self._machine.add_transition(event.value, list(sources), target)
+        for events, sources, reason in IGNORED:
+            for event in events:
+                note = partial(self._note_ignored, reason)
+                self._machine.add_transition(event.value, list(sources), None, after=note)
 
-    def _note_effect(self, event: EventData) -> None:
-        effect = ENTRY.get(self.state)
-        if effect is not None:
-            self._effects.append(effect)
+    def _described(self, name: str, state: str) -> dict[str, Any]:
+        """Return a state as `transitions` takes it: its name, and what is noted on entering it."""
+        effect = ENTRY.get(state)
+        return {"name": name, "on_enter": [] if effect is None else partial(self._note, effect)}
+
+    def _note(self, effect: Effect, _: EventData) -> None:
+        self._effects.append(effect)
+
+    def _note_ignored(self, reason: str, _: EventData) -> None:
+        self._ignored_because = reason
 
     def dispatch(self, event: Event) -> Decision:
         """Take one event; never raises for a pair the table does not know."""
-        source = self.state
-        answer, reason = verdict_on(source, event)
-        if answer != "handled":
-            return Decision(answer, source, source, reason=reason)
-        self._effects = []
-        self.trigger(event.value)  # type: ignore[attr-defined]  # added by transitions
+        source, self._effects, self._ignored_because = self.state, [], ""
+        try:
+            self.trigger(event.value)  # type: ignore[attr-defined]  # added by transitions
+        except MachineError:
+            possible = sorted(
+                t.event for t in self.transitions() if t.source == source and t.target
+            )
+            reason = f"`{event.value}` means nothing in {source}; possible: {', '.join(possible)}"
+            return Decision("refused", source, source, reason=reason)
+        if self._ignored_because:
+            return Decision("ignored", source, source, reason=self._ignored_because)
         return Decision("handled", source, self.state, tuple(self._effects))
 
-    def restore(self, state: str) -> None:
-        """Put the machine into a state read from a journal, without effects."""
-        if state not in STATES:
-            raise ValueError(f"no state {state!r}")
-        self._machine.set_state(state, self)
-
-
-def verdict_on(state: str, event: Event) -> tuple[Answer, str]:
-    """Return what the table does with an event in a state, and why if it does nothing."""
-    if (state, event) in _HANDLED:
-        return "handled", ""
-    if (state, event) in IGNORED:
-        return "ignored", IGNORED[state, event]
-    possible = sorted(e.value for s, e in _HANDLED if s == state)
-    return "refused", f"`{event.value}` means nothing in {state}; possible: {', '.join(possible)}"
+    def transitions(self) -> tuple[Transition, ...]:
+        """Return what the machine was built of, in its own order."""
+        return tuple(
+            Transition(Event(event.name), one.source, one.dest)
+            for event in self._machine.events.values()
+            for of_source in event.transitions.values()
+            for one in of_source
+        )

@@ -1,8 +1,8 @@
 """The recovery policy: which faults of a part the cell recovers from by itself, and how often.
 
 Plain decisions, no device. Each part fault leads back into the table by one event; planning then
-starts from whoever has the part, with what has been seen left out (planning-facts.md 5). After too many
-tries a person is asked.
+starts from whoever has the part, with what has been seen left out (planning-facts.md 5). After too
+many tries a person is asked.
 """
 
 from collections.abc import Mapping, Sequence

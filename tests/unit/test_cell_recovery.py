@@ -23,7 +23,7 @@ from controller.cell.assembly import assemble
 from controller.cell.custody import Custody
 from controller.cell.errors import PartFaultError, PartProblemError, ReleaseRefusedError
 from controller.cell.journal import Journal, read_rows
-from controller.cell.machine import ENTRY, CellMachine, Effect, Event, verdict_on
+from controller.cell.machine import ENTRY, CellMachine, Effect, Event
 from controller.cell.records import PartRecord, Progress
 from controller.cell.recovery import (
     RECOVERY_ACTIONS,
@@ -631,7 +631,8 @@ def test_the_table_takes_each_recovery_wherever_its_trouble_comes_up(
     fault: PartFault, stages: list[str]
 ) -> None:
     for stage in stages:
-        assert verdict_on(f"execute_{stage}", RECOVERY_ACTIONS[fault].event)[0] == "handled"
+        decision = CellMachine(f"execute_{stage}").dispatch(RECOVERY_ACTIONS[fault].event)
+        assert decision.answer == "handled"
 
 
 def test_only_views_that_were_truly_compared_are_remembered() -> None:
