@@ -1,9 +1,8 @@
 """Plans, certificates and prepared parts as files of the cache: how they are stored and checked.
 
-They are stored as compiled parts are (`controller.cad.compiled.keeping`): a header of JSON and the
-arrays beside it, read by the types alone, so that a file can hold nothing that runs. What is read
-is then held against what a plan has to be: a file that was planted or spoilt under a right digest
-moves no arm.
+They are stored by `controller.cache`: JSON and arrays, read by the types alone, so that a file can
+hold nothing that runs. What is read is then held against what a plan has to be: a file that was
+planted or damaged under a right digest moves no arm.
 """
 
 from __future__ import annotations
@@ -16,9 +15,9 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.cache import DiskCache, given, one_of
 from controller.cad import Solid, SurfaceSamples
-from controller.cad.compiled import CompiledPart
-from controller.cad.compiled.keeping import Given, Keeper, Solids, one_of
+from controller.cad.compiled import CompiledPart, solids
 from controller.planning import (
     Certificate,
     HandOver,
@@ -35,8 +34,8 @@ from controller.planning.geometry import PartShape
 
 Array = NDArray[np.float64]
 
-FORMAT = 2  # raised when the meaning of kept plans changes
-KEPT_PLANS, KEPT_PREPARED = 500, 30  # the oldest ones go first; each can be made again
+FORMAT = 3  # raised when the meaning of kept plans changes
+MAX_PLAN_COUNT, MAX_PREPARED_COUNT = 500, 30  # the oldest ones go first; each can be made again
 STEPS = (Pick, Present, HandOver, TakeBack, SetDown, Look)
 ROTATION_TOLERANCE = 1e-6
 # fields that hold one array each, and its shape; the others are looked into
@@ -88,36 +87,35 @@ class Kept:
 
     def __init__(self, part: CompiledPart) -> None:
         self._part = part
-        solids = {Solid: Solids()}
-        steps = {Step: one_of(STEPS, solids)}
-        self.plans = Keeper(
+        steps = {Step: one_of(STEPS, {Solid: solids()})}
+        self.plans = DiskCache(
             KeptPlan,
             "plan",
             "a plan",
             steps,
             check=self._check_kept,
-            kept_count=KEPT_PLANS,
+            max_count=MAX_PLAN_COUNT,
         )
-        self.certificates = Keeper(
+        self.certificates = DiskCache(
             Certified,
             "certificate",
             "a certificate",
             steps,
             check=self._check_certified,
-            kept_count=KEPT_PLANS,
+            max_count=MAX_PLAN_COUNT,
         )
 
     @cached_property
-    def prepared(self) -> Keeper[PreparedPart]:
+    def prepared(self) -> DiskCache[PreparedPart]:
         """The cache of what is prepared of the part; the part itself is not stored once more."""
         solid, samples, shape = self._part.solid, self._part.samples, PartShape.of(self._part.solid)
-        return Keeper(
+        return DiskCache(
             PreparedPart,
             "prepared",
             "a prepared part",
-            {Solid: Given(solid), SurfaceSamples: Given(samples), PartShape: Given(shape)},
+            {Solid: given(solid), SurfaceSamples: given(samples), PartShape: given(shape)},
             check=check_prepared,
-            kept_count=KEPT_PREPARED,
+            max_count=MAX_PREPARED_COUNT,
         )
 
     def _check_kept(self, kept: KeptPlan) -> None:

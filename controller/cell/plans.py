@@ -7,19 +7,15 @@ has to be found out about an old file: another key is another file.
 
 from __future__ import annotations
 
-import hashlib
-import importlib.metadata
-from collections.abc import Iterable, Mapping
-from dataclasses import fields, is_dataclass
-from enum import Enum
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.cache import digest_of, source_hash, versions
 from controller.cad import StablePose
-from controller.cad.compiled import CompiledPart, source_hash
+from controller.cad.compiled import CompiledPart
 from controller.planning import (
     CellLayout,
     Certificate,
@@ -35,10 +31,11 @@ from controller.planning import (
 
 from .kept_plans import FORMAT, Certified, Kept, KeptPlan
 
-__all__ = ["Certified", "KeptPlan", "Planning", "digest_of", "planner_hash"]
+__all__ = ["Certified", "KeptPlan", "Planning", "planner_hash"]
 
 Array = NDArray[np.float64]
 
+SOURCES = ("controller/cad", "controller/imaging", "controller/planning", "drivers/umi_scara")
 DECIDING = ("numpy", "scipy", "shapely", "trimesh", "embreex", "python-fcl", "networkx")
 
 
@@ -99,14 +96,14 @@ class Planning:
         """
         if self._prepared is None:
             file = self._kept.prepared.file(self._part.solid.name, self._key)
-            found = self._kept.prepared.load(file, FORMAT) if self._use_cache else None
+            found = self._kept.prepared.load(file) if self._use_cache else None
             if found is None:
                 self._made += 1
                 found = prepare_part(
                     self._part.solid, self._part.samples, self._layout, self._options
                 )
                 if self._use_cache:
-                    self._kept.prepared.save(file, found, FORMAT)
+                    self._kept.prepared.save(file, found)
             self._prepared = found
         return self._prepared
 
@@ -116,7 +113,7 @@ class Planning:
         file = self._plan_file(pose.index, T)
         found = self._told.get(file)
         if found is None and self._use_cache:
-            found = self._kept.plans.load(file, FORMAT)
+            found = self._kept.plans.load(file)
         if found is None:
             self._made += 1
             try:
@@ -125,7 +122,7 @@ class Planning:
             except NoPlanError as error:
                 found = KeptPlan(pose.index, T, None, str(error))
             if self._use_cache:
-                self._kept.plans.save(file, found, FORMAT)
+                self._kept.plans.save(file, found)
         self._told[file] = found
         return found
 
@@ -133,12 +130,12 @@ class Planning:
         """Return what a pose comes to, lying in the middle of where parts may lie."""
         name = self._part.solid.name
         file = self._kept.certificates.file(name, digest_of(self._key, "certificate", pose.index))
-        found = self._kept.certificates.load(file, FORMAT) if self._use_cache else None
+        found = self._kept.certificates.load(file) if self._use_cache else None
         if found is None:
             self._made += 1
             found = self._certify(pose)
             if self._use_cache:
-                self._kept.certificates.save(file, found, FORMAT)
+                self._kept.certificates.save(file, found)
         x_mm, y_mm = self._layout.set_down_mm.mean(axis=1).tolist()
         T = resting_pose(self._part.solid, pose, x_mm, y_mm)
         kept = KeptPlan(pose.index, T, found.told.plan, found.told.reason)
@@ -164,53 +161,4 @@ class Planning:
 def planner_hash() -> str:
     """Return a hash of all source that decides a plan, and of the libraries it computes with."""
     root = Path(__file__).parents[2]
-    digest = hashlib.sha256(source_hash().encode())
-    for folder in ("controller/planning", "drivers/umi_scara"):
-        for source in sorted((root / folder).rglob("*.py")):
-            digest.update(source.relative_to(root).as_posix().encode())
-            digest.update(source.read_bytes())
-    for package in DECIDING:
-        try:
-            digest.update(f"{package} {importlib.metadata.version(package)}".encode())
-        except importlib.metadata.PackageNotFoundError:
-            digest.update(f"{package} none".encode())
-    return digest.hexdigest()
-
-
-def digest_of(*values: object) -> str:
-    """Return a hash of numbers, words, arrays, and of dataclasses and collections of these.
-
-    Raises
-    ------
-    TypeError : anything else, which might not say all that it is
-    """
-    digest = hashlib.sha256()
-    for piece in _pieces(values):
-        digest.update(len(piece).to_bytes(8, "little"))
-        digest.update(piece)
-    return digest.hexdigest()
-
-
-def _pieces(value: object) -> Iterable[bytes]:
-    if isinstance(value, np.ndarray):
-        yield f"{value.dtype.str}{value.shape}".encode()
-        yield np.ascontiguousarray(value).tobytes()
-    elif value is None or isinstance(value, bool | int | float | str | Enum | np.generic):
-        yield f"{type(value).__name__} {value!r}".encode()
-    elif is_dataclass(value):
-        yield type(value).__name__.encode()
-        for field in fields(value):
-            yield field.name.encode()
-            yield from _pieces(getattr(value, field.name))
-    elif isinstance(value, Mapping):
-        yield f"mapping {len(value)}".encode()
-        for key, item in value.items():
-            yield from _pieces(key)
-            yield from _pieces(item)
-    elif isinstance(value, tuple | list | frozenset):
-        items = sorted(value, key=repr) if isinstance(value, frozenset) else value
-        yield f"{type(value).__name__} {len(value)}".encode()
-        for item in items:
-            yield from _pieces(item)
-    else:
-        raise TypeError(f"{type(value).__name__} cannot be part of a key")
+    return digest_of(source_hash(*(root / room for room in SOURCES)), versions(*DECIDING))

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from controller.cad.compiled import cache_dir
+from controller.cache import cache_dir
 
 from ._output import warn
 from ._version import installed_version

@@ -4,21 +4,20 @@ A start reads a few kilobytes of each part; edges are read when a part turns up.
 hold a thousand parts.
 """
 
-import hashlib
-import json
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
+from controller.cache import DiskCache, digest_of, source_hash
 from controller.cad import Solid
 from controller.cad.compiled import CompileOptions, cache_key, load_part, part_name
-from controller.cad.compiled.keeping import Keeper
 from controller.imaging import Camera
 
 from .fitting import EdgeShape, edge_shape
 from .library import Entry, Library, Station, check_fits, make_entry, station_of
 
-FORMAT = 1  # raised when the same source comes to mean something else
+FORMAT = 2  # raised when the same source comes to mean something else
+ROOM = Path(__file__).parent
 
 
 def open_library(
@@ -55,25 +54,25 @@ def open_library(
 def _entry(path: Path, options: CompileOptions, station: Station, cache: Path | None) -> Entry:
     key = _key(path, options, station)
     if key is not None:
-        found = _entries().load(_entries().file(part_name(path), key, cache))
+        found = entry_cache().load(entry_cache().file(part_name(path), key, cache))
         if found is not None:
             return found
     entry, shape = make_entry(load_part(path, options, cache), station)
     if key is not None:
-        _entries().save(_entries().file(part_name(path), key, cache), entry)
-        _shapes().save(_shapes().file(part_name(path), key, cache), shape)
+        entry_cache().save(entry_cache().file(part_name(path), key, cache), entry)
+        shape_cache().save(shape_cache().file(part_name(path), key, cache), shape)
     return entry
 
 
 def _shape(path: Path, options: CompileOptions, station: Station, cache: Path | None) -> EdgeShape:
     key = _key(path, options, station)
     if key is not None:
-        found = _shapes().load(_shapes().file(part_name(path), key, cache))
+        found = shape_cache().load(shape_cache().file(part_name(path), key, cache))
         if found is not None:
             return found
     shape = edge_shape(load_part(path, options, cache).solid)
     if key is not None:
-        _shapes().save(_shapes().file(part_name(path), key, cache), shape)
+        shape_cache().save(shape_cache().file(part_name(path), key, cache), shape)
     return shape
 
 
@@ -82,26 +81,17 @@ def _key(path: Path, options: CompileOptions, station: Station) -> str | None:
     part = cache_key(path, options)
     if part is None:
         return None
-    asked = [FORMAT, part, part_name(path), station.eye_mm, station.reach_mm, _source_hash()]
-    return hashlib.sha256(json.dumps(asked).encode()).hexdigest()
+    sources = source_hash(*(ROOM / folder for folder in ("library", "fitting", "grey")))
+    return digest_of(FORMAT, part, part_name(path), station.eye_mm, station.reach_mm, sources)
 
 
 @lru_cache(maxsize=1)
-def _entries() -> Keeper[Entry]:
-    return Keeper(Entry, "views", "views of a part")
+def entry_cache() -> DiskCache[Entry]:
+    """Return the cache of what a library keeps of parts."""
+    return DiskCache(Entry, "views", "views of a part")
 
 
 @lru_cache(maxsize=1)
-def _shapes() -> Keeper[EdgeShape]:
-    return Keeper(EdgeShape, "edges", "edges of a part")
-
-
-@lru_cache(maxsize=1)
-def _source_hash() -> str:
-    """Return a hash of what decides of what is kept: changed rules make it void."""
-    root = Path(__file__).parent
-    digest = hashlib.sha256()
-    for folder in ("library", "fitting", "grey"):
-        for source in sorted((root / folder).rglob("*.py")):
-            digest.update(source.read_bytes())
-    return digest.hexdigest()
+def shape_cache() -> DiskCache[EdgeShape]:
+    """Return the cache of what the edges of parts are made from."""
+    return DiskCache(EdgeShape, "edges", "edges of a part")

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from cad_solids import box, mesh_of, rod
 
+from controller.cache import digest_of
 from controller.cad.compiled import load_part
 from controller.cell import plans
-from controller.cell.plans import digest_of
 from controller.cli import _plan_site, main
 from controller.commissioning.siting import PartScore, SiteReport, SiteScore, site_of
 from controller.config import load_cell

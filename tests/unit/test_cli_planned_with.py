@@ -9,10 +9,11 @@ from typing import Any
 import pytest
 from cad_solids import box, mesh_of, rod
 
+from controller.cache import digest_of
 from controller.cad.compiled import load_part
 from controller.cell import workers
 from controller.cell.checking import check_job
-from controller.cell.plans import Planning, digest_of
+from controller.cell.plans import Planning
 from controller.cli import main
 from controller.cli._plan_json import certificate_json, plan_json
 from controller.config import load_cell, load_recipe

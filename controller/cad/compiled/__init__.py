@@ -1,6 +1,7 @@
-"""Everything that follows from a part alone, computed once and kept in one file."""
+"""Everything that follows from a part alone, computed once and kept in the cache."""
 
-from ._cache import cache_key, cached_part, load_part, make_part, source_hash
+from ._cache import cache_key, cached_part, load_part, make_part
+from ._mesh import solids
 from ._part import (
     UNITLESS,
     CompiledPart,
@@ -10,13 +11,11 @@ from ._part import (
     options_among,
     part_name,
 )
-from .keeping import cache_dir
 
 __all__ = [
     "UNITLESS",
     "CompileOptions",
     "CompiledPart",
-    "cache_dir",
     "cache_key",
     "cached_part",
     "compile_part",
@@ -25,5 +24,5 @@ __all__ = [
     "make_part",
     "options_among",
     "part_name",
-    "source_hash",
+    "solids",
 ]

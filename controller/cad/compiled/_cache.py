@@ -6,24 +6,21 @@ found out about an old one. The file repeats the key, the shape of what it holds
 """
 
 import hashlib
-import importlib.metadata
-import json
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
-import numpy as np
-import scipy
-import trimesh
+from controller.cache import DiskCache, digest_of, source_hash, versions
 
 from ..solid import Solid
-from ._mesh import Solids, called
-from ._part import CompiledPart, CompileOptions, compile_part, part_name
-from .keeping import Keeper
+from ._mesh import called, solids
+from ._part import STEP, CompiledPart, CompileOptions, compile_part, part_name
 
-FORMAT = 1  # raised when the same source and options come to mean something else
-KEPT_FILES = 200  # the oldest ones go first; each can be computed again
-MOST_BYTES = 2**30
+FORMAT = 2  # raised when the same source and options come to mean something else
+MAX_FILE_COUNT = 200  # the oldest ones go first; each can be computed again
+MAX_CAD_BYTES = 2**30
+SOURCES = tuple(Path(__file__).parents[2] / room for room in ("cad", "imaging"))
+DECIDING = ("numpy", "scipy", "trimesh", "manifold3d", "embreex")  # of what a file becomes
 
 
 def load_part(
@@ -51,7 +48,7 @@ def cached_part(
     file = _file_of(path, options or CompileOptions(), cache)
     if file is None:
         return None
-    part = _parts().load(file, FORMAT)
+    part = part_cache().load(file)
     return part and replace(part, solid=called(part.solid, part_name(path)))
 
 
@@ -69,36 +66,17 @@ def make_part(
     part = compile_part(path, options)
     if file is None or file != _file_of(path, options, cache):
         return part  # the CAD file was written to meanwhile: what was read may be either
-    data = encode_part(part, file.stem)
-    if _parts().write(file, data):
-        _parts().tidy(file.parent, KEPT_FILES)
+    part_cache().save(file, part)
     # what the next start will get, so that the first run and the second are the same
-    return decode_part(bytearray(data), file.stem)
-
-
-def encode_part(part: CompiledPart, key: str) -> bytes:
-    """Return a compiled part as the bytes of a file.
-
-    Raises
-    ------
-    TypeError : it holds what its annotations do not allow
-    """
-    return _parts().encode(part, key, FORMAT)
-
-
-def decode_part(data: bytearray, key: str) -> CompiledPart:
-    """Return the compiled part in a file's bytes; its arrays are views of ``data``.
-
-    Raises
-    ------
-    CodecError : damaged, of another version, or of another part
-    """
-    return _parts().decode(data, key, FORMAT)
+    return part_cache().load(file) or part
 
 
 @lru_cache(maxsize=1)
-def _parts() -> Keeper[CompiledPart]:
-    return Keeper(CompiledPart, "part", "a compiled part", {Solid: Solids()})
+def part_cache() -> DiskCache[CompiledPart]:
+    """Return the cache of compiled parts."""
+    return DiskCache(
+        CompiledPart, "part", "a compiled part", {Solid: solids()}, max_count=MAX_FILE_COUNT
+    )
 
 
 def _file_of(path: Path, options: CompileOptions, cache: Path | None) -> Path | None:
@@ -106,47 +84,19 @@ def _file_of(path: Path, options: CompileOptions, cache: Path | None) -> Path | 
     key = cache_key(path, options)
     if key is None:
         return None
-    return _parts().file(part_name(path), key, cache)
+    return part_cache().file(part_name(path), key, cache)
 
 
 def cache_key(path: Path, options: CompileOptions) -> str | None:
     """Return what tells one compiled part from another, None where the file cannot be read."""
     try:
         # a pipe or a device would keep us for ever, what is larger is refused before it is read
-        if not path.is_file() or path.stat().st_size > MOST_BYTES:
+        if not path.is_file() or path.stat().st_size > MAX_CAD_BYTES:
             return None
         with path.open("rb") as file:
             content = hashlib.file_digest(file, "sha256").hexdigest()
     except OSError:
         return None  # reading it tells why
     ending = path.suffix.lower()
-    asked = [FORMAT, content, ending, asdict(options), source_hash(), *_versions(ending)]
-    return hashlib.sha256(json.dumps(asked).encode()).hexdigest()
-
-
-@lru_cache(maxsize=1)
-def source_hash() -> str:
-    """Return a hash of the source of cad and imaging: what is computed changes with it."""
-    root = Path(__file__).parents[2]
-    digest = hashlib.sha256()
-    for room in ("cad", "imaging"):
-        for source in sorted((root / room).rglob("*.py")):
-            digest.update(source.relative_to(root).as_posix().encode())
-            digest.update(source.read_bytes())
-    return digest.hexdigest()
-
-
-@lru_cache(maxsize=8)
-def _versions(ending: str) -> tuple[str, ...]:
-    """Return the versions of the libraries that decide what a file of this kind becomes."""
-    deciding = ["manifold3d", "embreex"]
-    if ending in {".step", ".stp"}:
-        deciding.append("cadquery-ocp-novtk")
-    return np.__version__, scipy.__version__, trimesh.__version__, *map(_version, deciding)
-
-
-def _version(package: str) -> str:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return "none"
+    libraries = (*DECIDING, "cadquery-ocp-novtk") if ending in STEP else DECIDING
+    return digest_of(FORMAT, content, ending, options, source_hash(*SOURCES), versions(*libraries))

@@ -5,18 +5,16 @@ keep them. What the rooms above ask of every part is kept in the file and put ba
 that a part read from the file answers as the one that was compiled.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from controller.cache import CacheError, Codec, converted, make_codec
+
 from ..boundary import Boundary
 from ..solid import Solid
-from ._codec import make_codec
-from ._columns import Codec, CodecError, Reader, Tree, Writer, parts_of
 
 Array = NDArray[np.float64]
 Triangles = NDArray[np.int64]
@@ -40,25 +38,40 @@ class StoredBody:
     hull: StoredMesh
 
 
-class Meshes(Codec):
-    """`trimesh.Trimesh`; colours, materials and the name of its file are not of the part."""
+@dataclass(frozen=True, eq=False, slots=True)
+class StoredSolid:
+    """A solid and its boundary."""
 
-    def __init__(self) -> None:
-        self._body = make_codec(StoredBody)
-        self.says = f"Trimesh {self._body.says}"
+    solid: Solid
+    boundary: Boundary
 
-    def accepts(self, value: object) -> bool:
-        return type(value) is trimesh.Trimesh
 
-    def write(self, column: Sequence[Any], to: Writer) -> Tree:
-        for value in column:
-            if not self.accepts(value):
-                raise TypeError(f"{type(value).__name__} where a mesh is declared")
-        bodies = [StoredBody(_stored(mesh), _stored(mesh.convex_hull)) for mesh in column]
-        return self._body.write(bodies, to)
+def meshes() -> Codec:
+    """Return the codec of `trimesh.Trimesh`.
 
-    def read(self, tree: object, count: int, of: Reader) -> list[Any]:
-        return [_body(stored) for stored in self._body.read(tree, count, of)]
+    Colours, materials and the name of its file are not of the part.
+    """
+    return converted(
+        trimesh.Trimesh,
+        make_codec(StoredBody),
+        lambda mesh: StoredBody(_stored(mesh), _stored(mesh.convex_hull)),
+        _body,
+    )
+
+
+def solids() -> Codec:
+    """Return the codec of `Solid`, with its boundary in place."""
+    return converted(
+        Solid,
+        make_codec(StoredSolid, {Solid: make_codec(Solid, {trimesh.Trimesh: meshes()})}),
+        lambda solid: StoredSolid(solid, solid.boundary),
+        _solid,
+    )
+
+
+def _solid(stored: StoredSolid) -> Solid:
+    vars(stored.solid)["boundary"] = stored.boundary
+    return stored.solid
 
 
 def _stored(mesh: trimesh.Trimesh) -> StoredMesh:
@@ -80,9 +93,9 @@ def _mesh(stored: StoredMesh) -> trimesh.Trimesh:
     n = len(stored.faces)
     shapes = (stored.vertices.shape[1:], stored.faces.shape[1:], stored.face_normals.shape)
     if shapes != ((3,), (3,), (n, 3)) or stored.area_faces.shape != (n,):
-        raise CodecError("arrays that make no mesh")
+        raise CacheError("arrays that make no mesh")
     if n and not 0 <= stored.faces.min() <= stored.faces.max() < len(stored.vertices):
-        raise CodecError("triangles of corners that are not there")
+        raise CacheError("triangles of corners that are not there")
     mesh = trimesh.Trimesh(stored.vertices, stored.faces, process=False)
     # the constructor's `initial_cache` is thrown away once the corners are set, and its
     # `face_normals` are not taken as they are, so what is known is put where it would be looked for
@@ -91,29 +104,6 @@ def _mesh(stored: StoredMesh) -> trimesh.Trimesh:
     cache["face_normals"] = stored.face_normals
     cache["area_faces"] = stored.area_faces
     return mesh
-
-
-class Solids(Codec):
-    """`Solid`, with its boundary in place."""
-
-    def __init__(self) -> None:
-        self._solid = make_codec(Solid, {trimesh.Trimesh: Meshes()})
-        self._boundary = make_codec(Boundary)
-        self.says = f"{self._solid.says} {self._boundary.says}"
-
-    def accepts(self, value: object) -> bool:
-        return self._solid.accepts(value)
-
-    def write(self, column: Sequence[Any], to: Writer) -> Tree:
-        solids = self._solid.write(column, to)
-        return [solids, self._boundary.write([solid.boundary for solid in column], to)]
-
-    def read(self, tree: object, count: int, of: Reader) -> list[Any]:
-        inner = parts_of(tree, 2)
-        solids = self._solid.read(inner[0], count, of)
-        for solid, boundary in zip(solids, self._boundary.read(inner[1], count, of), strict=True):
-            vars(solid)["boundary"] = boundary
-        return solids
 
 
 def called(solid: Solid, name: str) -> Solid:

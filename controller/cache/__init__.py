@@ -1,0 +1,25 @@
+"""Results on disk that can always be computed again, safe to read from a folder of anybody's.
+
+A file of the cache is an ordinary ``.npz``: a tree in JSON, validated against the annotations of
+the type it was written from, and arrays of numbers beside it. Nothing in it can run. A file is
+named by what decides its content; a damaged, planted or foreign one is a miss.
+"""
+
+from ._disk import DiskCache, cache_dir
+from ._file import CacheError
+from ._keys import digest_of, source_hash, versions
+from ._types import Codec, converted, given, make_codec, one_of
+
+__all__ = [
+    "CacheError",
+    "Codec",
+    "DiskCache",
+    "cache_dir",
+    "converted",
+    "digest_of",
+    "given",
+    "make_codec",
+    "one_of",
+    "source_hash",
+    "versions",
+]
