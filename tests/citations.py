@@ -89,8 +89,12 @@ class Checkout:
         self.keys = {p: keys_of(text) for p, text in self.texts.items() if p.suffix == ".md"}
 
     @cached_property
-    def adrs(self) -> set[int]:
-        return {int(p.name[:4]) for p in self.keys if re.match(r"\d{4}-", p.name)}
+    def adrs(self) -> dict[int, list[Path]]:
+        found: dict[int, list[Path]] = {}
+        for path in self.keys:
+            if re.match(r"\d{4}-", path.name):
+                found.setdefault(int(path.name[:4]), []).append(path)
+        return found
 
     @cached_property
     def standards(self) -> str:
@@ -119,6 +123,9 @@ class Checkout:
     def problems_of(self, path: Path) -> Iterator[Problem]:
         """Return the citations of one file that lead nowhere."""
         text = self.texts[path]
+        for number, same in self.adrs.items():
+            if path in same[1:]:
+                yield Problem(path, 1, f"{same[0]} is ADR {number}, too")
         for offset, why in self._dangling(path, text):
             yield Problem(path, text.count("\n", 0, offset) + 1, why)
         if path.suffix == ".py" and (path.parts[0] in SHORT_FORM_ONLY or NAMED.search(text)):

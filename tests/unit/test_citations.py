@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -117,7 +118,27 @@ def test_a_citation_that_leads_nowhere_is_named_with_its_line(
     assert why in problem
 
 
+def test_two_adrs_of_one_number_are_a_problem(plant: Path) -> None:
+    (problem,) = found(plant, f"docs/adr/0007-why-not{DOT_MD}", "# 7. Why not\n")
+    assert problem.endswith(f"-why{DOT_MD} is ADR 7, too")
+
+
 def test_a_golden_file_cites_by_its_sections(plant: Path) -> None:
     text = f'# Sections ({SIGN}) are those of wire{DOT_MD}.\nsection = "2.3"\nsection = "3.1"\n'
     (problem,) = found(plant, "tests/wire.toml", text)
     assert problem == f"tests/wire.toml:3: wire{DOT_MD} has no section 3.1"
+
+
+MAY_NOT_RUN = re.compile(r"mark\.(?:skipif|skip|xfail)\b|pytest\.skip\(|importorskip|@needs_kernel")
+
+
+def test_the_readme_names_every_file_whose_tests_may_not_run() -> None:
+    """What is skipped on some machines, or expected to fail, is told where the tests are."""
+    files = {
+        path.name
+        for path in (ROOT / "tests").rglob("test_*.py")
+        if path != Path(__file__) and MAY_NOT_RUN.search(path.read_text(encoding="utf-8"))
+    }
+    readme = (ROOT / f"README{DOT_MD}").read_text(encoding="utf-8")
+    told = readme[readme.index("<!-- test command -->") : readme.index("## What you can do")]
+    assert files == set(re.findall(r"test_\w+\.py", told))
