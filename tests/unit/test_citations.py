@@ -120,7 +120,7 @@ def test_a_citation_that_leads_nowhere_is_named_with_its_line(
 
 def test_two_adrs_of_one_number_are_a_problem(plant: Path) -> None:
     (problem,) = found(plant, f"docs/adr/0007-why-not{DOT_MD}", "# 7. Why not\n")
-    assert problem.endswith(f"-why{DOT_MD} is ADR 7, too")
+    assert problem.endswith("is ADR 7, too")
 
 
 def test_a_golden_file_cites_by_its_sections(plant: Path) -> None:
