@@ -230,7 +230,7 @@ def _print(part: CompiledPart, body: dict[str, Any]) -> None:
     table = Table(box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("pose", justify="right")
     table.add_column("up", no_wrap=True)  # the view vector of the paper's Table 1
-    for heading in ("laid\n%", "dropped\n%", "tips at\nmJ/kg", "rank", "centre\nmm"):
+    for heading in ("gently\n%", "dropped\n%", "tips at\nmJ/kg", "rank", "centre\nmm"):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("remarks", min_width=20)
     for pose in part.poses:
@@ -253,4 +253,4 @@ def _print(part: CompiledPart, body: dict[str, Any]) -> None:
         told = (f"{count} x {label}" if count > 1 else label for label, count in labels.items())
         say(f"features: {'; '.join(told)}")
     if part.tolerances:
-        say(f"tolerances: {len(part.tolerances)} demanded by the drawing")
+        say(f"tolerances: {len(part.tolerances)} required by the drawing")

@@ -235,7 +235,7 @@ def _details(
 
     sheet = window(picture, camera, f, side)
     draw_others(sheet, f, camera)
-    panels.append(titled(sheet.canvas, "4 other readings, and what speaks for them"))
+    panels.append(titled(sheet.canvas, "4 other hypotheses, and their evidence"))
     return _row(panels, width)
 
 

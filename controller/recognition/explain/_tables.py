@@ -269,7 +269,7 @@ def _evidence(f: ObjectFacts) -> StageTable:
         if e.area_mm2 > 0:
             inside = (e.inner, e.inner_mm, e.inner_explained, e.shading)
         rows.append((number, e.outline, e.explained, e.sigma_px, *inside))
-    return _table(f"object {f.number}: what speaks for them, shares of 1", columns, rows)
+    return _table(f"object {f.number}: evidence, shares of 1", columns, rows)
 
 
 def _decision(f: ObjectFacts) -> StageTable:
