@@ -294,7 +294,7 @@ def _part_json(part: PartRecord) -> dict[str, Any]:
         "covered_fraction": None if part.verdict is None else part.verdict.covered_fraction,
         "views": len(part.results),
         "views_evaluated": sum(r.evaluated for r in part.results),
-        "recoveries": [one.trouble.value for one in part.recoveries],
+        "recoveries": [one.fault.value for one in part.recoveries],
         "sighting": None
         if s is None
         else {
