@@ -43,7 +43,7 @@ def child(asked: dict[str, Any]) -> dict[str, float]:
     try:
         from controller.setup.layout import build_layout
     except ImportError:  # a revision before ADR 20
-        from controller.config import build_layout
+        from controller.setup.layout import build_layout
 
     taken: dict[str, float] = {}
 

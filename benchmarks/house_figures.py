@@ -1,0 +1,522 @@
+"""Figures of the house: how large it is, who imports whom, what stands twice, what is documented.
+
+python benchmarks/house_figures.py [CHECKOUT] [--json]
+
+Reads the sources of a checkout and runs none of them. A room is a package two levels deep
+(`controller.cad`), within `controller.planning` one of three. An arrow is one room that imports
+another, however often; of n rooms n (n - 1) / 2 arrows are possible without a circle. A room's
+own face (`__init__`) counts as one.
+
+Duplicates: windows of eight lines and more that two places have alike, without comments,
+docstrings, imports, `__all__` and layout. `same` keeps names and ignores literals; `alike` ignores
+both, and looks into functions only: tables of constants are all alike.
+Parameters: public functions and methods of three parameters and more (`self` is none), that have a
+Parameters section. Raises: exceptions that a public function raises by name in its own body, and
+whether its Raises section names them or a class above them that is defined in the checkout.
+Underscores: modules, or names of modules, with a leading underscore that tests, benchmarks, or a
+package other than their own imports.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import io
+import json
+import sys
+import tokenize
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import grimp
+
+PRODUCTION = ("controller", "drivers", "emulators")
+READERS = ("tests", "benchmarks")
+PLANNING = "controller.planning"
+WINDOW_LINES = 8
+MOST_MODULES = 8
+LEAST_PARAMETERS = 3
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A file of the checkout."""
+
+    path: Path
+    module: str
+    is_package: bool
+    text: str
+    tree: ast.Module
+
+    @property
+    def package(self) -> str:
+        """The package whose private modules it may import."""
+        return self.module if self.is_package else self.module.rpartition(".")[0]
+
+
+def read_sources(root: Path, tops: Iterable[str]) -> list[Source]:
+    found = []
+    for top in tops:
+        for file in sorted((root / top).rglob("*.py")):
+            path = file.relative_to(root)
+            if "__pycache__" in path.parts or any(p.startswith(".") for p in path.parts):
+                continue
+            parts = path.with_suffix("").parts
+            is_package = parts[-1] == "__init__"
+            module = ".".join(parts[:-1] if is_package else parts)
+            text = file.read_text(encoding="utf-8")
+            found.append(Source(path, module, is_package, text, ast.parse(text)))
+    return found
+
+
+# -- size
+
+
+def sizes(sources: list[Source]) -> dict[str, Any]:
+    lines: Counter[str] = Counter()
+    files: Counter[str] = Counter()
+    for source in sources:
+        top = source.module.split(".")[0]
+        lines[top] += source.text.count("\n")
+        files[top] += 1
+    return {top: {"files": files[top], "lines": lines[top]} for top in files}
+
+
+def longest(sources: list[Source]) -> dict[str, Any]:
+    production = [s for s in sources if s.module.split(".")[0] in PRODUCTION]
+    file = max(production, key=lambda s: s.text.count("\n"))
+    spans = [
+        ((node.end_lineno or node.lineno) - node.lineno + 1, f"{s.path}:{node.lineno} {node.name}")
+        for s in production
+        for node in ast.walk(s.tree)
+        if isinstance(node, Function)
+    ]
+    function = max(spans)
+    return {
+        "file": {"path": str(file.path), "lines": file.text.count("\n")},
+        "function": {"where": function[1], "lines": function[0]},
+    }
+
+
+def large_packages(sources: list[Source]) -> dict[str, int]:
+    """Return the packages of more modules and rooms than one can look over, with their number."""
+    members: dict[str, set[str]] = defaultdict(set)
+    for source in sources:
+        if source.module.split(".")[0] in PRODUCTION and "." in source.module:
+            members[source.module.rpartition(".")[0]].add(source.module)
+    counts = {package: len(names) for package, names in members.items() if "." in package}
+    return {p: n for p, n in sorted(counts.items()) if n > MOST_MODULES}
+
+
+# -- who imports whom
+
+
+def import_graph(root: Path) -> grimp.ImportGraph:
+    """Return who imports whom in the production packages of a checkout."""
+    sys.path.insert(0, str(root))
+    try:
+        return grimp.build_graph(*PRODUCTION, cache_dir=None)
+    finally:
+        sys.path.remove(str(root))
+
+
+def _room_under(module: str, root: str) -> str:
+    rest = module.removeprefix(root).lstrip(".")
+    return rest.split(".")[0] or "__init__"
+
+
+def arrows_within(graph: grimp.ImportGraph, root: str) -> dict[str, Any]:
+    """Return rooms and arrows among the children of a package."""
+    members = [m for m in graph.modules if m == root or m.startswith(f"{root}.")]
+    rooms = {_room_under(m, root) for m in members}
+    arrows: set[tuple[str, str]] = set()
+    imports = 0
+    for module in members:
+        for other in graph.find_modules_directly_imported_by(module):
+            if other != root and not other.startswith(f"{root}."):
+                continue
+            imports += 1
+            arrow = (_room_under(module, root), _room_under(other, root))
+            if arrow[0] != arrow[1]:
+                arrows.add(arrow)
+    return {
+        "rooms": len(rooms),
+        "arrows": len(arrows),
+        "possible": len(rooms) * (len(rooms) - 1) // 2,
+        "imports_between_modules": imports,
+        "both_ways": sorted(f"{a} <-> {b}" for a, b in arrows if a < b and (b, a) in arrows),
+    }
+
+
+def arrows_between_rooms(graph: grimp.ImportGraph) -> dict[str, Any]:
+    """Return rooms two levels deep and the arrows between them."""
+
+    def room(module: str) -> str:
+        return ".".join(module.split(".")[:2])
+
+    rooms = {room(m) for m in graph.modules}
+    arrows = {
+        (room(m), room(other))
+        for m in graph.modules
+        for other in graph.find_modules_directly_imported_by(m)
+        if room(m) != room(other)
+    }
+    return {
+        "rooms": len(rooms),
+        "arrows": len(arrows),
+        "possible": len(rooms) * (len(rooms) - 1) // 2,
+        "both_ways": sorted(f"{a} <-> {b}" for a, b in arrows if a < b and (b, a) in arrows),
+    }
+
+
+# -- what stands twice
+
+
+def _code_lines(source: Source, keep_names: bool) -> list[tuple[int, str]]:
+    """Return (line, its tokens) of a file; comments, docstrings, imports and `__all__` aside."""
+    dropped: set[int] = set()
+    for node in ast.walk(source.tree):
+        is_text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+        is_face = isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
+        if (
+            isinstance(node, ast.Import | ast.ImportFrom)
+            or is_face
+            or (is_text and isinstance(node.value.value, str))
+        ):
+            dropped.update(range(node.lineno, (node.end_lineno or node.lineno) + 1))
+    if not keep_names:
+        inside: set[int] = set()
+        for node in ast.walk(source.tree):
+            if isinstance(node, Function):
+                inside.update(range(node.lineno, (node.end_lineno or node.lineno) + 1))
+        dropped |= set(range(1, source.text.count("\n") + 2)) - inside
+    by_line: dict[int, list[str]] = defaultdict(list)
+    layout = {
+        tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,
+        tokenize.ENDMARKER, tokenize.ENCODING,
+    }  # fmt: skip
+    keywords = {"def", "class", "return", "if", "for", "in", "else", "raise", "with", "not", "and"}
+    for token in tokenize.generate_tokens(io.StringIO(source.text).readline):
+        line = token.start[0]
+        if token.type in layout or line in dropped:
+            continue
+        is_word = token.type == tokenize.NAME and (keep_names or token.string in keywords)
+        by_line[line].append(token.string if is_word or token.type == tokenize.OP else "#")
+    # a line of brackets alone says nothing, and would make formatting look like repetition
+    return [
+        (n, " ".join(tokens))
+        for n, tokens in sorted(by_line.items())
+        if any(t[0].isalnum() or t[0] in "#_" for t in tokens)
+    ]
+
+
+def duplicates(sources: list[Source], keep_names: bool) -> dict[str, Any]:
+    """Return how many pairs of places have eight lines and more alike, and the longest of them."""
+    lines = [_code_lines(s, keep_names) for s in sources if s.module.split(".")[0] in PRODUCTION]
+    paths = [s.path for s in sources if s.module.split(".")[0] in PRODUCTION]
+    places: dict[tuple[str, ...], list[tuple[int, int]]] = defaultdict(list)
+    for f, code in enumerate(lines):
+        words = [text for _, text in code]
+        for i in range(len(words) - WINDOW_LINES + 1):
+            places[tuple(words[i : i + WINDOW_LINES])].append((f, i))
+    pairs: set[tuple[int, int, int, int]] = set()
+    for found in places.values():
+        for k, (f, i) in enumerate(found):
+            for g, j in found[k + 1 :]:
+                if f != g or j - i >= WINDOW_LINES:
+                    pairs.add((f, i, g, j))
+    runs: list[tuple[int, str]] = []
+    covered: set[tuple[int, int]] = set()
+    for f, i, g, j in pairs:
+        covered.update((f, i + k) for k in range(WINDOW_LINES))
+        covered.update((g, j + k) for k in range(WINDOW_LINES))
+        if (f, i - 1, g, j - 1) in pairs:
+            continue
+        more = 0
+        while (f, i + more + 1, g, j + more + 1) in pairs:
+            more += 1
+        where = f"{paths[f]}:{lines[f][i][0]} {paths[g]}:{lines[g][j][0]}"
+        runs.append((WINDOW_LINES + more, where))
+    runs.sort(key=lambda run: (-run[0], run[1]))
+    return {
+        "pairs": len(runs),
+        "lines_in_them": len(covered),
+        "longest": [{"lines": n, "where": where} for n, where in runs[:10]],
+    }
+
+
+# -- what is documented
+
+
+def _public_functions(source: Source) -> Iterator[tuple[str, Function, bool]]:
+    """Yield (name, function, is a method) of what others may call."""
+    for node in source.tree.body:
+        if isinstance(node, Function) and not node.name.startswith("_"):
+            yield node.name, node, False
+        elif isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+            for member in node.body:
+                if isinstance(member, Function) and not member.name.startswith("_"):
+                    yield f"{node.name}.{member.name}", member, True
+
+
+def _decorators(function: Function) -> set[str]:
+    return {
+        part.attr if isinstance(part, ast.Attribute) else part.id
+        for decorator in function.decorator_list
+        for part in ast.walk(decorator)
+        if isinstance(part, ast.Attribute | ast.Name)
+    }
+
+
+def _parameter_count(function: Function, is_method: bool) -> int:
+    a = function.args
+    count = len(a.posonlyargs) + len(a.args) + len(a.kwonlyargs)
+    count += (a.vararg is not None) + (a.kwarg is not None)
+    return count - (is_method and "staticmethod" not in _decorators(function))
+
+
+def _section(function: Function, title: str) -> str | None:
+    """Return the text of a section of a NumPy docstring, None where it has none."""
+    lines = (ast.get_docstring(function) or "").splitlines()
+    for n, line in enumerate(lines[:-1]):
+        if line.strip() == title and set(lines[n + 1].strip()) == {"-"}:
+            rest = lines[n + 2 :]
+            for k in range(len(rest) - 1):
+                if rest[k + 1].strip() and set(rest[k + 1].strip()) == {"-"}:
+                    return "\n".join(rest[:k])
+            return "\n".join(rest)
+    return None
+
+
+def parameters_documented(sources: list[Source]) -> dict[str, Any]:
+    per_room: dict[str, Counter[str]] = defaultdict(Counter)
+    missing = []
+    for source in sources:
+        if source.module.split(".")[0] not in PRODUCTION:
+            continue
+        room = ".".join(source.module.split(".")[:2])
+        for name, function, is_method in _public_functions(source):
+            if "overload" in _decorators(function):
+                continue
+            if _parameter_count(function, is_method) < LEAST_PARAMETERS:
+                continue
+            has_section = _section(function, "Parameters") is not None
+            per_room[room]["with" if has_section else "without"] += 1
+            if not has_section:
+                missing.append(f"{source.path}:{function.lineno} {name}")
+    return {**_with_and_without(per_room), "missing": missing}
+
+
+def _with_and_without(per_room: dict[str, Counter[str]]) -> dict[str, Any]:
+    return {
+        "with": sum(c["with"] for c in per_room.values()),
+        "without": sum(c["without"] for c in per_room.values()),
+        "rooms": {
+            room: {"with": c["with"], "without": c["without"]}
+            for room, c in sorted(per_room.items())
+        },
+    }
+
+
+def _own_nodes(function: Function) -> Iterator[ast.AST]:
+    """Yield what a function's body holds, but for functions and classes within it."""
+    waiting: list[ast.AST] = list(function.body)
+    while waiting:
+        node = waiting.pop()
+        yield node
+        if not isinstance(node, Function | ast.ClassDef | ast.Lambda):
+            waiting.extend(ast.iter_child_nodes(node))
+
+
+def _raised(function: Function) -> set[str]:
+    """Return the classes a function's own body raises by name; what it hands on is not its own."""
+    names = set()
+    for node in _own_nodes(function):
+        if not isinstance(node, ast.Raise) or node.exc is None:
+            continue
+        thing = node.exc.func if isinstance(node.exc, ast.Call) else node.exc
+        name = thing.attr if isinstance(thing, ast.Attribute) else getattr(thing, "id", "")
+        if name[:1].isupper() and name != "NotImplementedError":
+            names.add(name)
+    return names
+
+
+def _parents(sources: list[Source]) -> dict[str, set[str]]:
+    """Return the names of the classes above each class of the checkout, itself included."""
+    bases: dict[str, set[str]] = defaultdict(set)
+    for source in sources:
+        for node in ast.walk(source.tree):
+            if isinstance(node, ast.ClassDef):
+                bases[node.name] |= {
+                    b.attr if isinstance(b, ast.Attribute) else getattr(b, "id", "")
+                    for b in node.bases
+                }
+    above: dict[str, set[str]] = {}
+    for name in bases:
+        known, waiting = {name}, [name]
+        while waiting:
+            for base in bases.get(waiting.pop(), set()) - known:
+                known.add(base)
+                waiting.append(base)
+        above[name] = known & set(bases)
+    return above
+
+
+def raises_documented(sources: list[Source]) -> dict[str, Any]:
+    above = _parents(sources)
+    per_room: dict[str, Counter[str]] = defaultdict(Counter)
+    missing = []
+    for source in sources:
+        if source.module.split(".")[0] not in PRODUCTION:
+            continue
+        room = ".".join(source.module.split(".")[:2])
+        for name, function, _ in _public_functions(source):
+            section = _section(function, "Raises") or ""
+            for error in sorted(_raised(function)):
+                is_named = any(known in section for known in above.get(error, {error}))
+                per_room[room]["with" if is_named else "without"] += 1
+                if not is_named:
+                    missing.append(f"{source.path}:{function.lineno} {name}: {error}")
+    return {**_with_and_without(per_room), "missing": missing}
+
+
+# -- what an underscore promises
+
+
+def _imported(source: Source) -> Iterator[tuple[int, str, str]]:
+    """Yield (line, module, name) of what a file imports of the checkout; name "" for a module."""
+    for node in ast.walk(source.tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield node.lineno, alias.name, ""
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                own = source.package.split(".")
+                kept = own[: len(own) - node.level + 1]
+                base = ".".join([*kept, base] if base else kept)
+            for alias in node.names:
+                yield node.lineno, base, alias.name
+
+
+def underscores(sources: list[Source]) -> dict[str, Any]:
+    """Return who imports private modules, or private names, that are not of its own package."""
+    modules = {s.module for s in sources}
+    by_readers: list[str] = []
+    by_rooms: list[str] = []
+    private: set[str] = set()
+    for source in sources:
+        top = source.module.split(".")[0]
+        for line, base, name in _imported(source):
+            if base.split(".")[0] not in PRODUCTION:
+                continue
+            full = f"{base}.{name}" if f"{base}.{name}" in modules else base
+            parts = full.split(".")
+            hidden = [k for k, part in enumerate(parts) if part.startswith("_")]
+            owner = ".".join(parts[: hidden[0]]) if hidden else ""
+            is_private_name = name.startswith("_") and not name.startswith("__")
+            if hidden:
+                is_own = f"{source.package}.".startswith(f"{owner}.")
+            elif is_private_name and full == base:
+                is_own = source.module == base
+            else:
+                continue
+            if is_own:
+                continue
+            what = f"{source.path}:{line} {full}" + (f" {name}" if full == base else "")
+            private.add(full)
+            (by_readers if top in READERS else by_rooms).append(what)
+    return {
+        "by_tests_and_benchmarks": len(by_readers),
+        "files_of_tests_and_benchmarks": len({w.split(":")[0] for w in by_readers}),
+        "by_other_packages": len(by_rooms),
+        "modules": sorted(private),
+        "where": sorted({*by_readers, *by_rooms}),
+    }
+
+
+# -- all of it
+
+
+def house_figures(root: Path) -> dict[str, Any]:
+    """Return all figures of a checkout, ready for JSON."""
+    sources = read_sources(root, (*PRODUCTION, *READERS))
+    graph = import_graph(root)
+    return {
+        "sizes": sizes(sources),
+        "longest": longest(sources),
+        "packages_of_more_than_eight": large_packages(sources),
+        "rooms": arrows_between_rooms(graph),
+        "planning": arrows_within(graph, PLANNING),
+        "duplicates": {
+            "same": duplicates(sources, keep_names=True),
+            "alike": duplicates(sources, keep_names=False),
+        },
+        "parameters": parameters_documented(sources),
+        "raises": raises_documented(sources),
+        "underscores": underscores(sources),
+    }
+
+
+def print_table(figures: dict[str, Any]) -> None:
+    for top, size in figures["sizes"].items():
+        print(f"{top:12} {size['files']:5} files {size['lines']:7} lines")
+    file, function = figures["longest"]["file"], figures["longest"]["function"]
+    print(f"longest file      {file['lines']:5} lines  {file['path']}")
+    print(f"longest function  {function['lines']:5} lines  {function['where']}")
+    large = figures["packages_of_more_than_eight"]
+    print(f"packages of more than {MOST_MODULES} modules: {len(large)}")
+    for package, count in large.items():
+        print(f"    {count:3} {package}")
+    for what in ("rooms", "planning"):
+        f = figures[what]
+        name = "house" if what == "rooms" else PLANNING
+        inside = f.get("imports_between_modules")
+        print(
+            f"{name}: {f['rooms']} rooms, {f['arrows']} arrows of {f['possible']}"
+            + (f", {inside} imports between modules" if inside is not None else "")
+            + (f"; both ways: {', '.join(f['both_ways'])}" if f["both_ways"] else "")
+        )
+    for kind, found in figures["duplicates"].items():
+        print(
+            f"duplicates of {WINDOW_LINES} lines and more, {kind}: {found['pairs']} pairs, "
+            f"{found['lines_in_them']} lines"
+        )
+        for run in found["longest"][:3]:
+            print(f"    {run['lines']:3} {run['where']}")
+    for what in ("parameters", "raises"):
+        f = figures[what]
+        print(f"{what} documented: {f['with']} of {f['with'] + f['without']}")
+        for room, c in f["rooms"].items():
+            print(f"    {room:32} {c['with']:4} of {c['with'] + c['without']:4}")
+    f = figures["underscores"]
+    print(
+        f"private modules and names imported from outside their package: "
+        f"{f['by_tests_and_benchmarks']} times by {f['files_of_tests_and_benchmarks']} files of "
+        f"tests and benchmarks, {f['by_other_packages']} times by other packages"
+    )
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    here = Path(__file__).resolve().parents[1]
+    parser.add_argument("checkout", type=Path, nargs="?", default=here)
+    parser.add_argument("--json", action="store_true", help="one JSON object instead of the table")
+    args = parser.parse_args()
+    figures = house_figures(args.checkout.resolve())
+    if args.json:
+        print(json.dumps(figures))
+    else:
+        print_table(figures)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
