@@ -138,11 +138,12 @@ class Checkout:
             for why in self.why_not(cited[1], re.findall(KEY, cited[2] or ""), path):
                 yield cited.start(), why
         named = NAMED.search(text)
+        page = str(path) if path.suffix == ".md" else named and named[1]
         for cited in short_forms(path, text):
-            if named is None:
+            if page is None:
                 yield cited.start(), "§ without 'Sections (§) are those of' a page"
             else:
-                for why in self.why_not(named[1], [cited[1]], path):
+                for why in self.why_not(page, [cited[1]], path):
                     yield cited.start(), why
         for cited in ADR.finditer(text):
             for number in re.findall(r"\d+", cited[1]):
@@ -160,21 +161,18 @@ class Checkout:
             for cited in OUTSIDE.finditer(text):
                 yield cited.start(), f"{cited[0].strip()!r} is outside the repository"
 
-    def count(self) -> int:
-        """Return how many citations there are: of sections or whole pages, ADRs, standards."""
-        total = 0
-        for path, text in self.texts.items():
-            total += sum(len(re.findall(KEY, c[2] or "")) or 1 for c in PAGE.finditer(text))
-            total += len(list(short_forms(path, text)))
-            total += sum(len(re.findall(r"\d+", c[1])) for c in ADR.finditer(text))
-            total += len(PAPER.findall(text)) + len(STANDARD.findall(text))
-        return total
+    def count_in(self, path: Path) -> int:
+        """Return how many citations a file has: of sections or whole pages, ADRs, standards."""
+        text = self.texts[path]
+        total = sum(len(re.findall(KEY, c[2] or "")) or 1 for c in PAGE.finditer(text))
+        total += len(list(short_forms(path, text)))
+        total += sum(len(re.findall(r"\d+", c[1])) for c in ADR.finditer(text))
+        return total + len(PAPER.findall(text)) + len(STANDARD.findall(text))
 
 
 def short_forms(path: Path, text: str) -> Iterator[re.Match[str]]:
-    """Return the numbers with § of a module or a golden file, and a golden file's sections."""
-    if path.suffix != ".md":
-        yield from SHORT.finditer(text)
+    """Return the numbers with §, and a golden file's sections."""
+    yield from SHORT.finditer(text)
     if path.suffix == ".toml":
         yield from GOLDEN.finditer(text)
 

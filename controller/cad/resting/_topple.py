@@ -1,6 +1,6 @@
 """Where a dropped part ends, when it falls without a bounce: the quasi-static odds, and the passes.
 
-Goldberg, Mirtich, Zhuang, Craig, Carlisle and Canny, "Part pose statistics" (1999): a part lands on
+Goldberg and others, "Part pose statistics" (references.md L1): a part lands on
 a hull facet as often as that facet fills the sphere round the centre of mass, and topples on from
 facet to facet until the centre stands over one. The height of the centre above the table, as a
 function of the direction that points down, is a landscape; a facet the part rests on is a hollow of
@@ -75,7 +75,7 @@ def _stays(hull: Hull, to_edge: Array) -> NDArray[np.bool_]:
 def _shares(hull: Hull) -> Array:
     """Return each triangle's share of the sphere round the centre (t,).
 
-    van Oosterom and Strackee, "The solid angle of a plane triangle" (1983), equation 8.
+    van Oosterom and Strackee, equation 8 (references.md L2).
     """
     a, b, c = (hull.corners_mm[hull.triangles[:, i]] for i in range(3))
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))

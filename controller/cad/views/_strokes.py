@@ -1,7 +1,7 @@
 """A loop of the outline as lines and arcs: circles of the part stay circles, or become ellipses.
 
 Seen from above or through a lens without distortion the ellipses are exact: the conic through
-which a camera sees a circle (Hartley and Zisserman, Multiple View Geometry, 2.2 and 8.3). What a
+which a camera sees a circle (Hartley and Zisserman, references.md L3). What a
 lens bends is no conic any more; the ellipse given is then the closest one (0.01 px and better for
 lenses as straight as an inspection cell's).
 """
