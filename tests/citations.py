@@ -34,7 +34,9 @@ OTHER_FORM = re.compile(
     rf"\.md`?,{GAP}(?:sections?|sec\.|chapter)\b"
     rf"|\b[Pp]aper(?:'s)?,?{GAP}(?:sections?{GAP}\d|\d\.\d)"
 )
-OUTSIDE = re.compile(r"(?:^|[\s\"'`(/])shared/|[\"']shared[\"']|\b(?:DESIGN|STYLE|GLOSSARY)\.md")
+OUTSIDE = re.compile(
+    r"(?:^|[\s\"'`(/])shared/|/\s*[\"']shared[\"']|\b(?:DESIGN|STYLE|GLOSSARY)\.md"
+)
 BARE = re.compile(r"(?:\(|#\s|;\s)\d{1,2}\.\d{1,2}(?=[),;]|\s*$)")
 HEADING = re.compile(r"^#+\s+([A-Z]{0,2}\d+(?:\.\d+)*)\.?\s")
 ROW = re.compile(r"^\|\s*([A-Z]{0,2}\d+(?:\.\d+)*)\s*\|")
