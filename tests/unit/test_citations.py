@@ -108,6 +108,7 @@ def test_citations_that_resolve_are_no_problem(plant: Path, text: str) -> None:
         ("# I" + "SO 1101\n", f"1: docs/references{DOT_MD} does not list ISO 1101"),
         ("# (paper" + ", section 2.1)\n", "section 2' is not the form"),
         ("# ../sha" + "red/parts\n", "is outside the repository"),
+        ('X = ROOT / "sha' + 'red"\n', "is outside the repository"),
     ],
 )
 def test_a_citation_that_leads_nowhere_is_named_with_its_line(
