@@ -1,0 +1,12 @@
+"""What `cellctl run --json` prints of a part."""
+
+from __future__ import annotations
+
+from controller.cell.records import PartRecord
+from controller.cell.recovery import PartFault, Recovery
+from controller.cli._run import _part_json
+
+
+def test_recoveries_are_named_by_the_fault() -> None:
+    part = PartRecord(1, recoveries=[Recovery(PartFault.GRIP_MISSED, "closed on nothing")])
+    assert _part_json(part)["recoveries"] == ["grip_missed"]
