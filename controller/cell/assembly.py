@@ -6,8 +6,8 @@ from pathlib import Path
 
 from controller.config import Cell, Recipe
 from controller.planning.model import CellLayout
-from drivers.camera_v4l2 import Camera
 from drivers.clock import CellClock
+from drivers.kinds import Camera
 
 from .actions import (
     AbortMotionAction,

@@ -14,6 +14,7 @@ from controller.cad.compiled import UNITLESS, CompileOptions, cached_part, load_
 from controller.config import Cell, ConfigError, Recipe, line_in, load_cell, load_recipe
 from controller.setup.planner import PlannerSetup
 
+from .driver_registry import require_drivers
 from .plans import Certified, Planning
 from .workers import Job, context, part_files
 
@@ -84,7 +85,9 @@ def check_job(job: Job) -> Checked:
     ------
     ConfigError, CadError : a file is wrong
     """
-    check_sizes(job.recipe_path, load_recipe(job.recipe_path), load_cell(job.cell_path))
+    cell = load_cell(job.cell_path)
+    require_drivers(job.cell_path, cell)
+    check_sizes(job.recipe_path, load_recipe(job.recipe_path), cell)
     return check_plans(job)
 
 

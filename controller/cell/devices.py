@@ -1,18 +1,27 @@
-"""All devices of the cell behind their drivers' public names; nothing here decides anything."""
+"""All devices of the cell behind the protocols of their kinds; nothing here decides anything."""
 
 import asyncio
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, cast
 
 from controller.config import EMULATED, Cell, ConfigError
-from drivers.camera_v4l2 import Camera, CameraConfig
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
-from drivers.gripper_modbus import Gripper, GripperConfig, ObjectState
-from drivers.io_modbus import CellIo, IoConfig
-from drivers.lighting_modbus import LampChannel, Lights, LightsConfig
+from drivers.kinds import (
+    Arm,
+    Camera,
+    Capture,
+    FixedGripper,
+    IoBlock,
+    JawReading,
+    Lamp,
+    LampUnit,
+    Polling,
+    Site,
+    Stop,
+)
 from drivers.modbus_link import (
     Address,
     ModbusLink,
@@ -20,7 +29,8 @@ from drivers.modbus_link import (
     RtuOverTcpAddress,
     TcpAddress,
 )
-from drivers.umi_scara import JawReading, Stop, UmiScara
+
+from .driver_registry import KIND_OF, find_driver, read_settings
 
 Addresses = Mapping[str, Any]
 
@@ -70,86 +80,148 @@ def resolve(cell: Cell, emulated: Addresses) -> dict[str, dict[str, Any]]:
     return found
 
 
+class DeviceBuilder:
+    """Makes the drivers of a cell, one by one; devices on one Modbus line share it.
+
+    Parameters
+    ----------
+    cell : as its file says
+    where : of each device, as `resolve` returns it
+    clock : the one the devices keep
+    """
+
+    def __init__(self, cell: Cell, where: Mapping[str, dict[str, Any]], clock: CellClock) -> None:
+        self._cell = cell
+        self._where = where
+        self._clock = clock
+        self._links: dict[Address, ModbusLink] = {}
+
+    @property
+    def links(self) -> tuple[ModbusLink, ...]:
+        """Return the lines of the devices made so far; whoever closes those closes these, too."""
+        return tuple(self._links.values())
+
+    def arm(self) -> Arm:
+        """Return the arm."""
+        return cast(Arm, self._build("arm"))
+
+    def gripper(self) -> FixedGripper:
+        """Return the fixed gripper."""
+        return cast(FixedGripper, self._build("gripper"))
+
+    def lights(self) -> LampUnit:
+        """Return the lamp unit."""
+        return cast(LampUnit, self._build("lights"))
+
+    def io(self) -> IoBlock:
+        """Return the I/O block."""
+        return cast(IoBlock, self._build("io"))
+
+    def camera(self, name: str) -> Camera:
+        """Return a camera, ``overhead`` or ``inspection``."""
+        return cast(Camera, self._build(name))
+
+    def _build(self, name: str) -> object:
+        """Return a device, not opened yet.
+
+        Raises
+        ------
+        ConfigError : no such driver is installed, or its settings or its address are wrong
+        """
+        section = self._where[name]
+        kind = KIND_OF[name]
+        driver = find_driver(kind, section["driver"])
+        where = f"devices.{name}"
+        settings = read_settings(driver, section["settings"], where)
+        return driver.build(self._site(name, kind, section), settings)
+
+    def _site(self, name: str, kind: str, section: Mapping[str, Any]) -> Site:
+        timing = self._cell.timing
+        polling = Polling(
+            # the host's own pauses do not shrink with a faster clock
+            poll_s=max(timing.io_poll_s, IO_POLL_WALL_S * self._clock.speed),
+            stale_s=max(timing.io_stale_s, STALE_POLLS * IO_POLL_WALL_S * self._clock.speed),
+        )
+        lamps = tuple(Lamp(lamp, s.analog, s.relay) for lamp, s in self._cell.lamps.items())
+        return Site(
+            name=name,
+            address=section["address"],
+            section=section,
+            clock=self._clock,
+            open_link=lambda: self._link(name),
+            polling=polling if kind == "io" else None,
+            lamps=lamps if kind == "lights" else (),
+            capture=self._capture(name) if kind == "camera" else None,
+        )
+
+    def _capture(self, name: str) -> Capture:
+        section = getattr(self._cell.cameras, name)
+        width, height = section.size_px
+        return Capture(
+            width=width,
+            height=height,
+            formats=section.formats,
+            fps=section.fps,
+            exposure_s=section.exposure_s,
+            settle_frames=section.settle_frames,
+            margin_s=section.margin_s,
+            frame_late_s=self._cell.timing.frame_late_s,
+        )
+
+    def _link(self, name: str) -> ModbusLink:
+        device = self._where[name]
+        address = _modbus_address(name, device["address"], device["transport"], device["baudrate"])
+        if address not in self._links:
+            self._links[address] = ModbusLink(
+                address, self._clock, reply_timeout_s=self._cell.timing.modbus_reply_s
+            )
+        return self._links[address]
+
+
 @dataclass(slots=True)
 class Devices:
     """The cell's devices, connected.
 
     Attributes
     ----------
+    links : the Modbus lines they are on
     jaws_found : how the arm gripper stood when the arm answered first
     """
 
-    arm: UmiScara
-    gripper: Gripper
-    lights: Lights
-    io: CellIo
+    arm: Arm
+    gripper: FixedGripper
+    lights: LampUnit
+    io: IoBlock
     overhead: Camera
     inspection: Camera
-    links: tuple[ModbusLink, ...]
+    links: tuple[ModbusLink, ...] = field(default=())
     jaws_found: JawReading | None = None
 
     @classmethod
     def build(cls, cell: Cell, where: Mapping[str, dict[str, Any]], clock: CellClock) -> "Devices":
-        """Make the drivers; nothing is opened yet. Needs a running event loop."""
-        links: dict[Address, ModbusLink] = {}
-        timing = cell.timing
+        """Make the drivers; nothing is opened yet. Needs a running event loop.
 
-        def link(name: str) -> ModbusLink:
-            device = where[name]
-            address = _modbus_address(
-                name, device["address"], device["transport"], device["baudrate"]
-            )
-            if address not in links:
-                links[address] = ModbusLink(address, clock, reply_timeout_s=timing.modbus_reply_s)
-            return links[address]
+        Parameters
+        ----------
+        cell : as its file says
+        where : of each device, as `resolve` returns it
+        clock : the one the devices keep
 
-        def camera(name: str) -> Camera:
-            section = getattr(cell.cameras, name)
-            return Camera(
-                CameraConfig(
-                    device=where[name]["address"],
-                    width=section.size_px[0],
-                    height=section.size_px[1],
-                    pixel_formats=section.formats,
-                    fps=section.fps,
-                    exposure_s=section.exposure_s,
-                    buffer_count=2,
-                    settle_frame_count=section.settle_frames,
-                    frame_margin_s=section.margin_s,
-                    frame_timeout_s=timing.frame_late_s,
-                ),
-                clock=clock,
-            )
-
-        # the cell file counts channels from 0, the modules' print from 1
-        lamps = tuple(
-            LampChannel(name=name, analog_channel=lamp.analog + 1, relay_channel=lamp.relay + 1)
-            for name, lamp in cell.lamps.items()
+        Raises
+        ------
+        ConfigError : no such driver is installed, or its settings or its address are wrong
+        """
+        builder = DeviceBuilder(cell, where, clock)
+        devices = cls(
+            arm=builder.arm(),
+            gripper=builder.gripper(),
+            lights=builder.lights(),
+            io=builder.io(),
+            overhead=builder.camera("overhead"),
+            inspection=builder.camera("inspection"),
         )
-        return cls(
-            arm=UmiScara(where["arm"]["address"], clock=clock),
-            gripper=Gripper(link("gripper"), GripperConfig(unit=where["gripper"]["unit"])),
-            lights=Lights(
-                link("lights"),
-                LightsConfig(
-                    lamps=lamps,
-                    analog_unit=where["lights"]["analog_unit"],
-                    relay_unit=where["lights"]["relay_unit"],
-                ),
-            ),
-            io=CellIo(
-                link("io"),
-                IoConfig(
-                    unit=where["io"]["unit"],
-                    # the host's own pauses do not shrink with a faster clock
-                    poll_s=max(timing.io_poll_s, IO_POLL_WALL_S * clock.speed),
-                    stale_s=max(timing.io_stale_s, STALE_POLLS * IO_POLL_WALL_S * clock.speed),
-                ),
-            ),
-            overhead=camera("overhead"),
-            inspection=camera("inspection"),
-            links=tuple(links.values()),
-        )
+        devices.links = builder.links
+        return devices
 
     async def connect(self) -> dict[str, str]:
         """Open every device, halt what still moves; return who answered, by device.
@@ -166,10 +238,9 @@ class Devices:
         await self.inspection.pause()
         return {
             **who,
-            "lights": "Waveshare analog output and relays",
-            "overhead": f"{self.overhead.identity().card} ({self.overhead.identity().driver})",
-            "inspection": f"{self.inspection.identity().card} "
-            f"({self.inspection.identity().driver})",
+            "lights": self.lights.model,
+            "overhead": self.overhead.model,
+            "inspection": self.inspection.model,
         }
 
     async def connect_grippers(self) -> dict[str, str]:
@@ -182,20 +253,17 @@ class Devices:
         DeviceError : the first device that is not there or not what it should be
         """
         await self.io.connect()
-        arm = await self.arm.connect()
+        await self.arm.connect()
         # a stop may clear what the jaws say of themselves (umi_rtx.md 2.8)
         self.jaws_found = await self.arm.read_jaws()
         await self.arm.stop(Stop.DEAD)
         gripper = await self.gripper.connect()
-        if gripper.is_going and gripper.object is ObjectState.MOVING:
+        if gripper.is_moving:
             await self.gripper.stop()
-        versions = ", ".join(
-            f"{ip.name} ROM {version[1]}.{version[0]}" for ip, version in arm.rom_versions.items()
-        )
         return {
-            "arm": f"UMI RTX, {versions}",
-            "gripper": "Robotiq 2F" + (", active" if gripper.is_activated else ""),
-            "io": "Moxa E1214",
+            "arm": self.arm.model,
+            "gripper": self.gripper.model + (", active" if gripper.is_activated else ""),
+            "io": self.io.model,
         }
 
     async def aclose(self) -> None:

@@ -3,7 +3,7 @@
 The emergency stop is hard-wired. What stands here may only stop work early.
 """
 
-from drivers.io_modbus import CellIo, Signal
+from drivers.kinds import IoBlock, Signal
 
 from .errors import InterlockError
 
@@ -15,7 +15,7 @@ REQUIRED_SIGNALS = {
 }
 
 
-def check_interlocks(io: CellIo, *, is_person_inside: bool = False) -> None:
+def check_interlocks(io: IoBlock, *, is_person_inside: bool = False) -> None:
     """Raise InterlockError unless every safety copy is known to be healthy.
 
     Parameters

@@ -8,9 +8,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-from drivers.gripper_modbus import GripperStatus, ObjectState
-from drivers.io_modbus import Signal
-from drivers.umi_scara import ArmIdentity, JawReading
+from drivers.kinds import ArmIdentity, GripperReading, JawReading, Signal
 
 from .custody import GripperName
 from .devices import Devices
@@ -50,10 +48,10 @@ async def read_openings(devices: Devices) -> tuple[Opening, Opening]:
     jaws, identity = devices.jaws_found, devices.arm.identity
     assert jaws is not None, "connect first"
     assert identity is not None, "connect first"
-    arm = judge_arm(jaws, identity, devices.arm.config.gripper.max_width_mm)
+    arm = judge_arm(jaws, identity, devices.arm.max_opening_mm)
     status = await devices.gripper.status()
     barrier = devices.io.signal("part_in_gripper")
-    return arm, judge_fixed(status, barrier, devices.gripper.config.open_mm)
+    return arm, judge_fixed(status, barrier, devices.gripper.max_opening_mm)
 
 
 async def presses_on_something(devices: Devices) -> bool:
@@ -96,7 +94,7 @@ def judge_arm(jaws: JawReading, identity: ArmIdentity, open_mm: float) -> Openin
     return opening(Finding.MAY_HOLD, f"its jaws stalled at {jaws.width_mm:.1f} mm")
 
 
-def judge_fixed(status: GripperStatus, barrier: Signal, open_mm: float) -> Opening:
+def judge_fixed(status: GripperReading, barrier: Signal, open_mm: float) -> Opening:
     """Return what the fixed gripper's reading and its light barrier mean.
 
     Parameters
@@ -112,11 +110,10 @@ def judge_fixed(status: GripperStatus, barrier: Signal, open_mm: float) -> Openi
         return opening(Finding.HOLDS, "its light barrier sees something between the jaws")
     if not status.is_activated:
         return opening(Finding.UNREADABLE, "it was switched off or never activated")
-    is_contact = status.object in (ObjectState.CONTACT_CLOSING, ObjectState.CONTACT_OPENING)
-    if status.is_going and is_contact and width_mm >= NOTHING_MM:
+    if status.has_contact and width_mm >= NOTHING_MM:
         return opening(Finding.HOLDS, f"its jaws met something at {width_mm:.1f} mm")
     if width_mm < NOTHING_MM or width_mm > open_mm - SLACK_MM:
         return opening(Finding.EMPTY, f"its jaws stand at {width_mm:.1f} mm")
-    if status.is_going and status.object is ObjectState.AT_POSITION:
+    if status.has_arrived:
         return opening(Finding.EMPTY, f"its jaws went to {width_mm:.1f} mm and met nothing")
     return opening(Finding.MAY_HOLD, f"its jaws were stopped at {width_mm:.1f} mm")

@@ -7,9 +7,7 @@ bug somewhere else: the cell aborts with everything closed.
 
 from typing import Final
 
-from drivers.gripper_modbus import Gripper, Hold
-from drivers.io_modbus import CellIo, Signal
-from drivers.umi_scara import UmiScara
+from drivers.kinds import Arm, FixedGripper, Hold, IoBlock, Signal
 
 from .custody import Custody
 from .errors import ReleaseRefusedError
@@ -21,7 +19,7 @@ NOTHING_MM: Final = 3.0  # jaws this near to each other hold nothing
 class ReleaseGuard:
     """Opens the arm gripper and the fixed gripper, or refuses to."""
 
-    def __init__(self, arm: UmiScara, fixed: Gripper, io: CellIo) -> None:
+    def __init__(self, arm: Arm, fixed: FixedGripper, io: IoBlock) -> None:
         self._arm = arm
         self._fixed = fixed
         self._io = io

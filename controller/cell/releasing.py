@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from controller.config import Cell
-from drivers.gripper_modbus import GripperStatus
+from drivers.kinds import GripperReading
 
 from .clocks import FoundClock
 from .custody import CellIdentity, Custody, GripperName, Held, fold_custody
@@ -125,7 +125,7 @@ class Recovery:
             await self._devices.arm.enable_power()
             await self._devices.arm.drive_jaws(OPEN_BY_MM)
         else:
-            await self._devices.gripper.open_to(self._devices.gripper.config.open_mm)
+            await self._devices.gripper.open_to(self._devices.gripper.max_opening_mm)
         self._journal.record("outcome", INTENTS[gripper])
         left = {one.gripper for one in known} - {gripper}
         custody = Custody.REMOVED
@@ -138,7 +138,7 @@ class Recovery:
         return custody
 
 
-def _require_ready(status: GripperStatus) -> None:
+def _require_ready(status: GripperReading) -> None:
     if not status.is_activated or status.has_fault:
         raise ReleaseImpossibleError(
             "the fixed gripper is not active, and activating it would close its jaws first. "

@@ -7,9 +7,7 @@ from contextlib import suppress
 
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
-from drivers.gripper_modbus import Gripper
-from drivers.lighting_modbus import Lights
-from drivers.umi_scara import Stop, UmiScara
+from drivers.kinds import Arm, FixedGripper, LampUnit, Stop
 
 log = logging.getLogger(__name__)
 
@@ -54,7 +52,7 @@ class Stopping:
 
     names = ("arm", "gripper", "lights")
 
-    def __init__(self, arm: UmiScara, gripper: Gripper, lights: Lights, clock: CellClock) -> None:
+    def __init__(self, arm: Arm, gripper: FixedGripper, lights: LampUnit, clock: CellClock) -> None:
         self._arm = arm
         self._gripper = gripper
         self._lights = lights

@@ -5,8 +5,7 @@ from typing import Protocol
 
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
-from drivers.gripper_modbus import Gripper, Hold
-from drivers.io_modbus import CellIo, Signal
+from drivers.kinds import FixedGripper, Hold, IoBlock, Signal
 
 from .custody import Custody
 from .errors import PartProblemError
@@ -36,7 +35,7 @@ class Watcher(Protocol):
 class InterlockWatcher:
     """Turns a safety copy that is not healthy into a fault, at once."""
 
-    def __init__(self, io: CellIo) -> None:
+    def __init__(self, io: IoBlock) -> None:
         self._io = io
 
     async def run(self, report: Report) -> None:
@@ -62,7 +61,7 @@ class FixedGripperWatcher:
 
     def __init__(
         self,
-        gripper: Gripper,
+        gripper: FixedGripper,
         grippers: Grippers,
         recoveries: Recoveries,
         record: BatchRecord,

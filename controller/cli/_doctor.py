@@ -12,11 +12,12 @@ from typing import Any
 
 from controller.cell.clocks import find_clock
 from controller.cell.devices import Devices, resolve
+from controller.cell.driver_registry import require_drivers
 from controller.cell.interlocks import REQUIRED_SIGNALS
 from controller.config import Cell, load_cell
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
-from drivers.io_modbus import Signal
+from drivers.kinds import Signal
 
 from ._emulator import emulated_cell, emulator_command
 from ._output import emit, say, stdout
@@ -30,6 +31,7 @@ LEAST_DISK_MB = 500
 def examine(cell_path: Path, *, as_json: bool) -> int:
     """Check machine and devices; 1 if anything is not as it should be."""
     cell = load_cell(cell_path)
+    require_drivers(cell_path, cell)
     checks = [*_machine(), *_permissions(cell)]
     emulator: Any = (
         emulated_cell(emulator_command(cell_path, (), speed=1.0, seed=1))
@@ -121,24 +123,23 @@ async def _devices(cell: Cell, ready: dict[str, Any]) -> list[Check]:
             checks.append(_check(name, f"{found} ({kind})", ok=True))
 
     async def lights() -> str:
-        analog, relays = await devices.lights.identify()
-        return f"analog output {analog}, relays {relays}"
+        await devices.lights.connect()
+        return devices.lights.model
 
     async def arm() -> str:
         identity = await devices.arm.connect()
         restarted = ", was restarted: homing needed" if identity.was_restarted else ""
-        return f"both IPs answer{restarted}"
+        return f"{devices.arm.model}{restarted}"
 
     async def camera(name: str) -> str:
         device = devices.overhead if name == "overhead" else devices.inspection
         await device.connect()
-        return f"{device.identity().card}, {device.shape[1]} x {device.shape[0]} px"
+        return f"{device.model}, {device.shape[1]} x {device.shape[0]} px"
 
     async def gripper() -> str:
         status = await devices.gripper.connect()
-        return (
-            f"2F, {'active' if status.is_activated else 'not activated'}, {status.width_mm:.0f} mm"
-        )
+        active = "active" if status.is_activated else "not activated"
+        return f"{devices.gripper.model}, {active}, {status.width_mm:.0f} mm"
 
     async with clock.attending():
         try:

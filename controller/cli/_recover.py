@@ -6,6 +6,7 @@ from pathlib import Path
 
 from controller.cell.clocks import find_clock
 from controller.cell.custody import GripperName
+from controller.cell.driver_registry import require_drivers
 from controller.cell.lock import hold_cell
 from controller.cell.openings import Finding
 from controller.cell.releasing import Recovery, Standing
@@ -27,6 +28,7 @@ def recover_cell(
 ) -> int:
     """Report what the grippers may hold, open one if asked; 0 if nothing is held, 1 otherwise."""
     cell = load_cell(cell_path)
+    require_drivers(cell_path, cell)
     if {"arm", "gripper", "io"} & set(cell.emulated_devices):
         raise ConfigError(
             f"{cell_path}: its grippers are emulated by each run and end with it. Nothing is left "

@@ -20,6 +20,7 @@ from controller.cad.compiled import CompiledPart, load_part, options_among
 from controller.cell.checking import check_plans, check_sizes
 from controller.cell.clocks import FoundClock, find_clock
 from controller.cell.dispatcher import Dispatcher
+from controller.cell.driver_registry import require_drivers
 from controller.cell.lock import hold_cell, require_free_cell
 from controller.cell.records import PartRecord, Progress
 from controller.cell.run import RunOrder, RunResult, new_run_id, run_batch
@@ -58,6 +59,7 @@ def run_recipe(
     recipe = load_recipe(recipe_path)
     cell_file = cell_path or recipe.cell
     cell = load_cell(cell_file)
+    require_drivers(cell_file, cell)
     # before anything starts: what is wrong is the command line's fault, the quick checks first
     check_writable_folder(runs_dir, "--runs", LEAST_FREE_BYTES)
     require_free_cell(runs_dir, cell)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +57,7 @@ Range = Annotated[Vec2, AfterValidator(_rising)]
 Size = Annotated[Vec2, AfterValidator(_positive)]
 Box = Annotated[tuple[float, float, float, float, float, float], AfterValidator(_rising)]
 EMULATED = "emulated"
+DriverName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]*$", max_length=80)]
 
 
 class Pose(Section):
@@ -81,25 +82,57 @@ class Pose(Section):
         return T
 
 
-class SerialDevice(Section):
-    """A device on a line of its own, or a camera node."""
+class DeviceSection(Section):
+    """A device: where it is and which driver speaks to it.
+
+    Attributes
+    ----------
+    address : device node, `host:port`, or whatever the driver takes
+    driver : name of an installed driver of this kind of device (docs/drivers.md)
+    settings : what that driver wants to know besides
+    """
 
     address: str
+    driver: DriverName
+    settings: dict[str, Any] = Field(default_factory=dict)
 
 
-class ModbusSection(Section):
+class ArmDevice(DeviceSection):
+    """The arm, on a line of its own."""
+
+    driver: DriverName = "umi_rtx"
+
+
+class CameraDevice(DeviceSection):
+    """A camera node."""
+
+    driver: DriverName = "v4l2"
+
+
+class ModbusSection(DeviceSection):
     """A Modbus device: `host:port` for tcp and rtu-tcp, a serial device for rtu."""
 
-    address: str
     transport: Literal["tcp", "rtu", "rtu-tcp"] = "tcp"
     unit: int = Field(1, ge=1, le=247)
     baudrate: int = Field(115200, ge=1200, le=1_000_000)
 
 
-class LightsSection(Section):
+class GripperDevice(ModbusSection):
+    """The fixed gripper."""
+
+    driver: DriverName = "robotiq_2f"
+
+
+class IoDevice(ModbusSection):
+    """The I/O block."""
+
+    driver: DriverName = "moxa_e1214"
+
+
+class LightsSection(DeviceSection):
     """The two light modules on one line."""
 
-    address: str
+    driver: DriverName = "waveshare"
     transport: Literal["tcp", "rtu", "rtu-tcp"] = "tcp"
     analog_unit: int = Field(1, ge=1, le=247)
     relay_unit: int = Field(2, ge=1, le=247)
@@ -115,12 +148,12 @@ class LightsSection(Section):
 class DevicesSection(Section):
     """Where each device is; `emulated` asks the emulator started beside the run."""
 
-    arm: SerialDevice
-    gripper: ModbusSection
+    arm: ArmDevice
+    gripper: GripperDevice
     lights: LightsSection
-    io: ModbusSection
-    overhead: SerialDevice
-    inspection: SerialDevice
+    io: IoDevice
+    overhead: CameraDevice
+    inspection: CameraDevice
 
 
 class Range2(Section):

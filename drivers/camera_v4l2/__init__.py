@@ -4,6 +4,8 @@ A thin layer of our own over the kernel's ioctls. Not responsible for light, len
 picture shows.
 """
 
+from .. import kinds
+from ..kinds import Driver, NoSettings, Site
 from ._camera import Camera, system_calls_for
 from ._controls import ControlInfo, ControlSetting
 from ._decode import BrokenPictureError, decode
@@ -14,6 +16,7 @@ from ._syscalls import KernelCalls, SysCalls
 from ._types import CameraConfig, CameraIdentity, CameraStats, Frame
 
 __all__ = [
+    "DRIVER",
     "BrokenPictureError",
     "Camera",
     "CameraConfig",
@@ -32,3 +35,25 @@ __all__ = [
     "list_nodes",
     "system_calls_for",
 ]
+
+
+def _build(site: Site, _: NoSettings) -> Camera:
+    capture = site.capture
+    if capture is None:
+        raise ValueError(f"{site.name}: nothing says how this camera is run")
+    config = CameraConfig(
+        device=site.address,
+        width=capture.width,
+        height=capture.height,
+        pixel_formats=capture.formats,
+        fps=capture.fps,
+        exposure_s=capture.exposure_s,
+        buffer_count=2,
+        settle_frame_count=capture.settle_frames,
+        frame_margin_s=capture.margin_s,
+        frame_timeout_s=capture.frame_late_s,
+    )
+    return Camera(config, clock=site.clock)
+
+
+DRIVER: Driver[kinds.Camera, NoSettings] = Driver(NoSettings, _build)

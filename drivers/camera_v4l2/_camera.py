@@ -140,6 +140,14 @@ class Camera:
             self._is_closing = False
 
     @property
+    def model(self) -> str:
+        """What messages and the journal call it: card and kernel driver, once connected."""
+        if self._capture is None:
+            return "V4L2 camera"
+        identity = self.identity()
+        return f"{identity.card} ({identity.driver})"
+
+    @property
     def is_connected(self) -> bool:
         """Whether the camera is open, as far as is known."""
         return self._capture is not None

@@ -4,12 +4,14 @@ Knows the register map (modbus_devices.md 2) and not which part is held. Not res
 line, which others may share: that is `drivers.modbus_link`.
 """
 
+from ..kinds import Driver, FixedGripper, Hold, NoSettings, Site
 from ._config import GripperConfig
 from ._gripper import Gripper, StoppedError
 from ._registers import ActivationState, Counts, ObjectState
-from ._status import GripEvidence, GripperStatus, GripResult, Hold
+from ._status import GripEvidence, GripperStatus, GripResult
 
 __all__ = [
+    "DRIVER",
     "ActivationState",
     "Counts",
     "GripEvidence",
@@ -21,3 +23,10 @@ __all__ = [
     "ObjectState",
     "StoppedError",
 ]
+
+
+def _build(site: Site, _: NoSettings) -> Gripper:
+    return Gripper(site.open_link(), GripperConfig(unit=site.section["unit"]))
+
+
+DRIVER: Driver[FixedGripper, NoSettings] = Driver(NoSettings, _build)

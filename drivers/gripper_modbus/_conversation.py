@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Final
 
 from ..errors import DeviceError, FaultError, ReplyTimeoutError, StalledError, UnpluggedError
+from ..kinds import Hold
 from ..modbus_link import FunctionCode, ModbusLink, Request
 from ._config import GripperConfig
 from ._registers import (
@@ -19,7 +20,7 @@ from ._registers import (
     decode_inputs,
     fault_of,
 )
-from ._status import GripperStatus, GripResult, Hold, judge_hold
+from ._status import GripperStatus, GripResult, judge_hold
 
 log = logging.getLogger(__name__)
 

@@ -21,6 +21,7 @@ from ..errors import (
     StalledError,
     WrongDeviceError,
 )
+from ..kinds import Hold
 from ..modbus_link import ModbusLink
 from ._config import GripperConfig
 from ._conversation import NOT_KNOWN_TO_BE_DONE, Conversation
@@ -36,7 +37,7 @@ from ._registers import (
     encode_outputs,
     fault_of,
 )
-from ._status import GripperStatus, GripResult, Hold, judge_grip, judge_hold
+from ._status import GripperStatus, GripResult, judge_grip, judge_hold
 
 log = logging.getLogger(__name__)
 
@@ -84,6 +85,16 @@ class Gripper:
         traceback: TracebackType | None,
     ) -> None:
         await self.aclose()
+
+    @property
+    def model(self) -> str:
+        """What messages and the journal call it."""
+        return "Robotiq 2F"
+
+    @property
+    def max_opening_mm(self) -> float:
+        """How far the jaws open [mm]."""
+        return self.config.open_mm
 
     async def connect(self) -> GripperStatus:
         """Read the status, check as far as the map allows that this is a 2F, keep it awake.

@@ -6,6 +6,7 @@ Sections (§) are those of modbus_devices.md.
 from dataclasses import dataclass
 from enum import Enum
 
+from ..kinds import Hold
 from ._config import GripperConfig
 from ._registers import (
     NO_MESSAGE_FAULT,
@@ -78,6 +79,22 @@ class GripperStatus:
         return fault_of(self.fault).kind is not FaultClass.NONE and self.fault != NO_MESSAGE_FAULT
 
     @property
+    def is_moving(self) -> bool:
+        """Whether the jaws are on their way."""
+        return self.is_going and self.object is ObjectState.MOVING
+
+    @property
+    def has_contact(self) -> bool:
+        """Whether something stopped the jaws of the move that still stands."""
+        contacts = (ObjectState.CONTACT_CLOSING, ObjectState.CONTACT_OPENING)
+        return self.is_going and self.object in contacts
+
+    @property
+    def has_arrived(self) -> bool:
+        """Whether the move that still stands met nothing."""
+        return self.is_going and self.object is ObjectState.AT_POSITION
+
+    @property
     def fault_text(self) -> str:
         """The fault in words, with what to do."""
         fault = fault_of(self.fault)
@@ -108,15 +125,6 @@ class GripResult:
     width_mm: float
     evidence: GripEvidence
     status: GripperStatus
-
-
-class Hold(Enum):
-    """Whether the part of the last grip is still there."""
-
-    NOTHING = "nothing"  # no part was gripped
-    HELD = "held"
-    LOST = "lost"
-    UNKNOWN = "unknown"  # the gripper restarted or its jaws are moving: go and look
 
 
 def judge_grip(

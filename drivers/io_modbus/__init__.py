@@ -4,6 +4,7 @@ Healthy is 1, and what is not freshly known is never OK. Not responsible for saf
 hard-wired, and what arrives here is a copy of it.
 """
 
+from ..kinds import Change, Driver, IoBlock, NoSettings, Signal, Site
 from ._config import (
     PLANNED_INPUTS,
     PLANNED_OUTPUTS,
@@ -13,9 +14,10 @@ from ._config import (
     OutputChannel,
 )
 from ._io import CellIo, Watch
-from ._signals import Change, Signal, Snapshot
+from ._signals import Snapshot
 
 __all__ = [
+    "DRIVER",
     "PLANNED_INPUTS",
     "PLANNED_OUTPUTS",
     "CellIo",
@@ -28,3 +30,14 @@ __all__ = [
     "Snapshot",
     "Watch",
 ]
+
+
+def _build(site: Site, _: NoSettings) -> CellIo:
+    polling = site.polling
+    if polling is None:
+        raise ValueError(f"{site.name}: an I/O block is polled, and nothing says how often")
+    config = IoConfig(unit=site.section["unit"], poll_s=polling.poll_s, stale_s=polling.stale_s)
+    return CellIo(site.open_link(), config)
+
+
+DRIVER: Driver[IoBlock, NoSettings] = Driver(NoSettings, _build)

@@ -14,9 +14,10 @@ from types import TracebackType
 from typing import Final, Self
 
 from ..errors import DeviceError, RefusedError, WrongDeviceError
+from ..kinds import Change, Signal
 from ..modbus_link import FunctionCode, ModbusLink, Request
 from ._config import INPUT_COUNT, RELAY_COUNT, IoConfig
-from ._signals import Believer, Change, Signal, Snapshot
+from ._signals import Believer, Snapshot
 
 log = logging.getLogger(__name__)
 
@@ -115,6 +116,11 @@ class CellIo:
         traceback: TracebackType | None,
     ) -> None:
         await self.aclose()
+
+    @property
+    def model(self) -> str:
+        """What messages and the journal call it."""
+        return f"Moxa {self.config.model}"
 
     async def connect(self) -> str:
         """Check the model, start polling, return the model name. Switches nothing.

@@ -2,39 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum
 
+from ..kinds import Change, Signal
 from ._config import Debounce, InputChannel
-
-
-class Signal(Enum):
-    """What is known of an input. Only OK is OK."""
-
-    OK = "ok"  # the input reads 1
-    NOT_OK = "not ok"  # it reads 0: pressed, open, absent, or its wire is broken
-    UNKNOWN = "unknown"  # no fresh reading: treat as NOT_OK, record as different
-
-    @property
-    def is_ok(self) -> bool:
-        """Whether it is known to be OK."""
-        return self is Signal.OK
-
-
-@dataclass(frozen=True, slots=True)
-class Change:
-    """An input is believed to have changed.
-
-    Attributes
-    ----------
-    name : of the input
-    signal, previous : now and before
-    at_s : cell instant of the reading that decided it, or at which readings became too old [s]
-    """
-
-    name: str
-    signal: Signal
-    previous: Signal
-    at_s: float
 
 
 @dataclass(frozen=True, slots=True)

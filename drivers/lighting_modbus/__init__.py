@@ -5,7 +5,25 @@ broken dimming wire makes a lamp brighter (modbus_devices.md 6.4). Knows nothing
 says from which instant on the light is as asked.
 """
 
+from ..kinds import Driver, LampUnit, NoSettings, Site
 from ._config import LampChannel, LightsConfig
 from ._lights import LampState, Lights, LightsReading
 
-__all__ = ["LampChannel", "LampState", "Lights", "LightsConfig", "LightsReading"]
+__all__ = ["DRIVER", "LampChannel", "LampState", "Lights", "LightsConfig", "LightsReading"]
+
+
+def _build(site: Site, _: NoSettings) -> Lights:
+    # the cell counts channels from 0, the modules' print from 1
+    lamps = tuple(
+        LampChannel(name=lamp.name, analog_channel=lamp.analog + 1, relay_channel=lamp.relay + 1)
+        for lamp in site.lamps
+    )
+    config = LightsConfig(
+        lamps=lamps,
+        analog_unit=site.section["analog_unit"],
+        relay_unit=site.section["relay_unit"],
+    )
+    return Lights(site.open_link(), config)
+
+
+DRIVER: Driver[LampUnit, NoSettings] = Driver(NoSettings, _build)

@@ -66,6 +66,7 @@ class Lights:
         self._lamps = {lamp.name: lamp for lamp in config.lamps}
         self._analog = AnalogModule(link, config.analog_unit, config.spacing_s)
         self._relays = RelayModule(relay_link or link, config.relay_unit, config.spacing_s)
+        self._versions: tuple[str, str] | None = None
         self._changing = asyncio.Lock()
         self._acknowledged_at_s = self._clock.now_s()
 
@@ -80,6 +81,14 @@ class Lights:
         traceback: TracebackType | None,
     ) -> None:
         return
+
+    @property
+    def model(self) -> str:
+        """What messages and the journal call it: the version of each module, once known."""
+        if self._versions is None:
+            return "Waveshare analog output and relays"
+        analog, relays = self._versions
+        return f"Waveshare analog output {analog} and relays {relays}"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -98,7 +107,8 @@ class Lights:
         ------
         WrongDeviceError : another device answers at one of the two slave ids
         """
-        return await self._analog.identify(), await self._relays.identify()
+        self._versions = await self._analog.identify(), await self._relays.identify()
+        return self._versions
 
     async def set(
         self, levels: Mapping[str, float], *, settle: bool = False, force: bool = False

@@ -3,19 +3,21 @@
 Source of all facts: umi_rtx.md. `kinematics` turns joints into poses and back without any device.
 """
 
+from ..kinds import Arm, Driver, JawReading, NoSettings, Site, Stop
 from . import kinematics
-from ._arm import JawReading, UmiScara
+from ._arm import UmiScara
 from ._constants import Axis, Ip, Parameter, StatusBits
 from ._gripper import GripperLaw
 from ._homing import HomingConfig, HomingError
 from ._limits import OutOfRangeError
 from ._link import LineDoubtError, LinkConfig, SilentLineError, Trace, WireExchange
 from ._motion import AxisStalledError, MotionStoppedError, forecast_s, synchronised_speeds
-from ._session import ArmConfig, ArmIdentity, PowerOffError, Stop
+from ._session import ArmConfig, ArmIdentity, PowerOffError
 from ._transport import SerialTransport, Transport
 from .kinematics import ArmGeometry
 
 __all__ = [
+    "DRIVER",
     "ArmConfig",
     "ArmGeometry",
     "ArmIdentity",
@@ -44,3 +46,10 @@ __all__ = [
     "kinematics",
     "synchronised_speeds",
 ]
+
+
+def _build(site: Site, _: NoSettings) -> UmiScara:
+    return UmiScara(site.address, clock=site.clock)
+
+
+DRIVER: Driver[Arm, NoSettings] = Driver(NoSettings, _build)

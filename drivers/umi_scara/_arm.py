@@ -7,11 +7,11 @@ goes out. Soak tests, built-in INIT and interpolation exist in the codec alone.
 
 import logging
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..kinds import JawReading
 from . import _constants as c
 from . import kinematics
 from ._constants import ADDRESSES, Axis, Drive, Parameter, StatusBits
@@ -39,20 +39,6 @@ _PARTNERS = {
     Axis.WRIST2: Axis.WRIST1,
 }
 _STILL_POLL_COUNT = 3  # §9.17
-
-
-@dataclass(frozen=True, slots=True)
-class JawReading:
-    """How the jaws stand, asked without homing.
-
-    Attributes
-    ----------
-    is_pressing : they have stalled and press, on something between them or on each other
-    width_mm : opening [mm]; means something only if the arm was homed and has not restarted since
-    """
-
-    is_pressing: bool
-    width_mm: float
 
 
 class UmiScara(ArmSession):

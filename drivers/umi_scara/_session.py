@@ -8,12 +8,12 @@ import logging
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
-from enum import Enum
 from types import TracebackType
-from typing import Self
+from typing import Final, Self
 
 from drivers.clock import REAL_TIME, CellClock
 from drivers.errors import DeviceError, LinkError, PositionLostError
+from drivers.kinds import Stop
 
 from . import _constants as c
 from ._axes import Axes
@@ -34,15 +34,11 @@ class PowerOffError(DeviceError):
     """A motion without motor power: the arm would acknowledge it and do nothing (§8.10)."""
 
 
-class Stop(Enum):
-    """Ways to stop (§2.3)."""
-
-    DEAD = Simple.DEAD_STOP
-    """At once; motors hold."""
-    RAMP = Simple.RAMP_STOP
-    """Slow down, then hold."""
-    FREE = Simple.FREE_STOP
-    """Power removed: axes can be moved by hand and may sink (§8.6)."""
+_STOP_COMMANDS: Final = {  # §2.3
+    Stop.DEAD: Simple.DEAD_STOP,
+    Stop.RAMP: Simple.RAMP_STOP,
+    Stop.FREE: Simple.FREE_STOP,  # axes may sink (§8.6)
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,6 +177,20 @@ class ArmSession:
         return self._identity
 
     @property
+    def model(self) -> str:
+        """What messages and the journal call it: the ROM of each IP, once connected."""
+        if self._identity is None:
+            return "UMI RTX"
+        versions = self._identity.rom_versions.items()
+        roms = ", ".join(f"{ip.name} ROM {version[1]}.{version[0]}" for ip, version in versions)
+        return f"UMI RTX, {roms}"
+
+    @property
+    def max_opening_mm(self) -> float:
+        """How far the jaws open [mm]."""
+        return self._config.gripper.max_width_mm
+
+    @property
     def is_homed(self) -> bool:
         """Whether counts mean positions."""
         return self._is_homed
@@ -280,7 +290,7 @@ class ArmSession:
             self._known.clear()  # axes may be moved by hand
         if kind is Stop.RAMP:
             self._may_be_relabelled = True  # one bit makes `21` of `25`
-        await run_to_end(self._axes.halt(kind.value))
+        await run_to_end(self._axes.halt(_STOP_COMMANDS[kind]))
 
     @asynccontextmanager
     async def _motion(self, *, needs_home: bool = True) -> AsyncIterator[Guard]:

@@ -200,7 +200,7 @@ class PaperCell:
 class PaperFixture:
     """The fixed gripper of a paper cell."""
 
-    config = SimpleNamespace(open_mm=85.0)
+    max_opening_mm = 85.0
 
     def __init__(self, cell: PaperCell) -> None:
         self.cell = cell

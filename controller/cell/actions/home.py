@@ -3,9 +3,7 @@
 import asyncio
 
 from controller.planning.model import CellLayout
-from drivers.gripper_modbus import Gripper
-from drivers.io_modbus import CellIo
-from drivers.umi_scara import UmiScara
+from drivers.kinds import Arm, FixedGripper, IoBlock
 
 from ..errors import PartProblemError
 from ..interlocks import check_interlocks
@@ -26,9 +24,9 @@ class HomeAction:
 
     def __init__(
         self,
-        arm: UmiScara,
-        gripper: Gripper,
-        io: CellIo,
+        arm: Arm,
+        gripper: FixedGripper,
+        io: IoBlock,
         layout: CellLayout,
         motion: Motion,
         grippers: Grippers,

@@ -3,8 +3,7 @@
 import logging
 from contextlib import suppress
 
-from drivers.io_modbus import CellIo
-from drivers.umi_scara import Stop
+from drivers.kinds import IoBlock, Stop
 
 from ..interlocks import check_interlocks
 from ..journal import Journal, JournalError
@@ -73,7 +72,7 @@ class AbortMotionAction:
 class ClearFaultAction:
     """Checks that what stopped the cell is gone."""
 
-    def __init__(self, io: CellIo) -> None:
+    def __init__(self, io: IoBlock) -> None:
         self._io = io
 
     async def run(self) -> Event:

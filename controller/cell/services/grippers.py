@@ -4,9 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from controller.config import Recipe
-from drivers.gripper_modbus import Gripper, GripResult, Hold
-from drivers.io_modbus import CellIo
-from drivers.umi_scara import UmiScara
+from drivers.kinds import Arm, FixedGripper, GripReading, Hold, IoBlock
 
 from ..custody import Custody
 from ..errors import PartFaultError
@@ -26,7 +24,7 @@ class Grippers:
     """
 
     def __init__(
-        self, arm: UmiScara, fixed: Gripper, io: CellIo, record: BatchRecord, recipe: Recipe
+        self, arm: Arm, fixed: FixedGripper, io: IoBlock, record: BatchRecord, recipe: Recipe
     ) -> None:
         self._arm = arm
         self._fixed = fixed
@@ -83,7 +81,7 @@ class Grippers:
         part = self._record.part
         gripped_mm = 0.0 if part.hold is None else part.hold.width_mm
         if opening_mm is None:
-            opening_mm = self._fixed.config.open_mm
+            opening_mm = self._fixed.max_opening_mm
         await self._guard.open_fixed(opening_mm, part.custody, gripped_mm)
 
     async def release_to_arm(self, opening_mm: float) -> None:
@@ -110,7 +108,7 @@ class Grippers:
             name, {"expected_mm": expected_mm}, lambda: self._arm.grip(self._arm_force)
         )
 
-    async def close_fixed(self, expected_mm: float) -> GripResult:
+    async def close_fixed(self, expected_mm: float) -> GripReading:
         """Close the fixed gripper on the part that the arm gripper holds."""
         return await self._record.once(
             "hand_off",

@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.camera_v4l2 import Camera
-from drivers.lighting_modbus import Lights
+from drivers.kinds import Camera, LampUnit
 
 Grey = NDArray[np.uint8]
 CameraName = Literal["overhead", "inspection"]
@@ -31,7 +30,7 @@ class Imaging:
 
     def __init__(
         self,
-        lights: Lights,
+        lights: LampUnit,
         cameras: Mapping[CameraName, Camera],
         quick: frozenset[CameraName],
         folder: Path,

@@ -4,8 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import CellClock
-from drivers.io_modbus import CellIo
-from drivers.umi_scara import UmiScara
+from drivers.kinds import Arm, IoBlock
 
 from ..interlocks import check_interlocks
 
@@ -25,7 +24,7 @@ class Motion:
     clock : of the cell
     """
 
-    def __init__(self, arm: UmiScara, io: CellIo, clock: CellClock) -> None:
+    def __init__(self, arm: Arm, io: IoBlock, clock: CellClock) -> None:
         self._arm = arm
         self._io = io
         self._clock = clock

@@ -1,0 +1,38 @@
+"""What a cell needs of each kind of device, and how a driver is offered to it.
+
+A driver of the group ``cellctl.drivers`` (docs/drivers.md) returns an object that has one of these
+protocols. They name what the cell calls and no more; a driver may do more. The errors it raises are
+those of `drivers.errors`, its instants and durations are seconds of `drivers.clock.CellClock`.
+"""
+
+from .arm import Arm, ArmIdentity, JawReading, Stop
+from .camera import Camera, Capture, Frame
+from .driver import GROUP, Driver, NoSettings, Site
+from .gripper import FixedGripper, GripperReading, GripReading, Hold
+from .io_block import Change, Changes, IoBlock, Polling, Signal
+from .lights import Lamp, LampUnit
+
+__all__ = [
+    "GROUP",
+    "Arm",
+    "ArmIdentity",
+    "Camera",
+    "Capture",
+    "Change",
+    "Changes",
+    "Driver",
+    "FixedGripper",
+    "Frame",
+    "GripReading",
+    "GripperReading",
+    "Hold",
+    "IoBlock",
+    "JawReading",
+    "Lamp",
+    "LampUnit",
+    "NoSettings",
+    "Polling",
+    "Signal",
+    "Site",
+    "Stop",
+]

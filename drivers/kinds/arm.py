@@ -1,0 +1,116 @@
+"""An arm with a gripper of its own: moves joints, opens and closes its jaws, stops."""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Stop(Enum):
+    """How an arm is stopped."""
+
+    DEAD = "dead"
+    """At once; motors hold."""
+    RAMP = "ramp"
+    """Slow down, then hold."""
+    FREE = "free"
+    """Power removed: axes can be moved by hand and may sink."""
+
+
+@dataclass(frozen=True, slots=True)
+class JawReading:
+    """How the jaws stand, asked without homing.
+
+    Attributes
+    ----------
+    is_pressing : they have stalled and press, on something between them or on each other
+    width_mm : opening [mm]; means something only if the arm was homed and has not restarted since
+    """
+
+    is_pressing: bool
+    width_mm: float
+
+
+class ArmIdentity(Protocol):
+    """Who answered `Arm.connect`."""
+
+    @property
+    def was_restarted(self) -> bool:
+        """Whether it has lost its positions since it was last homed."""
+        ...
+
+
+class Arm(Protocol):
+    """The arm and its gripper. Joints ``q`` are those of the arm's model: rad, mm for slides.
+
+    A moving verb that is cancelled or fails stops the arm before it ends.
+
+    Attributes
+    ----------
+    model : what messages and the journal call it, once connected
+    identity : what `connect` found; None before it
+    is_homed : whether positions mean something
+    max_opening_mm : how far its gripper opens [mm]
+    """
+
+    @property
+    def model(self) -> str: ...  # noqa: D102  (an attribute)
+
+    @property
+    def identity(self) -> ArmIdentity | None: ...  # noqa: D102  (an attribute)
+
+    @property
+    def is_homed(self) -> bool: ...  # noqa: D102  (an attribute)
+
+    @property
+    def max_opening_mm(self) -> float: ...  # noqa: D102  (an attribute)
+
+    async def connect(self) -> ArmIdentity:
+        """Open the line and check who answers; nothing moves."""
+        ...
+
+    async def enable_power(self) -> None:
+        """Allow motor power; only once people agree to motion."""
+        ...
+
+    async def home(self) -> None:
+        """Find the references of all axes; may sweep the whole reach, and moves the jaws."""
+        ...
+
+    async def move_joints(self, q: NDArray[np.float64]) -> None:
+        """Move to joints (n,), all arriving together; return when the arm is there."""
+        ...
+
+    async def read_q(self) -> NDArray[np.float64]:
+        """Return the joints (n,) at which it stands."""
+        ...
+
+    async def stop(self, kind: Stop) -> None:
+        """Stop all axes ahead of all other traffic; opens no jaw."""
+        ...
+
+    async def grip(self, force: int) -> float:
+        """Close the jaws until they stall; return the opening [mm]. ``force``: 20 to 60."""
+        ...
+
+    async def move_gripper_mm(self, width_mm: float) -> float:
+        """Move empty jaws to an opening [mm]; return the one reached."""
+        ...
+
+    async def jaw_width_mm(self) -> float:
+        """Return the opening of the jaws as it is now [mm]."""
+        ...
+
+    async def read_jaws(self) -> JawReading:
+        """Return how the jaws stand, homed or not; nothing moves."""
+        ...
+
+    async def drive_jaws(self, by_mm: float) -> float:
+        """Open (below 0: close) the jaws by about so much [mm]; return by how much they moved."""
+        ...
+
+    async def aclose(self) -> None:
+        """Stop, and let go of the line; opens no jaw."""
+        ...

@@ -1,0 +1,86 @@
+"""A camera: frames of which it is known when their light was gathered."""
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class Capture:
+    """How a camera of the cell is run, as the cell file says.
+
+    Attributes
+    ----------
+    width, height : of a picture [px]
+    formats : FourCC of pixel formats, the best first
+    fps : frames a second
+    exposure_s : of one frame [s]
+    settle_frames : of a stream just started, before one is trusted
+    margin_s : play of a frame's time stamp [s]; None for the driver's own
+    frame_late_s : a frame may come this much later than rate and exposure explain [cell s]
+    """
+
+    width: int
+    height: int
+    formats: tuple[str, ...]
+    fps: float
+    exposure_s: float
+    settle_frames: int
+    margin_s: float | None
+    frame_late_s: float
+
+
+class Frame(Protocol):
+    """One picture."""
+
+    @property
+    def image(self) -> NDArray[np.uint8] | NDArray[np.uint16]:
+        """Grey levels (height, width)."""
+        ...
+
+    @property
+    def white(self) -> int:
+        """The largest value a pixel can have."""
+        ...
+
+
+class Camera(Protocol):
+    """One camera.
+
+    Attributes
+    ----------
+    model : what messages and the journal call it, once connected
+    shape : height and width of its pictures [px]
+    is_paused : whether the frames are stopped
+    """
+
+    @property
+    def model(self) -> str: ...  # noqa: D102  (an attribute)
+
+    @property
+    def shape(self) -> tuple[int, int]: ...  # noqa: D102  (an attribute)
+
+    @property
+    def is_paused(self) -> bool: ...  # noqa: D102  (an attribute)
+
+    async def connect(self) -> Any:  # noqa: ANN401  (whatever the driver says of it)
+        """Find and open the camera, start the frames."""
+        ...
+
+    async def pause(self) -> None:
+        """Stop the frames, so that an idle camera costs nothing."""
+        ...
+
+    async def resume(self) -> None:
+        """Start the frames again."""
+        ...
+
+    async def frame_after(self, t_s: float, timeout_s: float | None = None) -> Frame:
+        """Return the first good frame exposed wholly after an instant of the cell's clock [s]."""
+        ...
+
+    async def close(self) -> None:
+        """Stop the frames and close the camera."""
+        ...

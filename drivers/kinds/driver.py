@@ -1,0 +1,71 @@
+"""How a driver is offered to the cell: an entry point that names a `Driver`.
+
+The entry point's name is ``KIND.NAME`` in the group ``cellctl.drivers``: kind ``arm``, ``gripper``,
+``lights``, ``io`` or ``camera``, and the name that a cell file gives as ``driver:``. cellctl's own
+drivers are offered the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
+
+from ..clock import CellClock
+from .camera import Capture
+from .io_block import Polling
+from .lights import Lamp
+
+if TYPE_CHECKING:  # who drives no Modbus device does not load its library
+    from ..modbus_link import ModbusLink
+
+GROUP: Final = "cellctl.drivers"
+
+Device = TypeVar("Device", covariant=True)
+Settings = TypeVar("Settings")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Site:
+    """Where a device is, and what the cell around it expects of it.
+
+    Attributes
+    ----------
+    name : of the device in the cell file, such as ``gripper`` or ``overhead``
+    address : as the cell file says, or as the emulator offers it
+    section : the device's whole section of the cell file, ``address`` and ``settings`` among it
+    clock : all durations and instants are its seconds
+    open_link : returns the Modbus line of this section, one for all devices on it; it is closed
+        by the cell
+    polling : of an I/O block
+    lamps : of a lamp unit
+    capture : of a camera
+    """
+
+    name: str
+    address: str
+    section: Mapping[str, Any]
+    clock: CellClock
+    open_link: Callable[[], ModbusLink]
+    polling: Polling | None = None
+    lamps: tuple[Lamp, ...] = ()
+    capture: Capture | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class NoSettings:
+    """Settings of a driver that has none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Driver(Generic[Device, Settings]):
+    """A driver, as an entry point of the group ``cellctl.drivers`` offers it.
+
+    Attributes
+    ----------
+    settings : dataclass of what may stand under ``settings:`` of the device in the cell file
+    build : returns the device; opens nothing yet
+    """
+
+    settings: type[Settings]
+    build: Callable[[Site, Settings], Device]

@@ -1,0 +1,113 @@
+"""A fixed gripper: two jaws that open and close, and say whether they hold something."""
+
+from enum import Enum
+from typing import Protocol
+
+
+class Hold(Enum):
+    """Whether the part of the last grip is still there."""
+
+    NOTHING = "nothing"  # no part was gripped
+    HELD = "held"
+    LOST = "lost"
+    UNKNOWN = "unknown"  # the gripper restarted or its jaws are moving: go and look
+
+
+class GripperReading(Protocol):
+    """How a gripper stands at an instant."""
+
+    @property
+    def width_mm(self) -> float:
+        """Opening between the pads [mm]."""
+        ...
+
+    @property
+    def is_activated(self) -> bool:
+        """Whether it can be moved without activating it first."""
+        ...
+
+    @property
+    def has_fault(self) -> bool:
+        """Whether a fault stands in the way of a move."""
+        ...
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the jaws are on their way."""
+        ...
+
+    @property
+    def has_contact(self) -> bool:
+        """Whether something stopped the jaws of the last move, which still stands."""
+        ...
+
+    @property
+    def has_arrived(self) -> bool:
+        """Whether the last move, which still stands, met nothing."""
+        ...
+
+
+class GripReading(Protocol):
+    """How a grip ended. An empty grip is a result, not an error."""
+
+    @property
+    def object_detected(self) -> bool:
+        """Whether something is between the jaws."""
+        ...
+
+    @property
+    def width_mm(self) -> float:
+        """Opening between the pads [mm]."""
+        ...
+
+
+class FixedGripper(Protocol):
+    """The gripper that is bolted to the cell.
+
+    Attributes
+    ----------
+    model : what messages and the journal call it, once connected
+    max_opening_mm : how far it opens [mm]
+    """
+
+    @property
+    def model(self) -> str: ...  # noqa: D102  (an attribute)
+
+    @property
+    def max_opening_mm(self) -> float: ...  # noqa: D102  (an attribute)
+
+    async def connect(self) -> GripperReading:
+        """Open the line, check who answers, move nothing; a part that is held stays held."""
+        ...
+
+    async def status(self) -> GripperReading:
+        """Ask how it is. Faults are in the answer, not raised."""
+        ...
+
+    async def hold(self) -> Hold:
+        """Ask whether the part of the last grip is still there. A loss stays a loss."""
+        ...
+
+    async def wait_lost(self) -> None:
+        """Wait until the gripped part is known to be gone."""
+        ...
+
+    async def activate(self) -> object:
+        """Make it ready to move; may move the jaws unless it is ready already."""
+        ...
+
+    async def open_to(self, width_mm: float) -> object:
+        """Move the jaws to an opening, with nothing between them; return when they are there."""
+        ...
+
+    async def close_on(self, width_mm: float, *, force_n: float) -> GripReading:
+        """Close on a part of about this width with this force; return when they have stopped."""
+        ...
+
+    async def stop(self) -> object:
+        """Stop the jaws where they are, and confirm it; what they hold they keep holding."""
+        ...
+
+    async def aclose(self) -> None:
+        """Leave the device as it stands: opens no jaw, moves nothing."""
+        ...

@@ -1,0 +1,102 @@
+"""An I/O block: inputs of which only what is freshly known to be healthy counts as healthy."""
+
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from enum import Enum
+from types import TracebackType
+from typing import Protocol, Self
+
+
+class Signal(Enum):
+    """What is known of an input. Only OK is OK."""
+
+    OK = "ok"  # the input reads 1
+    NOT_OK = "not ok"  # it reads 0: pressed, open, absent, or its wire is broken
+    UNKNOWN = "unknown"  # no fresh reading: treat as NOT_OK, record as different
+
+    @property
+    def is_ok(self) -> bool:
+        """Whether it is known to be OK."""
+        return self is Signal.OK
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """An input is believed to have changed.
+
+    Attributes
+    ----------
+    name : of the input
+    signal, previous : now and before
+    at_s : cell instant of the reading that decided it, or at which readings became too old [s]
+    """
+
+    name: str
+    signal: Signal
+    previous: Signal
+    at_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Polling:
+    """How often inputs are read.
+
+    Attributes
+    ----------
+    poll_s : from one reading to the next [cell s]
+    stale_s : an input read longer ago is unknown [cell s]
+    """
+
+    poll_s: float
+    stale_s: float
+
+
+class Changes(Protocol):
+    """Changes as they come, until the context ends: ``with ... as changes: async for ...``."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None: ...
+
+    def __aiter__(self) -> AsyncIterator[Change]: ...
+
+
+class IoBlock(Protocol):
+    """The inputs of the cell, by the names the cell gives them.
+
+    Attributes
+    ----------
+    model : what messages and the journal call it, once connected
+    """
+
+    @property
+    def model(self) -> str: ...  # noqa: D102  (an attribute)
+
+    async def connect(self) -> object:
+        """Check who answers, begin to read the inputs; switch nothing."""
+        ...
+
+    def signal(self, name: str) -> Signal:
+        """Return what is known of an input now."""
+        ...
+
+    def watch(self) -> Changes:
+        """Return all changes from now on."""
+        ...
+
+    async def wait_for(self, name: str, signal: Signal) -> None:
+        """Wait until an input is known to be so."""
+        ...
+
+    async def clear_watchdog(self) -> None:
+        """Clear the block's own note that it missed us; nothing where it keeps none."""
+        ...
+
+    async def aclose(self) -> None:
+        """End reading; outputs stay as they are."""
+        ...

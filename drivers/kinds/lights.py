@@ -1,0 +1,52 @@
+"""A lamp unit: makes lamps as bright as wanted, and says from when on the light is so."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+
+@dataclass(frozen=True, slots=True)
+class Lamp:
+    """A lamp, as the cell file wires it.
+
+    Attributes
+    ----------
+    name : what the cell calls it
+    analog, relay : its channels, counted from 0
+    """
+
+    name: str
+    analog: int
+    relay: int
+
+
+class LampUnit(Protocol):
+    """All lamps of the cell.
+
+    Attributes
+    ----------
+    model : what messages and the journal call it, once connected
+    names : of all lamps
+    """
+
+    @property
+    def model(self) -> str: ...  # noqa: D102  (an attribute)
+
+    @property
+    def names(self) -> tuple[str, ...]: ...  # noqa: D102  (an attribute)
+
+    async def connect(self) -> object:
+        """Check who answers; switch nothing."""
+        ...
+
+    async def set(self, levels: Mapping[str, float], *, settle: bool = False) -> float:
+        """Set lamps by name to levels 0 (dark) to 1; the others stay as they are.
+
+        Returns the cell instant from which on the light is so [s]. With ``settle`` it waits until
+        the light is steady.
+        """
+        ...
+
+    async def all_off(self) -> float:
+        """Switch every lamp off; return what `set` returns."""
+        ...

@@ -1,0 +1,57 @@
+"""The ACME gripper of the example in `tests/data/acme`, as a device on a TCP port."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+
+
+@dataclass
+class AcmeDevice:
+    """Jaws that are where they were sent at the second look, or where the part stops them."""
+
+    opening_mm: float = 60.0
+    target_mm: float = 60.0
+    part_mm: float | None = None
+    is_active: bool = False
+    port: int = 0
+
+    def answer(self, line: str) -> str:
+        word, *values = line.split()
+        if word == "?":
+            reply = f"ACME {self.opening_mm:.2f} {int(self.is_moving)} {int(self.has_contact)} "
+            reply += str(int(self.is_active))
+            limit_mm = self.part_mm if self.part_mm is not None else 0.0
+            self.opening_mm = max(self.target_mm, limit_mm)
+            return reply
+        if word == "ON":
+            self.is_active = True
+        elif word == "STOP":
+            self.target_mm = self.opening_mm
+        elif self.is_active:
+            self.target_mm = float(values[0])
+        return "OK"
+
+    @property
+    def has_contact(self) -> bool:
+        return self.part_mm is not None and self.opening_mm == self.part_mm > self.target_mm
+
+    @property
+    def is_moving(self) -> bool:
+        return self.opening_mm != self.target_mm and not self.has_contact
+
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while line := await reader.readline():
+            writer.write(f"{self.answer(line.decode())}\n".encode())
+        writer.close()
+
+
+@asynccontextmanager
+async def acme_device() -> AsyncIterator[AcmeDevice]:
+    device = AcmeDevice()
+    server = await asyncio.start_server(device.serve, "127.0.0.1", 0)
+    device.port = server.sockets[0].getsockname()[1]
+    async with server:
+        yield device

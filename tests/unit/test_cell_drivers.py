@@ -1,0 +1,196 @@
+"""Drivers by entry point: cellctl's own, one of somebody else's, and what is wrong with others."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from acme_device import acme_device
+
+from controller.cell.devices import DeviceBuilder, resolve
+from controller.cell.driver_registry import (
+    KIND_OF,
+    find_driver,
+    installed_drivers,
+    read_settings,
+    require_drivers,
+)
+from controller.cell.openings import Finding, judge_fixed
+from controller.config import EMULATED_CELL, ConfigError, load_cell
+from drivers.clock import CellClock
+from drivers.errors import LinkError
+from drivers.kinds import Driver, Hold, Signal
+
+ACME = Path(__file__).resolve().parents[1] / "data" / "acme"
+OWN_GRIPPER = "gripper:     {address: emulated, transport: tcp, unit: 9}"
+CellFile = Callable[[str], Path]
+
+
+@pytest.fixture
+def acme(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Install the example package, as far as Python sees."""
+    monkeypatch.syspath_prepend(str(ACME))
+
+
+@pytest.fixture
+def cell_file(tmp_path: Path) -> CellFile:
+    def write(gripper: str) -> Path:
+        text = EMULATED_CELL.read_text()
+        assert OWN_GRIPPER in text
+        path = tmp_path / "cell.yaml"
+        path.write_text(text.replace(OWN_GRIPPER, f"gripper: {gripper}"))
+        return path
+
+    return write
+
+
+def test_every_device_of_the_emulated_cell_has_an_installed_driver() -> None:
+    cell = load_cell(EMULATED_CELL)
+    assert set(KIND_OF) == set(type(cell.devices).model_fields)
+    for name, kind in KIND_OF.items():
+        driver = find_driver(kind, getattr(cell.devices, name).driver)
+        assert isinstance(driver, Driver)
+    require_drivers(EMULATED_CELL, cell)
+
+
+@pytest.mark.usefixtures("acme")
+def test_a_gripper_of_somebody_else_is_opened_and_driven_by_the_cell(cell_file: CellFile) -> None:
+    async def drive() -> None:
+        async with acme_device() as device:
+            path = cell_file(
+                f"{{driver: acme, address: '127.0.0.1:{device.port}', "
+                "settings: {max_opening_mm: 60}}"
+            )
+            cell = load_cell(path)
+            require_drivers(path, cell)
+            where = resolve(cell, dict.fromkeys(cell.emulated_devices, "nowhere"))
+            gripper = DeviceBuilder(cell, where, CellClock(min_timeout_wall_s=60.0)).gripper()
+            status = await gripper.connect()
+            opening = judge_fixed(status, Signal.NOT_OK, gripper.max_opening_mm)
+            assert opening.finding is Finding.UNREADABLE  # never activated
+            await gripper.activate()
+            await gripper.open_to(50.0)
+            assert device.opening_mm == 50.0
+            opening = judge_fixed(await gripper.status(), Signal.NOT_OK, gripper.max_opening_mm)
+            assert opening.finding is Finding.EMPTY
+            device.part_mm = 30.0
+            grip = await gripper.close_on(30.0, force_n=40.0)
+            assert (grip.object_detected, grip.width_mm) == (True, 30.0)
+            assert await gripper.hold() is Hold.HELD
+            opening = judge_fixed(await gripper.status(), Signal.NOT_OK, gripper.max_opening_mm)
+            assert opening.finding is Finding.HOLDS
+            device.part_mm = None
+            await gripper.wait_lost()
+            assert await gripper.hold() is Hold.LOST
+            await gripper.aclose()
+
+    asyncio.run(asyncio.wait_for(drive(), 60))
+
+
+@pytest.mark.usefixtures("acme")
+async def test_a_gripper_that_is_not_there_is_a_link_error(cell_file: CellFile) -> None:
+    path = cell_file("{driver: acme, address: '127.0.0.1:1', settings: {max_opening_mm: 60}}")
+    cell = load_cell(path)
+    where = resolve(cell, dict.fromkeys(cell.emulated_devices, "nowhere"))
+    gripper = DeviceBuilder(cell, where, CellClock(min_timeout_wall_s=60.0)).gripper()
+    with pytest.raises(LinkError, match=r"127\.0\.0\.1:1"):
+        await gripper.connect()
+
+
+@pytest.mark.usefixtures("acme")
+def test_an_unknown_driver_is_answered_with_those_installed(cell_file: CellFile) -> None:
+    assert set(installed_drivers("gripper")) == {"acme", "robotiq_2f"}
+    path = cell_file("{driver: akme, address: here}")
+    line = path.read_text().splitlines().index("  gripper: {driver: akme, address: here}") + 1
+    with pytest.raises(ConfigError) as raised:
+        require_drivers(path, load_cell(path))
+    assert str(raised.value) == (
+        f"{path}:{line}: no gripper driver `akme` is installed; did you mean `acme`? "
+        "(installed: acme, robotiq_2f)"
+    )
+
+
+def test_a_driver_of_another_kind_is_not_offered() -> None:
+    with pytest.raises(ConfigError, match=r"no arm driver `robotiq_2f` .*installed: umi_rtx"):
+        find_driver("arm", "robotiq_2f")
+
+
+@pytest.mark.usefixtures("acme")
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ("{max_openin_mm: 60}", "did you mean `max_opening_mm`?"),
+        ("{max_opening_mm: wide}", "`devices.gripper.settings.max_opening_mm`: "),
+        ("{move_s: 3}", "`devices.gripper.settings.max_opening_mm`: "),
+    ],
+)
+def test_wrong_settings_are_named(settings: str, words: str, cell_file: CellFile) -> None:
+    path = cell_file(f"{{driver: acme, address: 'here:1', settings: {settings}}}")
+    with pytest.raises(ConfigError) as raised:
+        require_drivers(path, load_cell(path))
+    assert words in str(raised.value)
+    assert str(raised.value).startswith(f"{path}:")
+
+
+def test_a_driver_without_settings_refuses_them(cell_file: CellFile) -> None:
+    path = cell_file("{address: emulated, unit: 9, settings: {force: 3}}")
+    with pytest.raises(ConfigError, match="this driver has no settings"):
+        require_drivers(path, load_cell(path))
+
+
+@dataclass(frozen=True)
+class Picky:
+    """Settings with a rule of their own."""
+
+    width_mm: float
+
+    def __post_init__(self) -> None:
+        if self.width_mm > 10:
+            raise ValueError("at most 10 mm")
+
+
+def test_a_rule_of_the_drivers_own_is_reported() -> None:
+    driver = Driver(Picky, lambda site, settings: settings)
+    assert read_settings(driver, {"width_mm": 3}, "here").width_mm == 3.0
+    with pytest.raises(ConfigError, match="at most 10 mm"):
+        read_settings(driver, {"width_mm": 11}, "here")
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        ("raise RuntimeError('no licence')", "cannot be loaded: RuntimeError('no licence')"),
+        ("", "cannot be loaded: AttributeError"),
+        ("DRIVER = 3", "is no `drivers.kinds.Driver`"),
+    ],
+)
+def test_a_package_that_offers_no_driver_is_named(
+    code: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = f"broken_{abs(hash(code))}"
+    (tmp_path / f"{name}.py").write_text(code)
+    info = tmp_path / f"{name}-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[cellctl.drivers]\narm.broken = {name}:DRIVER\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(ConfigError) as raised:
+        find_driver("arm", "broken")
+    assert "arm driver `broken`" in str(raised.value)
+    assert words in str(raised.value)
+
+
+@pytest.mark.usefixtures("acme")
+def test_two_packages_with_one_name_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    info = tmp_path / "other-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[cellctl.drivers]\ngripper.acme = other:DRIVER\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(ConfigError, match="two packages offer the gripper driver `acme`"):
+        find_driver("gripper", "acme")
