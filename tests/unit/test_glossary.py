@@ -1,0 +1,234 @@
+"""The words of docs/glossary.md everywhere; the checker is checked with planted words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+from glossary import (
+    PAGE,
+    TO_RENAME,
+    Word,
+    as_toml,
+    comments_of,
+    in_prose,
+    listed_names,
+    names_found,
+    newest_section,
+    prose_of,
+    public_names,
+    replaced_in_name,
+    shrunk,
+    words,
+)
+
+from controller.cli.app import app
+
+ROOT = Path(__file__).resolve().parents[2]
+
+TABLES = """
+| use | meaning | not |
+|---|---|---|
+| TCP; `T_world_tcp` | a point | tip, hand frame |
+| stable pose | way a part rests | way to lie, lying, "how it lies" |
+| grasp | how a gripper holds | grip |
+| characteristic | to be verified | check (a verb) |
+| nominal | as drawn | |
+
+| word | right in prose | right in names | since |
+|---|---|---|---|
+| tip | tips over, finger tips | tip energy | |
+| check | any | any | |
+"""
+
+
+@pytest.fixture(scope="module")
+def replaced() -> list[Word]:
+    return words(PAGE.read_text(encoding="utf-8"))
+
+
+@pytest.fixture
+def planted() -> list[Word]:
+    return words(TABLES)
+
+
+def documents() -> list[Path]:
+    """Return the pages that are checked; `docs/protocols` keeps the words of the manuals."""
+    pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+    return sorted(page for page in pages if page != PAGE)
+
+
+def helps(command: Any, name: str) -> Iterator[tuple[str, str]]:
+    """Return each help text of a command and of those below it."""
+    yield name, command.get_help(command.context_class(command, info_name=name))
+    for below, one in getattr(command, "commands", {}).items():
+        yield from helps(one, f"{name} {below}")
+
+
+@pytest.mark.parametrize("page", documents(), ids=lambda page: str(page.relative_to(ROOT)))
+def test_documents_use_the_glossarys_words(page: Path, replaced: list[Word]) -> None:
+    text = prose_of(page.read_text(encoding="utf-8"))
+    findings = in_prose(text, replaced, str(page.relative_to(ROOT)))
+    assert not findings, "\n" + "\n".join(map(str, findings))
+
+
+def test_the_newest_section_of_the_changelog_uses_them(replaced: list[Word]) -> None:
+    text = newest_section((ROOT / "CHANGELOG.md").read_text(encoding="utf-8"))
+    findings = in_prose(prose_of(text), replaced, "CHANGELOG.md")
+    assert not findings, "\n" + "\n".join(map(str, findings))
+
+
+def test_help_texts_use_them(replaced: list[Word]) -> None:
+    texts = dict(helps(typer.main.get_command(app), "cellctl"))
+    assert len(texts) > 10  # a walk that found nothing would prove nothing
+    findings = [f for name, text in texts.items() for f in in_prose(text, replaced, name)]
+    assert not findings, "\n" + "\n".join(map(str, findings))
+
+
+def test_comments_in_recipes_use_them(replaced: list[Word]) -> None:
+    files = sorted((ROOT / "recipes").rglob("*.yaml"))
+    assert len(files) > 5
+    findings = [
+        f
+        for path in files
+        for f in in_prose(comments_of(path.read_text(encoding="utf-8")), replaced, path.name)
+    ]
+    assert not findings, "\n" + "\n".join(map(str, findings))
+
+
+def test_public_names_use_them_but_for_a_list_that_gets_shorter(replaced: list[Word]) -> None:
+    found = names_found(ROOT, replaced)
+    listed = listed_names(TO_RENAME.read_text(encoding="utf-8"))
+    new = {room: names - listed.get(room, set()) for room, names in found.items()}
+    gone = {room: names - found.get(room, set()) for room, names in listed.items()}
+    assert not {room: names for room, names in new.items() if names}, "use the glossary's words"
+    assert not {room: names for room, names in gone.items() if names}, (
+        "renamed: run `python tests/glossary.py --shrink`"
+    )
+
+
+def test_the_right_column_is_read(planted: list[Word]) -> None:
+    assert [word.text for word in planted] == [
+        "tip", "hand frame", "way to lie", "lying", "how it lies", "grip", "check",
+    ]  # fmt: skip
+
+
+def test_the_glossary_has_words_to_look_for(replaced: list[Word]) -> None:
+    looked_for = [word for word in replaced if word.in_prose is not None]
+    assert len(looked_for) > 50
+
+
+def test_an_exception_for_a_word_that_nothing_replaces_is_refused() -> None:
+    with pytest.raises(ValueError, match="not in the right column: pawl"):
+        words(TABLES + "| pawl | any | any | |\n")
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("The tip is hot.", ["tip"]),
+        ("Tips are hot.", ["tip"]),
+        ("It tips over; the finger tips stay.", []),
+        ("It tips over the tip.", ["tip"]),
+        ("a tipping point, multiple, griped", []),
+        ("the hand\nframe, the hand-frame", ["hand frame"]),
+        ("ways to lie", []),  # plurals are listed where the s stands within
+        ("underlying", []),
+        ("tip-pose", ["tip"]),
+        ("gripper", []),
+        ("check all checks", []),
+    ],
+)
+def test_planted_words_are_found_in_prose(text: str, found: list[str], planted: list[Word]) -> None:
+    assert [finding.word.text for finding in in_prose(text, planted)] == found
+
+
+def test_a_finding_names_file_line_and_the_word_to_use(planted: list[Word]) -> None:
+    (finding,) = in_prose("one\ntwo\nits tip is hot", planted, "page")
+    assert str(finding) == "page:3: `tip` (TCP; `T_world_tcp`): its tip is hot"
+
+
+def test_code_is_no_prose(planted: list[Word]) -> None:
+    text = "the `tip` in\n```sh\ntip\n```\n<!-- tip -->[a page](tip.html)\nthe tip\n"
+    (finding,) = in_prose(prose_of(text), planted)
+    assert finding.line == 6
+
+
+def test_older_sections_of_the_changelog_are_history(planted: list[Word]) -> None:
+    text = newest_section("# Changes\n\n## 2\n\n- the tip\n\n## 1\n\n- the grip\n")
+    assert [finding.word.text for finding in in_prose(text, planted)] == ["tip"]
+
+
+def test_comments_are_read_and_values_are_not(planted: list[Word]) -> None:
+    text = comments_of("# a tip\ngrip: 3   # how it lies\nname: tip#1\n")
+    found = [(finding.line, finding.word.text) for finding in in_prose(text, planted)]
+    assert found == [(1, "tip"), (2, "how it lies")]
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [
+        ("T_world_tip", ["tip"]),
+        ("tips_mm", ["tip"]),
+        ("tip_energy_j", []),
+        ("HandFrame", ["hand frame"]),
+        ("hand_frame_of", ["hand frame"]),
+        ("frame_hand", []),
+        ("GripRules", ["grip"]),
+        ("GRIP_COUNT", ["grip"]),
+        ("gripper", []),
+        ("check_all", []),
+        ("stipple", []),
+    ],
+)
+def test_planted_words_are_found_in_names(name: str, found: list[str], planted: list[Word]) -> None:
+    assert [word.text for word in replaced_in_name(name, planted)] == found
+
+
+def test_public_names_are_those_others_see() -> None:
+    source = """
+TIP = 1
+_HIDDEN = 2
+class Grip:
+    lying: bool
+    _own: int
+    RED = 3
+    def __init__(self, tip_mm: float) -> None: ...
+    def turn(self, *ways: int, by: int = 0, **rest: int) -> None:
+        inner = 1
+    def _private(self, secret: int) -> None: ...
+class _Grip:
+    other: int
+async def go(there: int, /, then: int) -> None: ...
+"""
+    assert public_names(source) == {
+        "TIP", "Grip", "lying", "RED", "self", "tip_mm", "turn", "ways", "by", "rest", "go",
+        "there", "then",
+    }  # fmt: skip
+
+
+def test_names_are_found_by_room(tmp_path: Path, planted: list[Word]) -> None:
+    for package in ("controller", "drivers", "emulators"):
+        (tmp_path / package / "arm" / "tips").mkdir(parents=True)
+        (tmp_path / package / "app.py").write_text("grip = 1\n", encoding="utf-8")
+        (tmp_path / package / "arm" / "tips" / "_a.py").write_text("lying = 1\n", encoding="utf-8")
+    found = names_found(tmp_path, planted)
+    assert found["controller"] == {"grip"}
+    assert found["drivers.arm"] == {"lying", "tips"}
+    assert len(found) == 6
+
+
+def test_the_list_only_gets_shorter() -> None:
+    listed = {"a": {"tip", "grip"}, "b": {"tip"}}
+    assert listed_names(as_toml(listed)) == listed
+    rooms, new = shrunk(listed, {"a": {"tip"}, "c": {"tip", "lying"}})
+    assert rooms == {"a": {"tip"}, "c": {"tip"}}  # one `tip` has moved to another room
+    assert new == {"lying"}
+
+
+def test_a_count_that_is_not_the_names_is_refused() -> None:
+    with pytest.raises(ValueError, match="a: 1 names, and a count of 2"):
+        listed_names('["a"]\ncount = 2\nnames = ["tip"]\n')
