@@ -1,45 +1,81 @@
 """YAML files with line numbers, and errors a person can act on: file, line, nearest right key."""
 
-import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from types import UnionType
-from typing import Annotated, Any, Final, Generic, TypeVar, Union, get_args, get_origin
+from typing import Any, Final, Generic, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
 from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedMap, CommentedSeq
-from ruamel.yaml.constructor import ConstructorError, RoundTripConstructor
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
-from ruamel.yaml.events import (
-    AliasEvent,
-    Event,
-    MappingEndEvent,
-    MappingStartEvent,
-    NodeEvent,
-    SequenceEndEvent,
-    SequenceStartEvent,
+from ruamel.yaml.nodes import ScalarNode
+
+from controller.yaml_text import (
+    Dialect,
+    Location,
+    WrongKeyError,
+    YamlText,
+    YamlTextError,
+    read_yaml,
 )
 
 from .errors import ConfigError
 from .files import read_text
 
+__all__ = ["Loaded", "Section", "WrongKeyError", "line_in", "load_with_lines", "load_yaml"]
+
 Model = TypeVar("Model", bound=BaseModel)
 
-# pydantic speaks of Python's types, our readers write YAML
-_PLAIN_WORDS: Final = {
-    "model_type": "must be a section of `key: value` lines",
-    "dict_type": "must be a section of `name: value` lines",
-    "tuple_type": "must be a list, as in [a, b]",
-    "path_type": "must be the name of a file",
-    "string_type": "must be text; put it in quotes if it looks like a number or a date",
-}
+MAX_DEPTH: Final = 12  # sections within sections; a cell file has four
+MAX_VALUE_COUNT: Final = 10_000  # and some hundreds of values
+# of a merge and a default, which need another key or a tag to mean anything
+NO_VALUES: Final = {"tag:yaml.org,2002:merge", "tag:yaml.org,2002:value"}
 
 
-MOST_DEPTH: Final = 12  # sections within sections; a cell file has four
-MOST_VALUES: Final = 10_000  # and some hundreds of values
-MOST_PROBLEMS: Final = 10  # of one file told at once
+@lru_cache(maxsize=1)
+def _plain() -> YAML:
+    return YAML(typ="safe", pure=True)
+
+
+def _scalar(text: str) -> Any:  # noqa: ANN401 - a YAML value is any value
+    """Return a plain scalar as YAML 1.2 has it: number, truth value, date, nothing or text."""
+    yaml = _plain()
+    tag = yaml.resolver.resolve(ScalarNode, text, (True, False))
+    if str(tag) in NO_VALUES:
+        return text
+    try:
+        return yaml.constructor.construct_object(ScalarNode(tag, text))
+    except ValueError as error:  # what ruamel leaves to `datetime`
+        raise ValueError(f"{text!r:.40} is no date ({error})") from error
+
+
+DIALECT: Final = Dialect(
+    scalar=_scalar,
+    max_depth=MAX_DEPTH,
+    too_deep=f"more than {MAX_DEPTH} levels; is it the right file?",
+    max_value_count=MAX_VALUE_COUNT,
+    too_many=f"more than {MAX_VALUE_COUNT} values; is it the right file?",
+    not_valid=("", ""),
+    alias="write the value out",
+    twice='not valid YAML: found duplicate key "{key}"',
+    second_document="not valid YAML: but found another document",
+    no_mapping="is empty or not a list of `key: value` lines",
+    # pydantic speaks of Python's types, our readers write YAML
+    words={
+        "extra_forbidden": "unknown key `{key}`; {hint}",
+        "missing": "`{key}` is missing",
+        "too_few": "`{key}` has too few values",
+        "more": "and {count} more like these",
+        "model_type": "must be a section of `key: value` lines",
+        "dict_type": "must be a section of `name: value` lines",
+        "tuple_type": "must be a list, as in [a, b]",
+        "path_type": "must be the name of a file",
+        "string_type": "must be text; put it in quotes if it looks like a number or a date",
+    },
+    key=lambda location: ".".join(map(str, location)),
+    names_first_line=False,
+    sorts_keys=False,
+)
 
 
 class Section(BaseModel):
@@ -56,14 +92,6 @@ class Section(BaseModel):
         return value
 
 
-class WrongKeyError(ValueError):
-    """What a check over several keys finds wrong, with the key below its section to name."""
-
-    def __init__(self, location: tuple[int | str, ...], told: str) -> None:
-        super().__init__(told)
-        self.location = location
-
-
 @dataclass(frozen=True, slots=True)
 class Loaded(Generic[Model]):
     """What a file holds, and where.
@@ -74,21 +102,7 @@ class Loaded(Generic[Model]):
     """
 
     value: Model
-    line_of: Callable[[tuple[int | str, ...]], int | None]
-
-
-class _Constructor(RoundTripConstructor):
-    """Reads dates that cannot be as errors with a line, which ruamel leaves to `datetime`."""
-
-    def construct_yaml_timestamp(self, node: Any, values: Any = None) -> Any:  # noqa: ANN401
-        try:
-            return super().construct_yaml_timestamp(node, values)
-        except ValueError as error:
-            told = f"{node.value!r:.40} is no date ({error})"
-            raise ConstructorError(None, None, told, node.start_mark) from error
-
-
-_Constructor.add_constructor("tag:yaml.org,2002:timestamp", _Constructor.construct_yaml_timestamp)
+    line_of: Callable[[Location], int | None]
 
 
 def load_yaml(path: Path, model: type[Model]) -> Model:
@@ -103,145 +117,27 @@ def load_yaml(path: Path, model: type[Model]) -> Model:
 
 
 def load_with_lines(path: Path, model: type[Model]) -> Loaded[Model]:
-    """Read a YAML file into a model, and keep the lines of its keys; see `load_yaml`."""
-    tree = _tree(path, read_text(path, "a file of settings"))
+    """Read a YAML file into a model, and keep the lines of its keys.
+
+    Raises
+    ------
+    ConfigError : as `load_yaml`
+    """
+    text = _text(path)
     try:
-        value = model.model_validate(_plain(tree))
+        value = model.model_validate(text.tree)
     except ValidationError as error:
-        found = sorted(error.errors(), key=lambda e: _line(tree, e["loc"]) or 0)
-        problems = [_explain(path, tree, model, dict(e)) for e in found[:MOST_PROBLEMS]]
-        if len(found) > MOST_PROBLEMS:
-            problems.append(f"{path}: and {len(found) - MOST_PROBLEMS} more like these")
-        raise ConfigError("\n".join(problems)) from error
-    return Loaded(value, lambda location: _line(tree, location))
+        raise ConfigError(text.problems(model, [dict(e) for e in error.errors()])) from error
+    return Loaded(value, text.line)
 
 
-def line_in(path: Path, location: tuple[int | str, ...]) -> int | None:
+def line_in(path: Path, location: Location) -> int | None:
     """Return the line of a key in a file that was read before, None where it is not said there."""
-    return _line(_tree(path, read_text(path, "a file of settings")), location)
+    return _text(path).line(location)
 
 
-def _tree(path: Path, text: str) -> CommentedMap:
-    """Return a file's tree, ConfigError where it is none."""
+def _text(path: Path) -> YamlText:
     try:
-        _look_ahead(path, text)
-        yaml = YAML(typ="rt", pure=True)
-        yaml.Constructor = _Constructor
-        tree = yaml.load(text)
-    except MarkedYAMLError as error:
-        mark = error.problem_mark
-        where = f":{mark.line + 1}" if mark is not None else ""
-        raise ConfigError(f"{path}{where}: not valid YAML: {error.problem}") from error
-    except YAMLError as error:
-        told = " ".join(str(error).split())
-        raise ConfigError(f"{path}: not valid YAML: {told:.200}") from error
-    except ConfigError:
-        raise
-    except Exception as error:  # a parser in pure Python has its own surprises on garbage
-        told = " ".join(str(error).split())
-        raise ConfigError(f"{path}: not valid YAML: {told:.200}; is it the right file?") from error
-    if not isinstance(tree, CommentedMap):
-        raise ConfigError(f"{path}: is empty or not a list of `key: value` lines")
-    return tree
-
-
-def _look_ahead(path: Path, text: str) -> None:
-    """Raise ConfigError for what a small text can blow up with: depth, aliases, tags."""
-    depth, values = 0, 0
-    for event in YAML(typ="rt", pure=True).parse(text):
-        if isinstance(event, MappingEndEvent | SequenceEndEvent):
-            depth -= 1
-        if not isinstance(event, NodeEvent):
-            continue
-        values += 1
-        if isinstance(event, AliasEvent) or event.anchor:
-            raise ConfigError(
-                f"{_at(path, event)}: anchors (&) and aliases (*) are not read; write the value out"
-            )
-        if getattr(event, "tag", None):
-            raise ConfigError(f"{_at(path, event)}: tags (!) are not read; write the plain value")
-        if isinstance(event, MappingStartEvent | SequenceStartEvent):
-            depth += 1
-        if depth > MOST_DEPTH or values > MOST_VALUES:
-            what = f"{MOST_VALUES} values" if values > MOST_VALUES else f"{MOST_DEPTH} levels"
-            raise ConfigError(f"{_at(path, event)}: more than {what}; is it the right file?")
-
-
-def _at(path: Path, event: Event) -> str:
-    return f"{path}:{event.start_mark.line + 1}"
-
-
-def _plain(node: Any) -> Any:  # noqa: ANN401 - a YAML tree is any value
-    if isinstance(node, CommentedMap):
-        return {str(k): _plain(v) for k, v in node.items()}
-    if isinstance(node, CommentedSeq):
-        return [_plain(v) for v in node]
-    return node
-
-
-def _line(tree: Any, location: tuple[int | str, ...]) -> int | None:  # noqa: ANN401
-    line: int | None = None
-    node = tree
-    for key in location:
-        if isinstance(node, CommentedMap) and key in node:
-            line = node.lc.key(key)[0] + 1
-            node = node[key]
-        elif isinstance(node, CommentedSeq) and isinstance(key, int) and key < len(node):
-            line = node.lc.item(key)[0] + 1
-            node = node[key]
-        else:
-            break
-    return line
-
-
-def _keys_at(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
-    """Return the keys a section may have, following the models along a location."""
-    current: Any = model
-    for key in location:
-        if isinstance(current, type) and issubclass(current, BaseModel):
-            field = current.model_fields.get(str(key))
-            if field is None:
-                return []
-            current = _section_in(field.annotation)
-        elif get_origin(current) in (dict, tuple, list):
-            current = _section_in(get_args(current)[-1])  # any name, or any number, of sections
-        else:
-            return []
-    if isinstance(current, type) and issubclass(current, BaseModel):
-        return list(current.model_fields)
-    return []
-
-
-def _section_in(annotation: Any) -> Any:  # noqa: ANN401 - an annotation is any value
-    """Return what an optional or annotated section is without its `None` and its limits."""
-    if get_origin(annotation) in (Union, UnionType, Annotated):
-        for inner in get_args(annotation):
-            if isinstance(inner, type) and issubclass(inner, BaseModel):
-                return inner
-    return annotation
-
-
-def _explain(path: Path, tree: Any, model: type[BaseModel], error: dict[str, Any]) -> str:  # noqa: ANN401
-    location = tuple(error["loc"])
-    own = error.get("ctx", {}).get("error")
-    if isinstance(own, WrongKeyError):
-        location += own.location
-    line = _line(tree, location)
-    where = f"{path}:{line}" if line is not None else f"{path}"
-    dotted = ".".join(str(part) for part in location)
-    if error["type"] == "extra_forbidden":
-        key, known = str(location[-1]), _keys_at(model, location[:-1])
-        near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
-        hint = f"did you mean `{near[0]}`?" if near else f"known here: {', '.join(known)}"
-        return f"{where}: unknown key `{dotted}`; {hint}"
-    if error["type"] == "missing":
-        # a list that is too short lacks a place, not a key
-        if isinstance(location[-1], int):
-            short = ".".join(str(part) for part in location[:-1])
-            return f"{where}: `{short}` has too few values"
-        return f"{where}: `{dotted}` is missing"
-    about = f"`{dotted}`: " if dotted else ""
-    if error["type"] == "value_error":  # one of our own sentences
-        return f"{where}: {about}{error['ctx']['error']}"
-    told = _PLAIN_WORDS.get(error["type"], error["msg"])
-    return f"{where}: {about}{told} (found {error['input']!r:.60})"
+        return read_yaml(read_text(path, "a file of settings"), path, DIALECT)
+    except YamlTextError as error:
+        raise ConfigError(str(error)) from error

@@ -14,12 +14,14 @@ import manifold3d
 import numpy as np
 import shapely
 import trimesh
-from pydantic import ValidationError
 
+from controller.yaml_text import Location, YamlText
+
+from ..errors import CsgCadError
 from ..solid import Solid, make_solid
 from ._ahead import check_ahead, size_of
 from ._csg_models import CsgText, Shape
-from ._csg_text import MOST_BYTES, Location, YamlText, explain, read_yaml
+from ._csg_text import MAX_BYTES, read_csg_text
 from ._units import read_unit
 
 Body = Any  # a manifold3d.Manifold, which comes without types
@@ -46,12 +48,8 @@ def read_csg(path: Path) -> Solid:
     """
     check_ahead(path, path.suffix.lower(), size_of(path))
     with path.open("rb") as file:
-        data = file.read(MOST_BYTES + 1)  # one more shows that it is too long
-    text = read_yaml(data, path)
-    try:
-        said = CsgText.model_validate(text.tree)
-    except ValidationError as error:
-        raise explain(text, CsgText, list(error.errors())) from error
+        data = file.read(MAX_BYTES + 1)  # one more shows that it is too long
+    said, text = read_csg_text(data, path)
     unit, mm_per_unit = read_unit(said.unit, path)
     body = _Builder(said, text, mm_per_unit).build()
     mesh = body.to_mesh64()
@@ -79,11 +77,14 @@ class _Builder:
         self._named: dict[str, Body] = {}
         self._costs: dict[str, tuple[int, int]] = {}
 
+    def _problem(self, at: Location, told: str) -> CsgCadError:
+        return CsgCadError(self._text.sentence(at, told))
+
     def build(self) -> Body:
         """Return the part [mm]; what it will cost is summed up first."""
         shapes, triangles = self._cost(self._said.part, ("part",), ())
         if shapes > MOST_SHAPES or triangles > MOST_TRIANGLES:
-            raise self._text.problem(
+            raise self._problem(
                 ("part",),
                 f"is {shapes:,} shapes of {triangles:,} triangles, the most is {MOST_SHAPES:,} of "
                 f"{MOST_TRIANGLES:,}; use fewer shapes or a coarser `tolerance_mm`",
@@ -104,10 +105,10 @@ class _Builder:
             near = difflib.get_close_matches(name, self._said.shapes, n=1, cutoff=0.5)
             known = ", ".join(list(self._said.shapes)[:20]) or "none"
             hint = f"did you mean `{near[0]}`?" if near else f"known: {known}"
-            raise self._text.problem(at, f"no shape is named `{name:.40}`; {hint}")
+            raise self._problem(at, f"no shape is named `{name:.40}`; {hint}")
         if name in users:
             round_trip = " -> ".join((*users[users.index(name) :], name))
-            raise self._text.problem(at, f"a shape cannot use itself: {round_trip}; break the ring")
+            raise self._problem(at, f"a shape cannot use itself: {round_trip}; break the ring")
         if name not in self._costs:
             self._costs[name] = self._cost(
                 self._said.shapes[name], ("shapes", name), (*users, name)
@@ -141,7 +142,7 @@ class _Builder:
         if shape.sphere is not None:
             sides *= GLOBE_SIDES
         if sides > MOST_SIDES:
-            raise self._text.problem(
+            raise self._problem(
                 (*at, shape.kind),
                 f"takes {sides:,.0f} sides at `tolerance_mm: {self._said.tolerance_mm:g}`, the "
                 f"most is {MOST_SIDES:,}; choose a coarser tolerance",
@@ -177,9 +178,7 @@ class _Builder:
         else:
             body = self._primitive(shape, at)
         if body.status() != manifold3d.Error.NoError or body.is_empty():
-            raise self._text.problem(
-                (*at, shape.kind), "nothing is left of it; check sizes and places"
-            )
+            raise self._problem((*at, shape.kind), "nothing is left of it; check sizes and places")
         return body
 
     def _primitive(self, shape: Shape, at: Location) -> Body:
@@ -224,11 +223,11 @@ class _Builder:
         for polygon, place in zip(polygons, places, strict=True):
             if not polygon.is_valid or polygon.area <= 0:
                 told = shapely.is_valid_reason(polygon).replace("[", " at (").replace("]", ")")
-                raise self._text.problem(place, f"crosses itself or is flat ({told} mm); redraw it")
+                raise self._problem(place, f"crosses itself or is flat ({told} mm); redraw it")
         outline = polygons[0]
         for hole, place in zip(polygons[1:], places[1:], strict=True):
             if not outline.contains(hole):
-                raise self._text.problem(place, "leaves the outline, or runs into another hole")
+                raise self._problem(place, "leaves the outline, or runs into another hole")
             outline = outline.difference(hole)
         # anticlockwise outside, clockwise holes, as the section's fill rule wants them
         outline = shapely.geometry.polygon.orient(outline, 1.0)

@@ -1,0 +1,314 @@
+"""YAML texts with line numbers, read within bounds; pydantic's complaints in a writer's words.
+
+Read from the parser's events, so that nesting, size and aliases are bounded while reading: a text
+of a kilobyte must not unfold into gigabytes. What a kind of file may hold, and how its writer is
+spoken to, is a `Dialect`.
+"""
+
+import difflib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, Final, Union, get_args, get_origin
+
+from pydantic import BaseModel
+from ruamel.yaml import YAML
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.events import (
+    AliasEvent,
+    DocumentStartEvent,
+    Event,
+    MappingEndEvent,
+    MappingStartEvent,
+    NodeEvent,
+    ScalarEvent,
+    SequenceEndEvent,
+    SequenceStartEvent,
+)
+
+Location = tuple[int | str, ...]
+
+MAX_PROBLEM_COUNT: Final = 10  # of one text reported at once
+
+
+class YamlTextError(ValueError):
+    """A text that cannot be read, or does not hold what it should; names file and line."""
+
+
+class WrongKeyError(ValueError):
+    """What a check over several keys finds wrong, with the key below its section to name."""
+
+    def __init__(self, location: Location, problem: str) -> None:
+        super().__init__(problem)
+        self.location = location
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dialect:
+    """What a kind of YAML text may hold, and what its writer is told.
+
+    Attributes
+    ----------
+    scalar : value of a plain scalar's text; ValueError where there is none
+    max_depth, too_deep : mappings and lists within each other, and the message beyond
+    max_value_count, too_many : keys, values, mappings and lists, and the message beyond
+    not_valid : ends the message on what is no YAML: of a line, of the whole text
+    alias, twice, second_document, no_mapping : messages; ``{key}`` put in
+    words : messages by pydantic's type of error, ``{key}`` and ``{hint}`` put in; others follow
+        the key and are pydantic's own where they are not here
+    key : a location as the writer reads it
+    names_first_line : of what is said of the whole text
+    sorts_keys : where the known ones are listed
+    """
+
+    scalar: Callable[[str], Any]
+    max_depth: int
+    too_deep: str
+    max_value_count: int
+    too_many: str
+    not_valid: tuple[str, str]
+    alias: str
+    twice: str
+    second_document: str
+    no_mapping: str
+    words: Mapping[str, str]
+    key: Callable[[Location], str]
+    names_first_line: bool
+    sorts_keys: bool
+
+
+@dataclass(frozen=True, slots=True)
+class YamlText:
+    """What a text holds, and on which line.
+
+    Attributes
+    ----------
+    tree : mappings, lists and scalars
+    lines : of each key and item, counted from 1
+    """
+
+    path: Path
+    dialect: Dialect
+    tree: dict[str, Any]
+    lines: dict[Location, int] = field(repr=False)
+
+    def line(self, location: Location) -> int | None:
+        """Return the line of a key, of the nearest section around it where it is not there."""
+        while location and location not in self.lines:
+            location = location[:-1]
+        return self.lines.get(location)
+
+    def sentence(self, location: Location, problem: str) -> str:
+        """Return a problem in words, with file, line and key."""
+        about = f"`{self.dialect.key(location)}`: " if location else ""
+        return f"{self._at(location)}: {about}{problem}"
+
+    def problems(self, model: type[BaseModel], errors: Sequence[Mapping[str, Any]]) -> str:
+        """Return pydantic's complaints, a line each, in the order of the text.
+
+        Parameters
+        ----------
+        model : what the tree was validated against
+        errors : as `ValidationError.errors` has them
+        """
+        found = sorted(errors, key=lambda error: self.line(tuple(error["loc"])) or 0)
+        told = [self._explain(model, error) for error in found[:MAX_PROBLEM_COUNT]]
+        if len(found) > MAX_PROBLEM_COUNT:
+            rest = self.dialect.words["more"].format(count=len(found) - MAX_PROBLEM_COUNT)
+            told.append(f"{self.path}: {rest}")
+        return "\n".join(told)
+
+    def _at(self, location: Location) -> str:
+        line = self.line(location)
+        return f"{self.path}:{line}" if line is not None else f"{self.path}"
+
+    def _explain(self, model: type[BaseModel], error: Mapping[str, Any]) -> str:
+        location: Location = tuple(error["loc"])
+        own = error.get("ctx", {}).get("error")
+        if isinstance(own, WrongKeyError):
+            location += own.location
+        kind, words, hint = error["type"], self.dialect.words, ""
+        if kind == "extra_forbidden":
+            known = keys_at(model, location[:-1])
+            known = sorted(known) if self.dialect.sorts_keys else known
+            hint = _nearest(str(location[-1]), known)
+        elif kind == "missing" and isinstance(location[-1], int):
+            # a list that is too short lacks an item, not a key
+            kind, location = "too_few", location[:-1]
+        elif kind == "value_error":  # one of our own sentences
+            return self.sentence(location, str(own))
+        if kind in ("extra_forbidden", "missing", "too_few"):
+            message = words[kind].format(key=self.dialect.key(location), hint=hint)
+            return f"{self._at(tuple(error['loc']))}: {message}"
+        found = f"(found {error['input']!r:.60})"
+        return self.sentence(location, f"{words.get(kind, error['msg'])} {found}")
+
+
+def read_yaml(text: str, path: Path, dialect: Dialect) -> YamlText:
+    """Return the tree of a text and the line of each key.
+
+    Parameters
+    ----------
+    path : the messages name
+
+    Raises
+    ------
+    YamlTextError : not YAML, no mapping, too deep, too large, or with anchors, aliases or tags
+    """
+    try:
+        return _Builder(path, dialect).build(YAML(typ="rt", pure=True).parse(text))
+    except MarkedYAMLError as error:
+        mark = error.problem_mark
+        where = f":{mark.line + 1}" if mark is not None else ""
+        problem = " ".join(str(error.problem).split())
+        raise YamlTextError(
+            f"{path}{where}: not valid YAML: {problem}{dialect.not_valid[0]}"
+        ) from error
+    except YAMLError as error:
+        problem = " ".join(str(error).split())
+        raise YamlTextError(
+            f"{path}: not valid YAML: {problem:.200}{dialect.not_valid[1]}"
+        ) from error
+    except YamlTextError:
+        raise
+    except Exception as error:  # a parser in pure Python has its own surprises on garbage
+        problem = " ".join(str(error).split())
+        raise YamlTextError(
+            f"{path}: not valid YAML: {problem:.200}; is it the right file?"
+        ) from error
+
+
+def keys_at(model: type[BaseModel], location: Location) -> list[str]:
+    """Return the keys a section may have, following the models along a location."""
+    current: Any = model
+    for key in location:
+        if isinstance(current, type) and issubclass(current, BaseModel):
+            found = _fields(current).get(str(key))
+            if found is None:
+                return []
+            current = _section_in(found)
+        elif get_origin(current) in (dict, tuple, list):
+            current = _section_in(get_args(current)[0 if len(get_args(current)) == 1 else -1])
+        else:
+            return []
+    if isinstance(current, type) and issubclass(current, BaseModel):
+        return list(_fields(current))
+    return []
+
+
+def _fields(model: type[BaseModel]) -> dict[str, Any]:
+    """Return the annotations of a model's fields, by the names they have in a text."""
+    return {found.alias or name: found.annotation for name, found in model.model_fields.items()}
+
+
+def _section_in(annotation: Any) -> Any:  # noqa: ANN401 - an annotation is any value
+    """Return what an optional or annotated section is without its `None` and its limits."""
+    if get_origin(annotation) in (Union, UnionType, Annotated):
+        for inner in map(_section_in, get_args(annotation)):
+            is_model = isinstance(inner, type) and issubclass(inner, BaseModel)
+            if is_model or get_origin(inner) in (dict, tuple, list):
+                return inner
+    if get_args(annotation)[-1:] == (Ellipsis,):
+        return list[get_args(annotation)[0]]  # type: ignore[misc]  # a type made at run time
+    return annotation
+
+
+def _nearest(key: str, known: Sequence[str]) -> str:
+    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    return f"did you mean `{near[0]}`?" if near else f"known here: {', '.join(known)}"
+
+
+@dataclass(slots=True)
+class _Node:
+    """A mapping or a list while it is being read."""
+
+    value: dict[str, Any] | list[Any]
+    location: Location
+    key: str | None = None
+
+
+class _Builder:
+    """Builds one text's tree from the parser's events."""
+
+    def __init__(self, path: Path, dialect: Dialect) -> None:
+        self._path = path
+        self._dialect = dialect
+        self._open: list[_Node] = []
+        self._root: Any = None
+        self._lines: dict[Location, int] = {}
+
+    def build(self, events: Iterable[Event]) -> YamlText:
+        document_count, value_count = 0, 0
+        for event in events:
+            if isinstance(event, DocumentStartEvent):
+                document_count += 1
+                if document_count > 1:
+                    raise self._problem(event, self._dialect.second_document)
+            if isinstance(event, MappingEndEvent | SequenceEndEvent):
+                self._open.pop()
+            if not isinstance(event, NodeEvent):
+                continue
+            if isinstance(event, AliasEvent) or event.anchor:
+                raise self._problem(
+                    event, f"anchors (&) and aliases (*) are not read; {self._dialect.alias}"
+                )
+            if getattr(event, "tag", None):
+                raise self._problem(event, "tags (!) are not read; write the plain value")
+            value_count += 1
+            if value_count > self._dialect.max_value_count:
+                raise self._problem(event, self._dialect.too_many)
+            self._take(event)
+        if not isinstance(self._root, dict):
+            raise YamlTextError(f"{self._path}: {self._dialect.no_mapping}")
+        return YamlText(self._path, self._dialect, self._root, self._lines)
+
+    def _problem(self, event: Event, problem: str) -> YamlTextError:
+        return YamlTextError(f"{self._path}:{event.start_mark.line + 1}: {problem}")
+
+    def _take(self, event: NodeEvent) -> None:
+        """Put a node's value where it belongs, or note it as the key of the next one."""
+        is_collection = isinstance(event, MappingStartEvent | SequenceStartEvent)
+        if is_collection and len(self._open) >= self._dialect.max_depth:
+            raise self._problem(event, self._dialect.too_deep)
+        parent = self._open[-1] if self._open else None
+        if parent is not None and isinstance(parent.value, dict) and parent.key is None:
+            if not isinstance(event, ScalarEvent):
+                raise self._problem(event, "a key must be a word; is a `:` too many?")
+            parent.key = str(event.value)
+            if parent.key in parent.value:
+                raise self._problem(event, self._dialect.twice.format(key=parent.key))
+            self._lines[*parent.location, parent.key] = event.start_mark.line + 1
+            return
+        value = self._value(event)
+        location = self._put(parent, value)
+        if parent is not None or self._dialect.names_first_line:
+            self._lines.setdefault(location, event.start_mark.line + 1)
+        if isinstance(value, dict | list):
+            self._open.append(_Node(value, location))
+
+    def _put(self, parent: _Node | None, value: Any) -> Location:  # noqa: ANN401
+        if parent is None:
+            self._root = value
+            return ()
+        if isinstance(parent.value, list):
+            parent.value.append(value)
+            return (*parent.location, len(parent.value) - 1)
+        key, parent.key = str(parent.key), None
+        parent.value[key] = value
+        return (*parent.location, key)
+
+    def _value(self, event: NodeEvent) -> Any:  # noqa: ANN401 - a YAML value is any value
+        if isinstance(event, MappingStartEvent):
+            return {}
+        if isinstance(event, SequenceStartEvent):
+            return []
+        if not isinstance(event, ScalarEvent):
+            return None
+        text = str(event.value)
+        if event.style is not None:  # in quotes
+            return text
+        try:
+            return self._dialect.scalar(text)
+        except ValueError as error:
+            raise self._problem(event, f"not valid YAML: {error}") from error
