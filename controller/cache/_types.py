@@ -219,10 +219,12 @@ def _union(codecs: Sequence[Codec]) -> Codec:
         raise _refusal(value, name)
 
     def read(tree: Json, of: ArrayReader) -> Any:  # noqa: ANN401 - and gives one
-        match tree:
-            case [int(number), inner] if 0 <= number < len(codecs):
-                return codecs[number].read(inner, of)
-        raise _unexpected(tree, name)
+        if type(tree) is not list or len(tree) != 2 or type(tree[0]) is not int:
+            raise _unexpected(tree, name)
+        number, inner = tree
+        if not 0 <= number < len(codecs):
+            raise _unexpected(tree, name)
+        return codecs[number].read(inner, of)
 
     return Codec(name, lambda value: any(codec.accepts(value) for codec in codecs), write, read)
 
