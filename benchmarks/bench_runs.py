@@ -37,7 +37,7 @@ from runs_record import Job, Ran, line_of, load
 from runs_whole import run_whole
 
 from controller.cell import workers
-from controller.cli._emulator import emulated_cell, emulator_command
+from controller.cell.emulator import emulated_cell, emulator_command
 
 ROOT = Path(__file__).parents[1]
 SHARED = ROOT.parent / "shared" / "parts"

@@ -13,13 +13,13 @@ from typing import Any
 from controller.cell.clocks import find_clock
 from controller.cell.devices import Devices, resolve
 from controller.cell.driver_registry import require_drivers
+from controller.cell.emulator import emulated_cell, emulator_command
 from controller.cell.interlocks import REQUIRED_SIGNALS
 from controller.config import Cell, load_cell
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
 from drivers.kinds import Signal
 
-from ._emulator import emulated_cell, emulator_command
 from ._output import emit, say, stdout
 
 Check = dict[str, Any]

@@ -6,10 +6,10 @@ import threading
 from pathlib import Path
 
 from controller.cad.compiled import load_part
+from controller.cell.emulator import emulated_cell, emulator_args, emulator_command
 from controller.config import load_cell
 
 from ._before import check_control, parse_place
-from ._emulator import emulated_cell, emulator_args, emulator_command
 from ._output import emit, say
 
 

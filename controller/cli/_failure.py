@@ -7,6 +7,7 @@ import os
 from collections.abc import Sequence
 
 from controller.cad import CadError
+from controller.cell.emulator import EmulatorError
 from controller.cell.errors import CellError
 from controller.cell.journal import JournalError
 from controller.config import ConfigError
@@ -15,7 +16,6 @@ from controller.results import ResultsError
 from drivers.errors import DeviceError
 
 from ._bug import report_bug
-from ._emulator import EmulatorError
 from ._output import warn
 
 WRONG_INPUT = (ConfigError, CadError)

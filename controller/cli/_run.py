@@ -21,6 +21,7 @@ from controller.cell.checking import check_plans, check_sizes
 from controller.cell.clocks import FoundClock, find_clock
 from controller.cell.dispatcher import Dispatcher
 from controller.cell.driver_registry import require_drivers
+from controller.cell.emulator import emulated_cell, emulator_args, emulator_command
 from controller.cell.lock import hold_cell, require_free_cell
 from controller.cell.records import PartRecord, Progress
 from controller.cell.run import RunOrder, RunResult, new_run_id, run_batch
@@ -29,7 +30,6 @@ from controller.config import Cell, ConfigError, load_cell, load_recipe
 from controller.results import ResultsError, load_run, write_html
 
 from ._before import LEAST_FREE_BYTES, check_control, check_writable_folder, parse_place
-from ._emulator import emulated_cell, emulator_args, emulator_command
 from ._ends import Ends
 from ._offline import warn_of
 from ._output import emit, say, stderr, warn

@@ -1,0 +1,326 @@
+"""The Python interface: what scripts may rely on (docs/python.md).
+
+`open_cell` opens the devices of a cell one by one, as a script asks for them; `recognise_picture`
+and `plan_part` need no device. Nothing here watches over a script: what `cellctl run` does before
+and during each motion, a script does itself or goes without.
+"""
+
+import tempfile
+from collections.abc import AsyncIterator, Mapping, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.cad.compiled import CompileOptions, load_part, options_among
+from controller.cell.clocks import find_clock
+from controller.cell.devices import DeviceBuilder, resolve
+from controller.cell.driver_registry import require_drivers
+from controller.cell.emulator import emulated_cell, emulator_args, emulator_command
+from controller.cell.interlocks import REQUIRED_SIGNALS, check_interlocks
+from controller.cell.lock import hold_cell
+from controller.cell.plans import Planning
+from controller.cell.services import CameraName, Imaging
+from controller.config import EMULATED_CELL, SHIPPED, Cell, ConfigError, load_cell, load_recipe
+from controller.imaging import Camera as CameraModel
+from controller.planning import NoPlanError, Plan
+from controller.recognition import Sighting, recognise
+from controller.recognition.stored import open_library
+from controller.setup.optics import build_camera
+from controller.setup.planner import planner_setup
+from drivers.clock import CellClock
+from drivers.kinds import Arm, Camera, FixedGripper, IoBlock, LampUnit, Signal
+
+__all__ = [
+    "OpenCell",
+    "Picture",
+    "Plan",
+    "Sighting",
+    "open_cell",
+    "plan_part",
+    "recognise_picture",
+    "shipped_file",
+]
+
+FileName = str | PathLike[str]
+Grey = NDArray[np.uint8]
+
+FIRST_READINGS_S = 1.0  # for the inputs to be read twice [cell s]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """A picture, and the camera that took it.
+
+    Attributes
+    ----------
+    grey : (height, width)
+    camera : its calibration and its pose in the world
+    """
+
+    grey: Grey
+    camera: CameraModel
+
+
+class OpenCell:
+    """A cell whose devices a script drives; see `open_cell`.
+
+    Each device is connected when it is first asked for, and closed at the end.
+
+    Attributes
+    ----------
+    config : the cell file
+    clock : `sleep`, `timeout` and `now_s` in the cell's time
+    """
+
+    def __init__(
+        self, config: Cell, builder: DeviceBuilder, clock: CellClock, stack: AsyncExitStack
+    ) -> None:
+        self.config = config
+        self.clock = clock
+        self._builder = builder
+        self._stack = stack
+        self._arm: Arm | None = None
+        self._gripper: FixedGripper | None = None
+        self._io: IoBlock | None = None
+        self._lights: LampUnit | None = None
+        self._cameras: dict[CameraName, Camera] = {}
+
+    async def arm(self) -> Arm:
+        """Return the arm, connected and allowed to move; it is stopped at the end.
+
+        Raises
+        ------
+        InterlockError : a safety copy is not healthy
+        DeviceError : it is not there
+        """
+        if self._arm is None:
+            await self._require_interlocks()
+            arm = self._builder.arm()
+            self._stack.push_async_callback(arm.aclose)
+            await arm.connect()
+            await arm.enable_power()
+            self._arm = arm
+        return self._arm
+
+    async def _require_interlocks(self) -> None:
+        io = await self.io()
+        for name in REQUIRED_SIGNALS:
+            # an input counts once it was read twice; one that is not healthy never comes
+            with suppress(TimeoutError):
+                async with self.clock.timeout(FIRST_READINGS_S):
+                    await io.wait_for(name, Signal.OK)
+        check_interlocks(io)
+
+    async def gripper(self) -> FixedGripper:
+        """Return the fixed gripper, connected; it is left as it stands at the end.
+
+        Raises
+        ------
+        DeviceError : it is not there
+        """
+        if self._gripper is None:
+            gripper = self._builder.gripper()
+            self._stack.push_async_callback(gripper.aclose)
+            await gripper.connect()
+            self._gripper = gripper
+        return self._gripper
+
+    async def io(self) -> IoBlock:
+        """Return the I/O block, connected.
+
+        Raises
+        ------
+        DeviceError : it is not there
+        """
+        if self._io is None:
+            io = self._builder.io()
+            self._stack.push_async_callback(io.aclose)
+            await io.connect()
+            self._io = io
+        return self._io
+
+    async def lights(self) -> LampUnit:
+        """Return the lamp unit, connected; all lamps are switched off at the end.
+
+        Raises
+        ------
+        DeviceError : it is not there
+        """
+        if self._lights is None:
+            lights = self._builder.lights()
+            await lights.connect()
+            self._stack.push_async_callback(lights.all_off)
+            self._lights = lights
+        return self._lights
+
+    async def camera(self, name: CameraName) -> Camera:
+        """Return a camera, connected.
+
+        Raises
+        ------
+        DeviceError : it is not there
+        """
+        if name not in self._cameras:
+            camera = self._builder.camera(name)
+            self._stack.push_async_callback(camera.close)
+            await camera.connect()
+            self._cameras[name] = camera
+        return self._cameras[name]
+
+    async def take_picture(self, camera: CameraName, lamps: Mapping[str, float]) -> Picture:
+        """Return a picture that was exposed wholly after the lamps were as wanted.
+
+        Parameters
+        ----------
+        camera : ``overhead`` or ``inspection``
+        lamps : level 0 to 1 by name; all others are dark
+
+        Raises
+        ------
+        DeviceError : a lamp does not confirm, or no frame comes
+        """
+        cameras = {camera: await self.camera(camera)}
+        imaging = Imaging(await self.lights(), cameras, frozenset(), Path())
+        grey = await imaging.shoot(camera, lamps)
+        return Picture(grey, build_camera(getattr(self.config.cameras, camera)))
+
+
+@asynccontextmanager
+async def open_cell(
+    cell_file: FileName | None = None,
+    *,
+    parts: Sequence[FileName] = (),
+    at: str | None = None,
+    seed: int = 1,
+    speed: float = 1.0,
+) -> AsyncIterator[OpenCell]:
+    """Open a cell; emulated devices start beside the script and end with it.
+
+    No other controller on this machine may use the cell meanwhile. Nothing moves.
+
+    Parameters
+    ----------
+    cell_file : cell file (default: the emulated cell)
+    parts : CAD files of parts on the emulated table
+    at : pose of the first of them, ``X,Y,THETA_DEG`` (default: by the seed)
+    seed : of the emulated cell
+    speed : of the emulated cell, in times real time; real devices keep real time
+
+    Raises
+    ------
+    ConfigError : a file is wrong, or a driver is not installed
+    CellBusyError : another controller has the cell
+    EmulatorError : the emulated cell did not start
+    """
+    path = EMULATED_CELL if cell_file is None else Path(cell_file)
+    config = load_cell(path)
+    require_drivers(path, config)
+    async with AsyncExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="cellctl-")))
+        stack.enter_context(hold_cell(folder, config, "a Python script"))
+        ready = {}
+        if config.emulated_devices:
+            is_mixed = find_clock(config, {}).is_mixed
+            command = emulator_command(
+                path,
+                [Path(part) for part in parts],
+                speed=1.0 if is_mixed else speed,
+                seed=seed,
+                more=emulator_args(None, at, None),
+            )
+            ready = stack.enter_context(emulated_cell(command, folder / "emulator.log"))
+        clock = find_clock(config, ready).open()
+        stack.callback(clock.close)
+        builder = DeviceBuilder(config, resolve(config, ready.get("devices", {})), clock)
+        async with clock.attending(), AsyncExitStack() as devices:
+            devices.push_async_callback(_close_links, builder)
+            yield OpenCell(config, builder, clock, devices)
+
+
+async def _close_links(builder: DeviceBuilder) -> None:
+    for link in builder.links:
+        await link.aclose()
+
+
+def shipped_file(name: str) -> Path:
+    """Return a file that comes with cellctl, such as ``parts/holder.stl`` or ``holder.yaml``.
+
+    Raises
+    ------
+    ConfigError : none of this name
+    """
+    path = SHIPPED / name
+    if not path.is_file():
+        raise ConfigError(f"{name}: no such file comes with cellctl")
+    return path
+
+
+def recognise_picture(
+    picture: Picture,
+    parts: Sequence[FileName],
+    lighting: Literal["backlit", "front", "auto"] = "auto",
+) -> tuple[Sighting, ...]:
+    """Return what is on the table, the largest object first; none where it is empty.
+
+    Parameters
+    ----------
+    picture : of the table
+    parts : CAD files that it may be; other objects are answered with ``part`` None
+    lighting : a glowing table, lamps above a matt one, or to be found out
+
+    Raises
+    ------
+    CadError : a CAD file is wrong
+    """
+    files = [(Path(part), options_among(Path(part), None)) for part in parts]
+    library = open_library(files, picture.camera)
+    return recognise(picture.grey, picture.camera, library, lighting).sightings
+
+
+def plan_part(
+    part: FileName,
+    *,
+    recipe: FileName | None = None,
+    cell_file: FileName | None = None,
+    pose_index: int | None = None,
+) -> Plan:
+    """Return how to show a part that stands in the middle of the drop area.
+
+    Seconds to minutes for a part that is new; what was planned is kept in the cache.
+
+    Parameters
+    ----------
+    part : CAD file
+    recipe : recipe with density, grasp and views (default: those of a recipe that names none)
+    cell_file : cell file (default: the recipe's, else the emulated cell)
+    pose_index : stable pose it stands in (default: the most likely one)
+
+    Raises
+    ------
+    ConfigError, CadError : a file is wrong
+    NoPlanError : it cannot be taken or shown from this pose
+    """
+    wanted = None if recipe is None else load_recipe(Path(recipe))
+    beside = EMULATED_CELL if wanted is None else wanted.cell
+    cell = load_cell(beside if cell_file is None else Path(cell_file))
+    compiled = load_part(Path(part), CompileOptions(unit=None if wanted is None else wanted.unit))
+    poses = {pose.index: pose for pose in compiled.poses}
+    if not poses:
+        raise NoPlanError(f"{compiled.solid.name} has no stable pose")
+    if pose_index is None:
+        pose_index = max(poses.values(), key=lambda pose: pose.probability).index
+    if pose_index not in poses:
+        raise ConfigError(f"{compiled.solid.name} has stable poses {sorted(poses)}")
+    setup = planner_setup(wanted, cell, compiled)
+    x, y = cell.table.drop_area.x, cell.table.drop_area.y
+    kept = Planning(compiled, setup.layout, setup.options).lying(
+        poses[pose_index], sum(x) / 2, sum(y) / 2, 0.0
+    )
+    if kept.plan is None:
+        raise NoPlanError(kept.reason)
+    return kept.plan
