@@ -5,11 +5,12 @@ that a start knows what the last one left in a gripper, however that one ended.
 """
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Final
+from typing import Final
 
-from .journal import SET_ASIDE, Kind, Row
+from .journal import Kind, Once, Row, is_of, rows
 
 
 class Custody(StrEnum):
@@ -50,18 +51,16 @@ MAY_HOLD: Final[Mapping[Custody, frozenset[GripperName]]] = {
 # which grippers an action that is never repeated blindly may leave a part in, until the row on
 # custody that follows it; what is not listed may leave it anywhere
 TOUCHED: Final[Mapping[str, frozenset[GripperName]]] = {
-    "grip": frozenset({GripperName.ARM}),
-    "set_down": frozenset({GripperName.ARM}),
-    "sort": frozenset({GripperName.ARM}),
-    "open_arm_gripper": frozenset({GripperName.ARM}),
-    "open_fixed_gripper": frozenset({GripperName.FIXED}),
+    Once.GRIP: frozenset({GripperName.ARM}),
+    Once.SET_DOWN: frozenset({GripperName.ARM}),
+    Once.SORT: frozenset({GripperName.ARM}),
+    Once.OPEN_ARM_GRIPPER: frozenset({GripperName.ARM}),
+    Once.OPEN_FIXED_GRIPPER: frozenset({GripperName.FIXED}),
 }
 # what `fold_custody` needs of a journal
 FOLDED_KINDS: Final[tuple[Kind, ...]] = ("custody", "intent")
 _UNTRUSTED: Final = "the journal before this one cannot be trusted"
-# a journal in another folder knew of the cell and is gone or damaged
-NOT_READABLE: Final = "journal_not_readable"
-FOLDED_EVENTS: Final = ("run_began", SET_ASIDE)
+FOLDED_EVENTS: Final = (rows.RunBegan.row_name, rows.JournalSetAside.row_name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,21 +80,20 @@ class CellIdentity:
     emulated: frozenset[GripperName]
 
     @classmethod
-    def of(cls, began: Mapping[str, Any]) -> "CellIdentity":
-        """Return it from the body of a run's first row."""
-        devices = began.get("devices", {})
+    def of(cls, began: rows.RunBegan) -> "CellIdentity":
+        """Return it from a run's first row."""
         names = {"arm": GripperName.ARM, "gripper": GripperName.FIXED}
-        emulator = began.get("emulator", {})
+        emulator = began.emulator
         # one whose addresses were given by hand outlives its runs, as a real one does
-        listed = set(began.get("emulated_devices", ())) if "pid" in emulator else set()
+        listed = set(began.emulated_devices) if "pid" in emulator else set()
         emulated = frozenset(names[device] for device in listed if device in names)
         process = f"emulator {emulator.get('pid')} {emulator.get('started_wall_s')}"
         where = {}
         for device, gripper in names.items():
-            settings = devices.get(device, {})
+            settings = began.devices.get(device, {})
             address = f"{settings.get('address')} {settings.get('unit')}"
             where[gripper] = process if gripper in emulated else address
-        return cls(str(began.get("cell", {}).get("name")), where, emulated)
+        return cls(str(began.cell.get("name")), where, emulated)
 
     def shares(self, gripper: GripperName, other: "CellIdentity") -> bool:
         """Return whether a gripper is, or may be, the other cell's one too.
@@ -128,7 +126,7 @@ class Held:
     detail: str
 
 
-def fold_custody(rows: Iterable[Row], here: CellIdentity) -> tuple[Held, ...]:
+def fold_custody(found: Iterable[Row], here: CellIdentity) -> tuple[Held, ...]:
     """Return which of a cell's grippers may hold a part, by the rows of all its runs.
 
     An action that is never repeated blindly (grip, release, hand-off, sort) leaves custody unknown
@@ -136,19 +134,21 @@ def fold_custody(rows: Iterable[Row], here: CellIdentity) -> tuple[Held, ...]:
 
     Parameters
     ----------
-    rows : of `FOLDED_KINDS` and `FOLDED_EVENTS`, of all runs, in order
+    found : of `FOLDED_KINDS` and `FOLDED_EVENTS`, of all runs, in order
     here : the cell that asks
     """
     cells: dict[str, CellIdentity] = {}
     held: dict[GripperName, Held] = {}
-    for row in rows:
-        if row.name == "run_began" and row.kind == "event":
-            cells[row.run] = CellIdentity.of(row.body)
+    for row in found:
+        if is_of(row, rows.RunBegan):
+            with suppress(ValueError):  # unreadable, it says as little as one that is missing
+                cells[row.run] = CellIdentity.of(rows.RunBegan.model_validate(row.body))
             continue
         for gripper in GripperName:
-            if row.name in (SET_ASIDE, NOT_READABLE):
+            is_aside = is_of(row, rows.JournalSetAside)
+            if is_aside or is_of(row, rows.JournalNotReadable):
                 if gripper not in here.emulated:
-                    why = _UNTRUSTED if row.name == SET_ASIDE else str(row.body["why"])
+                    why = _UNTRUSTED if is_aside else str(row.body["why"])
                     held[gripper] = _held(gripper, Custody.UNKNOWN, row, why)
                 continue
             cell = cells.get(row.run)

@@ -17,8 +17,8 @@ from drivers.umi_scara import AxisStalledError, SilentLineError
 from .actions import Actions
 from .custody import where_it_is
 from .errors import CellError, PartProblemError
-from .journal import Journal, JournalError
-from .machine import CellMachine, Effect, Event
+from .journal import Journal, JournalError, rows
+from .machine import CellMachine, Decision, Effect, Event
 from .services import BatchRecord
 from .stopping import Stopping
 from .watchers import Watcher
@@ -146,26 +146,14 @@ class Dispatcher:
     def _outcome(self, end: End) -> Outcome:
         custody = self._record.part.custody
         where = where_it_is(custody, self._record.part.tray or "")
-        self._journal.record(
-            "event",
-            "at_rest",
-            {"state": end, "message": self._message, "code": self._code, "custody": custody.name},
+        self._journal.write(
+            rows.AtRest(state=end, message=self._message, code=self._code, custody=custody.name)
         )
         return Outcome(end, self._message, self._code, where)
 
     async def _take(self, note: _Note) -> None:
         decision = self._machine.dispatch(note.event)
-        self._journal.record(
-            "event",
-            note.event.value,
-            {
-                "answer": decision.answer,
-                "from": decision.source,
-                "to": decision.target,
-                **({"message": note.message, "code": note.code} if note.message else {}),
-                **({"reason": decision.reason} if decision.reason else {}),
-            },
-        )
+        self._journal.write(_event_row(note, decision))
         if decision.answer != "handled":
             log.debug("%s in %s: %s", note.event.value, decision.source, decision.reason)
             return
@@ -200,9 +188,7 @@ class Dispatcher:
         note = await self._outcome_of(effect)
         if self._running is None or self._running[1] is not asyncio.current_task():
             # overtaken: what it says now is about a stop that somebody else has ordered
-            self._journal.record(
-                "event", "overtaken", {"effect": effect.value, "message": note.message}
-            )
+            self._journal.write(rows.Overtaken(effect=effect.value, message=note.message))
             return
         self._inbox.put_nowait(note)
 
@@ -229,6 +215,19 @@ class Dispatcher:
             return _Note(
                 Event.FAULT, effect, f"internal error in {effect.value}: {error!r}", "internal"
             )
+
+
+def _event_row(note: _Note, decision: Decision) -> rows.CellEvent:
+    said = {"message": note.message, "code": note.code} if note.message else {}
+    why = {"reason": decision.reason} if decision.reason else {}
+    return rows.CellEvent(
+        name=note.event.value,
+        answer=decision.answer,
+        source=decision.source,
+        target=decision.target,
+        **said,
+        **why,
+    )
 
 
 def _code_of(error: Exception) -> str:

@@ -8,15 +8,16 @@ state, with what the cell is. A start asks them all.
 import json
 import logging
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from .custody import FOLDED_EVENTS, FOLDED_KINDS, NOT_READABLE, CellIdentity
+from .custody import FOLDED_EVENTS, FOLDED_KINDS, CellIdentity
 from .journal import JournalError, Row, first_flaw, read_rows_of_kinds
+from .journal.rows import JournalNotReadable, RunBegan
 from .lock import state_dir
 
 FOLDER: Final = "journals"
@@ -30,16 +31,16 @@ class _Entry:
 
     path: Path
     journal: Path
-    began: Mapping[str, Any]
+    began: RunBegan
     noted_utc: str
 
     @property
     def clock(self) -> str | None:
         """The clock of the emulator that the cell belongs to, None for real devices."""
-        return self.began.get("clock")
+        return self.began.clock
 
 
-def note_journal(journal: Path, began: Mapping[str, Any]) -> None:
+def note_journal(journal: Path, began: RunBegan) -> None:
     """Note that a journal knows of a cell; done before anything moves.
 
     Nothing is noted of a cell whose grippers end with the run.
@@ -55,8 +56,10 @@ def note_journal(journal: Path, began: Mapping[str, Any]) -> None:
     if not _outlives_the_run(began):
         return
     path = state_dir() / FOLDER / f"{sha256(bytes(journal.resolve())).hexdigest()[:24]}.json"
-    kept = {key: began.get(key) for key in ("devices", "emulated_devices", "emulator", "clock")}
-    kept["cell"] = {"name": (began.get("cell") or {}).get("name")}
+    kept = began.model_dump(
+        mode="json", include={"devices", "emulated_devices", "emulator", "clock"}
+    )
+    kept["cell"] = {"name": began.cell.get("name")}
     new = path.with_name(f"{path.name}.{os.getpid()}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -72,7 +75,7 @@ def note_journal(journal: Path, began: Mapping[str, Any]) -> None:
         ) from error
 
 
-def rows_of_all_journals(own: Path, began: Mapping[str, Any]) -> list[Row]:
+def rows_of_all_journals(own: Path, began: RunBegan) -> list[Row]:
     """Return what `fold_custody` needs of all journals that know of a cell, in order of time.
 
     A journal that is gone or damaged may have known of a part: a row says that it cannot be read.
@@ -93,13 +96,13 @@ def rows_of_all_journals(own: Path, began: Mapping[str, Any]) -> list[Row]:
     return sorted((*others, *rows), key=lambda row: row.t_utc) if others else rows
 
 
-def _outlives_the_run(began: Mapping[str, Any]) -> bool:
+def _outlives_the_run(began: RunBegan) -> bool:
     here = CellIdentity.of(began)
     return set(here.grippers) != set(here.emulated)
 
 
-def _others(own: Path, began: Mapping[str, Any]) -> Sequence[_Entry]:
-    here, clock = CellIdentity.of(began), began.get("clock")
+def _others(own: Path, began: RunBegan) -> Sequence[_Entry]:
+    here, clock = CellIdentity.of(began), began.clock
     found = []
     for entry in _entries():
         if entry.clock is not None and not Path(entry.clock).exists():
@@ -118,8 +121,9 @@ def _rows_of(entry: _Entry) -> list[Row]:
             return list(read_rows_of_kinds(entry.journal, FOLDED_KINDS, FOLDED_EVENTS))
     except (JournalError, OSError) as error:
         flaw = str(error)
-    body = {"why": f"its journal knew of this cell, but {flaw}"}
-    return [Row(0, entry.noted_utc, 0.0, f"in {entry.journal}", None, "event", NOT_READABLE, body)]
+    row = JournalNotReadable(why=f"its journal knew of this cell, but {flaw}")
+    run = f"in {entry.journal}"
+    return [Row(0, entry.noted_utc, 0.0, run, None, row.kind, row.row_name, row.as_json())]
 
 
 def _entries() -> Iterator[_Entry]:
@@ -127,11 +131,13 @@ def _entries() -> Iterator[_Entry]:
         try:
             body = json.loads(path.read_text(encoding="utf-8"))
             noted = datetime.fromtimestamp(path.stat().st_mtime, UTC)
-            CellIdentity.of(body["began"])
+            began = RunBegan.model_validate(
+                {key: value for key, value in body["began"].items() if value is not None}
+            )
             yield _Entry(
                 path,
                 Path(body["journal"]),
-                body["began"],
+                began,
                 noted.isoformat(timespec="microseconds"),
             )
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:

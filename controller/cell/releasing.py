@@ -18,14 +18,15 @@ from .custody import CellIdentity, Custody, GripperName, Held, fold_custody
 from .devices import Devices, resolve
 from .errors import CellError
 from .interlocks import check_interlocks
-from .journal import JOURNAL_NAME, Journal, open_cell_journal
+from .journal import JOURNAL_NAME, Journal, Once, open_cell_journal, rows
 from .known_journals import note_journal, rows_of_all_journals
 from .openings import Opening, read_openings
+from .start_check import openings_row
 
 OPEN_BY_MM: Final = 20.0  # enough to take a part out; the jaws meet nothing beside it
 INTENTS: Final = {
-    GripperName.ARM: "open_arm_gripper",
-    GripperName.FIXED: "open_fixed_gripper",
+    GripperName.ARM: Once.OPEN_ARM_GRIPPER,
+    GripperName.FIXED: Once.OPEN_FIXED_GRIPPER,
 }
 
 
@@ -68,10 +69,10 @@ class Recovery:
         self._devices = Devices.build(self._cell, where, self._clock)
         try:
             began = self._who_and_what(where)
-            self._journal.record("event", "run_began", began)
+            self._journal.write(began)
             note_journal(self._journal.path, began)
             self._began = began
-            self._journal.record("event", "connected", await self._devices.connect_grippers())
+            self._journal.write(rows.Connected(await self._devices.connect_grippers()))
         except BaseException:
             await self.__aexit__()
             raise
@@ -81,26 +82,25 @@ class Recovery:
         """Close everything; opens no jaw."""
         await self._devices.aclose()
         self._clock.close()
-        self._journal.record("event", "run_ended", {"end": "stopped"})
+        self._journal.write(rows.RunEnded(end="stopped"))
         self._journal.close()
 
-    def _who_and_what(self, where: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
-        return {
-            "recipe": {"name": "recover"},
-            "cell": self._cell.model_dump(mode="json"),
-            "devices": {name: dict(settings) for name, settings in where.items()},
-            "emulated_devices": list(self._cell.emulated_devices),
-            "clock": None if self._found_clock.path is None else str(self._found_clock.path),
-            "count": 0,
-        }
+    def _who_and_what(self, where: Mapping[str, dict[str, Any]]) -> rows.RunBegan:
+        return rows.RunBegan(
+            recipe={"name": "recover"},
+            cell=self._cell.model_dump(mode="json"),
+            devices=where,
+            emulated_devices=tuple(self._cell.emulated_devices),
+            clock=None if self._found_clock.path is None else str(self._found_clock.path),
+            count=0,
+        )
 
     async def look(self) -> Standing:
         """Return what may be in the grippers; nothing moves."""
-        rows = rows_of_all_journals(self._journal.path, self._began)
-        known = fold_custody(rows, CellIdentity.of(self._began))
+        found = rows_of_all_journals(self._journal.path, self._began)
+        known = fold_custody(found, CellIdentity.of(self._began))
         openings = await read_openings(self._devices)
-        said = {one.gripper.value: f"{one.finding.value}: {one.reason}" for one in openings}
-        self._journal.record("observation", "openings", said)
+        self._journal.write(openings_row(openings))
         return Standing(known, openings, self._notice)
 
     async def open(self, gripper: GripperName, known: Sequence[Held]) -> Custody:
@@ -119,22 +119,28 @@ class Recovery:
         check_interlocks(self._devices.io, is_person_inside=True)
         if gripper is GripperName.FIXED:
             _require_ready(await self._devices.gripper.status())
-        word = {"by": "operator", "detail": "the part is held by hand"}
-        await self._journal.secure("intent", INTENTS[gripper], word)
+        await self._journal.write_secured(
+            rows.Intent(name=INTENTS[gripper], by="operator", detail="the part is held by hand")
+        )
         if gripper is GripperName.ARM:
             await self._devices.arm.enable_power()
             await self._devices.arm.drive_jaws(OPEN_BY_MM)
         else:
             await self._devices.gripper.open_to(self._devices.gripper.max_opening_mm)
-        self._journal.record("outcome", INTENTS[gripper])
+        self._journal.write(rows.OnceDone(name=INTENTS[gripper]))
         left = {one.gripper for one in known} - {gripper}
         custody = Custody.REMOVED
         if GripperName.ARM in left:
             custody = Custody.IN_ARM
         elif left:
             custody = Custody.IN_FIXTURE
-        body = {"by": "operator", "detail": f"the {gripper.value} was opened"}
-        await self._journal.secure("custody", custody.name.lower(), body)
+        await self._journal.write_secured(
+            rows.CustodyChanged(
+                name=custody.name.lower(),
+                by="operator",
+                detail=f"the {gripper.value} was opened",
+            )
+        )
         return custody
 
 

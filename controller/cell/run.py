@@ -22,7 +22,7 @@ from .custody import CellIdentity, Held, fold_custody, where_it_is
 from .devices import Devices, resolve
 from .dispatcher import Dispatcher, Outcome
 from .experts import Workers
-from .journal import JOURNAL_NAME, Journal, Row, open_cell_journal
+from .journal import JOURNAL_NAME, Journal, Row, is_of, open_cell_journal, rows
 from .known_journals import note_journal, rows_of_all_journals
 from .openings import presses_on_something, read_openings
 from .records import PartRecord, Progress
@@ -96,11 +96,11 @@ async def run_batch(
         on_notice(opened.notice)
     try:
         where = resolve(order.cell, order.emulated.get("devices", {}))
-        began = _who_and_what(order, where)
-        journal.record("event", "run_began", began)
+        began = who_and_what(order, where)
+        journal.write(began)
         known, left = await asyncio.to_thread(_left_by_runs, journal, began)
         for notice in left:
-            journal.record("event", "emulated_cell_ended", {"message": notice})
+            journal.write(rows.EmulatedCellEnded(message=notice))
             on_notice(notice)
         clock = order.clock.open()
         devices = Devices.build(order.cell, where, clock)
@@ -133,7 +133,7 @@ async def run_batch(
                     progress.label = "connecting"
                     show()
                     who = await devices.connect()
-                    journal.record("event", "connected", who)
+                    journal.write(rows.Connected(who))
                     outcome = await _refused(order, devices, journal, known)
                     if outcome is None:
                         outcome = await dispatcher.run(order.count)
@@ -141,50 +141,46 @@ async def run_batch(
                 finally:
                     await devices.aclose()
         except BaseException as error:
-            journal.record(
-                "event",
-                "run_broke_off",
-                {
-                    "error": str(error) or type(error).__name__,
-                    "where": where_it_is(batch.record.part.custody),
-                },
+            journal.write(
+                rows.RunBrokeOff(
+                    error=str(error) or type(error).__name__,
+                    where=where_it_is(batch.record.part.custody),
+                )
             )
             raise
         finally:
             clock.close()
         parts = batch.record.parts
-        journal.record(
-            "event",
-            "run_ended",
-            {
-                "end": outcome.end,
-                "message": outcome.message,
-                "parts": len(parts),
-                "speed": speed.as_json(),
-            },
+        journal.write(
+            rows.RunEnded(
+                end=outcome.end,
+                message=outcome.message,
+                parts=len(parts),
+                speed=rows.SpeedReached(**speed.as_json()),
+            )
         )
         return RunResult(outcome, parts, speed)
     finally:
         await asyncio.to_thread(journal.close)
 
 
-def _left_by_runs(journal: Journal, began: Mapping[str, Any]) -> tuple[tuple[Held, ...], list[str]]:
+def _left_by_runs(journal: Journal, began: rows.RunBegan) -> tuple[tuple[Held, ...], list[str]]:
     """Return what all journals say of a cell's grippers, and what went with an emulated cell."""
     note_journal(journal.path, began)
     here = CellIdentity.of(began)
-    rows = rows_of_all_journals(journal.path, began)
-    return fold_custody(rows, here), _gone_with_its_emulator(rows, here, journal.run)
+    found = rows_of_all_journals(journal.path, began)
+    return fold_custody(found, here), _gone_with_its_emulator(found, here, journal.run)
 
 
-def _gone_with_its_emulator(rows: Sequence[Row], here: CellIdentity, run: str) -> list[str]:
-    began = [row for row in rows if row.name == "run_began" and row.run != run]
+def _gone_with_its_emulator(found: Sequence[Row], here: CellIdentity, run: str) -> list[str]:
+    began = [row for row in found if row.run != run and is_of(row, rows.RunBegan)]
     if not began:
         return []
-    last = CellIdentity.of(began[-1].body)
+    last = CellIdentity.of(rows.RunBegan.model_validate(began[-1].body))
     return [
         f"Run {one.run} may have left a part in the {one.gripper.value} of an emulated cell. That "
         "cell has ended, and the part with it; on a real cell this start would be refused."
-        for one in fold_custody(rows, last)
+        for one in fold_custody(found, last)
         if one.gripper in last.emulated and not here.shares(one.gripper, last)
     ]
 
@@ -205,40 +201,46 @@ async def _refused(
     except PartMayBeHeldError as error:
         where = where_it_is(error.custody)
         outcome = Outcome("refused", str(error), "part_may_be_held", where)
-        body = {"state": outcome.end, "message": outcome.message, "code": outcome.code}
-        journal.record("event", "at_rest", {**body, "custody": error.custody.name, "where": where})
+        journal.write(
+            rows.AtRest(
+                state=outcome.end,
+                message=outcome.message,
+                code=outcome.code,
+                custody=error.custody.name,
+                where=where,
+            )
+        )
         return outcome
     return None
 
 
-def _who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
-    emulated = {k: v for k, v in order.emulated.items() if k != "devices"}
+def who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> rows.RunBegan:
+    """Return what is run on what, as a run's first row says it.
+
+    Parameters
+    ----------
+    order : what to run
+    where : the devices' settings, as `resolve` found them
+    """
     # whatever keeps an emulator's clock is emulated, also where its address was given by hand
     emulated_names = where if order.clock.path is not None else order.cell.emulated_devices
-    return {
-        "recipe": order.recipe.model_dump(mode="json"),
-        "files": {
-            str(path): hashlib.sha256(path.read_bytes()).hexdigest()
-            for path in (
-                order.recipe_path,
-                order.cell_path,
-                order.recipe.part,
-                *order.recipe.others,
-            )
-        },
-        "cell": order.cell.model_dump(mode="json"),
-        "devices": {
+    files = (order.recipe_path, order.cell_path, order.recipe.part, *order.recipe.others)
+    return rows.RunBegan(
+        recipe=order.recipe.model_dump(mode="json"),
+        files={str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in files},
+        cell=order.cell.model_dump(mode="json"),
+        devices={
             name: dict(settings) | {"emulated": name in emulated_names}
             for name, settings in where.items()
         },
-        "emulated_devices": list(emulated_names),
-        "emulator": emulated,
-        "speed": order.speed,
-        "clock": None if order.clock.path is None else str(order.clock.path),
-        "count": order.count,
-        "software": {
+        emulated_devices=tuple(emulated_names),
+        emulator={k: v for k, v in order.emulated.items() if k != "devices"},
+        speed=order.speed,
+        clock=None if order.clock.path is None else str(order.clock.path),
+        count=order.count,
+        software={
             "cellctl": version("cellctl"),
             "python": sys.version.split()[0],
             "system": platform.platform(terse=True),
         },
-    }
+    )

@@ -11,7 +11,7 @@ from typing import NoReturn
 
 from .custody import Custody, GripperName, Held
 from .errors import CellError
-from .journal import Journal
+from .journal import Journal, rows
 from .openings import Finding, Opening
 
 Press = Callable[[], Awaitable[bool]]
@@ -54,16 +54,13 @@ async def require_empty_grippers(
 
     async def refuse(against: Sequence[Opening]) -> NoReturn:
         message = _refusal(known, against, is_part_removed=is_part_removed)
-        body = {"message": message, "part_removed": is_part_removed}
-        await journal.secure("decision", "start_refused", body)
+        await journal.write_secured(
+            rows.StartRefused(message=message, part_removed=is_part_removed)
+        )
         sure = [one for one in against if one.finding is Finding.HOLDS]
         raise PartMayBeHeldError(message, _custody_of(known, sure))
 
-    journal.record(
-        "observation",
-        "openings",
-        {one.gripper.value: f"{one.finding.value}: {one.reason}" for one in openings},
-    )
+    journal.write(openings_row(openings))
     holding = [one for one in openings if one.finding is Finding.HOLDS]
     doubtful = [one for one in openings if one.finding is Finding.MAY_HOLD]
     if holding or ((known or doubtful) and not is_part_removed):
@@ -74,8 +71,18 @@ async def require_empty_grippers(
     if known or doubtful:
         said = "stated with --part-removed"
         before = "; ".join(known_words(one) for one in known)
-        body = {"by": "operator", "detail": said, "before": before}
-        await journal.secure("custody", Custody.REMOVED.name.lower(), body)
+        await journal.write_secured(
+            rows.CustodyChanged(
+                name=Custody.REMOVED.name.lower(), by="operator", detail=said, before=before
+            )
+        )
+
+
+def openings_row(openings: Sequence[Opening]) -> rows.Openings:
+    """Return what the grippers say of themselves as the journal keeps it."""
+    return rows.Openings(
+        {one.gripper.value: f"{one.finding.value}: {one.reason}" for one in openings}
+    )
 
 
 def _custody_of(known: Sequence[Held], holding: Sequence[Opening]) -> Custody:

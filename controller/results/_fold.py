@@ -1,12 +1,14 @@
 """Folds a run's journal rows into a `RunRecord`; also a run that nobody ended."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Final, TypeVar, cast
+
+from pydantic import ValidationError
 
 from controller.cell.custody import Custody, where_it_is
-from controller.cell.journal import Row
+from controller.cell.journal import Body, Row, read_row, rows
 
 from ._model import (
     DeviceReport,
@@ -21,39 +23,44 @@ from ._model import (
 from ._parts import PartFold
 from ._words import say_row
 
+SomeBody = TypeVar("SomeBody", bound=Body)
+
 ENDS: Final = ("complete", "held", "stopped", "aborted", "refused")
 
 
-def fold(run_id: str, folder: Path, rows: Sequence[Row], broken: int | None) -> RunRecord:
+def fold(run_id: str, folder: Path, found: Sequence[Row], broken: int | None) -> RunRecord:
     """Return a run as its rows tell it.
 
     Parameters
     ----------
-    rows : of this run, in order, at least one
+    run_id : of the run
+    folder : its own
+    found : its rows in order, at least one
     broken : number of the journal's first row whose hash does not fit
 
     Raises
     ------
     ResultsError : a row is not what this version of cellctl writes
     """
-    log = tuple(_entry(row, rows[0].t_mono_s) for row in rows)
-    began = _body(log, "run_began")
-    at_rest, broke_off = _body(log, "at_rest"), _body(log, "run_broke_off")
-    is_cut_off = not at_rest and not broke_off
+    log = tuple(_entry(row, found[0].t_mono_s) for row in found)
+    began = _last(log, rows.RunBegan) or rows.RunBegan()
+    ended = _last(log, rows.RunEnded)
+    at_rest, broke_off = _last(log, rows.AtRest), _last(log, rows.RunBrokeOff)
+    is_cut_off = at_rest is None and broke_off is None
     parts = _parts(log, is_cut_off=is_cut_off)
     # a row after this run's last one says nothing against it
-    is_touched = broken is not None and broken <= rows[-1].seq
+    is_touched = broken is not None and broken <= found[-1].seq
     return RunRecord(
         run_id=run_id,
         folder=folder,
-        recipe=began.get("recipe", {}),
-        cell=began.get("cell", {}),
-        devices=_devices(began, _body(log, "connected")),
-        emulator=began.get("emulator", {}),
-        software={str(k): str(v) for k, v in began.get("software", {}).items()},
-        speed=float(began.get("speed", 1.0)),
-        speed_reached=_body(log, "run_ended").get("speed", {}).get("reached"),
-        ordered=int(began.get("count", len(parts))),
+        recipe=began.recipe,
+        cell=began.cell,
+        devices=_devices(began, _last(log, rows.Connected)),
+        emulator=began.emulator,
+        software=began.software,
+        speed=began.speed,
+        speed_reached=None if ended is None else ended.speed.reached,
+        ordered=len(parts) if began.count is None else began.count,
         start=log[0].at,
         end=log[-1].at,
         wall_s=log[-1].t_s,
@@ -66,6 +73,11 @@ def fold(run_id: str, folder: Path, rows: Sequence[Row], broken: int | None) -> 
 
 
 def _entry(row: Row, t0_s: float) -> LogEntry:
+    said, flaw = None, ""
+    try:
+        said = read_row(row.kind, row.name, row.body)
+    except ValueError as error:
+        flaw = _first_line(error)
     return LogEntry(
         seq=row.seq,
         at=datetime.fromisoformat(row.t_utc),
@@ -74,13 +86,38 @@ def _entry(row: Row, t0_s: float) -> LogEntry:
         kind=row.kind,
         name=row.name,
         body=row.body,
+        row=said,
+        flaw=flaw,
     )
 
 
-def _body(log: Sequence[LogEntry], name: str) -> Mapping[str, Any]:
-    """Return the body of the last event of that name, empty if there was none."""
-    found = [e.body for e in log if e.kind == "event" and e.name == name]
-    return found[-1] if found else {}
+def _first_line(error: ValueError) -> str:
+    if isinstance(error, ValidationError):
+        first = error.errors()[0]
+        return f"{'.'.join(str(key) for key in first['loc'])}: {first['msg']}"
+    return str(error)
+
+
+def _last(log: Sequence[LogEntry], model: type[SomeBody]) -> SomeBody | None:
+    """Return the last row of a model.
+
+    Raises
+    ------
+    ResultsError : it cannot be read
+    """
+    for entry in reversed(log):
+        if isinstance(entry.row, model):
+            return entry.row
+        if entry.flaw and (entry.kind, entry.name) == (model.kind, model.row_name):
+            raise _unreadable(entry)
+    return None
+
+
+def _unreadable(entry: LogEntry) -> ResultsError:
+    return ResultsError(
+        f"journal row {entry.seq} ({entry.kind} {entry.name}) is not what this version of "
+        f"cellctl writes: {entry.flaw}; report it with the version that wrote it"
+    )
 
 
 def _parts(log: Sequence[LogEntry], *, is_cut_off: bool) -> tuple[PartReport, ...]:
@@ -88,52 +125,48 @@ def _parts(log: Sequence[LogEntry], *, is_cut_off: bool) -> tuple[PartReport, ..
     for entry in log:
         if not entry.part:
             continue  # number 0 stands for no part yet
-        try:
-            folds.setdefault(entry.part, PartFold(entry.part)).take(entry)
-        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-            raise ResultsError(
-                f"journal row {entry.seq} ({entry.kind} {entry.name}) is not what this version of "
-                f"cellctl writes: {error!r}; report it with the version that wrote it"
-            ) from error
+        if entry.flaw:
+            raise _unreadable(entry)
+        folds.setdefault(entry.part, PartFold(entry.part)).take(entry.row)
     return tuple(folds[number].report(is_cut_off=is_cut_off) for number in sorted(folds))
 
 
-def _devices(began: Mapping[str, Any], connected: Mapping[str, Any]) -> tuple[DeviceReport, ...]:
-    emulated = set(began.get("emulated_devices", ()))
+def _devices(began: rows.RunBegan, connected: rows.Connected | None) -> tuple[DeviceReport, ...]:
+    said = {} if connected is None else connected.root
     return tuple(
         DeviceReport(
             name=name,
             address=str(settings.get("address", "")),
-            is_emulated=bool(settings.get("emulated", name in emulated)),
-            identity=str(connected.get(name, "")),
+            is_emulated=bool(settings.get("emulated", name in began.emulated_devices)),
+            identity=said.get(name, ""),
         )
-        for name, settings in began.get("devices", {}).items()
+        for name, settings in began.devices.items()
     )
 
 
 def _outcome(
     log: Sequence[LogEntry],
     parts: Sequence[PartReport],
-    at_rest: Mapping[str, Any],
-    broke_off: Mapping[str, Any],
+    at_rest: rows.AtRest | None,
+    broke_off: rows.RunBrokeOff | None,
 ) -> Outcome:
     last = parts[-1] if parts else None
     custody = last.custody if last else Custody.NONE
     where = _where(last)
     # a run may come to rest and still break off while it ends; the later word counts
-    if broke_off:
-        message = str(broke_off.get("error", ""))
-        return Outcome("broke_off", message, "broke_off", custody, where)
-    if at_rest:
-        end = str(at_rest.get("state", ""))
-        if end not in ENDS:
-            raise ResultsError(f"the journal says the run ended as {end!r}, which is no state")
+    if broke_off is not None:
+        return Outcome("broke_off", broke_off.error, "broke_off", custody, where)
+    if at_rest is not None:
+        if at_rest.state not in ENDS:
+            raise ResultsError(
+                f"the journal says the run ended as {at_rest.state!r}, which is no state"
+            )
         return Outcome(
-            cast(End, end),
-            str(at_rest.get("message", "")),
-            str(at_rest.get("code", "")),
-            Custody.__members__.get(str(at_rest.get("custody")), custody),
-            str(at_rest.get("where", where)),
+            cast(End, at_rest.state),
+            at_rest.message,
+            at_rest.code,
+            Custody.__members__.get(at_rest.custody, custody),
+            at_rest.where or where,
         )
     then = f"part {last.number} then was {_held(last)}" if last else "no part was at hand"
     message = (
@@ -161,11 +194,11 @@ def _stages(log: Sequence[LogEntry]) -> tuple[StageReport, ...]:
     spent: dict[str, list[float]] = {}
     state, since = "", 0.0
     for entry in log:
-        if entry.kind != "event" or entry.body.get("answer") != "handled":
+        if not isinstance(entry.row, rows.CellEvent) or entry.row.answer != "handled":
             continue
         if state:
             spent.setdefault(state, []).append(entry.t_s - since)
-        state, since = str(entry.body.get("to", "")), entry.t_s
+        state, since = entry.row.target, entry.t_s
     if state not in {"", *ENDS}:
         spent.setdefault(state, []).append(log[-1].t_s - since)
     return tuple(StageReport(name, len(times), sum(times)) for name, times in spent.items())

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from controller.cell.custody import Custody
+from controller.cell.journal import Body
 
 End = Literal["complete", "held", "stopped", "aborted", "refused", "broke_off", "cut_off"]
 Box = tuple[int, int, int, int]
@@ -241,7 +242,14 @@ class PartReport:
 
 @dataclass(frozen=True, slots=True)
 class LogEntry:
-    """One row of the journal; `t_s` is wall seconds since the run's first row."""
+    """One row of the journal; `t_s` is wall seconds since the run's first row.
+
+    Attributes
+    ----------
+    body : as the journal keeps it
+    row : what it says; None where this version does not know such a row or cannot read it
+    flaw : why it cannot be read; empty otherwise
+    """
 
     seq: int
     at: datetime
@@ -250,6 +258,8 @@ class LogEntry:
     kind: str
     name: str
     body: Mapping[str, Any]
+    row: Body | None = None
+    flaw: str = ""
 
 
 @dataclass(frozen=True, slots=True)

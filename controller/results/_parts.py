@@ -2,15 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from controller.cell.custody import Custody
+from controller.cell.journal import Body, Once, rows
 
 from ._model import (
     CheckReport,
     FaceReport,
     FindingReport,
-    LogEntry,
     PartReport,
     PlanReport,
     SightingReport,
@@ -20,15 +19,14 @@ from ._model import (
     ViewReport,
 )
 
-Body = Mapping[str, Any]
 # what is never repeated blindly, in the words of somebody who has to look where the part is
-ONCE_WORDS = {
-    "grip": "closing the hand on the part on the table",
-    "hand_off": "closing the fixed gripper on the part",
-    "release": "opening the hand while the fixed gripper holds the part",
-    "take_back": "closing the hand on the part in the fixed gripper",
-    "fixture_release": "opening the fixed gripper while the hand holds the part",
-    "sort": "letting the part go over its tray",
+ONCE_WORDS: Mapping[str, str] = {
+    Once.GRIP: "closing the hand on the part on the table",
+    Once.HAND_OFF: "closing the fixed gripper on the part",
+    Once.RELEASE: "opening the hand while the fixed gripper holds the part",
+    Once.TAKE_BACK: "closing the hand on the part in the fixed gripper",
+    Once.FIXTURE_RELEASE: "opening the fixed gripper while the hand holds the part",
+    Once.SORT: "letting the part go over its tray",
 }
 
 
@@ -51,42 +49,40 @@ class PartFold:
     # intents since the last word on custody, and whether an outcome followed
     pending: dict[str, bool] = field(default_factory=dict)
 
-    def take(self, entry: LogEntry) -> None:
-        """Take one row."""
-        body = entry.body
-        match entry.kind, entry.name:
-            case "observation", "table_pictures":
+    def take(self, row: Body | None) -> None:
+        """Take one row; one that says nothing of a part's way is passed over."""
+        match row:
+            case rows.TablePictures():
                 self.looks += 1
-                self.table_pictures = {str(k): str(v) for k, v in body.items()}
-            case "observation", "sightings":
-                self.sightings = tuple(_sighting(s) for s in body["sightings"])
-            case "decision", "plan":
-                self.plan, self.steps = _plan(body), []
-            case "outcome", "step":
-                self.steps.append(_step(body))
-            case "outcome", "grip_missed":
-                self.grips_missed.append(str(body["message"]))
-            case "observation", "view_pictures":
-                pictures = {str(k): str(v) for k, v in body["pictures"].items()}
-                self.views.append(ViewReport(str(body["view"]), pictures, None))
-            case "observation", "view":
-                self._judged(body)
-            case "decision", "verdict":
-                self.verdict = _verdict(body)
-            case "custody", name:
-                self.custody = Custody.__members__.get(name.upper(), Custody.UNKNOWN)
-                self.custody_detail = str(body.get("detail", ""))
+                self.table_pictures = row.root
+            case rows.Sightings():
+                self.sightings = tuple(_sighting(s) for s in row.sightings)
+            case rows.PlanMade():
+                self.plan, self.steps = _plan(row), []
+            case rows.StepDone():
+                self.steps.append(_step(row))
+            case rows.GripMissed():
+                self.grips_missed.append(row.message)
+            case rows.ViewPictures():
+                self.views.append(ViewReport(row.view, row.pictures, None))
+            case rows.ViewJudged():
+                self._judged(row)
+            case rows.PartJudged():
+                self.verdict = _verdict(row)
+            case rows.CustodyChanged():
+                self.custody = Custody.__members__.get(row.name.upper(), Custody.UNKNOWN)
+                self.custody_detail = row.detail
                 self.pending.clear()
                 if self.custody is Custody.PLACED:
-                    self.tray = self.custody_detail
-            case "intent", name:
-                self.pending[name] = False
-            case "outcome", name if name in self.pending:
-                self.pending[name] = True
+                    self.tray = row.detail
+            case rows.Intent():
+                self.pending[row.name] = False
+            case rows.OnceDone() if row.name in self.pending:
+                self.pending[row.name] = True
 
-    def _judged(self, body: Body) -> None:
+    def _judged(self, row: rows.ViewJudged) -> None:
         first = 1 + sum(len(view.findings) for view in self.views)
-        judged = _view(body, first)
+        judged = _view(row, first)
         for i, view in enumerate(self.views):
             if view.view_id == judged.view_id and view.evaluated is None:
                 self.views[i] = replace(judged, pictures=view.pictures)
@@ -138,122 +134,100 @@ def _doubt(name: str, custody: Custody) -> str:
     )
 
 
-def _number(value: object) -> float | None:
-    return float(value) if isinstance(value, int | float) else None
-
-
-def _box(values: Any) -> tuple[int, int, int, int]:  # noqa: ANN401 - from JSON
-    x0, y0, x1, y1 = (round(v) for v in values)
-    return x0, y0, x1, y1
-
-
-def _sighting(s: Body) -> SightingReport:
-    others = tuple(
-        f"{a['part']}, pose {a['pose_index']}, {a['theta_deg']:.1f} deg"
-        for a in s.get("ambiguous_with", ())
-    )
+def _sighting(s: rows.Sighting) -> SightingReport:
     return SightingReport(
-        part=s["part"],
-        pose_index=int(s["pose_index"]),
-        x_mm=float(s["x_mm"]),
-        y_mm=float(s["y_mm"]),
-        theta_deg=float(s["theta_deg"]),
-        score=float(s["score"]),
-        sigma_mm=_number(s.get("sigma_mm")),
-        sigma_deg=_number(s.get("sigma_deg")),
-        residual_px=_number(s.get("residual_px")),
-        box_px=_box(s["box_px"]),
-        ambiguous_with=others,
-        reason=str(s.get("reason", "")),
+        part=s.part,
+        pose_index=s.pose_index,
+        x_mm=s.x_mm,
+        y_mm=s.y_mm,
+        theta_deg=s.theta_deg,
+        score=s.score,
+        sigma_mm=s.sigma_mm,
+        sigma_deg=s.sigma_deg,
+        residual_px=s.residual_px,
+        box_px=s.box_px,
+        ambiguous_with=tuple(
+            f"{a.part}, pose {a.pose_index}, {a.theta_deg:.1f} deg" for a in s.ambiguous_with
+        ),
+        reason=s.reason,
     )
 
 
-def _plan(body: Body) -> PlanReport:
+def _plan(row: rows.PlanMade) -> PlanReport:
     return PlanReport(
-        labels=tuple(str(label) for label in body["steps"]),
-        seconds=tuple(float(s) for s in body["seconds"]),
-        forecast_s=float(body["forecast_s"]),
-        covered_fraction=float(body["covered_fraction"]),
-        reachable_fraction=float(body["reachable_fraction"]),
-        unseen=tuple(
-            UnseenReport(int(u["face"]), float(u["area_fraction"]), str(u["reason"]))
-            for u in body.get("unseen", ())
-        ),
+        labels=row.steps,
+        seconds=row.seconds,
+        forecast_s=row.forecast_s,
+        covered_fraction=row.covered_fraction,
+        reachable_fraction=row.reachable_fraction,
+        unseen=tuple(UnseenReport(u.face, u.area_fraction, u.reason) for u in row.unseen),
     )
 
 
-def _step(body: Body) -> StepReport:
+def _step(row: rows.StepDone) -> StepReport:
     return StepReport(
-        label=str(body["label"]),
-        forecast_s=_number(body.get("forecast_s")),
-        actual_s=_number(body.get("seconds")),
-        view=str(body.get("view", "")),
-        tray=str(body.get("tray", "")),
-        jaw_mm=_number(body.get("jaw_mm")),
-        expected_mm=_number(body.get("expected_mm")),
+        label=row.label,
+        forecast_s=row.forecast_s,
+        actual_s=row.seconds,
+        view=row.view,
+        tray=row.tray,
+        jaw_mm=row.jaw_mm,
+        expected_mm=row.expected_mm,
     )
 
 
-def _view(body: Body, first: int) -> ViewReport:
-    view_id, evaluated = str(body["view"]), bool(body["evaluated"])
-    findings = tuple(
-        FindingReport(
-            number=number,
-            view_id=view_id,
-            kind=str(f["kind"]),
-            lamp=str(f["lamp"]),
-            area_mm2=float(f["area_mm2"]),
-            size_mm=float(f["size_mm"]),
-            at_px=(float(f["at_px"][0]), float(f["at_px"][1])),
-            box_px=_box(f["box_px"]),
-            p_part_mm=tuple(float(v) for v in f["p_part_mm"]),
-            face_ids=tuple(int(i) for i in f["faces"]),
-        )
-        for number, f in enumerate(body.get("findings", ()), start=first)
-    )
+def _view(row: rows.ViewJudged, first: int) -> ViewReport:
     return ViewReport(
-        view_id=view_id,
+        view_id=row.view,
         pictures={},
-        evaluated=evaluated,
-        reason=str(body.get("reason", "")),
+        evaluated=row.evaluated,
+        reason=row.reason,
         # a view that is not evaluated has no measured pose; its zeros mean nothing
-        shift_mm=_number(body.get("shift_mm")) if evaluated else None,
-        turn_deg=_number(body.get("turn_deg")) if evaluated else None,
-        residual_px=_number(body.get("residual_px")),
-        outline_px=tuple((float(x), float(y)) for x, y in body.get("outline_px", ())),
-        findings=findings,
-        checks=tuple(
-            CheckReport(
-                check=str(c["check"]),
-                reason=str(c["reason"]),
-                compared_samples=int(c["compared_samples"]),
-                size_mm=float(c["size_mm"]),
-                length_mm=float(c["length_mm"]),
+        shift_mm=row.shift_mm if row.evaluated else None,
+        turn_deg=row.turn_deg if row.evaluated else None,
+        residual_px=row.residual_px,
+        outline_px=row.outline_px,
+        findings=tuple(
+            FindingReport(
+                number=number,
+                view_id=row.view,
+                kind=f.kind,
+                lamp=f.lamp,
+                area_mm2=f.area_mm2,
+                size_mm=f.size_mm,
+                at_px=f.at_px,
+                box_px=f.box_px,
+                p_part_mm=f.p_part_mm,
+                face_ids=f.faces,
             )
-            for c in body.get("checks", ())
+            for number, f in enumerate(row.findings, start=first)
+        ),
+        checks=tuple(
+            CheckReport(c.check, c.reason, c.compared_samples, c.size_mm, c.length_mm)
+            for c in row.checks
         ),
     )
 
 
-def _verdict(body: Body) -> VerdictReport:
+def _verdict(row: rows.PartJudged) -> VerdictReport:
     return VerdictReport(
-        verdict=str(body["verdict"]),
-        reasons=tuple(str(reason) for reason in body["reasons"]),
-        covered_fraction=float(body["covered_fraction"]),
+        verdict=row.verdict,
+        reasons=row.reasons,
+        covered_fraction=row.covered_fraction,
         faces=tuple(
             FaceReport(
-                face_id=int(f["face"]),
-                label=str(f["label"]),
-                area_mm2=float(f["area_mm2"]),
-                seen_fraction=float(f["seen_fraction"]),
-                verdict=str(f["verdict"]),
-                views=tuple(str(v) for v in f["views"]),
-                reason=str(f["reason"]),
-                by_check={str(k): float(v) for k, v in f.get("by_check", {}).items()},
-                rest={str(k): float(v) for k, v in f.get("rest", {}).items()},
+                face_id=f.face,
+                label=f.label,
+                area_mm2=f.area_mm2,
+                seen_fraction=f.seen_fraction,
+                verdict=f.verdict,
+                views=f.views,
+                reason=f.reason,
+                by_check=f.by_check,
+                rest=f.rest,
             )
-            for f in body["faces"]
+            for f in row.faces
         ),
-        in_sight_fraction=_number(body.get("in_sight_fraction")),
-        claim=str(body.get("claim", "")),
+        in_sight_fraction=row.in_sight_fraction,
+        claim=row.claim,
     )

@@ -4,6 +4,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from controller.cell.journal import rows
+
 from ._model import LogEntry, PartReport, RunRecord
 
 END_WORDS = {
@@ -21,51 +23,44 @@ DETAIL_LENGTH = 240
 
 def say_row(entry: LogEntry) -> str:
     """Return a row of the journal in words."""
-    body = entry.body
-    match entry.kind, entry.name:
-        case "event", _ if "from" in body and "to" in body:
-            return _transition(entry.name, body)
-        case "outcome", "step":
-            return (
-                f"step “{body.get('label', '')}” done in {body.get('seconds', '?')} s, "
-                f"forecast {body.get('forecast_s', '?')} s"
-            )
-        case "outcome", "grip_missed":
-            return f"grip missed: {body.get('message', '')}"
-        case "custody", name:
-            detail = f" ({body['detail']})" if body.get("detail") else ""
-            return f"custody: {name.replace('_', ' ')}{detail}"
-        case "intent", name:
-            return f"about to {name.replace('_', ' ')}{_rest(body)}"
-        case "outcome", name:
-            return f"{name.replace('_', ' ')}: done{_rest(body)}"
-        case "observation", "view":
-            return _view(body)
-        case "decision", "recovery":
-            return f"{body.get('reason', '?')}; {body.get('remedy', '?')}"
-        case "decision", "verdict":
-            return f"verdict: {body.get('verdict', '?')}"
-        case "event", "run_began":
+    rest = _rest(entry.body)
+    name = entry.name.replace("_", " ")
+    match entry.row:
+        case rows.CellEvent() as row:
+            return _transition(row)
+        case rows.StepDone() as row:
+            return f"step “{row.label}” done in {row.seconds} s, forecast {row.forecast_s} s"
+        case rows.GripMissed() as row:
+            return f"grip missed: {row.message}"
+        case rows.CustodyChanged() as row:
+            return f"custody: {name}" + (f" ({row.detail})" if row.detail else "")
+        case rows.Intent():
+            return f"about to {name}{rest}"
+        case rows.ViewJudged() as row:
+            return _view(row)
+        case rows.RecoveryBegun() as row:
+            return f"{row.reason}; {row.action}"
+        case rows.PartJudged() as row:
+            return f"verdict: {row.verdict}"
+        case rows.RunBegan():
             return "run began"
-        case "event", "at_rest":
-            return f"at rest: {body.get('state', '?')}"
-        case _, name:
-            return f"{name.replace('_', ' ')}{_rest(body)}"
+        case rows.AtRest() as row:
+            return f"at rest: {row.state}"
+    return f"{name}: done{rest}" if entry.kind == "outcome" else f"{name}{rest}"
 
 
-def _transition(name: str, body: Mapping[str, Any]) -> str:
-    if body.get("answer") != "handled":
-        return f"{name}: {body.get('answer')} in {body['from']}; {body.get('reason', '')}"
-    message = f": {body['message']}" if body.get("message") else ""
-    return f"{name}: {stage_words(body['from'])} → {stage_words(body['to'])}{message}"
+def _transition(row: rows.CellEvent) -> str:
+    if row.answer != "handled":
+        return f"{row.name}: {row.answer} in {row.source}; {row.reason}"
+    message = f": {row.message}" if row.message else ""
+    return f"{row.name}: {stage_words(row.source)} → {stage_words(row.target)}{message}"
 
 
-def _view(body: Mapping[str, Any]) -> str:
-    view = body.get("view", "?")
-    if not body.get("evaluated"):
-        return f"view {view}: not evaluated, {body.get('reason', '')}"
-    count = len(body.get("findings", ()))
-    return f"view {view}: {count_of(count, 'finding') if count else 'no finding'}"
+def _view(row: rows.ViewJudged) -> str:
+    if not row.evaluated:
+        return f"view {row.view}: not evaluated, {row.reason}"
+    count = len(row.findings)
+    return f"view {row.view}: {count_of(count, 'finding') if count else 'no finding'}"
 
 
 def _rest(body: Mapping[str, Any]) -> str:

@@ -13,10 +13,10 @@ import numpy as np
 from controller import inspection as inspecting
 from controller.cell.clocks import FoundClock, Speed
 from controller.cell.custody import Custody
+from controller.cell.describe import sightings_row, verdict_row, view_row
 from controller.cell.devices import resolve
-from controller.cell.journal import Journal
-from controller.cell.records import describe_sighting, describe_verdict, describe_view
-from controller.cell.run import JOURNAL_NAME, RunOrder, _who_and_what
+from controller.cell.journal import Body, Journal, rows
+from controller.cell.run import JOURNAL_NAME, RunOrder, who_and_what
 from controller.config import load_cell, load_recipe
 from controller.recognition import Sighting
 
@@ -162,29 +162,27 @@ class RunWriter:
             runs_dir=runs_dir,
             run_id=run_id,
         )
-        body = _who_and_what(order, resolve(cell, OFFERED))
+        began = who_and_what(order, resolve(cell, OFFERED))
         if real:
-            body["emulated_devices"] = []
-            for device in body["devices"].values():
-                device["emulated"] = False
-        self.record("event", "run_began", body)
-        self.record("event", "connected", {"arm": "UMI RTX, IP0 ROM 1.5", "io": "Moxa E1214"})
+            devices = {name: {**one, "emulated": False} for name, one in began.devices.items()}
+            began = began.model_copy(update={"emulated_devices": (), "devices": devices})
+        self.write(began)
+        self.write(rows.Connected({"arm": "UMI RTX, IP0 ROM 1.5", "io": "Moxa E1214"}))
         self.moved("reset", "stopped", "resetting")
-        self.record("outcome", "homed")
+        self.write(rows.Homed())
         self.moved("start", "idle", "execute_acquiring")
 
-    def record(self, kind: Any, name: str, body: Any = None) -> None:
-        self.journal.record(kind, name, body or {}, self.number or None)
+    def write(self, row: Body) -> None:
+        self.journal.write(row, self.number or None)
 
-    def moved(self, event: str, source: str, target: str, **more: Any) -> None:
-        self.journal.record(
-            "event", event, {"answer": "handled", "from": source, "to": target, **more}
+    def moved(self, event: str, source: str, target: str, **more: str) -> None:
+        self.journal.write(
+            rows.CellEvent(name=event, answer="handled", source=source, target=target, **more)
         )
 
     def custody(self, custody: Custody, detail: str = "") -> None:
-        asyncio.run(
-            self.journal.secure("custody", custody.name.lower(), {"detail": detail}, self.number)
-        )
+        row = rows.CustodyChanged(name=custody.name.lower(), detail=detail)
+        asyncio.run(self.journal.write_secured(row, self.number))
 
     def picture(self, name: str, level: int = 200) -> str:
         image = np.full((SIZE_PX[1], SIZE_PX[0]), level, np.uint8)
@@ -198,37 +196,32 @@ class RunWriter:
         self.number += is_new
         lamps = (("table_backlight", 210), ("table_ring", 40))
         names = {lamp: self.picture(lamp, level) for lamp, level in lamps}
-        self.record("observation", "table_pictures", names)
+        self.write(rows.TablePictures(names))
         self.moved("picture_taken", "execute_acquiring", "execute_recognising")
-        found = [describe_sighting(s) for s in sightings]
-        self.record("observation", "sightings", {"sightings": found})
+        self.write(sightings_row(sightings))
 
     def plan(self, *labels: str) -> None:
         labels = labels or STEPS
-        self.record(
-            "decision",
-            "plan",
-            {
-                "steps": [*labels, "place in tray reject", "park"],
-                "seconds": [*FORECASTS_S[: len(labels)], 12.0, 3.0],
-                "forecast_s": 32.0,
-                "covered_fraction": 0.97,
-                "reachable_fraction": 0.99,
-                "unseen": [{"face": 1, "area_fraction": 0.03, "reason": "in the jaws' shadow"}],
-            },
+        unseen = rows.Unseen(face=1, area_fraction=0.03, reason="in the jaws' shadow")
+        self.write(
+            rows.PlanMade(
+                steps=(*labels, "place in tray reject", "park"),
+                seconds=(*FORECASTS_S[: len(labels)], 12.0, 3.0),
+                forecast_s=32.0,
+                covered_fraction=0.97,
+                reachable_fraction=0.99,
+                unseen=(unseen,),
+            )
         )
 
     def step(self, label: str, forecast_s: float, seconds: float, **more: Any) -> None:
-        self.record(
-            "outcome",
-            "step",
-            {"label": label, "forecast_s": forecast_s, "seconds": seconds, **more},
-        )
+        self.write(rows.StepDone(label=label, forecast_s=forecast_s, seconds=seconds, **more))
 
     def once(self, name: str, *, is_done: bool = True) -> None:
-        asyncio.run(self.journal.secure("intent", name, {"expected_mm": 30.0}, self.number))
+        intent = rows.Intent(name=name, expected_mm=30.0)
+        asyncio.run(self.journal.write_secured(intent, self.number))
         if is_done:
-            self.record("outcome", name)
+            self.write(rows.OnceDone(name=name))
 
     def grasp(self, seconds: float = 9.5) -> None:
         self.once("grip")
@@ -238,30 +231,29 @@ class RunWriter:
     def show(self, label: str, result: inspecting.ViewResult, seconds: float) -> None:
         lamps = (("station_backlight", 210), ("station_ring", 40), ("station_side", 40))
         names = {lamp: self.picture(f"{result.view_id}_{lamp}", level) for lamp, level in lamps}
-        body = {"view": result.view_id, "pictures": names, "q": [0.0] * 6}
-        self.record("observation", "view_pictures", body)
+        self.write(rows.ViewPictures(view=result.view_id, pictures=names, q=(0.0,) * 6))
         self.step(label, 4.0, seconds, view=result.view_id)
 
     def judge_view(self, result: inspecting.ViewResult) -> None:
-        self.record("observation", "view", describe_view(result))
+        self.write(view_row(result))
 
     def judge(self, verdict: inspecting.PartVerdict) -> None:
-        self.record("decision", "verdict", describe_verdict(verdict))
+        self.write(verdict_row(verdict))
 
     def place(self, tray: str) -> None:
         self.once("sort")
         self.custody(Custody.PLACED, tray)
         self.step(f"place in tray {tray}", 11.0, 12.25, tray=tray)
-        self.record("outcome", "part_done", {"tray": tray})
+        self.write(rows.PartDone(tray=tray))
 
     def end(
         self, state: str = "complete", message: str = "", code: str = "", custody: str = "PLACED"
     ) -> None:
-        body = {"state": state, "message": message, "code": code, "custody": custody}
-        self.journal.record("event", "at_rest", body)
-        speed = Speed(10.0, 6.34).as_json()
-        body = {"end": state, "message": message, "parts": self.number, "speed": speed}
-        self.journal.record("event", "run_ended", body)
+        self.journal.write(rows.AtRest(state=state, message=message, code=code, custody=custody))
+        speed = rows.SpeedReached(**Speed(10.0, 6.34).as_json())
+        self.journal.write(
+            rows.RunEnded(end=state, message=message, parts=self.number, speed=speed)
+        )
         self.close()
 
     def close(self) -> None:

@@ -19,6 +19,7 @@ from controller.cell.actions import (
 from controller.cell.custody import Custody
 from controller.cell.errors import InterlockError, PartFaultError, PartProblemError
 from controller.cell.journal import Journal, read_rows
+from controller.cell.journal.rows import Intent
 from controller.cell.machine import Effect, Event
 from controller.cell.records import Progress
 from controller.cell.recovery import PartFault
@@ -109,8 +110,8 @@ class Gripper:
     async def require_arm_holds(self) -> None:
         self.done.append("check")
 
-    async def let_go(self, name: str, body: Any, opening_mm: float) -> None:
-        self.done.append(f"{name} {body}")
+    async def let_go(self, intent: Intent, opening_mm: float) -> None:
+        self.done.append(f"{intent.name} {intent.as_json()}")
 
 
 class Paths:

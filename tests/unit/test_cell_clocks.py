@@ -9,7 +9,7 @@ import pytest
 
 from controller.cell.clocks import FoundClock, Speed, find_clock
 from controller.cell.devices import resolve
-from controller.cell.run import RunOrder, _who_and_what
+from controller.cell.run import RunOrder, who_and_what
 from controller.config import Cell, ConfigError, load_cell, load_recipe
 from drivers.clock import CellClock
 
@@ -141,9 +141,9 @@ def test_what_keeps_an_emulators_clock_is_reported_as_emulated(tmp_path: Path) -
             recipe_path=recipe, cell_path=CELL, recipe=load_recipe(recipe), cell=cell, count=1,
             speed=1.0, emulated={}, clock=clock, runs_dir=tmp_path, run_id="run",
         )  # fmt: skip
-        body = _who_and_what(order, where)
-        flagged = [name for name, device in body["devices"].items() if device["emulated"]]
-        assert flagged == body["emulated_devices"]
+        began = who_and_what(order, where)
+        flagged = [name for name, device in began.devices.items() if device["emulated"]]
+        assert flagged == list(began.emulated_devices)
         return flagged
 
     assert emulated_devices(FoundClock()) == []

@@ -20,6 +20,7 @@ from controller.cell.custody import (
     fold_custody,
 )
 from controller.cell.journal import Journal, Row, read_rows, read_rows_of_kinds
+from controller.cell.journal.rows import RunBegan
 from controller.cell.openings import Finding, Opening, judge_arm, judge_fixed
 from controller.cell.start_check import PartMayBeHeldError, require_empty_grippers
 from drivers.gripper_modbus import ActivationState, Counts, GripperStatus, ObjectState
@@ -44,7 +45,11 @@ def began(
     }
 
 
-HERE = CellIdentity.of(began())
+def identity(body: dict[str, Any]) -> CellIdentity:
+    return CellIdentity.of(RunBegan.model_validate(body))
+
+
+HERE = identity(began())
 WORDS = {"arm": ARM, "fixed": FIXED}
 
 
@@ -111,6 +116,10 @@ def test_a_run_without_its_first_row_may_have_been_here() -> None:
     assert folded(rows_of("in_arm")[1:]) == {ARM}
 
 
+def test_a_run_whose_first_row_cannot_be_read_may_have_been_here() -> None:
+    assert folded(rows_of("in_arm", body={"devices": "none of your business"})) == {ARM}
+
+
 @pytest.mark.parametrize(
     ("then", "now", "expected"),
     [
@@ -145,7 +154,7 @@ def test_a_run_without_its_first_row_may_have_been_here() -> None:
 def test_custody_belongs_to_grippers_not_to_folders(
     then: dict[str, Any], now: dict[str, Any], expected: set[GripperName]
 ) -> None:
-    assert folded(rows_of("in_both", body=then), CellIdentity.of(now)) == expected
+    assert folded(rows_of("in_both", body=then), identity(now)) == expected
 
 
 def test_a_journal_that_was_set_aside_leaves_every_real_gripper_in_doubt() -> None:
@@ -153,7 +162,7 @@ def test_a_journal_that_was_set_aside_leaves_every_real_gripper_in_doubt() -> No
         1, "2026-01-02T03:04:05+00:00", 0.0, "run-1", None, "event", "journal_set_aside", {}
     )
     assert folded([aside]) == {ARM, FIXED}
-    assert folded([aside], CellIdentity.of(began(emulated=("arm", "gripper")))) == set()
+    assert folded([aside], identity(began(emulated=("arm", "gripper")))) == set()
     assert folded([aside, *rows_of("removed", run="run-1")]) == set()
 
 

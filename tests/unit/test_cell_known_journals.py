@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from controller.cell.custody import CellIdentity, GripperName, fold_custody
 from controller.cell.journal import Journal
+from controller.cell.journal.rows import CustodyChanged, RunBegan
 from controller.cell.known_journals import note_journal, rows_of_all_journals
 
 
@@ -19,33 +19,33 @@ def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def began(clock: str | None = None, *, emulated: bool = False) -> dict[str, Any]:
-    return {
-        "cell": {"name": "north"},
-        "devices": {
+def began(clock: str | None = None, *, emulated: bool = False) -> RunBegan:
+    return RunBegan(
+        cell={"name": "north"},
+        devices={
             "arm": {"address": "/dev/arm"},
             "gripper": {"address": "10.0.0.5:502", "unit": 9},
         },
-        "emulated_devices": ["arm", "gripper"] if emulated else [],
-        "emulator": {"pid": 7, "started_wall_s": 1.0} if emulated else {},
-        "clock": clock,
-    }
+        emulated_devices=("arm", "gripper") if emulated else (),
+        emulator={"pid": 7, "started_wall_s": 1.0} if emulated else {},
+        clock=clock,
+    )
 
 
-def run(folder: Path, name: str, body: dict[str, Any], *custody: str) -> Path:
+def run(folder: Path, name: str, body: RunBegan, *custody: str) -> Path:
     """Write the journal of one run that ended after some rows on custody."""
     folder.mkdir(exist_ok=True)
     path = folder / "journal.sqlite"
     journal = Journal(path, name)
-    journal.record("event", "run_began", body)
+    journal.write(body)
     note_journal(path, body)
     for one in custody:
-        journal.record("custody", one, {}, 1)
+        journal.write(CustodyChanged(name=one), 1)
     journal.close()
     return path
 
 
-def held(path: Path, body: dict[str, Any]) -> dict[GripperName, str]:
+def held(path: Path, body: RunBegan) -> dict[GripperName, str]:
     rows = rows_of_all_journals(path, body)
     return {one.gripper: one.run for one in fold_custody(rows, CellIdentity.of(body))}
 
@@ -78,7 +78,7 @@ def test_a_journal_that_knew_the_cell_and_cannot_be_read_leaves_custody_unknown(
     here = run(tmp_path / "b", "second", began())
     assert set(held(here, began())) == set(GripperName)
     journal = Journal(here, "second")
-    journal.record("custody", "removed", {"by": "operator"})
+    journal.write(CustodyChanged(name="removed", by="operator"))
     journal.close()
     assert held(here, began()) == {}  # the operator's word comes later than what was lost
 

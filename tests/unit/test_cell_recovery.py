@@ -316,7 +316,7 @@ class PaperExperts:
 
     async def inspect_lying(self, view: str, T: Any, glowing: Any, lit: Any) -> ViewResult:
         self.shown.append(re.sub(r"~\d+$", "", view))
-        return ViewResult(view, True, "", T, 0, 0, 0, (), mask(8, 9), np.zeros((0, 2)))
+        return ViewResult(view, True, "", T, 0.0, 0.0, 0.0, (), mask(8, 9), np.zeros((0, 2)))
 
     async def find_hold(self, expected: Any, *args: object) -> Any:
         return expected if self.cell.has == "arm" else None

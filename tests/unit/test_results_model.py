@@ -10,6 +10,7 @@ from results_bench import STEPS, RunWriter, bad_run, good_run, sighting, verdict
 
 from controller.cell import run as cell_run
 from controller.cell.custody import Custody
+from controller.cell.journal import rows
 from controller.results import ResultsError, list_runs, load_run, write_html
 from controller.results._load import JOURNAL_NAME
 
@@ -153,7 +154,7 @@ def test_a_run_that_found_no_part_keeps_the_cells_own_words(tmp_path: Path) -> N
 
 def test_a_run_that_broke_off_before_anything_moved_is_told(tmp_path: Path) -> None:
     writer = RunWriter(tmp_path)
-    writer.journal.record("event", "run_broke_off", {"error": "gripper: no answer", "where": "x"})
+    writer.journal.write(rows.RunBrokeOff(error="gripper: no answer", where="x"))
     writer.close()
     record = load_run(tmp_path)
     assert record.outcome.end == "broke_off"
@@ -167,7 +168,7 @@ def test_steps_belong_to_the_plan_that_was_made_after_a_missed_grip(tmp_path: Pa
     writer.plan("pick with grip G7")
     writer.once("grip")
     message = "the jaws closed on nothing, 30.0 mm was expected (try 1 of 3)"
-    writer.record("outcome", "grip_missed", {"message": message})
+    writer.write(rows.GripMissed(message=message))
     writer.custody(Custody.ON_TABLE)
     writer.look(sighting(x_mm=310.0), is_new=False)
     writer.plan()
@@ -220,7 +221,7 @@ def test_a_changed_row_is_told_by_its_number(tmp_path: Path) -> None:
 def test_a_row_of_another_make_is_named_instead_of_crashing(tmp_path: Path) -> None:
     writer = RunWriter(tmp_path)
     writer.number = 1
-    writer.record("decision", "plan", {"stages": 3})
+    writer.journal.record("decision", "plan", {"stages": 3}, part=1)
     writer.close()
     with pytest.raises(ResultsError, match=r"journal row \d+ \(decision plan\) is not what"):
         load_run(tmp_path)
@@ -228,12 +229,13 @@ def test_a_row_of_another_make_is_named_instead_of_crashing(tmp_path: Path) -> N
 
 def test_a_refused_start_says_why_and_where_the_part_is(tmp_path: Path) -> None:
     writer = RunWriter(tmp_path)
-    body = {
-        "state": "refused", "message": "The arm gripper may hold a part", "custody": "IN_ARM",
-        "code": "part_may_be_held", "where": "The part is in the arm's hand.",
-    }  # fmt: skip
-    writer.record("event", "at_rest", body)
-    writer.record("event", "run_ended", {"end": "refused"})
+    writer.write(
+        rows.AtRest(
+            state="refused", message="The arm gripper may hold a part", custody="IN_ARM",
+            code="part_may_be_held", where="The part is in the arm's hand.",
+        )
+    )  # fmt: skip
+    writer.write(rows.RunEnded(end="refused"))
     writer.close()
     record = load_run(tmp_path)
     assert (record.outcome.end, record.outcome.custody) == ("refused", Custody.IN_ARM)

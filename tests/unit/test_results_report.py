@@ -17,6 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from results_bench import PART_PX, RunWriter, bad_run, good_run, sighting, verdict, view
 
+from controller.cell.journal import rows
 from controller.inspection import Verdict
 from controller.results import load_run, report_json, write_html
 from controller.results._html import render
@@ -273,7 +274,7 @@ def test_a_picture_outside_the_runs_folder_is_not_put_on_the_page(tmp_path: Path
     (tmp_path / "secret.png").write_bytes(b"x")
     writer = RunWriter(tmp_path)
     writer.number = 1
-    writer.record("observation", "table_pictures", {"table_backlight": "../secret.png"})
+    writer.write(rows.TablePictures({"table_backlight": "../secret.png"}))
     writer.close()
     assert page_of(tmp_path).all("image") == []
     pictures = report_json(load_run(tmp_path))["parts"][0]["table_pictures"]
@@ -309,7 +310,7 @@ def test_a_run_that_was_cut_off_still_gets_its_page(tmp_path: Path) -> None:
 
 def test_a_run_without_a_part_still_gets_its_page(tmp_path: Path) -> None:
     writer = RunWriter(tmp_path)
-    writer.journal.record("event", "run_broke_off", {"error": "arm: no answer on /dev/pts/7"})
+    writer.journal.write(rows.RunBrokeOff(error="arm: no answer on /dev/pts/7"))
     writer.close()
     text = page_of(tmp_path).text
     assert "Arm: no answer on /dev/pts/7." in text

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from .. import workers
 from ..errors import CellError
+from ..journal.rows import TablePictures
 from ..machine import Event
 from ..services import BatchRecord, Imaging
 
@@ -44,7 +45,7 @@ class AcquireAction:
             lamp: await self._imaging.save(part.number, lamp + again, image)
             for lamp, image in part.pictures.items()
         }
-        self._record.note("observation", "table_pictures", part.picture_names)
+        self._record.note(TablePictures(part.picture_names))
         return Event.PICTURE_TAKEN
 
 

@@ -1,5 +1,6 @@
 """Completing: the part is booked; the next one follows, or the batch ends."""
 
+from ..journal.rows import PartDone
 from ..machine import Event
 from ..services import BatchRecord, Imaging
 
@@ -17,13 +18,11 @@ class CompleteAction:
         part = self._record.part
         assert part.verdict is not None
         self._record.note(
-            "outcome",
-            "part_done",
-            {
-                "verdict": part.verdict.verdict.value,
-                "tray": part.tray,
-                "recoveries": [one.fault.value for one in part.recoveries],
-            },
+            PartDone(
+                verdict=part.verdict.verdict.value,
+                tray=part.tray,
+                recoveries=tuple(one.fault.value for one in part.recoveries),
+            )
         )
         if self._record.parts_left > 0:
             return Event.PART_DONE

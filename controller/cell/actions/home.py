@@ -8,6 +8,7 @@ from drivers.kinds import Arm, FixedGripper, IoBlock
 from ..errors import PartProblemError
 from ..interlocks import check_interlocks
 from ..journal import Journal
+from ..journal.rows import Homed
 from ..machine import Event
 from ..services import BatchRecord, Grippers, Imaging, Motion, Preparation
 
@@ -64,7 +65,7 @@ class HomeAction:
         async with asyncio.TaskGroup() as both:
             both.create_task(self._ready_fixed_gripper())
             both.create_task(self._ready_arm())
-        self._journal.record("outcome", "homed", {})
+        self._journal.write(Homed())
         return Event.RESET_DONE
 
     async def _ready_fixed_gripper(self) -> None:

@@ -3,10 +3,10 @@
 from controller.planning import HandOver, Present, SetDown, TakeBack
 
 from ..custody import Custody
+from ..describe import verdict_row
 from ..errors import PartFaultError
 from ..experts import Experts
 from ..machine import Event
-from ..records import describe_verdict
 from ..recovery import WORTH_SHARE, PartFault
 from ..services import BatchRecord, HeldPose, PlanSteps, Views
 
@@ -80,4 +80,4 @@ class InspectAction:
         assert part.plan is not None
         unseen = {u.face_id: u.reason for u in part.plan.unseen}
         part.verdict = await self._compute.judge(tuple(part.results), unseen, dict(part.planned))
-        self._record.note("decision", "verdict", describe_verdict(part.verdict))
+        self._record.note(verdict_row(part.verdict))

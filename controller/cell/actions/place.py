@@ -3,6 +3,7 @@
 from controller.inspection import Verdict
 
 from ..custody import Custody
+from ..journal.rows import Intent, Once
 from ..machine import Event
 from ..services import BatchRecord, Grippers, Motion, PlanSteps
 
@@ -43,7 +44,7 @@ class PlaceAction:
         await self._motion.follow(step.motion)
         await self._motion.follow(step.motion_down)
         await self._grippers.require_arm_holds()
-        await self._grippers.let_go("sort", {"tray": tray}, step.open_mm)
+        await self._grippers.let_go(Intent(name=Once.SORT, tray=tray), step.open_mm)
         part.tray = tray
         await self._record.set_custody(Custody.PLACED, tray)
         await self._motion.follow(step.motion_up)

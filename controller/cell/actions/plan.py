@@ -18,10 +18,11 @@ from controller.planning import (
 )
 
 from ..custody import Custody
+from ..describe import plan_row
 from ..errors import PartProblemError
 from ..experts import Experts
+from ..journal.rows import PlanKept
 from ..machine import Event
-from ..records import describe_plan
 from ..recovery import WORTH_SHARE, PartFault, merged
 from ..services import BatchRecord, HeldPose, Motion, Preparation, Views
 
@@ -84,7 +85,7 @@ class PlanAction:
             return Event.PLANNED_ON  # nothing to be gained: the plan there was goes on to its end
         part.plan, part.next_step = plan, 0
         part.plan_count += 1
-        self._record.note("decision", "plan", describe_plan(plan))
+        self._record.note(plan_row(plan))
         return Event.PLANNED if isinstance(start, OnTable) else Event.PLANNED_ON
 
     async def _start(self) -> Start:
@@ -112,7 +113,7 @@ class PlanAction:
         if isinstance(start, OnTable) or before is None:
             raise PartProblemError("no_plan", str(error)) from error
         log.info("no new plan (%s): on with the one there was", error)
-        self._record.note("decision", "plan_kept", {"reason": str(error)})
+        self._record.note(PlanKept(reason=str(error)))
         return Event.PLANNED_ON
 
 

@@ -8,10 +8,10 @@ from controller.recognition import Sighting
 
 from .. import workers
 from ..custody import Custody
+from ..describe import sightings_row
 from ..errors import PartProblemError
 from ..experts import Experts
 from ..machine import Event
-from ..records import describe_sighting
 from ..services import BatchRecord
 
 
@@ -34,9 +34,7 @@ class RecogniseAction:
         part = self._record.part
         lit = {lamp: part.pictures[lamp] for lamp in workers.TABLE_LAMPS}
         sightings = await self._compute.recognise(part.pictures["table_backlight"], lit)
-        self._record.note(
-            "observation", "sightings", {"sightings": [describe_sighting(s) for s in sightings]}
-        )
+        self._record.note(sightings_row(sightings))
         part.sighting = s = self._choose(sightings)
         part.candidates = s.ambiguous_with
         if part.custody is not Custody.ON_TABLE:

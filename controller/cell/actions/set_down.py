@@ -3,6 +3,7 @@
 from controller.planning import SetDown
 
 from ..custody import Custody
+from ..journal.rows import Intent, Once
 from ..machine import Event
 from ..services import BatchRecord, Grippers, Motion, PlanSteps
 
@@ -36,7 +37,8 @@ class SetDownAction:
         await self._motion.follow(step.motion)
         await self._motion.follow(step.motion_down)
         await self._grippers.require_arm_holds()
-        await self._grippers.let_go("set_down", {"pose_index": step.pose_index}, step.open_mm)
+        intent = Intent(name=Once.SET_DOWN, pose_index=step.pose_index)
+        await self._grippers.let_go(intent, step.open_mm)
         await self._record.set_custody(Custody.ON_TABLE, "set down")
         await self._motion.follow(step.motion_up)
         self._steps.end(step, started_s)

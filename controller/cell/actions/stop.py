@@ -7,6 +7,7 @@ from drivers.kinds import IoBlock, Stop
 
 from ..interlocks import check_interlocks
 from ..journal import Journal, JournalError
+from ..journal.rows import StopNotConfirmed, Stopped
 from ..machine import Event
 from ..services import Views
 from ..stopping import Stopping
@@ -59,13 +60,11 @@ class AbortMotionAction:
         for name in self._stopping.names:
             error = failures.get(name)
             if error is None:
-                self._journal.record("outcome", "stopped", {"device": name})
+                self._journal.write(Stopped(device=name))
                 continue
             log.warning("%s did not confirm the stop: %s", name, error)
             with suppress(JournalError):
-                self._journal.record(
-                    "outcome", "stop_not_confirmed", {"device": name, "error": str(error)}
-                )
+                self._journal.write(StopNotConfirmed(device=name, error=str(error)))
         return Event.ABORT_DONE
 
 

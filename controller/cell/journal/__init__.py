@@ -2,26 +2,31 @@
 
 Rows are chained by hash, so that a changed row shows; a head beside the file (`_head.py`) names the
 last row known to be on the disk, so that rows taken off the end show. `open_cell_journal` checks
-all that before a run may write. What it can and cannot notice: ADR 16.
+all that before a run may write. What it can and cannot notice: ADR 16. What
+each row says stands in `rows.py`.
 """
 
-from ._care import SET_ASIDE, CellJournal, first_flaw, open_cell_journal
+from ._care import CellJournal, first_flaw, open_cell_journal
 from ._form import JOURNAL_NAME, SCHEMA_VERSION, JournalError, Kind, Row
 from ._reader import first_broken_row, read_rows, read_rows_of_kinds
 from ._writer import Journal
+from .rows import Body, Once, is_of, read_row
 
 __all__ = [
     "JOURNAL_NAME",
     "SCHEMA_VERSION",
-    "SET_ASIDE",
+    "Body",
     "CellJournal",
     "Journal",
     "JournalError",
     "Kind",
+    "Once",
     "Row",
     "first_broken_row",
     "first_flaw",
+    "is_of",
     "open_cell_journal",
+    "read_row",
     "read_rows",
     "read_rows_of_kinds",
 ]

@@ -15,8 +15,8 @@ from ._form import SCHEMA, SCHEMA_VERSION, JournalError
 from ._head import SUFFIX, Head, HeadError, read_head
 from ._reader import first_broken_row
 from ._writer import Journal, last_row, require_known_version
+from .rows import JournalSetAside
 
-SET_ASIDE: Final = "journal_set_aside"
 _COLUMNS: Final = (
     "seq", "t_utc", "t_mono", "run", "part", "kind", "name", "body", "prev_hash", "hash",
 )  # fmt: skip
@@ -52,7 +52,7 @@ def open_cell_journal(path: Path, run: str) -> CellJournal:
     except OSError as error:
         raise JournalError(f"journal {path}: {error}; nothing moves without it") from error
     journal = Journal(path, run)
-    journal.record("event", SET_ASIDE, {"why": flaw, "file": kept.name})
+    journal.write(JournalSetAside(why=flaw, file=kept.name))
     notice = (
         f"The journal {path} cannot be trusted: {flaw}. It is kept as {kept.name}, and a new one "
         "begins. What it knew of parts in the grippers is unknown now."

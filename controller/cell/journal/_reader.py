@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ._form import GENESIS, JournalError, Kind, Row, digest_of
+from ._writer import require_known_version
 
 
 def read_rows(path: Path, run: str | None = None) -> Iterator[Row]:
@@ -13,7 +14,7 @@ def read_rows(path: Path, run: str | None = None) -> Iterator[Row]:
 
     Raises
     ------
-    JournalError : no journal there
+    JournalError : no journal there, or one of another version
     """
     yield from _rows(path, "" if run is None else " WHERE run = ?", () if run is None else (run,))
 
@@ -23,7 +24,7 @@ def read_rows_of_kinds(path: Path, kinds: Sequence[Kind], events: Sequence[str])
 
     Raises
     ------
-    JournalError : no journal there
+    JournalError : no journal there, or one of another version
     """
     where = f" WHERE kind IN ({_marks(kinds)}) OR (kind = 'event' AND name IN ({_marks(events)}))"
     yield from _rows(path, where, (*kinds, *events))
@@ -36,6 +37,7 @@ def _marks(values: Sequence[str]) -> str:
 def _rows(path: Path, where: str, values: Sequence[str]) -> Iterator[Row]:
     db = _open_to_read(path)
     try:
+        require_known_version(db, path)
         query = "SELECT seq, t_utc, t_mono, run, part, kind, name, body FROM journal"
         rows = db.execute(f"{query}{where} ORDER BY seq", tuple(values))
         for seq, t_utc, t_mono, run_id, part, kind, name, body in rows:

@@ -19,6 +19,7 @@ from typing import Any, Final
 
 from ._form import GENESIS, SCHEMA, SCHEMA_VERSION, JournalError, Kind, digest_of
 from ._head import Head, HeadFile
+from .rows import Body, name_of
 
 BUSY_WALL_S: Final = 10.0  # how long another writer is waited for
 
@@ -59,16 +60,38 @@ class Journal:
             else:
                 return
 
+    def write(self, row: Body, part: int | None = None) -> int:
+        """Append a row that survives the death of the process; return its number."""
+        return self.record(row.kind, name_of(row), row.as_json(), part)
+
+    async def write_secured(self, row: Body, part: int | None = None) -> int:
+        """Append a row and return its number once it is on the disk."""
+        return await self.secure(row.kind, name_of(row), row.as_json(), part)
+
     def record(
         self, kind: Kind, name: str, body: Mapping[str, Any] | None = None, part: int | None = None
     ) -> int:
-        """Append a row that survives the death of the process; return its number."""
+        """Append any body as `write` does; of what it says nothing is known here.
+
+        Parameters
+        ----------
+        kind, name : of the row
+        body : plain JSON values
+        part : number of the part it is about
+        """
         return self._write(kind, name, body or {}, part, full=False)
 
     async def secure(
         self, kind: Kind, name: str, body: Mapping[str, Any] | None = None, part: int | None = None
     ) -> int:
-        """Append a row and return once it is on the disk."""
+        """Append any body as `write_secured` does.
+
+        Parameters
+        ----------
+        kind, name : of the row
+        body : plain JSON values
+        part : number of the part it is about
+        """
         return await asyncio.to_thread(self._write, kind, name, body or {}, part, full=True)
 
     def _write(

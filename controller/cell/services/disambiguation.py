@@ -8,6 +8,7 @@ from controller.planning import Doubt
 
 from ..errors import PartFaultError, PartProblemError
 from ..experts import Experts
+from ..journal.rows import AmbiguityResolved
 from ..records import Hold
 from ..recovery import PartFault
 from .record import BatchRecord
@@ -44,9 +45,9 @@ class Disambiguation:
         left = await self._compute.tell(doubt, q, hold.width_mm, backlit, lit)
         part.candidates = ()
         self._record.note(
-            "decision",
-            "doubt_settled",
-            {"between": names, "left": [names[k] for k in left], "light": doubt.light},
+            AmbiguityResolved(
+                between=tuple(names), left=tuple(names[k] for k in left), light=doubt.light
+            )
         )
         if left == (0,):
             return

@@ -1,13 +1,11 @@
 """Opens and closes both grippers, checks that they hold, and books the part that they lose."""
 
-from collections.abc import Mapping
-from typing import Any
-
 from controller.config import Recipe
 from drivers.kinds import Arm, FixedGripper, GripReading, Hold, IoBlock
 
 from ..custody import Custody
 from ..errors import PartFaultError
+from ..journal.rows import Intent, Once
 from ..recovery import PartFault
 from ..release_guard import LOST_MM, NOTHING_MM, ReleaseGuard
 from .record import BatchRecord
@@ -52,21 +50,14 @@ class Grippers:
         ReleaseRefusedError : the fixed gripper does not confirm that it holds the part
         """
         await self._record.once(
-            "release", {"open_mm": opening_mm}, lambda: self.open_arm(opening_mm)
+            Intent(name=Once.RELEASE, open_mm=opening_mm), lambda: self.open_arm(opening_mm)
         )
         self._record.part.hold = None
 
-    async def let_go(self, name: str, body: Mapping[str, Any], opening_mm: float) -> None:
-        """Open the arm gripper where the part is meant to stay: on the table, over its tray.
-
-        Parameters
-        ----------
-        name, body : of the row on the intent
-        opening_mm : how wide
-        """
+    async def let_go(self, intent: Intent, opening_mm: float) -> None:
+        """Open the arm gripper where the part is meant to stay: on the table, over its tray."""
         await self._record.once(
-            name,
-            body,
+            intent,
             lambda: self._guard.open_arm(opening_mm, self._record.part.custody, lets_go=True),
         )
         self._record.part.hold = None
@@ -92,27 +83,27 @@ class Grippers:
         ReleaseRefusedError : the jaws of the arm gripper do not stand on the part
         """
         await self._record.once(
-            "fixture_release", {"open_mm": opening_mm}, lambda: self.open_fixed(opening_mm)
+            Intent(name=Once.FIXTURE_RELEASE, open_mm=opening_mm),
+            lambda: self.open_fixed(opening_mm),
         )
         self._record.part.fixture_grip = None
 
-    async def close_arm(self, name: str, expected_mm: float) -> float:
+    async def close_arm(self, action: Once, expected_mm: float) -> float:
         """Close the arm gripper on the part; return the opening reached [mm].
 
         Parameters
         ----------
-        name : of the rows on intent and outcome
+        action : to take it off the table, or back from the fixed gripper
         expected_mm : the opening the plan expects
         """
         return await self._record.once(
-            name, {"expected_mm": expected_mm}, lambda: self._arm.grip(self._arm_force)
+            Intent(name=action, expected_mm=expected_mm), lambda: self._arm.grip(self._arm_force)
         )
 
     async def close_fixed(self, expected_mm: float) -> GripReading:
         """Close the fixed gripper on the part that the arm gripper holds."""
         return await self._record.once(
-            "hand_off",
-            {"expected_mm": expected_mm},
+            Intent(name=Once.HAND_OFF, expected_mm=expected_mm),
             lambda: self._fixed.close_on(expected_mm, force_n=self._force_n),
         )
 

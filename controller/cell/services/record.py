@@ -4,11 +4,11 @@
 never repeated without a look at the jaws (cell-facts.md 2).
 """
 
-from collections.abc import Awaitable, Callable, Mapping
-from typing import Any, TypeVar
+from collections.abc import Awaitable, Callable
+from typing import TypeVar
 
 from ..custody import Custody
-from ..journal import Journal, Kind
+from ..journal import Body, Journal, rows
 from ..records import Hold, PartRecord, Progress
 
 Result = TypeVar("Result")
@@ -74,36 +74,20 @@ class BatchRecord:
         self._progress.state = state
         self._on_progress()
 
-    def note(self, kind: Kind, name: str, body: Mapping[str, Any]) -> None:
-        """Write a row on the part at hand.
-
-        Parameters
-        ----------
-        kind, name : of the row
-        body : its content
-        """
-        self._journal.record(kind, name, body, self.part.number)
+    def note(self, row: Body) -> None:
+        """Write a row on the part at hand."""
+        self._journal.write(row, self.part.number)
 
     async def set_custody(self, custody: Custody, detail: str = "") -> None:
         """Change which gripper, tray or table has the part; on the disk when this returns."""
         self.part.custody = custody
         self._progress.custody = custody
-        await self._journal.secure(
-            "custody", custody.name.lower(), {"detail": detail}, self.part.number
-        )
+        row = rows.CustodyChanged(name=custody.name.lower(), detail=detail)
+        await self._journal.write_secured(row, self.part.number)
 
-    async def once(
-        self, name: str, body: Mapping[str, Any], doing: Callable[[], Awaitable[Result]]
-    ) -> Result:
-        """Do something that must never be repeated blindly; its intent is on the disk before.
-
-        Parameters
-        ----------
-        name : of the rows on its intent and its outcome
-        body : of the intent
-        doing : does it
-        """
-        await self._journal.secure("intent", name, body, self.part.number)
+    async def once(self, intent: rows.Intent, doing: Callable[[], Awaitable[Result]]) -> Result:
+        """Do something that must never be repeated blindly; its intent is on the disk before."""
+        await self._journal.write_secured(intent, self.part.number)
         result = await doing()
-        self._journal.record("outcome", name, {}, self.part.number)
+        self._journal.write(rows.OnceDone(name=intent.name), self.part.number)
         return result

@@ -1,6 +1,7 @@
 """Decides whether a part fault is recovered from once more, and writes that down."""
 
 from ..errors import PartFaultError, PartProblemError
+from ..journal.rows import RecoveryBegun
 from ..recovery import RECOVERY_ACTIONS, PartFault, Recovery, RecoveryAction, recovery_for
 from .record import BatchRecord
 
@@ -36,15 +37,13 @@ class Recoveries:
         self._is_drop_booked = error.fault is PartFault.DROPPED
         part.recoveries.append(Recovery(error.fault, str(error)))
         self._record.note(
-            "decision",
-            "recovery",
-            {
-                "trouble": error.fault.value,
-                "reason": str(error),
-                "remedy": action.words,
-                "number": len(part.recoveries),
-                "custody": part.custody.name.lower(),
-            },
+            RecoveryBegun(
+                fault=error.fault.value,
+                reason=str(error),
+                action=action.words,
+                number=len(part.recoveries),
+                custody=part.custody.name.lower(),
+            )
         )
         self._record.show(f"{error}; {action.words}", remaining_s=None)
         return action

@@ -1,14 +1,25 @@
 """Goes through the plan in work step by step; says when each began and how long it took."""
 
-from typing import TypeVar
+from typing import TypedDict, TypeVar, Unpack
 
 from controller.planning import Step
 from drivers.clock import CellClock
 
+from ..journal.rows import StepDone
 from .motion import Motion
 from .record import BatchRecord
 
 SomeStep = TypeVar("SomeStep", bound=Step)
+
+
+class StepFields(TypedDict, total=False):
+    """What a step's row may say beside its label and its times; see `StepDone`."""
+
+    view: str
+    passed_by: str
+    tray: str
+    jaw_mm: float
+    expected_mm: float
 
 
 class PlanSteps:
@@ -49,24 +60,22 @@ class PlanSteps:
         )
         return self._clock.now_s()
 
-    def end(self, step: Step, started_s: float, **body: object) -> None:
+    def end(self, step: Step, started_s: float, **more: Unpack[StepFields]) -> None:
         """Write down that a step is done; every step ends where the arm stands free.
 
         Parameters
         ----------
         step : which
         started_s : when it began, as `begin` returned it [cell s]
-        body : what else its row says
+        more : what else its row says
         """
         self._record.note(
-            "outcome",
-            "step",
-            {
-                "label": step.label,
-                "forecast_s": round(step.seconds, 2),
-                "seconds": round(self._clock.now_s() - started_s, 2),
-                **body,
-            },
+            StepDone(
+                label=step.label,
+                forecast_s=round(step.seconds, 2),
+                seconds=round(self._clock.now_s() - started_s, 2),
+                **more,
+            )
         )
         self._record.part.next_step += 1
         self._motion.mark_free()

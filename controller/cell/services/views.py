@@ -11,9 +11,11 @@ from controller import inspection as inspecting
 from controller.planning import Look, Present, shown_pose
 from controller.planning.model import CellLayout
 
+from ..describe import view_row
 from ..experts import Experts
 from ..holder import holder_boxes
-from ..records import Hold, Shown, describe_view
+from ..journal.rows import ViewPictures
+from ..records import Hold, Shown
 from ..recovery import merged
 from .record import BatchRecord
 
@@ -63,9 +65,7 @@ class Views:
         """
         view = self.name(step)
         self._record.note(
-            "observation",
-            "view_pictures",
-            {"view": view, "pictures": files, "q": [] if q is None else q.tolist()},
+            ViewPictures(view=view, pictures=files, q=() if q is None else tuple(q.tolist()))
         )
         self._record.part.planned[view] = step.seen
 
@@ -120,7 +120,7 @@ class Views:
         result = await asyncio.shield(shown.task)
         part.pending.pop(0)
         part.results.append(result)
-        self._record.note("observation", "view", describe_view(result))
+        self._record.note(view_row(result))
         log.info(
             "view %s: %s",
             result.view_id,

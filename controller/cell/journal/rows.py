@@ -1,0 +1,521 @@
+"""What the rows of the journal say: one model for each, shared by who writes and who reads them.
+
+A row has a kind, a name and a body; kind and name decide which model the body is of (`read_row`).
+Some models stand for a group of names, one for each action or event of the cell: there the name is
+part of the row, not of the body. What a writer leaves unset is not in the body, so that the bytes
+of a row, which its hash is made of, are those of the fields that were set, in the order below.
+
+`SCHEMA_VERSION` (_form.py) rises when a field changes its meaning or goes; new ones may come with a
+default. Fields that a model does not know are passed over.
+"""
+
+from collections.abc import Mapping
+from enum import StrEnum
+from typing import Annotated, Any, ClassVar, Final
+
+from pydantic import BaseModel, ConfigDict, Field, RootModel
+
+from ._form import Kind, Row
+
+Json = Mapping[str, Any]
+Text = Annotated[str, Field(coerce_numbers_to_str=True)]
+Box = tuple[int, int, int, int]
+
+
+class Once(StrEnum):
+    """What is never repeated without looking: its intent is on the disk before it is done."""
+
+    GRIP = "grip"
+    HAND_OFF = "hand_off"
+    RELEASE = "release"
+    TAKE_BACK = "take_back"
+    FIXTURE_RELEASE = "fixture_release"
+    SET_DOWN = "set_down"
+    SORT = "sort"
+    OPEN_ARM_GRIPPER = "open_arm_gripper"
+    OPEN_FIXED_GRIPPER = "open_fixed_gripper"
+
+
+class Fields(BaseModel):
+    """A group of fields inside a body."""
+
+    model_config = ConfigDict(frozen=True, populate_by_name=True)
+
+
+class Body(BaseModel):
+    """What a row says."""
+
+    model_config = ConfigDict(frozen=True, populate_by_name=True)
+    kind: ClassVar[Kind]
+    row_name: ClassVar[str]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the body as the journal keeps it."""
+        return self.model_dump(by_alias=True, exclude_unset=True)
+
+
+class NamedBody(Body):
+    """What a row of a group says; the name stands in the row, not in the body."""
+
+    name: str = Field(exclude=True)
+
+
+class TextByName(Body, RootModel[dict[str, str]]):
+    """Texts by the name of what they are about: lamp, device, gripper."""
+
+
+# --- the run: events ----------------------------------------------------------------------------
+
+
+class RunBegan(Body):
+    """What is run, on what; the first row of a run."""
+
+    kind = "event"
+    row_name = "run_began"
+    recipe: Json = {}
+    files: Mapping[str, str] = {}
+    cell: Json = {}
+    devices: Mapping[str, Json] = {}
+    emulated_devices: tuple[str, ...] = ()
+    emulator: Json = {}
+    speed: float = 1.0
+    clock: str | None = None
+    count: int | None = None
+    software: Mapping[str, Text] = {}
+
+
+class Connected(TextByName):
+    """What each device said of itself."""
+
+    kind = "event"
+    row_name = "connected"
+
+
+class EmulatedCellEnded(Body):
+    """A part of an earlier run went with its emulated cell."""
+
+    kind = "event"
+    row_name = "emulated_cell_ended"
+    message: str
+
+
+class CellEvent(NamedBody):
+    """An event, and what the state machine did with it; the row's name is the event's."""
+
+    kind = "event"
+    answer: str
+    source: str = Field(alias="from")
+    target: str = Field(alias="to")
+    message: str = ""
+    code: str = ""
+    reason: str = ""
+
+
+class Overtaken(Body):
+    """What an action reported after a stop had overtaken it."""
+
+    kind = "event"
+    row_name = "overtaken"
+    effect: str
+    message: str
+
+
+class AtRest(Body):
+    """The state that the run came to rest in."""
+
+    kind = "event"
+    row_name = "at_rest"
+    state: str
+    message: str = ""
+    code: str = ""
+    custody: str = ""
+    where: str = ""
+
+
+class RunBrokeOff(Body):
+    """An error that kept the run from coming to rest."""
+
+    kind = "event"
+    row_name = "run_broke_off"
+    error: str = ""
+    where: str = ""
+
+
+class SpeedReached(Fields):
+    """Cell seconds per second: asked for, and reached; how long this process was late [s]."""
+
+    asked: float | None = None
+    reached: float | None = None
+    missed_s: float | None = None
+
+
+class RunEnded(Body):
+    """The last row of a run."""
+
+    kind = "event"
+    row_name = "run_ended"
+    end: str
+    message: str = ""
+    parts: int = 0
+    speed: SpeedReached = SpeedReached()
+
+
+class JournalSetAside(Body):
+    """A damaged journal got another name, and this one began."""
+
+    kind = "event"
+    row_name = "journal_set_aside"
+    why: str
+    file: str = ""
+
+
+class JournalNotReadable(Body):
+    """A journal in another folder knew of the cell and is gone or damaged."""
+
+    kind = "event"
+    row_name = "journal_not_readable"
+    why: str
+
+
+# --- what is done: intents, outcomes, custody -----------------------------------------------------
+
+
+class Intent(NamedBody):
+    """Something of `Once` is about to be done."""
+
+    kind = "intent"
+    expected_mm: float | None = None
+    open_mm: float | None = None
+    pose_index: int | None = None
+    tray: str | None = None
+    by: str = ""
+    detail: str = ""
+
+
+class OnceDone(NamedBody):
+    """Something of `Once` was done."""
+
+    kind = "outcome"
+
+
+class CustodyChanged(NamedBody):
+    """Which gripper, tray or table has the part; the row's name says it."""
+
+    kind = "custody"
+    by: str = ""
+    detail: str = ""
+    before: str = ""
+
+
+class Homed(Body):
+    """Both grippers are homed and open."""
+
+    kind = "outcome"
+    row_name = "homed"
+
+
+class StepDone(Body):
+    """A step of the plan was done; times are cell seconds."""
+
+    kind = "outcome"
+    row_name = "step"
+    label: str
+    forecast_s: float | None = None
+    seconds: float | None = None
+    view: str = ""
+    passed_by: str = ""
+    tray: str = ""
+    jaw_mm: float | None = None
+    expected_mm: float | None = None
+
+
+class GripMissed(Body):
+    """The jaws closed on nothing, or too far."""
+
+    kind = "outcome"
+    row_name = "grip_missed"
+    message: str
+
+
+class PartDone(Body):
+    """The part is booked."""
+
+    kind = "outcome"
+    row_name = "part_done"
+    verdict: str = ""
+    tray: str | None = None
+    recoveries: tuple[str, ...] = ()
+
+
+class Stopped(Body):
+    """A device confirmed a stop."""
+
+    kind = "outcome"
+    row_name = "stopped"
+    device: str
+
+
+class StopNotConfirmed(Body):
+    """A device did not confirm a stop."""
+
+    kind = "outcome"
+    row_name = "stop_not_confirmed"
+    device: str
+    error: str
+
+
+# --- what is seen: observations -------------------------------------------------------------------
+
+
+class Openings(TextByName):
+    """What each gripper says of itself."""
+
+    kind = "observation"
+    row_name = "openings"
+
+
+class TablePictures(TextByName):
+    """The pictures of a look at the table, file by lamp."""
+
+    kind = "observation"
+    row_name = "table_pictures"
+
+
+class OtherReading(Fields):
+    """What an object on the table may be as well."""
+
+    part: str
+    pose_index: int
+    theta_deg: float
+
+
+class Sighting(Fields):
+    """An object on the table."""
+
+    part: str | None
+    pose_index: int
+    R: tuple[tuple[float, ...], ...] | None = Field(default=None, alias="stable_pose_R")
+    x_mm: float
+    y_mm: float
+    theta_deg: float
+    score: float
+    sigma_mm: float | None = None
+    sigma_deg: float | None = None
+    residual_px: float | None = None
+    ambiguous_with: tuple[OtherReading, ...] = ()
+    box_px: Box
+    reason: str = ""
+
+
+class Sightings(Body):
+    """What was recognised on the table."""
+
+    kind = "observation"
+    row_name = "sightings"
+    sightings: tuple[Sighting, ...]
+
+
+class ViewPictures(Body):
+    """The pictures of a view, file by lamp, and the joints (6,) that the arm stood at."""
+
+    kind = "observation"
+    row_name = "view_pictures"
+    view: str
+    pictures: Mapping[str, str]
+    q: tuple[float, ...] = ()
+
+
+class CheckMade(Fields):
+    """A comparison of a view with the CAD; `reason` says why it was not made."""
+
+    check: str
+    reason: str
+    compared_samples: int
+    size_mm: float
+    length_mm: float
+    misfit: float | None = None
+
+
+class Finding(Fields):
+    """A place where picture and CAD differ."""
+
+    kind: str
+    lamp: str
+    area_mm2: float
+    size_mm: float
+    at_px: tuple[float, float]
+    box_px: Box
+    p_part_mm: tuple[float, ...]
+    faces: tuple[int, ...]
+
+
+class ViewJudged(Body):
+    """What inspection made of a view."""
+
+    kind = "observation"
+    row_name = "view"
+    view: str
+    evaluated: bool
+    reason: str = ""
+    T_world_part: tuple[tuple[float, ...], ...] = ()
+    shift_mm: float | None = None
+    turn_deg: float | None = None
+    residual_px: float | None = None
+    seen_samples: int = 0
+    in_sight_samples: int = 0
+    checks: tuple[CheckMade, ...] = ()
+    outline_px: tuple[tuple[int, int], ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+
+# --- what is decided ------------------------------------------------------------------------------
+
+
+class Unseen(Fields):
+    """A piece of a surface that the plan cannot show, as a share of all surface, and why."""
+
+    face: int
+    area_fraction: float
+    reason: str
+
+
+class PlanMade(Body):
+    """A plan; times are cell seconds."""
+
+    kind = "decision"
+    row_name = "plan"
+    steps: tuple[str, ...]
+    seconds: tuple[float, ...]
+    forecast_s: float
+    covered_fraction: float
+    reachable_fraction: float
+    unseen: tuple[Unseen, ...] = ()
+
+
+class PlanKept(Body):
+    """There is no new plan: the cell goes on with the one there was."""
+
+    kind = "decision"
+    row_name = "plan_kept"
+    reason: str
+
+
+class RecoveryBegun(Body):
+    """A part fault, and what the cell does about it."""
+
+    kind = "decision"
+    row_name = "recovery"
+    fault: str = Field(alias="trouble")
+    reason: str
+    action: str = Field(alias="remedy")
+    number: int = 0
+    custody: str = ""
+
+
+class AmbiguityResolved(Body):
+    """Which hypotheses a view left."""
+
+    kind = "decision"
+    row_name = "doubt_settled"
+    between: tuple[str, ...]
+    left: tuple[str, ...]
+    light: str
+
+
+class ConfirmedFinding(Fields):
+    """A finding that more than one picture shows."""
+
+    view: str
+    kind: str
+    lamp: str
+    faces: tuple[int, ...]
+
+
+class FaceJudged(Fields):
+    """What is known of one surface; all shares are of its own area, 0..1."""
+
+    face: int
+    label: str
+    area_mm2: float
+    seen_fraction: float
+    by_check: Mapping[str, float] = {}
+    rest: Mapping[str, float] = {}
+    verdict: str
+    views: tuple[str, ...]
+    reason: str
+
+
+class PartJudged(Body):
+    """The verdict on a part."""
+
+    kind = "decision"
+    row_name = "verdict"
+    verdict: str
+    reasons: tuple[str, ...]
+    covered_fraction: float
+    in_sight_fraction: float | None = None
+    claim: str = ""
+    confirmed: tuple[ConfirmedFinding, ...] = ()
+    faces: tuple[FaceJudged, ...]
+
+
+class StartRefused(Body):
+    """A gripper may hold a part: nothing moves."""
+
+    kind = "decision"
+    row_name = "start_refused"
+    message: str
+    part_removed: bool
+
+
+# --- which model a row is of ----------------------------------------------------------------------
+
+ROWS: Final[Mapping[tuple[str, str], type[Body]]] = {
+    (model.kind, model.row_name): model
+    for model in (
+        RunBegan, Connected, EmulatedCellEnded, Overtaken, AtRest, RunBrokeOff, RunEnded,
+        JournalSetAside, JournalNotReadable, Homed, StepDone, GripMissed, PartDone, Stopped,
+        StopNotConfirmed, Openings, TablePictures, Sightings, ViewPictures, ViewJudged, PlanMade,
+        PlanKept, RecoveryBegun, AmbiguityResolved, PartJudged, StartRefused,
+    )
+}  # fmt: skip
+# by kind: models that stand for every other name
+GROUPS: Final[Mapping[str, type[NamedBody]]] = {
+    "event": CellEvent,
+    "intent": Intent,
+    "outcome": OnceDone,
+    "custody": CustodyChanged,
+}
+
+
+def read_row(kind: str, name: str, body: Json) -> Body | None:
+    """Return what a row says; None for a row that no model is known of.
+
+    Parameters
+    ----------
+    kind, name : of the row
+    body : as the journal keeps it
+
+    Raises
+    ------
+    ValueError : the body is not what this version writes
+    """
+    model = ROWS.get((kind, name))
+    if model is not None:
+        read: Body = model.model_validate(body)
+        return read
+    group = GROUPS.get(kind)
+    if group is None:
+        return None
+    named: Body = group.model_validate({**body, "name": name})
+    return named
+
+
+def name_of(body: Body) -> str:
+    """Return the name of the row that a body belongs into."""
+    return body.name if isinstance(body, NamedBody) else body.row_name
+
+
+def is_of(row: Row, model: type[Body]) -> bool:
+    """Return whether a row of the journal is of a model that has a name of its own."""
+    return (row.kind, row.name) == (model.kind, model.row_name)
