@@ -221,6 +221,11 @@ def test_a_named_shape_is_used_where_it_is_placed(tmp_path: Path) -> None:
             "part:6: `part.extrude.holes[1]`: leaves the outline",
         ),
         (
+            "unit: mm\npart:\n  extrude:\n    outline: [[0,0],[9,0],[9,9],[0,9]]\n"
+            "    holes:\n      - [[0,5],[4,4],[9,5],[4,6]]\n    height: 9",
+            "part:6: `part.extrude.holes[1]`: leaves the outline",
+        ),
+        (
             "unit: mm\npart:\n  sphere: {radius: 9}\n  turn: {about: up, deg: 9}",
             "part:4: `part.turn[1].about`: must be x, y, z or a direction",
         ),

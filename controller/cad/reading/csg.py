@@ -226,9 +226,10 @@ class _Builder:
                 raise self._problem(place, f"crosses itself or is flat ({told} mm); redraw it")
         outline = polygons[0]
         for hole, place in zip(polygons[1:], places[1:], strict=True):
-            if not outline.contains(hole):
+            rest = outline.difference(hole)
+            if not outline.contains(hole) or not isinstance(rest, shapely.Polygon):
                 raise self._problem(place, "leaves the outline, or runs into another hole")
-            outline = outline.difference(hole)
+            outline = rest
         # anticlockwise outside, clockwise holes, as the section's fill rule wants them
         outline = shapely.geometry.polygon.orient(outline, 1.0)
         rings = [outline.exterior, *outline.interiors]
