@@ -10,7 +10,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from controller import inspection as inspecting
@@ -52,7 +51,9 @@ def find_hold(
     roi = (0, 0, width, height)
     dark = backlit[::STEP_PX, ::STEP_PX] < level
     hidden = (
-        _shadow(_caster(task.holder), np.eye(4), task, roi) if task.holder else np.zeros_like(dark)
+        _shadow(RayCaster(inspecting.box_mesh(task.holder)), np.eye(4), task, roi)
+        if task.holder
+        else np.zeros_like(dark)
     )
     ranked: list[tuple[float, int, Array]] = []
     grid = itertools.product(ALONG_MM, ACROSS_MM, TURN_RAD)
@@ -78,11 +79,6 @@ def _move(along_mm: float, across_mm: float, turn_rad: float) -> Array:
     T[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
     T[:3, 3] = [along_mm, 0.0, across_mm]
     return T
-
-
-def _caster(holder: tuple[inspecting.WorldBox, ...]) -> RayCaster:
-    boxes = [trimesh.creation.box(extents=2 * b.half_mm, transform=b.T) for b in holder]
-    return RayCaster(trimesh.util.concatenate(boxes))
 
 
 def _shadow(

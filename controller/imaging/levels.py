@@ -87,7 +87,7 @@ class Ground:
         return out
 
 
-def level_step(counts: Array) -> int:
+def level_step(counts: Array | Floats) -> int:
     """Return the distance of the levels in use: a power of two, 1 where they are not a raster."""
     used = np.flatnonzero(counts)
     for step in (16, 8, 4, 2):
@@ -96,7 +96,7 @@ def level_step(counts: Array) -> int:
     return 1
 
 
-def white_level(picture: Grey, counts: Array) -> int:
+def white_level(picture: Grey, counts: Array | Floats) -> int:
     """Return the level that saturated pixels have, 256 where none are."""
     used = np.flatnonzero(counts)
     top = int(used[-1]) if len(used) else 0

@@ -17,7 +17,7 @@ from ._types import (
     ViewTask,
     WorldBox,
 )
-from ._view import LEAST_WIDTH_PX, inspect_view
+from ._view import LEAST_WIDTH_PX, box_mesh, inspect_view
 
 __all__ = [
     "LEAST_WIDTH_PX",
@@ -34,6 +34,7 @@ __all__ = [
     "ViewResult",
     "ViewTask",
     "WorldBox",
+    "box_mesh",
     "inspect_view",
     "judge",
 ]

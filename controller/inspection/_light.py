@@ -172,9 +172,9 @@ def bound_light(
         low[seen] = fall * np.clip(cosine - COSINE_PLAY, 0.0, None)
         plain[seen] = fall * np.clip(cosine, 0.0, None)
         reach[seen], sure[seen] = free, free
-        reach = cv2.dilate(reach, kernel)
+        reach = np.asarray(cv2.dilate(reach, kernel), np.float32)
         sure[~seen] = 1.0
-        sure = cv2.erode(sure, kernel)
+        sure = np.asarray(cv2.erode(sure, kernel), np.float32)
         most += share * high * reach
         least += share * low * sure
         bare += share * plain

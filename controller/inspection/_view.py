@@ -9,7 +9,7 @@ sharp (`_register`), proves nothing and is not evaluated.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, cast
 
 import cv2
 import numpy as np
@@ -244,10 +244,10 @@ def _not_evaluated(task: ViewTask, samples: SurfaceSamples, reason: str) -> View
     )
 
 
-def _box_mesh(boxes: tuple[WorldBox, ...]) -> trimesh.Trimesh:
-    return trimesh.util.concatenate(
-        [trimesh.creation.box(extents=2 * box.half_mm, transform=box.T) for box in boxes]
-    )
+def box_mesh(boxes: tuple[WorldBox, ...]) -> trimesh.Trimesh:
+    """Return the triangles of boxes, one box at least, in the world."""
+    meshes = [trimesh.creation.box(extents=2 * box.half_mm, transform=box.T) for box in boxes]
+    return cast("trimesh.Trimesh", trimesh.util.concatenate(meshes))
 
 
 def _make_scene(task: ViewTask) -> _Scene:
@@ -255,7 +255,7 @@ def _make_scene(task: ViewTask) -> _Scene:
     holder: RayCaster | None = None
     holder_mask = np.zeros((height, width), dtype=bool)
     if task.holder:
-        mesh = _box_mesh(task.holder)
+        mesh = box_mesh(task.holder)
         holder = RayCaster(mesh)
         # every fourth pixel is enough under a margin of nine
         maps = render_maps(holder, np.eye(4), task.camera, (0, 0, width, height), step_px=4)
@@ -269,8 +269,8 @@ def _make_scene(task: ViewTask) -> _Scene:
     ]
     outline = task.camera.project(np.array(edges))
     cv2.fillPoly(panel, [np.round(outline).astype(np.int32)], 1)
-    panel = cv2.erode(panel, np.ones((9, 9), np.uint8), borderValue=1)
-    return _Scene(holder, holder_mask, panel > 0)
+    inner = cv2.erode(panel, np.ones((9, 9), np.uint8), borderValue=1)
+    return _Scene(holder, holder_mask, inner > 0)
 
 
 def _outside(contour: Contour, forbidden: Mask) -> Contour:

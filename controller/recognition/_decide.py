@@ -96,7 +96,9 @@ def _covered(a: EdgePoints, b: EdgePoints, outline_only: bool) -> bool:
     pixels, normals = b.pixels[within], b.normals[within]
     far, nearest = cKDTree(pixels).query(a.pixels[of])
     across = np.abs(((a.pixels[of] - pixels[nearest]) * normals[nearest]).sum(axis=1))
-    apart = cKDTree(pixels).query(pixels, k=2)[0][:, 1] if len(pixels) > 2 else np.array([5.0])
+    apart = np.array([5.0])
+    if len(pixels) > 2:
+        apart = np.asarray(cKDTree(pixels).query(pixels, k=2)[0])[:, 1]
     step = np.quantile(apart, 0.9)  # where edges run side by side, samples are nearer than a step
     same = (across < SAME_OUTLINE_PX) & (far < 2 * step + 3.0)
     return bool(same.mean() > SAME_SHARE)

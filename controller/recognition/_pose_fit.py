@@ -166,7 +166,8 @@ def fit_pose(
     start_shift, start_rotation = np.zeros(3), np.zeros(3)
     if T_expected is not None:
         start_shift = pivot - T_expected[:3, :3] @ part.solid.centroid_mm - T_expected[:3, 3]
-        start_rotation = cv2.Rodrigues(T[:3, :3] @ T_expected[:3, :3].T)[0].ravel()
+        turn, _ = cv2.Rodrigues(T[:3, :3] @ T_expected[:3, :3].T)
+        start_rotation = np.asarray(turn, np.float64).ravel()
     maps: ViewMaps | None = None
     rounds = len(steps_px)
     for step, step_px in enumerate((*steps_px, 1)):
@@ -178,7 +179,7 @@ def fit_pose(
         if len(pixels) < 20:
             return None
         reach = max(MAX_PAIR_PX / (1 + step), 3.0)
-        distance, index = tree.query(pixels, distance_upper_bound=reach)
+        distance, index = map(np.asarray, tree.query(pixels, distance_upper_bound=reach))
         ok = np.isfinite(distance)
         if ok.sum() < 20:
             return None

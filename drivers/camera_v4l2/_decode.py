@@ -129,5 +129,4 @@ def _decode_jpeg(data: bytes) -> NDArray[np.uint8]:
         raise BrokenPictureError(f"a JPEG that does not decode: {error}") from error
     if image is None:
         raise BrokenPictureError("a JPEG that does not decode")
-    decoded: NDArray[np.uint8] = image
-    return decoded
+    return np.asarray(image, np.uint8)

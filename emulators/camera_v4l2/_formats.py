@@ -1,7 +1,7 @@
 """Pixel formats: what a sensor's picture becomes on the wire, and how much room that takes."""
 
 from enum import Enum
-from typing import Final
+from typing import Final, cast
 
 import cv2
 import numpy as np
@@ -62,8 +62,8 @@ def bin_to(picture: Picture, size_px: tuple[int, int]) -> Picture:
     factor = width // size_px[0]
     if factor < 1 or (width, height) != (size_px[0] * factor, size_px[1] * factor):
         raise ValueError(f"a picture of {width}×{height} px does not bin to {size_px} px")
-    binned: Picture = cv2.resize(picture, size_px, interpolation=cv2.INTER_AREA)
-    return binned
+    binned = cv2.resize(picture, size_px, interpolation=cv2.INTER_AREA)
+    return cast("Picture", binned)
 
 
 def brighten(picture: Picture, offset: int) -> Picture:

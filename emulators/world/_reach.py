@@ -41,8 +41,7 @@ class Reach:
         if high[0] < 0 or high[1] < 0 or low[0] >= width or low[1] >= height:
             return None
         near = np.clip(np.rint(pixels), -_FAR_PX, _FAR_PX).astype(np.int32)
-        outline: Outline = cv2.convexHull(near)[:, 0]
-        return outline
+        return np.asarray(cv2.convexHull(near)[:, 0], np.int32)
 
     def shadow_outlines(self, mover: Mover, lit: Sequence[int]) -> list[Outline]:
         """Return where shadows of a thing, soft borders included, may fall on table and panels."""

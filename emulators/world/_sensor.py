@@ -37,10 +37,8 @@ class Exposure:
 
 def blurred(radiance: Array32) -> Array32:
     """Return what the lens makes of a sharp picture."""
-    soft: Array32 = cv2.GaussianBlur(
-        radiance, (5, 5), BLUR_SIGMA_PX, borderType=cv2.BORDER_REPLICATE
-    )
-    return soft
+    soft = cv2.GaussianBlur(radiance, (5, 5), BLUR_SIGMA_PX, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(soft, np.float32)
 
 
 def develop(

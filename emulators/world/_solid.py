@@ -21,7 +21,7 @@ import trimesh
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
-from shapely.geometry import MultiPoint
+from shapely.geometry import MultiPoint, Polygon
 
 from . import _decompose
 from ._layout import MM_PER_M, Array, LayoutError
@@ -215,7 +215,7 @@ def _margin(points_mm: Array, down: Array, centre_mm: Array) -> tuple[float, flo
     flat = points_mm @ R.T
     centre = R @ centre_mm
     outline = MultiPoint(flat[:, :2]).convex_hull
-    if outline.geom_type != "Polygon":
+    if not isinstance(outline, Polygon):
         return -1.0, 1.0
     corners = np.array(outline.exterior.coords)
     edge = np.roll(corners[:-1], -1, axis=0) - corners[:-1]

@@ -9,7 +9,7 @@ import io
 import logging
 import warnings
 from pathlib import Path
-from typing import Final
+from typing import Final, cast
 
 import numpy as np
 import trimesh
@@ -89,7 +89,10 @@ def _read_mesh(data: bytes, path: Path, ending: str) -> trimesh.Trimesh:
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("error")  # numpy warns where a text breaks off, and goes on
             # unprocessed: trimesh would drop triangles with broken coordinates without a word
-            mesh = trimesh.load(io.BytesIO(data), file_type=ending[1:], force="mesh", process=False)
+            loaded = trimesh.load(
+                io.BytesIO(data), file_type=ending[1:], force="mesh", process=False
+            )
+        mesh = cast("trimesh.Trimesh", loaded)  # forced to be one
         faces, vertices = np.asarray(mesh.faces), np.asarray(mesh.vertices)
     except Exception as error:
         told = " ".join(str(error).split())

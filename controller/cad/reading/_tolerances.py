@@ -69,8 +69,8 @@ def _match(
     ours = np.column_stack([mean_mm, np.sqrt(np.abs(area_mm2))])
     theirs = np.column_stack([mean, np.sqrt(np.abs(area))])
     distance, nearest = cKDTree(ours).query(theirs)
-    close = distance <= SAME_MM
-    return [int(rank[n]) if c else None for n, c in zip(nearest, close, strict=True)]
+    close = np.asarray(distance <= SAME_MM)
+    return [int(rank[n]) if c else None for n, c in zip(np.asarray(nearest), close, strict=True)]
 
 
 def _faces(numbers: list[int], ids: list[int | None]) -> tuple[int, ...]:

@@ -18,7 +18,7 @@ def cross(a: Array, b: Array) -> Array:
 
 def tree_of(a: Array, b: Array) -> shapely.STRtree:
     """Return a search tree over segments from a to b, (n, 2) each."""
-    return shapely.STRtree(shapely.linestrings(np.stack([a, b], axis=1)))
+    return shapely.STRtree(np.asarray(shapely.linestrings(np.stack([a, b], axis=1))))
 
 
 def crowding(tree: shapely.STRtree, p: Array, q: Array) -> float:

@@ -108,7 +108,7 @@ def _right_way(grey: Grey, grid: Array, target: Chessboard) -> Array:
     centres = (wide[:-1, :-1] + wide[1:, :-1] + wide[:-1, 1:] + wide[1:, 1:]) / 4
     row, column = np.mgrid[0 : rows + 3, 0 : columns + 3]
     sign = np.where((row + column) % 2 == 0, -1.0, 1.0)  # black where the board's first square is
-    sampled = cv2.remap(
+    sampled = cv2.remap(  # type: ignore[call-overload]  # one map of pairs is not in the stubs
         grey,
         centres.reshape(-1, 1, 2).astype(np.float32),
         None,

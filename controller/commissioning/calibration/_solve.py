@@ -155,12 +155,18 @@ def solve(
             at_x[key] = layout.evaluate(x, first, weights)
         return at_x[key]
 
+    def residuals(x: Array) -> Array:
+        return evaluated(x)[0]
+
+    def slopes(x: Array) -> Array:
+        return evaluated(x)[1]
+
     origin = np.zeros(layout.size)
     steep = np.maximum(np.linalg.norm(evaluated(origin)[1], axis=0), 1e-12)
     found = least_squares(
-        lambda x: evaluated(x)[0],
+        residuals,
         origin,
-        jac=lambda x: evaluated(x)[1],
+        jac=slopes,
         method="trf",
         x_scale=_FIRST_STEP / steep,  # the first step is as long as this, and no longer
         xtol=1e-8,

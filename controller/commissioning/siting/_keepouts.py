@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from shapely import MultiPoint, Polygon, box
+from shapely import MultiPoint, box
+from shapely.geometry.base import BaseGeometry
 
 from controller.arrays import FloatArray
 from controller.planning.geometry import Box, lowest_z, overlap, segments_hit
@@ -187,7 +188,7 @@ def _touch(a: Box, b: Box, gap_mm: float) -> bool:
     return bool(overlap(a.T[None], a.half_mm[None] + gap_mm, b.T[None], b.half_mm[None])[0])
 
 
-def _shadow(b: Box) -> Polygon:
+def _shadow(b: Box) -> BaseGeometry:
     """Return the outline of a box seen from above, widened by nothing."""
     corners = (_CORNERS * b.half_mm) @ b.T[:3, :3].T + b.T[:3, 3]
     return MultiPoint(corners[:, :2]).convex_hull

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from controller.arrays import FloatArray
 from controller.cad import Face, Solid
@@ -33,7 +34,7 @@ class FacePair:
     first: Face
     second: Face
     gap_mm: float
-    overlap: shapely.Geometry
+    overlap: BaseGeometry
     u: FloatArray
     v: FloatArray
     height_mm: float
@@ -57,7 +58,7 @@ def opposed_faces(
         (gaps < -max(inner_low_mm, 1e-9)) & (gaps >= -inner_high_mm)
     )
     corners = np.asarray(solid.mesh.triangles)
-    shapes: dict[tuple[int, tuple[float, ...]], shapely.Geometry] = {}
+    shapes: dict[tuple[int, tuple[float, ...]], BaseGeometry] = {}
     found = []
     for i, j in np.argwhere(opposed).tolist():
         a, b = planes[i], planes[j]
@@ -90,7 +91,7 @@ def plane_seeds(pairs: Sequence[FacePair]) -> FloatArray:
     return np.reshape(np.array(rows, dtype=float), (-1, 7))
 
 
-def _inside(shape: shapely.Geometry, step_mm: float = 10.0, most: int = 30) -> list[FloatArray]:
+def _inside(shape: BaseGeometry, step_mm: float = 10.0, most: int = 30) -> list[FloatArray]:
     """Return points of a polygon: one surely inside, its centroid, and a grid."""
     x0, y0, x1, y1 = shape.bounds
     step = max(step_mm, float(np.sqrt(shape.area / most)))

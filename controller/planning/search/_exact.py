@@ -98,7 +98,7 @@ def exact_cover(
             constraints.append(LinearConstraint(prices[None], ub=left_s - SAME_S / 2))
     answer = milp(
         prices,
-        integrality=np.ones(len(prices)),
+        integrality=np.ones(len(prices), dtype=np.int64),
         bounds=Bounds(0.0, 1.0),
         constraints=constraints,
         options={"mip_rel_gap": 0.0, "node_limit": nodes},

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
 
 Array = NDArray[np.float64]
 
@@ -16,7 +17,7 @@ def without_slits(
 
     Closed and opened again by half the width, sharp corners kept.
     """
-    body = shapely.Polygon()
+    body: BaseGeometry = shapely.Polygon()
     for points, hole in sorted(zip(loops, is_hole, strict=True), key=lambda pair: pair[1]):
         if len(points) < 3:
             continue

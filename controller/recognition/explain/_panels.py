@@ -203,7 +203,7 @@ def _pieces(edges: EdgePoints, camera: Camera) -> tuple[Array, Array]:
     half = 0.5 * edges.step_mm / mm_per_px
     if len(half) >= 3:
         # an edge seen nearly end-on has its samples closer together
-        near = cKDTree(edges.pixels).query(edges.pixels, k=3)[0][:, 2]
+        near = np.asarray(cKDTree(edges.pixels).query(edges.pixels, k=3)[0])[:, 2]
         half = np.minimum(half, 0.75 * near + 0.5)
     return edges.pixels - half[:, None] * along, edges.pixels + half[:, None] * along
 

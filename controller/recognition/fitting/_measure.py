@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from ._predict import EdgePoints
 
 Array = NDArray[np.float64]
+Array32 = NDArray[np.float32]
 Grey = NDArray[np.uint8]
 
 TURN_PX = 5.0  # an outline that runs the other way counts as this much farther
@@ -85,7 +86,7 @@ class LoopMeasure:
         asked = np.hstack([pixels, TURN_PX * normals])
         distance, nearest = self._tree.query(asked, distance_upper_bound=reach_px + TURN_PX)
         near = np.isfinite(distance)
-        nearest[~near] = 0
+        nearest = np.where(near, nearest, 0)
         away = self.points[nearest] - pixels
         agrees = (self.normals[nearest] * normals).sum(axis=1)
         along = (away * self.normals[nearest]).sum(axis=1)
@@ -120,8 +121,8 @@ class GreyMeasure:
     def __init__(self, crop: Grey, corner_px: tuple[int, int], *, is_lit: bool) -> None:
         smooth = cv2.GaussianBlur(crop, (0, 0), 0.8).astype(np.float32)
         # Scharr turns with the edge; 1/32 makes it grey levels a pixel
-        self.gx = cv2.Scharr(smooth, cv2.CV_32F, 1, 0, scale=1 / 32)
-        self.gy = cv2.Scharr(smooth, cv2.CV_32F, 0, 1, scale=1 / 32)
+        self.gx = np.asarray(cv2.Scharr(smooth, cv2.CV_32F, 1, 0, scale=1 / 32), np.float32)
+        self.gy = np.asarray(cv2.Scharr(smooth, cv2.CV_32F, 0, 1, scale=1 / 32), np.float32)
         self.corner = np.array(corner_px, dtype=np.float64)
         self.noise = 1.48 * float(np.median(np.abs(self.gx[::3, ::3]))) + 0.05
         self._is_lit = is_lit
@@ -131,8 +132,8 @@ class GreyMeasure:
         steps = np.arange(-np.ceil(reach_px) - 1, np.ceil(reach_px) + 2) * SIDE_PX
         where = (pixels - self.corner)[:, None] + steps[:, None] * normals[:, None]
         x, y = where[..., 0].astype(np.float32), where[..., 1].astype(np.float32)
-        slope = cv2.remap(self.gx, x, y, cv2.INTER_LINEAR) * normals[:, :1].astype(np.float32)
-        slope += cv2.remap(self.gy, x, y, cv2.INTER_LINEAR) * normals[:, 1:].astype(np.float32)
+        slope = _sampled(self.gx, x, y) * normals[:, :1].astype(np.float32)
+        slope += _sampled(self.gy, x, y) * normals[:, 1:].astype(np.float32)
         size = np.abs(slope)
         nearness = np.exp(-0.5 * (steps / max(reach_px, 1.0)) ** 2).astype(np.float32)
         inner = size[:, 1:-1]
@@ -164,8 +165,8 @@ class GreyMeasure:
         shift = np.stack(np.meshgrid(offsets, offsets), axis=-1).reshape(-1, 2)
         at = (edges.pixels - self.corner).astype(np.float32) + shift[:, None]
         x, y = np.ascontiguousarray(at[..., 0]), np.ascontiguousarray(at[..., 1])
-        slope = cv2.remap(self.gx, x, y, cv2.INTER_LINEAR) * edges.normals[:, 0].astype(np.float32)
-        slope += cv2.remap(self.gy, x, y, cv2.INTER_LINEAR) * edges.normals[:, 1].astype(np.float32)
+        slope = _sampled(self.gx, x, y) * edges.normals[:, 0].astype(np.float32)
+        slope += _sampled(self.gy, x, y) * edges.normals[:, 1].astype(np.float32)
         told = ~edges.on_outline & (np.abs(edges.lift) > TOLD_LIFT) & self._is_lit
         slope = np.where(told & (slope * edges.lift < 0), 0.0, np.abs(slope))
         # roots, so that a few bright rims do not outvote the rest
@@ -173,6 +174,11 @@ class GreyMeasure:
         # what lies where it was counts a little more
         contrast = contrast * (1.0 - 0.01 * np.linalg.norm(shift, axis=1))
         return np.asarray(shift[int(contrast.argmax())], dtype=np.float64)
+
+
+def _sampled(slope: Array32, x: Array32, y: Array32) -> Array32:
+    """Return a picture's values between its pixels, as ``x`` and ``y`` in shape."""
+    return np.asarray(cv2.remap(slope, x, y, cv2.INTER_LINEAR), np.float32)
 
 
 def _is_anothers(pixels: Array, normals: Array, gap: Array) -> NDArray[np.bool_]:

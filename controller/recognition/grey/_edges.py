@@ -62,7 +62,8 @@ def edge_points(grey: Grey, to_plane: ToPlane, tol: GreyTolerances) -> EdgePoint
     times = _enlargement(grey.shape, to_plane, tol)
     if times > 1:
         small_to_plane, floor = to_plane, ENLARGED * floor / times
-        grey = cv2.resize(grey, None, fx=times, fy=times, interpolation=cv2.INTER_CUBIC)
+        large = cv2.resize(grey, None, fx=times, fy=times, interpolation=cv2.INTER_CUBIC)
+        grey = np.asarray(large, np.uint8)
 
         def to_plane(pixels: Array) -> Array:
             return small_to_plane((pixels + 0.5) / times - 0.5)
@@ -71,7 +72,7 @@ def edge_points(grey: Grey, to_plane: ToPlane, tol: GreyTolerances) -> EdgePoint
     soft = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), tol.blur_px)
     gx = cv2.Sobel(soft, cv2.CV_32F, 1, 0)
     gy = cv2.Sobel(soft, cv2.CV_32F, 0, 1)
-    strength = cv2.magnitude(gx, gy)
+    strength = np.asarray(cv2.magnitude(gx, gy), np.float32)
     threshold = max(_noise(strength) * tol.noise_factor, floor)
     height, width = grey.shape
     at = np.flatnonzero(strength > threshold)
@@ -84,13 +85,13 @@ def edge_points(grey: Grey, to_plane: ToPlane, tol: GreyTolerances) -> EdgePoint
     at = at[np.searchsorted(at, width) : np.searchsorted(at, (height - 1) * width)]
     flat, fx, fy = strength.ravel(), gx.ravel()[at], gy.ravel()[at]
     step = np.where(np.abs(fx) >= np.abs(fy), 1, width)
-    before, here, after = flat[at - step], flat[at], flat[at + step]
+    before32, here32, after32 = flat[at - step], flat[at], flat[at + step]
     v, u = np.divmod(at, width)
-    on_ridge = (here >= before) & (here > after) & (u > 0) & (u < width - 1)
+    on_ridge = (here32 >= before32) & (here32 > after32) & (u > 0) & (u < width - 1)
     chosen = np.flatnonzero(on_ridge)
     u, v, along_u = u[chosen], v[chosen], step[chosen] == 1
     before, here, after, fx, fy = (
-        a[chosen].astype(np.float64) for a in (before, here, after, fx, fy)
+        a[chosen].astype(np.float64) for a in (before32, here32, after32, fx, fy)
     )
     # the ridge between three samples of the axis that is nearer to the gradient
     offset = 0.5 * (before - after) / (before - 2 * here + after - 1e-9)

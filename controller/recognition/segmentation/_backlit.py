@@ -59,7 +59,8 @@ def _within(
     crop: Crop, ground: Ground, white: int, cut: float, min_area_px: float
 ) -> tuple[list[Region], int]:
     beyond = table_level(ground, crop.box_px, white)
-    threshold = cv2.multiply(np.minimum(beyond, white), cut)
+    level = np.minimum(beyond, white)
+    threshold = cv2.multiply(level, cut)  # type: ignore[call-overload]  # no scalars in stubs
     rough = crop.grey < threshold
     if crop.usable is not None:
         rough &= crop.usable

@@ -75,7 +75,9 @@ def find_front(
         (bright | sharp).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)
     )
     least = max(2, int(0.3 * min_area_px / factor**2))
-    boxes, specks = boxes_of(candidates, factor, (width, height), MARGIN_PX, least)
+    boxes, specks = boxes_of(
+        np.asarray(candidates, np.uint8), factor, (width, height), MARGIN_PX, least
+    )
     found: list[Region] = []
     for box in boxes:
         window = np.s_[box[1] : box[3], box[0] : box[2]]
@@ -95,7 +97,8 @@ def _within(
     crop: Crop, ground: Ground, excess: float, noise: float, step: int, min_area_px: float
 ) -> tuple[list[Region], int]:
     table = ground.over(crop.box_px)
-    bright = (crop.grey > cv2.multiply(table, 1.0 + excess)).view(np.uint8)
+    bound = cv2.multiply(table, 1.0 + excess)  # type: ignore[call-overload]  # no scalars in stubs
+    bright = (crop.grey > bound).view(np.uint8)
     level = float(table[::8, ::8].mean())
     least = max(LEAST_EDGE * level, NOISE_FACTOR * noise, STEP_FACTOR * (step if step > 1 else 0))
     border = _borders(crop.grey, least)
@@ -140,8 +143,8 @@ def _borders(grey: Grey, least: float) -> Bytes:
     """
     # Sobel's 5 x 5 filter, in two steps of 3 x 3 that take half the time
     soft = cv2.sepFilter2D(grey, cv2.CV_16S, BINOMIAL, BINOMIAL)
-    gx = cv2.Sobel(soft, cv2.CV_16S, 1, 0)
-    gy = cv2.Sobel(soft, cv2.CV_16S, 0, 1)
+    gx = np.asarray(cv2.Sobel(soft, cv2.CV_16S, 1, 0), np.int16)
+    gy = np.asarray(cv2.Sobel(soft, cv2.CV_16S, 0, 1), np.int16)
     sharp = _less_slope(grey, np.abs(gx) + np.abs(gy))
     at = np.flatnonzero(sharp > SOBEL_GAIN * least)
     at = at[_is_ridge(sharp, at, gx.ravel()[at], gy.ravel()[at])]
@@ -210,7 +213,7 @@ def _holes(
     """Return 1 where the table is seen through a thing: table-like and no way out near."""
     inner = solid & (1 - bright) & (1 - border)
     count, labels = cv2.connectedComponents(inner, connectivity=4, ltype=cv2.CV_32S)
-    near_outside = inner & cv2.dilate(1 - solid, np.ones((7, 7), np.uint8))
+    near_outside = inner & np.asarray(cv2.dilate(1 - solid, np.ones((7, 7), np.uint8)), np.uint8)
     is_closed = np.ones(count, dtype=np.bool_)
     is_closed[0] = False
     is_closed[labels[near_outside.view(np.bool_)]] = False
@@ -223,7 +226,8 @@ def _holes(
     ratio = np.bincount(of, weights=grey.ravel()[at] / table.ravel()[at])
     is_hole = (size >= LEAST_HOLE) & (ratio <= (1.0 + 0.5 * excess) * size)
     holes.ravel()[at] = is_hole[of]
-    return np.asarray(cv2.dilate(holes, np.ones((3, 3), np.uint8)) & (1 - bright))
+    wide = np.asarray(cv2.dilate(holes, np.ones((3, 3), np.uint8)), np.uint8)
+    return np.asarray(wide & (1 - bright))
 
 
 def _trimmed(solid: Bytes, bright: Bytes) -> Bytes:
@@ -231,8 +235,8 @@ def _trimmed(solid: Bytes, bright: Bytes) -> Bytes:
     dark = solid & (1 - bright)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (FRINGE_PX, FRINGE_PX))
     wide = cv2.morphologyEx(dark, cv2.MORPH_OPEN, disc)
-    wide = cv2.dilate(wide, np.ones((3, 3), np.uint8)) & dark
-    return np.asarray(wide | bright, np.uint8)
+    wide = cv2.dilate(wide, np.ones((3, 3), np.uint8))
+    return np.asarray((np.asarray(wide, np.uint8) & dark) | bright, np.uint8)
 
 
 def _without_fringe(mask: Mask) -> Mask:

@@ -55,7 +55,8 @@ def sharpen(crop: Crop, rough: Mask, beyond: Floats | None, contrast: float) -> 
     grey, mixed_px = crop.grey, crop.mixed_px
     inner = rough.view(np.uint8)
     square = np.ones((2 * mixed_px + 1, 2 * mixed_px + 1), dtype=np.uint8)
-    core, halo = cv2.erode(inner, square), cv2.dilate(inner, square)
+    core = np.asarray(cv2.erode(inner, square), np.uint8)
+    halo = np.asarray(cv2.dilate(inner, square), np.uint8)
     near = cv2.subtract(halo, core)
     around = np.flatnonzero(cv2.dilate(near, np.ones((3, 3), np.uint8)))
     level = grey.ravel()[around].astype(np.float32)
@@ -86,10 +87,10 @@ def _side_level(grey: Grey, side: Grey, pure: Grey, mixed_px: int, at: Places) -
     window = (LOCAL_FACTOR * mixed_px + 1, LOCAL_FACTOR * mixed_px + 1)
     total = cv2.boxFilter(weight, cv2.CV_16U, window, normalize=False)
     # numpy's product of small numbers takes a fifth of the time of OpenCV's
-    light = np.multiply(grey, weight, dtype=np.uint16)
-    light = cv2.boxFilter(light, cv2.CV_32F, window, normalize=False)
-    out: Floats = light.ravel()[at] / np.maximum(total.ravel()[at], np.float32(1e-3))
-    return out
+    product = np.multiply(grey, weight, dtype=np.uint16)
+    light = cv2.boxFilter(product, cv2.CV_32F, window, normalize=False)
+    out = light.ravel()[at] / np.maximum(total.ravel()[at], np.float32(1e-3))
+    return np.asarray(out, np.float32)
 
 
 def regions_of(
@@ -107,9 +108,10 @@ def regions_of(
     wanted : (h, w) only what has a pixel there; None for everything
     readings : other masks of the whole crop, cut to each thing's surroundings
     """
-    chains, tree = cv2.findContours(mask.view(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    if not chains:
+    found, tree = cv2.findContours(mask.view(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    if not found:
         return [], 0
+    chains = [np.asarray(chain, np.int32) for chain in found]
     parents = tree[0, :, 3].tolist()
     outer = [i for i, parent in enumerate(parents) if parent < 0]
     boxes = {i: cv2.boundingRect(chains[i]) for i in outer}

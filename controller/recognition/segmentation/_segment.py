@@ -69,14 +69,16 @@ def segment(
     else:
         inside = _reduced(usable.astype(np.uint8) * 255, factor) > 250
     rows = picture[:: max(1, height // LEVEL_ROWS)]
-    counts = cv2.calcHist([rows], [0], None, [256], [0, 256]).ravel()
+    counts = np.asarray(cv2.calcHist([rows], [0], None, [256], [0, 256]).ravel(), np.float32)
     white = white_level(picture, counts)
     step = level_step(counts)
     noise = pixel_noise(picture, usable, step)
     ground = fit_ground(reduced, inside, factor, (width, height), white, FAR_OFF)
     level = ground.over((0, 0, reduced.shape[1] * factor, reduced.shape[0] * factor), factor)
     np.clip(level, 1.0, white, out=level)
-    relative = cv2.divide(reduced, level, scale=float(GROUND_BIN), dtype=cv2.CV_8U)
+    relative = np.asarray(
+        cv2.divide(reduced, level, scale=float(GROUND_BIN), dtype=cv2.CV_8U), np.uint8
+    )
     if usable is not None:
         relative[~inside] = GROUND_BIN
     within = None if usable is None else inside.astype(np.uint8)
@@ -125,14 +127,16 @@ def _reduced(picture: Grey, factor: int) -> Grey:
     height, width = (-(-n // factor) for n in picture.shape)
     pad_y, pad_x = height * factor - picture.shape[0], width * factor - picture.shape[1]
     if pad_x or pad_y:
-        picture = cv2.copyMakeBorder(picture, 0, pad_y, 0, pad_x, cv2.BORDER_REPLICATE)
+        padded = cv2.copyMakeBorder(picture, 0, pad_y, 0, pad_x, cv2.BORDER_REPLICATE)
+        picture = np.asarray(padded, np.uint8)
     while factor % 2 == 0:  # halving twice takes a quarter of the time of a step of four
         size = (picture.shape[1] // 2, picture.shape[0] // 2)
-        picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+        picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
         factor //= 2
     if factor > 1:
-        picture = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
-    return np.asarray(picture, np.uint8)
+        size = (width, height)
+        picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return picture
 
 
 def _lighting(shares: NDArray[np.float64], typical: float) -> Lighting:
