@@ -57,7 +57,8 @@ def planted() -> list[Word]:
 
 def documents() -> list[Path]:
     """Return the pages that are checked; `docs/protocols` keeps the words of the manuals."""
-    pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+    docs = ROOT / "docs"
+    pages = [ROOT / "README.md", *docs.glob("*.md"), *(docs / "adr").glob("*.md")]
     return sorted(page for page in pages if page != PAGE)
 
 
