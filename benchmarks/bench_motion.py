@@ -36,7 +36,6 @@ from controller.planning import (  # noqa: E402
     Box,
     CellLayout,
     NoPlanError,
-    Pace,
     prepare_part,
     resting_pose,
 )
@@ -51,7 +50,8 @@ from controller.planning.motion import (  # noqa: E402
     tip_pose,
 )
 from controller.planning.transfers import pick_ways  # noqa: E402
-from drivers.umi_scara.kinematics import forward, inverse_legal, within_limits  # noqa: E402
+from drivers.umi_scara import UmiTiming  # noqa: E402
+from drivers.umi_scara.kinematics import inverse_legal, within_limits  # noqa: E402
 
 ALL_PARTS = ("featuretype", "flange_xy", "idler_riser", "holder")
 POSTS = (  # [mm] where they are in the way, and yet leave one
@@ -103,10 +103,10 @@ def bench_ik(layout: CellLayout, seed: int) -> list[Row]:
     rows = []
     for what, joints in (("any pose", q), ("straight down", down)):
         T = tip_pose(layout, joints)
-        T_arm = forward(joints, layout.arm)
+        T_arm = layout.arm.forward(joints)
         _, _, found = inverse_rows(layout, T)
-        index, _, q_legal = inverse_legal(T_arm, layout.arm)
-        error = np.abs(forward(q_legal, layout.arm) - T_arm[index]).max()
+        index, _, q_legal = inverse_legal(T_arm, layout.arm.geometry)
+        error = np.abs(layout.arm.forward(q_legal) - T_arm[index]).max()
         rows.append(
             {
                 "what": f"IK, {what}",
@@ -235,12 +235,12 @@ def bench_ways(cell: str, asked: list[Asked]) -> list[Row]:
 
 
 def bench_forecast(count: int, speed: float, seed: int) -> list[Row]:
-    """Drive the emulated arm over its wire; `fit_pace.py` says more."""
-    from fit_pace import errors_by_size, timed_moves, tube_row
+    """Drive the emulated arm over its wire; `fit_timing.py` says more."""
+    from fit_timing import errors_by_size, timed_moves, tube_row
 
     moves = asyncio.run(timed_moves(speed, count, seed))
-    every = errors_by_size(Pace(), moves)[0]
-    tube = tube_row(Pace(), moves)
+    every = errors_by_size(UmiTiming(), moves)[0]
+    tube = tube_row(UmiTiming(), moves)
     return [
         {
             "what": f"forecast of {count} moves, speed {speed:g}",

@@ -247,10 +247,7 @@ class Showable:
         """Return the triangles of links and of what stands about, the camera's own housing not."""
         eye = self.eye if eye is None else eye
         f = frames(self.layout, q)
-        boxes = [
-            (f[name] @ getattr(self.layout, name).T, getattr(self.layout, name).half_mm)
-            for name in ("carriage", "upper", "fore")
-        ]
+        boxes = [(f[link.name] @ link.T, link.half_mm) for link in self.layout.arm.links]
         boxes += [(T, h) for _, _, T, h in self.checker.still_parts(fixture_opening_mm)]
         kept = []
         for T, half in boxes:

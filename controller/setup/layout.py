@@ -4,11 +4,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from controller.config.cell import ArmSection, Cell, FingersSection
 from controller.config.cell import Box as BoxNumbers
-from controller.config.cell import Cell, FingersSection
 from controller.planning.geometry import Box
 from controller.planning.model import CellLayout, Jaw, Tray
-from drivers.umi_scara.kinematics import ArmGeometry
+from drivers.umi_scara import ArmGeometry, UmiModel
 
 from .optics import build_camera
 
@@ -21,12 +21,9 @@ def build_layout(cell: Cell) -> CellLayout:
     obstacles = {name: Box.from_bounds(*box) for name, box in cell.obstacles.items()}
     obstacles["fixture_post"] = Box.from_bounds(*cell.fixture.post)
     return CellLayout(
-        arm=ArmGeometry(arm.upper_mm, arm.fore_mm, arm.tool_mm, arm.wrist_height_mm),
+        arm=_arm(arm),
         T_world_arm=arm.pose.build(),
         column=Box.from_bounds(*arm.links.column),
-        carriage=Box.from_bounds(*arm.links.carriage),
-        upper=Box.from_bounds(*arm.links.upper),
-        fore=Box.from_bounds(*arm.links.fore),
         hand=_jaw(arm.hand.values(), arm.fingers, arm.jaw_max_mm),
         fixture=_jaw(cell.fixture.body.values(), cell.fixture.fingers, cell.fixture.jaw_max_mm),
         T_world_fixture=cell.fixture.pose.build(),
@@ -51,6 +48,22 @@ def build_layout(cell: Cell) -> CellLayout:
             ]
         ),
     )
+
+
+def _arm(section: ArmSection) -> UmiModel:
+    geometry = ArmGeometry(
+        section.upper_mm, section.fore_mm, section.tool_mm, section.wrist_height_mm
+    )
+    links = section.links
+    boxes = {
+        name: Box.from_bounds(*numbers)
+        for name, numbers in (
+            ("carriage", links.carriage),
+            ("upper", links.upper),
+            ("fore", links.fore),
+        )
+    }
+    return UmiModel.of_boxes(geometry, {n: (box.T, box.half_mm) for n, box in boxes.items()})
 
 
 def _jaw(body: Iterable[BoxNumbers], fingers: FingersSection, max_mm: float) -> Jaw:

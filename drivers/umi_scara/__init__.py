@@ -1,6 +1,7 @@
 """UMI RTX / RT100 arm on a serial line: says where its axes go, not what they carry.
 
-Source of all facts: umi_rtx.md. `kinematics` turns joints into poses and back without any device.
+Source of all facts: umi_rtx.md. `kinematics` turns joints into poses and back without any device;
+`model` is the arm as those see it who plan its motions.
 """
 
 from ..kinds import Arm, Driver, JawReading, NoSettings, Site, Stop
@@ -15,6 +16,7 @@ from ._motion import AxisStalledError, MotionStoppedError, forecast_s, synchroni
 from ._session import ArmConfig, ArmIdentity, PowerOffError
 from ._transport import SerialTransport, Transport
 from .kinematics import ArmGeometry
+from .model import LinkBox, UmiModel, UmiTiming
 
 __all__ = [
     "DRIVER",
@@ -29,6 +31,7 @@ __all__ = [
     "Ip",
     "JawReading",
     "LineDoubtError",
+    "LinkBox",
     "LinkConfig",
     "MotionStoppedError",
     "OutOfRangeError",
@@ -40,7 +43,9 @@ __all__ = [
     "Stop",
     "Trace",
     "Transport",
+    "UmiModel",
     "UmiScara",
+    "UmiTiming",
     "WireExchange",
     "forecast_s",
     "kinematics",

@@ -19,6 +19,7 @@ from ._limits import COUNTS_ORDER, limit_margins, worst_violation
 __all__ = [
     "COUNTS_ORDER",
     "HEADINGS_RAD",
+    "JOINT_RANGES",
     "LINKS",
     "Q_ORDER",
     "ArmGeometry",
@@ -55,6 +56,14 @@ _HAND_YAW_RAD: Final = np.array(c.YAW_LESS_ELBOW_RANGE) / np.rad2deg(c.YAW_COUNT
 _PITCH_RAD: Final = np.array(c.WRIST_SUM_RANGE) / _WRIST_PER_RAD
 _ROLL_RAD: Final = np.array(c.WRIST_DIFFERENCE_RANGE) / _WRIST_PER_RAD
 _ZED_MM: Final = np.array(c.ZED_RANGE) / c.ZED_COUNTS_PER_MM
+# the motor's yaw holds the hand's to the forearm and what the belt takes back of the elbow (§5.4)
+_YAW_RAD: Final = (
+    np.array(c.YAW_LESS_ELBOW_RANGE) + float(c.YAW_ELBOW_RATIO) * np.array(c.ELBOW_RANGE)
+) / np.rad2deg(c.YAW_COUNTS_PER_DEG)
+# (2, 6): the least and the most that each joint has within the limits of §5.2
+JOINT_RANGES: Final = np.stack(
+    [_SHOULDER_RAD, _ELBOW_RAD, _YAW_RAD, _ZED_MM, _PITCH_RAD, _ROLL_RAD], axis=1
+)
 
 # counts = q @ _COUNTS_PER_Q in COUNTS_ORDER (§5.1, §5.3)
 _COUNTS_PER_Q: Final = np.zeros((6, 6))

@@ -10,7 +10,7 @@ from ruamel.yaml import YAML
 
 from controller.imaging import Camera
 from controller.planning import Box, CellLayout, Jaw, Tray
-from drivers.umi_scara.kinematics import ArmGeometry
+from drivers.umi_scara import ArmGeometry, UmiModel
 
 ROOT = Path(__file__).resolve().parents[2]
 CELL_FILE = ROOT / "recipes" / "cells" / "emulated.yaml"
@@ -46,17 +46,22 @@ def read_cell(path: Path = CELL_FILE) -> Any:
     return YAML(typ="safe").load(path.read_text())
 
 
+def arm_model(arm: Any) -> UmiModel:
+    lengths = (arm[f"{name}_mm"] for name in ("upper", "fore", "tool", "wrist_height"))
+    boxes = {k: Box.from_bounds(*v) for k, v in arm["links"].items()}
+    return UmiModel.of_boxes(
+        ArmGeometry(*lengths), {k: (box.T, box.half_mm) for k, box in boxes.items()}
+    )
+
+
 def layout_of(cell: Any) -> CellLayout:
     arm, fixture, park = cell["arm"], cell["fixture"], cell["arm"]["park_deg"]
     q = np.radians([park["shoulder"], park["elbow"], park["yaw"], 0.0, park["pitch"], park["roll"]])
     q[3] = -10.0  # as high as the soft limit below the top stop lets it (umi_rtx.md 5.2)
     return CellLayout(
-        arm=ArmGeometry(arm["upper_mm"], arm["fore_mm"], arm["tool_mm"], arm["wrist_height_mm"]),
+        arm=arm_model(arm),
         T_world_arm=pose(arm["pose"]),
         column=Box.from_bounds(*arm["links"]["column"]),
-        carriage=Box.from_bounds(*arm["links"]["carriage"]),
-        upper=Box.from_bounds(*arm["links"]["upper"]),
-        fore=Box.from_bounds(*arm["links"]["fore"]),
         hand=jaw(arm["hand"], arm["fingers"], arm["jaw_max_mm"]),
         fixture=jaw(fixture["body"], fixture["fingers"], fixture["jaw_max_mm"]),
         T_world_fixture=pose(fixture["pose"]),

@@ -58,7 +58,7 @@ def shift(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
 
 def frames(layout: CellLayout, q: Array) -> dict[str, Array]:
     """Return the world poses (..., 4, 4) of the arm's links for joints (..., 6)."""
-    arm = layout.arm
+    arm = layout.arm.geometry
     base = layout.T_world_arm @ shift(0.0, 0.0, arm.wrist_height_mm + q[..., 3])
     upper = base @ rz(q[..., 0])
     fore = upper @ shift(arm.upper_mm, 0, 0) @ rz(q[..., 1])
@@ -104,7 +104,7 @@ def joints_for(layout: CellLayout, T_world_tip: Array) -> tuple[NDArray[np.int64
 
     By umi_rtx.md 6.5 in angles; where the hand points straight down, 24 headings are tried.
     """
-    arm = layout.arm
+    arm = layout.arm.geometry
     T = np.linalg.inv(layout.T_world_arm) @ T_world_tip
     x_axis = T[:, :3, 0]
     wrist = T[:, :3, 3] - arm.tool_mm * x_axis
@@ -172,9 +172,7 @@ class Checker:
     def arm_parts(self, opening: float) -> list[Named]:
         cell = self.layout
         return [
-            ("carriage", "carriage", cell.carriage.T, cell.carriage.half_mm),
-            ("upper", "upper", cell.upper.T, cell.upper.half_mm),
-            ("fore", "fore", cell.fore.T, cell.fore.half_mm),
+            *((link.name, link.name, link.T, link.half_mm) for link in cell.arm.links),
             *(("hand", "tip", b.T, b.half_mm) for b in cell.hand.body),
             *(("finger", "tip", T, half) for T, half in finger_boxes(cell.hand, opening)),
         ]

@@ -8,7 +8,6 @@ from planning_cell import emulated_layout
 from controller.planning import Box
 from controller.planning.motion import Scene, connect, path_free, tip_pose
 from controller.planning.motion._legs import Ends, _radii_mm, leg_free
-from controller.planning.motion._pace import leg_course
 from drivers.umi_scara.kinematics import within_limits
 
 LAYOUT = emulated_layout()
@@ -46,8 +45,9 @@ def test_a_free_leg_is_free_at_every_state_on_and_off_the_line() -> None:
         line = dense(a, b)
         if found[-1]:
             assert SCENE.free(line, 0.0).all()
-            for skew_s in (-LAYOUT.pace.skew_s, LAYOUT.pace.skew_s):
-                driven, _ = leg_course(LAYOUT, a, b, 200, skew_s)
+            timing = LAYOUT.arm.timing
+            for skew_s in (-timing.skew_s, timing.skew_s):
+                driven, _ = timing.course(a, b, 200, skew_s)
                 assert SCENE.free(driven, 0.0).all()
         else:
             assert not SCENE.free(line, 45.0).all(), "refused with plenty of room"

@@ -62,7 +62,7 @@ OPTIONS = PlanOptions(
     table_views=False,
 )
 FRICTION_DEG = float(np.degrees(np.arctan(OPTIONS.rules.friction)))  # 31.0
-REACH_MM = LAYOUT.arm.upper_mm + LAYOUT.arm.fore_mm  # 507, of the wrist
+REACH_MM = LAYOUT.arm.reach_mm  # 507, of the wrist
 OUTSTRETCHED_MM = REACH_MM + LAYOUT.arm.tool_mm  # 684, of the finger tips
 CHANGE = re.compile(r"\b(fit|use|move|turn|lay|take|ask|raise|press|clean|thinner|stronger)\b")
 

@@ -388,7 +388,7 @@ def test_a_thin_wire_across_the_way_is_met_between_the_waypoints(plan: Plan) -> 
     pick = step_of(plan, Pick)
     assert plan.steps[k - 1] is pick
     for a, b in pairwise([pick.motion_up[-1], *view.motion]):
-        mid = frames(LAYOUT, (a + b) / 2)["fore"] @ LAYOUT.fore.T
+        mid = frames(LAYOUT, (a + b) / 2)["fore"] @ LAYOUT.arm.links[2].T
         wire = Box(mid, np.array([1.0, 60.0, 1.0]))
         layout = replace(LAYOUT, obstacles={**LAYOUT.obstacles, "wire": wire})
         if np.abs(b - a).max() > 0.3:

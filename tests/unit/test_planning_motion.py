@@ -36,8 +36,8 @@ def test_a_move_takes_as_long_as_its_slowest_motor_and_the_commands() -> None:
     start = q(0, 0, 0, -500, -90, 0)
     # shoulder 23 deg at 23 deg/s, zed 55 mm at 110 mm/s, both of one processor
     end = q(23, 0, 0, -555, -90, 0)
-    pace = LAYOUT.pace
-    expected = 1.0 + pace.ramp_s + pace.command_s + 2 * pace.motor_s
+    timing = LAYOUT.arm.timing
+    expected = 1.0 + timing.ramp_s + timing.command_s + 2 * timing.motor_s
     assert move_seconds(LAYOUT, [start, end]) == pytest.approx(expected)
     assert move_seconds(LAYOUT, [start, end, end]) == pytest.approx(expected)
     assert move_seconds(LAYOUT, [start]) == 0.0

@@ -29,7 +29,7 @@ from controller.planning import (
     resting_pose,
     shown_pose,
 )
-from drivers.umi_scara.kinematics import forward, within_limits
+from drivers.umi_scara.kinematics import within_limits
 
 LAYOUT = emulated_layout()
 SOLID = load_solid(PARTS / "holder.stl")
@@ -88,7 +88,7 @@ def test_every_waypoint_is_one_the_arm_accepts(plan: Plan) -> None:
 
 def test_the_part_is_one_and_the_same_on_both_sides_of_every_change_of_hands(plan: Plan) -> None:
     pick = next(s for s in plan.steps if isinstance(s, Pick))
-    tip = LAYOUT.T_world_arm @ forward(pick.motion_down[-1], LAYOUT.arm)
+    tip = LAYOUT.T_world_arm @ LAYOUT.arm.forward(pick.motion_down[-1])
     np.testing.assert_allclose(tip @ np.linalg.inv(pick.grip.T_part_hand), T_START, atol=0.05)
     give = next(s for s in plan.steps if isinstance(s, HandOver))
     take = next(s for s in plan.steps if isinstance(s, TakeBack))
@@ -102,11 +102,11 @@ def test_the_part_is_one_and_the_same_on_both_sides_of_every_change_of_hands(pla
 def test_straight_ways_are_straight_and_keep_the_hand_as_it_is(plan: Plan) -> None:
     pick = next(s for s in plan.steps if isinstance(s, Pick))
     way = [pick.motion_in[-1], *pick.motion_down]
-    ends = forward(np.stack([way[0], way[-1]]), LAYOUT.arm)
+    ends = LAYOUT.arm.forward(np.stack([way[0], way[-1]]))
     along = ends[1, :3, 3] - ends[0, :3, 3]
     for a, b in pairwise(way):
         for share in np.linspace(0, 1, 9):
-            tip = forward(a + share * (b - a), LAYOUT.arm)
+            tip = LAYOUT.arm.forward(a + share * (b - a))
             off = np.cross(tip[:3, 3] - ends[0, :3, 3], along / np.linalg.norm(along))
             assert np.linalg.norm(off) < 2.0
 

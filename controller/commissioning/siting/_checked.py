@@ -84,7 +84,7 @@ def _first_free(
     index, _, q = inverse_rows(layout, T_part @ grip.T_part_hand)
     if len(index) == 0:
         return view[index], view[index], q
-    speed = np.array(layout.pace.joint_per_s)
+    speed = layout.arm.timing.joint_speeds
     away_s = (np.abs(q - layout.park_q) / speed).max(axis=1)
     order = np.lexsort((away_s, view[index]))
     of_view = view[index][order]

@@ -94,14 +94,12 @@ def _against_the_arm(
     posts: Sequence[tuple[str, Box]],
     hanging: Sequence[tuple[str, Box]],
 ) -> str | None:
-    carriage = layout.carriage
-    reach = np.abs(carriage.T[:3, :3]) @ carriage.half_mm
-    low, high = carriage.T[:3, 3] - reach, carriage.T[:3, 3] + reach
-    travel = Box.from_bounds(
-        low[0], high[0], low[1], high[1], 0.0, layout.arm.wrist_height_mm + high[2]
-    ).placed(layout.T_world_arm)
+    arm = {"column": layout.column} | {
+        what: Box(box.T, box.half_mm).placed(layout.T_world_arm)
+        for what, box in layout.arm.swept.items()
+    }
     for name, b in (*posts, *hanging):
-        for what, fixed in (("column", layout.column), ("carriage's travel", travel)):
+        for what, fixed in arm.items():
             if _touch(b, fixed, COLUMN_GAP_MM):
                 return f"{name} would stand in the arm's {what}"
     return None

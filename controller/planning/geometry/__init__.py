@@ -1,12 +1,13 @@
 """What touches what: boxes many at a time, and a part's triangles."""
 
-from .boxes import Box, lowest_z, overlap, overlap_turned, segments_hit, stack
+from .boxes import Box, SolidBox, lowest_z, overlap, overlap_turned, segments_hit, stack
 from .shape import PartShape, PlacedShape, Triangles
 
 __all__ = [
     "Box",
     "PartShape",
     "PlacedShape",
+    "SolidBox",
     "Triangles",
     "lowest_z",
     "overlap",

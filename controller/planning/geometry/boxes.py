@@ -6,14 +6,27 @@ test is exact and, vectorised, cheaper per configuration than one call into a co
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Protocol, Self
 
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray
 
 _EPS = 1e-9  # parallel edges make a zero cross product; this keeps such an axis from separating
+
+
+class SolidBox(Protocol):
+    """A solid box in the frame of whatever it belongs to."""
+
+    @property
+    def T(self) -> FloatArray:
+        """Pose of the box's centre in that frame, (4, 4)."""
+
+    @property
+    def half_mm(self) -> FloatArray:
+        """Half of each edge (3,)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,9 +57,9 @@ class Box:
         return Box(T_world_frame @ self.T, self.half_mm)
 
 
-def stack(boxes: list[Box] | tuple[Box, ...]) -> tuple[FloatArray, FloatArray]:
+def stack(boxes: Sequence[SolidBox]) -> tuple[FloatArray, FloatArray]:
     """Return the poses (n, 4, 4) and half edges (n, 3) of boxes."""
-    if not boxes:
+    if len(boxes) == 0:
         return np.zeros((0, 4, 4)), np.zeros((0, 3))
     return np.stack([b.T for b in boxes]), np.stack([b.half_mm for b in boxes])
 

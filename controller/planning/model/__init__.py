@@ -3,6 +3,7 @@
 Dataclasses and names; nothing here plans. mm, rad and seconds; poses in the world frame.
 """
 
+from .arm import JOINT_COUNT, ArmLink, ArmModel, TimingModel
 from .candidates import LIGHTS, Candidate, Light
 from .errors import NoMotionError, NoPlanError, NotGraspableError, OutOfReachError
 from .grip import TABLE_MARGIN_MM, Grip, GripRules, Holder
@@ -29,8 +30,11 @@ from .starts import InArm, InFixture, OnTable, Start
 from .visibility import Directions, Lookout
 
 __all__ = [
+    "JOINT_COUNT",
     "LIGHTS",
     "TABLE_MARGIN_MM",
+    "ArmLink",
+    "ArmModel",
     "Candidate",
     "CellLayout",
     "Directions",
@@ -67,6 +71,7 @@ __all__ = [
     "Start",
     "Step",
     "TakeBack",
+    "TimingModel",
     "Tray",
     "Unseen",
 ]

@@ -13,9 +13,9 @@ import numpy as np
 
 from controller.arrays import FloatArray
 from controller.imaging import Camera
-from drivers.umi_scara.kinematics import ArmGeometry
 
 from ..geometry import Box
+from .arm import ArmModel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,37 +70,18 @@ class Tray:
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """Speeds and the fixed times of a cycle; the forecast is as good as these.
+    """The fixed times of a cycle; how long moves take, the arm's own timing model says.
 
-    Moves are fitted to the emulated arm over its wire, between what it takes in real time and ten
-    times as fast (benchmarks/fit_pace.py); grips and releases are medians of what runs of the
-    emulated cell journalled. A real arm wants timing once: no source vouches for umi_rtx.md 5.7.
+    Grips and releases are medians of what runs of the emulated cell journalled.
 
     Attributes
     ----------
-    joint_per_s : at full speed [rad/s, mm/s]; pitch and roll share their motors, so that their
-        times add up
-    ramp_s : from rest to full speed
-    command_s : first request to the last read-back, once per move, but for what follows
-    motor_s : target and speed written, place read back, per motor that moves
-    hand_over_s : of the line, where a move needs wrist and other motors
-    skew_s : by which the wrist may start before or after the other motors
     grip_s, release_s : the arm's jaws close until they stall, width read back; they open
     fixture_grip_s, fixture_release_s : the same of the fixed gripper
     look_s : a view of three pictures: lamps, exposure after the change, transfer. An emulated
         cell's time waits for its pictures to be drawn
     """
 
-    joint_per_s: tuple[float, ...] = (
-        *np.radians([23.0, 44.0, 110.0]).tolist(),
-        110.0,
-        *np.radians([103.8, 103.8]).tolist(),
-    )
-    ramp_s: float = 0.25
-    command_s: float = 0.10
-    motor_s: float = 0.075
-    hand_over_s: float = 0.04
-    skew_s: float = 0.05
     grip_s: float = 1.6
     release_s: float = 1.3
     fixture_grip_s: float = 0.7
@@ -130,8 +111,8 @@ class CellLayout:
 
     Attributes
     ----------
-    column : box in the world; carriage, upper, fore : boxes in their links' frames (shoulder axis,
-        upper arm, forearm; all at wrist height)
+    arm : with the shapes of its links
+    column : what of the arm stands still, a box in the world
     T_world_fixture : pose of the fixed gripper's tip frame
     obstacles : world boxes by name, the fixture's post among them
     station_mm : (3,) where the part's centre of mass is shown to the `inspection` camera
@@ -139,15 +120,12 @@ class CellLayout:
     inspection_sharp_mm, overhead_sharp_mm : depths along the optical axis between which the
         camera's picture is sharp (its depth of field)
     set_down_mm : (2, 2) rows x and y, low and high: where on the table parts may be put down again
-    park_q : (6,) rad and mm, as `drivers.umi_scara.kinematics`
+    park_q : (6,) rad and mm, joints as `arm` has them
     """
 
-    arm: ArmGeometry
+    arm: ArmModel
     T_world_arm: FloatArray
     column: Box
-    carriage: Box
-    upper: Box
-    fore: Box
     hand: Jaw
     fixture: Jaw | None
     T_world_fixture: FloatArray

@@ -1,10 +1,10 @@
 """Where the arm can be, what it touches there, and its ways from one place to the other."""
 
 from ..geometry import PartShape, PlacedShape
-from ._kinematics import inverse_rows, link_boxes, shown_pose, tip_pose
+from ._kinematics import inverse_rows, link_boxes, passed_limit, shown_pose, tip_pose
 from ._lines import fewest_waypoints, same_branch
-from ._pace import leg_seconds, leg_tube, move_seconds, travel_seconds
 from ._scene import Scene
+from ._timing import leg_seconds, leg_tube, move_seconds, travel_seconds
 from ._ways import connect, path_free
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "leg_tube",
     "link_boxes",
     "move_seconds",
+    "passed_limit",
     "path_free",
     "same_branch",
     "shown_pose",

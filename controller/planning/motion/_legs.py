@@ -12,12 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray
-from drivers.umi_scara.kinematics import within_limits
 
 from ..model import CellLayout
 from ._kinematics import tip_pose
-from ._pace import leg_tube, tube_bound_mm
 from ._scene import Scene
+from ._timing import leg_tube, tube_bound_mm
 
 MARGIN_MM = 5.0  # beside the tube: calibration, backlash, the part's place in the hand
 END_MARGIN_MM = 2.0  # next to a hold or the fixture, which the straight ways keep as well
@@ -48,9 +47,10 @@ class Ends:
 
 def leg_free(scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends) -> bool:
     """Tell whether one joint move (6,) to (6,) keeps the margins all the way."""
-    if not within_limits(np.stack([q_from, q_to])).all():  # linear, so all between are as well
-        return False
     layout, step = scene.layout, q_to - q_from
+    # linear, so all between are as well
+    if not layout.arm.within_limits(np.stack([q_from, q_to])).all():
+        return False
     radii = _radii_mm(scene, q_from, q_to)
     travel_mm = float(np.abs(step) @ radii)
     bound_mm = tube_bound_mm(layout, step, radii)
@@ -86,7 +86,7 @@ def leg_seems_free(
     scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends, tube_mm: float = 0.0
 ) -> bool:
     """Tell whether one look at states along a move finds nothing; `leg_free` is to follow."""
-    if not within_limits(np.stack([q_from, q_to])).all():
+    if not scene.layout.arm.within_limits(np.stack([q_from, q_to])).all():
         return False
     travel_mm = float(np.abs(q_to - q_from) @ _radii_mm(scene, q_from, q_to))
     states = max(1, int(np.ceil(travel_mm / GLANCE_MM)))
@@ -99,11 +99,4 @@ def leg_seems_free(
 
 def _radii_mm(scene: Scene, q_from: FloatArray, q_to: FloatArray) -> FloatArray:
     """Return by how much more than any point of arm, hand or part moves with each joint (6,)."""
-    arm = scene.layout.arm
-    far, beside = scene.reach_mm()
-    elbows = np.array([q_from[1], q_to[1]])
-    # the wrist is farthest from the shoulder where the elbow is straightest
-    bent = 0.0 if elbows.min() <= 0.0 <= elbows.max() else float(np.abs(elbows).min())
-    wrist = np.hypot(arm.upper_mm + arm.fore_mm * np.cos(bent), arm.fore_mm * np.sin(bent))
-    # half of the elbow's turn is taken back from the hand (umi_rtx.md 5.4)
-    return np.array([wrist + far, arm.fore_mm + far / 2, far, 1.0, far, beside])
+    return scene.layout.arm.radii_mm(q_from, q_to, *scene.reach_mm())

@@ -7,7 +7,7 @@ part's box touches something and the part's triangles are known, they decide.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
@@ -160,14 +160,13 @@ class Scene:
         self, q: FloatArray, hand: Hands | None, part: tuple[PartShape, FloatArray] | None
     ) -> _Moving:
         """Return world places of links, hand and part, and the part's triangles."""
-        n = len(q)
+        n, links = len(q), self.layout.arm.links
         R_link, origins = link_frames(self.layout, q)
         T_tip = tip_pose(self.layout, q)
         if self._cache[1] is None:
             layout = self.layout
             in_tip = [*layout.hand.body, *layout.hand.fingers(self.hand_opening_mm)]
             carried = [] if self.carried is None else [self.carried]
-            links = [layout.carriage, layout.upper, layout.fore]
             self._cache[1] = (stack(links), stack(in_tip), stack([*in_tip, *carried]))
         (T_link, half_link), bare, full = self._cache[1]
         shape, T_part = None, None
@@ -183,7 +182,10 @@ class Scene:
             (T_tip[:, None, :3, :3] @ T_hand[..., :3, 3, None])[..., 0] + T_tip[:, None, :3, 3],
         ]
         m = T_hand.shape[-3]
-        halves = [np.broadcast_to(half_link, (n, 3, 3)), np.broadcast_to(half_hand, (n, m, 3))]
+        halves = [
+            np.broadcast_to(half_link, (n, *half_link.shape)),
+            np.broadcast_to(half_hand, (n, m, 3)),
+        ]
         if part is not None:
             shape, T_part = part[0], T_tip @ part[1]
             T_box = T_part @ shape.box.T
@@ -194,6 +196,7 @@ class Scene:
             np.concatenate(turns, axis=1),
             np.concatenate(centres, axis=1),
             np.concatenate(halves, axis=1),
+            tuple(k for k, a in enumerate(links) if a.keeps_clear_of != "nothing"),
             shape,
             T_part,
         )
@@ -206,9 +209,10 @@ class Scene:
         R, centre, half = moving.turns, moving.centres, moving.halves
         k = centre.shape[1]
         around = (np.abs(R) @ half[..., None])[..., 0]  # half of the box along the world's axes
-        low = centre[:, 2:, 2] - around[:, 2:, 2] < floor[:, None]
+        first = _first(link.may_touch_table for link in self.layout.arm.links)
+        low = centre[:, first:, 2] - around[:, first:, 2] < floor[:, None]
         row, body = np.nonzero(low)
-        rows, bodies, names = [row], [body + 2], [np.zeros_like(row)]
+        rows, bodies, names = [row], [body + first], [np.zeros_like(row)]
 
         # what the boxes along the axes keep apart needs no further test
         room = around + margin[:, None, None]
@@ -216,7 +220,7 @@ class Scene:
         for axis in range(3):
             gap = np.abs(centre[:, :, axis, None] - still.centres[:, axis])
             near &= gap <= room[:, :, axis, None] + still.around[:, axis]
-        near[:, :2, -1] = False  # carriage and upper arm ride on the column
+        near[:, : _first(link.may_touch_base for link in self.layout.arm.links), -1] = False
         row, body, j = np.nonzero(near)
         hits = overlap_turned(
             R[row, body],
@@ -230,9 +234,8 @@ class Scene:
         column = still.centres.shape[0] - 1
         names.append(np.where(j[hits] == column, 2 + column, 1 + j[hits]))
 
-        # neighbours along the chain are kept apart by the joint limits, not by these coarse boxes:
-        # the palm beside the forearm's end, the neck inside it
-        one, other = _own_pairs(k, len(self.layout.hand.body))
+        # neighbours along the chain are kept apart by the joint limits, not by these coarse boxes
+        one, other = self._own_pairs(k)
         near = np.ones((len(centre), len(one)), dtype=bool)
         for axis in range(3):
             gap = np.abs(centre[:, one, axis] - centre[:, other, axis])
@@ -251,6 +254,12 @@ class Scene:
         names.append(np.full(np.count_nonzero(hits), 1 + column))
         return np.concatenate(rows), np.concatenate(bodies), np.concatenate(names)
 
+    def _own_pairs(self, moving: int) -> tuple[IntArray, IntArray]:
+        """Return which of the moving boxes are kept from which links: two of (p,)."""
+        arm = self.layout.arm
+        kept_from = tuple(link.keeps_clear_of for link in arm.links)
+        return _pairs(kept_from, tuple(arm.link_pairs), moving, len(self.layout.hand.body))
+
     def arm_boxes(self, q: FloatArray) -> list[Box]:
         """Return the world boxes of the links and the open or closed hand at one q (6,)."""
         T_link, half_mm = link_boxes(self.layout, q[None])
@@ -262,12 +271,33 @@ class Scene:
         ]
 
 
+def _first(flags: Iterable[bool]) -> int:
+    """Return where the first link is that has a flag, as many as there are links where none has."""
+    count = 0
+    for flag in flags:
+        if flag:
+            break
+        count += 1
+    return count
+
+
 @cache
-def _own_pairs(moving: int, body: int) -> tuple[IntArray, IntArray]:
-    """Return which boxes of the arm are kept from which links: two of (p,)."""
-    pairs = [(i, j) for i in range(3, moving) for j in (0, 1)]
-    pairs += [(i, 2) for i in range(3 + body, moving)]
-    one, other = np.array(pairs, dtype=np.int64).T
+def _pairs(
+    kept_from: tuple[str, ...], links: tuple[tuple[int, int], ...], moving: int, body: int
+) -> tuple[IntArray, IntArray]:
+    """Return which boxes of the arm are kept from which links: two of (p,).
+
+    Parameters
+    ----------
+    kept_from : what of the gripper each link is kept from
+    links : pairs of links that may touch each other
+    moving, body : boxes in all, and those of the gripper's body, which come after the links
+    """
+    begin = {"hand": len(kept_from), "fingers": len(kept_from) + body, "nothing": moving}
+    pairs = [(max(pair), min(pair)) for pair in links]
+    for link, of in enumerate(kept_from):
+        pairs += [(i, link) for i in range(begin[of], moving)]
+    one, other = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
     return one, other
 
 
@@ -291,17 +321,19 @@ class _Still:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Moving:
-    """Boxes that move, per row: carriage, upper arm, forearm, hand, part.
+    """Boxes that move, per row: the arm's links, hand, part.
 
     Attributes
     ----------
     turns, centres, halves : (n, k, 3, 3), (n, k, 3), (n, k, 3)
+    links : indices of the links that the part is kept from
     shape, T_part : the part's triangles and their world poses (n, 4, 4), None without
     """
 
     turns: FloatArray
     centres: FloatArray
     halves: FloatArray
+    links: tuple[int, ...]
     shape: PartShape | None
     T_part: FloatArray | None
 
@@ -336,7 +368,9 @@ class _Exact:
         if name == 0:
             return part is None or part.lowest_mm() < self._floor[row]
         if name == 1 + column:
-            return part is None or any(self._touches_link(part, row, link) for link in range(3))
+            return part is None or any(
+                self._touches_link(part, row, link) for link in self._moving.links
+            )
         j = column if name == 2 + column else name - 1
         R, centre, half = self._still.turns[j], self._still.centres[j], self._still.halves[j]
         if part is not None and not part.touch(R, centre, half + margin):

@@ -13,11 +13,11 @@ from itertools import pairwise
 import numpy as np
 
 from controller.arrays import FloatArray
-from drivers.umi_scara.kinematics import within_limits
 
+from ..model import JOINT_COUNT
 from ._legs import GLANCE_TUBE_MM, MARGIN_MM, Ends, leg_free, leg_seems_free
-from ._pace import move_seconds, travel_seconds
 from ._scene import Scene
+from ._timing import move_seconds, travel_seconds
 
 TURNS_N = 400
 SHUT_IN_N = 80  # turns after which a tree that is still its root is shut in
@@ -25,10 +25,7 @@ STEP_S = 0.8  # longest edge
 SHRINKS_N = 2  # a third of an edge may be free where the whole is not
 TOWARDS_ROOT = 0.1  # share of the turns
 SAMPLES_N = 96  # drawn at a time; few are within limits and free
-TOP_SHARE = 0.2  # of zed's range
 SHORTCUTS_N = 24
-_LOW = np.array([*np.radians([-90.0, -175.0, -190.0]), -900.0, *np.radians([-97.0, -131.0])])
-_HIGH = np.array([*np.radians([90.0, 150.0, 185.0]), -10.0, *np.radians([3.0, 180.0])])
 
 
 @dataclass(slots=True)
@@ -99,10 +96,10 @@ def rrt_connect(
 
 
 def _free_samples(scene: Scene, rng: np.random.Generator) -> list[FloatArray]:
-    """Return random configurations that are free themselves, half of them near the top."""
-    q = _LOW + rng.random((SAMPLES_N, 6)) * (_HIGH - _LOW)
-    q[::2, 3] = _HIGH[3] + (q[::2, 3] - _HIGH[3]) * TOP_SHARE
-    q = q[within_limits(q)]
+    """Return random configurations that are free themselves."""
+    arm = scene.layout.arm
+    q = arm.spread(rng.random((SAMPLES_N, JOINT_COUNT)))
+    q = q[arm.within_limits(q)]
     return list(q[scene.free(q, MARGIN_MM)])
 
 

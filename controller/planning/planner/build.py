@@ -306,7 +306,7 @@ class Builder:
 
     def _tray_missed(self, g: int, name: str) -> OutOfReachError:
         arm, tray = self._layout.arm, self._layout.trays[name]
-        away, limit = tray_distance_mm(self._layout, tray), arm.upper_mm + arm.fore_mm
+        away, limit = tray_distance_mm(self._layout, tray), arm.reach_mm
         return OutOfReachError(
             f"{self._part.solid.name}: grip {self._part.arm_grips[g].id} cannot let it go anywhere "
             f"over tray {name}, {away:.0f} mm from the arm's axis (the wrist reaches {limit:.0f} "
@@ -387,7 +387,7 @@ def check_trays_in_reach(name: str, layout: CellLayout) -> None:
     OutOfReachError : a tray is farther away than the outstretched arm
     """
     arm = layout.arm
-    limit = arm.upper_mm + arm.fore_mm + arm.tool_mm
+    limit = arm.reach_mm + arm.tool_mm
     for tray_name, tray in layout.trays.items():
         away = tray_distance_mm(layout, tray)
         if away > limit + max(tray.size_mm) / 2:
@@ -395,7 +395,7 @@ def check_trays_in_reach(name: str, layout: CellLayout) -> None:
                 f"{name}: tray {tray_name} is {away:.0f} mm from the arm's axis, the outstretched "
                 f"arm with its hand reaches {limit:.0f} mm; move the tray nearer",
                 reach_mm=away,
-                limit_mm=arm.upper_mm + arm.fore_mm,
+                limit_mm=arm.reach_mm,
                 where=f"tray {tray_name}",
             )
 

@@ -224,7 +224,7 @@ class _Planner(ABC):
         arm = layout.arm
         x, y, z = layout.station_mm
         away = float(np.hypot(*(layout.station_mm - layout.T_world_arm[:3, 3])[:2]))
-        limit = arm.upper_mm + arm.fore_mm
+        limit = arm.reach_mm
         where = f"the station at ({x:.0f}, {y:.0f}, {z:.0f})"
         if away > limit + arm.tool_mm:
             return OutOfReachError(

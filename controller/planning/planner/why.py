@@ -14,11 +14,10 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray
 from controller.imaging import RayCaster
-from drivers.umi_scara.kinematics import inverse, limit_report
 
 from ..grips import clear_of_table, find_seeds, judge_grips, resting_pose, spread
 from ..model import CellLayout, Grip, Jaw, PreparedPart, Reason, Unseen
-from ..motion import Scene, inverse_rows
+from ..motion import Scene, inverse_rows, passed_limit
 from ..views import hidden_by_hand, view_poses, why_hidden
 
 LEAST_SHARE = 2e-4  # of the surface; less than this is single samples on edges
@@ -245,10 +244,7 @@ def _reach(part: PreparedPart, layout: CellLayout, piece: BoolArray) -> tuple[st
         blockers = sorted({scene.names()[k] for k in scene.contacts(q) if k >= 0})
         names = ", ".join(blockers) or "nothing"
         return f"out of reach: the arm would touch {names}", f"move {names} away"
-    every, _ = inverse(np.linalg.inv(layout.T_world_arm) @ T_tip, layout.arm)
-    every = every.reshape(-1, 6)
-    every = every[np.isfinite(every).all(axis=1)]
-    limit = limit_report(every[0]) if len(every) else "beyond the outstretched arm"
+    limit = passed_limit(layout, T_tip) or "beyond the outstretched arm"
     return f"out of reach: {limit}", _better_place(part, layout, pairs)
 
 
@@ -274,12 +270,12 @@ def _better_place(part: PreparedPart, layout: CellLayout, pairs: Sequence[tuple[
             index, _, _ = inverse_rows(layout, T @ part.arm_grips[grip].T_part_hand)
             if len(index):
                 return f"a camera {name} would see it"
-    arm = layout.arm
+    reach_mm = layout.arm.reach_mm
     away = float(np.hypot(*(layout.station_mm - layout.T_world_arm[:3, 3])[:2]))
-    if away > arm.upper_mm + arm.fore_mm:
+    if away > reach_mm:
         return (
             f"move the station, {away:.0f} mm from the arm's axis, to where the wrist gets round "
-            f"it: within {arm.upper_mm + arm.fore_mm:.0f} mm"
+            f"it: within {reach_mm:.0f} mm"
         )
     return "another start pose or another gripper; no camera place that was tried would do"
 

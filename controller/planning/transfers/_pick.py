@@ -9,7 +9,6 @@ import numpy as np
 
 from controller.arrays import FloatArray, IntArray
 from controller.imaging import inverse_pose
-from drivers.umi_scara.kinematics import inverse, limit_report
 
 from ..geometry import Box, stack
 from ..grips import clear_of_table, resting_pose
@@ -22,7 +21,7 @@ from ..model import (
     OutOfReachError,
     PreparedPart,
 )
-from ..motion import Scene, fewest_waypoints, inverse_rows, same_branch
+from ..motion import Scene, fewest_waypoints, inverse_rows, passed_limit, same_branch
 from ._handoff import CLOSE_MARGIN_MM, PART_MARGIN_MM
 
 LIFT_MM = 85.0
@@ -166,7 +165,7 @@ def _out_of_reach(layout: CellLayout, T_tip: FloatArray, where: str) -> OutOfRea
     T = np.linalg.inv(layout.T_world_arm) @ T_tip
     wrist = T[:, :3, 3] - layout.arm.tool_mm * T[:, :3, 0]
     reach = np.hypot(wrist[:, 0], wrist[:, 1])
-    limit = layout.arm.upper_mm + layout.arm.fore_mm
+    limit = layout.arm.reach_mm
     best = float(reach.min())
     if best > limit:
         text = (
@@ -174,13 +173,6 @@ def _out_of_reach(layout: CellLayout, T_tip: FloatArray, where: str) -> OutOfRea
             "move the part closer"
         )
     else:
-        text = f"{where}: {_nearest_limit(layout, T_tip)}; turn the part or move it"
+        passed = passed_limit(layout, T_tip) or "beyond the arm's reach"
+        text = f"{where}: {passed}; turn the part or move it"
     return OutOfReachError(text, reach_mm=best, limit_mm=limit, where=where)
-
-
-def _nearest_limit(layout: CellLayout, T_tip: FloatArray) -> str:
-    """Name the joint limit that is passed by the least, over all ways to hold the hand there."""
-    q, _ = inverse(np.linalg.inv(layout.T_world_arm) @ T_tip, layout.arm)
-    q = q.reshape(-1, 6)
-    q = q[np.isfinite(q).all(axis=1)]
-    return limit_report(q[0]) if len(q) else "beyond the arm's reach"

@@ -18,7 +18,6 @@ UP_MM = 100.0
 STEP_MM = 10.0
 MARGIN_MM = 3.0
 TRIED_N = 60
-TOP_MM = -20.0
 RISEN_N = 20
 BATCH_N = 8
 
@@ -81,8 +80,8 @@ def place_ways(
         clear = _all_free(shut, down[batch], table_margin_mm=1.0) & _all_free(open_, up[batch])
         batch = batch[clear]
         # an elbow under the station's panel can come down here, but hardly get there
-        risen = _all_free(shut, _risen(down[batch, -1]), margin_mm=10.0)
-        risen &= _all_free(open_, _risen(up[batch, -1]), margin_mm=10.0)
+        risen = _all_free(shut, layout.arm.retreats(down[batch, -1], RISEN_N), margin_mm=10.0)
+        risen &= _all_free(open_, layout.arm.retreats(up[batch, -1], RISEN_N), margin_mm=10.0)
         for place, is_rising in zip(batch, risen, strict=True):
             row = order[place]
             way = PlaceWay(
@@ -107,13 +106,6 @@ def _all_free(
     n, k = ways.shape[:2]
     free = scene.free(ways.reshape(-1, 6), margin_mm, table_margin_mm)
     return np.asarray(free.reshape(n, k).all(axis=1))
-
-
-def _risen(q: FloatArray) -> FloatArray:
-    """Return configurations (n, 6) at heights from their own to the top (n, k, 6)."""
-    out = np.repeat(q[:, None], RISEN_N, axis=1)
-    out[..., 3] = np.linspace(q[:, 3], np.maximum(TOP_MM, q[:, 3]), RISEN_N, axis=1)
-    return out
 
 
 @cache

@@ -76,7 +76,7 @@ def reachable_views(
         layout, T_links[row, link], half_links[row, link], showing.extent[v_of[row], r_of[row]]
     )
     between: BoolArray = np.asarray(links.any(axis=1))
-    away_s = (np.abs(q - q_liked) / np.array(layout.pace.joint_per_s)).max(axis=1)
+    away_s = (np.abs(q - q_liked) / layout.arm.timing.joint_speeds).max(axis=1)
     order = np.lexsort((away_s, between, v_of))
     rows = _free_rows(scene, q, v_of, between, order)
     found: dict[int, FloatArray] = {}

@@ -166,12 +166,14 @@ def fixture_bodies(layout: CellLayout, opening_mm: float) -> list[Body]:
 
 
 def arm_bodies(layout: CellLayout, q: Array, opening_mm: float) -> list[Body]:
-    """Return the arm as collisions are checked with: three links, the hand, two fingers."""
-    carriage, upper, fore, *hand = Scene(layout, opening_mm, 0.0).arm_boxes(q)
+    """Return the arm as collisions are checked with: links, the hand, two fingers."""
+    names = [link.name for link in layout.arm.links]
+    boxes = Scene(layout, opening_mm, 0.0).arm_boxes(q)
+    first, *links = boxes[: len(names)]
+    hand = boxes[len(names) :]
     return [
-        box_body("carriage", ARM, _thinner(carriage)),
-        box_body("upper", ARM, upper),
-        box_body("fore", ARM, fore),
+        box_body(names[0], ARM, _thinner(first)),
+        *(box_body(name, ARM, box) for name, box in zip(names[1:], links, strict=True)),
         *(box_body("hand", HAND, box) for box in hand[: len(layout.hand.body)]),
         *(box_body("finger", FINGER, box) for box in hand[len(layout.hand.body) :]),
     ]

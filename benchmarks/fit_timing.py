@@ -1,8 +1,8 @@
 """How long the emulated arm takes for a move, and how far from the joint line it strays meanwhile.
 
-python benchmarks/fit_pace.py [--json] [--speed 5] [--moves 90] [--seed 1] [--keep moves.json]
+python benchmarks/fit_timing.py [--json] [--speed 5] [--moves 90] [--seed 1] [--keep moves.json]
 
-Drives the arm over its wire through random moves of all sizes, fits the planner's `Pace` to two
+Drives the arm over its wire through random moves of all sizes, fits the arm's `UmiTiming` to two
 thirds of them and prints the errors of the forecast on the others, by size of the move. The table
 below it says how far joints and tip were from the straight joint line: what the planner's tube has
 to hold. `--keep` writes the timed moves down; `--load` fits moves that were kept.
@@ -28,9 +28,8 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "cross"), str(ROOT / "tests" / "
 from planning_cell import emulated_layout  # noqa: E402  (path set above)
 from umi_bench import EMULATED, ArmBench, arm_bench  # noqa: E402
 
-from controller.planning import Pace  # noqa: E402
-from controller.planning.motion import leg_seconds, leg_tube  # noqa: E402
-from drivers.umi_scara import Axis, kinematics  # noqa: E402
+from controller.planning.motion import leg_tube  # noqa: E402
+from drivers.umi_scara import Axis, UmiTiming, kinematics  # noqa: E402
 
 Floats = NDArray[np.float64]
 Move = dict[str, Any]
@@ -120,35 +119,34 @@ async def timed_moves(speed: float, count: int, seed: int) -> list[Move]:
     return moves
 
 
-FITTED = ("ramp_s", "command_s", "motor_s", "hand_over_s")
+FITTED = ("ramp_s", "command_s", "motor_s", "switch_s")
 
 
-def fitted(moves: Sequence[Move]) -> Pace:
-    """Return the pace with the least relative errors over moves: joint speeds and fixed times."""
-    layout, pace = emulated_layout(), Pace()
+def fitted(moves: Sequence[Move]) -> UmiTiming:
+    """Return the timing with the least relative errors over moves: joint speeds and fixed times."""
+    timing = UmiTiming()
     start, goal = (np.array([m[k] for m in moves]) for k in ("from", "to"))
     took_s = np.array([m["seconds"] for m in moves])
     # pitch and roll are one pair of like motors, hence five speeds
-    speeds = np.array(pace.joint_per_s)[:5]
+    speeds = np.array(timing.joint_per_s)[:5]
 
-    def of(x: Floats) -> Pace:
+    def of(x: Floats) -> UmiTiming:
         joints = speeds * x[:5]
         times = dict(zip(FITTED, np.maximum(x[5:], 1e-3).tolist(), strict=True))
-        return replace(pace, joint_per_s=(*joints.tolist(), float(joints[4])), **times)
+        return replace(timing, joint_per_s=(*joints.tolist(), float(joints[4])), **times)
 
     def errors(x: Floats) -> Floats:
-        return leg_seconds(replace(layout, pace=of(x)), start, goal) / took_s - 1.0
+        return of(x).move_seconds(start, goal) / took_s - 1.0
 
-    first = np.array([1.0] * 5 + [getattr(pace, name) for name in FITTED])
+    first = np.array([1.0] * 5 + [getattr(timing, name) for name in FITTED])
     return of(least_squares(errors, first, x_scale=np.maximum(first, 0.05), loss="soft_l1").x)
 
 
-def errors_by_size(pace: Pace, moves: Sequence[Move]) -> list[Move]:
+def errors_by_size(timing: UmiTiming, moves: Sequence[Move]) -> list[Move]:
     """Return how far the forecast is off, for all moves and for moves of each size."""
-    layout = replace(emulated_layout(), pace=pace)
     start, goal = (np.array([m[k] for m in moves]) for k in ("from", "to"))
     took_s = np.array([m["seconds"] for m in moves])
-    off = leg_seconds(layout, start, goal) / took_s - 1.0
+    off = timing.move_seconds(start, goal) / took_s - 1.0
     sizes = [(0.0, np.inf), *pairwise(SIZES_S)]
     rows = []
     for low, high in sizes:
@@ -167,9 +165,10 @@ def errors_by_size(pace: Pace, moves: Sequence[Move]) -> list[Move]:
     return rows
 
 
-def tube_row(pace: Pace, moves: Sequence[Move]) -> Move:
+def tube_row(timing: UmiTiming, moves: Sequence[Move]) -> Move:
     """Return how far the tip was off the joint line, and how far the planner expects it to be."""
-    layout = replace(emulated_layout(), pace=pace)
+    layout = emulated_layout()
+    layout = replace(layout, arm=replace(layout.arm, timing=timing))
     at = np.linspace(0.0, 1.0, 101)
     tube = np.array(
         [leg_tube(layout, np.array(m["from"]), np.array(m["to"]), at).max() for m in moves]
@@ -205,18 +204,18 @@ def main() -> int:
         args.keep.write_text(json.dumps(moves))
     used = [m for k, m in enumerate(moves) if k % 3]  # moves come in fours, so both have all kinds
     others = moves[::3]
-    pace = fitted(used)
+    timing = fitted(used)
     tables = {
-        "fitted": (pace, errors_by_size(pace, others)),
-        "default": (Pace(), errors_by_size(Pace(), others)),
+        "fitted": (timing, errors_by_size(timing, others)),
+        "default": (UmiTiming(), errors_by_size(UmiTiming(), others)),
     }
     if args.json:
         for name, (which, rows) in tables.items():
             times = {n: getattr(which, n) for n in FITTED}
-            print(json.dumps({"pace": name, "joint_per_s": which.joint_per_s, **times}))
+            print(json.dumps({"timing": name, "joint_per_s": which.joint_per_s, **times}))
             for row in rows:
-                print(json.dumps({"pace": name, **row}))
-        print(json.dumps(tube_row(Pace(), moves)))
+                print(json.dumps({"timing": name, **row}))
+        print(json.dumps(tube_row(UmiTiming(), moves)))
         return 0
     for name, (which, rows) in tables.items():
         degrees = [*np.degrees(which.joint_per_s[:3]), which.joint_per_s[3]]
@@ -224,7 +223,8 @@ def main() -> int:
         shown = ", ".join(f"{v:.1f}" for v in degrees)
         times = ", ".join(f"{n} {getattr(which, n):.3f}" for n in FITTED)
         print(
-            f"{name} pace: shoulder, elbow, yaw [deg/s], zed [mm/s], wrist [deg/s] {shown}; {times}"
+            f"{name} timing: shoulder, elbow, yaw [deg/s], zed [mm/s], wrist [deg/s] {shown}; "
+            f"{times}"
         )
         print("  took s        moves   mean  |median|  |p95|   |max|  of the sum")
         for row in rows:
@@ -236,7 +236,7 @@ def main() -> int:
             what = f"{low:g} to {high if high else 'any'}"
             total = 100 * row["error_of_the_sum"]
             print(f"  {what:13} {row['moves']:5d} {figures}  {total:6.1f}%")
-    tube = tube_row(Pace(), moves)
+    tube = tube_row(UmiTiming(), moves)
     for key, value in tube.items():
         shown = ", ".join(f"{v:.2f}" for v in value) if isinstance(value, list) else f"{value:.2f}"
         print(f"{key}: {shown}" + (" (median, 95 %, most)" if isinstance(value, list) else ""))

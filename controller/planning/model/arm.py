@@ -1,0 +1,179 @@
+"""What planning has to know of an arm, whichever it is.
+
+An arm has six joints; a configuration is a row q (6,) in rad and mm. Poses are in the arm's own
+frame: origin on the floor of the cell, z up; `CellLayout.T_world_arm` says where that is. The
+TCP's x axis is the approach, its y axis the one that the jaws move along. An arm's model stands
+beside its driver, which knows nothing of this module: it fits by its shape (ADR 27).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Literal, Protocol
+
+from controller.arrays import BoolArray, FloatArray, IntArray
+
+from ..geometry import SolidBox
+
+__all__ = ["JOINT_COUNT", "ArmLink", "ArmModel", "TimingModel"]
+
+JOINT_COUNT = 6
+
+
+class ArmLink(SolidBox, Protocol):
+    """What one moving link takes up, as a box in the link's frame.
+
+    Neighbours along the chain are kept apart by the joint limits, not by these coarse boxes; so
+    each link says what it has to be checked against. Links count from the base, and what one link
+    is checked against, all further out are: once a link may touch the table, so may the next.
+    """
+
+    @property
+    def name(self) -> str:
+        """What people call it."""
+
+    @property
+    def may_touch_base(self) -> bool:
+        """True where the joint limits do not keep it off the arm's column."""
+
+    @property
+    def may_touch_table(self) -> bool:
+        """True where the joint limits do not keep it off the table."""
+
+    @property
+    def keeps_clear_of(self) -> Literal["hand", "fingers", "nothing"]:
+        """Return what of the arm gripper it may touch.
+
+        `hand`: body, fingers and held part; `fingers`: fingers and held part, for the body is its
+        neighbour; `nothing`: none of them.
+        """
+
+
+class TimingModel(Protocol):
+    """How long joint moves take, and where the arm is meanwhile."""
+
+    @property
+    def joint_speeds(self) -> FloatArray:
+        """Full speed of each joint (6,) [rad/s, mm/s]."""
+
+    def move_seconds(self, q_from: FloatArray, q_to: FloatArray) -> FloatArray:
+        """Return the forecast of single moves between (..., 6): (...), 0 where nothing moves."""
+
+    def travel_seconds(self, q_from: FloatArray, q_to: FloatArray) -> FloatArray:
+        """Return the seconds at full speed between (..., 6): (...), a metric of joint space."""
+
+    def courses(
+        self, q_from: FloatArray, q_to: FloatArray, count: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return where one move (6,) to (6,) may have the arm as time goes by.
+
+        Parameters
+        ----------
+        count : instants of each way the move may go
+
+        Returns
+        -------
+        q : (m, 6) configurations
+        share : (m,) of the way done at that instant, 0 to 1
+        """
+
+    def stray(self, step: FloatArray) -> FloatArray:
+        """Return more than the joints (6,) are ever off the joint line in a move by `step` (6,)."""
+
+
+class ArmModel(Protocol):
+    """An arm of six joints: where it reaches, what it takes up, how long it takes.
+
+    Its joint limits are linear: where both ends of a joint line are within them, all of it is.
+    """
+
+    @property
+    def tool_mm(self) -> float:
+        """From the wrist's centre to the TCP, along the approach axis."""
+
+    @property
+    def reach_mm(self) -> float:
+        """How far the wrist's centre gets from the arm's vertical axis."""
+
+    @property
+    def links(self) -> Sequence[ArmLink]:
+        """Moving links from the base on, in the order of `link_frames`."""
+
+    @property
+    def link_pairs(self) -> Sequence[tuple[int, int]]:
+        """Return links by index that may touch each other."""
+
+    @property
+    def swept(self) -> Mapping[str, SolidBox]:
+        """What links sweep wherever the arm goes: name -> box in the arm's frame."""
+
+    @property
+    def timing(self) -> TimingModel:
+        """How long its moves take."""
+
+    def forward(self, q: FloatArray) -> FloatArray:
+        """Return T_arm_tcp (..., 4, 4) of configurations (..., 6); limits are not checked."""
+
+    def link_frames(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the links' frames at (n, 6): rotations (n, k, 3, 3), origins (n, k, 3) [mm]."""
+
+    def inverse(self, T_arm_tcp: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
+        """Return all configurations within limits that bring the TCP to poses (n, 4, 4).
+
+        Along a Cartesian path a branch changes continuously, so that a straight line of the TCP
+        keeps its branch. Where a pose leaves a joint free, each value tried is a branch.
+
+        Returns
+        -------
+        index, branch : (m,) whose pose, and on which branch, in the order of the poses
+        q : (m, 6)
+        """
+
+    def branches(self, T_arm_tcp: FloatArray) -> FloatArray:
+        """Return the configurations of all branches whatever the limits: (..., b, 6), NaN if none.
+
+        For messages about what is out of reach.
+        """
+
+    def within_limits(self, q: FloatArray) -> BoolArray:
+        """Tell which configurations (..., 6) the arm would accept: (...) bool; NaN is outside."""
+
+    def limit_report(self, q: FloatArray) -> str:
+        """Return the worst passed limit of one q (6,), and by how much, in words."""
+
+    def spread(self, unit: FloatArray) -> FloatArray:
+        """Return configurations for numbers drawn evenly from 0 to 1, (n, 6) -> (n, 6).
+
+        They cover the joint ranges, more densely where the arm has most room; some may be outside
+        the limits.
+        """
+
+    def radii_mm(
+        self, q_from: FloatArray, q_to: FloatArray, far_mm: float, beside_mm: float
+    ) -> FloatArray:
+        """Return by how much more than any point of arm, gripper or part moves with each joint.
+
+        Parameters
+        ----------
+        q_from, q_to : (6,) ends of a joint line, on which it holds
+        far_mm, beside_mm : how far gripper and part reach from the wrist's centre, and from the
+            approach axis
+
+        Returns
+        -------
+        (6,) [mm per rad or mm]
+        """
+
+    def detours(
+        self, q_from: FloatArray, q_to: FloatArray
+    ) -> Iterator[Sequence[Sequence[FloatArray]]]:
+        """Yield groups of joint paths round what may stand between, the likeliest group first.
+
+        Each path is a list of (6,) from `q_from` to `q_to`, both included.
+        """
+
+    def retreats(self, q: FloatArray, count: int) -> FloatArray:
+        """Return how the arm gets out of the crowd from (n, 6): (n, count, 6), from there on."""
+
+    def describe(self, q: FloatArray) -> str:
+        """Return one q (6,) for people, in degrees and mm."""

@@ -1,0 +1,81 @@
+"""How long joint moves take, and how far from the joint line hand and part stray meanwhile.
+
+How long, and where the joints are meanwhile, the arm's timing model says (planning-facts.md 3.3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from controller.arrays import FloatArray
+
+from ..model import CellLayout
+from ._kinematics import tip_pose
+
+# of hand and part, in the tip frame [mm]: how far out they may be, for the stray of a turning wrist
+_OUT_MM = np.array(
+    [[0.0, 0.0, 0.0], [40.0, 60.0, 0.0], [40.0, -60.0, 0.0], [40.0, 0.0, 60.0], [40.0, 0.0, -60.0]]
+)
+_COURSE_N = 17  # points of a move's course in time
+_BESIDE = np.linspace(-0.06, 0.06, 13)  # shares of the line
+
+
+def leg_seconds(layout: CellLayout, q_from: FloatArray, q_to: FloatArray) -> FloatArray:
+    """Return the forecast of single moves between joints (..., 6): (...), 0 where nothing moves."""
+    return layout.arm.timing.move_seconds(q_from, q_to)
+
+
+def travel_seconds(layout: CellLayout, q_from: FloatArray, q_to: FloatArray) -> FloatArray:
+    """Return the seconds of the slowest motor at full speed between joints (..., 6): (...)."""
+    return layout.arm.timing.travel_seconds(q_from, q_to)
+
+
+def move_seconds(layout: CellLayout, path: Sequence[FloatArray] | FloatArray) -> float:
+    """Return the forecast of driving along waypoints (k, 6), the first being where it starts."""
+    q = np.asarray(path)
+    if len(q) < 2:
+        return 0.0
+    return float(leg_seconds(layout, q[:-1], q[1:]).sum())
+
+
+def leg_tube(
+    layout: CellLayout, q_from: FloatArray, q_to: FloatArray, at: FloatArray
+) -> FloatArray:
+    """Return how far hand and part will be from where the joint line has them (k,) [mm].
+
+    Parameters
+    ----------
+    q_from, q_to : (6,) ends of one move
+    at : (k,) shares of the line, 0 to 1
+    """
+    q, done = layout.arm.timing.courses(q_from, q_to, _COURSE_N)
+    # the line's nearest point is a little before or behind that of the same instant
+    share = np.clip(done[:, None] + _BESIDE, 0.0, 1.0)
+    line = _corners(layout, q_from + share[..., None] * (q_to - q_from))
+    off = _corners(layout, q)[:, None] - line
+    away = np.sqrt(np.einsum("nsij,nsij->nsi", off, off).max(axis=2))
+    best = away.argmin(axis=1)
+    every = np.arange(len(q))
+    where = np.rint(share[every, best] * (_COURSE_N - 1)).astype(int)
+    tube = np.zeros(_COURSE_N)
+    for shift in (-1, 0, 1):  # between its points the course strays as far as at them
+        np.maximum.at(tube, np.clip(where + shift, 0, _COURSE_N - 1), away[every, best])
+    return np.asarray(np.interp(at, np.linspace(0.0, 1.0, _COURSE_N), tube))
+
+
+def tube_bound_mm(layout: CellLayout, step: FloatArray, radii_mm: FloatArray) -> float:
+    """Return more than `leg_tube` of a move by `step` (6,), at a fraction of its price.
+
+    Parameters
+    ----------
+    radii_mm : (6,) by which a joint's change moves hand and part at most
+    """
+    return float(layout.arm.timing.stray(step) @ radii_mm)
+
+
+def _corners(layout: CellLayout, q: FloatArray) -> FloatArray:
+    """Return points (..., m, 3) that stand for hand and part: as far out as either."""
+    T = tip_pose(layout, q)
+    return np.asarray(T[..., None, :3, 3] + _OUT_MM @ np.swapaxes(T[..., :3, :3], -1, -2))
