@@ -37,7 +37,7 @@ from controller.planning.grips import (  # noqa: E402
     judge_grips,
     still_gravities,
 )
-from controller.planning.grips._judge import Judge  # noqa: E402
+from controller.planning.grips.judge import Judge  # noqa: E402
 from controller.planning.model import Holder  # noqa: E402
 
 STEEL_KG_MM3 = 7.85e-6

@@ -25,7 +25,7 @@ from planning_cell import emulated_layout  # noqa: E402  (path set above)
 
 from controller.cad import load_solid, sample_surface  # noqa: E402
 from controller.commissioning.siting import SiteOptions, SiteScore, site_of, site_report  # noqa: E402
-from controller.commissioning.siting._survey import survey  # noqa: E402
+from controller.commissioning.siting.survey import survey  # noqa: E402
 from controller.planning import CellLayout, NoPlanError, PreparedPart, prepare_part  # noqa: E402
 
 RECIPE_PARTS = ROOT / "recipes" / "parts"

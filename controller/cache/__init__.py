@@ -5,10 +5,10 @@ the type it was written from, and arrays of numbers beside it. Nothing in it can
 named by what decides its content; a damaged, planted or foreign one is a miss.
 """
 
-from ._disk import DiskCache, cache_dir
-from ._file import CacheError
 from ._keys import digest_of, source_hash, versions
 from ._types import Codec, converted, given, make_codec, one_of
+from .disk import DiskCache, cache_dir
+from .file import CacheError
 
 __all__ = [
     "CacheError",

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, NewType, Union, get_args, get_origin
 
 import numpy as np
 
-from ._file import AnyArray, ArrayReader, ArrayWriter, CacheError
+from .file import AnyArray, ArrayReader, ArrayWriter, CacheError
 
 Json = Any  # a tree of what JSON has
 

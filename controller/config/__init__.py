@@ -1,11 +1,11 @@
 """recipe.yaml and cell.yaml: read once, checked whole, wrong keys answered with the right ones."""
 
-from ._yaml import Section, line_in, load_yaml
 from .cad_files import CAD_FORMATS, is_cad_file
 from .cell import EMULATED, Cell, load_cell
 from .errors import ConfigError
 from .recipe import Recipe, load_recipe
 from .shipped import EMULATED_CELL, SHIPPED, find_recipe, project_recipe
+from .yaml_models import Section, line_in, load_yaml
 
 __all__ = [
     "CAD_FORMATS",

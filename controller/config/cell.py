@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
-from ._yaml import Section, WrongKeyError, load_yaml
 from .errors import ConfigError
+from .yaml_models import Section, WrongKeyError, load_yaml
 
 Array = NDArray[np.float64]
 Number = Annotated[float, Field(ge=-50_000, le=50_000)]  # no cell is 50 m wide

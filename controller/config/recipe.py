@@ -5,11 +5,11 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from ._yaml import Section, load_with_lines
 from .cad_files import is_cad_file
 from .errors import ConfigError
 from .files import reason_of
 from .shipped import EMULATED_CELL
+from .yaml_models import Section, load_with_lines
 
 DEFAULT_CELL = Path("cells/emulated.yaml")
 MOST_NAMED = 12  # files of a folder that a message lists

@@ -17,7 +17,7 @@ from ._types import (
     ViewTask,
     WorldBox,
 )
-from ._view import LEAST_WIDTH_PX, box_mesh, inspect_view
+from .view import LEAST_WIDTH_PX, box_mesh, inspect_view
 
 __all__ = [
     "LEAST_WIDTH_PX",

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from controller.cad import Face
 
-from ._light import Light, Surface
 from ._types import Limits, Mask, Unjudged
+from .light import Light, Surface
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]

@@ -20,10 +20,9 @@ from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 from same_values import assert_same
 
-from controller.cache import CacheError, DiskCache, make_codec, source_hash
-from controller.cache import _disk as disk
-from controller.cache import _file as file_module
-from controller.cache._file import ArrayReader, ArrayWriter, pack, sealed, unpack
+from controller.cache import CacheError, DiskCache, disk, make_codec, source_hash
+from controller.cache import file as file_module
+from controller.cache.file import ArrayReader, ArrayWriter, pack, sealed, unpack
 
 
 def round_trip(value: Any, kind: Any) -> Any:

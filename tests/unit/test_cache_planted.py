@@ -19,7 +19,7 @@ from cad_solids import box, mesh_of
 from same_values import assert_same
 
 from controller.cache import DiskCache
-from controller.cache._file import DIGEST_BYTES, MAX_BYTES, pack, sealed, unpack
+from controller.cache.file import DIGEST_BYTES, MAX_BYTES, pack, sealed, unpack
 from controller.cad.compiled import CompileOptions, load_part
 from controller.cad.compiled._cache import part_cache
 from controller.cell.kept_plans import Kept

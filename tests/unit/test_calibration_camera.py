@@ -21,9 +21,9 @@ from controller.commissioning.calibration import (
     WorldFrame,
     calibrate,
 )
-from controller.commissioning.calibration._refusals import check_uncertainty
-from controller.commissioning.calibration._solve import Solution, solve
-from controller.commissioning.calibration._uncertainty import spread
+from controller.commissioning.calibration.refusals import check_uncertainty
+from controller.commissioning.calibration.solve import Solution, solve
+from controller.commissioning.calibration.uncertainty import spread
 from controller.imaging import Camera, inverse_pose
 
 BOARD = Chessboard((8, 5), 12.0)

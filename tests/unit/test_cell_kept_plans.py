@@ -13,7 +13,7 @@ import pytest
 from cad_solids import box, mesh_of
 from same_values import assert_same
 
-from controller.cache._file import pack, read_file, unpack
+from controller.cache.file import pack, read_file, unpack
 from controller.cad.compiled import CompiledPart, load_part
 from controller.cell.kept_plans import Kept, KeptPlan, check_prepared, is_pose
 from controller.cell.plans import Planning

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from controller.cad import Solid
 from controller.imaging import RayCaster
 from controller.planning import GripRules
-from controller.planning.grips._judge import Judge
-from controller.planning.grips._robust import laid_flat, margins, wrong_poses
+from controller.planning.grips.judge import Judge
+from controller.planning.grips.robust import laid_flat, margins, wrong_poses
 
 OUTER = np.array([False])
 BLOCK = solid_of(box(60, 40, 30))

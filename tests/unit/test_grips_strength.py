@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from controller.cad import Solid
 from controller.imaging import RayCaster
-from controller.planning.grips._pads import Contacts, PadGrid, close_pads
-from controller.planning.grips._strength import loads
+from controller.planning.grips.pads import Contacts, PadGrid, close_pads
+from controller.planning.grips.strength import loads
 
 GRID = PadGrid.of(HAND, 0.5)
 OUTER = np.array([False])

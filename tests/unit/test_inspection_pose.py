@@ -12,7 +12,8 @@ from shown_part import FRONT, photograph, task
 
 from controller.cad import SurfaceSamples, sample_surface
 from controller.imaging import RayCaster
-from controller.inspection import Kind, ViewResult, _view, inspect_view
+from controller.inspection import Kind, ViewResult, inspect_view
+from controller.inspection import view as _view
 from controller.recognition import PosedPart, twist
 
 Array = NDArray[np.float64]

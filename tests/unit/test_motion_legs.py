@@ -7,7 +7,7 @@ from planning_cell import emulated_layout
 
 from controller.planning import Box
 from controller.planning.motion import Scene, connect, path_free, tip_pose
-from controller.planning.motion._legs import Ends, _radii_mm, leg_free
+from controller.planning.motion.legs import Ends, leg_free, radii_mm
 from drivers.umi_scara.kinematics import within_limits
 
 LAYOUT = emulated_layout()
@@ -79,7 +79,7 @@ def test_nothing_moves_farther_than_the_radii_allow() -> None:
     corners = np.array(np.meshgrid(*[[-h, h] for h in HELD.half_mm])).reshape(3, -1)
     local = HELD.T[:3, :3] @ corners + HELD.T[:3, 3:4]
     for a, b in legs(3, 20):
-        bound = float(np.abs(b - a) @ _radii_mm(SCENE, a, b))
+        bound = float(np.abs(b - a) @ radii_mm(SCENE, a, b))
         T = tip_pose(LAYOUT, dense(a, b))
         points = T[:, :3, :3] @ local + T[:, :3, 3:4]
         way = np.linalg.norm(np.diff(points, axis=0), axis=1).sum(axis=0)

@@ -9,9 +9,9 @@ import pytest
 from planning_cell import emulated_layout
 
 from controller.planning.motion import leg_seconds, leg_tube, move_seconds, tip_pose
-from controller.planning.motion._legs import _radii_mm
-from controller.planning.motion._scene import Scene
-from controller.planning.motion._timing import tube_bound_mm
+from controller.planning.motion.legs import radii_mm
+from controller.planning.motion.scene import Scene
+from controller.planning.motion.timing import tube_bound_mm
 from drivers.umi_scara.kinematics import within_limits
 
 LAYOUT = emulated_layout()
@@ -64,5 +64,5 @@ def test_the_quick_bound_holds_the_tube() -> None:
     scene = Scene(LAYOUT, 60.0, 85.0)
     rows = random_rows(5, 80)
     for a, b in zip(rows[::2], rows[1::2], strict=False):
-        bound = tube_bound_mm(LAYOUT, b - a, _radii_mm(scene, a, b))
+        bound = tube_bound_mm(LAYOUT, b - a, radii_mm(scene, a, b))
         assert leg_tube(LAYOUT, a, b, AT).max() <= bound + 1e-6

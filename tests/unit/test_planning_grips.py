@@ -25,7 +25,7 @@ from controller.planning.grips import (
     resting_pose,
     synthesise_grips,
 )
-from controller.planning.grips._clearance import lifts_off_table
+from controller.planning.grips.clearance import lifts_off_table
 
 WIDEST_MM = HAND.max_mm - RULES.jaw_reserve_mm
 

@@ -15,7 +15,7 @@ from controller.planning.motion import (
     path_free,
     tip_pose,
 )
-from controller.planning.motion._trees import rrt_connect
+from controller.planning.motion.trees import rrt_connect
 
 LAYOUT = emulated_layout()
 FREE = Scene(LAYOUT, 60.0, 85.0)

@@ -22,19 +22,23 @@ from controller.commissioning.siting import (
     site_of,
     site_report,
 )
-from controller.commissioning.siting._checked import passed_on
-from controller.commissioning.siting._grids import (
+from controller.commissioning.siting.checks.checked import passed_on
+from controller.commissioning.siting.checks.keepouts import (
+    glowing_area,
+    standing_boxes,
+    why_not_here,
+)
+from controller.commissioning.siting.checks.reach import shown_directions, sphere
+from controller.commissioning.siting.checks.sight import links_in_sight
+from controller.commissioning.siting.report import least_moved
+from controller.commissioning.siting.score import value_of
+from controller.commissioning.siting.search.grids import (
     camera_grid,
     direction,
     fixture_frame,
     fixture_grid,
 )
-from controller.commissioning.siting._keepouts import glowing_area, standing_boxes, why_not_here
-from controller.commissioning.siting._reach import shown_directions, sphere
-from controller.commissioning.siting._report import least_moved
-from controller.commissioning.siting._score import value_of
-from controller.commissioning.siting._sight import links_in_sight
-from controller.commissioning.siting._site import fellows_of, standoff_mm
+from controller.commissioning.siting.site import fellows_of, standoff_mm
 from controller.imaging import inverse_pose
 from controller.planning import Box, CellLayout, PlanOptions, PreparedPart, Tray, prepare_part
 from controller.planning.motion import tip_pose

@@ -31,7 +31,7 @@ from controller.planning.views import (
     visible_from,
     why_hidden,
 )
-from controller.planning.views._hand import FINGER_SHADOW_MM
+from controller.planning.views.hand import FINGER_SHADOW_MM
 
 LAYOUT = emulated_layout()
 RULES = SightRules.of_station(LAYOUT, 70.0, 1.0)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from controller.planning.search import best_order
-from controller.planning.search._order import exact_way, improved_way
+from controller.planning.search.order import exact_way, improved_way
 
 Array = np.ndarray
 

@@ -9,7 +9,7 @@ import pytest
 from pydantic import BaseModel, Field, ValidationError
 
 from controller.cad.reading import _csg_text
-from controller.config import _yaml as config_yaml
+from controller.config import yaml_models as config_yaml
 from controller.yaml_text import Dialect, YamlTextError, keys_at, read_yaml
 
 DIALECTS = {"settings": config_yaml.DIALECT, "csg": _csg_text.DIALECT}

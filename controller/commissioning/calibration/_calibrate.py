@@ -9,15 +9,6 @@ import numpy as np
 from controller.imaging import Camera, inverse_pose
 
 from ._lens import PINHOLE, likeliest
-from ._refusals import (
-    area_px,
-    check_fit,
-    check_placed,
-    check_uncertainty,
-    check_views,
-    hull_of,
-)
-from ._solve import Fit, solve, start
 from ._types import (
     PARAMETERS,
     Array,
@@ -28,7 +19,9 @@ from ._types import (
     ViewResidual,
     WorldFrame,
 )
-from ._uncertainty import Spread, held_sizes, on_table, position_std_mm, spread, tilt_rad
+from .refusals import area_px, check_fit, check_placed, check_uncertainty, check_views, hull_of
+from .solve import Fit, solve, start
+from .uncertainty import Spread, held_sizes, on_table, position_std_mm, spread, tilt_rad
 
 _TABLE_HEIGHTS_MM: Final = (0.0, 40.0)  # the table, and the top of a tall part
 _NOISE_FLOOR: Final = 0.5  # of the pictures' median noise: no picture counts more than four times

@@ -5,9 +5,9 @@ from typing import Final
 
 import numpy as np
 
-from ._solve import Fit, solve
 from ._types import PARAMETERS, Array, CalibrationError, View, WorldFrame
-from ._uncertainty import Spread
+from .solve import Fit, solve
+from .uncertainty import Spread
 
 PINHOLE: Final = ("fx", "fy", "cx", "cy")
 # from the plainest on: radial terms in their order, with or without tangential ones

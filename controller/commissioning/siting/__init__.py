@@ -4,10 +4,10 @@ Arm, table and overhead camera stay where they are; the camera keeps its distanc
 planning-facts.md 3.1 (which side to look from) and 1.3 (what a plan needs).
 """
 
-from ._report import SiteReport, reasons_to_move, site_report
-from ._score import PartScore, SiteOptions, SiteScore
-from ._search import find_sites
-from ._site import Site, placed_at, site_of
+from .report import SiteReport, reasons_to_move, site_report
+from .score import PartScore, SiteOptions, SiteScore
+from .search.sites import find_sites
+from .site import Site, placed_at, site_of
 
 __all__ = [
     "PartScore",

@@ -22,7 +22,7 @@ from controller.planning.model import CellLayout, Grip, PreparedPart
 from controller.planning.motion import inverse_rows
 from controller.planning.views import hidden_by_hand, holding_boxes, view_poses
 
-from ._site import standoff_mm
+from .site import standoff_mm
 
 PER_POSE_N = 4  # grips kept for taking each stable pose up
 PICK_TURNS_N = 6

@@ -1,11 +1,11 @@
 """Where a jaw can hold a part, and which of many grips to plan with."""
 
 from ._faces import FacePair, opposed_faces
-from ._judge import Stage
 from ._seeds import Seeds, find_seeds, needed_friction
 from ._select import clear_of_table, resting_pose, select_arm_grips, spread, turned_over
-from ._strength import still_gravities
 from ._synthesis import Synthesis, judge_grips, synthesise_grips
+from .judge import Stage
+from .strength import still_gravities
 
 __all__ = [
     "FacePair",

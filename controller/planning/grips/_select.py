@@ -12,7 +12,7 @@ from controller.cad import Solid, StablePose
 
 from ..geometry import lowest_z, stack
 from ..model import TABLE_MARGIN_MM, Grip, Jaw
-from ._clearance import STEEPEST
+from .clearance import STEEPEST
 
 
 def resting_pose(

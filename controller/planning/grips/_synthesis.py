@@ -24,13 +24,13 @@ from ._candidates import (
     pre_open,
     way_seems_free,
 )
-from ._clearance import PartTriangles, clear_of_part, lifts_off_table
-from ._judge import Judge, Stage, closed, score_of
-from ._pads import Contacts
-from ._robust import margins
 from ._seeds import Seeds, needed_friction
 from ._select import cover
-from ._strength import least_load
+from .clearance import PartTriangles, clear_of_part, lifts_off_table
+from .judge import Judge, Stage, closed, score_of
+from .pads import Contacts
+from .robust import margins
+from .strength import least_load
 
 SORTING_SHARE = 0.8  # of the contact asked for, that coarse rays must find
 BATCH_N = 400

@@ -3,9 +3,9 @@
 from ..geometry import PartShape, PlacedShape
 from ._kinematics import inverse_rows, link_boxes, passed_limit, shown_pose, tip_pose
 from ._lines import fewest_waypoints, same_branch
-from ._scene import Scene
-from ._timing import leg_seconds, leg_tube, move_seconds, travel_seconds
 from ._ways import connect, path_free
+from .scene import Scene
+from .timing import leg_seconds, leg_tube, move_seconds, travel_seconds
 
 __all__ = [
     "PartShape",

@@ -15,10 +15,10 @@ from controller.arrays import BoolArray, FloatArray
 
 from ..model import NoMotionError
 from ._kinematics import tip_pose
-from ._legs import END_MARGIN_MM, MARGIN_MM, Ends, leg_free, leg_seems_free
-from ._scene import Scene
-from ._timing import leg_seconds
-from ._trees import rrt_connect
+from .legs import END_MARGIN_MM, MARGIN_MM, Ends, leg_free, leg_seems_free
+from .scene import Scene
+from .timing import leg_seconds
+from .trees import rrt_connect
 
 
 def path_free(scene: Scene, path: Sequence[FloatArray]) -> bool:

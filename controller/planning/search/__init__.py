@@ -1,10 +1,10 @@
 """Which grips to hold the part with in turn, and which views to take under each."""
 
 from ._greedy import greedy
-from ._order import best_order
 from ._problem import MAX_GRIPS, Problem, Solution, live_grips, needed_of, priced, refuted
 from ._search import COARSE, FULL, Effort
 from ._solve import solve
+from .order import best_order
 
 __all__ = [
     "COARSE",

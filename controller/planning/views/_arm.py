@@ -15,7 +15,7 @@ from controller.imaging import transform
 
 from ..geometry import Box, overlap, segments_hit, stack
 from ..model import CellLayout
-from ._hand import FINGER_SHADOW_MM
+from .hand import FINGER_SHADOW_MM
 
 _PIECES_N = 4  # of the cone, each held by a box
 WAYS_N = 12  # as many as there are rolls

@@ -13,7 +13,7 @@ from controller.arrays import BoolArray, FloatArray
 from controller.planning.model import CellLayout, HandOff
 from controller.planning.motion import move_seconds
 
-from ._family import FamilyMember
+from .._family import FamilyMember
 
 LEAST_GAIN = 0.002  # of the surface that one more view must add
 PAIRS_N = 24  # of the pairs of grips that show all, timed

@@ -10,7 +10,7 @@ import numpy as np
 
 from controller.arrays import FloatArray
 
-from ._site import Site
+from .site import Site
 
 Stage = Literal["joints", "checked"]
 

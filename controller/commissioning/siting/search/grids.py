@@ -10,7 +10,7 @@ import numpy as np
 from controller.arrays import FloatArray
 from controller.planning.model import CellLayout
 
-from ._site import STEEP, Site, site_of
+from ..site import STEEP, Site, site_of
 
 STATION_AZIMUTHS_DEG = (-50.0, -25.0, 0.0, 25.0, 50.0)
 STATION_RADII_MM = (250.0, 350.0, 430.0)

@@ -11,10 +11,10 @@ from controller.arrays import FloatArray
 from controller.planning.geometry import Box
 from controller.planning.model import CellLayout, PreparedPart
 
-from ._score import SiteOptions, SiteScore
-from ._search import search_sites
-from ._site import Site, carried, fellows_of, placed_at, site_of
-from ._survey import Progress, site_key, survey
+from .score import SiteOptions, SiteScore
+from .search.sites import search_sites
+from .site import Site, carried, fellows_of, placed_at, site_of
+from .survey import Progress, site_key, survey
 
 SAME_MM, SAME_DEG = 1.0, 0.5  # nobody places a camera or a gripper better by hand
 TURN_MM = 5.0  # what a degree of turning counts as, in mm of moving

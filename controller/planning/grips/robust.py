@@ -13,8 +13,8 @@ from controller.arrays import BoolArray, FloatArray
 
 from ..model import GripRules, Jaw
 from ._faces import across
-from ._judge import Judge
-from ._pads import Contacts, PadGrid
+from .judge import Judge
+from .pads import Contacts, PadGrid
 
 COARSE_STEP_MM = 4.0  # of the first closing, which only tells how the part will turn
 MOST_TURN_RAD = float(np.radians(5.0))  # pads turn a part by little more than its pose was wrong

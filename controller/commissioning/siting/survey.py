@@ -9,11 +9,11 @@ import numpy as np
 
 from controller.planning.model import CellLayout, PreparedPart
 
-from ._checked import score_site
 from ._family import FamilyMember, family_member
-from ._keepouts import why_not_here
-from ._score import SiteOptions, SiteScore
-from ._site import Fellows, Site, fellows_of, placed_at
+from .checks.checked import score_site
+from .checks.keepouts import why_not_here
+from .score import SiteOptions, SiteScore
+from .site import Fellows, Site, fellows_of, placed_at
 
 Progress = Callable[[str, int, int], None]  # what is being done, steps done, steps in all
 

@@ -10,10 +10,9 @@ import numpy as np
 from controller.arrays import FloatArray
 from controller.planning.model import CellLayout
 
-from ._family import FamilyMember, hand_offsets_mm
-from ._grids import camera_grid, fixture_grid
-from ._keepouts import why_not_here
-from ._reach import (
+from .._family import FamilyMember, hand_offsets_mm
+from ..checks.keepouts import why_not_here
+from ..checks.reach import (
     HAND_DIRECTIONS_N,
     hand_off_shares,
     meetings,
@@ -24,9 +23,10 @@ from ._reach import (
     sphere,
     table_views,
 )
-from ._score import PartScore, SiteScore, value_of
-from ._site import Fellows, Site, placed_at, site_of, standoff_mm
-from ._survey import Survey, site_key
+from ..score import PartScore, SiteScore, value_of
+from ..site import Fellows, Site, placed_at, site_of, standoff_mm
+from ..survey import Survey, site_key
+from .grids import camera_grid, fixture_grid
 
 APART_MM, APART_DEG = 60.0, 20.0  # sites nearer than both to a better one are left to small steps
 MET_N = 5  # of the fixture's grips, with which its poses are ranked

@@ -13,12 +13,12 @@ from controller.planning.model import CellLayout, Grip, HandOff
 from controller.planning.motion import Scene, inverse_rows
 from controller.planning.transfers import hand_offs
 
-from ._family import FamilyMember
-from ._reach import covered_bits, hand_off_shares, shown_share
-from ._score import PartScore, SiteScore, value_of
+from .._family import FamilyMember
+from ..score import PartScore, SiteScore, value_of
+from ..site import Fellows, Site, carried, placed_at
 from ._seconds import forecast
-from ._sight import links_in_sight
-from ._site import Fellows, Site, carried, placed_at
+from .reach import covered_bits, hand_off_shares, shown_share
+from .sight import links_in_sight
 
 TRIED_Q = 5  # configurations per grip and direction that get a collision check
 PICK_MARGIN_MM = 2.0  # an empty hand creeping down to the part

@@ -15,8 +15,8 @@ from controller.arrays import BoolArray, FloatArray
 
 from ..model import CellLayout
 from ._kinematics import tip_pose
-from ._scene import Scene
-from ._timing import leg_tube, tube_bound_mm
+from .scene import Scene
+from .timing import leg_tube, tube_bound_mm
 
 MARGIN_MM = 5.0  # beside the tube: calibration, backlash, the part's place in the hand
 END_MARGIN_MM = 2.0  # next to a hold or the fixture, which the straight ways keep as well
@@ -51,7 +51,7 @@ def leg_free(scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends) -> 
     # linear, so all between are as well
     if not layout.arm.within_limits(np.stack([q_from, q_to])).all():
         return False
-    radii = _radii_mm(scene, q_from, q_to)
+    radii = radii_mm(scene, q_from, q_to)
     travel_mm = float(np.abs(step) @ radii)
     bound_mm = tube_bound_mm(layout, step, radii)
     pieces = max(1, int(np.ceil(travel_mm / PIECE_MM)))
@@ -88,7 +88,7 @@ def leg_seems_free(
     """Tell whether one look at states along a move finds nothing; `leg_free` is to follow."""
     if not scene.layout.arm.within_limits(np.stack([q_from, q_to])).all():
         return False
-    travel_mm = float(np.abs(q_to - q_from) @ _radii_mm(scene, q_from, q_to))
+    travel_mm = float(np.abs(q_to - q_from) @ radii_mm(scene, q_from, q_to))
     states = max(1, int(np.ceil(travel_mm / GLANCE_MM)))
     share = np.arange(1, states + 1)[:, None] / states
     q = q_from + share * (q_to - q_from)
@@ -97,6 +97,6 @@ def leg_seems_free(
     return bool(scene.free(q, margin).all())
 
 
-def _radii_mm(scene: Scene, q_from: FloatArray, q_to: FloatArray) -> FloatArray:
+def radii_mm(scene: Scene, q_from: FloatArray, q_to: FloatArray) -> FloatArray:
     """Return by how much more than any point of arm, hand or part moves with each joint (6,)."""
     return scene.layout.arm.radii_mm(q_from, q_to, *scene.reach_mm())

@@ -9,11 +9,11 @@ import numpy as np
 
 from controller.planning.model import CellLayout, PreparedPart
 
+from ..score import SiteOptions, SiteScore
+from ..site import Site, site_of
+from ..survey import Progress, Survey, survey
 from ._by_joints import cameras_by_joints, fixtures_by_joints, joined, unlike, unlike_poses
-from ._grids import camera_steps, fixture_steps
-from ._score import SiteOptions, SiteScore
-from ._site import Site, site_of
-from ._survey import Progress, Survey, survey
+from .grids import camera_steps, fixture_steps
 
 STEP_MM, STEP_DEG = 40.0, 15.0  # of the first round; each later one is half as wide
 FIXTURE_ROUNDS = 2  # camera sites with which every fixture pose is tried

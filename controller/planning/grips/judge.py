@@ -13,9 +13,9 @@ from controller.imaging import RayCaster
 
 from ..model import GripRules, Jaw
 from ._candidates import Candidates
-from ._pads import Contacts, PadGrid, close_pads
 from ._seeds import narrowest_inner, widest_inner
-from ._strength import GRAVITY_N_PER_KG, loads
+from .pads import Contacts, PadGrid, close_pads
+from .strength import GRAVITY_N_PER_KG, loads
 
 FULL_CONTACT_MM2 = 120.0  # more contact does not make a grip surer
 NO_OFFSET_MM = 12.0  # contacts this far apart leave nothing of a grip's score

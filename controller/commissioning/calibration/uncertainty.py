@@ -15,8 +15,8 @@ import numpy as np
 
 from controller.imaging import Camera
 
-from ._solve import Fit, by_turn, project
 from ._types import PARAMETERS, Array, TableUncertainty
+from .solve import Fit, by_turn, project
 
 _NEXT_TERM: Final = 0.2  # of the term before, at the picture's corners: the series converges
 _GRID: Final = (33, 27)

@@ -15,8 +15,8 @@ from controller.imaging import inverse_pose
 from controller.planning.model import CellLayout
 from controller.planning.motion import inverse_rows
 
-from ._family import FamilyMember
-from ._site import Site, camera_frame, standoff_mm
+from .._family import FamilyMember
+from ..site import Site, camera_frame, standoff_mm
 
 HAND_DIRECTIONS_N = 200  # 7 degrees apart, half of what a view direction is from the next
 ROLLS_N = 12

@@ -15,9 +15,9 @@ import numpy as np
 from controller.arrays import FloatArray
 
 from ..model import JOINT_COUNT
-from ._legs import GLANCE_TUBE_MM, MARGIN_MM, Ends, leg_free, leg_seems_free
-from ._scene import Scene
-from ._timing import move_seconds, travel_seconds
+from .legs import GLANCE_TUBE_MM, MARGIN_MM, Ends, leg_free, leg_seems_free
+from .scene import Scene
+from .timing import move_seconds, travel_seconds
 
 TURNS_N = 400
 SHUT_IN_N = 80  # turns after which a tree that is still its root is shut in

@@ -12,7 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from ._file import (
+from ._types import Codec, make_codec
+from .file import (
     ArrayReader,
     ArrayWriter,
     CacheError,
@@ -22,7 +23,6 @@ from ._file import (
     unpack,
     write_file,
 )
-from ._types import Codec, make_codec
 
 T = TypeVar("T")
 FORMAT = 2  # raised when the same annotations come to be stored otherwise; 1 was no .npz

@@ -32,7 +32,6 @@ from controller.imaging import (
 from controller.recognition import PosedPart, PoseFit
 
 from ._blobs import blobs, grow
-from ._light import Light, Surface, bound_light, find_surface
 from ._outline import compare_outline
 from ._pose import measure_pose, moved, poses_as_good
 from ._register import Registration, register
@@ -49,6 +48,7 @@ from ._types import (
     ViewTask,
     WorldBox,
 )
+from .light import Light, Surface, bound_light, find_surface
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]

@@ -12,7 +12,7 @@ from controller.arrays import FloatArray
 from controller.planning.geometry import Box, lowest_z, overlap, segments_hit
 from controller.planning.model import CellLayout
 
-from ._site import Fellows, standoff_mm
+from ..site import Fellows, standoff_mm
 
 TRAY_GAP_MM = 20.0
 COLUMN_GAP_MM = 20.0
