@@ -58,8 +58,8 @@ def planted() -> list[Word]:
 def documents() -> list[Path]:
     """Return the pages that are checked; `docs/protocols` keeps the words of the manuals."""
     docs = ROOT / "docs"
-    pages = [ROOT / "README.md", *docs.glob("*.md"), *(docs / "adr").glob("*.md")]
-    return sorted(page for page in pages if page != PAGE)
+    pages = [*ROOT.glob("*.md"), *docs.glob("*.md"), *(docs / "adr").glob("*.md")]
+    return sorted(page for page in pages if page not in {PAGE, ROOT / "CHANGELOG.md"})
 
 
 def helps(command: Any, name: str) -> Iterator[tuple[str, str]]:
