@@ -71,11 +71,19 @@ def make_solid(
     unit_is_declared: bool = True,
     density_g_cm3: float | None = None,
 ) -> Solid:
-    """Return a checked solid of a mesh [mm]; ``where`` names its origin in messages.
+    """Return a checked solid of a mesh.
 
-    Where the file itself names its surfaces, as STEP does, they come as ``faces`` and
-    ``face_of_triangle`` (n,), given together; otherwise they are found in the mesh. ``unit`` is
-    what the file was in, for the record; where it is not declared, the size must make sense in mm.
+    Parameters
+    ----------
+    mesh : in mm, CAD frame; corners at one position may be listed more than once
+    name : of the part
+    content_hash : of the file it came from
+    where : its origin, for messages
+    faces, face_of_triangle : the surfaces as the file itself names them (STEP), and the one each
+        triangle (n,) is of; given together. None: they are found in the mesh
+    unit : what the file was in, for the record
+    unit_is_declared : False: the size must make sense in mm
+    density_g_cm3 : None where nobody has named it
 
     Raises
     ------
@@ -118,7 +126,12 @@ def make_solid(
 
 
 def check_count(triangle_count: int, where: str) -> None:
-    """Raise LargeCadError for more triangles than a part is worth, at best before reading them."""
+    """Refuse more triangles than a part is worth, at best before they are read.
+
+    Raises
+    ------
+    LargeCadError : more than `MOST_TRIANGLES`
+    """
     if triangle_count > MOST_TRIANGLES:
         raise LargeCadError(
             f"{where}: {triangle_count:,} triangles, the most is {MOST_TRIANGLES:,}; "

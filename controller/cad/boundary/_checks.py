@@ -19,6 +19,12 @@ def face_genera(
     """Return the handles each surface has of its own (f,), counted on the mesh alone.
 
     A plane, a bore's wall, a ball have none; a surface closed round a ring, as a whole torus, one.
+
+    Parameters
+    ----------
+    mesh : closed, every half-edge with its twin
+    face_of_triangle : (t,) face of each triangle, 0 to ``face_count`` - 1
+    face_count : f; faces without a triangle count as well
     """
     sides = half_edges(np.asarray(mesh.faces))
     face_of = np.repeat(np.asarray(face_of_triangle, dtype=np.int64), 3)

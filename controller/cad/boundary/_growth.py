@@ -94,8 +94,15 @@ class Grower(Pieces):
     ) -> list[Found]:
         """Return the surfaces in a run of smoothly joined facets.
 
-        ``links`` and ``strips`` are all neighbours, and those across long sides. ``free`` (m,)
-        are the facets not yet on a surface; those used are marked off.
+        None is looked for once nearly all runs before it have failed.
+
+        Parameters
+        ----------
+        facets : (k,) the run
+        links : all neighbours of each facet of the part
+        strips : those across long sides only
+        free : (m,) of all facets, whether one is on no surface yet; those used are marked off in
+            place
         """
         if self._failed_runs >= max(FAILED_RUNS, CHANCE_RUNS * self._good_runs):
             return []

@@ -37,7 +37,14 @@ class Pieces:
         return Cloud(points, f.normals[facets], f.centres[facets], f.areas[facets])
 
     def is_on(self, primitive: Primitive, facets: Ids, tolerance_mm: float) -> NDArray[np.bool_]:
-        """Return which facets (k,) lie on a surface: with all corners, and facing as it does."""
+        """Return which facets (k,) lie on a surface: with all corners, and facing as it does.
+
+        Parameters
+        ----------
+        primitive : the surface, in the frame of the part
+        facets : (k,) numbers of the facets asked about
+        tolerance_mm : how far a corner may be off the surface
+        """
         f = self._facets
         at = rows(f.start, facets)
         sizes = f.start[facets + 1] - f.start[facets]

@@ -105,7 +105,12 @@ class _Place:
 def refined(guess: Primitive, points: Array, aim_mm: float = 0.0) -> Primitive:
     """Return the surface moved, turned and resized to fit points (n, 3) in the least squares.
 
-    With ``aim_mm`` it is given up early where it will not come as near as that.
+    Parameters
+    ----------
+    guess : where the fit starts; its kind stays
+    points : (n, 3) in the frame of the guess [mm]
+    aim_mm : root mean square distance hoped for: a fit that stays far from it is given up early; 0
+        for never
     """
     if guess.kind == "sphere":
         return ball(points) or guess  # linear: no rounds needed

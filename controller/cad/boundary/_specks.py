@@ -25,6 +25,13 @@ def specks_absorbed(
 
     A surface without formula takes any speck; one with a formula must pass near its corners,
     or a narrow flat between two fillets would be lost.
+
+    Parameters
+    ----------
+    facets : the m facets of the part
+    grower : knows their corners
+    owner : (m,) surface each facet is on, a number in ``primitives``; left as it is
+    primitives : the surfaces, None for one without formula
     """
     is_plane = np.array([p is not None and p.kind == "plane" for p in primitives])
     for _ in range(ROUNDS):

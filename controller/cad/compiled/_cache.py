@@ -44,7 +44,14 @@ def load_part(
 def cached_part(
     path: Path, options: CompileOptions | None = None, cache: Path | None = None
 ) -> CompiledPart | None:
-    """Return what is kept of a CAD file, None where nothing sound is there."""
+    """Return what is kept of a CAD file, None where nothing sound is there.
+
+    Parameters
+    ----------
+    path : CAD file; what is kept goes by its content, and by the options
+    options : what it was compiled with; None for the defaults
+    cache : folder; None for `cache_dir`
+    """
     file = _file_of(path, options or CompileOptions(), cache)
     if file is None:
         return None
@@ -56,6 +63,12 @@ def make_part(
     path: Path, options: CompileOptions | None = None, cache: Path | None = None
 ) -> CompiledPart:
     """Compile a part and keep it.
+
+    Parameters
+    ----------
+    path : CAD file
+    options : what it is compiled with; None for the defaults
+    cache : folder, None for `cache_dir`; one that cannot be written costs time, not correctness
 
     Raises
     ------

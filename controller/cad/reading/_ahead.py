@@ -21,7 +21,12 @@ HEADER_BYTES: Final = 1 << 16
 
 
 def size_of(path: Path) -> int:
-    """Return a regular file's size in bytes; raise UnreadableCadError where there is none."""
+    """Return a regular file's size [bytes].
+
+    Raises
+    ------
+    UnreadableCadError : no such file, or a directory, a pipe, a device
+    """
     try:
         found = path.stat()
     except (OSError, ValueError) as error:
@@ -48,7 +53,20 @@ def read_file(path: Path) -> bytes:
 
 
 def check_ahead(path: Path, ending: str, size: int) -> None:
-    """Refuse from its size, its header and a look through it what is not worth reading."""
+    """Refuse from its size, its header and a look through it what is not worth reading.
+
+    Parameters
+    ----------
+    path : a regular file, as `size_of` finds
+    ending : of its name, in lower case with the dot
+    size : of the file [bytes]
+
+    Raises
+    ------
+    EmptyCadError : nothing in it, or only blanks
+    LargeCadError : more bytes, or more triangles announced, than a part is worth
+    UnreadableCadError : the system does not give the file, or it is cut short
+    """
     try:
         with path.open("rb") as file:
             head = file.read(HEADER_BYTES)

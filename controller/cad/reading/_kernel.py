@@ -135,7 +135,12 @@ def kept_waiting_s(pid: int) -> float:
 
 
 def check_installed(where: str) -> None:
-    """Raise UnreadableCadError where the kernel is missing, with how to get it."""
+    """Require the STEP kernel.
+
+    Raises
+    ------
+    UnreadableCadError : it is not installed; the message says how to get it
+    """
     if importlib.util.find_spec("OCP") is None:
         raise UnreadableCadError(
             f"{where}: STEP files need the STEP kernel, which is not installed; "

@@ -53,7 +53,13 @@ class Part21:
         self._records: dict[int, dict[str, Arguments]] = {}
 
     def record(self, number: Any) -> dict[str, Arguments]:  # noqa: ANN401  any argument
-        """Return a record's keywords with their arguments; several for a complex instance."""
+        """Return a record's keywords with their arguments; several for a complex instance.
+
+        Raises
+        ------
+        Part21Error : ``number`` is no reference, or names a record the file does not hold, or an
+            empty one
+        """
         if not isinstance(number, Reference) or number.number not in self._text:
             raise Part21Error(f"{number} names no record")
         if number.number not in self._records:

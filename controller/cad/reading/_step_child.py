@@ -38,7 +38,12 @@ def limit_resources(memory_bytes: int, cpu_s: int) -> None:
 
 
 def read_shape(path: str) -> tuple[Any, str]:
-    """Return the single solid of a file [mm] and the length unit the file says."""
+    """Return the single solid of a file [mm] and the length unit the file says.
+
+    Raises
+    ------
+    RefusalError : no STEP file, no shape, no surface, surfaces without a solid, or several solids
+    """
     from OCP.IFSelect import IFSelect_RetDone
     from OCP.STEPControl import STEPControl_Reader
     from OCP.TColStd import TColStd_SequenceOfAsciiString
@@ -104,6 +109,23 @@ def tessellate(solid: Any, chord_mm: float, angle_rad: float) -> dict[str, Any]:
 
     Faces are meshed each for itself, along edges that are divided once. What joins them here is
     the topology, the number of a point on its edge, never a distance.
+
+    Parameters
+    ----------
+    solid : the kernel's ``TopoDS_Solid`` [mm]
+    chord_mm : most a chord may be off its curve
+    angle_rad : most the direction may turn from one chord to the next
+
+    Returns
+    -------
+    arrays by name : ``vertices_mm`` (v, 3); ``triangles`` (t, 3); ``face_of_triangle`` (t,);
+        ``chain`` (c,), vertices of all edges one after the other; ``chain_start`` (e + 1,), where
+        each edge begins in it; ``edge_faces`` (e, 2), -1 where three faces meet and more; those of
+        `curves_of`
+
+    Raises
+    ------
+    RefusalError : a face cannot be tessellated, or two faces disagree about their common edge
     """
     import numpy as np
     from OCP.BRep import BRep_Tool
@@ -342,7 +364,14 @@ def main(argv: list[str]) -> int:
 
 
 def refuse(out: str, error: str, reason: str) -> int:
-    """Leave the reason where the parent looks for it."""
+    """Leave the reason where the parent looks for it; return the exit code.
+
+    Parameters
+    ----------
+    out : file to write
+    error : name of the class of `CadError` the parent is to raise
+    reason : what is wrong, as it follows the file's name in a message
+    """
     Path(out).write_text(json.dumps({"error": error, "reason": reason}))
     return REFUSED
 

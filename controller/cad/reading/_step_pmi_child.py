@@ -74,7 +74,12 @@ class Surfaces:
 
 
 def read_document(path: str) -> Any:  # noqa: ANN401
-    """Return the document of a file, geometry and tolerances."""
+    """Return the document of a file, geometry and tolerances.
+
+    Raises
+    ------
+    ValueError : the kernel does not read the file, or not its attributes
+    """
     from OCP.IFSelect import IFSelect_RetDone
     from OCP.STEPCAFControl import STEPCAFControl_Reader
     from OCP.TCollection import TCollection_ExtendedString
@@ -151,7 +156,14 @@ def dimension(label: Any, surfaces: Surfaces) -> dict[str, Any]:  # noqa: ANN401
 
 
 def tolerance(label: Any, tool: Any, surfaces: Surfaces) -> dict[str, Any]:  # noqa: ANN401
-    """Return a geometric tolerance; the kernel has converted its value to mm."""
+    """Return a geometric tolerance; the kernel has converted its value to mm.
+
+    Parameters
+    ----------
+    label : of the tolerance in the kernel's document
+    tool : the document's tool for dimensions and tolerances; not asked here
+    surfaces : the faces it may refer to
+    """
     from OCP.TDF import TDF_LabelSequence
     from OCP.XCAFDoc import XCAFDoc_Datum, XCAFDoc_DimTolTool, XCAFDoc_GeomTolerance
 

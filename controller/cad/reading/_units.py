@@ -29,7 +29,18 @@ def read_unit(unit: str, where: Path) -> tuple[str, float]:
 
 
 def check_unit(asked: str | None, told: str, where: Path) -> None:
-    """Raise UnitCadError where a caller declares another unit than the file itself."""
+    """Require that a caller who declares a unit declares the one the file itself names.
+
+    Parameters
+    ----------
+    asked : unit the caller declares, in any spelling that `read_unit` knows; None for no claim
+    told : the file's own, as `read_unit` names it
+    where : the file, for the message
+
+    Raises
+    ------
+    UnitCadError : the two differ, or the declared one is not known
+    """
     if asked is not None and read_unit(asked, where)[0] != told:
         raise UnitCadError(
             f"{where}: is in {told}, as the file itself says, and not in {asked}; "

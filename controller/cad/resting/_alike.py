@@ -116,7 +116,7 @@ def look_alikes(
 
 
 def _could_be(a: LineView, b: LineView, allowed: float) -> bool:
-    """Tell whether areas and moments of two outlines are near enough for a closer look."""
+    """Return whether areas and moments of two outlines are near enough for a closer look."""
     if not a.loops or not b.loops:
         return False
     if abs(a.area - b.area) > allowed * max(a.perimeter, b.perimeter):

@@ -108,6 +108,12 @@ def merge_hollows(hull: Hull, land: Landscape, strips: Strips) -> tuple[Ids, Arr
     First hollows of one curve become one; then what is left narrow, as the balance on a rounded
     corner, falls to what lies beside, to each side alike. A wide one stays: a shaft with two flats
     rests on its round too, wherever it stops.
+
+    Parameters
+    ----------
+    hull : of the part, f facets
+    land : where the part ends from each of its facets
+    strips : which facets are pieces of a curve
     """
     rest = land.rest
     a, b = rest[hull.edge_facets[:, 0]], rest[hull.edge_facets[:, 1]]

@@ -138,7 +138,7 @@ class Curves:
         return Roll(rolls, down, kind, axis, centre, float(arc), reach)
 
     def _is_flat(self, bottom: int, reach: Ids) -> bool:
-        """Tell whether a facet is much larger than those it runs into: it bridges, or is ground."""
+        """Return whether a facet, much larger than those it runs into, bridges or is ground."""
         hull, strips = self._hull, self._strips
         beside = hull.edge_facets[strips.is_smooth & (hull.edge_facets == bottom).any(axis=1)]
         others = np.setdiff1d(np.union1d(beside, reach), [bottom])
@@ -148,7 +148,7 @@ class Curves:
         return bool(hull.areas_mm2[bottom] > ratio * np.median(hull.areas_mm2[others]))
 
     def _is_dome(self, axis: Array, tilt: float, heights: Array) -> bool:
-        """Tell whether a narrow ring of directions goes round a dip: a dome's top, no cone."""
+        """Return whether a narrow ring of directions goes round a dip: a dome's top, no cone."""
         top = float(self._hull.support_mm(axis[None])[0])
         return tilt < DOME_RAD and top < float(heights.max()) + self._strips.lift_mm
 

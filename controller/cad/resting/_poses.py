@@ -85,7 +85,14 @@ class Resting:
 def stable_poses(
     solid: Solid, min_probability: float = 0.002, centre_of_mass_mm: Array | None = None
 ) -> tuple[StablePose, ...]:
-    """Return the ways a solid can lie, likeliest first; see `find_resting`."""
+    """Return the stable poses of a solid, likeliest first; see `find_resting`.
+
+    Parameters
+    ----------
+    solid : of one density, unless its centre of mass is given
+    min_probability : quasi-static; rarer poses are left out
+    centre_of_mass_mm : (3,) CAD frame; None for the centroid of the volume
+    """
     return find_resting(solid, min_probability, centre_of_mass_mm).poses
 
 

@@ -60,7 +60,7 @@ class Surface:
         self._probes = probes[rng.permutation(np.concatenate(picks))]
 
     def maps_to_itself(self, R: Array, shift: Array | None = None) -> bool:
-        """Tell whether an orthogonal matrix (3, 3), and a small shift, carry the part to itself."""
+        """Return whether an orthogonal matrix (3, 3) and a small shift carry the part to itself."""
         shift = np.zeros(3) if shift is None else shift
         return self._carries(R, shift) and self._carries(R.T, -R.T @ shift)
 
@@ -93,7 +93,7 @@ class Surface:
         return R
 
     def _is_far(self, R: Array) -> bool:
-        """Tell whether many of a few points moved by R (3, 3) are nowhere near a target."""
+        """Return whether many of a few points moved by R (3, 3) are nowhere near a target."""
         near = LOOSE * self.tolerance_mm + self._cover_mm
         moved = self._probes[:FEW_COUNT] @ R.T
         far, _ = self._tree.query(moved, distance_upper_bound=near)
@@ -114,7 +114,7 @@ class Surface:
         return True
 
     def _touches(self, point: Array) -> bool:
-        """Tell whether a point (3,) is on the surface, trying every triangle that is near."""
+        """Return whether a point (3,) is on the surface, trying every triangle that is near."""
         far = self.tolerance_mm
         ids = np.flatnonzero(((self._low - far <= point) & (point <= self._high + far)).all(axis=1))
         if not len(ids):

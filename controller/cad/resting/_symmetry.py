@@ -55,7 +55,13 @@ class PartSymmetry:
         return self.mirror is None
 
     def related(self, a: Array, b: Array, within_rad: float = SAME_POSE_RAD) -> bool:
-        """Tell whether a symmetry carries direction a (3,) of the part to direction b (3,)."""
+        """Return whether a symmetry carries one direction of the part to another.
+
+        Parameters
+        ----------
+        a, b : (3,) unit, CAD frame
+        within_rad : angle between the image of ``a`` and ``b`` below which they are one
+        """
         if self.is_ball:
             return True
         images = self.rotations @ a

@@ -36,6 +36,12 @@ def sample_surface(solid: Solid, spacing_mm: float = 4.0, per_face: int = 6) -> 
     """Return sample points about ``spacing_mm`` apart, at least ``per_face`` on every surface.
 
     The draw is seeded by the part's content, so that the same file gives the same points.
+
+    Parameters
+    ----------
+    solid : with its faces
+    spacing_mm : each sample stands for about its square
+    per_face : least number on a face, however small
     """
     rng = np.random.default_rng(int(solid.content_hash[:8], 16))
     areas = np.asarray(solid.mesh.area_faces)

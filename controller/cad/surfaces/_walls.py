@@ -63,7 +63,14 @@ def loop_points(solid: Solid, loop: int) -> Array:
 
 
 def winding(points: Array, axis: Array, centre_mm: Array) -> int:
-    """Return how often a closed run of points goes round an axis."""
+    """Return how often a closed run of points goes round an axis, anticlockwise seen against it.
+
+    Parameters
+    ----------
+    points : (n, 3) in order, the first one not repeated
+    axis : (3,) unit
+    centre_mm : (3,) on the axis
+    """
     offset = points - centre_mm
     radial = offset - (offset @ axis)[:, None] * axis
     after = np.roll(radial, -1, axis=0)
@@ -72,7 +79,15 @@ def winding(points: Array, axis: Array, centre_mm: Array) -> int:
 
 
 def rim_of(solid: Solid, loop: int, axis: Array, centre_mm: Array) -> Rim | None:
-    """Return a loop as a rim of the wall round an axis; None if it does not go round."""
+    """Return a loop as a rim of the wall round an axis; None if it does not go round.
+
+    Parameters
+    ----------
+    solid : the part
+    loop : number of a loop in its boundary
+    axis : (3,) unit, CAD frame
+    centre_mm : (3,) on the axis
+    """
     points = loop_points(solid, loop)
     if winding(points, axis, centre_mm) == 0:
         return None
@@ -128,6 +143,12 @@ def stacks(solid: Solid, walls: dict[int, Wall], *, concave: bool) -> list[list[
 
     Walls follow each other where they share a rim; those of a hole also where a ledge square to
     the axis lies between their rims. Rounded rims (tori) belong to the wall they run into.
+
+    Parameters
+    ----------
+    solid : the part
+    walls : by number of their face, tori among them
+    concave : True for the walls of holes, False for those of bosses
     """
     mine = {
         i: wall
@@ -206,7 +227,14 @@ class End:
 
 
 def ends_of(solid: Solid, stack: list[Wall], axis: Array) -> tuple[End, End] | None:
-    """Return the two ends of a stack, the lower one along ``axis`` first."""
+    """Return the two ends of a stack, the lower one along ``axis`` first; None if it has not two.
+
+    Parameters
+    ----------
+    solid : the part
+    stack : walls on one axis, as `stacks` groups them
+    axis : (3,) unit, CAD frame
+    """
     inside = {wall.face.id for wall in stack}
     ledges = [rim.beyond for wall in stack for rim in wall.rims if rim.beyond not in inside]
     ends = []

@@ -55,7 +55,14 @@ def without_covered(model: ViewModel, view: Projection, edges: Ids, rims: Ids) -
 
 
 def aside(model: ViewModel, edges: Ids, side: Ids | int) -> Array:
-    """Return the steps (n, 3) from edges onto one of their triangles, at right angles [mm]."""
+    """Return the steps (n, 3) from edges onto one of their triangles, at right angles [mm].
+
+    Parameters
+    ----------
+    model : the part
+    edges : (n,) mesh edges
+    side : 0 or 1, one for all or (n,): which of an edge's two triangles
+    """
     triangle = model.sides[edges, side]
     start, end = model.vertices_mm[model.ends[edges, 0]], model.vertices_mm[model.ends[edges, 1]]
     along = end - start

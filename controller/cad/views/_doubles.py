@@ -18,7 +18,13 @@ STRAY_MM = 0.05  # of a free wall's silhouette from its rim: what a drawing may 
 
 
 def without_doubles(model: ViewModel, view: Projection, pieces: Pieces) -> Pieces:
-    """Return the pieces less what lies under a nearer one, as the foot of a wall seen edge-on."""
+    """Return the pieces less what lies under a nearer one, as the foot of a wall seen edge-on.
+
+    Parameters
+    ----------
+    model, view : the part and how the eye has it
+    pieces : those in sight
+    """
     p, q = plane_ends(model, view, pieces)
     if len(p) == 0:
         return pieces

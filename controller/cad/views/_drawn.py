@@ -27,6 +27,12 @@ def draw(
 
     A run ends at a vertex of the part, where it goes out of sight, and where it joins or leaves
     the outline.
+
+    Parameters
+    ----------
+    model, view : the part and how the eye has it
+    pieces : those in sight, none twice
+    rings : loops of the outline, by which a run is known to be on it
     """
     if len(pieces.mesh_edge) == 0:
         return ()
@@ -88,7 +94,13 @@ BENT_PX = 2e-3  # how far a chord may stray from a line that the lens bends
 
 
 def subdivisions(view: Projection, p: Array, q: Array) -> NDArray[np.int64]:
-    """Return in how many parts to draw lines from p to q (n, 2) that the lens bends."""
+    """Return in how many parts (n,) to draw lines, so that each follows what the lens bends.
+
+    Parameters
+    ----------
+    view : through a camera; without one, or without distortion, a line is one part
+    p, q : (n, 2) ends of the lines in the plane
+    """
     if view.camera is None or not np.any(view.camera.distortion) or len(p) == 0:
         return np.ones(len(p), dtype=np.int64)
     middle = view.to_view((p + q) / 2)

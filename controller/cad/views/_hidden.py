@@ -90,7 +90,13 @@ def cut_edges(
 
 
 def tree_of_edges(model: ViewModel, view: Projection, edges: Ids) -> STRtree:
-    """Return a search tree over mesh edges (n,) in the plane."""
+    """Return a search tree over mesh edges (n,) in the plane.
+
+    Parameters
+    ----------
+    model, view : the part and how the eye has it
+    edges : (n,) mesh edges; a result of the tree is an index into these
+    """
     return tree_of(view.points[model.ends[edges, 0]], view.points[model.ends[edges, 1]])
 
 
@@ -132,7 +138,13 @@ def _crossings(
 
 
 def is_seen(model: ViewModel, view: Projection, pieces: Pieces) -> Bools:
-    """Return which pieces (n,) the eye sees: those with one of their faces in sight beside them."""
+    """Return which pieces (n,) the eye sees: those with one of their faces in sight beside them.
+
+    Parameters
+    ----------
+    model, view : the part and how the eye has it
+    pieces : n runs of mesh edges, each wholly seen or wholly hidden; their middles are asked about
+    """
     middle = points_on(model, view, pieces.mesh_edge, (pieces.start + pieces.end) / 2)
     seen = np.zeros(len(middle), dtype=np.bool_)
     for side in (0, 1):
@@ -144,7 +156,13 @@ def is_seen(model: ViewModel, view: Projection, pieces: Pieces) -> Bools:
 
 
 def in_sight(model: ViewModel, view: Projection, p_cad_mm: Array) -> Bools:
-    """Return which points (n, 3) of triangles that face the eye are seen by it."""
+    """Return which points (n,) are seen by the eye.
+
+    Parameters
+    ----------
+    model, view : the part and how the eye has it
+    p_cad_mm : (n, 3) CAD frame, on triangles that face the eye
+    """
     directions = view.towards_eye(p_cad_mm)
     gone = np.full(len(p_cad_mm), ABOVE_MM)
     free = np.zeros(len(p_cad_mm), dtype=np.bool_)
@@ -164,7 +182,14 @@ def in_sight(model: ViewModel, view: Projection, p_cad_mm: Array) -> Bools:
 
 
 def points_on(model: ViewModel, view: Projection, mesh_edge: Ids, at: Array) -> Array:
-    """Return the points (n, 3) of the CAD frame at ``at`` (n,), 0 to 1 in the plane, of edges."""
+    """Return points (n, 3) of mesh edges [mm, CAD frame].
+
+    Parameters
+    ----------
+    model, view : the part and how the eye has it
+    mesh_edge : (n,)
+    at : (n,) 0 to 1 along each edge as measured in the plane, not in space
+    """
     ends = model.ends[mesh_edge]
     if view.is_central:  # 1 / depth is what runs evenly in the plane
         z = view.nearness[ends]
@@ -175,7 +200,14 @@ def points_on(model: ViewModel, view: Projection, mesh_edge: Ids, at: Array) -> 
 
 
 def plane_at(model: ViewModel, view: Projection, mesh_edge: Ids, at: Array) -> Array:
-    """Return the points (n, 2) of the plane at ``at`` (n,) of edges."""
+    """Return points (n, 2) of mesh edges in the plane.
+
+    Parameters
+    ----------
+    model, view : the part and how the eye has it
+    mesh_edge : (n,)
+    at : (n,) 0 to 1 along each edge in the plane
+    """
     ends = model.ends[mesh_edge]
     p = view.points[ends[:, 0]]
     points: Array = p + at[:, None] * (view.points[ends[:, 1]] - p)
@@ -183,7 +215,13 @@ def plane_at(model: ViewModel, view: Projection, mesh_edge: Ids, at: Array) -> A
 
 
 def plane_ends(model: ViewModel, view: Projection, pieces: Pieces) -> tuple[Array, Array]:
-    """Return where pieces start and end in the plane, (n, 2) each."""
+    """Return where pieces start and end in the plane, (n, 2) each.
+
+    Parameters
+    ----------
+    model, view : the part and how the eye has it
+    pieces : n runs of mesh edges
+    """
     return (
         plane_at(model, view, pieces.mesh_edge, pieces.start),
         plane_at(model, view, pieces.mesh_edge, pieces.end),

@@ -95,6 +95,12 @@ def seen_from_above(model: ViewModel, R: Array) -> Projection:
 def seen_by_camera(model: ViewModel, T_world_part: Array, camera: Camera) -> Projection:
     """Project a posed part through a camera, lens distortion left out.
 
+    Parameters
+    ----------
+    model : the part
+    T_world_part : (4, 4) pose of the CAD frame in the world [mm]
+    camera : calibrated; its distortion waits for `Projection.to_view`
+
     Raises
     ------
     ValueError : part of it is not in front of the camera

@@ -22,9 +22,14 @@ def tree_of(a: Array, b: Array) -> shapely.STRtree:
 
 
 def crowding(tree: shapely.STRtree, p: Array, q: Array) -> float:
-    """Return how many of the tree's segments the box of one segment p to q, (n, 2), meets.
+    """Return how many segments of a tree the box of one of the given segments meets, on average.
 
     A mean over some of them, evenly spread: enough to tell dozens from thousands.
+
+    Parameters
+    ----------
+    tree : of other segments in the same plane
+    p, q : (n, 2) where the given ones start and end
     """
     some = np.unique(np.linspace(0, max(len(p) - 1, 0), SAMPLE).astype(np.int64))[: len(p)]
     own, _ = near_pairs(tree, p[some], q[some])

@@ -25,7 +25,13 @@ FLATTEST = 0.02  # half axes of an ellipse; one flatter than that is drawn by it
 
 
 def strokes_of(model: ViewModel, view: Projection, ring: Ring) -> tuple[Stroke, ...]:
-    """Return a loop as lines and arcs in the coordinates of the view."""
+    """Return a loop as lines and arcs in the coordinates of the view.
+
+    Parameters
+    ----------
+    model, view : the part and how the eye has it
+    ring : a loop of its outline
+    """
     count = len(ring.points)
     points = view.to_view(ring.points)
     per_mm = view.scale
