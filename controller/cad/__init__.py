@@ -22,7 +22,6 @@ from .reading import load_solid
 from .resting import (
     LookAlike,
     PartSymmetry,
-    PoseOdds,
     Resting,
     RollingFamily,
     StablePose,
@@ -30,7 +29,6 @@ from .resting import (
     look_alikes,
     name_duplicates,
     part_symmetries,
-    pose_odds,
     stable_poses,
 )
 from .solid import Solid, make_solid
@@ -66,7 +64,6 @@ __all__ = [
     "ManySolidsCadError",
     "OpenCadError",
     "PartSymmetry",
-    "PoseOdds",
     "Resting",
     "RollingFamily",
     "SelfIntersectingCadError",
@@ -87,7 +84,6 @@ __all__ = [
     "name_duplicates",
     "outline",
     "part_symmetries",
-    "pose_odds",
     "prepare_views",
     "sample_surface",
     "stable_poses",

@@ -31,11 +31,6 @@ class CellSignals:
         """Tell whether the safety relay is in; a released button alone does not pull it in."""
         return self._is_estop_chain_ok
 
-    @property
-    def is_estop_pressed(self) -> bool:
-        """Tell whether an emergency-stop button is down."""
-        return self._is_estop_pressed
-
     def press_estop(self) -> None:
         """Push an emergency-stop button in; it latches."""
         self._is_estop_pressed = True

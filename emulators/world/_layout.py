@@ -1,7 +1,7 @@
 """The cell file as the world reads it: where everything stands and what the lamps and cameras are.
 
 The controller reads the same file by itself; nothing of its reading is used here. Lengths stay in
-mm; `m_from_mm` is the one edge to pybullet's metres.
+mm; `_bodies.py` turns them into pybullet's metres.
 """
 
 import math
@@ -23,16 +23,6 @@ SPOT_DIAMETER_MM: Final = 40.0
 
 class LayoutError(Exception):
     """The cell file cannot be emulated: says which entry and why."""
-
-
-def m_from_mm(value_mm: Array) -> Array:
-    """Return metres, pybullet's unit, of millimetres."""
-    return value_mm / MM_PER_M
-
-
-def mm_from_m(value_m: Array) -> Array:
-    """Return millimetres of metres, pybullet's unit."""
-    return value_m * MM_PER_M
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,12 +77,6 @@ class CameraLayout:
     exposure_s: float
     fps: float
     formats: tuple[str, ...]
-
-    @property
-    def camera_matrix(self) -> Array:
-        """OpenCV's camera matrix, (3, 3) [px]."""
-        cx, cy = self.centre_px
-        return np.array([[self.focal_px, 0.0, cx], [0.0, self.focal_px, cy], [0.0, 0.0, 1.0]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,7 +17,6 @@ from controller.cad import (
     find_resting,
     load_solid,
     make_solid,
-    pose_odds,
     stable_poses,
 )
 
@@ -381,18 +380,3 @@ def test_single_precision_noise_makes_no_new_poses() -> None:
     poses = stable_poses(make_solid(mesh, "noisy", "0" * 64, "noisy"))
     clean = stable_poses(solid_of(body))
     assert [p.probability for p in poses] == pytest.approx([p.probability for p in clean], abs=1e-4)
-
-
-def test_sightings_move_the_odds_from_geometry_to_what_is_seen() -> None:
-    odds = pose_odds(stable_poses(solid_of(box(40, 30, 20))))
-    assert odds.prior.sum() == pytest.approx(20.0)
-    before = odds.mean[5]
-    seen = odds.updated([0, 0, 0, 0, 0, 20])
-    # 20 pseudo-drops and 20 sightings weigh the same
-    assert seen.mean[5] == pytest.approx((before + 1) / 2)
-    assert seen.mean.sum() == pytest.approx(1.0)
-    low, high = seen.interval()[5]
-    assert low < seen.mean[5] < high
-    assert high - low < 0.32  # of 40 drops: about +- 2 sqrt(p q / 41)
-    with pytest.raises(ValueError, match="6 poses"):
-        odds.updated([1, 2])

@@ -145,15 +145,6 @@ class Boundary:
             if here == start:
                 return
 
-    def edges_round(self, half_edge: int) -> Iterator[int]:
-        """Walk the half-edges that leave a half-edge's vertex, once round (references.md P2.0)."""
-        here = half_edge
-        while True:
-            yield here
-            here = int(self.prev[here]) ^ 1
-            if here == half_edge:
-                return
-
     def chain_of(self, edge: int) -> Ids:
         """Return the mesh vertices along an edge, (n,)."""
         return self.chain[self.chain_start[edge] : self.chain_start[edge + 1]]

@@ -2,14 +2,12 @@
 
 from ._alike import LookAlike, look_alikes
 from ._families import RollingFamily
-from ._odds import PoseOdds, pose_odds
 from ._poses import Resting, StablePose, find_resting, stable_poses
 from ._symmetry import PartSymmetry, name_duplicates, part_symmetries
 
 __all__ = [
     "LookAlike",
     "PartSymmetry",
-    "PoseOdds",
     "Resting",
     "RollingFamily",
     "StablePose",
@@ -17,6 +15,5 @@ __all__ = [
     "look_alikes",
     "name_duplicates",
     "part_symmetries",
-    "pose_odds",
     "stable_poses",
 ]

@@ -49,11 +49,6 @@ class PartSymmetry:
     is_ball: bool
     mirror: Array | None
 
-    @property
-    def is_chiral(self) -> bool:
-        """Whether its mirror image is another part."""
-        return self.mirror is None
-
     def related(self, a: Array, b: Array, within_rad: float = SAME_POSE_RAD) -> bool:
         """Return whether a symmetry carries one direction of the part to another.
 

@@ -31,11 +31,6 @@ class Told:
     left: tuple[int, ...]
     differs_px: FloatArray
 
-    @property
-    def is_settled(self) -> bool:
-        """Tell whether one candidate is left."""
-        return len(self.left) == 1
-
 
 def compare(
     measured: Picture, predicted: Predicted, light: Light, among: Sequence[int]
