@@ -130,6 +130,12 @@ class CellClock:
         """Wait as `asyncio.wait` does, for ``duration_s`` [cell s] of attended time at most.
 
         This is a pause that something may end, not a time-out: nothing is added to it.
+
+        Parameters
+        ----------
+        futures : what may end the pause; left running when the time is over
+        duration_s : the pause [cell s]; infinite waits without a limit
+        return_when : which of the futures end it, as in `asyncio.wait`
         """
         if duration_s == math.inf:
             await asyncio.wait(futures, return_when=return_when)

@@ -138,7 +138,12 @@ CTRL_FLAG_NEXT_CTRL: Final = 0x80000000  # with an id: "the first control above 
 
 
 def fourcc(name: str) -> int:
-    """Return the code of a pixel format named by its four letters; trailing blanks may miss."""
+    """Return the code of a pixel format named by its four letters; trailing blanks may miss.
+
+    Raises
+    ------
+    ValueError : not one to four ASCII letters
+    """
     if not 1 <= len(name) <= 4 or not name.isascii():
         raise ValueError(f"a FourCC has one to four ASCII letters, not {name!r}")
     return int.from_bytes(name.ljust(4).encode("ascii"), "little")

@@ -92,6 +92,7 @@ class Camera:
         WrongDeviceError : not a camera, or none whose pictures can be read
         RefusedError : no permission, or another program has it
         BadReplyError : answers that contradict themselves
+        ValueError : it is connected already
         """
         async with self._lock:
             if self._capture is not None:
@@ -200,6 +201,7 @@ class Camera:
         Raises
         ------
         RefusedError : an automatic is on (code EACCES) or the value is outside the camera's range
+        ValueError : the exposure is not above 0 s
         """
         if not exposure_s > 0:
             raise ValueError(f"an exposure of {exposure_s} s")
@@ -241,6 +243,7 @@ class Camera:
         ReplyTimeoutError : no such frame in time
         UnpluggedError : the camera left; it is closed, ``reconnect`` finds it again
         FaultError : its stream broke twice; it is closed
+        ValueError : the camera is paused
         """
         async with self._lock:
             capture = self._open()

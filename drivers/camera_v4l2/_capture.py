@@ -175,7 +175,13 @@ class Capture:
         return counts * abi.EXPOSURE_UNIT_S
 
     def set_exposure(self, exposure_s: float) -> float:
-        """Set the exposure and return the one the camera took [s]."""
+        """Set the exposure and return the one the camera took [s].
+
+        Raises
+        ------
+        RefusedError : the camera refused the value, has no such control, or keeps another one;
+            holds the errno, ERANGE where there is none
+        """
         device = self._open_device()
         with explained(device.path, "exposure"):
             setting = set_and_compare(

@@ -88,6 +88,13 @@ def lock_controls(
 ) -> tuple[ControlSetting, ...]:
     """Switch the automatics off and set what is asked for; None leaves a value as it is.
 
+    Parameters
+    ----------
+    device : the open camera
+    exposure_s : exposure to set [s]; rounded to 100 µs
+    gain : gain to set, in the camera's own units
+    white_balance_k : colour temperature to set [K]
+
     Raises
     ------
     OSError : the camera is gone; everything else is told in the settings returned

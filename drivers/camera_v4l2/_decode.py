@@ -69,6 +69,11 @@ def check_complete(data: bytes, pixel_format: PixFormat) -> None:
 
     A raw picture has exactly ``sizeimage`` bytes; a JPEG starts with SOI and ends with EOI,
     behind which cameras leave zeros.
+
+    Raises
+    ------
+    BrokenPictureError : a JPEG without its first or last marker, or a raw picture of another size;
+        the message says which
     """
     if pixel_format.pixelformat in (fourcc("MJPG"), fourcc("JPEG")):
         if not data.startswith(_START_OF_IMAGE):

@@ -68,6 +68,7 @@ def find_node(address: str, dev_root: Path = DEV_ROOT, sysfs_root: Path = SYSFS_
     ------
     LinkError : no such camera is plugged in; the message lists what is
     WrongDeviceError : more than one fits
+    ValueError : the address has none of the four forms, or names nothing after its prefix
     """
     if address.startswith("/") or address.startswith(UNIX_PREFIX):
         return address

@@ -25,7 +25,14 @@ GONE: Final = frozenset(
 
 
 def explain(error: OSError, device: str, doing: str) -> DeviceError:
-    """Return the driver's error for what a system call answered while ``doing``."""
+    """Return the driver's error for what a system call answered while ``doing``.
+
+    Parameters
+    ----------
+    error : what the system call raised; its errno decides the class
+    device : the node or socket, for the message
+    doing : what was attempted, for the message, such as "frame rate"
+    """
     code = error.errno or 0
     told = f"camera {device}: {doing}: {errno.errorcode.get(code, code)} ({error.strerror})"
     if code in GONE:

@@ -127,7 +127,7 @@ class Settling:
         self.changed_s, self.remaining_count = at_s, frame_count
 
     def is_settling(self, stamp: Stamp) -> bool:
-        """Tell whether this frame may be of the old setting, and count it."""
+        """Return whether this frame may be of the old setting, and count it."""
         if stamp.bound_s < self.changed_s:
             return True
         if self.remaining_count:

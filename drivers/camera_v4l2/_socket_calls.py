@@ -66,7 +66,18 @@ class SocketCalls:
         return fd
 
     def ioctl(self, fd: int, request: int, buffer: bytearray) -> None:
-        """Send the struct, take the camera's version of it back."""
+        """Send the struct, take the camera's version of it back.
+
+        Parameters
+        ----------
+        fd : the number that `open` returned for this camera
+        request : the ioctl's request number; it contains the size of the struct
+        buffer : the struct; overwritten with the camera's version of it
+
+        Raises
+        ------
+        OSError : the camera's errno, or EPROTO when a struct of another size comes back
+        """
         answer, fds = self._exchange(self._line(fd), _IOCTL_KIND, request, bytes(buffer))
         _close_all(fds)
         if len(answer) != len(buffer):
@@ -77,7 +88,14 @@ class SocketCalls:
         buffer[:] = answer
 
     def mmap(self, fd: int, length: int, offset: int) -> mmap.mmap:
-        """Map the memfd that the camera writes this buffer's pictures into."""
+        """Map the memfd that the camera writes this buffer's pictures into.
+
+        Parameters
+        ----------
+        fd : the number that `open` returned for this camera
+        length : size of the buffer [bytes], from QUERYBUF
+        offset : where the buffer begins in the camera's memory [bytes], from QUERYBUF
+        """
         memory_fd = self._ask_for_fd(self._line(fd), _MMAP_KIND, _MAP.pack(length, offset))
         try:
             return mmap.mmap(
@@ -91,7 +109,12 @@ class SocketCalls:
         return self._line(fd).events_fd
 
     def acknowledge(self, fd: int) -> None:
-        """Swallow one byte for each frame announced; ENODEV at their end."""
+        """Swallow one byte for each frame announced; ENODEV at their end.
+
+        Raises
+        ------
+        OSError : ENODEV, the camera is gone: its line of events has ended
+        """
         line = self._line(fd)
         while True:
             try:

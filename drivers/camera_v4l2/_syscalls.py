@@ -19,11 +19,25 @@ class SysCalls(Protocol):
         ...
 
     def ioctl(self, fd: int, request: int, buffer: bytearray) -> None:
-        """Make one ioctl; ``buffer`` holds the struct and is changed in place."""
+        """Make one ioctl; ``buffer`` holds the struct and is changed in place.
+
+        Parameters
+        ----------
+        fd : the open camera
+        request : the ioctl's request number, see `_abi`
+        buffer : the struct, of the size that the request number contains
+        """
         ...
 
     def mmap(self, fd: int, length: int, offset: int) -> mmap.mmap:
-        """Map one buffer for reading."""
+        """Map one buffer for reading.
+
+        Parameters
+        ----------
+        fd : the open camera
+        length : size of the buffer [bytes], from QUERYBUF
+        offset : the buffer's offset [bytes], from QUERYBUF
+        """
         ...
 
     def readiness_fd(self, fd: int) -> int:
@@ -47,11 +61,25 @@ class KernelCalls:
         return os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
 
     def ioctl(self, fd: int, request: int, buffer: bytearray) -> None:
-        """Make the ioctl."""
+        """Make the ioctl.
+
+        Parameters
+        ----------
+        fd : file descriptor of the node
+        request : the ioctl's request number, see `_abi`
+        buffer : the struct; the kernel changes it in place
+        """
         fcntl.ioctl(fd, request, buffer, True)
 
     def mmap(self, fd: int, length: int, offset: int) -> mmap.mmap:
-        """Map a buffer; the map holds a duplicate of ``fd`` until it is closed."""
+        """Map a buffer; the map holds a duplicate of ``fd`` until it is closed.
+
+        Parameters
+        ----------
+        fd : file descriptor of the node
+        length : size of the buffer [bytes], from QUERYBUF
+        offset : the buffer's offset [bytes], from QUERYBUF
+        """
         return mmap.mmap(fd, length, flags=mmap.MAP_SHARED, prot=mmap.PROT_READ, offset=offset)
 
     def readiness_fd(self, fd: int) -> int:

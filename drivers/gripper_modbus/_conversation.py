@@ -105,7 +105,21 @@ class Conversation:
         *,
         stop_at_major: bool = False,
     ) -> GripperStatus:
-        """Ask until a claim about the status holds, for at most ``limit_s`` [cell s]."""
+        """Ask until a claim about the status holds, for at most ``limit_s`` [cell s].
+
+        Parameters
+        ----------
+        claim : what must become true of the status
+        limit_s : how long to keep asking [cell s of attended time]
+        what : the action under way, for the message of an error
+        stop_at_major : raise at once when the gripper reports a major fault
+
+        Raises
+        ------
+        FaultError : a major fault, with ``stop_at_major``; or the limit has passed and the gripper
+            reports any fault
+        StalledError : the limit has passed without a fault: something blocks the fingers
+        """
         deadline_s = self.deadline_s(limit_s)
         while True:
             status = await self.status()

@@ -207,8 +207,10 @@ class Gripper:
 
         Parameters
         ----------
-        width_mm : expected width of the part, 0 when unknown; the jaws are sent
-            ``over_travel_mm`` further, so a missing part does not close them altogether [mm]
+        width_mm : expected width of the part, 0 when unknown; the jaws are sent ``over_travel_mm``
+            further, so a missing part does not close them altogether [mm]
+        speed_mm_s : speed of the jaws [mm/s]; by default the configured one
+        force_n : force on the part [N]; by default the configured one
 
         Raises
         ------
@@ -222,7 +224,15 @@ class Gripper:
     async def open_on(
         self, width_mm: float, speed_mm_s: float | None = None, force_n: float | None = None
     ) -> GripResult:
-        """Open inside a part, such as a ring, and hold it from within; else as `close_on`."""
+        """Open inside a part, such as a ring, and hold it from within; else as `close_on`.
+
+        Parameters
+        ----------
+        width_mm : expected inner width of the part [mm]; the jaws are sent ``over_travel_mm``
+            further, to the widest opening at most
+        speed_mm_s : speed of the jaws [mm/s]; by default the configured one
+        force_n : force on the part [N]; by default the configured one
+        """
         target_mm = min(self.config.open_mm, width_mm + self.config.over_travel_mm)
         return await self._take(
             target_mm, width_mm, ObjectState.CONTACT_OPENING, speed_mm_s, force_n
@@ -233,6 +243,10 @@ class Gripper:
 
         A gripper without activation is left alone: the stop command carries rACT = 1, which
         would start one. One that is activating is deactivated, since nothing else stops it.
+
+        Raises
+        ------
+        StalledError : the jaws still move after `STOP_TRIES` stop commands
         """
         status = self._talk.latest
         if status is None or not status.is_activated:

@@ -138,7 +138,19 @@ def decode_inputs(registers: tuple[int, ...]) -> Inputs:
 def encode_outputs(
     action: int, position: Counts = FULLY_OPEN, speed: int = 0, force: int = 0
 ) -> tuple[int, int, int]:
-    """Return the three output registers: action << 8, rPR, rSP << 8 | rFR (§2.2)."""
+    """Return the three output registers: action << 8, rPR, rSP << 8 | rFR (§2.2).
+
+    Parameters
+    ----------
+    action : the bits of ACTION REQUEST: rACT, rGTO, rATR, rARD
+    position : requested position rPR, 0 open to 255 closed [counts]
+    speed : rSP, 0 slowest to 255
+    force : rFR, 0 least to 255
+
+    Raises
+    ------
+    ValueError : one of them does not fit into a byte
+    """
     if not all(0 <= byte <= 0xFF for byte in (action, position, speed, force)):
         raise ValueError(f"bytes hold 0..255, not {action}, {position}, {speed}, {force}")
     return action << 8, position, speed << 8 | force

@@ -50,7 +50,14 @@ class GripperStatus:
 
     @classmethod
     def of(cls, inputs: Inputs, config: GripperConfig, at_s: float) -> "GripperStatus":
-        """Build it from the registers."""
+        """Build it from the registers.
+
+        Parameters
+        ----------
+        inputs : the input registers, read in one request
+        config : the calibration that turns counts into an opening
+        at_s : when they were read [cell s]
+        """
         return cls(
             at_s=at_s,
             is_powered_on=inputs.activation_echo,
@@ -155,7 +162,14 @@ def judge_grip(
 
 
 def judge_hold(grip: GripResult | None, status: GripperStatus, config: GripperConfig) -> Hold:
-    """Judge whether the part of a grip is still held."""
+    """Judge whether the part of a grip is still held.
+
+    Parameters
+    ----------
+    grip : what the last `close_on` or `open_on` found; None when the jaws have been moved since
+    status : the reading to judge
+    config : gives ``slip_tolerance_mm``, how far the opening may have changed since
+    """
     if grip is None or not grip.object_detected:
         return Hold.NOTHING
     if not status.is_activated:

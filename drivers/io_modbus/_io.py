@@ -196,7 +196,12 @@ class CellIo:
         return watch
 
     async def wait_for(self, name: str, signal: Signal) -> None:
-        """Wait until an input is known to be so. Put a time-out around it."""
+        """Wait until an input is known to be so. Put a time-out around it.
+
+        Raises
+        ------
+        DeviceError : the block was closed meanwhile
+        """
         with self.watch() as changes:
             if self.signal(name) is signal:
                 return

@@ -45,7 +45,12 @@ class LampChannel:
             )
 
     def level_to_mv(self, level: float) -> int:
-        """Return the dimming voltage [mV] of a level 0..1; level 0 is 0 mV."""
+        """Return the dimming voltage [mV] of a level 0..1; level 0 is 0 mV.
+
+        Raises
+        ------
+        ValueError : the level is not between 0 and 1
+        """
         if not 0 <= level <= 1:
             raise ValueError(f"lamp {self.name!r}: levels are 0..1, not {level:g}")
         if level == 0:

@@ -82,6 +82,13 @@ class Connection:
     ) -> ModbusPDU:
         """Send a request and return what pymodbus takes for its answer within a time [cell s].
 
+        Parameters
+        ----------
+        request : what to send
+        unit : unit id, or slave id on RS-485
+        clock : the cell's clock, which measures the patience
+        timeout_s : patience with the unit [cell s]
+
         Raises
         ------
         NoAnswer : nothing usable arrived in time

@@ -143,11 +143,14 @@ class UmiScara(ArmSession):
 
         Parameters
         ----------
+        q : (6,) joints in `kinematics.Q_ORDER` [rad, zed in mm]
         speed : SPEED of the axis that needs longest; the others get less (§8.13)
+        deadline_s : patience from the start on [cell s]; by default from the nominal speeds
 
         Raises
         ------
         as `move_counts`
+        ValueError : not six finite numbers, or a SPEED outside its range
         """
         row = np.asarray(q, dtype=np.float64)
         if row.shape != (6,) or not np.isfinite(row).all():
@@ -185,6 +188,7 @@ class UmiScara(ArmSession):
         Parameters
         ----------
         force : MAX_FORCE, which stays; 20 to 60 have been used
+        deadline_s : how long the jaws may take to come to rest [cell s]
 
         Returns
         -------
@@ -193,6 +197,7 @@ class UmiScara(ArmSession):
         Raises
         ------
         AxisStalledError : the jaws have not come to rest against anything by the deadline
+        ValueError : the force is below 1
         """
         if force < 1:
             raise ValueError(f"a grip needs force, not {force}")

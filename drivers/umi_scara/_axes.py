@@ -80,7 +80,12 @@ class Axes:
             raise
 
     async def doubt(self, why: str) -> NoReturn:
-        """Dead-stop both IPs because of what was seen, and raise LineDoubtError."""
+        """Dead-stop both IPs because of what was seen, and raise LineDoubtError.
+
+        Raises
+        ------
+        LineDoubtError : always; both IPs have had a dead stop by then
+        """
         self._written.clear()
         await self.halt(Simple.DEAD_STOP)
         raise LineDoubtError(f"arm: {why}; both boards were stopped")
@@ -97,6 +102,12 @@ class Axes:
         """Send a command that says what should be so, and may therefore be said twice.
 
         Not for hand-overs, relative moves and interpolation.
+
+        Parameters
+        ----------
+        ip : the board to send it to; the line is handed over first where needed
+        request : the command's bytes, from `codec`
+        guard : called before every request; raises once the motion has been stopped
         """
         try:
             await self._ask(ip, request, guard=guard)
@@ -184,6 +195,13 @@ class Axes:
         """Set a deferred parameter to a value that it does not have yet, and read it back.
 
         What it has already is not written: read back, a write that went elsewhere would look well.
+
+        Parameters
+        ----------
+        axis : the motor
+        parameter : a parameter with a deferred write (§2.5)
+        value : in the parameter's own units, a signed word
+        guard : called before every request; raises once the motion has been stopped
         """
         if (axis, parameter) not in self._written:
             self._written[axis, parameter] = await self.read(axis, parameter)
@@ -216,7 +234,14 @@ class Axes:
         return True
 
     async def label(self, axis: Axis, counts: int, guard: Guard | None = None) -> None:
-        """Declare the present position of a motor at rest to be `counts`; nothing moves (§2.5)."""
+        """Declare the present position of a motor at rest to be `counts`; nothing moves (§2.5).
+
+        Parameters
+        ----------
+        axis : the motor; it must be at rest
+        counts : what its encoder is to read from now on
+        guard : called before every request; raises once the motion has been stopped
+        """
         ip, ctl = ADDRESSES[axis]
         await self.tell(ip, codec.encode_immediate_write(ctl, counts), guard)
 
@@ -229,7 +254,14 @@ class Axes:
     async def manual_go(
         self, ip: Ip, drives: Mapping[Axis, Drive], guard: Guard | None = None
     ) -> None:
-        """Drive motors of one IP without end; every other motor of that IP holds (§2.6)."""
+        """Drive motors of one IP without end; every other motor of that IP holds (§2.6).
+
+        Parameters
+        ----------
+        ip : the board
+        drives : direction for each of its motors that shall move; empty makes all of them hold
+        guard : called before every request; raises once the motion has been stopped
+        """
         by_ctl = {ADDRESSES[axis].ctl: drive for axis, drive in drives.items()}
         request = codec.encode_manual_go(by_ctl)
         for _ in range(2):
@@ -263,9 +295,16 @@ class Axes:
         Waits while one is still busy (code 03). After a lost reply the motors themselves are
         asked whether they have started.
 
+        Parameters
+        ----------
+        ip : the board
+        axes : its motors to start; each has had its NEW_POSITION
+        guard : called before every request; raises once the motion has been stopped
+
         Raises
         ------
         RefusedError : still busy after BUSY_LIMIT_S
+        BadReplyError : no go got through within BUSY_LIMIT_S, and none of the motors has started
         """
         started = list(axes)
         # A1 is one bit from 21, which makes every counter of the IP zero; the shoulder, whose

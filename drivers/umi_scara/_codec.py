@@ -49,7 +49,12 @@ def encode_mode(mode: Mode, ctl: int = 0) -> bytes:
 
 
 def encode_immediate_read(parameter: Parameter, ctl: int) -> bytes:
-    """Return the one-frame read of CP_ERROR or CURRENT_POSITION (§2.5)."""
+    """Return the one-frame read of CP_ERROR or CURRENT_POSITION (§2.5).
+
+    Raises
+    ------
+    ValueError : the parameter has a deferred read only
+    """
     if parameter not in c.IMMEDIATE:
         raise ValueError(f"{parameter.name} takes a deferred read")
     is_error = parameter is Parameter.CP_ERROR
@@ -74,7 +79,18 @@ def encode_deferred_read(parameter: Parameter, ctl: int) -> tuple[bytes, bytes]:
 
 
 def encode_deferred_write(parameter: Parameter, ctl: int, value: int) -> tuple[bytes, bytes]:
-    """Return both frames of the write of any other parameter (§2.5); always send both."""
+    """Return both frames of the write of any other parameter (§2.5); always send both.
+
+    Parameters
+    ----------
+    parameter : any but the read-only ones
+    ctl : the controller on its IP, 0 to 4
+    value : in the parameter's own units, a signed word
+
+    Raises
+    ------
+    ValueError : read-only, no deferred parameter, or it does not fit into a word
+    """
     if parameter in c.READ_ONLY:
         raise ValueError(f"{parameter.name} is read-only")
     select = bytes([c.SELECT_WRITE, _deferred(parameter), c.FILLER])
@@ -90,7 +106,12 @@ def encode_manual_go(drives: Mapping[int, Drive]) -> bytes:
 
 
 def encode_numeric_go(ctls: Iterable[int]) -> bytes:
-    """Return the command that starts these controllers towards their NEW_POSITION (§2.7)."""
+    """Return the command that starts these controllers towards their NEW_POSITION (§2.7).
+
+    Raises
+    ------
+    ValueError : no controller is named
+    """
     mask = 0
     for ctl in ctls:
         mask |= 1 << _ctl(ctl)
@@ -100,7 +121,12 @@ def encode_numeric_go(ctls: Iterable[int]) -> bytes:
 
 
 def encode_interpolation(increments: Mapping[int, int]) -> bytes:
-    """Return one interpolation step, ctl to increment of -8 to 7 counts (§2.7); untried (§9.2)."""
+    """Return one interpolation step, ctl to increment of -8 to 7 counts (§2.7); untried (§9.2).
+
+    Raises
+    ------
+    ValueError : an increment is outside -8 to 7 counts
+    """
     nibbles = [0] * c.CONTROLLER_COUNT
     for ctl, increment in increments.items():
         if not -8 <= increment <= 7:
@@ -184,7 +210,7 @@ _CLASSES: Final = frozenset({0x0, 0x1, 0x2, 0x8, 0xA, 0xC, 0xD, 0xE, 0xF})  # §
 
 
 def looks_like_text(data: bytes) -> bool:
-    """Tell whether bytes are a message in ASCII, as a non-standard ROM sends (§8.7).
+    """Return whether bytes are a message in ASCII, as a non-standard ROM sends (§8.7).
 
     Four characters at least, three of them letters: no reply of the protocol reads like that.
     """
@@ -231,7 +257,13 @@ class ReplyReader:
         return bytes(self._data)
 
     def feed(self, data: bytes) -> Reply | None:
-        """Take bytes as they arrive; return the reply, or None for "more bytes, please"."""
+        """Take bytes as they arrive; return the reply, or None for "more bytes, please".
+
+        Raises
+        ------
+        WrongDeviceError : the answer is text: an unsupported ROM, or its monitor mode
+        BadReplyError : bytes that the protocol does not have, or more than are due
+        """
         self._data += data
         if not self._data:
             return None

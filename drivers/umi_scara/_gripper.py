@@ -30,7 +30,12 @@ class GripperLaw:
 
     @classmethod
     def through(cls, points: Sequence[tuple[int, float]]) -> "GripperLaw":
-        """Return the law through three measured pairs of counts and width [mm]."""
+        """Return the law through three measured pairs of counts and width [mm].
+
+        Raises
+        ------
+        ValueError : not three points, or two of them at the same counts
+        """
         if len({counts for counts, _ in points}) != 3 or len(points) != 3:
             raise ValueError("a law needs three points at different counts")
         (n0, w0), (n1, w1), (n2, w2) = points

@@ -59,7 +59,14 @@ def synchronised_speeds(
 def forecast_s(
     distances: Mapping[Axis, int], speeds: Mapping[Axis, int], nominal: Mapping[Axis, float]
 ) -> float:
-    """Return how long a move takes [s], by nominal speeds that no source vouches for (§5.7, 7)."""
+    """Return how long a move takes [s], by nominal speeds that no source vouches for (§5.7, 7).
+
+    Parameters
+    ----------
+    distances : how far each axis goes [counts, signed]
+    speeds : SPEED of each of these axes
+    nominal : speed of each axis at NOMINAL_SPEED [counts/s]
+    """
     times_s = [
         abs(far) / (nominal[axis] * speeds[axis] / c.NOMINAL_SPEED)
         for axis, far in distances.items()
@@ -81,6 +88,15 @@ async def start(
 
     With `in_turn` the first IP starts before the second is told its targets (§3.4): one hand-over
     less. Without, `on_go` is called once all is set and nothing moves yet.
+
+    Parameters
+    ----------
+    axes : the motors
+    targets : NEW_POSITION of each motor that moves [counts]
+    speeds : SPEED of those that get a new one
+    guard : called before every request; raises once the motion has been stopped
+    in_turn : start the first IP before the second has its targets
+    on_go : called when all is set, right before the first go; not with ``in_turn``
     """
     order = axes.ips(targets)
     for ip in order:
@@ -190,6 +206,13 @@ async def verify_arrival(
     axes: Axes, targets: Mapping[Axis, int], tolerances: Mapping[Axis, int], settle_s: float
 ) -> dict[Axis, int]:
     """Read where resting axes are; return that if all are within tolerance [counts] of the target.
+
+    Parameters
+    ----------
+    axes : the motors, at rest
+    targets : where each should be [counts]
+    tolerances : how far from it each may rest [counts]
+    settle_s : how long to go on reading until all are [cell s of attended time]
 
     Raises
     ------

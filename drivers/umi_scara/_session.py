@@ -86,7 +86,12 @@ class ArmConfig:
 
 
 def check_speeds(speeds: Mapping[Axis, int]) -> None:
-    """Raise ValueError for a SPEED that no driver has ever used (§2.5)."""
+    """Raise ValueError for a SPEED that no driver has ever used (§2.5).
+
+    Raises
+    ------
+    ValueError : not a whole number from 1 to MAX_SPEED; the message names the axis
+    """
     for axis, speed in speeds.items():
         if not 1 <= speed <= c.MAX_SPEED or int(speed) != speed:
             raise ValueError(f"{axis.name}: SPEED is a whole 1 to {c.MAX_SPEED}, not {speed}")
@@ -245,6 +250,12 @@ class ArmSession:
     async def write_parameter(self, axis: Axis, parameter: Parameter, value: int) -> None:
         """Set a parameter of a motor (§2.5).
 
+        Parameters
+        ----------
+        axis : the motor
+        parameter : which of its parameters
+        value : in the parameter's own units, a signed word
+
         Raises
         ------
         ValueError : read-only, or CURRENT_POSITION, which only homing may label
@@ -259,7 +270,12 @@ class ArmSession:
         await self._axes.write(axis, Parameter.SPEED, speed)
 
     async def set_force(self, axis: Axis, force: int) -> None:
-        """Set MAX_FORCE of an axis; 0 makes the motor limp (§2.5), 20 to 60 have been used."""
+        """Set MAX_FORCE of an axis; 0 makes the motor limp (§2.5), 20 to 60 have been used.
+
+        Raises
+        ------
+        ValueError : the force is outside 0 to 100
+        """
         if not 0 <= force <= 100:
             raise ValueError(f"{axis.name}: MAX_FORCE is 0 to 100, not {force}")
         await self._axes.write(axis, Parameter.MAX_FORCE, force)

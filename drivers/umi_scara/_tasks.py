@@ -13,6 +13,10 @@ async def run_to_end(work: Coroutine[Any, Any, T]) -> T:
 
     `work` must be bounded in time. If it fails while the caller is being cancelled, the
     cancellation wins.
+
+    Raises
+    ------
+    CancelledError : the caller was cancelled while ``work`` ran; ``work`` has ended by then
     """
     task = asyncio.create_task(work)
     was_cancelled = False

@@ -116,6 +116,10 @@ def q_to_counts(q: ArrayLike) -> NDArray[np.int64]:
     Returns
     -------
     (..., 6) counts in COUNTS_ORDER: elbow, shoulder, zed, wrist 1, wrist 2, yaw
+
+    Raises
+    ------
+    ValueError : a joint is NaN or infinite
     """
     joints = np.asarray(q, dtype=np.float64)
     if not np.isfinite(joints).all():
@@ -130,7 +134,7 @@ def counts_to_q(counts: ArrayLike) -> Floats:
 
 # ---- limits ------------------------------------------------------------------------------------
 def within_limits(q: ArrayLike) -> NDArray[np.bool_]:
-    """Tell whether the arm would accept joints (..., 6): all of §5.2, on whole counts.
+    """Return whether the arm would accept joints (..., 6): all of §5.2, on whole counts.
 
     Joints are rounded to counts first, so that this answer and the arm's are the same one.
     NaN is outside.

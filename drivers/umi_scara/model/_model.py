@@ -155,7 +155,7 @@ class UmiModel:
         return kinematics.inverse(T_arm_tip, self.geometry)[0]
 
     def within_limits(self, q: Floats) -> NDArray[np.bool_]:
-        """Tell which joints (..., 6) the arm would accept: (...) bool; NaN is outside."""
+        """Return which joints (..., 6) the arm would accept: (...) bool; NaN is outside."""
         return kinematics.within_limits(q)
 
     def limit_report(self, q: Floats) -> str:
