@@ -36,7 +36,7 @@ __all__ = ["Certified", "KeptPlan", "Planning", "planner_hash"]
 Array = NDArray[np.float64]
 
 SOURCES = ("controller/cad", "controller/imaging", "controller/planning", "drivers/umi_scara")
-DECIDING = ("numpy", "scipy", "shapely", "trimesh", "embreex", "python-fcl", "networkx")
+DECIDING = ("numpy", "scipy", "shapely", "trimesh", "embreex", "python-fcl", "rtree")
 
 
 class Planning:
