@@ -75,14 +75,20 @@ def _claims(best: Hypothesis, others: Sequence[Hypothesis]) -> float:
 
 
 def is_convincing(hypotheses: Sequence[Hypothesis]) -> bool:
-    """Tell whether one of the readings of a front-lit object needs no others beside it."""
+    """Return whether one of the readings of a front-lit object needs no others beside it."""
     return any(
         h.probability > CONVINCING and h.evidence.misfit_px < CONVINCING_PX for h in hypotheses
     )
 
 
 def looks_same(a: EdgePoints, b: EdgePoints, *, outline_only: bool) -> bool:
-    """Tell whether two predictions are one drawing, both ways, to what a picture resolves."""
+    """Return whether two predictions are one drawing, both ways, to what a picture resolves.
+
+    Parameters
+    ----------
+    a, b : predicted edges in one picture, of two hypotheses for one object
+    outline_only : True where the picture is backlit: edges inside do not show
+    """
     return _covered(a, b, outline_only) and _covered(b, a, outline_only)
 
 

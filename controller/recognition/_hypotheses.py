@@ -115,7 +115,17 @@ def weigh(
     limits: SearchLimits,
     source: str = "outline",
 ) -> list[Hypothesis]:
-    """Return fitted hypotheses, best first."""
+    """Return fitted hypotheses, best first.
+
+    Parameters
+    ----------
+    candidates : likeliest first; equal ones are fitted once
+    sight : the object
+    camera : calibrated, in the world's frame
+    library : whose parts and stable poses the candidates count
+    limits : how much is tried
+    source : "outline" or "lines": what proposed them, for the record
+    """
     fine: list[Hypothesis] = []
     held: list[tuple[float, Candidate, EdgeFit]] = []
     bound = -np.inf
@@ -163,7 +173,14 @@ def distinct(candidates: Sequence[Candidate], library: Library) -> list[Candidat
 
 
 def is_tried(candidate: Candidate, hypotheses: Sequence[Hypothesis], library: Library) -> bool:
-    """Tell whether a candidate has led to one of the hypotheses already."""
+    """Return whether a candidate has led to one of the hypotheses already.
+
+    Parameters
+    ----------
+    candidate : a view not fitted yet
+    hypotheses : fitted ones of the same object
+    library : knows which turns leave a pose as it is
+    """
     return any(is_same_reading(h, candidate, library) for h in hypotheses)
 
 
@@ -182,7 +199,14 @@ def is_same_reading(
     library: Library,
     within_mm: float = SAME_PLACE_MM,
 ) -> bool:
-    """Tell whether two readings are one part, lying one way, at one place."""
+    """Return whether two readings are one part, in one stable pose, at one position.
+
+    Parameters
+    ----------
+    a, b : of one object, in the world's frame
+    library : knows which turns leave a pose as it is
+    within_mm : distance of the centres of mass below which their positions are one
+    """
     return (
         (a.part, a.pose) == (b.part, b.pose)
         and float(np.linalg.norm(a.place_mm - b.place_mm)) < within_mm
@@ -191,7 +215,13 @@ def is_same_reading(
 
 
 def is_same_turn(a_rad: float, b_rad: float, turns_rad: Array) -> bool:
-    """Tell whether two turns are the same up to those that leave the pose as it is."""
+    """Return whether two turns are the same up to those that leave the pose as it is.
+
+    Parameters
+    ----------
+    a_rad, b_rad : about z, of any number of full turns
+    turns_rad : (k,) turns that leave the pose as it is, 0 among them; empty if any does
+    """
     if len(turns_rad) == 0:
         return True
     gap = (a_rad - b_rad - turns_rad + np.pi) % (2 * np.pi) - np.pi

@@ -69,7 +69,14 @@ class PoseFit:
 
 
 def twist(rotation: Array, shift: Array, pivot: Array) -> Array:
-    """Return the motion (4, 4) that turns about a point by a rotation vector and shifts then."""
+    """Return the motion (4, 4) that turns about a point by a rotation vector and then shifts.
+
+    Parameters
+    ----------
+    rotation : (3,) along the axis, as long as the angle [rad]
+    shift : (3,) [mm]
+    pivot : (3,) point that only the shift moves [mm]; all three in one frame
+    """
     R, _ = cv2.Rodrigues(rotation.reshape(3, 1))
     T = np.eye(4)
     T[:3, :3] = R

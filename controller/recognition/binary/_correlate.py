@@ -326,7 +326,7 @@ def _matched(
 
 
 def _turn_is_free(observed: BoundaryString, limits: BinaryTolerances) -> bool:
-    """Tell whether nothing says how an object is turned: a circle, and holes only at its middle."""
+    """Return whether nothing shows how an object is turned: a circle, holes only at its middle."""
     radius = np.linalg.norm(observed.outline_mm - observed.centroid_mm, axis=1)
     if float(np.ptp(radius)) > 2 * limits.round_mm:
         return False

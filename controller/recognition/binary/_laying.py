@@ -125,7 +125,15 @@ def lay(
     candidates: Candidates,
     limits: BinaryTolerances,
 ) -> Laid:
-    """Return candidates fitted to an object, equal ones once, the best few of each model."""
+    """Return candidates fitted to an object, equal ones once, the best few of each model.
+
+    Parameters
+    ----------
+    observed : the object's boundary, table plane [mm]
+    models : views of the library
+    candidates : at least one, in any order; each turns a model about its origin, then shifts it
+    limits : among them the cap on a sample's distance from the outline
+    """
     nearest = _NearestMap(observed)
     model = candidates.model
     turn = candidates.turn_rad

@@ -104,7 +104,15 @@ def _circle(
 
 
 def fit_runs(sums: RunningSums, closed: Array, runs: Integers, limits: BinaryTolerances) -> Fit:
-    """Return the primitives of runs (r, 2) of points, each from a sample to another, included."""
+    """Return the primitives of runs of points.
+
+    Parameters
+    ----------
+    sums : of ``closed``
+    closed : (n + 1, 2) points of a loop, the first one repeated at the end
+    runs : (r, 2) first and last sample of each run, both included
+    limits : what a primitive, an arc and a stray point cost
+    """
     cost, is_arc = _cost(sums, runs[:, 0], runs[:, 1], limits)
     # most runs are one line: what is as near to one primitive as points stray is not parted
     length = runs[:, 1] - runs[:, 0]
@@ -130,7 +138,14 @@ def fit_runs(sums: RunningSums, closed: Array, runs: Integers, limits: BinaryTol
 
 
 def is_circle(sums: RunningSums, count: int, limits: BinaryTolerances) -> bool:
-    """Tell whether all points of a loop are one arc."""
+    """Return whether all points of a loop are one arc.
+
+    Parameters
+    ----------
+    sums : of the loop's points, the first one repeated at the end
+    count : of those points
+    limits : how far points stray from a primitive
+    """
     _, arc, _ = sums.residuals(np.zeros(1, dtype=np.int64), np.array([count - 1]))
     return float(arc[0]) < count * (STRAY * limits.line_noise_mm) ** 2
 

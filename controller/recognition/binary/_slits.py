@@ -16,6 +16,13 @@ def without_slits(
     """Return loops (n, 2) without slits and slivers narrower than a width, and which are holes.
 
     Closed and opened again by half the width, sharp corners kept.
+
+    Parameters
+    ----------
+    loops : each (n, 2), either way round, the first point not repeated; of fewer than three points
+        are left out
+    is_hole : of each loop
+    width_mm : of the widest slit to go, in the unit of the loops
     """
     body: BaseGeometry = shapely.Polygon()
     for points, hole in sorted(zip(loops, is_hole, strict=True), key=lambda pair: pair[1]):

@@ -67,18 +67,41 @@ class Sheet:
     def line(
         self, pixels: Array, colour: Colour, width: int = 1, *, is_closed: bool = False
     ) -> None:
-        """Draw a line through pixels (n, 2) of the picture."""
+        """Draw a line through pixels of the picture.
+
+        Parameters
+        ----------
+        pixels : (n, 2) x before y
+        colour : blue, green, red
+        width : in pixels of the canvas
+        is_closed : the last point is joined to the first
+        """
         polyline(self.canvas, self.at(pixels), colour, width, is_closed=is_closed)
 
     def strokes(self, begin: Array, end: Array, colour: Colour, width: int = 1) -> None:
-        """Draw many short lines between pixels (n, 2) and (n, 2)."""
+        """Draw many short lines.
+
+        Parameters
+        ----------
+        begin, end : (n, 2) pixels of the picture, x before y
+        colour : blue, green, red
+        width : in pixels of the canvas
+        """
         if len(begin) == 0:
             return
         ends = np.stack([self.at(begin), self.at(end)], axis=1)
         cv2.polylines(self.canvas, list(_fixed(ends)), False, colour, width, cv2.LINE_AA, SHIFT)
 
     def dot(self, pixel: Array, colour: Colour, radius: int = 4, *, is_filled: bool = True) -> None:
-        """Draw a dot at a pixel (2,)."""
+        """Draw a dot, as a full disc with a dark rim or as a circle.
+
+        Parameters
+        ----------
+        pixel : (2,) of the picture, x before y
+        colour : blue, green, red
+        radius : in pixels of the canvas
+        is_filled : False for the circle
+        """
         x, y = _fixed(self.at(pixel[None]))[0].tolist()
         r = radius << SHIFT
         if is_filled:
@@ -86,7 +109,14 @@ class Sheet:
         cv2.circle(self.canvas, (x, y), r, colour, -1 if is_filled else 1, cv2.LINE_AA, SHIFT)
 
     def square(self, pixel: Array, colour: Colour, radius: int = 4) -> None:
-        """Draw a square at a pixel (2,)."""
+        """Draw a full square with a dark rim.
+
+        Parameters
+        ----------
+        pixel : (2,) of the picture, x before y
+        colour : blue, green, red
+        radius : half a side, in pixels of the canvas
+        """
         x, y = np.round(self.at(pixel[None]))[0].astype(int).tolist()
         for grown, drawn in ((radius + 1, BLACK), (radius, colour)):
             cv2.rectangle(
@@ -96,7 +126,16 @@ class Sheet:
     def words(
         self, text: str, pixel: Array, colour: Colour, shift: tuple[int, int] = (0, 0)
     ) -> None:
-        """Write words beside a pixel (2,), kept on the canvas, on a dark ground."""
+        """Write words beside a pixel, kept on the canvas, on a dark ground.
+
+        Parameters
+        ----------
+        text : one line
+        pixel : (2,) of the picture, x before y
+        colour : of the letters: blue, green, red
+        shift : (x, y) from the pixel to the upper left corner of the ground, in pixels of the
+            canvas
+        """
         x, y = np.round(self.at(pixel[None]))[0].astype(int).tolist()
         tag(self.canvas, text, (x + shift[0], y + shift[1]), colour)
 
@@ -109,7 +148,16 @@ def _fixed(points: Array) -> NDArray[np.int32]:
 def polyline(
     canvas: Picture, points: Array, colour: Colour, width: int = 1, *, is_closed: bool = False
 ) -> None:
-    """Draw a line through points (n, 2) of the canvas."""
+    """Draw a line through points of the canvas; none through no point.
+
+    Parameters
+    ----------
+    canvas : (h, w, 3) drawn on
+    points : (n, 2) x before y, fractions of a pixel count
+    colour : blue, green, red
+    width : in pixels
+    is_closed : the last point is joined to the first
+    """
     if len(points):
         cv2.polylines(canvas, [_fixed(points)], is_closed, colour, width, cv2.LINE_AA, SHIFT)
 
@@ -123,12 +171,29 @@ def text_width(text: str, size: float = SIZE) -> int:
 def write(
     canvas: Picture, text: str, at: tuple[int, int], colour: Colour = WHITE, size: float = SIZE
 ) -> None:
-    """Write a line of words, its lower left corner at (x, y)."""
+    """Write a line of words.
+
+    Parameters
+    ----------
+    canvas : (h, w, 3) drawn on
+    text : one line; `plain` replaces what the font has not
+    at : (x, y) of the lower left corner
+    colour : blue, green, red
+    size : of the letters, as OpenCV scales its font
+    """
     cv2.putText(canvas, plain(text), at, FONT, size, colour, 1, cv2.LINE_AA)
 
 
 def tag(canvas: Picture, text: str, at: tuple[int, int], colour: Colour) -> None:
-    """Write words on a dark ground, moved so that all of them are on the canvas."""
+    """Write words on a dark ground, moved so that all of them are on the canvas.
+
+    Parameters
+    ----------
+    canvas : (h, w, 3) drawn on
+    text : one line
+    at : (x, y) of the upper left corner of the ground, before it is moved
+    colour : of the letters: blue, green, red
+    """
     height, width = canvas.shape[:2]
     long = text_width(plain(text)) + 8
     x = int(np.clip(at[0], 0, max(width - long, 0)))
@@ -157,7 +222,15 @@ def wrapped(text: str, width: int) -> list[str]:
 def write_lines(
     canvas: Picture, lines: Sequence[tuple[str, Colour]], at: tuple[int, int], width: int
 ) -> int:
-    """Write sentences below each other, wrapped to a width; return where the next would begin."""
+    """Write sentences below each other, wrapped; return the y at which the next would begin.
+
+    Parameters
+    ----------
+    canvas : (h, w, 3) drawn on
+    lines : each a text with its colour; an empty text leaves a line free
+    at : (x, y) of the first one's lower left corner
+    width : at which lines are wrapped, in pixels
+    """
     x, y = at
     for text, colour in lines:
         for line in wrapped(text, width) or [""]:

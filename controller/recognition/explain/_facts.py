@@ -127,7 +127,15 @@ def degrees_told(angle_rad: float, decimals: int) -> str:
 def object_facts(
     picture: Grey, camera: Camera, library: Library, seen: Recognition
 ) -> tuple[ObjectFacts, ...]:
-    """Return the facts of all objects of a picture, in the order of its sightings."""
+    """Return the facts of all objects of a picture, in the order of its sightings.
+
+    Parameters
+    ----------
+    picture : (h, w) as it was recognised
+    camera : that took it
+    library : by which it was recognised
+    seen : the result, with a trace of each sighting
+    """
     limits = BinaryTolerances.for_pixels(camera.mm_per_px(np.zeros(3)))
     prepared: dict[int, ViewModel] = {}  # a part's views take a quarter of a second to prepare
     return tuple(

@@ -74,7 +74,17 @@ def draw_page(
     facts: Sequence[ObjectFacts],
     title: str,
 ) -> Picture:
-    """Return the page, (h, w, 3) blue, green, red."""
+    """Return the page, (h, w, 3) blue, green, red.
+
+    Parameters
+    ----------
+    picture : (h, w) as it was recognised
+    camera : that took it
+    library : by which it was recognised; gives the parts' names
+    seen : the result
+    facts : `object_facts` of it
+    title : of the page
+    """
     names = tuple(entry.name for entry in library.entries)
     main = _overview(picture, camera, facts)
     column = _column(main.shape[0], seen, facts, title)

@@ -46,6 +46,13 @@ def window(picture: Grey, camera: Camera, facts: ObjectFacts, side: int) -> Shee
 
     Pixels that are not square are drawn as they are on the table. Where edges are predicted beyond
     the box, the window is wider, so that what is missing is seen to be missing.
+
+    Parameters
+    ----------
+    picture : (h, w) the whole one
+    camera : that took it; gives the shape of a pixel
+    facts : of the object
+    side : of the canvas, in its pixels
     """
     low, high = np.array(facts.trace.region.box_px, dtype=np.float64).reshape(2, 2)
     if facts.shown >= 0:
@@ -79,13 +86,27 @@ def window(picture: Grey, camera: Camera, facts: ObjectFacts, side: int) -> Shee
 
 
 def draw_contour(sheet: Sheet, facts: ObjectFacts, width: int = 1) -> None:
-    """Draw the observed outline and holes."""
+    """Draw the observed outline and holes of an object.
+
+    Parameters
+    ----------
+    sheet : over the object
+    facts : of the object
+    width : of the lines, in pixels of the canvas
+    """
     for loop in facts.trace.region.loops_px:
         sheet.line(loop, YELLOW, width, is_closed=True)
 
 
 def draw_outline(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
-    """Draw the outline's primitives, and the chain's corners by their sign with their numbers."""
+    """Draw the outline's primitives, and the chain's corners by their sign with their numbers.
+
+    Parameters
+    ----------
+    sheet : over the object
+    facts : of the object; without a chain or a boundary string these are left out
+    camera : takes the table plane to the picture
+    """
     draw_contour(sheet, facts)
     s = facts.string
     if s is not None:
@@ -128,7 +149,14 @@ def on_picture(points_mm: Array, camera: Camera) -> Array:
 
 
 def draw_grey(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
-    """Draw grey lines, corners, junctions and circles."""
+    """Draw grey lines, corners, junctions and circles; nothing over a table that glows.
+
+    Parameters
+    ----------
+    sheet : over the object
+    facts : of the object
+    camera : takes the table plane to the picture
+    """
     g = facts.features
     if g is None:
         return
@@ -182,7 +210,15 @@ def draw_curvature(canvas: Picture, facts: ObjectFacts) -> None:
 
 
 def draw_pose(sheet: Sheet, facts: ObjectFacts, camera: Camera, width: int = 2) -> None:
-    """Draw the shown pose's predicted edges: found, missed, and those that need not show."""
+    """Draw the shown pose's predicted edges: found, missed, and those that need not show.
+
+    Parameters
+    ----------
+    sheet : over the object
+    facts : of the object; ``edges`` is what became of the predicted ones
+    camera : takes the table plane to the picture
+    width : of what was found, in pixels of the canvas; what is missed is drawn wider by 1
+    """
     for state in facts.edges:
         begin, end = _pieces(state.edges, camera)
         idle = ~state.found & state.need_not_show
@@ -209,7 +245,16 @@ def _pieces(edges: EdgePoints, camera: Camera) -> tuple[Array, Array]:
 
 
 def draw_place(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
-    """Draw where the part stands: place, direction, and how exact the place is, magnified."""
+    """Draw the planar pose: position, direction, and how exact the position is, magnified.
+
+    Nothing is drawn for an object that is none of the parts.
+
+    Parameters
+    ----------
+    sheet : over the object
+    facts : of the object
+    camera : takes the table plane to the picture
+    """
     s = facts.sighting
     at = np.array([s.x_mm, s.y_mm])
     if s.part is None:
@@ -231,7 +276,14 @@ def draw_place(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
 
 
 def draw_others(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
-    """Draw the outlines of the readings that were not taken, with what speaks for them."""
+    """Draw the outlines of the readings that were not taken, each with its score.
+
+    Parameters
+    ----------
+    sheet : over the object
+    facts : of the object; of ``others`` the best few are drawn
+    camera : that took the picture
+    """
     draw_contour(sheet, facts)
     readings = list(zip(facts.others, RUNNER_UPS, strict=False))[::-1]  # the best on top
     for other, colour in readings:

@@ -49,7 +49,14 @@ def _told(cell: Cell, decimals: int) -> str:
 def stage_tables(
     seen: Recognition, facts: Sequence[ObjectFacts], library: Library
 ) -> tuple[StageTable, ...]:
-    """Return segmentation, then each object's stages in the order they come about."""
+    """Return segmentation, then each object's stages in the order they come about.
+
+    Parameters
+    ----------
+    seen : the result of recognition
+    facts : `object_facts` of it
+    library : by which it was recognised
+    """
     tables = [_segmentation(seen.segmentation), _objects(facts), _survivors(facts, library)]
     for f in facts:
         tables += _stages(f, library)

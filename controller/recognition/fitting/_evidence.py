@@ -107,7 +107,14 @@ class Evidence:
 
 
 def outline_evidence(fit: EdgeFit, loops: LoopMeasure, mm_per_px: float) -> Evidence:
-    """Return what a known outline says of a fit; of the inside it says nothing."""
+    """Return the evidence of a known outline for a fit; it holds nothing of the inside.
+
+    Parameters
+    ----------
+    fit : of the outline's predicted edges alone
+    loops : the observed outline
+    mm_per_px : at the object
+    """
     off = np.fmin(np.abs(fit.gaps.gap_px), FAR_PX)
     step_px = fit.edges.step_mm / mm_per_px
     points = loops.points[:: max(1, len(loops.points) // MOST_POINTS)]
@@ -162,7 +169,17 @@ def grey_evidence(
     image_edges: ImageEdges,
     shading: Shading,
 ) -> Evidence:
-    """Return what grey levels alone say of a pose; parameters as `with_inside`."""
+    """Return the evidence of grey levels alone for a pose.
+
+    Parameters
+    ----------
+    edges : all visible edges at that pose
+    sigma_px : of the fit that found it
+    mm_per_px : at the object
+    greys : the pictures edges are looked for in; one is enough for an edge
+    image_edges : strong edges of the first, about the part
+    shading : `shading_fit` of it
+    """
     on = edges.on_outline
     off = np.full(len(on), FAR_PX)
     for grey in greys:
@@ -192,7 +209,14 @@ def grey_evidence(
 
 
 def is_predicted(points_px: Array, edges: EdgePoints, step_px: float) -> NDArray[np.bool_]:
-    """Tell which points (n, 2) of a picture lie on predicted edges."""
+    """Return which points of a picture lie on predicted edges.
+
+    Parameters
+    ----------
+    points_px : (n, 2) x before y, in the whole picture
+    edges : the predicted ones
+    step_px : between their samples along an edge
+    """
     pixels, normals = edges.pixels, edges.normals
     if len(pixels) == 0 or len(points_px) == 0:
         return np.zeros(len(points_px), dtype=np.bool_)

@@ -56,7 +56,16 @@ class Measure(Protocol):
     def gaps(
         self, pixels: Array, normals: Array, edges: EdgePoints, reach_px: float
     ) -> Gaps:  # pragma: no cover - protocol
-        """Return what lies within reach of predicted points, moved to ``pixels`` meanwhile."""
+        """Return what lies within reach of predicted points.
+
+        Parameters
+        ----------
+        pixels : (n, 2) where the points are by now, x before y, in the whole picture
+        normals : (n, 2) unit, by now, square to the edge
+        edges : as they were predicted: n samples, with which of them are of the outline and which
+            side is brighter
+        reach_px : how far along the normal is looked, to both sides
+        """
         ...
 
 
@@ -82,7 +91,14 @@ class LoopMeasure:
         self._tree = cKDTree(np.hstack([self.points, TURN_PX * self.normals]))
 
     def gaps(self, pixels: Array, normals: Array, edges: EdgePoints, reach_px: float) -> Gaps:
-        """Return the distances to the nearest loop that runs the same way."""
+        """Return the distances to the nearest loop that runs the same way; as `Measure.gaps`.
+
+        Parameters
+        ----------
+        pixels, normals : (n, 2) of the predicted points by now; normals away from the part
+        edges : not asked: all of a loop is outline
+        reach_px : beyond which nothing is found
+        """
         asked = np.hstack([pixels, TURN_PX * normals])
         distance, nearest = self._tree.query(asked, distance_upper_bound=reach_px + TURN_PX)
         near = np.isfinite(distance)
@@ -128,7 +144,15 @@ class GreyMeasure:
         self._is_lit = is_lit
 
     def gaps(self, pixels: Array, normals: Array, edges: EdgePoints, reach_px: float) -> Gaps:
-        """Return the strongest edges near predicted points, nearer ones preferred."""
+        """Return the strongest edges near predicted points, nearer ones preferred.
+
+        Parameters
+        ----------
+        pixels, normals : (n, 2) of the predicted points by now, in the whole picture
+        edges : as they were predicted; under lamps, which side is brighter decides between two
+        reach_px : about which edges count less and less; with a short one, no edge is taken by two
+            points
+        """
         steps = np.arange(-np.ceil(reach_px) - 1, np.ceil(reach_px) + 2) * SIDE_PX
         where = (pixels - self.corner)[:, None] + steps[:, None] * normals[:, None]
         x, y = where[..., 0].astype(np.float32), where[..., 1].astype(np.float32)

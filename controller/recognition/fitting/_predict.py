@@ -115,7 +115,15 @@ def predict_edges(
 def predict_outline(
     model: EdgeModel, T_world_part: Array, camera: Camera, most: int = 600
 ) -> EdgePoints:
-    """Return the outline of a posed part alone: a part of `predict_edges` for a third of it."""
+    """Return the outline of a posed part alone: a part of `predict_edges` for a third of it.
+
+    Parameters
+    ----------
+    model : edges of the part
+    T_world_part : (4, 4) pose of the CAD frame in the world [mm]
+    camera : calibrated, in the world's frame
+    most : about so many samples are looked at, those that turn out hidden among them
+    """
     eye = _eye(T_world_part, camera)
     is_rim, _ = _rims(model, eye)
     samples, step = _sample(model, np.flatnonzero(is_rim), eye, most)

@@ -82,7 +82,14 @@ def find_corners(segments: Array, reach: float, min_rad: float) -> Corners:
 
 
 def find_junctions(segments: Array, corners: Corners, reach: float) -> Junctions:
-    """Return the Y and T junctions of lines."""
+    """Return the Y and T junctions of lines.
+
+    Parameters
+    ----------
+    segments : (n, 4) x0 y0 x1 y1
+    corners : `find_corners` of them
+    reach : how far an end may be from the line it meets, in the same unit
+    """
     count = len(segments)
     key = corners.lines * 2 + corners.ends
     shared = np.bincount(key.ravel(), minlength=2 * count)

@@ -55,6 +55,10 @@ def edge_points(grey: Grey, to_plane: ToPlane, tol: GreyTolerances) -> EdgePoint
     grey : (height, width) uint8
     to_plane : takes pixels (n, 2), x before y, to mm (n, 2) in the plane; it is asked for a grid
         of points only, so it may be slow
+
+    Raises
+    ------
+    ValueError : not a grey picture of uint8
     """
     if grey.ndim != 2 or grey.dtype != np.uint8:
         raise ValueError(f"a grey picture of uint8 is needed, not {grey.dtype} of {grey.shape}")

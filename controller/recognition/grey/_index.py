@@ -49,7 +49,13 @@ class FeatureIndex:
     hulls: Array
 
     def edgelets(self, views: Ints, begin: int = 0, end: int | None = None) -> Singles:
-        """Return (5, n, k) x, y, spread, direction and weight of some edgelets of views (n,)."""
+        """Return (5, n, k) x, y, spread, direction and weight of some edgelets of views.
+
+        Parameters
+        ----------
+        views : (n,) numbers in ``models``
+        begin, end : which edgelets of each; None for up to the last
+        """
         return np.asarray(self.packed[:, views, begin:end] * self.steps, np.float32)
 
 
@@ -131,8 +137,11 @@ def _hull(m: ModelFeatures) -> Array:
 def near_keys(table: Frames, keys: Reals, most: int) -> tuple[Ints, Ints]:
     """Return pairs (row of keys, row of the table) within 1 in every key.
 
-    At most about ``most`` are looked at; rows of ``keys`` come first come first served, so the
-    most telling ones are to stand first.
+    Parameters
+    ----------
+    table : sorted by its first key
+    keys : (n, d) in tolerances, the most telling rows first
+    most : about so many pairs are looked at; rows beyond are left out
     """
     if len(table.keys) == 0 or len(keys) == 0:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)

@@ -60,8 +60,17 @@ def frames_of(
 ) -> dict[str, Frames]:
     """Return the keyed features of one view or picture, by kind.
 
-    ``both_ways``: what has no direction of its own is listed for both; for one of the two sides
-    of a comparison that is enough.
+    Parameters
+    ----------
+    lines : (n, 4) x0 y0 x1 y1 [mm], longest first
+    spread : (n, 2) how far each end moves when the part moves by 1
+    line_weights : (n,)
+    corners : of those lines
+    circles : (m, 3) centre and radius [mm]
+    circle_spread, circle_weights : (m,)
+    tol : the unit of the keys
+    both_ways : what has no direction of its own is listed for both; for one of the two sides of a
+        comparison that is enough
     """
     n = min(len(lines), MOST_LINES)
     lines, spread, line_weights = lines[:n], spread[:n], line_weights[:n]

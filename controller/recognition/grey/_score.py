@@ -50,7 +50,14 @@ class EdgeMap:
 
 
 def edge_map(edgelets: Edgelets, foot_mm: Array, tol: GreyTolerances) -> EdgeMap:
-    """Return the map of a picture's edgelets."""
+    """Return the map of a picture's edgelets.
+
+    Parameters
+    ----------
+    edgelets : of the picture, table plane [mm]; at least one
+    foot_mm : (2,) point of the table below the camera, which the map is about
+    tol : how far from a position edges are looked for, and how far a match may lean
+    """
     points = edgelets.points_mm - foot_mm
     reach = int(np.ceil(tol.reach_mm / CELL_MM))
     low = points.min(axis=0) - (reach + 1.5) * CELL_MM
@@ -112,10 +119,17 @@ def _look_up(
 
 
 def quick_scores(seen: EdgeMap, index: FeatureIndex, poses: Array, most: int) -> Ints:
-    """Return which hypotheses (n, 4) are the best, by how much of the view has an edge near.
+    """Return which hypotheses are the best, best first, by how much of the view has an edge near.
 
-    A few edgelets of each first: those that cannot reach the ``most``-th best, were all the rest
-    of theirs found, are not asked further.
+    A few edgelets of each first: those that cannot reach the ``most``-th best, were all the rest of
+    theirs found, are not asked further.
+
+    Parameters
+    ----------
+    seen : the picture's edgelets
+    index : the views
+    poses : (n, 4) view, turn [rad] and shift [mm] about the camera's foot
+    most : hypotheses returned
     """
     single = poses.astype(np.float32)
     model = poses[:, 0].astype(np.int64)
@@ -136,7 +150,15 @@ def quick_scores(seen: EdgeMap, index: FeatureIndex, poses: Array, most: int) ->
 
 
 def fitted(seen: EdgeMap, index: FeatureIndex, poses: Array, tol: GreyTolerances) -> Array:
-    """Return hypotheses (n, 4) moved so that their edgelets lie on those of the picture."""
+    """Return hypotheses (n, 4) moved so that their edgelets lie on those of the picture.
+
+    Parameters
+    ----------
+    seen : the picture's edgelets
+    index : the views
+    poses : (n, 4) view, turn [rad] and shift [mm] about the camera's foot; left as they are
+    tol : how far away an edge may be
+    """
     poses = poses.copy()
     pieces = index.edgelets(poses[:, 0].astype(np.int64), 0, ASKED)
     k = pieces[2]
@@ -161,7 +183,15 @@ def fitted(seen: EdgeMap, index: FeatureIndex, poses: Array, tol: GreyTolerances
 
 
 def rated(seen: EdgeMap, index: FeatureIndex, poses: Array, tol: GreyTolerances) -> Array:
-    """Return (n, 3) score, and the shares found of the view's and of the picture's edges."""
+    """Return (n, 3) score, and the shares found of the view's and of the picture's edges.
+
+    Parameters
+    ----------
+    seen : the picture's edgelets
+    index : the views
+    poses : (n, 4) view, turn [rad] and shift [mm] about the camera's foot, `fitted`
+    tol : how far off and how oblique a match may be
+    """
     model = poses[:, 0].astype(np.int64)
     pieces = index.edgelets(model)
     single = poses.astype(np.float32)

@@ -130,6 +130,12 @@ def make_entry(
 ) -> tuple[Entry, EdgeShape]:
     """Return what a library keeps of a part, and what its edges are made from.
 
+    Parameters
+    ----------
+    part : compiled
+    station : where it is looked at from
+    min_probability : stable poses that are rarer are left out
+
     Raises
     ------
     CadError : it is too tall to lie under the camera
@@ -187,7 +193,7 @@ def turns_that_keep(R: Array, symmetry: PartSymmetry) -> Array:
 
 
 def _turns_over(symmetry: PartSymmetry, up: Array) -> bool:
-    """Tell whether a round part on its side looks the same with its ends changed over.
+    """Return whether a round part on its side looks the same with its ends changed over.
 
     The half turn about the vertical is one that reverses the axis, and some turn about the axis.
     """
@@ -201,6 +207,12 @@ def make_library(
     parts: Sequence[CompiledPart], camera: Camera, min_probability: float = LEAST_PROBABILITY
 ) -> Library:
     """Prepare parts for a camera, all of them in memory; for a handful of parts.
+
+    Parameters
+    ----------
+    parts : compiled; their order is that of the library's indices
+    camera : overhead, calibrated
+    min_probability : stable poses that are rarer are left out
 
     Raises
     ------
@@ -221,7 +233,12 @@ def make_library(
 
 
 def check_fits(entry: Entry, camera: Camera) -> None:
-    """Raise CadError where a part does not fit into a camera's picture."""
+    """Require that a part fits into a camera's picture as it rests on the table.
+
+    Raises
+    ------
+    CadError : it is longer than the longer side of the picture on the table
+    """
     width, height = camera.size_px
     middle = camera.on_plane(np.array([[width / 2, height / 2]]))[0]
     side = camera.on_plane(np.array([[0.0, height / 2], [width / 2, 0.0]]))

@@ -54,7 +54,14 @@ def polar_grid(loops: tuple[Array, ...]) -> tuple[NDArray[np.uint8], Array, floa
 
 
 def from_raster(raster: NDArray[np.uint8], centre_px: Array, radius_px: float) -> NDArray[np.uint8]:
-    """Return the polar grid of a raster (h, w) round a point, for a disc of equal area so wide."""
+    """Return the polar grid of a raster round a point.
+
+    Parameters
+    ----------
+    raster : (h, w) 255 where the part is, 0 elsewhere
+    centre_px : (2,) x before y
+    radius_px : of a disc as large as the part: the grid's unit of length
+    """
     r = (np.arange(RINGS) + 0.5) / RINGS * REACH * radius_px
     phi = np.arange(ANGLES) * 2 * np.pi / ANGLES
     x = centre_px[0] + r[:, None] * np.cos(phi)

@@ -85,6 +85,13 @@ def lying(part: Weighted, pose: StablePose, x_mm: float, y_mm: float, theta_rad:
     """Return T_world_part of a part at rest: turned upright, then by theta, then moved.
 
     The centre of mass stands over (x, y) and the lowest point at z = 0 (conventions.md 4).
+
+    Parameters
+    ----------
+    part : knows its centre of mass, CAD frame
+    pose : the stable pose
+    x_mm, y_mm : of the centre of mass in the world
+    theta_rad : anticlockwise about +z
     """
     c, s = np.cos(theta_rad), np.sin(theta_rad)
     T = np.eye(4)
@@ -107,7 +114,14 @@ def shadow_camera(eye_mm: Array) -> Camera:
 def view_part(
     solid: Solid, poses: tuple[StablePose, ...], caster: RayCaster, station: Station
 ) -> PartViews:
-    """Return the views of all ways a part lies.
+    """Return the views of a part in all its stable poses.
+
+    Parameters
+    ----------
+    solid : the part
+    poses : its stable poses
+    caster : rays against its mesh
+    station : where it is looked at from
 
     Raises
     ------

@@ -71,7 +71,14 @@ def _within(
 
 
 def table_level(ground: Ground, box: Box, white: int) -> Floats:
-    """Return the table's level in a box, beyond white where it is told to be there."""
+    """Return the table's level (h, w) in a box, as it would be were white no limit.
+
+    Parameters
+    ----------
+    ground : the table's level over the whole picture
+    box : (x0, y0, x1, y1) pixels, the last ones excluded
+    white : level of saturated pixels, 256 where none is
+    """
     level = ground.over(box)
     if white < 256:
         np.clip(level, 1.0, MOST_BEYOND_WHITE * white, out=level)
