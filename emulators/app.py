@@ -104,7 +104,15 @@ async def step_world(cell: Cell) -> None:
 
 
 async def serve(options: CellOptions, control: Path | None, ready: Any, stdin_ends: bool) -> None:  # noqa: ANN401  (a text stream)
-    """Run an emulated cell until it is told to end."""
+    """Run an emulated cell until it is told to end.
+
+    Parameters
+    ----------
+    options : what the emulated cell is made of
+    control : path of the control socket for tests; None opens none
+    ready : text stream that gets one JSON line once every device can be used
+    stdin_ends : also end when standard input is closed
+    """
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):

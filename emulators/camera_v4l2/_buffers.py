@@ -97,7 +97,16 @@ class BufferQueue:
     def finish(
         self, buffer: Buffer, used_bytes: int, flags: int, timestamp_us: int, sequence: int
     ) -> None:
-        """Hand a taken buffer, filled, to the client."""
+        """Hand a taken buffer, filled, to the client.
+
+        Parameters
+        ----------
+        buffer : one that was taken from the queue for this frame
+        used_bytes : length of the picture [bytes]
+        flags : `BufferFlag` bits, such as ERROR for a broken picture
+        timestamp_us : instant of the frame, on the clock that the flags name
+        sequence : number of the frame; lost frames leave a gap
+        """
         buffer.used_bytes, buffer.flags = used_bytes, flags
         buffer.timestamp_us, buffer.sequence = timestamp_us, sequence
         buffer.state = _State.DONE
@@ -120,7 +129,19 @@ class BufferQueue:
     # -- ioctls -----------------------------------------------------------------------------
 
     def reqbufs(self, handle: Handle, data: bytearray, room_bytes: int) -> None:
-        """Answer VIDIOC_REQBUFS; each buffer holds `room_bytes`."""
+        """Answer VIDIOC_REQBUFS; each buffer holds `room_bytes`.
+
+        Parameters
+        ----------
+        handle : the open file that asks; it owns the buffers from then on
+        data : the struct v4l2_requestbuffers, answered in place
+        room_bytes : size of each buffer [bytes]
+
+        Raises
+        ------
+        Refused : EINVAL, no capture by mmap; EBUSY, while frames flow or another file owns the
+            buffers
+        """
         count, kind, memory, _, _ = abi.REQUESTBUFFERS.unpack(data)
         if kind != abi.BUF_TYPE_VIDEO_CAPTURE or memory != abi.MEMORY_MMAP:
             raise Refused(errno.EINVAL)
@@ -140,7 +161,13 @@ class BufferQueue:
         self._describe(self._buffer_of(data), data)
 
     def qbuf(self, handle: Handle, data: bytearray) -> None:
-        """Answer VIDIOC_QBUF."""
+        """Answer VIDIOC_QBUF.
+
+        Raises
+        ------
+        Refused : EINVAL, no such buffer, not by mmap, or queued already; EBUSY, another file owns
+            the buffers
+        """
         buffer = self._buffer_of(data)
         self._demand_owner(handle)
         if abi.BUFFER.unpack(data)[9] != abi.MEMORY_MMAP or buffer.state is not _State.CLIENTS:
@@ -152,7 +179,20 @@ class BufferQueue:
         self._describe(buffer, data)
 
     def dqbuf(self, handle: Handle, data: bytearray, *, is_blocking: bool) -> None:
-        """Answer VIDIOC_DQBUF; raises `NotYet` if it has to wait and may."""
+        """Answer VIDIOC_DQBUF.
+
+        Parameters
+        ----------
+        handle : the open file that asks
+        data : the struct v4l2_buffer, answered in place
+        is_blocking : the file was opened without O_NONBLOCK
+
+        Raises
+        ------
+        NotYet : no frame is finished, and the client waits for one
+        Refused : EAGAIN, no frame is finished; EINVAL, no capture by mmap, or no frames flow;
+            EBUSY, another file owns the buffers
+        """
         fields = abi.BUFFER.unpack(data)
         if fields[1] != abi.BUF_TYPE_VIDEO_CAPTURE or fields[9] != abi.MEMORY_MMAP:
             raise Refused(errno.EINVAL)
@@ -166,7 +206,12 @@ class BufferQueue:
         self._describe(buffer, data)
 
     def streamon(self, handle: Handle, data: bytearray) -> bool:
-        """Answer VIDIOC_STREAMON; True if frames start now."""
+        """Answer VIDIOC_STREAMON; True if frames start now.
+
+        Raises
+        ------
+        Refused : EINVAL, not a capture or no buffers; EBUSY, another file owns the buffers
+        """
         if abi.U32.unpack(data)[0] != abi.BUF_TYPE_VIDEO_CAPTURE:
             raise Refused(errno.EINVAL)
         self._demand_owner(handle)
@@ -176,14 +221,19 @@ class BufferQueue:
         return starts
 
     def streamoff(self, handle: Handle, data: bytearray) -> None:
-        """Answer VIDIOC_STREAMOFF."""
+        """Answer VIDIOC_STREAMOFF.
+
+        Raises
+        ------
+        Refused : EINVAL, not a capture; EBUSY, another file owns the buffers
+        """
         if abi.U32.unpack(data)[0] != abi.BUF_TYPE_VIDEO_CAPTURE:
             raise Refused(errno.EINVAL)
         self._demand_owner(handle)
         self.stop()
 
     def may_map(self, length_bytes: int, offset_bytes: int) -> bool:
-        """Tell whether mmap(2) of this range is one buffer's."""
+        """Return whether mmap(2) of this range is one buffer's."""
         index, rest = divmod(offset_bytes, SLOT_BYTES)
         return rest == 0 and index < len(self._buffers) and 0 < length_bytes <= SLOT_BYTES
 

@@ -47,7 +47,14 @@ class ControlBank:
         return default if control is None else control.value
 
     def value_at(self, cid: int, frame: int, default: int = 0) -> int:
-        """Return what frame number `frame` is taken with."""
+        """Return what frame number `frame` is taken with.
+
+        Parameters
+        ----------
+        cid : the control's id
+        frame : number of the frame, as the sensor counts them
+        default : what to return for a control that this camera does not have
+        """
         control = self._controls.get(cid)
         if control is None:
             return default
@@ -62,14 +69,24 @@ class ControlBank:
             control.history = [(0, control.value)]
 
     def is_active(self, cid: int) -> bool:
-        """Tell whether the client, not an automatic of the camera, drives a control."""
+        """Return whether the client, not an automatic of the camera, drives a control."""
         needs = self._controls[cid].spec.needs
         return needs is None or self.value_set(needs[0], needs[1]) == needs[1]
 
     def change(
         self, cid: int, value: int, first_frame: int, handles: Iterable[Handle], by: Handle | None
     ) -> bool:
-        """Set a checked value from a frame on; True if a handle has an event to fetch for it."""
+        """Set a checked value from a frame on; True if a handle has an event to fetch for it.
+
+        Parameters
+        ----------
+        cid : the control's id
+        value : as `check` returned it
+        first_frame : number of the first frame taken with it
+        handles : all open files; each gets an event where it has subscribed to one
+        by : the file that set it, which gets an event only where it asked for its own; None if no
+            file did
+        """
         control = self._controls[cid]
         if value == control.value:
             return False
@@ -86,7 +103,14 @@ class ControlBank:
         return told
 
     def steer(self, cid: int, value: int, first_frame: int) -> None:
-        """Set a control as an automatic of the camera does: clamped, and nobody is told."""
+        """Set a control as an automatic of the camera does: clamped, and nobody is told.
+
+        Parameters
+        ----------
+        cid : the control's id
+        value : clamped to the control's range
+        first_frame : number of the first frame taken with it
+        """
         control = self._controls[cid]
         control.value = max(control.spec.minimum, min(control.spec.maximum, value))
         self._remember(control, first_frame)
@@ -134,7 +158,13 @@ class ControlBank:
         return self._controls[cid]
 
     def check(self, cid: int, value: int) -> int:
-        """Return the value that a client's wish becomes; raises `Refused` as uvcvideo does."""
+        """Return the value that a client's wish becomes, by uvcvideo's rules.
+
+        Raises
+        ------
+        Refused : EACCES, an automatic drives the control, or it is a class; ERANGE or EINVAL, no
+            such item of a menu
+        """
         spec = self._controls[cid].spec
         if spec.kind is Kind.CLASS or not self.is_active(cid):
             raise Refused(errno.EACCES)
@@ -186,7 +216,12 @@ class ControlBank:
         )
 
     def querymenu(self, data: bytearray) -> None:
-        """Answer VIDIOC_QUERYMENU."""
+        """Answer VIDIOC_QUERYMENU.
+
+        Raises
+        ------
+        Refused : EINVAL, no such control or item
+        """
         cid, index, _ = abi.QUERYMENU.unpack(data)
         control = self._controls.get(cid)
         if control is None or index not in control.spec.menu:
@@ -194,7 +229,12 @@ class ControlBank:
         data[:] = abi.QUERYMENU.pack(cid, index, control.spec.menu[index].encode()[:31])
 
     def g_ctrl(self, data: bytearray) -> None:
-        """Answer VIDIOC_G_CTRL."""
+        """Answer VIDIOC_G_CTRL.
+
+        Raises
+        ------
+        Refused : EINVAL, no such control
+        """
         cid = abi.CONTROL.unpack(data)[0]
         control = self._controls.get(cid)
         if control is None or control.spec.kind is Kind.CLASS:
@@ -202,7 +242,12 @@ class ControlBank:
         data[:] = abi.CONTROL.pack(cid, control.value)
 
     def s_ctrl(self, data: bytearray) -> list[tuple[int, int]]:
-        """Check VIDIOC_S_CTRL; return what to `change`."""
+        """Check VIDIOC_S_CTRL; return what to `change`.
+
+        Raises
+        ------
+        Refused : EINVAL, no such control; otherwise as `check`
+        """
         cid, wish = abi.CONTROL.unpack(data)
         if cid not in self._controls or self._controls[cid].spec.kind is Kind.CLASS:
             raise Refused(errno.EINVAL)
@@ -213,7 +258,21 @@ class ControlBank:
     def ext_ctrls(
         self, request: abi.Request, data: bytearray, memory: ClientMemory | None
     ) -> list[tuple[int, int]]:
-        """Answer G/S/TRY_EXT_CTRLS; return what to `change`, nothing of which is done yet."""
+        """Answer G/S/TRY_EXT_CTRLS; return what to `change`, nothing of which is done yet.
+
+        Parameters
+        ----------
+        request : which of the three
+        data : the struct v4l2_ext_controls, answered in place; a refusal puts the index of the bad
+            control into it
+        memory : the way to the array that the struct points at, None where pointers cannot be
+            followed
+
+        Raises
+        ------
+        Refused : ENOTTY, without `memory`; EINVAL, a control or class that does not exist; EACCES,
+            a class; otherwise as `check`
+        """
         if memory is None:
             raise Refused(errno.ENOTTY)  # no way to the array that the struct points at
         which, count, _, request_fd, reserved, pointer = abi.EXT_CONTROLS.unpack(data)
@@ -260,7 +319,12 @@ class ControlBank:
     # -- events ---------------------------------------------------------------------------
 
     def subscribe_event(self, handle: Handle, data: bytearray) -> bool:
-        """Answer VIDIOC_SUBSCRIBE_EVENT; True if the first event is there already."""
+        """Answer VIDIOC_SUBSCRIBE_EVENT; True if the first event is there already.
+
+        Raises
+        ------
+        Refused : EINVAL, an event of another kind, or no such control
+        """
         kind, cid, flags = abi.EVENT_SUBSCRIPTION.unpack(data)
         if kind != _EVENT_CTRL or cid not in self._controls:
             raise Refused(errno.EINVAL)
@@ -277,7 +341,12 @@ class ControlBank:
             handle.events.pop(known, None)
 
     def dqevent(self, handle: Handle, data: bytearray) -> None:
-        """Answer VIDIOC_DQEVENT; raises `Refused` (ENOENT) when nothing is pending."""
+        """Answer VIDIOC_DQEVENT with the oldest event.
+
+        Raises
+        ------
+        Refused : ENOENT, nothing is pending
+        """
         if not handle.events:
             raise Refused(errno.ENOENT)
         cid = next(iter(handle.events))

@@ -246,7 +246,12 @@ class V4l2Device:
     # -- the client's side --------------------------------------------------------------------
 
     def open(self) -> int:
-        """Open the camera; return the handle's number. Raises `Refused` (ENODEV) unplugged."""
+        """Open the camera; return the handle's number.
+
+        Raises
+        ------
+        Refused : ENODEV, the camera is unplugged
+        """
         with self._lock:
             if not self._is_plugged:
                 raise Refused(errno.ENODEV)
@@ -273,7 +278,14 @@ class V4l2Device:
             return self._buffers.poll() | (Poll.PRI if handle.events else 0)
 
     def may_map(self, number: int, length_bytes: int, offset_bytes: int) -> bool:
-        """Tell whether mmap(2) of a range is that of a buffer which exists."""
+        """Return whether mmap(2) of a range is that of a buffer which exists.
+
+        Parameters
+        ----------
+        number : the handle's
+        length_bytes : size of the range
+        offset_bytes : where it begins, as QUERYBUF gave it
+        """
         with self._lock:
             return number in self._handles and self._buffers.may_map(length_bytes, offset_bytes)
 
@@ -302,6 +314,7 @@ class V4l2Device:
         Raises
         ------
         NotYet : a blocking DQBUF has to wait
+        AssertionError : the answer has another size than the struct: a bug of this emulator
         """
         size = abi.size_of_request(request)
         if len(data) > size:

@@ -83,7 +83,12 @@ def mean_level(picture: Picture) -> float:
 
 
 def encode(picture: Picture, pixel_format: PixelFormat) -> bytes | memoryview:
-    """Return the bytes that a frame of this picture, (height, width), has on the wire."""
+    """Return the bytes that a frame of this picture, (height, width), has on the wire.
+
+    Raises
+    ------
+    ValueError : OpenCV could not make a JPEG of it
+    """
     if pixel_format is PixelFormat.Y16:
         deep = picture if picture.dtype == np.uint16 else picture.astype(np.uint16) * 257
         return _flat(deep.astype("<u2", copy=False))

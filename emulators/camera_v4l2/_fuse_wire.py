@@ -79,7 +79,12 @@ class Notice(IntEnum):
 
 
 def mount(device_fd: int, directory: Path) -> None:
-    """Mount an open `/dev/fuse` on a directory. Raises OSError, EPERM without the right."""
+    """Mount an open `/dev/fuse` on a directory.
+
+    Raises
+    ------
+    OSError : the kernel refused, with EPERM without the right to mount
+    """
     options = f"fd={device_fd},rootmode=40000,user_id=0,group_id=0,allow_other".encode()
     target = os.fsencode(directory)
     if _LIBC.mount(b"v4l2cam", target, b"fuse.v4l2cam", _MS_NOSUID_NODEV, options):
@@ -88,7 +93,12 @@ def mount(device_fd: int, directory: Path) -> None:
 
 
 def unmount(directory: Path) -> None:
-    """Take a mount away, whoever uses it, and fail what waits for it; none there is fine."""
+    """Take a mount away, whoever uses it, and fail what waits for it; none there is fine.
+
+    Raises
+    ------
+    OSError : the kernel refused for another reason than that nothing is mounted there
+    """
     if _LIBC.umount2(os.fsencode(directory), _MNT_FORCE | _MNT_DETACH):
         number = ctypes.get_errno()
         if number not in (errno.EINVAL, errno.ENOENT):

@@ -40,13 +40,20 @@ class ClockPattern:
         self._deliver: Callable[[Hashable, Picture], None] | None = None
 
     def connect(self, deliver: Callable[[Hashable, Picture], None]) -> None:
-        """Tell where the pictures go: a device's `deliver`."""
+        """Set where the pictures go: a device's `deliver`."""
         self._deliver = deliver
 
     def expose(
         self, start_s: float, end_s: float, exposure_s: float, gain: float
     ) -> Hashable | None:
-        """Order a picture."""
+        """Order a picture; return its ticket, None before `connect`.
+
+        Parameters
+        ----------
+        start_s, end_s : first and last instant of the exposure [world s]
+        exposure_s : length of the exposure [s], for the brightness
+        gain : factor on the brightness
+        """
         if self._deliver is None:
             return None
         ticket = next(self._tickets)
@@ -56,7 +63,14 @@ class ClockPattern:
         return ticket
 
     def paint(self, start_s: float, end_s: float, exposure_s: float, gain: float) -> Picture:
-        """Return the picture of an exposure, (height, width)."""
+        """Return the picture of an exposure, (height, width).
+
+        Parameters
+        ----------
+        start_s, end_s : first and last instant of the exposure [world s], one row of squares each
+        exposure_s : length of the exposure [s], for the brightness of the ground
+        gain : factor on that brightness
+        """
         width, height = self._size_px
         level = NORMAL_LEVEL * gain * exposure_s / NORMAL_EXPOSURE_S
         picture = np.full((height, width), min(255, round(level)), np.uint8)

@@ -170,7 +170,12 @@ class Sensor:
         return again_s
 
     def deliver(self, ticket: Hashable, picture: Picture) -> None:
-        """Do as `V4l2Device.deliver` says."""
+        """Do as `V4l2Device.deliver` says.
+
+        Raises
+        ------
+        ValueError : the picture is not (height, width) uint8 or uint16
+        """
         if picture.ndim != 2 or picture.dtype.name not in ("uint8", "uint16"):
             raise ValueError(f"a picture is (h, w) uint8 or uint16, not {picture.dtype}")
         with self._lock:

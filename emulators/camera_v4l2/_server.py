@@ -110,6 +110,7 @@ class CameraServer:
         Raises
         ------
         ExceptionGroup : a picture source raised, or the mount had to be given up
+        ConnectionAbortedError : in that group, the mount had to be given up
         """
         async with asyncio.TaskGroup() as tasks:
             for device in self._devices.values():

@@ -76,7 +76,12 @@ class CaptureSettings:
         )
 
     def enum_fmt(self, data: bytearray) -> None:
-        """Answer VIDIOC_ENUM_FMT."""
+        """Answer VIDIOC_ENUM_FMT.
+
+        Raises
+        ------
+        Refused : EINVAL, the list of formats has ended, or not a capture
+        """
         index, kind = abi.FMTDESC.unpack(data)[:2]
         if kind != abi.BUF_TYPE_VIDEO_CAPTURE or index >= len(self._config.formats):
             raise Refused(errno.EINVAL)
@@ -106,7 +111,12 @@ class CaptureSettings:
         return size_px, pixel_format
 
     def s_fmt(self, data: bytearray, *, is_busy: bool) -> None:
-        """Answer VIDIOC_S_FMT, refused while buffers exist."""
+        """Answer VIDIOC_S_FMT, refused while buffers exist.
+
+        Raises
+        ------
+        Refused : EBUSY, buffers exist; EINVAL, not a capture
+        """
         size_px, pixel_format = self.try_fmt(data)
         if is_busy:
             raise Refused(errno.EBUSY)
@@ -120,7 +130,12 @@ class CaptureSettings:
         )
 
     def s_parm(self, data: bytearray, *, is_busy: bool) -> None:
-        """Answer VIDIOC_S_PARM with the nearest rate; refused while frames flow."""
+        """Answer VIDIOC_S_PARM with the nearest rate; refused while frames flow.
+
+        Raises
+        ------
+        Refused : EBUSY, frames flow; EINVAL, not a capture
+        """
         self._demand_capture(data)
         _, _, _, numerator, denominator, _, _ = abi.STREAMPARM.unpack(data)
         if is_busy:
@@ -133,7 +148,12 @@ class CaptureSettings:
         self.g_parm(data)
 
     def enuminput(self, data: bytearray) -> None:
-        """Answer VIDIOC_ENUMINPUT: there is one."""
+        """Answer VIDIOC_ENUMINPUT: there is one.
+
+        Raises
+        ------
+        Refused : EINVAL, an input after the first
+        """
         if abi.U32.unpack_from(data)[0]:
             raise Refused(errno.EINVAL)
         data[:] = abi.INPUT.pack(0, b"Camera 1", abi.INPUT_TYPE_CAMERA, 0, 0, 0, 0, 0)
@@ -143,12 +163,22 @@ class CaptureSettings:
         data[:] = abi.U32.pack(0)
 
     def s_input(self, data: bytearray) -> None:
-        """Answer VIDIOC_S_INPUT."""
+        """Answer VIDIOC_S_INPUT.
+
+        Raises
+        ------
+        Refused : EINVAL, an input other than the first
+        """
         if any(data):
             raise Refused(errno.EINVAL)
 
     def enum_framesizes(self, data: bytearray) -> None:
-        """Answer VIDIOC_ENUM_FRAMESIZES."""
+        """Answer VIDIOC_ENUM_FRAMESIZES.
+
+        Raises
+        ------
+        Refused : EINVAL, the list of sizes has ended, or no such format
+        """
         index, code = abi.FRMSIZEENUM.unpack(data)[:2]
         self._demand_format(code)
         if index >= len(self._config.sizes_px):
@@ -158,7 +188,12 @@ class CaptureSettings:
         )
 
     def enum_frameintervals(self, data: bytearray) -> None:
-        """Answer VIDIOC_ENUM_FRAMEINTERVALS."""
+        """Answer VIDIOC_ENUM_FRAMEINTERVALS.
+
+        Raises
+        ------
+        Refused : EINVAL, the list of rates has ended, or no such format or size
+        """
         index, code, width, height = abi.FRMIVALENUM.unpack(data)[:4]
         self._demand_format(code)
         if (width, height) not in self._config.sizes_px or index >= len(self._config.rates_hz):

@@ -87,7 +87,7 @@ class SocketCamera:
         os.pwrite(self._memory_fd, frame, offset_bytes)
 
     def wake(self, frame_of: int | None) -> None:
-        """Tell a client of its finished frame; end the events of those whose camera is gone."""
+        """Notify a client of its finished frame; end the events of those whose camera is gone."""
         with self._lock:
             for client in self._clients:
                 if client.number == frame_of:

@@ -54,7 +54,7 @@ class JawModel:
 
     @property
     def touches_while_closing(self) -> bool:
-        """Tell whether something between the jaws keeps them from closing on."""
+        """Return whether something between the jaws keeps them from closing on."""
         if self.target_mm >= self.opening_mm - TOUCH_MM:
             return False
         limit_mm = self.grip_limit_mm
@@ -62,7 +62,7 @@ class JawModel:
 
     @property
     def touches_while_opening(self) -> bool:
-        """Tell whether a part around the jaws keeps them from opening on."""
+        """Return whether a part around the jaws keeps them from opening on."""
         if self.target_mm <= self.opening_mm + TOUCH_MM:
             return False
         limit_mm = self.inner_limit_mm
@@ -70,21 +70,28 @@ class JawModel:
 
     @property
     def is_pressing(self) -> bool:
-        """Tell whether the jaws press on a part, from outside or inside."""
+        """Return whether the jaws press on a part, from outside or inside."""
         return self.touches_while_closing or self.touches_while_opening
 
     @property
     def is_holding(self) -> bool:
-        """Tell whether the jaws press with all the force asked for."""
+        """Return whether the jaws press with all the force asked for."""
         return self.force_n > 0.0 and self.force_n >= self.force_limit_n
 
     @property
     def is_at_target(self) -> bool:
-        """Tell whether the jaws are where they were sent."""
+        """Return whether the jaws are where they were sent."""
         return abs(self.target_mm - self.opening_mm) <= TOUCH_MM
 
     def drive(self, target_mm: float, speed_mm_per_s: float, force_limit_n: float) -> None:
-        """Send the jaws to an opening; the mechanism's ends limit it [mm, mm/s, N]."""
+        """Send the jaws to an opening.
+
+        Parameters
+        ----------
+        target_mm : the opening; limited to the stroke of the mechanism
+        speed_mm_per_s : speed of the opening, both jaws together
+        force_limit_n : the force at which they stop pressing harder
+        """
         self.target_mm = min(max(target_mm, 0.0), STROKE_MM)
         self.speed_mm_per_s = speed_mm_per_s
         self.force_limit_n = force_limit_n

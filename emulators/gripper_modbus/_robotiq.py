@@ -92,7 +92,7 @@ class RobotiqDevice:
 
     @property
     def is_powered(self) -> bool:
-        """Tell whether the supply is on."""
+        """Return whether the supply is on."""
         return self._is_powered
 
     @is_powered.setter
@@ -105,7 +105,12 @@ class RobotiqDevice:
             self._boot()
 
     def raise_fault(self, fault: int) -> None:
-        """Let a major fault happen: 0A, 0C, 0D or 0E. The jaws stop until rACT 0, then 1."""
+        """Let a major fault happen: 0A, 0C, 0D or 0E. The jaws stop until rACT 0, then 1.
+
+        Raises
+        ------
+        ValueError : the code is not that of a major fault
+        """
         if fault not in MAJOR_FAULTS:
             raise ValueError(f"{fault:02X} is not a major fault")
         self._fault = Fault(fault)

@@ -55,7 +55,7 @@ class E1214Device:
 
     @property
     def is_powered(self) -> bool:
-        """Tell whether the supply is on."""
+        """Return whether the supply is on."""
         return self._is_powered
 
     @is_powered.setter
@@ -65,7 +65,7 @@ class E1214Device:
             self._boot()
 
     def is_closed(self, relay: int) -> bool:
-        """Tell whether a relay's contact is closed, channels from 0."""
+        """Return whether a relay's contact is closed, channels from 0."""
         return self._state.relays[relay].is_closed
 
     @property

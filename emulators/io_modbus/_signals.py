@@ -28,7 +28,7 @@ class CellSignals:
 
     @property
     def is_estop_chain_ok(self) -> bool:
-        """Tell whether the safety relay is in; a released button alone does not pull it in."""
+        """Return whether the safety relay is in; a released button alone does not pull it in."""
         return self._is_estop_chain_ok
 
     def press_estop(self) -> None:

@@ -38,7 +38,7 @@ class Relay8Device(WaveshareModule):
         self._points = PointMap(_FUNCTIONS, coils=coils, holdings=self.settings())
 
     def is_closed(self, channel: int) -> bool:
-        """Tell whether a relay's contact is closed, channels from 0."""
+        """Return whether a relay's contact is closed, channels from 0."""
         return self._is_closed[channel]
 
     def _reset_outputs(self) -> None:

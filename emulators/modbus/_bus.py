@@ -71,7 +71,7 @@ class BusReply:
 
     @property
     def is_sound(self) -> bool:
-        """Tell whether a master on the line can read it."""
+        """Return whether a master on the line can read it."""
         return not self.is_corrupt and self.byte_count is None
 
 
@@ -90,7 +90,12 @@ class Bus:
             self.attach(device)
 
     def attach(self, device: ModbusDevice) -> None:
-        """Connect a device."""
+        """Connect a device.
+
+        Raises
+        ------
+        ValueError : another device has the same unit number
+        """
         if any(other.unit == device.unit for other in self.devices):
             raise ValueError(f"unit {device.unit} is on this bus already")
         self.devices.append(device)

@@ -87,7 +87,14 @@ def encode_rtu(unit: int, pdu: bytes) -> bytes:
 
 
 def encode_mbap(transaction: int, unit: int, pdu: bytes) -> bytes:
-    """Return the Modbus TCP frame of a PDU."""
+    """Return the Modbus TCP frame of a PDU.
+
+    Parameters
+    ----------
+    transaction : the number by which the master recognises the reply, 0 to 65535
+    unit : unit id of the device
+    pdu : function code and data
+    """
     return _MBAP.pack(transaction, 0, len(pdu) + 1, unit) + pdu
 
 
@@ -130,12 +137,12 @@ class RtuReader:
 
     @property
     def byte_count(self) -> int:
-        """Tell how many bytes came since the last silence."""
+        """Return how many bytes came since the last silence."""
         return len(self._data)
 
     @property
     def is_complete(self) -> bool:
-        """Tell whether the bytes so far have the length their function code announces."""
+        """Return whether the bytes so far have the length their function code announces."""
         length = request_length(self._data)
         return length is not None and len(self._data) >= length
 

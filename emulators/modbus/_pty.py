@@ -59,7 +59,12 @@ class RtuPtyServer:
         self._task: asyncio.Task[None] | None = None
 
     async def start(self) -> None:
-        """Open the terminal."""
+        """Open the terminal.
+
+        Raises
+        ------
+        ValueError : it has been started already
+        """
         if self._fds is not None:
             raise ValueError("started already")
         master_fd, slave_fd = os.openpty()
@@ -76,7 +81,12 @@ class RtuPtyServer:
 
     @property
     def path(self) -> str:
-        """Return the terminal that a client opens."""
+        """Return the terminal that a client opens.
+
+        Raises
+        ------
+        ValueError : it has not been started
+        """
         if self._fds is None:
             raise ValueError("not started")
         return os.ttyname(self._fds[1]) if self._link is None else str(self._link)

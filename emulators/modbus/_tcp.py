@@ -38,6 +38,7 @@ class TcpListener(ABC):
         Raises
         ------
         OSError : the port is taken
+        ValueError : it has been started already
         """
         if self._server is not None:
             raise ValueError("started already")
@@ -46,14 +47,19 @@ class TcpListener(ABC):
 
     @property
     def address(self) -> tuple[str, int]:
-        """Return host and port."""
+        """Return host and port.
+
+        Raises
+        ------
+        ValueError : it has not been started
+        """
         if self._server is None:
             raise ValueError("not started")
         return self._host, self._port
 
     @property
     def client_count(self) -> int:
-        """Tell how many clients are connected."""
+        """Return how many clients are connected."""
         return len(self._clients)
 
     def drop_connections(self) -> None:

@@ -48,7 +48,14 @@ def home(model: ArmModel, ip: int) -> Iterator[None]:
 
 
 def soak(model: ArmModel, ip: int, home_first: bool) -> Iterator[None]:
-    """Drive one motor after the other from stop to stop, until the routine is ended."""
+    """Drive one motor after the other from stop to stop, until the routine is ended.
+
+    Parameters
+    ----------
+    model : the arm
+    ip : the board whose motors are driven, 0 or 1
+    home_first : home that board's motors before
+    """
     if home_first:
         yield from home(model, ip)
     own = [model.axes[axis] for axis in Axis if FACTS[axis].ip == ip]

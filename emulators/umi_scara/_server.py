@@ -43,7 +43,12 @@ class ArmServer:
 
     @property
     def path(self) -> Path:
-        """Where a client finds the line; the terminal itself, whatever links there are."""
+        """Where a client finds the line; the terminal itself, whatever links there are.
+
+        Raises
+        ------
+        ValueError : it has not been started
+        """
         if not self._slave_name:
             raise ValueError("the arm's server has not been started")
         return Path(self._slave_name)
@@ -54,6 +59,7 @@ class ArmServer:
         Raises
         ------
         FileExistsError : ``link_path`` is something other than a symbolic link
+        ValueError : it has been started already
         """
         if self._master_fd >= 0:
             raise ValueError("the arm's server runs already")

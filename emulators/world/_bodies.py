@@ -66,7 +66,14 @@ class Bodies:
         return body
 
     def place_box(self, body: int, box: Box, T_world_frame: Array) -> None:
-        """Put a box into a frame."""
+        """Put a box into a frame.
+
+        Parameters
+        ----------
+        body : pybullet's number of the box
+        box : its centre in the frame [mm]
+        T_world_frame : (4, 4) the frame [mm]
+        """
         centre = T_world_frame[:3, :3] @ box.centre_mm + T_world_frame[:3, 3]
         self._reset(body, centre, T_world_frame[:3, :3])
 
@@ -99,12 +106,25 @@ class Bodies:
             self._reset(body, _FAR_MM, np.eye(3))
 
     def pair(self, one: int, other: int, touch: bool) -> None:
-        """Let two bodies touch each other, or pass through each other."""
+        """Let two bodies touch each other, or pass through each other.
+
+        Parameters
+        ----------
+        one, other : pybullet's numbers of the bodies
+        touch : True: contacts between them act
+        """
         flag = 1 if touch else 0
         pybullet.setCollisionFilterPair(one, other, -1, -1, flag, physicsClientId=self._client)
 
     def place_part(self, body: int, solid: Solid, T_world_part: Array) -> None:
-        """Put a part at rest at a pose of its CAD frame."""
+        """Put a part at rest at a pose of its CAD frame.
+
+        Parameters
+        ----------
+        body : pybullet's number of the part
+        solid : gives where the body's frame is in the CAD frame
+        T_world_part : (4, 4) pose of the CAD frame [mm]
+        """
         T = T_world_part @ solid.T_part_body
         self._reset(body, T[:3, 3], T[:3, :3])
 
@@ -147,6 +167,11 @@ class Bodies:
 
         None when they are further apart than ``within_mm``; the distance is negative when they
         overlap.
+
+        Parameters
+        ----------
+        one, other : pybullet's numbers of the bodies
+        within_mm : how far apart they may be to be looked at
         """
         contacts = pybullet.getClosestPoints(
             one, other, within_mm / MM_PER_M, physicsClientId=self._client

@@ -89,7 +89,14 @@ class Stall:
         return bool(self._blocked)
 
     def apply(self, touches: Sequence[Touch], before: JointValues, now: JointValues) -> None:
-        """Block the motors that have just moved into ``touches``; without any, free all."""
+        """Block the motors that have just moved into ``touches``; without any, free all.
+
+        Parameters
+        ----------
+        touches : where something of the arm overlaps now, with the normal that points out of the
+            obstacle
+        before, now : joints before and after the step that led there
+        """
         if not touches:
             for motor, direction in self._blocked:
                 self._obstruct(motor, direction, False)

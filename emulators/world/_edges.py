@@ -52,7 +52,14 @@ class Edges:
         self._open = sides[start[count != 2]]
 
     def draw(self, mask: NDArray[np.uint8], camera: CameraLayout, T_world: Array) -> None:
-        """Draw the edges that may be seen into a picture's mask."""
+        """Draw the edges that may be seen into a picture's mask.
+
+        Parameters
+        ----------
+        mask : (height, width) uint8, changed in place: 1 along an edge
+        camera : the camera whose picture it is
+        T_world : (4, 4) pose of the surface [mm]
+        """
         T_cam = invert(camera.T_world_cam) @ T_world
         eye_mm = -T_cam[:3, :3].T @ T_cam[:3, 3]
         front = np.einsum("ij,ij->i", self._normals, eye_mm - self._points) > 0.0

@@ -98,7 +98,15 @@ class Gripper:
         return centre, math.hypot(half, self.opening_mm / 2.0, self.layout.fingers.width_mm)
 
     def capture(self, part: int, seat: Seat, T_tip_part: Array, force_n: float) -> None:
-        """Begin to hold a part; the jaws will stop at the seat's opening."""
+        """Begin to hold a part; the jaws will stop at the seat's opening.
+
+        Parameters
+        ----------
+        part : pybullet's number of the part
+        seat : where the part rests between the pads
+        T_tip_part : (4, 4) pose of the part in the TCP frame as the pads meet it [mm]
+        force_n : force of the pads
+        """
         self.limit_mm = min(seat.opening_mm, self.opening_mm)
         self.hold = Hold(
             part,
@@ -205,7 +213,14 @@ def bears(felt: Felt, opening_mm: float, *, is_held: bool) -> bool:
 
 
 def make_gripper(name: str, layout: GripperLayout, opening_mm: float) -> Gripper:
-    """Return a gripper; its fingers' boxes stand in frames that move with the jaws."""
+    """Return a gripper; its fingers' boxes stand in frames that move with the jaws.
+
+    Parameters
+    ----------
+    name : what the world calls it
+    layout : its place in the cell and the size of its fingers
+    opening_mm : distance between the pads to begin with
+    """
     f = layout.fingers
     half = f.width_mm / 2.0
     plus = Box(

@@ -49,7 +49,13 @@ class Source:
         return corners
 
     def points_mm(self, columns: NDArray[np.intp], rows: NDArray[np.intp], count: int) -> Array32:
-        """Return points of the source for pixels, (n, count, 3) in the world."""
+        """Return points of the source for pixels, (n, count, 3) in the world.
+
+        Parameters
+        ----------
+        columns, rows : (n,) the pixels [px]; neighbours get different patterns
+        count : how many points stand for the source
+        """
         if count not in self._patterns:
             self._patterns[count] = self._make_patterns(count)
         of_pixels: Array32 = self._patterns[count][rows % _TILE_PX * _TILE_PX + columns % _TILE_PX]

@@ -82,7 +82,14 @@ class Pads:
         self._pivot_mm = np.array((-fingers.pad_length_mm / 2.0, 0.0, 0.0))
 
     def feel(self, scene: Any, T_tip_part: Array, opening_mm: float) -> Felt:  # noqa: ANN401
-        """Return what the pads see of a part whose embree scene is ``scene``."""
+        """Return what the pads see of a part whose embree scene is ``scene``.
+
+        Parameters
+        ----------
+        scene : embree scene of the part, in the part frame [mm]
+        T_tip_part : (4, 4) pose of the part in the TCP frame [mm]
+        opening_mm : distance between the pads
+        """
         T_part_tip = invert(T_tip_part)
         start_mm = opening_mm / 2.0 + _BACK_MM
         upper = self._heights(scene, T_part_tip, start_mm)
@@ -123,6 +130,12 @@ class Pads:
 
         The part turns about the pads' x and z until it is flush (or a limit is met) and moves
         along y to the middle: both fingers move alike. About y nothing turns it.
+
+        Parameters
+        ----------
+        scene : embree scene of the part, in the part frame [mm]
+        T_tip_part : (4, 4) pose of the part in the TCP frame before the jaws close [mm]
+        opening_mm : distance between the pads then
         """
         T = T_tip_part.copy()
         turned = np.zeros(2)

@@ -75,7 +75,14 @@ class Studio:
     def radiance(
         self, camera: int, poses: Mapping[str, Array], levels: Mapping[int, float]
     ) -> Array32:
-        """Return the blurred picture before noise and digits, (h, w); kept if nothing changes."""
+        """Return the blurred picture before noise and digits, (h, w); kept if nothing changes.
+
+        Parameters
+        ----------
+        camera : number of the camera in the scene
+        poses : (4, 4) T_world of each thing that moves, by its name [mm]
+        levels : level of each lamp, 0 to 1, by its number in the scene
+        """
         eye = self._eye(camera)
         lit = {lamp: level for lamp, level in sorted(levels.items()) if level > 0.0}
         key = repr(lit).encode() + eye.depends_on(poses, list(lit))
@@ -168,7 +175,12 @@ class PictureDesk:
         return None if self._process is None else self._process.pid
 
     def start(self) -> None:
-        """Start the worker; returns when it can take pictures."""
+        """Start the worker; returns when it can take pictures.
+
+        Raises
+        ------
+        RuntimeError : the worker ended while it loaded the scene
+        """
         context = multiprocessing.get_context("spawn")
         self._memory = SharedMemory(create=True, size=SLOT_COUNT * self._slot_bytes)
         self._connection, far = context.Pipe()
@@ -213,7 +225,18 @@ class PictureDesk:
         bits: int,
         deliver: Callable[[Hashable, Picture], None],
     ) -> int | None:
-        """Order a picture of the world at ``due_s``; return its number, None if too many wait."""
+        """Order a picture of the world at ``due_s``; return its number, None if too many wait.
+
+        Parameters
+        ----------
+        camera : number of the camera in the scene
+        due_s : instant whose state of the world the picture shows [world s]
+        exposure_s : length of the exposure [s]
+        gain : factor on the signal
+        bits : digits of a pixel, 8 or 16
+        deliver : called with the order's number and the picture, (height, width), from a thread of
+            the desk
+        """
         with self._lock:
             if self._is_dead or not self._free:
                 return None
@@ -225,7 +248,12 @@ class PictureDesk:
             return number
 
     def note(self, now_s: float) -> None:
-        """Send off the orders whose time has come; called as the world advances [world s]."""
+        """Send off the orders whose time has come; called as the world advances [world s].
+
+        Raises
+        ------
+        RuntimeError : the worker has died
+        """
         if self._is_dead:
             raise RuntimeError("the picture worker has died")
         if not self._waiting:

@@ -51,7 +51,17 @@ class JointValues:
 
 
 def turn_z(angle_rad: float, x_mm: float = 0.0, y_mm: float = 0.0, z_mm: float = 0.0) -> Array:
-    """Return the pose at (x, y, z) turned by an angle about z."""
+    """Return the pose at (x, y, z) turned by an angle about z.
+
+    Parameters
+    ----------
+    angle_rad : counter-clockwise, seen from +z
+    x_mm, y_mm, z_mm : position of the origin
+
+    Returns
+    -------
+    (4, 4) pose [mm]
+    """
     c, s = math.cos(angle_rad), math.sin(angle_rad)
     return np.array(((c, -s, 0.0, x_mm), (s, c, 0.0, y_mm), (0.0, 0.0, 1.0, z_mm), (0, 0, 0, 1.0)))
 
@@ -128,7 +138,17 @@ def rotation_angle(R: Array) -> float:
 
 
 def between(T_from: Array, T_to: Array, fraction: float) -> Array:
-    """Return the pose a fraction of the way from one pose to another that is near it."""
+    """Return the pose a fraction of the way from one pose to another that is near it.
+
+    Parameters
+    ----------
+    T_from, T_to : (4, 4) poses in one frame [mm], turned against each other by less than pi
+    fraction : 0 gives the first pose, 1 the second
+
+    Returns
+    -------
+    (4, 4) pose [mm]: the position on the straight line, the orientation about one fixed axis
+    """
     R = T_from[:3, :3].T @ T_to[:3, :3]
     angle_rad = rotation_angle(R)
     T = np.eye(4)

@@ -223,7 +223,15 @@ def _join(pieces: Sequence[Surface]) -> Surface:
 
 
 def corner_normals(vertices_mm: Array, faces: Faces, *, smooth: bool) -> NDArray[np.float32]:
-    """Return normals at the corners of triangles, (m, 3, 3), averaged where facets nearly agree."""
+    """Return normals at the corners of triangles, (m, 3, 3), averaged where facets nearly agree.
+
+    Parameters
+    ----------
+    vertices_mm : (n, 3) corners
+    faces : (m, 3) numbers of the corners of each triangle
+    smooth : average over the facets that meet at a corner within the crease angle; else each
+        triangle is flat
+    """
     a, b, c = (vertices_mm[faces[:, i]] for i in range(3))
     weighted = np.cross(b - a, c - a)
     normals = weighted / np.maximum(np.linalg.norm(weighted, axis=1, keepdims=True), 1e-12)

@@ -44,7 +44,15 @@ def blurred(radiance: Array32) -> Array32:
 def develop(
     radiance: Array32, exposure: Exposure, *, noisy: bool = True
 ) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """Return the digits of a blurred picture, (h, w)."""
+    """Return the digits of a blurred picture, (h, w).
+
+    Parameters
+    ----------
+    radiance : (height, width) light on each pixel, 1 as from the middle of a glowing panel at
+        level 1
+    exposure : its time, gain, depth in bits, and the seed of its noise
+    noisy : add shot and read noise
+    """
     scale = GREY_AT_UNIT * exposure.exposure_s / NOMINAL_EXPOSURE_S
     electrons = radiance * np.float32(scale * ELECTRONS_PER_GREY)
     if noisy:

@@ -172,7 +172,19 @@ class Shadows:
         return Shadow(share, is_shaded, is_near)
 
     def unshaded(self, lamp: int, spots: Spots, pixels: Index, step_px: int = 1) -> Array32:
-        """Return the light of a lamp on surfaces, one in each of some pixels, without shadows."""
+        """Return the light of a lamp on surfaces, one in each of some pixels, without shadows.
+
+        Parameters
+        ----------
+        lamp : number of the lamp
+        spots : (n,) where the rays met surfaces, one for each pixel
+        pixels : (n,) the pixels, row by row: v times the width plus u
+        step_px : distance of neighbours among the pixels
+
+        Returns
+        -------
+        (n,) radiance
+        """
         source = self._lamps.sources[lamp]
         if source is None:
             return self.from_panel(lamp, spots)
@@ -229,6 +241,18 @@ class Shadows:
         )
 
     def from_points(self, lamp: int, spots: Spots, points_mm: Array32 | None) -> Array32:
+        """Return the radiance of points if all of a lamp's light came from single points.
+
+        Parameters
+        ----------
+        lamp : number of the lamp
+        spots : (n,) where the rays met surfaces
+        points_mm : (n, k, 3) points of the lamp for each of them; None: its centre alone
+
+        Returns
+        -------
+        (n, k) radiance
+        """
         return self._lamps.from_points(
             lamp, points_mm, spots.points_mm, spots.normals, spots.views, spots.material
         )

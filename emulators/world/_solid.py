@@ -96,7 +96,14 @@ class Solid:
         return rests[min(int(np.searchsorted(sums, choice * sums[-1])), len(rests) - 1)]
 
     def lying(self, rest: Rest, x_mm: float, y_mm: float, theta_rad: float) -> Array:
-        """Return T_world_part just above the table, the centre of mass over (x, y)."""
+        """Return T_world_part just above the table, the centre of mass over (x, y).
+
+        Parameters
+        ----------
+        rest : the stable pose
+        x_mm, y_mm : where the centre of mass stands over the table
+        theta_rad : turn about the vertical, after the stable pose's own orientation
+        """
         T = turn_z(theta_rad)
         T[:3, :3] = T[:3, :3] @ rest.R
         T[:2, 3] = np.array((x_mm, y_mm)) - T[:2, :3] @ self.centre_mm
@@ -109,7 +116,14 @@ class Solid:
 
 
 def ray_scene(vertices_mm: Array, faces: NDArray[np.int32], *, robust: bool = True) -> Any:  # noqa: ANN401  (embree has no types)
-    """Return an embree scene of triangles; ``robust`` keeps rays from slipping through seams."""
+    """Return an embree scene of triangles; ``robust`` keeps rays from slipping through seams.
+
+    Parameters
+    ----------
+    vertices_mm : (n, 3) corners
+    faces : (m, 3) numbers of the corners of each triangle
+    robust : keep rays from slipping through the seams between triangles, at some cost
+    """
     scene = EmbreeScene(robust=robust)
     TriangleMesh(
         scene,
@@ -149,7 +163,14 @@ def load_solid(path: Path, density_kg_per_mm3: float = ALUMINIUM_KG_PER_MM3) -> 
 def solid_of(
     mesh: trimesh.Trimesh, name: str, density_kg_per_mm3: float = ALUMINIUM_KG_PER_MM3
 ) -> Solid:
-    """Return the body of a watertight mesh [mm]."""
+    """Return the body of a watertight mesh [mm].
+
+    Parameters
+    ----------
+    mesh : watertight, in the CAD frame [mm]; turned inside out in place if its volume is negative
+    name : what the world calls the part
+    density_kg_per_mm3 : of the whole part, aluminium by default
+    """
     if mesh.volume < 0.0:
         mesh.invert()
     mass_kg = float(mesh.volume) * density_kg_per_mm3

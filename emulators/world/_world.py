@@ -395,7 +395,14 @@ class World:
                 self._jaws.grip_limit_mm = None
 
     def slip(self, name: str, along_mm: float, turn_rad: float = 0.0) -> None:
-        """Let a part slip in a gripper along its approach axis, and turn about its jaws' axis."""
+        """Let a part slip in a gripper along its approach axis, and turn about its jaws' axis.
+
+        Parameters
+        ----------
+        name : "arm" for the gripper on the arm; anything else is the fixed gripper
+        along_mm : how far along the approach axis, positive towards the TCP's +x
+        turn_rad : how much about the TCP's y, along which the pads open
+        """
         gripper = self.hand if name == "arm" else self.fixture
         T = np.eye(4)
         T[:3, :3] = rotation_about(np.array((0.0, 1.0, 0.0)), turn_rad)
