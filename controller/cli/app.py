@@ -14,6 +14,7 @@ from .commands import (
     check,
     doctor,
     emulate,
+    init,
     plan,
     recognise,
     recover,
@@ -64,6 +65,7 @@ def _common(
 
 
 for _command, _name, _example in (
+    (init.init, "init", init.EXAMPLE),
     (run.run, "run", run.EXAMPLE),
     (recover.recover, "recover", recover.EXAMPLE),
     (check.check, "check", check.EXAMPLE),

@@ -121,3 +121,18 @@ def test_the_default_recipe_runs_to_its_end(installed: Installed) -> None:
     result = json.loads(done.stdout.splitlines()[-1])
     assert result["end"] == "complete"
     assert (installed.folder / result["report"]).is_file()
+
+
+@pytest.mark.slow
+def test_a_project_that_was_laid_out_runs_to_its_end(installed: Installed) -> None:
+    assert installed("init", "project").returncode == 0
+    project = installed.folder / "project"
+    done = subprocess.run(
+        [str(installed.cellctl), "run", "--speed", "10", "--seed", "5", "--json"],
+        cwd=project, env=installed.env,
+        capture_output=True, text=True, check=False, timeout=LIMIT_S,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout.splitlines()[-1])
+    assert result["end"] == "complete"
+    assert (project / result["report"]).is_file()

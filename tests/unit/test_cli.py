@@ -27,8 +27,12 @@ def test_no_command_shows_help(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    "command", ["run", "check", "compile", "recognise", "plan", "emulate", "report", "doctor"]
-)
+    "command",
+    [
+        "run", "check", "compile", "recognise", "plan", "emulate", "report", "doctor", "init",
+        "recover",
+    ],
+)  # fmt: skip
 def test_every_command_has_help_with_an_example_and_json(
     command: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -311,6 +311,9 @@ ROWS: tuple[Row, ...] = (
     Row("doctor of no cell", nothing, ("doctor", "--cell", "none.yaml"), "none.yaml: No such file"),
     Row("recover of no cell", nothing, ("recover", "--cell", "none.yaml"), "none.yaml: No such"),
     Row("recover of the emulated cell", nothing, ("recover",), "Nothing is left to recover"),
+    Row("init where files are", nothing, ("init", "."), ".: has files in it; name a new"),
+    Row("init of a file", nothing, ("init", "recipe.yaml"), "recipe.yaml: is a file"),
+    Row("init below a file", nothing, ("init", "recipe.yaml/new"), "recipe.yaml is a file"),
     Row("recipe of no name we know", nothing, ("check", "flange"), "flange: no such file, and no"),
     # YAML that is none, or blows up
     Row("tab in YAML", recipe("  min_coverage", "\tmin_coverage"), CHECK, "recipe.yaml:6: "),

@@ -1,0 +1,57 @@
+"""`cellctl init`: a new project from what comes with cellctl."""
+
+import shutil
+from pathlib import Path
+from typing import Final
+
+from controller.config import EMULATED_CELL, SHIPPED, ConfigError
+
+from ._before import check_writable_folder
+from ._output import emit, say
+
+STARTER: Final = Path(__file__).parent / "starter"
+RECIPE: Final = SHIPPED / "holder.yaml"
+FILES: Final = {  # by name in the project
+    "README.md": STARTER / "README.md",
+    "plan_part.py": STARTER / "plan_part.py",
+    "parts/holder.stl": SHIPPED / "parts" / "holder.stl",
+    "parts/LICENSE-trimesh": SHIPPED / "parts" / "LICENSE-trimesh",
+}
+RECIPE_HEAD: Final = """\
+# What to inspect and how sharply. Files are named relative to this one and lie in its folder or
+# below. `cellctl check` names what is wrong, with file and line.
+"""
+CELL_HEAD: Final = """\
+# The cell of this project. Replace `emulated` by the address of each real device, one by one, and
+# the positions by measured ones; `cellctl doctor` looks at the devices and moves nothing.
+"""
+
+
+def lay_out_project(folder: Path, *, as_json: bool) -> int:
+    """Write a project that runs as it is into a new or empty folder; return the exit code.
+
+    Raises
+    ------
+    ConfigError : the folder has files in it, is none, or cannot be written to
+    """
+    if folder.is_dir():
+        if any(folder.iterdir()):
+            raise ConfigError(f"{folder}: has files in it; name a new or an empty folder")
+    elif folder.exists():
+        raise ConfigError(f"{folder}: is a file; name a folder")
+    check_writable_folder(folder, "init")
+    (folder / "parts").mkdir(parents=True)
+    recipe = RECIPE.read_text(encoding="utf-8").replace("cells/emulated.yaml", "cell.yaml")
+    (folder / "recipe.yaml").write_text(RECIPE_HEAD + recipe, encoding="utf-8")
+    cell = EMULATED_CELL.read_text(encoding="utf-8")
+    (folder / "cell.yaml").write_text(CELL_HEAD + cell, encoding="utf-8")
+    for name, source in FILES.items():
+        shutil.copyfile(source, folder / name)
+    written = sorted(("recipe.yaml", "cell.yaml", *FILES))
+    if as_json:
+        emit({"event": "init", "folder": str(folder), "files": written})
+        return 0
+    for name in written:
+        say(f"  {folder / name}")
+    say(f"Next: cd {folder}, then cellctl check, cellctl plan, cellctl run --speed 10")
+    return 0

@@ -1,0 +1,23 @@
+"""`cellctl init`: what it takes."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .options import JsonOption
+
+EXAMPLE = "cellctl init my_project"
+
+
+def init(
+    folder: Annotated[Path, typer.Argument(help="new or empty folder")],
+    json: JsonOption = False,
+) -> None:
+    """Lay out a new project: recipe, cell file, part, script.
+
+    It runs as it is, in the emulated cell.
+    """
+    from .._init import lay_out_project
+
+    raise typer.Exit(lay_out_project(folder, as_json=json))
