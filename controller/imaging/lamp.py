@@ -25,7 +25,16 @@ class PointLamp:
     def ring(
         name: str, centre_mm: Array, axis: Array, radius_mm: float, count: int = 6
     ) -> "PointLamp":
-        """Return a ring of lamps round a camera's axis."""
+        """Return a ring of lamps round a camera's axis.
+
+        Parameters
+        ----------
+        name : as in the cell file
+        centre_mm : (3,) in the world
+        axis : (3,) of the camera, at any length
+        radius_mm : of the ring
+        count : points the ring's light is taken to come from
+        """
         helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
         e1 = np.cross(axis, helper)
         e1 /= np.linalg.norm(e1)

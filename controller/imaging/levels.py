@@ -105,10 +105,16 @@ def white_level(picture: Grey, counts: Array | Floats) -> int:
 
 
 def pixel_noise(picture: Grey, usable: Mask | None, step: int) -> float:
-    """Return the noise from pixel to pixel, free of slow texture and of edges.
+    """Return the noise from pixel to pixel [grey levels], free of slow texture and of edges.
 
     The median of |second difference| is blind to edges, which are few; of white noise with
     deviation s the second difference has s √6, its median magnitude 0.6745 of that.
+
+    Parameters
+    ----------
+    picture : (height, width)
+    usable : (height, width) pixels to ask; None for all
+    step : `level_step`; the answer is at least the noise of rounding to it
     """
     rows = picture[:: max(1, len(picture) // NOISE_ROWS)].astype(np.int16)
     second = np.abs(2 * rows[:, 1:-1] - rows[:, :-2] - rows[:, 2:])

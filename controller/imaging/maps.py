@@ -39,7 +39,15 @@ class ViewMaps:
 def view_roi(
     vertices_mm: Array, T_world_part: Array, camera: Camera, margin_px: int = 4
 ) -> Roi | None:
-    """Return the picture region of a posed vertex cloud (n, 3), None where it is out of sight."""
+    """Return the picture region of a posed part, None where it is out of sight.
+
+    Parameters
+    ----------
+    vertices_mm : (n, 3) of the part, CAD frame; at least one
+    T_world_part : (4, 4) [mm]
+    camera : calibrated, in the world's frame
+    margin_px : kept free round the part, as far as the picture goes
+    """
     width, height = camera.size_px
     pixels = camera.project(transform(T_world_part, vertices_mm))
     x0, y0 = np.floor(pixels.min(axis=0)).astype(int) - margin_px
@@ -51,9 +59,14 @@ def view_roi(
 def meet_part(
     caster: RayCaster, T_world_part: Array, camera: Camera, lines: Array
 ) -> tuple[NDArray[np.int32], Array]:
-    """Return the triangle (n,) sight lines (n, 3) meet first, -1 for none, and its depth [mm] (n,).
+    """Return the triangle (n,) each sight line meets first, -1 for none, and its depth [mm] (n,).
 
-    ``lines`` are directions in the world, scaled to depth 1, as a camera gives them.
+    Parameters
+    ----------
+    caster : rays against the part's mesh, CAD frame
+    T_world_part : (4, 4) [mm]
+    camera : where the lines begin
+    lines : (n, 3) directions in the world, scaled to depth 1, as a camera gives them
     """
     T_part_world = inverse_pose(T_world_part)
     directions = lines @ T_part_world[:3, :3].T

@@ -52,7 +52,14 @@ class RayCaster:
     def blocked(
         self, origins_mm: Array, directions: Array, max_distance_mm: float | Array | None = None
     ) -> NDArray[np.bool_]:
-        """Return which rays, (n, 3) each, meet anything before ``max_distance_mm``, (n,) or one."""
+        """Return which rays (n,) meet anything on their way.
+
+        Parameters
+        ----------
+        origins_mm, directions : (n, 3) in the mesh's frame
+        max_distance_mm : (n,) or one for all, how far the way goes, in units of the direction's
+            length; None for ever
+        """
         _, distance = self.first_hit(origins_mm, directions)
         limit = np.inf if max_distance_mm is None else max_distance_mm
         return np.isfinite(distance) & (distance < limit)
