@@ -215,7 +215,7 @@ def _confirm(
 def _is_other_look(
     view: ViewResult, finding: Finding, other_view: ViewResult, other: Finding, limits: Limits
 ) -> bool:
-    """Tell whether no one error explains two findings.
+    """Return whether no one error explains two findings.
 
     Two lamps in one pose share its error, and their prediction's. The part turned, that error
     would move; not so the light model's about a finish, so that two lit pictures decide only where

@@ -72,7 +72,7 @@ def compare_outline(
 
 
 def is_resolved(slack_px: int, run_px: float) -> bool:
-    """Tell whether half a disc of the smallest size (its diameter in px) outgrows the slack."""
+    """Return whether half a disc of the smallest size (its diameter in px) outgrows the slack."""
     return run_px / 2 >= slack_px + KERNEL_PX
 
 

@@ -60,7 +60,16 @@ def measure_pose(part: PosedPart, task: ViewTask, outline: Contour, judged: Mask
 def poses_as_good(
     part: PosedPart, task: ViewTask, fit: PoseFit, outline: Contour, judged: Mask
 ) -> Iterator[PoseFit]:
-    """Yield other poses that the outline allows as well as the fitted one, nearest first."""
+    """Yield other poses that the outline allows as well as the fitted one, nearest first.
+
+    Parameters
+    ----------
+    part : the solid, with rays against it
+    task : the view; its camera is asked, and the outline that is fitted
+    fit : of `measure_pose`
+    outline : observed
+    judged : (height, width) pixels whose outline is the part's own
+    """
     T, camera = fit.T_world_part, task.camera
     pivot = transform(T, part.solid.centroid_mm[None])[0]
     paired = ~np.isnan(fit.gap_px)
@@ -84,7 +93,14 @@ def poses_as_good(
 
 
 def moved(part: PosedPart, task: ViewTask, fit: PoseFit) -> tuple[float, float]:
-    """Return how far the part is from where it was expected [mm], and how far it is turned."""
+    """Return how far the centre of mass is from where it was expected [mm], and the turn [rad].
+
+    Parameters
+    ----------
+    part : knows its centre of mass, CAD frame
+    task : the view, with the pose that was planned
+    fit : the pose that was measured
+    """
     T_moved = fit.T_world_part @ inverse_pose(task.T_world_part)
     turn = float(np.arccos(np.clip((np.trace(T_moved[:3, :3]) - 1) / 2, -1.0, 1.0)))
     com = part.solid.centroid_mm[None]

@@ -77,7 +77,16 @@ class Light:
 def find_surface(
     solid: Solid, maps: ViewMaps, T_world_part: Array, camera: Camera, step_px: int
 ) -> Surface:
-    """Return what a grid of pixels sees of a posed part; `maps` are of every `step_px`-th pixel."""
+    """Return what a grid of pixels sees of a posed part.
+
+    Parameters
+    ----------
+    solid : the part
+    maps : its `ViewMaps`, of every ``step_px``-th pixel of their region
+    T_world_part : (4, 4) [mm], as the maps were made with
+    camera : likewise
+    step_px : distance of the grid's pixels
+    """
     seen = maps.mask
     x0, y0, x1, y1 = maps.roi
     lines = camera.sight_line_table[y0:y1:step_px, x0:x1:step_px][seen].astype(np.float64)
