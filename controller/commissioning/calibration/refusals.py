@@ -35,6 +35,13 @@ def check_views(
 ) -> None:
     """Refuse what can be refused before anything is computed.
 
+    Parameters
+    ----------
+    views : boards found, one for each picture
+    size_px : (width, height) of the pictures
+    world : names the view that fixes the world's frame
+    limits : what is asked of the views
+
     Raises
     ------
     ValueError : the world is fixed by no flat view, or two views have one name
@@ -108,6 +115,12 @@ def check_placed(views: Sequence[View], T_cam_boards: Sequence[Array], limits: L
 
 def check_fit(views: Sequence[View], residuals: Sequence[ViewResidual], limits: Limits) -> None:
     """Refuse a camera the pictures do not agree with.
+
+    Parameters
+    ----------
+    views : boards found; gives the size of a square in pixels
+    residuals : of each view, outliers left out
+    limits : what is plausible
 
     Raises
     ------

@@ -87,6 +87,12 @@ def start(
 
     It is OpenCV's calibration with one distortion term, which knows of no table.
 
+    Parameters
+    ----------
+    views : boards found, the one that fixes the world among them
+    size_px : (width, height) of the pictures
+    world : which flat view fixes the world's frame, and where its board lies there
+
     Raises
     ------
     CalibrationError : OpenCV finds none
@@ -257,7 +263,14 @@ class _Layout:
 
 
 def by_turn(by_point: Array, arm: Array, w: Array) -> Array:
-    """Return derivatives (n, 2, 3) by w of points exp(w) q, given arm = exp(w) q (n, 3)."""
+    """Return derivatives (n, 2, 3) of pixels by a rotation vector w.
+
+    Parameters
+    ----------
+    by_point : (n, 2, 3) derivatives of the pixels by the points exp(w) q
+    arm : (n, 3) exp(w) q, from the point that is turned about
+    w : (3,) [rad]
+    """
     # d(exp(w) q) = -[exp(w) q]x Jl(w) dw, and v @ -[a]x = a x v for a row v
     turn = np.cross(arm[:, None, :], by_point)
     out: Array = turn @ _left_jacobian(w)

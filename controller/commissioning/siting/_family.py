@@ -208,7 +208,7 @@ def _picks(
 
 
 def completing(shown_by_grip: BoolArray, weights: FloatArray) -> BoolArray:
-    """Tell of each pair of grips (g, g) whether the second one shows what the first one hides.
+    """Return of each pair of grips (g, g) whether the second shows what the first one hides.
 
     Parameters
     ----------

@@ -94,7 +94,14 @@ def site_report(
 
 
 def reasons_to_move(present: SiteScore, best: SiteScore, options: SiteOptions) -> tuple[str, ...]:
-    """Return what the best site has over the present one that is more than noise; () if nothing."""
+    """Return what the best site has over the present one that is more than noise; () if nothing.
+
+    Parameters
+    ----------
+    present : the site as it stands; the same object as ``best`` if nothing beats it
+    best : the best site found
+    options : how much is more than noise
+    """
     if best is present:
         return ()
     why: list[str] = []

@@ -99,9 +99,15 @@ def _segment_meets(start: FloatArray, end: FloatArray, box: Box) -> bool:
 
 
 def camera_frame(station_mm: FloatArray, towards: FloatArray, distance_mm: float) -> FloatArray:
-    """Return the pose (4, 4) of an upright camera that looks at the station.
+    """Return the pose T_world_cam (4, 4) of an upright camera that looks at the station.
 
     Its picture has the world's z up; looking steeply, what is away from the arm is up.
+
+    Parameters
+    ----------
+    station_mm : (3,) in the world
+    towards : (3,) unit, from the station to the camera
+    distance_mm : between them
     """
     z = -np.asarray(towards, dtype=float)
     up = np.array([0.0, 0.0, 1.0])
@@ -132,7 +138,14 @@ def carried(layout: CellLayout, site: Site) -> FloatArray:
 
 
 def placed_at(layout: CellLayout, site: Site, fellows: Fellows | None = None) -> CellLayout:
-    """Return the cell with camera, its boxes, station, fixture and post put where a site says."""
+    """Return the cell with camera, its boxes, station, fixture and post put where a site says.
+
+    Parameters
+    ----------
+    layout : the cell as it stands; left as it is
+    site : where to put them; without a fixture's pose the fixture stays
+    fellows : obstacles that move along; None for those `fellows_of` finds
+    """
     fellows = fellows or fellows_of(layout)
     move = carried(layout, site)
     obstacles = dict(layout.obstacles)
@@ -157,6 +170,11 @@ def moved_post(post: Box, T_old: FloatArray, T_new: FloatArray) -> Box:
     """Return the post under a fixture put elsewhere: it stays upright and stands on the table.
 
     Level fixtures turn it with them about z; one that points up stands on it.
+
+    Parameters
+    ----------
+    post : box under the fixture, in the world
+    T_old, T_new : (4, 4) pose of the fixed gripper's TCP in the world, before and after
     """
     if np.abs(T_old - T_new).max() < SAME_MM:
         return post

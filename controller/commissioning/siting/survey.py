@@ -63,6 +63,13 @@ def survey(
 ) -> Survey:
     """Return a search over sites, ready to begin.
 
+    Parameters
+    ----------
+    parts : the family the cell is laid out for, at least one
+    layout : the cell as it stands
+    options : how much is tried; None for the defaults
+    progress : is called with what is being done, steps done and steps in all; None for nobody
+
     Raises
     ------
     ValueError : no part

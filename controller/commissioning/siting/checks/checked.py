@@ -120,7 +120,7 @@ def free_picks(site_layout: CellLayout, member: FamilyMember) -> BoolArray:
 
 
 def _touches(scene: Scene, q: FloatArray) -> BoolArray:
-    """Tell which configurations (n, 6) touch something that stands in the cell, the table apart.
+    """Return which configurations (n, 6) touch something that stands in the cell, the table apart.
 
     Whether the hand clears the table was settled when the picks were listed.
     """

@@ -42,7 +42,7 @@ def _frames(vectors: FloatArray) -> FloatArray:
 def shown_directions(
     layout: CellLayout, site: Site, in_hand: FloatArray, centre_mm: FloatArray
 ) -> BoolArray:
-    """Tell which directions of the hand's frame (h, 3) the arm can turn to the camera: (h,) bool.
+    """Return which directions of the hand's frame (h, 3) the arm can turn to the camera: (h,) bool.
 
     Parameters
     ----------

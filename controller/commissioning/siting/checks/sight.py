@@ -13,10 +13,16 @@ AROUND_N = 8  # points round the part's outline that the camera has to see, besi
 
 
 def links_in_sight(layout: CellLayout, q: FloatArray, radius_mm: float) -> BoolArray:
-    """Tell of configurations (n, 6) whether carriage or links hide the part: (n,) bool.
+    """Return in which configurations (n,) carriage or links hide the part.
 
-    The part is taken as the ball of that radius about the station, so a link that only grazes a
-    corner of it counts too: such a picture would be of little use.
+    The part is taken as a ball about the station, so a link that only grazes a corner of it counts
+    too: such a picture would be of little use.
+
+    Parameters
+    ----------
+    layout : the cell, with inspection camera and station
+    q : (n, 6) rows of joints
+    radius_mm : of the ball
     """
     if len(q) == 0:
         return np.zeros(0, dtype=bool)

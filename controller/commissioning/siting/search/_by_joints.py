@@ -127,9 +127,16 @@ def fixtures_by_joints(search: Survey) -> list[FixtureScore]:
 def joined(
     search: Survey, cameras: Sequence[SiteScore], fixtures: Sequence[FixtureScore]
 ) -> list[SiteScore]:
-    """Return camera sites, each with the best fixture pose that goes with it, by the joints alone.
+    """Return camera sites, each with the best fixture pose that goes with it, best first.
 
-    The present site is among them.
+    By the joints alone. The present site is among them; forbidden ones stand last.
+
+    Parameters
+    ----------
+    search : the cell, and what may stand where
+    cameras : scores of sites, the present one among them
+    fixtures : scores of poses of the fixed gripper, best first, the present one among them; none
+        where the cell has no fixed gripper
     """
     now = site_of(search.layout)
     kept = unlike([s.site for s in cameras], search.options.checked_cameras)

@@ -61,7 +61,14 @@ def camera_grid(layout: CellLayout) -> Iterator[Site]:
 
 
 def fixture_frame(position_mm: FloatArray, approach: FloatArray, jaws: FloatArray) -> FloatArray:
-    """Return the pose (4, 4) of a fixture by its approach and its jaws' axis, square to it."""
+    """Return the pose T_world_tcp (4, 4) of a fixed gripper.
+
+    Parameters
+    ----------
+    position_mm : (3,) of its TCP in the world
+    approach : (3,) unit, its x in the world
+    jaws : (3,) unit, its y: along which the pads open; square to the approach
+    """
     T = np.eye(4)
     T[:3, :3] = np.column_stack([approach, jaws, np.cross(approach, jaws)])
     T[:3, 3] = position_mm
@@ -88,7 +95,14 @@ def fixture_grid(layout: CellLayout) -> Iterator[FloatArray]:
 
 
 def camera_steps(site: Site, step_mm: float, step_deg: float) -> Iterator[Site]:
-    """Yield sites a small step of station or side away."""
+    """Yield sites a small step of station or side away.
+
+    Parameters
+    ----------
+    site : to step away from
+    step_mm : of the station, along each axis of the world both ways
+    step_deg : of the side the camera is on, in azimuth and elevation
+    """
     for offset in np.vstack([np.eye(3), -np.eye(3)]) * step_mm:
         yield replace(site, station_mm=site.station_mm + offset)
     azimuth = float(np.degrees(np.arctan2(site.towards[1], site.towards[0])))
@@ -100,7 +114,14 @@ def camera_steps(site: Site, step_mm: float, step_deg: float) -> Iterator[Site]:
 
 
 def fixture_steps(site: Site, step_mm: float, step_deg: float) -> Iterator[Site]:
-    """Yield sites with the fixture a small step or turn away."""
+    """Yield sites with the fixture a small step or turn away; none without a fixture.
+
+    Parameters
+    ----------
+    site : to step away from
+    step_mm : along each axis of the world, both ways
+    step_deg : about the vertical through the TCP, both ways
+    """
     T = site.T_world_fixture
     if T is None:
         return
