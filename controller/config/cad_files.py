@@ -7,7 +7,7 @@ CAD_FORMATS: Final = (".stl", ".obj", ".ply", ".off", ".3mf", ".step", ".stp", "
 
 
 def is_cad_file(path: Path) -> bool:
-    """Tell whether a file is one of CAD by its name; of YAML only what says that it is CSG."""
+    """Return whether a file is one of CAD by its name; of YAML only what says that it is CSG."""
     ending = path.suffix.lower()
     if ending == ".yaml":
         return path.name.lower().endswith(".csg.yaml")

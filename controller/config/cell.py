@@ -193,7 +193,7 @@ class CameraSection(Section):
     margin_s: float | None = Field(None, ge=0, le=1)  # a stamp's play; the driver's own otherwise
 
     def sees(self, point_mm: Array) -> bool:
-        """Tell whether a point (3,) of the world is in the picture, the lens aside."""
+        """Return whether a point (3,) of the world is in the picture, the lens aside."""
         T = self.pose.build()
         x, y, z = T[:3, :3].T @ (point_mm - T[:3, 3])
         if z < LEAST_HEIGHT_MM:

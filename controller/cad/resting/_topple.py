@@ -62,7 +62,7 @@ def _distances_mm(hull: Hull) -> Array:
 
 
 def _stays(hull: Hull, to_edge: Array) -> NDArray[np.bool_]:
-    """Tell on which facets the part stays (f,): those whose outline holds the centre."""
+    """Return on which facets the part stays (f,): those whose outline holds the centre."""
     ends = hull.corners_mm[hull.edge_ends]
     long = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) > SHORT * hull.blur_mm
     inside = np.full(hull.count, np.inf)

@@ -287,7 +287,7 @@ def _others(
 
 
 def _shows(edges: EdgePoints, picture: Grey) -> Bools:
-    """Tell at which predicted edges (n,) the grey level changes most just there."""
+    """Return at which predicted edges (n,) the grey level changes most just there."""
     if len(edges.pixels) == 0:
         return np.zeros(0, dtype=np.bool_)
     low = np.floor(edges.pixels.min(axis=0)).astype(int) - LOOK_PX - 4

@@ -206,7 +206,7 @@ def _sampled(slope: Array32, x: Array32, y: Array32) -> Array32:
 
 
 def _is_anothers(pixels: Array, normals: Array, gap: Array) -> NDArray[np.bool_]:
-    """Tell which edges found (n,) belong to another predicted edge that lies nearer.
+    """Return which edges found (n,) belong to another predicted edge that lies nearer.
 
     Where a narrow chamfer is nearly as dark as the table only one of its two edges shows, and
     the other must not claim it.
