@@ -1,4 +1,4 @@
-"""How sure recognition may be: fits the curves of controller/recognition/_scores.py to pictures.
+"""Fit the curves of controller/recognition/identification/scores.py to pictures.
 
 python benchmarks/fit_scores.py --set FOLDER [--parts PATH...] [--set FOLDER [--parts PATH...]]...
     [--held-out FOLDER [--parts PATH...]]... [--calibration FILE] [--lo-calibration FILE]
@@ -52,13 +52,8 @@ from recognition_parts import cad_files  # noqa: E402
 from controller.cad.compiled import options_among  # noqa: E402
 from controller.cli._calibration_file import load_calibration  # noqa: E402
 from controller.recognition import Hypothesis, Library, Sighting, recognise  # noqa: E402
-from controller.recognition._decide import decide  # noqa: E402
-from controller.recognition._scores import (  # noqa: E402
-    FRONT,
-    SILHOUETTE,
-    Weights,
-    probability,
-)
+from controller.recognition.identification.decide import decide  # noqa: E402
+from controller.recognition.identification.scores import FRONT, SILHOUETTE, Weights, probability  # noqa: E402
 from controller.recognition.stored import open_library  # noqa: E402
 
 PLACE_MM = {"hi": 1.0, "lo": 2.5}  # two of the small pictures' pixels; some five large ones

@@ -18,8 +18,8 @@ from scipy.special import expit
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from controller.recognition._scores import INNER_HALF_MM, Weights  # noqa: E402  (path set above)
 from controller.recognition.fitting import Evidence  # noqa: E402
+from controller.recognition.identification.scores import INNER_HALF_MM, Weights  # noqa: E402  (path set above)
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

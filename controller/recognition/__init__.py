@@ -3,11 +3,11 @@
 Arrays in, dataclasses out (references.md P3.0).
 """
 
-from ._hypotheses import Hypothesis, SearchLimits
 from ._pose_fit import PosedPart, PoseFit, fit_pose, twist
-from ._recognise import Limits, recognise
-from ._sighting import Alternative, Recognition, Sighting, Trace
 from .fitting import edge_jacobian
+from .identification.hypotheses import Hypothesis, SearchLimits
+from .identification.recognise import Limits, recognise
+from .identification.sighting import Alternative, Recognition, Sighting, Trace
 from .library import Entry, Library, lying, make_library
 
 __all__ = [

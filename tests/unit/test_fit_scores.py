@@ -15,8 +15,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 from recognition_curves import Compared, Seen, examples, fit_curve, fitted, pasted, rescaled, terms
 
-from controller.recognition._scores import Weights, probability
 from controller.recognition.fitting import Evidence
+from controller.recognition.identification.scores import Weights, probability
 
 Array = NDArray[np.float64]
 LOW = Evidence(0.2, 0.2, 0.0, 0.0, 0.0, 0.0, 0.1, 0.1, 50.0, 0.0, 1.0, 100.0)

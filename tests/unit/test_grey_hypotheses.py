@@ -15,8 +15,8 @@ from controller.recognition.grey import (
     propose,
     rate,
 )
-from controller.recognition.grey._index import near_keys
-from controller.recognition.grey._keys import Frames
+from controller.recognition.grey.matching.index import near_keys
+from controller.recognition.grey.matching.keys import Frames
 
 Array = NDArray[np.float64]
 SIZE = (320, 320)

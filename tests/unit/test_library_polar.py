@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from controller.recognition.library import polar_grid
-from controller.recognition.library._polar import (
+from controller.recognition.library.polar import (
     ANGLES,
     RINGS,
     TURNS,

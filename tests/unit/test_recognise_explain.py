@@ -27,16 +27,7 @@ from table_pictures import resting, silhouette
 from controller.cad.compiled import compile_solid
 from controller.recognition import make_library, recognise
 from controller.recognition.explain import Explanation, StageTable, explain
-from controller.recognition.explain._draw import (
-    GREEN,
-    ORANGE,
-    PINK,
-    RED,
-    SKY,
-    SOFT,
-    WHITE,
-    YELLOW,
-)
+from controller.recognition.explain.draw import GREEN, ORANGE, PINK, RED, SKY, SOFT, WHITE, YELLOW
 
 Array = NDArray[np.float64]
 OVERVIEW_PX = (1280, 1600)  # twice the picture's 640 x 800

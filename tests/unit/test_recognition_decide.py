@@ -16,9 +16,6 @@ from numpy.typing import NDArray
 from table_pictures import overhead, resting
 
 from controller.recognition import Hypothesis
-from controller.recognition._decide import decide, is_convincing, looks_same
-from controller.recognition._hypotheses import distinct, is_same_turn, without_repeats
-from controller.recognition._scores import FRONT, SILHOUETTE, Weights, log_odds, probability
 from controller.recognition.fitting import (
     EdgeFit,
     EdgeModel,
@@ -28,6 +25,15 @@ from controller.recognition.fitting import (
     edge_model,
     predict_edges,
     predict_outline,
+)
+from controller.recognition.identification.decide import decide, is_convincing, looks_same
+from controller.recognition.identification.hypotheses import distinct, is_same_turn, without_repeats
+from controller.recognition.identification.scores import (
+    FRONT,
+    SILHOUETTE,
+    Weights,
+    log_odds,
+    probability,
 )
 from controller.recognition.library import Candidate
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from controller.imaging import Camera
 
-from .._sighting import Recognition
+from ..identification.sighting import Recognition
 from ..library import Library
 from ._facts import object_facts
 from ._page import draw_page

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from controller.cad import ViewModel, outline, prepare_views
 from controller.imaging import Camera
 
-from .._hypotheses import Hypothesis, distinct, is_same_turn
-from .._sighting import Recognition, Sighting, Trace
 from ..binary import (
     BinaryTolerances,
     BoundaryString,
@@ -33,6 +31,8 @@ from ..binary import (
 )
 from ..fitting import EdgePoints, predict_edges
 from ..grey import ImageFeatures, image_features
+from ..identification.hypotheses import Hypothesis, distinct, is_same_turn
+from ..identification.sighting import Recognition, Sighting, Trace
 from ..library import Candidate, Library, lying, shadow_camera
 
 Array = NDArray[np.float64]

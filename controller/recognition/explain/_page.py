@@ -8,9 +8,24 @@ from numpy.typing import NDArray
 
 from controller.imaging import Camera
 
-from .._sighting import Recognition
+from ..identification.sighting import Recognition
 from ..library import Library
-from ._draw import (
+from ._facts import ObjectFacts, degrees_told
+from ._panels import (
+    ELLIPSE_FACTOR,
+    brightened_inside,
+    draw_contour,
+    draw_curvature,
+    draw_grey,
+    draw_others,
+    draw_outline,
+    draw_place,
+    draw_pose,
+    titled,
+    window,
+)
+from ._tables import turn_told
+from .draw import (
     GREEN,
     LINE_PX,
     ORANGE,
@@ -30,21 +45,6 @@ from ._draw import (
     write,
     write_lines,
 )
-from ._facts import ObjectFacts, degrees_told
-from ._panels import (
-    ELLIPSE_FACTOR,
-    brightened_inside,
-    draw_contour,
-    draw_curvature,
-    draw_grey,
-    draw_others,
-    draw_outline,
-    draw_place,
-    draw_pose,
-    titled,
-    window,
-)
-from ._tables import turn_told
 
 Array = NDArray[np.float64]
 

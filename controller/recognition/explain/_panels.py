@@ -8,7 +8,8 @@ from scipy.spatial import cKDTree
 from controller.imaging import Camera
 
 from ..fitting import EdgePoints
-from ._draw import (
+from ._facts import BOX_CAR, THRESHOLD, ObjectFacts
+from .draw import (
     BLACK,
     GREEN,
     ORANGE,
@@ -28,7 +29,6 @@ from ._draw import (
     toned,
     write,
 )
-from ._facts import BOX_CAR, THRESHOLD, ObjectFacts
 
 Array = NDArray[np.float64]
 

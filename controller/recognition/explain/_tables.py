@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._sighting import Recognition
+from ..identification.sighting import Recognition
 from ..library import Library
 from ..segmentation import Segmentation
 from ._facts import BOX_CAR, THRESHOLD, ObjectFacts, degrees_told

@@ -4,14 +4,14 @@ The paper (references.md P3.2): for tables that are not backlit, and for what si
 decide.
 """
 
-from ._arcs import Circles
-from ._corners import Corners, Junctions
-from ._features import Edgelets, ImageFeatures, image_features
-from ._hypotheses import Hypothesis, propose, rate
-from ._index import FeatureIndex, feature_index
-from ._matches import Matches, matches
-from ._model import ModelFeatures, model_features
 from ._tolerances import GreyTolerances
+from .features.arcs import Circles
+from .features.corners import Corners, Junctions
+from .features.extract import Edgelets, ImageFeatures, image_features
+from .matching.hypotheses import Hypothesis, propose, rate
+from .matching.index import FeatureIndex, feature_index
+from .matching.matches import Matches, matches
+from .matching.model import ModelFeatures, model_features
 
 __all__ = [
     "Circles",

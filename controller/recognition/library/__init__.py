@@ -12,8 +12,8 @@ from ._library import (
     turn_of,
     turns_that_keep,
 )
-from ._polar import polar_grid
 from ._views import PartViews, Station, lying, shadow_camera, view_part
+from .polar import polar_grid
 
 __all__ = [
     "Candidate",

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ._polar import HALF, TURNS, shape_of, spectra, turn_scores
 from ._views import PartViews
+from .polar import HALF, TURNS, shape_of, spectra, turn_scores
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int32]

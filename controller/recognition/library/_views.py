@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from controller.cad import Solid, StablePose
 from controller.imaging import Camera, RayCaster, inverse_pose, transform
 
-from ._polar import HALF, from_raster, shape_of
+from .polar import HALF, from_raster, shape_of
 
 Array = NDArray[np.float64]
 

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ._features import ImageFeatures
+from .._tolerances import GreyTolerances
+from ..features.extract import ImageFeatures
 from ._hulls import ROUNDEST, hull_of
-from ._index import FeatureIndex, feature_index, near_keys
-from ._keys import KINDS, Frames, frames_of
-from ._model import ModelFeatures
 from ._score import edge_map, fitted, quick_scores, rated
-from ._tolerances import GreyTolerances
+from .index import FeatureIndex, feature_index, near_keys
+from .keys import KINDS, Frames, frames_of
+from .model import ModelFeatures
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

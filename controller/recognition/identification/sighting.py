@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ._hypotheses import Hypothesis
-from .library import Candidate
-from .segmentation import Region, Segmentation
+from ..library import Candidate
+from ..segmentation import Region, Segmentation
+from .hypotheses import Hypothesis
 
 Array = NDArray[np.float64]
 

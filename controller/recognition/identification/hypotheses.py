@@ -13,9 +13,7 @@ from numpy.typing import NDArray
 
 from controller.imaging import Camera
 
-from ._scores import FRONT, SILHOUETTE, log_odds, probability
-from ._sight import Sight
-from .fitting import (
+from ..fitting import (
     EdgeFit,
     EdgeModel,
     Evidence,
@@ -28,7 +26,9 @@ from .fitting import (
     shading_fit,
     with_inside,
 )
-from .library import Candidate, Library, lying, place_of, turn_of
+from ..library import Candidate, Library, lying, place_of, turn_of
+from ._sight import Sight
+from .scores import FRONT, SILHOUETTE, log_odds, probability
 
 Array = NDArray[np.float64]
 

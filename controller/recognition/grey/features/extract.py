@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ._arcs import Circles, find_circles
+from .._tolerances import GreyTolerances
 from ._cells import cell_lines
-from ._corners import Corners, Junctions, find_corners, find_junctions
 from ._edges import Grey, ToPlane, edge_points
 from ._lines import extended, merge_lines
-from ._tolerances import GreyTolerances
+from .arcs import Circles, find_circles
+from .corners import Corners, Junctions, find_corners, find_junctions
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

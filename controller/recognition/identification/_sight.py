@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .fitting import GreyMeasure, ImageEdges, LoopMeasure, Measure
-from .segmentation import Region
+from ..fitting import GreyMeasure, ImageEdges, LoopMeasure, Measure
+from ..segmentation import Region
 
 Grey = NDArray[np.uint8]
 Mask = NDArray[np.bool_]

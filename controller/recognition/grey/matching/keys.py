@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ._corners import Corners
-from ._tolerances import GreyTolerances
+from .._tolerances import GreyTolerances
+from ..features.corners import Corners
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -242,6 +242,7 @@ def _turned(f: Frames) -> Frames:
 
 
 def taken(f: Frames, rows: NDArray[np.generic]) -> Frames:
+    """Return some of the frames, by their numbers or by a mask."""
     return Frames(
         f.keys[rows],
         f.points[rows],
@@ -253,6 +254,7 @@ def taken(f: Frames, rows: NDArray[np.generic]) -> Frames:
 
 
 def joined(rows: list[Frames]) -> Frames:
+    """Return several lists of frames as one."""
     if not rows:
         none = np.zeros(0)
         return Frames(np.zeros((0, 3)), np.zeros((0, 2)), none, none, none, none.astype(np.int64))

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from controller.imaging import Camera
 
-from ._decide import Decision, decide, is_convincing
-from ._hypotheses import Hypothesis, SearchLimits, is_tried, weigh, without_repeats
+from ..grey import image_features, propose
+from ..library import Candidate, Entry, Library, Silhouette, polar_grid
+from ..segmentation import Region, segment
 from ._sight import Sight
-from ._sighting import Alternative, Recognition, Sighting, Trace
-from .grey import image_features, propose
-from .library import Candidate, Entry, Library, Silhouette, polar_grid
-from .segmentation import Region, segment
+from .decide import Decision, decide, is_convincing
+from .hypotheses import Hypothesis, SearchLimits, is_tried, weigh, without_repeats
+from .sighting import Alternative, Recognition, Sighting, Trace
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from .._tolerances import GreyTolerances
 from ._cells import Moments, line_of, rms_of
-from ._tolerances import GreyTolerances
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

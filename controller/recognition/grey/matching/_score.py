@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ._features import Edgelets
-from ._index import ASKED, FeatureIndex
-from ._tolerances import GreyTolerances
+from .._tolerances import GreyTolerances
+from ..features.extract import Edgelets
+from .index import ASKED, FeatureIndex
 
 Array = NDArray[np.float64]
 Singles = NDArray[np.float32]

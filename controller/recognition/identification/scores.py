@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .fitting import Evidence
+from ..fitting import Evidence
 
 STRETCH_MM = 5.0  # of edge that counts as one observation; nearer ones share their causes
 SIDE_MM = 20.0  # of outline: a bent wall or a badly calibrated corner shifts as much together

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ._features import ImageFeatures
-from ._model import ModelFeatures
-from ._tolerances import GreyTolerances
+from .._tolerances import GreyTolerances
+from ..features.extract import ImageFeatures
+from .model import ModelFeatures
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

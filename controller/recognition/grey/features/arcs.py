@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .._tolerances import GreyTolerances
 from ._cells import Moments
-from ._tolerances import GreyTolerances
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from controller.cad import DrawnEdge, LineView
 
-from ._corners import Corners, find_corners
-from ._features import EDGELET_MM
-from ._tolerances import GreyTolerances
+from .._tolerances import GreyTolerances
+from ..features.corners import Corners, find_corners
+from ..features.extract import EDGELET_MM
 
 Array = NDArray[np.float64]
 

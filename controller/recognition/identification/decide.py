@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ._hypotheses import Hypothesis
-from .fitting import EdgePoints
+from ..fitting import EdgePoints
+from .hypotheses import Hypothesis
 
 Array = NDArray[np.float64]
 

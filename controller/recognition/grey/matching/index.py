@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .._tolerances import GreyTolerances
 from ._hulls import hull_of
-from ._keys import KINDS, Frames, frames_of, joined, taken
-from ._model import ModelFeatures
-from ._tolerances import GreyTolerances
+from .keys import KINDS, Frames, frames_of, joined, taken
+from .model import ModelFeatures
 
 Array = NDArray[np.float64]
 Singles = NDArray[np.float32]

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .._tolerances import GreyTolerances
 from ._edges import EdgePoints
-from ._tolerances import GreyTolerances
 
 Array = NDArray[np.float64]
 Singles = NDArray[np.float32]

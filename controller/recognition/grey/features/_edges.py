@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ._tolerances import GreyTolerances
+from .._tolerances import GreyTolerances
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]

@@ -1,0 +1,1 @@
+"""What a grey picture shows: edge points, lines, corners, circles and arcs."""
