@@ -11,8 +11,10 @@ Duplicates: windows of eight lines and more that two places have alike, without 
 docstrings, imports, `__all__` and layout. `same` keeps names and ignores literals; `alike` ignores
 both, and looks into functions only: tables of constants are all alike.
 Parameters: public functions and methods of three parameters and more (`self` is none), that have a
-Parameters section. Raises: exceptions that a public function raises by name in its own body, and
-whether its Raises section names them or a class above them that is defined in the checkout.
+Parameters section. A command of the command line is documented by its help: each of its options
+and arguments must have one, and its errors are messages, so that it needs no sections.
+Raises: exceptions that a public function raises by name in its own body and does not catch there,
+and whether its Raises section names them or a class above them that is defined in the checkout.
 Underscores: modules, or names of modules, with a leading underscore that tests, benchmarks, or a
 package other than their own imports.
 """
@@ -253,7 +255,7 @@ def duplicates(sources: list[Source], keep_names: bool) -> dict[str, Any]:
 # -- what is documented
 
 
-def _public_functions(source: Source) -> Iterator[tuple[str, Function, bool]]:
+def public_functions(source: Source) -> Iterator[tuple[str, Function, bool]]:
     """Yield (name, function, is a method) of what others may call."""
     for node in source.tree.body:
         if isinstance(node, Function) and not node.name.startswith("_"):
@@ -293,19 +295,64 @@ def _section(function: Function, title: str) -> str | None:
     return None
 
 
+def _typer_calls(annotation: ast.expr | None) -> list[ast.Call]:
+    """Return the `typer.Option(...)` and `typer.Argument(...)` within an annotation."""
+    return [
+        node
+        for node in (ast.walk(annotation) if annotation is not None else ())
+        if isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Attribute)
+        and node.func.attr in ("Option", "Argument")
+        and getattr(node.func.value, "id", "") == "typer"
+    ]
+
+
+def shared_options(sources: list[Source]) -> dict[str, list[ast.Call]]:
+    """Return the options and arguments that have a name of their own, for several commands."""
+    return {
+        node.targets[0].id: calls
+        for source in sources
+        for node in source.tree.body
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)
+        if (calls := _typer_calls(node.value))
+    }
+
+
+def command_options(
+    function: Function, shared: dict[str, list[ast.Call]]
+) -> list[list[ast.Call]] | None:
+    """Return what typer is given for each parameter of a command, None for other functions."""
+    parameters = [*function.args.args, *function.args.kwonlyargs]
+    calls = [
+        _typer_calls(p.annotation) or shared.get(getattr(p.annotation, "id", ""), [])
+        for p in parameters
+    ]
+    return calls if calls and any(calls) else None
+
+
+def has_help(option: list[ast.Call]) -> bool:
+    """Return whether typer is given a help text for a parameter."""
+    return any(word.arg == "help" for call in option for word in call.keywords)
+
+
 def parameters_documented(sources: list[Source]) -> dict[str, Any]:
+    shared = shared_options(sources)
     per_room: dict[str, Counter[str]] = defaultdict(Counter)
     missing = []
     for source in sources:
         if source.module.split(".")[0] not in PRODUCTION:
             continue
         room = ".".join(source.module.split(".")[:2])
-        for name, function, is_method in _public_functions(source):
+        for name, function, is_method in public_functions(source):
             if "overload" in _decorators(function):
                 continue
-            if _parameter_count(function, is_method) < LEAST_PARAMETERS:
+            options = command_options(function, shared)
+            if options is None and _parameter_count(function, is_method) < LEAST_PARAMETERS:
                 continue
-            has_section = _section(function, "Parameters") is not None
+            if options is None:
+                has_section = _section(function, "Parameters") is not None
+            else:
+                has_section = all(has_help(option) for option in options)
             per_room[room]["with" if has_section else "without"] += 1
             if not has_section:
                 missing.append(f"{source.path}:{function.lineno} {name}")
@@ -323,27 +370,38 @@ def _with_and_without(per_room: dict[str, Counter[str]]) -> dict[str, Any]:
     }
 
 
-def _own_nodes(function: Function) -> Iterator[ast.AST]:
-    """Yield what a function's body holds, but for functions and classes within it."""
-    waiting: list[ast.AST] = list(function.body)
-    while waiting:
-        node = waiting.pop()
-        yield node
-        if not isinstance(node, Function | ast.ClassDef | ast.Lambda):
-            waiting.extend(ast.iter_child_nodes(node))
+def _own_raises(nodes: Iterable[ast.AST]) -> Iterator[str]:
+    """Yield the classes raised by name under some nodes, but for functions and classes there.
+
+    What a handler of the same name takes, and does not pass on by a bare `raise`, is not raised.
+    """
+    for node in nodes:
+        if isinstance(node, Function | ast.ClassDef | ast.Lambda):
+            continue
+        if isinstance(node, ast.Try):
+            caught: set[str] = set()
+            for handler in node.handlers:
+                inside = list(ast.walk(handler))
+                if not any(isinstance(n, ast.Raise) and n.exc is None for n in inside):
+                    caught |= _class_names(handler.type)
+            yield from (name for name in _own_raises(node.body) if name not in caught)
+            yield from _own_raises([*node.handlers, *node.orelse, *node.finalbody])
+            continue
+        if isinstance(node, ast.Raise) and node.exc is not None:
+            yield from _class_names(node.exc.func if isinstance(node.exc, ast.Call) else node.exc)
+        yield from _own_raises(ast.iter_child_nodes(node))
+
+
+def _class_names(expression: ast.expr | None) -> set[str]:
+    """Return the last names of what stands behind `raise` or `except`."""
+    things = expression.elts if isinstance(expression, ast.Tuple) else [expression]
+    return {t.attr if isinstance(t, ast.Attribute) else getattr(t, "id", "") for t in things}
 
 
 def _raised(function: Function) -> set[str]:
     """Return the classes a function's own body raises by name; what it hands on is not its own."""
-    names = set()
-    for node in _own_nodes(function):
-        if not isinstance(node, ast.Raise) or node.exc is None:
-            continue
-        thing = node.exc.func if isinstance(node.exc, ast.Call) else node.exc
-        name = thing.attr if isinstance(thing, ast.Attribute) else getattr(thing, "id", "")
-        if name[:1].isupper() and name != "NotImplementedError":
-            names.add(name)
-    return names
+    names = set(_own_raises(function.body))
+    return {name for name in names if name[:1].isupper() and name != "NotImplementedError"}
 
 
 def _parents(sources: list[Source]) -> dict[str, set[str]]:
@@ -369,13 +427,16 @@ def _parents(sources: list[Source]) -> dict[str, set[str]]:
 
 def raises_documented(sources: list[Source]) -> dict[str, Any]:
     above = _parents(sources)
+    shared = shared_options(sources)
     per_room: dict[str, Counter[str]] = defaultdict(Counter)
     missing = []
     for source in sources:
         if source.module.split(".")[0] not in PRODUCTION:
             continue
         room = ".".join(source.module.split(".")[:2])
-        for name, function, _ in _public_functions(source):
+        for name, function, _ in public_functions(source):
+            if command_options(function, shared) is not None:
+                continue
             section = _section(function, "Raises") or ""
             for error in sorted(_raised(function)):
                 is_named = any(known in section for known in above.get(error, {error}))

@@ -94,6 +94,64 @@ def test_an_error_is_documented_by_its_name_or_by_a_class_above_it(checkout: Pat
     assert found["missing"] == ["controller/planning/_hidden.py:2 find: KeyError"]
 
 
+COMMAND = '''
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Wide = Annotated[int, typer.Option("--wide", help="width [mm]")]
+
+
+def work(part: Annotated[Path, typer.Argument({help})], wide: Wide = 1, json: Wide = 0) -> None:
+    """Work."""
+    raise typer.Exit(1)
+'''
+
+
+@pytest.mark.parametrize(("given", "missing"), [("help='a part'", 0), ("metavar='PART'", 1)])
+def test_a_command_is_documented_by_the_help_of_its_options(
+    checkout: Path, given: str, missing: int
+) -> None:
+    (checkout / "controller" / "work.py").write_text(COMMAND.replace("{help}", given))
+    found = house.parameters_documented(sources_of(checkout))["missing"]
+    assert [where for where in found if "work" in where] == ["controller/work.py:10 work"] * missing
+    raised = house.raises_documented(sources_of(checkout))["missing"]
+    assert not any("work" in where for where in raised)
+
+
+@pytest.mark.parametrize(
+    ("handler", "is_raised"),
+    [
+        ("except (KeyError, ValueError) as error:\n        return str(error)", False),
+        ("except ValueError:\n        raise", True),
+        ("except OSError:\n        return a", True),
+        ("finally:\n        print(a)", True),
+    ],
+)
+def test_what_a_function_catches_itself_it_does_not_raise(
+    checkout: Path, handler: str, is_raised: bool
+) -> None:
+    text = f"def work(a):\n    try:\n        raise ValueError(a)\n    {handler}\n"
+    (checkout / "controller" / "work.py").write_text(text)
+    raised = house.raises_documented(sources_of(checkout))["missing"]
+    assert ("controller/work.py:1 work: ValueError" in raised) is is_raised
+
+
+def test_every_option_of_every_command_has_a_help_text() -> None:
+    sources = house.read_sources(ROOT, house.PRODUCTION)
+    shared = house.shared_options(sources)
+    commands = {
+        name: options
+        for source in sources
+        for name, function, _ in house.public_functions(source)
+        if (options := house.command_options(function, shared)) is not None
+    }
+    assert {"run", "check", "plan", "compile_", "recognise", "camera"} <= set(commands)
+    for name, options in commands.items():
+        assert all(house.has_help(option) for option in options), name
+
+
 def test_a_private_module_is_for_its_own_package(checkout: Path) -> None:
     found = house.underscores(sources_of(checkout))
     assert found["where"] == ["tests/test_it.py:1 controller.planning._hidden find"]
