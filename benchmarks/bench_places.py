@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from controller.cad import StablePose
 from controller.cad.compiled import CompiledPart, CompileOptions, load_part
-from controller.cell.workers import glowing_mask
+from controller.cell.compute import glowing_mask
 from controller.config import load_cell
 from controller.recognition import Sighting, lying, make_library, recognise
 from controller.setup.layout import build_layout

@@ -26,9 +26,11 @@ from inspection_scenes import (
     rotation,
 )
 
-from controller.cell import workers
+from controller.cell import compute
 from controller.cell.actions import lamps_for
+from controller.cell.compute import answers
 from controller.cell.holder import holder_boxes
+from controller.cell.lamps import TABLE_LAMPS
 from controller.imaging import inverse_pose
 from controller.inspection import (
     Verdict,
@@ -37,19 +39,20 @@ from controller.inspection import (
     inspect_view,
     judge,
 )
-from controller.planning import Look, NoPlanError, Plan, Present, shown_pose
-from controller.setup.optics import panel_corners, table_corners
+from controller.planning import Look, NoPlanError, OnTable, Plan, Present, shown_pose
+from controller.recognition import PosedPart
+from controller.setup.optics import build_lamps, panel_corners, table_corners
 from emulators.world._poses import JointValues, forward
 
 RECIPES = ("featuretype", "flange_xy", "holder", "idler_riser", "widget")
 LIKELY = 0.04
 
 
-def show(c: workers.Context, plan: Plan, station: Station, seed: int) -> list[ViewResult]:
+def show(c: compute.Context, plan: Plan, station: Station, seed: int) -> list[ViewResult]:
     """Return the views of a plan as they are judged."""
     rng = np.random.default_rng(seed)
-    held = Held(c.solid, c.samples, workers.recognising.PosedPart(c.solid, c.caster))
-    limits = workers.inspection_limits(c.recipe)
+    held = Held(c.solid, c.samples, PosedPart(c.solid, c.caster))
+    limits = compute.inspection_limits(c.recipe)
     results: list[ViewResult] = []
     grip, known, true, is_seen = None, np.eye(4), np.eye(4), False
     for number, step in enumerate(s for s in plan.steps if isinstance(s, Present)):
@@ -73,7 +76,7 @@ def show(c: workers.Context, plan: Plan, station: Station, seed: int) -> list[Vi
             T_world_part=shown_pose(c.layout, step.q, known),
             holder=holder_boxes(c.layout, step.q, width),
             panel_mm=panel_corners(c.cell, "station_backlight"),
-            lamps=workers.build_lamps(c.cell, lamps),
+            lamps=build_lamps(c.cell, lamps),
             limits=limits,
             is_hold_seen=is_seen,
         )
@@ -86,17 +89,17 @@ def show(c: workers.Context, plan: Plan, station: Station, seed: int) -> list[Vi
 
 
 def look(
-    c: workers.Context, plan: Plan, station: Station, T: np.ndarray, seed: int
+    c: compute.Context, plan: Plan, station: Station, T: np.ndarray, seed: int
 ) -> list[ViewResult]:
     """Return what the views of the part on the table come to, judged as `inspect_lying` does."""
     rng = np.random.default_rng(seed + 5000)
-    part = workers.recognising.PosedPart(c.solid, c.caster)
+    part = PosedPart(c.solid, c.caster)
     results = []
     for step in (s for s in plan.steps if isinstance(s, Look)):
         middle = T[:3, :3] @ c.solid.centroid_mm + T[:3, 3]
         found = disturbed(T, middle, 0.1, 0.05, rng)
         found[2, 3] = T[2, 3]
-        lamp = workers.TABLE_LAMPS[0]
+        lamp = TABLE_LAMPS[0]
         pictures = station.shoot_lying(T, (lamp,), seed)
         task = ViewTask(
             view_id=step.view_id,
@@ -104,8 +107,8 @@ def look(
             T_world_part=found,
             holder=(),
             panel_mm=table_corners(c.cell),
-            lamps=workers.build_lamps(c.cell, (lamp,)),
-            limits=workers.inspection_limits(c.recipe),
+            lamps=build_lamps(c.cell, (lamp,)),
+            limits=compute.inspection_limits(c.recipe),
             is_hold_seen=True,
         )
         results.append(inspect_view(part, c.samples, task, pictures).within(step.seen))
@@ -114,8 +117,8 @@ def look(
 
 def run_recipe(name: str, seeds: list[int], poses: list[int] | None = None) -> list[dict[str, Any]]:
     """Return a row per stable pose and seed."""
-    job = workers.Job(ROOT / "recipes" / f"{name}.yaml", CELL)
-    c = workers.context(job)
+    job = compute.Job(ROOT / "recipes" / f"{name}.yaml", CELL)
+    c = compute.context(job)
     station = Station(c.solid.mesh)
     rows = []
     for pose in c.poses:
@@ -130,14 +133,14 @@ def run_recipe(name: str, seeds: list[int], poses: list[int] | None = None) -> l
             T[:2, 3] = np.array([x, y]) - T[:2, :3] @ c.solid.centroid_mm
             T[2, 3] = -float((c.solid.mesh.vertices @ T[2, :3]).min())
             try:
-                plan = workers.plan(job, pose.index, T)
+                plan = answers.plan(job, OnTable(pose.index, T), None, frozenset(), ())
             except NoPlanError as error:
                 rows.append({"recipe": name, "pose": pose.index, "seed": seed, "error": str(error)})
                 continue
             results = [*look(c, plan, station, T, seed), *show(c, plan, station, seed)]
             unseen = {u.face_id: u.reason for u in plan.unseen}
             planned = {s.view_id: s.seen for s in plan.steps if isinstance(s, Present | Look)}
-            limits = workers.inspection_limits(c.recipe)
+            limits = compute.inspection_limits(c.recipe)
             least = c.recipe.inspection.min_coverage
             got = judge(
                 c.solid, c.samples, results, unseen, least, limits, c.not_inspected, planned

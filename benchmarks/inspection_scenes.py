@@ -24,7 +24,7 @@ import trimesh  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
 from controller.cad import Solid, SurfaceSamples, load_solid, sample_surface  # noqa: E402
-from controller.cell import workers  # noqa: E402
+from controller.cell.lamps import STATION_LAMPS  # noqa: E402
 from controller.config import load_cell  # noqa: E402
 from controller.imaging import RayCaster  # noqa: E402
 from controller.inspection import (  # noqa: E402
@@ -237,7 +237,7 @@ def judged_views(
         T[:3, 3] = station_mm - T[:3, :3] @ centre
         T_tip = T @ T_part_tip
         T_true = disturbed(T @ slip, station_mm, VIEW_MM, VIEW_DEG, rng)
-        lamps = workers.STATION_LAMPS if is_square else workers.STATION_LAMPS[:1]
+        lamps = STATION_LAMPS if is_square else STATION_LAMPS[:1]
         pictures = station.shoot(T_true, T_tip, opening, lamps, 100 * seed + number)
         task = station.task(f"v{number:02d}", T @ known, T_tip, opening, lamps, limits, is_seen)
         result = inspect_view(nominal.part, nominal.samples, task, pictures)

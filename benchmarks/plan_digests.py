@@ -25,7 +25,7 @@ from bench_planning import digest  # noqa: E402  (path set above)
 
 from controller.cad import StablePose  # noqa: E402
 from controller.cad.compiled import load_part  # noqa: E402
-from controller.cell.workers import part_files  # noqa: E402
+from controller.cell.compute import part_files  # noqa: E402
 from controller.config import load_cell, load_recipe  # noqa: E402
 from controller.planning import (  # noqa: E402
     CellLayout,

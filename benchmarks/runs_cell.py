@@ -12,7 +12,7 @@ import numpy as np
 from runs_record import Job, Ran, read_journal, read_world
 from runs_stand_ins import Noise, StandIns, TruthCamera, World
 
-from controller.cell import workers
+from controller.cell import compute
 from controller.cell.assembly import Batch, assemble
 from controller.cell.clocks import find_clock
 from controller.cell.devices import Devices, resolve
@@ -115,8 +115,8 @@ class Bench:
 
     def __init__(self, part: str, recipe: Path, cell: Path, speed: float, scratch: Path) -> None:
         self.part, self.speed, self._scratch = part, speed, scratch
-        self.job = workers.Job(recipe, cell)
-        self.context = workers.context(self.job)
+        self.job = compute.Job(recipe, cell)
+        self.context = compute.context(self.job)
 
     def poses(self) -> list[int]:
         """Return the ways to lie that are worth trying, one of those that look alike."""

@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller import inspection as inspecting
-from controller.cell import workers
-from controller.cell.experts import Holder, Workers
+from controller.cell.compute import Compute, Holder, Job, context
 from controller.imaging import Camera, inverse_pose, transform
 from controller.planning import Look, Plan, Present, Start
 from controller.planning.geometry import Box, segments_hit
@@ -153,14 +152,12 @@ class Noise:
     turn_rad: float = float(np.radians(2.0))
 
 
-class StandIns(Workers):
+class StandIns(Compute):
     """The worker process, except for what needs pictures."""
 
-    def __init__(
-        self, job: workers.Job, pool: Executor, noise: Noise, rng: np.random.Generator
-    ) -> None:
+    def __init__(self, job: Job, pool: Executor, noise: Noise, rng: np.random.Generator) -> None:
         super().__init__(job, pool)
-        self._context = workers.context(job)
+        self._context = context(job)
         self._noise = noise
         self._rng = rng
         self.views: list[Seen] = []
@@ -191,13 +188,13 @@ class StandIns(Workers):
         self._promised |= {step.view_id: step.seen for step in looks}
         return plan
 
-    async def tell(self, *_: object) -> tuple[int, ...]:
+    async def identify(self, *_: object) -> tuple[int, ...]:
         """These runs read every part without a doubt."""
         raise AssertionError("a doubt about a part that was read without one")
 
-    async def recognise(self, glowing: Grey, lit: Mapping[str, Grey]) -> tuple[Sighting, ...]:
+    async def recognise(self, backlit: Grey, lit: Mapping[str, Grey]) -> tuple[Sighting, ...]:
         """Return where the part truly lies, with noise; nothing outside the camera's picture."""
-        T, custody = read_truth(glowing)
+        T, custody = read_truth(backlit)
         c = self._context
         centre = transform(T, c.solid.centroid_mm[None])[0]
         width, height = c.overhead.size_px
@@ -268,10 +265,10 @@ class StandIns(Workers):
         )
 
     async def inspect_lying(
-        self, view_id: str, T_world_part: Array, glowing: Grey, lit: Mapping[str, Grey]
+        self, view_id: str, T_world_part: Array, backlit: Grey, lit: Mapping[str, Grey]
     ) -> inspecting.ViewResult:
         """Return what the camera over the table sees of the part where it truly lies."""
-        T, custody = read_truth(glowing)
+        T, custody = read_truth(backlit)
         is_there = custody == "free"
         count = len(self._context.samples.points_mm)
         seen = np.zeros(count, dtype=bool)

@@ -29,9 +29,9 @@ from .actions import (
     StopMotionAction,
     WithdrawAction,
 )
+from .compute import Compute
 from .devices import Devices
 from .dispatcher import Dispatcher
-from .experts import Experts
 from .journal import Journal
 from .machine import Effect
 from .records import Progress
@@ -73,7 +73,7 @@ class Batch:
 
 
 def assemble(
-    compute: Experts,
+    compute: Compute,
     recipe: Recipe,
     cell: Cell,
     layout: CellLayout,

@@ -14,9 +14,9 @@ from controller.cad.compiled import UNITLESS, CompileOptions, cached_part, load_
 from controller.config import Cell, ConfigError, Recipe, line_in, load_cell, load_recipe
 from controller.setup.planner import PlannerSetup
 
+from .compute import Job, context, part_files
 from .driver_registry import require_drivers
 from .plans import Certified, Planning
-from .workers import Job, context, part_files
 
 LIKELY = 0.03  # poses rarer than this are no reason to refuse a recipe
 

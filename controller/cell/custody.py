@@ -51,7 +51,7 @@ MAY_HOLD: Final[Mapping[Custody, frozenset[GripperName]]] = {
 # which grippers an action that is never repeated blindly may leave a part in, until the row on
 # custody that follows it; what is not listed may leave it anywhere
 TOUCHED: Final[Mapping[str, frozenset[GripperName]]] = {
-    Once.GRIP: frozenset({GripperName.ARM}),
+    Once.GRASP: frozenset({GripperName.ARM}),
     Once.SET_DOWN: frozenset({GripperName.ARM}),
     Once.SORT: frozenset({GripperName.ARM}),
     Once.OPEN_ARM_GRIPPER: frozenset({GripperName.ARM}),

@@ -15,13 +15,12 @@ from typing import Any
 from controller.config import Cell, Recipe
 from controller.setup.layout import build_layout
 
-from . import workers
 from .assembly import assemble
 from .clocks import FoundClock, Speed
+from .compute import Compute, Job
 from .custody import CellIdentity, Held, fold_custody, where_it_is
 from .devices import Devices, resolve
 from .dispatcher import Dispatcher, Outcome
-from .experts import Workers
 from .journal import JOURNAL_NAME, Journal, Row, is_of, open_cell_journal, rows
 from .known_journals import note_journal, rows_of_all_journals
 from .openings import presses_on_something, read_openings
@@ -114,7 +113,7 @@ async def run_batch(
             on_progress(progress)
 
         batch = assemble(
-            Workers(workers.Job(order.recipe_path, order.cell_path), pool),
+            Compute(Job(order.recipe_path, order.cell_path), pool),
             order.recipe,
             order.cell,
             build_layout(order.cell),

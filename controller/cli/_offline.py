@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from controller.cell.checking import Checked, CheckedPose, check_job
-from controller.cell.workers import Job
+from controller.cell.compute import Job
 from controller.config import load_recipe
 
 from ._output import emit, say, warn

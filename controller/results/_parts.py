@@ -21,11 +21,11 @@ from ._model import (
 
 # what is never repeated blindly, in the words of somebody who has to look where the part is
 ONCE_WORDS: Mapping[str, str] = {
-    Once.GRIP: "closing the hand on the part on the table",
+    Once.GRASP: "closing the hand on the part on the table",
     Once.HAND_OFF: "closing the fixed gripper on the part",
-    Once.RELEASE: "opening the hand while the fixed gripper holds the part",
-    Once.TAKE_BACK: "closing the hand on the part in the fixed gripper",
-    Once.FIXTURE_RELEASE: "opening the fixed gripper while the hand holds the part",
+    Once.RELEASE_ARM: "opening the hand while the fixed gripper holds the part",
+    Once.RECEIVE: "closing the hand on the part in the fixed gripper",
+    Once.RELEASE_FIXED: "opening the fixed gripper while the hand holds the part",
     Once.SORT: "letting the part go over its tray",
 }
 
@@ -61,7 +61,7 @@ class PartFold:
                 self.plan, self.steps = _plan(row), []
             case rows.StepDone():
                 self.steps.append(_step(row))
-            case rows.GripMissed():
+            case rows.GraspMissed():
                 self.grips_missed.append(row.message)
             case rows.ViewPictures():
                 self.views.append(ViewReport(row.view, row.pictures, None))

@@ -30,7 +30,7 @@ def say_row(entry: LogEntry) -> str:
             return _transition(row)
         case rows.StepDone() as row:
             return f"step “{row.label}” done in {row.seconds} s, forecast {row.forecast_s} s"
-        case rows.GripMissed() as row:
+        case rows.GraspMissed() as row:
             return f"grip missed: {row.message}"
         case rows.CustodyChanged() as row:
             return f"custody: {name}" + (f" ({row.detail})" if row.detail else "")

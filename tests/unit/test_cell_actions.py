@@ -120,7 +120,7 @@ class Paths:
     def __init__(self, *free_x: float) -> None:
         self.free_x = free_x
 
-    async def way_home(self, q: np.ndarray, *_: object) -> Any:
+    async def path_home(self, q: np.ndarray, *_: object) -> Any:
         if float(q[0]) not in self.free_x:
             raise NoMotionError("boxed in")
         return (at(100),)
@@ -147,7 +147,7 @@ async def test_an_arm_that_no_path_leads_home_is_a_persons(record: BatchRecord) 
     await motion.start_from(at(0))
     await motion.follow((at(1),))
     action = WithdrawAction(
-        ANY(way_home=Paths().way_home), motion, Gripper(record), Recoveries(record), record,  # type: ignore[arg-type]
+        ANY(path_home=Paths().path_home), motion, Gripper(record), Recoveries(record), record,  # type: ignore[arg-type]
     )  # fmt: skip
     with pytest.raises(PartProblemError) as error:
         await action.run()

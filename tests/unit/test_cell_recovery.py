@@ -1,7 +1,7 @@
 """What the cell does when a part slips, falls or is not passed over, against a cell of paper.
 
 The table, the actions and the journal are the real ones; arm, fixed gripper, cameras and the
-experts are fakes that keep one fact: who has the part. Plans are drawn by hand.
+compute service are fakes that keep one fact: who has the part. Plans are drawn by hand.
 """
 
 from __future__ import annotations
@@ -258,7 +258,7 @@ class PaperLights:
 
 
 @dataclass
-class PaperExperts:
+class PaperCompute:
     """Answers from lists; notes what it was asked."""
 
     cell: PaperCell
@@ -297,7 +297,7 @@ class PaperExperts:
             self.by_view[step.view_id] = step.seen
         return answer
 
-    async def way_home(self, *args: object) -> tuple[np.ndarray, ...]:
+    async def path_home(self, *args: object) -> tuple[np.ndarray, ...]:
         return (LAYOUT.park_q,)
 
     async def inspect(
@@ -324,7 +324,7 @@ class PaperExperts:
     async def judge(self, results: Any, unseen: Any, planned: Any) -> PartVerdict:
         return PartVerdict(Verdict.PASS, ("fine",), (), 1.0, ())
 
-    async def share(self, samples: np.ndarray) -> float:
+    async def surface_share(self, samples: np.ndarray) -> float:
         return float(samples.sum()) / SAMPLES
 
 
@@ -334,7 +334,7 @@ class PaperRun:
     def __init__(self, folder: Path, *plans: Plan | NoPlanError) -> None:
         clock = CellClock(1000.0)
         self.cell = PaperCell(clock)
-        self.experts = PaperExperts(self.cell, list(plans))
+        self.compute = PaperCompute(self.cell, list(plans))
         devices: Any = SimpleNamespace(
             arm=self.cell,
             gripper=PaperFixture(self.cell),
@@ -346,7 +346,7 @@ class PaperRun:
         self.journal = folder / "journal.sqlite"
         self._journal = Journal(self.journal, "run")
         batch = assemble(
-            self.experts, load_recipe(ROOT / "recipes/holder.yaml"),
+            self.compute, load_recipe(ROOT / "recipes/holder.yaml"),
             load_cell(ROOT / "recipes/cells/emulated.yaml"), LAYOUT, devices, clock,
             self._journal, folder, Progress(), lambda: None,
         )  # fmt: skip
@@ -402,7 +402,7 @@ def test_nothing_going_wrong_recovers_from_nothing(tmp_path: Path) -> None:
     ).run()
     run.was_well()
     assert run.troubles == []
-    assert run.experts.shown == ["v1", "v2"]
+    assert run.compute.shown == ["v1", "v2"]
 
 
 def test_a_part_that_falls_is_taken_again_and_its_seen_faces_are_left_out(tmp_path: Path) -> None:
@@ -412,18 +412,18 @@ def test_a_part_that_falls_is_taken_again_and_its_seen_faces_are_left_out(tmp_pa
     run = PaperRun(tmp_path, first, second)
 
     def fall(number: int) -> None:
-        if np.allclose(run.cell.q, q(12)) and run.cell.has == "arm" and len(run.experts.starts) < 2:
+        if np.allclose(run.cell.q, q(12)) and run.cell.has == "arm" and len(run.compute.starts) < 2:
             run.cell.has = "table"
 
     run.cell.at_move = fall
     run.run()
     run.was_well()
     assert run.troubles == ["part_lost"]
-    seen = run.experts.asked_seen[1]
+    seen = run.compute.asked_seen[1]
     assert seen is not None
     assert (seen == mask(0, 1, 2, 3)).all()
-    assert run.experts.shown == ["v1", "v2", "v3"]
-    assert isinstance(run.experts.starts[1], OnTable)
+    assert run.compute.shown == ["v1", "v2", "v3"]
+    assert isinstance(run.compute.starts[1], OnTable)
     assert run.custody == ["in_arm", "lost", "on_table", "in_arm", "placed"]
 
 
@@ -432,7 +432,7 @@ def test_a_part_that_fell_out_of_the_cameras_sight_is_asked_for(tmp_path: Path) 
 
     def fall(number: int) -> None:
         if np.allclose(run.cell.q, q(10)):
-            run.cell.has, run.experts.in_field = "table", False
+            run.cell.has, run.compute.in_field = "table", False
 
     run.cell.at_move = fall
     run.run()
@@ -473,18 +473,18 @@ def test_a_grip_measured_far_from_the_planned_one_is_planned_on_with_as_it_is(
     run = PaperRun(
         tmp_path, plan(pick(), show("v1", 10, 0), show("v2", 11, 1)), plan(show("v2", 11, 1))
     )
-    run.experts.shift_mm["v1"] = 2.5
+    run.compute.shift_mm["v1"] = 2.5
     run.run()
     run.was_well()
     assert run.troubles == ["held_otherwise"]
-    start = run.experts.starts[1]
+    start = run.compute.starts[1]
     assert isinstance(start, InArm)
     # the hand is where it was, the part 2.5 mm along x from where it should be
     T = shown_pose(LAYOUT, q(10), EYE)
     T[0, 3] += 2.5
     expected = inverse_pose(T) @ shown_pose(LAYOUT, q(10), EYE)
     assert np.allclose(start.grip.T_part_hand, expected, atol=1e-9)
-    assert run.experts.shown == ["v1", "v2"]
+    assert run.compute.shown == ["v1", "v2"]
 
 
 def test_a_hand_off_that_fails_keeps_the_part_and_is_planned_anew(tmp_path: Path) -> None:
@@ -498,9 +498,9 @@ def test_a_hand_off_that_fails_keeps_the_part_and_is_planned_anew(tmp_path: Path
     run.run()
     run.was_well()
     assert run.troubles == ["hand_off_failed", "hand_off_failed"]
-    assert all(isinstance(start, InArm) for start in run.experts.starts[1:])
+    assert all(isinstance(start, InArm) for start in run.compute.starts[1:])
     # the second failure rules the grip out
-    assert run.experts.avoided == [frozenset(), frozenset(), frozenset({"F"})]
+    assert run.compute.avoided == [frozenset(), frozenset(), frozenset({"F"})]
     # the way back is the way in, backwards, to where the view was
     at = next(i for i, move in enumerate(run.cell.moves) if np.allclose(move, q(21)))
     assert [float(m[0]) for m in run.cell.moves[at : at + 3]] == [
@@ -517,29 +517,29 @@ def test_a_take_back_that_fails_leaves_the_part_in_the_fixed_gripper(tmp_path: P
     run.cell.take_back_mm = 33.0  # other faces than planned, so not this grip again
 
     def heal(number: int) -> None:
-        if len(run.experts.starts) == 2:
+        if len(run.compute.starts) == 2:
             run.cell.take_back_mm = WIDTH_MM
 
     run.cell.at_move = heal
     run.run()
     run.was_well()
     assert run.troubles == ["take_back_failed"]
-    start = run.experts.starts[1]
+    start = run.compute.starts[1]
     assert isinstance(start, InFixture)
-    assert run.experts.avoided[1] == {"B"}
+    assert run.compute.avoided[1] == {"B"}
     T_world_part = shown_pose(LAYOUT, q(21), EYE)
     assert np.allclose(T_world_part @ start.grip.T_part_hand, LAYOUT.T_world_fixture, atol=1e-9)
-    assert run.experts.shown == ["v1", "v2"]
+    assert run.compute.shown == ["v1", "v2"]
 
 
 def test_without_a_new_plan_a_held_part_goes_on_with_the_old_one(tmp_path: Path) -> None:
     run = PaperRun(
         tmp_path, plan(pick(), show("v1", 10, 0), show("v2", 11, 1)), NoPlanError("none today")
     )
-    run.experts.shift_mm["v1"] = 2.5
+    run.compute.shift_mm["v1"] = 2.5
     run.run()
     run.was_well()
-    assert run.experts.shown == ["v1", "v2"]
+    assert run.compute.shown == ["v1", "v2"]
 
 
 def test_what_the_camera_over_the_table_shows_counts_as_far_as_the_plan_says(
@@ -553,8 +553,8 @@ def test_what_the_camera_over_the_table_shows_counts_as_far_as_the_plan_says(
     run = PaperRun(tmp_path, plan(look, pick(), show("v1", 10, 0)), again).run()
     run.was_well()
     # sample 7 was promised by the look and not compared: one more plan is asked for
-    assert run.experts.shown == ["top", "v1"]
-    seen = run.experts.asked_seen[1]
+    assert run.compute.shown == ["top", "v1"]
+    seen = run.compute.asked_seen[1]
     assert seen is not None
     assert (seen == mask(0, 8)).all()
 
@@ -573,12 +573,12 @@ def test_a_part_set_down_is_looked_at_and_taken_with_another_grip(tmp_path: Path
 def test_what_could_not_be_compared_gets_one_more_plan_and_no_second(tmp_path: Path) -> None:
     first = plan(pick(), show("v1", 10, 0), show("v2", 11, 1, 2))
     run = PaperRun(tmp_path, first, plan(show("v3", 12, 1, 2)))
-    run.experts.blind = {"v2", "v3"}
+    run.compute.blind = {"v2", "v3"}
     run.run()
     run.was_well()
     assert run.troubles == ["seen_too_little"]
-    assert run.experts.shown == ["v1", "v2", "v3"]
-    seen = run.experts.asked_seen[1]
+    assert run.compute.shown == ["v1", "v2", "v3"]
+    seen = run.compute.asked_seen[1]
     assert seen is not None
     assert (seen == mask(0)).all()
 
@@ -586,10 +586,10 @@ def test_what_could_not_be_compared_gets_one_more_plan_and_no_second(tmp_path: P
 def test_a_further_plan_that_promises_next_to_nothing_is_not_driven(tmp_path: Path) -> None:
     first = plan(pick(), show("v1", 10, 0), show("v2", 11, 1, 2))
     run = PaperRun(tmp_path, first, plan(show("v1", 10, 0)))
-    run.experts.blind = {"v2"}
+    run.compute.blind = {"v2"}
     run.run()
     run.was_well()
-    assert run.experts.shown == ["v1", "v2"]
+    assert run.compute.shown == ["v1", "v2"]
 
 
 # --- decisions ----------------------------------------------------------------------------------

@@ -90,7 +90,7 @@ def test_what_is_never_repeated_blindly_is_no_other_outcome() -> None:
 
 def test_fields_that_came_later_are_passed_over_and_missing_ones_are_named() -> None:
     row = read_row("outcome", "grip_missed", {"message": "on nothing", "new": 1})
-    assert row == rows.GripMissed(message="on nothing")
+    assert row == rows.GraspMissed(message="on nothing")
     with pytest.raises(ValueError, match="message"):
         read_row("outcome", "grip_missed", {})
     assert read_row("observation", "nobody knows", {}) is None
@@ -127,5 +127,5 @@ def test_a_row_cannot_be_changed_once_it_is_made(model: type[Body]) -> None:
 
 def test_numbers_of_a_row_keep_every_digit() -> None:
     value: Any = 33.3999981880188
-    text = text_of(rows.Intent(name=Once.RELEASE, open_mm=value))
+    text = text_of(rows.Intent(name=Once.RELEASE_ARM, open_mm=value))
     assert text == '{"open_mm":33.3999981880188}'

@@ -12,10 +12,10 @@ from typing import Any, cast
 
 import pytest
 
+from controller.cell.compute import worker_pool
 from controller.cell.custody import Custody
 from controller.cell.dispatcher import Dispatcher
 from controller.cell.journal import Journal, read_rows
-from controller.cell.workers import worker_pool
 from controller.cli._ends import Ends
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -82,7 +82,7 @@ def test_whoever_ignores_hang_ups_is_left_alone() -> None:
 
 PARENT = """
 import os, signal, sys, time
-from controller.cell.workers import worker_pool
+from controller.cell.compute import worker_pool
 if __name__ == "__main__":
     with worker_pool() as pool:
         print(pool.submit(os.getpid).result(), flush=True)

@@ -11,8 +11,9 @@ from cad_solids import box, mesh_of, rod
 
 from controller.cache import digest_of
 from controller.cad.compiled import load_part
-from controller.cell import workers
+from controller.cell import compute
 from controller.cell.checking import check_job
+from controller.cell.compute import answers
 from controller.cell.plans import Planning
 from controller.cli import main
 from controller.cli._plan_json import certificate_json, plan_json
@@ -131,10 +132,10 @@ def test_plan_check_compile_and_run_agree_to_the_byte(
     assert planned["certificates"] == compiled["certificates"]
     assert planned["planned_with"] == checked["planned_with"] == compiled["planned_with"]
     # what a run plans with, for the same part at the same place
-    job = workers.Job(path, CELL)
-    c = workers.context(job)
+    job = compute.Job(path, CELL)
+    c = compute.context(job)
     T = resting_pose(c.solid, c.poses[planned["pose"]], planned["x_mm"], planned["y_mm"], 0.0)
-    plan = workers.plan_from(job, OnTable(planned["pose"], T), None, frozenset(), ())
+    plan = answers.plan(job, OnTable(planned["pose"], T), None, frozenset(), ())
     body = plan_json(c.solid, c.samples, c.layout, plan)
     assert json.dumps(body) == json.dumps({key: planned[key] for key in body})
     certificates = [certificate_json(p.certified.told) for p in check_job(job).poses]

@@ -168,7 +168,7 @@ def test_steps_belong_to_the_plan_that_was_made_after_a_missed_grip(tmp_path: Pa
     writer.plan("pick with grip G7")
     writer.once("grip")
     message = "the jaws closed on nothing, 30.0 mm was expected (try 1 of 3)"
-    writer.write(rows.GripMissed(message=message))
+    writer.write(rows.GraspMissed(message=message))
     writer.custody(Custody.ON_TABLE)
     writer.look(sighting(x_mm=310.0), is_new=False)
     writer.plan()

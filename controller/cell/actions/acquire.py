@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import workers
 from ..errors import CellError
 from ..journal.rows import TablePictures
+from ..lamps import TABLE_LAMPS
 from ..machine import Event
 from ..services import BatchRecord, Imaging
 
@@ -35,7 +35,7 @@ class AcquireAction:
             glowing = await self._imaging.shoot("overhead", {"table_backlight": 1.0})
             _require_glow(glowing)
             part.pictures = {"table_backlight": glowing}
-            for lamp in workers.TABLE_LAMPS:
+            for lamp in TABLE_LAMPS:
                 part.pictures[lamp] = await self._imaging.shoot("overhead", {lamp: 1.0})
         finally:
             await self._imaging.pause("overhead")

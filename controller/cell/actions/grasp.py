@@ -3,10 +3,10 @@
 from controller.planning import Look, Pick
 from controller.planning.model import CellLayout
 
-from .. import workers
 from ..custody import Custody
 from ..errors import PartFaultError
-from ..journal.rows import GripMissed, Once
+from ..journal.rows import GraspMissed, Once
+from ..lamps import TABLE_LAMPS
 from ..machine import Event
 from ..records import Hold
 from ..recovery import PartFault
@@ -53,7 +53,7 @@ class GraspAction:
         await self._grippers.open_arm(step.pre_open_mm)
         await self._motion.follow(step.motion_in)
         await self._motion.follow(step.motion_down)
-        opening_mm = await self._grippers.close_arm(Once.GRIP, step.expected_opening_mm)
+        opening_mm = await self._grippers.close_arm(Once.GRASP, step.expected_opening_mm)
         await self._check_opening(step, opening_mm)
         self._record.part.hold = Hold(step.grip, step.grip.T_part_hand, opening_mm)
         await self._record.set_custody(Custody.IN_ARM, f"jaws at {opening_mm:.1f} mm")
@@ -72,7 +72,7 @@ class GraspAction:
             view = self._views.name(look)
             self._views.announce(look, part.picture_names)
             # what stands about the table throws shadows by the side lamp that no prediction knows
-            lit = {lamp: part.pictures[lamp] for lamp in workers.TABLE_LAMPS[:1]}
+            lit = {lamp: part.pictures[lamp] for lamp in TABLE_LAMPS[:1]}
             self._views.judge_lying(view, look, part.pictures["table_backlight"], lit)
             self._steps.end(look, started_s, view=view)
 
@@ -82,7 +82,7 @@ class GraspAction:
         if opening_mm < step.expected_opening_mm - self._grippers.tolerance_mm:
             found = "on nothing" if opening_mm < NOTHING_MM else f"to {opening_mm:.1f} mm"
             message = f"the jaws closed {found}, {expected}"
-            self._record.note(GripMissed(message=message))
+            self._record.note(GraspMissed(message=message))
             await self._leave(step)
             raise PartFaultError(PartFault.GRIP_MISSED, message)
         if opening_mm > step.expected_opening_mm + self._grippers.tolerance_mm:

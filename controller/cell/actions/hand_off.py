@@ -110,7 +110,7 @@ class HandOffAction:
         await self._grippers.open_arm(step.pre_open_mm)
         await self._motion.follow(step.approach)
         await self._grippers.require_fixed_holds()
-        opening_mm = await self._grippers.close_arm(Once.TAKE_BACK, step.expected_opening_mm)
+        opening_mm = await self._grippers.close_arm(Once.RECEIVE, step.expected_opening_mm)
         if abs(opening_mm - step.expected_opening_mm) > self._grippers.tolerance_mm:
             await self._leave_in_fixed(step, opening_mm)
         record.part.hold = Hold(step.grip, step.grip.T_part_hand, opening_mm)

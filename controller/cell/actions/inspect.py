@@ -2,10 +2,10 @@
 
 from controller.planning import HandOver, Present, SetDown, TakeBack
 
+from ..compute import Compute
 from ..custody import Custody
 from ..describe import verdict_row
 from ..errors import PartFaultError
-from ..experts import Experts
 from ..machine import Event
 from ..recovery import WORTH_SHARE, PartFault
 from ..services import BatchRecord, HeldPose, PlanSteps, Views
@@ -22,7 +22,7 @@ class InspectAction:
 
     def __init__(
         self,
-        compute: Experts,
+        compute: Compute,
         steps: PlanSteps,
         views: Views,
         held_pose: HeldPose,
@@ -68,7 +68,7 @@ class InspectAction:
             return
         if part.has_had(PartFault.SEEN_TOO_LITTLE):
             return
-        missing = await self._compute.share(promised if seen is None else promised & ~seen)
+        missing = await self._compute.surface_share(promised if seen is None else promised & ~seen)
         if missing >= WORTH_SHARE:
             raise PartFaultError(
                 PartFault.SEEN_TOO_LITTLE,

@@ -17,10 +17,10 @@ from controller.planning import (
     Start,
 )
 
+from ..compute import Compute
 from ..custody import Custody
 from ..describe import plan_row
 from ..errors import PartProblemError
-from ..experts import Experts
 from ..journal.rows import PlanKept
 from ..machine import Event
 from ..recovery import WORTH_SHARE, PartFault, merged
@@ -45,7 +45,7 @@ class PlanAction:
 
     def __init__(
         self,
-        compute: Experts,
+        compute: Compute,
         preparation: Preparation,
         views: Views,
         held_pose: HeldPose,
@@ -81,7 +81,7 @@ class PlanAction:
         except NoPlanError as error:
             return self._keep_plan(error, start, before)
         is_more = part.recoveries and part.recoveries[-1].fault is PartFault.SEEN_TOO_LITTLE
-        if is_more and await self._compute.share(_new(plan, part.seen)) < WORTH_SHARE:
+        if is_more and await self._compute.surface_share(_new(plan, part.seen)) < WORTH_SHARE:
             return Event.PLANNED_ON  # nothing to be gained: the plan there was goes on to its end
         part.plan, part.next_step = plan, 0
         part.plan_count += 1

@@ -2,7 +2,7 @@
 
 from controller.planning import Present
 
-from .. import workers
+from ..lamps import STATION_LAMPS
 from ..machine import Event
 from ..records import Hold
 from ..services import BatchRecord, Disambiguation, Grippers, Imaging, Motion, PlanSteps, Views
@@ -89,4 +89,4 @@ def lamps_for(step: Present) -> tuple[str, ...]:
     The side lamp's shadows show pockets and steps on a plane that is looked at squarely; on
     slanting views they fall mostly where the prediction is not trusted.
     """
-    return workers.STATION_LAMPS if step.square_to >= 0 else workers.STATION_LAMPS[:1]
+    return STATION_LAMPS if step.square_to >= 0 else STATION_LAMPS[:1]

@@ -6,11 +6,11 @@ from controller.cad.compiled import part_name
 from controller.config import Recipe
 from controller.recognition import Sighting
 
-from .. import workers
+from ..compute import Compute
 from ..custody import Custody
 from ..describe import sightings_row
 from ..errors import PartProblemError
-from ..experts import Experts
+from ..lamps import TABLE_LAMPS
 from ..machine import Event
 from ..services import BatchRecord
 
@@ -18,7 +18,7 @@ from ..services import BatchRecord
 class RecogniseAction:
     """Finds the recipe's part, and it alone, on the table."""
 
-    def __init__(self, compute: Experts, recipe: Recipe, record: BatchRecord) -> None:
+    def __init__(self, compute: Compute, recipe: Recipe, record: BatchRecord) -> None:
         self._compute = compute
         self._recipe = recipe
         self._record = record
@@ -32,7 +32,7 @@ class RecogniseAction:
         """
         self._record.show("recognising")
         part = self._record.part
-        lit = {lamp: part.pictures[lamp] for lamp in workers.TABLE_LAMPS}
+        lit = {lamp: part.pictures[lamp] for lamp in TABLE_LAMPS}
         sightings = await self._compute.recognise(part.pictures["table_backlight"], lit)
         self._record.note(sightings_row(sightings))
         part.sighting = s = self._choose(sightings)

@@ -4,9 +4,9 @@ from contextlib import suppress
 
 from controller.planning import NoMotionError
 
+from ..compute import Compute
 from ..custody import Custody
 from ..errors import PartProblemError
-from ..experts import Experts
 from ..machine import Event
 from ..services import BatchRecord, Grippers, Motion, Recoveries
 
@@ -22,7 +22,7 @@ class WithdrawAction:
 
     def __init__(
         self,
-        compute: Experts,
+        compute: Compute,
         motion: Motion,
         grippers: Grippers,
         recoveries: Recoveries,
@@ -49,7 +49,7 @@ class WithdrawAction:
             arm_mm, fixed_mm = await self._grippers.openings_mm()
             q = await self._motion.read_q()
             with suppress(NoMotionError):
-                path = await self._compute.way_home(q, arm_mm, fixed_mm, T_part_hand)
+                path = await self._compute.path_home(q, arm_mm, fixed_mm, T_part_hand)
                 break
             if not self._motion.can_go_back:
                 raise PartProblemError(

@@ -25,11 +25,11 @@ Box = tuple[int, int, int, int]
 class Once(StrEnum):
     """What is never repeated without looking: its intent is on the disk before it is done."""
 
-    GRIP = "grip"
+    GRASP = "grip"
     HAND_OFF = "hand_off"
-    RELEASE = "release"
-    TAKE_BACK = "take_back"
-    FIXTURE_RELEASE = "fixture_release"
+    RELEASE_ARM = "release"
+    RECEIVE = "take_back"
+    RELEASE_FIXED = "fixture_release"
     SET_DOWN = "set_down"
     SORT = "sort"
     OPEN_ARM_GRIPPER = "open_arm_gripper"
@@ -229,7 +229,7 @@ class StepDone(Body):
     expected_mm: float | None = None
 
 
-class GripMissed(Body):
+class GraspMissed(Body):
     """The jaws closed on nothing, or too far."""
 
     kind = "outcome"
@@ -474,7 +474,7 @@ ROWS: Final[Mapping[tuple[str, str], type[Body]]] = {
     (model.kind, model.row_name): model
     for model in (
         RunBegan, Connected, EmulatedCellEnded, Overtaken, AtRest, RunBrokeOff, RunEnded,
-        JournalSetAside, JournalNotReadable, Homed, StepDone, GripMissed, PartDone, Stopped,
+        JournalSetAside, JournalNotReadable, Homed, StepDone, GraspMissed, PartDone, Stopped,
         StopNotConfirmed, Openings, TablePictures, Sightings, ViewPictures, ViewJudged, PlanMade,
         PlanKept, RecoveryBegun, AmbiguityResolved, PartJudged, StartRefused,
     )

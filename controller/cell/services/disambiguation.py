@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 from controller.imaging import inverse_pose
 from controller.planning import Doubt
 
+from ..compute import Compute
 from ..errors import PartFaultError, PartProblemError
-from ..experts import Experts
 from ..journal.rows import AmbiguityResolved
 from ..records import Hold
 from ..recovery import PartFault
@@ -20,7 +20,7 @@ Grey = NDArray[np.uint8]
 class Disambiguation:
     """Compares a view with every hypothesis of what is held."""
 
-    def __init__(self, compute: Experts, record: BatchRecord) -> None:
+    def __init__(self, compute: Compute, record: BatchRecord) -> None:
         self._compute = compute
         self._record = record
 
@@ -42,7 +42,7 @@ class Disambiguation:
         PartProblemError : another part, or more than one hypothesis is left
         """
         part, names = self._record.part, [c.name for c in doubt.candidates]
-        left = await self._compute.tell(doubt, q, hold.width_mm, backlit, lit)
+        left = await self._compute.identify(doubt, q, hold.width_mm, backlit, lit)
         part.candidates = ()
         self._record.note(
             AmbiguityResolved(

@@ -50,7 +50,7 @@ class Grippers:
         ReleaseRefusedError : the fixed gripper does not confirm that it holds the part
         """
         await self._record.once(
-            Intent(name=Once.RELEASE, open_mm=opening_mm), lambda: self.open_arm(opening_mm)
+            Intent(name=Once.RELEASE_ARM, open_mm=opening_mm), lambda: self.open_arm(opening_mm)
         )
         self._record.part.hold = None
 
@@ -83,7 +83,7 @@ class Grippers:
         ReleaseRefusedError : the jaws of the arm gripper do not stand on the part
         """
         await self._record.once(
-            Intent(name=Once.FIXTURE_RELEASE, open_mm=opening_mm),
+            Intent(name=Once.RELEASE_FIXED, open_mm=opening_mm),
             lambda: self.open_fixed(opening_mm),
         )
         self._record.part.fixture_grip = None

@@ -9,8 +9,8 @@ from controller.planning import shown_pose
 from controller.planning.model import CellLayout
 from controller.planning.motion import tip_pose
 
+from ..compute import Compute
 from ..errors import PartFaultError
-from ..experts import Experts
 from ..holder import holder_boxes
 from ..records import Hold, Shown
 from ..recovery import PartFault, is_held_otherwise
@@ -46,7 +46,7 @@ class HeldPose:
         views: Views,
         motion: Motion,
         imaging: Imaging,
-        compute: Experts,
+        compute: Compute,
         recoveries: Recoveries,
         layout: CellLayout,
     ) -> None:

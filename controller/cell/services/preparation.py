@@ -2,13 +2,13 @@
 
 import asyncio
 
-from ..experts import Experts
+from ..compute import Compute
 
 
 class Preparation:
     """Planning ahead of the first look at the table."""
 
-    def __init__(self, compute: Experts) -> None:
+    def __init__(self, compute: Compute) -> None:
         self._compute = compute
         self._task: asyncio.Future[float] | None = None
 

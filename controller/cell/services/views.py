@@ -11,8 +11,8 @@ from controller import inspection as inspecting
 from controller.planning import Look, Present, shown_pose
 from controller.planning.model import CellLayout
 
+from ..compute import Compute
 from ..describe import view_row
-from ..experts import Experts
 from ..holder import holder_boxes
 from ..journal.rows import ViewPictures
 from ..records import Hold, Shown
@@ -36,7 +36,7 @@ class Views:
     layout : where camera, arm and fixed gripper stand
     """
 
-    def __init__(self, record: BatchRecord, compute: Experts, layout: CellLayout) -> None:
+    def __init__(self, record: BatchRecord, compute: Compute, layout: CellLayout) -> None:
         self._record = record
         self._compute = compute
         self._layout = layout

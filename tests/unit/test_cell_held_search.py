@@ -9,7 +9,7 @@ import pytest
 
 from controller import inspection as inspecting
 from controller.cad import load_solid, sample_surface
-from controller.cell.slipped import find_hold
+from controller.cell.compute.held_search import find_hold
 from controller.config import load_cell
 from controller.imaging import RayCaster, inverse_pose, render_maps, transform
 from controller.recognition import PosedPart

@@ -1,0 +1,279 @@
+"""The answers: one plain function for each question that the cell asks of its worker process.
+
+A function's name, arguments and documentation are the question's: `Compute` is made of them. Each
+takes plain data and a `Job`, from which a worker builds, once, what cannot travel between processes
+(`job.context`). None of them moves anything.
+"""
+
+import time
+from collections.abc import Mapping
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller import inspection as inspecting
+from controller import planning
+from controller import recognition as recognising
+from controller.imaging import inverse_pose
+from controller.planning import (
+    Box,
+    Doubt,
+    Motion,
+    OnTable,
+    Plan,
+    PreparedPart,
+    Reading,
+    Start,
+)
+from controller.planning.motion import Scene, connect
+from controller.setup.optics import build_lamps, panel_corners, table_corners
+
+from ..lamps import TABLE_LAMPS
+from ..plans import Planning
+from . import held_search
+from .job import Job, context, inspection_limits, load_parts
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Grey = NDArray[np.uint8]
+Holder = tuple[inspecting.WorldBox, ...]
+
+
+def recognise(job: Job, backlit: Grey, lit: Mapping[str, Grey]) -> tuple[recognising.Sighting, ...]:
+    """Return what is on the table.
+
+    Parameters
+    ----------
+    job : which recipe on which cell
+    backlit : picture of the glowing table
+    lit : by lamp, pictures of the same
+    """
+    c = context(job)
+    pictures = [lit[lamp] for lamp in TABLE_LAMPS if lamp in lit]
+    seen = recognising.recognise(
+        backlit, c.overhead, c.library, "backlit", usable=c.glowing, lit=pictures
+    )
+    return seen.sightings
+
+
+def prepare(job: Job) -> float:
+    """Do all planning that does not depend on where the part lies; return its seconds."""
+    started = time.monotonic()
+    _prepared(job)
+    return time.monotonic() - started
+
+
+def plan(
+    job: Job,
+    start: Start,
+    seen: Mask | None,
+    avoid: frozenset[str],
+    candidates: tuple[recognising.Alternative, ...],
+) -> Plan:
+    """Return a plan from whichever gripper or table has the part.
+
+    Parameters
+    ----------
+    job : which recipe on which cell
+    start : where the part is
+    seen : (n,) bool, samples that need not be shown again
+    avoid : ids of grasps that have failed
+    candidates : what the part may be as well, as far as recognition can say
+
+    Raises
+    ------
+    NoPlanError : there is none; says why
+    """
+    prepared, layout = _prepared(job), context(job).layout
+    if isinstance(start, OnTable) and candidates:
+        others = _readings(job, candidates)
+        return planning.plan_in_doubt(prepared, layout, start, others, seen=seen, avoid=avoid)
+    return planning.plan_from(prepared, layout, start, seen=seen, avoid=avoid)
+
+
+def _readings(job: Job, candidates: tuple[recognising.Alternative, ...]) -> list[Reading]:
+    """Return what else lies there, if it is that, with its solid."""
+    c = context(job)
+    solids = {part.solid.name: part.solid for part in load_parts(c.recipe)}
+    solids[c.solid.name] = c.solid
+    return [Reading(a.part, solids[a.part], a.T_world_part) for a in candidates]
+
+
+def identify(
+    job: Job, doubt: Doubt, q: Array, opening_mm: float, backlit: Grey, lit: tuple[Grey, ...]
+) -> tuple[int, ...]:
+    """Return which hypotheses the pictures of the deciding view leave; () where none fits.
+
+    Parameters
+    ----------
+    job : which recipe on which cell
+    doubt : the hypotheses, and the view that decides between them
+    q : (6,) where the arm stands
+    opening_mm : of the arm gripper
+    backlit, lit : pictures of the view
+    """
+    return planning.told(doubt, context(job).layout, q, opening_mm, backlit, lit).left
+
+
+def path_home(
+    job: Job, q: Array, arm_opening_mm: float, fixed_opening_mm: float, T_part_hand: Array | None
+) -> Motion:
+    """Return a joint path from anywhere to where the arm is in nobody's way.
+
+    Parameters
+    ----------
+    job : which recipe on which cell
+    q : (6,) where the arm stands
+    arm_opening_mm, fixed_opening_mm : how wide both grippers are open
+    T_part_hand : (4, 4) of a part that may still be in the arm gripper, or None
+
+    Raises
+    ------
+    NoMotionError : no path is free of contact
+    """
+    c = context(job)
+    carried = None
+    if T_part_hand is not None:
+        low, high = c.solid.mesh.bounds
+        box = Box.from_bounds(*np.column_stack([low, high]).ravel())
+        carried = box.placed(inverse_pose(T_part_hand))
+    scene = Scene(c.layout, arm_opening_mm, fixed_opening_mm, carried)
+    return connect(q, c.layout.park_q, scene, f"{c.solid.name}: way home")
+
+
+def surface_share(job: Job, samples: Mask) -> float:
+    """Return how much of the part's surface some of its samples (n,) stand for, 0..1."""
+    areas = context(job).samples.areas_mm2
+    return float(areas[samples].sum() / areas.sum())
+
+
+@lru_cache(maxsize=2)
+def _prepared(job: Job) -> PreparedPart:
+    c = context(job)
+    return Planning(c.part, c.layout, c.setup.options).prepared()
+
+
+def inspect(
+    job: Job,
+    view_id: str,
+    T_world_part: Array,
+    holder: Holder,
+    backlit: Grey,
+    lit: Mapping[str, Grey],
+    is_hold_seen: bool,
+) -> inspecting.ViewResult:
+    """Judge one view of the part in the arm gripper.
+
+    Parameters
+    ----------
+    job : which recipe on which cell
+    view_id : what the view is called
+    T_world_part : (4, 4) where the part should be
+    holder : what of the cell may stand in the picture
+    backlit, lit : pictures before the glowing panel, and by lamp
+    is_hold_seen : a view has confirmed before how the part is held
+    """
+    c = context(job)
+    task = inspecting.ViewTask(
+        view_id=view_id,
+        camera=c.inspection,
+        T_world_part=T_world_part,
+        holder=holder,
+        panel_mm=panel_corners(c.cell, "station_backlight"),
+        lamps=build_lamps(c.cell, tuple(lit)),
+        limits=inspection_limits(c.recipe),
+        is_hold_seen=is_hold_seen,
+    )
+    part = recognising.PosedPart(c.solid, c.caster)
+    return inspecting.inspect_view(
+        part, c.samples, task, inspecting.ViewPictures(backlit=backlit, lit=lit)
+    )
+
+
+def inspect_lying(
+    job: Job, view_id: str, T_world_part: Array, backlit: Grey, lit: Mapping[str, Grey]
+) -> inspecting.ViewResult:
+    """Judge the pictures of the table as a view; nothing stands before the part there.
+
+    Parameters
+    ----------
+    job : which recipe on which cell
+    view_id : what the view is called
+    T_world_part : (4, 4) where the part is
+    backlit, lit : pictures of the glowing table, and by lamp
+    """
+    c = context(job)
+    task = inspecting.ViewTask(
+        view_id=view_id,
+        camera=c.overhead,
+        T_world_part=T_world_part,
+        holder=(),
+        panel_mm=table_corners(c.cell),
+        lamps=build_lamps(c.cell, tuple(lit)),
+        limits=inspection_limits(c.recipe),
+        is_hold_seen=True,
+    )
+    part = recognising.PosedPart(c.solid, c.caster)
+    return inspecting.inspect_view(
+        part, c.samples, task, inspecting.ViewPictures(backlit=backlit, lit=lit)
+    )
+
+
+def find_hold(
+    job: Job,
+    T_world_part: Array,
+    T_part_hand: Array,
+    holder: Holder,
+    backlit: Grey,
+) -> Array | None:
+    """Return T_world_part (4, 4) of a held part that is not where it should be; None if not found.
+
+    Parameters
+    ----------
+    job : which recipe on which cell
+    T_world_part : (4, 4) where it should be
+    T_part_hand : (4, 4) how it should be held
+    holder : what of the cell may stand in the picture
+    backlit : picture before the glowing panel
+    """
+    c = context(job)
+    task = inspecting.ViewTask(
+        view_id="hold",
+        camera=c.inspection,
+        T_world_part=T_world_part,
+        holder=holder,
+        panel_mm=panel_corners(c.cell, "station_backlight"),
+        lamps=(),
+        limits=inspection_limits(c.recipe),
+    )
+    part = recognising.PosedPart(c.solid, c.caster)
+    return held_search.find_hold(part, c.samples, task, T_part_hand, backlit)
+
+
+def judge(
+    job: Job,
+    views: tuple[inspecting.ViewResult, ...],
+    unseen: Mapping[int, str],
+    planned: Mapping[str, Mask],
+) -> inspecting.PartVerdict:
+    """Weigh all views of a part.
+
+    Parameters
+    ----------
+    job : which recipe on which cell
+    views : as they were judged
+    unseen : by face id, why the plan shows not all of it
+    planned : by view id, which samples (n,) it was meant to show
+    """
+    c = context(job)
+    return inspecting.judge(
+        c.solid,
+        c.samples,
+        views,
+        unseen,
+        c.recipe.inspection.min_coverage,
+        inspection_limits(c.recipe),
+        c.not_inspected,
+        planned,
+    )

@@ -1,0 +1,141 @@
+"""What a worker keeps of a job: all that cannot travel between processes, built once from files."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from controller import inspection as inspecting
+from controller import recognition as recognising
+from controller.cad import Solid, StablePose, SurfaceSamples
+from controller.cad.compiled import (
+    CompiledPart,
+    CompileOptions,
+    load_part,
+    options_among,
+)
+from controller.config import Cell, Recipe, load_cell, load_recipe
+from controller.imaging import Camera, RayCaster
+from controller.planning.model import CellLayout
+from controller.recognition.stored import open_library
+from controller.setup.faces import faces_left_out
+from controller.setup.optics import table_corners
+from controller.setup.planner import PlannerSetup, planner_setup
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """Which recipe on which cell; small enough to travel with every call."""
+
+    recipe_path: Path
+    cell_path: Path
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Context:
+    """What a worker keeps of a job."""
+
+    recipe: Recipe
+    cell: Cell
+    setup: PlannerSetup
+    part: CompiledPart
+    caster: RayCaster
+    overhead: Camera
+    inspection: Camera
+    library: recognising.Library
+    glowing: NDArray[np.bool_]
+    not_inspected: Mapping[int, str]
+
+    @property
+    def layout(self) -> CellLayout:
+        """Return the cell as planning sees it."""
+        return self.setup.layout
+
+    @property
+    def solid(self) -> Solid:
+        """Return the recipe's part."""
+        return self.part.solid
+
+    @property
+    def samples(self) -> SurfaceSamples:
+        """Return the points its surface is counted by."""
+        return self.part.samples
+
+    @property
+    def poses(self) -> tuple[StablePose, ...]:
+        """Return the ways it may lie."""
+        return self.part.poses
+
+
+@lru_cache(maxsize=2)
+def context(job: Job) -> Context:
+    """Return the job's context, built once per process.
+
+    Raises
+    ------
+    ConfigError, CadError : recipe, cell or a CAD file is wrong
+    """
+    cv2.setNumThreads(1)  # two cores, and an emulated cell beside us
+    recipe = load_recipe(job.recipe_path)
+    cell = load_cell(job.cell_path)
+    files = part_files(recipe)
+    part = load_part(*files[0])
+    setup = planner_setup(recipe, cell, part)
+    layout = setup.layout
+    return Context(
+        recipe=recipe,
+        cell=cell,
+        setup=setup,
+        part=part,
+        caster=RayCaster(part.solid.mesh),
+        overhead=layout.overhead,
+        inspection=layout.inspection,
+        library=open_library(files, layout.overhead),
+        glowing=glowing_mask(layout.overhead, table_corners(cell)),
+        not_inspected=faces_left_out(job.recipe_path, recipe, part.solid.faces),
+    )
+
+
+def load_parts(recipe: Recipe) -> list[CompiledPart]:
+    """Return a recipe's part, then the others that may turn up.
+
+    Raises
+    ------
+    CadError : a CAD file is wrong
+    """
+    return [load_part(path, options) for path, options in part_files(recipe)]
+
+
+def part_files(recipe: Recipe) -> list[tuple[Path, CompileOptions]]:
+    """Return the CAD files of a recipe's part and of the others, with their options."""
+    return [
+        (recipe.part, CompileOptions(unit=recipe.unit)),
+        *((other, options_among(other, recipe.unit)) for other in recipe.others),
+    ]
+
+
+def glowing_mask(camera: Camera, corners_mm: Array) -> NDArray[np.bool_]:
+    """Return where in the picture a glowing rectangle (4, 3) is, a few pixels shrunk."""
+    width, height = camera.size_px
+    mask = np.zeros((height, width), dtype=np.uint8)
+    along = np.linspace(0, 1, 30, endpoint=False)
+    edge = np.vstack(
+        [
+            corners_mm[i] + along[:, None] * (corners_mm[(i + 1) % 4] - corners_mm[i])
+            for i in range(4)
+        ]
+    )
+    cv2.fillPoly(mask, [np.round(camera.project(edge)).astype(np.int32)], 1)
+    shrunk = cv2.erode(mask, np.ones((7, 7), np.uint8), borderValue=1) > 0
+    return np.asarray(shrunk)
+
+
+def inspection_limits(recipe: Recipe) -> inspecting.Limits:
+    """Return inspection's tolerances a recipe asks for."""
+    return inspecting.Limits(smallest_defect_mm=recipe.inspection.smallest_defect_mm)

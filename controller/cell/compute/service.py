@@ -1,0 +1,55 @@
+"""The compute service: what takes seconds, answered by a worker process and awaited by the cell.
+
+A question is declared once, by the function in `answers.py` that answers it: `Compute` has the same
+name and the same arguments, less the job, and mypy knows them.
+"""
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from concurrent.futures import Executor
+from functools import partial
+from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
+
+from . import answers
+from .job import Job
+
+Arguments = ParamSpec("Arguments")
+Answer = TypeVar("Answer")
+
+
+class Question(Generic[Arguments, Answer]):
+    """A function of `answers.py` as an awaitable method of the compute service."""
+
+    def __init__(self, answer: Callable[Concatenate[Job, Arguments], Answer]) -> None:
+        self._answer = answer
+        self.__doc__ = answer.__doc__
+
+    def __get__(
+        self, compute: "Compute", _: type["Compute"]
+    ) -> Callable[Arguments, Coroutine[Any, Any, Answer]]:
+        """Return the method."""
+
+        async def ask(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Answer:
+            function = partial(self._answer, compute.job, *args, **kwargs)
+            return await asyncio.get_running_loop().run_in_executor(compute.pool, function)
+
+        return ask
+
+
+class Compute:
+    """The questions; each may take seconds, and none of them moves anything."""
+
+    def __init__(self, job: Job, pool: Executor) -> None:
+        self.job = job
+        self.pool = pool
+
+    prepare = Question(answers.prepare)
+    recognise = Question(answers.recognise)
+    plan = Question(answers.plan)
+    identify = Question(answers.identify)
+    path_home = Question(answers.path_home)
+    inspect = Question(answers.inspect)
+    inspect_lying = Question(answers.inspect_lying)
+    find_hold = Question(answers.find_hold)
+    judge = Question(answers.judge)
+    surface_share = Question(answers.surface_share)

@@ -1,0 +1,57 @@
+"""The compute service asks what its answers answer: one declaration, the same arguments."""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import pickle
+from concurrent.futures import Executor, Future
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from controller.cell.compute import Compute, Job, answers
+from controller.cell.compute.service import Question
+
+JOB = Job(Path("recipe.yaml"), Path("cell.yaml"))
+QUESTIONS = {name: one for name, one in vars(Compute).items() if isinstance(one, Question)}
+
+
+class Notebook(Executor):
+    """Runs nothing; keeps what it was asked, as it would travel to the worker."""
+
+    def __init__(self) -> None:
+        self.asked: list[Any] = []
+
+    def submit(self, function: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        assert not args
+        assert not kwargs
+        self.asked.append(pickle.loads(pickle.dumps(function)))
+        done: Future[Any] = Future()
+        done.set_result("answer")
+        return done
+
+
+@pytest.mark.parametrize("name", sorted(QUESTIONS))
+def test_a_question_has_the_name_and_the_arguments_of_its_answer(name: str) -> None:
+    answer = getattr(answers, name)
+    job, *names = inspect.signature(answer).parameters
+    assert job == "job"
+    pool = Notebook()
+    values = {one: np.arange(3) for one in names}
+    assert asyncio.run(getattr(Compute(JOB, pool), name)(**values)) == "answer"
+    (asked,) = pool.asked
+    assert asked.func is answer
+    assert asked.args == (JOB,)
+    assert list(asked.keywords) == names
+
+
+def test_every_answer_can_be_asked_for() -> None:
+    public = {
+        name
+        for name, one in vars(answers).items()
+        if inspect.isfunction(one) and one.__module__ == answers.__name__ and name[0] != "_"
+    }
+    assert public == set(QUESTIONS)
