@@ -40,6 +40,11 @@ class Optics:
         """Return x0, y0, x1, y1 in the overhead picture of an arrow on the table.
 
         It begins at the sighting's place and points where the part's turned x axis points.
+
+        Parameters
+        ----------
+        x_mm, y_mm : where the sighting stands on the table, in the world
+        theta_deg : its turn about +z
         """
         theta = np.radians(theta_deg)
         tip = (x_mm + ARROW_MM * np.cos(theta), y_mm + ARROW_MM * np.sin(theta))

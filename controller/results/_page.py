@@ -96,7 +96,15 @@ def lamp_words(lamp: str) -> str:
 def make_part_page(
     record: RunRecord, part: PartReport, pictures: Pictures, optics: Optics | None
 ) -> PartPage:
-    """Return what the page shows of a part."""
+    """Return what the page shows of a part.
+
+    Parameters
+    ----------
+    record : the run it belongs to
+    part : what the journal has of the part
+    pictures : the run's pictures
+    optics : calibrated cameras of the run; without them no arrow and no scale bars
+    """
     return PartPage(
         part=part,
         word=verdict_word(part),

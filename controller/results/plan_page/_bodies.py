@@ -88,7 +88,14 @@ class Stage:
 
 
 def box_body(name: str, colour: Colour, box: Box) -> Body:
-    """Return a box as triangles."""
+    """Return a box as triangles.
+
+    Parameters
+    ----------
+    name : what the body is a piece of
+    colour : one of `GLOWING` makes it glow
+    box : in the world [mm]
+    """
     corners = (_CORNERS * box.half_mm) @ box.T[:3, :3].T + box.T[:3, 3]
     return Body(name, colour, corners, _TRIANGLES, glows=colour in GLOWING)
 
@@ -166,7 +173,14 @@ def fixture_bodies(layout: CellLayout, opening_mm: float) -> list[Body]:
 
 
 def arm_bodies(layout: CellLayout, q: Array, opening_mm: float) -> list[Body]:
-    """Return the arm as collisions are checked with: links, the hand, two fingers."""
+    """Return the arm as collisions are checked with: links, the hand, two fingers.
+
+    Parameters
+    ----------
+    layout : the cell
+    q : (6,) joints of the configuration [rad, zed in mm]
+    opening_mm : distance between the pads of the arm gripper
+    """
     names = [link.name for link in layout.arm.links]
     boxes = Scene(layout, opening_mm, 0.0).arm_boxes(q)
     first, *links = boxes[: len(names)]
@@ -195,7 +209,14 @@ def not_round(bodies: Sequence[Body], point_mm: Array) -> list[Body]:
 
 
 def make_stage(bodies: Sequence[Body], part: Body | None, T_world_part: Array) -> Stage:
-    """Return bodies as one mesh, the part last."""
+    """Return bodies as one mesh, the part last.
+
+    Parameters
+    ----------
+    bodies : all but the part, in the world [mm]
+    part : the part, in the world; None where none is shown
+    T_world_part : (4, 4) its pose [mm], kept for looking up its samples
+    """
     every = (*bodies, *([part] if part else []))
     starts = np.cumsum([0, *(len(b.vertices_mm) for b in every)])
     triangles = np.vstack([b.triangles + s for b, s in zip(every, starts, strict=False)])
@@ -223,7 +244,17 @@ def moment_stage(
     with_links: bool = True,
     with_palm: bool = True,
 ) -> Stage:
-    """Return the cell at a moment; without the arm's links, or the palm, to look through them."""
+    """Return the cell at a moment; without the arm's links, or the palm, to look through them.
+
+    Parameters
+    ----------
+    layout : the cell
+    solid : the part
+    moment : configuration, openings and the part's pose
+    standing : bodies that are the same at every moment
+    with_links : draw carriage, upper arm and forearm
+    with_palm : draw the body of the arm gripper
+    """
     hidden = {"carriage", "upper", "fore"} if not with_links else set()
     hidden |= {"hand"} if not with_palm else set()
     arm = arm_bodies(layout, moment.q, moment.hand_opening_mm)

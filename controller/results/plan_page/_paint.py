@@ -37,7 +37,14 @@ class Painter:
         return out
 
     def paint(self, stage: Stage, sight: Sight, colours: Floats) -> Paint:
-        """Return what colours a picture's rays meet, (n, 3) of the samples; asked once a pixel."""
+        """Return what colours a picture's rays meet, (n, 3) of the samples; asked once a pixel.
+
+        Parameters
+        ----------
+        stage : the cell at the moment of the picture
+        sight : what each ray of the picture meets, (height, width)
+        colours : (n, 3) red, green, blue of each sample, 0 to 255
+        """
         height, width = sight.triangle.shape
         coarse = Sight(sight.triangle[::FINER, ::FINER], sight.points_mm[::FINER, ::FINER])
         sample = self.sample_at(stage, coarse).repeat(FINER, axis=0).repeat(FINER, axis=1)

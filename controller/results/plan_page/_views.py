@@ -65,7 +65,14 @@ class Slant:
 
 
 def slanting_eye(slant: Slant, size: tuple[int, int], far_mm: float) -> Eye:
-    """Return parallel rays; they start `far_mm` before the middle."""
+    """Return parallel rays; they start `far_mm` before the middle.
+
+    Parameters
+    ----------
+    slant : direction, middle and size of the picture
+    size : width and height [px]
+    far_mm : enough to start outside all bodies
+    """
     width, height = size
     right, up, back = slant.axes()
     u = ((np.arange(width) + 0.5) / width - 0.5) * slant.width_mm
@@ -79,7 +86,16 @@ def slanting_eye(slant: Slant, size: tuple[int, int], far_mm: float) -> Eye:
 def slant_over(
     points_mm: Array, azimuth_rad: float, elevation_rad: float, aspect: float, room: float = 0.04
 ) -> Slant:
-    """Return the slant that has all points (n, 3) in a picture of an aspect."""
+    """Return the slant that has all points (n, 3) in a picture of an aspect.
+
+    Parameters
+    ----------
+    points_mm : (n, 3) in the world
+    azimuth_rad : direction to look from, about +z from +x
+    elevation_rad : direction to look from, above the table
+    aspect : width of the picture divided by its height
+    room : empty border on each side, as a share of the points' extent
+    """
     probe = Slant(azimuth_rad, elevation_rad, np.zeros(3), 1.0, 1.0)
     right, up, back = probe.axes()
     u, v, w = points_mm @ right, points_mm @ up, points_mm @ back
@@ -90,7 +106,14 @@ def slant_over(
 
 
 def camera_eye(camera: Camera, window: Window, size: tuple[int, int]) -> Eye:
-    """Return the rays of a window of a camera's picture, its lens distortion included."""
+    """Return the rays of a window of a camera's picture, its lens distortion included.
+
+    Parameters
+    ----------
+    camera : a calibrated camera of the cell
+    window : the part of its picture to be drawn [px]
+    size : width and height of the drawn picture [px]
+    """
     x0, y0, x1, y1 = window
     width, height = size
     u = x0 + (np.arange(width) + 0.5) / width * (x1 - x0) - 0.5
@@ -111,6 +134,13 @@ def window_about(camera: Camera, points_mm: Array, room: float, aspect: float) -
     """Return the window of a camera's picture that shows some points (n, 3) with room about them.
 
     It is never larger than the picture, and stays inside it where the points are inside.
+
+    Parameters
+    ----------
+    camera : a calibrated camera of the cell
+    points_mm : (n, 3) in the world
+    room : border on each side, as a share of the points' extent
+    aspect : width of the window divided by its height
     """
     full_w, full_h = (float(px) for px in camera.size_px)
     pixels = camera.project(points_mm)

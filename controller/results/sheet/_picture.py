@@ -23,14 +23,28 @@ LIFT_MM = 1e-3  # rays towards the light start this far from the surface, relati
 
 
 def rest_picture(solid: Solid, caster: RayCaster, R: Array) -> str:
-    """Return a picture of a part lying as ``R`` (3, 3) has it, as a data URI (PNG)."""
+    """Return a picture of a part at rest as a data URI (PNG).
+
+    Parameters
+    ----------
+    solid : the part
+    caster : rays at its mesh, in the part frame
+    R : (3, 3) its stable pose: CAD axes to upright
+    """
     image = shade(solid, caster, R)
     _, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 9])
     return "data:image/png;base64," + base64.b64encode(data.tobytes()).decode("ascii")
 
 
 def shade(solid: Solid, caster: RayCaster, R: Array) -> Grey:
-    """Return the picture, (height, width)."""
+    """Return the picture, (height, width).
+
+    Parameters
+    ----------
+    solid : the part
+    caster : rays at its mesh, in the part frame
+    R : (3, 3) its stable pose: CAD axes to upright
+    """
     # everything in the CAD frame's axes, where the rays are cast, round the centre of mass
     right, up, back = (axis @ R for axis in _axes())
     corners = np.asarray(solid.mesh.vertices) - solid.centroid_mm
