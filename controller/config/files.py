@@ -55,6 +55,12 @@ def read_bytes(path: Path, most_bytes: int, what: str) -> bytes:
 def read_text(path: Path, what: str, most_bytes: int = MOST_TEXT_BYTES) -> str:
     """Return the text of a plain file.
 
+    Parameters
+    ----------
+    path : the file
+    what : what it should be, for the message
+    most_bytes : size from which on it is refused
+
     Raises
     ------
     ConfigError : as `read_bytes`, or not UTF-8
