@@ -18,6 +18,12 @@ Place = tuple[float, float, float]  # x [mm], y [mm], theta [deg]
 def check_writable_folder(folder: Path, option: str, least_free_bytes: int = 0) -> None:
     """Check that a folder is there or can be made, takes files, and has room; make nothing.
 
+    Parameters
+    ----------
+    folder : may not exist yet; then its nearest parent is checked
+    option : the option that names it, for the message
+    least_free_bytes : free space that is required
+
     Raises
     ------
     ConfigError : and which of these it is
@@ -82,7 +88,13 @@ def parse_place(at: str | None, cell: Cell, *, is_on_table: bool = True) -> Plac
 
 
 def check_control(control: Path | None) -> None:
-    """Raise ConfigError where no socket can be made."""
+    """Check that a control socket can be made.
+
+    Raises
+    ------
+    ConfigError : the name is too long for a socket, its folder is missing, or it is a folder
+        itself
+    """
     if control is None:
         return
     if len(os.fsencode(control.absolute())) > MOST_SOCKET_NAME_BYTES:

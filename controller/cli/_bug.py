@@ -15,7 +15,14 @@ from ._version import installed_version
 
 
 def report_bug(error: BaseException, argv: Sequence[str], *, verbose: bool) -> None:
-    """Print one sentence about an error, and write the rest to a file."""
+    """Print one sentence about an error, and write the rest to a file.
+
+    Parameters
+    ----------
+    error : with its traceback, which goes into the file
+    argv : words of the command line
+    verbose : print the details to stderr, too
+    """
     details = "".join(traceback.format_exception(error))
     about = (
         f"cellctl {installed_version()}, Python {sys.version}, {platform.platform()}\n"

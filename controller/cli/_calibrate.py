@@ -40,6 +40,13 @@ Grey = NDArray[np.uint8]
 def calibrate_camera(images: list[Path], target_file: Path, output: Path, *, as_json: bool) -> int:
     """Calibrate the camera that took the pictures and write the calibration file.
 
+    Parameters
+    ----------
+    images : pictures of the board, all by one camera, each with an entry in the target file
+    target_file : the board, and where each picture has it (YAML)
+    output : calibration file to write
+    as_json : print the calibration as one JSON object
+
     Raises
     ------
     ConfigError : a file is wrong, or the pictures do not determine the camera

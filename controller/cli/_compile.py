@@ -43,12 +43,16 @@ def compile_parts(
     use_cache: bool,
     as_json: bool,
 ) -> int:
-    """Tell what follows from CAD files; 2 if one is wrong, the others are told all the same.
+    """Report what follows from CAD files; 2 if one is wrong, the others are reported all the same.
 
     Parameters
     ----------
+    files : CAD files, with the recipe of each
     density_g_cm3 : of all parts; the recipe's, the file's, or aluminium's otherwise
-    cell : cell file; with it come the ways to hold each part there, and a plan for each pose
+    report : HTML page to write, None for none
+    cell : cell file; with it come the grasps of each part there, and a plan for each stable pose
+    use_cache : read and keep compiled parts and plans
+    as_json : print one JSON object a part
 
     Raises
     ------

@@ -27,6 +27,18 @@ def serve(
 ) -> int:
     """Bring the emulated cell up, say where it is, keep it until Ctrl-C.
 
+    Parameters
+    ----------
+    cell_path : cell file
+    parts : CAD files of the parts on the emulated table
+    speed : times real time
+    seed : seed of the emulated world, None for one of its own
+    pose : stable pose of the part by index, None to draw it by the seed
+    at : planar pose of the part, "X,Y,THETA_DEG"; None to draw it by the seed
+    control : unix socket on which tests inject faults, None for none
+    lines : transport of the Modbus lines, None for tcp
+    as_json : print addresses as one JSON object
+
     Raises
     ------
     ConfigError, CadError : a file or an option is wrong

@@ -38,6 +38,12 @@ class ExplainFolder:
     def write(self, image: Path, explanation: Explanation, *, with_json: bool) -> Path:
         """Write what explains the answer to a picture; return where the drawing is.
 
+        Parameters
+        ----------
+        image : the picture that was recognised; its name names the files
+        explanation : a drawing, and a table for each stage
+        with_json : write the tables as JSON, too
+
         Raises
         ------
         ConfigError : a file cannot be written

@@ -13,7 +13,18 @@ from ._plan_json import certificate_json
 
 
 def check_recipe(recipe_path: Path, cell_path: Path | None, *, as_json: bool) -> int:
-    """Check files, CAD, and whether every likely pose can be taken and shown."""
+    """Check files, CAD, and whether every likely pose can be taken and shown.
+
+    Parameters
+    ----------
+    recipe_path : recipe file
+    cell_path : cell file, None for the recipe's
+    as_json : print one JSON object instead of sentences
+
+    Returns
+    -------
+    exit code: 1 if the recipe cannot be run on this cell, each reason being printed; else 0
+    """
     started = time.monotonic()
     recipe = load_recipe(recipe_path)
     checked = check_job(Job(recipe_path, cell_path or recipe.cell))

@@ -137,6 +137,12 @@ def size_of(path: Path, data: bytes) -> tuple[int, int]:
 def decoded(path: Path, data: bytes, flags: int) -> NDArray[Any]:
     """Return a picture's pixels as OpenCV reads them.
 
+    Parameters
+    ----------
+    path : the file, for the message
+    data : all its bytes
+    flags : of `cv2.imdecode`: colours and depth
+
     Raises
     ------
     ConfigError : what the file holds is no picture, or not of the size of its header
@@ -157,7 +163,7 @@ def decoded(path: Path, data: bytes, flags: int) -> NDArray[Any]:
 
 
 def _is_whole(data: bytes) -> bool:
-    """Tell whether a PNG or JPEG file is all there: decoders fill up what is missing."""
+    """Return whether a PNG or JPEG file is all there: decoders fill up what is missing."""
     if data.startswith(PNG_BEGIN):
         return _is_whole_png(data)
     if data.startswith(JPEG_BEGIN):
@@ -166,7 +172,7 @@ def _is_whole(data: bytes) -> bool:
 
 
 def _is_whole_png(data: bytes) -> bool:
-    """Tell whether all pieces of a PNG file up to its end are there, with their checksums."""
+    """Return whether all pieces of a PNG file up to its end are there, with their checksums."""
     at = len(PNG_BEGIN)
     while at + 12 <= len(data):
         length = int.from_bytes(data[at : at + 4], "big")

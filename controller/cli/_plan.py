@@ -33,7 +33,17 @@ def plan_part_file(
     use_cache: bool,
     as_json: bool,
 ) -> int:
-    """Plan one part at one place; without a pose, from every way it may lie.
+    """Plan one part at one position; without a stable pose, from each of them.
+
+    Parameters
+    ----------
+    part : the CAD file and its recipe
+    cell_path : cell file
+    pose_index : stable pose to plan for, None for all
+    at : planar pose, "X,Y,THETA_DEG"; None for the middle of the drop area
+    report : HTML page to write, None for none
+    use_cache : read and keep compiled parts and plans
+    as_json : print one JSON object instead of tables
 
     Raises
     ------

@@ -18,6 +18,13 @@ def plan_json(
     Per step, `q` and `T_world_part` are those of the moment that counts: while the jaws close, the
     picture is taken, or the part is let go. `seen_fraction` is the share of all surface that a step
     shows, `new_fraction` what no step before it has shown.
+
+    Parameters
+    ----------
+    solid : the part, for the names of its faces
+    samples : its surface samples; their areas are the weights of coverage
+    layout : the cell that was planned in
+    plan : the plan
     """
     weights = samples.areas_mm2 / samples.areas_mm2.sum()
     seen = np.zeros(len(weights), dtype=bool)

@@ -25,6 +25,13 @@ def site_parts(
 ) -> int:
     """Search places for camera and fixed gripper and tell what came out.
 
+    Parameters
+    ----------
+    files : the parts that are to be shown, each with its recipe
+    cell_path : cell file; its camera and fixed gripper are where the search begins
+    use_cache : read and keep compiled parts and what is prepared of each
+    as_json : print one JSON object instead of sentences
+
     Raises
     ------
     ConfigError, CadError : a file is wrong

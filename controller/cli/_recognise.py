@@ -35,6 +35,16 @@ def recognise_images(
 ) -> int:
     """Recognise what lies in each picture.
 
+    Parameters
+    ----------
+    images : picture files, or folders of them
+    parts : CAD files or folders of the parts that may be in the pictures
+    calibration : calibration file of the camera that took them
+    lighting : whether the table glows behind the parts
+    unit : of CAD files that name none, None for mm
+    as_json : print one JSON object for each object found
+    explain_in : folder for a drawing and tables of each picture, None for none
+
     Returns
     -------
     exit code: 2 if a picture could not be read, the others being answered all the same; 1 if no

@@ -11,7 +11,15 @@ from ._output import emit, say
 
 
 def write_report(runs_dir: Path, run: str | None, form: str, output: Path | None) -> int:
-    """Write the report of a run; return the exit code."""
+    """Write the report of a run; return the exit code.
+
+    Parameters
+    ----------
+    runs_dir : folder of all runs
+    run : id, the beginning of an id, or folder of the run; None for the newest
+    form : "html" or "json"
+    output : file to write; None for report.html of the run, or JSON on stdout
+    """
     record = load_run(runs_dir, run)
     if form == "json":
         body = report_json(record)

@@ -55,7 +55,30 @@ def run_recipe(
     is_part_removed: bool,
     as_json: bool,
 ) -> int:
-    """Run a recipe and return the exit code: 0 all passed, 1 the cell or a part said no."""
+    """Run a recipe and return the exit code: 0 all passed, 1 the cell or a part said no.
+
+    Parameters
+    ----------
+    recipe_path : recipe file
+    cell_path : cell file, None for the recipe's
+    count : parts to inspect, None for the recipe's number
+    speed : of the emulated cell, times real time
+    seed : seed of the emulated cell, None to draw one
+    lay : CAD files of the parts on the emulated table; empty for the recipe's part
+    empty : leave the emulated table empty
+    pose : stable pose of the emulated part by index, None to draw it by the seed
+    at : planar pose of the emulated part, "X,Y,THETA_DEG"; None to draw it by the seed
+    control : unix socket on which tests inject faults, None for none
+    runs_dir : folder of all runs and of the journal
+    is_part_removed : the operator states that no gripper holds a part
+    as_json : print one JSON object a line instead of the live display
+
+    Raises
+    ------
+    ConfigError : a file or an option is wrong, or ``speed`` asked of a cell that cannot run so
+        fast
+    KeyboardInterrupt : the operator pressed Ctrl-C a second time; what was done is reported first
+    """
     recipe = load_recipe(recipe_path)
     cell_file = cell_path or recipe.cell
     cell = load_cell(cell_file)
