@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from planning_contacts import Checker, apart, frames
+from planning_contacts import UMI, ArmReading, Checker, apart
 from scipy.spatial import ConvexHull, QhullError
 
 from controller.cad import Solid
@@ -63,8 +63,10 @@ class Walk:
 class Follower:
     """Follows the part through a plan; every finding is a sentence."""
 
-    def __init__(self, layout: CellLayout, solid: Solid, start: Start | Array) -> None:
-        self.layout, self.c = layout, Checker(layout, solid)
+    def __init__(
+        self, layout: CellLayout, solid: Solid, start: Start | Array, arm: ArmReading = UMI
+    ) -> None:
+        self.layout, self.c = layout, Checker(layout, solid, arm)
         self.walk = Walk()
         self.q = layout.park_q if getattr(start, "q", None) is None else start.q
         self.opening = layout.hand.max_mm
@@ -109,7 +111,7 @@ class Follower:
 
     def _place_part(self) -> None:
         assert self.grip is not None
-        tip = frames(self.layout, np.asarray(self.q))["tip"]
+        tip = self.c.arm.frames(self.layout, np.asarray(self.q))["tip"]
         self.T = tip @ np.linalg.inv(self.grip.T_part_hand)
 
     def drive(self, step: Step, *motions: Sequence[Array]) -> None:
@@ -148,7 +150,7 @@ class Follower:
 
     def takes(self, step: Step, grip: Grip) -> None:
         """Close the hand; the part stands where it stands."""
-        tip = frames(self.layout, np.asarray(self.q))["tip"]
+        tip = self.c.arm.frames(self.layout, np.asarray(self.q))["tip"]
         mm, rad = apart(tip @ np.linalg.inv(grip.T_part_hand), self.T)
         if mm > POSE_MM or rad > POSE_RAD:
             self.say(step, f"the hand is {mm:.2f} mm, {np.degrees(rad):.2f} deg off its grip")
@@ -275,9 +277,11 @@ class Follower:
         self.drive(step, step.motion)
 
 
-def follow(plan: Plan, layout: CellLayout, solid: Solid, start: Start | Array) -> Walk:
+def follow(
+    plan: Plan, layout: CellLayout, solid: Solid, start: Start | Array, arm: ArmReading = UMI
+) -> Walk:
     """Follow a plan from `start`: a pose (4, 4) on the table, OnTable, InArm or InFixture."""
-    f = Follower(layout, solid, start)
+    f = Follower(layout, solid, start, arm)
     for step in plan.steps:
         f.follow(step)
     q, opening, grip, T = f.q, f.opening, f.grip, f.T

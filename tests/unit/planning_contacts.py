@@ -7,6 +7,7 @@ of umi_rtx.md 6.4 and its limits read from 5.1 and 5.2 again, the part is its me
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import fcl
@@ -91,6 +92,28 @@ def limits_passed(q: Array) -> list[str]:
     ]
 
 
+@dataclass(frozen=True, eq=False)
+class ArmReading:
+    """One arm as the checker reads it.
+
+    Attributes
+    ----------
+    frames : world poses of its links and of the tip, by name
+    limits_passed : which limits joints (n, 6) pass, in words
+    step : (6,) of a checked line
+    rides : links that neither column nor table can come near
+    kept_from : link -> what of the gripper may touch it, "hand" or "fingers"
+    link_pairs : links that may touch each other
+    """
+
+    frames: Callable[[CellLayout, Array], dict[str, Array]]
+    limits_passed: Callable[[Array], list[str]]
+    step: Array
+    rides: frozenset[str]
+    kept_from: dict[str, str]
+    link_pairs: frozenset[tuple[str, str]] = frozenset()
+
+
 def within_limits(q: Array) -> NDArray[np.bool_]:
     """Tell which joints (n, 6) the arm would take, without the last count: (n,) bool."""
     ok = np.isfinite(q).all(axis=1)
@@ -149,9 +172,18 @@ def finger_boxes(jaw: Jaw, opening_mm: float) -> list[tuple[Array, Array]]:
     return [(shift(-half[0], side * away, 0.0), half) for side in (1.0, -1.0)]
 
 
+UMI = ArmReading(
+    frames,
+    limits_passed,
+    STEP,
+    rides=frozenset({"carriage", "upper"}),
+    kept_from={"carriage": "hand", "upper": "hand", "fore": "fingers"},
+)
+
+
 class Checker:
-    def __init__(self, layout: CellLayout, solid: Solid) -> None:
-        self.layout = layout
+    def __init__(self, layout: CellLayout, solid: Solid, arm: ArmReading = UMI) -> None:
+        self.layout, self.arm = layout, arm
         self.vertices = np.asarray(solid.mesh.vertices)
         self.corners = np.asarray(solid.mesh.convex_hull.vertices)
         self.triangles = np.asarray(solid.mesh.triangles)
@@ -256,7 +288,7 @@ class Checker:
     ) -> Iterator[tuple[str, NDArray[np.bool_], Callable[[int], bool]]]:
         """Yield what might touch: its name, in which states it is near, and the exact answer."""
         n = len(q)
-        f = frames(self.layout, q)
+        f = self.arm.frames(self.layout, q)
         moving = self.arm_parts(opening)
         still = self.still_parts(fixture_opening)
         T_move = np.stack([f[frame] @ T for _, frame, T, _ in moving], axis=1)
@@ -269,13 +301,12 @@ class Checker:
             near = _near(T_move[:, i, :3, 3], float(np.linalg.norm(half)), T, other[3])
             return near, lambda k: self.touch(half, T_move[k, i], other[3], T[k])
 
-        skip = {("carriage", "column"), ("upper", "column")}
         for i in range(len(moving)):
             for s in still:
-                if (names[i], s[0]) not in skip:
+                if s[0] != "column" or names[i] not in self.arm.rides:
                     yield f"{names[i]} - {s[0]}", *boxes(i, s, s[2], margin_mm)
-            for j in range(3):
-                if (i > 2 and j < 2) or (names[i] == "finger" and j == 2):
+            for j in range(i):
+                if self._may_touch(names[i], names[j]):
                     yield f"{names[i]} - {names[j]}", *boxes(i, moving[j], T_move[:, j], 0.0)
 
         middle = T_part[:, :3, :3] @ self.middle + T_part[:, :3, 3]
@@ -291,11 +322,19 @@ class Checker:
         for i, m in enumerate(moving):
             if not (m[1] == "tip" and "arm" in held_by):
                 yield f"part - {m[0]}", *with_part(m[3], T_move[:, i])
-        for i, (name, _, _, half) in enumerate(moving[2:], start=2):
+        for i, (name, _, _, half) in enumerate(moving):
+            if name in self.arm.rides:
+                continue
             low = T_move[:, i, 2, 3] - np.abs(T_move[:, i, 2, :3]) @ half
             yield f"{name} - table", low < margin_mm, lambda _: True
         low = T_part[:, 2, :3] @ self.corners.T + T_part[:, 2, 3:]
         yield "part - table", low.min(axis=1) < margin_mm - 0.2, lambda _: True
+
+    def _may_touch(self, name: str, link: str) -> bool:
+        of = self.arm.kept_from.get(link)
+        if name in {"hand", "finger"}:
+            return of == "hand" or (of == "fingers" and name == "finger")
+        return (link, name) in self.arm.link_pairs
 
     def drive(
         self,
@@ -308,14 +347,14 @@ class Checker:
         what: str,
     ) -> list[str]:
         """Return what touches what along joint lines, and the limits they pass."""
-        q = joint_lines(path)
+        q = joint_lines(path, self.arm.step)
         if carried is not None:
-            T_part = frames(self.layout, q)["tip"] @ np.linalg.inv(carried.T_part_hand)
+            T_part = self.arm.frames(self.layout, q)["tip"] @ np.linalg.inv(carried.T_part_hand)
         else:
             assert T_still is not None
             T_part = T_still
         found = self.contacts(q, opening, fixture_opening, T_part, held_by)
-        return [f"{what}: {c}" for c in found + limits_passed(np.asarray(path))]
+        return [f"{what}: {c}" for c in found + self.arm.limits_passed(np.asarray(path))]
 
     # ---- holding --------------------------------------------------------------------------------
     def hold(self, grip: Grip, jaw: Jaw, what: str) -> list[str]:
@@ -391,11 +430,11 @@ def wall_along_y(walls: Array, x: Array, z: Array, start: float, outwards: bool)
     return np.asarray(y[np.isfinite(y)])
 
 
-def joint_lines(path: Sequence[Array]) -> Array:
+def joint_lines(path: Sequence[Array], step: Array) -> Array:
     """Return joint lines through waypoints in steps short enough to check (n, 6)."""
     rows = [np.asarray(path[:1])]
     for a, b in pairwise(path):
-        n = max(1, int(np.ceil((np.abs(b - a) / STEP).max())))
+        n = max(1, int(np.ceil((np.abs(b - a) / step).max())))
         rows.append(a + np.linspace(0, 1, n + 1)[1:, None] * (b - a))
     return np.vstack(rows)
 

@@ -70,7 +70,8 @@ def reachable_views(
     v_of, r_of = view[index], roll[index]
     fixed = standing_between(layout, scene.statics(), showing.cone)
     T_links, half_links = link_boxes(layout, q)
-    links = showing.cone.meets(T_links.reshape(-1, 4, 4), half_links.reshape(-1, 3)).reshape(-1, 3)
+    links = showing.cone.meets(T_links.reshape(-1, 4, 4), half_links.reshape(-1, 3))
+    links = links.reshape(T_links.shape[:2])
     row, link = np.nonzero(links)
     links[row, link] = may_cover(
         layout, T_links[row, link], half_links[row, link], showing.extent[v_of[row], r_of[row]]
