@@ -48,6 +48,12 @@ def check_sizes(recipe_path: Path, recipe: Recipe, cell: Cell) -> None:
 
     Before anything is compiled: a part in the wrong unit may have millions of samples.
 
+    Parameters
+    ----------
+    recipe_path : recipe file, for the message
+    recipe : its parts are read, and their meshes measured
+    cell : its glowing area is the room there is
+
     Raises
     ------
     ConfigError : it would not; the unit that the recipe declares may be wrong

@@ -27,7 +27,16 @@ class EmulatorError(Exception):
 def emulator_command(
     cell: Path, parts: Sequence[Path], *, speed: float, seed: int | None, more: Sequence[str] = ()
 ) -> list[str]:
-    """Return the command line of the emulator; it is its own program on purpose."""
+    """Return the command line of the emulator; it is its own program on purpose.
+
+    Parameters
+    ----------
+    cell : cell file
+    parts : CAD files of the parts on the table; none leaves it empty
+    speed : of the emulated cell, times real time
+    seed : seed of the emulated world, None for one of its own
+    more : further options, as `emulator_args` returns them
+    """
     command = [
         sys.executable,
         "-P",
@@ -48,7 +57,14 @@ def emulator_command(
 
 
 def emulator_args(pose: int | None, at: str | None, control: Path | None) -> tuple[str, ...]:
-    """Return the emulator's options for how the first part lies, and for causing faults."""
+    """Return the emulator's options for how the first part lies, and for causing faults.
+
+    Parameters
+    ----------
+    pose : stable pose of the first part by index, None to draw it by the seed
+    at : planar pose of the first part, "X,Y,THETA_DEG" [mm, degrees]; None to draw it by the seed
+    control : unix socket on which tests inject faults, None for none
+    """
     more: list[str] = []
     if pose is not None:
         more += ["--pose", str(pose)]

@@ -12,7 +12,14 @@ Array = NDArray[np.float64]
 
 
 def holder_boxes(layout: CellLayout, q: Array, opening_mm: float) -> tuple[WorldBox, ...]:
-    """Return every box of arm, hand and fixture in the world, jaws at ``opening_mm``."""
+    """Return every box of arm, hand and fixture in the world, jaws at ``opening_mm``.
+
+    Parameters
+    ----------
+    layout : the cell
+    q : (6,) joints of the configuration [rad, zed in mm]
+    opening_mm : distance between the pads of the arm gripper
+    """
     placed: list[Box] = [
         *Scene(layout, opening_mm, layout.fixture_open_mm).arm_boxes(q),
         *fixture_boxes(layout),

@@ -16,12 +16,16 @@ REQUIRED_SIGNALS = {
 
 
 def check_interlocks(io: IoBlock, *, is_person_inside: bool = False) -> None:
-    """Raise InterlockError unless every safety copy is known to be healthy.
+    """Check that every safety copy is known to be healthy.
 
     Parameters
     ----------
     io : where the safety copies are read
     is_person_inside : somebody holds the part by hand, so that the door may be open
+
+    Raises
+    ------
+    InterlockError : one is not, or gives no fresh reading; the message says which and what to do
     """
     for name, remedy in REQUIRED_SIGNALS.items():
         if is_person_inside and name == GUARD:

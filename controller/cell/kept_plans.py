@@ -141,7 +141,18 @@ class Kept:
 
 
 def check_plan(plan: Plan, sample_count: int, face_count: int) -> None:
-    """Raise ValueError where a plan cannot be one of a part, whatever its cell."""
+    """Check that a plan can be one of a part, whatever its cell.
+
+    Parameters
+    ----------
+    plan : as it was read from a file
+    sample_count : surface samples of the part
+    face_count : CAD faces of the part
+
+    Raises
+    ------
+    ValueError : it cannot; the message names what contradicts the part or itself
+    """
     _require(bool(plan.place), "a plan that ends nowhere")
     _require(plan.place.keys() == plan.park.keys(), "trays without a way to park, or the reverse")
     for name, place in plan.place.items():
@@ -189,7 +200,7 @@ def check_prepared(part: PreparedPart) -> None:
 
 
 def is_pose(T: Array) -> bool:
-    """Tell whether a matrix is a pose (4, 4): a rotation and a translation."""
+    """Return whether a matrix is a pose (4, 4): a rotation and a translation."""
     if T.shape != (4, 4) or not np.isfinite(T).all():
         return False
     R = T[:3, :3]

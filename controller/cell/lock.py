@@ -61,6 +61,12 @@ def require_free_cell(runs_dir: Path, cell: Cell) -> None:
 def hold_cell(runs_dir: Path, cell: Cell, run_id: str) -> Iterator[None]:
     """Hold a cell, or refuse and name who holds it.
 
+    Parameters
+    ----------
+    runs_dir : folder of the runs, which holds one of the locks
+    cell : its grippers' addresses name the others
+    run_id : who holds it, for the message of those who are refused
+
     Raises
     ------
     CellBusyError : another process has it

@@ -75,12 +75,12 @@ class Planning:
 
     @property
     def is_from_cache(self) -> bool:
-        """Tell whether all that was asked so far was there already."""
+        """Return whether all that was asked so far was there already."""
         return self._made == 0
 
     @property
     def is_prepared(self) -> bool:
-        """Tell whether the long work has been done before."""
+        """Return whether the long work has been done before."""
         if self._prepared is not None:
             return True
         return (
@@ -108,7 +108,14 @@ class Planning:
         return self._prepared
 
     def lying(self, pose: StablePose, x_mm: float, y_mm: float, theta_rad: float) -> KeptPlan:
-        """Return the plan for the part at rest at a place, or why there is none."""
+        """Return the plan for the part at rest at a place, or why there is none.
+
+        Parameters
+        ----------
+        pose : the stable pose
+        x_mm, y_mm : position of the centre of mass on the table
+        theta_rad : turn about +z
+        """
         T = resting_pose(self._part.solid, pose, x_mm, y_mm, theta_rad)
         file = self._plan_file(pose.index, T)
         found = self._told.get(file)

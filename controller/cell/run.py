@@ -82,6 +82,14 @@ async def run_batch(
 ) -> RunResult:
     """Run a batch to rest; everything from here on is in the journal.
 
+    Parameters
+    ----------
+    order : what to run, and where its files go
+    pool : the processes that compute
+    on_progress : called on the event loop with every change; must return at once
+    on_dispatcher : called once, before devices are connected; gives the caller what stops the run
+    on_notice : called with sentences that the operator should read
+
     Raises
     ------
     JournalError : nothing may move without a journal

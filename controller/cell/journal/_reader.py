@@ -22,6 +22,12 @@ def read_rows(path: Path, run: str | None = None) -> Iterator[Row]:
 def read_rows_of_kinds(path: Path, kinds: Sequence[Kind], events: Sequence[str]) -> Iterator[Row]:
     """Yield the rows of some kinds, and the events of some names, of all runs, in order.
 
+    Parameters
+    ----------
+    path : the journal
+    kinds : kinds of rows
+    events : names of events, whose kind need not be among `kinds`
+
     Raises
     ------
     JournalError : no journal there, or one of another version
