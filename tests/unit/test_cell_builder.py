@@ -1,0 +1,89 @@
+"""What the cell passes to a driver of each kind: where its device is, what it needs to know."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from controller.cell.devices import IO_POLL_WALL_S, DeviceBuilder, resolve
+from controller.config import EMULATED_CELL, Cell, load_cell
+from drivers.clock import CellClock
+from drivers.kinds import Site
+
+KINDS = ("arm", "camera", "gripper", "io", "lights")
+PACKAGE = """
+from dataclasses import dataclass
+from drivers.kinds import Driver
+
+@dataclass(frozen=True)
+class Settings:
+    note: str = "none"
+
+DRIVER = Driver(Settings, lambda site, settings: (site, settings.note))
+"""
+
+
+@pytest.fixture
+def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cell:
+    """Return a cell whose devices all have the driver of a package that shows what it gets."""
+    (tmp_path / "shows.py").write_text(PACKAGE)
+    info = tmp_path / "shows-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: shows\nVersion: 1.0\n")
+    lines = "".join(f"{kind}.shows = shows:DRIVER\n" for kind in KINDS)
+    (info / "entry_points.txt").write_text(f"[cellctl.drivers]\n{lines}")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    text = EMULATED_CELL.read_text()
+    file = tmp_path / "cell.yaml"
+    file.write_text(
+        text.replace(
+            "{address: emulated", "{driver: shows, settings: {note: hello}, address: 127.0.0.1:502"
+        )
+    )
+    return load_cell(file)
+
+
+def built(cell: Cell, speed: float = 1.0) -> dict[str, Any]:
+    builder = DeviceBuilder(cell, resolve(cell, {}), CellClock(speed))
+    devices: dict[str, Any] = {
+        "arm": builder.arm(),
+        "gripper": builder.gripper(),
+        "lights": builder.lights(),
+        "io": builder.io(),
+        "overhead": builder.camera("overhead"),
+        "inspection": builder.camera("inspection"),
+    }
+    return devices
+
+
+def test_settings_reach_every_driver(cell: Cell) -> None:
+    for name, (site, note) in built(cell).items():
+        assert note == "hello"
+        assert site.name == name
+        assert site.address == "127.0.0.1:502"
+
+
+def test_each_kind_gets_what_it_needs_and_no_more(cell: Cell) -> None:
+    sites: dict[str, Site] = {name: site for name, (site, _) in built(cell).items()}
+    assert [name for name, site in sites.items() if site.polling] == ["io"]
+    assert [name for name, site in sites.items() if site.lamps] == ["lights"]
+    assert [name for name, site in sites.items() if site.capture] == ["overhead", "inspection"]
+    ring = next(lamp for lamp in sites["lights"].lamps if lamp.name == "table_ring")
+    assert (ring.analog, ring.relay) == (1, 1)  # as in the cell file, counted from 0
+    capture = sites["overhead"].capture
+    assert capture is not None
+    assert (capture.width, capture.height, capture.exposure_s) == (1280, 1024, 0.010)
+
+
+def test_a_faster_clock_does_not_poll_the_hosts_devices_more_often(cell: Cell) -> None:
+    site, _ = built(cell, speed=10.0)["io"]
+    assert site.polling.poll_s / 10.0 >= IO_POLL_WALL_S
+
+
+async def test_devices_on_one_line_share_it(cell: Cell) -> None:
+    sites = {name: site for name, (site, _) in built(cell).items()}
+    assert sites["gripper"].open_link() is sites["io"].open_link()
+    # the lamp unit has another rate, which a TCP line does not know
+    assert sites["gripper"].open_link() is sites["lights"].open_link()
