@@ -19,8 +19,8 @@ def compile_(
         Path | None,
         typer.Option(
             "--recipe",
-            help="recipe (YAML) with the cell, density, grasp and views to plan with "
-            "(default without a CAD file: recipe.yaml in this folder)",
+            help="recipe (YAML, or a name as in `run`) with the cell, density, grasp and views to "
+            "plan with (default without a CAD file: recipe.yaml in this folder)",
         ),
     ] = None,
     unit: UnitOption = None,

@@ -19,8 +19,9 @@ def plan(
         list[Path] | None,
         typer.Option(
             "--recipe",
-            help="recipe (YAML) with the density, grasp and views to plan with; may be repeated "
-            "with --site (default without a CAD file: recipe.yaml in this folder)",
+            help="recipe (YAML, or a name as in `run`) with the density, grasp and views to plan "
+            "with; may be repeated with --site (default without a CAD file: recipe.yaml in this "
+            "folder)",
         ),
     ] = None,
     cell: Annotated[

@@ -58,11 +58,15 @@ def run(
     """Inspect and sort parts: the main job. Emulated devices start beside it."""
     from controller.config import find_recipe
 
+    from .._output import warn
     from .._run import quiet_logs, run_recipe
 
     quiet_logs(verbose=verbose)
+    recipe_file = find_recipe(recipe)
+    if recipe is None:
+        warn(f"recipe: {recipe_file}")
     code = run_recipe(
-        find_recipe(recipe),
+        recipe_file,
         cell,
         count=count,
         speed=speed,
