@@ -141,7 +141,15 @@ def predict(
 
 
 def see_boxes(boxes: Sequence[Box], camera: Camera, roi: Roi, step_px: int) -> ViewMaps:
-    """Return where boxes in the world are in the picture."""
+    """Return where boxes in the world are in the picture.
+
+    Parameters
+    ----------
+    boxes : in the world, at least one
+    camera : calibrated, in the world's frame
+    roi : region of the picture that is asked for
+    step_px : of its pixels, every so many are looked at
+    """
     corners = [(_CORNERS * b.half_mm) @ b.T[:3, :3].T + b.T[:3, 3] for b in boxes]
     triangles = np.vstack([_TRIANGLES + 8 * k for k in range(len(boxes))])
     caster = RayCaster(trimesh.Trimesh(np.vstack(corners), triangles, process=False))
@@ -156,10 +164,19 @@ def stance_of(
     roi: Roi,
     rules: DoubtRules,
 ) -> Stance:
-    """Return how candidates in one hand may be off in one view.
+    """Return how candidates held by one gripper may be off in one view.
 
-    To first order: what lies at depth z from the hand's tip moves by the tilt times z across the
+    To first order: what lies at depth z from the gripper's TCP moves by the tilt times z across the
     picture. The mean of it is a shift of all; what is left is tolerated.
+
+    Parameters
+    ----------
+    outer_mm : of each candidate, `outer_points` (n, 3), CAD frame
+    T_world_part : of each candidate (4, 4), as it is held up
+    T_world_hand : (4, 4) pose of the TCP
+    camera : of the view
+    roi : region of the picture; the pivot is counted from its corner
+    rules : how well the hold is known
     """
     axis = camera.T_world_cam[:3, 2]
     tip = T_world_hand[:3, 3]

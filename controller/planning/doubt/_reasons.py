@@ -67,7 +67,14 @@ def why_alike(
 
 
 def distance_mm(a: Candidate, samples: SurfaceSamples, b: Candidate) -> FloatArray:
-    """Return how far each sample (n,) of one candidate is from the surface of another."""
+    """Return how far each sample (n,) of one candidate is from the surface of another [mm].
+
+    Parameters
+    ----------
+    a : the candidate the samples are of
+    samples : n, CAD frame of ``a``
+    b : another one, held by the same gripper
+    """
     points = transform(inverse_pose(b.T_hand_part) @ a.T_hand_part, samples.points_mm)
     _, distance, _ = trimesh.proximity.closest_point(b.solid.mesh, points)
     return np.asarray(distance)
@@ -81,7 +88,7 @@ def _shown(
     q: FloatArray,
     opening_mm: float,
 ) -> bool:
-    """Tell whether any of the samples meant is in sight in one configuration."""
+    """Return whether any of the samples meant is in sight in one configuration."""
     if not members.any():
         return False
     T = tip_pose(layout, q) @ c.T_hand_part

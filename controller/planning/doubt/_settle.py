@@ -119,10 +119,17 @@ def separating_views(
 def cheapest_tree(
     candidates_n: int, found: Separations, seconds: FloatArray
 ) -> tuple[Ask | None, float]:
-    """Return the tree of views whose dearest way is cheapest, and what that costs [s].
+    """Return the tree of views whose dearest branch is cheapest, and what that costs [s].
 
-    If candidate t is the truth, a view leaves those that it cannot part from t; what is left may
-    overlap from one truth to the next. Exact over the views offered.
+    If candidate t is the truth, a view leaves those that it cannot tell from t; what is left may
+    overlap from one truth to the next. Exact over the views offered. The tree is None where no view
+    decides anything.
+
+    Parameters
+    ----------
+    candidates_n : how many; the pairs of ``found`` number them from 0
+    found : which views tell which pairs apart
+    seconds : (k,) what each configuration costs [s]
     """
     views = _worth_asking(found, seconds)
     pair_at = {pair: p for p, pair in enumerate(found.pairs)}

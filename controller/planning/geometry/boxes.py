@@ -44,7 +44,16 @@ class Box:
 
     @classmethod
     def from_bounds(cls, x0: float, x1: float, y0: float, y1: float, z0: float, z1: float) -> Self:
-        """Return the axis-aligned box between the bounds [mm]."""
+        """Return the axis-aligned box between bounds.
+
+        Parameters
+        ----------
+        x0, x1, y0, y1, z0, z1 : low and high on each axis of the box's frame [mm]
+
+        Raises
+        ------
+        ValueError : low is not below high on some axis
+        """
         low, high = np.array([x0, y0, z0], float), np.array([x1, y1, z1], float)
         if np.any(high <= low):
             raise ValueError(f"a box needs low < high on every axis, got {low} and {high}")
@@ -65,7 +74,13 @@ def stack(boxes: Sequence[SolidBox]) -> tuple[FloatArray, FloatArray]:
 
 
 def overlap(T_a: FloatArray, half_a: FloatArray, T_b: FloatArray, half_b: FloatArray) -> BoolArray:
-    """Tell which pairs of boxes touch (n,): poses (n, 4, 4), half edges (n, 3) or (3,)."""
+    """Return which pairs of boxes touch (n,).
+
+    Parameters
+    ----------
+    T_a, T_b : (n, 4, 4) poses of their centres in one frame
+    half_a, half_b : (n, 3), or (3,) for all alike: half of each edge [mm]
+    """
     offset = T_b[:, :3, 3] - T_a[:, :3, 3]
     half_a = np.broadcast_to(half_a, offset.shape)
     half_b = np.broadcast_to(half_b, offset.shape)
@@ -75,9 +90,15 @@ def overlap(T_a: FloatArray, half_a: FloatArray, T_b: FloatArray, half_b: FloatA
 def overlap_turned(
     R_a: FloatArray, a: FloatArray, R_b: FloatArray, b: FloatArray, offset: FloatArray
 ) -> BoolArray:
-    """Tell which pairs of boxes touch (n,): rotations (n, 3, 3), half edges (n, 3), a to b (n, 3).
+    """Return which pairs of boxes touch (n,).
 
     Gottschalk's 15 axes, all pairs at once; pairs that a face separates never see the edges' nine.
+
+    Parameters
+    ----------
+    R_a, R_b : (n, 3, 3) rotations in one frame
+    a, b : (n, 3) half of each edge [mm]
+    offset : (n, 3) from the centre of each a to that of its b, in that frame [mm]
     """
     turn = np.swapaxes(R_a, 1, 2) @ R_b
     across = np.abs(turn) + _EPS
@@ -100,7 +121,15 @@ def overlap_turned(
 def segments_hit(
     start: FloatArray, end: FloatArray, boxes: list[Box] | tuple[Box, ...], grow_mm: float = 0.0
 ) -> BoolArray:
-    """Tell which segments (n, 3) -> (n, 3) or (3,) pass through any of the boxes: (n,) bool."""
+    """Return which segments pass through any of the boxes (n,).
+
+    Parameters
+    ----------
+    start : (n, 3) in the boxes' frame [mm]
+    end : (n, 3), or (3,) for all alike
+    boxes : none hits nothing
+    grow_mm : by which every box is larger on all sides
+    """
     hit = np.zeros(len(start), dtype=bool)
     end = np.broadcast_to(end, start.shape)
     for box in boxes:

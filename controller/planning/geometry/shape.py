@@ -61,7 +61,7 @@ class PartShape:
         return self._model
 
     def holds(self, point_mm: FloatArray) -> bool:
-        """Tell whether a point (3,) lies inside: the triangles are seen from it all round."""
+        """Return whether a point (3,) lies inside: the triangles are seen from it all round."""
         if np.any(np.abs(point_mm - self.box.T[:3, 3]) > self.box.half_mm):
             return False
         a, b, c = np.moveaxis(self._vertices_mm[self._faces] - point_mm, 1, 0)
@@ -105,7 +105,14 @@ class Triangles:
         return float((self._shape.hull_mm @ self._T[2, :3]).min() + self._T[2, 3])
 
     def touch(self, R: FloatArray, centre_mm: FloatArray, half_mm: FloatArray) -> bool:
-        """Tell whether the part touches a solid box of rotation (3, 3), centre and half edges."""
+        """Return whether the part touches a solid box, or holds it within.
+
+        Parameters
+        ----------
+        R : (3, 3) the box's axes in the world
+        centre_mm : (3,) in the world
+        half_mm : (3,) half of each edge
+        """
         box = fcl.CollisionObject(fcl.Box(*(2.0 * half_mm)), fcl.Transform(R, centre_mm))
         if fcl.collide(self._object, box, self._request, fcl.CollisionResult()):
             return True

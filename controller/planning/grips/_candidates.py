@@ -35,10 +35,18 @@ class Candidates:
 def candidates(
     solid: Solid, seeds: Seeds, jaw: Jaw, downs: FloatArray, rules: GripRules
 ) -> Candidates:
-    """Return hands round each seed the jaw is wide enough for, at a few depths.
+    """Return arm grippers' poses round each seed the jaw is wide enough for, at a few depths.
 
-    Approaches are spread round the jaws' axis, and those square to the table in each resting pose
+    Approaches are spread round the jaws' axis, and those square to the table in each stable pose
     are among them.
+
+    Parameters
+    ----------
+    solid : the part
+    seeds : where to try
+    jaw : the gripper that is to hold it
+    downs : (k, 3) unit, the way down in the CAD frame, of each stable pose
+    rules : how many approaches, and what is kept of the full opening
     """
     able = np.where(
         seeds.inner,
@@ -89,13 +97,30 @@ def _approaches(axis: FloatArray, downs: FloatArray, spin_n: int) -> FloatArray:
 
 
 def axis_distance(T: FloatArray, centroid_mm: FloatArray, jaw: Jaw) -> FloatArray:
-    """Return how far the centre of mass is from the jaws' axis through the middle of the pads."""
+    """Return how far the centre of mass is from the line through both pads' middles (n,) [mm].
+
+    Parameters
+    ----------
+    T : (n, 4, 4) T_part_tcp
+    centroid_mm : (3,) CAD frame
+    jaw : knows where on its fingers the pads are
+    """
     at = T[:, :3, 3] - T[:, :3, 0] * jaw.pad_centre_mm
     return np.asarray(np.linalg.norm(np.cross(centroid_mm - at, T[:, :3, 1]), axis=1))
 
 
 def way_seems_free(found: Candidates, seeds: Seeds, jaw: Jaw, rules: GripRules) -> BoolArray:
-    """Tell in whose way in no point of the surface lies (n,): necessary, not sufficient."""
+    """Return which candidates have no point of the surface in their way (n,).
+
+    Necessary, not sufficient: some of the samples are looked at.
+
+    Parameters
+    ----------
+    found : n candidates
+    seeds : with samples of the part's surface
+    jaw : the gripper; open, with fingers and body
+    rules : length of the approach, and how far the jaw opens
+    """
     gap = open_gap(found.gap, found.inner, jaw, rules)
     free = np.ones(len(found.T), dtype=bool)
     points = seeds.samples.points_mm
@@ -121,6 +146,13 @@ def pre_open(opening: FloatArray, inner: BoolArray, jaw: Jaw, rules: GripRules) 
     """Return the width of the open jaw (n,) [mm]: wider than the grip, for an inner one narrower.
 
     As `Grip.pre_open_mm`: of an inner grip the distance of the fingers' backs.
+
+    Parameters
+    ----------
+    opening : (n,) between the walls held [mm]
+    inner : (n,) the jaw spreads between them
+    jaw : the gripper
+    rules : clearance of each finger while open
     """
     outer = np.minimum(jaw.max_mm, opening + 2 * rules.clearance_mm)
     closed = np.maximum(2 * jaw.finger_thickness_mm, opening - 2 * rules.clearance_mm)
@@ -128,6 +160,14 @@ def pre_open(opening: FloatArray, inner: BoolArray, jaw: Jaw, rules: GripRules) 
 
 
 def open_gap(opening: FloatArray, inner: BoolArray, jaw: Jaw, rules: GripRules) -> FloatArray:
-    """Return the gap between the pads of the open jaw (n,) [mm], inner or not."""
+    """Return the gap between the fingers' inner sides while the jaw is open (n,) [mm].
+
+    Parameters
+    ----------
+    opening : (n,) between the walls held [mm]
+    inner : (n,) the jaw spreads between them
+    jaw : the gripper
+    rules : clearance of each finger while open
+    """
     back = np.where(inner, 2 * jaw.finger_thickness_mm, 0.0)
     return np.asarray(pre_open(opening, inner, jaw, rules) - back)

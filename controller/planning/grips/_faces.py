@@ -46,6 +46,13 @@ def opposed_faces(
     """Return the pairs of planar faces with opposed normals (2 degrees) that overlap.
 
     The overlap is exact: the triangles of either face, projected and united, intersected.
+
+    Parameters
+    ----------
+    solid : with its faces
+    widest_mm : largest distance of two faces that are held from outside
+    inner_low_mm, inner_high_mm : distances between which two faces are held from inside; 0 and 0
+        for never
     """
     planes = [f for f in solid.faces if f.kind == "plane" and f.area_mm2 > BARE_MM2]
     if len(planes) < 2:

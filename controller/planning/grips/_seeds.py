@@ -201,6 +201,12 @@ def needed_friction(solid: Solid, seeds: Seeds, caster: RayCaster) -> tuple[floa
 
     Over rays through the material along the surface's normals and along every bisector of a normal
     and a main wall direction; 90 and inf where nothing is opposed.
+
+    Parameters
+    ----------
+    solid : the part
+    seeds : with samples of its surface
+    caster : rays against its mesh
     """
     at, axis = bisectors(seeds.samples, np.pi / 2 - 0.01)
     p, n = seeds.samples.points_mm, seeds.samples.normals
@@ -241,7 +247,14 @@ def _spread_out(rows: FloatArray, count: int) -> list[int]:
 
 
 def farthest(features: FloatArray, count: int, start: int = 0) -> list[int]:
-    """Return up to `count` indices spread over the features (n, d), greedily the farthest next."""
+    """Return indices spread over features, greedily the farthest next.
+
+    Parameters
+    ----------
+    features : (n, d) points, in units that compare
+    count : at most so many; fewer where the rest are equal to those chosen
+    start : index of the first
+    """
     if len(features) == 0:
         return []
     chosen = [start]

@@ -18,7 +18,15 @@ from .clearance import STEEPEST
 def resting_pose(
     solid: Solid, pose: StablePose, x_mm: float = 0.0, y_mm: float = 0.0, theta_rad: float = 0.0
 ) -> FloatArray:
-    """Return T_world_part of a part lying in a stable pose, its centre of mass over (x, y)."""
+    """Return T_world_part (4, 4) of a part in a stable pose (conventions.md 4).
+
+    Parameters
+    ----------
+    solid : the part
+    pose : the stable pose
+    x_mm, y_mm : of the centre of mass in the world
+    theta_rad : anticlockwise about +z
+    """
     c, s = np.cos(theta_rad), np.sin(theta_rad)
     T = np.eye(4)
     T[:3, :3] = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ pose.R
@@ -29,7 +37,14 @@ def resting_pose(
 
 
 def clear_of_table(T_world_part: FloatArray, grips: Sequence[Grip], jaw: Jaw) -> FloatArray:
-    """Tell which grips keep the open hand off the table and come from above: (n,) bool."""
+    """Return which grasps keep the open gripper off the table and come from above (n,).
+
+    Parameters
+    ----------
+    T_world_part : (4, 4) of the part on the table
+    grips : at least one
+    jaw : the gripper, with fingers and body
+    """
     T = T_world_part @ np.stack([g.T_part_hand for g in grips])
     ok = T[:, 2, 0] <= STEEPEST
     for k in np.flatnonzero(ok).tolist():
@@ -41,11 +56,19 @@ def clear_of_table(T_world_part: FloatArray, grips: Sequence[Grip], jaw: Jaw) ->
 def cover(
     T: FloatArray, score: FloatArray, picks: BoolArray, count: int, per_pose: int
 ) -> list[int]:
-    """Return up to `count` numbers of hands (n, 4, 4) that stand for all: sure, and unlike.
+    """Return numbers of grasps that stand for all: sure, and unlike.
 
-    First up to `per_pose` of those that take the part from above, for each way it lies
-    (`picks`, (k, n)), then from all round; farthest-point selection in approach, jaws' axis and
-    position, larger scores (n,) a little nearer (planning-facts.md 2.2, step 7).
+    First those that take the part from above in each stable pose, then from all round;
+    farthest-point selection in approach, jaws' axis and position, larger scores a little nearer
+    (planning-facts.md 2.2, step 7).
+
+    Parameters
+    ----------
+    T : (n, 4, 4) T_part_tcp
+    score : (n,) larger is surer
+    picks : (k, n) of each stable pose, which grasps take the part from the table
+    count : at most so many in all; with no more than that to choose from, all are returned
+    per_pose : at most so many for each stable pose
     """
     if len(T) <= count:
         return list(range(len(T)))
@@ -60,7 +83,14 @@ def cover(
 
 
 def spread(grips: Sequence[Grip], members: Sequence[int], count: int) -> list[int]:
-    """Return up to `count` of the members, sure ones first, then by how unlike the chosen."""
+    """Return some of the members, sure ones first, then by how unlike the chosen they are.
+
+    Parameters
+    ----------
+    grips : all grasps
+    members : numbers of those to choose from
+    count : at most so many
+    """
     if len(members) == 0:
         return []
     features = _features(np.stack([grips[k].T_part_hand for k in members]))
@@ -104,7 +134,17 @@ def select_arm_grips(
     per_pose: int,
     others: int,
 ) -> list[Grip]:
-    """Return grips to pick each stable pose with, and grips from all round for after a hand-off."""
+    """Return grasps to pick each stable pose with, and grasps from all round for after a hand-off.
+
+    Parameters
+    ----------
+    solid : the part
+    poses : its stable poses
+    grips : of the arm gripper, to choose from
+    jaw : the arm gripper
+    per_pose : at most so many for each stable pose
+    others : at most so many from all round
+    """
     chosen: list[int] = []
     for pose in poses:
         able = np.flatnonzero(clear_of_table(resting_pose(solid, pose), grips, jaw))

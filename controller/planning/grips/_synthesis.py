@@ -127,7 +127,19 @@ def judge_grips(
     rules: GripRules,
     gravities: Sequence[FloatArray] | None = None,
 ) -> Synthesis:
-    """Return what `synthesise_grips` does, and the tally of every stage; none is no error."""
+    """Return the grasps `synthesise_grips` keeps, and the tally of every stage; none is no error.
+
+    Parameters
+    ----------
+    solid : the part
+    seeds : where to try
+    caster : rays against its mesh
+    jaw : the gripper
+    holder : which gripper it is; only the arm's takes parts from the table
+    downs : (k, 3) unit, the way down in the CAD frame, of each stable pose
+    rules : what a grasp must keep
+    gravities : (3,) each, directions of gravity in the TCP frame a grasp has to bear; None for all
+    """
     judge = Judge(solid, caster, jaw, rules, gravities)
     # only the arm takes parts from the table
     tables = downs if holder == "arm" else downs[:0]
@@ -303,7 +315,7 @@ def _measured(
 
 
 def _picks(judge: Judge, hands: Candidates, downs: FloatArray) -> BoolArray:
-    """Tell for each way the part lies which hands take it from above (k, n)."""
+    """Return for each stable pose which hands take the part from above (k, n)."""
     wide = open_gap(hands.gap, hands.inner, judge.jaw, judge.rules)
     picks = [lifts_off_table(hands.T, wide, judge.jaw, judge.hull, down) for down in downs]
     return np.array(picks, dtype=bool).reshape(len(downs), len(hands.T))

@@ -32,7 +32,7 @@ class PartTriangles:
         self._request = fcl.CollisionRequest()
 
     def touches(self, T: FloatArray, half_mm: FloatArray) -> bool:
-        """Tell whether any of the boxes, poses (n, 4, 4) and half edges (n, 3), touches it."""
+        """Return whether any of the boxes, poses (n, 4, 4) and half edges (n, 3), touches it."""
         for pose, half in zip(T, half_mm, strict=True):
             box = fcl.CollisionObject(
                 fcl.Box(*(2 * half)), fcl.Transform(pose[:3, :3], pose[:3, 3])
@@ -50,7 +50,7 @@ def clear_of_part(
     jaw: Jaw,
     rules: GripRules,
 ) -> BoolArray:
-    """Tell which hands (n, 4, 4), open, come straight in and close on nothing but their contact.
+    """Return which hands (n, 4, 4), open, come straight in and close on nothing but their contact.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def _swept(box: Box, behind_mm: float) -> Box:
 def lifts_off_table(
     T: FloatArray, gap_open: FloatArray, jaw: Jaw, hull: FloatArray, down: FloatArray
 ) -> BoolArray:
-    """Tell which open hands come from above and stay off the table the part lies on (n,).
+    """Return which open hands come from above and stay off the table the part lies on (n,).
 
     Parameters
     ----------

@@ -57,7 +57,16 @@ class Tally:
     def ask(
         self, name: str, values: FloatArray, limit: float, unit: str = "", *, most: bool = False
     ) -> BoolArray:
-        """Tell which values reach the limit (`most`: do not pass it), and remember the best."""
+        """Return which values reach a limit, and remember how many did and the best.
+
+        Parameters
+        ----------
+        name : of the stage; asked again, it adds up
+        values : (n,)
+        limit : in the unit of the values
+        unit : as it follows the number in a message, with its blank
+        most : the limit is the most allowed, not the least
+        """
         good = values <= limit + 1e-9 if most else values >= limit - 1e-9
         before = self._stages.get(name, Stage(name, 0))
         best = values.min(initial=np.inf) if most else values.max(initial=-np.inf)
@@ -95,11 +104,27 @@ class Judge:
     def close(
         self, T: FloatArray, gap: FloatArray, inner: BoolArray, grid: PadGrid, slopes: bool = False
     ) -> Contacts:
-        """Return what the pads touch, as `close_pads`."""
+        """Return what the pads touch, as `close_pads`.
+
+        Parameters
+        ----------
+        T : (n, 4, 4) T_part_tcp
+        gap : (n,) between the surfaces expected to touch [mm]
+        inner : (n,) the pads are the fingers' backs and move apart
+        grid : the rays of a pad
+        slopes : work out the gradients too
+        """
         return close_pads(self.caster, self.face_normals, T, gap, inner, grid, self.rules, slopes)
 
     def load(self, found: Contacts, inner: BoolArray, grid: PadGrid) -> FloatArray:
-        """Return the share of each grip's strength that the weight uses (n,)."""
+        """Return the share of each grasp's strength that the weight uses (n,).
+
+        Parameters
+        ----------
+        found : n contacts, closed
+        inner : (n,) the pads are the fingers' backs
+        grid : the rays they were closed with
+        """
         return loads(
             found,
             grid,
@@ -112,13 +137,20 @@ class Judge:
         )
 
     def in_width(self, found: Contacts, inner: BoolArray) -> BoolArray:
-        """Tell which were touched by both pads within what the jaw opens to (n,)."""
+        """Return which were touched by both pads within what the jaw opens to (n,)."""
         low = np.where(inner, narrowest_inner(self.jaw, self.rules), 1.0)
         high = np.where(inner, widest_inner(self.jaw), self.jaw.max_mm - self.rules.jaw_reserve_mm)
         return np.asarray(found.touched & (found.opening >= low) & (found.opening <= high))
 
     def holds(self, found: Contacts, inner: BoolArray, contact_mm2: float) -> BoolArray:
-        """Tell which contacts, seen by the coarse grid, are good for every rule (n,)."""
+        """Return which contacts are good for every rule (n,).
+
+        Parameters
+        ----------
+        found : n contacts, closed with the coarse grid
+        inner : (n,) the pads are the fingers' backs
+        contact_mm2 : least contact of either pad
+        """
         good = self.in_width(found, inner) & (found.area >= contact_mm2)
         good &= found.offset <= self.rules.max_offset_mm
         rows = np.flatnonzero(good)
@@ -134,7 +166,16 @@ class Judge:
         contact_mm2: float,
         prefix: str = "",
     ) -> IntArray:
-        """Return the numbers of the grips that hold, and tell the tally what each demand left."""
+        """Return the numbers of the grasps that hold; count in the tally what each demand left.
+
+        Parameters
+        ----------
+        found : n contacts, closed
+        inner : (n,) the pads are the fingers' backs
+        grid : the rays they were closed with
+        contact_mm2 : least contact of either pad
+        prefix : of the stages' names in the tally
+        """
         rules, tally = self.rules, self.tally
         rows = np.flatnonzero(self.in_width(found, inner))
         tally.count(f"{prefix}touched by both pads", len(rows))
@@ -162,5 +203,12 @@ def score_of(found: Contacts) -> FloatArray:
 
 
 def closed(tried: Candidates, found: Contacts, rows: IntArray) -> Candidates:
-    """Return some of the candidates as they are once closed."""
+    """Return some of the candidates as they are once closed.
+
+    Parameters
+    ----------
+    tried : the candidates
+    found : what they touch, one for each
+    rows : numbers of those to return
+    """
     return Candidates(found.T[rows], found.opening[rows], tried.inner[rows])

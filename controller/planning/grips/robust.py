@@ -89,12 +89,19 @@ def margins(
 
 
 def laid_flat(touched: Contacts, inner: BoolArray, jaw: Jaw, grid: PadGrid) -> FloatArray:
-    """Return the tip poses (n, 4, 4) as the closing pads turn the part: until they close no more.
+    """Return T_part_tcp (n, 4, 4) as the closing pads turn the part: until they close no more.
 
     The part turns about the approach and about the pads' third axis as far as that brings the pads
     nearer to each other, and no farther than `MOST_TURN_RAD`. For small turns a point of the wall
     comes nearer in proportion to where on the pad it lies, and to how steep the wall is that the
     turn shifts along the pad.
+
+    Parameters
+    ----------
+    touched : n contacts, with their gradients
+    inner : (n,) the pads are the fingers' backs
+    jaw : knows where on its fingers the pads are
+    grid : the rays they were closed with
     """
     T, n = touched.T, len(touched.T)
     sense = np.where(inner, -1.0, 1.0)
@@ -113,9 +120,14 @@ def laid_flat(touched: Contacts, inner: BoolArray, jaw: Jaw, grid: PadGrid) -> F
 
 
 def slid_home(touched: Contacts, inner: BoolArray, jaw: Jaw, grid: PadGrid) -> FloatArray:
-    """Return the tip poses (n, 4, 4) as slipping pads centre the part: until they close no more.
+    """Return T_part_tcp (n, 4, 4) as slipping pads centre the part: until they close no more.
 
     A part that slips where its walls are hollow, as a bore, comes to lie where it slips no more.
+
+    Parameters
+    ----------
+    touched : n contacts, with their gradients
+    inner, jaw, grid : as `laid_flat`; not asked here
     """
     slide = _least_width(touched, -touched.gradient, MOST_SLIDE_MM)
     out = touched.T.copy()

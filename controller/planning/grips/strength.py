@@ -107,7 +107,18 @@ def _farthest_pressure(in_plane: FloatArray, along: FloatArray) -> FloatArray:
 def least_load(
     d_mm: FloatArray, weight_n: float, force_n: float, grid: PadGrid, rules: GripRules
 ) -> FloatArray:
-    """Return a bound no contact of the pad can beat (n,), from the jaw axis' distances (n,)."""
+    """Return a lower bound on the load of any contact of the pads (n,).
+
+    The load is a share of the friction limit.
+
+    Parameters
+    ----------
+    d_mm : (n,) from the centre of mass to the jaws' axis
+    weight_n : of the part
+    force_n : with which the pads press
+    grid : the rays of a pad; gives its size
+    rules : friction
+    """
     r = float(np.linalg.norm(grid.points - grid.points.mean(axis=0), axis=1).max())
     per_pad = weight_n / (2 * force_n)
     return np.asarray(np.hypot(per_pad, per_pad * d_mm / r) / rules.friction)

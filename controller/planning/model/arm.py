@@ -136,7 +136,7 @@ class ArmModel(Protocol):
         """
 
     def within_limits(self, q: FloatArray) -> BoolArray:
-        """Tell which configurations (..., 6) the arm would accept: (...) bool; NaN is outside."""
+        """Return which configurations (..., 6) the arm would accept: (...) bool; NaN is outside."""
 
     def limit_report(self, q: FloatArray) -> str:
         """Return the worst passed limit of one q (6,), and by how much, in words."""

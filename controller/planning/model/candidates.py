@@ -32,5 +32,13 @@ class Candidate:
     def taken(
         cls, name: str, solid: Solid, T_world_part: FloatArray, T_world_hand: FloatArray
     ) -> Candidate:
-        """Return the candidate that lies at `T_world_part` and is taken by a hand there."""
+        """Return the candidate as a gripper takes it from where it is.
+
+        Parameters
+        ----------
+        name : for people
+        solid : the part it may be
+        T_world_part : (4, 4) where it then is [mm]
+        T_world_hand : (4, 4) pose of the gripper's TCP [mm]
+        """
         return cls(name, solid, np.linalg.inv(T_world_hand) @ T_world_part)

@@ -41,10 +41,13 @@ class Jaw:
     def fingers(
         self, opening_mm: float, behind_mm: float = 0.0, until_mm: float | None = None
     ) -> tuple[Box, Box]:
-        """Return the two fingers at an opening.
+        """Return the two fingers at an opening, boxes in the TCP frame; that on +y first.
 
-        `behind_mm` lengthens them backwards (the way in); `until_mm` is a second, wider opening:
-        the boxes then hold all openings between.
+        Parameters
+        ----------
+        opening_mm : between the pads
+        behind_mm : by which they are longer backwards, for the straight way in
+        until_mm : a second, wider opening: the boxes hold all openings between; None for one alone
         """
         x0, z = -self.finger_length_mm - behind_mm, self.finger_width_mm / 2
         near = opening_mm / 2

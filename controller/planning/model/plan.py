@@ -222,7 +222,7 @@ class Proof:
 
     @property
     def is_optimal(self) -> bool:
-        """Tell whether no plan of the scope is cheaper."""
+        """Return whether no plan of the scope is cheaper."""
         return self.gap < 1e-9
 
 

@@ -52,6 +52,13 @@ def link_boxes(layout: CellLayout, q: FloatArray) -> tuple[FloatArray, FloatArra
 
 
 def shown_pose(layout: CellLayout, q: FloatArray, T_part_hand: FloatArray) -> FloatArray:
-    """Return T_world_part of a part held at `T_part_hand`, measured or planned, at joints (6,)."""
+    """Return T_world_part (4, 4) of a part that the arm holds.
+
+    Parameters
+    ----------
+    layout : the cell
+    q : (6,) row of joints
+    T_part_hand : (4, 4) T_part_tcp, as planned or as measured
+    """
     T: FloatArray = tip_pose(layout, np.asarray(q)) @ inverse_pose(T_part_hand)
     return T

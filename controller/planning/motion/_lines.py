@@ -11,7 +11,14 @@ from ._kinematics import inverse_rows, tip_pose
 
 
 def same_branch(layout: CellLayout, T: FloatArray, branch: IntArray) -> FloatArray:
-    """Return joints (n, k, 6) of poses (n, k, 4, 4) on branch (n,); NaN where it does not exist."""
+    """Return joints (n, k, 6) that stay on one branch; NaN where it does not exist.
+
+    Parameters
+    ----------
+    layout : the cell
+    T : (n, k, 4, 4) T_world_tcp along n lines
+    branch : (n,) number of the inverse kinematics' branch
+    """
     n, k = T.shape[:2]
     index, found, q = inverse_rows(layout, T.reshape(-1, 4, 4))
     out = np.full((n * k, 6), np.nan)
@@ -21,7 +28,14 @@ def same_branch(layout: CellLayout, T: FloatArray, branch: IntArray) -> FloatArr
 
 
 def fewest_waypoints(layout: CellLayout, q: FloatArray, sag_mm: float = 1.5) -> FloatArray:
-    """Thin a straight Cartesian way (k, 6) to the joint waypoints that keep it straight."""
+    """Return the fewest waypoints (j, 6) of a straight Cartesian path that keep it straight.
+
+    Parameters
+    ----------
+    layout : the cell
+    q : (k, 6) joints along the path, dense; both ends are kept
+    sag_mm : how far the TCP may leave the line
+    """
     kept = [0]
     while kept[-1] < len(q) - 1:
         a = kept[-1]

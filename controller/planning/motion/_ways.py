@@ -22,7 +22,7 @@ from .trees import rrt_connect
 
 
 def path_free(scene: Scene, path: Sequence[FloatArray]) -> bool:
-    """Tell whether joint moves through waypoints are free, with thinner margins at both ends."""
+    """Return whether joint moves through waypoints are free, with thinner margins at both ends."""
     ends = Ends.of(scene.layout, path[0], path[-1])
     return all(leg_free(scene, a, b, ends) for a, b in pairwise(path))
 
@@ -39,6 +39,14 @@ def connect(
 
     Tried in turn: the joint line; the arm's detours, group by group, the quickest first; two random
     trees, unless `search` is False because the caller has another goal to try.
+
+    Parameters
+    ----------
+    q_from, q_to : (6,) rows of joints
+    scene : what the arm carries, and may not touch
+    what : the way is for, as a message begins
+    seed : of the random trees
+    search : False: no trees, because the caller has another goal to try
 
     Raises
     ------

@@ -36,17 +36,30 @@ class Ends:
 
     @classmethod
     def of(cls, layout: CellLayout, q_from: FloatArray, q_to: FloatArray) -> Ends:
-        """Return the ends of a way."""
+        """Return the ends of a way.
+
+        Parameters
+        ----------
+        layout : the cell
+        q_from, q_to : (6,) rows of joints, where the whole way begins and ends
+        """
         return cls(tip_pose(layout, np.stack([q_from, q_to]))[:, :3, 3])
 
     def near(self, tips_mm: FloatArray) -> BoolArray:
-        """Tell which tips (n, 3) are near one of the ends."""
+        """Return which tips (n, 3) are near one of the ends."""
         away = np.linalg.norm(tips_mm[:, None] - self.tips_mm[None], axis=2)
         return np.asarray(away.min(axis=1) < END_LENGTH_MM)
 
 
 def leg_free(scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends) -> bool:
-    """Tell whether one joint move (6,) to (6,) keeps the margins all the way."""
+    """Return whether one joint move keeps the margins all the way, between its states as well.
+
+    Parameters
+    ----------
+    scene : what the arm carries, and may not touch
+    q_from, q_to : (6,) rows of joints
+    ends : of the whole way the move is part of; near them the margin is the thin one
+    """
     layout, step = scene.layout, q_to - q_from
     # linear, so all between are as well
     if not layout.arm.within_limits(np.stack([q_from, q_to])).all():
@@ -85,7 +98,15 @@ def leg_free(scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends) -> 
 def leg_seems_free(
     scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends, tube_mm: float = 0.0
 ) -> bool:
-    """Tell whether one look at states along a move finds nothing; `leg_free` is to follow."""
+    """Return whether one look at states along a move finds nothing; `leg_free` is to follow.
+
+    Parameters
+    ----------
+    scene : what the arm carries, and may not touch
+    q_from, q_to : (6,) rows of joints
+    ends : of the whole way the move is part of
+    tube_mm : added to the margin away from the ends
+    """
     if not scene.layout.arm.within_limits(np.stack([q_from, q_to])).all():
         return False
     travel_mm = float(np.abs(q_to - q_from) @ radii_mm(scene, q_from, q_to))
@@ -98,5 +119,13 @@ def leg_seems_free(
 
 
 def radii_mm(scene: Scene, q_from: FloatArray, q_to: FloatArray) -> FloatArray:
-    """Return by how much more than any point of arm, hand or part moves with each joint (6,)."""
+    """Return a bound on how far any point of arm, gripper or part moves with each joint (6,).
+
+    In units of `ArmModel.radii_mm`, for what the arm carries in a scene.
+
+    Parameters
+    ----------
+    scene : what the arm carries
+    q_from, q_to : (6,) rows of joints, of one move
+    """
     return scene.layout.arm.radii_mm(q_from, q_to, *scene.reach_mm())

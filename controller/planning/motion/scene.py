@@ -101,7 +101,13 @@ class Scene:
         hand: Hands | None = None,
         part: tuple[PartShape, FloatArray] | None = None,
     ) -> BoolArray:
-        """Tell which configurations (n, 6) keep the margins: (n,) bool; arguments as `contacts`."""
+        """Return which configurations keep the margins (n,).
+
+        Parameters
+        ----------
+        q : (n, 6) rows of joints
+        margin_mm, table_margin_mm, hand, part : as `contacts`
+        """
         return np.asarray(self.contacts(q, margin_mm, table_margin_mm, hand, part) < 0)
 
     def contacts(
@@ -359,7 +365,7 @@ class _Exact:
             self._standing.append(triangles)
 
     def stands(self, row: int, body: int, name: int) -> bool:
-        """Tell whether a contact between boxes is one of triangles as well."""
+        """Return whether a contact between boxes is one of triangles as well."""
         moving, margin = self._moving, float(self._margin[row])
         part = self._part if body == moving.centres.shape[1] - 1 else None
         if part is not None and moving.T_part is not None:

@@ -23,12 +23,24 @@ _BESIDE = np.linspace(-0.06, 0.06, 13)  # shares of the line
 
 
 def leg_seconds(layout: CellLayout, q_from: FloatArray, q_to: FloatArray) -> FloatArray:
-    """Return the forecast of single moves between joints (..., 6): (...), 0 where nothing moves."""
+    """Return the forecast of single moves (...) [s], 0 where nothing moves.
+
+    Parameters
+    ----------
+    layout : the cell; its arm has the timing model
+    q_from, q_to : (..., 6) rows of joints, broadcast against each other
+    """
     return layout.arm.timing.move_seconds(q_from, q_to)
 
 
 def travel_seconds(layout: CellLayout, q_from: FloatArray, q_to: FloatArray) -> FloatArray:
-    """Return the seconds of the slowest motor at full speed between joints (..., 6): (...)."""
+    """Return the time of the slowest motor at full speed (...) [s].
+
+    Parameters
+    ----------
+    layout : the cell; its arm has the timing model
+    q_from, q_to : (..., 6) rows of joints, broadcast against each other
+    """
     return layout.arm.timing.travel_seconds(q_from, q_to)
 
 

@@ -51,7 +51,14 @@ class _Tree:
 def rrt_connect(
     start: FloatArray, goal: FloatArray, scene: Scene, seed: int
 ) -> list[FloatArray] | None:
-    """Return a way from start to goal, both included, or None where the trees do not meet."""
+    """Return a way from start to goal, both included, or None where the trees do not meet.
+
+    Parameters
+    ----------
+    start, goal : (6,) rows of joints
+    scene : what the arm carries, and may not touch
+    seed : of the samples; the same one gives the same path
+    """
     rng = np.random.default_rng(seed)
     layout = scene.layout
     ends = Ends.of(layout, start, goal)
@@ -106,7 +113,15 @@ def _free_samples(scene: Scene, rng: np.random.Generator) -> list[FloatArray]:
 def shortened(
     path: list[FloatArray], scene: Scene, ends: Ends, rng: np.random.Generator
 ) -> list[FloatArray]:
-    """Return a quicker way: waypoints left out, then corners cut where that saves seconds."""
+    """Return a quicker path: waypoints left out, then corners cut where that saves seconds.
+
+    Parameters
+    ----------
+    path : (6,) each, free all along, both ends included
+    scene : what the arm carries, and may not touch
+    ends : of the whole way
+    rng : where corners are cut
+    """
     layout = scene.layout
 
     def free(legs: Sequence[tuple[FloatArray, FloatArray]]) -> bool:

@@ -95,6 +95,12 @@ class Builder:
     def pick(self, build: Build, ways: Sequence[PickWay], T_world_part: FloatArray) -> None:
         """Take the part off the table by the first of some ways that can be driven.
 
+        Parameters
+        ----------
+        build : steps so far; the pick is added, and the arm then stands where it ends
+        ways : of one grasp, the preferred one first; at least one
+        T_world_part : (4, 4) of the part on the table
+
         Raises
         ------
         RefutedError : none of them can
@@ -133,6 +139,14 @@ class Builder:
     ) -> None:
         """Take the part from the fixed gripper.
 
+        Parameters
+        ----------
+        build : steps so far; this one is added
+        g : number of the arm's grasp
+        take : the hand-off as it would be driven to give the part; it is driven backwards
+        held : grasp of the fixed gripper
+        T_world_part : (4, 4) of the part while the fixed gripper holds it
+
         Raises
         ------
         NoMotionError : there is no way round it
@@ -169,6 +183,13 @@ class Builder:
     def hand_over(self, build: Build, g: int, leave: HandOff, held: Grip) -> FloatArray:
         """Give the part to the fixed gripper; return T_world_part (4, 4) while that holds it.
 
+        Parameters
+        ----------
+        build : steps so far; this one is added
+        g : number of the arm's grasp
+        leave : how the part is handed off
+        held : grasp of the fixed gripper
+
         Raises
         ------
         NoMotionError : there is no way to it
@@ -201,6 +222,14 @@ class Builder:
         self, build: Build, g: int, leave: HandOff, T_world_part: FloatArray, pose_index: int
     ) -> None:
         """Put the part down on the table.
+
+        Parameters
+        ----------
+        build : steps so far; this one is added
+        g : number of the arm's grasp
+        leave : how the part is set down
+        T_world_part : (4, 4) of the part on the table afterwards
+        pose_index : number of the stable pose it then has
 
         Raises
         ------

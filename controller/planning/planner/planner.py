@@ -207,7 +207,7 @@ class _Planner(ABC):
         )
 
     def _shows_all(self, solution: Solution | None) -> bool:
-        """Tell whether a solution shows what any grip shows, even one that nothing leads to."""
+        """Return whether a solution shows what any grip shows, even one that nothing leads to."""
         if solution is None:
             return False
         able = self._part.covered.any(axis=0) & ~self._done

@@ -99,9 +99,15 @@ def prepare_part(
 
 
 def with_grips(part: PreparedPart, layout: CellLayout, grips: Sequence[Grip]) -> PreparedPart:
-    """Return the part with more grips of the arm, what they show and how they pass it on.
+    """Return the part with more grasps of the arm, what they show and which regrasps they allow.
 
-    A measured grip that differs from the planned one comes in this way.
+    A measured grasp that differs from the planned one comes in this way.
+
+    Parameters
+    ----------
+    part : prepared for this cell; left as it is
+    layout : the cell
+    grips : to add, numbered after those there are
     """
     rules = SightRules.of_station(
         layout, part.options.max_incidence_deg, part.options.min_px_per_mm
@@ -176,7 +182,7 @@ def with_rests(part: PreparedPart, layout: CellLayout) -> PreparedPart:
 
 
 def _is_joined(part: PreparedPart, layout: CellLayout) -> bool:
-    """Tell whether the fixed gripper alone leads from every pose to all that can be shown."""
+    """Return whether the fixed gripper alone leads from every pose to all that can be shown."""
     count = len(part.arm_grips)
     can = np.zeros((count, count), dtype=bool)
     for table in part.hand_offs:

@@ -82,7 +82,15 @@ def first_seconds(
     q: FloatArray,
     picks: Mapping[int, Sequence[PickWay]],
 ) -> FloatArray:
-    """Return the price of taking the part off the table with each grip, inf where none can (g,)."""
+    """Return the cost of taking the part off the table with each grasp (g,) [s], inf if impossible.
+
+    Parameters
+    ----------
+    part : prepared
+    layout : the cell
+    q : (6,) where the arm stands
+    picks : of each grasp that can, the ways to take the part; at least one
+    """
     seconds = np.full(len(part.arm_grips), np.inf)
     for g, ways in picks.items():
         drives = [
@@ -96,7 +104,15 @@ def first_seconds(
 def take_seconds(
     part: PreparedPart, layout: CellLayout, q: FloatArray, support: Support
 ) -> FloatArray:
-    """Return the price of taking the part from a support that holds it now (g,)."""
+    """Return the cost of taking the part from what holds it now, with each grasp (g,) [s].
+
+    Parameters
+    ----------
+    part : prepared
+    layout : the cell
+    q : (6,) where the arm stands
+    support : the fixed gripper's grasp, or the table; inf for grasps that do not meet it
+    """
     seconds = np.full(len(part.arm_grips), np.inf)
     for g, way in support.ways.items():
         seconds[g] = (
@@ -109,7 +125,14 @@ def take_seconds(
 
 
 def hop_seconds(part: PreparedPart, layout: CellLayout, support: Support) -> FloatArray:
-    """Return the price of each change of grip over one support, inf where none (g, g)."""
+    """Return the cost of each regrasp (g, g) [s], from row to column, inf where there is none.
+
+    Parameters
+    ----------
+    part : prepared
+    layout : the cell
+    support : what holds the part in between: the fixed gripper, or the table
+    """
     count = len(part.arm_grips)
     seconds = np.full((count, count), np.inf)
     members = np.array(sorted(support.ways))
@@ -184,9 +207,16 @@ def make_prices(
 
 
 def worthwhile(prices: Prices, part: PreparedPart, grips: Sequence[int]) -> BoolArray:
-    """Return the elements (m,) that views under some grips show before they add too little.
+    """Return the elements (m,) that views under some grasps show before they add too little.
 
-    The views are taken greedily, what adds most first, down to `PlanOptions.least_gain`.
+    The views are taken greedily, what adds most first, down to `PlanOptions.least_gain`. Elements
+    already seen are among them.
+
+    Parameters
+    ----------
+    prices : the problem, and what its numbers stand for
+    part : prepared
+    grips : numbers of grasps; repeats count once
     """
     problem = prices.problem
     worth = problem.weights.copy()

@@ -207,7 +207,7 @@ def _holds_too(
     area: float,
     tolerance_mm: float,
 ) -> bool:
-    """Tell whether jaws that close on another solid there stop as they would on the part."""
+    """Return whether jaws that close on another solid there stop as they would on the part."""
     other, width = _closed(caster, T_part_hand, layout.hand, grip.pre_open_mm)
     return other >= LEAST_SHARE * area and abs(width - grip.opening_mm) <= tolerance_mm
 

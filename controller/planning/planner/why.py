@@ -343,7 +343,7 @@ def _no_path(
 
 
 def _starts(part: PreparedPart, layout: CellLayout, pose_index: int, wanted: Sequence[int]) -> bool:
-    """Tell whether one of some grips picks the part as it lies in a stable pose."""
+    """Return whether one of some grips picks the part as it lies in a stable pose."""
     pose = next(p for p in part.poses if p.index == pose_index)
     x, y = layout.set_down_mm.mean(axis=1)
     T = resting_pose(part.solid, pose, float(x), float(y))

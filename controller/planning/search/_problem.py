@@ -91,12 +91,12 @@ class Solution:
 
     @property
     def is_complete(self) -> bool:
-        """Tell whether all that is needed is shown."""
+        """Return whether all that is needed is shown."""
         return not bool((self.needed & ~self.covered).any())
 
     @property
     def is_optimal(self) -> bool:
-        """Tell whether all is shown and nothing cheaper does."""
+        """Return whether all is shown and nothing cheaper does."""
         return self.is_complete and self.cost_s <= self.bound_s
 
     @property
@@ -139,7 +139,14 @@ def needed_of(problem: Problem, max_grips: int = MAX_GRIPS) -> BoolArray:
 
 
 def price_of(problem: Problem, grips: Sequence[int], views: Sequence[Sequence[int]]) -> float:
-    """Return what grips in order and the views under each cost [s], inf = not possible."""
+    """Return what grasps in order and the views under each cost [s], inf if that is impossible.
+
+    Parameters
+    ----------
+    problem : what everything costs
+    grips : numbers in order, at least one
+    views : under each of them, numbers of views
+    """
     cost = float(problem.first_s[grips[0]]) + float(problem.last_s[grips[-1]])
     for g, h in pairwise(grips):
         cost += float(problem.hop_s[g, h])
@@ -156,7 +163,17 @@ def priced(
     max_grips: int = MAX_GRIPS,
     covers_count: int = 0,
 ) -> Solution:
-    """Return a solution with its cost and what it covers worked out from the problem alone."""
+    """Return a solution with its cost and what it covers worked out from the problem alone.
+
+    Parameters
+    ----------
+    problem : what everything costs and shows
+    grips : numbers in order, at least one
+    views : under each of them, numbers of views
+    bound_s : lower bound on the cost of any plan, for the record
+    max_grips : at most so many in a row, by which it is known what can be shown
+    covers_count : set cover problems solved on the way, for the record
+    """
     covered = np.zeros(len(problem.weights), dtype=bool)
     for g, chosen in zip(grips, views, strict=True):
         covered |= problem.shows[g][list(chosen)].any(axis=0)

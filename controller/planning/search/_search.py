@@ -150,7 +150,13 @@ class Search:
         self.all_s = float(tables.views_floor_s(np.array([units]))[0])
 
     def most_shown(self) -> tuple[tuple[int, ...], BoolArray]:
-        """Return the way that shows the greatest share of surface, and (m,) what it shows."""
+        """Return the grasps in order that show the most surface, and what they show (m,).
+
+        Raises
+        ------
+        AssertionError : no sequence of live grasps was found, which only a defect of the search
+            allows
+        """
         problem, grips = self.problem, self.tables.grips
         worth = problem.weights + 1.0 / (1 << 20)  # what weighs nothing is shown all the same
         per_grip = np.array(

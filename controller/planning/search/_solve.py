@@ -36,6 +36,11 @@ def solve(
     None where no way leads from start to finish. Where no single way shows all of what is needed,
     the solution is that of the greatest share of surface one of the ways found can show, with
     `is_complete` False and `bound_s` inf, or less if the effort ended first.
+
+    Raises
+    ------
+    AssertionError : the sequence that shows most has no solution, which only a defect of the search
+        allows
     """
     if not len(live_grips(problem, max_grips)):
         return None

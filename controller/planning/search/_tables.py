@@ -113,9 +113,15 @@ def make_tables(problem: Problem, max_grips: int) -> Tables:
 
 
 def hard_elements(rows: BoolArray, missing: BoolArray, most: int) -> list[int]:
-    """Return some of the missing elements (m,) that few rows (v, m) show, none implied by another.
+    """Return some of the missing elements that few rows show, none implied by another.
 
     What every row that shows one of them shows comes along with it.
+
+    Parameters
+    ----------
+    rows : (v, m) which elements each row shows
+    missing : (m,)
+    most : at most so many
     """
     at = np.flatnonzero(missing)
     table = rows[:, at]
@@ -167,6 +173,10 @@ def quick_cover(rows: Table, prices_s: FloatArray, worth: Table | None = None) -
     ----------
     rows : (v, m) 0/1, each element shown by some
     worth : (m,) > 0 what each element counts, None for all alike
+
+    Raises
+    ------
+    ValueError : an element is shown by no row
     """
     open_ = np.ones(rows.shape[1], dtype=np.float32) if worth is None else worth.copy()
     price = np.maximum(prices_s, 1e-9)

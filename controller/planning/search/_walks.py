@@ -30,7 +30,14 @@ class Walks:
 
 
 def tails(problem: Problem, grips: IntArray, max_grips: int) -> FloatArray:
-    """Return (n,) the cheapest way to be finished from each grip, through others if need be."""
+    """Return the least cost of finishing from each grasp (n,) [s], through others if need be.
+
+    Parameters
+    ----------
+    problem : what everything costs
+    grips : (n,) numbers of the grasps that may be used
+    max_grips : at most so many regrasps
+    """
     hop = problem.hop_s[np.ix_(grips, grips)]
     tail = problem.last_s[grips].copy()
     for _ in range(max_grips):
@@ -122,7 +129,7 @@ def _keys(sets: IntArray, last: IntArray, n: int) -> IntArray:
 
 
 def showing_all(covered: BoolArray, sets: IntArray) -> BoolArray:
-    """Tell which sets (k, w) of grips show every element; covered is (n, m)."""
+    """Return which sets (k, w) of grips show every element; covered is (n, m)."""
     n, m = covered.shape
     bits = np.packbits(np.concatenate([covered, np.zeros((1, m), dtype=bool)]), axis=1)
     full = np.packbits(np.ones(m, dtype=bool))

@@ -110,7 +110,17 @@ def exact_way(
 def improved_way(
     first: FloatArray, legs: FloatArray, last: FloatArray, stop_of: IntArray
 ) -> list[int]:
-    """Return configurations in order, one of each stop, by improving several starts."""
+    """Return configurations in order, one of each stop, by improving several starts.
+
+    Good, not optimal; `exact_way` is, for few stops.
+
+    Parameters
+    ----------
+    first : (c,) seconds from where the arm stands to each configuration
+    legs : (c, c) from row to column
+    last : (c,) from each to where the arm has to go afterwards; 0 if nowhere
+    stop_of : (c,) stop of each configuration, ascending from 0
+    """
     n = int(stop_of[-1]) + 1
     moves = _moves(n)
     starts = np.argsort(

@@ -40,6 +40,12 @@ class PickWay:
 def pick_ways(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) -> list[PickWay]:
     """Return how each arm grip that can takes the part where it lies.
 
+    Parameters
+    ----------
+    part : prepared
+    layout : the cell
+    T_world_part : (4, 4) of the part on the table [mm]
+
     Raises
     ------
     NotGraspableError, OutOfReachError, NoMotionError : none can, with the nearest reason

@@ -35,7 +35,19 @@ class PlaceWay:
 def place_ways(
     part: PreparedPart, layout: CellLayout, grip: Grip, tray: Tray, count: int = 4
 ) -> list[PlaceWay]:
-    """Return ways to let the part go in a tray with one grip, flattest first."""
+    """Return ways to let the part go in a tray with one grasp, flattest first.
+
+    Those from which the arm can rise come before those in which it may be trapped; none is a
+    result.
+
+    Parameters
+    ----------
+    part : prepared
+    layout : the cell
+    grip : as the arm holds it
+    tray : where to
+    count : at most so many
+    """
     R_all = _hand_orientations()
     hull = np.asarray(part.solid.mesh.convex_hull.vertices)
     R_part_hand = grip.T_part_hand[:3, :3]
@@ -102,7 +114,7 @@ def _all_free(
     margin_mm: float = MARGIN_MM,
     table_margin_mm: float | None = None,
 ) -> BoolArray:
-    """Tell which ways (n, k, 6) are free all along (n,)."""
+    """Return which ways (n, k, 6) are free all along (n,)."""
     n, k = ways.shape[:2]
     free = scene.free(ways.reshape(-1, 6), margin_mm, table_margin_mm)
     return np.asarray(free.reshape(n, k).all(axis=1))

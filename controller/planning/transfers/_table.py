@@ -27,10 +27,16 @@ PART_TABLE_MARGIN_MM = -1.0
 
 
 def rests(solid: Solid, poses: Sequence[StablePose], layout: CellLayout) -> tuple[Rest, ...]:
-    """Return where and how the part may be put down again: stably, in the middle of its area.
+    """Return where and how the part may be set down: stably, in the middle of the area for that.
 
     A pose that tips when it is lifted by half a millimetre, or rolls, or rocks, is none to aim at
     (planning-facts.md 4).
+
+    Parameters
+    ----------
+    solid : the part
+    poses : its stable poses
+    layout : the cell; `set_down_mm` is that area
     """
     x, y = layout.set_down_mm.mean(axis=1)
     return tuple(

@@ -58,7 +58,7 @@ class SightCone:
         return cls(T, half)
 
     def meets(self, T_box: FloatArray, half_mm: FloatArray) -> BoolArray:
-        """Tell which boxes (n, 4, 4), (n, 3) may stand in the cone (n,)."""
+        """Return which boxes (n, 4, 4), (n, 3) may stand in the cone (n,)."""
         met = np.zeros(len(T_box), dtype=bool)
         for T, half in zip(self.T, self.half_mm, strict=True):
             (left,) = np.nonzero(~met)
@@ -95,7 +95,15 @@ def seen_extent(layout: CellLayout, points_mm: FloatArray) -> FloatArray:
 def may_cover(
     layout: CellLayout, T_box: FloatArray, half_mm: FloatArray, extent: FloatArray
 ) -> BoolArray:
-    """Tell which boxes (n, 4, 4), (n, 3) overlap a part in the picture, by its extent (n, k)."""
+    """Return which boxes overlap a part in the picture (n,).
+
+    Parameters
+    ----------
+    layout : the cell, with camera and station
+    T_box : (n, 4, 4) poses of the boxes' centres in the world
+    half_mm : (n, 3) half of each edge
+    extent : (n, k) of the part, one row for each box; see `seen_extent`
+    """
     corners = _CORNERS * (half_mm + FINGER_SHADOW_MM)[:, None]
     points = np.einsum("nij,nkj->nki", T_box[:, :3, :3], corners) + T_box[:, None, :3, 3]
     own = seen_extent(layout, points)
@@ -107,7 +115,14 @@ def may_cover(
 def standing_between(
     layout: CellLayout, statics: list[tuple[str, Box]], cone: SightCone
 ) -> list[Box]:
-    """Return the fixed boxes in the cone, but for the one the camera itself is in."""
+    """Return the fixed boxes in the cone, but for the one the camera itself is in.
+
+    Parameters
+    ----------
+    layout : the cell, with its inspection camera
+    statics : what stands still, by name
+    cone : the lines from the camera to the part
+    """
     eye = layout.inspection.position_mm
     boxes = [b for _, b in statics if not _holds(b, eye)]
     if not boxes:
@@ -127,7 +142,16 @@ def hidden_by_boxes(
     points_mm: FloatArray,
     shown: BoolArray,
 ) -> BoolArray:
-    """Return which of the samples shown (n,) boxes in the world hide of a part held up (n,)."""
+    """Return which of the samples shown boxes in the world hide of a part held up (n,).
+
+    Parameters
+    ----------
+    layout : the cell, with its inspection camera
+    boxes : in the world
+    T_world_part : (4, 4) of the part
+    points_mm : (n, 3) samples, CAD frame
+    shown : (n,) which of them are asked about
+    """
     hidden = np.zeros(len(points_mm), dtype=bool)
     (members,) = np.nonzero(shown)
     start = transform(T_world_part, points_mm[members])

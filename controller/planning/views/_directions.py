@@ -82,6 +82,14 @@ def look_out(
 
     What fewer than `WANTED_N` of the first directions show is looked for among `SEARCHED_N`, and
     straight at its normals, so that "hidden by the part" does not hang on `count`.
+
+    Parameters
+    ----------
+    solid : the part
+    samples : of its surface
+    caster : rays against its mesh
+    rules : how the camera stands, and what it asks of a surface
+    count : directions spread evenly, before those that are added
     """
     base = candidate_directions(solid, count)
     visible = visible_from(solid, samples, caster, base.vectors, rules)

@@ -16,7 +16,15 @@ NEVER_RAD = np.radians(89.5)  # seen flatter than this is not seen
 def why_hidden(
     solid: Solid, lookout: Lookout, piece: BoolArray, max_incidence_deg: float
 ) -> tuple[str, str]:
-    """Return the reason and the smallest change that would help, for samples (n,) never visible."""
+    """Return the reason and the smallest change that would help, for samples (n,) never visible.
+
+    Parameters
+    ----------
+    solid : the part; its faces are named
+    lookout : what was looked for
+    piece : (n,) the samples asked about, at least one
+    max_incidence_deg : up to which a sample counts as seen
+    """
     best = np.degrees(lookout.best_incidence_rad[piece])
     before = lookout.blocker[piece]
     faces, counts = np.unique(before[before >= 0], return_counts=True)

@@ -46,6 +46,12 @@ def view_poses(
 ) -> tuple[FloatArray, BoolArray]:
     """Return how to hold the part for each direction and camera roll.
 
+    Parameters
+    ----------
+    solid : the part
+    layout : the cell; its centre of mass is held at the station
+    vectors : (v, 3) unit, from the part to the camera, CAD frame
+
     Returns
     -------
     T_world_part : (v, r, 4, 4)
@@ -75,7 +81,7 @@ def view_poses(
 
 
 def _whole(solid: Solid, camera: Camera, T: FloatArray) -> BoolArray:
-    """Tell which poses (v, r, 4, 4) have the whole part inside the picture (v, r)."""
+    """Return which poses (v, r, 4, 4) have the whole part inside the picture (v, r)."""
     hull = np.asarray(solid.mesh.convex_hull.vertices) - solid.centroid_mm
     centre = T[0, 0, :3, :3] @ solid.centroid_mm + T[0, 0, :3, 3]
     radius = float(np.linalg.norm(hull, axis=1).max())
@@ -106,6 +112,13 @@ def hold_up(
     """Return how to hold the part up for each direction and roll, and what is then in the picture.
 
     Of a part larger than the picture only the samples inside it count.
+
+    Parameters
+    ----------
+    solid : the part
+    samples : of its surface
+    layout : the cell, with inspection camera and station
+    vectors : (v, 3) unit, from the part to the camera, CAD frame
     """
     T, inside = view_poses(solid, layout, vectors)
     partly = {}

@@ -40,7 +40,14 @@ class SightRules:
     def of_station(
         cls, layout: CellLayout, max_incidence_deg: float, min_px_per_mm: float = 0.0
     ) -> Self:
-        """Return the rules of the inspection camera looking at a part at the station."""
+        """Return the rules of the inspection camera looking at a part at the station.
+
+        Parameters
+        ----------
+        layout : the cell, with inspection camera and station
+        max_incidence_deg : up to which a surface counts as seen
+        min_px_per_mm : asked along the surface; 0 for any
+        """
         camera = layout.inspection
         towards = layout.station_mm - camera.position_mm
         distance = float(np.linalg.norm(towards))
@@ -67,7 +74,7 @@ class SightRules:
         return np.stack([middle - spread, middle + spread])
 
     def shows(self, cosine: FloatArray, depth_mm: FloatArray) -> BoolArray:
-        """Tell which surfaces are shown well enough, sight lines aside.
+        """Return which surfaces are shown well enough, sight lines aside.
 
         Parameters
         ----------
@@ -78,11 +85,11 @@ class SightRules:
         )
 
     def is_square_enough(self, cosine: FloatArray) -> BoolArray:
-        """Tell what is not looked at too flatly (...)."""
+        """Return what is not looked at too flatly (...)."""
         return np.asarray(cosine >= np.cos(self.max_incidence_rad))
 
     def is_fine(self, cosine: FloatArray, depth_mm: FloatArray) -> BoolArray:
-        """Tell where a millimetre of surface has pixels enough, foreshortened as it is (...).
+        """Return where a millimetre of surface has pixels enough, foreshortened as it is (...).
 
         Exact on the axis; off it a flat surface has more pixels than this says, by 2 % at most in
         a picture 20 degrees wide.
@@ -90,13 +97,13 @@ class SightRules:
         return np.asarray(self.focal_px * cosine >= self.min_px_per_mm * depth_mm[1])
 
     def is_sharp(self, depth_mm: FloatArray) -> BoolArray:
-        """Tell what lies within the depth of field (...)."""
+        """Return what lies within the depth of field (...)."""
         low, high = self.sharp_mm
         return np.asarray((depth_mm[0] >= low) & (depth_mm[1] <= high))
 
 
 def in_picture(camera: Camera, p_world_mm: FloatArray) -> BoolArray:
-    """Tell which world points (..., 3) are in the picture, clear of its border (...)."""
+    """Return which world points (..., 3) are in the picture, clear of its border (...)."""
     flat = p_world_mm.reshape(-1, 3)
     pixels = camera.project(flat)
     limit = np.array(camera.size_px) - 1 - PICTURE_MARGIN_PX

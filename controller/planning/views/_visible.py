@@ -18,7 +18,14 @@ CHUNK_N = 200_000
 
 
 def eyes_of(solid: Solid, vectors: FloatArray, rules: SightRules) -> FloatArray:
-    """Return where the camera stands in the part frame for each direction (v, 3)."""
+    """Return where the camera stands for each direction (v, 3) [mm, CAD frame].
+
+    Parameters
+    ----------
+    solid : the part, its centre of mass at the station
+    vectors : (v, 3) unit, from the part to the camera, CAD frame
+    rules : distance of the camera
+    """
     return np.asarray(solid.centroid_mm + rules.distance_mm * vectors)
 
 
@@ -33,6 +40,14 @@ def visible_from(
 
     The same for all rolls about the sight line; which part of it is in the picture is not, see
     `hold_up`.
+
+    Parameters
+    ----------
+    solid : the part
+    samples : n, of its surface
+    caster : rays against its mesh
+    vectors : (v, 3) unit, from the part to the camera, CAD frame
+    rules : how the camera stands, and what it asks of a surface
     """
     visible = np.zeros((len(vectors), len(samples.points_mm)), dtype=bool)
     from_com = samples.points_mm - solid.centroid_mm
@@ -60,7 +75,15 @@ def cosines(samples: SurfaceSamples, eyes: FloatArray) -> FloatArray:
 def free_sights(
     samples: SurfaceSamples, caster: RayCaster, asked: BoolArray, eyes: FloatArray
 ) -> BoolArray:
-    """Tell which samples asked for (v, n) eyes (v, 3) see past the part itself (v, n)."""
+    """Return which samples see an eye past the part itself (v, n).
+
+    Parameters
+    ----------
+    samples : n, of the surface, CAD frame
+    caster : rays against the part's mesh
+    asked : (v, n) which are looked at; the others are False
+    eyes : (v, 3) positions of the camera, CAD frame [mm]
+    """
     eye, member = np.nonzero(asked)
     n = samples.normals[member]
     start = samples.points_mm[member] + LIFT_MM * n
@@ -81,6 +104,13 @@ def free_sights(
 
 
 def first_met(caster: RayCaster, start: FloatArray, eyes: FloatArray) -> IntArray:
-    """Return the triangle each line (n, 3) -> (n, 3) meets first before its end, -1 for none."""
+    """Return the triangle each line meets first before its end (n,), -1 for none.
+
+    Parameters
+    ----------
+    caster : rays against the part's mesh, CAD frame
+    start : (n, 3) just off the surface [mm]
+    eyes : (n, 3) where the lines end [mm]
+    """
     triangle, along = caster.first_hit(start, eyes - start, np.ones(len(start)))
     return np.where(along < 1.0, triangle, -1).astype(np.int64)

@@ -37,7 +37,18 @@ def hidden_by_hand(
     T_part_hand: FloatArray,
     boxes: Sequence[Box],
 ) -> BoolArray:
-    """Return which visible samples (v, n) a hand (boxes in its tip frame) hides."""
+    """Return which visible samples a gripper hides (v, n).
+
+    Parameters
+    ----------
+    solid : the part
+    samples : n, of its surface
+    visible : (v, n) which are asked about
+    vectors : (v, 3) unit, from the part to the camera, CAD frame
+    distance_mm : of the camera from the part's centre of mass
+    T_part_hand : (4, 4) T_part_tcp
+    boxes : of the gripper, in its TCP frame
+    """
     view, sample = np.nonzero(visible)
     hidden = np.zeros_like(visible)
     upright: list[Box] = []
@@ -66,7 +77,7 @@ def _crossed(
     view: IntArray,
     sample: IntArray,
 ) -> BoolArray:
-    """Tell which lines of sight (m,) cross one of the boxes, upright in a frame of the part.
+    """Return which lines of sight (m,) cross one of the boxes, upright in a frame of the part.
 
     All boxes share one division per axis; in single precision, good to 1e-4 mm here.
     """
