@@ -143,7 +143,7 @@ FAMILIES: dict[str, Callable[[int], trimesh.Trimesh]] = {"plate": plate, "organi
 def growth_child(family: str, triangles: int) -> dict[str, Any]:
     """Seconds of each stage of one size of one family."""
     from controller.cad import load_solid, sample_surface
-    from controller.cad.compiled._part import spacing_of
+    from controller.cad.compiled.part import spacing_of
     from controller.cad.resting import (
         find_resting,
         look_alikes,

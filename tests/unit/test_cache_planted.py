@@ -21,7 +21,7 @@ from same_values import assert_same
 from controller.cache import DiskCache
 from controller.cache.file import DIGEST_BYTES, MAX_BYTES, pack, sealed, unpack
 from controller.cad.compiled import CompileOptions, load_part
-from controller.cad.compiled._cache import part_cache
+from controller.cad.compiled.cache import part_cache
 from controller.cell.kept_plans import Kept
 from controller.cell.plans import Planning
 from controller.config import load_cell

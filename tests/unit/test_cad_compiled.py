@@ -25,7 +25,7 @@ from controller.cad.compiled import (
     make_part,
     part_name,
 )
-from controller.cad.compiled import _cache as cache_module
+from controller.cad.compiled import cache as cache_module
 
 RECIPE_PARTS = Path(__file__).resolve().parents[2] / "recipes" / "parts"
 

@@ -24,7 +24,7 @@ from controller.cad.boundary import (
     find_boundary,
     find_faces,
 )
-from controller.cad.boundary._halfedges import components
+from controller.cad.boundary.edges.halfedges import components
 
 PARTS = [part_file(part["stl"]) for part in listed_parts()]
 LONG = ("nist_ftc06", "cycloidal_gear", "cycloidal_gear_mirror")  # half a second and more each

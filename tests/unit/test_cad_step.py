@@ -16,9 +16,9 @@ from step_files import needs_kernel, write_all
 from controller.cad import CadError, EmptyCadError, ManySolidsCadError, OpenCadError, load_solid
 from controller.cad.boundary import Curve, Face
 from controller.cad.errors import UnreadableCadError
-from controller.cad.reading._kernel import KernelLimits, KernelRun
-from controller.cad.reading._part21 import Part21, Part21Error
-from controller.cad.reading.step import StepPart, read_step_part
+from controller.cad.reading.step.files.files.files import StepPart, read_step_part
+from controller.cad.reading.step.files.files.kernel import KernelLimits, KernelRun
+from controller.cad.reading.step.files.files.part21 import Part21, Part21Error
 from controller.cad.surfaces.tolerances import Datum, Dimension, GeometricTolerance
 
 PI = np.pi
@@ -296,7 +296,7 @@ def test_a_kernel_that_others_keep_from_running_is_waited_for(
     child, source = tmp_path / "child.py", tmp_path / "part.step"
     child.write_text("import sys, time; time.sleep(1); sys.exit(9)")
     source.write_text("whatever")
-    monkeypatch.setattr("controller.cad.reading._kernel.kept_waiting_s", lambda pid: 600.0)
+    monkeypatch.setattr("controller.cad.reading.step.kernel.kept_waiting_s", lambda pid: 600.0)
     limits = KernelLimits(time_s=0.01)
     with (
         KernelRun(child, source, tmp_path / "out.npz", (), limits) as run,

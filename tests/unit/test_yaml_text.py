@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import pytest
 from pydantic import BaseModel, Field, ValidationError
 
-from controller.cad.reading import _csg_text
+from controller.cad.reading import csg_text as _csg_text
 from controller.config import yaml_models as config_yaml
 from controller.yaml_text import Dialect, YamlTextError, keys_at, read_yaml
 

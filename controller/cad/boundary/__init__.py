@@ -1,10 +1,10 @@
 """The boundary of a solid: its surfaces, and the edges between them."""
 
-from ._checks import check_boundary, euler_defect, face_genera
-from ._dcel import find_boundary
 from ._normals import surface_normals
-from ._segment import find_faces
 from ._types import Boundary, Crease, Curve, Face, FaceKind
+from .edges.checks import check_boundary, euler_defect, face_genera
+from .edges.dcel import find_boundary
+from .faces.segment import find_faces
 
 __all__ = [
     "Boundary",

@@ -1,8 +1,8 @@
 """Everything that follows from a part alone, computed once and kept in the cache."""
 
-from ._cache import cache_key, cached_part, load_part, make_part
 from ._mesh import solids
-from ._part import (
+from .cache import cache_key, cached_part, load_part, make_part
+from .part import (
     UNITLESS,
     CompiledPart,
     CompileOptions,

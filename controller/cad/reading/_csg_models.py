@@ -4,7 +4,7 @@ from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from ._units import MM_PER_UNIT, SPELLINGS
+from .units import MM_PER_UNIT, SPELLINGS
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 Length = Annotated[float, Field(gt=0, le=1e6)]

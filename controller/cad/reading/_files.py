@@ -20,8 +20,8 @@ from ..errors import UnreadableCadError
 from ..solid import Solid, make_solid
 from ._ahead import check_ahead, read_file, size_of
 from ._threemf import check_3mf
-from ._units import check_unit, read_unit
 from .csg import read_csg
+from .units import check_unit, read_unit
 
 # what trimesh stumbles over is told once, by our errors, and not on the terminal besides
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
@@ -51,7 +51,7 @@ def load_solid(path: Path, *, unit: str | None = None) -> Solid:
     name, mm_per_unit = read_unit(unit or "mm", path)
     size = size_of(path)
     if ending in {".step", ".stp"}:
-        from .step import read_step  # slow to import, and only needed here
+        from .step.files.files.files import read_step  # slow to import, and only needed here
 
         solid = read_step(path)
         check_unit(unit, solid.unit, path)

@@ -9,7 +9,7 @@ from lxml import etree
 
 from ..errors import LargeCadError, UnreadableCadError
 from ..solid import check_count
-from ._units import read_unit
+from .units import read_unit
 
 MOST_BYTES: Final = 400_000_000  # two million triangles and their corners take 250 MB of XML
 MOST_COMPONENTS: Final = 16  # each may hold others twice: more of them unfold without end

@@ -21,8 +21,8 @@ from ..errors import CsgCadError
 from ..solid import Solid, make_solid
 from ._ahead import check_ahead, size_of
 from ._csg_models import CsgText, Shape
-from ._csg_text import MAX_BYTES, read_csg_text
-from ._units import read_unit
+from .csg_text import MAX_BYTES, read_csg_text
+from .units import read_unit
 
 Body = Any  # a manifold3d.Manifold, which comes without types
 

@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from controller.imaging import Camera
 
 from ..solid import Solid
-from ._covered import without_covered
-from ._doubles import without_doubles
-from ._drawn import draw, subdivisions
-from ._hidden import Pieces, candidate_edges, cut_edges, is_seen, tree_of_edges
 from ._model import ViewModel, prepare_views
-from ._outline import Ring, find_rings, rim_edges
 from ._project import Projection, seen_by_camera, seen_from_above
-from ._strokes import strokes_of
 from ._types import DrawnEdge, LineView, Loop
+from .edges.covered import without_covered
+from .edges.doubles import without_doubles
+from .edges.drawn import draw, subdivisions
+from .edges.hidden import Pieces, candidate_edges, cut_edges, is_seen, tree_of_edges
+from .outlines.outline import Ring, find_rings, rim_edges
+from .outlines.strokes import strokes_of
 
 Array = NDArray[np.float64]
 

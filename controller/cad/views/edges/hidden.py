@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import STRtree
 
-from ._covered import GRAZING_MM, aside
-from ._model import ViewModel
-from ._project import BACK, EDGE_ON, FRONT, Projection
-from ._segments import Indices, cross, crowding, near_pairs, tree_of
+from .._model import ViewModel
+from .._project import BACK, EDGE_ON, FRONT, Projection
+from .._segments import Indices, cross, crowding, near_pairs, tree_of
+from .covered import GRAZING_MM, aside
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int32]

@@ -7,9 +7,9 @@ those round them. Such a facet looks like a plane, but its rim runs smoothly int
 import numpy as np
 from numpy.typing import NDArray
 
+from ..formulas.primitives import Primitive
 from ._facets import Facets
 from ._growth import LOOSE_MM, LOOSE_SHARE, Grower
-from ._primitives import Primitive
 
 Ids = NDArray[np.int64]
 

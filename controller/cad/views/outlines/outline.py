@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from shapely import STRtree
 
-from ._model import ViewModel
-from ._project import BACK, EDGE_ON_MM, Projection
-from ._segments import cross, near_pairs
+from .._model import ViewModel
+from .._project import BACK, EDGE_ON_MM, Projection
+from .._segments import cross, near_pairs
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int32]

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ._normals import unit
-from ._types import FaceKind
+from .._normals import unit
+from .._types import FaceKind
 
 Array = NDArray[np.float64]
 

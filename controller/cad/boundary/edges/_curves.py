@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ._normals import unit
-from ._types import Curve, Face
+from .._normals import unit
+from .._types import Curve, Face
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]

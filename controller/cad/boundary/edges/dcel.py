@@ -11,17 +11,11 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from ..graph import components
+from ...graph import components
+from .._types import Boundary, Face
 from ._creases import find_creases
 from ._curves import fit_curves
-from ._halfedges import (
-    HalfEdges,
-    first_of_each,
-    half_edges,
-    next_on_rim,
-    rank_chains,
-)
-from ._types import Boundary, Face
+from .halfedges import HalfEdges, first_of_each, half_edges, next_on_rim, rank_chains
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]

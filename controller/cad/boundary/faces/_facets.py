@@ -6,8 +6,8 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from ..graph import components
-from ._normals import unit
+from ...graph import components
+from .._normals import unit
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]

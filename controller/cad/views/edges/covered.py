@@ -10,8 +10,8 @@ the sheet folds over or the edge comes out before it.
 import numpy as np
 from numpy.typing import NDArray
 
-from ._model import ViewModel
-from ._project import EDGE_ON, FRONT, Projection
+from .._model import ViewModel
+from .._project import EDGE_ON, FRONT, Projection
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int32]

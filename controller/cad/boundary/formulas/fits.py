@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ._primitives import Primitive
-from ._refine import ball, basis, refined
+from .primitives import Primitive
+from .refine import ball, basis, refined
 
 Array = NDArray[np.float64]
 

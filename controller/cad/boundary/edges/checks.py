@@ -6,9 +6,9 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from ..graph import components
-from ._halfedges import half_edges, next_on_rim
-from ._types import Boundary
+from ...graph import components
+from .._types import Boundary
+from .halfedges import half_edges, next_on_rim
 
 Ids = NDArray[np.int64]
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..formulas.fits import Cloud, fits
+from ..formulas.primitives import Primitive
+from ..formulas.refine import refined
 from ._facets import Facets
-from ._fits import Cloud, fits
 from ._neighbours import Neighbours
 from ._pieces import LEAST_FACETS, Pieces
-from ._primitives import Primitive
-from ._refine import refined
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]

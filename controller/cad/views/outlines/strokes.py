@@ -12,11 +12,11 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from ..boundary import Curve
-from ._model import ViewModel
-from ._outline import ROUNDED_MM, Ring
-from ._project import Projection
-from ._types import Stroke
+from ...boundary import Curve
+from .._model import ViewModel
+from .._project import Projection
+from .._types import Stroke
+from .outline import ROUNDED_MM, Ring
 
 Array = NDArray[np.float64]
 

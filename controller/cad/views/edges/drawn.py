@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ._doubles import DOUBLED_MM
-from ._hidden import Pieces, plane_at, plane_ends, points_on
-from ._model import ViewModel
-from ._outline import ROUNDED_MM, Ring
-from ._project import FRONT, Projection
-from ._segments import near_pairs, tree_of
-from ._types import DrawnEdge, LineKind
+from .._model import ViewModel
+from .._project import FRONT, Projection
+from .._segments import near_pairs, tree_of
+from .._types import DrawnEdge, LineKind
+from ..outlines.outline import ROUNDED_MM, Ring
+from .doubles import DOUBLED_MM
+from .hidden import Pieces, plane_at, plane_ends, points_on
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int32]

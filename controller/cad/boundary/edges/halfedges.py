@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..graph import components
+from ...graph import components
 
 Ids = NDArray[np.int64]
 

@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from ..formulas.fits import Cloud
+from ..formulas.primitives import Primitive
 from ._facets import Facets
-from ._fits import Cloud
 from ._neighbours import Neighbours, rows
-from ._primitives import Primitive
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]

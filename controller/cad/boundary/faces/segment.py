@@ -9,15 +9,15 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from ..graph import components
+from ...graph import components
+from .._types import Face
+from ..formulas.primitives import Primitive
 from ._describe import describe
 from ._facets import Facets, find_facets, rounding_mm, true_corners
 from ._growth import Found, Grower
 from ._neighbours import Neighbours, along_long_sides
 from ._pieces import LEAST_FACETS
-from ._primitives import Primitive
 from ._specks import specks_absorbed
-from ._types import Face
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]

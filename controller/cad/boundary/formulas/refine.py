@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ._primitives import Primitive
-from ._types import NO_DIRECTION
+from .._types import NO_DIRECTION
+from .primitives import Primitive
 
 Array = NDArray[np.float64]
 

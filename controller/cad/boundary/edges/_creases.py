@@ -11,9 +11,9 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from ._halfedges import HalfEdges
-from ._normals import surface_normals, unit
-from ._types import Crease, Face
+from .._normals import surface_normals, unit
+from .._types import Crease, Face
+from .halfedges import HalfEdges
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]

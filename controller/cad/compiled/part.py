@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..boundary import euler_defect, face_genera
 from ..reading import load_solid
-from ..reading._units import check_unit
+from ..reading.units import check_unit
 from ..resting import (
     LookAlike,
     PartSymmetry,
@@ -213,7 +213,9 @@ def _views(solid: Solid, poses: Sequence[StablePose]) -> tuple[LineView, ...]:
 def _read(path: Path, unit: str | None) -> tuple[Solid, tuple[Tolerance, ...], tuple[str, ...]]:
     if path.suffix.lower() not in STEP:
         return load_solid(path, unit=unit), (), ()
-    from ..reading.step import read_step_part  # slow to import, and only needed here
+    from ..reading.step.files.files.files import (
+        read_step_part,  # slow to import, and only needed here
+    )
 
     found = read_step_part(path)
     check_unit(unit, found.solid.unit, path)

@@ -4,8 +4,8 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from ._primitives import Primitive
-from ._types import NO_DIRECTION, Face
+from .._types import NO_DIRECTION, Face
+from ..formulas.primitives import Primitive
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]

@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ._hidden import SHORTEST_MM, Pieces, plane_ends
-from ._model import ViewModel
-from ._outline import ROUNDED_MM, ROUNDED_SINE
-from ._project import Projection
-from ._segments import cross, tree_of
+from .._model import ViewModel
+from .._project import Projection
+from .._segments import cross, tree_of
+from ..outlines.outline import ROUNDED_MM, ROUNDED_SINE
+from .hidden import SHORTEST_MM, Pieces, plane_ends
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int32] | NDArray[np.int64]

@@ -14,7 +14,7 @@ from controller.cache import DiskCache, digest_of, source_hash, versions
 
 from ..solid import Solid
 from ._mesh import called, solids
-from ._part import STEP, CompiledPart, CompileOptions, compile_part, part_name
+from .part import STEP, CompiledPart, CompileOptions, compile_part, part_name
 
 FORMAT = 2  # raised when the same source and options come to mean something else
 MAX_FILE_COUNT = 200  # the oldest ones go first; each can be computed again

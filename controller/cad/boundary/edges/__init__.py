@@ -1,0 +1,1 @@
+"""The edges between faces: half-edges, curves, creases, and their checks."""

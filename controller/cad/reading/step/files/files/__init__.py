@@ -1,0 +1,1 @@
+"""STEP files, read by a kernel in child processes with limits."""

@@ -1,0 +1,1 @@
+"""The outline of a solid in loops, as lines and arcs."""
