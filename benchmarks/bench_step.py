@@ -31,7 +31,7 @@ from shared_files import SHARED  # noqa: E402  (path set above)
 
 from controller.cad import Solid, load_solid  # noqa: E402
 from controller.cad.boundary import Face  # noqa: E402
-from controller.cad.reading.step.files.files.files import StepPart, read_step_part  # noqa: E402
+from controller.cad.reading.step.files import StepPart, read_step_part  # noqa: E402
 from controller.cad.views import line_view, prepare_views  # noqa: E402
 
 SAME_RAD = np.radians(0.5)

@@ -18,7 +18,7 @@ from occ_views import ask
 from scipy.spatial.transform import Rotation
 
 from controller.cad import load_solid
-from controller.cad.reading.step.files.files.files import StepPart, read_step_part
+from controller.cad.reading.step.files import StepPart, read_step_part
 from controller.cad.views import line_view
 
 pytestmark = pytest.mark.skipif(

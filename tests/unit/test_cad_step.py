@@ -16,9 +16,9 @@ from step_files import needs_kernel, write_all
 from controller.cad import CadError, EmptyCadError, ManySolidsCadError, OpenCadError, load_solid
 from controller.cad.boundary import Curve, Face
 from controller.cad.errors import UnreadableCadError
-from controller.cad.reading.step.files.files.files import StepPart, read_step_part
-from controller.cad.reading.step.files.files.kernel import KernelLimits, KernelRun
-from controller.cad.reading.step.files.files.part21 import Part21, Part21Error
+from controller.cad.reading.step.files import StepPart, read_step_part
+from controller.cad.reading.step.kernel import KernelLimits, KernelRun
+from controller.cad.reading.step.part21 import Part21, Part21Error
 from controller.cad.surfaces.tolerances import Datum, Dimension, GeometricTolerance
 
 PI = np.pi

@@ -213,7 +213,7 @@ def _views(solid: Solid, poses: Sequence[StablePose]) -> tuple[LineView, ...]:
 def _read(path: Path, unit: str | None) -> tuple[Solid, tuple[Tolerance, ...], tuple[str, ...]]:
     if path.suffix.lower() not in STEP:
         return load_solid(path, unit=unit), (), ()
-    from ..reading.step.files.files.files import (
+    from ..reading.step.files import (
         read_step_part,  # slow to import, and only needed here
     )
 

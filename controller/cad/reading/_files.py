@@ -51,7 +51,7 @@ def load_solid(path: Path, *, unit: str | None = None) -> Solid:
     name, mm_per_unit = read_unit(unit or "mm", path)
     size = size_of(path)
     if ending in {".step", ".stp"}:
-        from .step.files.files.files import read_step  # slow to import, and only needed here
+        from .step.files import read_step  # slow to import, and only needed here
 
         solid = read_step(path)
         check_unit(unit, solid.unit, path)
