@@ -172,6 +172,6 @@ def _check_size(
         )
     if farthest > FARTHEST_MM:
         raise CoordinatesCadError(
-            f"{where}: lies up to {farthest / MM_PER_M:.0f} m from its origin, where its digits "
-            "end; move it to the origin and export it again"
+            f"{where}: reaches {farthest / MM_PER_M:.0f} m from its origin, too far for its "
+            "digits; move it to the origin and export it again"
         )

@@ -105,12 +105,12 @@ def _check_closed(triangles: Ids, sides: _Sides, where: str) -> None:
         twice = len(corners) - len(np.unique(corners, axis=0))
         if twice:
             raise SelfIntersectingCadError(
-                f"{where}: {twice} triangles lie on others with the same corners; were faces "
+                f"{where}: {twice} triangles coincide with others; were faces "
                 "exported twice, or bodies put together and not united? unite them and export again"
             )
         raise SelfIntersectingCadError(
             f"{where}: the surface touches itself along {int((sides.count > 2).sum())} edges; "
-            "part the bodies there or unite them, and export again"
+            "separate the bodies there or unite them, and export again"
         )
     if (sides.forward[sides.first] == sides.forward[sides.first + 1]).any():
         raise InsideOutCadError(
@@ -260,7 +260,7 @@ def _check_probes(
     if wrong.sum() >= FEW_PROBES:
         x, y, z = points[np.flatnonzero(wrong)[0]] + middle
         raise SelfIntersectingCadError(
-            f"{where}: the surface lies on or inside itself near ({x:.2f}, {y:.2f}, {z:.2f}) mm; "
+            f"{where}: the surface touches or crosses itself near ({x:.2f}, {y:.2f}, {z:.2f}) mm; "
             "unite the bodies in the CAD system and export it again"
         )
 

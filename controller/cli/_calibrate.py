@@ -97,8 +97,8 @@ def _by_entry(images: list[Path], target: CalibrationTarget, target_file: Path) 
         name = target.entry_of(path)
         if name is None:
             raise ConfigError(
-                f"{path}: `images` of {target_file} says nothing of it; add it there with how the "
-                "board is placed, or leave it out"
+                f"{path}: `images` of {target_file} does not list it; add it there with how "
+                "the board is placed, or leave it out"
             )
         if name in found:
             raise ConfigError(
@@ -147,7 +147,7 @@ def _world(target: CalibrationTarget, views: list[View], missed: Mapping[str, st
     flat = [view.name for view in views if view.placed is Placed.FLAT]
     if not flat:
         raise ConfigError(
-            _refusal("no flat board was found, so nothing says where the table is", 0, missed)
+            _refusal("no flat board was found, so the table plane is unknown", 0, missed)
         )
     return WorldFrame(flat[0], (0.0, 0.0, 0.0), 0.0)
 

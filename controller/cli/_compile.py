@@ -61,7 +61,7 @@ def compile_parts(
     recipes = [file.recipe for file in files if file.recipe is not None]
     on_command_line = density_g_cm3
     if recipes and on_command_line is not None:
-        raise ConfigError("--density goes without --recipe: the recipe says `density_g_cm3:`")
+        raise ConfigError("--density is not allowed with --recipe: the recipe has `density_g_cm3:`")
     density_g_cm3 = recipes[0].density_g_cm3 if recipes else on_command_line
     if report is not None:
         check_writable_folder(report.parent, "--report in")
@@ -215,8 +215,8 @@ def _tolerance_json(tolerance: Tolerance) -> dict[str, Any]:
 def _print_certified(part: CompiledPart, certified: Sequence[Certified]) -> None:
     grasps = certified_json(certified)["grasps"]
     say(
-        f"grips: {grasps['arm']} of the hand, {grasps['fixture']} of the fixed gripper; what "
-        f"{part.solid.name} can count on:"
+        f"grasps: {grasps['arm']} of the arm gripper, {grasps['fixture']} of the fixed gripper; "
+        f"certificates of {part.solid.name}:"
     )
     print_certificates([c.told for c in certified])
 

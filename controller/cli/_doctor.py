@@ -65,7 +65,7 @@ def _check(name: str, found: str, *, ok: bool, remedy: str = "") -> Check:
 def _machine() -> list[Check]:
     checks = [
         _check("python", platform.python_version(), ok=platform.python_version().startswith("3.11"),
-               remedy="Python 3.11 is asked"),
+               remedy="Python 3.11 is required"),
     ]  # fmt: skip
     for package in PACKAGES:
         try:

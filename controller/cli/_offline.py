@@ -52,7 +52,7 @@ def _print(recipe_path: Path, checked: Checked) -> None:
         if entry["planned"]:
             say(
                 f"pose {entry['pose_index']} ({entry['probability']:.0%}): {entry['views']} views, "
-                f"{entry['regrips']} re-grips, {entry['covered_fraction']:.1%} of the surface, "
+                f"{entry['regrips']} regrasps, {entry['covered_fraction']:.1%} of the surface, "
                 f"{entry['forecast_s']:.0f} s"
             )
     warn_of(recipe_path, checked)

@@ -220,7 +220,7 @@ def _eight_bits(path: Path, levels: NDArray[Any], notes: list[str]) -> Grey:
         return _scaled(levels, 1.0)
     if high >= 2**16:
         raise ConfigError(
-            f"{path}: grey levels up to {high:g}; asked are at most 16 bits, or decimals up to 1"
+            f"{path}: grey levels up to {high:g}; at most 16 bits are allowed, or decimals up to 1"
         )
     full, told = _range_of(levels, int(high))
     notes.append(f"levels {told}")

@@ -101,8 +101,8 @@ def _say_coarse(part: CompiledPart, setup: PlannerSetup, pose: StablePose, place
     if plan is None:
         return  # few candidates prove nothing: the full plan tells why not
     say(
-        f"at a first look, after {time.monotonic() - started:.1f} s: {view_count(plan)} views, "
-        f"{plan.regrip_count} x re-grip, {plan.forecast_s:.0f} s, {plan.covered_fraction:.1%} of "
+        f"first estimate, after {time.monotonic() - started:.1f} s: {view_count(plan)} views, "
+        f"{plan.regrip_count} x regrasp, {plan.forecast_s:.0f} s, {plan.covered_fraction:.1%} of "
         "the surface; the full plan follows"
     )
 
@@ -111,7 +111,7 @@ def _asked(part: CompiledPart, pose_index: int | None) -> tuple[StablePose, ...]
     """Return the poses to try, the likeliest first."""
     poses = sorted(part.poses, key=lambda p: (-p.probability, p.index))
     if not poses:
-        raise ConfigError(f"{part.solid.name} has no pose to lie in: it rolls whichever way")
+        raise ConfigError(f"{part.solid.name} has no stable pose: it rolls in every one")
     found = tuple(p for p in poses if pose_index in (None, p.index))
     if not found:
         known = sorted(pose.index for pose in part.poses)
@@ -178,7 +178,7 @@ def _print(part: CompiledPart, cell: Cell, kept: KeptPlan, place: Place) -> None
     assert plan is not None
     head = _head(part, cell, kept, place)
     say(
-        f"{head['part']} in cell {head['cell']}, lying in pose {head['pose']} "
+        f"{head['part']} in cell {head['cell']}, stable pose {head['pose']} "
         f"({head['probability']:.0%}) at ({head['x_mm']:.0f}, {head['y_mm']:.0f}) mm, "
         f"{head['theta_deg']:.0f} deg"
     )
@@ -199,7 +199,7 @@ def proof_words(plan: Plan) -> str:
     """Return what is proven of a plan, and among what, as a sentence."""
     proof = plan.proof
     if proof.cost_s <= 0:
-        return "not proven: nothing was searched exactly"
+        return "not proven: no exact search was made"
     if proof.is_optimal:
         return f"proven optimal: {proof.scope}"
     return f"within {proof.gap:.1%} of the optimum: {proof.scope}"
@@ -213,7 +213,7 @@ def certificate_words(told: Certificate) -> str:
     shown = plan.covered_fraction / plan.reachable_fraction if plan.reachable_fraction else 1.0
     count = view_count(plan)
     views = f"{count} view{'' if count == 1 else 's'}"
-    regrips = f"{plan.regrip_count} re-grip{'' if plan.regrip_count == 1 else 's'}"
+    regrips = f"{plan.regrip_count} regrasp{'' if plan.regrip_count == 1 else 's'}"
     return f"{views}, {regrips}, {plan.forecast_s:.0f} s, {shown:.1%} of what can be shown"
 
 
@@ -225,7 +225,7 @@ def print_certificates(told: Sequence[Certificate]) -> None:
     table.add_column("from pose", justify="right", no_wrap=True)
     table.add_column("likely\n%", justify="right", no_wrap=True)
     table.add_column("pickable\n%", justify="right", no_wrap=True)
-    table.add_column("what it comes to", min_width=30)
+    table.add_column("result", min_width=30)
     for c in told:
         table.add_row(
             str(c.pose_index),

@@ -47,7 +47,7 @@ def part_files(
         recipe_paths = [here]
     recipes = [load_recipe(find_recipe(path)) for path in recipe_paths]
     if recipes and unit is not None:
-        raise ConfigError("--unit goes without --recipe: the recipe says `unit:`")
+        raise ConfigError("--unit is not allowed with --recipe: the recipe has `unit:`")
     if len(recipes) > 1 and parts:
         raise ConfigError(f"{parts[0]}: several recipes name their parts themselves; leave it out")
     if not recipes and not parts:
@@ -55,7 +55,7 @@ def part_files(
     cells = {recipe.cell.resolve(): recipe.cell for recipe in recipes}
     if cell_path is None and len(cells) > 1:
         names = ", ".join(str(path) for path in cells.values())
-        raise ConfigError(f"the recipes name different cells ({names}); say which with --cell")
+        raise ConfigError(f"the recipes name different cells ({names}); choose one with --cell")
     cell = cell_path or next(iter(cells.values()), EMULATED_CELL)
     if parts:
         recipe = recipes[0] if recipes else None

@@ -69,7 +69,7 @@ def recognise_images(
         if library is None:  # compiling takes longer than to say that there is no picture
             library = open_library([(p, options_among(p, unit)) for p in files], camera)
         for note in once.fresh(picture.notes):
-            warn(f"{path.name}: {note}; said once for all such pictures")
+            warn(f"{path.name}: {note}; reported once for all such pictures")
         known += _answer_one(path, picture, camera, library, lighting, folder, as_json)
     if unread:
         return 2

@@ -50,7 +50,7 @@ def recover_cell(
         )
     if gripper is not None and not is_confirmed and not sys.stdin.isatty():
         raise ConfigError(
-            "--open asks whether you hold the part, and nobody is there to answer; --yes states it"
+            "--open requires a terminal for your answer; --yes states that you hold the part"
         )
 
     async def visit() -> int:

@@ -295,7 +295,7 @@ def _tell_result(result: RunResult, run_id: str, report: Path | None, *, as_json
             continue
         say(f"part {part.number}: {part.verdict.verdict.value.upper()} -> {part.tray}")
         for one in part.recoveries:
-            say(f"  got over: {one.reason}")
+            say(f"  recovered from: {one.reason}")
         for reason in part.verdict.reasons[:6]:
             say(f"  {reason}")
     if result.outcome.end != "complete":

@@ -93,7 +93,7 @@ class CalibrationTarget(Section):
         lacking = [f"`{key}`" for key, value in charuco.items() if value is None]
         if len(lacking) == len(charuco):
             raise ValueError(
-                "asked is `inner_corners` of a chessboard, or `squares`, `marker_mm` and "
+                "required is `inner_corners` of a chessboard, or `squares`, `marker_mm` and "
                 "`dictionary` of a ChArUco board"
             )
         if lacking:
@@ -114,7 +114,7 @@ class CalibrationTarget(Section):
         flat = [picture.image for picture in self.images if picture.placed == Placed.FLAT.value]
         if not flat:
             raise ValueError(
-                "`images` has no flat board, so nothing says where the table is; take one picture "
+                "`images` has no flat board, so the table plane is unknown; take one picture "
                 "at least with the board on the table"
             )
         if self.world is None:

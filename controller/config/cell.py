@@ -34,7 +34,7 @@ def _rising(bounds: tuple[float, ...]) -> tuple[float, ...]:
 
 def _of_a_camera(size: tuple[int, int]) -> tuple[int, int]:
     if max(size) > MOST_SIZE_PX:
-        raise ValueError(f"a camera has at most {MOST_SIZE_PX} px each way, not {max(size)}")
+        raise ValueError(f"a camera has at most {MOST_SIZE_PX} px each side, not {max(size)}")
     return size
 
 
@@ -141,7 +141,7 @@ class LightsSection(DeviceSection):
     @model_validator(mode="after")
     def _units_differ(self) -> "LightsSection":
         if self.analog_unit == self.relay_unit:
-            raise ValueError(f"both modules on one line have unit {self.analog_unit}; set one anew")
+            raise ValueError(f"both modules on one line have unit {self.analog_unit}; change one")
         return self
 
 

@@ -120,7 +120,7 @@ def _inside(recipe: Path, name: Path, where: str, location: tuple[int | str, ...
         raise ConfigError(f"{where}: `{key}`: {reason_of(error)} ({str(name)!r:.80})") from error
     if not is_inside:
         mend = "name the cell with --cell" if key == "cell" else "copy the file there"
-        raise ConfigError(f"{where}: `{key}`: {name} lies outside the recipe's folder; {mend}")
+        raise ConfigError(f"{where}: `{key}`: {name} is outside the recipe's folder; {mend}")
     return file
 
 

@@ -25,7 +25,7 @@ EVEN_MISFIT: Final = 0.03  # a lit picture so well predicted that its findings a
 MIN_FACE_SHARE: Final = 0.5  # of a face that must have been compared
 MADE_GOOD_SHARE: Final = 0.99  # of what a failed view was to show that others have shown
 NO_VIEW: Final = "in no view that was evaluated"
-TOO_SMALL: Final = "smaller than the smallest difference looked for, which cannot lie on it alone"
+TOO_SMALL: Final = "smaller than the smallest difference looked for, which cannot be on it alone"
 NOTHING: Final[Mapping[int, str]] = MappingProxyType({})
 NO_PLAN: Final[Mapping[str, NDArray[np.bool_]]] = MappingProxyType({})
 
@@ -132,12 +132,12 @@ def judge(
     stops: list[str] = []
     if not evaluated or covered < min_coverage:
         stops.append(
-            f"{100 * covered:.1f} % of the surface compared, {100 * min_coverage:.1f} % is asked"
+            f"{100 * covered:.1f} % of the surface compared, {100 * min_coverage:.1f} % is required"
         )
     stops += [f"{view_id}: no other view made good what it was to show" for view_id in missing]
     stops += [
-        f"{f.label}: {100 * f.seen_fraction:.0f} % compared, {100 * MIN_FACE_SHARE:.0f} % is asked;"
-        f" {f.reason}"
+        f"{f.label}: {100 * f.seen_fraction:.0f} % compared, "
+        f"{100 * MIN_FACE_SHARE:.0f} % is required; {f.reason}"
         for f in faces
         if f.verdict is Verdict.NOT_EVALUATED
         and f.face_id not in not_inspected
@@ -147,7 +147,7 @@ def judge(
         verdict = Verdict.FAIL
     elif doubtful or stops:
         verdict = Verdict.INDETERMINATE
-        reasons += [f"doubtful: {_sentence(solid, view_id, f)}" for view_id, f in doubtful]
+        reasons += [f"unconfirmed: {_sentence(solid, view_id, f)}" for view_id, f in doubtful]
         reasons += stops
     else:
         verdict = Verdict.PASS
@@ -309,7 +309,7 @@ def _face(
     if found is Verdict.FAIL:
         verdict, reason = found, "differs from the CAD"
     elif found is not None:
-        verdict, reason = found, "may differ from the CAD: one look says so, no second one"
+        verdict, reason = found, "one comparison differs from the CAD, no second one confirms it"
     elif fraction >= MIN_FACE_SHARE:
         verdict = Verdict.PASS
         if rest:

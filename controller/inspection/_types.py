@@ -31,7 +31,7 @@ class Unjudged(StrEnum):
     UNLIT = "turned from the lamps or in shadow, where a defect stays as dark as all else"
     PENUMBRA = "at the border of a shadow"
     BOUNCE = "lit by light from neighbouring surfaces, which no prediction knows"
-    HIGHLIGHT = "where the lamp's highlight may lie"
+    HIGHLIGHT = "where the lamp's highlight may be"
     ROUGH = "a finish too uneven for the smallest defect to stand out"
     SHAPE = "a free-form surface, whose brightness is not predicted"
     EDGE = "too near to an edge for the smallest defect to show whole"

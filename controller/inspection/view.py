@@ -99,7 +99,7 @@ def inspect_view(
             task,
             samples,
             f"backlight contrast {high - low:.0f} grey levels, {limits.min_contrast:.0f} "
-            "are asked: is the panel's lamp on?",
+            "are required: is the panel's lamp on?",
         )
     burnt = float((pictures.backlit[scene.panel] >= BURNT_GREY).mean())
     if burnt > limits.max_burnt_share:
@@ -206,7 +206,7 @@ def _pose_trouble(fit: PoseFit, shift: float, turn: float, limits: Limits) -> st
     if fit.paired < limits.min_outline_share:
         return (
             f"{100 * fit.paired:.0f} % of the part's outline found, "
-            f"{100 * limits.min_outline_share:.0f} % is asked: it slipped, or is another part"
+            f"{100 * limits.min_outline_share:.0f} % is required: slipped, or another part"
         )
     if fit.residual_px > limits.max_residual_px:
         return (
@@ -215,8 +215,8 @@ def _pose_trouble(fit: PoseFit, shift: float, turn: float, limits: Limits) -> st
         )
     if shift > limits.max_shift_mm or turn > limits.max_turn_rad:
         return (
-            f"part lies {shift:.1f} mm and {np.degrees(turn):.1f} degrees from where the jaws "
-            "should hold it: it slipped"
+            f"part is {shift:.1f} mm and {np.degrees(turn):.1f} degrees off its pose in the "
+            "gripper: it slipped"
         )
     return ""
 
@@ -352,11 +352,11 @@ class _Shading:
         expected = self._expected(picture, light)
         steps = register(picture, fit.edge_px, fit.edge_normals, expected)
         if steps is None:
-            return "it shows too little of the part's outline to tell whether it fits the pose"
+            return "it shows too little of the part's outline to verify the pose"
         shift = float(np.linalg.norm(steps.shift_px))
         if shift > limits.max_lit_shift_px:
             return (
-                f"it lies {shift:.1f} px beside the backlit one, "
+                f"it is {shift:.1f} px beside the backlit one, "
                 f"{limits.max_lit_shift_px:.1f} px is allowed: the part or the camera moved"
             )
         # the expected picture is blurred by a good lens; the backlit one tells how good this one is

@@ -72,9 +72,9 @@ def make_ledger(part: PartReport) -> Ledger | None:
                 part_of = share / (sum(face.rest.values()) or 1.0)
                 unseen[reason] = unseen.get(reason, 0.0) + (whole - seen) * part_of
     words = {
-        "pass": "compared, as the CAD says",
+        "pass": "compared, agrees with the CAD",
         "fail": "compared, on a surface that differs from the CAD",
-        "seen": "compared, too little of the surface to judge it, or in doubt",
+        "seen": "compared, too little of the surface to judge it, or unconfirmed",
         "unseen": "not compared",
     }
     class_shares = rounded_to_whole(list(classes.values()))

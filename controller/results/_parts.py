@@ -21,12 +21,12 @@ from ._model import (
 
 # what is never repeated blindly, in the words of somebody who has to look where the part is
 ONCE_WORDS: Mapping[str, str] = {
-    Once.GRASP: "closing the hand on the part on the table",
+    Once.GRASP: "closing the arm gripper on the part on the table",
     Once.HAND_OFF: "closing the fixed gripper on the part",
-    Once.RELEASE_ARM: "opening the hand while the fixed gripper holds the part",
-    Once.RECEIVE: "closing the hand on the part in the fixed gripper",
-    Once.RELEASE_FIXED: "opening the fixed gripper while the hand holds the part",
-    Once.SORT: "letting the part go over its tray",
+    Once.RELEASE_ARM: "opening the arm gripper while the fixed gripper holds the part",
+    Once.RECEIVE: "closing the arm gripper on the part in the fixed gripper",
+    Once.RELEASE_FIXED: "opening the fixed gripper while the arm gripper holds the part",
+    Once.SORT: "releasing the part over its tray",
 }
 
 
@@ -129,8 +129,8 @@ class PartFold:
 def _doubt(name: str, custody: Custody) -> str:
     doing = ONCE_WORDS.get(name, name.replace("_", " "))
     return (
-        f"{doing} was begun, and the journal does not say what came of it; the last sure word is "
-        f"“{custody.value}”. Look before anything moves."
+        f"{doing} was begun, and the journal does not say what came of it; the last certain entry "
+        f"is “{custody.value}”. Look before anything moves."
     )
 
 

@@ -10,7 +10,7 @@ from ._model import LogEntry, PartReport, RunRecord
 
 END_WORDS = {
     "complete": "complete: all parts worked through",
-    "held": "held: the cell stopped where it was safe and asks for a person",
+    "held": "held: the cell stopped where it was safe and waits for a person",
     "stopped": "stopped on request",
     "aborted": "aborted: a fault stopped the cell",
     "refused": "refused: a gripper may hold a part, so that nothing was moved",
@@ -31,7 +31,7 @@ def say_row(entry: LogEntry) -> str:
         case rows.StepDone() as row:
             return f"step “{row.label}” done in {row.seconds} s, forecast {row.forecast_s} s"
         case rows.GraspMissed() as row:
-            return f"grip missed: {row.message}"
+            return f"grasp failed: {row.message}"
         case rows.CustodyChanged() as row:
             return f"custody: {name}" + (f" ({row.detail})" if row.detail else "")
         case rows.Intent():
@@ -125,7 +125,7 @@ def cautions(record: RunRecord) -> list[str]:
         found.append(
             f"The journal's chain of hashes breaks at row {record.first_broken_row} (this run has "
             f"rows {record.log[0].seq} to {record.log[-1].seq}): rows were changed or taken out "
-            "after they were written. This report may not say what happened."
+            "after they were written. This report may be wrong."
         )
     message = record.outcome.message
     if message and record.outcome.end != "complete" and message not in headline(record)[1]:
@@ -137,7 +137,7 @@ def cautions(record: RunRecord) -> list[str]:
         expected = part.verdict and TRAY_OF_VERDICT.get(part.verdict.verdict, "quarantine")
         if part.tray and expected and part.tray != expected:
             found.append(
-                f"Part {part.number}: the verdict asks for the tray {expected}, the part was put "
+                f"Part {part.number}: the verdict requires the tray {expected}, the part was put "
                 f"into {part.tray}."
             )
         if part.verdict and not part.tray:

@@ -80,7 +80,7 @@ class PlannerSetup:
             f"{density}, {self.mass_g:.0f} g; incidence up to "
             f"{self.options.max_incidence_deg:g} deg; defects from {self.smallest_defect_mm:g} mm; "
             f"views that add {self.options.least_gain:g} of the surface or more; "
-            f"{self.layout.hand.force_n:g} N of the arm gripper{fixed}; jaw widths to "
+            f"{self.layout.hand.force_n:g} N of the arm gripper{fixed}; openings to "
             f"{self.options.width_tolerance_mm:g} mm"
         )
         return f"planned with {words}" if self.has_recipe else f"planned without a recipe: {words}"

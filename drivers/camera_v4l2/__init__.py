@@ -40,7 +40,7 @@ __all__ = [
 def _build(site: Site, _: NoSettings) -> Camera:
     capture = site.capture
     if capture is None:
-        raise ValueError(f"{site.name}: nothing says how this camera is run")
+        raise ValueError(f"{site.name}: no settings for this camera")
     config = CameraConfig(
         device=site.address,
         width=capture.width,

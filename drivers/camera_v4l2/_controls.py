@@ -158,7 +158,7 @@ def set_and_compare(
     problem = ""
     if abs(got - wanted) > max(found.step, 1) // 2:  # off the camera's raster is not a lie
         problem = (
-            f"{name}: {wanted} asked, the camera took {got} "
+            f"{name}: {wanted} required, the camera took {got} "
             f"(range {found.minimum}..{found.maximum}, step {found.step})"
         )
     return ControlSetting(control, name, wanted, got, problem, has_changed=got != before)

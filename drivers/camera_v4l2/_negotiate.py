@@ -60,7 +60,7 @@ def agree_on_format(device: Device, config: CameraConfig) -> abi.PixFormat:
     _check_format(device, got)
     if (got.width, got.height) != (config.width, config.height):
         log.warning(
-            "camera %s: %d x %d px asked, it sends %d x %d px",
+            "camera %s: %d x %d px required, it sends %d x %d px",
             device.path,
             config.width,
             config.height,
@@ -98,6 +98,6 @@ def agree_on_period(device: Device, wanted_s: float) -> float:
     period_s = granted_s or wanted_s
     if abs(period_s - wanted_s) > 0.01 * wanted_s:
         log.warning(
-            "camera %s: %.4g fps asked, it sends %.4g", device.path, 1 / wanted_s, 1 / period_s
+            "camera %s: %.4g fps required, it sends %.4g", device.path, 1 / wanted_s, 1 / period_s
         )
     return period_s

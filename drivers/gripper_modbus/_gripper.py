@@ -195,8 +195,8 @@ class Gripper:
         is_there = abs(status.width_mm - width_mm) <= self.config.arrival_tolerance_mm
         if status.object is not ObjectState.AT_POSITION and not is_there:
             raise StalledError(
-                f"{self.name}: the jaws met something at {status.width_mm:.1f} mm on their way to "
-                f"{width_mm:.1f} mm; see what is between or beside them"
+                f"{self.name}: the jaws met an obstacle at {status.width_mm:.1f} mm while moving "
+                f"to {width_mm:.1f} mm; see what is between or beside them"
             )
         return status
 

@@ -118,7 +118,7 @@ def decode_inputs(registers: tuple[int, ...]) -> Inputs:
     activation = status >> 4 & 0x03
     if status & _RESERVED_STATUS_BITS or activation not in (0, 1, 3):
         raise BadReplyError(
-            f"no Robotiq 2F says {' '.join(f'{register:04X}' for register in registers)}: "
+            f"no Robotiq 2F sends {' '.join(f'{register:04X}' for register in registers)}: "
             f"bits of its status byte {status:02X} have no meaning"
         )
     faults = registers[1] >> 8

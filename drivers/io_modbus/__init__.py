@@ -35,7 +35,7 @@ __all__ = [
 def _build(site: Site, _: NoSettings) -> CellIo:
     polling = site.polling
     if polling is None:
-        raise ValueError(f"{site.name}: an I/O block is polled, and nothing says how often")
+        raise ValueError(f"{site.name}: the polling period of the I/O block is missing")
     config = IoConfig(unit=site.section["unit"], poll_s=polling.poll_s, stale_s=polling.stale_s)
     return CellIo(site.open_link(), config)
 

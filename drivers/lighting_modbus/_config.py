@@ -40,7 +40,7 @@ class LampChannel:
                 )
         if not 0 <= self.min_on_mv < self.full_scale_mv <= MAX_MV:
             raise ValueError(
-                f"lamp {self.name!r}: min_on_mv must lie below full_scale_mv, both within "
+                f"lamp {self.name!r}: min_on_mv must be below full_scale_mv, both within "
                 f"0..{MAX_MV} mV, not {self.min_on_mv} and {self.full_scale_mv}"
             )
 

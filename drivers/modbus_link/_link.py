@@ -238,7 +238,7 @@ class ModbusLink:
         if request.is_answered_by(reply):
             memory.owed = [owed for owed in memory.owed if owed[0] is not request]
             return reply
-        message = f"{who.name}: unit {who.unit} at {self.address} was asked {request}, got {reply}"
+        message = f"{who.name}: unit {who.unit} at {self.address} was sent {request}, got {reply}"
         if has_no_number:
             raise _LateReplyError(f"{message}, the late answer to something earlier")
         raise BadReplyError(message)
@@ -292,7 +292,7 @@ class ModbusLink:
     async def _silence(self, received: bytes, request: Request, who: ModbusUnit) -> LinkError:
         self._silence_count += 1
         if self._silence_count >= SILENCES_UNTIL_REOPENED:
-            log.warning("%s: nobody answers, opening it anew", self.address)
+            log.warning("%s: no answer, reopening it", self.address)
             await self._drop()
         instead = f", only {received.hex(' ')}" if received else ""
         return ReplyTimeoutError(

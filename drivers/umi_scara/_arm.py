@@ -200,7 +200,7 @@ class UmiScara(ArmSession):
         ValueError : the force is below 1
         """
         if force < 1:
-            raise ValueError(f"a grip needs force, not {force}")
+            raise ValueError(f"a grasp needs a force above 0, not {force}")
         gripper = Axis.GRIPPER
         async with self._motion() as guard:
             await self._make_sure(guard)

@@ -133,7 +133,7 @@ class Axes:
         One wrong bit makes a go of it (`22` and `A2`, `24` and `A4`).
         """
         if await self.general_status(ip) & StatusBits.MOVING:
-            await self.doubt(f"IP{ip:d} moves, and nobody has asked it to")
+            await self.doubt(f"IP{ip:d} moves without an order")
 
     async def halt(self, command: Simple, *, verifies: bool = True) -> None:
         """Send a stop to both IPs, ahead of everything else."""
@@ -287,7 +287,7 @@ class Axes:
             if ADDRESSES[axis].ip is not ip or axis in drives:
                 continue
             if await self.status(axis) & StatusBits.MOVING:
-                await self.doubt(f"{axis.name.lower()} moves, and nobody has asked it to")
+                await self.doubt(f"{axis.name.lower()} moves without an order")
 
     async def numeric_go(self, ip: Ip, axes: Iterable[Axis], guard: Guard) -> None:
         """Start motors of one IP towards their NEW_POSITION (§2.7).

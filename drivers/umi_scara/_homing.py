@@ -214,7 +214,7 @@ class Homing:
         for axis, b in bits.items():
             if b & ended == StatusBits.FOLLOWING_ERROR:
                 raise HomingError(
-                    f"arm: {axis.name.lower()} fell behind its error limit on the way to its stop"
+                    f"arm: {axis.name.lower()} fell behind its error limit before its stop"
                 )
 
     async def _creep(self, axis: Axis, counts: int) -> None:

@@ -37,7 +37,7 @@ class OutOfRangeError(DeviceError, ValueError):
     """
 
     def __init__(self, axis: str, asked: float, limit: float, detail: str = "") -> None:
-        super().__init__(f"{axis}: {asked:.1f} counts asked, the limit is {limit:g}{detail}")
+        super().__init__(f"{axis}: {asked:.1f} counts required, the limit is {limit:g}{detail}")
         self.axis = axis
         self.asked = asked
         self.limit = limit
@@ -71,7 +71,7 @@ LIMITS: Final = (
         "deg",
     ),
     Limit(
-        "yaw of the hand (Y - E/3)",
+        "yaw of the gripper (Y - E/3)",
         (-_THIRD, 0, 0, 0, 0, 1),
         *c.YAW_LESS_ELBOW_RANGE,
         c.YAW_COUNTS_PER_DEG,

@@ -446,7 +446,7 @@ class Link:
                 restarted = {first: first_restarted, second: second_restarted}
                 return frozenset(ip for ip, was_restarted in restarted.items() if was_restarted)
             first_restarted = first_restarted or second_restarted
-        raise WrongDeviceError(f"arm: both boards say that they are IP{first:d}")
+        raise WrongDeviceError(f"arm: both boards answer as IP{first:d}")
 
     async def _meet(self, allow_restart: bool, who: str) -> tuple[Ip, bool]:
         """Switch off automatic toggling in whoever listens; return who it is and if it restarted.
@@ -516,7 +516,7 @@ class Link:
                     raise BadReplyError("arm: the line never falls silent")
         if looks_like_text(self._suspect):
             raise WrongDeviceError(
-                f"arm: unsupported ROM or monitor mode: it says {self._suspect[:60]!r}"
+                f"arm: unsupported ROM or monitor mode: it answered {self._suspect[:60]!r}"
             )
         self._suspect = b""
 

@@ -29,7 +29,7 @@ class AxisStalledError(StalledError):
 
     def __init__(self, axis: Axis, asked_counts: int, got_counts: int, why: str) -> None:
         super().__init__(
-            f"arm: {axis.name.lower()} {why}: {asked_counts} counts asked, it is at {got_counts}"
+            f"arm: {axis.name.lower()} {why}: {asked_counts} counts required, it is at {got_counts}"
         )
         self.axis = axis
         self.asked_counts = asked_counts

@@ -389,7 +389,7 @@ class ArmSession:
             if why := judge_counters(self._known, counts, self._may_be_zeroed):
                 self._lose_position()
                 raise PositionLostError(
-                    f"arm: {why} after trouble on its line: positions are no longer known; "
+                    f"arm: {why} after a fault on its line: positions are no longer known; "
                     "connect and home again"
                 )
             self._may_be_relabelled = self._may_be_zeroed = False

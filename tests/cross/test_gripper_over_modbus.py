@@ -202,7 +202,7 @@ async def test_a_ring_is_held_from_within(by_gateway: Bench) -> None:
 async def test_something_in_the_way_of_an_empty_move_is_told(by_gateway: Bench) -> None:
     await by_gateway.active()
     by_gateway.jaws.grip_limit_mm = 50.0
-    with pytest.raises(StalledError, match="met something at 50"):
+    with pytest.raises(StalledError, match="met an obstacle at 50"):
         await by_gateway.gripper.open_to(20.0)
 
 

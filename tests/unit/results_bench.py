@@ -33,7 +33,7 @@ OFFERED = {
 }
 SIZE_PX = (1280, 1024)
 PART_PX = (500, 380, 800, 640)  # x0, y0, x1, y1 of the part in every picture of a view
-STEPS = ("pick with grip G1", "show with grip G1", "show with grip G1, square to F0 plane")
+STEPS = ("pick with grasp G1", "show with grasp G1", "show with grasp G1, square to F0 plane")
 FORECASTS_S = (9.0, 4.0, 4.0)
 
 

@@ -128,7 +128,7 @@ def test_lengths_are_in_the_unit_the_text_names(tmp_path: Path) -> None:
     assert (solid.name, solid.unit, solid.unit_is_declared) == ("brick", "inch", True)
     assert solid.density_g_cm3 == 7.85
     assert solid.content_hash == hashlib.sha256(path.read_bytes()).hexdigest()
-    with pytest.raises(UnitCadError, match="in inch, as the file itself says"):
+    with pytest.raises(UnitCadError, match="is in inch by its own statement"):
         load_solid(path, unit="mm")
 
 
@@ -169,7 +169,7 @@ def test_a_named_shape_is_used_where_it_is_placed(tmp_path: Path) -> None:
         ("unit: mm", "part:1: `part`: is missing"),
         (
             "unit: furlong\npart: {sphere: {radius: 9}}",
-            "part:1: `unit`: 'furlong' is no unit known here; say one of mm, cm, m, inch",
+            "part:1: `unit`: 'furlong' is no unit known here; use one of mm, cm, m, inch",
         ),
         (
             "unit: mm\npart:\n  cylinder:\n    diametre: 5\n    height: 9",
@@ -197,7 +197,7 @@ def test_a_named_shape_is_used_where_it_is_placed(tmp_path: Path) -> None:
         ),
         (
             "unit: mm\npart:\n  cylinder: {radius: 5, diameter: 9, height: 9}",
-            "part:3: `part.cylinder`: say either `radius` or `diameter`",
+            "part:3: `part.cylinder`: give either `radius` or `diameter`",
         ),
         (
             "unit: mm\nshapes:\n  bore: {sphere: {radius: 9}}\npart:\n  use: bohr",

@@ -142,7 +142,7 @@ def test_a_3mf_file_says_its_unit(tmp_path: Path, unit: str, name: str, mm: floa
     solid = load_solid(path)
     assert solid.mesh.extents == pytest.approx([10, 20, 30], rel=1e-6)
     assert (solid.unit, solid.unit_is_declared) == (name, True)
-    with pytest.raises(UnitCadError, match=f"is in {name}, as the file itself says, and not in cm"):
+    with pytest.raises(UnitCadError, match=f"is in {name} by its own statement, not in cm"):
         load_solid(path, unit="cm")
 
 
@@ -197,7 +197,7 @@ def test_a_coordinate_beyond_sense_is_told(value: float) -> None:
 def test_a_part_far_from_its_origin_is_told_to_be_moved() -> None:
     mesh = block()
     mesh.apply_translation((2e5, 0, 0))
-    assert "lies up to 200 m from its origin" in refused(mesh, CoordinatesCadError)
+    assert "reaches 200 m from its origin" in refused(mesh, CoordinatesCadError)
 
 
 def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
@@ -354,7 +354,7 @@ def test_a_surface_that_lies_on_itself_is_found_by_its_two_sides() -> None:
 def test_faces_exported_twice_are_told() -> None:
     mesh = block()
     doubled = trimesh.Trimesh(mesh.vertices, np.vstack([mesh.faces, mesh.faces[:2]]), process=False)
-    assert "2 triangles lie on others" in refused(doubled, SelfIntersectingCadError)
+    assert "2 triangles coincide with others" in refused(doubled, SelfIntersectingCadError)
 
 
 def test_blocks_put_together_and_not_united_are_told_to_unite() -> None:

@@ -243,9 +243,9 @@ def test_a_board_called_flat_that_leans_is_named() -> None:
     views = _views()
     views[5] = replace(views[5], placed=Placed.FLAT)
     told = _refused(views)
-    assert told.startswith("tilted 1 is said to lie flat, but stands ")
+    assert told.startswith("tilted 1 is listed as flat, but is tilted ")
     tilt = np.degrees(np.arccos(TILTED[1][2][2, 2]))
-    assert float(told.split("stands ")[1].split(" deg")[0]) == pytest.approx(tilt, abs=2.0)
+    assert float(told.split("is tilted ")[1].split(" deg")[0]) == pytest.approx(tilt, abs=2.0)
 
 
 def test_boards_in_one_corner_do_not_show_the_lens_elsewhere() -> None:

@@ -153,7 +153,7 @@ def refusal(shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> C
         (_changed(square_m=0.014), "unknown key `square_m`; did you mean `square_mm`?"),
         (_changed(square_mm=None), "`square_mm` is missing"),
         (_changed(square_mm=-3), "`square_mm`: Input should be greater than 0"),
-        (_changed(inner_corners=None), "asked is `inner_corners` of a chessboard, or `squares`"),
+        (_changed(inner_corners=None), "required is `inner_corners` of a chessboard, or `squares`"),
         (_changed(inner_corners=[7, 1]), "inner_corners.1"),
         (_changed(squares=[8, 5]), "keep one"),
         (_changed(inner_corners=None, squares=[8, 5]), "needs `marker_mm` and `dictionary`"),
@@ -205,7 +205,7 @@ def test_a_picture_the_target_file_does_not_know_is_refused(
 ) -> None:
     told = refusal(images=[tmp_path / "other.png"])
     assert "other.png: `images` of" in told
-    assert "says nothing of it" in told
+    assert "does not list it" in told
 
 
 def test_two_pictures_for_one_entry_are_refused(

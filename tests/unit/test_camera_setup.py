@@ -134,7 +134,7 @@ async def test_the_cameras_answer_counts_not_the_wish(
     fake.formats, fake.row_padding = ("YUYV",), 6
     camera = await connect(width=640, height=480, settle_frame_count=0)
     assert camera.shape == (4, 8)
-    assert "640 x 480 px asked, it sends 8 x 4 px" in caplog.text
+    assert "640 x 480 px required, it sends 8 x 4 px" in caplog.text
     luma = np.arange(32, dtype=np.uint8).reshape(4, 8)
     rows = [bytes(b for value in row for b in (value, 128)) + b"\xee" * 6 for row in luma.tolist()]
     now_s = REAL_TIME.now_s()
@@ -171,7 +171,7 @@ async def test_the_rate_granted_is_used(
     fake.granted_period = (1, 15)
     camera = await connect(fps=30)
     assert camera.frame_period_s == pytest.approx(1 / 15)
-    assert "30 fps asked, it sends 15" in caplog.text
+    assert "30 fps required, it sends 15" in caplog.text
 
 
 @pytest.mark.parametrize("code", [errno.ENOTTY, errno.EINVAL])
@@ -234,7 +234,7 @@ async def test_no_wish_keeps_the_exposure_and_still_locks_it(
 
 async def test_a_clamped_value_is_noticed(fake: FakeCamera, connect: Connect) -> None:
     camera = await connect(exposure_s=0.9)  # uvcvideo clamps without a word, v4l2.md 6
-    assert "9000 asked, the camera took 5000 (range 1..5000" in setting(camera, EXPOSURE).problem
+    assert "9000 required, the camera took 5000 (range 1..5000" in setting(camera, EXPOSURE).problem
     assert camera.exposure_s == pytest.approx(0.5)
 
 

@@ -105,7 +105,7 @@ def show(name: str, at: float, *samples: int, held: Grip = A) -> Present:
 
 def over() -> HandOver:
     return HandOver(
-        seconds=1.0, label="hand over", grip=A, fixture_grip=F, fixture_pre_open_mm=60.0,
+        seconds=1.0, label="hand off", grip=A, fixture_grip=F, fixture_pre_open_mm=60.0,
         motion=(q(20), q(21)), fixture_expected_opening_mm=FIXTURE_MM, hand_open_mm=28.0,
         retreat=(q(22),),
     )  # fmt: skip
@@ -113,7 +113,7 @@ def over() -> HandOver:
 
 def back() -> TakeBack:
     return TakeBack(
-        seconds=1.0, label="take back", grip=B, fixture_grip=F, motion_in=(q(23),),
+        seconds=1.0, label="receive back", grip=B, fixture_grip=F, motion_in=(q(23),),
         pre_open_mm=28.0, approach=(q(24),), expected_opening_mm=WIDTH_MM, fixture_open_mm=60.0,
         motion_out=(q(25),),
     )  # fmt: skip

@@ -397,7 +397,7 @@ async def test_a_ring_is_held_from_within() -> None:
 async def test_an_obstacle_while_opening_is_a_stall_with_the_place() -> None:
     device = Robotiq(position=200, part_inside=90)
     async with gripper_on(device) as gripper:
-        with pytest.raises(StalledError, match=r"met something at 52\.4 mm"):
+        with pytest.raises(StalledError, match=r"met an obstacle at 52\.4 mm"):
             await gripper.open_to(85.0)
 
 

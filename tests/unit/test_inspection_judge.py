@@ -160,7 +160,7 @@ def test_too_little_compared_is_indeterminate_and_says_how_much_is_asked() -> No
     left_out = {0: "its finish is checked by hand"}
     got = verdict(view(seen=all_but(0)), left_out=left_out, coverage=0.9)
     assert got.verdict is Verdict.INDETERMINATE
-    assert "90.0 % is asked" in got.reasons[0]
+    assert "90.0 % is required" in got.reasons[0]
 
 
 @pytest.mark.parametrize("coverage", [0.0, -0.1, 1.1, float("nan")])
@@ -190,7 +190,7 @@ def test_a_face_compared_to_less_than_half_forbids_a_pass() -> None:
     got = verdict(view(seen=seen), coverage=0.1)
     assert got.verdict is Verdict.INDETERMINATE
     assert got.faces[0].verdict is Verdict.NOT_EVALUATED
-    assert "50 % is asked" in got.reasons[0]
+    assert "50 % is required" in got.reasons[0]
 
 
 def test_a_face_that_the_recipe_leaves_out_by_name_lets_the_part_pass_and_is_reported() -> None:
@@ -308,7 +308,7 @@ def test_a_finding_in_one_picture_alone_never_fails_a_part_however_large(size: f
     got = verdict(view(findings=(finding(size * SMALLEST_MM2, faces=(1, 2)),)), view("v2"))
     assert got.verdict is Verdict.INDETERMINATE
     assert got.confirmed == ()
-    assert got.reasons[0].startswith("doubtful: surface differs at")
+    assert got.reasons[0].startswith("unconfirmed: surface differs at")
     assert "view v1, ring" in got.reasons[0]
     # nor do the surfaces it lies on pass
     assert {f.face_id for f in got.faces if f.verdict is Verdict.INDETERMINATE} == {1, 2}

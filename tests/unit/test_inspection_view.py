@@ -333,7 +333,7 @@ def test_a_spot_of_glare_in_one_picture_makes_a_part_doubtful_and_never_fails_it
     views = (result, replace(right_view(), view_id="v2"))
     got = judge(solid(), samples(), views, {}, 0.01, LIMITS)
     assert got.verdict is Verdict.INDETERMINATE
-    assert got.reasons[0].startswith("doubtful")
+    assert got.reasons[0].startswith("unconfirmed")
 
 
 @pytest.mark.parametrize("lamp", ["ring", "side"])

@@ -167,7 +167,7 @@ def every_kind(part: CompiledPart, layout: CellLayout) -> Plan:
         ),
         HandOver(
             seconds=8.0,
-            label="hand over",
+            label="hand off",
             grip=hand,
             fixture_grip=fixed,
             fixture_pre_open_mm=50.0,
@@ -178,7 +178,7 @@ def every_kind(part: CompiledPart, layout: CellLayout) -> Plan:
         ),
         TakeBack(
             seconds=7.0,
-            label="take back",
+            label="receive back",
             grip=other,
             fixture_grip=fixed,
             motion_in=(q,),

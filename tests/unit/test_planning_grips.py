@@ -99,7 +99,7 @@ def test_oil_refuses_what_dry_pads_hold() -> None:
     solid = solid_of(trimesh.creation.box((60.0, 60.0, 60.0)), "steel")
     steel = replace(QUICK, density_kg_mm3=7.85e-6)
     assert grips_of(solid, steel)
-    with pytest.raises(NotGraspableError, match="of the friction limit asked"):
+    with pytest.raises(NotGraspableError, match="of the friction limit required"):
         grips_of(solid, replace(steel, friction=0.2))
 
 
@@ -127,7 +127,7 @@ def test_a_small_ball_is_refused_with_the_contact_it_offers() -> None:
     mesh = trimesh.creation.icosphere(subdivisions=4, radius=8.0)
     cap_mm2 = np.pi * (2 * 8.0 * RULES.compliance_mm - RULES.compliance_mm**2)
     assert cap_mm2 < RULES.least_contact_mm2
-    with pytest.raises(NotGraspableError, match="mm2 asked") as refusal:
+    with pytest.raises(NotGraspableError, match="mm2 required") as refusal:
         grips_of(solid_of(mesh, "pea"))
     last = str(refusal.value).rsplit("(best ", 1)[1]
     # as well as rays 2 mm apart tell an area 5 mm across

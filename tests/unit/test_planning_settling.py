@@ -130,5 +130,5 @@ def test_the_same_part_read_twice_needs_no_view_to_tell(left: PreparedPart) -> N
 def test_another_part_of_the_same_shape_is_refused_with_the_reason(left: PreparedPart) -> None:
     start = lying(left.solid, (0.0, 0.0, -1.0))
     copy = stepped((1.0, 1.0, -1.0))
-    with pytest.raises(NoPlanError, match="no view tells"):
+    with pytest.raises(NoPlanError, match="no view distinguishes"):
         plan_in_doubt(left, LAYOUT, start, [as_reading(left.solid, start, copy)])

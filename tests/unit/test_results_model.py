@@ -105,7 +105,7 @@ def test_a_run_that_was_cut_off_says_after_what_and_where_the_part_was(tmp_path:
     assert record.outcome.end == "cut_off"
     message = record.outcome.message
     assert message.startswith("the run has no end in the journal: it was cut off after")
-    assert "step “show with grip G1” done in 4.2 s" in message
+    assert "step “show with grasp G1” done in 4.2 s" in message
     assert message.endswith("part 1 then was in the arm's hand (jaws at 30.1 mm)")
     (part,) = record.parts
     assert part.verdict is None
@@ -123,7 +123,7 @@ def test_a_run_cut_off_while_the_jaws_close_does_not_guess_where_the_part_is(
     writer.close()
     record = load_run(tmp_path)
     assert record.outcome.where.startswith("Where the part is, is not known")
-    assert "closing the hand on the part on the table was begun" in record.parts[0].in_doubt
+    assert "closing the arm gripper on the part on the table was begun" in record.parts[0].in_doubt
 
 
 def test_an_outcome_without_its_change_of_custody_leaves_a_cut_off_run_in_doubt(
@@ -165,7 +165,7 @@ def test_a_run_that_broke_off_before_anything_moved_is_told(tmp_path: Path) -> N
 def test_steps_belong_to_the_plan_that_was_made_after_a_missed_grip(tmp_path: Path) -> None:
     writer = RunWriter(tmp_path)
     writer.look(sighting(x_mm=300.0))
-    writer.plan("pick with grip G7")
+    writer.plan("pick with grasp G7")
     writer.once("grip")
     message = "the jaws closed on nothing, 30.0 mm was expected (try 1 of 3)"
     writer.write(rows.GraspMissed(message=message))

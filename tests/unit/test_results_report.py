@@ -145,9 +145,9 @@ def test_every_piece_of_surface_is_in_one_class(tmp_path: Path) -> None:
     bad_run(tmp_path)
     text = page_of(tmp_path).text
     # 6000 mm2: F0 5000 all seen, F1 250 seen to 0.9, F2 750 seen to 0.2
-    assert "compared, as the CAD says: 83.33 %" in text
+    assert "compared, agrees with the CAD: 83.33 %" in text
     assert "compared, on a surface that differs from the CAD: 3.75 %" in text
-    assert "compared, too little of the surface to judge it, or in doubt: 2.50 %" in text
+    assert "compared, too little of the surface to judge it, or unconfirmed: 2.50 %" in text
     assert "not compared: 10.42 %" in text
 
 
@@ -229,7 +229,7 @@ def test_the_time_line_names_the_worst_step(tmp_path: Path) -> None:
     good_run(tmp_path)
     page = page_of(tmp_path)
     assert (
-        "Worst against its forecast: step 3, show with grip G1, square to F0 plane: "
+        "Worst against its forecast: step 3, show with grasp G1, square to F0 plane: "
         "6.5 s, forecast 4.0 s (+2.5 s)." in page.text
     )
     _, *rows, total = page.table("Step")
@@ -288,7 +288,7 @@ def test_a_sighting_is_told_with_how_exact_it_is(tmp_path: Path) -> None:
     heads, known, unknown = page_of(tmp_path).table("Object")
     place, turn = heads.index("± [mm]"), heads.index("± [deg]")
     # the bench's standard deviations; a stranger has none
-    assert (known[place], known[turn], known[heads.index("Sure by [%]")]) == (
+    assert (known[place], known[turn], known[heads.index("Score [%]")]) == (
         "0.040", "0.100", "98.7",
     )  # fmt: skip
     assert unknown[place] == unknown[turn] == "–"
@@ -343,7 +343,7 @@ def test_a_part_in_the_wrong_tray_is_told(tmp_path: Path) -> None:
     writer = RunWriter(tmp_path)
     writer.whole_part((view("G1-V0"), view("G1-V3")), verdict(), "reject")
     writer.end()
-    wrong = "the verdict asks for the tray accept, the part was put into reject"
+    wrong = "the verdict requires the tray accept, the part was put into reject"
     assert wrong in page_of(tmp_path).text
 
 
@@ -389,7 +389,7 @@ def test_the_json_says_the_same_in_numbers(tmp_path: Path) -> None:
     assert part["views"][1]["residual_px"] is None
     assert part["views"][0]["findings"] == [1, 2]
     assert part["steps"][2] == {
-        "label": "show with grip G1, square to F0 plane",
+        "label": "show with grasp G1, square to F0 plane",
         "forecast_s": 4.0,
         "seconds": 6.5,
         "view": "G1-V3",

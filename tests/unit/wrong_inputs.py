@@ -402,7 +402,7 @@ ROWS: tuple[Row, ...] = (
         "cell outside",
         recipe("unit: mm", "unit: mm\ncell: ../cell.yaml"),
         RUN,
-        "recipe.yaml:4: `cell`: ../cell.yaml lies outside the recipe's folder; name the cell",
+        "recipe.yaml:4: `cell`: ../cell.yaml is outside the recipe's folder; name the cell",
     ),
     # cells: values
     Row(

@@ -117,7 +117,7 @@ class CompiledPart:
         if self.euler_defect:
             found.append(f"Surfaces and edges do not add up (Euler: {self.euler_defect:+d}).")
         if not any(not pose.rolling for pose in self.poses):
-            found.append("The part rolls whichever way it lies; it cannot be picked at rest.")
+            found.append("The part rolls in every pose; it cannot be picked at rest.")
         return tuple(found)
 
     def density_g_cm3(self, asked: float | None = None) -> float:

@@ -28,7 +28,7 @@ class Block(_Section):
     @model_validator(mode="after")
     def _size_or_corners(self) -> Self:
         if (self.size is None) == (self.from_ is None) or (self.from_ is None) != (self.to is None):
-            raise ValueError("say `size: [x, y, z]`, or `from: [x, y, z]` and `to: [x, y, z]`")
+            raise ValueError("give `size: [x, y, z]`, or `from: [x, y, z]` and `to: [x, y, z]`")
         if self.from_ is not None and self.to is not None:
             for low, high in zip(self.from_, self.to, strict=True):
                 if low >= high:
@@ -40,7 +40,7 @@ class _Round(_Section):
     @model_validator(mode="after")
     def _radius_or_diameter(self) -> Self:
         if (getattr(self, "radius", None) is None) == (getattr(self, "diameter", None) is None):
-            raise ValueError("say either `radius` or `diameter`")
+            raise ValueError("give either `radius` or `diameter`")
         return self
 
 
@@ -156,7 +156,7 @@ class Shape(_Section):
         said = [kind for kind in KINDS if getattr(self, kind) is not None]
         if len(said) != 1:
             told = " and ".join(f"`{kind}`" for kind in said) or "none"
-            raise ValueError(f"is of one kind, {told} found; say one of {', '.join(KINDS)}")
+            raise ValueError(f"is of one kind, {told} found; use one of {', '.join(KINDS)}")
         return self
 
     @property
@@ -179,6 +179,6 @@ class CsgText(_Section):
     def _is_known(cls, unit: str) -> str:
         if SPELLINGS.get(unit, unit) not in MM_PER_UNIT:
             raise ValueError(
-                f"{unit!r:.40} is no unit known here; say one of {', '.join(MM_PER_UNIT)}"
+                f"{unit!r:.40} is no unit known here; use one of {', '.join(MM_PER_UNIT)}"
             )
         return unit

@@ -43,6 +43,6 @@ def check_unit(asked: str | None, told: str, where: Path) -> None:
     """
     if asked is not None and read_unit(asked, where)[0] != told:
         raise UnitCadError(
-            f"{where}: is in {told}, as the file itself says, and not in {asked}; "
-            "leave the unit away, or mend the file"
+            f"{where}: the file is in {told} by its own statement, not in {asked}; "
+            "leave the unit out, or mend the file"
         )

@@ -76,7 +76,7 @@ def hull_of(points_mm: Array, centre_mm: Array) -> Hull:
     blur = BLUR * SINGLE * float(np.abs(points_mm[shell.vertices]).max())
     beyond = float((outward @ centre_mm + shell.equations[:, 3]).max())
     if beyond > max(blur, 1e-9):
-        raise ValueError(f"the centre of mass lies {beyond:.4g} mm outside of the part's hull")
+        raise ValueError(f"the centre of mass is {beyond:.4g} mm outside of the part's hull")
 
     a, b, c = corners[triangles[:, 0]], corners[triangles[:, 1]], corners[triangles[:, 2]]
     doubled = np.cross(b - a, c - a)

@@ -211,7 +211,7 @@ def _charuco(grey: Grey, target: Charuco) -> FoundBoard:
     straight = np.linalg.matrix_rank(board_mm - board_mm.mean(axis=0), tol=1e-6) < 2
     homography = None if straight else _homography(board_mm, best)
     if homography is None:
-        raise NoBoardError("the ChArUco corners seen lie on one line; show more of the board")
+        raise NoBoardError("the ChArUco corners found are on one line; show more of the board")
     there, axes = _through(homography, board_mm, target.square_mm)
     side_px = np.linalg.norm(axes, axis=2).max(axis=1)
     near = np.linalg.norm(best - there, axis=1) < _STRAY_SQUARES * side_px

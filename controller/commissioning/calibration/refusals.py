@@ -66,8 +66,8 @@ def check_views(
     tilted_count = len(views) - len(flat)
     if tilted_count < limits.tilted_min:
         raise CalibrationError(
-            f"{tilted_count} of the boards found are tilted, {limits.tilted_min} are needed at "
-            f"least: boards that all lie flat cannot tell a long lens from a high camera; "
+            f"{tilted_count} of the boards found are tilted, {limits.tilted_min} are required at "
+            f"least: flat boards alone fit a long lens and a high camera alike; "
             f"{_TILT_MORE}"
         )
     coverage = area_px(hull_of(views)) / (size_px[0] * size_px[1])
@@ -99,7 +99,7 @@ def check_placed(views: Sequence[View], T_cam_boards: Sequence[Array], limits: L
         if flat and angle > limits.flat_max_rad:
             others = "the other flat boards" if is_flat.sum() > 2 else "another flat board"
             raise CalibrationError(
-                f"{view.name} is said to lie flat, but stands {np.degrees(angle):.1f} deg off "
+                f"{view.name} is listed as flat, but is tilted {np.degrees(angle):.1f} deg off "
                 f"{others}; correct `placed` in the target file, or take the picture again "
                 "(squares that are not square look like it, too)"
             )
@@ -109,7 +109,7 @@ def check_placed(views: Sequence[View], T_cam_boards: Sequence[Array], limits: L
         raise CalibrationError(
             f"the boards called tilted stand at most {most:.1f} deg off the table; {steep} of them "
             f"stand more than {np.degrees(limits.tilt_min_rad):.0f} deg off, {limits.tilted_min} "
-            f"are needed, or a long lens cannot be told from a high camera; {_TILT_MORE}"
+            f"are required: less tilt fits a long lens and a high camera alike; {_TILT_MORE}"
         )
 
 

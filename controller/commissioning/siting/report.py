@@ -129,12 +129,12 @@ def reasons_to_move(present: SiteScore, best: SiteScore, options: SiteOptions) -
         more = best.trays.get(name, 0.0) - free
         if free > 0.0 and more >= options.worth_moving_hand_offs:
             why.append(
-                f"over the tray {name}, {100 * best.trays[name]:.0f} % of the hand's ways are "
+                f"over the tray {name}, {100 * best.trays[name]:.0f} % of the gripper's poses are "
                 f"clear instead of {100 * free:.0f} %"
             )
     before, after = seconds_of(present), seconds_of(best)
     if np.isfinite(before) and after < before * (1.0 - options.worth_moving_s):
-        why.append(f"views and re-grip take about {after:.0f} s instead of {before:.0f} s a part")
+        why.append(f"views and regrasp take about {after:.0f} s instead of {before:.0f} s a part")
     return tuple(why)
 
 
@@ -229,7 +229,7 @@ def _figures(score: SiteScore) -> str:
     if any(np.isfinite(p.regrip_s) for p in score.parts):
         text += (
             f", one hand-off shows the rest from {100 * score.mean('partners_share'):.0f} % of the "
-            f"grips, views and re-grip take about {seconds_of(score):.0f} s"
+            f"grips, views and regrasp take about {seconds_of(score):.0f} s"
         )
     return text
 
@@ -247,7 +247,7 @@ def _sentences(
     if not why:
         said.append(
             "Leave camera and fixed gripper where they are: nothing found is better by more than "
-            "the search can tell."
+            "the search resolves."
         )
         return tuple(said)
     camera_moves = np.linalg.norm(

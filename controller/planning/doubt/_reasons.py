@@ -38,8 +38,8 @@ def why_alike(
     most = max(float(d.max()) for d in apart)
     if most <= SAME_MM:
         return (
-            f"{a.name} and {b.name} are the same shape in the same place, to {most:.2f} mm: "
-            "no picture can tell them apart, and nothing depends on it"
+            f"{a.name} and {b.name} are the same shape in the same pose, to {most:.2f} mm: "
+            "no picture distinguishes them, and nothing depends on it"
         )
     differs = [d > max(SAME_MM, 0.5 * most) for d in apart]
     names = [
@@ -57,12 +57,12 @@ def why_alike(
     )
     if not seen:
         return (
-            f"they differ only at {where}, by up to {most:.1f} mm, which the part itself or the "
-            f"hand hides in all {len(q)} views that can be reached; another grip may show it"
+            f"they differ only at {where}, by up to {most:.1f} mm, which the part or the gripper "
+            f"hides in all {len(q)} views that can be reached; another grasp may show it"
         )
     return (
         f"they differ at {where}, by up to {most:.1f} mm, which is in sight but makes "
-        f"{margin:.0%} of the pixels it takes at most, as the part may sit in the hand"
+        f"{margin:.0%} of the pixels it takes at most, as the part may sit in the gripper"
     )
 
 

@@ -92,7 +92,7 @@ def _refusal(
         if need > have:
             return (
                 f"{name}: widest opposed friction angle needed {need:.1f} deg, have {have:.1f}; "
-                "fit pads that grip better, or fingers shaped for it"
+                "fit pads with more friction, or fingers shaped for it"
             )
         return (
             f"{name}: no two opposed walls at most {widest:.0f} mm apart, the nearest are "
@@ -105,14 +105,14 @@ def _refusal(
     ):
         mass_kg = solid.volume_mm3 * rules.density_kg_mm3
         return (
-            f"{name}, grip strength: {mass_kg:.2f} kg between pads of {jaw.force_n:.0f} N and "
+            f"{name}, grasp strength: {mass_kg:.2f} kg between pads of {jaw.force_n:.0f} N and "
             f"friction {rules.friction:g} use {last.best:.2f} of the friction limit at best, "
-            f"{last.limit:g} is allowed; press harder or fit pads that grip better; {told}"
+            f"{last.limit:g} is allowed; press harder or fit pads with more friction; {told}"
         )
     if need > have:
         return (
             f"{name}: its walls lean, opposed friction angle needed {need:.1f} deg, have "
-            f"{have:.1f}; fit pads that grip better, or fingers shaped for it; {told}"
+            f"{have:.1f}; fit pads with more friction, or fingers shaped for it; {told}"
         )
     return f"{name}; {told}; fit other fingers or pads"
 

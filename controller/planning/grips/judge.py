@@ -40,7 +40,7 @@ class Stage:
         if not np.isfinite(self.limit):
             return f"{self.name} {self.left}"
         best = f"best {self.best:.3g}" if np.isfinite(self.best) else "none came so far"
-        return f"{self.name} {self.left} ({best}, {self.limit:.3g}{self.unit} asked)"
+        return f"{self.name} {self.left} ({best}, {self.limit:.3g}{self.unit} required)"
 
 
 class Tally:

@@ -174,7 +174,7 @@ class Reason(StrEnum):
     FINGERS = "fingers"
     REACH = "reach"
     NO_REGRASP_PATH = "no regrasp path"
-    GRIP_STRENGTH = "grip strength"
+    GRIP_STRENGTH = "grasp strength"
     LEFT_OUT = "left out"  # it could be shown; options or a failed motion left it out
 
 

@@ -112,7 +112,7 @@ class Builder:
         failure: NoPlanError | None = None
         for way in ways:
             try:
-                motion_in = self._connect(build, way.down[0], scene, "way to the pick")
+                motion_in = self._connect(build, way.down[0], scene, "path to the pick")
             except NoMotionError as error:
                 failure = failure or error
                 continue
@@ -120,7 +120,7 @@ class Builder:
             build.steps.append(
                 Pick(
                     seconds=self._seconds(build.q, motion_in, down, up) + layout.pace.grip_s,
-                    label=f"pick with grip {grip.id}, {grip.opening_mm:.1f} mm",
+                    label=f"pick with grasp {grip.id}, {grip.opening_mm:.1f} mm",
                     grip=grip,
                     motion_in=motion_in,
                     pre_open_mm=grip.pre_open_mm,
@@ -159,14 +159,14 @@ class Builder:
         # sides of a part that narrower ones run into
         scene = Scene(layout, opening, held.opening_mm, standing_meshes=(standing,))
         way = tuple(fewest_waypoints(layout, take.retreat[::-1]))
-        motion_in = self._connect(build, way[0], scene, "way round the fixture")
+        motion_in = self._connect(build, way[0], scene, "path round the fixed gripper")
         motion_out = tuple(fewest_waypoints(layout, take.entry[::-1])[1:])
         build.steps.append(
             TakeBack(
                 seconds=self._seconds(build.q, motion_in, way[1:])
                 + self._seconds(way[-1], motion_out)
                 + layout.pace.take_back_s,
-                label=f"take back with grip {grip.id}, {grip.opening_mm:.1f} mm",
+                label=f"receive back with grasp {grip.id}, {grip.opening_mm:.1f} mm",
                 grip=grip,
                 fixture_grip=held,
                 motion_in=motion_in,
@@ -198,14 +198,14 @@ class Builder:
         grip = part.arm_grips[g]
         scene = Scene(layout, grip.opening_mm, held.pre_open_mm, carried_mesh=part.carried(grip))
         motion = (
-            *self._connect(build, leave.entry[0], scene, "way to the fixture"),
+            *self._connect(build, leave.entry[0], scene, "path to the fixed gripper"),
             *fewest_waypoints(layout, leave.entry)[1:],
         )
         retreat = tuple(fewest_waypoints(layout, leave.retreat)[1:])
         build.steps.append(
             HandOver(
                 seconds=self._seconds(build.q, motion, retreat) + layout.pace.hand_over_step_s,
-                label=f"hand over to the fixture, grip {held.id}",
+                label=f"hand off to the fixed gripper, grasp {held.id}",
                 grip=grip,
                 fixture_grip=held,
                 fixture_pre_open_mm=held.pre_open_mm,
@@ -237,7 +237,7 @@ class Builder:
         """
         part, layout = self._part, self._layout
         grip = part.arm_grips[g]
-        motion = self._connect(build, leave.entry[0], self._carrying(grip), "way to the table")
+        motion = self._connect(build, leave.entry[0], self._carrying(grip), "path to the table")
         down = tuple(fewest_waypoints(layout, leave.entry)[1:])
         up = tuple(fewest_waypoints(layout, leave.retreat)[1:])
         pace = layout.pace
@@ -280,7 +280,7 @@ class Builder:
             v = names[i]
             q = todo[v][k]
             try:
-                motion = self._connect(build, q, scene, f"way to view {v}")
+                motion = self._connect(build, q, scene, f"path to view {v}")
             except NoMotionError as error:
                 tries += 1
                 todo[v] = np.delete(todo[v], k, axis=0)
@@ -297,7 +297,7 @@ class Builder:
         seen = part.shown_by(g)[v]
         build.seen |= seen
         face_id = int(part.directions.square_to[v])
-        label = f"show with grip {grip.id}"
+        label = f"show with grasp {grip.id}"
         if face_id >= 0:
             label += f", square to {part.solid.faces[face_id].label}"
         build.steps.append(
@@ -337,9 +337,9 @@ class Builder:
         arm, tray = self._layout.arm, self._layout.trays[name]
         away, limit = tray_distance_mm(self._layout, tray), arm.reach_mm
         return OutOfReachError(
-            f"{self._part.solid.name}: grip {self._part.arm_grips[g].id} cannot let it go anywhere "
-            f"over tray {name}, {away:.0f} mm from the arm's axis (the wrist reaches {limit:.0f} "
-            f"mm, the hand {arm.tool_mm:.0f} mm more); move the tray",
+            f"{self._part.solid.name}: grasp {self._part.arm_grips[g].id} cannot release it "
+            f"anywhere over tray {name}, {away:.0f} mm from the arm's axis (the wrist "
+            f"reaches {limit:.0f} mm, the gripper {arm.tool_mm:.0f} mm more); move the tray",
             reach_mm=away,
             limit_mm=limit,
             where=f"tray {name}",
@@ -380,12 +380,12 @@ class Builder:
             start,
             way.down[0],
             self._carrying(grip),
-            f"{name}: way to tray {tray}",
+            f"{name}: path to tray {tray}",
             self._seed,
             search,
         )
         empty = Scene(layout, grip.pre_open_mm, layout.fixture_open_mm)
-        home = connect(way.up[-1], layout.park_q, empty, f"{name}: way home", self._seed, search)
+        home = connect(way.up[-1], layout.park_q, empty, f"{name}: path home", self._seed, search)
         down, up = tuple(way.down[1:]), tuple(way.up[1:])
         place = Place(
             seconds=self._seconds(start, motion, down, up) + layout.pace.release_s,
@@ -422,7 +422,7 @@ def check_trays_in_reach(name: str, layout: CellLayout) -> None:
         if away > limit + max(tray.size_mm) / 2:
             raise OutOfReachError(
                 f"{name}: tray {tray_name} is {away:.0f} mm from the arm's axis, the outstretched "
-                f"arm with its hand reaches {limit:.0f} mm; move the tray nearer",
+                f"arm with its gripper reaches {limit:.0f} mm; move the tray nearer",
                 reach_mm=away,
                 limit_mm=arm.reach_mm,
                 where=f"tray {tray_name}",

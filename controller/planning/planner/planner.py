@@ -203,7 +203,7 @@ class _Planner(ABC):
                 )
                 solution = solve(problem, effort=effort, incumbent=solution)
         raise failure or NoMotionError(
-            f"{self._part.solid.name} {self.where()}: no grip it can be had in leads on to a tray"
+            f"{self._part.solid.name} {self.where()}: no grasp within reach leads to a tray"
         )
 
     def _shows_all(self, solution: Solution | None) -> bool:
@@ -229,7 +229,7 @@ class _Planner(ABC):
         if away > limit + arm.tool_mm:
             return OutOfReachError(
                 f"{part.solid.name}: {where} is {away:.0f} mm from the arm's axis, the "
-                f"outstretched arm with its hand reaches {limit + arm.tool_mm:.0f} mm; move the "
+                f"outstretched arm with its gripper reaches {limit + arm.tool_mm:.0f} mm; move the "
                 "station nearer",
                 reach_mm=away,
                 limit_mm=limit,
@@ -307,10 +307,10 @@ class _Planner(ABC):
         gain = part.options.least_gain
         left_out = f"; views that add less than {gain:.2%} of the surface left out" if gain else ""
         return (
-            f"seconds of re-grips with their risk, and {self._layout.pace.look_s:.1f} s a view "
-            f"with the way to it, among {len(part.arm_grips)} grips of the hand, {fixed} of the "
-            f"fixed gripper, {laid} places on the table and {len(part.directions.vectors)} "
-            f"directions{left_out}"
+            f"seconds of regrasps with their risk, and {self._layout.pace.look_s:.1f} s a view "
+            f"with the path to it, among {len(part.arm_grips)} grasps of the arm gripper, "
+            f"{fixed} of the fixed gripper, {laid} poses on the table and "
+            f"{len(part.directions.vectors)} directions{left_out}"
         )
 
     def _hop(
@@ -406,7 +406,7 @@ class _FromTable(_Planner):
         towards = eye[:3] - part.solid.centroid_mm
         return Look(
             seconds=0.0,
-            label="look at it where it lies",
+            label="view it on the table",
             view_id="T0",
             T_world_part=self._T,
             direction_part=towards / np.linalg.norm(towards),
@@ -446,7 +446,7 @@ class _FromArm(_Planner):
         """Nothing is to be done: it is held already."""
 
     def where(self) -> str:
-        return "in the hand"
+        return "in the arm gripper"
 
 
 class _FromFixture(_Planner):

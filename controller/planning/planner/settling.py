@@ -119,11 +119,11 @@ def plan_in_doubt(
     names = ", ".join(sorted({o.name for o in others}))
     if alike is not None and alike.unsettled:
         raise NoPlanError(
-            f"{part.solid.name} may be {names} as well, and no view tells: "
+            f"{part.solid.name} may be {names} as well, and no view distinguishes them: "
             f"{alike.unsettled[0].reason}"
         )
     raise failure or NoPlanError(
-        f"{part.solid.name} may be {names} as well, and no grip from above holds whichever it is; "
+        f"{part.solid.name} may be {names} as well, and no grasp from above holds both; "
         "turn it over"
     )
 
@@ -269,7 +269,7 @@ def _settled(
         raise error.reason from error
     scene = Scene(layout, grip.opening_mm, layout.fixture_open_mm, carried_mesh=part.carried(grip))
     target = q[ask.view]
-    what = f"{part.solid.name}: way to the view that tells"
+    what = f"{part.solid.name}: path to the disambiguation view"
     motion = connect(build.q, target, scene, what, rng_seed)
     T_world_part = shown_pose(layout, target, grip.T_part_hand)
     eye = inverse_pose(T_world_part) @ np.append(layout.inspection.position_mm, 1.0)
@@ -277,7 +277,7 @@ def _settled(
     names = ", ".join(sorted({o.name for o in others}))
     view = Present(
         seconds=move_seconds(layout, [build.q, *motion]) + layout.pace.look_s,
-        label=f"show with grip {grip.id}: {part.solid.name} or {names}?",
+        label=f"show with grasp {grip.id}: {part.solid.name} or {names}?",
         view_id=f"{grip.id}-D{ask.view}",
         grip=grip,
         motion=motion,

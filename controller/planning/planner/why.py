@@ -137,7 +137,7 @@ def _left_out(part: PreparedPart, rest: BoolArray, dropped: BoolArray) -> Missin
     return Missing(
         Reason.LEFT_OUT,
         rest,
-        "no way free of contact was found to the views or grips that would show it",
+        "no path free of contact was found to the views or grasps that would show it",
         "start with the part elsewhere on the table",
     )
 
@@ -168,9 +168,9 @@ def _load_of_a_grip_that_shows(
 def _too_weak(part: PreparedPart, load: float) -> tuple[str, str]:
     rules = part.options.rules
     return (
-        f"grip strength: the grips that leave it in sight hold too weakly, the best uses "
+        f"grasp strength: the grasps that leave it in sight hold too weakly, the best uses "
         f"{load:.2f} of the friction limit, {rules.max_load:g} is allowed",
-        "press harder, or fit pads that grip better",
+        "press harder, or fit pads with more friction",
     )
 
 
@@ -180,7 +180,7 @@ def _fingers(part: PreparedPart, layout: CellLayout, piece: BoolArray) -> tuple[
     left = (part.visible[None] & ~hides)[:, :, piece].any(axis=1).mean(axis=1)
     order = np.argsort(-left, kind="stable")[:GRIPS_ASKED_N]
     best = part.arm_grips[int(order[0])]
-    reason = f"hidden by the fingers in every grip; grip {best.id} comes nearest"
+    reason = f"hidden by the fingers in every grasp; grasp {best.id} comes nearest"
     for share in THINNER:
         hand = _thinner(layout.hand, share)
         for g in order:
@@ -316,27 +316,27 @@ def _no_path(
     remedy = ""
     if others:
         poses = ", ".join(str(p) for p in others)
-        remedy = f"lay the part down in stable pose {poses}"
+        remedy = f"put the part down in stable pose {poses}"
     if layout.fixture is None:
         return (
-            f"no re-grip path from here to a grip that shows it ({names}): the cell has no fixed "
-            "gripper, and no place on the table leads on",
+            f"no regrasp path from here to a grasp that shows it ({names}): the cell has no fixed "
+            "gripper, and no pose on the table leads on",
             remedy or "a second gripper",
         )
     if not part.fixture_grips:
         return (
-            f"no re-grip path from here to a grip that shows it ({names}): the fixed gripper finds "
-            "nothing to hold the part by while the hand lets go",
+            f"no regrasp path from here to a grasp that shows it ({names}): the fixed gripper "
+            "finds nothing to hold the part by while the arm gripper releases it",
             remedy or "other jaws for the fixed gripper",
         )
     if not any(part.hand_offs):
         return (
-            f"no re-grip path from here to a grip that shows it ({names}): the arm cannot pass the "
-            "part to the fixed gripper where it stands",
+            f"no regrasp path from here to a grasp that shows it ({names}): the arm cannot bring "
+            "the part to the fixed gripper where it stands",
             remedy or "move the fixed gripper into the arm's reach",
         )
     return (
-        f"no re-grip path from here to a grip that shows it ({names}): no hand-off and no place on "
+        f"no regrasp path from here to a grasp that shows it ({names}): no hand-off and no pose on "
         "the table joins them",
         remedy or "turn the fixed gripper",
     )

@@ -93,7 +93,7 @@ def pick_ways(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) 
     if not ways:
         if blocked:
             raise NoMotionError(
-                f"{where}: every way down touches {', '.join(sorted(blocked))}; move the part away"
+                f"{where}: every approach touches {', '.join(sorted(blocked))}; move the part away"
             )
         raise _out_of_reach(layout, T_up[:, -1], where)
     return ways
@@ -150,8 +150,8 @@ def _no_grip_from_above(part: PreparedPart, layout: CellLayout, T_world_part: Fl
     hull = np.asarray(part.solid.mesh.convex_hull.vertices)
     high = float((hull @ T_world_part[2, :3]).max() + T_world_part[2, 3])
     text = (
-        f"no pick in this pose: lying like this it is {high:.1f} mm high, and none of its "
-        f"{len(part.arm_grips)} grips from above clears the table by {TABLE_MARGIN_MM:g} mm"
+        f"no pick in this pose: in it the part is {high:.1f} mm high, and none of its "
+        f"{len(part.arm_grips)} grasps from above clears the table by {TABLE_MARGIN_MM:g} mm"
     )
     x, y = layout.set_down_mm.mean(axis=1)
     able = []
@@ -175,7 +175,7 @@ def _out_of_reach(layout: CellLayout, T_tip: FloatArray, where: str) -> OutOfRea
     best = float(reach.min())
     if best > limit:
         text = (
-            f"{where}: {best:.0f} mm asked of the wrist, the arm reaches {limit:.0f} mm; "
+            f"{where}: {best:.0f} mm are required of the wrist, the arm reaches {limit:.0f} mm; "
             "move the part closer"
         )
     else:

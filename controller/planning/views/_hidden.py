@@ -32,8 +32,8 @@ def why_hidden(
     if lookout.too_coarse[piece].mean() >= MOST:
         return (
             f"too coarse in every picture: seen past the part {np.median(best):.0f} degrees from "
-            "its normal at best, with fewer pixels to the millimetre than are asked",
-            "a longer focal length, a camera nearer by, or fewer pixels asked in the recipe",
+            "its normal at best, with fewer pixels to the millimetre than are required",
+            "a longer focal length, a camera nearer by, or fewer pixels required in the recipe",
         )
     if lookout.blurred[piece].mean() >= MOST:
         return (

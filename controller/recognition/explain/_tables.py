@@ -308,5 +308,5 @@ def turn_told(f: ObjectFacts) -> str:
     """Return a turn with its standard deviation in words."""
     s = f.sighting
     if s.sigma_rad > UNTOLD_RAD:
-        return "any: nothing in the picture tells how it is turned"
+        return "any: nothing in the picture shows its turn"
     return f"{degrees_told(s.theta_rad, 2)} deg, +- {degrees_told(s.sigma_rad, 3)} deg"

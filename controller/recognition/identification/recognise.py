@@ -98,7 +98,7 @@ def _identify(
 ) -> tuple[Sighting, Trace]:
     seen = _silhouettes(region, camera)
     if not seen:
-        return _unknown(region, camera, 0.0, 1.0, "too small to tell"), Trace(region, (), ())
+        return _unknown(region, camera, 0.0, 1.0, "too small to recognise"), Trace(region, (), ())
     main = seen[0]
     if region.touches_edge:
         reason = "partly outside the picture or the glowing area; move it inwards"

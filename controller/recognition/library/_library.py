@@ -245,7 +245,7 @@ def check_fits(entry: Entry, camera: Camera) -> None:
     half = np.linalg.norm(side - middle, axis=1)
     if entry.extent_mm > 2 * float(half.max()):
         raise CadError(
-            f"{entry.name}: {entry.extent_mm:.0f} mm long, lying it does not fit into the overhead "
+            f"{entry.name}: {entry.extent_mm:.0f} mm long, it does not fit into the overhead "
             "camera's picture; use another camera or a smaller part"
         )
 

@@ -177,7 +177,7 @@ def _remarks(
     if not is_bimodal:
         out.append(
             "the histogram has one hump, not two"
-            + ("" if is_something else ": nothing lies on the table")
+            + ("" if is_something else ": nothing is on the table")
         )
     if levels.step > 1:
         out.append(f"{256 // levels.step} grey levels only")

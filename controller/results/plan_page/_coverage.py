@@ -37,7 +37,7 @@ WHY: dict[Reason, Colour] = {
     Reason.LEFT_OUT: (96.0, 96.0, 96.0),
 }
 SPECKS: Colour = (232.0, 232.0, 228.0)
-SPECKS_WORDS = "single places, too small to be told"
+SPECKS_WORDS = "single samples, too small to be listed"
 
 
 @dataclass(frozen=True, slots=True)

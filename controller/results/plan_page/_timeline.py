@@ -19,8 +19,8 @@ COLOURS: dict[Kind, str] = {
 WORDS: dict[Kind, str] = {
     Kind.PICK: "pick",
     Kind.PRESENT: "show",
-    Kind.HAND_OVER: "hand over",
-    Kind.TAKE_BACK: "take back",
+    Kind.HAND_OVER: "hand off",
+    Kind.TAKE_BACK: "receive back",
     Kind.SET_DOWN: "set down",
     Kind.LOOK: "look at the table",
     Kind.PLACE: "place",

@@ -61,7 +61,7 @@ def half_edges(triangles: NDArray[np.integer]) -> HalfEdges:
     if not (
         np.array_equal(origin[one], target[other]) and np.array_equal(target[one], origin[other])
     ):
-        raise ValueError("the surface is not closed, or not wound one way")
+        raise ValueError("the surface is not closed, or not wound consistently")
     twin = np.empty_like(here)
     twin[one], twin[other] = other, one
     fan = components(len(here), here, after[twin])
