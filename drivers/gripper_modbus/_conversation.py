@@ -31,7 +31,14 @@ NOT_KNOWN_TO_BE_DONE: Final = (ReplyTimeoutError, UnpluggedError)  # errors afte
 
 
 class Conversation:
-    """Everything said to one gripper; the verbs are built on it."""
+    """Everything said to one gripper; the verbs are built on it.
+
+    Parameters
+    ----------
+    link : the line the gripper is on
+    config : its slave id, calibration and limits
+    name : what messages call it
+    """
 
     def __init__(self, link: ModbusLink, config: GripperConfig, name: str) -> None:
         self.clock = link.clock

@@ -141,8 +141,10 @@ def judge_grip(
 
     Parameters
     ----------
+    status : the reading at the end of the move
     contact : what gOBJ says when the part stops the jaws in this direction
     expected_mm : width of the part; 0 when unknown [mm]
+    config : calibration, and tolerances of the width
     """
     evidence = GripEvidence.NONE
     if status.object is contact:

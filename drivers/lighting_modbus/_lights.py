@@ -51,6 +51,10 @@ class Lights:
     link : line of both modules; not closed by the lights
     config : lamps and slave ids
     relay_link : line of the relay module when it has one of its own
+
+    Raises
+    ------
+    ValueError : both modules have the same slave id on the same line
     """
 
     def __init__(

@@ -26,7 +26,14 @@ def _version_text(register: int) -> str:
 
 
 class AnalogModule:
-    """Eight 0-10 V outputs, one holding register each, in millivolts."""
+    """Eight 0-10 V outputs, one holding register each, in millivolts.
+
+    Parameters
+    ----------
+    link : the line it is on
+    unit : its slave id
+    spacing_s : least pause between two exchanges with it [cell s]
+    """
 
     def __init__(self, link: ModbusLink, unit: int, spacing_s: float) -> None:
         probe = Request(FunctionCode.READ_HOLDING_REGISTERS, FIRST_CHANNEL, 2)
@@ -71,7 +78,14 @@ class AnalogModule:
 
 
 class RelayModule:
-    """Eight relays, one coil each."""
+    """Eight relays, one coil each.
+
+    Parameters
+    ----------
+    link : the line it is on
+    unit : its slave id
+    spacing_s : least pause between two exchanges with it [cell s]
+    """
 
     def __init__(self, link: ModbusLink, unit: int, spacing_s: float) -> None:
         probe = Request(FunctionCode.READ_COILS, FIRST_CHANNEL, CHANNEL_COUNT)

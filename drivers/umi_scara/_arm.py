@@ -117,6 +117,7 @@ class UmiScara(ArmSession):
 
         Parameters
         ----------
+        targets : where each axis that moves is to stand [counts]; the others stay
         deadline_s : patience from the start on [cell s]; by default from the nominal speeds
         speeds : SPEED of axes that get a new one, whole numbers >= 1
 

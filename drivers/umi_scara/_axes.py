@@ -37,7 +37,14 @@ def _the(kind: type[R], reply: Reply) -> R:
 
 
 class Axes:
-    """The motors behind a link; `on_position_lost` hears of every 0E and 0F."""
+    """The motors behind a link.
+
+    Parameters
+    ----------
+    link : the line of both IPs
+    clock : the cell's clock
+    on_position_lost : called with every 0E and 0F: an IP has restarted
+    """
 
     def __init__(self, link: Link, clock: CellClock, on_position_lost: Callable[[], None]) -> None:
         self.link = link

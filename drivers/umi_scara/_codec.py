@@ -243,6 +243,10 @@ class ReplyReader:
     RefusedError : codes 01 to 0D (§2.9); `code` holds it
     BadReplyError : a reply that does not answer this request, is too long, or whose checksum fails
     WrongDeviceError : the bytes are text: unsupported ROM or monitor mode (§8.7)
+
+    Raises
+    ------
+    ValueError : the bytes it is made with are no whole request
     """
 
     def __init__(self, request: bytes) -> None:

@@ -51,7 +51,14 @@ class HomingConfig:
 
 
 class Homing:
-    """One run of the procedure; `guard` raises when the run must not go on."""
+    """One run of the procedure.
+
+    Parameters
+    ----------
+    axes : the motors
+    config : where the stops are, where to park, speed, force and patience
+    guard : called before every request; raises when the run must not go on
+    """
 
     def __init__(self, axes: Axes, config: HomingConfig, guard: Guard) -> None:
         self._axes = axes

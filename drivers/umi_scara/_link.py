@@ -158,7 +158,15 @@ def may_be_define_home(request: bytes) -> bool:
 
 
 class Link:
-    """The line, over a transport, on the cell's clock; `trace` sees every exchange."""
+    """The line of both IPs.
+
+    Parameters
+    ----------
+    transport : bytes to and from the arm
+    clock : the cell's clock, by which requests are spaced and replies given up
+    config : timing of the line
+    trace : called with every exchange on the wire
+    """
 
     def __init__(
         self,
@@ -211,6 +219,8 @@ class Link:
 
         Parameters
         ----------
+        ip : the board; the line is handed over first where another one listens
+        frames : the requests, in order; each is answered before the next goes out
         repeats : the frames only read, so that they may be sent again after a resync
         guard : called right before each request; what it raises keeps the request from going out
         proves : the IP is asked who it is right before the frames, though no hand-over was needed

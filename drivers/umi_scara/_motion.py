@@ -126,6 +126,13 @@ class Watch:
     which shows them all in one request. But a motor that is not part of the move may have left its
     mark in that, as a gripper that holds something does (§5.5): from then on the axes of that IP
     are asked one by one.
+
+    Parameters
+    ----------
+    axes : the motors
+    targets : where each started axis is going [counts]
+    deadline_s : patience from now on [cell s of attended time]
+    guard : called while it watches; raises once the motion has been stopped
     """
 
     def __init__(

@@ -98,7 +98,15 @@ def check_speeds(speeds: Mapping[Axis, int]) -> None:
 
 
 class ArmSession:
-    """Everything about an arm but its moves; `UmiScara` adds those and tells the whole story."""
+    """Everything about an arm but its moves; `UmiScara` adds those and tells the whole story.
+
+    Parameters
+    ----------
+    port : the serial port's path, or what opens a transport
+    config : settings of the arm, its line, homing and gripper
+    clock : the cell's clock
+    trace : called with every exchange on the wire
+    """
 
     def __init__(
         self,

@@ -235,6 +235,7 @@ def inverse(
     Parameters
     ----------
     T_arm_tip : (..., 4, 4) [mm], proper rotations
+    geometry : lengths of the arm
     heading_rad : (k,) or scalar headings of the hand [rad] to try at pitch +-90 deg;
         HEADINGS_RAD if None
 
@@ -268,6 +269,7 @@ def inverse_legal(
     Parameters
     ----------
     T_arm_tip : (n, 4, 4) [mm], proper rotations
+    geometry : lengths of the arm
     heading_rad : as `inverse`
 
     Returns
