@@ -48,7 +48,14 @@ class _Call:
 
 
 class V4l2Device:
-    """One emulated camera; every method may be called from any thread."""
+    """One emulated camera; every method may be called from any thread.
+
+    Parameters
+    ----------
+    source : where pictures are ordered
+    clock : the world's time
+    config : name, formats, sizes, rates and controls of the camera
+    """
 
     def __init__(
         self, source: PictureSource, clock: Clock, config: CameraConfig | None = None
@@ -303,6 +310,7 @@ class V4l2Device:
         Parameters
         ----------
         number : the handle's
+        request : the ioctl's request number; an unknown one is answered with ENOTTY
         data : the struct as the client passed it; where it is shorter, zeros follow
         memory : the way to what a struct points at, None where pointers cannot be followed
         is_blocking : the file was opened without O_NONBLOCK

@@ -25,6 +25,12 @@ class ClockPattern:
     The rest of the picture is as bright as exposure and gain make it. Runs on the event loop it
     is used in; `delay_wall_s` stands for the time that a real picture takes to make;
     `is_deep` makes it 16 bits a pixel.
+
+    Parameters
+    ----------
+    size_px : width and height of the pictures
+    delay_wall_s : the time that a real picture would take to make [wall s]
+    is_deep : 16 bits a pixel instead of 8
     """
 
     def __init__(

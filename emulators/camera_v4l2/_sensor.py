@@ -80,6 +80,19 @@ class _Flight:
 class Sensor:
     """Frames of one power-up of a camera; shares the camera's lock.
 
+    Parameters
+    ----------
+    source : where pictures are ordered
+    clock : the world's time
+    config : the camera
+    settings : format, size and rate at present
+    controls : exposure, gain and whatever else a frame is taken with
+    buffers : where finished frames go
+    lock : the camera's
+    store : called with the place in the buffers' memory [bytes] and the bytes of a picture
+    wake : called with the number of the handle that has a frame to fetch, None for all
+    able : called when frames have somewhere to go again
+
     Attributes
     ----------
     faults : in force; counts run down here

@@ -21,6 +21,12 @@ _SELF_TEST_TIMEOUT_S: Final = 30.0  # a hang is meant, not a busy machine
 class CameraServer:
     """Owns the wires of some cameras.
 
+    Parameters
+    ----------
+    devices : cameras by the names of their nodes, video0 and so on
+    directory : a directory of their own, for the nodes or sockets
+    transport : "auto" takes FUSE where it can be mounted, else sockets
+
     Attributes
     ----------
     transport : "fuse" or "socket", once started

@@ -57,6 +57,12 @@ class RobotiqConfig:
 class RobotiqDevice:
     """The gripper's controller and its jaws; `advance` moves both.
 
+    Parameters
+    ----------
+    jaws : the mechanism, shared with the world; one of its own by default
+    unit : Modbus slave id
+    config : time of its activation, age of its registers, scale of its encoder
+
     Attributes
     ----------
     unit : Modbus number

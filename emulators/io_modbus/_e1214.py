@@ -25,6 +25,12 @@ class StackLight:
 class E1214Device:
     """The block. `advance` samples the contacts, runs pulse trains and the watchdog.
 
+    Parameters
+    ----------
+    signals : the contacts behind the inputs; healthy ones by default
+    unit : Modbus unit id
+    config : what an owner sets in its web console
+
     Attributes
     ----------
     unit : Modbus number

@@ -47,6 +47,13 @@ class LampCharacter:
 class LampModel:
     """One lamp.
 
+    Parameters
+    ----------
+    wiring : where it is connected
+    analog : the module that dims it
+    relays : the module that switches its supply
+    character : how its light follows the dimming voltage and the time
+
     Attributes
     ----------
     wiring : where it is connected

@@ -35,6 +35,14 @@ class RtuLine:
     A frame is what stands between two silences of 3.5 characters: bytes that follow a request
     without that pause void it, as on a real line. Request and reply take the time of their
     characters; reply characters leave one by one as they fall due.
+
+    Parameters
+    ----------
+    bus : the devices on the line
+    clock : the world's time
+    baudrate : of the line [bit/s]; it gives the length of a character and of the silence between
+        frames
+    turnaround_s : from the end of a request to the reply's first character [world s]
     """
 
     def __init__(

@@ -125,6 +125,7 @@ class ArmModel:
 
         Parameters
         ----------
+        axis : the axis
         direction : +1 or -1 [sign of counts], the way that is blocked
         blocked : an obstacle that is there already stays where it is
         """

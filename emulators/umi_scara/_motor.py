@@ -280,6 +280,7 @@ class Motor:
 
         Parameters
         ----------
+        dt_s : length of the step [world s]
         before : position before the step
         is_limp : the motor has no power or no force
         """

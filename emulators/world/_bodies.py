@@ -18,7 +18,12 @@ _FAR_MM: Final = np.array((0.0, 0.0, -50_000.0))
 
 
 class Bodies:
-    """One pybullet client; bodies are its numbers, poses are 4x4 in mm."""
+    """One pybullet client; bodies are its numbers, poses are 4x4 in mm.
+
+    Raises
+    ------
+    RuntimeError : pybullet has no free client
+    """
 
     def __init__(self) -> None:
         self._client = pybullet.connect(pybullet.DIRECT)

@@ -18,7 +18,16 @@ _UP = np.array((0.0, 0.0, 1.0))
 
 
 class CellBoxes:
-    """All boxes of the cell but the parts; follows arm and jaws, and feels what they touch."""
+    """All boxes of the cell but the parts; follows arm and jaws, and feels what they touch.
+
+    Parameters
+    ----------
+    layout : arm, post, grippers and obstacles of the cell
+    bodies : the pybullet client that gets the boxes
+    links : (4, 4) pose of each frame of the arm in the world [mm], by name
+    hand : the arm gripper
+    fixture : the fixed gripper
+    """
 
     def __init__(
         self,

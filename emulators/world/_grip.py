@@ -102,7 +102,7 @@ class Gripper:
 
         Parameters
         ----------
-        part : pybullet's number of the part
+        part : its number in the world
         seat : where the part rests between the pads
         T_tip_part : (4, 4) pose of the part in the TCP frame as the pads meet it [mm]
         force_n : force of the pads
@@ -154,6 +154,8 @@ class Gripper:
         Parameters
         ----------
         centre_mm : (3,) the part's centre of mass, world
+        mass_kg : mass of the part
+        dt_s : length of the step [world s]
         """
         hold = self.hold
         if hold is None or not hold.is_seated:
@@ -204,6 +206,8 @@ def bears(felt: Felt, opening_mm: float, *, is_held: bool) -> bool:
 
     Parameters
     ----------
+    felt : what each pad has before it
+    opening_mm : distance between the pads
     is_held : another gripper keeps it where it is; pads then give by `COMPLIANCE_MM`
     """
     upper_mm, lower_mm = felt.gaps_mm(opening_mm)

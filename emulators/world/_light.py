@@ -30,6 +30,13 @@ class Source:
     Its points come in patterns, each spread evenly over the source. Neighbouring pixels use
     different patterns, turned and shifted against each other, so that what a pattern leaves out
     becomes a fine grain, less than the sensor's own, and not a band.
+
+    Parameters
+    ----------
+    centre_mm : (3,) in the world
+    axis : (3,) of length 1, at right angles to the disc
+    inner_mm : inner radius; 0 makes a disc of the annulus
+    outer_mm : outer radius
     """
 
     def __init__(self, centre_mm: Array, axis: Array, inner_mm: float, outer_mm: float) -> None:
@@ -121,6 +128,7 @@ class Lamps:
 
         Parameters
         ----------
+        lamp : number of the lamp
         points_mm, normals : (n, 3) world; normals of length 1, towards the camera
         views : (n, 3) directions from the camera, any length
         material, panel : (n,) of the surface
@@ -156,6 +164,7 @@ class Lamps:
 
         Parameters
         ----------
+        lamp : number of the lamp
         sources_mm : (n, k, 3) points of the lamp for each point; None: its centre alone
         points_mm, normals, views, material : as `from_panel` has them
 

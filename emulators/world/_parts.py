@@ -24,7 +24,15 @@ _FRICTION_RADIUS: Final = 0.27  # of friction about the middle, by the diagonal;
 
 
 class Part:
-    """A part; ``falling`` and ``carried`` are its two pybullet bodies."""
+    """A part; ``falling`` and ``carried`` are its two pybullet bodies.
+
+    Parameters
+    ----------
+    index : its number in the world
+    solid : its shape, mass and stable poses
+    falling : pybullet's number of the body that contacts move
+    carried : pybullet's number of the body that a gripper moves
+    """
 
     def __init__(self, index: int, solid: Solid, falling: int, carried: int) -> None:
         self.index, self.solid = index, solid

@@ -147,6 +147,12 @@ class _Wish:
 class PictureDesk:
     """Between cameras, the world and the worker.
 
+    Parameters
+    ----------
+    scene : cameras, lamps and surfaces, sent to the worker once
+    stage : gives the poses of what moves and the levels of the lamps
+    seed : decides the noise of every picture
+
     Raises
     ------
     RuntimeError : from `note`, when the worker has died

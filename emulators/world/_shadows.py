@@ -137,6 +137,10 @@ class Shadows:
 
         Parameters
         ----------
+        assembly : what stands between lamp and surfaces
+        lamp : number of the lamp
+        spots : (n,) where the rays met surfaces, one for each pixel
+        pixels : (n,) the pixels, row by row: v times the width plus u
         step_px : from a pixel to its neighbours among these
         passed_over : (n,) pixels that need not be right, only a neighbour's guess
         """
@@ -273,8 +277,11 @@ def cast_shadows(
 
     Parameters
     ----------
+    scene : embree scene of what may stand between, in the frame of the points
     starts_mm : (n, 3) off the surface
     points_mm : (n, k, 3) of the lamp
+    seen : (n, k) bool, changed in place
+    asked : (n, k) bool, the pairs that a ray is cast for
     """
     pairs = np.flatnonzero(asked)
     if len(pairs) == 0:

@@ -32,7 +32,17 @@ _DEFAULT_FORCE_FRACTION: Final = 0.4
 
 
 class World:
-    """One cell; ``advance`` lets time pass, ``snapshot`` is what a camera would see."""
+    """One cell; ``advance`` lets time pass, ``snapshot`` is what a camera would see.
+
+    Parameters
+    ----------
+    layout : cell, cameras and lamps
+    solids : the parts; none of them is in the cell before `drop`
+    arm : joints of the arm; the world lets it advance
+    jaws : the fixed gripper's jaws; the world lets them advance
+    obstruct : called to block a motor of the arm in a direction, or to free it
+    seed : decides where parts fall
+    """
 
     def __init__(
         self,
@@ -349,6 +359,7 @@ class World:
 
         Parameters
         ----------
+        index : number of the part
         x_mm, y_mm : its centre of mass; in the layout's drop area at random where None
         rest : number in ``solid.rests``; by default a stable one, by its solid angle
         theta_rad : turn about z; at random where None
