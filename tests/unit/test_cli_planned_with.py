@@ -205,7 +205,10 @@ def test_a_bare_recipe_plans_as_no_recipe_does(
         (["plan"], "a CAD file or --recipe is required"),
         (["compile"], "a CAD file or --recipe is required"),
         (["plan", "--recipe", "RECIPE", "--unit", "mm"], "--unit is not allowed with --recipe"),
-        (["compile", "--recipe", "RECIPE", "--density", "2"], "--density is not allowed with --recipe"),
+        (
+            ["compile", "--recipe", "RECIPE", "--density", "2"],
+            "--density is not allowed with --recipe",
+        ),
         (["plan", "--recipe", "RECIPE", "--recipe", "RECIPE"], "one part is planned at a time"),
         (
             ["plan", "a.stl", "--site", "--recipe", "RECIPE", "--recipe", "RECIPE"],
