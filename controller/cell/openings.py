@@ -77,6 +77,8 @@ def judge_arm(jaws: JawReading, identity: ArmIdentity, open_mm: float) -> Openin
 
     Parameters
     ----------
+    jaws : opening of the arm gripper, and whether it presses
+    identity : says whether the arm has lost its positions
     open_mm : its widest opening, where it stalls on its own end [mm]
     """
 
@@ -99,6 +101,8 @@ def judge_fixed(status: GripperReading, barrier: Signal, open_mm: float) -> Open
 
     Parameters
     ----------
+    status : reading of the fixed gripper
+    barrier : the light barrier between its pads; OK means that it sees something
     open_mm : its widest opening [mm]
     """
 

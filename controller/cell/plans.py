@@ -44,6 +44,9 @@ class Planning:
 
     Parameters
     ----------
+    part : the compiled part
+    layout : the cell
+    options : of the planner
     use_cache : False to make everything anew and keep nothing
     """
 

@@ -17,7 +17,14 @@ NOTHING_MM: Final = 3.0  # jaws this near to each other hold nothing
 
 
 class ReleaseGuard:
-    """Opens the arm gripper and the fixed gripper, or refuses to."""
+    """Opens the arm gripper and the fixed gripper, or refuses to.
+
+    Parameters
+    ----------
+    arm : the arm, with its gripper
+    fixed : the fixed gripper
+    io : gives the safety copies, and the light barrier
+    """
 
     def __init__(self, arm: Arm, fixed: FixedGripper, io: IoBlock) -> None:
         self._arm = arm

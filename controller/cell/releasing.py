@@ -50,7 +50,14 @@ class Standing:
 
 
 class Recovery:
-    """One visit to a cell at rest, journaled like a run; usable as ``async with``."""
+    """One visit to a cell at rest, journaled like a run; usable as ``async with``.
+
+    Parameters
+    ----------
+    cell : the cell; its devices must have addresses
+    clock : the cell's clock, as it was found
+    runs_dir : folder of all runs and of the journal
+    """
 
     def __init__(self, cell: Cell, clock: FoundClock, runs_dir: Path) -> None:
         self._cell = cell

@@ -44,6 +44,7 @@ async def require_empty_grippers(
     ----------
     known : what the journal of all runs says of the grippers
     openings : what the grippers say of themselves
+    journal : gets the openings, and the operator's statement or the refusal
     press : closes the arm gripper a little further and returns whether something is in it
     is_part_removed : the operator states that no gripper holds anything
 

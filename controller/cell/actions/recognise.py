@@ -16,7 +16,14 @@ from ..services import BatchRecord
 
 
 class RecogniseAction:
-    """Finds the recipe's part, and it alone, on the table."""
+    """Finds the recipe's part, and it alone, on the table.
+
+    Parameters
+    ----------
+    compute : the compute service, which recognises
+    recipe : says which part is wanted
+    record : of the batch; gets what was recognised
+    """
 
     def __init__(self, compute: Compute, recipe: Recipe, record: BatchRecord) -> None:
         self._compute = compute

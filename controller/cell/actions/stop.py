@@ -46,7 +46,14 @@ class StopMotionAction:
 
 
 class AbortMotionAction:
-    """Stops at once whatever still answers."""
+    """Stops at once whatever still answers.
+
+    Parameters
+    ----------
+    stopping : stops the devices
+    views : the views of the part; those still being judged are given up
+    journal : gets what stopped and what did not answer
+    """
 
     def __init__(self, stopping: Stopping, views: Views, journal: Journal) -> None:
         self._stopping = stopping

@@ -40,6 +40,8 @@ def find_hold(
 
     Parameters
     ----------
+    part : the part, with its ray caster
+    samples : its surface samples, in the part frame
     task : the view, with the pose the part should have
     T_part_hand : (4, 4) how the hand should hold it
     backlit : picture before the glowing panel

@@ -25,7 +25,12 @@ BUSY_WALL_S: Final = 10.0  # how long another writer is waited for
 
 
 class Journal:
-    """Writer of one cell's journal. One instance a process; safe to call from its threads."""
+    """Writer of one cell's journal. One instance a process; safe to call from its threads.
+
+    Raises
+    ------
+    JournalError : the file cannot be written, or is of another version
+    """
 
     def __init__(self, path: Path, run: str) -> None:
         self.path = path
