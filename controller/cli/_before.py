@@ -61,6 +61,8 @@ def parse_place(at: str | None, cell: Cell, *, is_on_table: bool = True) -> Plac
 
     Parameters
     ----------
+    at : the words of the command line, None for the middle of the drop area
+    cell : gives the drop area and the glowing area
     is_on_table : it must lie there, for something is laid down at it
 
     Raises

@@ -15,6 +15,7 @@ def read_bytes(path: Path, most_bytes: int, what: str) -> bytes:
 
     Parameters
     ----------
+    path : the file
     most_bytes : a larger file is refused
     what : such a file is called
 

@@ -160,6 +160,7 @@ def window_round(boxes: Iterable[Box], size: tuple[int, int], margin: float, lea
 
     Parameters
     ----------
+    boxes : x0, y0, x1, y1 of each [px]; none gives the whole picture
     size : width and height of the picture [px]
     margin : left free on every side, as a share of the boxes' extent
     least_px : smallest width of the cut-out

@@ -97,6 +97,8 @@ def planner_setup(
     Parameters
     ----------
     recipe : None for the figures of a recipe that says nothing
+    cell : the cell file
+    part : the compiled part
     density_g_cm3 : of the command line; the recipe's, the file's, or aluminium's otherwise
     """
     wanted = InspectionSection() if recipe is None else recipe.inspection

@@ -82,6 +82,10 @@ def coverage_map(
 
     Parameters
     ----------
+    solid : the part
+    samples : its surface samples; their areas are the weights
+    plan : says which sample is shown by which view, and why not
+    painter : colours of the part by its samples
     R_world_part : (3, 3) which way up it is drawn
     """
     weights = samples.areas_mm2 / samples.areas_mm2.sum()

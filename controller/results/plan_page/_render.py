@@ -69,6 +69,10 @@ def shade(
 
     Parameters
     ----------
+    stage : the cell at the moment of the picture
+    eye : where its rays come from
+    sight : what they meet, (height, width)
+    paint : what colours the part instead of its own; None for nothing
     relief : how much light and shadow change the colours, 0 for not at all
     """
     triangle = sight.triangle

@@ -61,7 +61,15 @@ class Frame:
 
 
 class Strip:
-    """Draws the moments of one plan."""
+    """Draws the moments of one plan.
+
+    Parameters
+    ----------
+    solid : the part
+    layout : the cell
+    painter : colours of the part by its samples
+    width_px : width of each picture
+    """
 
     def __init__(self, solid: Solid, layout: CellLayout, painter: Painter, width_px: int) -> None:
         self._solid = solid

@@ -71,7 +71,9 @@ def write_sheet(parts: Sequence[CompiledPart], density_g_cm3: float | None, path
 
     Parameters
     ----------
+    parts : the parts, in the order of the page
     density_g_cm3 : of all parts; None for what each file says, or aluminium's
+    path : HTML file to write
 
     Raises
     ------
