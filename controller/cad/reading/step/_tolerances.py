@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from .....surfaces.tolerances import Datum, Dimension, GeometricTolerance, Tolerance
+from ...surfaces.tolerances import Datum, Dimension, GeometricTolerance, Tolerance
 from .part21 import Part21, Part21Error, Written
 
 Array = NDArray[np.float64]

@@ -17,16 +17,16 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from .....boundary import Face, FaceKind
-from .....errors import (
+from ...boundary import Face, FaceKind
+from ...errors import (
     CadError,
     EmptyCadError,
     OpenCadError,
     SelfIntersectingCadError,
     UnreadableCadError,
 )
-from .....solid import Solid, make_solid
-from .....surfaces.tolerances import Tolerance
+from ...solid import Solid, make_solid
+from ...surfaces.tolerances import Tolerance
 from ._tolerances import tolerances_from
 from .kernel import KernelLimits, KernelRun, check_installed
 

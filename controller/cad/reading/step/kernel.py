@@ -19,8 +19,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..... import errors
-from .....errors import CadError, UnreadableCadError
+from ... import errors
+from ...errors import CadError, UnreadableCadError
 
 REFUSED: Final = 3  # exit code of a child that says why
 SECONDS_PER_MB: Final = 3.0  # sound files take 1 s for each, and 2 s to start
