@@ -36,24 +36,34 @@ def build_parser() -> argparse.ArgumentParser:
     """Return the command line of ``python -m emulators``."""
     parser = argparse.ArgumentParser(
         prog="emulators",
-        description="The emulated cell on its wires; prints where they are as one JSON line.",
+        description="Start the emulated cell; print the addresses of its devices as one JSON line.",
         epilog="example: python -m emulators --cell recipes/cells/emulated.yaml "
         "--part recipes/parts/featuretype.stl --seed 7",
     )
     parser.add_argument("--cell", type=Path, required=True, help="cell file (YAML)")
-    parser.add_argument("--part", type=Path, action="append", default=[], help="CAD of a part")
-    parser.add_argument("--empty", action="store_true", help="parts are known, none is dropped")
     parser.add_argument(
-        "--feed", type=int, default=0, help="lay so many more once the last lies in a tray"
+        "--part", type=Path, action="append", default=[], help="CAD file of a part; may be repeated"
     )
-    parser.add_argument("--seed", type=int, default=0, help="of everything random")
-    parser.add_argument("--speed", type=float, default=1.0, help="world seconds in a second")
-    parser.add_argument("--pose", type=int, help="way to lie, by number; else a likely one")
-    parser.add_argument("--at", help="X,Y,THETA of the first part in mm, mm, degrees")
+    parser.add_argument(
+        "--empty",
+        action="store_true",
+        help="leave the table empty; the parts are known all the same",
+    )
+    parser.add_argument(
+        "--feed", type=int, default=0, help="parts to add, each once the one before is in a tray"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="seed of everything random")
+    parser.add_argument("--speed", type=float, default=1.0, help="world seconds per second")
+    parser.add_argument("--pose", type=int, help="stable pose, by number (default: by the seed)")
+    parser.add_argument(
+        "--at", help="pose of the first part on the table, X,Y,THETA_DEG (default: by the seed)"
+    )
     parser.add_argument("--lines", choices=("tcp", "rtu-pty", "rtu-tcp"), default="tcp")
     parser.add_argument("--camera-transport", choices=("auto", "fuse", "socket"), default="auto")
-    parser.add_argument("--control", type=Path, help="unix socket on which tests cause faults")
-    parser.add_argument("--ready-fd", type=int, help="write the line here instead of stdout")
+    parser.add_argument("--control", type=Path, help="unix socket on which tests inject faults")
+    parser.add_argument(
+        "--ready-fd", type=int, help="file descriptor for the line (default: stdout)"
+    )
     parser.add_argument("--json", action="store_true", help="no effect: the line is JSON always")
     parser.add_argument("--die-with-parent", action="store_true", help="end when stdin closes")
     parser.add_argument("--verbose", action="store_true", help="log to stderr")
