@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import gc
+import importlib
 import json
 import os
 import statistics
@@ -43,9 +44,9 @@ def child(asked: dict[str, Any]) -> dict[str, float]:
     from controller.recognition.stored import open_library
 
     try:
-        from controller.setup.layout import build_layout
-    except ImportError:  # a revision before ADR 20
-        from controller.setup.layout import build_layout
+        setup = importlib.import_module("controller.setup.layout")
+    except ImportError:  # a revision before ADR 19
+        setup = importlib.import_module("controller.config")
 
     taken: dict[str, float] = {}
 
@@ -56,7 +57,7 @@ def child(asked: dict[str, Any]) -> dict[str, float]:
         taken[name] = 1e3 * (time.process_time() - begin)
         return found
 
-    layout = build_layout(load_cell(CELL))
+    layout = setup.build_layout(load_cell(CELL))
     parts = {path.name: (path, options_among(path, "mm")) for path in map(Path, asked["parts"])}
     load_part(*next(iter(parts.values())))
     for name, part in parts.items():

@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 from controller.cad import Solid, SurfaceSamples
 from controller.planning import Plan, Reason
 
+from ..ray_drawing import FINER, smaller
 from ._bodies import make_stage, part_body
 from ._paint import Painter
-from ._render import FINER, data_uri, look, shade, smaller
+from ._render import data_uri, look, shade
 from ._views import slant_over, slanting_eye
 
 Array = NDArray[np.float64]

@@ -7,8 +7,9 @@ from scipy.spatial import cKDTree
 from controller.cad import Solid, SurfaceSamples
 from controller.imaging import inverse_pose, transform
 
+from ..ray_drawing import FINER
 from ._bodies import Stage
-from ._render import FINER, Paint, Sight
+from ._render import Paint, Sight
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]

@@ -1,12 +1,11 @@
 """Pictures of bodies of triangles by casting a ray a pixel: shaded, with shadows and ink lines."""
 
-import base64
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..ray_drawing import FINER, cast, jumps, png_uri
 from ._bodies import Stage
 from ._views import Eye
 
@@ -14,7 +13,6 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Picture = NDArray[np.uint8]
 
-FINER = 2  # rays a pixel, each way
 PAPER = (250.0, 250.0, 249.0)
 INK_SHARE = 0.38  # of a surface's brightness, along its edges
 AMBIENT, KEY, FILL = 0.46, 0.50, 0.16
@@ -54,12 +52,10 @@ class Paint:
 
 def look(stage: Stage, eye: Eye) -> Sight:
     """Cast a picture's rays."""
-    width, height = eye.size
-    origins = np.broadcast_to(eye.origins_mm, eye.directions.shape)
-    triangle, distance = stage.caster.first_hit(origins, eye.directions)
-    reach = np.where(triangle >= 0, distance, 0.0)
-    points = origins + reach[:, None] * eye.directions
-    return Sight(triangle.reshape(height, width), points.reshape(height, width, 3))
+    triangle, distance = cast(stage.caster, eye.origins_mm, eye.directions, eye.size)
+    reach = np.where(triangle >= 0, distance, 0.0).reshape(-1, 1)
+    points = eye.origins_mm + reach * eye.directions
+    return Sight(triangle, points.reshape(*triangle.shape, 3))
 
 
 def shade(
@@ -123,30 +119,18 @@ def _edges(stage: Stage, sight: Sight) -> NDArray[np.bool_]:
     """Return where the picture steps from one body to another, or bends."""
     triangle = sight.triangle
     ink = np.zeros(triangle.shape, dtype=bool)
-    for axis in (0, 1):
-        here, there = [slice(None)] * 2, [slice(None)] * 2
-        here[axis], there[axis] = slice(None, -1), slice(1, None)
-        a, b = triangle[tuple(here)], triangle[tuple(there)]
-        row, column = np.nonzero(a != b)
-        a, b = a[row, column], b[row, column]
+    for here, there in jumps(triangle):
+        a, b = triangle[here], triangle[there]
         step = (a < 0) != (b < 0)
         both = (a >= 0) & (b >= 0)
         bend = np.einsum("ij,ij->i", stage.normals[a], stage.normals[b]) < CREASE
         other = stage.body_of_triangle[a] != stage.body_of_triangle[b]
         step |= both & (bend | other)
-        ink[row[step], column[step]] = True
+        ink[here] |= step
     return ink
-
-
-def smaller(image: Floats) -> Floats:
-    """Return a picture at the size it is shown."""
-    height, width = image.shape[:2]
-    size = (width // FINER, height // FINER)
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
 
 
 def data_uri(image: Floats) -> str:
     """Return a picture (height, width, 3), red first, as a data URI (PNG)."""
     levels = np.clip(np.round(image / COLOURS_STEP) * COLOURS_STEP, 0, 255).astype(np.uint8)
-    _, data = cv2.imencode(".png", levels[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 6])
-    return "data:image/png;base64," + base64.b64encode(data.tobytes()).decode("ascii")
+    return png_uri(levels[..., ::-1], compression=6)

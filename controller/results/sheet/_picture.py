@@ -1,19 +1,17 @@
 """A part at rest, drawn in grey from a slanting view: for the eye, not for measuring."""
 
-import base64
-
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from controller.cad import Solid
 from controller.imaging import RayCaster
 
+from ..ray_drawing import FINER, cast, jumps, png_uri, smaller
+
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
 SIZE_PX = (420, 315)  # as wide as it is shown, in the proportion of the frame it stands in
-FINER = 2  # rays a pixel, each way
 AZIMUTH_RAD, ELEVATION_RAD = np.radians(-65.0), np.radians(30.0)
 KEY_LIGHT = np.array([-0.35, -0.55, 0.76])
 FILL_LIGHT = np.array([0.8, -0.45, 0.4])
@@ -31,9 +29,7 @@ def rest_picture(solid: Solid, caster: RayCaster, R: Array) -> str:
     caster : rays at its mesh, in the part frame
     R : (3, 3) its stable pose: CAD axes to upright
     """
-    image = shade(solid, caster, R)
-    _, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 9])
-    return "data:image/png;base64," + base64.b64encode(data.tobytes()).decode("ascii")
+    return png_uri(shade(solid, caster, R), compression=9)
 
 
 def shade(solid: Solid, caster: RayCaster, R: Array) -> Grey:
@@ -57,15 +53,14 @@ def shade(solid: Solid, caster: RayCaster, R: Array) -> Grey:
     size_mm = float(np.linalg.norm(np.ptp(corners, axis=0)))
     eye = solid.centroid_mm + 2 * size_mm * back
     origins = (eye + x[None, :, None] * right + y[:, None, None] * up).reshape(-1, 3)
-    triangle, _ = caster.first_hit(origins, np.broadcast_to(-back, origins.shape))
-    level = _light(solid, R, triangle)
+    triangle, _ = cast(caster, origins, -back[None], (width, height))
+    level = _light(solid, R, triangle.ravel())
     beside = np.flatnonzero(triangle < 0)
     table_mm = float((corners @ R[2]).min())
     level[beside[_is_shaded(solid, caster, R, origins[beside], -back, table_mm, size_mm)]] = SHADOW
     image = level.reshape(height, width)
-    image = np.where(_creases(solid, triangle.reshape(height, width)), INK, image)
-    smaller = cv2.resize(image.astype(np.float32), SIZE_PX, interpolation=cv2.INTER_AREA)
-    return np.asarray(np.clip(smaller, 0, 255), dtype=np.uint8)
+    image = np.where(_creases(solid, triangle), INK, image)
+    return np.asarray(np.clip(smaller(image.astype(np.float32)), 0, 255), dtype=np.uint8)
 
 
 def _axes() -> tuple[Array, Array, Array]:
@@ -108,16 +103,12 @@ def _is_shaded(
 def _creases(solid: Solid, triangle: NDArray[np.int32]) -> NDArray[np.bool_]:
     """Return where the picture steps from one surface to another, or off the part."""
     face = np.where(triangle >= 0, solid.face_of_triangle[triangle], -1)
-    normals = np.asarray(solid.mesh.face_normals)[triangle]
+    normals = np.asarray(solid.mesh.face_normals)
     ink = np.zeros(face.shape, dtype=bool)
-    for axis in (0, 1):
-        here = [slice(None), slice(None)]
-        there = [slice(None), slice(None)]
-        here[axis], there[axis] = slice(None, -1), slice(1, None)
-        a, b = tuple(here), tuple(there)
-        bend = np.einsum("ijk,ijk->ij", normals[a], normals[b]) < np.cos(CREASE_RAD)
-        off = (face[a] < 0) != (face[b] < 0)
-        step = off | ((face[a] != face[b]) & bend)
-        ink[a] |= step
-        ink[b] |= step & off
+    for here, there in jumps(triangle):
+        bend = np.einsum("ij,ij->i", normals[triangle[here]], normals[triangle[there]])
+        off = (face[here] < 0) != (face[there] < 0)
+        step = off | ((face[here] != face[there]) & (bend < np.cos(CREASE_RAD)))
+        ink[here] |= step
+        ink[there] |= step & off
     return ink

@@ -1,0 +1,69 @@
+"""Drawings for people by casting rays, several to a pixel: what the plan page and the sheet share.
+
+What a calibrated camera sees is predicted in `controller.imaging.maps`; nothing is measured here.
+"""
+
+import base64
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.arrays import FloatArray
+from controller.imaging import RayCaster
+
+Pixels = tuple[NDArray[np.int64], NDArray[np.int64]]  # rows and columns, (n,) each
+
+FINER = 2  # rays a pixel, each way
+
+
+def cast(
+    caster: RayCaster, origins_mm: FloatArray, directions: FloatArray, size: tuple[int, int]
+) -> tuple[NDArray[np.int32], FloatArray]:
+    """Return the triangle that each ray of a drawing meets, -1 for none, and the distance to it.
+
+    Parameters
+    ----------
+    caster : of all that is drawn, in the frame of the rays
+    origins_mm : (n, 3), or (1, 3) where all rays start at one point
+    directions : (n, 3) row by row, or (1, 3) where all are parallel
+    size : (width, height) rays
+
+    Returns
+    -------
+    triangle : (height, width)
+    distance_mm : (height, width) in units of the direction's length, inf where nothing is met
+    """
+    shape = np.broadcast_shapes(origins_mm.shape, directions.shape)
+    triangle, distance = caster.first_hit(
+        np.broadcast_to(origins_mm, shape), np.broadcast_to(directions, shape)
+    )
+    return triangle.reshape(size[::-1]), distance.reshape(size[::-1])
+
+
+def jumps(triangle: NDArray[np.int32]) -> Iterator[tuple[Pixels, Pixels]]:
+    """Return neighbours that meet different triangles, (n,) each: along columns, then along rows.
+
+    Parameters
+    ----------
+    triangle : (height, width), -1 where nothing is met
+    """
+    for axis in (0, 1):
+        before, after = [slice(None)] * 2, [slice(None)] * 2
+        before[axis], after[axis] = slice(None, -1), slice(1, None)
+        row, column = np.nonzero(triangle[tuple(before)] != triangle[tuple(after)])
+        yield (row, column), (row + (axis == 0), column + (axis == 1))
+
+
+def smaller(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return a drawing at the size it is shown, (height, width) or (height, width, 3)."""
+    height, width = image.shape[:2]
+    size = (width // FINER, height // FINER)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+
+
+def png_uri(image: NDArray[np.uint8], compression: int) -> str:
+    """Return a picture, grey or blue first, as a data URI."""
+    _, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, compression])
+    return "data:image/png;base64," + base64.b64encode(data.tobytes()).decode("ascii")
