@@ -1,5 +1,7 @@
 """Acquiring: the pictures of the table."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,12 +16,12 @@ Grey = NDArray[np.uint8]
 LEAST_GLOW = 60  # of 255; a glowing table shows 150 and more
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class AcquireAction:
     """Takes the pictures of the table: glowing, then under each of its lamps."""
 
-    def __init__(self, imaging: Imaging, record: BatchRecord) -> None:
-        self._imaging = imaging
-        self._record = record
+    imaging: Imaging
+    record: BatchRecord
 
     async def run(self) -> Event:
         """Begin the next part, or look at the present one again.
@@ -28,24 +30,24 @@ class AcquireAction:
         ------
         CellError : the table does not glow
         """
-        self._record.begin_look()
-        self._record.show("taking pictures of the table", step=0, step_count=0, remaining_s=None)
-        part = self._record.part
+        self.record.begin_look()
+        self.record.show("taking pictures of the table", step=0, step_count=0, remaining_s=None)
+        part = self.record.part
         try:
-            glowing = await self._imaging.shoot("overhead", {"table_backlight": 1.0})
+            glowing = await self.imaging.shoot("overhead", {"table_backlight": 1.0})
             _require_glow(glowing)
             part.pictures = {"table_backlight": glowing}
             for lamp in TABLE_LAMPS:
-                part.pictures[lamp] = await self._imaging.shoot("overhead", {lamp: 1.0})
+                part.pictures[lamp] = await self.imaging.shoot("overhead", {lamp: 1.0})
         finally:
-            await self._imaging.pause("overhead")
+            await self.imaging.pause("overhead")
         part.look_count += 1
         again = f"_look{part.look_count}" if part.look_count > 1 else ""
         part.picture_names = {
-            lamp: await self._imaging.save(part.number, lamp + again, image)
+            lamp: await self.imaging.save(part.number, lamp + again, image)
             for lamp, image in part.pictures.items()
         }
-        self._record.note(TablePictures(part.picture_names))
+        self.record.note(TablePictures(part.picture_names))
         return Event.PICTURE_TAKEN
 
 

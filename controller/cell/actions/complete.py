@@ -1,30 +1,32 @@
 """Completing: the part is booked; the next one follows, or the batch ends."""
 
+from dataclasses import dataclass
+
 from ..journal.rows import PartDone
 from ..machine import Event
 from ..services import BatchRecord, Imaging
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class CompleteAction:
     """Counts the part among those done."""
 
-    def __init__(self, record: BatchRecord, imaging: Imaging) -> None:
-        self._record = record
-        self._imaging = imaging
+    record: BatchRecord
+    imaging: Imaging
 
     async def run(self) -> Event:
         """Book the part; switch the lamps off after the last one."""
-        self._record.finish_part()
-        part = self._record.part
+        self.record.finish_part()
+        part = self.record.part
         assert part.verdict is not None
-        self._record.note(
+        self.record.note(
             PartDone(
                 verdict=part.verdict.verdict.value,
                 tray=part.tray,
                 recoveries=tuple(one.fault.value for one in part.recoveries),
             )
         )
-        if self._record.parts_left > 0:
+        if self.record.parts_left > 0:
             return Event.PART_DONE
-        await self._imaging.all_dark()
+        await self.imaging.all_dark()
         return Event.BATCH_DONE

@@ -1,5 +1,7 @@
 """Grasping: the part is judged where it rests, if the plan says so, and taken off the table."""
 
+from dataclasses import dataclass
+
 from controller.planning import Look, Pick
 from controller.planning.model import CellLayout
 
@@ -14,30 +16,22 @@ from ..release_guard import NOTHING_MM
 from ..services import BatchRecord, Grippers, Motion, PlanSteps, Views
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class GraspAction:
     """Takes the part off the table and proves that it is held.
 
-    Parameters
+    Attributes
     ----------
     steps, motion, grippers, views, record : services
     layout : where the arm is in nobody's way
     """
 
-    def __init__(
-        self,
-        steps: PlanSteps,
-        motion: Motion,
-        grippers: Grippers,
-        views: Views,
-        record: BatchRecord,
-        layout: CellLayout,
-    ) -> None:
-        self._steps = steps
-        self._motion = motion
-        self._grippers = grippers
-        self._views = views
-        self._record = record
-        self._layout = layout
+    steps: PlanSteps
+    motion: Motion
+    grippers: Grippers
+    views: Views
+    record: BatchRecord
+    layout: CellLayout
 
     async def run(self) -> Event:
         """Go to the part, close on it, lift it.
@@ -47,45 +41,45 @@ class GraspAction:
         PartFaultError : the jaws closed on nothing, or on something else
         """
         self._judge_on_table()
-        step = self._steps.next(Pick)
+        step = self.steps.next(Pick)
         assert step is not None
-        started_s = self._steps.begin(step)
-        await self._grippers.open_arm(step.pre_open_mm)
-        await self._motion.follow(step.motion_in)
-        await self._motion.follow(step.motion_down)
-        opening_mm = await self._grippers.close_arm(Once.GRASP, step.expected_opening_mm)
+        started_s = self.steps.begin(step)
+        await self.grippers.open_arm(step.pre_open_mm)
+        await self.motion.follow(step.motion_in)
+        await self.motion.follow(step.motion_down)
+        opening_mm = await self.grippers.close_arm(Once.GRASP, step.expected_opening_mm)
         await self._check_opening(step, opening_mm)
-        self._record.part.hold = Hold(step.grip, step.grip.T_part_hand, opening_mm)
-        await self._record.set_custody(Custody.IN_ARM, f"jaws at {opening_mm:.1f} mm")
-        await self._motion.follow(step.motion_up)
-        await self._grippers.require_arm_holds()
-        self._steps.end(
+        self.record.part.hold = Hold(step.grip, step.grip.T_part_hand, opening_mm)
+        await self.record.set_custody(Custody.IN_ARM, f"jaws at {opening_mm:.1f} mm")
+        await self.motion.follow(step.motion_up)
+        await self.grippers.require_arm_holds()
+        self.steps.end(
             step, started_s, jaw_mm=round(opening_mm, 2), expected_mm=step.expected_opening_mm
         )
         return Event.GRASPED
 
     def _judge_on_table(self) -> None:
         """Have the pictures that were just taken of the table judged as views, beside the grasp."""
-        part = self._record.part
-        while (look := self._steps.next(Look)) is not None:
-            started_s = self._steps.begin(look)
-            view = self._views.name(look)
-            self._views.announce(look, part.picture_names)
+        part = self.record.part
+        while (look := self.steps.next(Look)) is not None:
+            started_s = self.steps.begin(look)
+            view = self.views.name(look)
+            self.views.announce(look, part.picture_names)
             # what stands about the table throws shadows by the side lamp that no prediction knows
             lit = {lamp: part.pictures[lamp] for lamp in TABLE_LAMPS[:1]}
-            self._views.judge_lying(view, look, part.pictures["table_backlight"], lit)
-            self._steps.end(look, started_s, view=view)
+            self.views.judge_lying(view, look, part.pictures["table_backlight"], lit)
+            self.steps.end(look, started_s, view=view)
 
     async def _check_opening(self, step: Pick, opening_mm: float) -> None:
         """Leave the part where it is unless the jaws stopped about where the plan expects."""
         expected = f"{step.expected_opening_mm:.1f} mm was expected"
-        if opening_mm < step.expected_opening_mm - self._grippers.tolerance_mm:
+        if opening_mm < step.expected_opening_mm - self.grippers.tolerance_mm:
             found = "on nothing" if opening_mm < NOTHING_MM else f"to {opening_mm:.1f} mm"
             message = f"the jaws closed {found}, {expected}"
-            self._record.note(GraspMissed(message=message))
+            self.record.note(GraspMissed(message=message))
             await self._leave(step)
             raise PartFaultError(PartFault.GRIP_MISSED, message)
-        if opening_mm > step.expected_opening_mm + self._grippers.tolerance_mm:
+        if opening_mm > step.expected_opening_mm + self.grippers.tolerance_mm:
             await self._leave(step)
             raise PartFaultError(
                 PartFault.GRIP_WRONG,
@@ -95,9 +89,9 @@ class GraspAction:
 
     async def _leave(self, step: Pick) -> None:
         """Open above what is there, and go back the way it came: that way is free."""
-        await self._grippers.open_arm(step.pre_open_mm)
-        await self._record.set_custody(Custody.ON_TABLE)
-        await self._motion.follow(step.motion_up)
-        self._motion.mark_free()
-        await self._motion.follow((*reversed(step.motion_in[:-1]), self._layout.park_q))
-        self._motion.mark_free()
+        await self.grippers.open_arm(step.pre_open_mm)
+        await self.record.set_custody(Custody.ON_TABLE)
+        await self.motion.follow(step.motion_up)
+        self.motion.mark_free()
+        await self.motion.follow((*reversed(step.motion_in[:-1]), self.layout.park_q))
+        self.motion.mark_free()

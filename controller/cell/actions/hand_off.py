@@ -3,7 +3,7 @@
 Two-phase, both ways: the receiver's opening is confirmed before the giver opens.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NoReturn
 
 from controller.imaging import inverse_pose
@@ -19,28 +19,21 @@ from ..recovery import PartFault
 from ..services import BatchRecord, Grippers, Motion, PlanSteps
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class HandOffAction:
     """Changes the grasp by way of the fixed gripper.
 
-    Parameters
+    Attributes
     ----------
     steps, motion, grippers, record : services
     layout : where the fixed gripper stands
     """
 
-    def __init__(
-        self,
-        steps: PlanSteps,
-        motion: Motion,
-        grippers: Grippers,
-        record: BatchRecord,
-        layout: CellLayout,
-    ) -> None:
-        self._steps = steps
-        self._motion = motion
-        self._grippers = grippers
-        self._record = record
-        self._layout = layout
+    steps: PlanSteps
+    motion: Motion
+    grippers: Grippers
+    record: BatchRecord
+    layout: CellLayout
 
     async def run(self) -> Event:
         """Give, then receive; a plan that begins in the fixed gripper begins with the second half.
@@ -49,40 +42,40 @@ class HandOffAction:
         ------
         PartFaultError : the part is lost, or one of the grippers did not get it
         """
-        give = self._steps.next(HandOver)
+        give = self.steps.next(HandOver)
         if give is not None:
             await self._give(give)
-        receive = self._steps.next(TakeBack)
+        receive = self.steps.next(TakeBack)
         if receive is not None:
             await self._receive(receive)
         return Event.HANDED_OFF
 
     async def _give(self, step: HandOver) -> None:
-        started_s, record = self._steps.begin(step), self._record
-        await self._grippers.open_fixed(step.fixture_pre_open_mm)
-        await self._motion.follow(step.motion)
-        await self._grippers.require_arm_holds()
+        started_s, record = self.steps.begin(step), self.record
+        await self.grippers.open_fixed(step.fixture_pre_open_mm)
+        await self.motion.follow(step.motion)
+        await self.grippers.require_arm_holds()
         await self._close_fixed(step)
         await record.set_custody(Custody.IN_BOTH)
-        if not await self._grippers.does_fixed_hold():
+        if not await self.grippers.does_fixed_hold():
             await self._keep_in_arm(step, "the fixed gripper lost the part at once")
         hold = record.held()
-        T_world_part = shown_pose(self._layout, await self._motion.read_q(), hold.T_part_hand)
-        await self._grippers.release_to_fixed(step.hand_open_mm)
+        T_world_part = shown_pose(self.layout, await self.motion.read_q(), hold.T_part_hand)
+        await self.grippers.release_to_fixed(step.hand_open_mm)
         record.part.fixture_grip = replace(
             step.fixture_grip,
-            T_part_hand=inverse_pose(T_world_part) @ self._layout.T_world_fixture,
+            T_part_hand=inverse_pose(T_world_part) @ self.layout.T_world_fixture,
         )
         await record.set_custody(Custody.IN_FIXTURE)
-        await self._grippers.require_fixed_holds()
-        await self._motion.follow(step.retreat)
-        self._steps.end(step, started_s)
+        await self.grippers.require_fixed_holds()
+        await self.motion.follow(step.retreat)
+        self.steps.end(step, started_s)
 
     async def _close_fixed(self, step: HandOver) -> None:
         expected_mm = step.fixture_expected_opening_mm
-        result = await self._grippers.close_fixed(expected_mm)
+        result = await self.grippers.close_fixed(expected_mm)
         off_mm = abs(result.width_mm - expected_mm)
-        if not result.object_detected or off_mm > self._grippers.tolerance_mm:
+        if not result.object_detected or off_mm > self.grippers.tolerance_mm:
             await self._keep_in_arm(
                 step,
                 f"the fixed gripper closed to {result.width_mm:.1f} mm, {expected_mm:.1f} mm was "
@@ -91,13 +84,13 @@ class HandOffAction:
 
     async def _keep_in_arm(self, step: HandOver, why: str) -> NoReturn:
         """Keep the part in the arm gripper and go back to where the step began."""
-        part, hold = self._record.part, self._record.held()
-        await self._record.set_custody(Custody.IN_ARM, "the fixed gripper did not get it")
-        await self._grippers.open_fixed()
-        await self._grippers.require_arm_holds()
+        part, hold = self.record.part, self.record.held()
+        await self.record.set_custody(Custody.IN_ARM, "the fixed gripper did not get it")
+        await self.grippers.open_fixed()
+        await self.grippers.require_arm_holds()
         # jaws that closed on the wrong faces may have turned it
         hold.is_seen = False
-        await self._motion.go_back(len(step.motion))
+        await self.motion.go_back(len(step.motion))
         if part.has_had(PartFault.HAND_OFF_FAILED):
             part.avoid.add(step.fixture_grip.id)
         raise PartFaultError(
@@ -105,36 +98,36 @@ class HandOffAction:
         )
 
     async def _receive(self, step: TakeBack) -> None:
-        started_s, record = self._steps.begin(step), self._record
-        await self._motion.follow(step.motion_in)
-        await self._grippers.open_arm(step.pre_open_mm)
-        await self._motion.follow(step.approach)
-        await self._grippers.require_fixed_holds()
-        opening_mm = await self._grippers.close_arm(Once.RECEIVE, step.expected_opening_mm)
-        if abs(opening_mm - step.expected_opening_mm) > self._grippers.tolerance_mm:
+        started_s, record = self.steps.begin(step), self.record
+        await self.motion.follow(step.motion_in)
+        await self.grippers.open_arm(step.pre_open_mm)
+        await self.motion.follow(step.approach)
+        await self.grippers.require_fixed_holds()
+        opening_mm = await self.grippers.close_arm(Once.RECEIVE, step.expected_opening_mm)
+        if abs(opening_mm - step.expected_opening_mm) > self.grippers.tolerance_mm:
             await self._leave_in_fixed(step, opening_mm)
         record.part.hold = Hold(step.grip, step.grip.T_part_hand, opening_mm)
         await record.set_custody(Custody.IN_BOTH)
-        await self._grippers.release_to_arm(step.fixture_open_mm)
+        await self.grippers.release_to_arm(step.fixture_open_mm)
         await record.set_custody(Custody.IN_ARM, f"jaws at {opening_mm:.1f} mm")
-        await self._grippers.require_arm_holds()
-        await self._motion.follow(step.motion_out)
+        await self.grippers.require_arm_holds()
+        await self.motion.follow(step.motion_out)
         # paths after this one are planned past an empty fixed gripper that stands wide open
-        await self._grippers.open_fixed()
-        await self._grippers.require_arm_holds()
-        self._steps.end(
+        await self.grippers.open_fixed()
+        await self.grippers.require_arm_holds()
+        self.steps.end(
             step, started_s, jaw_mm=round(opening_mm, 2), expected_mm=step.expected_opening_mm
         )
 
     async def _leave_in_fixed(self, step: TakeBack, opening_mm: float) -> NoReturn:
         """Leave the part in the fixed gripper and go back to where the step began."""
-        await self._grippers.open_arm(step.pre_open_mm)
-        await self._record.set_custody(Custody.IN_FIXTURE, "the arm gripper did not get it")
-        await self._motion.go_back(len(step.approach))
-        await self._grippers.require_fixed_holds()
-        await self._motion.go_back(len(step.motion_in))
+        await self.grippers.open_arm(step.pre_open_mm)
+        await self.record.set_custody(Custody.IN_FIXTURE, "the arm gripper did not get it")
+        await self.motion.go_back(len(step.approach))
+        await self.grippers.require_fixed_holds()
+        await self.motion.go_back(len(step.motion_in))
         # nothing sees the part in the fixed gripper: what failed once would fail again
-        self._record.part.avoid.add(step.grip.id)
+        self.record.part.avoid.add(step.grip.id)
         raise PartFaultError(
             PartFault.TAKE_BACK_FAILED,
             f"taking the part back: the hand's jaws stopped at {opening_mm:.1f} mm, "

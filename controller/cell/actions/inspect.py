@@ -1,5 +1,7 @@
 """Inspecting: the views shown so far are taken in, and what comes next is decided."""
 
+from dataclasses import dataclass
+
 from controller.planning import HandOver, Present, SetDown, TakeBack
 
 from ..compute import Compute
@@ -11,28 +13,21 @@ from ..recovery import WORTH_SHARE, PartFault
 from ..services import BatchRecord, HeldPose, PlanSteps, Views
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class InspectAction:
     """Waits for the views shown so far; judges the part once all are in.
 
-    Parameters
+    Attributes
     ----------
     compute : weighs the views
     steps, views, held_pose, record : services
     """
 
-    def __init__(
-        self,
-        compute: Compute,
-        steps: PlanSteps,
-        views: Views,
-        held_pose: HeldPose,
-        record: BatchRecord,
-    ) -> None:
-        self._compute = compute
-        self._steps = steps
-        self._views = views
-        self._held_pose = held_pose
-        self._record = record
+    compute: Compute
+    steps: PlanSteps
+    views: Views
+    held_pose: HeldPose
+    record: BatchRecord
 
     async def run(self) -> Event:
         """Take in the views; return what the plan has next, or that all is seen.
@@ -41,34 +36,34 @@ class InspectAction:
         ------
         PartFaultError : the part is not held as planned, or too little of it was seen
         """
-        self._record.show("judging what was shown")
+        self.record.show("judging what was shown")
         await self._collect()
-        if self._steps.next(Present) is not None:
+        if self.steps.next(Present) is not None:
             return Event.INSPECTED
-        if self._steps.next(HandOver) is not None or self._steps.next(TakeBack) is not None:
+        if self.steps.next(HandOver) is not None or self.steps.next(TakeBack) is not None:
             return Event.HAND_OFF_DUE
-        if self._steps.next(SetDown) is not None:
+        if self.steps.next(SetDown) is not None:
             return Event.SET_DOWN_DUE
         await self._require_enough()
         await self._judge()
         return Event.ALL_SEEN
 
     async def _collect(self) -> None:
-        while (judged := await self._views.take_next()) is not None:
+        while (judged := await self.views.take_next()) is not None:
             shown, result = judged
             # of a hold that has been given up since nothing more need be known
-            if shown.hold is not None and shown.hold is self._record.part.hold:
-                await self._held_pose.learn(shown, shown.hold, result)
+            if shown.hold is not None and shown.hold is self.record.part.hold:
+                await self.held_pose.learn(shown, shown.hold, result)
 
     async def _require_enough(self) -> None:
         """Plan once more where the views of the plan have truly shown less than they were to."""
-        part = self._record.part
+        part = self.record.part
         promised, seen = part.promised, part.seen
         if promised is None or part.custody is not Custody.IN_ARM:
             return
         if part.has_had(PartFault.SEEN_TOO_LITTLE):
             return
-        missing = await self._compute.surface_share(promised if seen is None else promised & ~seen)
+        missing = await self.compute.surface_share(promised if seen is None else promised & ~seen)
         if missing >= WORTH_SHARE:
             raise PartFaultError(
                 PartFault.SEEN_TOO_LITTLE,
@@ -76,8 +71,8 @@ class InspectAction:
             )
 
     async def _judge(self) -> None:
-        part = self._record.part
+        part = self.record.part
         assert part.plan is not None
         unseen = {u.face_id: u.reason for u in part.plan.unseen}
-        part.verdict = await self._compute.judge(tuple(part.results), unseen, dict(part.planned))
-        self._record.note(verdict_row(part.verdict))
+        part.verdict = await self.compute.judge(tuple(part.results), unseen, dict(part.planned))
+        self.record.note(verdict_row(part.verdict))

@@ -1,5 +1,7 @@
 """Placing: the part goes into the tray that its verdict names."""
 
+from dataclasses import dataclass
+
 from controller.inspection import Verdict
 
 from ..custody import Custody
@@ -11,21 +13,19 @@ TRAYS = {Verdict.PASS: "accept", Verdict.FAIL: "reject"}
 QUARANTINE = "quarantine"  # for every other verdict
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class PlaceAction:
     """Sorts the part.
 
-    Parameters
+    Attributes
     ----------
     steps, motion, grippers, record : services
     """
 
-    def __init__(
-        self, steps: PlanSteps, motion: Motion, grippers: Grippers, record: BatchRecord
-    ) -> None:
-        self._steps = steps
-        self._motion = motion
-        self._grippers = grippers
-        self._record = record
+    steps: PlanSteps
+    motion: Motion
+    grippers: Grippers
+    record: BatchRecord
 
     async def run(self) -> Event:
         """Go over the tray, let go, go where the arm is in nobody's way.
@@ -34,21 +34,21 @@ class PlaceAction:
         ------
         PartFaultError : the part was lost on the way
         """
-        part = self._record.part
+        part = self.record.part
         plan, verdict = part.plan, part.verdict
         assert plan is not None
         assert verdict is not None
         tray = TRAYS.get(verdict.verdict, QUARANTINE)
         step = plan.place[tray]
-        started_s = self._steps.begin(step)
-        await self._motion.follow(step.motion)
-        await self._motion.follow(step.motion_down)
-        await self._grippers.require_arm_holds()
-        await self._grippers.let_go(Intent(name=Once.SORT, tray=tray), step.open_mm)
+        started_s = self.steps.begin(step)
+        await self.motion.follow(step.motion)
+        await self.motion.follow(step.motion_down)
+        await self.grippers.require_arm_holds()
+        await self.grippers.let_go(Intent(name=Once.SORT, tray=tray), step.open_mm)
         part.tray = tray
-        await self._record.set_custody(Custody.PLACED, tray)
-        await self._motion.follow(step.motion_up)
-        self._steps.end(step, started_s, tray=tray)
-        await self._motion.follow(plan.park[tray].motion)
-        self._motion.mark_free()
+        await self.record.set_custody(Custody.PLACED, tray)
+        await self.motion.follow(step.motion_up)
+        self.steps.end(step, started_s, tray=tray)
+        await self.motion.follow(plan.park[tray].motion)
+        self.motion.mark_free()
         return Event.PLACED

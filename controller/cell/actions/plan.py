@@ -1,7 +1,7 @@
 """Planning: what to do next, from whichever gripper or table has the part, as it is measured."""
 
 import logging
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,10 +31,11 @@ log = logging.getLogger(__name__)
 Mask = NDArray[np.bool_]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class PlanAction:
     """Plans how to go on, leaving out what has been seen.
 
-    Parameters
+    Attributes
     ----------
     compute, preparation : plan
     views : still being judged; what they show need not be shown again
@@ -43,21 +44,12 @@ class PlanAction:
     record : what is known of the part
     """
 
-    def __init__(
-        self,
-        compute: Compute,
-        preparation: Preparation,
-        views: Views,
-        held_pose: HeldPose,
-        motion: Motion,
-        record: BatchRecord,
-    ) -> None:
-        self._compute = compute
-        self._preparation = preparation
-        self._views = views
-        self._held_pose = held_pose
-        self._motion = motion
-        self._record = record
+    compute: Compute
+    preparation: Preparation
+    views: Views
+    held_pose: HeldPose
+    motion: Motion
+    record: BatchRecord
 
     async def run(self) -> Event:
         """Take in all views, measure the hold if need be, and plan.
@@ -67,30 +59,28 @@ class PlanAction:
         PartFaultError : the part is not seen in the arm gripper
         PartProblemError : no plan, and none to go on with
         """
-        self._record.show("planning")
-        part, before = self._record.part, self._record.part.plan
-        while await self._views.take_next() is not None:
+        self.record.show("planning")
+        part, before = self.record.part, self.record.part.plan
+        while await self.views.take_next() is not None:
             pass  # how the part is held is measured here, not learnt from views of an earlier plan
-        await self._held_pose.measure_again()
+        await self.held_pose.measure_again()
         start = await self._start()
         try:
-            await self._preparation.wait()
-            plan = await self._compute.plan(
-                start, part.seen, frozenset(part.avoid), part.candidates
-            )
+            await self.preparation.wait()
+            plan = await self.compute.plan(start, part.seen, frozenset(part.avoid), part.candidates)
         except NoPlanError as error:
             return self._keep_plan(error, start, before)
         is_more = part.recoveries and part.recoveries[-1].fault is PartFault.SEEN_TOO_LITTLE
-        if is_more and await self._compute.surface_share(_new(plan, part.seen)) < WORTH_SHARE:
+        if is_more and await self.compute.surface_share(_new(plan, part.seen)) < WORTH_SHARE:
             return Event.PLANNED_ON  # nothing to be gained: the plan there was goes on to its end
         part.plan, part.next_step = plan, 0
         part.plan_count += 1
-        self._record.note(plan_row(plan))
+        self.record.note(plan_row(plan))
         return Event.PLANNED if isinstance(start, OnTable) else Event.PLANNED_ON
 
     async def _start(self) -> Start:
         """Return which gripper or table has the part, as measured."""
-        part = self._record.part
+        part = self.record.part
         match part.custody:
             case Custody.ON_TABLE:
                 sighting = part.sighting
@@ -98,11 +88,11 @@ class PlanAction:
                 assert sighting.T_world_part is not None
                 return OnTable(sighting.pose_index, sighting.T_world_part)
             case Custody.IN_ARM:
-                hold = self._record.held()
+                hold = self.record.held()
                 grip = replace(hold.grip, T_part_hand=hold.T_part_hand, opening_mm=hold.width_mm)
-                return InArm(grip, await self._motion.read_q())
+                return InArm(grip, await self.motion.read_q())
             case Custody.IN_FIXTURE if part.fixture_grip is not None:
-                return InFixture(part.fixture_grip, await self._motion.read_q())
+                return InFixture(part.fixture_grip, await self.motion.read_q())
         raise PartProblemError("no_plan", f"the part is {part.custody.value}: nothing to plan from")
 
     def _keep_plan(self, error: NoPlanError, start: Start, before: Plan | None) -> Event:
@@ -113,7 +103,7 @@ class PlanAction:
         if isinstance(start, OnTable) or before is None:
             raise PartProblemError("no_plan", str(error)) from error
         log.info("no new plan (%s): on with the one there was", error)
-        self._record.note(PlanKept(reason=str(error)))
+        self.record.note(PlanKept(reason=str(error)))
         return Event.PLANNED_ON
 
 

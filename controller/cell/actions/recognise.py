@@ -1,5 +1,7 @@
 """Recognising: which part it is, which way up it is, and where."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from controller.cad.compiled import part_name
@@ -15,6 +17,7 @@ from ..machine import Event
 from ..services import BatchRecord
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class RecogniseAction:
     """Finds the recipe's part, and it alone, on the table.
 
@@ -25,10 +28,9 @@ class RecogniseAction:
     record : of the batch; gets what was recognised
     """
 
-    def __init__(self, compute: Compute, recipe: Recipe, record: BatchRecord) -> None:
-        self._compute = compute
-        self._recipe = recipe
-        self._record = record
+    compute: Compute
+    recipe: Recipe
+    record: BatchRecord
 
     async def run(self) -> Event:
         """Recognise what the pictures of the table show.
@@ -37,17 +39,17 @@ class RecogniseAction:
         ------
         PartProblemError : nothing, too much, or something else is on the table
         """
-        self._record.show("recognising")
-        part = self._record.part
+        self.record.show("recognising")
+        part = self.record.part
         lit = {lamp: part.pictures[lamp] for lamp in TABLE_LAMPS}
-        sightings = await self._compute.recognise(part.pictures["table_backlight"], lit)
-        self._record.note(sightings_row(sightings))
+        sightings = await self.compute.recognise(part.pictures["table_backlight"], lit)
+        self.record.note(sightings_row(sightings))
         part.sighting = s = self._choose(sightings)
         part.candidates = s.ambiguous_with
         if part.custody is not Custody.ON_TABLE:
             part.hold = None
-            await self._record.set_custody(Custody.ON_TABLE, "found again")
-        self._record.show(
+            await self.record.set_custody(Custody.ON_TABLE, "found again")
+        self.record.show(
             "recognised",
             part_pose=f"{s.part}, pose {s.pose_index}, x {s.x_mm:.1f} y {s.y_mm:.1f} mm, "
             f"{np.degrees(s.theta_rad):.1f} deg",
@@ -67,7 +69,7 @@ class RecogniseAction:
                 "many_parts", f"{len(sightings)} objects on the table, one is allowed: {where}"
             )
         (seen,) = sightings
-        expected = part_name(self._recipe.part)
+        expected = part_name(self.recipe.part)
         if seen.part is None:
             raise PartProblemError(
                 "unknown_object",
@@ -82,7 +84,7 @@ class RecogniseAction:
         return seen
 
     def _nothing_found(self) -> PartProblemError:
-        part = self._record.part
+        part = self.record.part
         if part.custody is Custody.ON_TABLE:
             return PartProblemError(
                 "no_part", "no part on the table: lay one on the glowing area and start again"

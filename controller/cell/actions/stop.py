@@ -2,6 +2,7 @@
 
 import logging
 from contextlib import suppress
+from dataclasses import dataclass
 
 from drivers.kinds import IoBlock, Stop
 
@@ -15,36 +16,37 @@ from ..stopping import Stopping
 log = logging.getLogger(__name__)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class HoldAction:
     """Stands still and keeps holding."""
 
-    def __init__(self, stopping: Stopping, views: Views) -> None:
-        self._stopping = stopping
-        self._views = views
+    stopping: Stopping
+    views: Views
 
     async def run(self) -> Event:
         """Stop the arm on a ramp."""
-        self._views.drop_pending()
-        await self._stopping.stop_arm(Stop.RAMP)
+        self.views.drop_pending()
+        await self.stopping.stop_arm(Stop.RAMP)
         return Event.HOLD_DONE
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class StopMotionAction:
     """Stops on request."""
 
-    def __init__(self, stopping: Stopping, views: Views) -> None:
-        self._stopping = stopping
-        self._views = views
+    stopping: Stopping
+    views: Views
 
     async def run(self) -> Event:
         """Stop every device; raise what the first one raised that did not confirm."""
-        self._views.drop_pending()
-        failures = await self._stopping.stop_all(Stop.RAMP)
+        self.views.drop_pending()
+        failures = await self.stopping.stop_all(Stop.RAMP)
         for error in failures.values():
             raise error
         return Event.STOP_DONE
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class AbortMotionAction:
     """Stops at once whatever still answers.
 
@@ -55,31 +57,30 @@ class AbortMotionAction:
     journal : gets what stopped and what did not answer
     """
 
-    def __init__(self, stopping: Stopping, views: Views, journal: Journal) -> None:
-        self._stopping = stopping
-        self._views = views
-        self._journal = journal
+    stopping: Stopping
+    views: Views
+    journal: Journal
 
     async def run(self) -> Event:
         """Stop every device; write down which confirmed it."""
-        self._views.drop_pending()
-        failures = await self._stopping.stop_all(Stop.DEAD)
-        for name in self._stopping.names:
+        self.views.drop_pending()
+        failures = await self.stopping.stop_all(Stop.DEAD)
+        for name in self.stopping.names:
             error = failures.get(name)
             if error is None:
-                self._journal.write(Stopped(device=name))
+                self.journal.write(Stopped(device=name))
                 continue
             log.warning("%s did not confirm the stop: %s", name, error)
             with suppress(JournalError):
-                self._journal.write(StopNotConfirmed(device=name, error=str(error)))
+                self.journal.write(StopNotConfirmed(device=name, error=str(error)))
         return Event.ABORT_DONE
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class ClearFaultAction:
     """Checks that what stopped the cell is gone."""
 
-    def __init__(self, io: IoBlock) -> None:
-        self._io = io
+    io: IoBlock
 
     async def run(self) -> Event:
         """Check the interlocks.
@@ -88,5 +89,5 @@ class ClearFaultAction:
         ------
         InterlockError : one is still not healthy
         """
-        check_interlocks(self._io)
+        check_interlocks(self.io)
         return Event.CLEAR_DONE

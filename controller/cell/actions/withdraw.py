@@ -1,6 +1,7 @@
 """Withdrawing: the arm leaves the camera's sight, so that the table can be looked at."""
 
 from contextlib import suppress
+from dataclasses import dataclass
 
 from controller.planning import NoMotionError
 
@@ -11,28 +12,21 @@ from ..machine import Event
 from ..services import BatchRecord, Grippers, Motion, Recoveries
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class WithdrawAction:
     """Drives the arm to where it is in nobody's way, from wherever it stands.
 
-    Parameters
+    Attributes
     ----------
     compute : finds a path
     motion, grippers, recoveries, record : services
     """
 
-    def __init__(
-        self,
-        compute: Compute,
-        motion: Motion,
-        grippers: Grippers,
-        recoveries: Recoveries,
-        record: BatchRecord,
-    ) -> None:
-        self._compute = compute
-        self._motion = motion
-        self._grippers = grippers
-        self._recoveries = recoveries
-        self._record = record
+    compute: Compute
+    motion: Motion
+    grippers: Grippers
+    recoveries: Recoveries
+    record: BatchRecord
 
     async def run(self) -> Event:
         """Go back the way the arm came until a path home is found, and follow that.
@@ -41,28 +35,28 @@ class WithdrawAction:
         ------
         PartProblemError : there is no such path, or a lost part hangs in the fixed gripper
         """
-        self._record.show("taking the arm out of the way")
-        self._recoveries.forget_drop()
-        part = self._record.part
+        self.record.show("taking the arm out of the way")
+        self.recoveries.forget_drop()
+        part = self.record.part
         T_part_hand = part.hold.T_part_hand if part.hold is not None else None
         while True:
-            arm_mm, fixed_mm = await self._grippers.openings_mm()
-            q = await self._motion.read_q()
+            arm_mm, fixed_mm = await self.grippers.openings_mm()
+            q = await self.motion.read_q()
             with suppress(NoMotionError):
-                path = await self._compute.path_home(q, arm_mm, fixed_mm, T_part_hand)
+                path = await self.compute.path_home(q, arm_mm, fixed_mm, T_part_hand)
                 break
-            if not self._motion.can_go_back:
+            if not self.motion.can_go_back:
                 raise PartProblemError(
                     "no_way_home",
                     "no way free of contact leads the arm out of the camera's sight; jog it there",
                 )
-            await self._motion.go_back(1)
-        await self._motion.follow(path)
-        self._motion.mark_free()
+            await self.motion.go_back(1)
+        await self.motion.follow(path)
+        self.motion.mark_free()
         if part.custody is Custody.LOST:
-            if self._grippers.is_something_in_fixed:
+            if self.grippers.is_something_in_fixed:
                 raise PartProblemError(
                     "part_lost", "the part hangs in the fixed gripper, not held well; take it out"
                 )
-            await self._grippers.open_fixed()
+            await self.grippers.open_fixed()
         return Event.WITHDRAWN

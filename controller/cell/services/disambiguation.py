@@ -1,5 +1,7 @@
 """Finds out what the arm gripper holds, by the view that decides between the hypotheses."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,12 +19,12 @@ Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class Disambiguation:
     """Compares a view with every hypothesis of what is held."""
 
-    def __init__(self, compute: Compute, record: BatchRecord) -> None:
-        self._compute = compute
-        self._record = record
+    compute: Compute
+    record: BatchRecord
 
     async def resolve(
         self, doubt: Doubt, hold: Hold, q: Array, backlit: Grey, lit: tuple[Grey, ...]
@@ -41,10 +43,10 @@ class Disambiguation:
         PartFaultError : the part, but in another stable pose than was planned with
         PartProblemError : another part, or more than one hypothesis is left
         """
-        part, names = self._record.part, [c.name for c in doubt.candidates]
-        left = await self._compute.identify(doubt, q, hold.width_mm, backlit, lit)
+        part, names = self.record.part, [c.name for c in doubt.candidates]
+        left = await self.compute.identify(doubt, q, hold.width_mm, backlit, lit)
         part.candidates = ()
-        self._record.note(
+        self.record.note(
             AmbiguityResolved(
                 between=tuple(names), left=tuple(names[k] for k in left), light=doubt.light
             )

@@ -1,5 +1,7 @@
 """How the part truly sits in the arm gripper, as the inspection camera sees it."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,10 +28,11 @@ BAD_VIEW_COUNT = 2  # in a row, after which a hold that was seen is no longer tr
 SAME_CONFIGURATION = np.array([0.01, 0.01, 0.01, 0.5, 0.01, 0.01])  # [rad, mm] servo and counts
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class HeldPose:
     """Confirms by sight how the part is held, and measures it.
 
-    Parameters
+    Attributes
     ----------
     record : has the hold
     views : which view was shown last
@@ -40,23 +43,13 @@ class HeldPose:
     layout : where camera, arm and fixed gripper stand
     """
 
-    def __init__(
-        self,
-        record: BatchRecord,
-        views: Views,
-        motion: Motion,
-        imaging: Imaging,
-        compute: Compute,
-        recoveries: Recoveries,
-        layout: CellLayout,
-    ) -> None:
-        self._record = record
-        self._views = views
-        self._motion = motion
-        self._imaging = imaging
-        self._compute = compute
-        self._recoveries = recoveries
-        self._layout = layout
+    record: BatchRecord
+    views: Views
+    motion: Motion
+    imaging: Imaging
+    compute: Compute
+    recoveries: Recoveries
+    layout: CellLayout
 
     async def measure_again(self) -> None:
         """Look how the part is held, if the arm still stands before the camera.
@@ -65,22 +58,22 @@ class HeldPose:
         ------
         PartFaultError : it is not seen in the arm gripper
         """
-        hold, shown = self._record.part.hold, self._views.last_in_hand
+        hold, shown = self.record.part.hold, self.views.last_in_hand
         if hold is None or hold.is_seen or shown is None:
             return
-        q = await self._motion.read_q()
+        q = await self.motion.read_q()
         if (np.abs(q - shown.q) > SAME_CONFIGURATION).any():
             return
-        await self._motion.ring_down()
-        backlit = await self._imaging.shoot("inspection", {"station_backlight": 1.0})
-        expected = shown_pose(self._layout, q, hold.T_part_hand)
-        holder = holder_boxes(self._layout, q, hold.width_mm)
-        found = await self._compute.find_hold(expected, hold.T_part_hand, holder, backlit)
+        await self.motion.ring_down()
+        backlit = await self.imaging.shoot("inspection", {"station_backlight": 1.0})
+        expected = shown_pose(self.layout, q, hold.T_part_hand)
+        holder = holder_boxes(self.layout, q, hold.width_mm)
+        found = await self.compute.find_hold(expected, hold.T_part_hand, holder, backlit)
         if found is None:
             raise PartFaultError(
                 PartFault.NOT_IN_HAND, "the camera does not see the part in the hand"
             )
-        hold.T_part_hand = inverse_pose(found) @ tip_pose(self._layout, q)
+        hold.T_part_hand = inverse_pose(found) @ tip_pose(self.layout, q)
         hold.is_seen = True
 
     async def learn(self, shown: Shown, hold: Hold, result: inspecting.ViewResult) -> None:
@@ -103,15 +96,13 @@ class HeldPose:
                 return
             T_world_part = found
         hold.doubts = 0
-        measured = inverse_pose(T_world_part) @ tip_pose(self._layout, shown.q)
+        measured = inverse_pose(T_world_part) @ tip_pose(self.layout, shown.q)
         shift_mm, turn_rad = _difference(measured, hold.T_part_hand)
         if was_seen and not is_held_otherwise(shift_mm, turn_rad):
             return
         hold.T_part_hand, hold.is_seen = measured, True
         # what inspection still takes for the planned grasp can be lived with
-        is_bearable = result.evaluated and not self._recoveries.may_recover(
-            PartFault.HELD_OTHERWISE
-        )
+        is_bearable = result.evaluated and not self.recoveries.may_recover(PartFault.HELD_OTHERWISE)
         if is_held_otherwise(shift_mm, turn_rad) and not is_bearable:
             raise PartFaultError(
                 PartFault.HELD_OTHERWISE,
@@ -121,7 +112,7 @@ class HeldPose:
 
     async def _search(self, shown: Shown, hold: Hold, reason: str) -> Array | None:
         """Return T_world_part of a part that a view missed; None where one bad view is excused."""
-        found = await self._compute.find_hold(
+        found = await self.compute.find_hold(
             shown.expected, hold.T_part_hand, shown.holder, shown.backlit
         )
         hold.doubts += 1
