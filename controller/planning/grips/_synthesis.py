@@ -87,7 +87,7 @@ def _refusal(
     name = f"{solid.name}: the {holder} cannot hold it"
     need, width = needed_friction(solid, seeds, caster)
     have = float(np.degrees(np.arctan(rules.friction)))
-    if last.name == "hands round seeds":
+    if last.name == "grasps round seeds":
         widest = jaw.max_mm - rules.jaw_reserve_mm
         if need > have:
             return (
@@ -99,7 +99,7 @@ def _refusal(
             f"{width:.1f} mm apart; fit a wider jaw or other fingers"
         )
     tallies = "; ".join(s.phrase for s in stages[: stages.index(last) + 1])
-    told = f"grips left by each demand: {tallies}"
+    told = f"grasps left by each requirement: {tallies}"
     if last.name == "little enough weight" or (
         last.name.endswith("strong enough") and need <= have
     ):
@@ -144,7 +144,7 @@ def judge_grips(
     # only the arm takes parts from the table
     tables = downs if holder == "arm" else downs[:0]
     tried = candidates(solid, seeds, jaw, downs, rules)
-    judge.tally.count("hands round seeds", len(tried.T))
+    judge.tally.count("grasps round seeds", len(tried.T))
     lever = axis_distance(tried.T, solid.centroid_mm, jaw)
     bound = least_load(
         lever if gravities is None else 0.0 * lever,  # a still jaw may have the lever hang plumb
