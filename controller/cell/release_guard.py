@@ -23,7 +23,7 @@ class ReleaseGuard:
     ----------
     arm : the arm, with its gripper
     fixed : the fixed gripper
-    io : gives the safety copies, and the light barrier
+    io : the I/O block, for the light barrier of the fixed gripper
     """
 
     def __init__(self, arm: Arm, fixed: FixedGripper, io: IoBlock) -> None:
