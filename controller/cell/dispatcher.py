@@ -96,7 +96,7 @@ class Dispatcher:
         return self._machine.state
 
     def request_stop(self, message: str = "stopped by the operator", code: str = "stop") -> None:
-        """Ask for a stop that releases nothing; before the run it keeps that from beginning."""
+        """Request a stop that releases nothing; before the run it keeps that from beginning."""
         self._request(_Note(Event.STOP, message=message, code=code))
 
     def request_abort(self, message: str, code: str) -> None:

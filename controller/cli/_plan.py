@@ -93,7 +93,7 @@ def plan_part_file(
 
 
 def _say_coarse(part: CompiledPart, setup: PlannerSetup, pose: StablePose, place: Place) -> None:
-    """Say what a plan from few candidates comes to: seconds before the full one is there."""
+    """Print what a plan from few candidates comes to: seconds before the full one is there."""
     started = time.monotonic()
     x_mm, y_mm, theta_deg = place
     quick = Planning(part, setup.layout, setup.options.coarse(), use_cache=False)

@@ -349,7 +349,7 @@ class Camera:
 
 
 def _told(before: CameraStats, after: CameraStats) -> str:
-    """Say what arrived between two tallies."""
+    """Return in words what arrived between two tallies."""
     seen = [
         f"{count} {field.name.removesuffix('_count')}"
         for field in dataclasses.fields(CameraStats)

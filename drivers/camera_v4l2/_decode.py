@@ -65,7 +65,7 @@ def line_bytes(pixel_format: PixFormat) -> int:
 
 
 def check_complete(data: bytes, pixel_format: PixFormat) -> None:
-    """Raise ``BrokenPictureError`` unless ``data`` can be a whole picture.
+    """Check that the bytes can be a whole picture.
 
     A raw picture has exactly ``sizeimage`` bytes; a JPEG starts with SOI and ends with EOI,
     behind which cameras leave zeros.

@@ -43,7 +43,7 @@ class Device:
         return self._calls.mmap(self._fd, length, offset)
 
     def query_capability(self) -> abi.Capability:
-        """Ask who is there."""
+        """Return name, driver and capabilities."""
         return abi.Capability.unpack(self._ask(abi.VIDIOC_QUERYCAP, abi.Capability.query()))
 
     def pixel_formats(self) -> Iterator[int]:
@@ -57,22 +57,22 @@ class Device:
                 raise
 
     def set_format(self, wanted: abi.PixFormat) -> abi.PixFormat:
-        """Ask for a format; what comes back is what the camera will send."""
+        """Set a format; return the one the camera will send."""
         return abi.PixFormat.unpack(self._ask(abi.VIDIOC_S_FMT, wanted.pack()))
 
     def set_period(self, period_s: float) -> float | None:
-        """Ask for a frame period [s]; return the one granted, None if the camera names none."""
+        """Set a frame period [s]; return the one granted, None if the camera names none."""
         wanted = Fraction(period_s).limit_denominator(100_000)
         struct = abi.pack_streamparm(wanted.numerator, wanted.denominator)
         return abi.unpack_streamparm(self._ask(abi.VIDIOC_S_PARM, struct))
 
     def request_buffers(self, count: int) -> int:
-        """Ask for mapped buffers (0: free them); return how many there are."""
+        """Order mapped buffers (0: free them); return how many there are."""
         struct = abi.pack_requestbuffers(count)
         return abi.unpack_requestbuffers(self._ask(abi.VIDIOC_REQBUFS, struct))
 
     def query_buffer(self, index: int) -> abi.Buffer:
-        """Ask where a buffer lies."""
+        """Return where a buffer is."""
         return abi.Buffer.unpack(self._ask(abi.VIDIOC_QUERYBUF, abi.Buffer.query(index)))
 
     def queue(self, index: int) -> None:
@@ -95,7 +95,7 @@ class Device:
         self._ask(abi.VIDIOC_STREAMOFF, abi.pack_stream_type())
 
     def query_control(self, control: int) -> abi.QueryCtrl | None:
-        """Ask about a control, None if the camera has none such."""
+        """Return a control's name and range, None if the camera has none such."""
         try:
             raw = self._ask(abi.VIDIOC_QUERYCTRL, abi.QueryCtrl.query(control))
         except OSError as error:

@@ -39,7 +39,7 @@ def check_kind(device: Device) -> abi.Capability:
 
 
 def agree_on_format(device: Device, config: CameraConfig) -> abi.PixFormat:
-    """Ask for the first wanted format that the camera offers; return what it answered.
+    """Set the first wanted format that the camera offers; return what it answered.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def _check_format(device: Device, got: abi.PixFormat) -> None:
 
 
 def agree_on_period(device: Device, wanted_s: float) -> float:
-    """Ask for a frame period [cell s] and return the camera's; the wish, where it names none."""
+    """Set a frame period [cell s] and return the camera's; the wish, where it names none."""
     try:
         granted_s = device.set_period(wanted_s)
     except OSError as error:

@@ -112,7 +112,7 @@ class Conversation:
         *,
         stop_at_major: bool = False,
     ) -> GripperStatus:
-        """Ask until a claim about the status holds, for at most ``limit_s`` [cell s].
+        """Read the status until a claim about it holds, for at most ``limit_s`` [cell s].
 
         Parameters
         ----------

@@ -136,11 +136,11 @@ class Gripper:
         return self._talk.latest
 
     async def status(self) -> GripperStatus:
-        """Ask the gripper how it is. Faults are in the answer, not raised."""
+        """Return a fresh reading. Faults are in it, not raised."""
         return await self._talk.status()
 
     async def hold(self) -> Hold:
-        """Ask whether the part of the last grip is still there. A loss stays a loss."""
+        """Return what has become of the part of the last grasp. A loss stays a loss."""
         status = await self.status()
         if self._talk.lost.is_set():
             return Hold.LOST

@@ -240,7 +240,7 @@ class CellIo:
             self._relays = tuple(wanted)
 
     async def read_outputs(self) -> dict[str, bool]:
-        """Ask which relays are closed."""
+        """Return which relays are closed, by name, as the block reads them back."""
         async with self._switching:
             self._relays = await self._unit.read_coils(FIRST_RELAY, RELAY_COUNT)
             return {name: self._relays[channel] for name, channel in self._relay_of.items()}

@@ -81,11 +81,11 @@ class FixedGripper(Protocol):
         ...
 
     async def status(self) -> GripperReading:
-        """Ask how it is. Faults are in the answer, not raised."""
+        """Return a fresh reading. Faults are in it, not raised."""
         ...
 
     async def hold(self) -> Hold:
-        """Ask whether the part of the last grip is still there. A loss stays a loss."""
+        """Return what has become of the part of the last grasp. A loss stays a loss."""
         ...
 
     async def wait_lost(self) -> None:

@@ -153,7 +153,7 @@ class ModbusLink:
             await self._drop()
 
     async def exchange(self, request: Request, who: ModbusUnit) -> tuple[int, ...]:
-        """Ask a unit and return the registers or bits of a read, nothing of a write.
+        """Send a request; return the registers or bits of a read, nothing of a write.
 
         A read is repeated once when no answer came; a write never is.
 

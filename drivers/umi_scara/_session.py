@@ -86,7 +86,7 @@ class ArmConfig:
 
 
 def check_speeds(speeds: Mapping[Axis, int]) -> None:
-    """Raise ValueError for a SPEED that no driver has ever used (§2.5).
+    """Check that each SPEED is one that a driver has used (§2.5).
 
     Raises
     ------

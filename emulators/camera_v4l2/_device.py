@@ -247,7 +247,7 @@ class V4l2Device:
         self._sensor.deliver(ticket, picture)
 
     def abandon(self, ticket: Hashable) -> None:
-        """Say that a ticket's picture will never come: its frame is lost, its buffer is free."""
+        """Give a ticket's picture up: its frame is lost, its buffer is free."""
         self._sensor.abandon(ticket)
 
     # -- the client's side --------------------------------------------------------------------

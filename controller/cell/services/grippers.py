@@ -139,7 +139,7 @@ class Grippers:
         return (await self._fixed.hold()) is Hold.HELD
 
     async def require_fixed_holds(self) -> None:
-        """Ask the fixed gripper, which alone has the part.
+        """Check that the fixed gripper, which alone has the part, still holds it.
 
         Raises
         ------
