@@ -177,3 +177,13 @@ def test_planning_is_no_mesh() -> None:
     figures = house.arrows_within(house.import_graph(ROOT), house.PLANNING)
     assert figures["arrows"] <= MOST_ARROWS_IN_PLANNING
     assert figures["both_ways"] == []
+
+
+def test_every_public_function_says_what_it_takes_and_raises() -> None:
+    sources = house.read_sources(ROOT, house.PRODUCTION)
+    parameters = house.parameters_documented(sources)
+    raises = house.raises_documented(sources)
+    assert parameters["with"] > 400  # a walk that found nothing would prove nothing
+    assert raises["with"] > 200
+    assert parameters["missing"] == []
+    assert raises["missing"] == []
