@@ -37,6 +37,11 @@ class Frame:
     unit: float
     bar_mm: float
 
+    @property
+    def view_box(self) -> str:
+        """As SVG asks for it; the template does."""
+        return f"{self.x:.2f} {self.y:.2f} {self.width:.2f} {self.height:.2f}"
+
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
