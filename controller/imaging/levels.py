@@ -140,6 +140,8 @@ def fit_ground(
     ----------
     reduced : (h, w), each pixel the mean of ``factor`` x ``factor``
     inside : (h, w) the usable area
+    factor : by which the reduced picture is smaller
+    size_px : (width, height) of the whole picture
     white : level of saturated pixels, which say nothing but that it is more; 256 for none
     tolerance : share of the level by which the table may differ at first sight; halved as the
         fit gets better

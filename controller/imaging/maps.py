@@ -83,6 +83,9 @@ def render_maps(
     ----------
     caster : of the part's mesh, in the CAD frame
     T_world_part : (4, 4) pose of the CAD frame in the world [mm]
+    camera : calibrated, in the world's frame
+    roi : region of the picture
+    step_px : distance of the pixels asked for
     """
     x0, y0, x1, y1 = roi
     lines = camera.sight_line_table[y0:y1:step_px, x0:x1:step_px].astype(np.float64)

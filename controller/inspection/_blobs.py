@@ -35,7 +35,13 @@ def blobs(
 
     Parameters
     ----------
-    wrong : (h, w) of a window, each pixel of the picture; `corner` is the window's in the picture
+    wrong : (h, w) of a window of the picture, which pixels differ
+    kind, lamp : of the findings, for the record
+    part : the solid, with rays against it
+    maps : what the picture is predicted to show of the part
+    camera : calibrated, in the world's frame
+    T_world_part : (4, 4) the pose measured
+    corner : (x0, y0) of the window in the picture
     area_mm2 : (h, w) what a pixel stands for
     least_mm2 : smallest area that is a finding
     """

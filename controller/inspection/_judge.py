@@ -97,8 +97,12 @@ def judge(
 
     Parameters
     ----------
+    solid : the part
+    samples : n, of its surface, by which coverage is counted
+    views : what was compared in each
     unseen_reasons : by face id, why the plan could not show (all of) it; explains, excuses nothing
     min_coverage : share of the area that must have been compared for a pass, above 0
+    limits : of the findings
     not_inspected : by face id, why the recipe leaves it out
     planned : by view id, which samples (n,) the plan meant it to show
 

@@ -50,8 +50,12 @@ def compare_outline(
 
     Parameters
     ----------
+    part : the solid, with rays against it
+    fit : the pose measured
     dark : (height, width) darker than half the panel
     valid : (height, width) the panel glows there, and neither gripper nor arm stands near
+    task : the view; with its camera
+    samples : of the surface, to know what the outline covers
     """
     limits = task.limits
     T = fit.T_world_part

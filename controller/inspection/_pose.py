@@ -38,6 +38,9 @@ def measure_pose(part: PosedPart, task: ViewTask, outline: Contour, judged: Mask
 
     Parameters
     ----------
+    part : the solid, with rays against it
+    task : the view, with its camera and the pose expected
+    outline : observed
     judged : (height, width) pixels whose outline is the part's own
     """
     prior = SEEN_HOLD if task.is_hold_seen else PLANNED_HOLD
@@ -65,7 +68,7 @@ def poses_as_good(
     Parameters
     ----------
     part : the solid, with rays against it
-    task : the view; its camera is asked, and the outline that is fitted
+    task : the view, with its camera and the pose expected
     fit : of `measure_pose`
     outline : observed
     judged : (height, width) pixels whose outline is the part's own
@@ -98,7 +101,7 @@ def moved(part: PosedPart, task: ViewTask, fit: PoseFit) -> tuple[float, float]:
     Parameters
     ----------
     part : knows its centre of mass, CAD frame
-    task : the view, with the pose that was planned
+    task : the view, with the pose that was expected
     fit : the pose that was measured
     """
     T_moved = fit.T_world_part @ inverse_pose(task.T_world_part)

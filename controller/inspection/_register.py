@@ -52,6 +52,9 @@ def register(
 
     Parameters
     ----------
+    picture : (height, width) grey
+    edge_px : (n, 2) points of the outline, x before y
+    normals : (n, 2) unit, square to it
     expected : the same picture as predicted; where the strongest step is another one than the
         outline, as beside a dark wall, it is so there too. Without it steps lie on the outline
     """

@@ -84,9 +84,13 @@ def compare(
     Parameters
     ----------
     observed : (h, w) grey, hardly smoothed
+    surface : what the pixels see of the part
+    light : bounds of the lamp's light on it
     inside : within the part's outer outline, its border left out
     valid : not beside the gripper, nor in its shadow
     ground : how bright the wall behind the part is
+    faces : of the part, as the surface numbers them
+    limits : what has to agree
     flattest : least cosine at which a surface is compared
     """
     seen = surface.seen

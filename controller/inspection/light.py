@@ -142,7 +142,11 @@ def bound_light(
 
     Parameters
     ----------
+    surface : what a grid of pixels sees of the part
     caster : of the part's mesh, in the CAD frame
+    T_world_part : (4, 4) the pose it was seen in
+    camera : that saw it
+    lamp : in the world
     others : what else throws shadows, in the world (the gripper that holds the part)
     """
     seen, points, normals = surface.seen, surface.points, surface.normals

@@ -89,6 +89,7 @@ def inspect_view(
     Parameters
     ----------
     part, samples : the CAD model and its surface samples
+    task : the view: camera, pose expected, limits
     pictures : taken while the arm stood still at the view's pose
     """
     scene = _make_scene(task)

@@ -153,7 +153,9 @@ def fit_pose(
 
     Parameters
     ----------
-    T_world_part : where to begin
+    part : the solid, with rays against it
+    T_world_part : (4, 4) where to begin
+    camera : calibrated, in the world's frame
     observed : outline in the picture
     ignore : (height, width) pixels whose outline is not the part's own (the gripper's)
     steps_px : one round of fitting for each, the outline predicted on every so many-th pixel; a

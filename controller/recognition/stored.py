@@ -28,6 +28,7 @@ def open_library(
     Parameters
     ----------
     files : CAD files and what they are compiled with
+    camera : overhead, calibrated
     cache : folder, the compiled parts' otherwise
 
     Raises

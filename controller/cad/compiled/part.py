@@ -179,6 +179,8 @@ def compile_solid(
 
     Parameters
     ----------
+    solid : checked, as `load_solid` returns it
+    options : what it is compiled with; None for the defaults
     tolerances, warnings : what its file told beside the solid
     """
     options = options or CompileOptions()

@@ -81,6 +81,8 @@ def look_alikes(
 
     Parameters
     ----------
+    solid : the part
+    poses : its stable poses
     views : `line_view` of each pose, if they are at hand
     tolerance_mm : lines that meet this well are the same, chords of curves allowed for
 

@@ -45,6 +45,7 @@ def near_pairs(
 
     Parameters
     ----------
+    tree : of the segments' boxes
     p, q : (n, 2); equal for points
     reach : one or (n,)
 

@@ -28,6 +28,7 @@ def line_view(solid: Solid, R: Array, *, prepared: ViewModel | None = None) -> L
 
     Parameters
     ----------
+    solid : the part
     R : (3, 3) rotation, CAD to upright
     prepared : `prepare_views` of the same solid, worth keeping for a second view
     """
@@ -45,7 +46,9 @@ def camera_view(
 
     Parameters
     ----------
+    solid : the part
     T_world_part : (4, 4) pose of the CAD frame in the world [mm]
+    camera : calibrated, in the world's frame
     prepared : `prepare_views` of the same solid, worth keeping for a second view
 
     Raises
@@ -67,7 +70,10 @@ def outline(
 
     Parameters
     ----------
+    solid : the part
     pose : without a camera the rotation (3, 3) of `line_view`, with one ``T_world_part`` (4, 4)
+    camera : calibrated; None for straight from above
+    prepared : `prepare_views` of the same solid, worth keeping for a second view
 
     Raises
     ------

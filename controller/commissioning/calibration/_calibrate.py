@@ -49,7 +49,9 @@ def calibrate(
     Parameters
     ----------
     views : of one camera, with its focus and aperture as they are
+    size_px : (width, height) of the pictures
     world : of one of the flat ones
+    limits : what is asked of the views, and what is plausible
 
     Raises
     ------

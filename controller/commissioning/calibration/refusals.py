@@ -85,7 +85,9 @@ def check_placed(views: Sequence[View], T_cam_boards: Sequence[Array], limits: L
 
     Parameters
     ----------
+    views : boards found, with how each was placed
     T_cam_boards : (4, 4) of each view, fitted one by one
+    limits : how far off flat a board may be
 
     Raises
     ------

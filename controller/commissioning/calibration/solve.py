@@ -145,7 +145,10 @@ def solve(
 
     Parameters
     ----------
+    views : boards found, one for each picture
+    first : of `start`, or of another fit
     free : the intrinsics to be found; the others are 0
+    world : which flat view fixes the world's frame
     weights : per view (n,), one over the standard deviation of a corner; 0 leaves it out
     """
     held = np.array([name not in free for name in PARAMETERS])

@@ -94,6 +94,8 @@ def held_sizes(fit: Fit, size_px: tuple[int, int], loose: Spread) -> dict[str, f
 
     Parameters
     ----------
+    fit : some terms held at 0
+    size_px : (width, height) of the pictures
     loose : of the fit that holds nothing
     """
     views_pass = dict(zip(PARAMETERS, np.sqrt(np.diag(loose.noise_cov)), strict=False))
@@ -146,7 +148,11 @@ def on_table(
 
     Parameters
     ----------
+    camera : of the fit
+    fit : the one chosen
+    found : its spread
     hull_px : (n, 2) round all corners seen
+    height_mm : of the plane over the table
     """
     width, height = camera.size_px
     u, v = np.meshgrid(np.linspace(0, width - 1, _GRID[0]), np.linspace(0, height - 1, _GRID[1]))

@@ -112,6 +112,8 @@ def family_member(
 
     Parameters
     ----------
+    part : prepared in this cell
+    layout : the cell
     grips_n, fixture_n : grips of either holder beside those that take resting parts up
     directions_n : square views first, as the part has them
     """

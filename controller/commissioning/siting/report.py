@@ -63,6 +63,8 @@ def site_report(
     Parameters
     ----------
     parts : of `prepare_part` in this layout
+    layout : the cell as it stands
+    options : how much is tried, and what is noise; None for the defaults
     progress : called with what is being done, steps done and steps in all
 
     Raises
@@ -150,6 +152,8 @@ def least_moved(found: Sequence[SiteScore], present: SiteScore, as_good: float) 
     Parameters
     ----------
     found : best first
+    present : the site as it stands
+    as_good : by which a site's value may be less than the best one's
     """
     equals = [s for s in found if s.forbidden is None and s.value >= found[0].value - as_good] or [
         found[0]

@@ -65,6 +65,7 @@ def correlate(
     observed : of the object
     models : of views made for about the same place on the table; those whose perimeter or area is
         out of tolerance are passed over
+    limits : tolerances, for the camera's pixels
     """
     at = np.array([i for i, m in enumerate(models) if _is_of_size(observed, m, limits)], dtype=int)
     if len(at) == 0:

@@ -146,7 +146,9 @@ def with_inside(
 
     Parameters
     ----------
+    known : of the outline alone
     edges : all visible edges at the fitted pose
+    mm_per_px : at the object
     greys : the pictures that edges inside the part are looked for in; one is enough for an edge
     image_edges : strong edges of the first in the part
     shading : `shading_fit` of it

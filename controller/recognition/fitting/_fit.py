@@ -79,7 +79,11 @@ def fit_edges(
 
     Parameters
     ----------
-    T_world_part : where to begin; within about ``reach_px`` of the truth
+    model : edges of the part
+    T_world_part : (4, 4) where to begin; within about ``reach_px`` of the truth
+    camera : calibrated, in the world's frame
+    measure : how edges are found in the picture
+    options : how far and how often; None for the defaults
 
     Returns
     -------
@@ -169,6 +173,7 @@ def edge_jacobian(points_mm: Array, normals: Array, pivot: Array, camera: Camera
     points_mm : (n, 3) world
     normals : (n, 2) unit, in the picture
     pivot : (3,) the point rotations leave where it is
+    camera : calibrated, in the world's frame
     """
     R_cam_world = camera.T_world_cam[:3, :3].T
     local = (points_mm - camera.position_mm) @ R_cam_world.T

@@ -83,6 +83,9 @@ def predict_edges(
 
     Parameters
     ----------
+    model : edges of the part
+    T_world_part : (4, 4) pose of the CAD frame in the world [mm]
+    camera : calibrated, in the world's frame
     most : about so many samples are looked at, those that turn out hidden among them
     """
     eye = _eye(T_world_part, camera)

@@ -54,7 +54,11 @@ def shading_fit(
 
     Parameters
     ----------
-    crop : (h, w) grey, its first pixel at ``corner_px`` of the picture
+    model : edges of the part; its mesh gives the surface's normals
+    T_world_part : (4, 4) the pose asked about
+    camera : calibrated, in the world's frame
+    crop : (h, w) grey
+    corner_px : (x0, y0) of the crop's first pixel in the picture
     inside : (h, w) the pixels to explain: the part without its blurred rim
     """
     v, u = np.nonzero(inside)

@@ -58,14 +58,17 @@ def recognise(
 ) -> Recognition:
     """Return what lies on the table, largest object first.
 
+    An empty table is an empty answer.
+
     Parameters
     ----------
     picture : (height, width) grey
+    camera : overhead, calibrated
+    library : of the parts that may lie there, made for this camera
     lighting : a glowing table, lamps above a matt one, or "auto" to tell from the picture
     usable : (height, width) where parts may lie (where the table glows); elsewhere nothing is seen
     lit : pictures of the same scene under lamps, for what silhouettes cannot decide
-
-    An empty table is an empty answer.
+    limits : how much is tried and how much has to agree; None for the defaults
 
     Raises
     ------

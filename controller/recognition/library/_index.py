@@ -133,6 +133,7 @@ class ViewIndex:
 
         Parameters
         ----------
+        seen : the silhouette, table plane [mm]
         most_views : so many nearest views are compared turn by turn
         turns_each : so many turns of one view at most, for near-symmetric outlines
         within : overlap a turn may fall short of the view's best one

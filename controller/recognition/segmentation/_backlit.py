@@ -37,9 +37,14 @@ def find_backlit(
 
     Parameters
     ----------
+    picture : (height, width) grey
     relative : (h, w) reduced picture over the ground's level, the ground at ``GROUND_BIN``
+    factor : by which the reduced picture is smaller
+    ground : the table's level
     white : level of saturated pixels
     cut : relative level of the threshold
+    usable : (height, width) where the table is; None for everywhere
+    min_area_px : of the picture's pixels, below which something is a speck
     """
     height, width = picture.shape
     dark = (relative < cut).astype(np.uint8)

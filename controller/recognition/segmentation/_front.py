@@ -61,9 +61,14 @@ def find_front(
 
     Parameters
     ----------
+    picture : (height, width) grey
     reduced, relative : (h, w) the picture ``factor`` times smaller; the same over the ground
+    factor : by which the reduced picture is smaller
+    ground : the table's level
     noise : from pixel to pixel
     step : distance of grey levels
+    usable : (height, width) where the table is; None for everywhere
+    min_area_px : of the picture's pixels, below which something is a speck
     """
     height, width = picture.shape
     excess = max(LEAST_BRIGHT, TEXTURE_FACTOR * ground.scatter)

@@ -48,6 +48,7 @@ def sharpen(crop: Crop, rough: Mask, beyond: Floats | None, contrast: float) -> 
 
     Parameters
     ----------
+    crop : piece of the picture with the objects
     rough : (h, w) objects, right to what is mixed
     beyond : (h, w) level of the ground; None to take it from beside the border
     contrast : difference of levels from which a border is seen; with less it stays where it is
@@ -105,7 +106,11 @@ def regions_of(
 
     Parameters
     ----------
+    crop : piece of the picture
+    mask : (h, w) of the crop, the objects
+    field : (h, w) of the crop, its zero line is their border; of `sharpen`
     wanted : (h, w) only what has a pixel there; None for everything
+    min_area_px : of the picture's pixels, below which something is a speck
     readings : other masks of the whole crop, cut to each thing's surroundings
     """
     found, tree = cv2.findContours(mask.view(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
@@ -216,6 +221,9 @@ def boxes_of(
     Parameters
     ----------
     candidates : (h, w) 1 where something is
+    factor : by which the reduced picture is smaller
+    size_px : (width, height) of the whole picture, where the boxes end
+    margin_px : kept free round each thing, in pixels of the whole picture
     least : pixels of the reduced picture below which something is left out
     """
     chains, tree = cv2.findContours(candidates, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)

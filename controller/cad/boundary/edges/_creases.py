@@ -42,7 +42,10 @@ def find_creases(
 
     Parameters
     ----------
+    mesh : closed, CAD frame [mm]
+    sides : its half-edges
     order, start : mesh half-edges of edge e are ``order[start[e]:start[e + 1]]``
+    faces : the surfaces, as ``face_of`` numbers them
     face_of : (h,) surface to the left of each mesh half-edge
     """
     count = len(start) - 1

@@ -20,7 +20,9 @@ def describe(
 
     Parameters
     ----------
+    mesh : CAD frame [mm], n triangles
     owner : (n,) number of each triangle's surface in ``primitives``; None has no formula
+    primitives : the surfaces fitted
     """
     numbers, of = np.unique(owner, return_inverse=True)
     areas = np.asarray(mesh.area_faces)

@@ -49,7 +49,16 @@ class Found:
 
 
 class Grower(Pieces):
-    """Finds surfaces among the facets of one part."""
+    """Finds surfaces among the facets of one part.
+
+    Parameters
+    ----------
+    facets : the m facets of the part
+    corners : (t, 3, 3) of its triangles, CAD frame [mm]
+    is_corner : (t, 3) which of them lie on the surface that is tessellated
+    tight_mm : how near corners have to lie to a surface guessed from few facets; never less than
+        `TIGHT_MM`
+    """
 
     def __init__(
         self, facets: Facets, corners: Array, is_corner: NDArray[np.bool_], tight_mm: float

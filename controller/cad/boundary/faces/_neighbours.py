@@ -11,7 +11,13 @@ LONG_SIDE = 0.5  # of a facet's longest side: strips of a wall meet along such s
 
 
 class Neighbours:
-    """Facets that meet smoothly, as rows of a compressed adjacency."""
+    """Facets that meet smoothly, as rows of a compressed adjacency.
+
+    Parameters
+    ----------
+    count : of all facets
+    a, b : (n,) facets that meet, pair by pair; either may come first, and a pair may come twice
+    """
 
     def __init__(self, count: int, a: Ids, b: Ids) -> None:
         key = np.unique(np.concatenate([a * count + b, b * count + a]))

@@ -17,7 +17,14 @@ LEAST_FACETS = 4  # three facets are a bevelled corner as well as a fillet
 
 
 class Pieces:
-    """The facets of one part."""
+    """The facets of one part.
+
+    Parameters
+    ----------
+    facets : the m facets of the part
+    corners : (t, 3, 3) of its triangles, CAD frame [mm]
+    is_corner : (t, 3) which of them lie on the surface that is tessellated
+    """
 
     def __init__(self, facets: Facets, corners: Array, is_corner: NDArray[np.bool_]) -> None:
         self._facets = facets

@@ -51,8 +51,10 @@ class KernelRun:
     Parameters
     ----------
     script : name of one beside this module, or a path
-    source : the file; ``out`` : where the child leaves its arrays
+    source : the file
+    out : where the child leaves its arrays
     arguments : what the script takes after file, output, memory and time
+    limits : on memory and time; None for the usual ones
     """
 
     def __init__(

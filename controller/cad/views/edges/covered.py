@@ -34,6 +34,7 @@ def without_covered(model: ViewModel, view: Projection, edges: Ids, rims: Ids) -
 
     Parameters
     ----------
+    model, view : the part and how the eye has it
     edges : (n,) mesh edges to be drawn where they are seen
     rims : (m,) mesh edges that may hide others
     """

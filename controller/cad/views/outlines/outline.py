@@ -52,6 +52,7 @@ def find_rings(
 
     Parameters
     ----------
+    model, view : the part and how the eye has it
     rims : (n,) `rim_edges`
     open_rims : (m,) those of them that may show, to name the outline by
     rim_tree : search tree over these in the plane

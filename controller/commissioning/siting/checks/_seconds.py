@@ -33,8 +33,11 @@ def forecast(
 
     Parameters
     ----------
+    layout : with camera and fixture at the site
+    member : a part of the family
     views, q : (g, v), (g, v, 6) of the site; by_pose : (p, g) grips that take each pose up
     met : (f, g) grips that meet
+    tables : of each fixture grip, how an arm grip meets it
     """
     nan = float("nan")
     if not len(by_pose) or not by_pose.any():

@@ -50,6 +50,7 @@ def checked_views(site_layout: CellLayout, member: FamilyMember, move: FloatArra
     Parameters
     ----------
     site_layout : with camera and fixture at the site
+    member : a part of the family
     move : (4, 4) of `carried`: from where the member's views were worked out to this site
     """
     half = member.base_n
@@ -201,6 +202,9 @@ def score_site(
     Parameters
     ----------
     layout : the cell the members were made for
+    site : to be scored
+    fellows : obstacles that move with camera and fixture
+    members : the family
     """
     here = placed_at(layout, site, fellows)
     move = carried(layout, site)

@@ -59,6 +59,8 @@ def why_not_here(
 
     Parameters
     ----------
+    layout : with camera and fixture where they are to stand
+    fellows : obstacles that move with camera and fixture
     keep_free_mm : (2, 2) rows x and y of the table's glowing area; what the overhead camera sees
         of the table if None
     look : whether the inspection camera's picture counts

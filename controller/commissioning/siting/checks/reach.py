@@ -46,6 +46,9 @@ def shown_directions(
 
     Parameters
     ----------
+    layout : the cell; its arm is asked
+    site : station, and the side the camera is on
+    in_hand : (h, 3) unit, from the part to the camera, TCP frame
     centre_mm : (3,) of the part in the hand's frame, what is brought to the station
     """
     towards = camera_frame(site.station_mm, site.towards, standoff_mm(layout))[:3, :3]
@@ -116,6 +119,8 @@ def met_grips(
 
     Parameters
     ----------
+    layout : the cell; its arm is asked
+    T_world_fixture : (4, 4) pose of the fixed gripper's TCP
     T_fixture_hand : (f, g, 4, 4) of `meetings`
     """
     T_hold = T_world_fixture @ T_fixture_hand.reshape(-1, 4, 4)

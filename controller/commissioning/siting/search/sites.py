@@ -36,6 +36,7 @@ def find_sites(
     ----------
     parts : of `prepare_part` in this layout
     layout : arm, table and overhead camera stay; the camera keeps its distance from the station
+    options : how much is tried; None for the defaults
     progress : called with what is being done, steps done and steps in all
 
     Raises

@@ -97,7 +97,9 @@ def extended(lines: Moments, points: Array, normals: Array, tol: GreyTolerances)
 
     Parameters
     ----------
+    lines : as found from cell to cell
     points, normals : (m, 2) edge points that are of no line [px of the plane]
+    tol : how far an edge point may be off its line
     """
     ends = lines.ends.copy()
     length = np.hypot(*(ends[:, 1] - ends[:, 0]).T)

@@ -70,6 +70,7 @@ def image_features(
     ----------
     grey : (height, width) uint8, an object's box or a whole picture
     to_plane : takes pixels (n, 2) of this picture, x before y, to the table plane (n, 2 or more)
+    tol : what is an edge, a line, an arc; None for the defaults
 
     Raises
     ------

@@ -73,6 +73,7 @@ def propose(
     models : a library's views; an index of them is worth keeping
     foot_mm : the point of the table plane below the camera, which tall parts lean away from
     most : hypotheses returned
+    tol : how near features have to agree; None for the defaults
 
     Returns
     -------
@@ -103,6 +104,7 @@ def rate(
 
     Parameters
     ----------
+    image, models, foot_mm, most, tol : as `propose`
     poses : (n, 4) view, turn [rad] and shift [mm] on the table, as outlines may leave them: of
         mirror images and poses with equal outlines, say
     """

@@ -71,6 +71,7 @@ def model_features(
     T_world_part, eye_height_mm : (4, 4) it was drawn in, and how high above the table it was seen
         from; without them all of the view moves as one
     v_down : its second coordinate runs downwards, as a camera's does; False for `line_view`
+    tol : what is a line, an arc; None for the defaults
     """
     tol = tol or GreyTolerances()
     runs = [_run(edge, T_world_part, eye_height_mm, v_down, tol) for edge in view.edges]
