@@ -45,10 +45,13 @@ def plan_part_file(
     use_cache : read and keep compiled parts and plans
     as_json : print one JSON object instead of tables
 
+    Returns
+    -------
+    exit code: 0 with a plan; 1 without, the reason being printed
+
     Raises
     ------
     ConfigError, CadError : a file or an option is wrong
-    NoPlanError : asked for one pose, and there is no plan from it
     """
     cell = load_cell(cell_path)
     if report is not None:
