@@ -34,6 +34,8 @@ def difference(a: Picture, b: Picture, stance: Stance, light: Light) -> float:
     Parameters
     ----------
     a, b : two predictions, or a measured picture and a prediction
+    stance : how the part may be off
+    light : against the backlight or under the lamps
     """
     step = a.step_px
     tolerance = stance.tolerance_px / step + 0.5  # half a cell is lost in drawing

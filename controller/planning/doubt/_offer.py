@@ -34,8 +34,11 @@ def offered_views(
 
     Parameters
     ----------
+    candidates : what the part in the gripper may be, at least one
+    layout : the cell
     opening_mm : between the inner sides of the fingers
     q_from : (6,) where the arm stands
+    directions_n : directions tried
     """
     first = candidates[0]
     vectors = candidate_directions(first.solid, directions_n).vectors

@@ -81,6 +81,9 @@ def region_of(
     Parameters
     ----------
     outer_mm : of `outer_points`
+    T_world_part : of each candidate (4, 4), as it is held up
+    camera : of the view
+    margin : in pixels, on all sides
     """
     found = [view_roi(p, T, camera, margin) for p, T in zip(outer_mm, T_world_part, strict=True)]
     known = [r for r in found if r is not None]
@@ -104,7 +107,14 @@ def predict(
 
     Parameters
     ----------
-    hand : of `see_boxes` on the same grid
+    solid : the candidate's part
+    caster : rays against its mesh
+    T_world_part : (4, 4) as it is held up
+    camera : of the view
+    roi : region of the picture
+    step_px : distance of the grid's pixels
+    hand : of `see_boxes` on the same grid; None where nothing holds the part
+    rules : which edges show, and how near to the gripper nothing is compared
     """
     maps = render_maps(caster, T_world_part, camera, roi, step_px)
     mask = maps.mask

@@ -77,8 +77,13 @@ def predict_view(
 
     Parameters
     ----------
+    candidates : what the part in the gripper may be
     models : of `model_of`, one per candidate
+    layout : the cell
+    q : (6,) row of joints
     opening_mm : of the hand that holds it
+    step_px : distance of the grid's pixels
+    rules : how well the hold is known, and which edges show
     camera : the inspection camera unless given
     """
     camera = camera or layout.inspection
@@ -114,7 +119,11 @@ def separations(
 
     Parameters
     ----------
+    candidates : what the part in the gripper may be
+    layout : the cell
     q : reachable and free of contact for every candidate; seconds : (k,) what each costs
+    opening_mm : between the inner sides of the fingers, the same for all
+    rules : how well the hold is known and how much must differ; None for the defaults
     """
     rules = rules or DoubtRules()
     pairs = tuple(combinations(range(len(candidates)), 2))

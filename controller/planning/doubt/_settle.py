@@ -99,9 +99,12 @@ def separating_views(
 
     Parameters
     ----------
+    candidates : what the part in the gripper may be
+    layout : the cell
     q : (k, 6) reachable configurations, free of contact whichever candidate it is
     seconds : (k,) what each costs
     opening_mm : of the hand, the same for all
+    rules : how well the hold is known and how much must differ; None for the defaults
     """
     rules = rules or DoubtRules()
     found = separations(candidates, layout, q, seconds, opening_mm, rules)

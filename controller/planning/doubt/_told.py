@@ -40,6 +40,8 @@ def compare(
     Parameters
     ----------
     measured : on the grid of the predictions: mask against the backlight, or edges under the lamps
+    predicted : of all candidates, in the configuration the picture was taken in
+    light : in which the picture was taken
     among : the candidates still possible; others get inf
     """
     found = np.full(len(predicted.pictures), np.inf)
@@ -68,8 +70,10 @@ def tell_apart(
     ----------
     differs_px : (n,) of the picture from each candidate's prediction, of `compare`
     apart_px : (n, n) of each prediction from each other one, of `apart`
+    light : in which the picture was taken
     among : the candidates still possible
     edges_px : (n,) edges that each prediction shows, of `edges_shown`; for pictures under lamps
+    rules : how much of a picture must differ; None for the defaults
     """
     rules = rules or DoubtRules()
     needed = needed_px(light, rules)

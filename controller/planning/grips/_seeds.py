@@ -58,6 +58,11 @@ def find_seeds(
 
     Parameters
     ----------
+    solid : the part
+    samples : of its surface
+    caster : rays against its mesh
+    widest_mm : largest distance of two walls that are held from outside
+    rules : how many seeds, and the friction by which two walls count as opposed
     spreading : jaws; those that can spread get seeds inside bores and channels
     """
     low, high = _spread_widths(spreading, rules)

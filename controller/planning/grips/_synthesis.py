@@ -59,8 +59,13 @@ def synthesise_grips(
 
     Parameters
     ----------
+    solid : the part
     seeds : of `find_seeds`
+    caster : rays against its mesh
+    jaw : the gripper
+    holder : which gripper it is; only the arm's takes parts from the table
     downs : (k, 3) which way is down, in the part frame, in each stable pose
+    rules : what a grasp must keep
     gravities : unit vectors (3,) in the tip frame, of a jaw that does not turn; None: of the arm's
 
     Raises

@@ -54,7 +54,12 @@ def clear_of_part(
 
     Parameters
     ----------
+    part : its triangles
+    T : (n, 4, 4) T_part_tcp
     opening : (n,) between the surfaces held, of inner grips between the fingers' backs
+    inner : (n,) the jaw spreads between the surfaces
+    jaw : the gripper, with fingers and body
+    rules : clearance while open, length of the approach, and what the pads give
     """
     wide = open_gap(opening, inner, jaw, rules)
     # closed, but for what the pads give: there they do touch the part
@@ -103,6 +108,7 @@ def lifts_off_table(
     ----------
     T : (n, 4, 4) tip poses in the part frame
     gap_open : (n,) between the pads while open
+    jaw : the gripper, with fingers and body
     hull : (h, 3) corners of the part; down : (3,) which way is down, both in the part frame
     """
     table = float((hull @ down).max()) - TABLE_MARGIN_MM

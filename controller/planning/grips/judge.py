@@ -82,7 +82,16 @@ class Tally:
 
 
 class Judge:
-    """One part, one jaw, one set of rules."""
+    """One part, one jaw, one set of rules.
+
+    Parameters
+    ----------
+    solid : the part
+    caster : rays against its mesh
+    jaw : the gripper
+    rules : what a grasp must keep
+    gravities : unit vectors (3,) in the TCP frame, of a jaw that does not turn; None: of the arm's
+    """
 
     def __init__(
         self,

@@ -144,10 +144,13 @@ def close_pads(
 
     Parameters
     ----------
+    caster : rays against the part's mesh
     face_normals : (t, 3) float32, of the mesh the caster casts on
     T : (n, 4, 4) tip poses in the part frame; the pads start symmetrically about them
     gap : (n,) between the surfaces expected to touch
     inner : (n,) the pads are the fingers' backs and move apart
+    grid : the rays of a pad
+    rules : friction and clearance
     slopes : work out the gradients too
     """
     n, m = len(T), len(grid.points)

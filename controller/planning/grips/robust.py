@@ -60,6 +60,9 @@ def margins(
 
     Parameters
     ----------
+    judge : the part, the jaw and the rules
+    found : n contacts, closed at the pose expected
+    inner : (n,) the pads are the fingers' backs
     down : as `wrong_poses`
     """
     rules, jaw, centroid_mm = judge.rules, judge.jaw, judge.solid.centroid_mm

@@ -44,6 +44,13 @@ def loads(
 
     Parameters
     ----------
+    contacts : n, closed
+    grid : the rays of a pad they were closed with
+    centroid_mm : (3,) CAD frame
+    weight_n : of the part
+    force_n : with which the pads press
+    inner : (n,) the pads are the fingers' backs
+    rules : friction
     gravities : unit vectors (3,) in the tip frame it may point along; None: whatever the arm's
         joints allow, the exact worst of each term
     """

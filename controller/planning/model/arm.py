@@ -69,6 +69,7 @@ class TimingModel(Protocol):
 
         Parameters
         ----------
+        q_from, q_to : (6,) rows of joints
         count : instants of each way the move may go
 
         Returns

@@ -14,6 +14,13 @@ class NotGraspableError(NoPlanError):
 class OutOfReachError(NoPlanError):
     """The arm does not get there: move the part (or the thing named).
 
+    Parameters
+    ----------
+    message : for people
+    reach_mm : asked of the wrist
+    limit_mm : what the arm has
+    where : what for
+
     Attributes
     ----------
     reach_mm, limit_mm : what was asked of the wrist, and what the arm has; where : what for

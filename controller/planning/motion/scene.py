@@ -122,6 +122,7 @@ class Scene:
 
         Parameters
         ----------
+        q : (n, 6) rows of joints
         margin_mm, table_margin_mm : one for all, or (n,); the table's is the same if None
         hand : replaces body, fingers and `carried` by boxes of its own per row, in the tip frame:
             poses (n, m, 4, 4) and half edges (n, m, 3), the hand's body first

@@ -59,6 +59,7 @@ def leg_tube(
 
     Parameters
     ----------
+    layout : the cell; its arm has the timing model
     q_from, q_to : (6,) ends of one move
     at : (k,) shares of the line, 0 to 1
     """
@@ -82,6 +83,8 @@ def tube_bound_mm(layout: CellLayout, step: FloatArray, radii_mm: FloatArray) ->
 
     Parameters
     ----------
+    layout : the cell; its arm has the timing model
+    step : (6,) by which the joints change
     radii_mm : (6,) by which a joint's change moves hand and part at most
     """
     return float(layout.arm.timing.stray(step) @ radii_mm)

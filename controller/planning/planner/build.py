@@ -42,7 +42,15 @@ MOTION_TRIES = 12
 
 
 class RefutedError(Exception):
-    """A part of the sequence has no way; `what` is a refutation for `search.refuted`."""
+    """A part of the sequence has no way; `what` is a refutation for `search.refuted`.
+
+    Parameters
+    ----------
+    reason : why it cannot be driven
+    hops : (from, to) grasps between which no motion was found
+    views : (grasp, view) that cannot be taken
+    firsts, lasts : grasps that cannot be had at the start, or be finished from
+    """
 
     def __init__(
         self,
@@ -68,7 +76,14 @@ class Build:
 
 
 class Builder:
-    """Adds steps of one part to a build."""
+    """Adds steps of one part to a build.
+
+    Parameters
+    ----------
+    part : prepared
+    layout : the cell
+    seed : of the random trees
+    """
 
     def __init__(self, part: PreparedPart, layout: CellLayout, seed: int) -> None:
         self._part = part
@@ -262,7 +277,10 @@ class Builder:
 
         Parameters
         ----------
-        end : (6,) where the arm goes afterwards
+        build : steps so far; the views are added
+        g : number of the arm's grasp
+        views : numbers of directions
+        end : (6,) where the arm goes afterwards; None if nowhere
 
         Raises
         ------

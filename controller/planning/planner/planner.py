@@ -63,7 +63,12 @@ def plan_part(
 
     Parameters
     ----------
+    solid : the part
+    samples : of its surface
     stable_pose : which way up it lies; T_world_part : (4, 4) where
+    layout : the cell
+    rng_seed : of the random trees; the same one gives the same plan
+    options : what is asked of a plan; None for the defaults
     prepared : of `prepare_part` for the same solid, samples and layout; made here if None
 
     Raises
@@ -87,8 +92,12 @@ def plan_from(
 
     Parameters
     ----------
+    part : prepared for this cell
+    layout : the cell
+    start : where the part is: on the table, in the arm gripper or in the fixed one
     seen : (n,) samples inspected before, which no view is spent on again; none if None
     avoid : ids of grips of either holder that are not to be used
+    rng_seed : of the random trees; the same one gives the same plan
 
     Raises
     ------

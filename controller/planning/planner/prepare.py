@@ -41,7 +41,10 @@ def prepare_part(
 
     Parameters
     ----------
+    solid : the part
     samples : of `controller.cad.sample_surface`; plans speak of these
+    layout : the cell
+    options : what is asked of plans; None for the defaults
 
     Raises
     ------

@@ -175,6 +175,9 @@ def make_prices(
 
     Parameters
     ----------
+    part : prepared
+    layout : the cell
+    first_s : (g,) what having the part in each grasp costs [s], inf where it cannot be had
     seen : (n,) samples that need not be shown again
     squared : ids of faces that need not be shown squarely again
     avoid : ids of grips not to use

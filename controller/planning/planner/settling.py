@@ -87,7 +87,11 @@ def plan_in_doubt(
 
     Parameters
     ----------
+    part : prepared for this cell: the reading that is planned for
+    layout : the cell
+    start : where it lies, read as that part
     others : what it may be beside the part; seen, avoid : as `plan_from`
+    rng_seed : of the random trees; the same one gives the same plan
 
     Raises
     ------
@@ -140,6 +144,8 @@ def told(
 
     Parameters
     ----------
+    doubt : of the view
+    layout : the cell
     q : (6,) where the arm stood; opening_mm : of the hand
     backlit, lit : (h, w) pictures of the inspection camera, as `doubt.measured_picture` takes them
     """

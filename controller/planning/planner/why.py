@@ -60,6 +60,9 @@ def unseen_pieces(
 
     Parameters
     ----------
+    part : prepared
+    layout : the cell
+    seen : (n,) samples that the plan shows or that were seen before
     within_reach : arm grips any change of grip from here leads to
     apart : (n,) samples that a grip shows which can be had, but not one after the plan's
     dropped : (n,) samples that a view each would have been too little for

@@ -133,6 +133,7 @@ def raise_floors(
 
     Parameters
     ----------
+    core : the elements that matter, and the views that show them
     sets : (s, w) grips, padded with n; u : (m,) prices to start from
     goals : (s,) a floor of so many units is enough; steps : how many at most
 

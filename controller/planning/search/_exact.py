@@ -58,8 +58,11 @@ def exact_cover(
 
     Parameters
     ----------
+    rows : (v, m) which elements each row shows
+    prices_s : (v,) of each row
     limit_s : only what is cheaper counts
     reduced_s : (v,) a floor of every cover that has this row, to leave rows out
+    nodes : of the branch-and-bound tree, at most
 
     Returns
     -------

@@ -200,6 +200,7 @@ def refuted(
 
     Parameters
     ----------
+    problem : left as it is
     hops : (from, to) grips between which no motion was found
     views : (grip, view) that cannot be taken
     firsts, lasts : grips that cannot be had at the start, or be finished from

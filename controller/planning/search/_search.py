@@ -79,7 +79,15 @@ class Pool:
 
 
 class Search:
-    """One run; `best` is what has been found, as the problem numbers grips and views."""
+    """One run; `best` is what has been found, as the problem numbers grips and views.
+
+    Parameters
+    ----------
+    problem : what everything costs and shows
+    tables : of `make_tables` for that problem and ``max_grips``
+    max_grips : at most so many in a row, transit included
+    effort : where the search stops short
+    """
 
     def __init__(self, problem: Problem, tables: Tables, max_grips: int, effort: Effort) -> None:
         self.problem, self.tables = problem, tables

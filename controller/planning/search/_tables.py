@@ -172,6 +172,7 @@ def quick_cover(rows: Table, prices_s: FloatArray, worth: Table | None = None) -
     Parameters
     ----------
     rows : (v, m) 0/1, each element shown by some
+    prices_s : (v,) of each row
     worth : (m,) > 0 what each element counts, None for all alike
 
     Raises

@@ -65,6 +65,7 @@ def longer(
 
     Parameters
     ----------
+    walks : all of one length
     hop_s : (n, n); tail_s : (n,) to the finish
     room_s : ways that cost as much with their tail cannot be part of anything better
     known : shorter ways; a longer one to the same set and last grip must be cheaper

@@ -31,7 +31,10 @@ def hand_offs(
 
     Parameters
     ----------
+    layout : the cell
     part : its triangles
+    fixture_grip : grasp of the fixed gripper
+    hand_grips : grasps of the arm gripper
     """
     T_fixture = layout.T_world_fixture
     T_world_part = T_fixture @ inverse_pose(fixture_grip.T_part_hand)

@@ -54,7 +54,10 @@ def set_downs(
 
     Parameters
     ----------
+    layout : the cell
     part : its triangles
+    rest : stable pose and position on the table
+    hand_grips : grasps of the arm gripper
     """
     members = np.flatnonzero(clear_of_table(rest.T_world_part, hand_grips, layout.hand))
     if len(members) == 0:

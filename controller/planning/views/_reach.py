@@ -55,7 +55,13 @@ def reachable_views(
 
     Parameters
     ----------
+    layout : the cell, with inspection camera and station
+    scene : the arm with the part in this grasp
+    samples : n, of the part's surface
+    showing : of `hold_up`, for v directions
     left_by_hand : (v, n) samples the hand leaves in sight; directions without any are not tried
+    T_part_hand : (4, 4) T_part_tcp of the grasp
+    q_liked : (6,) row of joints
     """
     shown = left_by_hand.copy()
     allowed = showing.inside & np.asarray(left_by_hand.any(axis=1))[:, None]
