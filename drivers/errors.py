@@ -16,6 +16,13 @@ class UnpluggedError(LinkError):
     """The device left while it was open: its node or connection is gone."""
 
 
+class SilentLineError(LinkError):
+    """No byte has come back for so long that the device must be taken for unplugged.
+
+    It has been sent a stop, in case it is only the way back that is cut.
+    """
+
+
 class ReplyTimeoutError(LinkError):
     """No reply in time: done or not? Read the state back before repeating anything."""
 
@@ -55,3 +62,7 @@ class PositionLostError(DeviceError):
 
 class StalledError(DeviceError):
     """A motion ended against something that should not have been there."""
+
+
+class ArmStalledError(StalledError):
+    """An arm ended elsewhere than it was sent to: it may have met something. It is stopped."""

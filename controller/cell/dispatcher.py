@@ -11,8 +11,7 @@ from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass
 from typing import Literal
 
-from drivers.errors import DeviceError
-from drivers.umi_scara import AxisStalledError, SilentLineError
+from drivers.errors import ArmStalledError, DeviceError, SilentLineError
 
 from .actions import Actions
 from .custody import where_it_is
@@ -197,7 +196,7 @@ class Dispatcher:
             return _Note(await self._actions.perform(effect), effect)
         except PartProblemError as problem:
             return _Note(Event.PART_PROBLEM, effect, str(problem), problem.code)
-        except AxisStalledError as error:
+        except ArmStalledError as error:
             return _Note(Event.FAULT, effect, _explain_stall(error), "stall")
         except SilentLineError as error:
             return _Note(Event.FAULT, effect, f"in step {effect.value}: {error}", _code_of(error))
@@ -235,6 +234,6 @@ def _code_of(error: Exception) -> str:
     return "".join("_" + c.lower() if c.isupper() else c for c in name).lstrip("_")
 
 
-def _explain_stall(error: AxisStalledError) -> str:
+def _explain_stall(error: ArmStalledError) -> str:
     """Return what a stalled axis means for the operator."""
     return f"the arm met something it should not have: {error}; look before you clear it"

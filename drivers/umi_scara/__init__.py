@@ -11,7 +11,7 @@ from ._constants import Axis, Ip, Parameter, StatusBits
 from ._gripper import GripperLaw
 from ._homing import HomingConfig, HomingError
 from ._limits import OutOfRangeError
-from ._link import LineDoubtError, LinkConfig, SilentLineError, Trace, WireExchange
+from ._link import LineDoubtError, LinkConfig, Trace, WireExchange
 from ._motion import AxisStalledError, MotionStoppedError, forecast_s, synchronised_speeds
 from ._session import ArmConfig, ArmIdentity, PowerOffError
 from ._transport import SerialTransport, Transport
@@ -38,7 +38,6 @@ __all__ = [
     "Parameter",
     "PowerOffError",
     "SerialTransport",
-    "SilentLineError",
     "StatusBits",
     "Stop",
     "Trace",

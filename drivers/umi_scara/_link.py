@@ -23,6 +23,7 @@ from drivers.errors import (
     PositionLostError,
     RefusedError,
     ReplyTimeoutError,
+    SilentLineError,
     WrongDeviceError,
 )
 
@@ -99,13 +100,6 @@ class LinkConfig:
 
 Trace = Callable[[WireExchange], None]
 Guard = Callable[[], None]
-
-
-class SilentLineError(LinkError):
-    """No byte has come back for so long that the arm must be taken for unplugged.
-
-    Both IPs have been sent a stop, in case it is only the way back that is cut.
-    """
 
 
 class LineDoubtError(DeviceError):

@@ -6,7 +6,7 @@ Sections (§) are those of umi_rtx.md.
 from collections.abc import Callable, Iterable, Mapping
 from math import ceil
 
-from drivers.errors import DeviceError, StalledError
+from drivers.errors import ArmStalledError, DeviceError
 
 from . import _constants as c
 from ._axes import Axes
@@ -18,7 +18,7 @@ class MotionStoppedError(DeviceError):
     """A motion ended because a stop was asked for; the stop itself has been sent."""
 
 
-class AxisStalledError(StalledError):
+class AxisStalledError(ArmStalledError):
     """An axis ended elsewhere than asked; both IPs have had their dead stop.
 
     Attributes

@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Final, Self
 
 from drivers.clock import REAL_TIME, CellClock
-from drivers.errors import DeviceError, LinkError, PositionLostError
+from drivers.errors import DeviceError, LinkError, PositionLostError, SilentLineError
 from drivers.kinds import Stop
 
 from . import _constants as c
@@ -21,7 +21,7 @@ from ._constants import Axis, Ip, Parameter, Simple, StatusBits
 from ._gripper import GripperLaw
 from ._homing import HomingConfig
 from ._limits import OutOfRangeError
-from ._link import Guard, LineDoubtError, Link, LinkConfig, SilentLineError, Trace
+from ._link import Guard, LineDoubtError, Link, LinkConfig, Trace
 from ._motion import AxisStalledError, MotionStoppedError, on_ip
 from ._sureness import Known, judge_counters
 from ._tasks import run_to_end

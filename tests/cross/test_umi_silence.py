@@ -7,7 +7,8 @@ import pytest
 from umi_bench import EMULATED
 from umi_line_faults import PARK, Session, quiet
 
-from drivers.umi_scara import Axis, MotionStoppedError, SilentLineError
+from drivers.errors import SilentLineError
+from drivers.umi_scara import Axis, MotionStoppedError
 
 KNOWN_S = 0.5
 STOPS_S = 0.05  # two stops and a hand-over, blindly, 9 ms apart

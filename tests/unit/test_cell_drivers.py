@@ -6,11 +6,14 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from acme_device import acme_device
 
 from controller.cell.devices import DeviceBuilder, resolve
+from controller.cell.dispatcher import Dispatcher
 from controller.cell.driver_registry import (
     KIND_OF,
     find_driver,
@@ -18,10 +21,11 @@ from controller.cell.driver_registry import (
     read_settings,
     require_drivers,
 )
+from controller.cell.machine import Effect
 from controller.cell.openings import Finding, judge_fixed
 from controller.config import EMULATED_CELL, ConfigError, load_cell
 from drivers.clock import CellClock
-from drivers.errors import LinkError
+from drivers.errors import ArmStalledError, LinkError, SilentLineError
 from drivers.kinds import Driver, Hold, Signal
 
 ACME = Path(__file__).resolve().parents[1] / "data" / "acme"
@@ -194,3 +198,27 @@ def test_two_packages_with_one_name_are_refused(
     monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(ConfigError, match="two packages offer the gripper driver `acme`"):
         find_driver("gripper", "acme")
+
+
+@pytest.mark.parametrize(
+    ("error", "message", "code"),
+    [
+        (
+            ArmStalledError("acme: blocked"),
+            "the arm met something it should not have: acme: blocked; look before you clear it",
+            "stall",
+        ),
+        (SilentLineError("acme: no answer"), "in step home: acme: no answer", "silent_line"),
+    ],
+)
+async def test_errors_of_an_arm_of_another_make_read_like_those_of_ours(
+    error: Exception, message: str, code: str
+) -> None:
+    async def fail(_: Effect) -> None:
+        raise error
+
+    nobody: Any = None
+    actions: Any = SimpleNamespace(perform=fail)
+    dispatcher = Dispatcher(actions, nobody, nobody, (), nobody)
+    note = await dispatcher._outcome_of(Effect.HOME)
+    assert (note.message, note.code) == (message, code)
