@@ -119,7 +119,7 @@ def check_plans(job: Job, progress: Callable[[str], None] | None = None) -> Chec
             progress(f"planning from pose {pose.index} ({pose.probability:.0%})")
         certified = planning.certified(pose)
         poses.append(CheckedPose(pose, certified))
-        plan, lying = certified.told.plan, f"lying in pose {pose.index}"
+        plan, lying = certified.told.plan, f"in stable pose {pose.index}"
         if plan is None:
             problems.append(f"{lying} ({pose.probability:.0%}): {certified.told.reason}")
         elif plan.covered_fraction < wanted:
@@ -128,5 +128,5 @@ def check_plans(job: Job, progress: Callable[[str], None] | None = None) -> Chec
                 f"requires {wanted:.1%}"
             )
     if not poses:
-        problems.append("there is no pose in which the part is likely to lie still")
+        problems.append("there is no pose in which the part is likely to rest")
     return Checked(c.setup, tuple(poses), tuple(problems))

@@ -18,9 +18,9 @@ class Custody(StrEnum):
 
     NONE = "no part known"
     ON_TABLE = "on the table"
-    IN_ARM = "in the arm's hand"
-    IN_BOTH = "in the arm's hand and in the fixture"
-    IN_FIXTURE = "in the fixture"
+    IN_ARM = "in the arm gripper"
+    IN_BOTH = "in both grippers"
+    IN_FIXTURE = "in the fixed gripper"
     PLACED = "placed"
     REMOVED = "taken out by the operator"
     LOST = "lost"
@@ -179,7 +179,7 @@ def where_it_is(custody: Custody, detail: str = "") -> str:
             return f"The part is on the table{more}; both grippers are empty."
         case Custody.IN_ARM:
             return (
-                f"The part is in the arm's hand{more}, which keeps holding it. Support the part "
+                f"The part is in the arm gripper{more}, which keeps holding it. Support the part "
                 "before you cut the power or open the jaws."
             )
         case Custody.IN_BOTH:
@@ -194,6 +194,6 @@ def where_it_is(custody: Custody, detail: str = "") -> str:
         case Custody.REMOVED:
             return f"The part was taken out by the operator{more}."
         case Custody.LOST:
-            return f"The part was lost{more}: look for it below the arm's last way, by hand."
+            return f"The part was lost{more}: look for it below the arm's last path, by hand."
         case Custody.UNKNOWN:
             return f"Where the part is, is not known{more}: look before anything moves."

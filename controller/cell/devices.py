@@ -44,7 +44,7 @@ def _modbus_address(device: str, address: str, transport: str, baudrate: int) ->
     host, _, port = address.rpartition(":")
     if not host or not port.isdigit():
         raise ConfigError(
-            f"devices.{device}.address: `{address}` is not host:port, which {transport} asks for"
+            f"devices.{device}.address: `{address}` is not host:port, which {transport} requires"
         )
     return TcpAddress(host, int(port)) if transport == "tcp" else RtuOverTcpAddress(host, int(port))
 

@@ -72,7 +72,7 @@ def find_driver(kind: str, name: str) -> Driver[Any, Any]:
     """
     installed = installed_drivers(kind)
     if name not in installed:
-        known = ", ".join(sorted(installed)) or "none; install cellctl itself anew"
+        known = ", ".join(sorted(installed)) or "none; install cellctl again"
         near = difflib.get_close_matches(name, installed, n=1)
         hint = f"; did you mean `{near[0]}`?" if near else ""
         raise ConfigError(f"no {kind} driver `{name}` is installed{hint} (installed: {known})")

@@ -61,9 +61,9 @@ RECOVERY_ACTIONS: Final[Mapping[PartFault, RecoveryAction]] = {
     PartFault.DROPPED: RecoveryAction(Event.PART_DROPPED, "looking where the part has fallen"),
     PartFault.NOT_IN_HAND: RecoveryAction(Event.PART_DROPPED, "looking for the part on the table"),
     PartFault.HELD_OTHERWISE: RecoveryAction(
-        Event.PLAN_VOID, "planning on from the grip as it is", 4
+        Event.PLAN_VOID, "planning on from the grasp as measured", 4
     ),
-    PartFault.HAND_OFF_FAILED: RecoveryAction(Event.PLAN_VOID, "planning on from the hand"),
+    PartFault.HAND_OFF_FAILED: RecoveryAction(Event.PLAN_VOID, "planning on from the arm gripper"),
     PartFault.TAKE_BACK_FAILED: RecoveryAction(
         Event.PLAN_VOID, "planning on from the fixed gripper"
     ),

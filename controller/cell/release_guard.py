@@ -47,12 +47,13 @@ class ReleaseGuard:
         ReleaseRefusedError : nobody else is known to hold what the arm gripper holds
         """
         if custody is Custody.UNKNOWN:
-            raise ReleaseRefusedError("the hand stays closed: who holds the part is not known")
+            raise ReleaseRefusedError("the arm gripper stays closed: the part's custody is unknown")
         if custody is Custody.IN_ARM and not lets_go:
-            raise ReleaseRefusedError("the hand stays closed: it alone holds the part")
+            raise ReleaseRefusedError("the arm gripper stays closed: it alone holds the part")
         if custody is Custody.IN_BOTH and (hold := await self._fixed.hold()) is not Hold.HELD:
             raise ReleaseRefusedError(
-                f"the hand stays closed: the fixed gripper does not confirm its hold ({hold.value})"
+                f"the arm gripper stays closed: the fixed gripper does not confirm its "
+                f"hold ({hold.value})"
             )
         return await self._arm.move_gripper_mm(opening_mm)
 
@@ -77,7 +78,8 @@ class ReleaseGuard:
             width = await self._arm.jaw_width_mm()
             if width < max(NOTHING_MM, gripped_mm - LOST_MM):
                 raise ReleaseRefusedError(
-                    f"the fixed gripper stays closed: the hand's jaws stand at {width:.1f} mm, "
+                    f"the fixed gripper stays closed: the arm gripper's jaws stand at "
+                    f"{width:.1f} mm, "
                     f"{gripped_mm:.1f} mm is the part's width"
                 )
         if custody is Custody.LOST and self.is_something_in_fixed:

@@ -105,7 +105,7 @@ def _refusal(known: Sequence[Held], openings: Sequence[Opening], *, is_part_remo
     verb = ("hold" if len(named) > 1 else "holds") if is_sure else "may hold"
     reasons = [
         *dict.fromkeys(known_words(one) for one in known),
-        *(f"the {one.gripper.value} says that {one.reason}" for one in openings),
+        *(f"the {one.gripper.value} reports that {one.reason}" for one in openings),
     ]
     opens = " or ".join(
         f"`cellctl recover --cell CELL --open {'arm' if name is GripperName.ARM else 'fixed'}`"

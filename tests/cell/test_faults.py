@@ -59,7 +59,7 @@ def test_a_part_that_falls_off_the_table_is_noticed_looked_for_and_asked_for(
         run.control("remove")
 
     ran = start("recipes/holder.yaml", "--seed", "7").follow(once_in("presenting", take_away))
-    has_ended_well(ran, "part_lost", "gone from the arm's hand", "camera over the table")
+    has_ended_well(ran, "part_lost", "gone from the arm gripper", "camera over the table")
     rows = list(read_rows(ran.journal, ran.result["run"]))
     assert [r.name for r in rows if r.kind == "custody"][-1] == "lost"
     assert [r.body["trouble"] for r in rows if r.name == "recovery"] == ["part_lost"]
@@ -72,7 +72,7 @@ def test_ctrl_c_stops_the_arm_and_releases_nothing(start: Callable[..., Run]) ->
     )
     has_ended_well(ran, "stop")
     assert ran.result["end"] == "stopped"
-    assert "arm's hand" in ran.result["where"]
+    assert "arm gripper" in ran.result["where"]
     opened = [r for r in read_rows(ran.journal) if r.kind == "intent" and r.name == "release"]
     assert not opened
 
@@ -160,7 +160,7 @@ def test_an_arm_that_restarts_in_motion_has_lost_its_position(start: Callable[..
         once_in("presenting", lambda run: run.control("arm_ip", ip=1, what="restart"))
     )
     has_ended_well(ran, "position_lost", "restart")
-    assert "arm's hand" in ran.result["where"]
+    assert "arm gripper" in ran.result["where"]
 
 
 @pytest.mark.slow

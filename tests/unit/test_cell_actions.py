@@ -233,7 +233,7 @@ async def test_a_part_fault_leads_where_its_recovery_action_says(record: BatchRe
     actions = Actions(dict.fromkeys(Effect, ANY(run=fail)), Recoveries(record))
     events = [await actions.perform(Effect.GRASP) for _ in range(2)]
     assert events == [Event.GRIP_MISSED] * 2
-    with pytest.raises(PartProblemError, match="asks for you"):
+    with pytest.raises(PartProblemError, match="waits for you"):
         await actions.perform(Effect.GRASP)
 
 

@@ -106,7 +106,7 @@ def test_a_run_that_was_cut_off_says_after_what_and_where_the_part_was(tmp_path:
     message = record.outcome.message
     assert message.startswith("the run has no end in the journal: it was cut off after")
     assert "step “show with grasp G1” done in 4.2 s" in message
-    assert message.endswith("part 1 then was in the arm's hand (jaws at 30.1 mm)")
+    assert message.endswith("part 1 then was in the arm gripper (jaws at 30.1 mm)")
     (part,) = record.parts
     assert part.verdict is None
     assert part.views[0].evaluated is None
@@ -232,14 +232,14 @@ def test_a_refused_start_says_why_and_where_the_part_is(tmp_path: Path) -> None:
     writer.write(
         rows.AtRest(
             state="refused", message="The arm gripper may hold a part", custody="IN_ARM",
-            code="part_may_be_held", where="The part is in the arm's hand.",
+            code="part_may_be_held", where="The part is in the arm gripper.",
         )
     )  # fmt: skip
     writer.write(rows.RunEnded(end="refused"))
     writer.close()
     record = load_run(tmp_path)
     assert (record.outcome.end, record.outcome.custody) == ("refused", Custody.IN_ARM)
-    assert record.outcome.where == "The part is in the arm's hand."
+    assert record.outcome.where == "The part is in the arm gripper."
     page = write_html(record, tmp_path / "report.html").read_text()
     assert "refused: a gripper may hold a part" in page
 

@@ -130,6 +130,6 @@ class HandOffAction:
         self.record.part.avoid.add(step.grip.id)
         raise PartFaultError(
             PartFault.TAKE_BACK_FAILED,
-            f"taking the part back: the hand's jaws stopped at {opening_mm:.1f} mm, "
+            f"hand-off back: the arm gripper's jaws stopped at {opening_mm:.1f} mm, "
             f"{step.expected_opening_mm:.1f} mm was expected; the fixed gripper still holds it",
         )

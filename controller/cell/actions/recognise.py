@@ -78,7 +78,7 @@ class RecogniseAction:
         if seen.part != expected:
             raise PartProblemError(
                 "wrong_part",
-                f"{seen.part} lies at x {seen.x_mm:.0f}, y {seen.y_mm:.0f} mm, the recipe is for "
+                f"{seen.part} is at x {seen.x_mm:.0f}, y {seen.y_mm:.0f} mm, the recipe is for "
                 f"{expected}",
             )
         return seen
@@ -92,10 +92,10 @@ class RecogniseAction:
         lost = part.recoveries[-1]
         return PartProblemError(
             lost.fault.value,
-            f"{lost.reason}; it does not lie where the camera over the table sees: look "
+            f"{lost.reason}; the camera over the table does not see it: look "
             + (
-                "below the arm's last way, and at the fixed gripper"
+                "below the arm's last path, and at the fixed gripper"
                 if part.custody is Custody.LOST
-                else "at what the hand holds"
+                else "at what the arm gripper holds"
             ),
         )

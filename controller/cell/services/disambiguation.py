@@ -55,20 +55,20 @@ class Disambiguation:
             return
         if not left:
             raise PartProblemError(
-                "unknown_object", f"what is in the hand looks like none of {', '.join(names)}"
+                "unknown_object", f"the part in the gripper looks like none of {', '.join(names)}"
             )
         if len(left) > 1:
             raise PartProblemError(
                 "ambiguous",
-                f"it may still be {' or '.join(names[k] for k in left)}; look at what the hand "
-                "holds",
+                f"it may still be {' or '.join(names[k] for k in left)}; look at what "
+                "the arm gripper holds",
             )
         found = doubt.candidates[left[0]]
         if found.name != names[0]:
             raise PartProblemError(
-                "wrong_part", f"the view tells: it is {found.name}, the recipe is for {names[0]}"
+                "wrong_part", f"the view shows {found.name}, the recipe is for {names[0]}"
             )
         hold.T_part_hand = inverse_pose(found.T_hand_part)
         raise PartFaultError(
-            PartFault.HELD_OTHERWISE, "the view tells: the part lies another way than it seemed"
+            PartFault.HELD_OTHERWISE, "the view shows another stable pose than it seemed"
         )

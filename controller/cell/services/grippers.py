@@ -123,12 +123,12 @@ class Grippers:
             return
         self._record.part.hold = None
         message = (
-            f"the part is gone from the arm's hand: jaws at {opening_mm:.1f} mm, "
+            f"the part is gone from the arm gripper: jaws at {opening_mm:.1f} mm, "
             f"{hold.width_mm:.1f} mm while it was held"
         )
         if self._record.part.custody is Custody.IN_BOTH:
             await self._record.set_custody(
-                Custody.IN_FIXTURE, f"jaws of the hand at {opening_mm:.1f} mm"
+                Custody.IN_FIXTURE, f"jaws of the arm gripper at {opening_mm:.1f} mm"
             )
             raise PartFaultError(PartFault.TAKE_BACK_FAILED, message)
         await self._record.set_custody(Custody.LOST, f"jaws at {opening_mm:.1f} mm")
@@ -151,7 +151,7 @@ class Grippers:
     async def lose_from_fixed(self) -> PartFaultError:
         """Book a part that has left the fixed gripper while nobody else had it."""
         self._record.part.fixture_grip = None
-        await self._record.set_custody(Custody.LOST, "at the fixture")
+        await self._record.set_custody(Custody.LOST, "at the fixed gripper")
         return PartFaultError(PartFault.DROPPED, "the part left the fixed gripper")
 
     async def openings_mm(self) -> tuple[float, float]:

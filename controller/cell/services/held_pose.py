@@ -71,7 +71,7 @@ class HeldPose:
         found = await self.compute.find_hold(expected, hold.T_part_hand, holder, backlit)
         if found is None:
             raise PartFaultError(
-                PartFault.NOT_IN_HAND, "the camera does not see the part in the hand"
+                PartFault.NOT_IN_HAND, "the camera does not see the part in the arm gripper"
             )
         hold.T_part_hand = inverse_pose(found) @ tip_pose(self.layout, q)
         hold.is_seen = True
@@ -107,7 +107,7 @@ class HeldPose:
             raise PartFaultError(
                 PartFault.HELD_OTHERWISE,
                 f"the part sits {shift_mm:.1f} mm and {np.degrees(turn_rad):.1f} degrees from "
-                + ("where it was in the hand" if was_seen else "where the grip was planned"),
+                + ("where it was in the gripper" if was_seen else "where the grasp was planned"),
             )
 
     async def _search(self, shown: Shown, hold: Hold, reason: str) -> Array | None:

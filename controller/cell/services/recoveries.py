@@ -31,8 +31,8 @@ class Recoveries:
         if action is None:
             raise PartProblemError(
                 error.code,
-                f"{error} (the cell has helped itself {len(part.recoveries)} times with this part "
-                "and now asks for you)",
+                f"{error} (the cell has recovered {len(part.recoveries)} times with this part "
+                "and now waits for you)",
             ) from error
         self._is_drop_booked = error.fault is PartFault.DROPPED
         part.recoveries.append(Recovery(error.fault, str(error)))
