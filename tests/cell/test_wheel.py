@@ -9,6 +9,7 @@ import subprocess
 import sys
 import venv
 import zipfile
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,8 @@ LIMIT_S = 1500.0  # a guard against a hang, no measure
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Build the wheel from a copy, so that the checkout stays as it is."""
+    newest = int(version("setuptools").split(".")[0])
+    assert newest >= 77, "setuptools 77 or newer is required: pip install -e '.[test]'"
     source = tmp_path_factory.mktemp("source")
     for folder in PACKED:
         shutil.copytree(
