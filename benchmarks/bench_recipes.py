@@ -42,7 +42,7 @@ from controller.inspection import (
 from controller.planning import Look, NoPlanError, OnTable, Plan, Present, shown_pose
 from controller.recognition import PosedPart
 from controller.setup.optics import build_lamps, panel_corners, table_corners
-from emulators.world._poses import JointValues, forward
+from emulators.world.poses import JointValues, forward
 
 RECIPES = ("featuretype", "flange_xy", "holder", "idler_riser", "widget")
 LIKELY = 0.04

@@ -23,8 +23,8 @@ import trimesh  # noqa: E402
 
 from emulators.umi_scara import ArmModel, Axis  # noqa: E402
 from emulators.world import World, load_solid, read_layout  # noqa: E402
-from emulators.world._poses import JointValues, transform  # noqa: E402
-from emulators.world._solid import read_pieces  # noqa: E402
+from emulators.world.matter.solid import read_pieces  # noqa: E402
+from emulators.world.poses import JointValues, transform  # noqa: E402
 
 STEP_S = 1.0 / 240.0
 PARTS = ("featuretype", "flange_xy", "holder", "idler_riser")

@@ -39,8 +39,8 @@ from controller.recognition import PosedPart  # noqa: E402
 from controller.setup.layout import build_layout  # noqa: E402
 from controller.setup.optics import build_lamps, panel_corners  # noqa: E402
 from emulators import world as emulated  # noqa: E402
-from emulators.world._picture import Eye  # noqa: E402
-from emulators.world._sensor import Exposure, blurred, develop  # noqa: E402
+from emulators.world.pictures.picture import Eye  # noqa: E402
+from emulators.world.pictures.sensor import Exposure, blurred, develop  # noqa: E402
 
 Array = NDArray[np.float64]
 CELL = ROOT / "recipes" / "cells" / "emulated.yaml"

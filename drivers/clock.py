@@ -23,9 +23,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from ._attendance import Attendance
-from ._patience import IN_TRANSIT_WALL_S, Patience
 from ._shared_time import SharedTime
+from .attendance import Attendance
+from .patience import IN_TRANSIT_WALL_S, Patience
 
 _Future = TypeVar("_Future", bound="asyncio.Future[Any]")
 

@@ -23,7 +23,7 @@ from typing import Any, Final
 
 from emulators._cell import Cell, CellOptions
 from emulators._control import ControlPort
-from emulators._register import registered
+from emulators.register import registered
 from emulators.world import LayoutError
 
 log = logging.getLogger(__name__)

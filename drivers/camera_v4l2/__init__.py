@@ -10,10 +10,10 @@ from ._camera import Camera, system_calls_for
 from ._controls import ControlInfo, ControlSetting
 from ._decode import BrokenPictureError, decode
 from ._discovery import FoundNode, find_node, list_nodes
-from ._selection import StampSource
 from ._socket_calls import SocketCalls
 from ._syscalls import KernelCalls, SysCalls
 from ._types import CameraConfig, CameraIdentity, CameraStats, Frame
+from .selection import StampSource
 
 __all__ = [
     "DRIVER",

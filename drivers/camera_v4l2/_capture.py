@@ -12,8 +12,7 @@ from typing import Final
 from drivers.clock import CellClock
 from drivers.errors import BadReplyError, FaultError, RefusedError, UnpluggedError
 
-from . import _abi as abi
-from ._abi import BufFlag, ControlId
+from . import abi
 from ._controls import (
     ControlInfo,
     ControlSetting,
@@ -27,7 +26,11 @@ from ._device import Device
 from ._discovery import find_node
 from ._explain import GONE, explain, explain_open, explained
 from ._negotiate import agree_on_format, agree_on_period, check_kind
-from ._selection import (
+from ._stream import Stream
+from ._syscalls import SysCalls
+from ._types import CameraConfig, CameraIdentity, CameraStats, Frame
+from .abi import BufFlag, ControlId
+from .selection import (
     Settling,
     Stamp,
     StampSource,
@@ -36,9 +39,6 @@ from ._selection import (
     sequence_gap,
     stamp_of,
 )
-from ._stream import Stream
-from ._syscalls import SysCalls
-from ._types import CameraConfig, CameraIdentity, CameraStats, Frame
 
 log = logging.getLogger(__name__)
 

@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from . import _abi as abi
-from ._abi import ControlFlag, ControlId, ControlType
+from . import abi
 from ._device import Device
 from ._explain import GONE
+from .abi import ControlFlag, ControlId, ControlType
 
 _READABLE: Final = frozenset(
     {

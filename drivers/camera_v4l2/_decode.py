@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ._abi import PixFormat, fourcc, fourcc_name
+from .abi import PixFormat, fourcc, fourcc_name
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from fractions import Fraction
 from typing import Final
 
-from . import _abi as abi
+from . import abi
 from ._syscalls import SysCalls
 
 _MAX_LISTED: Final = 256  # a camera whose lists have no end must not hang the cell

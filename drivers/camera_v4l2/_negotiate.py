@@ -5,12 +5,12 @@ import logging
 
 from drivers.errors import BadReplyError, WrongDeviceError
 
-from . import _abi as abi
-from ._abi import Cap
+from . import abi
 from ._decode import line_bytes, pixel_kind
 from ._device import Device
 from ._explain import GONE, explain, explained
 from ._types import CameraConfig
+from .abi import Cap
 
 log = logging.getLogger(__name__)
 

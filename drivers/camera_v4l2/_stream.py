@@ -6,8 +6,8 @@ import mmap
 
 from drivers.errors import BadReplyError, RefusedError
 
-from ._abi import Buffer
 from ._device import Device
+from .abi import Buffer
 
 
 class Stream:

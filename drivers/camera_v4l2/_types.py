@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from ._abi import Cap
 from ._decode import KINDS, Image
 from ._discovery import DEV_ROOT, SYSFS_ROOT
-from ._selection import StampSource
+from .abi import Cap
+from .selection import StampSource
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from ._config import (
     OutputChannel,
 )
 from ._io import CellIo, Watch
-from ._signals import Snapshot
+from .signals import Snapshot
 
 __all__ = [
     "DRIVER",

@@ -17,7 +17,7 @@ from ..errors import DeviceError, RefusedError, WrongDeviceError
 from ..kinds import Change, Signal
 from ..modbus_link import FunctionCode, ModbusLink, Request
 from ._config import INPUT_COUNT, RELAY_COUNT, IoConfig
-from ._signals import Believer, Snapshot
+from .signals import Believer, Snapshot
 
 log = logging.getLogger(__name__)
 

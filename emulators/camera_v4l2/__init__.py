@@ -8,13 +8,13 @@ cannot be mounted) is `CameraServer`'s matter. Read after the kernel's V4L2 docu
 from ._control_specs import DEFAULT_CONTROLS, ControlSpec, Kind
 from ._device import V4l2Device
 from ._faults import Faults
-from ._formats import Picture, PixelFormat
 from ._fuse import FuseMount, can_mount
 from ._pattern import ClockPattern, read_clock_pattern
 from ._sensor import Clock, PictureSource
 from ._server import CameraServer
 from ._settings import CameraConfig
 from ._socket import SocketCamera
+from .formats import Picture, PixelFormat
 
 __all__ = [
     "DEFAULT_CONTROLS",

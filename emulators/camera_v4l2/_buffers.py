@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
 
-from . import _abi as abi
-from ._abi import BufferFlag, Poll
-from ._handle import Handle, NotYet, Refused
+from . import abi
+from .abi import BufferFlag, Poll
+from .handle import Handle, NotYet, Refused
 
 SLOT_BYTES: Final = (
     8 << 20

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from . import _abi as abi
+from . import abi
 from ._control_specs import ControlFlag, ControlSpec, Kind
-from ._handle import ClientMemory, Handle, PendingEvent, Refused
+from .handle import ClientMemory, Handle, PendingEvent, Refused
 
 _NEXT_CTRL, _NEXT_COMPOUND = 0x80000000, 0x40000000
 _CLASS_MASK: Final = 0x0FFF0000

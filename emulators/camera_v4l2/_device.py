@@ -14,15 +14,15 @@ from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
 from typing import Final, Protocol
 
-from . import _abi as abi
-from ._abi import Poll, Request
+from . import abi
 from ._buffers import BufferQueue
 from ._controls import ControlBank
 from ._faults import Faults
-from ._formats import Picture
-from ._handle import ClientMemory, Handle, Refused
 from ._sensor import Clock, PictureSource, Sensor
 from ._settings import CameraConfig, CaptureSettings
+from .abi import Poll, Request
+from .formats import Picture
+from .handle import ClientMemory, Handle, Refused
 
 _PAUSE_WALL_S: Final = 0.0005
 

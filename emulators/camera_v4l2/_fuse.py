@@ -18,11 +18,11 @@ from pathlib import Path
 from typing import Final
 
 from . import _fuse_wire as wire
-from ._abi import Poll
 from ._buffers import BUFFERS_MAX, SLOT_BYTES
 from ._device import V4l2Device
 from ._fuse_wire import Notice, Opcode
-from ._handle import NotYet, Refused
+from .abi import Poll
+from .handle import NotYet, Refused
 
 log = logging.getLogger(__name__)
 

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 from typing import Final, Protocol
 
 from . import _control_specs as ctl
-from ._abi import BufferFlag
 from ._buffers import SLOT_BYTES, Buffer, BufferQueue
 from ._controls import ControlBank
 from ._faults import Faults
-from ._formats import Picture, PixelFormat, bin_to, brighten, encode, mean_level
 from ._settings import CameraConfig, CaptureSettings
-from ._shutter import FrameGrid
+from .abi import BufferFlag
+from .formats import Picture, PixelFormat, bin_to, brighten, encode, mean_level
+from .shutter import FrameGrid
 
 log = logging.getLogger(__name__)
 

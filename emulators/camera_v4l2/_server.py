@@ -10,7 +10,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final, Literal, Self
 
-from . import _abi as abi
+from . import abi
 from ._device import V4l2Device
 from ._fuse import FuseMount, can_mount
 from ._socket import SocketCamera

@@ -4,11 +4,11 @@ import errno
 from dataclasses import dataclass
 from typing import Final
 
-from . import _abi as abi
+from . import abi
 from ._buffers import SLOT_BYTES
 from ._control_specs import DEFAULT_CONTROLS, ControlSpec
-from ._formats import PixelFormat
-from ._handle import Refused
+from .formats import PixelFormat
+from .handle import Refused
 
 _CAPABILITIES: Final = abi.CAP_VIDEO_CAPTURE | abi.CAP_EXT_PIX_FORMAT | abi.CAP_STREAMING
 _KERNEL_VERSION: Final = 0x060100  # Linux 6.1, whose uvcvideo this camera was compared with

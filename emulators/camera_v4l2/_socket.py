@@ -16,11 +16,11 @@ from pathlib import Path
 from struct import Struct
 from typing import Final
 
-from . import _abi as abi
-from ._abi import Poll
+from . import abi
 from ._buffers import BUFFERS_MAX, SLOT_BYTES
 from ._device import V4l2Device
-from ._handle import Refused
+from .abi import Poll
+from .handle import Refused
 
 log = logging.getLogger(__name__)
 

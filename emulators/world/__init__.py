@@ -4,14 +4,14 @@
 Lengths are mm and angles rad, but for pybullet's metres, which stay inside.
 """
 
-from ._collide import Collision
-from ._layout import Layout, LayoutError, read_layout
 from ._models import Event, Snapshot
-from ._picture_worker import Picture, PictureDesk, Studio
-from ._scene import Scene, build_scene
-from ._solid import Solid, load_solid
-from ._truth import tray_of, truth
 from ._world import World
+from .ground_truth import tray_of, truth
+from .layout import Layout, LayoutError, read_layout
+from .matter.collide import Collision
+from .matter.solid import Solid, load_solid
+from .pictures.picture_worker import Picture, PictureDesk, Studio
+from .pictures.scene import Scene, build_scene
 
 __all__ = [
     "Collision",

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-from ._layout import Array
-from ._poses import Joints
+from .layout import Array
+from .poses import Joints
 
 
 class ArmBody(Protocol):

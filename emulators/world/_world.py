@@ -12,15 +12,15 @@ from typing import Final
 
 import numpy as np
 
-from ._bodies import STEP_S, Bodies
-from ._boxes import CellBoxes
-from ._collide import Collision, Obstruct, Stall, values_of
-from ._grip import TEAR_MM, TEAR_RAD, Gripper, apart, bears, make_gripper, relative
-from ._layout import Array, Layout
 from ._models import ArmBody, Event, JawBody, Snapshot
-from ._parts import AWAY, FALLING, HELD, LYING, Part
-from ._poses import JointValues, forward, rotation_about
-from ._solid import Solid
+from .layout import Array, Layout
+from .matter.bodies import STEP_S, Bodies
+from .matter.boxes import CellBoxes
+from .matter.collide import Collision, Obstruct, Stall, values_of
+from .matter.grip import TEAR_MM, TEAR_RAD, Gripper, apart, bears, make_gripper, relative
+from .matter.parts import AWAY, FALLING, HELD, LYING, Part
+from .matter.solid import Solid
+from .poses import JointValues, forward, rotation_about
 
 log = logging.getLogger(__name__)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.camera_v4l2 import _abi as abi
+from drivers.camera_v4l2 import abi
 
 HEADER = Path("/usr/include/linux/videodev2.h")
 

@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.camera_v4l2 import StampSource
-from drivers.camera_v4l2._abi import Buffer
-from drivers.camera_v4l2._selection import (
+from drivers.camera_v4l2.abi import Buffer
+from drivers.camera_v4l2.selection import (
     Settling,
     Stamp,
     default_margin_s,

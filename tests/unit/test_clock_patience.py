@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 import pytest
 
-from drivers._attendance import Attendance
-from drivers._patience import Patience
+from drivers.attendance import Attendance
 from drivers.clock import CellClock
+from drivers.patience import Patience
 
 Wait = Callable[[], "asyncio.Future[None]"]
 
@@ -188,7 +188,7 @@ async def test_a_time_out_waits_as_long_as_its_process_was_late() -> None:
 
 async def test_the_attended_scale_never_goes_back(monkeypatch: pytest.MonkeyPatch) -> None:
     now_s = [100.0]
-    monkeypatch.setattr("drivers._attendance.time.monotonic", lambda: now_s[0])
+    monkeypatch.setattr("drivers.attendance.time.monotonic", lambda: now_s[0])
     attendance, lost = Attendance(), 0.0
     async with attendance.beating():
         for pause_s in (0.001, 0.5, 0.01, 2.0, 0.03):

@@ -13,7 +13,7 @@ from controller.cad import stable_poses
 from controller.imaging.camera import Camera, transform
 from controller.recognition.library import lying
 from drivers.umi_scara import kinematics
-from emulators.world._poses import quat_xyzw_of
+from emulators.world.poses import quat_xyzw_of
 
 
 def test_a_part_is_turned_upright_then_by_theta_then_moved() -> None:

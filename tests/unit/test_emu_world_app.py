@@ -20,7 +20,7 @@ import trimesh
 
 from emulators.app import main
 from emulators.world import Picture, PictureDesk, build_scene, load_solid, read_layout
-from emulators.world._layout import Array
+from emulators.world.layout import Array
 
 ROOT = Path(__file__).parents[2]
 CELL = ROOT / "recipes" / "cells" / "emulated.yaml"

@@ -11,11 +11,11 @@ import trimesh
 from numpy.typing import NDArray
 
 from emulators.world import Layout, LayoutError, Solid, World, load_solid, read_layout
-from emulators.world._grip import apart
-from emulators.world._pads import Pads
-from emulators.world._poses import JointValues, forward, quat_xyzw_of, rotation_of
-from emulators.world._solid import read_pieces, solid_of
-from emulators.world._truth import custody, part_pose, tray_of
+from emulators.world.ground_truth import custody, part_pose, tray_of
+from emulators.world.matter.grip import apart
+from emulators.world.matter.pads import Pads
+from emulators.world.matter.solid import read_pieces, solid_of
+from emulators.world.poses import JointValues, forward, quat_xyzw_of, rotation_of
 
 Array = NDArray[np.float64]
 

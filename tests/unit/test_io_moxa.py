@@ -20,7 +20,7 @@ from drivers.io_modbus import (
     OutputChannel,
     Signal,
 )
-from drivers.io_modbus._signals import Believer
+from drivers.io_modbus.signals import Believer
 from drivers.modbus_link import ModbusLink, TcpAddress
 
 FAST = CellClock(speed=10.0, min_timeout_wall_s=1.0)  # no busy host looks like a silent block

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from drivers.clock import CellClock
 from drivers.errors import LinkError
-from emulators._register import register_folder, registered
 from emulators.clock import SharedClock
+from emulators.register import register_folder, registered
 
 SPEED = 10.0
 WINDOW_S = 0.05

@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ._layout import Array, CameraLayout
-from ._optics import distort
-from ._poses import invert, transform
-from ._scene import CREASE_COS, Surface
+from ..layout import Array, CameraLayout
+from ..poses import invert, transform
+from .optics import distort
+from .scene import CREASE_COS, Surface
 
 BLOCK_PX: Final = 4
 _LINE_PX: Final = 5  # of the lines: two pixels either side, more than a lens bends a short edge

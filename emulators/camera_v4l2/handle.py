@@ -4,7 +4,7 @@ import errno
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from ._abi import PRIORITY_INTERACTIVE
+from .abi import PRIORITY_INTERACTIVE
 
 
 class Refused(Exception):  # noqa: N818 - an answer to a client, not a failure of the emulator

@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from ._layout import ArmLayout, Array, Box
-from ._poses import MOTOR_EFFECT, Joints, JointValues, forward, invert
+from ..layout import ArmLayout, Array, Box
+from ..poses import MOTOR_EFFECT, Joints, JointValues, forward, invert
 
 BOX_MM: Final = 0.3  # boxes may overlap by this much: servo and rounding
 PIECE_MM: Final = 1.5  # convex pieces are fatter than the part by about this

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from ._layout import Array
-from ._parts import AWAY, HELD, LYING
 from ._world import World
+from .layout import Array
+from .matter.parts import AWAY, HELD, LYING
 
 
 def part_pose(world: World, index: int) -> Array | None:

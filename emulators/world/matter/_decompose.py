@@ -1,6 +1,6 @@
 """Convex pieces of a part by pybullet's V-HACD, in a process of its own: it prints on fd 1.
 
-``python -m emulators.world._decompose MESH.obj PIECES.obj LOG`` ; see `_solid`.
+``python -m emulators.world.matter._decompose MESH.obj PIECES.obj LOG``; see `solid`.
 """
 
 import sys

@@ -4,11 +4,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from ._bodies import Bodies
-from ._collide import BOX_MM, PIECE_MM, PUSH_MM, BoxSet, Touch
-from ._grip import Gripper
-from ._layout import Array, Box, Layout
-from ._parts import AWAY, FALLING, HELD, Part
+from ..layout import Array, Box, Layout
+from .bodies import Bodies
+from .collide import BOX_MM, PIECE_MM, PUSH_MM, BoxSet, Touch
+from .grip import Gripper
+from .parts import AWAY, FALLING, HELD, Part
 
 _NEAR_MM = 2.0  # a finger this near wakes a lying part
 _TABLE_MM = 0.3

@@ -12,9 +12,9 @@ from typing import Final
 
 import numpy as np
 
-from ._layout import Array, Box, GripperLayout
-from ._pads import Felt, Pads, Seat
-from ._poses import between, invert, rotation_about, rotation_angle
+from ..layout import Array, Box, GripperLayout
+from ..poses import between, invert, rotation_about, rotation_angle
+from .pads import Felt, Pads, Seat
 
 CAPTURE_MM: Final = 1.5  # both exact gaps below this: the pads are on the part
 COMPLIANCE_MM: Final = 2.5  # how far off-centre a part held elsewhere may be for both pads to bear

@@ -21,11 +21,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ._layout import Array
-from ._optics import Array32
-from ._picture import Eye
-from ._scene import Scene
-from ._sensor import Exposure, blurred, develop
+from ..layout import Array
+from .optics import Array32
+from .picture import Eye
+from .scene import Scene
+from .sensor import Exposure, blurred, develop
 
 log = logging.getLogger(__name__)
 

@@ -23,9 +23,9 @@ from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 from shapely.geometry import MultiPoint, Polygon
 
+from ..layout import MM_PER_M, Array, LayoutError
+from ..poses import invert, transform, turn_z
 from . import _decompose
-from ._layout import MM_PER_M, Array, LayoutError
-from ._poses import invert, transform, turn_z
 
 log = logging.getLogger(__name__)
 

@@ -11,9 +11,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ._grip import make_gripper
-from ._layout import Array, Box, CameraLayout, LampLayout, Layout
-from ._solid import Solid
+from ..layout import Array, Box, CameraLayout, LampLayout, Layout
+from ..matter.grip import make_gripper
+from ..matter.solid import Solid
 
 Faces = NDArray[np.int32]
 

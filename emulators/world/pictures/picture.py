@@ -18,15 +18,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..layout import Array
+from ..matter.solid import ray_scene
 from ._assembly import Assembly, Mover, without_own_box
-from ._edges import BLOCK_PX, any_in_blocks, fine_blocks, spread
-from ._layout import Array
 from ._light import Lamps
-from ._optics import Array32, RayTable, project
 from ._reach import Reach, fill
-from ._scene import PAINTED, Scene
 from ._shadows import CHUNK, LIFT_MM, Shadows, Spots, cast_shadows, chunks, wide_mask
-from ._solid import ray_scene
+from .edges import BLOCK_PX, any_in_blocks, fine_blocks, spread
+from .optics import Array32, RayTable, project
+from .scene import PAINTED, Scene
 
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]

@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..layout import Array, CameraLayout
 from ._assembly import Mover
-from ._layout import Array, CameraLayout
 from ._light import Lamps
-from ._optics import project
+from .optics import project
 
 Outline = NDArray[np.int32]
 

@@ -5,9 +5,9 @@ from typing import Final
 import numpy as np
 import pybullet
 
-from ._layout import MM_PER_M, Array, Box
-from ._poses import invert, quat_xyzw_of, rotation_of
-from ._solid import Solid
+from ..layout import MM_PER_M, Array, Box
+from ..poses import invert, quat_xyzw_of, rotation_of
+from .solid import Solid
 
 STEP_S: Final = 1.0 / 240.0
 GRAVITY_M_PER_S2: Final = 9.81

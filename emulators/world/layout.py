@@ -1,7 +1,7 @@
 """The cell file as the world reads it: where everything stands and what the lamps and cameras are.
 
 The controller reads the same file by itself; nothing of its reading is used here. Lengths stay in
-mm; `_bodies.py` turns them into pybullet's metres.
+mm; `matter/bodies.py` turns them into pybullet's metres.
 """
 
 import math

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ._assembly import Assembly
 from ._light import Lamps
-from ._optics import Array32
+from .optics import Array32
 
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]

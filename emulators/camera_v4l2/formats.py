@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from . import _abi as abi
+from . import abi
 
 Picture = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 _JPEG_QUALITY: Final = 95

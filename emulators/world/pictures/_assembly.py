@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from ._edges import Edges
-from ._layout import Array
-from ._poses import transform
-from ._scene import Scene, Surface
-from ._solid import ray_scene
+from ..layout import Array
+from ..matter.solid import ray_scene
+from ..poses import transform
+from .edges import Edges
+from .scene import Scene, Surface
 
 
 class Mover:

@@ -7,26 +7,39 @@ from typing import Protocol
 
 import numpy as np
 
-from ._layout import ArmLayout, Array
+from .layout import ArmLayout, Array
 
 
 class Joints(Protocol):
     """Where the arm's joints truly are; umi_rtx.md 6.2, 6.3 (``yaw_rad`` is the yaw motor's)."""
 
     @property
-    def shoulder_rad(self) -> float: ...
+    def shoulder_rad(self) -> float:
+        """Angle of the shoulder."""
+
     @property
-    def elbow_rad(self) -> float: ...
+    def elbow_rad(self) -> float:
+        """Angle of the elbow."""
+
     @property
-    def yaw_rad(self) -> float: ...
+    def yaw_rad(self) -> float:
+        """Angle of the yaw motor."""
+
     @property
-    def zed_mm(self) -> float: ...
+    def zed_mm(self) -> float:
+        """Height of the carriage, 0 at the top."""
+
     @property
-    def pitch_rad(self) -> float: ...
+    def pitch_rad(self) -> float:
+        """Angle of the wrist about its cross axis."""
+
     @property
-    def roll_rad(self) -> float: ...
+    def roll_rad(self) -> float:
+        """Angle of the wrist about the approach."""
+
     @property
-    def jaw_opening_mm(self) -> float: ...
+    def jaw_opening_mm(self) -> float:
+        """Distance between the pads."""
 
 
 @dataclass(frozen=True, slots=True)

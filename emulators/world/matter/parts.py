@@ -6,9 +6,9 @@ from typing import Any, Final
 import fcl
 import numpy as np
 
-from ._layout import Array, Box
-from ._poses import transform, turn_z
-from ._solid import Solid, upright
+from ..layout import Array, Box
+from ..poses import transform, turn_z
+from .solid import Solid, upright
 
 AWAY: Final = "away"
 FALLING: Final = "falling"
