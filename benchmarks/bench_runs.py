@@ -37,7 +37,7 @@ from runs_record import Job, Ran, line_of, load
 from runs_whole import run_whole
 
 from controller.cell.compute import make_pool
-from controller.cell.emulator import emulated_cell, emulator_command
+from controller.cell.devices.emulator import emulated_cell, emulator_command
 
 ROOT = Path(__file__).parents[1]
 SHARED = ROOT.parent / "shared" / "parts"

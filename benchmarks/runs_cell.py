@@ -14,8 +14,8 @@ from runs_stand_ins import Noise, StandIns, TruthCamera, World
 
 from controller.cell import compute
 from controller.cell.assembly import Batch, assemble
-from controller.cell.clocks import find_clock
 from controller.cell.devices import Devices, resolve
+from controller.cell.devices.clocks import find_clock
 from controller.cell.dispatcher import Outcome
 from controller.cell.journal import Journal, read_rows
 from controller.cell.records import PartRecord, Progress

@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.cad.compiled import CompileOptions, load_part, options_among
-from controller.cell.clocks import find_clock
 from controller.cell.devices import DeviceBuilder, resolve
-from controller.cell.driver_registry import require_drivers
-from controller.cell.emulator import emulated_cell, emulator_args, emulator_command
-from controller.cell.interlocks import REQUIRED_SIGNALS, check_interlocks
-from controller.cell.lock import hold_cell
+from controller.cell.devices.clocks import find_clock
+from controller.cell.devices.driver_registry import require_drivers
+from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
+from controller.cell.devices.interlocks import REQUIRED_SIGNALS, check_interlocks
+from controller.cell.devices.lock import hold_cell
 from controller.cell.plans import Planning
 from controller.cell.services import CameraName, Imaging
 from controller.config import EMULATED_CELL, SHIPPED, Cell, ConfigError, load_cell, load_recipe

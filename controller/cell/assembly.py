@@ -31,6 +31,7 @@ from .actions import (
 )
 from .compute import Compute
 from .devices import Devices
+from .devices.stopping import Stopping
 from .dispatcher import Dispatcher
 from .journal import Journal
 from .machine import Effect
@@ -48,7 +49,6 @@ from .services import (
     Recoveries,
     Views,
 )
-from .stopping import Stopping
 from .watchers import FixedGripperWatcher, InterlockWatcher
 
 CAMERAS: tuple[CameraName, ...] = ("overhead", "inspection")

@@ -15,7 +15,7 @@ from controller.config import Cell, ConfigError, Recipe, line_in, load_cell, loa
 from controller.setup.planner import PlannerSetup
 
 from .compute import Job, context, part_files
-from .driver_registry import require_drivers
+from .devices.driver_registry import require_drivers
 from .plans import Certified, Planning
 
 LIKELY = 0.03  # poses rarer than this are no reason to refuse a recipe

@@ -15,11 +15,11 @@ from drivers.errors import ArmStalledError, DeviceError, SilentLineError
 
 from .actions import Actions
 from .custody import where_it_is
+from .devices.stopping import Stopping
 from .errors import CellError, PartProblemError
 from .journal import Journal, JournalError, rows
 from .machine import CellMachine, Decision, Effect, Event
 from .services import BatchRecord
-from .stopping import Stopping
 from .watchers import Watcher
 
 log = logging.getLogger(__name__)

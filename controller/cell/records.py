@@ -10,8 +10,8 @@ from controller import inspection as inspecting
 from controller.planning import Grip, Look, Plan, Present
 from controller.recognition import Alternative, Sighting
 
-from .clocks import Speed
 from .custody import Custody
+from .devices.clocks import Speed
 from .recovery import PartFault, Recovery, merged
 
 Array = NDArray[np.float64]

@@ -16,16 +16,16 @@ from controller.config import Cell, Recipe
 from controller.setup.layout import build_layout
 
 from .assembly import assemble
-from .clocks import FoundClock, Speed
 from .compute import Compute, Job
 from .custody import CellIdentity, Held, fold_custody, where_it_is
+from .custody.known_journals import note_journal, rows_of_all_journals
+from .custody.openings import presses_on_something, read_openings
+from .custody.start_check import PartMayBeHeldError, require_empty_grippers
 from .devices import Devices, resolve
+from .devices.clocks import FoundClock, Speed
 from .dispatcher import Dispatcher, Outcome
 from .journal import JOURNAL_NAME, Journal, Row, is_of, open_cell_journal, rows
-from .known_journals import note_journal, rows_of_all_journals
-from .openings import presses_on_something, read_openings
 from .records import PartRecord, Progress
-from .start_check import PartMayBeHeldError, require_empty_grippers
 
 
 @dataclass(frozen=True, slots=True)

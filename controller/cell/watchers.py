@@ -8,8 +8,8 @@ from drivers.errors import DeviceError
 from drivers.kinds import FixedGripper, Hold, IoBlock, Signal
 
 from .custody import Custody
+from .devices.interlocks import REQUIRED_SIGNALS
 from .errors import PartProblemError
-from .interlocks import REQUIRED_SIGNALS
 from .machine import Event
 from .services import BatchRecord, Grippers, Recoveries
 

@@ -10,11 +10,11 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from controller.cell.clocks import find_clock
 from controller.cell.devices import Devices, resolve
-from controller.cell.driver_registry import require_drivers
-from controller.cell.emulator import emulated_cell, emulator_command
-from controller.cell.interlocks import REQUIRED_SIGNALS
+from controller.cell.devices.clocks import find_clock
+from controller.cell.devices.driver_registry import require_drivers
+from controller.cell.devices.emulator import emulated_cell, emulator_command
+from controller.cell.devices.interlocks import REQUIRED_SIGNALS
 from controller.config import Cell, load_cell
 from drivers.clock import CellClock
 from drivers.errors import DeviceError

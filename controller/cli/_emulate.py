@@ -6,7 +6,7 @@ import threading
 from pathlib import Path
 
 from controller.cad.compiled import load_part
-from controller.cell.emulator import emulated_cell, emulator_args, emulator_command
+from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
 from controller.config import load_cell
 
 from ._before import check_control, parse_place

@@ -7,7 +7,7 @@ import os
 from collections.abc import Sequence
 
 from controller.cad import CadError
-from controller.cell.emulator import EmulatorError
+from controller.cell.devices.emulator import EmulatorError
 from controller.cell.errors import CellError
 from controller.cell.journal import JournalError
 from controller.config import ConfigError

@@ -4,13 +4,13 @@ import asyncio
 import sys
 from pathlib import Path
 
-from controller.cell.clocks import find_clock
 from controller.cell.custody import GripperName
-from controller.cell.driver_registry import require_drivers
-from controller.cell.lock import hold_cell
-from controller.cell.openings import Finding
-from controller.cell.releasing import Recovery, Standing
-from controller.cell.start_check import known_words
+from controller.cell.custody.openings import Finding
+from controller.cell.custody.releasing import Recovery, Standing
+from controller.cell.custody.start_check import known_words
+from controller.cell.devices.clocks import find_clock
+from controller.cell.devices.driver_registry import require_drivers
+from controller.cell.devices.lock import hold_cell
 from controller.config import ConfigError, load_cell
 
 from ._output import emit, say, warn

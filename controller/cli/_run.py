@@ -18,12 +18,12 @@ from rich.table import Table
 
 from controller.cad.compiled import CompiledPart, load_part, options_among
 from controller.cell.checking import check_plans, check_sizes
-from controller.cell.clocks import FoundClock, find_clock
 from controller.cell.compute import Job, context, load_parts, worker_pool
+from controller.cell.devices.clocks import FoundClock, find_clock
+from controller.cell.devices.driver_registry import require_drivers
+from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
+from controller.cell.devices.lock import hold_cell, require_free_cell
 from controller.cell.dispatcher import Dispatcher
-from controller.cell.driver_registry import require_drivers
-from controller.cell.emulator import emulated_cell, emulator_args, emulator_command
-from controller.cell.lock import hold_cell, require_free_cell
 from controller.cell.records import PartRecord, Progress
 from controller.cell.run import RunOrder, RunResult, new_run_id, run_batch
 from controller.config import Cell, ConfigError, load_cell, load_recipe

@@ -19,7 +19,7 @@ import pytest
 import trimesh
 from cross_bench import HANG_WALL_S
 
-from controller.cell.clocks import FoundClock, find_clock
+from controller.cell.devices.clocks import FoundClock, find_clock
 from controller.config import load_cell
 from drivers.camera_v4l2 import Camera, CameraConfig
 from drivers.clock import CellClock

@@ -17,6 +17,7 @@ from controller.cell.actions import (
     WithdrawAction,
 )
 from controller.cell.custody import Custody
+from controller.cell.devices.stopping import Stopping
 from controller.cell.errors import InterlockError, PartFaultError, PartProblemError
 from controller.cell.journal import Journal, read_rows
 from controller.cell.journal.rows import Intent
@@ -24,7 +25,6 @@ from controller.cell.machine import Effect, Event
 from controller.cell.records import Progress
 from controller.cell.recovery import PartFault
 from controller.cell.services import BatchRecord, Motion, Recoveries
-from controller.cell.stopping import Stopping
 from controller.inspection import PartVerdict, Verdict
 from controller.planning import NoMotionError
 from drivers.clock import CellClock

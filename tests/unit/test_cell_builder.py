@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from controller.cell.devices import IO_POLL_WALL_S, DeviceBuilder, resolve
+from controller.cell.devices import DeviceBuilder, resolve
+from controller.cell.devices.build import IO_POLL_WALL_S
 from controller.config import EMULATED_CELL, Cell, load_cell
 from drivers.clock import CellClock
 from drivers.kinds import Site

@@ -19,10 +19,10 @@ from controller.cell.custody import (
     Held,
     fold_custody,
 )
+from controller.cell.custody.openings import Finding, Opening, judge_arm, judge_fixed
+from controller.cell.custody.start_check import PartMayBeHeldError, require_empty_grippers
 from controller.cell.journal import Journal, Row, read_rows, read_rows_of_kinds
 from controller.cell.journal.rows import RunBegan
-from controller.cell.openings import Finding, Opening, judge_arm, judge_fixed
-from controller.cell.start_check import PartMayBeHeldError, require_empty_grippers
 from drivers.gripper_modbus import ActivationState, Counts, GripperStatus, ObjectState
 from drivers.io_modbus import Signal
 from drivers.umi_scara import ArmIdentity, Ip, JawReading

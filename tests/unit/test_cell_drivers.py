@@ -11,18 +11,19 @@ from typing import Any
 
 import pytest
 from acme_device import acme_device
+from controller.cell.openings import Finding, judge_fixed
 
+from controller.cell.custody.openings import Finding, judge_fixed
 from controller.cell.devices import DeviceBuilder, resolve
-from controller.cell.dispatcher import Dispatcher
-from controller.cell.driver_registry import (
+from controller.cell.devices.driver_registry import (
     KIND_OF,
     find_driver,
     installed_drivers,
     read_settings,
     require_drivers,
 )
+from controller.cell.dispatcher import Dispatcher
 from controller.cell.machine import Effect
-from controller.cell.openings import Finding, judge_fixed
 from controller.config import EMULATED_CELL, ConfigError, load_cell
 from drivers.clock import CellClock
 from drivers.errors import ArmStalledError, LinkError, SilentLineError

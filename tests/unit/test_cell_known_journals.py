@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from controller.cell.custody import CellIdentity, GripperName, fold_custody
+from controller.cell.custody.known_journals import note_journal, rows_of_all_journals
 from controller.cell.journal import Journal
 from controller.cell.journal.rows import CustodyChanged, RunBegan
-from controller.cell.known_journals import note_journal, rows_of_all_journals
 
 
 @pytest.fixture(autouse=True)

@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 
 from controller.cell.assembly import assemble
 from controller.cell.custody import Custody
+from controller.cell.custody.release_guard import ReleaseGuard
 from controller.cell.errors import PartFaultError, PartProblemError, ReleaseRefusedError
 from controller.cell.journal import Journal, read_rows
 from controller.cell.machine import ENTRY, CellMachine, Effect, Event
@@ -33,7 +34,6 @@ from controller.cell.recovery import (
     Recovery,
     recovery_for,
 )
-from controller.cell.release_guard import ReleaseGuard
 from controller.config import load_cell, load_recipe
 from controller.imaging import inverse_pose
 from controller.inspection import PartVerdict, Verdict, ViewResult

@@ -2,7 +2,7 @@
 
 import asyncio
 
-from controller.cell.stopping import stop_side_by_side
+from controller.cell.devices.stopping import stop_side_by_side
 from drivers.clock import CellClock
 from drivers.errors import LinkError
 

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from controller.cell.workers import part_files
 from planning_checker import follow
 from planning_contacts import ArmReading, Array, rx, ry, rz, shift
 from six_axis_arm import HIGH_RAD, LOW_RAD, NAMES, SixAxis
 
 from controller.cad.compiled import load_part
+from controller.cell.compute import part_files
 from controller.config import load_cell, load_recipe
 from controller.planning import (
     Box,

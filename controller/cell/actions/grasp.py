@@ -6,13 +6,13 @@ from controller.planning import Look, Pick
 from controller.planning.model import CellLayout
 
 from ..custody import Custody
+from ..custody.release_guard import NOTHING_MM
 from ..errors import PartFaultError
 from ..journal.rows import GraspMissed, Once
 from ..lamps import TABLE_LAMPS
 from ..machine import Event
 from ..records import Hold
 from ..recovery import PartFault
-from ..release_guard import NOTHING_MM
 from ..services import BatchRecord, Grippers, Motion, PlanSteps, Views
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from controller.planning.model import CellLayout
 from drivers.kinds import Arm, FixedGripper, IoBlock
 
+from ..devices.interlocks import check_interlocks
 from ..errors import PartProblemError
-from ..interlocks import check_interlocks
 from ..journal import Journal
 from ..journal.rows import Homed
 from ..machine import Event

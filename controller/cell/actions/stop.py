@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 from drivers.kinds import IoBlock, Stop
 
-from ..interlocks import check_interlocks
+from ..devices.interlocks import check_interlocks
+from ..devices.stopping import Stopping
 from ..journal import Journal, JournalError
 from ..journal.rows import StopNotConfirmed, Stopped
 from ..machine import Event
 from ..services import Views
-from ..stopping import Stopping
 
 log = logging.getLogger(__name__)
 

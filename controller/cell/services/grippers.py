@@ -4,10 +4,10 @@ from controller.config import Recipe
 from drivers.kinds import Arm, FixedGripper, GripReading, Hold, IoBlock
 
 from ..custody import Custody
+from ..custody.release_guard import LOST_MM, NOTHING_MM, ReleaseGuard
 from ..errors import PartFaultError
 from ..journal.rows import Intent, Once
 from ..recovery import PartFault
-from ..release_guard import LOST_MM, NOTHING_MM, ReleaseGuard
 from .record import BatchRecord
 
 

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from drivers.clock import CellClock
 from drivers.kinds import Arm, IoBlock
 
-from ..interlocks import check_interlocks
+from ..devices.interlocks import check_interlocks
 
 Array = NDArray[np.float64]
 JointPath = tuple[Array, ...]

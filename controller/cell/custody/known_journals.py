@@ -15,10 +15,10 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Final
 
-from .custody import FOLDED_EVENTS, FOLDED_KINDS, CellIdentity
-from .journal import JournalError, Row, first_flaw, read_rows_of_kinds
-from .journal.rows import JournalNotReadable, RunBegan
-from .lock import state_dir
+from ..devices.lock import state_dir
+from ..journal import JournalError, Row, first_flaw, read_rows_of_kinds
+from ..journal.rows import JournalNotReadable, RunBegan
+from .fold import FOLDED_EVENTS, FOLDED_KINDS, CellIdentity
 
 FOLDER: Final = "journals"
 

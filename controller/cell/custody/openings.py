@@ -10,9 +10,9 @@ from typing import Final
 
 from drivers.kinds import ArmIdentity, GripperReading, JawReading, Signal
 
-from .custody import GripperName
-from .devices import Devices
-from .interlocks import check_interlocks
+from ..devices import Devices
+from ..devices.interlocks import check_interlocks
+from .fold import GripperName
 from .release_guard import LOST_MM, NOTHING_MM
 
 SLACK_MM: Final = 2.0  # of a gripper that was told to stand wide open

@@ -9,8 +9,8 @@ from typing import Final
 
 from drivers.kinds import Arm, FixedGripper, Hold, IoBlock, Signal
 
-from .custody import Custody
-from .errors import ReleaseRefusedError
+from ..errors import ReleaseRefusedError
+from .fold import Custody
 
 LOST_MM: Final = 1.5  # jaws that close by more than this while carrying have lost the part
 NOTHING_MM: Final = 3.0  # jaws this near to each other hold nothing

@@ -13,12 +13,12 @@ from typing import Any, Final
 from controller.config import Cell
 from drivers.kinds import GripperReading
 
-from .clocks import FoundClock
-from .custody import CellIdentity, Custody, GripperName, Held, fold_custody
-from .devices import Devices, resolve
-from .errors import CellError
-from .interlocks import check_interlocks
-from .journal import JOURNAL_NAME, Journal, Once, open_cell_journal, rows
+from ..devices import Devices, resolve
+from ..devices.clocks import FoundClock
+from ..devices.interlocks import check_interlocks
+from ..errors import CellError
+from ..journal import JOURNAL_NAME, Journal, Once, open_cell_journal, rows
+from .fold import CellIdentity, Custody, GripperName, Held, fold_custody
 from .known_journals import note_journal, rows_of_all_journals
 from .openings import Opening, read_openings
 from .start_check import openings_row

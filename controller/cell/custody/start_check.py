@@ -9,9 +9,9 @@ from collections.abc import Awaitable, Callable, Sequence
 from datetime import datetime
 from typing import NoReturn
 
-from .custody import Custody, GripperName, Held
-from .errors import CellError
-from .journal import Journal, rows
+from ..errors import CellError
+from ..journal import Journal, rows
+from .fold import Custody, GripperName, Held
 from .openings import Finding, Opening
 
 Press = Callable[[], Awaitable[bool]]

@@ -5,7 +5,7 @@ The emergency stop is hard-wired. What stands here may only stop work early.
 
 from drivers.kinds import IoBlock, Signal
 
-from .errors import InterlockError
+from ..errors import InterlockError
 
 GUARD = "guard_closed"
 REQUIRED_SIGNALS = {

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-from .journal import Kind, Once, Row, is_of, rows
+from ..journal import Kind, Once, Row, is_of, rows
 
 
 class Custody(StrEnum):

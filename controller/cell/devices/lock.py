@@ -18,8 +18,8 @@ from typing import Final
 
 from controller.config import EMULATED, Cell
 
-from .errors import CellError
-from .journal import JournalError
+from ..errors import CellError
+from ..journal import JournalError
 
 LOCK_NAME: Final = "cell.lock"
 

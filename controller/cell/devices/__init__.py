@@ -1,0 +1,10 @@
+"""The devices of a cell: their drivers, addresses and clock, and what lets them move or stops them.
+
+`build.py` makes the drivers that `driver_registry.py` finds; `clocks.py` finds their clock,
+`emulator.py` starts what is emulated; `lock.py` keeps a second run out, `interlocks.py` checks
+whether anything may move, `stopping.py` stops everything.
+"""
+
+from .build import DeviceBuilder, Devices, resolve
+
+__all__ = ["DeviceBuilder", "Devices", "resolve"]
