@@ -11,7 +11,6 @@ from typing import Any
 
 import pytest
 from acme_device import acme_device
-from controller.cell.openings import Finding, judge_fixed
 
 from controller.cell.custody.openings import Finding, judge_fixed
 from controller.cell.devices import DeviceBuilder, resolve
