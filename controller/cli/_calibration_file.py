@@ -45,7 +45,7 @@ def load_calibration(path: Path) -> Camera:
             "are size_px [width, height], K (3 x 3), distortion (5) and T_world_cam (4 x 4)"
         ) from error
     if not (np.isfinite(K).all() and np.isfinite(distortion).all() and np.isfinite(T).all()):
-        raise ConfigError(f"{path}: the calibration holds values that are no numbers")
+        raise ConfigError(f"{path}: the calibration holds values that are not numbers")
     _check(path, (width, height), K, T)
     return Camera((width, height), K, distortion, T)
 
@@ -66,7 +66,7 @@ def _check(path: Path, size_px: tuple[int, int], K: Array, T: Array) -> None:
         raise ConfigError(f"{path}: `K`: focal lengths are more than 0, its last row is 0 0 1")
     R = T[:3, :3]
     if not np.allclose(R @ R.T, np.eye(3), atol=1e-3) or np.linalg.det(R) < 0:
-        raise ConfigError(f"{path}: `T_world_cam`: is no pose: its axes are not square")
+        raise ConfigError(f"{path}: `T_world_cam`: is not a pose: its axes are not square")
     if not LEAST_HEIGHT_MM <= T[2, 3] <= MOST_HEIGHT_MM:
         raise ConfigError(
             f"{path}: `T_world_cam`: the camera would stand {T[2, 3]:g} mm above the table; "

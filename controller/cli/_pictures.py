@@ -122,10 +122,10 @@ def size_of(path: Path, data: bytes) -> tuple[int, int]:
     """
     size = size_in_header(data)
     if size is None:
-        raise ConfigError(f"{path}: is no picture that can be read (PNG, JPEG, TIFF)")
+        raise ConfigError(f"{path}: is not a readable picture (PNG, JPEG, TIFF)")
     width, height = size
     if not width or not height:
-        raise ConfigError(f"{path}: is no picture that can be read: it has no pixels")
+        raise ConfigError(f"{path}: is not a readable picture: it has no pixels")
     if width * height > MOST_PIXELS:
         raise ConfigError(
             f"{path}: {width} x {height} px; a camera's picture has at most "
@@ -158,7 +158,7 @@ def decoded(path: Path, data: bytes, flags: int) -> NDArray[Any]:
     finally:
         logging.setLogLevel(level)
     if stored is None or stored.size == 0:
-        raise ConfigError(f"{path}: is no picture that can be read (PNG, JPEG, TIFF)")
+        raise ConfigError(f"{path}: is not a readable picture (PNG, JPEG, TIFF)")
     return np.asarray(stored)
 
 
@@ -211,7 +211,7 @@ def _eight_bits(path: Path, levels: NDArray[Any], notes: list[str]) -> Grey:
     if levels.dtype == np.uint8:
         return np.ascontiguousarray(levels, dtype=np.uint8)
     if levels.dtype.kind == "f" and not np.isfinite(levels).all():
-        raise ConfigError(f"{path}: some of its grey levels are no numbers")
+        raise ConfigError(f"{path}: some of its grey levels are not numbers")
     low, high = float(levels.min()), float(levels.max())
     if low < -NOISE_BELOW_ZERO * max(high, 0.0):
         raise ConfigError(f"{path}: grey levels below zero, down to {low:g}: is it a picture?")

@@ -33,7 +33,7 @@ def read_bytes(path: Path, most_bytes: int, what: str) -> bytes:
         if stat.S_ISDIR(status.st_mode):
             raise ConfigError(f"{path}: is a directory; name the file in it")
         if not stat.S_ISREG(status.st_mode):
-            raise ConfigError(f"{path}: is no plain file; copy it to one")
+            raise ConfigError(f"{path}: is not a plain file; copy it to one")
         data = bytearray()
         # to its end, whatever it says of its size: files of /proc say that they have no bytes
         is_too_large = status.st_size > most_bytes

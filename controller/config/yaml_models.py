@@ -46,7 +46,7 @@ def _scalar(text: str) -> Any:  # noqa: ANN401 - a YAML value is any value
     try:
         return yaml.constructor.construct_object(ScalarNode(tag, text))
     except ValueError as error:  # what ruamel leaves to `datetime`
-        raise ValueError(f"{text!r:.40} is no date ({error})") from error
+        raise ValueError(f"{text!r:.40} is not a date ({error})") from error
 
 
 DIALECT: Final = Dialect(

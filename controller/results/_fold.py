@@ -159,7 +159,7 @@ def _outcome(
     if at_rest is not None:
         if at_rest.state not in ENDS:
             raise ResultsError(
-                f"the journal says the run ended as {at_rest.state!r}, which is no state"
+                f"the journal has the run end as {at_rest.state!r}, which is not a state"
             )
         return Outcome(
             cast(End, at_rest.state),

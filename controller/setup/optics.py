@@ -47,7 +47,7 @@ def panel_corners(cell: Cell, name: str) -> Array:
     """
     lamp = cell.lamps[name]
     if lamp.kind != "panel" or lamp.normal is None or lamp.up is None or lamp.size is None:
-        raise ValueError(f"{name} is no panel with normal, up and size")
+        raise ValueError(f"{name} is not a panel with normal, up and size")
     up = np.array(lamp.up, dtype=float)
     right = np.cross(up, np.array(lamp.normal, dtype=float))
     half_w, half_h = lamp.size[0] / 2, lamp.size[1] / 2

@@ -169,7 +169,7 @@ def test_a_named_shape_is_used_where_it_is_placed(tmp_path: Path) -> None:
         ("unit: mm", "part:1: `part`: is missing"),
         (
             "unit: furlong\npart: {sphere: {radius: 9}}",
-            "part:1: `unit`: 'furlong' is no unit known here; use one of mm, cm, m, inch",
+            "part:1: `unit`: 'furlong' is not a known unit; use one of mm, cm, m, inch",
         ),
         (
             "unit: mm\npart:\n  cylinder:\n    diametre: 5\n    height: 9",

@@ -203,7 +203,7 @@ def test_a_part_far_from_its_origin_is_told_to_be_moved() -> None:
 def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
     path = tmp_path / "pipe.stl"
     os.mkfifo(path)
-    with pytest.raises(UnreadableCadError, match="no regular file"):
+    with pytest.raises(UnreadableCadError, match="not a regular file"):
         load_solid(path)
 
 

@@ -229,7 +229,7 @@ def test_the_longest_fitting_entry_is_meant(
 def test_pictures_that_are_none_are_refused(refusal: Callable[..., str], tmp_path: Path) -> None:
     assert "No such file" in refusal(images=[tmp_path / "a_0.png"])
     (tmp_path / "a_1.png").write_bytes(b"not a picture")
-    assert "is no picture that can be read" in refusal(images=[tmp_path / "a_1.png"])
+    assert "is not a readable picture" in refusal(images=[tmp_path / "a_1.png"])
     (tmp_path / "a_2.png").write_bytes(b"")
     assert "the file is empty" in refusal(images=[tmp_path / "a_2.png"])
 

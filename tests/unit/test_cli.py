@@ -148,7 +148,7 @@ def test_a_picture_that_is_none_is_named(
     picture.write_text("no picture")
     asked = ["recognise", str(picture), "--parts", str(HOLDER), "--calibration", str(calibration)]
     assert main(asked) == 2
-    assert "no picture that can be read" in capsys.readouterr().err
+    assert "not a readable picture" in capsys.readouterr().err
 
 
 def test_a_calibration_that_is_none_is_named(

@@ -144,7 +144,7 @@ def test_levels_with_decimals_are_of_one_or_of_255(tmp_path: Path) -> None:
 def test_levels_that_are_no_picture_are_refused(tmp_path: Path) -> None:
     hole = (ramp() / 255).astype(np.float32)
     hole[3, 3] = np.nan
-    with pytest.raises(ConfigError, match="no numbers"):
+    with pytest.raises(ConfigError, match="not numbers"):
         read_picture(stored(tmp_path, "a.tiff", hole), SIZE)
     with pytest.raises(ConfigError, match=r"below zero, down to -0\.5"):
         read_picture(stored(tmp_path, "b.tiff", (ramp() / 255 - 0.5).astype(np.float32)), SIZE)
@@ -162,13 +162,13 @@ def bad_files(folder: Path) -> dict[str, str]:
     nothing = png(struct.pack(">IIBBBBB", 0, 0, 8, 0, 0, 0, 0), (b"IDAT", zlib.compress(b"")))
     contents = {
         "empty.png": (b"", "the file is empty"),
-        "text.png": (b"hello", "no picture that can be read"),
+        "text.png": (b"hello", "not a readable picture"),
         "half.png": (whole[: len(whole) // 2], "cut off or damaged"),
         "no_end.png": (whole[:-12], "cut off or damaged"),
         "flipped.png": (bytes(flipped), "cut off or damaged"),
         "half.jpg": (jpeg[: len(jpeg) // 2], "cut off or damaged"),
-        "half.tiff": (tiff[: len(tiff) // 2], "no picture that can be read"),
-        "nothing.png": (nothing, "no picture that can be read"),
+        "half.tiff": (tiff[: len(tiff) // 2], "not a readable picture"),
+        "nothing.png": (nothing, "not a readable picture"),
         "short.png": (
             stored(folder, "x.png", ramp()[:5]).read_bytes(),
             "16 x 5 px, the calibration is for 16 x 12 px",

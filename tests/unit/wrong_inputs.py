@@ -294,9 +294,9 @@ ROWS: tuple[Row, ...] = (
     # recipes and cells: files that are none
     Row("no recipe", nothing, ("run", "none.yaml"), "none.yaml: No such file"),
     Row("recipe is a directory", directory("recipe.yaml"), RUN, "recipe.yaml: is a directory"),
-    Row("recipe is a pipe", pipe("recipe.yaml"), RUN, "recipe.yaml: is no plain file"),
-    Row("recipe is /dev/zero", nothing, ("run", "/dev/zero"), "/dev/zero: is no plain file"),
-    Row("recipe links to /dev/zero", link("recipe.yaml", "/dev/zero"), RUN, "is no plain file"),
+    Row("recipe is a pipe", pipe("recipe.yaml"), RUN, "recipe.yaml: is not a plain file"),
+    Row("recipe is /dev/zero", nothing, ("run", "/dev/zero"), "/dev/zero: is not a plain file"),
+    Row("recipe links to /dev/zero", link("recipe.yaml", "/dev/zero"), RUN, "is not a plain file"),
     Row("recipe links to itself", link("recipe.yaml", "recipe.yaml"), RUN, "recipe.yaml: Too many"),
     Row("recipe of 10 GB", sparse("recipe.yaml", 10**10), RUN, "recipe.yaml: has more than"),
     Row("empty recipe", write("recipe.yaml", ""), CHECK, "recipe.yaml: is empty"),
@@ -306,7 +306,7 @@ ROWS: tuple[Row, ...] = (
     Row("recipe is a list", write("recipe.yaml", "- a\n- b\n"), CHECK, "is empty or not a list of"),
     Row("recipe is the part", write("recipe.yaml", stl_box(1, 1, 1)), CHECK, "recipe.yaml: "),
     Row("name that is too long", nothing, ("run", "x" * 5000), "File name too long"),
-    Row("cell is /dev/zero", nothing, (*RUN, "--cell", "/dev/zero"), "/dev/zero: is no plain"),
+    Row("cell is /dev/zero", nothing, (*RUN, "--cell", "/dev/zero"), "/dev/zero: is not a plain"),
     Row("cell is a recipe", nothing, (*RUN, "--cell", "recipe.yaml"), "recipe.yaml:2: unknown key"),
     Row("doctor of no cell", nothing, ("doctor", "--cell", "none.yaml"), "none.yaml: No such file"),
     Row("recover of no cell", nothing, ("recover", "--cell", "none.yaml"), "none.yaml: No such"),
@@ -340,7 +340,7 @@ ROWS: tuple[Row, ...] = (
         "impossible date",
         recipe("name: block", "name: 2026-13-45"),
         CHECK,
-        "recipe.yaml:1: not valid YAML: '2026-13-45' is no date",
+        "recipe.yaml:1: not valid YAML: '2026-13-45' is not a date",
     ),
     Row(
         "impossible hour",
@@ -394,7 +394,7 @@ ROWS: tuple[Row, ...] = (
         "outside the recipe's",
     ),
     Row(
-        "part outside by a link", outside("link.stl"), INNER, "recipe.yaml:2: `part`: link.stl lies"
+        "part outside by a link", outside("link.stl"), INNER, "recipe.yaml:2: `part`: link.stl is outside"
     ),
     Row("part is a device", recipe("block.stl", "/dev/zero"), RUN, "recipe.yaml:2: `part`"),
     Row("part with a zero byte", recipe("block.stl", '"a\\0.stl"'), RUN, "recipe.yaml:2: "),
@@ -467,7 +467,7 @@ ROWS: tuple[Row, ...] = (
         "part is a pipe",
         pipe("block.stl"),
         ("compile", "block.stl"),
-        "block.stl: is no regular file",
+        "block.stl: is not a regular file",
     ),
     Row(
         "part is a directory",
@@ -521,13 +521,22 @@ ROWS: tuple[Row, ...] = (
         "a.png",
         1,
     ),
-    Row("picture without pixels", write("a.png", png(0, 48)), RECOGNISE, "a.png: is no picture"),
+    Row(
+        "picture without pixels",
+        write("a.png", png(0, 48)),
+        RECOGNISE,
+        "a.png: is not a readable picture",
+    ),
     Row(
         "picture cut off", write("a.png", png(64, 48)[:-30]), RECOGNISE, "a.png: the picture is cut"
     ),
-    Row("picture is a text", write("a.png", "hello"), RECOGNISE, "a.png: is no picture"),
-    Row("picture is /dev/zero", link("a.png", "/dev/zero"), RECOGNISE, "a.png: is no plain file"),
-    Row("picture is a pipe", pipe("a.png"), RECOGNISE, "a.png: is no plain file"),
+    Row(
+        "picture is a text", write("a.png", "hello"), RECOGNISE, "a.png: is not a readable picture"
+    ),
+    Row(
+        "picture is /dev/zero", link("a.png", "/dev/zero"), RECOGNISE, "a.png: is not a plain file"
+    ),
+    Row("picture is a pipe", pipe("a.png"), RECOGNISE, "a.png: is not a plain file"),
     Row("picture of 10 GB", sparse("a.png", 10**10), RECOGNISE, "a.png: has more than"),
     Row("picture of another size", write("a.png", png(32, 24)), RECOGNISE, "a.png: 32 x 24 px"),
     Row(
@@ -536,9 +545,11 @@ ROWS: tuple[Row, ...] = (
         RECOGNISE,
         "camera.json: is no",
     ),
-    Row("calibration is a pipe", pipe("camera.json"), RECOGNISE, "camera.json: is no plain file"),
+    Row(
+        "calibration is a pipe", pipe("camera.json"), RECOGNISE, "camera.json: is not a plain file"
+    ),
     Row("deep JSON", write("camera.json", "[" * 200_000), RECOGNISE, "camera.json: no camera"),
-    Row("calibration with NaN", calibration(distortion=[math.nan] * 5), RECOGNISE, "no numbers"),
+    Row("calibration with NaN", calibration(distortion=[math.nan] * 5), RECOGNISE, "not numbers"),
     Row("calibration of words", calibration(K="focal"), RECOGNISE, "camera.json: no camera"),
     Row(
         "calibration of no pixels",

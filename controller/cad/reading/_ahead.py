@@ -34,7 +34,9 @@ def size_of(path: Path) -> int:
     if stat.S_ISDIR(found.st_mode):
         raise UnreadableCadError(f"{path}: is a directory; name the file in it")
     if not stat.S_ISREG(found.st_mode):
-        raise UnreadableCadError(f"{path}: is no regular file; copy it to one")  # a pipe would hang
+        raise UnreadableCadError(
+            f"{path}: is not a regular file; copy it to one"
+        )  # a pipe would hang
     return found.st_size
 
 
@@ -95,7 +97,7 @@ def _is_binary_stl(head: bytes, size: int, path: Path) -> bool:
     if head.lstrip()[:5].lower() == b"solid":
         return False
     if b"\0" not in head or size < STL_HEADER_BYTES:
-        raise UnreadableCadError(f"{path}: is no STL, whatever its name says; export it again")
+        raise UnreadableCadError(f"{path}: is not STL, despite its name; export it again")
     held = (size - STL_HEADER_BYTES) / STL_TRIANGLE_BYTES
     raise UnreadableCadError(
         f"{path}: promises {promised} triangles and holds {held:.1f}; copy or export it again"
@@ -108,7 +110,7 @@ def _look_through(file: io.BufferedReader, path: Path, word: bytes) -> tuple[int
     while chunk := file.read(CHUNK_BYTES):
         if (at := chunk.find(b"\0")) >= 0:
             raise UnreadableCadError(
-                f"{path}: byte {read + at} is no text; is it the right file? export it again"
+                f"{path}: byte {read + at} is not text; is it the right file? export it again"
             )
         text = tail[-len(word) + 1 :] + chunk.lower()
         count += text.count(word)
@@ -165,7 +167,7 @@ def _check_text(path: Path) -> None:
         data.decode("utf-8")
     except UnicodeDecodeError as error:
         raise UnreadableCadError(
-            f"{path}: byte {error.start} is no text (UTF-8); is it the right file? export it again"
+            f"{path}: byte {error.start} is not text (UTF-8); is it the right file? export it again"
         ) from error
 
 

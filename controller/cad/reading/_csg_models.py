@@ -179,6 +179,6 @@ class CsgText(_Section):
     def _is_known(cls, unit: str) -> str:
         if SPELLINGS.get(unit, unit) not in MM_PER_UNIT:
             raise ValueError(
-                f"{unit!r:.40} is no unit known here; use one of {', '.join(MM_PER_UNIT)}"
+                f"{unit!r:.40} is not a known unit; use one of {', '.join(MM_PER_UNIT)}"
             )
         return unit

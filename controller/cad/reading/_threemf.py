@@ -48,7 +48,7 @@ def check_3mf(data: bytes, path: Path) -> str:
     except Exception as error:
         told = " ".join(str(error).split())
         raise UnreadableCadError(
-            f"{path}: is no whole 3MF package ({type(error).__name__}: {told:.200}); "
+            f"{path}: is not a whole 3MF package ({type(error).__name__}: {told:.200}); "
             "copy or export it again"
         ) from error
     return read_unit(str(unit), path)[0]

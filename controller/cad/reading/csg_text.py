@@ -78,7 +78,7 @@ def read_csg_text(data: bytes, path: Path) -> tuple[CsgText, YamlText]:
         return CsgText.model_validate(text.tree), text
     except UnicodeDecodeError as error:
         raise CsgCadError(
-            f"{path}: byte {error.start} is no text (UTF-8); is it the right file?"
+            f"{path}: byte {error.start} is not text (UTF-8); is it the right file?"
         ) from error
     except YamlTextError as error:
         raise CsgCadError(str(error)) from error

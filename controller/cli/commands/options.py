@@ -25,7 +25,7 @@ def finite(value: float | None) -> float | None:
     BadParameter : nan, which passes every limit
     """
     if value is not None and isnan(value):
-        raise typer.BadParameter("nan is no number")
+        raise typer.BadParameter("nan is not a number")
     return value
 
 
