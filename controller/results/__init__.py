@@ -4,10 +4,10 @@
 signs, `report_json` the same for machines.
 """
 
-from ._html import write_html
 from ._json import SCHEMA_VERSION, report_json
-from ._load import RunSummary, list_runs, load_run
 from ._model import ResultsError, RunRecord
+from .html import write_html
+from .load import RunSummary, list_runs, load_run
 
 __all__ = [
     "SCHEMA_VERSION",

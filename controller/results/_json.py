@@ -35,8 +35,8 @@ from pathlib import Path
 from typing import Any
 
 from ._model import FindingReport, PartReport, RunRecord, ViewReport
-from ._pictures import inside
 from ._words import cautions, headline, why
+from .pictures import inside
 
 SCHEMA = "cellctl.report"
 SCHEMA_VERSION = 1

@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ._ledger import Ledger, Timing, make_ledger, make_timing
 from ._model import Box, FindingReport, PartReport, RunRecord, SightingReport, ViewReport
 from ._optics import Optics
-from ._pictures import Pictures, Shot, bounds, outline_path, window_round
 from ._words import verdict_word, why
+from .ledger import Ledger, Timing, make_ledger, make_timing
+from .pictures import Pictures, Shot, bounds, outline_path, window_round
 
 VIEW_MARGIN, VIEW_LEAST_PX = 0.18, 260
 TABLE_MARGIN, TABLE_LEAST_PX = 0.35, 400

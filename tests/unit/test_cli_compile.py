@@ -23,9 +23,10 @@ from controller.cli import main
 from controller.cli._compile import part_json
 from controller.config import ConfigError, load_recipe
 from controller.imaging import RayCaster
-from controller.results.sheet import _drawings, _picture
-from controller.results.sheet._sheet import render_sheet
-from controller.results.sheet._tables import tolerance_rows
+from controller.results.sheet import drawings as _drawings
+from controller.results.sheet import picture as _picture
+from controller.results.sheet.sheet import render_sheet
+from controller.results.sheet.tables import tolerance_rows
 
 ROOT = Path(__file__).parents[2]
 HOLDER = ROOT / "recipes/parts/holder.stl"

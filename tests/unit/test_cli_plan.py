@@ -20,8 +20,7 @@ from controller.commissioning.siting import PartScore, SiteReport, SiteScore, si
 from controller.config import load_cell
 from controller.planning import Box, GripRules, NotGraspableError, PlanOptions
 from controller.planning.planner import certificates
-from controller.results.plan_page import _coverage as coverage
-from controller.results.plan_page import _strip as strip
+from controller.results.plan_page import coverage, strip
 from controller.setup import planner
 from controller.setup.layout import build_layout
 

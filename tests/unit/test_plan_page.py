@@ -42,25 +42,18 @@ from controller.planning import (
     shown_pose,
 )
 from controller.results.moments import Kind, moments
-from controller.results.plan_page import PlanFacts, render_plan, write_plan_page
-from controller.results.plan_page import _coverage as coverage
-from controller.results.plan_page import _strip as strip
-from controller.results.plan_page._bodies import (
+from controller.results.plan_page import PlanFacts, coverage, render_plan, strip, write_plan_page
+from controller.results.plan_page.bodies import (
     box_body,
     make_stage,
     not_round,
     part_body,
     standing_bodies,
 )
-from controller.results.plan_page._paint import Painter
-from controller.results.plan_page._render import Paint, look, shade
-from controller.results.plan_page._timeline import timeline
-from controller.results.plan_page._views import (
-    camera_eye,
-    slant_over,
-    slanting_eye,
-    window_about,
-)
+from controller.results.plan_page.paint import Painter
+from controller.results.plan_page.render import Paint, look, shade
+from controller.results.plan_page.timeline import timeline
+from controller.results.plan_page.views import camera_eye, slant_over, slanting_eye, window_about
 from controller.setup.layout import build_layout
 
 ROOT = Path(__file__).parents[2]

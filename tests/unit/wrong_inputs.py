@@ -394,7 +394,10 @@ ROWS: tuple[Row, ...] = (
         "outside the recipe's",
     ),
     Row(
-        "part outside by a link", outside("link.stl"), INNER, "recipe.yaml:2: `part`: link.stl is outside"
+        "part outside by a link",
+        outside("link.stl"),
+        INNER,
+        "recipe.yaml:2: `part`: link.stl is outside",
     ),
     Row("part is a device", recipe("block.stl", "/dev/zero"), RUN, "recipe.yaml:2: `part`"),
     Row("part with a zero byte", recipe("block.stl", '"a\\0.stl"'), RUN, "recipe.yaml:2: "),

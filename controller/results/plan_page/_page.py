@@ -10,12 +10,12 @@ from controller.cad.compiled import CompiledPart
 from controller.cell.plans import KeptPlan
 from controller.planning import CellLayout, Certificate, Plan
 
-from .._html import make_environment, write_page
+from ..html import make_environment, write_page
 from ..moments import moments, view_count
-from ._coverage import CoverageMap, coverage_map
-from ._paint import Painter
-from ._strip import AGAIN, BEFORE, NEW, OUTLINE, Frame, Strip, width_for
-from ._timeline import Timeline, timeline
+from .coverage import CoverageMap, coverage_map
+from .paint import Painter
+from .strip import AGAIN, BEFORE, NEW, OUTLINE, Frame, Strip, width_for
+from .timeline import Timeline, timeline
 
 TEMPLATES = ("plan.html.j2", "plan.css")
 

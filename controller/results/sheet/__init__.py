@@ -1,5 +1,5 @@
 """What was compiled of a part, as one HTML page for the process engineer."""
 
-from ._sheet import write_sheet
+from .sheet import write_sheet
 
 __all__ = ["write_sheet"]

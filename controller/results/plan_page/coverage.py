@@ -9,10 +9,10 @@ from controller.cad import Solid, SurfaceSamples
 from controller.planning import Plan, Reason
 
 from ..ray_drawing import FINER, smaller
-from ._bodies import make_stage, part_body
-from ._paint import Painter
-from ._render import data_uri, look, shade
-from ._views import slant_over, slanting_eye
+from .bodies import make_stage, part_body
+from .paint import Painter
+from .render import data_uri, look, shade
+from .views import slant_over, slanting_eye
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]

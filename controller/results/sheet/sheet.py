@@ -10,11 +10,11 @@ from controller.cad.compiled import CompiledPart
 from controller.cad.views import LineView
 from controller.imaging import RayCaster
 
-from .._html import make_environment, write_page
-from ._drawings import Drawing, Frame, draw, frame_of
-from ._picture import rest_picture
-from ._tables import Row, feature_rows, tolerance_rows
+from ..html import make_environment, write_page
 from ._words_of import vector
+from .drawings import Drawing, Frame, draw, frame_of
+from .picture import rest_picture
+from .tables import Row, feature_rows, tolerance_rows
 
 TEMPLATES = ("sheet.html.j2", "sheet.css")
 SCALE_WORDS = {Curve.LINE: "straight", Curve.CIRCLE: "circular", Curve.OTHER: "other"}

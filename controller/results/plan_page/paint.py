@@ -8,8 +8,8 @@ from controller.cad import Solid, SurfaceSamples
 from controller.imaging import inverse_pose, transform
 
 from ..ray_drawing import FINER
-from ._bodies import Stage
-from ._render import Paint, Sight
+from .bodies import Stage
+from .render import Paint, Sight
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]

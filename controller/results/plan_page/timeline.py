@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..moments import Kind
-from ._strip import Frame
+from .strip import Frame
 
 COLOURS: dict[Kind, str] = {
     Kind.PICK: "#3f7fbf",

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..ray_drawing import FINER, cast, jumps, png_uri
-from ._bodies import Stage
-from ._views import Eye
+from .bodies import Stage
+from .views import Eye
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]

@@ -14,10 +14,10 @@ from controller.planning import CellLayout
 
 from ..moments import Kind, Moment, Seat
 from ..ray_drawing import FINER, smaller
-from ._bodies import PART, Body, Stage, moment_stage, not_round, standing_bodies
-from ._paint import Painter
-from ._render import data_uri, look, shade
-from ._views import Eye, Slant, camera_eye, slant_over, slanting_eye, window_about
+from .bodies import PART, Body, Stage, moment_stage, not_round, standing_bodies
+from .paint import Painter
+from .render import data_uri, look, shade
+from .views import Eye, Slant, camera_eye, slant_over, slanting_eye, window_about
 
 Floats = NDArray[np.float32]
 Bools = NDArray[np.bool_]

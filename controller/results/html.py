@@ -16,8 +16,8 @@ from jinja2 import DictLoader, Environment, StrictUndefined
 from ._model import RunRecord
 from ._optics import Optics
 from ._page import lamp_words, make_part_page
-from ._pictures import QUALITIES, Pictures, Quality
 from ._words import END_WORDS, cautions, count_of, headline, say_row, stage_words
+from .pictures import QUALITIES, Pictures, Quality
 
 MAX_BYTES = 10_000_000  # what still goes through a mail gateway
 PICTURE_BYTES = 8_000_000  # the share of it that pictures may take
