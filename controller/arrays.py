@@ -6,3 +6,5 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+IndexArray = NDArray[np.intp]  # of another array
+Grey = NDArray[np.uint8]  # a picture, (height, width)

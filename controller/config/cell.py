@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
+
+from controller.arrays import FloatArray
 
 from .errors import ConfigError
 from .yaml_models import Section, WrongKeyError, load_yaml
 
-Array = NDArray[np.float64]
 Number = Annotated[float, Field(ge=-50_000, le=50_000)]  # no cell is 50 m wide
 Vec2 = tuple[Number, Number]
 Vec3 = tuple[Number, Number, Number]
@@ -74,7 +74,7 @@ class Pose(Section):
             raise ValueError("x_axis and y_axis must be of length 1 and at right angles")
         return self
 
-    def build(self) -> Array:
+    def build(self) -> FloatArray:
         """Return the pose (4, 4) [mm]."""
         T = np.eye(4)
         x, y = np.array(self.x_axis, dtype=float), np.array(self.y_axis, dtype=float)
@@ -192,7 +192,7 @@ class CameraSection(Section):
     settle_frames: int = Field(3, ge=0, le=30)  # of a stream just started, before one is trusted
     margin_s: float | None = Field(None, ge=0, le=1)  # a stamp's play; the driver's own otherwise
 
-    def sees(self, point_mm: Array) -> bool:
+    def sees(self, point_mm: FloatArray) -> bool:
         """Return whether a point (3,) of the world is in the picture, the lens aside."""
         T = self.pose.build()
         x, y, z = T[:3, :3].T @ (point_mm - T[:3, 3])

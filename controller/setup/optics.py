@@ -3,12 +3,10 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import FloatArray
 from controller.config.cell import CameraSection, Cell, LampSection
 from controller.imaging import Camera, PointLamp
-
-Array = NDArray[np.float64]
 
 
 def build_camera(camera: CameraSection) -> Camera:
@@ -38,7 +36,7 @@ def _lamp(name: str, lamp: LampSection, cell: Cell) -> PointLamp:
     return PointLamp(name, centre[None])
 
 
-def panel_corners(cell: Cell, name: str) -> Array:
+def panel_corners(cell: Cell, name: str) -> FloatArray:
     """Return the corners of a glowing panel in the world, (4, 3) [mm], in order round it.
 
     Raises
@@ -60,7 +58,7 @@ def panel_corners(cell: Cell, name: str) -> Array:
     )
 
 
-def table_corners(cell: Cell) -> Array:
+def table_corners(cell: Cell) -> FloatArray:
     """Return the corners of the glowing area, (4, 3) [mm], in order round it."""
     (x0, x1), (y0, y1) = cell.table.glowing_area.x, cell.table.glowing_area.y
     return np.array([[x0, y0, 0.0], [x1, y0, 0.0], [x1, y1, 0.0], [x0, y1, 0.0]])

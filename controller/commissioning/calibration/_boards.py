@@ -11,8 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.arrays import FloatArray, Grey
+
 from ._corners import refine_corners
-from ._types import Array, Charuco, Chessboard, FoundBoard, Grey, Target
+from ._types import Charuco, Chessboard, FoundBoard, Target
 
 _USUAL_PX: Final = (700, 1600)  # long sides that are searched as they are
 _WANTED_PX: Final = 1100
@@ -62,10 +64,10 @@ def _sizes(grey: Grey) -> Iterator[Grey]:
         yield np.asarray(cv2.resize(grey, (width, height), interpolation=way), np.uint8)
 
 
-def _unscaled(pixels: Array, scaled: Grey, grey: Grey) -> Array:
+def _unscaled(pixels: FloatArray, scaled: Grey, grey: Grey) -> FloatArray:
     """Return where pixels of the scaled picture are in the original; centres are whole numbers."""
     by = np.array(scaled.shape[::-1]) / np.array(grey.shape[::-1])
-    out: Array = (pixels + 0.5) / by - 0.5
+    out: FloatArray = (pixels + 0.5) / by - 0.5
     return out
 
 
@@ -81,7 +83,7 @@ def _chessboard(grey: Grey, target: Chessboard) -> FoundBoard:
     return _measured(grey, board_mm, grid.reshape(-1, 2), axes.reshape(-1, 2, 2), None)
 
 
-def _search(grey: Grey, columns: int, rows: int) -> Array:
+def _search(grey: Grey, columns: int, rows: int) -> FloatArray:
     """Return the inner corners (rows, columns, 2) in whatever order OpenCV has them."""
     for flags in (0, cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE):
         for picture in _sizes(grey):
@@ -97,7 +99,7 @@ def _search(grey: Grey, columns: int, rows: int) -> Array:
     )
 
 
-def _right_way(grey: Grey, grid: Array, target: Chessboard) -> Array:
+def _right_way(grey: Grey, grid: FloatArray, target: Chessboard) -> FloatArray:
     """Return the corners in the target's order: Z out of the print, the first square black."""
     columns, rows = target.inner_corners
     x = (grid[:, -1] - grid[:, 0]).mean(axis=0)
@@ -138,12 +140,12 @@ def _right_way(grey: Grey, grid: Array, target: Chessboard) -> Array:
     return grid
 
 
-def _pattern(brightness: Array, sign: Array) -> float:
+def _pattern(brightness: FloatArray, sign: FloatArray) -> float:
     """Return half the step from the squares of sign -1 to those of sign 1."""
     return float(brightness[sign > 0].mean() - brightness[sign < 0].mean()) / 2
 
 
-def _alternating(brightness: Array, sign: Array) -> float:
+def _alternating(brightness: FloatArray, sign: FloatArray) -> float:
     """Return the share of neighbouring squares between which black and white change."""
     down = (np.diff(brightness, axis=0) * sign[1:]).ravel()
     across = (np.diff(brightness, axis=1) * sign[:, 1:]).ravel()
@@ -152,7 +154,7 @@ def _alternating(brightness: Array, sign: Array) -> float:
     return float((steps / usual > 1 / 3).mean()) if usual else 0.0
 
 
-def _continued(grid: Array) -> Array:
+def _continued(grid: FloatArray) -> FloatArray:
     """Return a grid (rows, columns, 2) with one more line of points on each side."""
     grid = np.concatenate([2 * grid[:1] - grid[1:2], grid, 2 * grid[-1:] - grid[-2:-1]])
     first, last = 2 * grid[:, :1] - grid[:, 1:2], 2 * grid[:, -1:] - grid[:, -2:-1]
@@ -187,7 +189,7 @@ def _charuco(grey: Grey, target: Charuco) -> FoundBoard:
     likely.minMarkers = 1  # a corner beside one marker is seen well enough to start from
     detector = cv2.aruco.CharucoDetector(board, likely)
     corner_count = len(board.getChessboardCorners())
-    seen: dict[int, Array] = {}
+    seen: dict[int, FloatArray] = {}
     for picture in _sizes(grey):  # small markers are read in one size and not in another
         corners, ids, _, _ = detector.detectBoard(picture)
         if ids is not None:
@@ -219,18 +221,20 @@ def _charuco(grey: Grey, target: Charuco) -> FoundBoard:
     return _measured(grey, board_mm[near], best[near], axes[near], gap)
 
 
-def _homography(board_mm: Array, pixels: Array) -> Array | None:
+def _homography(board_mm: FloatArray, pixels: FloatArray) -> FloatArray | None:
     """Return the homography (3, 3) most corners agree on, None where there is none."""
     found, _ = cv2.findHomography(board_mm, pixels, cv2.RANSAC, _STRAY_PX)
     return None if found is None else np.asarray(found, dtype=np.float64)
 
 
-def _through(homography: Array, board_mm: Array, square_mm: float) -> tuple[Array, Array]:
+def _through(
+    homography: FloatArray, board_mm: FloatArray, square_mm: float
+) -> tuple[FloatArray, FloatArray]:
     """Return where a homography takes points (n, 2), and a square's two sides there (n, 2, 2)."""
 
-    def taken(points: Array) -> Array:
+    def taken(points: FloatArray) -> FloatArray:
         h = np.column_stack([points, np.ones(len(points))]) @ homography.T
-        out: Array = h[:, :2] / h[:, 2:]
+        out: FloatArray = h[:, :2] / h[:, 2:]
         return out
 
     half = square_mm / 2
@@ -242,7 +246,7 @@ def _through(homography: Array, board_mm: Array, square_mm: float) -> tuple[Arra
 
 
 def _measured(
-    grey: Grey, board_mm: Array, pixels: Array, axes: Array, gap: float | None
+    grey: Grey, board_mm: FloatArray, pixels: FloatArray, axes: FloatArray, gap: float | None
 ) -> FoundBoard:
     fitted, blur, sound = refine_corners(grey, pixels, axes, marker_gap=gap)
     if _few(sound):

@@ -6,12 +6,12 @@ from typing import Final
 
 import numpy as np
 
+from controller.arrays import FloatArray
 from controller.imaging import Camera, inverse_pose
 
 from ._lens import PINHOLE, likeliest
 from ._types import (
     PARAMETERS,
-    Array,
     Calibration,
     CalibrationError,
     Limits,
@@ -31,7 +31,7 @@ _NOISE_FLOOR: Final = 0.5  # of the pictures' median noise: no picture counts mo
 class _Weights:
     """Per view one over a corner's standard deviation (n,); 0 for an outlier."""
 
-    of_views: tuple[Array, ...]
+    of_views: tuple[FloatArray, ...]
     noise_px: float  # the pictures' median
 
 
@@ -83,7 +83,7 @@ def calibrate(
     return calibration
 
 
-def _even(views: Sequence[View]) -> tuple[Array, ...]:
+def _even(views: Sequence[View]) -> tuple[FloatArray, ...]:
     return tuple(np.ones(len(view.board.pixels)) for view in views)
 
 
@@ -133,7 +133,7 @@ def _described(
     held: dict[str, float],
     weights: _Weights,
     residuals: tuple[ViewResidual, ...],
-    hull_px: Array,
+    hull_px: FloatArray,
 ) -> Calibration:
     x = fit.solution.intrinsics
     K = np.array([[x[0], 0, x[2]], [0, x[1], x[3]], [0, 0, 1.0]])

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf
 
-Array = NDArray[np.float64]
+from controller.arrays import FloatArray
 
 REACH_SQUARES: Final = 0.42  # of the window: up to just short of the next edge
 REACH_MAX_PX: Final = 14  # more adds time, and bent edges
@@ -26,11 +26,11 @@ _UNKNOWNS: Final = 9  # u, v, two directions, mean, light's two slopes, contrast
 
 def refine_corners(
     grey: NDArray[np.uint8],
-    pixels: Array,
-    axes_px: Array,
+    pixels: FloatArray,
+    axes_px: FloatArray,
     *,
     marker_gap: float | None = None,
-) -> tuple[Array, Array, NDArray[np.bool_]]:
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Return corners (n, 2), the lens's blur there (n,) [px] and whether each fit is sound (n,).
 
     Parameters
@@ -51,8 +51,8 @@ def refine_corners(
 
 
 def _measure(
-    grey: NDArray[np.uint8], pixels: Array, axes_px: Array, marker_gap: float | None
-) -> tuple[Array, Array, NDArray[np.bool_]]:
+    grey: NDArray[np.uint8], pixels: FloatArray, axes_px: FloatArray, marker_gap: float | None
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Cut a window about each corner and fit it."""
     height, width = grey.shape
     step_px = np.abs(axes_px).max(axis=(1, 2))
@@ -73,8 +73,12 @@ def _measure(
 
 
 def _fit(
-    values: Array, used: NDArray[np.bool_], at: Array, pixels: Array, axes_px: Array
-) -> tuple[Array, Array, NDArray[np.bool_]]:
+    values: FloatArray,
+    used: NDArray[np.bool_],
+    at: FloatArray,
+    pixels: FloatArray,
+    axes_px: FloatArray,
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Fit all corners at once: Gauss-Newton, each damped for itself."""
     count = np.maximum(used.sum(axis=1), 1)
     x = _first(values, used, at, pixels, axes_px)
@@ -115,8 +119,12 @@ def _fit(
 
 
 def _first(
-    values: Array, used: NDArray[np.bool_], at: Array, pixels: Array, axes_px: Array
-) -> Array:
+    values: FloatArray,
+    used: NDArray[np.bool_],
+    at: FloatArray,
+    pixels: FloatArray,
+    axes_px: FloatArray,
+) -> FloatArray:
     """Return the unknowns (n, 9) to start from: the edges run along the board's axes."""
     count = np.maximum(used.sum(axis=1), 1)
     x = np.zeros((len(pixels), _UNKNOWNS))
@@ -135,7 +143,7 @@ def _first(
     return x
 
 
-def _model(x: Array, at: Array) -> tuple[Array, Array]:
+def _model(x: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return grey levels (n, m) and their derivatives (n, m, 9)."""
     du, dv = at[..., 0] - x[:, 0, None], at[..., 1] - x[:, 1, None]
     c1, s1 = np.cos(x[:, 2, None]), np.sin(x[:, 2, None])
@@ -158,7 +166,9 @@ def _model(x: Array, at: Array) -> tuple[Array, Array]:
     return light * pattern, jac
 
 
-def _edge(d: Array, c: Array, s: Array, blur: Array) -> tuple[Array, Array, Array]:
+def _edge(
+    d: FloatArray, c: FloatArray, s: FloatArray, blur: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return an edge seen by pixels at distance d from it, and its derivatives by d and log blur.
 
     A square pixel seen along an edge of normal (c, s) is a box |c| wide smeared by one |s| wide:

@@ -5,7 +5,9 @@ from typing import Final
 
 import numpy as np
 
-from ._types import PARAMETERS, Array, CalibrationError, View, WorldFrame
+from controller.arrays import FloatArray
+
+from ._types import PARAMETERS, CalibrationError, View, WorldFrame
 from .solve import Fit, solve
 from .uncertainty import Spread
 
@@ -25,7 +27,7 @@ def likeliest(
     loose: Spread,
     size_px: tuple[int, int],
     world: WorldFrame,
-    weights: Sequence[Array],
+    weights: Sequence[FloatArray],
 ) -> Fit:
     """Return the fit of the lens with the least Bayesian information criterion.
 
@@ -64,7 +66,7 @@ def likeliest(
     )
 
 
-def _reaches_the_corners(intrinsics: Array, size_px: tuple[int, int]) -> bool:
+def _reaches_the_corners(intrinsics: FloatArray, size_px: tuple[int, int]) -> bool:
     """Whether the lens takes each radius to one radius, out to the picture's furthest corner."""
     fx, fy, cx, cy, k1, k2, _, _, k3 = intrinsics
     corners = np.array([(0, 0), (1, 0), (0, 1), (1, 1)]) * size_px

@@ -8,12 +8,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import FloatArray
 from controller.imaging import Camera
-
-Array = NDArray[np.float64]
-Grey = NDArray[np.uint8]
 
 PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
@@ -82,8 +79,8 @@ class FoundBoard:
     blur_px : standard deviation of the blur across its edges, median
     """
 
-    board_mm: Array
-    pixels: Array
+    board_mm: FloatArray
+    pixels: FloatArray
     square_px: float
     blur_px: float
 
@@ -188,9 +185,9 @@ class Calibration:
     free: tuple[str, ...]
     std: dict[str, float]
     held_std: dict[str, float]
-    parameters_cov: Array
-    noise_cov: Array
-    position_std_mm: Array
+    parameters_cov: FloatArray
+    noise_cov: FloatArray
+    position_std_mm: FloatArray
     tilt_rad: float
     tilt_std_rad: float
     table: tuple[TableUncertainty, ...]

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from controller.arrays import FloatArray
+
 from ._types import (
-    Array,
     Calibration,
     CalibrationError,
     Limits,
@@ -19,13 +20,13 @@ from ._types import (
 _TILT_MORE = "add pictures of the board tilted by 15 to 30 deg, each in another direction"
 
 
-def hull_of(views: Sequence[View]) -> Array:
+def hull_of(views: Sequence[View]) -> FloatArray:
     """Return the convex hull (n, 2) of all corners [px]."""
     corners = np.vstack([view.board.pixels for view in views]).astype(np.float32)
     return np.asarray(cv2.convexHull(corners), dtype=np.float64).reshape(-1, 2)
 
 
-def area_px(hull_px: Array) -> float:
+def area_px(hull_px: FloatArray) -> float:
     """Return the area of a hull (n, 2)."""
     return float(cv2.contourArea(hull_px.astype(np.float32)))
 
@@ -80,7 +81,7 @@ def check_views(
         )
 
 
-def check_placed(views: Sequence[View], T_cam_boards: Sequence[Array], limits: Limits) -> None:
+def check_placed(views: Sequence[View], T_cam_boards: Sequence[FloatArray], limits: Limits) -> None:
     """Refuse flat boards that do not lie flat, and tilted ones that do.
 
     Parameters

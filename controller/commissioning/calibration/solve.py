@@ -13,15 +13,13 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from controller.arrays import FloatArray
 from controller.imaging import inverse_pose
 
 from ._types import PARAMETERS, CalibrationError, Placed, View, WorldFrame
-
-Array = NDArray[np.float64]
 
 _FIRST_STEP: Final = 1e4  # in weighted residuals: the start is near, so Gauss and Newton may go
 
@@ -37,9 +35,9 @@ class Solution:
     T_ref_board : per view (4, 4): T_cam_board of a tilted one, T_world_board of a flat one
     """
 
-    intrinsics: Array
-    T_cam_world: Array
-    T_ref_board: tuple[Array, ...]
+    intrinsics: FloatArray
+    T_cam_world: FloatArray
+    T_ref_board: tuple[FloatArray, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,8 +54,8 @@ class Fit:
 
     solution: Solution
     free: tuple[str, ...]
-    residuals_px: tuple[Array, ...]
-    jac: Array
+    residuals_px: tuple[FloatArray, ...]
+    jac: FloatArray
     cost: float
 
     def is_on_table(self, view: View) -> bool:
@@ -65,7 +63,9 @@ class Fit:
         return view.placed is Placed.FLAT
 
 
-def project(p_cam_mm: Array, intrinsics: Array) -> tuple[Array, Array, Array]:
+def project(
+    p_cam_mm: FloatArray, intrinsics: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return pixels (n, 2), their derivatives by p_cam (n, 2, 3) and by intrinsics (n, 2, 9)."""
     fx, fy, cx, cy = intrinsics[:4]
     K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
@@ -82,7 +82,7 @@ def project(p_cam_mm: Array, intrinsics: Array) -> tuple[Array, Array, Array]:
 
 def start(
     views: Sequence[View], size_px: tuple[int, int], world: WorldFrame
-) -> tuple[Solution, list[Array]]:
+) -> tuple[Solution, list[FloatArray]]:
     """Return a first solution, and the pose T_cam_board of each board fitted by itself.
 
     It is OpenCV's calibration with one distortion term, which knows of no table.
@@ -139,7 +139,7 @@ def solve(
     first: Solution,
     free: tuple[str, ...],
     world: WorldFrame,
-    weights: Sequence[Array],
+    weights: Sequence[FloatArray],
 ) -> Fit:
     """Return the least-squares fit from a first solution.
 
@@ -155,19 +155,19 @@ def solve(
     first = replace(first, intrinsics=np.where(held, 0.0, first.intrinsics))
     layout = _Layout(views, free, world)
 
-    at_x: dict[bytes, tuple[Array, Array]] = {}
+    at_x: dict[bytes, tuple[FloatArray, FloatArray]] = {}
 
-    def evaluated(x: Array) -> tuple[Array, Array]:
+    def evaluated(x: FloatArray) -> tuple[FloatArray, FloatArray]:
         key = x.tobytes()
         if key not in at_x:  # residuals and Jacobian are asked for one after the other
             at_x.clear()
             at_x[key] = layout.evaluate(x, first, weights)
         return at_x[key]
 
-    def residuals(x: Array) -> Array:
+    def residuals(x: FloatArray) -> FloatArray:
         return evaluated(x)[0]
 
-    def slopes(x: Array) -> Array:
+    def slopes(x: FloatArray) -> FloatArray:
         return evaluated(x)[1]
 
     origin = np.zeros(layout.size)
@@ -210,7 +210,7 @@ class _Layout:
             at += {"anchor": 0, Placed.FLAT.value: 3}.get(kind, 6)
         self.size = at
 
-    def apply(self, x: Array, origin: Solution) -> Solution:
+    def apply(self, x: FloatArray, origin: Solution) -> Solution:
         """Return the solution that is x away from another."""
         intrinsics = origin.intrinsics.copy()
         intrinsics[self._free] += x[: self._camera]
@@ -226,7 +226,9 @@ class _Layout:
         c = self._camera
         return Solution(intrinsics, _moved(origin.T_cam_world, x[c : c + 6]), tuple(placed))
 
-    def evaluate(self, x: Array, origin: Solution, weights: Sequence[Array]) -> tuple[Array, Array]:
+    def evaluate(
+        self, x: FloatArray, origin: Solution, weights: Sequence[FloatArray]
+    ) -> tuple[FloatArray, FloatArray]:
         """Return weighted residuals (2 n,), predicted less observed, and Jacobian (2 n, m)."""
         at_x = self.apply(x, origin)
         total = sum(len(v.board.pixels) for v in self._views)
@@ -265,7 +267,7 @@ class _Layout:
         return r.ravel(), jac.reshape(2 * total, self.size)
 
 
-def by_turn(by_point: Array, arm: Array, w: Array) -> Array:
+def by_turn(by_point: FloatArray, arm: FloatArray, w: FloatArray) -> FloatArray:
     """Return derivatives (n, 2, 3) of pixels by a rotation vector w.
 
     Parameters
@@ -276,11 +278,11 @@ def by_turn(by_point: Array, arm: Array, w: Array) -> Array:
     """
     # d(exp(w) q) = -[exp(w) q]x Jl(w) dw, and v @ -[a]x = a x v for a row v
     turn = np.cross(arm[:, None, :], by_point)
-    out: Array = turn @ _left_jacobian(w)
+    out: FloatArray = turn @ _left_jacobian(w)
     return out
 
 
-def _left_jacobian(w: Array) -> Array:
+def _left_jacobian(w: FloatArray) -> FloatArray:
     """Return the left Jacobian (3, 3) of the rotation group at a rotation vector."""
     angle = float(np.linalg.norm(w))
     cross = np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
@@ -289,11 +291,11 @@ def _left_jacobian(w: Array) -> Array:
     else:
         a = (1 - np.cos(angle)) / angle**2
         b = (angle - np.sin(angle)) / angle**3
-    out: Array = np.eye(3) + a * cross + b * cross @ cross
+    out: FloatArray = np.eye(3) + a * cross + b * cross @ cross
     return out
 
 
-def _moved(T: Array, x: Array) -> Array:
+def _moved(T: FloatArray, x: FloatArray) -> FloatArray:
     """Return the pose turned by x[:3] from the left about its origin, which moves by x[3:]."""
     out = T.copy()
     out[:3, :3] = Rotation.from_rotvec(x[:3]).as_matrix() @ T[:3, :3]
@@ -301,11 +303,11 @@ def _moved(T: Array, x: Array) -> Array:
     return out
 
 
-def _pose(rotation: Rotation, t: Array) -> Array:
+def _pose(rotation: Rotation, t: FloatArray) -> FloatArray:
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = rotation.as_matrix(), t
     return T
 
 
-def _on_table(angle_rad: float, x_mm: float, y_mm: float, z_mm: float) -> Array:
+def _on_table(angle_rad: float, x_mm: float, y_mm: float, z_mm: float) -> FloatArray:
     return _pose(Rotation.from_euler("z", angle_rad), np.array([x_mm, y_mm, z_mm]))

@@ -13,9 +13,10 @@ from typing import Final
 import cv2
 import numpy as np
 
+from controller.arrays import FloatArray
 from controller.imaging import Camera
 
-from ._types import PARAMETERS, Array, TableUncertainty
+from ._types import PARAMETERS, TableUncertainty
 from .solve import Fit, by_turn, project
 
 _NEXT_TERM: Final = 0.2  # of the term before, at the picture's corners: the series converges
@@ -36,14 +37,14 @@ class Spread:
     focal_height : correlation of fx with the distance along the optical axis
     """
 
-    cov: Array
-    noise_cov: Array
+    cov: FloatArray
+    noise_cov: FloatArray
     noise: float
     condition: float
     focal_height: float
 
 
-def free_columns(fit: Fit) -> Array:
+def free_columns(fit: Fit) -> FloatArray:
     """Return the Jacobian's columns of what was free."""
     held = [i for i, name in enumerate(PARAMETERS) if name not in fit.free]
     return np.delete(fit.jac, held, axis=1)
@@ -117,13 +118,13 @@ def held_sizes(fit: Fit, size_px: tuple[int, int], loose: Spread) -> dict[str, f
     return {name: s for name, s in sizes.items() if name not in fit.free}
 
 
-def position_std_mm(fit: Fit, found: Spread) -> Array:
+def position_std_mm(fit: Fit, found: Spread) -> FloatArray:
     """Return the standard deviation (3,) of the camera's position in the world."""
     T = fit.solution.T_cam_world
     R, t = T[:3, :3], T[:3, 3]
     t_cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
     jac = -R.T @ np.hstack([t_cross, np.eye(3)])  # of -R^T t, R turned from the left
-    std: Array = np.sqrt(np.diag(jac @ found.cov[_POSE, _POSE] @ jac.T))
+    std: FloatArray = np.sqrt(np.diag(jac @ found.cov[_POSE, _POSE] @ jac.T))
     return std
 
 
@@ -142,7 +143,7 @@ def tilt_rad(fit: Fit, found: Spread) -> tuple[float, float]:
 
 
 def on_table(
-    camera: Camera, fit: Fit, found: Spread, hull_px: Array, height_mm: float
+    camera: Camera, fit: Fit, found: Spread, hull_px: FloatArray, height_mm: float
 ) -> TableUncertainty:
     """Return how surely pixels are taken to the plane z = height, over the whole picture.
 

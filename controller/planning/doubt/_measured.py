@@ -6,14 +6,12 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from controller.arrays import BoolArray
+from controller.arrays import BoolArray, Grey
 
 from ._pictures import Picture
 from ._separate import Predicted
 
-Grey = NDArray[np.uint8]
 SMOOTH_PX = 1.2
 EDGE_NOISES = 8.0  # a step so many times the picture's noise is an edge, half of it goes on as one
 LEAST_STEP_GREY = 8.0

@@ -13,9 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from controller.arrays import BoolArray, FloatArray
+from controller.arrays import BoolArray, FloatArray, Grey
 from controller.cad import Solid
 from controller.imaging import RayCaster, inverse_pose
 
@@ -52,7 +51,6 @@ from ..transfers import PickWay, pick_ways
 from .build import Build, Builder, RefutedError
 from .planner import plan_from
 
-Grey = NDArray[np.uint8]
 GRIPS_N = 6  # that hold every candidate, tried for a view that tells
 SAME_WIDTH_MM = 1.0  # jaws this alike could not tell what they hold
 LEAST_SHARE = 0.5  # of the pads' contact on the part planned for, that the others must give too

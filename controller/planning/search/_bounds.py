@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from ._problem import IntArray
+from controller.arrays import FloatArray, IndexArray
+
 from ._tables import Core, Table
 
-FloatArray = NDArray[np.float64]
 _LP_ROUNDS = 12
 _LP_GROW = 120
 _SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)
@@ -42,7 +42,7 @@ class Floors:
     sums: FloatArray
     below: FloatArray
 
-    def of_sets(self, sets: IntArray) -> FloatArray:
+    def of_sets(self, sets: IndexArray) -> FloatArray:
         """Return the floor of views in units for each set (s, w), padded with n."""
         below = np.concatenate([self.below, np.zeros((len(self.sums), 1))], axis=1)
         best = np.zeros(len(sets))
@@ -123,7 +123,7 @@ def spread_scales(u: Table, factor: float) -> Table:
 
 
 def raise_floors(
-    core: Core, sets: IntArray, u: Table, goals: FloatArray, steps: int
+    core: Core, sets: IndexArray, u: Table, goals: FloatArray, steps: int
 ) -> tuple[FloatArray, Table]:
     """Improve prices for many sets of grips at once.
 
@@ -162,7 +162,7 @@ def raise_floors(
 class _Saddle:
     """Prices u on elements and fractions x of views for many sets of grips, padded per grip."""
 
-    def __init__(self, core: Core, sets: IntArray, u: Table) -> None:
+    def __init__(self, core: Core, sets: IndexArray, u: Table) -> None:
         self._core, self._sets, self.u = core, sets, u
         n, widest = len(core.rows), max((len(r) for r in core.rows), default=0)
         self._x = np.zeros((*sets.shape, widest), dtype=np.float32)
@@ -174,7 +174,7 @@ class _Saddle:
         total = height[sets].sum(axis=1)
         self._climb = (1.0 / (np.float32(_LEAN) * np.maximum(total, 1.0))).astype(np.float32)
 
-    def _members(self, active: IntArray) -> list[tuple[int, IntArray, IntArray]]:
+    def _members(self, active: IndexArray) -> list[tuple[int, IndexArray, IndexArray]]:
         here = self._sets[active]
         found = []
         for g in np.unique(here[here < len(self._core.rows)]):
@@ -182,7 +182,7 @@ class _Saddle:
             found.append((int(g), active[at], slot))
         return found
 
-    def values(self, u: Table, active: IntArray | None = None) -> FloatArray:
+    def values(self, u: Table, active: IndexArray | None = None) -> FloatArray:
         """Return the floor (s,) that prices (s, m) give, for the active sets."""
         active = np.arange(len(u)) if active is None else active
         value = np.zeros(len(u))
@@ -192,7 +192,7 @@ class _Saddle:
             value[at] += np.minimum(left, 0.0).sum(axis=1, dtype=np.float64)
         return value
 
-    def turn(self, active: IntArray, count: int) -> Table:
+    def turn(self, active: IndexArray, count: int) -> Table:
         """Move prices and fractions so many times; return the mean prices (s, m)."""
         members = self._members(active)
         total = np.zeros_like(self.u)

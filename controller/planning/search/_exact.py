@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import csr_array
 
-from controller.arrays import BoolArray
+from controller.arrays import BoolArray, FloatArray, IndexArray
 
-from ._problem import SAME_S, IntArray
+from ._problem import SAME_S
 from ._tables import Table, Tables
 
-FloatArray = NDArray[np.float64]
 MILP_NODES = 20_000
 
 
@@ -31,11 +29,11 @@ class Stacked:
     rows: BoolArray
     prices_s: FloatArray
     units: Table
-    owner: IntArray
-    index: IntArray
+    owner: IndexArray
+    index: IndexArray
 
 
-def stack(tables: Tables, grips: IntArray) -> Stacked:
+def stack(tables: Tables, grips: IndexArray) -> Stacked:
     """Put the tables of grips under each other."""
     sizes = [len(tables.rows[g]) for g in grips]
     return Stacked(
@@ -53,7 +51,7 @@ def exact_cover(
     limit_s: float,
     reduced_s: FloatArray | None = None,
     nodes: int = MILP_NODES,
-) -> tuple[IntArray | None, float]:
+) -> tuple[IndexArray | None, float]:
     """Find the cheapest rows that show every element for less than a limit.
 
     Parameters
@@ -132,8 +130,8 @@ def _different(table: BoolArray) -> BoolArray:
 
 
 def _reduced(
-    table: BoolArray, keep: IntArray, open_: BoolArray, prices_s: FloatArray
-) -> tuple[BoolArray, IntArray, BoolArray, list[int] | None]:
+    table: BoolArray, keep: IndexArray, open_: BoolArray, prices_s: FloatArray
+) -> tuple[BoolArray, IndexArray, BoolArray, list[int] | None]:
     """Take what must be taken, drop what need not be; None where an element is shown by none."""
     count = table[:, open_].sum(axis=0)
     if (count == 0).any():

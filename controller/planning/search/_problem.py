@@ -11,11 +11,9 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from controller.arrays import BoolArray, FloatArray
+from controller.arrays import BoolArray, FloatArray, IndexArray
 
-IntArray = NDArray[np.intp]
 MAX_GRIPS = 5  # planning-facts.md 1.3: a fourth re-grip's bound exceeded every optimum measured
 SAME_S = 1e-7  # costs closer than this [s] are one
 
@@ -110,7 +108,7 @@ class Solution:
         return sum(map(len, self.views))
 
 
-def live_grips(problem: Problem, max_grips: int = MAX_GRIPS) -> IntArray:
+def live_grips(problem: Problem, max_grips: int = MAX_GRIPS) -> IndexArray:
     """Return, ascending, the grips that lie on some way from start to finish."""
     hop = np.isfinite(problem.hop_s)
     to = _steps(np.isfinite(problem.first_s), hop)

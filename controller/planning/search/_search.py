@@ -13,13 +13,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray
+from controller.arrays import BoolArray, FloatArray, IndexArray
 
 from ._bounds import Floors, floors, raise_floors, spread_scales, union_prices
 from ._exact import Stacked, exact_cover, stack
 from ._problem import (
     SAME_S,
-    IntArray,
     Problem,
     price_of,
 )
@@ -69,7 +68,7 @@ class Pool:
     """Sets of grips that show everything, and how far each has been looked into."""
 
     grips: list[tuple[int, ...]] = field(default_factory=list)  # the cheapest way, in order
-    sets: list[IntArray] = field(default_factory=list)
+    sets: list[IndexArray] = field(default_factory=list)
     way_s: list[float] = field(default_factory=list)
     floor_s: list[float] = field(default_factory=list)  # of the whole
     units: list[float] = field(default_factory=list)
@@ -139,7 +138,7 @@ class Search:
         """Find the elements that decide from the cheapest ways, and prices for all grips."""
         tables, n = self.tables, len(self.tables.grips)
         pairs = longer(walks, hop, tail, np.inf, [walks], self.effort.ways)
-        some: list[IntArray] = []
+        some: list[IndexArray] = []
         for ways in (pairs, walks):
             whole = ways.cost_s + tail[ways.grips[:, -1]]
             bits = np.concatenate([tables.covered, np.zeros((1, tables.covered.shape[1]), bool)])
@@ -173,7 +172,7 @@ class Search:
                 for g in grips
             ]
         )
-        best: tuple[float, IntArray, BoolArray] | None = None
+        best: tuple[float, IndexArray, BoolArray] | None = None
         for walks in self.levels:
             ends = np.isfinite(problem.last_s[grips[walks.grips[:, -1]]])
             for k in np.flatnonzero(ends):
@@ -304,7 +303,7 @@ class Search:
         if rows is not None:
             self._offer_completed(k, stacked, some[rows])
 
-    def _offer_completed(self, k: int, stacked: Stacked, rows: IntArray) -> BoolArray:
+    def _offer_completed(self, k: int, stacked: Stacked, rows: IndexArray) -> BoolArray:
         """Offer these views and what completes them; return the elements they leave out (m,)."""
         missing: BoolArray = ~np.asarray(stacked.rows[rows].any(axis=0))
         if missing.any():
@@ -343,7 +342,7 @@ class Search:
         if pool.floor_s[k] < self.best_s - SAME_S:
             pool.stage[k] = 3  # nodes ran out: its floor stands
 
-    def _offer_rows(self, k: int, owner: IntArray, index: IntArray) -> None:
+    def _offer_rows(self, k: int, owner: IndexArray, index: IndexArray) -> None:
         """Offer views of the set's grips as a solution."""
         tables, grips = self.tables, self.pool.grips[k]
         kind_of = tables.kinds

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.arrays import BoolArray
+from controller.arrays import BoolArray, FloatArray, IndexArray
 
-from ._problem import IntArray, Problem, live_grips
+from ._problem import Problem, live_grips
 
-FloatArray = NDArray[np.float64]
 Table = NDArray[np.float32]
 PRICE_STEPS = 1024.0  # prices in units of the dearest, rounded down: sums of them stay exact
 CORE_MOST = 640  # elements
@@ -40,14 +39,14 @@ class Tables:
     least_s, dearest_s : price of the cheapest and the dearest view [s]
     """
 
-    grips: IntArray
-    elements: IntArray
+    grips: IndexArray
+    elements: IndexArray
     rows: tuple[BoolArray, ...]
-    view_ids: tuple[IntArray, ...]
+    view_ids: tuple[IndexArray, ...]
     prices_s: tuple[FloatArray, ...]
     units: tuple[Table, ...]
     covered: BoolArray
-    kinds: IntArray
+    kinds: IndexArray
     least_s: float
     dearest_s: float
 
@@ -67,7 +66,7 @@ class Core:
     rows : per grip (v, c) 0/1; units : per grip (v,)
     """
 
-    elements: IntArray
+    elements: IndexArray
     rows: tuple[Table, ...]
     units: tuple[Table, ...]
 
@@ -135,7 +134,7 @@ def hard_elements(rows: BoolArray, missing: BoolArray, most: int) -> list[int]:
     return picked
 
 
-def learn_core(tables: Tables, sets: Sequence[IntArray]) -> list[int]:
+def learn_core(tables: Tables, sets: Sequence[IndexArray]) -> list[int]:
     """Find the elements that decide, by covering some sets of grips until nothing is left out."""
     core: list[int] = []
     for members in sets:
@@ -166,7 +165,7 @@ def make_core(tables: Tables, elements: Sequence[int]) -> Core:
     return Core(elements=at, rows=tuple(rows), units=tuple(units))
 
 
-def quick_cover(rows: Table, prices_s: FloatArray, worth: Table | None = None) -> IntArray:
+def quick_cover(rows: Table, prices_s: FloatArray, worth: Table | None = None) -> IndexArray:
     """Return rows that show every element, most for their price first, none in vain.
 
     Parameters
@@ -197,7 +196,7 @@ def quick_cover(rows: Table, prices_s: FloatArray, worth: Table | None = None) -
     return np.array(chosen, dtype=np.intp)
 
 
-def _undominated(table: BoolArray, prices: Table) -> IntArray:
+def _undominated(table: BoolArray, prices: Table) -> IndexArray:
     """Return the views that no other one of the same grip outdoes at no higher price."""
     unique: dict[bytes, int] = {}
     size = table.sum(axis=1)
@@ -210,5 +209,5 @@ def _undominated(table: BoolArray, prices: Table) -> IntArray:
     inside = (bits @ bits.T) >= size[at][:, None]  # row is within column
     dominated = inside & (prices[at][None] <= prices[at][:, None])
     np.fill_diagonal(dominated, False)
-    best: IntArray = at[~dominated.any(axis=1)]
+    best: IndexArray = at[~dominated.any(axis=1)]
     return best

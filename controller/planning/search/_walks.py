@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray
+from controller.arrays import BoolArray, FloatArray, IndexArray
 
-from ._problem import SAME_S, IntArray, Problem
+from ._problem import SAME_S, Problem
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,13 +23,13 @@ class Walks:
     left_out_s : the least that ways dropped for want of room could have cost altogether
     """
 
-    grips: IntArray
-    sets: IntArray
+    grips: IndexArray
+    sets: IndexArray
     cost_s: FloatArray
     left_out_s: float = np.inf
 
 
-def tails(problem: Problem, grips: IntArray, max_grips: int) -> FloatArray:
+def tails(problem: Problem, grips: IndexArray, max_grips: int) -> FloatArray:
     """Return the least cost of finishing from each grasp (n,) [s], through others if need be.
 
     Parameters
@@ -45,7 +45,7 @@ def tails(problem: Problem, grips: IntArray, max_grips: int) -> FloatArray:
     return tail
 
 
-def first_walks(problem: Problem, grips: IntArray) -> Walks:
+def first_walks(problem: Problem, grips: IndexArray) -> Walks:
     """Return the ways of one grip."""
     first = problem.first_s[grips]
     at = np.flatnonzero(np.isfinite(first))
@@ -119,17 +119,17 @@ def longer(
     return Walks(grips[kept], sets[kept], cost[kept], left_out)
 
 
-def _keys(sets: IntArray, last: IntArray, n: int) -> IntArray:
+def _keys(sets: IndexArray, last: IndexArray, n: int) -> IndexArray:
     """Return one number per set and last grip."""
     if (sets.shape[1] + 1) * np.log2(n + 1) >= 63:
         raise ValueError(f"{n} grips in ways of {sets.shape[1]}: more than can be numbered")
-    key: IntArray = last.astype(np.int64)
+    key: IndexArray = last.astype(np.int64)
     for k in range(sets.shape[1]):
         key = key * (n + 1) + sets[:, k]
     return key
 
 
-def showing_all(covered: BoolArray, sets: IntArray) -> BoolArray:
+def showing_all(covered: BoolArray, sets: IndexArray) -> BoolArray:
     """Return which sets (k, w) of grips show every element; covered is (n, m)."""
     n, m = covered.shape
     bits = np.packbits(np.concatenate([covered, np.zeros((1, m), dtype=bool)]), axis=1)

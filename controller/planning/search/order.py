@@ -12,9 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from controller.arrays import FloatArray
-
-from ._problem import IntArray
+from controller.arrays import FloatArray, IndexArray
 
 LegSeconds = Callable[[FloatArray, FloatArray], FloatArray]
 EXACT_STOPS = 12
@@ -74,7 +72,7 @@ def best_order(
 
 
 def exact_way(
-    first: FloatArray, legs: FloatArray, last: FloatArray, stop_of: IntArray
+    first: FloatArray, legs: FloatArray, last: FloatArray, stop_of: IndexArray
 ) -> list[int]:
     """Return configurations in order, one of each stop, of the least sum of legs.
 
@@ -108,7 +106,7 @@ def exact_way(
 
 
 def improved_way(
-    first: FloatArray, legs: FloatArray, last: FloatArray, stop_of: IntArray
+    first: FloatArray, legs: FloatArray, last: FloatArray, stop_of: IndexArray
 ) -> list[int]:
     """Return configurations in order, one of each stop, by improving several starts.
 
@@ -142,7 +140,7 @@ def improved_way(
     return best[1]
 
 
-def _nearest(begin: int, first: FloatArray, legs: FloatArray, stop_of: IntArray) -> list[int]:
+def _nearest(begin: int, first: FloatArray, legs: FloatArray, stop_of: IndexArray) -> list[int]:
     mine = np.flatnonzero(stop_of == begin)
     way = [int(mine[np.argmin(first[mine])])]
     open_ = stop_of != begin
@@ -153,12 +151,12 @@ def _nearest(begin: int, first: FloatArray, legs: FloatArray, stop_of: IntArray)
 
 
 def _with_configurations(
-    way: Sequence[int], first: FloatArray, legs: FloatArray, last: FloatArray, stop_of: IntArray
+    way: Sequence[int], first: FloatArray, legs: FloatArray, last: FloatArray, stop_of: IndexArray
 ) -> list[int]:
     """Keep the order of stops, choose the best configurations along it (Viterbi)."""
     own = [np.flatnonzero(stop_of == stop_of[k]) for k in way]
     cost = first[own[0]]
-    back: list[IntArray] = []
+    back: list[IndexArray] = []
     for a, b in pairwise(own):
         total = cost[:, None] + legs[np.ix_(a, b)]
         back.append(total.argmin(axis=0))
@@ -171,7 +169,7 @@ def _with_configurations(
     return chosen[::-1]
 
 
-def _moves(n: int) -> IntArray:
+def _moves(n: int) -> IndexArray:
     """Return (k, n) the orders one move away: a stretch turned round, or up to three moved."""
     plain = list(range(n))
     orders = [plain]
@@ -188,7 +186,7 @@ def _moves(n: int) -> IntArray:
 
 
 def _moved(
-    way: IntArray, first: FloatArray, legs: FloatArray, last: FloatArray, moves: IntArray
+    way: IndexArray, first: FloatArray, legs: FloatArray, last: FloatArray, moves: IndexArray
 ) -> tuple[list[int], float]:
     """Take the best move again and again until none helps."""
     seconds = np.inf
