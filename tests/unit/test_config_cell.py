@@ -200,7 +200,7 @@ def test_the_panel_stands_where_the_file_says(cell: Cell) -> None:
     # in order round it: neighbours share an edge
     edges = np.linalg.norm(corners - np.roll(corners, -1, axis=0), axis=1)
     assert sorted(edges) == pytest.approx([290, 290, 350, 350])
-    with pytest.raises(ValueError, match="no panel"):
+    with pytest.raises(ValueError, match="not a panel"):
         panel_corners(cell, "station_ring")
 
 
