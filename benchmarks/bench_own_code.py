@@ -24,8 +24,8 @@ PIECES = {
     "disk cache": ["controller/cache"],
     "YAML with lines": [
         "controller/yaml_text.py",
-        "controller/config/yaml_models.py",
-        "controller/cad/reading/_csg_text.py",
+        "controller/config/*yaml*.py",
+        "controller/cad/reading/*csg_text.py",
     ],
     "imaging": ["controller/imaging"],
     "calibration": ["controller/commissioning/calibration"],
@@ -37,8 +37,8 @@ PIECES = {
     "Robotiq driver": ["drivers/gripper_modbus"],
     "Modbus link": ["drivers/modbus_link"],
     "V4L2 capture": ["drivers/camera_v4l2"],
-    "shared clock": ["drivers/clock.py", "drivers/_shared_time.py", "emulators/clock.py"],
-    "FUSE server": ["emulators/camera_v4l2/_fuse.py", "emulators/camera_v4l2/_fuse_wire.py"],
+    "shared clock": ["drivers/clock.py", "drivers/*shared_time.py", "emulators/clock.py"],
+    "FUSE server": ["emulators/camera_v4l2/*fuse*.py"],
     "V4L2 device": ["emulators/camera_v4l2"],
     "Modbus servers": ["emulators/modbus"],
     "emulated world": ["emulators/world"],
@@ -51,7 +51,7 @@ LIBRARIES = (
     "pymodbus.server",
     "vtkmodules.vtkRenderingOpenGL2",
 )
-OWN_MODULES = ("drivers/camera_v4l2/abi.py",)
+OWN_MODULES = tuple(ROOT.glob("drivers/camera_v4l2/*abi.py"))
 PROBE = """
 import importlib.util, json, os, resource, sys, time
 name = sys.argv[1]
@@ -78,12 +78,14 @@ print(json.dumps({"import_ms": import_ms, "memory_mb": memory_mb, "disk_mb": siz
 """
 
 
-def count_lines(paths: list[str]) -> int:
-    files = [
-        file
-        for path in paths
-        for file in ([ROOT / path] if path.endswith(".py") else (ROOT / path).rglob("*.py"))
-    ]
+def count_lines(patterns: list[str]) -> int:
+    """Return the lines of all Python files that patterns name, or hold as folders."""
+    files = []
+    for pattern in patterns:
+        found = [*ROOT.glob(pattern if pattern.endswith(".py") else f"{pattern}/**/*.py")]
+        if not found:
+            raise FileNotFoundError(pattern)
+        files += found
     return sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files)
 
 
@@ -128,7 +130,7 @@ def main() -> int:
     args = parser.parse_args()
     lines = {name: count_lines(paths) for name, paths in PIECES.items()}
     imports = {name: measure_import(args.python, name) for name in LIBRARIES}
-    imports |= {name: measure_import(sys.executable, str(ROOT / name)) for name in OWN_MODULES}
+    imports |= {path.name: measure_import(sys.executable, str(path)) for path in OWN_MODULES}
     found = {"lines": lines, "imports": imports, "picture_ms": picture_ms()}
     if args.json:
         print(json.dumps({"own_code": found}))
