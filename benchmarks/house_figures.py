@@ -209,11 +209,11 @@ def _code_lines(source: Source, keep_names: bool) -> list[tuple[int, str]]:
             continue
         is_word = token.type == tokenize.NAME and (keep_names or token.string in keywords)
         by_line[line].append(token.string if is_word or token.type == tokenize.OP else "#")
-    # a line of brackets alone says nothing, and would make formatting look like repetition
+    # a line of brackets says nothing, one of literals is a row of a table; neither is repetition
     return [
         (n, " ".join(tokens))
         for n, tokens in sorted(by_line.items())
-        if any(t[0].isalnum() or t[0] in "#_" for t in tokens)
+        if any(t[0].isalpha() or t[0] == "_" or (t == "#" and not keep_names) for t in tokens)
     ]
 
 
