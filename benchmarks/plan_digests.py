@@ -1,10 +1,11 @@
 """Digests of the plans of the recipes: the same before and after a change that is to change none.
 
-python benchmarks/plan_digests.py [--recipes NAME...] [--json]
+python benchmarks/plan_digests.py [--recipes NAME...] [--numbers] [--json]
 
 Per recipe: what is prepared of its part, and the plan from every likely stable pose at two places
 of the drop area, each as a hash of every bit; with the CPU seconds they took. Run it on both
-states of the code and compare.
+states of the code and compare. `--numbers` leaves labels and reasons out: words may be put better
+while every pose and joint of a plan stays.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ import dataclasses
 import json
 import sys
 import time
+from collections.abc import Mapping
+from enum import Enum
 from pathlib import Path
 
 import numpy as np
@@ -45,20 +48,37 @@ OF_THE_PART = ("solid", "samples", "shape")  # what the planner is given; meshes
 PLACES = ((0.5, 0.5, 0.0), (0.83, 0.21, 2.0))
 
 
+def unworded(thing: object) -> object:
+    """Return a plan as nested tuples without its words, for a digest of its numbers."""
+    if dataclasses.is_dataclass(thing):
+        return tuple(unworded(getattr(thing, f.name)) for f in dataclasses.fields(thing))
+    if isinstance(thing, Mapping):
+        return tuple(unworded(value) for value in thing.values())
+    if isinstance(thing, tuple | list):
+        return tuple(unworded(item) for item in thing)
+    return "" if isinstance(thing, str | Enum) else thing
+
+
 def plan_digest(
-    part: PreparedPart, layout: CellLayout, pose: StablePose, place: tuple[float, float, float]
+    part: PreparedPart,
+    layout: CellLayout,
+    pose: StablePose,
+    place: tuple[float, float, float],
+    *,
+    numbers: bool,
 ) -> str:
     """Return the digest of one plan, or of the reason why there is none."""
     low, high = layout.set_down_mm.T
     x, y = low + np.array(place[:2]) * (high - low)
     T = resting_pose(part.solid, pose, float(x), float(y), place[2])
     try:
-        return digest(plan_from(part, layout, OnTable(pose.index, T)))
+        plan = plan_from(part, layout, OnTable(pose.index, T))
     except NoPlanError as error:
-        return f"none {digest(str(error))}"
+        return "none" if numbers else f"none {digest(str(error))}"
+    return digest(unworded(plan) if numbers else plan)
 
 
-def digests(name: str) -> dict[str, object]:
+def digests(name: str, *, numbers: bool = False) -> dict[str, object]:
     """Return the digests of one recipe's plans, and what they took."""
     recipe = load_recipe(ROOT / "recipes" / f"{name}.yaml")
     part = load_part(*part_files(recipe)[0])
@@ -67,16 +87,19 @@ def digests(name: str) -> dict[str, object]:
     prepared = prepare_part(part.solid, part.samples, setup.layout, setup.options)
     prepare_s = time.process_time() - begin
     tables = {f.name: getattr(prepared, f.name) for f in dataclasses.fields(prepared)}
+    known = {k: v for k, v in tables.items() if k not in OF_THE_PART}
     plans: dict[str, str] = {}
     begin = time.process_time()
     for pose in part.poses:
         if pose.rolling or pose.marginal or pose.probability < LIKELY:
             continue
         for k, place in enumerate(PLACES):
-            plans[f"pose {pose.index} place {k}"] = plan_digest(prepared, setup.layout, pose, place)
+            plans[f"pose {pose.index} place {k}"] = plan_digest(
+                prepared, setup.layout, pose, place, numbers=numbers
+            )
     return {
         "recipe": name,
-        "prepared": digest({k: v for k, v in tables.items() if k not in OF_THE_PART}),
+        "prepared": digest(unworded(known) if numbers else known),
         "plans": plans,
         "prepare_cpu_s": prepare_s,
         "plan_cpu_s": time.process_time() - begin,
@@ -88,11 +111,12 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--recipes", nargs="*", default=list(RECIPES), metavar="NAME")
+    parser.add_argument("--numbers", action="store_true", help="leave words out of the digests")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of the table")
     args = parser.parse_args()
     rows = []
     for name in args.recipes:
-        row = digests(name)
+        row = digests(name, numbers=args.numbers)
         rows.append(row)
         if not args.json:
             print(

@@ -189,7 +189,7 @@ def test_a_part_turned_into_itself_is_never_told_from_itself_and_that_is_said() 
     assert found.first is None
     assert found.worst_s == 0.0
     (pair,) = found.unsettled
-    assert "same shape in the same place" in pair.reason
+    assert "same shape in the same pose" in pair.reason
     assert found.separations.margins.max() < 1.0
 
 

@@ -115,7 +115,7 @@ def test_the_pictures_of_that_view_tell_which_it_is(plan: Plan, truth: int) -> N
 def test_what_no_grip_holds_both_ways_is_refused(left: PreparedPart) -> None:
     start = lying(left.solid, (0.0, 0.0, -1.0))
     large = make_solid(make_box(extents=(84.0, 84.0, 30.0)), "large", "5eed" * 16, "test")
-    with pytest.raises(NoPlanError, match="no grip from above holds whichever it is"):
+    with pytest.raises(NoPlanError, match="no grasp from above holds both"):
         plan_in_doubt(left, LAYOUT, start, [as_reading(left.solid, start, large)])
 
 
