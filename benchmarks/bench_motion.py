@@ -47,9 +47,9 @@ from controller.planning.motion import (  # noqa: E402
     inverse_rows,
     move_seconds,
     path_free,
-    tip_pose,
+    tcp_pose,
 )
-from controller.planning.transfers import pick_ways  # noqa: E402
+from controller.planning.regrasps import pick_paths  # noqa: E402
 from drivers.umi_scara import UmiTiming  # noqa: E402
 from drivers.umi_scara.kinematics import inverse_legal, within_limits  # noqa: E402
 
@@ -102,7 +102,7 @@ def bench_ik(layout: CellLayout, seed: int) -> list[Row]:
     down[:, 4] = -np.pi / 2
     rows = []
     for what, joints in (("any pose", q), ("straight down", down)):
-        T = tip_pose(layout, joints)
+        T = tcp_pose(layout, joints)
         T_arm = layout.arm.forward(joints)
         _, _, found = inverse_rows(layout, T)
         index, _, q_legal = inverse_legal(T_arm, layout.arm.geometry)
@@ -128,9 +128,9 @@ def bench_contacts(layout: CellLayout, parts: list[PreparedPart], seed: int) -> 
     for part in parts:
         shape = PartShape.of(part.solid)
         shape.model  # noqa: B018  -- builds the tree, once a part
-        grip = part.arm_grips[0]
-        T = inverse_pose(grip.T_part_hand)
-        boxes = Scene(layout, grip.opening_mm, layout.fixture_open_mm, part.carried_box(grip))
+        grasp = part.arm_grasps[0]
+        T = inverse_pose(grasp.T_part_tcp)
+        boxes = Scene(layout, grasp.opening_mm, layout.fixture_open_mm, part.carried_box(grasp))
         exact = replace(boxes, carried_mesh=PlacedShape(shape, T))
         q = legal_rows(np.random.default_rng(seed), 8000)
         undecided = boxes.contacts(q, 5.0) != exact.contacts(q, 5.0)
@@ -161,11 +161,11 @@ def asked_ways(
         return np.concatenate(rows) if rows else np.zeros((0, 6))
 
     def carrying(g: int) -> Scene:
-        grip = part.arm_grips[g]
-        mesh = PlacedShape(shape, inverse_pose(grip.T_part_hand))
-        return Scene(layout, grip.opening_mm, layout.fixture_open_mm, carried_mesh=mesh)
+        grasp = part.arm_grasps[g]
+        mesh = PlacedShape(shape, inverse_pose(grasp.T_part_tcp))
+        return Scene(layout, grasp.opening_mm, layout.fixture_open_mm, carried_mesh=mesh)
 
-    usable = [g for g in range(len(part.arm_grips)) if len(views(g)) > 1]
+    usable = [g for g in range(len(part.arm_grasps)) if len(views(g)) > 1]
     for _ in range(pairs):
         g = usable[rng.integers(len(usable))]
         a, b = rng.choice(len(views(g)), 2, replace=False)
@@ -175,14 +175,14 @@ def asked_ways(
         pose = resting[rng.integers(len(resting))]
         x, y, turn = rng.uniform(270, 450), rng.uniform(-100, 100), rng.uniform(-np.pi, np.pi)
         try:
-            ways = pick_ways(part, layout, resting_pose(part.solid, pose, x, y, turn))
+            paths = pick_paths(part, layout, resting_pose(part.solid, pose, x, y, turn))
         except NoPlanError:
             continue
-        ways = [w for w in ways if w.grip in usable]
-        for k in rng.permutation(len(ways))[:10]:
-            g = ways[k].grip
+        paths = [w for w in paths if w.grasp in usable]
+        for k in rng.permutation(len(paths))[:10]:
+            g = paths[k].grasp
             goal = views(g)[rng.integers(len(views(g)))]
-            asked.append(Asked("pick to view", carrying(g), ways[k].up[-1], goal))
+            asked.append(Asked("pick to view", carrying(g), paths[k].up[-1], goal))
     passing = [(g, h) for table in part.hand_offs for g, h in table.items() if g in usable]
     for k in rng.permutation(len(passing))[:pairs]:
         g, hand_off = passing[k]

@@ -145,7 +145,7 @@ class PartRow:
     prepare_s: float = float("nan")
     coarse_s: float = float("nan")
     coarse_covered: float = float("nan")
-    grips: tuple[int, int] = (0, 0)
+    grasps: tuple[int, int] = (0, 0)
     refusal: str = ""
     is_same: bool | None = None
     runs: list[Run] = field(default_factory=list)
@@ -163,7 +163,7 @@ def bench_part(
     except NoPlanError as error:
         row.refusal = str(error)
         return row
-    row.grips = len(prepared.arm_grips), len(prepared.fixture_grips)
+    row.grasps = len(prepared.arm_grasps), len(prepared.fixed_grasps)
     if args.fresh:
         again = prepare_part(part.solid, part.samples, layout, options)
         row.is_same = digest(again) == digest(prepared)
@@ -217,7 +217,7 @@ def _run(
             run.failure = str(error)
             return
     run.covered, run.reachable = plan.covered_fraction, plan.reachable_fraction
-    run.views, run.regrips = len(plan.presents), plan.regrip_count
+    run.views, run.regrips = len(plan.presents), plan.regrasp_count
     run.forecast_s = plan.forecast_s
     run.cost_s, run.gap = plan.proof.cost_s, plan.proof.gap
     run.left_out = sum(u.area_fraction for u in plan.unseen if u.kind.name == "LEFT_OUT")
@@ -227,7 +227,7 @@ def _run(
         run.is_same = digest(plan_from(prepared, layout, start)) == run.digest
     _replans(run, plan, prepared, layout, pose, other)
     if judge is not None:
-        verdict = judge.judge(plan, start, prepared.arm_grips)
+        verdict = judge.judge(plan, start, prepared.arm_grasps)
         run.verdict = told(verdict)
 
 
@@ -257,9 +257,9 @@ def _replans(
     until = next(k for k, s in enumerate(plan.steps) if s is last) + 1
     views = [s for s in plan.steps[:until] if isinstance(s, Present | Look)]
     seen = np.any([v.seen for v in views], axis=0)
-    grip = replace(last.grip, T_part_hand=_wrongly(last.grip.T_part_hand, run))
+    grasp = replace(last.grasp, T_part_tcp=_wrongly(last.grasp.T_part_tcp, run))
     dropped = OnTable(pose.index, resting_pose(prepared.solid, pose, *other))
-    for start in (InArm(grip, last.q), dropped):
+    for start in (InArm(grasp, last.q), dropped):
         try:
             anew, seconds = timed(
                 lambda start=start: plan_from(prepared, layout, start, seen=seen)  # type: ignore[misc]
@@ -279,13 +279,13 @@ def _replans(
             run.replan_failures.append(f"{len(again)} views show nothing that was not seen before")
 
 
-def _wrongly(T_part_hand: Array, run: Run) -> Array:
+def _wrongly(T_part_tcp: Array, run: Run) -> Array:
     """Return the grip a millimetre and two degrees off, in directions of the run's own."""
     rng = np.random.default_rng([run.pose, int(run.place[0])])
     axis, shift = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
     c, s = np.cos(WRONG_RAD), np.sin(WRONG_RAD)
     across = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    out = T_part_hand.copy()
+    out = T_part_tcp.copy()
     out[:3, :3] = out[:3, :3] @ (np.eye(3) + s * across + (1 - c) * across @ across)
     out[:3, 3] += WRONG_MM * shift
     return out
@@ -404,8 +404,8 @@ def main() -> int:
         row = bench_part(name, read_part(file), layout, args)
         rows.append(row)
         print(
-            f"{name}: {row.triangles} triangles, {row.samples} samples, {row.grips[0]} + "
-            f"{row.grips[1]} grips, prepared in {row.prepare_s:.1f} s; coarse plan in "
+            f"{name}: {row.triangles} triangles, {row.samples} samples, {row.grasps[0]} + "
+            f"{row.grasps[1]} grips, prepared in {row.prepare_s:.1f} s; coarse plan in "
             f"{row.coarse_s:.1f} s shows {100 * row.coarse_covered:.1f} %{row.refusal}",
             flush=True,
         )

@@ -54,12 +54,12 @@ def show(c: compute.Context, plan: Plan, station: Station, seed: int) -> list[Vi
     held = Held(c.solid, c.samples, PosedPart(c.solid, c.caster))
     limits = compute.inspection_limits(c.recipe)
     results: list[ViewResult] = []
-    grip, known, true, is_seen = None, np.eye(4), np.eye(4), False
+    grasp, known, true, is_seen = None, np.eye(4), np.eye(4), False
     for number, step in enumerate(s for s in plan.steps if isinstance(s, Present)):
-        if grip is None or not np.allclose(step.grip.T_part_hand, grip):
-            grip, is_seen = step.grip.T_part_hand, False
+        if grasp is None or not np.allclose(step.grasp.T_part_tcp, grasp):
+            grasp, is_seen = step.grasp.T_part_tcp, False
             slip = disturbed(np.eye(4), c.solid.centroid_mm, HOLD_MM, HOLD_DEG, rng)
-            known, true = grip, inverse_pose(slip) @ grip
+            known, true = grasp, inverse_pose(slip) @ grasp
         T_true = shown_pose(c.layout, step.q, true)
         T_true = disturbed(T_true, c.layout.station_mm, VIEW_MM, VIEW_DEG, rng)
         joints = JointValues(*step.q[:3], *step.q[3:])

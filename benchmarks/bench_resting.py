@@ -145,14 +145,14 @@ def processor_s(run: Callable[[], Any]) -> float:
 def differences(resting: Resting, transforms: np.ndarray, odds: np.ndarray) -> list[str]:
     """Return where the likely facets of both differ, in words."""
     theirs = [(-T[2, :3], p) for T, p in zip(transforms, odds, strict=True) if p > LIKELY]
-    ours = resting.facet_odds > LIKELY
+    ours = resting.facet_probabilities > LIKELY
     found = []
     for down, p in theirs:
         same = resting.facet_downs @ -down * -1 > 1 - 1e-6
-        mine = float(resting.facet_odds[same].sum())
+        mine = float(resting.facet_probabilities[same].sum())
         if abs(mine - p) > SAME_ODDS:
             found.append(f"{np.round(down, 3)}: trimesh {p:.5f}, ours {mine:.5f}")
-    for down, p in zip(resting.facet_downs[ours], resting.facet_odds[ours], strict=True):
+    for down, p in zip(resting.facet_downs[ours], resting.facet_probabilities[ours], strict=True):
         if not any(down @ other > 1 - 1e-6 for other, _ in theirs) and p > LIKELY + SAME_ODDS:
             found.append(f"{np.round(down, 3)}: ours alone {p:.5f}")
     return found

@@ -42,9 +42,9 @@ PARTS = ROOT.parent / "shared" / "parts"
 ALL_PARTS = ("featuretype", "flange_xy", "holder", "angle_block")
 SHAPES: dict[str, dict[str, Any]] = {
     "80 grips, 1500 samples": {},
-    "160 grips, 3000 samples": {"grips": 160, "samples": 3000},
-    "120 grips, steep views hidden": {"grips": 120, "samples": 2500, "least_cos": 0.7},
-    "120 grips, every hop possible": {"grips": 120, "no_hop": 0.0},
+    "160 grips, 3000 samples": {"grasps": 160, "samples": 3000},
+    "120 grips, steep views hidden": {"grasps": 120, "samples": 2500, "least_cos": 0.7},
+    "120 grips, every hop possible": {"grasps": 120, "no_hop": 0.0},
 }
 SHOWN = (
     *("grips", "elements", "solve_s", "cost_s", "proven", "held_in_turn", "views", "covers"),
@@ -74,14 +74,14 @@ def behind(
 
 def random_problem(
     seed: int,
-    grips: int = 80,
+    grasps: int = 80,
     views: int = 200,
     samples: int = 1500,
     least_cos: float = 0.5,
     no_hop: float = 0.6,
 ) -> Problem:
     """A body of ten faces with lumps; each hand shows twice, with its flange on either side."""
-    rng = np.random.default_rng([seed, grips, samples])
+    rng = np.random.default_rng([seed, grasps, samples])
     directions = sphere(views)
     normals = sphere(10) + rng.normal(0.0, 0.2, (10, 3))
     normals /= np.linalg.norm(normals, axis=1)[:, None]
@@ -91,7 +91,7 @@ def random_problem(
     for _ in range(6):
         visible &= ~behind(points, directions, rng.normal(0.0, 25.0, 3), rng.uniform(4.0, 10.0))
     left, hands = [], []
-    for _ in range(grips // 2):
+    for _ in range(grasps // 2):
         approach = rng.normal(size=3)
         approach /= np.linalg.norm(approach)
         jaw = np.cross(approach, rng.normal(size=3))
@@ -105,7 +105,7 @@ def random_problem(
         left.append(np.ascontiguousarray((visible & ~hidden).T))
         hands.append(np.cross(approach, jaw))
     shows = []
-    for g in range(grips):
+    for g in range(grasps):
         table, up = left[g % len(left)], hands[g % len(left)] * (1 if g < len(left) else -1)
         reached = (directions @ up > -0.75) & (rng.random(views) > 0.05)
         shows.append(table[reached & (table.mean(axis=1) > 0.002)])
@@ -119,9 +119,9 @@ def random_problem(
         shows=tuple(shows),
         weights=np.full(samples, 1.0 / samples),
         view_s=tuple(np.full(len(s), VIEW_S) for s in shows),
-        first_s=price(grips, 6.0, 12.0, 0.5),
-        hop_s=price((grips, grips), 8.0, 16.0, no_hop),
-        last_s=price(grips, 4.0, 9.0, 0.4),
+        first_s=price(grasps, 6.0, 12.0, 0.5),
+        regrasp_s=price((grasps, grasps), 8.0, 16.0, no_hop),
+        last_s=price(grasps, 4.0, 9.0, 0.4),
         seen=np.zeros(samples, dtype=bool),
     )
 
@@ -176,13 +176,13 @@ def row(label: str, problem: Problem) -> dict[str, Any] | None:
         return None
     quick, greedy_s = timed(lambda: greedy(problem))
     coarse, coarse_s = timed(lambda: solve(problem, effort=COARSE))
-    hops = list(zip(best.grips[:-1], best.grips[1:], strict=True))[:1]
-    views = [(g, v[0]) for g, v in zip(best.grips, best.views, strict=True) if v][:1]
-    less = refuted(problem, hops=hops, views=views)
+    regrasps = list(zip(best.grasps[:-1], best.grasps[1:], strict=True))[:1]
+    views = [(g, v[0]) for g, v in zip(best.grasps, best.views, strict=True) if v][:1]
+    less = refuted(problem, regrasps=regrasps, views=views)
     again, again_s = timed(lambda: solve(less, incumbent=best))
     return {
         "problem": label,
-        "grips": problem.grip_count,
+        "grips": problem.grasp_count,
         "views_each": round(float(np.mean([len(s) for s in problem.shows])), 1),
         "elements": len(problem.weights),
         "solve_s": round(full_s, 3),
@@ -190,7 +190,7 @@ def row(label: str, problem: Problem) -> dict[str, Any] | None:
         "gap": round(best.gap, 5),
         "proven": best.is_optimal,
         "complete": best.is_complete,
-        "held_in_turn": len(best.grips),
+        "held_in_turn": len(best.grasps),
         "views": best.view_count,
         "covers": best.covers_count,
         "greedy_s": round(greedy_s, 3),

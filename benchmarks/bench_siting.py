@@ -57,7 +57,7 @@ def row_of(score: SiteScore) -> dict[str, Any]:
             return value
         return round(value, 4) if math.isfinite(value) else None
 
-    T = score.site.T_world_fixture
+    T = score.site.T_world_fixed_tcp
     return {
         "station_mm": [round(float(v), 1) for v in score.site.station_mm],
         "looks_along": [round(float(v), 4) for v in score.site.looks_along],
@@ -87,7 +87,7 @@ def print_score(title: str, score: SiteScore) -> None:
             f"  {p.name:13} {100 * p.shown:5.1f}  {100 * p.shown_worst:5.1f}  "
             f"{100 * p.joints_allow:5.1f}   {100 * p.showable:5.1f}  {100 * p.views_share:5.1f}   "
             f"{100 * p.partners_share:5.1f} {100 * p.hand_offs_share:5.1f} "
-            f"{100 * p.picks_share:5.1f}  {p.view_s:6.1f} {p.regrip_s:6.1f}"
+            f"{100 * p.picks_share:5.1f}  {p.view_s:6.1f} {p.regrasp_s:6.1f}"
         )
 
 

@@ -25,7 +25,7 @@ from planning_cell import PARTS, emulated_layout  # noqa: E402  (path set above)
 
 from controller.cad import Solid, SurfaceSamples, load_solid, sample_surface  # noqa: E402
 from controller.imaging import RayCaster, inverse_pose  # noqa: E402
-from controller.planning import Box, CellLayout, Grip  # noqa: E402
+from controller.planning import Box, CellLayout, Grasp  # noqa: E402
 from controller.planning.motion import Scene  # noqa: E402
 from controller.planning.views import (  # noqa: E402
     SightRules,
@@ -44,10 +44,10 @@ SPINS_N = 8
 
 def opposed_grips(
     solid: Solid, samples: SurfaceSamples, caster: RayCaster, widest_mm: float, count: int
-) -> list[Grip]:
+) -> list[Grasp]:
     """Return hands that close on opposed points of the surface."""
     rng = np.random.default_rng(4)
-    grips: list[Grip] = []
+    grasps: list[Grasp] = []
     for k in rng.permutation(len(samples.points_mm)):
         p, n = samples.points_mm[k], samples.normals[k]
         triangle, gap = caster.first_hit((p - 0.05 * n)[None], -n[None])
@@ -62,13 +62,13 @@ def opposed_grips(
         T = np.eye(4)
         T[:3, :3] = np.column_stack([x, n, np.cross(x, n)])
         T[:3, 3] = p - n * gap[0] / 2 + 10.0 * x
-        grips.append(Grip(f"B{k}", T, float(gap[0]), float(gap[0]) + 10.0, 50.0, 0.2, 0.8, "arm"))
-        if len(grips) == count:
+        grasps.append(Grasp(f"B{k}", T, float(gap[0]), float(gap[0]) + 10.0, 50.0, 0.2, 0.8, "arm"))
+        if len(grasps) == count:
             break
-    return grips
+    return grasps
 
 
-def bench(path: Path, layout: CellLayout, grips_n: int, directions_n: int) -> dict[str, Any]:
+def bench(path: Path, layout: CellLayout, grasp_count: int, directions_n: int) -> dict[str, Any]:
     """Return one part's figures."""
     clock = time.process_time
     solid = load_solid(path)
@@ -79,10 +79,10 @@ def bench(path: Path, layout: CellLayout, grips_n: int, directions_n: int) -> di
     base = candidate_directions(solid, directions_n)
     plain = visible_from(solid, samples, caster, base.vectors, rules)
     at.append(clock())
-    lookout = look_out(solid, samples, caster, rules, directions_n)
+    visibility_table = look_out(solid, samples, caster, rules, directions_n)
     at.append(clock())
-    grips = opposed_grips(solid, samples, caster, layout.hand.max_mm, grips_n)
-    vectors, visible = lookout.directions.vectors, lookout.visible
+    grasps = opposed_grips(solid, samples, caster, layout.hand.max_mm, grasp_count)
+    vectors, visible = visibility_table.directions.vectors, visibility_table.visible
     at.append(clock())
     left = [
         visible
@@ -92,10 +92,10 @@ def bench(path: Path, layout: CellLayout, grips_n: int, directions_n: int) -> di
             visible,
             vectors,
             rules.distance_mm,
-            g.T_part_hand,
+            g.T_part_tcp,
             holding_boxes(layout.hand, g),
         )
-        for g in grips
+        for g in grasps
     ]
     at.append(clock())
     showing = hold_up(solid, samples, layout, vectors)
@@ -103,11 +103,11 @@ def bench(path: Path, layout: CellLayout, grips_n: int, directions_n: int) -> di
     low, high = solid.mesh.bounds
     part_box = Box.from_bounds(low[0], high[0], low[1], high[1], low[2], high[2])
     found = []
-    for g, shown in zip(grips, left, strict=True):
-        carried = part_box.placed(inverse_pose(g.T_part_hand))
+    for g, shown in zip(grasps, left, strict=True):
+        carried = part_box.placed(inverse_pose(g.T_part_tcp))
         scene = Scene(layout, g.opening_mm, layout.fixture_open_mm, carried)
         found.append(
-            reachable_views(layout, scene, samples, showing, shown, g.T_part_hand, layout.park_q)
+            reachable_views(layout, scene, samples, showing, shown, g.T_part_tcp, layout.park_q)
         )
     at.append(clock())
     spent = np.diff(at)
@@ -122,7 +122,7 @@ def bench(path: Path, layout: CellLayout, grips_n: int, directions_n: int) -> di
         "part": path.stem,
         "triangles": len(solid.mesh.faces),
         "samples": len(samples.points_mm),
-        "grips": len(grips),
+        "grips": len(grasps),
         "directions": [len(base.vectors), len(vectors)],
         "never_shown": [int((~plain.any(axis=0)).sum()), int((~visible.any(axis=0)).sum())],
         "visible_per_direction": round(float(visible.sum(axis=1).mean()), 1),
@@ -131,7 +131,7 @@ def bench(path: Path, layout: CellLayout, grips_n: int, directions_n: int) -> di
         "hand_s": round(spent[3], 3),
         "hold_up_s": round(spent[4], 3),
         "reach_s": round(spent[5], 3),
-        "views_per_grip": round(views / max(1, len(grips)), 1),
+        "views_per_grip": round(views / max(1, len(grasps)), 1),
         "q_per_view": round(sum(len(q) for f in found for q in f.q.values()) / max(1, views), 2),
         "arm_hides_in": round(len(hidden) / max(1, views), 4),
         "of_which_lost": round(float(np.mean(hidden)), 3) if hidden else 0.0,
@@ -147,7 +147,7 @@ def main() -> int:
     args = parser.parse_args()
     layout = emulated_layout()
     for path in args.files or sorted(PARTS.glob("*.stl")):
-        row = bench(path, layout, args.grips, args.directions)
+        row = bench(path, layout, args.grasps, args.directions)
         if args.json:
             print(json.dumps(row))
             continue

@@ -35,7 +35,7 @@ class Arm:
 
     def __init__(self) -> None:
         self.at = JointValues(shoulder_rad=1.4, pitch_rad=-math.pi / 2)
-        self.grip_limit_mm: float | None = None
+        self.grasp_limit_mm: float | None = None
 
     def advance(self, dt_s: float) -> None:
         """Nothing: the benchmark moves it."""
@@ -48,7 +48,7 @@ class Jaws:
     """Jaws that stand still."""
 
     def __init__(self) -> None:
-        self.opening_mm, self.grip_limit_mm = 85.0, None
+        self.opening_mm, self.grasp_limit_mm = 85.0, None
 
     def advance(self, dt_s: float) -> None:
         """Nothing."""
@@ -97,7 +97,7 @@ def bench_steps(name: str) -> dict[str, float]:
     world.advance(STEP_S)
 
     def close(_: int) -> None:
-        limit = arm.grip_limit_mm or 0.0
+        limit = arm.grasp_limit_mm or 0.0
         arm.at = replace(arm.at, jaw_opening_mm=max(limit, arm.at.jaw_opening_mm - 0.3))
 
     result["jaws_close"] = per_step_us(world, 150, close, 1)

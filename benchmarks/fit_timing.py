@@ -28,7 +28,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "cross"), str(ROOT / "tests" / "
 from planning_cell import emulated_layout  # noqa: E402  (path set above)
 from umi_bench import EMULATED, ArmBench, arm_bench  # noqa: E402
 
-from controller.planning.motion import leg_tube  # noqa: E402
+from controller.planning.motion import segment_tube  # noqa: E402
 from drivers.umi_scara import Axis, UmiTiming, kinematics  # noqa: E402
 
 Floats = NDArray[np.float64]
@@ -171,7 +171,7 @@ def tube_row(timing: UmiTiming, moves: Sequence[Move]) -> Move:
     layout = replace(layout, arm=replace(layout.arm, timing=timing))
     at = np.linspace(0.0, 1.0, 101)
     tube = np.array(
-        [leg_tube(layout, np.array(m["from"]), np.array(m["to"]), at).max() for m in moves]
+        [segment_tube(layout, np.array(m["from"]), np.array(m["to"]), at).max() for m in moves]
     )
     tip = np.array([m["tip_mm"] for m in moves])
     skew = np.array([m["skew_s"] for m in moves])

@@ -104,7 +104,7 @@ def _facing(direction: Array) -> Array:
     return np.stack([right, -direction, up])
 
 
-def grips(solid: Solid) -> list[tuple[Array, float]]:
+def grasps(solid: Solid) -> list[tuple[Array, float]]:
     """Return two grips as T_part_tip with their openings: fingers across the two least extents."""
     low, high = solid.mesh.bounds
     size, middle = high - low, 0.5 * (low + high)
@@ -143,17 +143,17 @@ class Station:
     def shoot(
         self,
         T: Array,
-        T_tip: Array,
+        T_tcp: Array,
         opening_mm: float,
         lamps: tuple[str, ...],
         seed: int,
         links: Mapping[str, Array] = MappingProxyType({}),
     ) -> ViewPictures:
         """Return the pictures of a part at a pose, in a hand at a pose, with links of the arm."""
-        poses = {"part 0": T, "tip": T_tip, **links}
+        poses = {"part 0": T, "tip": T_tcp, **links}
         for sign, name in ((1.0, "arm finger +"), (-1.0, "arm finger -")):
-            finger = T_tip.copy()
-            finger[:3, 3] += sign * 0.5 * opening_mm * T_tip[:3, 1]
+            finger = T_tcp.copy()
+            finger[:3, 3] += sign * 0.5 * opening_mm * T_tcp[:3, 1]
             poses[name] = finger
 
         def one(lamp: str, number: int) -> NDArray[np.uint8]:
@@ -182,7 +182,7 @@ class Station:
         self,
         view_id: str,
         T: Array,
-        T_tip: Array,
+        T_tcp: Array,
         opening_mm: float,
         lamps: tuple[str, ...],
         limits: Limits,
@@ -192,7 +192,7 @@ class Station:
         hand = self.layout.hand
         boxes = [*hand.body, *hand.fingers(opening_mm)]
         holder = tuple(
-            WorldBox(box.T, np.asarray(box.half_mm)) for box in (b.placed(T_tip) for b in boxes)
+            WorldBox(box.T, np.asarray(box.half_mm)) for box in (b.placed(T_tcp) for b in boxes)
         )
         return ViewTask(
             view_id=view_id,
@@ -216,7 +216,7 @@ def judged_views(
     """
     rng = np.random.default_rng(seed)
     solid = nominal.solid
-    held = grips(solid)
+    held = grasps(solid)
     every = list(looks())[:view_count]
     centre = solid.centroid_mm
     station_mm = station.layout.station_mm
@@ -226,20 +226,20 @@ def judged_views(
     for number, (R, is_square) in enumerate(every):
         # the hand comes from where it hides least
         towards = np.array([0.0, -1.0, 0.0]) @ R
-        which = int(np.argmin([-(towards @ grip[0][:3, 0]) for grip in held]))
+        which = int(np.argmin([-(towards @ grasp[0][:3, 0]) for grasp in held]))
         if which != last:
             slip = disturbed(np.eye(4), centre, HOLD_MM, HOLD_DEG, rng)
             known, is_seen, last = np.eye(4), False, which
-        T_part_tip, opening = held[which]
+        T_part_tcp, opening = held[which]
         T = np.eye(4)
         tilt = rotation(rng.normal(size=3), np.radians(rng.uniform(1.0, 6.0)))
         T[:3, :3] = tilt @ R
         T[:3, 3] = station_mm - T[:3, :3] @ centre
-        T_tip = T @ T_part_tip
+        T_tcp = T @ T_part_tcp
         T_true = disturbed(T @ slip, station_mm, VIEW_MM, VIEW_DEG, rng)
         lamps = STATION_LAMPS if is_square else STATION_LAMPS[:1]
-        pictures = station.shoot(T_true, T_tip, opening, lamps, 100 * seed + number)
-        task = station.task(f"v{number:02d}", T @ known, T_tip, opening, lamps, limits, is_seen)
+        pictures = station.shoot(T_true, T_tcp, opening, lamps, 100 * seed + number)
+        task = station.task(f"v{number:02d}", T @ known, T_tcp, opening, lamps, limits, is_seen)
         result = inspect_view(nominal.part, nominal.samples, task, pictures)
         # a pose that a lit picture speaks against is no measured hold
         if result.evaluated and not result.failures:

@@ -27,7 +27,7 @@ from planning_sight import Seen, SightRules, box_triangles, in_sight  # noqa: E4
 from controller.cad import Solid, SurfaceSamples  # noqa: E402
 from controller.planning import (  # noqa: E402
     CellLayout,
-    Grip,
+    Grasp,
     Jaw,
     Look,
     Plan,
@@ -119,14 +119,14 @@ class Judge:
         self,
         plan: Plan,
         start: Start | Array,
-        grips: Sequence[Grip] = (),
+        grasps: Sequence[Grasp] = (),
         seen_before: Mask | None = None,
     ) -> Verdict:
         """Return what is true of a plan.
 
         Parameters
         ----------
-        grips : of the arm that the planner had; without any, nothing is searched for
+        grasps : of the arm that the planner had; without any, nothing is searched for
         seen_before : (n,) samples inspected before the plan began
         """
         began = time.process_time()
@@ -165,9 +165,9 @@ class Judge:
         named = sum(u.area_fraction for u in plan.unseen)
         if abs(missing - named) > 5e-3:
             verdict.trouble.append(f"{missing:.4f} is unseen, reasons are given for {named:.4f}")
-        if grips:
-            self._look_for(plan, ~claimed, grips, verdict)
-        verdict.floor_regrips = self._floor(walk.moments, truly, grips or plan.grips)
+        if grasps:
+            self._look_for(plan, ~claimed, grasps, verdict)
+        verdict.floor_regrips = self._floor(walk.moments, truly, grasps or plan.grasps)
         verdict.cpu_s = time.process_time() - began
         return verdict
 
@@ -194,11 +194,13 @@ class Judge:
             said,
         )
 
-    def _look_for(self, plan: Plan, unseen: Mask, grips: Sequence[Grip], verdict: Verdict) -> None:
+    def _look_for(
+        self, plan: Plan, unseen: Mask, grasps: Sequence[Grasp], verdict: Verdict
+    ) -> None:
         """Search for views of unseen samples, face by face, and hold the reasons against it."""
         faces = self.samples.face_ids
         chosen = _spread(np.flatnonzero(unseen), faces)
-        classes, verdict.evidence = self.search.classify(chosen.tolist(), grips)
+        classes, verdict.evidence = self.search.classify(chosen.tolist(), grasps)
         said: dict[int, Reason] = {k: u.kind for u in plan.unseen for k in u.samples}
         found: dict[tuple[int, Reason | None, Class], float] = {}
         for k, what in zip(chosen.tolist(), classes, strict=True):
@@ -222,24 +224,24 @@ class Judge:
                 f"is said to be out of sight for {kind.value}, the search finds it {what.value}"
             )
 
-    def _floor(self, moments: Sequence[Moment], covered: Mask, grips: Sequence[Grip]) -> int:
+    def _floor(self, moments: Sequence[Moment], covered: Mask, grasps: Sequence[Grasp]) -> int:
         """Return 1 where opaque pads make one regrasp unavoidable (planning-facts.md 0.3)."""
         above = np.zeros(len(covered), dtype=bool)
         for m in moments:
             if isinstance(m.step, Look):
                 above |= np.asarray(m.step.seen)
         wanted = covered & ~above
-        held = [g for g in grips if g.holder == "arm"]
+        held = [g for g in grasps if g.holder == "arm"]
         return int(all((wanted & self.under_pads(g, self.layout.hand)).any() for g in held))
 
-    def under_pads(self, grip: Grip, jaw: Jaw) -> Mask:
+    def under_pads(self, grasp: Grasp, jaw: Jaw) -> Mask:
         """Tell which samples lie under the pads, a millimetre inside their outline (n,)."""
-        T = np.linalg.inv(grip.T_part_hand)
+        T = np.linalg.inv(grasp.T_part_tcp)
         at = self.samples.points_mm @ T[:3, :3].T + T[:3, 3]
-        facing = np.abs(self.samples.normals @ grip.T_part_hand[:3, 1]) > 0.9
+        facing = np.abs(self.samples.normals @ grasp.T_part_tcp[:3, 1]) > 0.9
         under = (at[:, 0] < -1) & (at[:, 0] > 1 - jaw.pad_length_mm) & facing
         under &= np.abs(at[:, 2]) < jaw.finger_width_mm / 2 - 1
-        return np.asarray(under & (np.abs(np.abs(at[:, 1]) - grip.opening_mm / 2) < 0.3))
+        return np.asarray(under & (np.abs(np.abs(at[:, 1]) - grasp.opening_mm / 2) < 0.3))
 
 
 def _spread(rows: NDArray[np.int64], faces: NDArray[np.int32]) -> NDArray[np.int64]:

@@ -30,7 +30,7 @@ from planning_sight import (  # noqa: E402
 )
 
 from controller.cad import Solid, SurfaceSamples  # noqa: E402
-from controller.planning import CellLayout, Grip  # noqa: E402
+from controller.planning import CellLayout, Grasp  # noqa: E402
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -88,18 +88,18 @@ class Showable:
         self.far = float(np.linalg.norm(self.eye - self.layout.station_mm))
 
     def classify(
-        self, chosen: Sequence[int], grips: Sequence[Grip]
+        self, chosen: Sequence[int], grasps: Sequence[Grasp]
     ) -> tuple[list[Class], list[Evidence]]:
         """Return what stands between each chosen sample and the camera, and views that show it."""
         rows = np.asarray(chosen, dtype=np.int64)
         if len(rows) == 0:
             return [], []
         bare = self._bare(rows)
-        left = np.stack([self._left_by(g, rows, bare) for g in grips])  # grip, direction, sample
+        left = np.stack([self._left_by(g, rows, bare) for g in grasps])  # grip, direction, sample
         result = np.full(len(rows), Class.HIDDEN, dtype=object)
         result[bare.any(axis=0)] = Class.FINGERS
         result[left.any(axis=(0, 1))] = Class.REACH
-        evidence, is_whole = self._reach(rows, left, grips)
+        evidence, is_whole = self._reach(rows, left, grasps)
         for found in evidence:
             result[rows == found.sample] = Class.SHOWABLE
         if not is_whole:
@@ -124,17 +124,17 @@ class Showable:
                 self.bare[int(r)] = shown[:, k]
         return np.stack([self.bare[int(r)] for r in rows], axis=1)
 
-    def _left_by(self, grip: Grip, rows: NDArray[np.int64], bare: Mask) -> Mask:
+    def _left_by(self, grasp: Grasp, rows: NDArray[np.int64], bare: Mask) -> Mask:
         """Return which of these the hand leaves in sight, its shadow's rim taken off (d, k)."""
         left = bare.copy()
         direction, sample = np.nonzero(bare)
-        T = np.linalg.inv(grip.T_part_hand)
+        T = np.linalg.inv(grasp.T_part_tcp)
         points = self.samples.points_mm[rows] @ T[:3, :3].T + T[:3, 3]
         eyes = self.solid.centroid_mm + self.far * self.directions
         eyes = eyes @ T[:3, :3].T + T[:3, 3]
         start, step = points[sample], eyes[direction] - points[sample]
         step = np.where(np.abs(step) < 1e-12, 1e-12, step)
-        for T_box, half in self._hand_boxes(grip):
+        for T_box, half in self._hand_boxes(grasp):
             R, t = T_box[:3, :3], T_box[:3, 3]
             a, d = (start - t) @ R, step @ R
             d = np.where(np.abs(d) < 1e-12, 1e-12, d)
@@ -146,13 +146,13 @@ class Showable:
             left[direction[hit], sample[hit]] = False
         return left
 
-    def _hand_boxes(self, grip: Grip) -> list[tuple[Array, Array]]:
+    def _hand_boxes(self, grasp: Grasp) -> list[tuple[Array, Array]]:
         jaw = self.layout.hand
-        gap = grip.opening_mm - (2 * jaw.finger_thickness_mm if grip.is_inner else 0.0)
+        gap = grasp.opening_mm - (2 * jaw.finger_thickness_mm if grasp.is_inner else 0.0)
         return [*((b.T, b.half_mm) for b in jaw.body), *finger_boxes(jaw, gap)]
 
     def _reach(
-        self, rows: NDArray[np.int64], left: Mask, grips: Sequence[Grip]
+        self, rows: NDArray[np.int64], left: Mask, grasps: Sequence[Grasp]
     ) -> tuple[list[Evidence], bool]:
         """Return views that show samples, and whether all there are have been tried."""
         todo = left.any(axis=(0, 1))
@@ -168,15 +168,15 @@ class Showable:
             if views == MOST_VIEWS:
                 return found, False
             views += 1
-            for k, q in self._try(grips[g], self.directions[d], rows, left[g, d] & todo):
-                found.append(Evidence(int(rows[k]), grips[g].id, self.directions[d], q))
+            for k, q in self._try(grasps[g], self.directions[d], rows, left[g, d] & todo):
+                found.append(Evidence(int(rows[k]), grasps[g].id, self.directions[d], q))
                 todo[k] = False
             if not todo.any():
                 break
         return found, True
 
     def _try(
-        self, grip: Grip, direction: Array, rows: NDArray[np.int64], wanted: Mask
+        self, grasp: Grasp, direction: Array, rows: NDArray[np.int64], wanted: Mask
     ) -> list[tuple[int, Array]]:
         """Return which wanted samples a grip truly shows in a direction, and the joints."""
         T_part = self.poses(direction)
@@ -186,7 +186,7 @@ class Showable:
         size = np.array(self.layout.inspection.size_px, float)
         inset = np.minimum(pixels, size - 1 - pixels).min(axis=1).reshape(len(T_part), -1)
         fit = (inset >= BORDER_PX).any(axis=1)
-        index, q = joints_for(self.layout, T_part[fit] @ grip.T_part_hand)
+        index, q = joints_for(self.layout, T_part[fit] @ grasp.T_part_tcp)
         if len(index) == 0:
             return []
         # few, and unlike each other: each roll's first before any roll's second
@@ -196,7 +196,7 @@ class Showable:
         jaw = self.layout.fixture
         free = self.checker.free(
             q,
-            grip.opening_mm,
+            grasp.opening_mm,
             0.0 if jaw is None else jaw.max_mm,
             T,
             ("arm",),
@@ -205,7 +205,7 @@ class Showable:
         todo = np.flatnonzero(wanted)
         got: list[tuple[int, Array]] = []
         for k in np.flatnonzero(free):
-            ok = self.truly(q[k], T[k], grip, rows[todo])
+            ok = self.truly(q[k], T[k], grasp, rows[todo])
             got += [(int(s), q[k]) for s in todo[ok]]
             todo = todo[~ok]
             if len(todo) == 0:
@@ -227,14 +227,14 @@ class Showable:
             T[r, :3, 3] = self.layout.station_mm - T[r, :3, :3] @ self.solid.centroid_mm
         return T
 
-    def truly(self, q: Array, T_world_part: Array, grip: Grip, rows: NDArray[np.int64]) -> Mask:
+    def truly(self, q: Array, T_world_part: Array, grasp: Grasp, rows: NDArray[np.int64]) -> Mask:
         """Tell which samples the camera sees with the arm at `q`, every margin kept."""
         R, t = T_world_part[:3, :3], T_world_part[:3, 3]
         points = self.samples.points_mm[rows] @ R.T + t
         normals = self.samples.normals[rows] @ R.T
         tip = frames(self.layout, q)["tip"]
         jaw = self.layout.fixture
-        hand = [box_triangles(tip @ T, h + SHADOW_MM) for T, h in self._hand_boxes(grip)]
+        hand = [box_triangles(tip @ T, h + SHADOW_MM) for T, h in self._hand_boxes(grasp)]
         world = self.world(q, 0.0 if jaw is None else jaw.max_mm)
         part = self.triangles @ R.T + t
         occluders = np.vstack([part, *hand, *world])

@@ -20,7 +20,7 @@ from controller.cell.dispatcher import Outcome
 from controller.cell.journal import Journal, read_rows
 from controller.cell.records import PartRecord, Progress
 from controller.cell.recovery import PartFault
-from controller.planning import Pick, TakeBack, resting_pose
+from controller.planning import Pick, ReceiveStep, resting_pose
 from controller.setup.layout import build_layout
 from drivers.clock import CellClock
 
@@ -65,15 +65,15 @@ class Faults:
         if self._per == "step":
             is_hit = luck < self._rate
         else:
-            hold = "fixture" if isinstance(step, TakeBack) else "arm"
+            hold = "fixture" if isinstance(step, ReceiveStep) else "arm"
             if hold != self._hold or isinstance(step, Pick):
                 self._hold, self._is_due = hold, bool(luck < self._rate)
-            ends = (k for k, one in enumerate(rest) if isinstance(one, TakeBack))
+            ends = (k for k, one in enumerate(rest) if isinstance(one, ReceiveStep))
             left = 1 if hold == "fixture" else next(ends, len(rest))
             is_hit = self._is_due and turn < 1.0 / max(1, left)
             self._is_due = self._is_due and not is_hit
         if is_hit:
-            delay_s = float(moment) * step.seconds * (0.4 if isinstance(step, TakeBack) else 1.0)
+            delay_s = float(moment) * step.seconds * (0.4 if isinstance(step, ReceiveStep) else 1.0)
             self._tasks.append(asyncio.create_task(self._cause(step, delay_s, kind, size)))
 
     async def _cause(self, step: Any, delay_s: float, kind: float, size: float) -> None:  # noqa: ANN401
@@ -225,7 +225,7 @@ def _read_part(ran: Ran, part: PartRecord, minds: StandIns) -> None:
     ran.covered = 0.0 if seen is None else round(float(weights[seen].sum()), 4)
     if part.plan is not None:
         ran.reachable = round(part.plan.reachable_fraction, 4)
-        ran.regrips = part.plan.regrip_count
+        ran.regrips = part.plan.regrasp_count
 
 
 def count_twice(minds: StandIns) -> tuple[int, int]:

@@ -292,7 +292,7 @@ class StandIns(Compute):
     async def find_hold(
         self,
         T_world_part: Array,
-        T_part_hand: Array,
+        T_part_tcp: Array,
         holder: Holder,
         backlit: Grey,
     ) -> Array | None:

@@ -83,12 +83,12 @@ class _FixtureJaws:
         return self._device.jaws.opening_mm
 
     @property
-    def grip_limit_mm(self) -> float | None:
-        return self._device.jaws.grip_limit_mm
+    def grasp_limit_mm(self) -> float | None:
+        return self._device.jaws.grasp_limit_mm
 
-    @grip_limit_mm.setter
-    def grip_limit_mm(self, limit_mm: float | None) -> None:
-        self._device.jaws.grip_limit_mm = limit_mm
+    @grasp_limit_mm.setter
+    def grasp_limit_mm(self, limit_mm: float | None) -> None:
+        self._device.jaws.grasp_limit_mm = limit_mm
 
     def advance(self, dt_s: float) -> None:
         self._device.advance(dt_s)

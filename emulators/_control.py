@@ -148,7 +148,7 @@ class ControlPort:
         self._cell.world.remove(part)
 
     def _lose_part(self, gripper: str = "arm") -> None:
-        self._cell.world.lose_grip(_gripper_name(gripper))
+        self._cell.world.lose_grasp(_gripper_name(gripper))
 
     def _slip(self, along_mm: float, gripper: str = "arm", turn_deg: float = 0.0) -> None:
         self._cell.world.slip(_gripper_name(gripper), along_mm, math.radians(turn_deg))

@@ -38,4 +38,4 @@ def fixture_boxes(layout: CellLayout) -> list[Box]:
     if layout.fixture is None:
         return []
     boxes = (*layout.fixture.body, *layout.fixture.fingers(layout.fixture.max_mm))
-    return [box.placed(layout.T_world_fixture) for box in boxes]
+    return [box.placed(layout.T_world_fixed_tcp) for box in boxes]

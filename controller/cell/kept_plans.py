@@ -20,15 +20,15 @@ from controller.cad import Solid, SurfaceSamples
 from controller.cad.compiled import CompiledPart, solids
 from controller.planning import (
     Certificate,
-    HandOver,
+    GiveStep,
     Look,
     Pick,
     Plan,
     PreparedPart,
     Present,
+    ReceiveStep,
     SetDown,
     Step,
-    TakeBack,
 )
 from controller.planning.geometry import PartShape
 
@@ -36,10 +36,10 @@ Array = NDArray[np.float64]
 
 FORMAT = 3  # raised when the meaning of kept plans changes
 MAX_PLAN_COUNT, MAX_PREPARED_COUNT = 500, 30  # the oldest ones go first; each can be made again
-STEPS = (Pick, Present, HandOver, TakeBack, SetDown, Look)
+STEPS = (Pick, Present, GiveStep, ReceiveStep, SetDown, Look)
 ROTATION_TOLERANCE = 1e-6
 # fields that hold one array each, and its shape; the others are looked into
-POSES = ("T_world_part", "T_part_hand", "T_hand_part")
+POSES = ("T_world_part", "T_part_tcp", "T_tcp_part")
 VECTORS = {"q": 6, "direction_part": 3}
 PATHS = (
     "motion",
@@ -74,12 +74,12 @@ class Certified:
 
     Attributes
     ----------
-    arm_grip_count, fixture_grip_count : how many ways of holding it plans choose from
+    arm_grasp_count, fixed_grasp_count : how many ways of holding it plans choose from
     """
 
     told: Certificate
-    arm_grip_count: int
-    fixture_grip_count: int
+    arm_grasp_count: int
+    fixed_grasp_count: int
 
 
 class Kept:
@@ -130,7 +130,7 @@ class Kept:
             raise ValueError(f"the part has no pose {told.pose_index}")
         _require(0 <= told.probability <= 1 + 1e-9, "a probability outside 0..1")
         _require(0 <= told.pickable <= 1, "a share outside 0..1")
-        counts = certified.arm_grip_count, certified.fixture_grip_count
+        counts = certified.arm_grasp_count, certified.fixed_grasp_count
         _require(min(counts) >= 0, "a count below zero")
         self._check_outcome(told.plan, told.reason)
 
@@ -168,34 +168,34 @@ def check_plan(plan: Plan, sample_count: int, face_count: int) -> None:
 def check_prepared(part: PreparedPart) -> None:
     """Raise ValueError where tables of a prepared part do not fit together."""
     samples = len(part.samples.points_mm)
-    grips, views = len(part.arm_grips), len(part.directions.vectors)
-    for directions in (part.directions, part.lookout.directions):
+    grasps, views = len(part.arm_grasps), len(part.directions.vectors)
+    for directions in (part.directions, part.visibility_table.directions):
         _require(directions.vectors.shape == (views, 3), "directions of another shape")
         _require(directions.square_to.shape == (views,), "directions of another number")
-    for table in (part.visible, part.lookout.visible, *part.shown):
+    for table in (part.visible, part.visibility_table.visible, *part.shown):
         _require(table.shape == (views, samples), "views of another number of samples")
-    look = part.lookout
+    look = part.visibility_table
     for row in (look.best_incidence_rad, look.blocker, look.too_coarse, look.blurred):
         _require(row.shape == (samples,), "evidence of another number of samples")
-    _require(part.covered.shape == (grips, samples), "coverage of another number of grips")
-    _require(part.hub.shape == (grips, 6), "configurations of another number of grips")
-    for per_grip in (part.shown, part.view_q):
-        _require(len(per_grip) == grips, "views of another number of grips")
+    _require(part.covered.shape == (grasps, samples), "coverage of another number of grips")
+    _require(part.home_q.shape == (grasps, 6), "configurations of another number of grips")
+    for per_grasp in (part.shown, part.view_q):
+        _require(len(per_grasp) == grasps, "views of another number of grips")
     for by_direction in part.view_q:
         for direction, q in by_direction.items():
             _require(0 <= direction < views, "no such direction")
             _require(q.ndim == 2 and q.shape[1] == 6, "configurations of other joints")
-    _require(len(part.hand_offs) == len(part.fixture_grips), "hand-offs of other grips")
+    _require(len(part.hand_offs) == len(part.fixed_grasps), "hand-offs of other grips")
     _require(len(part.set_downs) == len(part.rests), "ways to set down at other places")
     for partners in (*part.hand_offs, *part.set_downs):
-        for grip, meeting in partners.items():
-            _require(0 <= grip < grips, "no such grip")
+        for grasp, meeting in partners.items():
+            _require(0 <= grasp < grasps, "no such grip")
             for path in (meeting.entry, meeting.retreat):
                 _require(path.ndim == 2 and path.shape[1] == 6, "a path of other joints")
             _require(meeting.q.shape == (6,), "a meeting of other joints")
     for rest in part.rests:
         _require(is_pose(rest.T_world_part), "T_world_part is no pose")
-    for grip_row in (*part.arm_grips, *part.fixture_grips):
+    for grip_row in (*part.arm_grasps, *part.fixed_grasps):
         _check_fields(grip_row, samples, "grip")
 
 

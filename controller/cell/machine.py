@@ -31,7 +31,7 @@ class Event(StrEnum):
     PLANNED = "planned"
     PLANNED_ON = "planned_on"
     GRASPED = "grasped"
-    GRIP_MISSED = "grip_missed"
+    GRASP_MISSED = "grip_missed"
     SHOWN = "shown"
     INSPECTED = "inspected"
     HAND_OFF_DUE = "hand_off_due"
@@ -136,7 +136,7 @@ TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
     (Event.PLANNED_ON, (_stage("planning"),), _stage("presenting")),
     (Event.GRASPED, (_stage("grasping"),), _stage("presenting")),
     # a missed grip may have pushed the part: look again, never close again blindly
-    (Event.GRIP_MISSED, (_stage("grasping"),), _stage("acquiring")),
+    (Event.GRASP_MISSED, (_stage("grasping"),), _stage("acquiring")),
     (Event.SHOWN, (_stage("presenting"),), _stage("inspecting")),
     (Event.INSPECTED, (_stage("inspecting"),), _stage("presenting")),
     (Event.HAND_OFF_DUE, (_stage("inspecting"),), _stage("handing")),

@@ -159,7 +159,7 @@ class Planning:
             told = Certificate(pose.index, pose.probability, None, str(error), 0.0)
             return Certified(told, 0, 0)
         (told,) = certify(part, self._layout, (pose,))
-        return Certified(told, len(part.arm_grips), len(part.fixture_grips))
+        return Certified(told, len(part.arm_grasps), len(part.fixed_grasps))
 
     def _plan_file(self, pose_index: int, T_world_part: Array) -> Path:
         return self._kept.plans.file(

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller import inspection as inspecting
-from controller.planning import Grip, Look, Plan, Present
+from controller.planning import Grasp, Look, Plan, Present
 from controller.recognition import Alternative, Sighting
 
 from .custody import Custody
@@ -39,15 +39,15 @@ class Hold:
 
     Attributes
     ----------
-    grip : as planned
-    T_part_hand : (4, 4) as planned, or as measured once `is_seen`
+    grasp : as planned
+    T_part_tcp : (4, 4) as planned, or as measured once `is_seen`
     width_mm : of the jaws on the part
     is_seen : a view has confirmed it
     doubts : views in a row that could not
     """
 
-    grip: Grip
-    T_part_hand: Array
+    grasp: Grasp
+    T_part_tcp: Array
     width_mm: float
     is_seen: bool = False
     doubts: int = 0
@@ -83,7 +83,7 @@ class PartRecord:
     candidates : what else it may be, as far as the pictures of the table tell
     plan, plan_count, next_step : the plan in work, how many were made, where it stands
     hold : of the hand, None where it is empty
-    fixture_grip : how the fixed gripper has the part, as measured; None where it is empty
+    fixed_grasp : how the fixed gripper has the part, as measured; None where it is empty
     results : of all views, whatever plan they were part of: they are facts
     planned : by view, which samples (n,) it was meant to show
     recoveries : what the cell has set out to get over by itself
@@ -101,7 +101,7 @@ class PartRecord:
     plan_count: int = 0
     next_step: int = 0
     hold: Hold | None = None
-    fixture_grip: Grip | None = None
+    fixed_grasp: Grasp | None = None
     pending: list[Shown] = field(default_factory=list)
     results: list[inspecting.ViewResult] = field(default_factory=list)
     planned: dict[str, Mask] = field(default_factory=dict)

@@ -29,13 +29,13 @@ WORTH_SHARE: Final = 0.01  # of the surface that a further plan must promise
 class PartFault(StrEnum):
     """What may go wrong with a part and be put right without a person; also its code."""
 
-    GRIP_MISSED = "grip_missed"
-    GRIP_WRONG = "grip_wrong"
+    GRASP_MISSED = "grip_missed"
+    GRASP_WRONG = "grip_wrong"
     DROPPED = "part_lost"
     NOT_IN_HAND = "hold_not_seen"
     HELD_OTHERWISE = "held_otherwise"
     HAND_OFF_FAILED = "hand_off_failed"
-    TAKE_BACK_FAILED = "take_back_failed"
+    RECEIVE_FAILED = "take_back_failed"
     SEEN_TOO_LITTLE = "seen_too_little"
 
 
@@ -56,17 +56,15 @@ class RecoveryAction:
 
 
 RECOVERY_ACTIONS: Final[Mapping[PartFault, RecoveryAction]] = {
-    PartFault.GRIP_MISSED: RecoveryAction(Event.GRIP_MISSED, "looking at the table again"),
-    PartFault.GRIP_WRONG: RecoveryAction(Event.GRIP_MISSED, "looking at the table again"),
+    PartFault.GRASP_MISSED: RecoveryAction(Event.GRASP_MISSED, "looking at the table again"),
+    PartFault.GRASP_WRONG: RecoveryAction(Event.GRASP_MISSED, "looking at the table again"),
     PartFault.DROPPED: RecoveryAction(Event.PART_DROPPED, "looking where the part has fallen"),
     PartFault.NOT_IN_HAND: RecoveryAction(Event.PART_DROPPED, "looking for the part on the table"),
     PartFault.HELD_OTHERWISE: RecoveryAction(
         Event.PLAN_VOID, "planning on from the grasp as measured", 4
     ),
     PartFault.HAND_OFF_FAILED: RecoveryAction(Event.PLAN_VOID, "planning on from the arm gripper"),
-    PartFault.TAKE_BACK_FAILED: RecoveryAction(
-        Event.PLAN_VOID, "planning on from the fixed gripper"
-    ),
+    PartFault.RECEIVE_FAILED: RecoveryAction(Event.PLAN_VOID, "planning on from the fixed gripper"),
     PartFault.SEEN_TOO_LITTLE: RecoveryAction(
         Event.PLAN_VOID, "planning what is still to be shown", 1
     ),

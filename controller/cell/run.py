@@ -233,7 +233,7 @@ def who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> rows.R
     emulated_names = where if order.clock.path is not None else order.cell.emulated_devices
     files = (order.recipe_path, order.cell_path, order.recipe.part, *order.recipe.others)
     return rows.RunBegan(
-        recipe=order.recipe.model_dump(mode="json"),
+        recipe=order.recipe.model_dump(mode="json", by_alias=True),
         files={str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in files},
         cell=order.cell.model_dump(mode="json"),
         devices={

@@ -159,8 +159,8 @@ def certified_json(certified: Sequence[Certified]) -> dict[str, Any]:
     """Return how many ways there are to hold a part, and what each stable pose comes to."""
     return {
         "grasps": {
-            "arm": max((c.arm_grip_count for c in certified), default=0),
-            "fixture": max((c.fixture_grip_count for c in certified), default=0),
+            "arm": max((c.arm_grasp_count for c in certified), default=0),
+            "fixture": max((c.fixed_grasp_count for c in certified), default=0),
         },
         "certificates": [certificate_json(c.told) for c in certified],
     }

@@ -73,7 +73,7 @@ def _pose_json(checked: CheckedPose) -> dict[str, Any]:
     return entry | {
         "planned": True,
         "views": len(plan.presents),
-        "regrips": plan.regrip_count,
+        "regrips": plan.regrasp_count,
         "forecast_s": plan.forecast_s,
         "covered_fraction": plan.covered_fraction,
     }

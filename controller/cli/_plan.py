@@ -105,7 +105,7 @@ def _say_coarse(part: CompiledPart, setup: PlannerSetup, pose: StablePose, place
         return  # few candidates prove nothing: the full plan tells why not
     say(
         f"first estimate, after {time.monotonic() - started:.1f} s: {view_count(plan)} views, "
-        f"{plan.regrip_count} x regrasp, {plan.forecast_s:.0f} s, {plan.covered_fraction:.1%} of "
+        f"{plan.regrasp_count} x regrasp, {plan.forecast_s:.0f} s, {plan.covered_fraction:.1%} of "
         "the surface; the full plan follows"
     )
 
@@ -216,7 +216,7 @@ def certificate_words(told: Certificate) -> str:
     shown = plan.covered_fraction / plan.reachable_fraction if plan.reachable_fraction else 1.0
     count = view_count(plan)
     views = f"{count} view{'' if count == 1 else 's'}"
-    regrips = f"{plan.regrip_count} regrasp{'' if plan.regrip_count == 1 else 's'}"
+    regrips = f"{plan.regrasp_count} regrasp{'' if plan.regrasp_count == 1 else 's'}"
     return f"{views}, {regrips}, {plan.forecast_s:.0f} s, {shown:.1%} of what can be shown"
 
 

@@ -39,7 +39,7 @@ def plan_json(
         "forecast_s": plan.forecast_s,
         "covered_fraction": plan.covered_fraction,
         "reachable_fraction": plan.reachable_fraction,
-        "regrips": plan.regrip_count,
+        "regrips": plan.regrasp_count,
         "proof": {
             "cost_s": proof.cost_s,
             "bound_s": proof.bound_s,
@@ -74,8 +74,8 @@ def _step_json(
         "seconds": moment.step.seconds,
         "q": moment.q.tolist(),
         "T_world_part": moment.T_world_part.tolist(),
-        "grip": moment.grip.id if moment.grip else None,
-        "fixture_grip": moment.fixture_grip.id if moment.fixture_grip else None,
+        "grip": moment.grasp.id if moment.grasp else None,
+        "fixture_grip": moment.fixed_grasp.id if moment.fixed_grasp else None,
         "view_id": moment.view_id,
     }
     if moment.seen is not None:
@@ -97,7 +97,7 @@ def certificate_json(told: Certificate) -> dict[str, Any]:
     return body | {
         "complete": told.is_complete,
         "views": view_count(told.plan),
-        "regrips": told.plan.regrip_count,
+        "regrips": told.plan.regrasp_count,
         "forecast_s": told.plan.forecast_s,
         "covered_fraction": told.plan.covered_fraction,
         "reachable_fraction": told.plan.reachable_fraction,

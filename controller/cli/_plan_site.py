@@ -109,7 +109,7 @@ def _score_json(score: SiteScore) -> dict[str, Any]:
                 "hand_offs_share": part.hand_offs_share,
                 "picks_share": part.picks_share,
                 "view_s": _number(part.view_s),
-                "regrip_s": _number(part.regrip_s),
+                "regrip_s": _number(part.regrasp_s),
             }
             for part in score.parts
         ],
@@ -117,7 +117,7 @@ def _score_json(score: SiteScore) -> dict[str, Any]:
 
 
 def _site_json(site: Site) -> dict[str, Any]:
-    T = site.T_world_fixture
+    T = site.T_world_fixed_tcp
     return {
         "station_mm": site.station_mm.tolist(),
         "camera_looks_along": site.looks_along.tolist(),

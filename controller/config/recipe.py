@@ -74,7 +74,7 @@ class Recipe(Section):
     density_g_cm3: float | None = Field(None, gt=0, le=25)
     cell: Path = DEFAULT_CELL
     inspection: InspectionSection = InspectionSection()
-    grip: GripSection = GripSection()
+    grasp: GripSection = Field(GripSection(), alias="grip")  # the key in the file
     count: Annotated[int, Field(ge=1, le=100_000)] = 1
 
 

@@ -108,7 +108,7 @@ def _part(record: RunRecord, part: PartReport) -> dict[str, Any]:
         "custody": part.custody.name.lower(),
         "in_doubt": part.in_doubt or None,
         "looks": part.looks,
-        "grips_missed": part.grips_missed,
+        "grips_missed": part.grasps_missed,
         "table_pictures": _pictures(record.folder, part.table_pictures),
         "sightings": [asdict(sighting) for sighting in part.sightings],
         "forecast_s": part.plan.forecast_s if part.plan else None,

@@ -226,7 +226,7 @@ class PartReport:
     sightings: tuple[SightingReport, ...]
     plan: PlanReport | None
     steps: tuple[StepReport, ...]
-    grips_missed: tuple[str, ...]
+    grasps_missed: tuple[str, ...]
     views: tuple[ViewReport, ...]
     verdict: VerdictReport | None
     tray: str | None

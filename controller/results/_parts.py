@@ -40,7 +40,7 @@ class PartFold:
     sightings: tuple[SightingReport, ...] = ()
     plan: PlanReport | None = None
     steps: list[StepReport] = field(default_factory=list)
-    grips_missed: list[str] = field(default_factory=list)
+    grasps_missed: list[str] = field(default_factory=list)
     views: list[ViewReport] = field(default_factory=list)
     verdict: VerdictReport | None = None
     tray: str | None = None
@@ -62,7 +62,7 @@ class PartFold:
             case rows.StepDone():
                 self.steps.append(_step(row))
             case rows.GraspMissed():
-                self.grips_missed.append(row.message)
+                self.grasps_missed.append(row.message)
             case rows.ViewPictures():
                 self.views.append(ViewReport(row.view, row.pictures, None))
             case rows.ViewJudged():
@@ -97,7 +97,7 @@ class PartFold:
         is_cut_off : the journal just stops, so that an outcome without its change of custody
             proves nothing either
         """
-        doubt = [
+        ambiguity = [
             name for name, has_outcome in self.pending.items() if is_cut_off or not has_outcome
         ]
         return PartReport(
@@ -107,13 +107,13 @@ class PartFold:
             sightings=self.sightings,
             plan=self.plan,
             steps=self._all_steps(),
-            grips_missed=tuple(self.grips_missed),
+            grasps_missed=tuple(self.grasps_missed),
             views=tuple(self.views),
             verdict=self.verdict,
             tray=self.tray,
             custody=self.custody,
             custody_detail=self.custody_detail,
-            in_doubt=_doubt(doubt[-1], self.custody) if doubt else "",
+            in_doubt=_doubt(ambiguity[-1], self.custody) if ambiguity else "",
         )
 
     def _all_steps(self) -> tuple[StepReport, ...]:

@@ -133,7 +133,7 @@ def cautions(record: RunRecord) -> list[str]:
     for part in record.parts:
         if part.in_doubt:
             found.append(f"Part {part.number}: {part.in_doubt}")
-        found += [f"Part {part.number}: {message}." for message in part.grips_missed]
+        found += [f"Part {part.number}: {message}." for message in part.grasps_missed]
         expected = part.verdict and TRAY_OF_VERDICT.get(part.verdict.verdict, "quarantine")
         if part.tray and expected and part.tray != expected:
             found.append(

@@ -41,12 +41,12 @@ class Ledger:
 def rounded_to_whole(shares: Sequence[float], whole: float = 100.0) -> list[float]:
     """Round shares so that they add up to ``whole`` exactly: the largest remainders go up."""
     unit = 10**DECIMALS
-    floors = [int(share * unit) for share in shares]
-    missing = round(whole * unit) - sum(floors)
-    order = sorted(range(len(shares)), key=lambda i: floors[i] - shares[i] * unit)
+    lower_bounds = [int(share * unit) for share in shares]
+    missing = round(whole * unit) - sum(lower_bounds)
+    order = sorted(range(len(shares)), key=lambda i: lower_bounds[i] - shares[i] * unit)
     for i in order[: max(missing, 0)]:
-        floors[i] += 1
-    return [floor / unit for floor in floors]
+        lower_bounds[i] += 1
+    return [floor / unit for floor in lower_bounds]
 
 
 def make_ledger(part: PartReport) -> Ledger | None:

@@ -9,17 +9,17 @@ from numpy.typing import NDArray
 
 from controller.planning import (
     CellLayout,
-    Grip,
-    HandOver,
+    GiveStep,
+    Grasp,
     Look,
     Park,
     Pick,
     Place,
     Plan,
     Present,
+    ReceiveStep,
     SetDown,
     Step,
-    TakeBack,
     shown_pose,
 )
 
@@ -32,8 +32,8 @@ class Kind(StrEnum):
 
     PICK = "pick"
     PRESENT = "present"
-    HAND_OVER = "hand_over"
-    TAKE_BACK = "take_back"
+    GIVE = "hand_over"
+    RECEIVE = "take_back"
     SET_DOWN = "set_down"
     LOOK = "look"
     PLACE = "place"
@@ -57,7 +57,7 @@ class Moment:
     q : (6,) where the arm stands
     hand_opening_mm, fixture_opening_mm : of both jaws
     T_world_part : (4, 4) where the part is
-    grip, fixture_grip : that hold it, None where they do not
+    grasp, fixed_grasp : that hold it, None where they do not
     seen : (n,) bool, samples a view shows, None where nothing is looked at
     """
 
@@ -68,8 +68,8 @@ class Moment:
     hand_opening_mm: float
     fixture_opening_mm: float
     T_world_part: Array
-    grip: Grip | None = None
-    fixture_grip: Grip | None = None
+    grasp: Grasp | None = None
+    fixed_grasp: Grasp | None = None
     view_id: str | None = None
     seen: Bools | None = None
 
@@ -83,9 +83,9 @@ def _moments(plan: Plan, layout: CellLayout) -> Iterator[Moment]:
     q, wide, idle = layout.park_q, layout.hand.max_mm, layout.fixture_open_mm
     for step in plan.steps:
         if isinstance(step, Pick):
-            q, grip = step.motion_down[-1], step.grip
-            T = shown_pose(layout, q, grip.T_part_hand)
-            yield Moment(step, Kind.PICK, Seat.OVERHEAD, q, grip.opening_mm, idle, T, grip=grip)
+            q, grasp = step.motion_down[-1], step.grasp
+            T = shown_pose(layout, q, grasp.T_part_tcp)
+            yield Moment(step, Kind.PICK, Seat.OVERHEAD, q, grasp.opening_mm, idle, T, grasp=grasp)
             q = step.motion_up[-1]
         elif isinstance(step, Present):
             yield Moment(
@@ -93,39 +93,39 @@ def _moments(plan: Plan, layout: CellLayout) -> Iterator[Moment]:
                 Kind.PRESENT,
                 Seat.INSPECTION,
                 step.q,
-                step.grip.opening_mm,
+                step.grasp.opening_mm,
                 idle,
                 step.T_world_part,
-                grip=step.grip,
+                grasp=step.grasp,
                 view_id=step.view_id,
                 seen=step.seen,
             )
             q = step.q
-        elif isinstance(step, HandOver | TakeBack):
-            is_giving = isinstance(step, HandOver)
-            q = step.motion[-1] if isinstance(step, HandOver) else step.approach[-1]
+        elif isinstance(step, GiveStep | ReceiveStep):
+            is_giving = isinstance(step, GiveStep)
+            q = step.motion[-1] if isinstance(step, GiveStep) else step.approach[-1]
             yield Moment(
                 step,
-                Kind.HAND_OVER if is_giving else Kind.TAKE_BACK,
+                Kind.GIVE if is_giving else Kind.RECEIVE,
                 Seat.BESIDE,
                 q,
-                step.grip.opening_mm,
-                step.fixture_grip.opening_mm,
-                shown_pose(layout, q, step.grip.T_part_hand),
-                grip=step.grip,
-                fixture_grip=step.fixture_grip,
+                step.grasp.opening_mm,
+                step.fixed_grasp.opening_mm,
+                shown_pose(layout, q, step.grasp.T_part_tcp),
+                grasp=step.grasp,
+                fixed_grasp=step.fixed_grasp,
             )
-            q = step.retreat[-1] if isinstance(step, HandOver) else step.motion_out[-1]
+            q = step.retreat[-1] if isinstance(step, GiveStep) else step.motion_out[-1]
         elif isinstance(step, SetDown):
             yield Moment(
                 step,
                 Kind.SET_DOWN,
                 Seat.OVERHEAD,
                 step.motion_down[-1],
-                step.grip.opening_mm,
+                step.grasp.opening_mm,
                 idle,
                 step.T_world_part,
-                grip=step.grip,
+                grasp=step.grasp,
             )
             q, wide = step.motion_up[-1], step.open_mm
         elif isinstance(step, Look):
@@ -148,10 +148,10 @@ def _moments(plan: Plan, layout: CellLayout) -> Iterator[Moment]:
         Kind.PLACE,
         Seat.BESIDE,
         place.motion_down[-1],
-        place.grip.opening_mm,
+        place.grasp.opening_mm,
         idle,
         place.T_world_part,
-        grip=place.grip,
+        grasp=place.grasp,
     )
     yield Moment(
         park, Kind.PARK, Seat.OVERHEAD, park.motion[-1], place.open_mm, idle, place.T_world_part

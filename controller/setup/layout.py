@@ -26,7 +26,7 @@ def build_layout(cell: Cell) -> CellLayout:
         column=Box.from_bounds(*arm.links.column),
         hand=_jaw(arm.hand.values(), arm.fingers, arm.jaw_max_mm),
         fixture=_jaw(cell.fixture.body.values(), cell.fixture.fingers, cell.fixture.jaw_max_mm),
-        T_world_fixture=cell.fixture.pose.build(),
+        T_world_fixed_tcp=cell.fixture.pose.build(),
         obstacles=obstacles,
         station_mm=np.array(cell.station.position, dtype=float),
         inspection=build_camera(cell.cameras.inspection),

@@ -102,7 +102,7 @@ def planner_setup(
     density_g_cm3 : of the command line; the recipe's, the file's, or aluminium's otherwise
     """
     wanted = InspectionSection() if recipe is None else recipe.inspection
-    grip = GripSection() if recipe is None else recipe.grip
+    grasp = GripSection() if recipe is None else recipe.grasp
     said = None if recipe is None else recipe.density_g_cm3
     source: DensityFrom = "assumed"
     if density_g_cm3 is not None:
@@ -116,8 +116,8 @@ def planner_setup(
     fixture = layout.fixture
     layout = replace(
         layout,
-        hand=replace(layout.hand, force_n=min(grip.force_n, ARM_COUNTED_N)),
-        fixture=None if fixture is None else replace(fixture, force_n=grip.force_n),
+        hand=replace(layout.hand, force_n=min(grasp.force_n, ARM_COUNTED_N)),
+        fixture=None if fixture is None else replace(fixture, force_n=grasp.force_n),
     )
     options = PlanOptions()
     options = replace(
@@ -125,7 +125,7 @@ def planner_setup(
         max_incidence_deg=wanted.max_incidence_deg,
         min_px_per_mm=DEFECT_PX / wanted.smallest_defect_mm,
         least_gain=wanted.least_gain,
-        width_tolerance_mm=grip.width_tolerance_mm,
+        width_tolerance_mm=grasp.width_tolerance_mm,
         rules=replace(options.rules, density_kg_mm3=density * 1e-6),
     )
     return PlannerSetup(
@@ -135,6 +135,6 @@ def planner_setup(
         density_from=source,
         mass_g=part.solid.volume_mm3 / 1000 * density,
         smallest_defect_mm=wanted.smallest_defect_mm,
-        force_n=grip.force_n,
+        force_n=grasp.force_n,
         has_recipe=recipe is not None,
     )

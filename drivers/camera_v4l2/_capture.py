@@ -323,13 +323,13 @@ class Capture:
     def _is_wanted(self, buffer: abi.Buffer, stamp: Stamp, light_s: float, after_s: float) -> bool:
         stats, kind = self.stats, pixel_kind(self.format)
         is_raw = kind is not None and kind.bytes_per_px > 0
-        is_settling = self._settling.is_settling(stamp)  # every frame counts, good or not
+        is_adapting = self._settling.is_adapting(stamp)  # every frame counts, good or not
         if buffer.flags & BufFlag.ERROR:
             stats.error_count += 1
         elif buffer.bytesused == 0 or (is_raw and buffer.bytesused != self.format.sizeimage):
             stats.short_count += 1
-        elif is_settling:
-            stats.settling_count += 1
+        elif is_adapting:
+            stats.adapting_count += 1
         elif light_s < max(after_s, self._settling.changed_s):
             stats.stale_count += 1
         else:

@@ -118,7 +118,7 @@ class CameraStats:
     delivered_count : frames handed over
     dequeued_count : buffers taken from the queue, for whatever end
     stale_count : exposed, in part or wholly, before the instant asked for
-    settling_count : passed over after a change of exposure
+    adapting_count : passed over after a change of exposure
     error_count : flagged ERROR by the camera's driver
     short_count : of the wrong number of bytes
     broken_count : JPEGs that are not whole or do not decode
@@ -130,7 +130,7 @@ class CameraStats:
     delivered_count: int = 0
     dequeued_count: int = 0
     stale_count: int = 0
-    settling_count: int = 0
+    adapting_count: int = 0
     error_count: int = 0
     short_count: int = 0
     broken_count: int = 0

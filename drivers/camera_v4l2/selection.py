@@ -120,7 +120,7 @@ class Settling:
         """Note a change: the next ``frame_count`` frames stamped after it are not to be used."""
         self.changed_s, self.remaining_count = at_s, frame_count
 
-    def is_settling(self, stamp: Stamp) -> bool:
+    def is_adapting(self, stamp: Stamp) -> bool:
         """Return whether this frame may be of the old setting, and count it."""
         if stamp.bound_s < self.changed_s:
             return True

@@ -8,14 +8,14 @@ from ..kinds import Driver, FixedGripper, Hold, NoSettings, Site
 from ._config import GripperConfig
 from ._gripper import Gripper, StoppedError
 from ._registers import ActivationState, Counts, ObjectState
-from ._status import GripEvidence, GripperStatus, GripResult
+from ._status import GraspEvidence, GraspResult, GripperStatus
 
 __all__ = [
     "DRIVER",
     "ActivationState",
     "Counts",
-    "GripEvidence",
-    "GripResult",
+    "GraspEvidence",
+    "GraspResult",
     "Gripper",
     "GripperConfig",
     "GripperStatus",

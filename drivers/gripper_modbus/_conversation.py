@@ -20,7 +20,7 @@ from ._registers import (
     decode_inputs,
     fault_of,
 )
-from ._status import GripperStatus, GripResult, judge_hold
+from ._status import GraspResult, GripperStatus, judge_hold
 
 log = logging.getLogger(__name__)
 
@@ -57,7 +57,7 @@ class Conversation:
                 "(a Robotiq also stays silent when it does not like a request)"
             ),
         )
-        self.grip: GripResult | None = None
+        self.grasp: GraspResult | None = None
         self.latest: GripperStatus | None = None
         self.lost = asyncio.Event()
         self._asked_at_s = self.clock.now_s()
@@ -84,7 +84,7 @@ class Conversation:
         registers = await self.unit.read_holding_registers(INPUT_REGISTER, INPUT_COUNT)
         status = GripperStatus.of(decode_inputs(registers), self.config, at_s)
         self.latest = status
-        if judge_hold(self.grip, status, self.config) is Hold.LOST and not self.lost.is_set():
+        if judge_hold(self.grasp, status, self.config) is Hold.LOST and not self.lost.is_set():
             log.warning("%s: part lost, jaws now at %.1f mm", self.name, status.width_mm)
             self.lost.set()
         return status
@@ -155,7 +155,7 @@ class Conversation:
         is_failing = False
         while True:
             period_s = self.config.keep_alive_s
-            if self.grip:
+            if self.grasp:
                 hold_poll_s = max(self.config.hold_poll_s, MIN_HOLD_POLL_WALL_S * self.clock.speed)
                 period_s = min(period_s, hold_poll_s)
             remaining_s = self._asked_at_s + period_s - self.clock.now_s()

@@ -37,7 +37,7 @@ from ._registers import (
     encode_outputs,
     fault_of,
 )
-from ._status import GripperStatus, GripResult, judge_grip, judge_hold
+from ._status import GraspResult, GripperStatus, judge_grasp, judge_hold
 
 log = logging.getLogger(__name__)
 
@@ -117,10 +117,10 @@ class Gripper:
             raise WrongDeviceError(
                 f"{self._talk.unit}: expected a Robotiq 2F gripper, found {error}; {remedy}"
             ) from error
-        if self._talk.grip is None and status.is_activated and status.is_going:
+        if self._talk.grasp is None and status.is_activated and status.is_going:
             contact = status.object
             if contact in (ObjectState.CONTACT_CLOSING, ObjectState.CONTACT_OPENING):
-                self._talk.grip = judge_grip(status, contact, 0.0, self.config)
+                self._talk.grasp = judge_grasp(status, contact, 0.0, self.config)
         self._talk.keep_awake()
         return status
 
@@ -144,7 +144,7 @@ class Gripper:
         status = await self.status()
         if self._talk.lost.is_set():
             return Hold.LOST
-        return judge_hold(self._talk.grip, status, self.config)
+        return judge_hold(self._talk.grasp, status, self.config)
 
     async def wait_lost(self) -> None:
         """Wait until the keep-alive, or any reading, notices that the gripped part is gone."""
@@ -202,7 +202,7 @@ class Gripper:
 
     async def close_on(
         self, width_mm: float = 0.0, speed_mm_s: float | None = None, force_n: float | None = None
-    ) -> GripResult:
+    ) -> GraspResult:
         """Close on a part and hold it.
 
         Parameters
@@ -223,7 +223,7 @@ class Gripper:
 
     async def open_on(
         self, width_mm: float, speed_mm_s: float | None = None, force_n: float | None = None
-    ) -> GripResult:
+    ) -> GraspResult:
         """Open inside a part, such as a ring, and hold it from within; else as `close_on`.
 
         Parameters
@@ -276,11 +276,11 @@ class Gripper:
         contact: ObjectState,
         speed_mm_s: float | None,
         force_n: float | None,
-    ) -> GripResult:
+    ) -> GraspResult:
         self.config.width_mm_to_counts(expected_mm)  # the jaws must be able to be that wide
         status = await self._move(self.config.width_mm_to_counts(target_mm), speed_mm_s, force_n)
-        self._talk.grip = judge_grip(status, contact, expected_mm, self.config)
-        return self._talk.grip
+        self._talk.grasp = judge_grasp(status, contact, expected_mm, self.config)
+        return self._talk.grasp
 
     async def _move(
         self, target: Counts, speed_mm_s: float | None, force_n: float | None
@@ -366,7 +366,7 @@ class Gripper:
             )
 
     def _forget_grip(self) -> None:
-        self._talk.grip = None
+        self._talk.grasp = None
         self._talk.lost.clear()
 
     async def _on_the_way_out(self, action: Callable[[], Awaitable[object]]) -> None:

@@ -108,7 +108,7 @@ class GripperStatus:
         return f"fault {self.fault:02X}, {fault.text}: {fault.remedy}"
 
 
-class GripEvidence(Enum):
+class GraspEvidence(Enum):
     """Why a part is believed to be between the jaws."""
 
     NONE = "none"
@@ -117,7 +117,7 @@ class GripEvidence(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class GripResult:
+class GraspResult:
     """How a grip ended. An empty grip is a result, not an error.
 
     Attributes
@@ -130,13 +130,13 @@ class GripResult:
 
     object_detected: bool
     width_mm: float
-    evidence: GripEvidence
+    evidence: GraspEvidence
     status: GripperStatus
 
 
-def judge_grip(
+def judge_grasp(
     status: GripperStatus, contact: ObjectState, expected_mm: float, config: GripperConfig
-) -> GripResult:
+) -> GraspResult:
     """Judge the end of a gripping move; modbus_devices.md 2.3: use gOBJ *and* gPO.
 
     Parameters
@@ -146,42 +146,42 @@ def judge_grip(
     expected_mm : width of the part; 0 when unknown [mm]
     config : calibration, and tolerances of the width
     """
-    evidence = GripEvidence.NONE
+    evidence = GraspEvidence.NONE
     if status.object is contact:
         touch_each_other = (
             contact is ObjectState.CONTACT_CLOSING
             and status.position_counts >= config.counts_closed
         )
         if not touch_each_other:
-            evidence = GripEvidence.CONTACT
+            evidence = GraspEvidence.CONTACT
     elif expected_mm > 0 and status.object is ObjectState.AT_POSITION:
         requested_mm = config.counts_to_width_mm(status.requested_counts)
         is_short_of_request = abs(status.width_mm - requested_mm) > config.over_travel_mm / 2
         is_at_part = abs(status.width_mm - expected_mm) <= config.match_tolerance_mm
         if is_short_of_request and is_at_part:
-            evidence = GripEvidence.WIDTH
-    return GripResult(evidence is not GripEvidence.NONE, status.width_mm, evidence, status)
+            evidence = GraspEvidence.WIDTH
+    return GraspResult(evidence is not GraspEvidence.NONE, status.width_mm, evidence, status)
 
 
-def judge_hold(grip: GripResult | None, status: GripperStatus, config: GripperConfig) -> Hold:
+def judge_hold(grasp: GraspResult | None, status: GripperStatus, config: GripperConfig) -> Hold:
     """Judge whether the part of a grip is still held.
 
     Parameters
     ----------
-    grip : what the last `close_on` or `open_on` found; None when the jaws have been moved since
+    grasp : what the last `close_on` or `open_on` found; None when the jaws have been moved since
     status : the reading to judge
     config : gives ``slip_tolerance_mm``, how far the opening may have changed since
     """
-    if grip is None or not grip.object_detected:
+    if grasp is None or not grasp.object_detected:
         return Hold.NOTHING
     if not status.is_activated:
         return Hold.UNKNOWN
-    if abs(status.width_mm - grip.width_mm) > config.slip_tolerance_mm:
+    if abs(status.width_mm - grasp.width_mm) > config.slip_tolerance_mm:
         return Hold.LOST
     if not status.is_going:
         return Hold.HELD  # stopped fingers hold; gOBJ means nothing now
     if status.object is ObjectState.MOVING:
         return Hold.UNKNOWN
-    if status.object is ObjectState.AT_POSITION and grip.evidence is GripEvidence.CONTACT:
+    if status.object is ObjectState.AT_POSITION and grasp.evidence is GraspEvidence.CONTACT:
         return Hold.LOST  # "at position, or the object was lost", §2.3
     return Hold.HELD

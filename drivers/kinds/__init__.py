@@ -8,7 +8,7 @@ those of `drivers.errors`, its instants and durations are seconds of `drivers.cl
 from .arm import Arm, ArmIdentity, JawReading, Stop
 from .camera import Camera, Capture, Frame
 from .driver import GROUP, Driver, NoSettings, Site
-from .gripper import FixedGripper, GripperReading, GripReading, Hold
+from .gripper import FixedGripper, GraspReading, GripperReading, Hold
 from .io_block import Change, Changes, IoBlock, Polling, Signal
 from .lights import Lamp, LampUnit
 
@@ -23,7 +23,7 @@ __all__ = [
     "Driver",
     "FixedGripper",
     "Frame",
-    "GripReading",
+    "GraspReading",
     "GripperReading",
     "Hold",
     "IoBlock",

@@ -91,7 +91,7 @@ class Arm(Protocol):
         """Stop all axes ahead of all other traffic; opens no jaw."""
         ...
 
-    async def grip(self, force: int) -> float:
+    async def grasp(self, force: int) -> float:
         """Close the jaws until they stall; return the opening [mm]. ``force``: 20 to 60."""
         ...
 

@@ -47,7 +47,7 @@ class GripperReading(Protocol):
         ...
 
 
-class GripReading(Protocol):
+class GraspReading(Protocol):
     """How a grip ended. An empty grip is a result, not an error."""
 
     @property
@@ -100,7 +100,7 @@ class FixedGripper(Protocol):
         """Move the jaws to an opening, with nothing between them; return when they are there."""
         ...
 
-    async def close_on(self, width_mm: float, *, force_n: float) -> GripReading:
+    async def close_on(self, width_mm: float, *, force_n: float) -> GraspReading:
         """Close on a part of about this width with this force; return when they have stopped."""
         ...
 

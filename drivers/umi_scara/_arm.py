@@ -168,7 +168,7 @@ class UmiScara(ArmSession):
         Raises
         ------
         OutOfRangeError : the jaws do not open so far
-        AxisStalledError : something is in the way; to hold it, use `grip`
+        AxisStalledError : something is in the way; to hold it, use `grasp`
         """
         counts = self._config.gripper.counts(width_mm)
         forces = {Axis.GRIPPER: self._config.gripper_force}
@@ -183,7 +183,7 @@ class UmiScara(ArmSession):
         """Close empty jaws; return the width [mm]. Raises AxisStalledError on anything held."""
         return await self.move_gripper_mm(0.0)
 
-    async def grip(self, force: int, deadline_s: float = 10.0) -> float:
+    async def grasp(self, force: int, deadline_s: float = 10.0) -> float:
         """Close the jaws until they stall, on something or on each other (§5.5).
 
         Parameters
@@ -207,9 +207,9 @@ class UmiScara(ArmSession):
             await self._make_sure(guard)
             self._rest_counts.pop(gripper, None)
             self._grips = True
-            await self._axes.write(gripper, Parameter.SPEED, self._config.grip_speed, guard)
+            await self._axes.write(gripper, Parameter.SPEED, self._config.grasp_speed, guard)
             await self._axes.write(gripper, Parameter.MAX_FORCE, force, guard)
-            await self._axes.write(gripper, Parameter.NEW_POSITION, c.GRIP_COUNTS, guard)
+            await self._axes.write(gripper, Parameter.NEW_POSITION, c.GRASP_COUNTS, guard)
             if gripper in self._known:
                 self._known[gripper] = c.GRIPPER_RANGE[0], self._known[gripper][1]
             await self._axes.numeric_go(ADDRESSES[gripper].ip, [gripper], guard)
@@ -257,7 +257,7 @@ class UmiScara(ArmSession):
             self._known.pop(gripper, None)
             self._is_sure = self._grips = False
             before = await self._axes.read_actual(gripper)
-            await self._axes.write(gripper, Parameter.SPEED, self._config.grip_speed, guard)
+            await self._axes.write(gripper, Parameter.SPEED, self._config.grasp_speed, guard)
             await self._axes.write(gripper, Parameter.MAX_FORCE, self._config.gripper_force, guard)
             drive = Drive.FORWARD if by_mm > 0 else Drive.REVERSE
             await self._axes.manual_go(ip, {gripper: drive}, guard)
@@ -382,4 +382,4 @@ class UmiScara(ArmSession):
                 break
             await self._axes.pause()
         await self._halt_quietly()
-        raise AxisStalledError(Axis.GRIPPER, c.GRIP_COUNTS, counts, why)
+        raise AxisStalledError(Axis.GRIPPER, c.GRASP_COUNTS, counts, why)

@@ -132,8 +132,8 @@ def encode_interpolation(increments: Mapping[int, int]) -> bytes:
         if not -8 <= increment <= 7:
             raise ValueError(f"an increment is -8 to 7 counts, not {increment}")
         nibbles[_ctl(ctl)] = increment & 0xF
-    n0, n1, n2, n3, grip = nibbles
-    return bytes([c.INTERPOLATION | grip, n1 << 4 | n0, n3 << 4 | n2])
+    n0, n1, n2, n3, grasp = nibbles
+    return bytes([c.INTERPOLATION | grasp, n1 << 4 | n0, n3 << 4 | n2])
 
 
 def request_length(opcode: int) -> int:

@@ -217,7 +217,7 @@ STOP_COUNTS: Final = {  # §4.2, column UvA: satisfies the combined limits exact
     Axis.GRIPPER: 0,
 }
 PARK_COUNTS: Final = {axis: -18 if axis is Axis.ZED else 0 for axis in Axis}  # §4.1 step 7
-GRIP_COUNTS: Final = -500  # §5.5: iLab's target beyond closed
+GRASP_COUNTS: Final = -500  # §5.5: iLab's target beyond closed
 
 # ---- motion (7) --------------------------------------------------------------------------------
 NOMINAL_COUNTS_PER_S: Final = {  # 7, from §5.7: unsourced; only forecasts and speed ratios use it

@@ -70,7 +70,7 @@ class ArmConfig:
     settle_s : how long an axis at rest may take to come within that tolerance
     nominal_counts_per_s : speed of each axis at SPEED 100 (7), for forecasts and speed ratios
     gripper_force : MAX_FORCE with which the jaws open and close in position moves (§5.6)
-    grip_speed : SPEED with which the jaws close on something (§5.6)
+    grasp_speed : SPEED with which the jaws close on something (§5.6)
     """
 
     link: LinkConfig = field(default_factory=LinkConfig)
@@ -82,7 +82,7 @@ class ArmConfig:
         default_factory=lambda: dict(c.NOMINAL_COUNTS_PER_S)
     )
     gripper_force: int = 40
-    grip_speed: int = 50
+    grasp_speed: int = 50
 
 
 def check_speeds(speeds: Mapping[Axis, int]) -> None:

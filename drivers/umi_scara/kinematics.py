@@ -167,24 +167,24 @@ def forward(q: ArrayLike, geometry: ArmGeometry = _DEFAULT) -> Floats:
     sin_h, cos_h = np.sin(heading), np.cos(heading)
     sin_p, cos_p = np.sin(pitch), np.cos(pitch)
     sin_r, cos_r = np.sin(roll), np.cos(roll)
-    T_arm_tip = np.zeros((*joints.shape[:-1], 4, 4))
+    T_arm_tcp = np.zeros((*joints.shape[:-1], 4, 4))
     # Rz(heading) Ry(-pitch) Rx(roll)
-    T_arm_tip[..., 0, 0] = cos_h * cos_p
-    T_arm_tip[..., 1, 0] = sin_h * cos_p
-    T_arm_tip[..., 2, 0] = sin_p
-    T_arm_tip[..., 0, 1] = -cos_h * sin_p * sin_r - sin_h * cos_r
-    T_arm_tip[..., 1, 1] = -sin_h * sin_p * sin_r + cos_h * cos_r
-    T_arm_tip[..., 2, 1] = cos_p * sin_r
-    T_arm_tip[..., 0, 2] = -cos_h * sin_p * cos_r + sin_h * sin_r
-    T_arm_tip[..., 1, 2] = -sin_h * sin_p * cos_r - cos_h * sin_r
-    T_arm_tip[..., 2, 2] = cos_p * cos_r
+    T_arm_tcp[..., 0, 0] = cos_h * cos_p
+    T_arm_tcp[..., 1, 0] = sin_h * cos_p
+    T_arm_tcp[..., 2, 0] = sin_p
+    T_arm_tcp[..., 0, 1] = -cos_h * sin_p * sin_r - sin_h * cos_r
+    T_arm_tcp[..., 1, 1] = -sin_h * sin_p * sin_r + cos_h * cos_r
+    T_arm_tcp[..., 2, 1] = cos_p * sin_r
+    T_arm_tcp[..., 0, 2] = -cos_h * sin_p * cos_r + sin_h * sin_r
+    T_arm_tcp[..., 1, 2] = -sin_h * sin_p * cos_r - cos_h * sin_r
+    T_arm_tcp[..., 2, 2] = cos_p * cos_r
     fore_heading = shoulder + elbow
     wrist_x = geometry.upper_mm * np.cos(shoulder) + geometry.fore_mm * np.cos(fore_heading)
     wrist_y = geometry.upper_mm * np.sin(shoulder) + geometry.fore_mm * np.sin(fore_heading)
     wrist = np.stack([wrist_x, wrist_y, geometry.wrist_height_mm + zed], axis=-1)
-    T_arm_tip[..., :3, 3] = wrist + geometry.tool_mm * T_arm_tip[..., :3, 0]
-    T_arm_tip[..., 3, 3] = 1.0
-    return T_arm_tip
+    T_arm_tcp[..., :3, 3] = wrist + geometry.tool_mm * T_arm_tcp[..., :3, 0]
+    T_arm_tcp[..., 3, 3] = 1.0
+    return T_arm_tcp
 
 
 def link_frames(q: ArrayLike, geometry: ArmGeometry = _DEFAULT) -> tuple[Floats, Floats]:
@@ -220,7 +220,7 @@ def link_frames(q: ArrayLike, geometry: ArmGeometry = _DEFAULT) -> tuple[Floats,
 
 # ---- inverse -----------------------------------------------------------------------------------
 def inverse(
-    T_arm_tip: ArrayLike,
+    T_arm_tcp: ArrayLike,
     geometry: ArmGeometry = _DEFAULT,
     *,
     heading_rad: ArrayLike | None = None,
@@ -234,7 +234,7 @@ def inverse(
 
     Parameters
     ----------
-    T_arm_tip : (..., 4, 4) [mm], proper rotations
+    T_arm_tcp : (..., 4, 4) [mm], proper rotations
     geometry : lengths of the arm
     heading_rad : (k,) or scalar headings of the hand [rad] to try at pitch +-90 deg;
         HEADINGS_RAD if None
@@ -245,7 +245,7 @@ def inverse(
         half first
     legal : (..., B) bool, whether the branch exists and lies within_limits
     """
-    pose = np.asarray(T_arm_tip, dtype=np.float64)
+    pose = np.asarray(T_arm_tcp, dtype=np.float64)
     free_headings = _headings(heading_rad)
     hand = _hand_branches(pose[..., :3, :3], free_headings)  # (..., H, 3)
     elbow, shoulder, is_folded = _elbows(pose, geometry)  # (2, ...), elbow-positive first
@@ -259,7 +259,7 @@ def inverse(
 
 
 def inverse_legal(
-    T_arm_tip: ArrayLike,
+    T_arm_tcp: ArrayLike,
     geometry: ArmGeometry = _DEFAULT,
     *,
     heading_rad: ArrayLike | None = None,
@@ -268,7 +268,7 @@ def inverse_legal(
 
     Parameters
     ----------
-    T_arm_tip : (n, 4, 4) [mm], proper rotations
+    T_arm_tcp : (n, 4, 4) [mm], proper rotations
     geometry : lengths of the arm
     heading_rad : as `inverse`
 
@@ -277,7 +277,7 @@ def inverse_legal(
     index, branch : (m,) whose pose, and which of the branches that `inverse` numbers; in order
     q : (m, 6) joints
     """
-    pose = np.asarray(T_arm_tip, dtype=np.float64)
+    pose = np.asarray(T_arm_tcp, dtype=np.float64)
     free_headings = _headings(heading_rad)
     slot_count = max(2, len(free_headings))
     is_locked = np.hypot(pose[:, 0, 0], pose[:, 1, 0]) < _GIMBAL_RAD

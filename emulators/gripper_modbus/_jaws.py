@@ -27,7 +27,7 @@ class JawModel:
     speed_mm_per_s : how fast, both jaws together
     force_limit_n : how hard they may press
     is_driven : whether the motor runs; if not, jaws stay where they are and keep what they hold
-    grip_limit_mm : width of what stands between the jaws, told by the world before each step;
+    grasp_limit_mm : width of what stands between the jaws, told by the world before each step;
         None: nothing there
     inner_limit_mm : opening at which the jaws touch a part from inside; None: nothing there
     jammed : the fingers do not move, whatever the motor does, which it cannot tell from contact
@@ -43,7 +43,7 @@ class JawModel:
     speed_mm_per_s: float = MAX_SPEED_MM_PER_S
     force_limit_n: float = MIN_FORCE_N
     is_driven: bool = False
-    grip_limit_mm: float | None = None
+    grasp_limit_mm: float | None = None
     inner_limit_mm: float | None = None
     jammed: bool = False
     force_n: float = 0.0
@@ -57,7 +57,7 @@ class JawModel:
         """Return whether something between the jaws keeps them from closing on."""
         if self.target_mm >= self.opening_mm - TOUCH_MM:
             return False
-        limit_mm = self.grip_limit_mm
+        limit_mm = self.grasp_limit_mm
         return self.jammed or (limit_mm is not None and self.opening_mm <= limit_mm + TOUCH_MM)
 
     @property
@@ -116,8 +116,8 @@ class JawModel:
     def _free_way_mm(self, away_mm: float, reach_mm: float) -> float:
         if away_mm < 0.0:
             way_mm = max(away_mm, -reach_mm)
-            if self.grip_limit_mm is not None:
-                way_mm = min(0.0, max(way_mm, self.grip_limit_mm - self.opening_mm))
+            if self.grasp_limit_mm is not None:
+                way_mm = min(0.0, max(way_mm, self.grasp_limit_mm - self.opening_mm))
             return way_mm
         way_mm = min(away_mm, reach_mm)
         if self.inner_limit_mm is not None:

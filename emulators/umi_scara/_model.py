@@ -60,7 +60,7 @@ class ArmModel:
         self._gripper = self.axes[Axis.GRIPPER]
         self._w1, self._w2 = self.axes[Axis.WRIST1], self.axes[Axis.WRIST2]
         self.power_on: list[bool] = [False] * IP_COUNT
-        self.grip_limit_mm: float | None = None
+        self.grasp_limit_mm: float | None = None
         """Opening [mm] below which an object keeps the jaws from closing; None when empty."""
         self.estop_pressed: bool = False
         self.estop_change_count: int = 0
@@ -307,8 +307,8 @@ class ArmModel:
         self._zed.approach_goal(*ZED_LIMITS)
         self._shoulder.approach_goal(*SHOULDER_LIMITS)
         closed, opened = GRIPPER_LIMITS
-        if self.grip_limit_mm is not None and self.grip_limit_mm > 0.0:
-            closed = max(closed, gripper_mm_to_counts(self.grip_limit_mm))
+        if self.grasp_limit_mm is not None and self.grasp_limit_mm > 0.0:
+            closed = max(closed, gripper_mm_to_counts(self.grasp_limit_mm))
         self._gripper.approach_goal(closed, opened)
         # Two motors that share a stop make way for each other within one step: the first moves,
         # the second moves, and what the second has freed the first may use.

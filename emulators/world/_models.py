@@ -10,7 +10,7 @@ from .poses import Joints
 class ArmBody(Protocol):
     """The arm as the world sees it."""
 
-    grip_limit_mm: float | None
+    grasp_limit_mm: float | None
 
     def advance(self, dt_s: float) -> None:
         """Let time pass [s]."""
@@ -24,7 +24,7 @@ class ArmBody(Protocol):
 class JawBody(Protocol):
     """The fixed gripper's jaws as the world sees them."""
 
-    grip_limit_mm: float | None
+    grasp_limit_mm: float | None
 
     @property
     def opening_mm(self) -> float:

@@ -17,7 +17,7 @@ from .layout import Array, Layout
 from .matter.bodies import STEP_S, Bodies
 from .matter.boxes import CellBoxes
 from .matter.collide import Collision, Obstruct, Stall, values_of
-from .matter.grip import TEAR_MM, TEAR_RAD, Gripper, apart, bears, make_gripper, relative
+from .matter.grasp import TEAR_MM, TEAR_RAD, Gripper, apart, bears, make_gripper, relative
 from .matter.parts import AWAY, FALLING, HELD, LYING, Part
 from .matter.solid import Solid
 from .poses import JointValues, forward, rotation_about
@@ -74,7 +74,7 @@ class World:
             Part(i, solid, *self.bodies.add_part(solid)) for i, solid in enumerate(solids)
         ]
         self.hand = make_gripper("arm", layout.arm.hand, joints.jaw_opening_mm)
-        self.hand.T_world_tip = self._links["tip"]
+        self.hand.T_world_tcp = self._links["tip"]
         self.fixture = make_gripper("fixture", layout.fixture, jaws.opening_mm)
         self._boxes = CellBoxes(layout, self.bodies, self._links, self.hand, self.fixture)
         for part in self.parts:  # the hand's fingers meet the exact mesh, not the fatter pieces
@@ -122,7 +122,7 @@ class World:
                 self.last_motion_s[name] = self.time_s
         if arm_moved:
             self._links = forward(self.layout.arm, joints)
-            self.hand.T_world_tip = self._links["tip"]
+            self.hand.T_world_tcp = self._links["tip"]
             self._boxes.follow_arm(self._links)
         if fixture_jaws:
             self._boxes.place_fixture_fingers()
@@ -163,9 +163,9 @@ class World:
             self._feel(gripper)
         limit = gripper.limit_mm
         if gripper is self.hand:
-            self._arm.grip_limit_mm = limit
+            self._arm.grasp_limit_mm = limit
         else:
-            self._jaws.grip_limit_mm = limit
+            self._jaws.grasp_limit_mm = limit
 
     def _feel(self, gripper: Gripper) -> None:
         """Look for a part that both pads are on."""
@@ -173,8 +173,8 @@ class World:
         for part in self.parts:
             if part.state == AWAY or not part.is_within(centre_mm, radius_mm):
                 continue
-            T_tip_part = relative(gripper.T_world_tip, part.T_world_part)
-            felt = gripper.pads.feel(part.scene, T_tip_part, gripper.opening_mm)
+            T_tcp_part = relative(gripper.T_world_tcp, part.T_world_part)
+            felt = gripper.pads.feel(part.scene, T_tcp_part, gripper.opening_mm)
             if not felt.is_between:
                 continue
             if gripper.misses:
@@ -182,8 +182,8 @@ class World:
                 return
             held = part.state == HELD
             if bears(felt, gripper.opening_mm, is_held=held):
-                seat = gripper.pads.seat(part.scene, T_tip_part, gripper.opening_mm)
-                gripper.capture(part.index, seat, T_tip_part, self._force_n(gripper))
+                seat = gripper.pads.seat(part.scene, T_tcp_part, gripper.opening_mm)
+                gripper.capture(part.index, seat, T_tcp_part, self._force_n(gripper))
                 self._take(part, gripper)
                 return
             upper_mm, lower_mm = felt.gaps_mm(gripper.opening_mm)
@@ -194,7 +194,7 @@ class World:
             push = gripper.pads.push(felt, gripper.opening_mm)
             if part.state == LYING and push is not None:
                 point, way_mm = push
-                tip = gripper.T_world_tip
+                tip = gripper.T_world_tcp
                 part.slide(tip[:3, :3] @ point + tip[:3, 3], way_mm * tip[:3, 1])
                 self.bodies.place_part(part.falling, part.solid, part.T_world_part)
 
@@ -220,7 +220,7 @@ class World:
         if other.hold is not None and other.hold.part == part.index:
             if part.holder != other.name:
                 part.holder = other.name
-                other.hold.T_tip_part = relative(other.T_world_tip, part.T_world_part)
+                other.hold.T_tcp_part = relative(other.T_world_tcp, part.T_world_part)
             return
         if gripper is self.fixture:
             for body in gripper.finger_bodies:
@@ -241,7 +241,7 @@ class World:
             gripper.hold is not None
             and (
                 not gripper.hold.is_seated
-                or gripper.hold.T_tip_part is not gripper.hold.seat.T_tip_part
+                or gripper.hold.T_tcp_part is not gripper.hold.seat.T_tcp_part
             )
             for gripper in (self.hand, self.fixture)
         )
@@ -259,7 +259,7 @@ class World:
             is_shared = other.hold is not None and other.hold.part == part.index
             if not is_shared:
                 holder.settle_into_seat(dt_s)
-            part.move(holder.T_world_tip @ hold.T_tip_part)
+            part.move(holder.T_world_tcp @ hold.T_tcp_part)
             self.bodies.place_part(part.carried, part.solid, part.T_world_part)
             if is_shared:
                 self._pull(part, holder, other)
@@ -273,14 +273,14 @@ class World:
         """Both hold one part: beyond what pads give, it is torn from the arm, which is weaker."""
         if other.hold is None:
             return
-        T_tip_part = relative(other.T_world_tip, part.T_world_part)
-        off_mm, off_rad = apart(T_tip_part, other.hold.seat.T_tip_part)
+        T_tcp_part = relative(other.T_world_tcp, part.T_world_part)
+        off_mm, off_rad = apart(T_tcp_part, other.hold.seat.T_tcp_part)
         if off_mm <= TEAR_MM and off_rad <= TEAR_RAD:
             return
         if holder is self.hand:  # the fixture keeps it where its seat is
             part.holder = other.name
-            other.hold.T_tip_part = other.hold.seat.T_tip_part
-            part.move(other.T_world_tip @ other.hold.T_tip_part)
+            other.hold.T_tcp_part = other.hold.seat.T_tcp_part
+            part.move(other.T_world_tcp @ other.hold.T_tcp_part)
             self.bodies.place_part(part.carried, part.solid, part.T_world_part)
         self.hand.must_open = True
         self._let_go(self.hand, "torn")
@@ -392,18 +392,18 @@ class World:
     def _lose(self, part: Part) -> None:
         for gripper in (self.hand, self.fixture):
             if gripper.hold is not None and gripper.hold.part == part.index:
-                self.lose_grip(gripper.name)
+                self.lose_grasp(gripper.name)
 
-    def lose_grip(self, name: str) -> None:
+    def lose_grasp(self, name: str) -> None:
         """Let a part fall out of a gripper (``arm``, ``fixture``); its jaws must open first."""
         gripper = self.hand if name == "arm" else self.fixture
         if gripper.hold is not None:
             gripper.must_open = True
             self._let_go(gripper, "fell_out")
             if gripper is self.hand:
-                self._arm.grip_limit_mm = None
+                self._arm.grasp_limit_mm = None
             else:
-                self._jaws.grip_limit_mm = None
+                self._jaws.grasp_limit_mm = None
 
     def slip(self, name: str, along_mm: float, turn_rad: float = 0.0) -> None:
         """Let a part slip in a gripper along its approach axis, and turn about its jaws' axis.
@@ -453,8 +453,8 @@ class World:
         for part in self.parts:
             if part.state == AWAY or not part.is_within(centre_mm, self.fixture.opening_mm):
                 continue
-            T_tip_part = relative(self.fixture.T_world_tip, part.T_world_part)
-            felt = self.fixture.pads.feel(part.scene, T_tip_part, self.fixture.opening_mm)
+            T_tcp_part = relative(self.fixture.T_world_tcp, part.T_world_part)
+            felt = self.fixture.pads.feel(part.scene, T_tcp_part, self.fixture.opening_mm)
             if np.isfinite(felt.upper_mm).any():
                 return True
         return False

@@ -122,10 +122,10 @@ class GripperLayout:
 
     Attributes
     ----------
-    T_world_tip : of the fixed one; identity for the arm's, which moves
+    T_world_tcp : of the fixed one; identity for the arm's, which moves
     """
 
-    T_world_tip: Array
+    T_world_tcp: Array
     boxes: tuple[Box, ...]
     fingers: Fingers
     jaw_max_mm: float
@@ -200,7 +200,7 @@ def _layout(raw: dict[str, Any]) -> Layout:
         lamps={name: _lamp(name, one) for name, one in raw["lamps"].items()},
         arm=_arm(raw["arm"]),
         fixture=GripperLayout(
-            T_world_tip=_pose(raw["fixture"]["pose"]),
+            T_world_tcp=_pose(raw["fixture"]["pose"]),
             boxes=_boxes(raw["fixture"]["body"]),
             fingers=_fingers(raw["fixture"]["fingers"]),
             jaw_max_mm=float(raw["fixture"]["jaw_max_mm"]),
@@ -228,7 +228,7 @@ def _arm(raw: dict[str, Any]) -> ArmLayout:
         upper=_box("upper", links["upper"]),
         fore=_box("fore", links["fore"]),
         hand=GripperLayout(
-            T_world_tip=np.eye(4),
+            T_world_tcp=np.eye(4),
             boxes=_boxes(raw["hand"]),
             fingers=_fingers(raw["fingers"]),
             jaw_max_mm=float(raw["jaw_max_mm"]),

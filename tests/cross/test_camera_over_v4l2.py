@@ -118,12 +118,12 @@ async def camera_bench(
 def processes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, CameraProcess]]:
     """Start one process for each way there is: it costs half a second, and most tests share it."""
     with ExitStack() as stack:
-        ways: list[Transport] = ["socket"] if WHY_NOT else ["socket", "fuse"]
+        paths: list[Transport] = ["socket"] if WHY_NOT else ["socket", "fuse"]
         yield {
             way: stack.enter_context(
                 camera_process(tmp_path_factory.mktemp(way), way, SHARED_SPEED)
             )
-            for way in ways
+            for way in paths
         }
 
 

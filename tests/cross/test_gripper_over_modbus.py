@@ -117,7 +117,7 @@ async def test_connecting_moves_nothing_and_activating_clears_first(bench: Bench
 
 async def test_a_gripper_that_holds_a_part_is_taken_over_without_activation(bench: Bench) -> None:
     await bench.active()
-    bench.jaws.grip_limit_mm = 40.0
+    bench.jaws.grasp_limit_mm = 40.0
     await bench.gripper.close_on(40.0)
     await bench.gripper.aclose()
     other = Gripper(bench.line.link)
@@ -156,7 +156,7 @@ async def test_the_jaws_open_to_the_width_that_was_asked_for(bench: Bench) -> No
 
 async def test_speed_and_force_are_what_was_asked_for(by_gateway: Bench) -> None:
     await by_gateway.active()
-    by_gateway.jaws.grip_limit_mm = 30.0
+    by_gateway.jaws.grasp_limit_mm = 30.0
     await by_gateway.gripper.close_on(30.0, speed_mm_s=50.0, force_n=100.0)
     assert by_gateway.jaws.speed_mm_per_s == pytest.approx(50.0, abs=130 / 255)
     assert by_gateway.jaws.force_limit_n == pytest.approx(100.0, abs=215 / 255)
@@ -164,14 +164,14 @@ async def test_speed_and_force_are_what_was_asked_for(by_gateway: Bench) -> None
 
 async def test_a_part_is_gripped_held_and_its_loss_is_noticed(bench: Bench) -> None:
     await bench.active()
-    bench.jaws.grip_limit_mm = 41.3
+    bench.jaws.grasp_limit_mm = 41.3
     result = await bench.gripper.close_on(41.0, force_n=60.0)
     assert result.object_detected
     assert result.width_mm == pytest.approx(41.3, abs=ONE_COUNT_MM)
     assert bench.jaws.force_n == pytest.approx(60.0, abs=1.0)
     assert await bench.gripper.hold() is Hold.HELD
     asked_count = len(bench.line.sent())
-    bench.jaws.grip_limit_mm = None
+    bench.jaws.grasp_limit_mm = None
     async with asyncio.timeout(HANG_WALL_S):
         await bench.gripper.wait_lost()
     assert len(bench.line.sent()) - asked_count <= 5  # the jaws need 0.1 s to be seen elsewhere
@@ -201,7 +201,7 @@ async def test_a_ring_is_held_from_within(by_gateway: Bench) -> None:
 
 async def test_something_in_the_way_of_an_empty_move_is_told(by_gateway: Bench) -> None:
     await by_gateway.active()
-    by_gateway.jaws.grip_limit_mm = 50.0
+    by_gateway.jaws.grasp_limit_mm = 50.0
     with pytest.raises(StalledError, match="met an obstacle at 50"):
         await by_gateway.gripper.open_to(20.0)
 
@@ -367,7 +367,7 @@ async def test_late_answers_are_never_taken_for_others(impatient: Bench) -> None
 async def test_a_line_that_comes_back_is_used_again_and_the_gripper_left_as_it_is(
     impatient: Bench,
 ) -> None:
-    impatient.jaws.grip_limit_mm = 35.0
+    impatient.jaws.grasp_limit_mm = 35.0
     await impatient.gripper.close_on(35.0)
     await impatient.line.server.aclose()
     with pytest.raises(LinkError):

@@ -72,7 +72,7 @@ async def no_position_is_reported(bench: ArmBench) -> None:
     before = bench.true_counts()
     moves: list[Callable[[], Awaitable[object]]] = [
         lambda: bench.arm.move_counts({Axis.SHOULDER: 100}),
-        lambda: bench.arm.grip(force=20),
+        lambda: bench.arm.grasp(force=20),
         bench.arm.home,
         bench.arm.enable_power,
     ]
@@ -211,7 +211,7 @@ async def test_a_restart_ends_every_verb(cold: ArmBench, verb: str) -> None:
     if verb == "grip":
         await cold.as_if_homed()
         await cold.arm.open_jaws()
-        running = asyncio.create_task(cold.arm.grip(force=30))
+        running = asyncio.create_task(cold.arm.grasp(force=30))
     else:
         await cold.arm.connect()
         await cold.arm.enable_power()

@@ -323,31 +323,31 @@ async def test_a_part_is_gripped_held_and_its_loss_is_found_by_gripping_again(
 ) -> None:
     arm, model = homed.arm, homed.model
     assert await arm.open_jaws() == pytest.approx(85.5, abs=0.5)  # §5.5, LHS fit at +1200
-    model.grip_limit_mm = 30.0
-    assert await arm.grip(force=30) == pytest.approx(30.0, abs=0.5)
+    model.grasp_limit_mm = 30.0
+    assert await arm.grasp(force=30) == pytest.approx(30.0, abs=0.5)
     assert model.jaw_force_fraction == pytest.approx(0.3)  # MAX_FORCE of 100
     await arm.move_counts(
         {Axis.ZED: -600, Axis.SHOULDER: 200}
     )  # its mark in the status is no stall
     assert await arm.jaw_width_mm() == pytest.approx(30.0, abs=0.5)
-    assert await arm.grip(force=30) == pytest.approx(30.0, abs=0.5)
-    model.grip_limit_mm = None
-    assert await arm.grip(force=30) == pytest.approx(0.0, abs=0.2)  # near 0: nothing is held
+    assert await arm.grasp(force=30) == pytest.approx(30.0, abs=0.5)
+    model.grasp_limit_mm = None
+    assert await arm.grasp(force=30) == pytest.approx(0.0, abs=0.2)  # near 0: nothing is held
 
 
 async def test_jaws_move_to_a_width_and_open_again_after_a_grip(homed: ArmBench) -> None:
     assert await homed.arm.move_gripper_mm(50.0) == pytest.approx(50.0, abs=0.4)
     assert homed.model.joints().jaw_opening_mm == pytest.approx(50.0, abs=0.4)
-    homed.model.grip_limit_mm = 42.0
-    assert await homed.arm.grip(force=20) == pytest.approx(42.0, abs=0.5)
+    homed.model.grasp_limit_mm = 42.0
+    assert await homed.arm.grasp(force=20) == pytest.approx(42.0, abs=0.5)
     assert await homed.arm.move_gripper_mm(60.0) == pytest.approx(60.0, abs=0.4)
-    homed.model.grip_limit_mm = None
+    homed.model.grasp_limit_mm = None
     assert await homed.arm.close_jaws() == pytest.approx(0.0, abs=0.4)
 
 
 async def test_jaws_that_meet_something_on_the_way_to_a_width_say_so(homed: ArmBench) -> None:
     await homed.arm.move_gripper_mm(60.0)
-    homed.model.grip_limit_mm = 35.0
+    homed.model.grasp_limit_mm = 35.0
     with pytest.raises(AxisStalledError, match="gripper stalled"):
         await homed.arm.move_gripper_mm(10.0)
     assert homed.model.joints().jaw_opening_mm == pytest.approx(35.0, abs=0.2)

@@ -20,7 +20,7 @@ VERBS: dict[str, tuple[Callable[[Session], Awaitable[object]], int]] = {
         120,
     ),
     "home": (lambda session: session.arm.home(), 400),
-    "grip": (lambda session: session.arm.grip(force=30), 100),
+    "grip": (lambda session: session.arm.grasp(force=30), 100),
 }
 
 

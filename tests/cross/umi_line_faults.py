@@ -376,7 +376,7 @@ class Session:
             await self._again(lambda t=targets: self._move(t))  # type: ignore[misc]
         gripper = {Axis.GRIPPER}
         for width_mm, limit_mm in ((16.0, None), (8.0, 12.0)):
-            self.model.grip_limit_mm = limit_mm
+            self.model.grasp_limit_mm = limit_mm
             if limit_mm is None:
                 await self._again(
                     lambda w=width_mm: self._do(  # type: ignore[misc]
@@ -385,12 +385,12 @@ class Session:
                 )
             elif self.arm.is_homed and self.arm.is_powered:
                 is_held = await self._do(
-                    "grip", gripper, lambda: self.arm.grip(force=30), width_mm=limit_mm
+                    "grip", gripper, lambda: self.arm.grasp(force=30), width_mm=limit_mm
                 )
                 await self._again(lambda: self._move({Axis.SHOULDER: 0, Axis.YAW: 30}))
                 if is_held and self.arm.is_homed:
                     await self._do("width", set(), self.arm.jaw_width_mm, width_mm=limit_mm)
-        self.model.grip_limit_mm = None
+        self.model.grasp_limit_mm = None
         if self.arm.is_homed:
             await self._stopped({Axis.SHOULDER: 900, Axis.WRIST1: -700}, Stop.DEAD, 5)
         if self.arm.is_homed:

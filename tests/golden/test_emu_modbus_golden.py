@@ -103,7 +103,7 @@ def closing() -> RobotiqDevice:
 
 def gripping() -> RobotiqDevice:
     device = active()
-    device.jaws.grip_limit_mm = device.jaws.opening_mm - (0xBD - 3) * 85 / 227
+    device.jaws.grasp_limit_mm = device.jaws.opening_mm - (0xBD - 3) * 85 / 227
     return let(send(device, CLOSE), 2.0)
 
 

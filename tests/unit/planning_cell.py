@@ -64,7 +64,7 @@ def layout_of(cell: Any) -> CellLayout:
         column=Box.from_bounds(*arm["links"]["column"]),
         hand=jaw(arm["hand"], arm["fingers"], arm["jaw_max_mm"]),
         fixture=jaw(fixture["body"], fixture["fingers"], fixture["jaw_max_mm"]),
-        T_world_fixture=pose(fixture["pose"]),
+        T_world_fixed_tcp=pose(fixture["pose"]),
         obstacles={
             "fixture's post": Box.from_bounds(*fixture["post"]),
             **{k.replace("_", " "): Box.from_bounds(*v) for k, v in cell["obstacles"].items()},

@@ -136,9 +136,9 @@ def without_fixture() -> CellLayout:
 
 def far_fixture() -> CellLayout:
     """The fixed gripper stands 1.5 m to the right, and there is nowhere to put the part down."""
-    T = LAYOUT.T_world_fixture.copy()
+    T = LAYOUT.T_world_fixed_tcp.copy()
     T[1, 3] -= 1200.0
-    return replace(LAYOUT, T_world_fixture=T, set_down_mm=AWAY)
+    return replace(LAYOUT, T_world_fixed_tcp=T, set_down_mm=AWAY)
 
 
 def far_tray() -> CellLayout:

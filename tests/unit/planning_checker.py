@@ -17,8 +17,8 @@ from scipy.spatial import ConvexHull, QhullError
 from controller.cad import Solid
 from controller.planning import (
     CellLayout,
-    Grip,
-    HandOver,
+    GiveStep,
+    Grasp,
     InArm,
     InFixture,
     Look,
@@ -28,10 +28,10 @@ from controller.planning import (
     Place,
     Plan,
     Present,
+    ReceiveStep,
     SetDown,
     Start,
     Step,
-    TakeBack,
 )
 
 Array = NDArray[np.float64]
@@ -72,30 +72,30 @@ class Follower:
         self.opening = layout.hand.max_mm
         self.wide = 0.0 if layout.fixture is None else layout.fixture.max_mm
         self.fixture_opening = self.wide
-        self.grip: Grip | None = None
-        self.fixture_grip: Grip | None = None
+        self.grasp: Grasp | None = None
+        self.fixed_grasp: Grasp | None = None
         self.T: Array = np.eye(4)
         if isinstance(start, InArm):
-            self.grip = start.grip
-            self.opening = self.gap(start.grip, start.grip.opening_mm)
+            self.grasp = start.grasp
+            self.opening = self.gap(start.grasp, start.grasp.opening_mm)
             self._place_part()
         elif isinstance(start, InFixture):
-            self.fixture_grip = start.grip
-            self.fixture_opening = self.gap(start.grip, start.grip.opening_mm)
+            self.fixed_grasp = start.grasp
+            self.fixture_opening = self.gap(start.grasp, start.grasp.opening_mm)
             self.opening = min(self.layout.hand.max_mm, self.opening)
-            self.T = layout.T_world_fixture @ np.linalg.inv(start.grip.T_part_hand)
+            self.T = layout.T_world_fixed_tcp @ np.linalg.inv(start.grasp.T_part_tcp)
         else:
             self.T = start.T_world_part if isinstance(start, OnTable) else start
 
-    def gap(self, grip: Grip, opening_mm: float) -> float:
+    def gap(self, grasp: Grasp, opening_mm: float) -> float:
         """Return how far apart the fingers' inner sides are: spread, their backs are the pads."""
-        jaw = self.layout.hand if grip.holder == "arm" else self.layout.fixture
+        jaw = self.layout.hand if grasp.holder == "arm" else self.layout.fixture
         assert jaw is not None
-        return opening_mm - (2 * jaw.finger_thickness_mm if grip.is_inner else 0.0)
+        return opening_mm - (2 * jaw.finger_thickness_mm if grasp.is_inner else 0.0)
 
     @property
     def holder(self) -> str:
-        arm, fixture = self.grip is not None, self.fixture_grip is not None
+        arm, fixture = self.grasp is not None, self.fixed_grasp is not None
         return {(1, 0): "arm", (0, 1): "fixture", (1, 1): "both"}.get((arm, fixture), "table")
 
     def say(self, step: Step, text: str) -> None:
@@ -105,14 +105,14 @@ class Follower:
         if self.holder != holder:
             self.say(step, f"needs the part with the {holder}, the {self.holder} has it")
 
-    def same_grip(self, step: Step, grip: Grip) -> None:
-        if self.grip is None or np.abs(self.grip.T_part_hand - grip.T_part_hand).max() > 1e-9:
-            self.say(step, f"speaks of grip {grip.id}, the hand holds it otherwise")
+    def same_grip(self, step: Step, grasp: Grasp) -> None:
+        if self.grasp is None or np.abs(self.grasp.T_part_tcp - grasp.T_part_tcp).max() > 1e-9:
+            self.say(step, f"speaks of grip {grasp.id}, the hand holds it otherwise")
 
     def _place_part(self) -> None:
-        assert self.grip is not None
+        assert self.grasp is not None
         tip = self.c.arm.frames(self.layout, np.asarray(self.q))["tip"]
-        self.T = tip @ np.linalg.inv(self.grip.T_part_hand)
+        self.T = tip @ np.linalg.inv(self.grasp.T_part_tcp)
 
     def drive(self, step: Step, *motions: Sequence[Array]) -> None:
         """Move as things stand: the part with the hand if it holds it."""
@@ -122,13 +122,13 @@ class Follower:
             path,
             self.opening,
             self.fixture_opening,
-            self.grip,
+            self.grasp,
             self.T,
             held_by.get(self.holder, ()),
             step.label,
         )
         self.q = path[-1]
-        if self.grip is not None:
+        if self.grasp is not None:
             self._place_part()
 
     def set_jaws(self, step: Step, hand_mm: float | None = None, fixture_mm: float = -1.0) -> None:
@@ -148,15 +148,15 @@ class Follower:
             self.walk.trouble += [f"{step.label}, jaws moving: {c}" for c in found]
         self.opening, self.fixture_opening = hand, fixture
 
-    def takes(self, step: Step, grip: Grip) -> None:
+    def takes(self, step: Step, grasp: Grasp) -> None:
         """Close the hand; the part stands where it stands."""
         tip = self.c.arm.frames(self.layout, np.asarray(self.q))["tip"]
-        mm, rad = apart(tip @ np.linalg.inv(grip.T_part_hand), self.T)
+        mm, rad = apart(tip @ np.linalg.inv(grasp.T_part_tcp), self.T)
         if mm > POSE_MM or rad > POSE_RAD:
             self.say(step, f"the hand is {mm:.2f} mm, {np.degrees(rad):.2f} deg off its grip")
-        self.walk.trouble += self.c.hold(grip, self.layout.hand, step.label)
-        self.grip = grip
-        self.set_jaws(step, hand_mm=self.gap(grip, grip.opening_mm))
+        self.walk.trouble += self.c.hold(grasp, self.layout.hand, step.label)
+        self.grasp = grasp
+        self.set_jaws(step, hand_mm=self.gap(grasp, grasp.opening_mm))
 
     # ---- steps ----------------------------------------------------------------------------------
     def follow(self, step: Step) -> None:
@@ -165,14 +165,14 @@ class Follower:
 
     def _pick(self, step: Pick) -> None:
         self.needs(step, "table")
-        self.opening = self.gap(step.grip, step.pre_open_mm)
+        self.opening = self.gap(step.grasp, step.pre_open_mm)
         self.drive(step, step.motion_in, step.motion_down)
-        self.takes(step, step.grip)
+        self.takes(step, step.grasp)
         self.drive(step, step.motion_up)
 
     def _present(self, step: Present) -> None:
         self.needs(step, "arm")
-        self.same_grip(step, step.grip)
+        self.same_grip(step, step.grasp)
         self.drive(step, step.motion)
         if np.abs(np.asarray(self.q) - step.q).max() > 1e-9:
             self.say(step, "stands elsewhere than it says")
@@ -194,36 +194,34 @@ class Follower:
             )
         )
 
-    def _handover(self, step: HandOver) -> None:
+    def _givestep(self, step: GiveStep) -> None:
         self.needs(step, "arm")
-        self.same_grip(step, step.grip)
+        self.same_grip(step, step.grasp)
         if self.layout.fixture is None:
             self.say(step, "there is no fixed gripper")
             return
-        self.fixture_opening = self.gap(step.fixture_grip, step.fixture_pre_open_mm)
+        self.fixture_opening = self.gap(step.fixed_grasp, step.fixture_pre_open_mm)
         self.drive(step, step.motion)
-        held = self.layout.T_world_fixture @ np.linalg.inv(step.fixture_grip.T_part_hand)
+        held = self.layout.T_world_fixed_tcp @ np.linalg.inv(step.fixed_grasp.T_part_tcp)
         mm, rad = apart(held, self.T)
         if mm > POSE_MM or rad > POSE_RAD:
             self.say(step, f"both jaws disagree by {mm:.2f} mm, {np.degrees(rad):.2f} deg")
-        self.walk.trouble += self.c.hold(step.fixture_grip, self.layout.fixture, step.label)
-        self.fixture_grip = step.fixture_grip
-        self.set_jaws(
-            step, fixture_mm=self.gap(step.fixture_grip, step.fixture_expected_opening_mm)
-        )
-        self.set_jaws(step, hand_mm=self.gap(step.grip, step.hand_open_mm))
-        self.grip = None
+        self.walk.trouble += self.c.hold(step.fixed_grasp, self.layout.fixture, step.label)
+        self.fixed_grasp = step.fixed_grasp
+        self.set_jaws(step, fixture_mm=self.gap(step.fixed_grasp, step.fixture_expected_opening_mm))
+        self.set_jaws(step, hand_mm=self.gap(step.grasp, step.hand_open_mm))
+        self.grasp = None
         self.drive(step, step.retreat)
 
-    def _takeback(self, step: TakeBack) -> None:
+    def _receivestep(self, step: ReceiveStep) -> None:
         self.needs(step, "fixture")
         # the jaws are still as they let go; they open where the straight way begins
         self.drive(step, step.motion_in)
-        self.set_jaws(step, hand_mm=self.gap(step.grip, step.pre_open_mm))
+        self.set_jaws(step, hand_mm=self.gap(step.grasp, step.pre_open_mm))
         self.drive(step, step.approach)
-        self.takes(step, step.grip)
-        self.set_jaws(step, fixture_mm=self.gap(step.fixture_grip, step.fixture_open_mm))
-        self.fixture_grip = None
+        self.takes(step, step.grasp)
+        self.set_jaws(step, fixture_mm=self.gap(step.fixed_grasp, step.fixture_open_mm))
+        self.fixed_grasp = None
         self.drive(step, step.motion_out)
         self.set_jaws(step, fixture_mm=self.wide)
 
@@ -248,7 +246,7 @@ class Follower:
             self.say(step, "said to lie flat, does not rest like that")
 
     def _let_go(self, step: SetDown | Place) -> None:
-        self.same_grip(step, step.grip)
+        self.same_grip(step, step.grasp)
         self.drive(step, step.motion, step.motion_down)
         mm, rad = apart(self.T, step.T_world_part)
         if mm > POSE_MM or rad > POSE_RAD:
@@ -256,8 +254,8 @@ class Follower:
         height = float((self.c.corners @ self.T[2, :3] + self.T[2, 3]).min())
         if height > 8.0:
             self.say(step, f"drops the part {height:.0f} mm")
-        self.set_jaws(step, hand_mm=self.gap(step.grip, step.open_mm))
-        self.grip = None
+        self.set_jaws(step, hand_mm=self.gap(step.grasp, step.open_mm))
+        self.grasp = None
         self.drive(step, step.motion_up)
 
     def _rests(self) -> bool:
@@ -284,9 +282,9 @@ def follow(
     f = Follower(layout, solid, start, arm)
     for step in plan.steps:
         f.follow(step)
-    q, opening, grip, T = f.q, f.opening, f.grip, f.T
+    q, opening, grasp, T = f.q, f.opening, f.grasp, f.T
     for name, place in plan.place.items():
-        f.q, f.opening, f.grip, f.T = q, opening, grip, T
+        f.q, f.opening, f.grasp, f.T = q, opening, grasp, T
         f.follow(place)
         f.follow(plan.park[name])
         if np.abs(np.asarray(f.q) - layout.park_q).max() > 1e-6:

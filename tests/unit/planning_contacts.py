@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from controller.cad import Solid
-from controller.planning import CellLayout, Grip, Jaw
+from controller.planning import CellLayout, Grasp, Jaw
 
 Array = NDArray[np.float64]
 Named = tuple[str, str, Array, Array]  # name, frame, (4, 4) in that frame, half edges
@@ -122,13 +122,13 @@ def within_limits(q: Array) -> NDArray[np.bool_]:
     return ok
 
 
-def joints_for(layout: CellLayout, T_world_tip: Array) -> tuple[NDArray[np.int64], Array]:
+def joints_for(layout: CellLayout, T_world_tcp: Array) -> tuple[NDArray[np.int64], Array]:
     """Return all joints within limits that bring the tip to poses (n, 4, 4): index (m,), q (m, 6).
 
     By umi_rtx.md 6.5 in angles; where the hand points straight down, 24 headings are tried.
     """
     arm = layout.arm.geometry
-    T = np.linalg.inv(layout.T_world_arm) @ T_world_tip
+    T = np.linalg.inv(layout.T_world_arm) @ T_world_tcp
     x_axis = T[:, :3, 0]
     wrist = T[:, :3, 3] - arm.tool_mm * x_axis
     level = np.hypot(x_axis[:, 0], x_axis[:, 1])
@@ -216,10 +216,10 @@ class Checker:
             *((name, "", b.T, b.half_mm) for name, b in cell.obstacles.items()),
         ]
         if cell.fixture is not None:
-            T_world_tip = cell.T_world_fixture
-            found += [("fixture", "", T_world_tip @ b.T, b.half_mm) for b in cell.fixture.body]
+            T_world_tcp = cell.T_world_fixed_tcp
+            found += [("fixture", "", T_world_tcp @ b.T, b.half_mm) for b in cell.fixture.body]
             found += [
-                ("fixture finger", "", T_world_tip @ T, half)
+                ("fixture finger", "", T_world_tcp @ T, half)
                 for T, half in finger_boxes(cell.fixture, fixture_opening)
             ]
         return found
@@ -341,7 +341,7 @@ class Checker:
         path: Sequence[Array],
         opening: float,
         fixture_opening: float,
-        carried: Grip | None,
+        carried: Grasp | None,
         T_still: Array | None,
         held_by: tuple[str, ...],
         what: str,
@@ -349,7 +349,7 @@ class Checker:
         """Return what touches what along joint lines, and the limits they pass."""
         q = joint_lines(path, self.arm.step)
         if carried is not None:
-            T_part = self.arm.frames(self.layout, q)["tip"] @ np.linalg.inv(carried.T_part_hand)
+            T_part = self.arm.frames(self.layout, q)["tip"] @ np.linalg.inv(carried.T_part_tcp)
         else:
             assert T_still is not None
             T_part = T_still
@@ -357,44 +357,44 @@ class Checker:
         return [f"{what}: {c}" for c in found + self.arm.limits_passed(np.asarray(path))]
 
     # ---- holding --------------------------------------------------------------------------------
-    def hold(self, grip: Grip, jaw: Jaw, what: str) -> list[str]:
+    def hold(self, grasp: Grasp, jaw: Jaw, what: str) -> list[str]:
         """Return what speaks against a grip: where its pads meet walls, and what cuts into what."""
         trouble = []
-        contact, width = self.pads(grip, jaw)
-        if abs(width - grip.opening_mm) > OPENING_MM:
+        contact, width = self.pads(grasp, jaw)
+        if abs(width - grasp.opening_mm) > OPENING_MM:
             trouble.append(
-                f"{what}: grip {grip.id} is to stop at {grip.opening_mm:.2f} mm, "
+                f"{what}: grip {grasp.id} is to stop at {grasp.opening_mm:.2f} mm, "
                 f"the walls between its pads are {width:.2f} mm apart"
             )
         if contact < LEAST_CONTACT_MM2:
-            trouble.append(f"{what}: a pad of grip {grip.id} touches {contact:.0f} mm2")
-        sign = -1.0 if grip.is_inner else 1.0
-        aside = grip.opening_mm + sign * 2 * PAD_GIVE_MM
-        backs = 2 * jaw.finger_thickness_mm if grip.is_inner else 0.0
+            trouble.append(f"{what}: a pad of grip {grasp.id} touches {contact:.0f} mm2")
+        sign = -1.0 if grasp.is_inner else 1.0
+        aside = grasp.opening_mm + sign * 2 * PAD_GIVE_MM
+        backs = 2 * jaw.finger_thickness_mm if grasp.is_inner else 0.0
         solids = [(T, h, "finger") for T, h in finger_boxes(jaw, aside - backs)]
         solids += [(b.T, b.half_mm, "palm") for b in jaw.body]
         for T, half, name in solids:
-            if self.touch(half, grip.T_part_hand @ T, None, np.eye(4)):
-                trouble.append(f"{what}: the {name} of grip {grip.id} is inside the part")
-        if not 0 <= grip.opening_mm <= jaw.max_mm or not 0 <= grip.pre_open_mm <= jaw.max_mm:
-            trouble.append(f"{what}: grip {grip.id} opens wider than the jaw does")
+            if self.touch(half, grasp.T_part_tcp @ T, None, np.eye(4)):
+                trouble.append(f"{what}: the {name} of grip {grasp.id} is inside the part")
+        if not 0 <= grasp.opening_mm <= jaw.max_mm or not 0 <= grasp.pre_open_mm <= jaw.max_mm:
+            trouble.append(f"{what}: grip {grasp.id} opens wider than the jaw does")
         return sorted(set(trouble))
 
-    def pads(self, grip: Grip, jaw: Jaw) -> tuple[float, float]:
+    def pads(self, grasp: Grasp, jaw: Jaw) -> tuple[float, float]:
         """Return the smaller contact [mm2] and the distance of the walls the pads stop at."""
         x = -(np.arange(24) + 0.5) * jaw.pad_length_mm / 24
         z = ((np.arange(13) + 0.5) / 13 - 0.5) * jaw.finger_width_mm
         cell = jaw.pad_length_mm * jaw.finger_width_mm / (len(x) * len(z))
         gx, gz = (g.ravel() for g in np.meshgrid(x, z, indexing="ij"))
-        T = np.linalg.inv(grip.T_part_hand)
+        T = np.linalg.inv(grasp.T_part_tcp)
         walls = self.triangles @ T[:3, :3].T + T[:3, 3]
         first, area = [], []
         for side in (1.0, -1.0):
             wall = walls * np.array([1.0, side, 1.0])
             # outer pads come from beyond the jaw's opening inwards, inner ones from the middle out
-            start = 0.0 if grip.is_inner else grip.opening_mm / 2 + 4.0
-            y = wall_along_y(wall, gx, gz, start, outwards=grip.is_inner)
-            stop = np.min(y, initial=np.inf) if grip.is_inner else np.max(y, initial=-np.inf)
+            start = 0.0 if grasp.is_inner else grasp.opening_mm / 2 + 4.0
+            y = wall_along_y(wall, gx, gz, start, outwards=grasp.is_inner)
+            stop = np.min(y, initial=np.inf) if grasp.is_inner else np.max(y, initial=-np.inf)
             first.append(float(stop))
             area.append(float(cell * (np.abs(y - stop) <= PAD_GIVE_MM).sum()))
         return min(area), first[0] + first[1]

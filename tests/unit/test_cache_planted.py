@@ -25,17 +25,17 @@ from controller.cad.compiled.cache import part_cache
 from controller.cell.kept_plans import Kept
 from controller.cell.plans import Planning
 from controller.config import load_cell
-from controller.planning import GripRules, PlanOptions
+from controller.planning import GraspRules, PlanOptions
 from controller.recognition.stored import entry_cache, open_library, shape_cache
 from controller.setup.layout import build_layout
 
 CELL = Path(__file__).parents[2] / "recipes" / "cells" / "emulated.yaml"
 FEW = PlanOptions(
-    arm_grips_per_pose=3,
-    arm_grips_round=4,
-    fixture_grips=4,
+    arm_grasps_per_pose=3,
+    arm_grasps_round=4,
+    fixed_grasps=4,
     directions_n=30,
-    rules=GripRules().coarse(),
+    rules=GraspRules().coarse(),
 )
 USERS = ("part", "views", "edges", "plan", "prepared")
 

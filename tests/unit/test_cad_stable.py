@@ -197,9 +197,9 @@ def test_the_facets_that_hold_a_part_are_trimeshs_own(seed: int) -> None:
     theirs = trimesh_facets(solid, 0.005)
     for toward, odds in theirs:
         same = resting.facet_downs @ toward > np.cos(np.radians(0.1))
-        assert resting.facet_odds[same].sum() == pytest.approx(odds, abs=2e-4)
-    assert (resting.facet_odds > 0.0052).sum() <= len(theirs)
-    assert resting.facet_odds.sum() == pytest.approx(1.0)
+        assert resting.facet_probabilities[same].sum() == pytest.approx(odds, abs=2e-4)
+    assert (resting.facet_probabilities > 0.0052).sum() <= len(theirs)
+    assert resting.facet_probabilities.sum() == pytest.approx(1.0)
 
 
 def bare(mesh: trimesh.Trimesh) -> Solid:
@@ -240,7 +240,7 @@ def test_a_larger_part_of_the_same_shape_has_the_same_odds(seed: int) -> None:
     body = random_body(seed)
     here = find_resting(bare(mesh_of(body)))
     there = find_resting(moved(body, 2.5 * np.eye(3)))
-    np.testing.assert_allclose(there.facet_odds, here.facet_odds, atol=1e-6)
+    np.testing.assert_allclose(there.facet_probabilities, here.facet_probabilities, atol=1e-6)
 
 
 def test_a_rod_is_one_family_about_its_axis() -> None:
@@ -340,7 +340,7 @@ def test_a_block_tips_most_easily_over_its_long_side() -> None:
     for pose in stable_poses(solid_of(box(40, 30, 20))):
         level = np.delete(np.arange(3), int(np.argmax(np.abs(down(pose)))))
         shorter = level[np.argmin(np.array([40, 30, 20])[level])]
-        assert abs(pose.tip_direction[shorter]) == pytest.approx(1.0)
+        assert abs(pose.topple_direction[shorter]) == pytest.approx(1.0)
 
 
 def test_the_odds_of_a_drop_are_solid_angle_times_tip_energy() -> None:

@@ -348,7 +348,7 @@ async def test_after_a_change_of_exposure_frames_are_skipped(
     frame = await task
     assert frame.image[0, 0] == 4
     assert frame.exposure_s == pytest.approx(0.020)
-    assert camera.stats.settling_count == 3
+    assert camera.stats.adapting_count == 3
 
 
 async def test_a_frame_begun_before_the_change_is_refused_even_if_it_is_late_enough(
@@ -369,7 +369,7 @@ async def test_setting_the_exposure_it_has_costs_no_frame(
     assert await camera.set_exposure(EXPOSURE_S) == pytest.approx(EXPOSURE_S)
     fake.finish(picture(9), t_s + 0.5)
     assert (await camera.frame_after(t_s)).image[0, 0] == 9
-    assert camera.stats.settling_count == 0
+    assert camera.stats.adapting_count == 0
 
 
 async def test_a_camera_whose_controls_changed_on_connecting_settles_first(

@@ -94,4 +94,4 @@ def test_settling_counts_only_frames_stamped_after_the_change() -> None:
     settling.begin(at_s=5.0, frame_count=2)
     ends = [4.9, 5.1, 5.2, 5.3]
     stamps = [Stamp(end, end, StampSource.END_OF_FRAME) for end in ends]
-    assert [settling.is_settling(stamp) for stamp in stamps] == [True, True, True, False]
+    assert [settling.is_adapting(stamp) for stamp in stamps] == [True, True, True, False]

@@ -228,11 +228,11 @@ def test_an_effect_without_an_action_is_known_before_anything_moves(record: Batc
 
 async def test_a_part_fault_leads_where_its_recovery_action_says(record: BatchRecord) -> None:
     async def fail() -> Event:
-        raise PartFaultError(PartFault.GRIP_MISSED, "on nothing")
+        raise PartFaultError(PartFault.GRASP_MISSED, "on nothing")
 
     actions = Actions(dict.fromkeys(Effect, ANY(run=fail)), Recoveries(record))
     events = [await actions.perform(Effect.GRASP) for _ in range(2)]
-    assert events == [Event.GRIP_MISSED] * 2
+    assert events == [Event.GRASP_MISSED] * 2
     with pytest.raises(PartProblemError, match="waits for you"):
         await actions.perform(Effect.GRASP)
 

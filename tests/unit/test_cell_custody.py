@@ -54,7 +54,7 @@ WORDS = {"arm": ARM, "fixed": FIXED}
 
 
 def rows_of(*words: str, run: str = "run-1", body: dict[str, Any] | None = None) -> list[Row]:
-    """Return rows from words: ``+grip`` an intent, ``=grip`` its outcome, ``in_arm`` custody."""
+    """Return rows from words: ``+grasp`` an intent, ``=grasp`` its outcome, ``in_arm`` custody."""
     kinds = {"+": "intent", "=": "outcome"}
     rows = [
         Row(0, "2026-01-02T03:04:05+00:00", 0.0, run, None, "event", "run_began", body or began())

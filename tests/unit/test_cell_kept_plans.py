@@ -18,16 +18,16 @@ from controller.cad.compiled import CompiledPart, load_part
 from controller.cell.kept_plans import Kept, KeptPlan, check_prepared, is_pose
 from controller.cell.plans import Planning
 from controller.config import load_cell
-from controller.planning import GripRules, PlanOptions, PreparedPart, Present
+from controller.planning import GraspRules, PlanOptions, PreparedPart, Present
 from controller.setup.layout import build_layout
 
 CELL = Path(__file__).parents[2] / "recipes" / "cells" / "emulated.yaml"
 FEW = PlanOptions(
-    arm_grips_per_pose=3,
-    arm_grips_round=4,
-    fixture_grips=4,
+    arm_grasps_per_pose=3,
+    arm_grasps_round=4,
+    fixed_grasps=4,
     directions_n=30,
-    rules=GripRules().coarse(),
+    rules=GraspRules().coarse(),
 )
 
 
@@ -160,7 +160,7 @@ def test_tables_that_do_not_fit_together_are_refused(
     wrongs: tuple[dict[str, Any], ...] = (
         {"covered": sound.covered[:-1]},
         {"shown": sound.shown[:-1]},
-        {"hub": sound.hub[:, :5]},
+        {"home_q": sound.home_q[:, :5]},
         {"visible": sound.visible[:, :-1]},
         {"view_q": ({10_000: np.zeros((1, 6))}, *sound.view_q[1:])},
     )

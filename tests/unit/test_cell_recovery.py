@@ -38,8 +38,8 @@ from controller.config import load_cell, load_recipe
 from controller.imaging import inverse_pose
 from controller.inspection import PartVerdict, Verdict, ViewResult
 from controller.planning import (
-    Grip,
-    HandOver,
+    GiveStep,
+    Grasp,
     InArm,
     InFixture,
     Look,
@@ -51,10 +51,10 @@ from controller.planning import (
     Plan,
     Present,
     Proof,
+    ReceiveStep,
     SetDown,
     Start,
     Step,
-    TakeBack,
     shown_pose,
 )
 from controller.recognition import Sighting
@@ -70,11 +70,11 @@ WIDTH_MM, FIXTURE_MM = 20.0, 30.0
 EYE = np.eye(4)
 
 
-def grip(name: str, holder: Any = "arm", width: float = WIDTH_MM) -> Grip:
-    return Grip(name, EYE, width, width + 8, 100.0, 0.3, 0.9, holder)
+def grasp(name: str, holder: Any = "arm", width: float = WIDTH_MM) -> Grasp:
+    return Grasp(name, EYE, width, width + 8, 100.0, 0.3, 0.9, holder)
 
 
-A, B, F = grip("A"), grip("B"), grip("F", "fixture", FIXTURE_MM)
+A, B, F = grasp("A"), grasp("B"), grasp("F", "fixture", FIXTURE_MM)
 
 
 def q(number: float) -> np.ndarray:
@@ -89,31 +89,31 @@ def mask(*samples: int) -> np.ndarray:
 
 def pick() -> Pick:
     return Pick(
-        seconds=1.0, label="pick", grip=A, motion_in=(q(1), q(2)), pre_open_mm=28.0,
+        seconds=1.0, label="pick", grasp=A, motion_in=(q(1), q(2)), pre_open_mm=28.0,
         motion_down=(q(3),), expected_opening_mm=WIDTH_MM, motion_up=(q(4),),
     )  # fmt: skip
 
 
-def show(name: str, at: float, *samples: int, held: Grip = A) -> Present:
+def show(name: str, at: float, *samples: int, held: Grasp = A) -> Present:
     return Present(
-        seconds=1.0, label=f"show {name}", view_id=name, grip=held, motion=(q(at),), q=q(at),
-        T_world_part=shown_pose(LAYOUT, q(at), held.T_part_hand),
+        seconds=1.0, label=f"show {name}", view_id=name, grasp=held, motion=(q(at),), q=q(at),
+        T_world_part=shown_pose(LAYOUT, q(at), held.T_part_tcp),
         direction_part=np.array([0.0, 0.0, 1.0]), seen=mask(*samples), square_to=-1,
         expected_opening_mm=WIDTH_MM,
     )  # fmt: skip
 
 
-def over() -> HandOver:
-    return HandOver(
-        seconds=1.0, label="hand off", grip=A, fixture_grip=F, fixture_pre_open_mm=60.0,
+def over() -> GiveStep:
+    return GiveStep(
+        seconds=1.0, label="hand off", grasp=A, fixed_grasp=F, fixture_pre_open_mm=60.0,
         motion=(q(20), q(21)), fixture_expected_opening_mm=FIXTURE_MM, hand_open_mm=28.0,
         retreat=(q(22),),
     )  # fmt: skip
 
 
-def back() -> TakeBack:
-    return TakeBack(
-        seconds=1.0, label="receive back", grip=B, fixture_grip=F, motion_in=(q(23),),
+def back() -> ReceiveStep:
+    return ReceiveStep(
+        seconds=1.0, label="receive back", grasp=B, fixed_grasp=F, motion_in=(q(23),),
         pre_open_mm=28.0, approach=(q(24),), expected_opening_mm=WIDTH_MM, fixture_open_mm=60.0,
         motion_out=(q(25),),
     )  # fmt: skip
@@ -121,14 +121,14 @@ def back() -> TakeBack:
 
 def down() -> SetDown:
     return SetDown(
-        seconds=1.0, label="set down", grip=A, motion=(q(30),), motion_down=(q(31),), open_mm=28.0,
+        seconds=1.0, label="set down", grasp=A, motion=(q(30),), motion_down=(q(31),), open_mm=28.0,
         motion_up=(q(32),), T_world_part=EYE, pose_index=1,
     )  # fmt: skip
 
 
 def plan(*steps: Step) -> Plan:
     place = Place(
-        seconds=1.0, label="place", tray="accept", grip=A, motion=(q(40),), motion_down=(q(41),),
+        seconds=1.0, label="place", tray="accept", grasp=A, motion=(q(40),), motion_down=(q(41),),
         open_mm=28.0, motion_up=(q(42),), T_world_part=EYE, tilt_rad=0.0,
     )  # fmt: skip
     park = Park(seconds=1.0, label="park", motion=(LAYOUT.park_q,))
@@ -136,7 +136,7 @@ def plan(*steps: Step) -> Plan:
     return Plan(
         steps=steps, place={t: replace(place, tray=t) for t in trays},
         park=dict.fromkeys(trays, park), forecast_s=1.0, covered_fraction=1.0,
-        reachable_fraction=1.0, unseen=(), grips=(A,), proof=Proof(0.0, 0.0, "none"),
+        reachable_fraction=1.0, unseen=(), grasps=(A,), proof=Proof(0.0, 0.0, "none"),
     )  # fmt: skip
 
 
@@ -154,7 +154,7 @@ class PaperCell:
     opened_on_part: list[str] = field(default_factory=list)
     take_back_mm: float = WIDTH_MM
     fixture_takes: bool = True
-    grips: int = 0
+    grasps: int = 0
     miss: int = 0
 
     # the arm
@@ -174,8 +174,8 @@ class PaperCell:
         self.hand_mm = width
         return width
 
-    async def grip(self, force: int) -> float:
-        self.grips += 1
+    async def grasp(self, force: int) -> float:
+        self.grasps += 1
         if self.has == "table" and np.allclose(self.q, q(3)):
             if self.miss:
                 self.miss -= 1
@@ -483,7 +483,7 @@ def test_a_grip_measured_far_from_the_planned_one_is_planned_on_with_as_it_is(
     T = shown_pose(LAYOUT, q(10), EYE)
     T[0, 3] += 2.5
     expected = inverse_pose(T) @ shown_pose(LAYOUT, q(10), EYE)
-    assert np.allclose(start.grip.T_part_hand, expected, atol=1e-9)
+    assert np.allclose(start.grasp.T_part_tcp, expected, atol=1e-9)
     assert run.compute.shown == ["v1", "v2"]
 
 
@@ -528,7 +528,7 @@ def test_a_take_back_that_fails_leaves_the_part_in_the_fixed_gripper(tmp_path: P
     assert isinstance(start, InFixture)
     assert run.compute.avoided[1] == {"B"}
     T_world_part = shown_pose(LAYOUT, q(21), EYE)
-    assert np.allclose(T_world_part @ start.grip.T_part_hand, LAYOUT.T_world_fixture, atol=1e-9)
+    assert np.allclose(T_world_part @ start.grasp.T_part_tcp, LAYOUT.T_world_fixed_tcp, atol=1e-9)
     assert run.compute.shown == ["v1", "v2"]
 
 
@@ -617,13 +617,13 @@ def test_all_troubles_together_are_bounded_too() -> None:
 @pytest.mark.parametrize(
     ("fault", "stages"),
     [
-        (PartFault.GRIP_MISSED, ["grasping"]),
-        (PartFault.GRIP_WRONG, ["grasping"]),
+        (PartFault.GRASP_MISSED, ["grasping"]),
+        (PartFault.GRASP_WRONG, ["grasping"]),
         (PartFault.DROPPED, ["grasping", "presenting", "handing", "lowering", "placing"]),
         (PartFault.NOT_IN_HAND, ["inspecting", "planning"]),
         (PartFault.HELD_OTHERWISE, ["inspecting"]),
         (PartFault.HAND_OFF_FAILED, ["handing"]),
-        (PartFault.TAKE_BACK_FAILED, ["handing"]),
+        (PartFault.RECEIVE_FAILED, ["handing"]),
         (PartFault.SEEN_TOO_LITTLE, ["inspecting"]),
     ],
 )

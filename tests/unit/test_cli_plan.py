@@ -18,7 +18,7 @@ from controller.cell import plans
 from controller.cli import _plan_site, main
 from controller.commissioning.siting import PartScore, SiteReport, SiteScore, site_of
 from controller.config import load_cell
-from controller.planning import Box, GripRules, NotGraspableError, PlanOptions
+from controller.planning import Box, GraspRules, NotGraspableError, PlanOptions
 from controller.planning.planner import certificates
 from controller.results.plan_page import coverage, strip
 from controller.setup import planner
@@ -41,11 +41,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def _coarse(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Few grips and views are enough to see what the command makes of a plan."""
     few = PlanOptions(
-        arm_grips_per_pose=3,
-        arm_grips_round=4,
-        fixture_grips=4,
+        arm_grasps_per_pose=3,
+        arm_grasps_round=4,
+        fixed_grasps=4,
         directions_n=30,
-        rules=GripRules().coarse(),
+        rules=GraspRules().coarse(),
     )
     monkeypatch.setattr(planner, "PlanOptions", lambda: few)
     monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))

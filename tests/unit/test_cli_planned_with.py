@@ -19,18 +19,18 @@ from controller.cli import main
 from controller.cli._plan_json import certificate_json, plan_json
 from controller.config import load_cell, load_recipe
 from controller.inspection import LEAST_WIDTH_PX
-from controller.planning import GripRules, OnTable, PlanOptions, resting_pose
+from controller.planning import GraspRules, OnTable, PlanOptions, resting_pose
 from controller.setup import planner as figures_module
 from controller.setup.planner import planner_setup
 
 ROOT = Path(__file__).parents[2]
 CELL = ROOT / "recipes/cells/emulated.yaml"
 FEW = PlanOptions(
-    arm_grips_per_pose=3,
-    arm_grips_round=4,
-    fixture_grips=4,
+    arm_grasps_per_pose=3,
+    arm_grasps_round=4,
+    fixed_grasps=4,
     directions_n=30,
-    rules=GripRules().coarse(),
+    rules=GraspRules().coarse(),
 )
 RECIPE = """
 name: {name}

@@ -8,5 +8,5 @@ from controller.cli._run import _part_json
 
 
 def test_recoveries_are_named_by_the_fault() -> None:
-    part = PartRecord(1, recoveries=[Recovery(PartFault.GRIP_MISSED, "closed on nothing")])
+    part = PartRecord(1, recoveries=[Recovery(PartFault.GRASP_MISSED, "closed on nothing")])
     assert _part_json(part)["recoveries"] == ["grip_missed"]

@@ -113,7 +113,7 @@ def test_the_layout_is_the_one_read_from_the_file_by_hand(shipped: bool, cell_fi
     built, expected = build_layout(load_cell(path)), layout_of(read_cell(path))
     assert built.arm.geometry == expected.arm.geometry
     assert built.arm.timing == expected.arm.timing
-    for name in ("T_world_arm", "T_world_fixture", "station_mm", "park_q"):
+    for name in ("T_world_arm", "T_world_fixed_tcp", "station_mm", "park_q"):
         assert getattr(built, name) == pytest.approx(getattr(expected, name)), name
     assert [link.name for link in built.arm.links] == ["carriage", "upper", "fore"]
     for ours, theirs in zip(
@@ -159,7 +159,7 @@ def test_every_pose_is_right_handed(cell: Cell) -> None:
     layout = build_layout(cell)
     for T in (
         layout.T_world_arm,
-        layout.T_world_fixture,
+        layout.T_world_fixed_tcp,
         layout.overhead.T_world_cam,
         layout.inspection.T_world_cam,
     ):

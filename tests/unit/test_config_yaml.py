@@ -58,7 +58,7 @@ def line_of(old: str) -> int:
 def test_the_recipe_the_tests_begin_with_is_right(folder: Path) -> None:
     (folder / "block.yaml").write_text(RECIPE_TEXT)
     recipe = load_recipe(folder / "block.yaml")
-    assert (recipe.name, recipe.count, recipe.grip.force_n) == ("block", 3, 60.0)
+    assert (recipe.name, recipe.count, recipe.grasp.force_n) == ("block", 3, 60.0)
 
 
 @pytest.mark.parametrize(

@@ -118,7 +118,7 @@ def test_activating_an_active_gripper_again_needs_an_edge(bench: Bench) -> None:
 
 
 def test_activation_drops_what_is_held(bench: Bench) -> None:
-    bench.jaws.grip_limit_mm = 40.0
+    bench.jaws.grasp_limit_mm = 40.0
     bench.write(0x09, 0xFF)
     bench.wait(1.0)
     assert bench.jaws.is_holding
@@ -131,13 +131,13 @@ def test_activation_drops_what_is_held(bench: Bench) -> None:
 
 def test_activation_with_something_between_the_jaws_is_fault_0d() -> None:
     bench = Bench()
-    bench.jaws.grip_limit_mm = 30.0
+    bench.jaws.grasp_limit_mm = 30.0
     bench.write(0x00)
     bench.write(0x01)
     bench.wait(2.0)
     assert bench.fault == Fault.ACTIVATION_FAILED
     assert bench.status == ACTIVATING
-    bench.jaws.grip_limit_mm = None
+    bench.jaws.grasp_limit_mm = None
     assert bench.activate().fault == Fault.NONE
 
 
@@ -233,7 +233,7 @@ def test_a_status_may_be_one_refresh_old_but_fc23_reads_its_own_write() -> None:
 def test_a_part_stops_the_jaws_and_feels_their_force(
     bench: Bench, width_mm: float, force: int, newtons: float
 ) -> None:
-    bench.jaws.grip_limit_mm = width_mm
+    bench.jaws.grasp_limit_mm = width_mm
     bench.write(0x09, 0xFF, 0xFF, force)
     bench.wait(1.0)
     assert bench.object == CONTACT_CLOSING
@@ -244,11 +244,11 @@ def test_a_part_stops_the_jaws_and_feels_their_force(
 
 
 def test_a_lost_part_lets_the_jaws_go_on_to_where_they_were_sent(bench: Bench) -> None:
-    bench.jaws.grip_limit_mm = 40.0
+    bench.jaws.grasp_limit_mm = 40.0
     bench.write(0x09, 0xFF)
     bench.wait(1.0)
     assert bench.object == CONTACT_CLOSING
-    bench.jaws.grip_limit_mm = None
+    bench.jaws.grasp_limit_mm = None
     bench.wait(0.05)
     assert bench.object == MOVING
     assert bench.jaws.force_n == 0.0
@@ -257,11 +257,11 @@ def test_a_lost_part_lets_the_jaws_go_on_to_where_they_were_sent(bench: Bench) -
 
 
 def test_a_part_that_gives_way_a_little_stays_gripped(bench: Bench) -> None:
-    bench.jaws.grip_limit_mm = 40.0
+    bench.jaws.grasp_limit_mm = 40.0
     bench.write(0x09, 0xFF)
     bench.wait(1.0)
     for _ in range(100):
-        bench.jaws.grip_limit_mm -= 0.02
+        bench.jaws.grasp_limit_mm -= 0.02
         bench.wait(STEP_S)
         assert bench.object == CONTACT_CLOSING
     assert bench.jaws.opening_mm == pytest.approx(38.0)
@@ -269,14 +269,14 @@ def test_a_part_that_gives_way_a_little_stays_gripped(bench: Bench) -> None:
 
 def test_a_part_as_wide_as_asked_is_a_position_reached(bench: Bench) -> None:
     # gOBJ 3 says "no object or lost": a driver must ask for less than the part's width (§2.3)
-    bench.jaws.grip_limit_mm = (230 - 0x80) * COUNT_MM
+    bench.jaws.grasp_limit_mm = (230 - 0x80) * COUNT_MM
     bench.write(0x09, 0x80)
     bench.wait(1.0)
     assert bench.object == AT_POSITION
 
 
 def test_a_stopped_gripper_keeps_its_hold_and_a_dead_one_too(bench: Bench) -> None:
-    bench.jaws.grip_limit_mm = 40.0
+    bench.jaws.grasp_limit_mm = 40.0
     bench.write(0x09, 0xFF)
     bench.wait(1.0)
     bench.write(0x01, 0xFF)
@@ -285,7 +285,7 @@ def test_a_stopped_gripper_keeps_its_hold_and_a_dead_one_too(bench: Bench) -> No
     bench.device.is_powered = False
     bench.wait(0.5, is_polled=False)
     assert bench.jaws.force_n == pytest.approx(235.0)
-    bench.jaws.grip_limit_mm = None
+    bench.jaws.grasp_limit_mm = None
     bench.device.advance(STEP_S)
     assert (bench.jaws.force_n, bench.jaws.opening_mm) == (0.0, pytest.approx(40.0))
 
@@ -305,7 +305,7 @@ def test_opening_inside_a_ring_is_contact_while_opening(bench: Bench) -> None:
 
 def test_a_part_wider_than_the_gap_is_not_crushed_nor_pushes_the_jaws() -> None:
     jaws = JawModel(opening_mm=30.0)
-    jaws.grip_limit_mm = 31.0
+    jaws.grasp_limit_mm = 31.0
     jaws.drive(0.0, 150.0, 100.0)
     jaws.advance(STEP_S)
     assert jaws.opening_mm == 30.0

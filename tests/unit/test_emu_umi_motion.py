@@ -374,7 +374,7 @@ def test_a_target_just_past_a_stop_but_within_the_dead_band_is_an_arrival_not_a_
 
 def test_jaws_close_on_an_object_stall_there_and_keep_pressing_until_told_otherwise() -> None:
     line = line_in_the_middle()
-    line.model.grip_limit_mm = 20.0
+    line.model.grasp_limit_mm = 20.0
     line.write(Axis.GRIPPER, 10, 25)
     line.write(Axis.GRIPPER, 3, -500)
     assert line.go(Axis.GRIPPER) == "00"
@@ -400,7 +400,7 @@ def test_jaws_close_on_an_object_stall_there_and_keep_pressing_until_told_otherw
 @pytest.mark.parametrize("release", ["26", "80 00 03", "20"])
 def test_limp_jaws_do_not_press(release: str) -> None:
     line = line_in_the_middle()
-    line.model.grip_limit_mm = 10.0
+    line.model.grasp_limit_mm = 10.0
     line.drive({Axis.GRIPPER: -1})
     line.wait_for(3, 1, Axis.GRIPPER)
     assert line.model.jaw_force_fraction == 0.4

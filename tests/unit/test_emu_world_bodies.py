@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from emulators.world import Layout, LayoutError, Solid, World, load_solid, read_layout
 from emulators.world.ground_truth import custody, part_pose, tray_of
-from emulators.world.matter.grip import apart
+from emulators.world.matter.grasp import apart
 from emulators.world.matter.pads import Pads
 from emulators.world.matter.solid import read_pieces, solid_of
 from emulators.world.poses import JointValues, forward, quat_xyzw_of, rotation_of
@@ -52,7 +52,7 @@ class Arm:
     def __init__(self, **joints: float) -> None:
         start = {"shoulder_rad": math.radians(80.0), "pitch_rad": DOWN, "jaw_opening_mm": 85.0}
         self.at = JointValues(**{**start, **joints})
-        self.grip_limit_mm: float | None = None
+        self.grasp_limit_mm: float | None = None
         self.blocked: set[tuple[str, int]] = set()
 
     def advance(self, dt_s: float) -> None:
@@ -70,7 +70,7 @@ class Jaws:
 
     def __init__(self) -> None:
         self.opening_mm = 85.0
-        self.grip_limit_mm: float | None = None
+        self.grasp_limit_mm: float | None = None
 
     def advance(self, dt_s: float) -> None:
         pass
@@ -93,7 +93,7 @@ class Bench:
 
     def tip_to(self, seconds: float, x: float, y: float, z: float, psi: float) -> None:
         """Move the tip, approach straight down; umi_rtx.md 6.5 by hand."""
-        there = self.world.hand.T_world_tip[:2, 3]
+        there = self.world.hand.T_world_tcp[:2, 3]
         if math.hypot(x - there[0], y - there[1]) > 150.0:  # far: over everything
             self.go(0.2, zed_mm=0.0)
             self._turn_to(seconds, x, y, 0.0, psi)
@@ -115,7 +115,7 @@ class Bench:
     def _jaws(self, to_mm: float, now: Callable[[], float], put: Callable[[float], None]) -> None:
         for _ in range(2000):
             step = max(-0.3, min(0.3, to_mm - now()))
-            limit = self.arm.grip_limit_mm if put == self._put_hand else self.jaws.grip_limit_mm
+            limit = self.arm.grasp_limit_mm if put == self._put_hand else self.jaws.grasp_limit_mm
             after = now() + step
             if limit is not None and step < 0.0:
                 after = max(after, min(now(), limit))
@@ -241,7 +241,7 @@ def test_a_block_rests_on_six_sides_by_their_solid_angles(block: Solid) -> None:
     share = math.asin(a * b / math.sqrt((a * a + h * h) * (b * b + h * h))) / math.pi
     assert block.rests[0].solid_angle == pytest.approx(share)
     assert abs(block.rests[0].down[2]) == pytest.approx(1.0)
-    assert block.rests[0].tip_rad == pytest.approx(math.atan2(20.0, 10.0))
+    assert block.rests[0].topple_rad == pytest.approx(math.atan2(20.0, 10.0))
     assert block.rests[0].R @ block.rests[0].down == pytest.approx((0.0, 0.0, -1.0))
 
 
@@ -339,9 +339,9 @@ def test_a_grip_centres_and_squares_the_part_and_the_jaws_stop_at_its_width(benc
     bench.pick_block(theta_rad=math.radians(2.0), off_mm=1.0)
     assert custody(bench.world, 0) == "arm"
     assert bench.arm.at.jaw_opening_mm == pytest.approx(40.0, abs=0.002)
-    T_world_part, T_world_tip = part_pose(bench.world, 0), bench.world.hand.T_world_tip
+    T_world_part, T_world_tcp = part_pose(bench.world, 0), bench.world.hand.T_world_tcp
     assert T_world_part is not None
-    T = np.linalg.inv(T_world_tip) @ T_world_part
+    T = np.linalg.inv(T_world_tcp) @ T_world_part
     assert abs(T[1, 3]) < 0.01  # in the middle between the pads
     assert abs(abs(T[1, 1]) - 1.0) < 1e-6  # flush
     assert [event.what for event in bench.world.events][-1] == "gripped"
@@ -351,16 +351,16 @@ def test_closing_on_nothing_closes(bench: Bench) -> None:
     bench.tip_to(0.2, 360.0, 0.0, 150.0, 0.0)
     bench.hand(0.0)
     assert bench.arm.at.jaw_opening_mm == 0.0
-    assert bench.arm.grip_limit_mm is None
+    assert bench.arm.grasp_limit_mm is None
 
 
 def test_a_held_part_does_not_move_in_the_hand(bench: Bench) -> None:
     bench.pick_block()
-    T_before = np.linalg.inv(bench.world.hand.T_world_tip) @ bench.world.parts[0].T_world_part
+    T_before = np.linalg.inv(bench.world.hand.T_world_tcp) @ bench.world.parts[0].T_world_part
     bench.tip_to(1.0, 250.0, 200.0, 300.0, 1.3)
     bench.go(1.0, pitch_rad=-0.3, roll_rad=0.9)
     bench.tip_to(1.0, 380.0, -80.0, 260.0, 0.4)
-    T_after = np.linalg.inv(bench.world.hand.T_world_tip) @ bench.world.parts[0].T_world_part
+    T_after = np.linalg.inv(bench.world.hand.T_world_tcp) @ bench.world.parts[0].T_world_part
     off_mm, off_rad = apart(T_before, T_after)
     assert off_mm < 0.001
     assert off_rad < math.radians(0.001)
@@ -405,7 +405,7 @@ def test_a_part_gripped_by_a_corner_falls_out(bench: Bench) -> None:
 
 def test_a_lost_part_is_not_caught_again_before_the_jaws_have_opened(bench: Bench) -> None:
     bench.pick_block()
-    bench.world.lose_grip("arm")
+    bench.world.lose_grasp("arm")
     assert custody(bench.world, 0) == "free"
     bench.hand(30.0)
     assert bench.world.settle()
@@ -426,9 +426,9 @@ def test_a_grip_told_to_miss_closes_on_nothing_once_and_the_next_one_holds(bench
 
 def test_a_slip_turns_the_part_about_the_pads_and_moves_it_along_the_fingers(bench: Bench) -> None:
     bench.pick_block()
-    before = np.linalg.inv(bench.world.hand.T_world_tip) @ bench.world.parts[0].T_world_part
+    before = np.linalg.inv(bench.world.hand.T_world_tcp) @ bench.world.parts[0].T_world_part
     bench.world.slip("arm", 4.0, math.radians(10.0))
-    after = np.linalg.inv(bench.world.hand.T_world_tip) @ bench.world.parts[0].T_world_part
+    after = np.linalg.inv(bench.world.hand.T_world_tcp) @ bench.world.parts[0].T_world_part
     moved = after @ np.linalg.inv(before)
     assert moved[:3, 3] == pytest.approx((4.0, 0.0, 0.0), abs=1e-9)
     assert moved[:3, 1] == pytest.approx((0.0, 1.0, 0.0), abs=1e-9)
@@ -458,11 +458,11 @@ def test_the_world_tells_letting_go_over_the_table_from_letting_go_in_the_air(
 def bring_to_fixture(bench: Bench, off_mm: float = 0.0) -> None:
     """Put the block into the open fixed gripper: its 20 mm between the pads, held across 40."""
     bench.pick_block()
-    tip = bench.layout.fixture.T_world_tip
+    tip = bench.layout.fixture.T_world_tcp
     # approach down and jaws along x: the block's 60 along y, 40 along x, 20 upright
     bench.tip_to(1.0, 220.0, -200.0, 550.0, math.pi / 2.0)
     x, y, z = tip[:3, 3] + (0.0, 18.0, off_mm)
-    grip_z = z - (bench.world.parts[0].centre_mm[2] - bench.world.hand.T_world_tip[2, 3])
+    grip_z = z - (bench.world.parts[0].centre_mm[2] - bench.world.hand.T_world_tcp[2, 3])
     bench.tip_to(1.0, x, y, 550.0, math.pi / 2.0)
     bench.tip_to(1.0, x, y, grip_z, math.pi / 2.0)
 
@@ -523,7 +523,7 @@ def test_the_hand_stops_at_the_table_and_comes_up_again(bench: Bench) -> None:
 def test_a_hand_that_has_not_moved_yet_is_where_the_arm_holds_it(bench: Bench) -> None:
     tip = forward(bench.layout.arm, bench.arm.at)["tip"]
     assert bench.world.snapshot().poses["tip"] == pytest.approx(tip)
-    assert bench.world.hand.T_world_tip == pytest.approx(tip)
+    assert bench.world.hand.T_world_tcp == pytest.approx(tip)
     bench.hand(60.0)
     assert bench.world.collisions == []
 
@@ -591,10 +591,10 @@ def test_fingers_in_a_hollow_that_convex_pieces_would_fill_do_not_move_the_part(
 ) -> None:
     # a disc with a hub: one convex piece would be a cone where the fingers stand
     disc = trimesh.creation.cylinder(radius=50.0, height=8.0, sections=64)
-    hub = trimesh.creation.cylinder(radius=15.0, height=16.0, sections=64)
+    home_q = trimesh.creation.cylinder(radius=15.0, height=16.0, sections=64)
     disc.apply_translation((0.0, 0.0, 4.0))
-    hub.apply_translation((0.0, 0.0, 16.0))
-    both = trimesh.boolean.union([disc, hub])
+    home_q.apply_translation((0.0, 0.0, 16.0))
+    both = trimesh.boolean.union([disc, home_q])
     bench = Bench(layout, solid_of(both, "flange"))
     bench.world.drop(0, 360.0, 0.0, rest=0, theta_rad=0.0)
     bench.world.settle()

@@ -383,9 +383,9 @@ def points_of(lamp: LampLayout, aim_mm: Array) -> Array:
 def on_plate(eye: Eye, rng: np.random.Generator, count: int) -> tuple[NDArray[np.intp], Array]:
     """Return some pixels near the block, flat, and where their middles meet the plate, z = -1."""
     pixels = rng.integers(300, 724, count) * 1280 + rng.integers(428, 852, count)
-    ways = eye.rays.directions[pixels].astype(float)
+    paths = eye.rays.directions[pixels].astype(float)
     eye_mm = eye.camera.T_world_cam[:3, 3]
-    return pixels, eye_mm + ways * ((-1.0 - eye_mm[2]) / ways[:, 2])[:, None]
+    return pixels, eye_mm + paths * ((-1.0 - eye_mm[2]) / paths[:, 2])[:, None]
 
 
 def share_past_box(

@@ -24,7 +24,7 @@ from drivers.errors import (
 )
 from drivers.gripper_modbus import (
     ActivationState,
-    GripEvidence,
+    GraspEvidence,
     Gripper,
     GripperConfig,
     Hold,
@@ -211,8 +211,8 @@ async def test_one_setting_chooses_the_transport(transport: str) -> None:
     device = Robotiq(is_active=False, part_outside=120)
     async with gripper_on(device, transport) as gripper:
         await gripper.activate()
-        grip = await gripper.close_on(speed_mm_s=150.0)
-        assert grip.object_detected
+        grasp = await gripper.close_on(speed_mm_s=150.0)
+        assert grasp.object_detected
         await gripper.open_to(60.0)
     assert device.position == 70  # 230 - 60 * 227 / 85 = 69.8
 
@@ -349,28 +349,28 @@ async def test_what_the_gripper_cannot_do_is_refused_before_the_wire(
 async def test_a_part_between_the_jaws_is_detected_with_its_width() -> None:
     device = Robotiq(part_outside=150)
     async with gripper_on(device) as gripper:
-        grip = await gripper.close_on(30.0)
-    assert grip.object_detected
-    assert grip.evidence is GripEvidence.CONTACT
-    assert grip.width_mm == pytest.approx(80 * 85 / 227)  # (230 - 150) counts
-    assert grip.status.object is ObjectState.CONTACT_CLOSING
+        grasp = await gripper.close_on(30.0)
+    assert grasp.object_detected
+    assert grasp.evidence is GraspEvidence.CONTACT
+    assert grasp.width_mm == pytest.approx(80 * 85 / 227)  # (230 - 150) counts
+    assert grasp.status.object is ObjectState.CONTACT_CLOSING
 
 
 async def test_a_missing_part_is_a_result_and_the_jaws_stop_short_of_closing() -> None:
     device = Robotiq()
     async with gripper_on(device) as gripper:
-        grip = await gripper.close_on(30.0)
-        assert not grip.object_detected
+        grasp = await gripper.close_on(30.0)
+        assert not grasp.object_detected
         assert await gripper.hold() is Hold.NOTHING
-    assert grip.width_mm == pytest.approx(22.0, abs=85 / 227)  # 8 mm beyond the part
+    assert grasp.width_mm == pytest.approx(22.0, abs=85 / 227)  # 8 mm beyond the part
 
 
 async def test_closing_on_nothing_without_a_width_ends_at_the_closed_stop() -> None:
     device = Robotiq()
     async with gripper_on(device) as gripper:
-        grip = await gripper.close_on()
-    assert not grip.object_detected
-    assert grip.width_mm == pytest.approx(0.0)
+        grasp = await gripper.close_on()
+    assert not grasp.object_detected
+    assert grasp.width_mm == pytest.approx(0.0)
 
 
 async def test_fingers_that_touch_each_other_are_no_part() -> None:
@@ -382,15 +382,15 @@ async def test_fingers_that_touch_each_other_are_no_part() -> None:
 async def test_a_soft_part_that_contact_misses_is_found_by_its_width() -> None:
     device = Robotiq(part_outside=150, misses_contact=True)
     async with gripper_on(device) as gripper:
-        assert (await gripper.close_on(30.0)).evidence is GripEvidence.WIDTH
+        assert (await gripper.close_on(30.0)).evidence is GraspEvidence.WIDTH
 
 
 async def test_a_ring_is_held_from_within() -> None:
     device = Robotiq(position=200, part_inside=90)
     async with gripper_on(device) as gripper:
-        grip = await gripper.open_on(52.0)
-        assert grip.object_detected
-        assert grip.width_mm == pytest.approx(140 * 85 / 227)
+        grasp = await gripper.open_on(52.0)
+        assert grasp.object_detected
+        assert grasp.width_mm == pytest.approx(140 * 85 / 227)
         assert await gripper.hold() is Hold.HELD
 
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from controller.planning import Box
 from controller.planning.geometry import PartShape, PlacedShape, Triangles, stack
-from controller.planning.motion import Scene, tip_pose
+from controller.planning.motion import Scene, tcp_pose
 from drivers.umi_scara.kinematics import within_limits
 
 LAYOUT = emulated_layout()
@@ -60,7 +60,7 @@ def gap_mm(points: np.ndarray, box: Box) -> float:
 
 def part_gaps(q: np.ndarray) -> float:
     """Return the gap between the held part and the nearest thing it may touch, less margins."""
-    T = tip_pose(LAYOUT, q) @ T_TIP_PART
+    T = tcp_pose(LAYOUT, q) @ T_TIP_PART
     points = SURFACE @ T[:3, :3].T + T[:3, 3]
     still = [box for _, box in BARE.statics()] + [LAYOUT.column]
     links = BARE.arm_boxes(q)[:3]
@@ -126,7 +126,7 @@ def test_the_part_may_be_handed_in_row_by_row() -> None:
 def test_a_standing_part_may_be_reached_into() -> None:
     """A fingertip between the two plates of an angle is inside its box and touches nothing."""
     q = np.array([0.3, -0.5, 0.2, -500.0, -np.pi / 2, 0.0])
-    tip = tip_pose(LAYOUT, q)
+    tip = tcp_pose(LAYOUT, q)
     shut = replace(BARE, hand_opening_mm=0.0)
     T = np.eye(4)
     T[:3, 3] = tip[:3, 3] + [-22.0, 0.0, 20.0]  # the foot below the tips, the wall away from them
@@ -144,7 +144,7 @@ def test_a_standing_part_may_be_reached_into() -> None:
 
 def test_two_parts_that_overlap_touch_and_two_apart_do_not() -> None:
     q = np.array([0.3, -0.5, 0.2, -400.0, -np.pi / 2, 0.0])
-    T_world = tip_pose(LAYOUT, q) @ T_TIP_PART
+    T_world = tcp_pose(LAYOUT, q) @ T_TIP_PART
     apart = T_world.copy()
     apart[:3, 3] += [0.0, 0.0, -150.0]
     assert EXACT.free(q[None], 2.0)[0]

@@ -24,8 +24,8 @@ from controller.planning import (
     Box,
     CellLayout,
     Certificate,
-    Grip,
-    HandOver,
+    GiveStep,
+    Grasp,
     Look,
     Park,
     Pick,
@@ -34,9 +34,9 @@ from controller.planning import (
     Present,
     Proof,
     Reason,
+    ReceiveStep,
     SetDown,
     Step,
-    TakeBack,
     Unseen,
     resting_pose,
     shown_pose,
@@ -117,12 +117,12 @@ def block(tmp_path_factory: pytest.TempPathFactory) -> CompiledPart:
     return compile_part(path)
 
 
-def grip(name: str, holder: str = "arm") -> Grip:
+def grasp(name: str, holder: str = "arm") -> Grasp:
     """The block held across y from above, the tips 8 mm below its middle."""
     T = np.eye(4)
     T[:3, :3] = DOWN
     T[:3, 3] = (0.0, 0.0, -8.0)
-    return Grip(name, T, 30.0, 40.0, 100.0, 0.2, 0.9, holder)  # type: ignore[arg-type]
+    return Grasp(name, T, 30.0, 40.0, 100.0, 0.2, 0.9, holder)  # type: ignore[arg-type]
 
 
 def every_kind(part: CompiledPart, layout: CellLayout) -> Plan:
@@ -133,12 +133,12 @@ def every_kind(part: CompiledPart, layout: CellLayout) -> Plan:
     lying = resting_pose(part.solid, part.poses[0], 360.0, 0.0, 0.3)
     shown = np.eye(4)
     shown[:3, 3] = layout.station_mm
-    hand, other, fixed = grip("A1"), grip("A2"), grip("F1", "fixture")
+    hand, other, fixed = grasp("A1"), grasp("A2"), grasp("F1", "fixture")
     steps: tuple[Step, ...] = (
         Pick(
             seconds=10.0,
             label=f"pick {NASTY}",
-            grip=hand,
+            grasp=hand,
             motion_in=(q,),
             pre_open_mm=40.0,
             motion_down=(q,),
@@ -149,7 +149,7 @@ def every_kind(part: CompiledPart, layout: CellLayout) -> Plan:
             seconds=5.0,
             label="show",
             view_id="A1-V3",
-            grip=hand,
+            grasp=hand,
             motion=(q,),
             q=q,
             T_world_part=shown,
@@ -158,22 +158,22 @@ def every_kind(part: CompiledPart, layout: CellLayout) -> Plan:
             square_to=0,
             expected_opening_mm=30.0,
         ),
-        HandOver(
+        GiveStep(
             seconds=8.0,
             label="hand off",
-            grip=hand,
-            fixture_grip=fixed,
+            grasp=hand,
+            fixed_grasp=fixed,
             fixture_pre_open_mm=50.0,
             motion=(q,),
             fixture_expected_opening_mm=30.0,
             hand_open_mm=40.0,
             retreat=(q,),
         ),
-        TakeBack(
+        ReceiveStep(
             seconds=7.0,
             label="receive back",
-            grip=other,
-            fixture_grip=fixed,
+            grasp=other,
+            fixed_grasp=fixed,
             motion_in=(q,),
             pre_open_mm=40.0,
             approach=(q,),
@@ -184,7 +184,7 @@ def every_kind(part: CompiledPart, layout: CellLayout) -> Plan:
         SetDown(
             seconds=6.0,
             label="set down",
-            grip=other,
+            grasp=other,
             motion=(q,),
             motion_down=(q,),
             open_mm=40.0,
@@ -205,7 +205,7 @@ def every_kind(part: CompiledPart, layout: CellLayout) -> Plan:
         seconds=9.0,
         label="place in tray accept",
         tray="accept",
-        grip=other,
+        grasp=other,
         motion=(q,),
         motion_down=(q,),
         open_mm=40.0,
@@ -234,7 +234,7 @@ def every_kind(part: CompiledPart, layout: CellLayout) -> Plan:
         covered_fraction=float(weights[seen].sum()),
         reachable_fraction=1.0,
         unseen=unseen,
-        grips=(hand, fixed, other),
+        grasps=(hand, fixed, other),
         proof=Proof(30.0, 27.0, "2 grips, 3 views"),
     )
 
@@ -330,11 +330,11 @@ def test_moments_hold_the_part_where_the_hand_has_it(
     drawn = moments(plan, layout)
     assert [m.kind for m in drawn] == list(Kind)
     for moment in drawn:
-        if moment.kind in (Kind.PICK, Kind.HAND_OVER, Kind.TAKE_BACK):
-            assert moment.grip is not None
-            expected = shown_pose(layout, moment.q, moment.grip.T_part_hand)
+        if moment.kind in (Kind.PICK, Kind.GIVE, Kind.RECEIVE):
+            assert moment.grasp is not None
+            expected = shown_pose(layout, moment.q, moment.grasp.T_part_tcp)
             assert np.allclose(moment.T_world_part, expected)
-    assert [m.fixture_grip is not None for m in drawn].count(True) == 2
+    assert [m.fixed_grasp is not None for m in drawn].count(True) == 2
     assert sum(m.step.seconds for m in drawn) == pytest.approx(plan.forecast_s)
 
 

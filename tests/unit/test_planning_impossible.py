@@ -56,9 +56,9 @@ from controller.planning import (
 # what lies on the table shows its top to the overhead camera, whatever the station is like
 OPTIONS = PlanOptions(
     directions_n=60,
-    arm_grips_per_pose=6,
-    arm_grips_round=10,
-    fixture_grips=8,
+    arm_grasps_per_pose=6,
+    arm_grasps_round=10,
+    fixed_grasps=8,
     table_views=False,
 )
 FRICTION_DEG = float(np.degrees(np.arctan(OPTIONS.rules.friction)))  # 31.0
@@ -321,7 +321,7 @@ def test_what_only_a_far_grip_shows_is_hidden_for_want_of_grip_strength() -> Non
     pose = stable_poses(solid)[0]
     heavy = prepared_part(solid, LAYOUT, rules(density_kg_mm3=2.7e-6))
     plan = plan_from(heavy, LAYOUT, start(solid, pose))
-    pieces = of_kind(plan, Reason.GRIP_STRENGTH)
+    pieces = of_kind(plan, Reason.GRASP_STRENGTH)
     assert pieces == list(plan.unseen)
     p = heavy.samples.points_mm
     for piece in pieces:  # the tab over the middle is what holds it
@@ -339,16 +339,16 @@ def test_a_camera_above_never_sees_what_the_hand_holds_downwards() -> None:
     layout, solid = overhead_station(), block()
     part = prepared_part(solid, layout)
     pose = lying_on(solid, (0.0, 0.0, -1.0))
-    kept = [k for k, g in enumerate(part.arm_grips) if g.T_part_hand[2, 0] < -0.999]
+    kept = [k for k, g in enumerate(part.arm_grasps) if g.T_part_tcp[2, 0] < -0.999]
     assert kept
     part = replace(
         part,
-        arm_grips=tuple(part.arm_grips[k] for k in kept),
+        arm_grasps=tuple(part.arm_grasps[k] for k in kept),
         shown=tuple(part.shown[k] for k in kept),
         view_q=tuple(part.view_q[k] for k in kept),
         covered=part.covered[kept],
-        hub=part.hub[kept],
-        fixture_grips=(),
+        home_q=part.home_q[kept],
+        fixed_grasps=(),
         hand_offs=(),
         rests=(),
         set_downs=(),
@@ -368,13 +368,13 @@ def test_a_camera_above_never_sees_what_the_hand_holds_downwards() -> None:
 def test_what_the_only_grips_cover_has_no_regrasp_path_without_a_second_gripper(cell: str) -> None:
     layout = without_fixture() if cell == "absent" else far_fixture()
     plan, part = planned(block(), layout)
-    assert plan.regrip_count == 0
+    assert plan.regrasp_count == 0
     # what one pair of pads covers is unseen: opaque as they are
-    hand = np.linalg.inv(plan.grips[0].T_part_hand)
+    hand = np.linalg.inv(plan.grasps[0].T_part_tcp)
     at = part.samples.points_mm @ hand[:3, :3].T + hand[:3, 3]
     under = (at[:, 0] < -2) & (at[:, 0] > 2 - LAYOUT.hand.pad_length_mm)
     under &= np.abs(at[:, 2]) < LAYOUT.hand.finger_width_mm / 2 - 2
-    under &= np.abs(np.abs(at[:, 1]) - plan.grips[0].opening_mm / 2) < 0.3
+    under &= np.abs(np.abs(at[:, 1]) - plan.grasps[0].opening_mm / 2) < 0.3
     pieces = of_kind(plan, Reason.NO_REGRASP_PATH)
     assert set(np.flatnonzero(under).tolist()) <= {k for u in pieces for k in u.samples}
     assert under.any()

@@ -42,8 +42,8 @@ from controller.cad import sample_surface, stable_poses
 from controller.imaging import Camera
 from controller.planning import (
     Box,
-    Grip,
-    HandOver,
+    GiveStep,
+    Grasp,
     Look,
     Pick,
     Place,
@@ -52,7 +52,7 @@ from controller.planning import (
     PreparedPart,
     Present,
     Reason,
-    TakeBack,
+    ReceiveStep,
     Unseen,
     plan_part,
     prepare_part,
@@ -63,7 +63,7 @@ LAYOUT = emulated_layout()
 TROUGH = box(90.0, 16.0, 16.0).translate((0.0, 0.0, 12.0))
 SOLID = solid_of(box(70.0, 40.0, 24.0) - TROUGH, "trough")
 SAMPLES = sample_surface(SOLID, 6.0)
-OPTIONS = replace(PlanOptions().coarse(), arm_grips_per_pose=4, fixture_grips=8)
+OPTIONS = replace(PlanOptions().coarse(), arm_grasps_per_pose=4, fixed_grasps=8)
 POSE = stable_poses(SOLID)[0]
 T_START = resting_pose(SOLID, POSE, 350.0, 40.0, 0.7)
 EYE = np.array([0.0, 0.0, 500.0])
@@ -86,7 +86,7 @@ def plan(prepared: PreparedPart) -> Plan:
     # without places on the table to change the grip at, it is the fixed gripper that helps
     passing = replace(prepared, rests=(), set_downs=())
     made = plan_part(SOLID, SAMPLES, POSE, T_START, LAYOUT, prepared=passing)
-    assert any(isinstance(s, HandOver) for s in made.steps)
+    assert any(isinstance(s, GiveStep) for s in made.steps)
     return made
 
 
@@ -251,7 +251,7 @@ def test_the_fastest_contact_test_is_the_slow_one() -> None:
 
 # ---- plans ---------------------------------------------------------------------------------------
 def test_a_good_plan_is_sound(plan: Plan, judge: Judge, prepared: PreparedPart) -> None:
-    verdict = judge.judge(plan, T_START, prepared.arm_grips[:6])
+    verdict = judge.judge(plan, T_START, prepared.arm_grasps[:6])
     assert verdict.trouble == []
     assert verdict.false_claims == 0
     assert verdict.covered == pytest.approx(plan.covered_fraction)
@@ -318,39 +318,39 @@ def test_a_wrong_reason_is_found_out(plan: Plan, judge: Judge, prepared: Prepare
     lie = Unseen(face, float(weights[mine].sum()), "no", Reason.HIDDEN_BY_PART, samples=which)
     others = tuple(u for u in plan.unseen if u.face_id != face)
     bad = replace(plan, steps=tuple(steps), covered_fraction=covered, unseen=(lie, *others))
-    verdict = judge.judge(bad, T_START, prepared.arm_grips)
+    verdict = judge.judge(bad, T_START, prepared.arm_grasps)
     assert verdict.wrong_kinds > 0.5 * weights[mine].sum()
     assert verdict.showable_unseen > 0.5 * weights[mine].sum()
     for found in verdict.evidence[:3]:  # each view found is one: shown again with all margins
-        grip = next(g for g in prepared.arm_grips if g.id == found.grip_id)
-        T = frames(LAYOUT, found.q)["tip"] @ np.linalg.inv(grip.T_part_hand)
-        assert judge.search.truly(found.q, T, grip, np.array([found.sample])).all()
+        grasp = next(g for g in prepared.arm_grasps if g.id == found.grip_id)
+        T = frames(LAYOUT, found.q)["tip"] @ np.linalg.inv(grasp.T_part_tcp)
+        assert judge.search.truly(found.q, T, grasp, np.array([found.sample])).all()
 
 
-def shifted(grip: Grip, along: int, mm: float) -> Grip:
-    T = grip.T_part_hand.copy()
+def shifted(grasp: Grasp, along: int, mm: float) -> Grasp:
+    T = grasp.T_part_tcp.copy()
     T[:3, 3] += mm * T[:3, along]
-    return replace(grip, T_part_hand=T)
+    return replace(grasp, T_part_tcp=T)
 
 
 def test_a_grip_beside_the_walls_is_found_out(plan: Plan) -> None:
-    grip = step_of(plan, Pick).grip
+    grasp = step_of(plan, Pick).grasp
     c = Checker(LAYOUT, SOLID)
 
-    def said(changed: Grip) -> str:
+    def said(changed: Grasp) -> str:
         return "; ".join(c.hold(changed, LAYOUT.hand, "pick"))
 
-    assert said(grip) == ""
-    assert "is to stop at" in said(replace(grip, opening_mm=grip.opening_mm + 2.0))
+    assert said(grasp) == ""
+    assert "is to stop at" in said(replace(grasp, opening_mm=grasp.opening_mm + 2.0))
     # 60 mm out of the part the pads touch nothing
-    assert "touches 0 mm2" in said(shifted(grip, 0, -60.0))
+    assert "touches 0 mm2" in said(shifted(grasp, 0, -60.0))
     # closed 4 mm further than the walls allow, the fingers stand inside the part
-    assert "inside the part" in said(replace(grip, opening_mm=grip.opening_mm - 4.0))
-    assert "wider than the jaw" in said(replace(grip, pre_open_mm=99.0))
+    assert "inside the part" in said(replace(grasp, opening_mm=grasp.opening_mm - 4.0))
+    assert "wider than the jaw" in said(replace(grasp, pre_open_mm=99.0))
 
 
 def test_steps_out_of_order_are_found_out(plan: Plan) -> None:
-    k = next(k for k, s in enumerate(plan.steps) if isinstance(s, HandOver))
+    k = next(k for k, s in enumerate(plan.steps) if isinstance(s, GiveStep))
     without = replace(plan, steps=(*plan.steps[:k], *plan.steps[k + 1 :]))
     assert any(
         "needs the part with the fixture" in t for t in check(without, LAYOUT, SOLID, T_START)
@@ -360,15 +360,15 @@ def test_steps_out_of_order_are_found_out(plan: Plan) -> None:
 
 
 def test_both_grippers_open_at_once_are_found_out(plan: Plan) -> None:
-    over = step_of(plan, HandOver)
-    loose = replace(over.fixture_grip, opening_mm=over.fixture_grip.opening_mm + 5.0)
-    bad = changed(plan, HandOver, fixture_grip=loose)
+    over = step_of(plan, GiveStep)
+    loose = replace(over.fixed_grasp, opening_mm=over.fixed_grasp.opening_mm + 5.0)
+    bad = changed(plan, GiveStep, fixed_grasp=loose)
     assert any("is to stop at" in t for t in check(bad, LAYOUT, SOLID, T_START))
 
 
 def test_a_part_that_jumps_between_hands_is_found_out(plan: Plan) -> None:
-    back = step_of(plan, TakeBack)
-    bad = changed(plan, TakeBack, grip=shifted(back.grip, 2, 3.0))
+    back = step_of(plan, ReceiveStep)
+    bad = changed(plan, ReceiveStep, grasp=shifted(back.grasp, 2, 3.0))
     found = check(bad, LAYOUT, SOLID, T_START)
     assert any("3.00 mm" in t and "off its grip" in t for t in found)
 
@@ -431,9 +431,9 @@ def test_the_search_says_what_stands_between_a_sample_and_the_camera(
     judge: Judge, prepared: PreparedPart
 ) -> None:
     # under a pad nothing shows with that grip, whatever the arm does
-    grip = prepared.arm_grips[0]
-    (under,) = np.nonzero(judge.under_pads(grip, LAYOUT.hand))
-    classes, evidence = judge.search.classify(under.tolist(), [grip])
+    grasp = prepared.arm_grasps[0]
+    (under,) = np.nonzero(judge.under_pads(grasp, LAYOUT.hand))
+    classes, evidence = judge.search.classify(under.tolist(), [grasp])
     assert len(under) > 0
     assert set(classes) == {Class.FINGERS}
     assert evidence == []
@@ -441,13 +441,13 @@ def test_the_search_says_what_stands_between_a_sample_and_the_camera(
     away = replace(LAYOUT, station_mm=np.array([350.0, 900.0, 450.0]))
     (open_,) = np.nonzero(prepared.visible.any(axis=0))
     search = Showable(away, SOLID, SAMPLES, judge.at_station, 60)
-    classes, _ = search.classify(open_[:5].tolist(), [grip])
+    classes, _ = search.classify(open_[:5].tolist(), [grasp])
     assert set(classes) <= {Class.REACH, Class.FINGERS}
     assert Class.REACH in classes
 
 
 def test_a_place_step_needs_the_part_in_the_hand(plan: Plan) -> None:
-    k = next(k for k, s in enumerate(plan.steps) if isinstance(s, TakeBack))
+    k = next(k for k, s in enumerate(plan.steps) if isinstance(s, ReceiveStep))
     cut = replace(plan, steps=plan.steps[:k])
     found = check(cut, LAYOUT, SOLID, T_START)
     assert any("needs the part with the arm, the fixture has it" in t for t in found)

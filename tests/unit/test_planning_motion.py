@@ -13,7 +13,7 @@ from controller.planning.motion import (
     inverse_rows,
     move_seconds,
     path_free,
-    tip_pose,
+    tcp_pose,
 )
 from controller.planning.motion.trees import rrt_connect
 
@@ -71,7 +71,7 @@ def test_trees_find_a_way_too_and_the_same_one_each_time() -> None:
 
 
 def test_a_goal_inside_an_obstacle_is_refused_by_name() -> None:
-    at = tip_pose(LAYOUT, RIGHT)[:3, 3]
+    at = tcp_pose(LAYOUT, RIGHT)[:3, 3]
     block = Box.from_bounds(*np.column_stack([at - 60, at + 60]).ravel())
     with pytest.raises(NoMotionError, match="way to nowhere"):
         connect(
@@ -96,8 +96,8 @@ def test_every_row_of_the_inverse_leads_back_to_its_pose() -> None:
         ]
     )
     joints[:20, 4] = -np.pi / 2  # straight down, where the heading is free
-    poses = tip_pose(LAYOUT, joints)
+    poses = tcp_pose(LAYOUT, joints)
     index, _, rows = inverse_rows(LAYOUT, poses)
-    np.testing.assert_allclose(tip_pose(LAYOUT, rows), poses[index], atol=1e-6)
+    np.testing.assert_allclose(tcp_pose(LAYOUT, rows), poses[index], atol=1e-6)
     down = np.bincount(index, minlength=80)[:20]
     assert down.min() > 2, "several headings straight down"

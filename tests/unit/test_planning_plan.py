@@ -14,7 +14,7 @@ from trimesh.ray.ray_triangle import RayMeshIntersector
 
 from controller.cad import StablePose, load_solid, make_solid, sample_surface, stable_poses
 from controller.planning import (
-    HandOver,
+    GiveStep,
     Look,
     NoPlanError,
     OutOfReachError,
@@ -23,7 +23,7 @@ from controller.planning import (
     PlanOptions,
     PreparedPart,
     Present,
-    TakeBack,
+    ReceiveStep,
     plan_part,
     prepare_part,
     resting_pose,
@@ -36,7 +36,7 @@ SOLID = load_solid(PARTS / "holder.stl")
 SAMPLES = sample_surface(SOLID, 5.0)
 POSE: StablePose = stable_poses(SOLID)[0]
 T_START = resting_pose(SOLID, POSE, 350.0, 40.0, 0.7)
-OPTIONS = PlanOptions(arm_grips_per_pose=6, arm_grips_round=10, fixture_grips=10)
+OPTIONS = PlanOptions(arm_grasps_per_pose=6, arm_grasps_round=10, fixed_grasps=10)
 
 
 @pytest.fixture(scope="module")
@@ -69,8 +69,8 @@ def test_the_way_round_the_fixture_is_free_with_the_jaws_as_they_let_go() -> Non
     lying = stable_poses(block)[2]
     T = resting_pose(block, lying, 350.0, 40.0, 0.7)
     made = plan_part(block, sample_surface(block, 8.0), lying, T, LAYOUT, options=OPTIONS)
-    (over,) = (s for s in made.steps if isinstance(s, HandOver))
-    (back,) = (s for s in made.steps if isinstance(s, TakeBack))
+    (over,) = (s for s in made.steps if isinstance(s, GiveStep))
+    (back,) = (s for s in made.steps if isinstance(s, ReceiveStep))
     assert over.hand_open_mm < back.pre_open_mm - 30.0
     assert check(made, LAYOUT, block, T) == []
 
@@ -89,12 +89,12 @@ def test_every_waypoint_is_one_the_arm_accepts(plan: Plan) -> None:
 def test_the_part_is_one_and_the_same_on_both_sides_of_every_change_of_hands(plan: Plan) -> None:
     pick = next(s for s in plan.steps if isinstance(s, Pick))
     tip = LAYOUT.T_world_arm @ LAYOUT.arm.forward(pick.motion_down[-1])
-    np.testing.assert_allclose(tip @ np.linalg.inv(pick.grip.T_part_hand), T_START, atol=0.05)
-    give = next(s for s in plan.steps if isinstance(s, HandOver))
-    take = next(s for s in plan.steps if isinstance(s, TakeBack))
-    given = shown_pose(LAYOUT, give.motion[-1], give.grip.T_part_hand)
-    in_fixture = LAYOUT.T_world_fixture @ np.linalg.inv(give.fixture_grip.T_part_hand)
-    taken = shown_pose(LAYOUT, take.approach[-1], take.grip.T_part_hand)
+    np.testing.assert_allclose(tip @ np.linalg.inv(pick.grasp.T_part_tcp), T_START, atol=0.05)
+    give = next(s for s in plan.steps if isinstance(s, GiveStep))
+    take = next(s for s in plan.steps if isinstance(s, ReceiveStep))
+    given = shown_pose(LAYOUT, give.motion[-1], give.grasp.T_part_tcp)
+    in_fixture = LAYOUT.T_world_fixed_tcp @ np.linalg.inv(give.fixed_grasp.T_part_tcp)
+    taken = shown_pose(LAYOUT, take.approach[-1], take.grasp.T_part_tcp)
     np.testing.assert_allclose(given, in_fixture, atol=0.2)
     np.testing.assert_allclose(taken, in_fixture, atol=0.2)
 
@@ -144,16 +144,16 @@ def test_what_a_view_claims_to_show_has_a_free_line_of_sight(plan: Plan) -> None
 
 def test_the_pads_hide_what_they_hold(plan: Plan) -> None:
     for view in plan.presents:
-        hand = np.linalg.inv(view.grip.T_part_hand)
+        hand = np.linalg.inv(view.grasp.T_part_tcp)
         at = SAMPLES.points_mm @ hand[:3, :3].T + hand[:3, 3]
         under = (at[:, 0] < -1) & (at[:, 0] > -LAYOUT.hand.pad_length_mm + 1)
         under &= np.abs(at[:, 2]) < LAYOUT.hand.finger_width_mm / 2 - 1
-        under &= np.abs(np.abs(at[:, 1]) - view.grip.opening_mm / 2) < 0.1
+        under &= np.abs(np.abs(at[:, 1]) - view.grasp.opening_mm / 2) < 0.1
         assert not view.seen[under].any()
 
 
 def test_one_hand_off_shows_more_than_95_percent_within_200_seconds(plan: Plan) -> None:
-    assert plan.regrip_count == 1
+    assert plan.regrasp_count == 1
     assert plan.covered_fraction > 0.95
     assert plan.forecast_s < 200.0
     assert plan.forecast_s == pytest.approx(sum(s for _, s in plan.seconds_by_step))
@@ -202,7 +202,7 @@ def test_a_part_under_the_column_is_refused_without_a_crash(prepared: PreparedPa
 
 def test_views_follow_a_measured_grip(plan: Plan) -> None:
     view: Present = plan.presents[0]
-    slipped = view.grip.T_part_hand.copy()
+    slipped = view.grasp.T_part_tcp.copy()
     slipped[:3, 3] += 2.0 * slipped[:3, 0]  # the hand 2 mm further in: the part 2 mm further back
     moved = shown_pose(LAYOUT, view.q, slipped)
     hand_x = moved[:3, :3] @ slipped[:3, 0]

@@ -41,14 +41,14 @@ from controller.commissioning.siting.search.grids import (
 from controller.commissioning.siting.site import fellows_of, standoff_mm
 from controller.imaging import inverse_pose
 from controller.planning import Box, CellLayout, PlanOptions, PreparedPart, Tray, prepare_part
-from controller.planning.motion import tip_pose
+from controller.planning.motion import tcp_pose
 
 LAYOUT = emulated_layout()
 FELLOWS = fellows_of(LAYOUT)
 AT_TIPS = np.zeros(3)
 FEW = SiteOptions(
-    arm_grips=3,
-    fixture_grips=2,
+    arm_grasps=3,
+    fixed_grasps=2,
     directions=24,
     checked_cameras=2,
     checked_fixtures=2,
@@ -64,7 +64,9 @@ def block(x: float, y: float, z: float) -> Solid:
 @pytest.fixture(scope="module")
 def prepared_block() -> PreparedPart:
     solid = block(60.0, 40.0, 30.0)
-    options = PlanOptions(directions_n=24, arm_grips_per_pose=2, arm_grips_round=4, fixture_grips=3)
+    options = PlanOptions(
+        directions_n=24, arm_grasps_per_pose=2, arm_grasps_round=4, fixed_grasps=3
+    )
     return prepare_part(solid, sample_surface(solid, 8.0), LAYOUT, options)
 
 
@@ -126,7 +128,7 @@ def test_obstacles_go_with_what_they_belong_to() -> None:
 
 @pytest.mark.parametrize("side", [(90.0, 0.0), (0.0, 45.0), (-30.0, -20.0), (0.0, 90.0)])
 def test_a_moved_camera_sees_the_station_and_its_panel_as_before(side: tuple[float, float]) -> None:
-    site = Site(np.array([300.0, 120.0, 500.0]), direction(*side), LAYOUT.T_world_fixture)
+    site = Site(np.array([300.0, 120.0, 500.0]), direction(*side), LAYOUT.T_world_fixed_tcp)
     moved = placed_at(LAYOUT, site, FELLOWS)
     assert standoff_mm(moved) == pytest.approx(standoff_mm(LAYOUT))
     before = LAYOUT.inspection.project(LAYOUT.station_mm[None])
@@ -154,7 +156,7 @@ def test_the_present_site_is_the_present_cell() -> None:
 def test_a_fixture_put_elsewhere_keeps_its_post_behind_it_and_on_the_table(turn: float) -> None:
     along = direction(turn, 0.0)
     T = fixture_frame(np.array([300.0, 400.0, 500.0]), along, np.array([0.0, 0.0, 1.0]))
-    post = placed_at(LAYOUT, replace(site_of(LAYOUT), T_world_fixture=T), FELLOWS).obstacles[
+    post = placed_at(LAYOUT, replace(site_of(LAYOUT), T_world_fixed_tcp=T), FELLOWS).obstacles[
         "fixture's post"
     ]
     assert post.T[2, 3] - post.half_mm[2] == pytest.approx(0.0)
@@ -165,7 +167,7 @@ def test_a_fixture_put_elsewhere_keeps_its_post_behind_it_and_on_the_table(turn:
 
 def test_an_upright_fixture_stands_on_its_post() -> None:
     T = fixture_frame(np.array([300.0, -400.0, 500.0]), np.array([0.0, 0.0, 1.0]), direction(30, 0))
-    cell = placed_at(LAYOUT, replace(site_of(LAYOUT), T_world_fixture=T), FELLOWS)
+    cell = placed_at(LAYOUT, replace(site_of(LAYOUT), T_world_fixed_tcp=T), FELLOWS)
     post = cell.obstacles["fixture's post"]
     np.testing.assert_allclose(post.T[:2, 3], T[:2, 3])
     assert post.T[2, 3] - post.half_mm[2] == pytest.approx(0.0)
@@ -185,7 +187,7 @@ def test_no_allowed_site_stands_where_something_has_to_stay_free() -> None:
     allowed = 0
     sites = [
         *list(camera_grid(LAYOUT))[::29],
-        *[replace(site_of(LAYOUT), T_world_fixture=T) for T in list(fixture_grid(LAYOUT))[::37]],
+        *[replace(site_of(LAYOUT), T_world_fixed_tcp=T) for T in list(fixture_grid(LAYOUT))[::37]],
     ]
     for site in sites:
         cell = placed_at(LAYOUT, site, FELLOWS)
@@ -216,7 +218,7 @@ def test_what_stands_in_the_way_is_named() -> None:
 
     assert "glowing table" in why(replace(now, towards=direction(0.0, 90.0)))
     T = fixture_frame(np.array([100.0, 390.0, 430.0]), direction(0, 0), np.array([0.0, 0.0, 1.0]))
-    assert "tray" in why(replace(now, T_world_fixture=T))
+    assert "tray" in why(replace(now, T_world_fixed_tcp=T))
     low = replace(now, station_mm=np.array([350.0, 0.0, 120.0]))
     assert "below the table" in why(low)
     wall = {**LAYOUT.obstacles, "cupboard": Box.from_bounds(200, 500, 600, 900, 0, 900)}
@@ -228,13 +230,13 @@ def test_what_stands_in_the_way_is_named() -> None:
 def test_a_hand_hanging_under_the_forearm_is_hidden_from_above_and_not_from_the_side() -> None:
     # hand straight down, arm stretched forward: the forearm ends above the part
     q = np.array([[np.radians(40.0), np.radians(-80.0), 0.0, -200.0, -np.pi / 2, 0.0]])
-    tip = tip_pose(LAYOUT, q)[0, :3, 3]
+    tip = tcp_pose(LAYOUT, q)[0, :3, 3]
     for side, hidden in ((direction(0.0, 90.0), True), (direction(-90.0, 0.0), False)):
-        cell = placed_at(LAYOUT, Site(tip, side, LAYOUT.T_world_fixture), FELLOWS)
+        cell = placed_at(LAYOUT, Site(tip, side, LAYOUT.T_world_fixed_tcp), FELLOWS)
         assert links_in_sight(cell, q, 20.0).tolist() == [hidden]
 
 
-def test_grips_come_by_over_any_number_of_hand_offs() -> None:
+def test_grasps_come_by_over_any_number_of_hand_offs() -> None:
     rng = np.random.default_rng(2)
     for _ in range(50):
         met = rng.random((5, 12)) < 0.15
@@ -251,7 +253,7 @@ def test_grips_come_by_over_any_number_of_hand_offs() -> None:
 def part_score(shown: float = 0.98, worst: float = 0.95, **other: float) -> PartScore:
     values = {
         "showable": 1.0, "joints_allow": 1.0, "views_share": 0.9, "partners_share": 0.8,
-        "hand_offs_share": 0.3, "picks_share": 1.0, "view_s": 40.0, "regrip_s": 15.0,
+        "hand_offs_share": 0.3, "picks_share": 1.0, "view_s": 40.0, "regrasp_s": 15.0,
     }  # fmt: skip
     return PartScore(name="part", shown=shown, shown_worst=worst, **{**values, **other})
 
@@ -306,7 +308,7 @@ def test_the_search_answers_the_same_each_time_and_never_below_the_present(
         for s in first
         if np.allclose(s.site.station_mm, now.station_mm)
         and np.allclose(s.site.towards, now.towards)
-        and np.allclose(s.site.T_world_fixture, now.T_world_fixture)
+        and np.allclose(s.site.T_world_fixed_tcp, now.T_world_fixed_tcp)
     ]
     assert len(present) == 1
     assert first[0].value >= present[0].value
@@ -340,15 +342,15 @@ def test_a_cell_without_a_fixed_gripper_gets_a_place_for_its_camera(
 ) -> None:
     kept = {n: b for n, b in LAYOUT.obstacles.items() if n not in FELLOWS.fixture}
     alone = replace(LAYOUT, fixture=None, obstacles=kept)
-    part = replace(prepared_block, fixture_grips=(), hand_offs=())
+    part = replace(prepared_block, fixed_grasps=(), hand_offs=())
     found = find_sites([part], alone, FEW)
-    assert found[0].site.T_world_fixture is None
+    assert found[0].site.T_world_fixed_tcp is None
     assert found[0].parts[0].partners_share == 0.0
     assert found[0].shown_worst > 0.5
 
 
 def test_a_tray_under_the_fixture_forbids_it_there() -> None:
-    T = LAYOUT.T_world_fixture
+    T = LAYOUT.T_world_fixed_tcp
     trays = {"odd": Tray((float(T[0, 3]), float(T[1, 3] - 100.0)), (80.0, 80.0))}
     cell = replace(LAYOUT, trays=trays)
     assert "tray odd" in (why_not_here(cell, FELLOWS) or "")
@@ -393,7 +395,7 @@ def mirrored_cell(cell: CellLayout) -> CellLayout:
         station_mm=MIRROR[:3, :3] @ cell.station_mm,
         inspection=replace(cell.inspection, T_world_cam=camera(cell.inspection.T_world_cam)),
         overhead=replace(cell.overhead, T_world_cam=camera(cell.overhead.T_world_cam)),
-        T_world_fixture=mirrored_jaws(cell.T_world_fixture),
+        T_world_fixed_tcp=mirrored_jaws(cell.T_world_fixed_tcp),
         trays={
             name: replace(tray, centre_mm=(tray.centre_mm[0], -tray.centre_mm[1]))
             for name, tray in cell.trays.items()
@@ -407,14 +409,14 @@ def test_the_mirrored_cell_allows_the_mirrored_sites() -> None:
     assert fellows == FELLOWS
     sites = [
         *list(camera_grid(LAYOUT))[::31],
-        *[replace(site_of(LAYOUT), T_world_fixture=T) for T in list(fixture_grid(LAYOUT))[::41]],
+        *[replace(site_of(LAYOUT), T_world_fixed_tcp=T) for T in list(fixture_grid(LAYOUT))[::41]],
     ]
     allowed = 0
     for site in sites:
         there = Site(
             MIRROR[:3, :3] @ site.station_mm,
             MIRROR[:3, :3] @ site.towards,
-            mirrored_jaws(site.T_world_fixture),
+            mirrored_jaws(site.T_world_fixed_tcp),
         )
         here_why = why_not_here(placed_at(LAYOUT, site, FELLOWS), FELLOWS)
         there_why = why_not_here(placed_at(other, there, fellows), fellows)

@@ -21,7 +21,7 @@ from controller.config import load_cell, load_recipe
 from controller.planning import (
     Box,
     CellLayout,
-    HandOver,
+    GiveStep,
     OnTable,
     OutOfReachError,
     Pick,
@@ -31,7 +31,7 @@ from controller.planning import (
     prepare_part,
     resting_pose,
 )
-from controller.planning.motion import Scene, connect, inverse_rows, path_free, tip_pose
+from controller.planning.motion import Scene, connect, inverse_rows, path_free, tcp_pose
 from controller.setup.planner import planner_setup
 
 RECIPES = Path(__file__).parents[2] / "recipes"
@@ -93,7 +93,7 @@ def test_a_recipes_part_is_shown_whole_by_an_arm_that_planning_does_not_know(nam
     plan = plan_from(prepared, layout, OnTable(pose.index, T))
     # complete: from the table over a change of grasp to every tray, and no surface left out
     kinds = [type(step) for step in plan.steps]
-    assert {Pick, Present, HandOver} <= set(kinds)
+    assert {Pick, Present, GiveStep} <= set(kinds)
     assert set(plan.place) == set(plan.park) == set(layout.trays)
     assert plan.covered_fraction == pytest.approx(plan.reachable_fraction)
     assert plan.covered_fraction > 0.99
@@ -115,7 +115,7 @@ def layout() -> CellLayout:
 def test_tip_and_inverse_are_in_the_world_and_not_in_the_arms_frame(layout: CellLayout) -> None:
     rng = np.random.default_rng(3)
     q = LOW_RAD + rng.random((100, 6)) * (HIGH_RAD - LOW_RAD)
-    tips = tip_pose(layout, q)
+    tips = tcp_pose(layout, q)
     np.testing.assert_allclose(tips, frames(layout, q)["tip"], atol=1e-9)
     index, _, rows = inverse_rows(layout, tips)
     np.testing.assert_allclose(frames(layout, rows)["tip"], tips[index], atol=1e-7)
@@ -132,7 +132,7 @@ def test_links_that_fold_onto_each_other_are_a_contact(layout: CellLayout) -> No
 def test_a_reach_into_the_table_is_a_contact(layout: CellLayout) -> None:
     scene = Scene(layout, 60.0, 85.0)
     down = np.radians([[0.0, 10.0, -90.0, 0.0, 0.0, 0.0]])
-    assert tip_pose(layout, down)[0, 2, 3] < 0.0
+    assert tcp_pose(layout, down)[0, 2, 3] < 0.0
     assert scene.contacts(down, 0.0).tolist() == [scene.names().index("table")]
 
 

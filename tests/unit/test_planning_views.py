@@ -15,9 +15,9 @@ from trimesh.ray.ray_triangle import RayMeshIntersector
 
 from controller.cad import sample_surface
 from controller.imaging import Camera, RayCaster, inverse_pose, transform
-from controller.planning import Box, Grip
+from controller.planning import Box, Grasp
 from controller.planning.geometry import segments_hit
-from controller.planning.motion import Scene, inverse_rows, tip_pose
+from controller.planning.motion import Scene, inverse_rows, tcp_pose
 from controller.planning.views import (
     SightRules,
     even_sphere,
@@ -31,7 +31,7 @@ from controller.planning.views import (
     visible_from,
     why_hidden,
 )
-from controller.planning.views.hand import FINGER_SHADOW_MM
+from controller.planning.views.gripper import FINGER_SHADOW_MM
 
 LAYOUT = emulated_layout()
 RULES = SightRules.of_station(LAYOUT, 70.0, 1.0)
@@ -124,12 +124,12 @@ def test_a_hand_hides_what_lies_behind_its_boxes_wherever_it_is(seed: int) -> No
     rng = np.random.default_rng(seed)
     vectors = even_sphere(12)
     visible = rng.random((12, len(BLOCK_SAMPLES.points_mm))) < 0.5
-    T_part_hand = pose_of(turned(seed), rng.uniform(-20, 20, 3))
+    T_part_tcp = pose_of(turned(seed), rng.uniform(-20, 20, 3))
     boxes = [*LAYOUT.hand.body, *LAYOUT.hand.fingers(30.0)]
     boxes.append(Box(pose_of(turned(seed + 1), rng.uniform(-60, 60, 3)), np.array([9.0, 4.0, 30])))
-    hidden = hidden_by_hand(BLOCK, BLOCK_SAMPLES, visible, vectors, 700.0, T_part_hand, boxes)
+    hidden = hidden_by_hand(BLOCK, BLOCK_SAMPLES, visible, vectors, 700.0, T_part_tcp, boxes)
     assert not (hidden & ~visible).any()
-    placed = [b.placed(T_part_hand) for b in boxes]
+    placed = [b.placed(T_part_tcp) for b in boxes]
     for k, d in enumerate(vectors):
         for grow_mm, claim in ((FINGER_SHADOW_MM - 1e-3, True), (FINGER_SHADOW_MM + 1e-3, False)):
             eye = BLOCK.centroid_mm + 700.0 * d
@@ -139,8 +139,8 @@ def test_a_hand_hides_what_lies_behind_its_boxes_wherever_it_is(seed: int) -> No
 
 
 def test_fingers_that_spread_stand_between_the_contacts() -> None:
-    grip = Grip("i", np.eye(4), 40.0, 34.0, 50.0, 0.2, 0.8, "arm", is_inner=True)
-    *_, upper, lower = holding_boxes(LAYOUT.hand, grip)
+    grasp = Grasp("i", np.eye(4), 40.0, 34.0, 50.0, 0.2, 0.8, "arm", is_inner=True)
+    *_, upper, lower = holding_boxes(LAYOUT.hand, grasp)
     assert upper.T[1, 3] + upper.half_mm[1] == pytest.approx(20.0)
     assert lower.T[1, 3] - lower.half_mm[1] == pytest.approx(-20.0)
     assert upper.half_mm[1] == pytest.approx(LAYOUT.hand.finger_thickness_mm / 2)
@@ -148,26 +148,26 @@ def test_fingers_that_spread_stand_between_the_contacts() -> None:
 
 def reach_of(seed: int) -> tuple[Scene, np.ndarray, np.ndarray, object, object]:
     """A hand on the channel, and all it can show."""
-    T_part_hand = pose_of(turned(seed), np.zeros(3))
-    T_part_hand[:3, 3] = CHANNEL.centroid_mm + 8.0 * T_part_hand[:3, 0]
+    T_part_tcp = pose_of(turned(seed), np.zeros(3))
+    T_part_tcp[:3, 3] = CHANNEL.centroid_mm + 8.0 * T_part_tcp[:3, 0]
     vectors = even_sphere(30)
     visible = visible_from(CHANNEL, CHANNEL_SAMPLES, RayCaster(CHANNEL.mesh), vectors, RULES)
     boxes = [*LAYOUT.hand.body, *LAYOUT.hand.fingers(40.0)]
     left = visible & ~hidden_by_hand(
-        CHANNEL, CHANNEL_SAMPLES, visible, vectors, 700.0, T_part_hand, boxes
+        CHANNEL, CHANNEL_SAMPLES, visible, vectors, 700.0, T_part_tcp, boxes
     )
-    carried = Box(np.eye(4), np.array([30.0, 20.0, 15.0])).placed(inverse_pose(T_part_hand))
+    carried = Box(np.eye(4), np.array([30.0, 20.0, 15.0])).placed(inverse_pose(T_part_tcp))
     scene = Scene(LAYOUT, 40.0, LAYOUT.fixture_open_mm, carried)
     showing = hold_up(CHANNEL, CHANNEL_SAMPLES, LAYOUT, vectors)
     found = reachable_views(
-        LAYOUT, scene, CHANNEL_SAMPLES, showing, left, T_part_hand, LAYOUT.park_q
+        LAYOUT, scene, CHANNEL_SAMPLES, showing, left, T_part_tcp, LAYOUT.park_q
     )
-    return scene, T_part_hand, left, showing, found
+    return scene, T_part_tcp, left, showing, found
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 3, 5])
 def test_whatever_a_grip_is_said_to_show_nothing_of_arm_or_cell_stands_before(seed: int) -> None:
-    scene, T_part_hand, left, _, found = reach_of(seed)
+    scene, T_part_tcp, left, _, found = reach_of(seed)
     assert len(found.q) > 5
     eye = LAYOUT.inspection.position_mm
     for v, rows in found.q.items():
@@ -175,7 +175,7 @@ def test_whatever_a_grip_is_said_to_show_nothing_of_arm_or_cell_stands_before(se
         assert not (found.shown[v] & ~left[v]).any()
         assert scene.free(rows).all()
         for q in rows:
-            T = tip_pose(LAYOUT, q) @ inverse_pose(T_part_hand)
+            T = tcp_pose(LAYOUT, q) @ inverse_pose(T_part_tcp)
             points = transform(T, CHANNEL_SAMPLES.points_mm[found.shown[v]])
             others = [b for n, b in scene.statics() if n != "inspection camera"]
             assert not segments_hit(points, eye, [*scene.arm_boxes(q), *others]).any()
@@ -185,12 +185,12 @@ def test_where_the_arm_hides_something_no_configuration_would_have_hidden_less()
     compared = 0
     eye = LAYOUT.inspection.position_mm
     for seed in range(8):
-        scene, T_part_hand, left, showing, found = reach_of(seed)
+        scene, T_part_tcp, left, showing, found = reach_of(seed)
         for v in found.q:
             if (found.shown[v] == left[v]).all():
                 continue
             poses = showing.T_world_part[v]
-            index, _, q = inverse_rows(LAYOUT, poses @ T_part_hand)
+            index, _, q = inverse_rows(LAYOUT, poses @ T_part_tcp)
             free = scene.free(q)
             most = 0.0
             for k, row in zip(index[free], q[free], strict=True):
@@ -225,15 +225,15 @@ def test_of_a_part_larger_than_the_picture_what_is_inside_it_counts() -> None:
     visible = visible_from(bar, samples, RayCaster(bar.mesh), vectors, RULES)
     showing = hold_up(bar, samples, LAYOUT, vectors)
     assert 0 < len(showing.partly) < len(vectors)
-    T_part_hand = pose_of(turned(3), np.zeros(3))
+    T_part_tcp = pose_of(turned(3), np.zeros(3))
     scene = Scene(LAYOUT, 30.0, LAYOUT.fixture_open_mm, None)
-    found = reachable_views(LAYOUT, scene, samples, showing, visible, T_part_hand, LAYOUT.park_q)
+    found = reachable_views(LAYOUT, scene, samples, showing, visible, T_part_tcp, LAYOUT.park_q)
     partly = [v for v in found.q if v in showing.partly]
     assert partly
     for v in partly:
         assert found.shown[v].sum() < visible[v].sum()
         for q in found.q[v]:
-            T = tip_pose(LAYOUT, q) @ inverse_pose(T_part_hand)
+            T = tcp_pose(LAYOUT, q) @ inverse_pose(T_part_tcp)
             pixels = LAYOUT.inspection.project(transform(T, samples.points_mm[found.shown[v]]))
             assert ((pixels > 11) & (pixels < np.array([1269, 1013]))).all()
 

@@ -35,7 +35,7 @@ KNOWN = ("elbow", "plate", "hand", "nut", "block")
 
 few = settings(max_examples=4, deadline=None, derandomize=True)
 many = settings(max_examples=60, deadline=None, derandomize=True)
-ways = st.sampled_from(OWN)
+paths = st.sampled_from(OWN)
 places = st.tuples(st.floats(-48, 48), st.floats(-30, 30))
 angles = st.floats(-np.pi, np.pi)
 
@@ -100,7 +100,7 @@ def check_backlit_anywhere(
 
 
 @few
-@given(way=ways, place=places, theta=angles, seed=st.integers(0, 99))
+@given(way=paths, place=places, theta=angles, seed=st.integers(0, 99))
 def test_wherever_and_however_turned_a_part_is_the_same_part(
     way: tuple[str, int], place: tuple[float, float], theta: float, seed: int
 ) -> None:
@@ -109,7 +109,7 @@ def test_wherever_and_however_turned_a_part_is_the_same_part(
 
 @pytest.mark.slow
 @many
-@given(way=ways, place=places, theta=angles, seed=st.integers(0, 99))
+@given(way=paths, place=places, theta=angles, seed=st.integers(0, 99))
 def test_wherever_and_however_turned_a_part_is_the_same_part_at_length(
     way: tuple[str, int], place: tuple[float, float], theta: float, seed: int
 ) -> None:
@@ -257,7 +257,7 @@ def test_under_lamps_a_part_is_the_same_part_wherever_it_lies(
 
 @pytest.mark.slow
 @settings(max_examples=25, deadline=None, derandomize=True)
-@given(way=ways, place=places, theta=angles)
+@given(way=paths, place=places, theta=angles)
 def test_under_lamps_a_part_is_the_same_part_wherever_it_lies_at_length(
     way: tuple[str, int], place: tuple[float, float], theta: float
 ) -> None:

@@ -176,7 +176,7 @@ def test_steps_belong_to_the_plan_that_was_made_after_a_missed_grip(tmp_path: Pa
     writer.close()
     (part,) = load_run(tmp_path).parts
     assert part.looks == 2
-    assert part.grips_missed == (message,)
+    assert part.grasps_missed == (message,)
     assert part.sightings[0].x_mm == 310.0
     assert [s.label for s in part.steps] == [*STEPS, "place in tray reject"]
     assert [s.actual_s for s in part.steps] == [9.5, None, None, None]

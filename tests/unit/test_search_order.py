@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from controller.planning.search import best_order
-from controller.planning.search.order import exact_way, improved_way
+from controller.planning.search.order import exact_order, improved_order
 
 Array = np.ndarray
 
@@ -80,8 +80,8 @@ def test_improved_ways_are_near_the_exact_ones_and_no_longer_than_always_the_nea
         start, options, end = random_stops(seed, 9, 3)
         every = np.concatenate(options)
         given_tables = tables(start, options, end)
-        exact = seconds(start, every[exact_way(*given_tables)], end)
-        improved = seconds(start, every[improved_way(*given_tables)], end)
+        exact = seconds(start, every[exact_order(*given_tables)], end)
+        improved = seconds(start, every[improved_order(*given_tables)], end)
         assert improved >= exact - 1e-9
         excess.append(improved / exact - 1.0)
         left, here, nearest = list(range(9)), start, []

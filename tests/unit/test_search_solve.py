@@ -15,7 +15,7 @@ from controller.planning.search import (
     Problem,
     Solution,
     greedy,
-    live_grips,
+    live_grasps,
     needed_of,
     refuted,
     solve,
@@ -51,7 +51,7 @@ def random_problem(seed: int, **kinds: Any) -> Problem:
         weights=rng.random(m),
         view_s=tuple(view_s),
         first_s=price(g, 0.0, 6.0, 0.4),
-        hop_s=price((g, g), 0.0, 8.0, rng.choice([0.0, 0.4, 0.8])),
+        regrasp_s=price((g, g), 0.0, 8.0, rng.choice([0.0, 0.4, 0.8])),
         last_s=price(g, 0.0, 6.0, 0.4),
         seen=rng.random(m) < rng.choice([0.0, 0.3]),
     )
@@ -59,25 +59,25 @@ def random_problem(seed: int, **kinds: Any) -> Problem:
 
 def all_ways(problem: Problem, most: int) -> list[tuple[int, ...]]:
     """Every way from start to finish, by trying them all."""
-    n = problem.grip_count
-    ways = []
+    n = problem.grasp_count
+    paths = []
     for length in range(1, most + 1):
         for way in product(range(n), repeat=length):
-            hops = [problem.hop_s[a, b] for a, b in pairwise(way) if a != b]
+            regrasps = [problem.regrasp_s[a, b] for a, b in pairwise(way) if a != b]
             same = any(a == b for a, b in pairwise(way))
-            prices = [problem.first_s[way[0]], *hops, problem.last_s[way[-1]]]
-            if not same and all(np.isfinite(p) for p in prices):
-                ways.append(way)
-    return ways
+            costs = [problem.first_s[way[0]], *regrasps, problem.last_s[way[-1]]]
+            if not same and all(np.isfinite(p) for p in costs):
+                paths.append(way)
+    return paths
 
 
 def brute_force(problem: Problem, most: int) -> tuple[float, np.ndarray] | None:
     """The least cost of showing all, and what has to be shown; inf where no way shows it all."""
-    ways = all_ways(problem, most)
-    if not ways:
+    paths = all_ways(problem, most)
+    if not paths:
         return None
     needed = np.zeros(len(problem.weights), dtype=bool)
-    for way in ways:
+    for way in paths:
         for g in way:
             for v, price in enumerate(problem.view_s[g]):
                 if np.isfinite(price):
@@ -85,21 +85,21 @@ def brute_force(problem: Problem, most: int) -> tuple[float, np.ndarray] | None:
     needed &= ~problem.seen
     covers: dict[tuple[int, ...], float] = {}
     best = np.inf
-    for way in ways:
+    for way in paths:
         key = tuple(sorted(set(way)))
         if key not in covers:
             covers[key] = _cheapest_cover(problem, key, needed)
-        hops = sum(problem.hop_s[a, b] for a, b in pairwise(way))
-        cost = problem.first_s[way[0]] + hops + problem.last_s[way[-1]] + covers[key]
+        regrasps = sum(problem.regrasp_s[a, b] for a, b in pairwise(way))
+        cost = problem.first_s[way[0]] + regrasps + problem.last_s[way[-1]] + covers[key]
         best = min(best, float(cost))
     return best, needed
 
 
-def _cheapest_cover(problem: Problem, grips: tuple[int, ...], needed: np.ndarray) -> float:
+def _cheapest_cover(problem: Problem, grasps: tuple[int, ...], needed: np.ndarray) -> float:
     # over all masks of elements: the cheapest price to have shown these, view by view
     wanted = np.flatnonzero(needed)
     cost = {0: 0.0}
-    for g in grips:
+    for g in grasps:
         for v, price in enumerate(problem.view_s[g]):
             if np.isfinite(price):
                 bits = sum(1 << k for k, e in enumerate(wanted) if problem.shows[g][v][e])
@@ -111,12 +111,12 @@ def _cheapest_cover(problem: Problem, grips: tuple[int, ...], needed: np.ndarray
 
 def check_is_a_way(problem: Problem, solution: Solution) -> None:
     """What a solution says of itself, worked out again."""
-    cost = problem.first_s[solution.grips[0]] + problem.last_s[solution.grips[-1]]
-    for a, b in zip(solution.grips[:-1], solution.grips[1:], strict=True):
+    cost = problem.first_s[solution.grasps[0]] + problem.last_s[solution.grasps[-1]]
+    for a, b in zip(solution.grasps[:-1], solution.grasps[1:], strict=True):
         assert a != b
-        cost += problem.hop_s[a, b]
+        cost += problem.regrasp_s[a, b]
     shown = np.zeros(len(problem.weights), dtype=bool)
-    for g, views in zip(solution.grips, solution.views, strict=True):
+    for g, views in zip(solution.grasps, solution.views, strict=True):
         assert list(views) == sorted(set(views))
         for v in views:
             cost += problem.view_s[g][v]
@@ -131,7 +131,7 @@ def check_is_a_way(problem: Problem, solution: Solution) -> None:
 def test_the_search_finds_what_trying_everything_finds(seed: int, most: int) -> None:
     problem = random_problem(seed)
     expected = brute_force(problem, most)
-    solution = solve(problem, max_grips=most)
+    solution = solve(problem, max_grasps=most)
     if expected is None:
         assert solution is None
         return
@@ -163,17 +163,17 @@ def test_greedy_is_a_way_and_never_better_than_the_optimum(seed: int) -> None:
 @settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
-    floors=st.integers(0, 2),
+    lower_bounds=st.integers(0, 2),
     covers=st.integers(0, 1),
-    ways=st.integers(1, 3),
+    paths=st.integers(1, 3),
 )
 def test_a_search_stopped_early_still_gives_a_true_bound(
-    seed: int, floors: int, covers: int, ways: int
+    seed: int, lower_bounds: int, covers: int, paths: int
 ) -> None:
     problem = random_problem(seed)
     expected = brute_force(problem, 4)
-    effort = Effort(floors=floors, covers=covers, nodes=1, ways=ways)
-    solution = solve(problem, max_grips=4, effort=effort)
+    effort = Effort(lower_bounds=lower_bounds, covers=covers, nodes=1, paths=paths)
+    solution = solve(problem, max_grasps=4, effort=effort)
     if expected is None:
         assert solution is None
         return
@@ -192,19 +192,19 @@ def test_the_same_problem_gives_the_same_solution_and_a_renumbered_one_the_same_
     problem = random_problem(seed)
     one, two = solve(problem), solve(problem)
     rng = np.random.default_rng(seed)
-    grips = rng.permutation(problem.grip_count)
+    grasps = rng.permutation(problem.grasp_count)
     elements = rng.permutation(len(problem.weights))
-    orders = [rng.permutation(len(problem.view_s[g])) for g in grips]
+    orders = [rng.permutation(len(problem.view_s[g])) for g in grasps]
     other = solve(
         Problem(
             shows=tuple(
-                problem.shows[g][o][:, elements] for g, o in zip(grips, orders, strict=True)
+                problem.shows[g][o][:, elements] for g, o in zip(grasps, orders, strict=True)
             ),
             weights=problem.weights[elements],
-            view_s=tuple(problem.view_s[g][o] for g, o in zip(grips, orders, strict=True)),
-            first_s=problem.first_s[grips],
-            hop_s=problem.hop_s[np.ix_(grips, grips)],
-            last_s=problem.last_s[grips],
+            view_s=tuple(problem.view_s[g][o] for g, o in zip(grasps, orders, strict=True)),
+            first_s=problem.first_s[grasps],
+            regrasp_s=problem.regrasp_s[np.ix_(grasps, grasps)],
+            last_s=problem.last_s[grasps],
             seen=problem.seen[elements],
         )
     )
@@ -214,8 +214,8 @@ def test_the_same_problem_gives_the_same_solution_and_a_renumbered_one_the_same_
         return
     assert two is not None
     assert other is not None
-    assert (one.grips, one.views, one.cost_s, one.bound_s) == (
-        two.grips,
+    assert (one.grasps, one.views, one.cost_s, one.bound_s) == (
+        two.grasps,
         two.views,
         two.cost_s,
         two.bound_s,
@@ -230,14 +230,14 @@ def test_the_same_problem_gives_the_same_solution_and_a_renumbered_one_the_same_
 def test_a_refutation_takes_away_what_it_names_and_nothing_else(seed: int) -> None:
     problem = random_problem(seed)
     rng = np.random.default_rng(seed)
-    n = problem.grip_count
-    hops = [(int(rng.integers(n)), int(rng.integers(n)))]
+    n = problem.grasp_count
+    regrasps = [(int(rng.integers(n)), int(rng.integers(n)))]
     views = [(g, 0) for g in range(n) if len(problem.view_s[g]) and rng.random() < 0.5]
     first, last = int(rng.integers(n)), int(rng.integers(n))
-    before = [problem.hop_s.copy(), problem.first_s.copy(), problem.last_s.copy()]
-    less = refuted(problem, hops=hops, views=views, firsts=[first], lasts=[last])
+    before = [problem.regrasp_s.copy(), problem.first_s.copy(), problem.last_s.copy()]
+    less = refuted(problem, regrasps=regrasps, views=views, firsts=[first], lasts=[last])
     for old, now, named in (
-        (problem.hop_s, less.hop_s, hops),
+        (problem.regrasp_s, less.regrasp_s, regrasps),
         (problem.first_s, less.first_s, [(first,)]),
         (problem.last_s, less.last_s, [(last,)]),
         *(
@@ -247,18 +247,18 @@ def test_a_refutation_takes_away_what_it_names_and_nothing_else(seed: int) -> No
     ):
         for index in np.ndindex(old.shape):
             assert now[index] == (np.inf if index in named else old[index])
-    for old, kept in zip(before, (problem.hop_s, problem.first_s, problem.last_s), strict=True):
+    for old, kept in zip(before, (problem.regrasp_s, problem.first_s, problem.last_s), strict=True):
         assert (old == kept).all()
     solution = solve(less)
     expected = brute_force(less, 3)
-    short = solve(less, max_grips=3, incumbent=solve(problem, max_grips=3))
+    short = solve(less, max_grasps=3, incumbent=solve(problem, max_grasps=3))
     assert (expected is None) == (short is None)
     if expected is not None and short is not None and short.is_complete:
         check_is_a_way(less, short)
         assert short.cost_s == pytest.approx(expected[0], abs=1e-6)
     if solution is not None:
-        assert not set(hops) & set(zip(solution.grips[:-1], solution.grips[1:], strict=True))
-        for g, taken in zip(solution.grips, solution.views, strict=True):
+        assert not set(regrasps) & set(zip(solution.grasps[:-1], solution.grasps[1:], strict=True))
+        for g, taken in zip(solution.grasps, solution.views, strict=True):
             assert not {(g, v) for v in taken} & set(views)
 
 
@@ -279,7 +279,7 @@ def test_a_known_solution_is_made_good_where_one_of_its_views_was_refuted() -> N
         weights=np.full(4, 0.25),
         view_s=(np.array([2.0, 2.0, 3.0, 4.0]),),
         first_s=np.zeros(1),
-        hop_s=np.full((1, 1), np.inf),
+        regrasp_s=np.full((1, 1), np.inf),
         last_s=np.zeros(1),
         seen=np.zeros(4, dtype=bool),
     )
@@ -294,7 +294,7 @@ def test_a_known_solution_is_made_good_where_one_of_its_views_was_refuted() -> N
     assert again.is_optimal
 
 
-def pair_problem(hop_s: float) -> Problem:
+def pair_problem(regrasp_s: float) -> Problem:
     """Two grips, each showing what the other's pads hide; the first alone takes no finish."""
     return Problem(
         shows=(
@@ -304,7 +304,7 @@ def pair_problem(hop_s: float) -> Problem:
         weights=np.full(4, 0.25),
         view_s=(np.full(2, 3.0), np.full(1, 3.0)),
         first_s=np.array([5.0, np.inf]),
-        hop_s=np.array([[np.inf, hop_s], [np.inf, np.inf]]),
+        regrasp_s=np.array([[np.inf, regrasp_s], [np.inf, np.inf]]),
         last_s=np.array([4.0, 6.0]),
         seen=np.zeros(4, dtype=bool),
     )
@@ -313,7 +313,7 @@ def pair_problem(hop_s: float) -> Problem:
 def test_two_grips_that_complete_each_other_are_taken_with_one_view_each() -> None:
     solution = solve(pair_problem(10.0))
     assert solution is not None
-    assert solution.grips == (0, 1)
+    assert solution.grasps == (0, 1)
     assert solution.views == ((0,), (0,))
     assert solution.cost_s == 5.0 + 3.0 + 10.0 + 3.0 + 6.0
     assert solution.is_optimal
@@ -322,7 +322,7 @@ def test_two_grips_that_complete_each_other_are_taken_with_one_view_each() -> No
 def test_what_only_a_cut_off_grip_shows_is_not_needed() -> None:
     solution = solve(pair_problem(np.inf))
     assert solution is not None
-    assert list(live_grips(pair_problem(np.inf))) == [0]
+    assert list(live_grasps(pair_problem(np.inf))) == [0]
     assert list(solution.needed) == [True, True, True, False]
     assert solution.cost_s == 5.0 + 3.0 + 3.0 + 4.0
     assert solution.is_optimal
@@ -334,14 +334,14 @@ def test_where_two_grips_exclude_each_other_the_one_that_shows_more_is_taken() -
         weights=np.array([0.2, 0.4, 0.4]),
         view_s=(np.array([3.0]), np.array([3.0])),
         first_s=np.array([1.0, 2.0]),
-        hop_s=np.full((2, 2), np.inf),
+        regrasp_s=np.full((2, 2), np.inf),
         last_s=np.array([1.0, 1.0]),
         seen=np.zeros(3, dtype=bool),
     )
     solution = solve(problem)
     assert solution is not None
     assert needed_of(problem).all()
-    assert (solution.grips, solution.views) == ((1,), ((0,),))
+    assert (solution.grasps, solution.views) == ((1,), ((0,),))
     assert not solution.is_complete
     assert solution.bound_s == np.inf
     assert not solution.is_optimal
@@ -349,20 +349,20 @@ def test_where_two_grips_exclude_each_other_the_one_that_shows_more_is_taken() -
 
 def test_a_grip_taken_up_again_only_to_finish_is_found() -> None:
     problem = pair_problem(2.0)
-    back = problem.hop_s.copy()
+    back = problem.regrasp_s.copy()
     back[1, 0] = 2.0
     only_first = Problem(
         shows=problem.shows,
         weights=problem.weights,
         view_s=problem.view_s,
         first_s=problem.first_s,
-        hop_s=back,
+        regrasp_s=back,
         last_s=np.array([4.0, np.inf]),
         seen=problem.seen,
     )
     solution = solve(only_first)
     assert solution is not None
-    assert solution.grips == (0, 1, 0)
+    assert solution.grasps == (0, 1, 0)
     assert solution.cost_s == 5.0 + 3.0 + 2.0 + 3.0 + 2.0 + 4.0
 
 
@@ -374,7 +374,7 @@ def test_tables_that_do_not_fit_together_are_refused() -> None:
             weights=problem.weights,
             view_s=(np.full(3, 3.0), np.full(1, 3.0)),
             first_s=problem.first_s,
-            hop_s=problem.hop_s,
+            regrasp_s=problem.regrasp_s,
             last_s=problem.last_s,
             seen=problem.seen,
         )

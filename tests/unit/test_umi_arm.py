@@ -626,7 +626,7 @@ async def test_a_grip_ends_where_the_part_is() -> None:
     bench = await Bench().homed()
     assert await bench.arm.open_jaws() == pytest.approx(85.5, abs=0.05)  # §5.5, n = 1200
     bench.wire.motor(1, 4).low = 600  # the part
-    assert await bench.arm.grip(force=30) == pytest.approx(38.9, abs=0.05)  # §5.5, n = 600
+    assert await bench.arm.grasp(force=30) == pytest.approx(38.9, abs=0.05)  # §5.5, n = 600
     assert bench.wire.motor(1, 4).parameters[10] == 30
     assert await bench.arm.jaw_width_mm() == pytest.approx(38.9, abs=0.05)
 
@@ -634,7 +634,7 @@ async def test_a_grip_ends_where_the_part_is() -> None:
 async def test_a_grip_on_nothing_is_a_result() -> None:
     bench = await Bench().homed()
     await bench.arm.open_jaws()
-    assert await bench.arm.grip(force=30) == 0.0
+    assert await bench.arm.grasp(force=30) == 0.0
     assert not bench.stops()
 
 
@@ -642,7 +642,7 @@ async def test_moving_with_a_held_part_is_no_stall_and_a_stall_is_still_seen() -
     bench = await Bench().homed()
     await bench.arm.open_jaws()
     bench.wire.motor(1, 4).low = 600
-    await bench.arm.grip(force=30)  # leaves bit 3 in the general status of IP1 (§5.5)
+    await bench.arm.grasp(force=30)  # leaves bit 3 in the general status of IP1 (§5.5)
     await bench.arm.move_counts({Axis.SHOULDER: 500, Axis.ZED: -300})
     assert bench.wire.motor(1, 1).counts == 500
     bench.wire.motor(1, 2).low = -700
@@ -655,14 +655,14 @@ async def test_a_grip_without_motor_power_is_noticed() -> None:
     await bench.arm.open_jaws()
     bench.wire.motor(1, 4).powered = False
     with pytest.raises(AxisStalledError, match="gripper rests against nothing"):
-        await bench.arm.grip(force=30)
+        await bench.arm.grasp(force=30)
 
 
 async def test_jaws_that_never_meet_anything_are_stopped() -> None:
     bench = await Bench().homed()
     await bench.arm.open_jaws()
     with pytest.raises(AxisStalledError, match=r"still closes after 0\.3 s"):
-        await bench.arm.grip(force=30, deadline_s=0.3)
+        await bench.arm.grasp(force=30, deadline_s=0.3)
     assert bench.stops() == {0, 1}
 
 
@@ -670,7 +670,7 @@ async def test_jaws_on_a_part_are_read_by_the_next_controller_before_homing() ->
     bench = await Bench().homed()
     await bench.arm.open_jaws()
     bench.wire.motor(1, 4).low = 600
-    await bench.arm.grip(force=30)
+    await bench.arm.grasp(force=30)
     await bench.arm.connect()  # as after a kill: no stop was sent
     assert not bench.arm.is_homed
     bench.forget()
@@ -690,7 +690,7 @@ async def test_jaws_are_widened_without_homing_and_nothing_else_moves() -> None:
     bench = await Bench().homed()
     await bench.arm.open_jaws()
     bench.wire.motor(1, 4).low = 600
-    await bench.arm.grip(force=30)
+    await bench.arm.grasp(force=30)
     await bench.arm.aclose()
     bench.wire.is_open = True
     await bench.arm.connect()
@@ -713,7 +713,7 @@ async def test_jaws_pressed_once_more_stand_on_a_part_and_close_on_nothing() -> 
     bench = await Bench().homed()
     await bench.arm.open_jaws()
     bench.wire.motor(1, 4).low = 600
-    await bench.arm.grip(force=30)
+    await bench.arm.grasp(force=30)
     assert await bench.arm.drive_jaws(-3.0) < 0.1
     bench.wire.motor(1, 4).low = -30  # it was taken out
     assert await bench.arm.drive_jaws(-3.0) >= 3.0

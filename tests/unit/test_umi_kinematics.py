@@ -71,9 +71,9 @@ def test_forward_agrees_with_the_numerical_check(
     heading_deg: float,
 ) -> None:
     q = counts_to_q(to_counts_order(row))
-    T_arm_tip = forward(q)
+    T_arm_tcp = forward(q)
     T_arm_wrist = forward(q, ArmGeometry(tool_mm=0.0))
-    assert T_arm_tip[:3, 3] == pytest.approx(tip_mm, abs=0.005001)
+    assert T_arm_tcp[:3, 3] == pytest.approx(tip_mm, abs=0.005001)
     assert T_arm_wrist[:3, 3] == pytest.approx(wrist_mm, abs=0.005001)
     heading = q[0] + q[1] / 2 + q[2]
     assert np.rad2deg(heading) == pytest.approx(heading_deg, abs=0.0005001)
@@ -126,13 +126,13 @@ def test_the_orientation_is_the_product_of_the_three_rotations() -> None:
 def test_there_and_back_is_exact_for_random_legal_joints() -> None:
     q = legal_q(np.random.default_rng(2), 20_000)
     assert kinematics.within_limits(q).all()
-    T_arm_tip = forward(q)
-    answers, legal = inverse(T_arm_tip, heading_rad=0.0)
+    T_arm_tcp = forward(q)
+    answers, legal = inverse(T_arm_tcp, heading_rad=0.0)
     error = np.abs(answers - q[:, None]).max(axis=-1)
     assert np.where(legal, error, np.inf).min(axis=-1).max() < 1e-9
     exists = np.isfinite(answers).all(axis=-1)
     back = forward(np.where(exists[..., None], answers, 0.0))
-    assert np.abs(back - T_arm_tip[:, None]).max(axis=(-2, -1))[exists].max() < 1e-9
+    assert np.abs(back - T_arm_tcp[:, None]).max(axis=(-2, -1))[exists].max() < 1e-9
 
 
 def test_the_other_elbow_is_legal_as_often_as_the_reference_found() -> None:
@@ -149,21 +149,21 @@ def test_the_other_elbow_is_legal_as_often_as_the_reference_found() -> None:
 def test_there_and_back_is_exact_for_any_geometry(seed: int, tool: float, fore: float) -> None:
     geometry = ArmGeometry(fore_mm=fore, tool_mm=tool)
     q = legal_q(np.random.default_rng(seed), 1)[0]
-    T_arm_tip = forward(q, geometry)
-    answers, _ = inverse(T_arm_tip, geometry, heading_rad=0.0)
+    T_arm_tcp = forward(q, geometry)
+    answers, _ = inverse(T_arm_tcp, geometry, heading_rad=0.0)
     exists = np.isfinite(answers).all(axis=-1)
     assert exists.any()
-    assert np.abs(forward(answers[exists], geometry) - T_arm_tip).max() < 1e-9
+    assert np.abs(forward(answers[exists], geometry) - T_arm_tcp).max() < 1e-9
 
 
 def test_a_straight_arm_is_reached_and_one_micron_further_is_not() -> None:
-    T_arm_tip = forward(counts_to_q(to_counts_order((0, 0, -1875, 0, 0, 0))))
-    answers, legal = inverse(T_arm_tip)
+    T_arm_tcp = forward(counts_to_q(to_counts_order((0, 0, -1875, 0, 0, 0))))
+    answers, legal = inverse(T_arm_tcp)
     assert legal.any()
     best = answers[legal][0]
-    assert np.abs(forward(best) - T_arm_tip).max() < 1e-9
-    T_arm_tip[0, 3] += 0.001
-    answers, legal = inverse(T_arm_tip)
+    assert np.abs(forward(best) - T_arm_tcp).max() < 1e-9
+    T_arm_tcp[0, 3] += 0.001
+    answers, legal = inverse(T_arm_tcp)
     assert not legal.any()
     assert np.isnan(answers).all()
 
@@ -187,15 +187,15 @@ def test_a_wrist_exactly_in_the_shoulder_axis_leaves_the_shoulder_to_choose() ->
 
 def test_straight_down_every_heading_offered_is_a_branch_of_its_own() -> None:
     headings = np.deg2rad([-60.0, 0.0, 30.0, 90.0])
-    T_arm_tip = np.eye(4)
-    T_arm_tip[:3, 0] = [0, 0, -1]  # approach
-    T_arm_tip[:3, 1] = [0.6, 0.8, 0]  # jaws
-    T_arm_tip[:3, 2] = np.cross(T_arm_tip[:3, 0], T_arm_tip[:3, 1])
-    T_arm_tip[:3, 3] = [350, 100, 60]
-    answers, legal = inverse(T_arm_tip, heading_rad=headings)
+    T_arm_tcp = np.eye(4)
+    T_arm_tcp[:3, 0] = [0, 0, -1]  # approach
+    T_arm_tcp[:3, 1] = [0.6, 0.8, 0]  # jaws
+    T_arm_tcp[:3, 2] = np.cross(T_arm_tcp[:3, 0], T_arm_tcp[:3, 1])
+    T_arm_tcp[:3, 3] = [350, 100, 60]
+    answers, legal = inverse(T_arm_tcp, heading_rad=headings)
     assert answers.shape == (8, 6)
     for answer, heading in zip(answers, np.tile(headings, 2), strict=True):
-        assert np.abs(forward(answer) - T_arm_tip).max() < 1e-9
+        assert np.abs(forward(answer) - T_arm_tcp).max() < 1e-9
         assert answer[0] + answer[1] / 2 + answer[2] == pytest.approx(heading, abs=1e-9) or (
             np.cos(answer[0] + answer[1] / 2 + answer[2] - heading) == pytest.approx(1.0)
         )
@@ -204,11 +204,11 @@ def test_straight_down_every_heading_offered_is_a_branch_of_its_own() -> None:
 
 
 def test_headings_are_sampled_when_none_are_given() -> None:
-    T_arm_tip = forward(np.array([0.3, 0.8, 0.1, -700.0, -np.pi / 2, 0.4]))
-    answers, legal = inverse(T_arm_tip)
+    T_arm_tcp = forward(np.array([0.3, 0.8, 0.1, -700.0, -np.pi / 2, 0.4]))
+    answers, legal = inverse(T_arm_tcp)
     assert answers.shape == (2 * len(kinematics.HEADINGS_RAD), 6)
     assert legal.sum() > 10
-    assert np.abs(forward(answers[legal]) - T_arm_tip).max() < 1e-9
+    assert np.abs(forward(answers[legal]) - T_arm_tcp).max() < 1e-9
 
 
 def test_steep_pitches_have_a_second_branch_beyond_straight_down() -> None:
@@ -246,35 +246,35 @@ def test_the_legal_answers_alone_are_those_of_the_whole_inverse(
     seed: int, heading_count: int
 ) -> None:
     rng = np.random.default_rng(seed)
-    T_arm_tip = forward(at_the_limits(rng))
+    T_arm_tcp = forward(at_the_limits(rng))
     headings = rng.uniform(-np.pi, np.pi, heading_count)
-    answers, legal = inverse(T_arm_tip, heading_rad=headings)
+    answers, legal = inverse(T_arm_tcp, heading_rad=headings)
     where, which = np.nonzero(legal)
-    index, branch, q = inverse_legal(T_arm_tip, heading_rad=headings)
+    index, branch, q = inverse_legal(T_arm_tcp, heading_rad=headings)
     assert np.array_equal(index, where)
     assert np.array_equal(branch, which)
     assert np.array_equal(q, answers[legal])
-    assert np.abs(forward(q) - T_arm_tip[index]).max() < 1e-9
+    assert np.abs(forward(q) - T_arm_tcp[index]).max() < 1e-9
 
 
 def test_no_pose_has_no_answers() -> None:
     far = np.eye(4)
     far[:3, 3] = 3000.0, 0.0, 300.0
-    for T_arm_tip in (np.zeros((0, 4, 4)), far[None]):
-        index, branch, q = inverse_legal(T_arm_tip)
+    for T_arm_tcp in (np.zeros((0, 4, 4)), far[None]):
+        index, branch, q = inverse_legal(T_arm_tcp)
         assert index.shape == branch.shape == (0,)
         assert q.shape == (0, 6)
 
 
 def test_leading_dimensions_pass_through() -> None:
     q = legal_q(np.random.default_rng(4), 12).reshape(3, 4, 6)
-    T_arm_tip = forward(q)
-    assert T_arm_tip.shape == (3, 4, 4, 4)
-    answers, legal = inverse(T_arm_tip, heading_rad=[0.0, 1.0])
+    T_arm_tcp = forward(q)
+    assert T_arm_tcp.shape == (3, 4, 4, 4)
+    answers, legal = inverse(T_arm_tcp, heading_rad=[0.0, 1.0])
     assert answers.shape == (3, 4, 4, 6)
     assert legal.shape == (3, 4, 4)
     assert q_to_counts(q).shape == (3, 4, 6)
-    one, one_legal = inverse(T_arm_tip[1, 2], heading_rad=[0.0, 1.0])
+    one, one_legal = inverse(T_arm_tcp[1, 2], heading_rad=[0.0, 1.0])
     assert np.array_equal(one, answers[1, 2], equal_nan=True)
     assert np.array_equal(one_legal, legal[1, 2])
 

@@ -39,7 +39,7 @@ class StablePose:
     rolling : True where it rests on a curve and would roll on; `RollingFamily` has the rest
     drop_probability : of a part that is dropped and bounces: solid angle times tip energy
     stability_rank : 1 for the pose hardest to tip, as the paper's Table 1 is ranked
-    tip_direction : (3,) unit, CAD frame, level in this pose: to where it tips most easily
+    topple_direction : (3,) unit, CAD frame, level in this pose: to where it tips most easily
     marginal : True where a lift of 0.5 mm tips it: predicted, but not seen in drops
     rocking : True where it rests on a curve with a lowest place, ``R``
     same_as : index of the likeliest pose a symmetry of the part makes this one; itself if none
@@ -53,7 +53,7 @@ class StablePose:
     rolling: bool
     drop_probability: float = 0.0
     stability_rank: int = 0
-    tip_direction: Array = field(default_factory=lambda: np.zeros(3))
+    topple_direction: Array = field(default_factory=lambda: np.zeros(3))
     marginal: bool = False
     rocking: bool = False
     same_as: int = -1
@@ -70,7 +70,7 @@ class Resting:
     centre_of_mass_mm : (3,) CAD frame
     facet_downs : (n, 3) directions to the table of every hull facet that holds the centre, CAD
         frame, likeliest first: the poses before curves are told from planes
-    facet_odds : (n,) their quasi-static odds, which sum to 1
+    facet_probabilities : (n,) their quasi-static odds, which sum to 1
     facet_pose : (n,) pose each belongs to, -1 where it is rarer than asked
     """
 
@@ -78,7 +78,7 @@ class Resting:
     families: tuple[RollingFamily, ...]
     centre_of_mass_mm: Array
     facet_downs: Array
-    facet_odds: Array
+    facet_probabilities: Array
     facet_pose: NDArray[np.int32]
 
 
@@ -117,8 +117,8 @@ def find_resting(
     hull = hull_of(np.asarray(solid.mesh.vertices, dtype=np.float64), centre)
     land = landscape_of(hull)
     strips = find_strips(hull)
-    hollow, hollow_odds = merge_hollows(hull, land, strips)
-    bottoms, odds, lift, tip_edge = _hollows(hull, land, hollow, hollow_odds)
+    hollow, hollow_probabilities = merge_hollows(hull, land, strips)
+    bottoms, odds, lift, topple_edge = _hollows(hull, land, hollow, hollow_probabilities)
 
     weight = odds * np.maximum(lift, 0.0)
     drop = weight / weight.sum() if weight.sum() > 0 else odds
@@ -152,8 +152,8 @@ def find_resting(
                 rolling=roll is not None and roll.rolls,
                 drop_probability=float(drop[i]),
                 stability_rank=int(ranks[index]),
-                tip_direction=_tip_direction(hull, int(tip_edge[i]), down),
-                marginal=bool(tip_edge[i] >= 0 and lift[i] < MARGINAL_LIFT_MM),
+                topple_direction=_topple_direction(hull, int(topple_edge[i]), down),
+                marginal=bool(topple_edge[i] >= 0 and lift[i] < MARGINAL_LIFT_MM),
                 rocking=roll is not None and not roll.rolls,
                 same_as=index,
             )
@@ -203,7 +203,7 @@ def _hollows(
     return bottoms, odds[bottoms], np.maximum(climb, 0.0), edge
 
 
-def _tip_direction(hull: Hull, edge: int, down: Array) -> Array:
+def _topple_direction(hull: Hull, edge: int, down: Array) -> Array:
     """Return the level direction (3,) towards an edge, zeros where there is none."""
     if edge < 0:
         return np.zeros(3)

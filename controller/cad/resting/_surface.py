@@ -23,7 +23,7 @@ NEAR, NEARER = 6, 40  # triangles tried for each point, and where that leaves a 
 LOOSE = 10.0  # times the tolerance: a guess this near is worth turning a little
 CORNER_MM = 0.1  # a quarter of how far corners of one kind differ in their distances
 SAME = 0.07  # norm of the difference of rotations 3 degrees apart
-DOUBT_SHARE = 0.2  # more points off than this, and no closer look is needed
+UNSURE_SHARE = 0.2  # more points off than this, and no closer look is needed
 
 
 class Surface:
@@ -77,7 +77,7 @@ class Surface:
             moved = self._probes[:count] @ R.T + shift
             off, ids, foot = self._measure(moved, NEAR)
             good = off < LOOSE * self.tolerance_mm
-            if good.mean() < 1 - DOUBT_SHARE:
+            if good.mean() < 1 - UNSURE_SHARE:
                 return None
             n = self._normals[ids[good]]
             gap = np.einsum("ij,ij->i", foot[good] - moved[good], n)
@@ -97,19 +97,19 @@ class Surface:
         near = LOOSE * self.tolerance_mm + self._cover_mm
         moved = self._probes[:FEW_COUNT] @ R.T
         far, _ = self._tree.query(moved, distance_upper_bound=near)
-        return bool(np.isinf(far).mean() > 1.5 * DOUBT_SHARE)
+        return bool(np.isinf(far).mean() > 1.5 * UNSURE_SHARE)
 
     def _carries(self, R: Array, shift: Array) -> bool:
         for part in (self._probes[:FIRST_COUNT], self._probes[FIRST_COUNT:]):
             moved = part @ R.T + shift
             off = self._measure(moved, NEAR)[0]
-            doubt = np.flatnonzero(off > self.tolerance_mm)
-            if len(doubt) > DOUBT_SHARE * len(part):
+            ambiguity = np.flatnonzero(off > self.tolerance_mm)
+            if len(ambiguity) > UNSURE_SHARE * len(part):
                 return False
-            if len(doubt):
-                off = self._measure(moved[doubt], NEARER)[0]
-                doubt = doubt[off > self.tolerance_mm]
-            if not all(self._touches(point) for point in moved[doubt]):
+            if len(ambiguity):
+                off = self._measure(moved[ambiguity], NEARER)[0]
+                ambiguity = ambiguity[off > self.tolerance_mm]
+            if not all(self._touches(point) for point in moved[ambiguity]):
                 return False
         return True
 

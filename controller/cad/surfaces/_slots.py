@@ -65,16 +65,18 @@ def _round_ended(solid: Solid, walls: dict[int, Wall], sides: list[list[int]]) -
         members = (*planes, ends[0].id, ends[1].id)
         heights = np.concatenate([_points(solid, i) for i in members]) @ axis
         level = ends[0].centre_mm - (ends[0].centre_mm @ axis) * axis + across / 2
-        floors = _floors(solid, sides, members, axis)
+        lower_bounds = _floors(solid, sides, members, axis)
         low, high = float(heights.min()), float(heights.max())
-        floor_low = any(abs(solid.faces[i].centre_mm @ axis - low) < SAME_MM for i in floors)
-        floor_high = any(abs(solid.faces[i].centre_mm @ axis - high) < SAME_MM for i in floors)
+        floor_low = any(abs(solid.faces[i].centre_mm @ axis - low) < SAME_MM for i in lower_bounds)
+        floor_high = any(
+            abs(solid.faces[i].centre_mm @ axis - high) < SAME_MM for i in lower_bounds
+        )
         if floor_low and floor_high:
             continue
         from_low = floor_high
         found.append(
             Slot(
-                tuple(sorted((*members, *floors))),
+                tuple(sorted((*members, *lower_bounds))),
                 2 * ends[0].radius_mm,
                 float(np.linalg.norm(across)) + 2 * ends[0].radius_mm,
                 high - low,
@@ -90,13 +92,13 @@ def _floors(
     solid: Solid, sides: list[list[int]], members: tuple[int, ...], axis: Array
 ) -> list[int]:
     b = solid.boundary
-    floors = set()
+    lower_bounds = set()
     for member in members:
         for h in sides[member]:
             beyond = solid.faces[b.face[h ^ 1]]
             if b.crease[h // 2] == Crease.CONCAVE and abs(beyond.normal @ axis) > PARALLEL:
-                floors.add(beyond.id)
-    return sorted(floors)
+                lower_bounds.add(beyond.id)
+    return sorted(lower_bounds)
 
 
 def _grooves(solid: Solid, sides: list[list[int]], taken: set[int]) -> list[Slot]:

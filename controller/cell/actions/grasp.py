@@ -49,7 +49,7 @@ class GraspAction:
         await self.motion.follow(step.motion_down)
         opening_mm = await self.grippers.close_arm(Once.GRASP, step.expected_opening_mm)
         await self._check_opening(step, opening_mm)
-        self.record.part.hold = Hold(step.grip, step.grip.T_part_hand, opening_mm)
+        self.record.part.hold = Hold(step.grasp, step.grasp.T_part_tcp, opening_mm)
         await self.record.set_custody(Custody.IN_ARM, f"jaws at {opening_mm:.1f} mm")
         await self.motion.follow(step.motion_up)
         await self.grippers.require_arm_holds()
@@ -78,11 +78,11 @@ class GraspAction:
             message = f"the jaws closed {found}, {expected}"
             self.record.note(GraspMissed(message=message))
             await self._leave(step)
-            raise PartFaultError(PartFault.GRIP_MISSED, message)
+            raise PartFaultError(PartFault.GRASP_MISSED, message)
         if opening_mm > step.expected_opening_mm + self.grippers.tolerance_mm:
             await self._leave(step)
             raise PartFaultError(
-                PartFault.GRIP_WRONG,
+                PartFault.GRASP_WRONG,
                 f"the jaws stopped at {opening_mm:.1f} mm, {expected}: they held other faces, or "
                 "something else",
             )

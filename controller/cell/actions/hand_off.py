@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import NoReturn
 
 from controller.imaging import inverse_pose
-from controller.planning import HandOver, TakeBack, shown_pose
+from controller.planning import GiveStep, ReceiveStep, shown_pose
 from controller.planning.model import CellLayout
 
 from ..custody import Custody
@@ -42,15 +42,15 @@ class HandOffAction:
         ------
         PartFaultError : the part is lost, or one of the grippers did not get it
         """
-        give = self.steps.next(HandOver)
+        give = self.steps.next(GiveStep)
         if give is not None:
             await self._give(give)
-        receive = self.steps.next(TakeBack)
+        receive = self.steps.next(ReceiveStep)
         if receive is not None:
             await self._receive(receive)
         return Event.HANDED_OFF
 
-    async def _give(self, step: HandOver) -> None:
+    async def _give(self, step: GiveStep) -> None:
         started_s, record = self.steps.begin(step), self.record
         await self.grippers.open_fixed(step.fixture_pre_open_mm)
         await self.motion.follow(step.motion)
@@ -60,18 +60,18 @@ class HandOffAction:
         if not await self.grippers.does_fixed_hold():
             await self._keep_in_arm(step, "the fixed gripper lost the part at once")
         hold = record.held()
-        T_world_part = shown_pose(self.layout, await self.motion.read_q(), hold.T_part_hand)
+        T_world_part = shown_pose(self.layout, await self.motion.read_q(), hold.T_part_tcp)
         await self.grippers.release_to_fixed(step.hand_open_mm)
-        record.part.fixture_grip = replace(
-            step.fixture_grip,
-            T_part_hand=inverse_pose(T_world_part) @ self.layout.T_world_fixture,
+        record.part.fixed_grasp = replace(
+            step.fixed_grasp,
+            T_part_tcp=inverse_pose(T_world_part) @ self.layout.T_world_fixed_tcp,
         )
         await record.set_custody(Custody.IN_FIXTURE)
         await self.grippers.require_fixed_holds()
         await self.motion.follow(step.retreat)
         self.steps.end(step, started_s)
 
-    async def _close_fixed(self, step: HandOver) -> None:
+    async def _close_fixed(self, step: GiveStep) -> None:
         expected_mm = step.fixture_expected_opening_mm
         result = await self.grippers.close_fixed(expected_mm)
         off_mm = abs(result.width_mm - expected_mm)
@@ -82,7 +82,7 @@ class HandOffAction:
                 "expected",
             )
 
-    async def _keep_in_arm(self, step: HandOver, why: str) -> NoReturn:
+    async def _keep_in_arm(self, step: GiveStep, why: str) -> NoReturn:
         """Keep the part in the arm gripper and go back to where the step began."""
         part, hold = self.record.part, self.record.held()
         await self.record.set_custody(Custody.IN_ARM, "the fixed gripper did not get it")
@@ -92,12 +92,12 @@ class HandOffAction:
         hold.is_seen = False
         await self.motion.go_back(len(step.motion))
         if part.has_had(PartFault.HAND_OFF_FAILED):
-            part.avoid.add(step.fixture_grip.id)
+            part.avoid.add(step.fixed_grasp.id)
         raise PartFaultError(
             PartFault.HAND_OFF_FAILED, f"hand-off: {why}; the arm still holds the part"
         )
 
-    async def _receive(self, step: TakeBack) -> None:
+    async def _receive(self, step: ReceiveStep) -> None:
         started_s, record = self.steps.begin(step), self.record
         await self.motion.follow(step.motion_in)
         await self.grippers.open_arm(step.pre_open_mm)
@@ -106,7 +106,7 @@ class HandOffAction:
         opening_mm = await self.grippers.close_arm(Once.RECEIVE, step.expected_opening_mm)
         if abs(opening_mm - step.expected_opening_mm) > self.grippers.tolerance_mm:
             await self._leave_in_fixed(step, opening_mm)
-        record.part.hold = Hold(step.grip, step.grip.T_part_hand, opening_mm)
+        record.part.hold = Hold(step.grasp, step.grasp.T_part_tcp, opening_mm)
         await record.set_custody(Custody.IN_BOTH)
         await self.grippers.release_to_arm(step.fixture_open_mm)
         await record.set_custody(Custody.IN_ARM, f"jaws at {opening_mm:.1f} mm")
@@ -119,7 +119,7 @@ class HandOffAction:
             step, started_s, jaw_mm=round(opening_mm, 2), expected_mm=step.expected_opening_mm
         )
 
-    async def _leave_in_fixed(self, step: TakeBack, opening_mm: float) -> NoReturn:
+    async def _leave_in_fixed(self, step: ReceiveStep, opening_mm: float) -> NoReturn:
         """Leave the part in the fixed gripper and go back to where the step began."""
         await self.grippers.open_arm(step.pre_open_mm)
         await self.record.set_custody(Custody.IN_FIXTURE, "the arm gripper did not get it")
@@ -127,9 +127,9 @@ class HandOffAction:
         await self.grippers.require_fixed_holds()
         await self.motion.go_back(len(step.motion_in))
         # nothing sees the part in the fixed gripper: what failed once would fail again
-        self.record.part.avoid.add(step.grip.id)
+        self.record.part.avoid.add(step.grasp.id)
         raise PartFaultError(
-            PartFault.TAKE_BACK_FAILED,
+            PartFault.RECEIVE_FAILED,
             f"hand-off back: the arm gripper's jaws stopped at {opening_mm:.1f} mm, "
             f"{step.expected_opening_mm:.1f} mm was expected; the fixed gripper still holds it",
         )

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from controller.planning import HandOver, Present, SetDown, TakeBack
+from controller.planning import GiveStep, Present, ReceiveStep, SetDown
 
 from ..compute import Compute
 from ..custody import Custody
@@ -40,7 +40,7 @@ class InspectAction:
         await self._collect()
         if self.steps.next(Present) is not None:
             return Event.INSPECTED
-        if self.steps.next(HandOver) is not None or self.steps.next(TakeBack) is not None:
+        if self.steps.next(GiveStep) is not None or self.steps.next(ReceiveStep) is not None:
             return Event.HAND_OFF_DUE
         if self.steps.next(SetDown) is not None:
             return Event.SET_DOWN_DUE

@@ -89,10 +89,10 @@ class PlanAction:
                 return OnTable(sighting.pose_index, sighting.T_world_part)
             case Custody.IN_ARM:
                 hold = self.record.held()
-                grip = replace(hold.grip, T_part_hand=hold.T_part_hand, opening_mm=hold.width_mm)
-                return InArm(grip, await self.motion.read_q())
-            case Custody.IN_FIXTURE if part.fixture_grip is not None:
-                return InFixture(part.fixture_grip, await self.motion.read_q())
+                grasp = replace(hold.grasp, T_part_tcp=hold.T_part_tcp, opening_mm=hold.width_mm)
+                return InArm(grasp, await self.motion.read_q())
+            case Custody.IN_FIXTURE if part.fixed_grasp is not None:
+                return InFixture(part.fixed_grasp, await self.motion.read_q())
         raise PartProblemError("no_plan", f"the part is {part.custody.value}: nothing to plan from")
 
     def _keep_plan(self, error: NoPlanError, start: Start, before: Plan | None) -> Event:

@@ -70,8 +70,8 @@ class PresentAction:
             for lamp, image in {"station_backlight": backlit, **lit}.items()
         }
         self.views.announce(step, files, q)
-        if step.doubt is not None:
-            await self.disambiguation.resolve(step.doubt, hold, q, backlit, tuple(lit.values()))
+        if step.ambiguity is not None:
+            await self.disambiguation.resolve(step.ambiguity, hold, q, backlit, tuple(lit.values()))
         self.views.judge_in_hand(view, hold, q, backlit, lit)
         return view
 

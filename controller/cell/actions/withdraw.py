@@ -38,12 +38,12 @@ class WithdrawAction:
         self.record.show("taking the arm out of the way")
         self.recoveries.forget_drop()
         part = self.record.part
-        T_part_hand = part.hold.T_part_hand if part.hold is not None else None
+        T_part_tcp = part.hold.T_part_tcp if part.hold is not None else None
         while True:
             arm_mm, fixed_mm = await self.grippers.openings_mm()
             q = await self.motion.read_q()
             with suppress(NoMotionError):
-                path = await self.compute.path_home(q, arm_mm, fixed_mm, T_part_hand)
+                path = await self.compute.path_home(q, arm_mm, fixed_mm, T_part_tcp)
                 break
             if not self.motion.can_go_back:
                 raise PartProblemError(

@@ -17,8 +17,8 @@ from controller import planning
 from controller import recognition as recognising
 from controller.imaging import inverse_pose
 from controller.planning import (
+    Ambiguity,
     Box,
-    Doubt,
     Motion,
     OnTable,
     Plan,
@@ -88,7 +88,9 @@ def plan(
     prepared, layout = _prepared(job), context(job).layout
     if isinstance(start, OnTable) and candidates:
         others = _readings(job, candidates)
-        return planning.plan_in_doubt(prepared, layout, start, others, seen=seen, avoid=avoid)
+        return planning.plan_under_ambiguity(
+            prepared, layout, start, others, seen=seen, avoid=avoid
+        )
     return planning.plan_from(prepared, layout, start, seen=seen, avoid=avoid)
 
 
@@ -101,23 +103,28 @@ def _readings(job: Job, candidates: tuple[recognising.Alternative, ...]) -> list
 
 
 def identify(
-    job: Job, doubt: Doubt, q: Array, opening_mm: float, backlit: Grey, lit: tuple[Grey, ...]
+    job: Job,
+    ambiguity: Ambiguity,
+    q: Array,
+    opening_mm: float,
+    backlit: Grey,
+    lit: tuple[Grey, ...],
 ) -> tuple[int, ...]:
     """Return which hypotheses the pictures of the deciding view leave; () where none fits.
 
     Parameters
     ----------
     job : which recipe on which cell
-    doubt : the hypotheses, and the view that decides between them
+    ambiguity : the hypotheses, and the view that decides between them
     q : (6,) where the arm stands
     opening_mm : of the arm gripper
     backlit, lit : pictures of the view
     """
-    return planning.told(doubt, context(job).layout, q, opening_mm, backlit, lit).left
+    return planning.told(ambiguity, context(job).layout, q, opening_mm, backlit, lit).left
 
 
 def path_home(
-    job: Job, q: Array, arm_opening_mm: float, fixed_opening_mm: float, T_part_hand: Array | None
+    job: Job, q: Array, arm_opening_mm: float, fixed_opening_mm: float, T_part_tcp: Array | None
 ) -> Motion:
     """Return a joint path from anywhere to where the arm is in nobody's way.
 
@@ -126,7 +133,7 @@ def path_home(
     job : which recipe on which cell
     q : (6,) where the arm stands
     arm_opening_mm, fixed_opening_mm : how wide both grippers are open
-    T_part_hand : (4, 4) of a part that may still be in the arm gripper, or None
+    T_part_tcp : (4, 4) of a part that may still be in the arm gripper, or None
 
     Raises
     ------
@@ -134,10 +141,10 @@ def path_home(
     """
     c = context(job)
     carried = None
-    if T_part_hand is not None:
+    if T_part_tcp is not None:
         low, high = c.solid.mesh.bounds
         box = Box.from_bounds(*np.column_stack([low, high]).ravel())
-        carried = box.placed(inverse_pose(T_part_hand))
+        carried = box.placed(inverse_pose(T_part_tcp))
     scene = Scene(c.layout, arm_opening_mm, fixed_opening_mm, carried)
     return connect(q, c.layout.park_q, scene, f"{c.solid.name}: way home")
 
@@ -223,7 +230,7 @@ def inspect_lying(
 def find_hold(
     job: Job,
     T_world_part: Array,
-    T_part_hand: Array,
+    T_part_tcp: Array,
     holder: Holder,
     backlit: Grey,
 ) -> Array | None:
@@ -233,7 +240,7 @@ def find_hold(
     ----------
     job : which recipe on which cell
     T_world_part : (4, 4) where it should be
-    T_part_hand : (4, 4) how it should be held
+    T_part_tcp : (4, 4) how it should be held
     holder : what of the cell may stand in the picture
     backlit : picture before the glowing panel
     """
@@ -248,7 +255,7 @@ def find_hold(
         limits=inspection_limits(c.recipe),
     )
     part = recognising.PosedPart(c.solid, c.caster)
-    return held_search.find_hold(part, c.samples, task, T_part_hand, backlit)
+    return held_search.find_hold(part, c.samples, task, T_part_tcp, backlit)
 
 
 def judge(

@@ -33,7 +33,7 @@ def find_hold(
     part: PosedPart,
     samples: SurfaceSamples,
     task: inspecting.ViewTask,
-    T_part_hand: Array,
+    T_part_tcp: Array,
     backlit: Grey,
 ) -> Array | None:
     """Return T_world_part of a held part that slipped, None where it is not found.
@@ -43,7 +43,7 @@ def find_hold(
     part : the part, with its ray caster
     samples : its surface samples, in the part frame
     task : the view, with the pose the part should have
-    T_part_hand : (4, 4) how the hand should hold it
+    T_part_tcp : (4, 4) how the hand should hold it
     backlit : picture before the glowing panel
     """
     width, height = task.camera.size_px
@@ -60,8 +60,8 @@ def find_hold(
     ranked: list[tuple[float, int, Array]] = []
     grid = itertools.product(ALONG_MM, ACROSS_MM, TURN_RAD)
     for number, (along, across, turn) in enumerate(grid):
-        T = task.T_world_part @ T_part_hand @ _move(along, across, turn)
-        T = T @ inverse_pose(T_part_hand)
+        T = task.T_world_part @ T_part_tcp @ _move(along, across, turn)
+        T = T @ inverse_pose(T_part_tcp)
         overlap = _overlap(_shadow(part.caster, T, task, roi) & ~hidden, dark & ~hidden)
         if overlap >= LEAST_OVERLAP:
             ranked.append((-overlap, number, T))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.imaging import inverse_pose
-from controller.planning import Doubt
+from controller.planning import Ambiguity
 
 from ..compute import Compute
 from ..errors import PartFaultError, PartProblemError
@@ -27,13 +27,13 @@ class Disambiguation:
     record: BatchRecord
 
     async def resolve(
-        self, doubt: Doubt, hold: Hold, q: Array, backlit: Grey, lit: tuple[Grey, ...]
+        self, ambiguity: Ambiguity, hold: Hold, q: Array, backlit: Grey, lit: tuple[Grey, ...]
     ) -> None:
         """Return if the view leaves the hypothesis that the plan was made for, and it alone.
 
         Parameters
         ----------
-        doubt : the hypotheses
+        ambiguity : the hypotheses
         hold : is corrected where another one is true
         q : (6,) where the arm stands
         backlit, lit : pictures of the view
@@ -43,12 +43,12 @@ class Disambiguation:
         PartFaultError : the part, but in another stable pose than was planned with
         PartProblemError : another part, or more than one hypothesis is left
         """
-        part, names = self.record.part, [c.name for c in doubt.candidates]
-        left = await self.compute.identify(doubt, q, hold.width_mm, backlit, lit)
+        part, names = self.record.part, [c.name for c in ambiguity.candidates]
+        left = await self.compute.identify(ambiguity, q, hold.width_mm, backlit, lit)
         part.candidates = ()
         self.record.note(
             AmbiguityResolved(
-                between=tuple(names), left=tuple(names[k] for k in left), light=doubt.light
+                between=tuple(names), left=tuple(names[k] for k in left), light=ambiguity.light
             )
         )
         if left == (0,):
@@ -63,12 +63,12 @@ class Disambiguation:
                 f"it may still be {' or '.join(names[k] for k in left)}; look at what "
                 "the arm gripper holds",
             )
-        found = doubt.candidates[left[0]]
+        found = ambiguity.candidates[left[0]]
         if found.name != names[0]:
             raise PartProblemError(
                 "wrong_part", f"the view shows {found.name}, the recipe is for {names[0]}"
             )
-        hold.T_part_hand = inverse_pose(found.T_hand_part)
+        hold.T_part_tcp = inverse_pose(found.T_tcp_part)
         raise PartFaultError(
             PartFault.HELD_OTHERWISE, "the view shows another stable pose than it seemed"
         )

@@ -1,7 +1,7 @@
 """Opens and closes both grippers, checks that they hold, and books the part that they lose."""
 
 from controller.config import Recipe
-from drivers.kinds import Arm, FixedGripper, GripReading, Hold, IoBlock
+from drivers.kinds import Arm, FixedGripper, GraspReading, Hold, IoBlock
 
 from ..custody import Custody
 from ..custody.release_guard import LOST_MM, NOTHING_MM, ReleaseGuard
@@ -28,10 +28,10 @@ class Grippers:
         self._fixed = fixed
         self._record = record
         self._guard = ReleaseGuard(arm, fixed, io)
-        self._force_n = recipe.grip.force_n
+        self._force_n = recipe.grasp.force_n
         # MAX_FORCE has no unit of its own; 20 to 60 have been used (umi_rtx.md 5.6)
-        self._arm_force = max(20, min(60, round(recipe.grip.force_n)))
-        self.tolerance_mm = recipe.grip.width_tolerance_mm
+        self._arm_force = max(20, min(60, round(recipe.grasp.force_n)))
+        self.tolerance_mm = recipe.grasp.width_tolerance_mm
 
     async def open_arm(self, opening_mm: float) -> None:
         """Open the arm gripper; it must not be the only one to hold the part.
@@ -86,7 +86,7 @@ class Grippers:
             Intent(name=Once.RELEASE_FIXED, open_mm=opening_mm),
             lambda: self.open_fixed(opening_mm),
         )
-        self._record.part.fixture_grip = None
+        self._record.part.fixed_grasp = None
 
     async def close_arm(self, action: Once, expected_mm: float) -> float:
         """Close the arm gripper on the part; return the opening reached [mm].
@@ -97,10 +97,10 @@ class Grippers:
         expected_mm : the opening the plan expects
         """
         return await self._record.once(
-            Intent(name=action, expected_mm=expected_mm), lambda: self._arm.grip(self._arm_force)
+            Intent(name=action, expected_mm=expected_mm), lambda: self._arm.grasp(self._arm_force)
         )
 
-    async def close_fixed(self, expected_mm: float) -> GripReading:
+    async def close_fixed(self, expected_mm: float) -> GraspReading:
         """Close the fixed gripper on the part that the arm gripper holds."""
         return await self._record.once(
             Intent(name=Once.HAND_OFF, expected_mm=expected_mm),
@@ -118,7 +118,7 @@ class Grippers:
         PartFaultError : the part is gone; custody says where it may be
         """
         hold = self._record.held()
-        opening_mm = await self._arm.grip(self._arm_force)
+        opening_mm = await self._arm.grasp(self._arm_force)
         if opening_mm >= hold.width_mm - LOST_MM and opening_mm >= NOTHING_MM:
             return
         self._record.part.hold = None
@@ -130,7 +130,7 @@ class Grippers:
             await self._record.set_custody(
                 Custody.IN_FIXTURE, f"jaws of the arm gripper at {opening_mm:.1f} mm"
             )
-            raise PartFaultError(PartFault.TAKE_BACK_FAILED, message)
+            raise PartFaultError(PartFault.RECEIVE_FAILED, message)
         await self._record.set_custody(Custody.LOST, f"jaws at {opening_mm:.1f} mm")
         raise PartFaultError(PartFault.DROPPED, message)
 
@@ -150,7 +150,7 @@ class Grippers:
 
     async def lose_from_fixed(self) -> PartFaultError:
         """Book a part that has left the fixed gripper while nobody else had it."""
-        self._record.part.fixture_grip = None
+        self._record.part.fixed_grasp = None
         await self._record.set_custody(Custody.LOST, "at the fixed gripper")
         return PartFaultError(PartFault.DROPPED, "the part left the fixed gripper")
 

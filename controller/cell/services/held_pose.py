@@ -9,7 +9,7 @@ from controller import inspection as inspecting
 from controller.imaging import inverse_pose
 from controller.planning import shown_pose
 from controller.planning.model import CellLayout
-from controller.planning.motion import tip_pose
+from controller.planning.motion import tcp_pose
 
 from ..compute import Compute
 from ..errors import PartFaultError
@@ -66,14 +66,14 @@ class HeldPose:
             return
         await self.motion.ring_down()
         backlit = await self.imaging.shoot("inspection", {"station_backlight": 1.0})
-        expected = shown_pose(self.layout, q, hold.T_part_hand)
+        expected = shown_pose(self.layout, q, hold.T_part_tcp)
         holder = holder_boxes(self.layout, q, hold.width_mm)
-        found = await self.compute.find_hold(expected, hold.T_part_hand, holder, backlit)
+        found = await self.compute.find_hold(expected, hold.T_part_tcp, holder, backlit)
         if found is None:
             raise PartFaultError(
                 PartFault.NOT_IN_HAND, "the camera does not see the part in the arm gripper"
             )
-        hold.T_part_hand = inverse_pose(found) @ tip_pose(self.layout, q)
+        hold.T_part_tcp = inverse_pose(found) @ tcp_pose(self.layout, q)
         hold.is_seen = True
 
     async def learn(self, shown: Shown, hold: Hold, result: inspecting.ViewResult) -> None:
@@ -96,11 +96,11 @@ class HeldPose:
                 return
             T_world_part = found
         hold.doubts = 0
-        measured = inverse_pose(T_world_part) @ tip_pose(self.layout, shown.q)
-        shift_mm, turn_rad = _difference(measured, hold.T_part_hand)
+        measured = inverse_pose(T_world_part) @ tcp_pose(self.layout, shown.q)
+        shift_mm, turn_rad = _difference(measured, hold.T_part_tcp)
         if was_seen and not is_held_otherwise(shift_mm, turn_rad):
             return
-        hold.T_part_hand, hold.is_seen = measured, True
+        hold.T_part_tcp, hold.is_seen = measured, True
         # what inspection still takes for the planned grasp can be lived with
         is_bearable = result.evaluated and not self.recoveries.may_recover(PartFault.HELD_OTHERWISE)
         if is_held_otherwise(shift_mm, turn_rad) and not is_bearable:
@@ -113,7 +113,7 @@ class HeldPose:
     async def _search(self, shown: Shown, hold: Hold, reason: str) -> Array | None:
         """Return T_world_part of a part that a view missed; None where one bad view is excused."""
         found = await self.compute.find_hold(
-            shown.expected, hold.T_part_hand, shown.holder, shown.backlit
+            shown.expected, hold.T_part_tcp, shown.holder, shown.backlit
         )
         hold.doubts += 1
         # one bad view is a view less where others have confirmed the hold
@@ -125,8 +125,8 @@ class HeldPose:
         return found
 
 
-def _difference(T_part_hand: Array, T_other: Array) -> tuple[float, float]:
+def _difference(T_part_tcp: Array, T_other: Array) -> tuple[float, float]:
     """Return how two holds differ: where the gripper is on the part [mm], and its turn [rad]."""
-    turn = T_part_hand[:3, :3].T @ T_other[:3, :3]
+    turn = T_part_tcp[:3, :3].T @ T_other[:3, :3]
     angle = float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0)))
-    return float(np.linalg.norm(T_part_hand[:3, 3] - T_other[:3, 3])), angle
+    return float(np.linalg.norm(T_part_tcp[:3, 3] - T_other[:3, 3])), angle

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import Solid, StablePose
 from controller.imaging import inverse_pose
-from controller.planning.grips import (
+from controller.planning.grasps import (
     clear_of_table,
     resting_pose,
-    select_arm_grips,
+    select_arm_grasps,
     spread,
     turned_over,
 )
-from controller.planning.model import CellLayout, Grip, PreparedPart
+from controller.planning.model import CellLayout, Grasp, PreparedPart
 from controller.planning.motion import inverse_rows
 from controller.planning.views import hidden_by_hand, holding_boxes, view_poses
 
@@ -27,7 +27,7 @@ from .site import standoff_mm
 PER_POSE_N = 4  # grips kept for taking each stable pose up
 PICK_TURNS_N = 6
 PICK_LIFT_MM = 85.0
-PICK_WAYS_N = 2  # branches of the arm per grip and place
+PICK_PATH_COUNT = 2  # branches of the arm per grip and place
 BRANCHES_N = 1000  # more than the kinematics number
 SHOWS_ALL = 0.99  # of what a pair of grips could show together: then they complement each other
 
@@ -38,14 +38,14 @@ class Picks:
 
     Attributes
     ----------
-    pose, place, grip : (k,) of the way: which lying pose, which place and turn, which grip
+    pose, place, grasp : (k,) of the way: which lying pose, which place and turn, which grip
     q_hold, q_above : (k, 6) where the hand closes, and where it comes from
     """
 
     places_n: int
     pose: IntArray
     place: IntArray
-    grip: IntArray
+    grasp: IntArray
     q_hold: FloatArray
     q_above: FloatArray
 
@@ -71,8 +71,8 @@ class FamilyMember:
     prepared: PreparedPart
     weights: FloatArray
     vectors: FloatArray
-    arm_grips: tuple[Grip, ...]
-    fixture_grips: tuple[Grip, ...]
+    arm_grasps: tuple[Grasp, ...]
+    fixed_grasps: tuple[Grasp, ...]
     shown: BoolArray
     bits: NDArray[np.uint8]
     T_view: FloatArray
@@ -106,7 +106,7 @@ class FamilyMember:
 
 
 def family_member(
-    part: PreparedPart, layout: CellLayout, grips_n: int, fixture_n: int, directions_n: int
+    part: PreparedPart, layout: CellLayout, grasp_count: int, fixture_n: int, directions_n: int
 ) -> FamilyMember:
     """Thin a prepared part to what a search over sites can afford.
 
@@ -114,13 +114,13 @@ def family_member(
     ----------
     part : prepared in this cell
     layout : the cell
-    grips_n, fixture_n : grips of either holder beside those that take resting parts up
+    grasp_count, fixture_n : grips of either holder beside those that take resting parts up
     directions_n : square views first, as the part has them
     """
     solid = part.solid
-    every = [g for g in part.arm_grips if not g.id.endswith("'")]
-    base = select_arm_grips(solid, part.poses, every, layout.hand, PER_POSE_N, grips_n)
-    fixed = [g for g in part.fixture_grips if not g.id.endswith("'")]
+    every = [g for g in part.arm_grasps if not g.id.endswith("'")]
+    base = select_arm_grasps(solid, part.poses, every, layout.hand, PER_POSE_N, grasp_count)
+    fixed = [g for g in part.fixed_grasps if not g.id.endswith("'")]
     fixed = [fixed[k] for k in spread(fixed, range(len(fixed)), fixture_n)]
     some = _some_directions(part.directions.square_to, directions_n)
     vectors = part.directions.vectors[some]
@@ -135,18 +135,18 @@ def family_member(
                 visible,
                 vectors,
                 far,
-                g.T_part_hand,
+                g.T_part_tcp,
                 holding_boxes(layout.hand, g),
             )
             for g in base
         ]
     )
-    arm_grips = (*base, *(turned_over(g) for g in base))
+    arm_grasps = (*base, *(turned_over(g) for g in base))
     T_view, inside = view_poses(solid, layout, vectors)
     poses = [p for p in part.poses if not p.rolling]
     from_pose = np.array(
-        [clear_of_table(resting_pose(solid, p), arm_grips, layout.hand) for p in poses], dtype=bool
-    ).reshape(len(poses), len(arm_grips))
+        [clear_of_table(resting_pose(solid, p), arm_grasps, layout.hand) for p in poses], dtype=bool
+    ).reshape(len(poses), len(arm_grasps))
     able = np.flatnonzero(from_pose.any(axis=1))
     odds = np.array([p.probability for p in poses])[able]
     weights = part.weights
@@ -154,8 +154,8 @@ def family_member(
         prepared=part,
         weights=weights,
         vectors=vectors,
-        arm_grips=arm_grips,
-        fixture_grips=(*fixed, *(turned_over(g) for g in fixed)),
+        arm_grasps=arm_grasps,
+        fixed_grasps=(*fixed, *(turned_over(g) for g in fixed)),
         shown=shown,
         bits=np.packbits(shown, axis=2),
         T_view=T_view,
@@ -164,7 +164,7 @@ def family_member(
         from_pose=from_pose[able],
         odds=odds / odds.sum() if len(odds) else odds,
         completes=completing(np.asarray(shown.any(axis=1)), weights),
-        picks=_picks(layout, solid, [poses[k] for k in able.tolist()], arm_grips, from_pose[able]),
+        picks=_picks(layout, solid, [poses[k] for k in able.tolist()], arm_grasps, from_pose[able]),
         radius_mm=float(
             np.linalg.norm(
                 np.asarray(solid.mesh.convex_hull.vertices) - solid.centroid_mm, axis=1
@@ -177,7 +177,7 @@ def _picks(
     layout: CellLayout,
     solid: Solid,
     lying: Sequence[StablePose],
-    grips: Sequence[Grip],
+    grasps: Sequence[Grasp],
     from_pose: BoolArray,
 ) -> Picks:
     """List ways to take the part up at the middle and the corners of where parts may lie."""
@@ -189,7 +189,7 @@ def _picks(
     for p, pose in enumerate(lying):
         T_rest = np.stack([resting_pose(solid, pose, x, y, t) for x, y in places for t in turns])
         for k in np.flatnonzero(from_pose[p]).tolist():
-            T_hold = T_rest @ grips[k].T_part_hand
+            T_hold = T_rest @ grasps[k].T_part_tcp
             T_above = T_hold.copy()
             T_above[:, :3, 3] -= PICK_LIFT_MM * T_hold[:, :3, 0]
             holds, branch, q_hold = inverse_rows(layout, T_hold)
@@ -199,25 +199,25 @@ def _picks(
             both = np.intersect1d(mine, its)
             i, j = np.searchsorted(mine, both), np.searchsorted(its, both)
             place = holds[i]
-            kept = np.arange(len(place)) - np.searchsorted(place, place) < PICK_WAYS_N
+            kept = np.arange(len(place)) - np.searchsorted(place, place) < PICK_PATH_COUNT
             i, j = i[kept], j[kept]
             rows.append((np.full(len(i), p), holds[i], np.full(len(i), k)))
             joints.append((q_hold[i], q_above[j]))
     none = (np.zeros(0, dtype=np.int64),) * 3
-    pose_of, place_of, grip_of = (np.concatenate([r[c] for r in [none, *rows]]) for c in range(3))
+    pose_of, place_of, grasp_of = (np.concatenate([r[c] for r in [none, *rows]]) for c in range(3))
     q = [np.concatenate([np.zeros((0, 6)), *[j[c] for j in joints]]) for c in range(2)]
-    return Picks(len(places) * len(turns), pose_of, place_of, grip_of, q[0], q[1])
+    return Picks(len(places) * len(turns), pose_of, place_of, grasp_of, q[0], q[1])
 
 
-def completing(shown_by_grip: BoolArray, weights: FloatArray) -> BoolArray:
+def completing(shown_by_grasp: BoolArray, weights: FloatArray) -> BoolArray:
     """Return of each pair of grips (g, g) whether the second shows what the first one hides.
 
     Parameters
     ----------
-    shown_by_grip : (g, n) samples each grip shows from some side
+    shown_by_grasp : (g, n) samples each grip shows from some side
     """
-    total = float(weights[shown_by_grip.any(axis=0)].sum())
-    both = shown_by_grip[:, None] | shown_by_grip[None]
+    total = float(weights[shown_by_grasp.any(axis=0)].sum())
+    both = shown_by_grasp[:, None] | shown_by_grasp[None]
     return np.asarray((both @ weights >= SHOWS_ALL * total) & ~np.eye(len(both), dtype=bool))
 
 
@@ -235,9 +235,9 @@ def _some_directions(square_to: IntArray, count: int) -> IntArray:
 def hand_offsets_mm(members: Sequence[FamilyMember]) -> FloatArray:
     """Return where the centre of mass is in the hand, over all members' grips (k, 3)."""
     found = [
-        inverse_pose(g.T_part_hand)[:3, :3] @ m.prepared.solid.centroid_mm
-        + inverse_pose(g.T_part_hand)[:3, 3]
+        inverse_pose(g.T_part_tcp)[:3, :3] @ m.prepared.solid.centroid_mm
+        + inverse_pose(g.T_part_tcp)[:3, 3]
         for m in members
-        for g in m.arm_grips[: m.base_n]
+        for g in m.arm_grasps[: m.base_n]
     ]
     return np.stack(found)

@@ -142,8 +142,8 @@ def reasons_to_move(present: SiteScore, best: SiteScore, options: SiteOptions) -
 
 def seconds_of(score: SiteScore) -> float:
     """Return the mean estimate of views and re-grip [s]; NaN where no part can be shown."""
-    regrip = score.mean("regrip_s")
-    return score.mean("view_s") + (regrip if np.isfinite(regrip) else 0.0)
+    regrasp = score.mean("regrasp_s")
+    return score.mean("view_s") + (regrasp if np.isfinite(regrasp) else 0.0)
 
 
 def least_moved(found: Sequence[SiteScore], present: SiteScore, as_good: float) -> SiteScore:
@@ -165,8 +165,8 @@ def moved_mm(a: Site, b: Site) -> float:
     """Return by how much station, camera and fixture move, turns counted 5 mm a degree."""
     moved = float(np.linalg.norm(a.station_mm - b.station_mm))
     moved += TURN_MM * _angle_deg(float(a.towards @ b.towards))
-    if a.T_world_fixture is not None and b.T_world_fixture is not None:
-        T_a, T_b = a.T_world_fixture, b.T_world_fixture
+    if a.T_world_fixed_tcp is not None and b.T_world_fixed_tcp is not None:
+        T_a, T_b = a.T_world_fixed_tcp, b.T_world_fixed_tcp
         moved += float(np.linalg.norm(T_a[:3, 3] - T_b[:3, 3]))
         moved += TURN_MM * _angle_deg((float(np.trace(T_a[:3, :3].T @ T_b[:3, :3])) - 1.0) / 2.0)
     return round(moved, 3)
@@ -191,9 +191,9 @@ def _unlike_best(
 def _close(a: Site, b: Site, mm: float = 100.0, deg: float = 30.0) -> bool:
     near = bool(np.linalg.norm(a.station_mm - b.station_mm) < mm)
     near &= bool(a.towards @ b.towards > np.cos(np.radians(deg)))
-    if a.T_world_fixture is not None and b.T_world_fixture is not None:
-        offset = a.T_world_fixture[:3, 3] - b.T_world_fixture[:3, 3]
-        turn = np.trace(a.T_world_fixture[:3, :3].T @ b.T_world_fixture[:3, :3])
+    if a.T_world_fixed_tcp is not None and b.T_world_fixed_tcp is not None:
+        offset = a.T_world_fixed_tcp[:3, 3] - b.T_world_fixed_tcp[:3, 3]
+        turn = np.trace(a.T_world_fixed_tcp[:3, :3].T @ b.T_world_fixed_tcp[:3, :3])
         near &= bool(np.linalg.norm(offset) < mm and turn > 1 + 2 * np.cos(np.radians(deg)))
     return near
 
@@ -230,7 +230,7 @@ def _figures(score: SiteScore) -> str:
         f"{100 * score.shown_mean:.1f} % of the surface is shown "
         f"({100 * score.shown_worst:.1f} % of the worst part in its worst pose)"
     )
-    if any(np.isfinite(p.regrip_s) for p in score.parts):
+    if any(np.isfinite(p.regrasp_s) for p in score.parts):
         text += (
             f", one hand-off shows the rest from {100 * score.mean('partners_share'):.0f} % of the "
             f"grips, views and regrasp take about {seconds_of(score):.0f} s"
@@ -264,7 +264,7 @@ def _sentences(
         )
     else:
         said.append("The camera stands well where it is.")
-    T, T_now = best.site.T_world_fixture, present.site.T_world_fixture
+    T, T_now = best.site.T_world_fixed_tcp, present.site.T_world_fixed_tcp
     if T is not None and T_now is not None:
         turned = np.trace(T[:3, :3].T @ T_now[:3, :3]) < 1 + 2 * np.cos(np.radians(SAME_DEG))
         if np.linalg.norm(T[:3, 3] - T_now[:3, 3]) > SAME_MM or turned:

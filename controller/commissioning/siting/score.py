@@ -28,8 +28,8 @@ class SiteOptions:
     joints_only : a coarse answer within a minute: nothing is checked for collisions
     """
 
-    arm_grips: int = 14  # beside those that take each resting pose up
-    fixture_grips: int = 12  # each counts twice, turned over; with 5, some parts found no partner
+    arm_grasps: int = 14  # beside those that take each resting pose up
+    fixed_grasps: int = 12  # each counts twice, turned over; with 5, some parts found no partner
     directions: int = 92
     checked_cameras: int = 12  # camera sites that get the collision checks
     checked_fixtures: int = 10
@@ -57,7 +57,7 @@ class PartScore:
         from which one hand-off leads to such another
     hand_offs_share : of all pairs of grips that complete each other, what one hand-off joins
     picks_share : of the places and turns tried on the table, where some grip takes the part up
-    view_s, regrip_s : seconds of the views that show all, and of the re-grip between (estimates);
+    view_s, regrasp_s : seconds of the views that show all, and of the re-grip between (estimates);
         NaN where there is no view, or no way to re-grip
     """
 
@@ -71,7 +71,7 @@ class PartScore:
     hand_offs_share: float
     picks_share: float
     view_s: float
-    regrip_s: float
+    regrasp_s: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,7 +144,7 @@ def value_of(parts: Sequence[PartScore], trays: Mapping[str, float] | None = Non
     freedom = VIEWS_WEIGHT * mean([p.views_share for p in parts])
     freedom += PARTNERS_WEIGHT * mean([p.partners_share for p in parts])
     freedom += HAND_OFFS_WEIGHT * mean([p.hand_offs_share for p in parts])
-    seconds = mean([p.view_s for p in parts]) + mean([p.regrip_s for p in parts])
+    seconds = mean([p.view_s for p in parts]) + mean([p.regrasp_s for p in parts])
     picks = mean([p.picks_share for p in parts])
     if trays:
         free = list(trays.values())

@@ -30,12 +30,12 @@ class Site:
     ----------
     station_mm : (3,) world
     towards : (3,) unit vector from the station to the camera
-    T_world_fixture : (4, 4) of its tip frame; None where the cell has no fixed gripper
+    T_world_fixed_tcp : (4, 4) of its tip frame; None where the cell has no fixed gripper
     """
 
     station_mm: FloatArray
     towards: FloatArray
-    T_world_fixture: FloatArray | None
+    T_world_fixed_tcp: FloatArray | None
 
     @property
     def looks_along(self) -> FloatArray:
@@ -57,7 +57,7 @@ def site_of(layout: CellLayout) -> Site:
     return Site(
         np.asarray(layout.station_mm, dtype=float),
         towards / np.linalg.norm(towards),
-        None if layout.fixture is None else np.asarray(layout.T_world_fixture, dtype=float),
+        None if layout.fixture is None else np.asarray(layout.T_world_fixed_tcp, dtype=float),
     )
 
 
@@ -74,7 +74,7 @@ def fellows_of(layout: CellLayout) -> Fellows:
     """
     post: list[str] = []
     if layout.fixture is not None:
-        body = [b.placed(layout.T_world_fixture) for b in layout.fixture.body]
+        body = [b.placed(layout.T_world_fixed_tcp) for b in layout.fixture.body]
         for name, box in layout.obstacles.items():
             if any(
                 overlap(b.T[None], b.half_mm[None] + POST_REACH_MM, box.T[None], box.half_mm[None])[
@@ -151,18 +151,18 @@ def placed_at(layout: CellLayout, site: Site, fellows: Fellows | None = None) ->
     obstacles = dict(layout.obstacles)
     for name in fellows.camera:
         obstacles[name] = obstacles[name].placed(move)
-    T_fixture = layout.T_world_fixture
-    if layout.fixture is not None and site.T_world_fixture is not None:
+    T_fixed_tcp = layout.T_world_fixed_tcp
+    if layout.fixture is not None and site.T_world_fixed_tcp is not None:
         for name in fellows.fixture:
-            obstacles[name] = moved_post(obstacles[name], T_fixture, site.T_world_fixture)
-        T_fixture = site.T_world_fixture
+            obstacles[name] = moved_post(obstacles[name], T_fixed_tcp, site.T_world_fixed_tcp)
+        T_fixed_tcp = site.T_world_fixed_tcp
     old: Camera = layout.inspection
     return replace(
         layout,
         station_mm=np.asarray(site.station_mm, dtype=float),
         inspection=replace(old, T_world_cam=move @ old.T_world_cam),
         obstacles=obstacles,
-        T_world_fixture=T_fixture,
+        T_world_fixed_tcp=T_fixed_tcp,
     )
 
 

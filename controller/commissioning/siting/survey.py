@@ -83,7 +83,7 @@ def survey(
         tell("parts", k, len(parts))
         members.append(
             family_member(
-                part, layout, options.arm_grips, options.fixture_grips, options.directions
+                part, layout, options.arm_grasps, options.fixed_grasps, options.directions
             )
         )
     return Survey(layout, tuple(members), options, fellows_of(layout), tell)
@@ -92,9 +92,9 @@ def survey(
 def site_key(site: Site) -> tuple[int, ...]:
     """Return whole numbers that are the same for the same site and for no other."""
     values = [*site.station_mm * 100.0, *site.towards * 1e5]
-    if site.T_world_fixture is not None:
+    if site.T_world_fixed_tcp is not None:
         values += [
-            *site.T_world_fixture[:3, 3] * 100.0,
-            *site.T_world_fixture[:3, :2].ravel() * 1e5,
+            *site.T_world_fixed_tcp[:3, 3] * 100.0,
+            *site.T_world_fixed_tcp[:3, :2].ravel() * 1e5,
         ]
     return tuple(int(v) for v in np.rint(values))

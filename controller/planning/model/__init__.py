@@ -6,11 +6,11 @@ Dataclasses and names; nothing here plans. mm, rad and seconds; poses in the wor
 from .arm import JOINT_COUNT, ArmLink, ArmModel, TimingModel
 from .candidates import LIGHTS, Candidate, Light
 from .errors import NoMotionError, NoPlanError, NotGraspableError, OutOfReachError
-from .grip import TABLE_MARGIN_MM, Grip, GripRules, Holder
-from .layout import CellLayout, Jaw, Pace, Tray
+from .grasp import TABLE_MARGIN_MM, Grasp, GraspRules, Holder
+from .layout import CellLayout, CellTimes, Jaw, Tray
 from .plan import (
-    Doubt,
-    HandOver,
+    Ambiguity,
+    GiveStep,
     Look,
     Motion,
     Park,
@@ -20,43 +20,42 @@ from .plan import (
     Present,
     Proof,
     Reason,
+    ReceiveStep,
     SetDown,
     Step,
-    TakeBack,
     Unseen,
 )
 from .prepared import HandOff, PlanOptions, PreparedPart, Rest
 from .starts import InArm, InFixture, OnTable, Start
-from .visibility import Directions, Lookout
+from .visibility import Directions, VisibilityTable
 
 __all__ = [
     "JOINT_COUNT",
     "LIGHTS",
     "TABLE_MARGIN_MM",
+    "Ambiguity",
     "ArmLink",
     "ArmModel",
     "Candidate",
     "CellLayout",
+    "CellTimes",
     "Directions",
-    "Doubt",
-    "Grip",
-    "GripRules",
+    "GiveStep",
+    "Grasp",
+    "GraspRules",
     "HandOff",
-    "HandOver",
     "Holder",
     "InArm",
     "InFixture",
     "Jaw",
     "Light",
     "Look",
-    "Lookout",
     "Motion",
     "NoMotionError",
     "NoPlanError",
     "NotGraspableError",
     "OnTable",
     "OutOfReachError",
-    "Pace",
     "Park",
     "Pick",
     "Place",
@@ -66,12 +65,13 @@ __all__ = [
     "Present",
     "Proof",
     "Reason",
+    "ReceiveStep",
     "Rest",
     "SetDown",
     "Start",
     "Step",
-    "TakeBack",
     "TimingModel",
     "Tray",
     "Unseen",
+    "VisibilityTable",
 ]

@@ -21,16 +21,16 @@ class Candidate:
     Attributes
     ----------
     name : for people
-    T_hand_part : (4, 4) pose of its CAD frame in the tip frame
+    T_tcp_part : (4, 4) pose of its CAD frame in the tip frame
     """
 
     name: str
     solid: Solid
-    T_hand_part: FloatArray
+    T_tcp_part: FloatArray
 
     @classmethod
     def taken(
-        cls, name: str, solid: Solid, T_world_part: FloatArray, T_world_hand: FloatArray
+        cls, name: str, solid: Solid, T_world_part: FloatArray, T_world_tcp: FloatArray
     ) -> Candidate:
         """Return the candidate as a gripper takes it from where it is.
 
@@ -39,6 +39,6 @@ class Candidate:
         name : for people
         solid : the part it may be
         T_world_part : (4, 4) where it then is [mm]
-        T_world_hand : (4, 4) pose of the gripper's TCP [mm]
+        T_world_tcp : (4, 4) pose of the gripper's TCP [mm]
         """
-        return cls(name, solid, np.linalg.inv(T_world_hand) @ T_world_part)
+        return cls(name, solid, np.linalg.inv(T_world_tcp) @ T_world_part)

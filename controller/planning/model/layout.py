@@ -72,40 +72,40 @@ class Tray:
 
 
 @dataclass(frozen=True, slots=True)
-class Pace:
+class CellTimes:
     """The fixed times of a cycle; how long moves take, the arm's own timing model says.
 
     Grips and releases are medians of what runs of the emulated cell journalled.
 
     Attributes
     ----------
-    grip_s, release_s : the arm's jaws close until they stall, width read back; they open
-    fixture_grip_s, fixture_release_s : the same of the fixed gripper
+    grasp_s, release_s : the arm's jaws close until they stall, width read back; they open
+    fixed_grasp_s, fixture_release_s : the same of the fixed gripper
     look_s : a view of three pictures: lamps, exposure after the change, transfer. An emulated
         cell's time waits for its pictures to be drawn
     """
 
-    grip_s: float = 1.6
+    grasp_s: float = 1.6
     release_s: float = 1.3
-    fixture_grip_s: float = 0.7
+    fixed_grasp_s: float = 0.7
     fixture_release_s: float = 0.2
     look_s: float = 3.2
     relook_s: float = 12.0  # pictures of the table, recognition and a new plan after a set-down
 
     @property
-    def hand_over_step_s(self) -> float:
+    def give_step_s(self) -> float:
         """Return the time both jaws take to give the part to the fixed gripper."""
-        return self.fixture_grip_s + self.release_s
+        return self.fixed_grasp_s + self.release_s
 
     @property
-    def take_back_s(self) -> float:
+    def receive_s(self) -> float:
         """Return the time both jaws take to give it back to the hand."""
-        return self.grip_s + self.fixture_release_s
+        return self.grasp_s + self.fixture_release_s
 
     @property
     def hand_off_s(self) -> float:
         """Return the time the jaws take for a change of grip over the fixed gripper."""
-        return self.hand_over_step_s + self.take_back_s
+        return self.give_step_s + self.receive_s
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,7 +116,7 @@ class CellLayout:
     ----------
     arm : with the shapes of its links
     column : what of the arm stands still, a box in the world
-    T_world_fixture : pose of the fixed gripper's tip frame
+    T_world_fixed_tcp : pose of the fixed gripper's tip frame
     obstacles : world boxes by name, the fixture's post among them
     station_mm : (3,) where the part's centre of mass is shown to the `inspection` camera
     fixture : the fixed gripper, None where the cell has none (then its pose says nothing)
@@ -131,14 +131,14 @@ class CellLayout:
     column: Box
     hand: Jaw
     fixture: Jaw | None
-    T_world_fixture: FloatArray
+    T_world_fixed_tcp: FloatArray
     obstacles: Mapping[str, Box]
     station_mm: FloatArray
     inspection: Camera
     overhead: Camera
     trays: Mapping[str, Tray]
     park_q: FloatArray
-    pace: Pace = field(default_factory=Pace)
+    cell_times: CellTimes = field(default_factory=CellTimes)
     inspection_sharp_mm: tuple[float, float] = (0.0, float("inf"))
     overhead_sharp_mm: tuple[float, float] = (0.0, float("inf"))
     set_down_mm: FloatArray = field(

@@ -13,7 +13,7 @@ from enum import StrEnum
 from controller.arrays import BoolArray, FloatArray
 
 from .candidates import Candidate, Light
-from .grip import Grip
+from .grasp import Grasp
 
 Motion = tuple[FloatArray, ...]
 
@@ -30,7 +30,7 @@ class Step:
 class Pick(Step):
     """Take the part off the table: go above it, open, come down, close, lift."""
 
-    grip: Grip
+    grasp: Grasp
     motion_in: Motion
     pre_open_mm: float
     motion_down: Motion
@@ -39,7 +39,7 @@ class Pick(Step):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Doubt:
+class Ambiguity:
     """What a view has to tell apart.
 
     Attributes
@@ -63,11 +63,11 @@ class Present(Step):
     direction_part : (3,) unit, from the centre of mass to the camera, in the part frame
     seen : (n,) bool, per sample
     square_to : id of the planar face or bore this view is square to, -1 if none
-    doubt : what this view is to tell apart before anything else is done, None as a rule
+    ambiguity : what this view is to tell apart before anything else is done, None as a rule
     """
 
     view_id: str
-    grip: Grip
+    grasp: Grasp
     motion: Motion
     q: FloatArray
     T_world_part: FloatArray
@@ -75,15 +75,15 @@ class Present(Step):
     seen: BoolArray
     square_to: int
     expected_opening_mm: float
-    doubt: Doubt | None = None
+    ambiguity: Ambiguity | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class HandOver(Step):
+class GiveStep(Step):
     """Give the part to the fixed gripper: open it, bring the part in, close it, open the hand."""
 
-    grip: Grip
-    fixture_grip: Grip
+    grasp: Grasp
+    fixed_grasp: Grasp
     fixture_pre_open_mm: float
     motion: Motion
     fixture_expected_opening_mm: float
@@ -92,11 +92,11 @@ class HandOver(Step):
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class TakeBack(Step):
+class ReceiveStep(Step):
     """Take the part from the fixed gripper with another grip."""
 
-    grip: Grip
-    fixture_grip: Grip
+    grasp: Grasp
+    fixed_grasp: Grasp
     motion_in: Motion
     pre_open_mm: float
     approach: Motion
@@ -117,7 +117,7 @@ class SetDown(Step):
     pose_index : of the stable pose it is put down in; T_world_part : (4, 4) where
     """
 
-    grip: Grip
+    grasp: Grasp
     motion: Motion
     motion_down: Motion
     open_mm: float
@@ -151,7 +151,7 @@ class Place(Step):
     """
 
     tray: str
-    grip: Grip
+    grasp: Grasp
     motion: Motion
     motion_down: Motion
     open_mm: float
@@ -174,7 +174,7 @@ class Reason(StrEnum):
     FINGERS = "fingers"
     REACH = "reach"
     NO_REGRASP_PATH = "no regrasp path"
-    GRIP_STRENGTH = "grasp strength"
+    GRASP_STRENGTH = "grasp strength"
     LEFT_OUT = "left out"  # it could be shown; options or a failed motion left it out
 
 
@@ -246,7 +246,7 @@ class Plan:
     covered_fraction: float
     reachable_fraction: float
     unseen: tuple[Unseen, ...]
-    grips: tuple[Grip, ...]
+    grasps: tuple[Grasp, ...]
     proof: Proof
 
     @property
@@ -262,6 +262,6 @@ class Plan:
         return tuple(s for s in self.steps if isinstance(s, Present))
 
     @property
-    def regrip_count(self) -> int:
+    def regrasp_count(self) -> int:
         """Return how often the part changes grip."""
-        return sum(isinstance(s, TakeBack | SetDown) for s in self.steps)
+        return sum(isinstance(s, ReceiveStep | SetDown) for s in self.steps)

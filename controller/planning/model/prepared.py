@@ -12,8 +12,8 @@ from controller.cad import Solid, StablePose, SurfaceSamples
 from controller.imaging import inverse_pose
 
 from ..geometry import Box, PartShape, PlacedShape
-from .grip import Grip, GripRules
-from .visibility import Directions, Lookout
+from .grasp import Grasp, GraspRules
+from .visibility import Directions, VisibilityTable
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,9 +48,9 @@ class PlanOptions:
     # pixels per millimetre along the surface, foreshortening included, that a view must give
     min_px_per_mm: float = 1.0
     directions_n: int = 90  # of the even sphere, beside square ones
-    arm_grips_per_pose: int = 8
-    arm_grips_round: int = 16
-    fixture_grips: int = 16
+    arm_grasps_per_pose: int = 8
+    arm_grasps_round: int = 16
+    fixed_grasps: int = 16
     # share of the surface a further view must add, for it costs seconds; 0 shows all that can be
     least_gain: float = 0.0
     # the overhead camera's pictures of the part where it lies are views, where they resolve enough
@@ -60,7 +60,7 @@ class PlanOptions:
     # the cell takes jaws that stop further off than this for another grip (recipe's grip section)
     width_tolerance_mm: float = 2.0
     square_share: float = 0.5  # of a face must show for a view to count as its square view
-    rules: GripRules = field(default_factory=GripRules)
+    rules: GraspRules = field(default_factory=GraspRules)
 
     def coarse(self) -> PlanOptions:
         """Return the same aims with few candidates: for a first plan at once."""
@@ -68,9 +68,9 @@ class PlanOptions:
             self,
             is_coarse=True,
             directions_n=40,
-            arm_grips_per_pose=3,
-            arm_grips_round=6,
-            fixture_grips=6,
+            arm_grasps_per_pose=3,
+            arm_grasps_round=6,
+            fixed_grasps=6,
             rules=self.rules.coarse(),
         )
 
@@ -82,14 +82,14 @@ class PreparedPart:
     Attributes
     ----------
     shape : the part's triangles, to be asked what they touch
-    arm_grips : each base grip, then each once more with the hand turned over, then measured ones
+    arm_grasps : each base grip, then each once more with the hand turned over, then measured ones
     visible : (v, n) samples the bare part shows in each direction
-    lookout : with the evidence for what none of them shows
+    visibility_table : with the evidence for what none of them shows
     shown : per arm grip (v, n), what of it hand and arm leave in sight
     view_q : per arm grip, direction -> (k, 6) collision-free configurations
     hand_offs : per fixture grip, arm grip -> how they meet
     covered : (g, n) samples some reachable view of an arm grip shows
-    hub : (g, 6) one configuration of each arm grip, in the midst of its views
+    home_q : (g, 6) one configuration of each arm grip, in the midst of its views
     rests, set_downs : places on the table to put the part down at, and how arm grips do it; empty
         where no plan has needed them
     """
@@ -99,16 +99,16 @@ class PreparedPart:
     options: PlanOptions
     shape: PartShape
     poses: tuple[StablePose, ...]
-    arm_grips: tuple[Grip, ...]
-    fixture_grips: tuple[Grip, ...]
+    arm_grasps: tuple[Grasp, ...]
+    fixed_grasps: tuple[Grasp, ...]
     directions: Directions
     visible: BoolArray
-    lookout: Lookout
+    visibility_table: VisibilityTable
     shown: tuple[BoolArray, ...]
     view_q: tuple[Mapping[int, FloatArray], ...]
     hand_offs: tuple[Mapping[int, HandOff], ...]
     covered: BoolArray
-    hub: FloatArray
+    home_q: FloatArray
     rests: tuple[Rest, ...] = ()
     set_downs: tuple[Mapping[int, HandOff], ...] = ()
 
@@ -118,19 +118,19 @@ class PreparedPart:
         areas = self.samples.areas_mm2
         return np.asarray(areas / areas.sum())
 
-    def shown_by(self, grip: int) -> BoolArray:
-        """Return what arm grip `grip` leaves in sight (v, n)."""
-        return self.shown[grip]
+    def shown_by(self, grasp: int) -> BoolArray:
+        """Return what arm grip `grasp` leaves in sight (v, n)."""
+        return self.shown[grasp]
 
     @property
     def part_box(self) -> Box:
         """Return the box round the part, along the axes of the CAD frame."""
         return self.shape.box
 
-    def carried(self, grip: Grip) -> PlacedShape:
+    def carried(self, grasp: Grasp) -> PlacedShape:
         """Return the part in the tip frame of the hand that holds it."""
-        return PlacedShape(self.shape, inverse_pose(grip.T_part_hand))
+        return PlacedShape(self.shape, inverse_pose(grasp.T_part_tcp))
 
-    def carried_box(self, grip: Grip) -> Box:
+    def carried_box(self, grasp: Grasp) -> Box:
         """Return the part as a box in the tip frame of the hand that holds it."""
-        return self.part_box.placed(inverse_pose(grip.T_part_hand))
+        return self.part_box.placed(inverse_pose(grasp.T_part_tcp))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from controller.arrays import FloatArray
 
-from .grip import Grip
+from .grasp import Grasp
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,11 +30,11 @@ class InArm:
 
     Attributes
     ----------
-    grip : with `T_part_hand` and opening as measured; its id may be that of a planned grip
+    grasp : with `T_part_tcp` and opening as measured; its id may be that of a planned grip
     q : (6,) where the arm stands, free of contact with all but the part
     """
 
-    grip: Grip
+    grasp: Grasp
     q: FloatArray
 
 
@@ -44,10 +44,10 @@ class InFixture:
 
     Attributes
     ----------
-    grip : of the fixture, as measured; q : (6,) where the empty arm stands
+    grasp : of the fixture, as measured; q : (6,) where the empty arm stands
     """
 
-    grip: Grip
+    grasp: Grasp
     q: FloatArray
 
 

@@ -19,7 +19,7 @@ class Directions:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lookout:
+class VisibilityTable:
     """Directions and what each shows of the bare part, with the evidence for what none shows.
 
     Attributes

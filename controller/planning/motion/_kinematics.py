@@ -12,23 +12,23 @@ from ..model import CellLayout
 
 
 def inverse_rows(
-    layout: CellLayout, T_world_tip: FloatArray
+    layout: CellLayout, T_world_tcp: FloatArray
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Return all legal configurations of tip poses (n, 4, 4): index (m,), branch (m,), q (m, 6).
 
     A straight line of the tip keeps its branch.
     """
-    return layout.arm.inverse(inverse_pose(layout.T_world_arm) @ T_world_tip)
+    return layout.arm.inverse(inverse_pose(layout.T_world_arm) @ T_world_tcp)
 
 
-def passed_limit(layout: CellLayout, T_world_tip: FloatArray) -> str:
+def passed_limit(layout: CellLayout, T_world_tcp: FloatArray) -> str:
     """Return which joint limit tip poses (n, 4, 4) pass, in words; empty where no branch exists."""
-    q = layout.arm.branches(np.linalg.inv(layout.T_world_arm) @ T_world_tip).reshape(-1, 6)
+    q = layout.arm.branches(np.linalg.inv(layout.T_world_arm) @ T_world_tcp).reshape(-1, 6)
     q = q[np.isfinite(q).all(axis=1)]
     return layout.arm.limit_report(q[0]) if len(q) else ""
 
 
-def tip_pose(layout: CellLayout, q: FloatArray) -> FloatArray:
+def tcp_pose(layout: CellLayout, q: FloatArray) -> FloatArray:
     """Return T_world_tip (..., 4, 4) of configurations (..., 6)."""
     return np.asarray(layout.T_world_arm @ layout.arm.forward(q))
 
@@ -51,14 +51,14 @@ def link_boxes(layout: CellLayout, q: FloatArray) -> tuple[FloatArray, FloatArra
     return T, np.broadcast_to(half_mm, (*R.shape[:2], 3))
 
 
-def shown_pose(layout: CellLayout, q: FloatArray, T_part_hand: FloatArray) -> FloatArray:
+def shown_pose(layout: CellLayout, q: FloatArray, T_part_tcp: FloatArray) -> FloatArray:
     """Return T_world_part (4, 4) of a part that the arm holds.
 
     Parameters
     ----------
     layout : the cell
     q : (6,) row of joints
-    T_part_hand : (4, 4) T_part_tcp, as planned or as measured
+    T_part_tcp : (4, 4) T_part_tcp, as planned or as measured
     """
-    T: FloatArray = tip_pose(layout, np.asarray(q)) @ inverse_pose(T_part_hand)
+    T: FloatArray = tcp_pose(layout, np.asarray(q)) @ inverse_pose(T_part_tcp)
     return T

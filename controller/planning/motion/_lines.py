@@ -7,7 +7,7 @@ import numpy as np
 from controller.arrays import FloatArray, IntArray
 
 from ..model import CellLayout
-from ._kinematics import inverse_rows, tip_pose
+from ._kinematics import inverse_rows, tcp_pose
 
 
 def same_branch(layout: CellLayout, T: FloatArray, branch: IntArray) -> FloatArray:
@@ -48,5 +48,5 @@ def fewest_waypoints(layout: CellLayout, q: FloatArray, sag_mm: float = 1.5) -> 
 
 def _sag(layout: CellLayout, q: FloatArray) -> float:
     share = np.linspace(0, 1, len(q))[:, None]
-    straight = tip_pose(layout, q[0] + share * (q[-1] - q[0]))[:, :3, 3]
-    return float(np.linalg.norm(straight - tip_pose(layout, q)[:, :3, 3], axis=1).max())
+    straight = tcp_pose(layout, q[0] + share * (q[-1] - q[0]))[:, :3, 3]
+    return float(np.linalg.norm(straight - tcp_pose(layout, q)[:, :3, 3], axis=1).max())

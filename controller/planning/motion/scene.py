@@ -18,7 +18,7 @@ from controller.arrays import BoolArray, FloatArray, IntArray
 
 from ..geometry import Box, PartShape, PlacedShape, Triangles, overlap_turned, stack
 from ..model import CellLayout, Jaw
-from ._kinematics import link_boxes, link_frames, tip_pose
+from ._kinematics import link_boxes, link_frames, tcp_pose
 
 STANDING = "the part standing there"
 _NONE = np.iinfo(np.int64).max
@@ -71,7 +71,7 @@ class Scene:
         return named + [(STANDING, b) for b in self.standing]
 
     def _fixture(self, fixture: Jaw) -> list[tuple[str, Box]]:
-        T = self.layout.T_world_fixture
+        T = self.layout.T_world_fixed_tcp
         fingers = fixture.fingers(self.fixture_opening_mm)
         return [
             *(("fixture", b.placed(T)) for b in fixture.body),
@@ -169,32 +169,32 @@ class Scene:
         """Return world places of links, hand and part, and the part's triangles."""
         n, links = len(q), self.layout.arm.links
         R_link, origins = link_frames(self.layout, q)
-        T_tip = tip_pose(self.layout, q)
+        T_tcp = tcp_pose(self.layout, q)
         if self._cache[1] is None:
             layout = self.layout
-            in_tip = [*layout.hand.body, *layout.hand.fingers(self.hand_opening_mm)]
+            in_tcp = [*layout.hand.body, *layout.hand.fingers(self.hand_opening_mm)]
             carried = [] if self.carried is None else [self.carried]
-            self._cache[1] = (stack(links), stack(in_tip), stack([*in_tip, *carried]))
+            self._cache[1] = (stack(links), stack(in_tcp), stack([*in_tcp, *carried]))
         (T_link, half_link), bare, full = self._cache[1]
         shape, T_part = None, None
         if hand is None:
-            T_hand, half_hand = bare if part is not None else full
+            T_tcp_box, half_hand = bare if part is not None else full
             if part is None and self.carried_mesh is not None:
-                shape, T_part = self.carried_mesh.shape, T_tip @ self.carried_mesh.T
+                shape, T_part = self.carried_mesh.shape, T_tcp @ self.carried_mesh.T
         else:
-            T_hand, half_hand = hand
-        turns = [R_link @ T_link[:, :3, :3], T_tip[:, None, :3, :3] @ T_hand[..., :3, :3]]
+            T_tcp_box, half_hand = hand
+        turns = [R_link @ T_link[:, :3, :3], T_tcp[:, None, :3, :3] @ T_tcp_box[..., :3, :3]]
         centres = [
             (R_link @ T_link[:, :3, 3, None])[..., 0] + origins,
-            (T_tip[:, None, :3, :3] @ T_hand[..., :3, 3, None])[..., 0] + T_tip[:, None, :3, 3],
+            (T_tcp[:, None, :3, :3] @ T_tcp_box[..., :3, 3, None])[..., 0] + T_tcp[:, None, :3, 3],
         ]
-        m = T_hand.shape[-3]
+        m = T_tcp_box.shape[-3]
         halves = [
             np.broadcast_to(half_link, (n, *half_link.shape)),
             np.broadcast_to(half_hand, (n, m, 3)),
         ]
         if part is not None:
-            shape, T_part = part[0], T_tip @ part[1]
+            shape, T_part = part[0], T_tcp @ part[1]
             T_box = T_part @ shape.box.T
             turns.append(T_box[:, None, :3, :3])
             centres.append(T_box[:, None, :3, 3])
@@ -270,11 +270,11 @@ class Scene:
     def arm_boxes(self, q: FloatArray) -> list[Box]:
         """Return the world boxes of the links and the open or closed hand at one q (6,)."""
         T_link, half_mm = link_boxes(self.layout, q[None])
-        T_tip = tip_pose(self.layout, q)
+        T_tcp = tcp_pose(self.layout, q)
         hand = [*self.layout.hand.body, *self.layout.hand.fingers(self.hand_opening_mm)]
         return [
             *(Box(T, half) for T, half in zip(T_link[0], half_mm[0], strict=True)),
-            *(box.placed(T_tip) for box in hand),
+            *(box.placed(T_tcp) for box in hand),
         ]
 
 

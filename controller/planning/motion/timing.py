@@ -12,7 +12,7 @@ import numpy as np
 from controller.arrays import FloatArray
 
 from ..model import CellLayout
-from ._kinematics import tip_pose
+from ._kinematics import tcp_pose
 
 # of hand and part, in the tip frame [mm]: how far out they may be, for the stray of a turning wrist
 _OUT_MM = np.array(
@@ -22,7 +22,7 @@ _COURSE_N = 17  # points of a move's course in time
 _BESIDE = np.linspace(-0.06, 0.06, 13)  # shares of the line
 
 
-def leg_seconds(layout: CellLayout, q_from: FloatArray, q_to: FloatArray) -> FloatArray:
+def segment_seconds(layout: CellLayout, q_from: FloatArray, q_to: FloatArray) -> FloatArray:
     """Return the forecast of single moves (...) [s], 0 where nothing moves.
 
     Parameters
@@ -49,10 +49,10 @@ def move_seconds(layout: CellLayout, path: Sequence[FloatArray] | FloatArray) ->
     q = np.asarray(path)
     if len(q) < 2:
         return 0.0
-    return float(leg_seconds(layout, q[:-1], q[1:]).sum())
+    return float(segment_seconds(layout, q[:-1], q[1:]).sum())
 
 
-def leg_tube(
+def segment_tube(
     layout: CellLayout, q_from: FloatArray, q_to: FloatArray, at: FloatArray
 ) -> FloatArray:
     """Return how far hand and part will be from where the joint line has them (k,) [mm].
@@ -79,7 +79,7 @@ def leg_tube(
 
 
 def tube_bound_mm(layout: CellLayout, step: FloatArray, radii_mm: FloatArray) -> float:
-    """Return more than `leg_tube` of a move by `step` (6,), at a fraction of its price.
+    """Return more than `segment_tube` of a move by `step` (6,), at a fraction of its price.
 
     Parameters
     ----------
@@ -92,5 +92,5 @@ def tube_bound_mm(layout: CellLayout, step: FloatArray, radii_mm: FloatArray) ->
 
 def _corners(layout: CellLayout, q: FloatArray) -> FloatArray:
     """Return points (..., m, 3) that stand for hand and part: as far out as either."""
-    T = tip_pose(layout, q)
+    T = tcp_pose(layout, q)
     return np.asarray(T[..., None, :3, 3] + _OUT_MM @ np.swapaxes(T[..., :3, :3], -1, -2))

@@ -15,8 +15,8 @@ import numpy as np
 from controller.arrays import FloatArray
 
 from ..model import JOINT_COUNT
-from .legs import GLANCE_TUBE_MM, MARGIN_MM, Ends, leg_free, leg_seems_free
 from .scene import Scene
+from .segments import BROAD_PHASE_TUBE_MM, MARGIN_MM, Ends, segment_free, segment_seems_free
 from .timing import move_seconds, travel_seconds
 
 TURNS_N = 400
@@ -75,7 +75,7 @@ def rrt_connect(
         new = target if arrives else here + (target - here) * STEP_S / away_s[k]
         for _ in range(SHRINKS_N):
             a, b = (here, new) if tree.forward else (new, here)
-            if leg_seems_free(scene, a, b, ends, GLANCE_TUBE_MM):
+            if segment_seems_free(scene, a, b, ends, BROAD_PHASE_TUBE_MM):
                 return tree.add(new, k), arrives
             new, arrives = here + (new - here) / 3, False
         return -1, False
@@ -97,7 +97,7 @@ def rrt_connect(
         if arrived:
             path = mine.trace(k)[::-1] + other.trace(m)[1:]
             path = path if mine.forward else path[::-1]
-            if all(leg_free(scene, a, b, ends) for a, b in pairwise(path)):
+            if all(segment_free(scene, a, b, ends) for a, b in pairwise(path)):
                 return shortened(path, scene, ends, rng)
     return None
 
@@ -124,9 +124,9 @@ def shortened(
     """
     layout = scene.layout
 
-    def free(legs: Sequence[tuple[FloatArray, FloatArray]]) -> bool:
-        return all(leg_seems_free(scene, a, b, ends) for a, b in legs) and all(
-            leg_free(scene, a, b, ends) for a, b in legs
+    def free(segments: Sequence[tuple[FloatArray, FloatArray]]) -> bool:
+        return all(segment_seems_free(scene, a, b, ends) for a, b in segments) and all(
+            segment_free(scene, a, b, ends) for a, b in segments
         )
 
     i = 0
@@ -139,9 +139,9 @@ def shortened(
     for _ in range(SHORTCUTS_N):
         if len(path) < 3:
             break
-        legs = np.sort(rng.choice(len(path) - 1, 2, replace=False))
+        segments = np.sort(rng.choice(len(path) - 1, 2, replace=False))
         shares = rng.random(2)
-        i, j = int(legs[0]), int(legs[1])
+        i, j = int(segments[0]), int(segments[1])
         a = path[i] + shares[0] * (path[i + 1] - path[i])
         b = path[j] + shares[1] * (path[j + 1] - path[j])
         if rng.random() < 0.5:

@@ -1,19 +1,19 @@
 """The rooms of planning put together: what is prepared, searched, built, proven, and why not."""
 
 from .certificates import Certificate, certify
+from .disambiguate import Reading, plan_under_ambiguity, told
 from .planner import plan_from, plan_part
-from .prepare import prepare_part, with_grips, with_rests
-from .settling import Reading, plan_in_doubt, told
+from .prepare import prepare_part, with_grasps, with_rests
 
 __all__ = [
     "Certificate",
     "Reading",
     "certify",
     "plan_from",
-    "plan_in_doubt",
     "plan_part",
+    "plan_under_ambiguity",
     "prepare_part",
     "told",
-    "with_grips",
+    "with_grasps",
     "with_rests",
 ]

@@ -17,9 +17,9 @@ from controller.arrays import BoolArray, FloatArray
 from ..geometry import PlacedShape
 from ..model import (
     CellLayout,
-    Grip,
+    GiveStep,
+    Grasp,
     HandOff,
-    HandOver,
     Motion,
     NoMotionError,
     NoPlanError,
@@ -29,14 +29,14 @@ from ..model import (
     Place,
     PreparedPart,
     Present,
+    ReceiveStep,
     SetDown,
     Step,
-    TakeBack,
     Tray,
 )
-from ..motion import Scene, connect, fewest_waypoints, leg_seconds, move_seconds, shown_pose
+from ..motion import Scene, connect, fewest_waypoints, move_seconds, segment_seconds, shown_pose
+from ..regrasps import PickPath, PlacePath, place_paths
 from ..search import best_order
-from ..transfers import PickWay, PlaceWay, place_ways
 
 MOTION_TRIES = 12
 
@@ -47,7 +47,7 @@ class RefutedError(Exception):
     Parameters
     ----------
     reason : why it cannot be driven
-    hops : (from, to) grasps between which no motion was found
+    regrasps : (from, to) grasps between which no motion was found
     views : (grasp, view) that cannot be taken
     firsts, lasts : grasps that cannot be had at the start, or be finished from
     """
@@ -56,14 +56,14 @@ class RefutedError(Exception):
         self,
         reason: NoPlanError,
         *,
-        hops: Sequence[tuple[int, int]] = (),
+        regrasps: Sequence[tuple[int, int]] = (),
         views: Sequence[tuple[int, int]] = (),
         firsts: Sequence[int] = (),
         lasts: Sequence[int] = (),
     ) -> None:
         super().__init__(str(reason))
         self.reason = reason
-        self.hops, self.views, self.firsts, self.lasts = hops, views, firsts, lasts
+        self.regrasps, self.views, self.firsts, self.lasts = regrasps, views, firsts, lasts
 
 
 @dataclass(slots=True)
@@ -89,8 +89,8 @@ class Builder:
         self._part = part
         self._layout = layout
         self._seed = seed
-        self._leg_s = partial(leg_seconds, layout)
-        self._tray_ways: dict[tuple[int, str], list[PlaceWay]] = {}
+        self._leg_s = partial(segment_seconds, layout)
+        self._tray_paths: dict[tuple[int, str], list[PlacePath]] = {}
 
     def _connect(self, build: Build, q: FloatArray, scene: Scene, what: str) -> Motion:
         return connect(build.q, q, scene, f"{self._part.solid.name}: {what}", self._seed)
@@ -98,22 +98,22 @@ class Builder:
     def _seconds(self, start: FloatArray, *motions: Sequence[FloatArray]) -> float:
         return move_seconds(self._layout, [start, *(q for m in motions for q in m)])
 
-    def _carrying(self, grip: Grip) -> Scene:
+    def _carrying(self, grasp: Grasp) -> Scene:
         return Scene(
             self._layout,
-            grip.opening_mm,
+            grasp.opening_mm,
             self._layout.fixture_open_mm,
-            carried_mesh=self._part.carried(grip),
+            carried_mesh=self._part.carried(grasp),
         )
 
     # ---- taking up -----------------------------------------------------------------------------
-    def pick(self, build: Build, ways: Sequence[PickWay], T_world_part: FloatArray) -> None:
+    def pick(self, build: Build, paths: Sequence[PickPath], T_world_part: FloatArray) -> None:
         """Take the part off the table by the first of some ways that can be driven.
 
         Parameters
         ----------
         build : steps so far; the pick is added, and the arm then stands where it ends
-        ways : of one grasp, the preferred one first; at least one
+        paths : of one grasp, the preferred one first; at least one
         T_world_part : (4, 4) of the part on the table
 
         Raises
@@ -121,11 +121,11 @@ class Builder:
         RefutedError : none of them can
         """
         part, layout = self._part, self._layout
-        grip = part.arm_grips[ways[0].grip]
+        grasp = part.arm_grasps[paths[0].grasp]
         lying = PlacedShape(part.shape, T_world_part)
-        scene = Scene(layout, grip.pre_open_mm, layout.fixture_open_mm, standing_meshes=(lying,))
+        scene = Scene(layout, grasp.pre_open_mm, layout.fixture_open_mm, standing_meshes=(lying,))
         failure: NoPlanError | None = None
-        for way in ways:
+        for way in paths:
             try:
                 motion_in = self._connect(build, way.down[0], scene, "path to the pick")
             except NoMotionError as error:
@@ -134,23 +134,23 @@ class Builder:
             down, up = tuple(way.down[1:]), tuple(way.up[1:])
             build.steps.append(
                 Pick(
-                    seconds=self._seconds(build.q, motion_in, down, up) + layout.pace.grip_s,
-                    label=f"pick with grasp {grip.id}, {grip.opening_mm:.1f} mm",
-                    grip=grip,
+                    seconds=self._seconds(build.q, motion_in, down, up) + layout.cell_times.grasp_s,
+                    label=f"pick with grasp {grasp.id}, {grasp.opening_mm:.1f} mm",
+                    grasp=grasp,
                     motion_in=motion_in,
-                    pre_open_mm=grip.pre_open_mm,
+                    pre_open_mm=grasp.pre_open_mm,
                     motion_down=down,
-                    expected_opening_mm=grip.opening_mm,
+                    expected_opening_mm=grasp.opening_mm,
                     motion_up=up,
                 )
             )
             build.q = way.up[-1]
             return
         assert failure is not None
-        raise RefutedError(failure, firsts=[ways[0].grip])
+        raise RefutedError(failure, firsts=[paths[0].grasp])
 
-    def take_back(
-        self, build: Build, g: int, take: HandOff, held: Grip, T_world_part: FloatArray
+    def receive(
+        self, build: Build, g: int, take: HandOff, held: Grasp, T_world_part: FloatArray
     ) -> None:
         """Take the part from the fixed gripper.
 
@@ -167,7 +167,7 @@ class Builder:
         NoMotionError : there is no way round it
         """
         part, layout = self._part, self._layout
-        grip = part.arm_grips[g]
+        grasp = part.arm_grasps[g]
         standing = PlacedShape(part.shape, T_world_part)
         opening = _standing_opening(build, layout)
         # the jaws stay as they let go until the straight way in begins: wide ones may pass on both
@@ -177,17 +177,17 @@ class Builder:
         motion_in = self._connect(build, way[0], scene, "path round the fixed gripper")
         motion_out = tuple(fewest_waypoints(layout, take.entry[::-1])[1:])
         build.steps.append(
-            TakeBack(
+            ReceiveStep(
                 seconds=self._seconds(build.q, motion_in, way[1:])
                 + self._seconds(way[-1], motion_out)
-                + layout.pace.take_back_s,
-                label=f"receive back with grasp {grip.id}, {grip.opening_mm:.1f} mm",
-                grip=grip,
-                fixture_grip=held,
+                + layout.cell_times.receive_s,
+                label=f"receive back with grasp {grasp.id}, {grasp.opening_mm:.1f} mm",
+                grasp=grasp,
+                fixed_grasp=held,
                 motion_in=motion_in,
-                pre_open_mm=grip.pre_open_mm,
+                pre_open_mm=grasp.pre_open_mm,
                 approach=tuple(way[1:]),
-                expected_opening_mm=grip.opening_mm,
+                expected_opening_mm=grasp.opening_mm,
                 fixture_open_mm=held.pre_open_mm,
                 motion_out=motion_out,
             )
@@ -195,7 +195,7 @@ class Builder:
         build.q = take.entry[0]
 
     # ---- passing on ----------------------------------------------------------------------------
-    def hand_over(self, build: Build, g: int, leave: HandOff, held: Grip) -> FloatArray:
+    def give(self, build: Build, g: int, leave: HandOff, held: Grasp) -> FloatArray:
         """Give the part to the fixed gripper; return T_world_part (4, 4) while that holds it.
 
         Parameters
@@ -210,28 +210,28 @@ class Builder:
         NoMotionError : there is no way to it
         """
         part, layout = self._part, self._layout
-        grip = part.arm_grips[g]
-        scene = Scene(layout, grip.opening_mm, held.pre_open_mm, carried_mesh=part.carried(grip))
+        grasp = part.arm_grasps[g]
+        scene = Scene(layout, grasp.opening_mm, held.pre_open_mm, carried_mesh=part.carried(grasp))
         motion = (
             *self._connect(build, leave.entry[0], scene, "path to the fixed gripper"),
             *fewest_waypoints(layout, leave.entry)[1:],
         )
         retreat = tuple(fewest_waypoints(layout, leave.retreat)[1:])
         build.steps.append(
-            HandOver(
-                seconds=self._seconds(build.q, motion, retreat) + layout.pace.hand_over_step_s,
+            GiveStep(
+                seconds=self._seconds(build.q, motion, retreat) + layout.cell_times.give_step_s,
                 label=f"hand off to the fixed gripper, grasp {held.id}",
-                grip=grip,
-                fixture_grip=held,
+                grasp=grasp,
+                fixed_grasp=held,
                 fixture_pre_open_mm=held.pre_open_mm,
                 motion=motion,
                 fixture_expected_opening_mm=held.opening_mm,
-                hand_open_mm=grip.pre_open_mm,
+                hand_open_mm=grasp.pre_open_mm,
                 retreat=retreat,
             )
         )
         build.q = leave.retreat[-1]
-        return shown_pose(layout, leave.q, grip.T_part_hand)
+        return shown_pose(layout, leave.q, grasp.T_part_tcp)
 
     def set_down(
         self, build: Build, g: int, leave: HandOff, T_world_part: FloatArray, pose_index: int
@@ -251,19 +251,21 @@ class Builder:
         NoMotionError : there is no way to there
         """
         part, layout = self._part, self._layout
-        grip = part.arm_grips[g]
-        motion = self._connect(build, leave.entry[0], self._carrying(grip), "path to the table")
+        grasp = part.arm_grasps[g]
+        motion = self._connect(build, leave.entry[0], self._carrying(grasp), "path to the table")
         down = tuple(fewest_waypoints(layout, leave.entry)[1:])
         up = tuple(fewest_waypoints(layout, leave.retreat)[1:])
-        pace = layout.pace
+        cell_times = layout.cell_times
         build.steps.append(
             SetDown(
-                seconds=self._seconds(build.q, motion, down, up) + pace.release_s + pace.relook_s,
+                seconds=self._seconds(build.q, motion, down, up)
+                + cell_times.release_s
+                + cell_times.relook_s,
                 label=f"set down in pose {pose_index}",
-                grip=grip,
+                grasp=grasp,
                 motion=motion,
                 motion_down=down,
-                open_mm=grip.pre_open_mm,
+                open_mm=grasp.pre_open_mm,
                 motion_up=up,
                 T_world_part=T_world_part,
                 pose_index=pose_index,
@@ -287,8 +289,8 @@ class Builder:
         RefutedError : a view cannot be driven to
         """
         part = self._part
-        grip = part.arm_grips[g]
-        scene = self._carrying(grip)
+        grasp = part.arm_grasps[g]
+        scene = self._carrying(grasp)
         todo = {v: part.view_q[g][v] for v in views}
         tries = 0
         while todo:
@@ -310,27 +312,27 @@ class Builder:
 
     def _present(self, build: Build, g: int, v: int, q: FloatArray, motion: Motion) -> None:
         part, layout = self._part, self._layout
-        grip = part.arm_grips[g]
+        grasp = part.arm_grasps[g]
         # true of every configuration kept: what the arm hides in them has been taken off
         seen = part.shown_by(g)[v]
         build.seen |= seen
         face_id = int(part.directions.square_to[v])
-        label = f"show with grasp {grip.id}"
+        label = f"show with grasp {grasp.id}"
         if face_id >= 0:
             label += f", square to {part.solid.faces[face_id].label}"
         build.steps.append(
             Present(
-                seconds=self._seconds(build.q, motion) + layout.pace.look_s,
+                seconds=self._seconds(build.q, motion) + layout.cell_times.look_s,
                 label=label,
-                view_id=f"{grip.id}-V{v}",
-                grip=grip,
+                view_id=f"{grasp.id}-V{v}",
+                grasp=grasp,
                 motion=motion,
                 q=q,
-                T_world_part=shown_pose(layout, q, grip.T_part_hand),
+                T_world_part=shown_pose(layout, q, grasp.T_part_tcp),
                 direction_part=part.directions.vectors[v],
                 seen=seen,
                 square_to=face_id,
-                expected_opening_mm=grip.opening_mm,
+                expected_opening_mm=grasp.opening_mm,
             )
         )
         build.q = q
@@ -345,17 +347,17 @@ class Builder:
         """
         part = self._part
         for name, tray in self._layout.trays.items():
-            if (g, name) not in self._tray_ways:
-                ways = place_ways(part, self._layout, part.arm_grips[g], tray)
-                self._tray_ways[g, name] = ways
-            if not self._tray_ways[g, name]:
+            if (g, name) not in self._tray_paths:
+                paths = place_paths(part, self._layout, part.arm_grasps[g], tray)
+                self._tray_paths[g, name] = paths
+            if not self._tray_paths[g, name]:
                 raise RefutedError(self._tray_missed(g, name), lasts=[g])
 
     def _tray_missed(self, g: int, name: str) -> OutOfReachError:
         arm, tray = self._layout.arm, self._layout.trays[name]
         away, limit = tray_distance_mm(self._layout, tray), arm.reach_mm
         return OutOfReachError(
-            f"{self._part.solid.name}: grasp {self._part.arm_grips[g].id} cannot release it "
+            f"{self._part.solid.name}: grasp {self._part.arm_grasps[g].id} cannot release it "
             f"anywhere over tray {name}, {away:.0f} mm from the arm's axis (the wrist "
             f"reaches {limit:.0f} mm, the gripper {arm.tool_mm:.0f} mm more); move the tray",
             reach_mm=away,
@@ -371,16 +373,16 @@ class Builder:
         RefutedError : a tray cannot be served with this grip
         """
         self.check_trays(g)
-        grip = self._part.arm_grips[g]
+        grasp = self._part.arm_grasps[g]
         place: dict[str, Place] = {}
         park: dict[str, Park] = {}
         for name in self._layout.trays:
             failure: NoPlanError | None = None
-            ways = self._tray_ways[g, name]
+            paths = self._tray_paths[g, name]
             # every place is tried with the plain ways before any is searched for
-            for way, search in [(w, False) for w in ways] + [(w, True) for w in ways[:2]]:
+            for way, search in [(w, False) for w in paths] + [(w, True) for w in paths[:2]]:
                 try:
-                    place[name], park[name] = self._let_go(build.q, grip, name, way, search)
+                    place[name], park[name] = self._let_go(build.q, grasp, name, way, search)
                 except NoMotionError as error:
                     failure = failure or error
                     continue
@@ -391,28 +393,28 @@ class Builder:
         return place, park
 
     def _let_go(
-        self, start: FloatArray, grip: Grip, tray: str, way: PlaceWay, search: bool
+        self, start: FloatArray, grasp: Grasp, tray: str, way: PlacePath, search: bool
     ) -> tuple[Place, Park]:
         layout, name = self._layout, self._part.solid.name
         motion = connect(
             start,
             way.down[0],
-            self._carrying(grip),
+            self._carrying(grasp),
             f"{name}: path to tray {tray}",
             self._seed,
             search,
         )
-        empty = Scene(layout, grip.pre_open_mm, layout.fixture_open_mm)
+        empty = Scene(layout, grasp.pre_open_mm, layout.fixture_open_mm)
         home = connect(way.up[-1], layout.park_q, empty, f"{name}: path home", self._seed, search)
         down, up = tuple(way.down[1:]), tuple(way.up[1:])
         place = Place(
-            seconds=self._seconds(start, motion, down, up) + layout.pace.release_s,
+            seconds=self._seconds(start, motion, down, up) + layout.cell_times.release_s,
             label=f"place in tray {tray}",
             tray=tray,
-            grip=grip,
+            grasp=grasp,
             motion=motion,
             motion_down=down,
-            open_mm=grip.pre_open_mm,
+            open_mm=grasp.pre_open_mm,
             motion_up=up,
             T_world_part=way.T_world_part,
             tilt_rad=way.tilt_rad,
@@ -450,4 +452,4 @@ def check_trays_in_reach(name: str, layout: CellLayout) -> None:
 def _standing_opening(build: Build, layout: CellLayout) -> float:
     """Return how wide the empty hand stands: as it let go last, else as wide as it gets."""
     last = build.steps[-1] if build.steps else None
-    return last.hand_open_mm if isinstance(last, HandOver) else layout.hand.max_mm
+    return last.hand_open_mm if isinstance(last, GiveStep) else layout.hand.max_mm

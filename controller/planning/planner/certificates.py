@@ -13,9 +13,9 @@ import numpy as np
 
 from controller.cad import StablePose
 
-from ..grips import resting_pose
+from ..grasps import resting_pose
 from ..model import CellLayout, NoPlanError, OnTable, Plan, PreparedPart
-from ..transfers import pick_ways
+from ..regrasps import pick_paths
 from .planner import plan_from
 
 PLACES_N = 3  # per side of the area parts may lie in
@@ -84,7 +84,7 @@ def _pickable(part: PreparedPart, layout: CellLayout, pose: StablePose) -> float
                 turn = 2 * np.pi * k / TURNS_N
                 T = resting_pose(part.solid, pose, float(x), float(y), turn)
                 try:
-                    taken.append(bool(pick_ways(part, layout, T)))
+                    taken.append(bool(pick_paths(part, layout, T)))
                 except NoPlanError:
                     taken.append(False)
     return float(np.mean(taken))

@@ -19,7 +19,7 @@ from controller.imaging import RayCaster, inverse_pose
 
 from ..model import (
     CellLayout,
-    Grip,
+    Grasp,
     HandOff,
     InArm,
     InFixture,
@@ -34,17 +34,17 @@ from ..model import (
     Proof,
     Start,
 )
-from ..motion import leg_seconds
+from ..motion import segment_seconds
+from ..regrasps import PickPath, hand_offs, pick_paths
 from ..search import COARSE, FULL, Problem, Solution, refuted, solve
-from ..transfers import PickWay, hand_offs, pick_ways
 from ..views import table_views
 from .build import Build, Builder, RefutedError, check_trays_in_reach
-from .prepare import prepare_part, with_grips, with_rests
-from .prices import Prices, Support, first_seconds, make_prices, take_seconds, worthwhile
+from .costs import EdgeCosts, RegraspSite, first_seconds, make_edge_costs, take_seconds, worthwhile
+from .prepare import prepare_part, with_grasps, with_rests
 from .why import unseen_pieces
 
 REBUILDS_N = 40  # answers of the search worked out before giving up
-SUPPORTS_N = 4  # ways over which one change of grip is tried
+SITE_COUNT = 4  # ways over which one change of grip is tried
 PICKS_N = 3
 SQUARE_COS = float(np.cos(np.radians(10.0)))  # the table is looked at nearly from above
 
@@ -108,7 +108,7 @@ def plan_from(
         case OnTable():
             return _FromTable(part, layout, start, done, avoid, rng_seed).plan()
         case InArm():
-            held = with_grips(part, layout, [start.grip])
+            held = with_grasps(part, layout, [start.grasp])
             return _FromArm(held, layout, start, done, avoid, rng_seed).plan()
         case InFixture():
             return _FromFixture(part, layout, start, done, avoid, rng_seed).plan()
@@ -176,8 +176,8 @@ class _Planner(ABC):
             self._done = self._done | self._look.seen
             above = self._look.direction_part
             self._squared |= {f for f in faces if part.solid.faces[f].normal @ above > SQUARE_COS}
-        prices = self._prices(first_s)
-        problem = prices.problem
+        costs = self._prices(first_s)
+        problem = costs.problem
         # which grips it comes to is enough to know what is worth a view; then it is asked in full
         narrows = self._part.options.least_gain > 0.0
         effort = COARSE if self._part.options.is_coarse else FULL
@@ -186,11 +186,11 @@ class _Planner(ABC):
             # the table is the dearer way to change a grip, so that it is asked last
             self._part = with_rests(self._part, self._layout)
             self._builder = Builder(self._part, self._layout, self._seed)
-            prices = self._prices(first_s)
-            problem = prices.problem
+            costs = self._prices(first_s)
+            problem = costs.problem
             solution = solve(problem, effort=COARSE if narrows else effort)
         if solution is not None and narrows:
-            kept = worthwhile(prices, self._part, solution.grips)
+            kept = worthwhile(costs, self._part, solution.grasps)
             problem = replace(problem, seen=problem.seen | ~kept)
             solution = solve(problem, effort=effort, incumbent=solution)
         failure: NoPlanError | None = None
@@ -200,13 +200,13 @@ class _Planner(ABC):
             if not solution.needed.any() and not self._done.any():
                 raise self._nothing_shown()
             try:
-                return self._work_out(prices, problem, solution)
+                return self._work_out(costs, problem, solution)
             except RefutedError as error:
                 failure = failure or error.reason
                 problem = refuted(
                     problem,
-                    hops=error.hops,
-                    views=_rows(prices, error.views),
+                    regrasps=error.regrasps,
+                    views=_rows(costs, error.views),
                     firsts=error.firsts,
                     lasts=error.lasts,
                 )
@@ -222,8 +222,8 @@ class _Planner(ABC):
         able = self._part.covered.any(axis=0) & ~self._done
         return not bool((able & ~solution.covered[: len(able)]).any())
 
-    def _prices(self, first_s: FloatArray) -> Prices:
-        return make_prices(
+    def _prices(self, first_s: FloatArray) -> EdgeCosts:
+        return make_edge_costs(
             self._part, self._layout, first_s, self._done, self._squared, self._avoid
         )
 
@@ -248,7 +248,7 @@ class _Planner(ABC):
             part,
             layout,
             self._done,
-            range(len(part.arm_grips)),
+            range(len(part.arm_grasps)),
             apart=np.zeros_like(self._done),
             dropped=np.zeros_like(self._done),
         )
@@ -264,24 +264,24 @@ class _Planner(ABC):
         """Return the index of the stable pose it lies in, -1 if it is held."""
         return -1
 
-    def _work_out(self, prices: Prices, problem: Problem, solution: Solution) -> Plan:
+    def _work_out(self, costs: EdgeCosts, problem: Problem, solution: Solution) -> Plan:
         part, layout, builder = self._part, self._layout, self._builder
         count = len(part.samples.points_mm)
         build = Build(self._q, self._done.copy(), [] if self._look is None else [self._look])
-        builder.check_trays(solution.grips[-1])
-        self.begin(build, solution.grips[0])
-        used: list[Grip] = []
-        for place, g in enumerate(solution.grips):
-            used.append(part.arm_grips[g])
-            views = [int(prices.views[g][row]) for row in solution.views[place]]
-            if place + 1 == len(solution.grips):
+        builder.check_trays(solution.grasps[-1])
+        self.begin(build, solution.grasps[0])
+        used: list[Grasp] = []
+        for place, g in enumerate(solution.grasps):
+            used.append(part.arm_grasps[g])
+            views = [int(costs.views[g][row]) for row in solution.views[place]]
+            if place + 1 == len(solution.grasps):
                 builder.show(build, g, views, None)
                 break
-            h = solution.grips[place + 1]
-            support = self._hop(prices, build, g, h, views)
+            h = solution.grasps[place + 1]
+            support = self._regrasp(costs, build, g, h, views)
             if support.fixture >= 0:
-                used.append(part.fixture_grips[support.fixture])
-        trays, home = builder.sort(build, solution.grips[-1])
+                used.append(part.fixed_grasps[support.fixture])
+        trays, home = builder.sort(build, solution.grasps[-1])
         slowest = max(trays[t].seconds + home[t].seconds for t in trays)
         able = part.covered.any(axis=0) | self._done
         return Plan(
@@ -300,50 +300,51 @@ class _Planner(ABC):
                 dropped=problem.seen[:count] & ~self._done,
                 lies_in=self._lies_in(),
             ),
-            grips=tuple(used),
+            grasps=tuple(used),
             # of what shows less than could be shown one way or another nothing is claimed
             proof=Proof(
                 solution.cost_s,
                 solution.bound_s if solution.is_complete else 0.0,
-                self._scope(prices),
+                self._scope(costs),
             ),
         )
 
-    def _scope(self, prices: Prices) -> str:
+    def _scope(self, costs: EdgeCosts) -> str:
         part = self._part
-        fixed = sum(s.fixture >= 0 for s in prices.supports)
-        laid = len(prices.supports) - fixed
+        fixed = sum(s.fixture >= 0 for s in costs.sites)
+        laid = len(costs.sites) - fixed
         gain = part.options.least_gain
         left_out = f"; views that add less than {gain:.2%} of the surface left out" if gain else ""
         return (
-            f"seconds of regrasps with their risk, and {self._layout.pace.look_s:.1f} s a view "
-            f"with the path to it, among {len(part.arm_grips)} grasps of the arm gripper, "
+            "seconds of regrasps with their risk, and "
+            f"{self._layout.cell_times.look_s:.1f} s a view "
+            f"with the path to it, among {len(part.arm_grasps)} grasps of the arm gripper, "
             f"{fixed} of the fixed gripper, {laid} poses on the table and "
             f"{len(part.directions.vectors)} directions{left_out}"
         )
 
-    def _hop(
+    def _regrasp(
         self,
-        prices: Prices,
+        costs: EdgeCosts,
         build: Build,
         g: int,
         h: int,
         views: Sequence[int],
-    ) -> Support:
+    ) -> RegraspSite:
         """Show the views of one grip, then change to the next; return over what.
 
         Raises
         ------
         RefutedError : no support serves
         """
-        by_price = np.argsort(prices.support_s[:, g, h], kind="stable")[:SUPPORTS_N]
+        by_cost = np.argsort(costs.site_s[:, g, h], kind="stable")[:SITE_COUNT]
         failure: NoPlanError | None = None
-        for k in by_price:
-            if not np.isfinite(prices.support_s[k, g, h]):
+        for k in by_cost:
+            if not np.isfinite(costs.site_s[k, g, h]):
                 break
-            support: Support = prices.supports[int(k)]
+            support: RegraspSite = costs.sites[int(k)]
             trial = Build(build.q, build.seen.copy(), list(build.steps))
-            self._builder.show(trial, g, views, support.ways[g].entry[0])
+            self._builder.show(trial, g, views, support.paths[g].entry[0])
             try:
                 self._change(trial, support, g, h)
             except NoMotionError as error:
@@ -352,19 +353,19 @@ class _Planner(ABC):
             build.q, build.seen, build.steps = trial.q, trial.seen, trial.steps
             return support
         assert failure is not None
-        raise RefutedError(failure, hops=[(g, h)])
+        raise RefutedError(failure, regrasps=[(g, h)])
 
-    def _change(self, build: Build, support: Support, g: int, h: int) -> None:
+    def _change(self, build: Build, support: RegraspSite, g: int, h: int) -> None:
         part, builder = self._part, self._builder
-        leave, take = support.ways[g], support.ways[h]
+        leave, take = support.paths[g], support.paths[h]
         if support.fixture >= 0:
-            held = part.fixture_grips[support.fixture]
-            T_part = builder.hand_over(build, g, leave, held)
-            builder.take_back(build, h, take, held, T_part)
+            held = part.fixed_grasps[support.fixture]
+            T_part = builder.give(build, g, leave, held)
+            builder.receive(build, h, take, held, T_part)
             return
         rest = part.rests[support.rest]
         builder.set_down(build, g, leave, rest.T_world_part, rest.pose_index)
-        way = PickWay(h, take.retreat[::-1], take.entry[::-1])
+        way = PickPath(h, take.retreat[::-1], take.entry[::-1])
         try:
             builder.pick(build, [way], rest.T_world_part)
         except RefutedError as error:
@@ -385,15 +386,15 @@ class _FromTable(_Planner):
         super().__init__(part, layout, q, done, avoid, seed)
         self._T = start.T_world_part
         self._pose_index = start.pose_index
-        self._picks: dict[int, list[PickWay]] = {}
+        self._picks: dict[int, list[PickPath]] = {}
 
     def first_s(self) -> FloatArray:
         part, layout = self._part, self._layout
-        for way in pick_ways(part, layout, self._T):
-            self._picks.setdefault(way.grip, []).append(way)
-        for ways in self._picks.values():
-            ways.sort(key=lambda w: float(leg_seconds(layout, self._q, w.down[0])))
-            del ways[PICKS_N:]
+        for way in pick_paths(part, layout, self._T):
+            self._picks.setdefault(way.grasp, []).append(way)
+        for paths in self._picks.values():
+            paths.sort(key=lambda w: float(segment_seconds(layout, self._q, w.down[0])))
+            del paths[PICKS_N:]
         return first_seconds(part, layout, self._q, self._picks)
 
     def look(self) -> Look | None:
@@ -444,11 +445,11 @@ class _FromArm(_Planner):
         avoid: frozenset[str],
         seed: int,
     ) -> None:
-        super().__init__(part, layout, start.q, done, avoid - {start.grip.id}, seed)
+        super().__init__(part, layout, start.q, done, avoid - {start.grasp.id}, seed)
 
     def first_s(self) -> FloatArray:
-        seconds = np.full(len(self._part.arm_grips), np.inf)
-        seconds[-1] = float(leg_seconds(self._layout, self._q, self._part.hub[-1]))
+        seconds = np.full(len(self._part.arm_grasps), np.inf)
+        seconds[-1] = float(segment_seconds(self._layout, self._q, self._part.home_q[-1]))
         return seconds
 
     def begin(self, build: Build, g: int) -> None:
@@ -468,18 +469,18 @@ class _FromFixture(_Planner):
         avoid: frozenset[str],
         seed: int,
     ) -> None:
-        super().__init__(part, layout, start.q, done, avoid - {start.grip.id}, seed)
-        self._grip = start.grip
-        ways: Mapping[int, HandOff] = hand_offs(layout, part.shape, start.grip, part.arm_grips)
-        self._support = Support(-1, -1, ways)
+        super().__init__(part, layout, start.q, done, avoid - {start.grasp.id}, seed)
+        self._grip = start.grasp
+        paths: Mapping[int, HandOff] = hand_offs(layout, part.shape, start.grasp, part.arm_grasps)
+        self._support = RegraspSite(-1, -1, paths)
 
     def first_s(self) -> FloatArray:
         return take_seconds(self._part, self._layout, self._q, self._support)
 
     def begin(self, build: Build, g: int) -> None:
-        T = self._layout.T_world_fixture @ inverse_pose(self._grip.T_part_hand)
+        T = self._layout.T_world_fixed_tcp @ inverse_pose(self._grip.T_part_tcp)
         try:
-            self._builder.take_back(build, g, self._support.ways[g], self._grip, T)
+            self._builder.receive(build, g, self._support.paths[g], self._grip, T)
         except NoMotionError as error:
             raise RefutedError(error, firsts=[g]) from error
 
@@ -487,15 +488,15 @@ class _FromFixture(_Planner):
         return "in the fixed gripper"
 
 
-def _rows(prices: Prices, views: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+def _rows(costs: EdgeCosts, views: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
     """Return (grip, row) of (grip, direction)."""
-    return [(g, int(np.flatnonzero(prices.views[g] == v)[0])) for g, v in views]
+    return [(g, int(np.flatnonzero(costs.views[g] == v)[0])) for g, v in views]
 
 
 def _closure(problem: Problem) -> list[int]:
     """Return the grips that can be had from the start, by any number of changes."""
     had = np.isfinite(problem.first_s)
-    can = np.isfinite(problem.hop_s)
+    can = np.isfinite(problem.regrasp_s)
     while True:
         more = had | can[had].any(axis=0)
         if (more == had).all():

@@ -13,19 +13,19 @@ from controller.cad import Solid, SurfaceSamples, stable_poses
 from controller.imaging import RayCaster
 
 from ..geometry import PartShape
-from ..grips import (
+from ..grasps import (
     clear_of_table,
     find_seeds,
     resting_pose,
-    select_arm_grips,
+    select_arm_grasps,
     spread,
     still_gravities,
-    synthesise_grips,
+    synthesise_grasps,
     turned_over,
 )
-from ..model import CellLayout, Grip, HandOff, NotGraspableError, PlanOptions, PreparedPart
-from ..motion import Scene, leg_seconds
-from ..transfers import hand_offs, rests, set_downs
+from ..model import CellLayout, Grasp, HandOff, NotGraspableError, PlanOptions, PreparedPart
+from ..motion import Scene, segment_seconds
+from ..regrasps import hand_offs, rests, set_downs
 from ..views import SightRules, hidden_by_hand, hold_up, holding_boxes, look_out, reachable_views
 
 TURNED = "'"  # ends the ids of grips with the hand turned over
@@ -57,14 +57,14 @@ def prepare_part(
     widest = max(layout.hand.max_mm, layout.fixture_open_mm) - options.rules.jaw_reserve_mm
     jaws = [layout.hand, *([] if layout.fixture is None else [layout.fixture])]
     seeds = find_seeds(solid, samples, caster, widest, options.rules, spreading=jaws)
-    every = synthesise_grips(solid, seeds, caster, layout.hand, "arm", downs, options.rules)
-    base = select_arm_grips(
-        solid, poses, every, layout.hand, options.arm_grips_per_pose, options.arm_grips_round
+    every = synthesise_grasps(solid, seeds, caster, layout.hand, "arm", downs, options.rules)
+    base = select_arm_grasps(
+        solid, poses, every, layout.hand, options.arm_grasps_per_pose, options.arm_grasps_round
     )
-    fixed: tuple[Grip, ...] = ()  # views without a hand-off may still do
+    fixed: tuple[Grasp, ...] = ()  # views without a hand-off may still do
     if layout.fixture is not None:
         with suppress(NotGraspableError):
-            fixed = synthesise_grips(
+            fixed = synthesise_grasps(
                 solid,
                 seeds,
                 caster,
@@ -72,36 +72,36 @@ def prepare_part(
                 "fixture",
                 downs,
                 options.rules,
-                still_gravities(layout.T_world_fixture),
+                still_gravities(layout.T_world_fixed_tcp),
             )
-    fixed_base = [fixed[k] for k in spread(fixed, range(len(fixed)), options.fixture_grips)]
+    fixed_base = [fixed[k] for k in spread(fixed, range(len(fixed)), options.fixed_grasps)]
 
     rules = SightRules.of_station(layout, options.max_incidence_deg, options.min_px_per_mm)
-    lookout = look_out(solid, samples, caster, rules, options.directions_n)
-    arm_grips = (*base, *(turned_over(g) for g in base))
-    fixture_grips = (*fixed_base, *(turned_over(g) for g in fixed_base))
+    visibility_table = look_out(solid, samples, caster, rules, options.directions_n)
+    arm_grasps = (*base, *(turned_over(g) for g in base))
+    fixed_grasps = (*fixed_base, *(turned_over(g) for g in fixed_base))
     bare = PreparedPart(
         solid=solid,
         samples=samples,
         options=options,
         shape=PartShape.of(solid),
         poses=poses,
-        arm_grips=(),
-        fixture_grips=fixture_grips,
-        directions=lookout.directions,
-        visible=lookout.visible,
-        lookout=lookout,
+        arm_grasps=(),
+        fixed_grasps=fixed_grasps,
+        directions=visibility_table.directions,
+        visible=visibility_table.visible,
+        visibility_table=visibility_table,
         shown=(),
         view_q=(),
-        hand_offs=tuple({} for _ in fixture_grips),
+        hand_offs=tuple({} for _ in fixed_grasps),
         covered=np.zeros((0, len(samples.points_mm)), dtype=bool),
-        hub=np.zeros((0, 6)),
+        home_q=np.zeros((0, 6)),
     )
-    part = with_grips(bare, layout, arm_grips)
+    part = with_grasps(bare, layout, arm_grasps)
     return part if _is_joined(part, layout) else with_rests(part, layout)
 
 
-def with_grips(part: PreparedPart, layout: CellLayout, grips: Sequence[Grip]) -> PreparedPart:
+def with_grasps(part: PreparedPart, layout: CellLayout, grasps: Sequence[Grasp]) -> PreparedPart:
     """Return the part with more grasps of the arm, what they show and which regrasps they allow.
 
     A measured grasp that differs from the planned one comes in this way.
@@ -110,7 +110,7 @@ def with_grips(part: PreparedPart, layout: CellLayout, grips: Sequence[Grip]) ->
     ----------
     part : prepared for this cell; left as it is
     layout : the cell
-    grips : to add, numbered after those there are
+    grasps : to add, numbered after those there are
     """
     rules = SightRules.of_station(
         layout, part.options.max_incidence_deg, part.options.min_px_per_mm
@@ -119,8 +119,8 @@ def with_grips(part: PreparedPart, layout: CellLayout, grips: Sequence[Grip]) ->
     shown: list[BoolArray] = []
     view_q: list[Mapping[int, FloatArray]] = []
     by_hand: dict[str, BoolArray] = {}
-    for grip in grips:
-        base = grip.id.removesuffix(TURNED)
+    for grasp in grasps:
+        base = grasp.id.removesuffix(TURNED)
         if base not in by_hand:  # turned over, a hand hides the same
             by_hand[base] = part.visible & ~hidden_by_hand(
                 part.solid,
@@ -128,12 +128,12 @@ def with_grips(part: PreparedPart, layout: CellLayout, grips: Sequence[Grip]) ->
                 part.visible,
                 part.directions.vectors,
                 rules.distance_mm,
-                grip.T_part_hand,
-                holding_boxes(layout.hand, grip),
+                grasp.T_part_tcp,
+                holding_boxes(layout.hand, grasp),
             )
-        scene = Scene(layout, grip.opening_mm, layout.fixture_open_mm, part.carried_box(grip))
+        scene = Scene(layout, grasp.opening_mm, layout.fixture_open_mm, part.carried_box(grasp))
         views = reachable_views(
-            layout, scene, part.samples, showing, by_hand[base], grip.T_part_hand, layout.park_q
+            layout, scene, part.samples, showing, by_hand[base], grasp.T_part_tcp, layout.park_q
         )
         shown.append(views.shown)
         view_q.append(views.q)
@@ -141,24 +141,24 @@ def with_grips(part: PreparedPart, layout: CellLayout, grips: Sequence[Grip]) ->
         s[sorted(q)].any(axis=0) if q else np.zeros(s.shape[1], dtype=bool)
         for s, q in zip(shown, view_q, strict=True)
     ]
-    first = len(part.arm_grips)
+    first = len(part.arm_grasps)
 
     def joined(old: Mapping[int, HandOff], found: Mapping[int, HandOff]) -> Mapping[int, HandOff]:
         return {**old, **{first + k: way for k, way in found.items()}}
 
     return replace(
         part,
-        arm_grips=(*part.arm_grips, *grips),
+        arm_grasps=(*part.arm_grasps, *grasps),
         shown=(*part.shown, *shown),
         view_q=(*part.view_q, *view_q),
-        covered=np.vstack([part.covered, np.reshape(covered, (len(grips), -1))]),
-        hub=np.vstack([part.hub, *(_hub(layout, q) for q in view_q)]),
+        covered=np.vstack([part.covered, np.reshape(covered, (len(grasps), -1))]),
+        home_q=np.vstack([part.home_q, *(_hub(layout, q) for q in view_q)]),
         hand_offs=tuple(
-            joined(old, hand_offs(layout, part.shape, f, grips))
-            for old, f in zip(part.hand_offs, part.fixture_grips, strict=True)
+            joined(old, hand_offs(layout, part.shape, f, grasps))
+            for old, f in zip(part.hand_offs, part.fixed_grasps, strict=True)
         ),
         set_downs=tuple(
-            joined(old, set_downs(layout, part.shape, rest, grips))
+            joined(old, set_downs(layout, part.shape, rest, grasps))
             for old, rest in zip(part.set_downs, part.rests, strict=True)
         ),
     )
@@ -169,7 +169,7 @@ def _hub(layout: CellLayout, views: Mapping[int, FloatArray]) -> FloatArray:
     if not views:
         return layout.park_q[None]
     q = np.stack([views[v][0] for v in sorted(views)])
-    away = leg_seconds(layout, q[:, None], q[None])
+    away = segment_seconds(layout, q[:, None], q[None])
     nearest = int(np.argmin(away.sum(axis=1)))
     return q[nearest : nearest + 1]
 
@@ -180,13 +180,13 @@ def with_rests(part: PreparedPart, layout: CellLayout) -> PreparedPart:
     return replace(
         part,
         rests=places,
-        set_downs=tuple(set_downs(layout, part.shape, r, part.arm_grips) for r in places),
+        set_downs=tuple(set_downs(layout, part.shape, r, part.arm_grasps) for r in places),
     )
 
 
 def _is_joined(part: PreparedPart, layout: CellLayout) -> bool:
     """Return whether the fixed gripper alone leads from every pose to all that can be shown."""
-    count = len(part.arm_grips)
+    count = len(part.arm_grasps)
     can = np.zeros((count, count), dtype=bool)
     for table in part.hand_offs:
         members = np.array(sorted(table), dtype=int)
@@ -195,7 +195,7 @@ def _is_joined(part: PreparedPart, layout: CellLayout) -> bool:
     x, y = layout.set_down_mm.mean(axis=1)
     for pose in part.poses:
         T = resting_pose(part.solid, pose, float(x), float(y))
-        had = np.asarray(clear_of_table(T, part.arm_grips, layout.hand), dtype=bool)
+        had = np.asarray(clear_of_table(T, part.arm_grasps, layout.hand), dtype=bool)
         # the part comes up in one grip only: one of them has to lead on to everything
         firsts = (np.arange(count) == g for g in np.flatnonzero(had))
         if had.any() and not any(

@@ -15,8 +15,8 @@ import numpy as np
 from controller.arrays import BoolArray, FloatArray
 from controller.imaging import RayCaster
 
-from ..grips import clear_of_table, find_seeds, judge_grips, resting_pose, spread
-from ..model import CellLayout, Grip, Jaw, PreparedPart, Reason, Unseen
+from ..grasps import clear_of_table, find_seeds, judge_grasps, resting_pose, spread
+from ..model import CellLayout, Grasp, Jaw, PreparedPart, Reason, Unseen
 from ..motion import Scene, inverse_rows, passed_limit
 from ..views import hidden_by_hand, view_poses, why_hidden
 
@@ -24,7 +24,7 @@ LEAST_SHARE = 2e-4  # of the surface; less than this is single samples on edges
 THINNER = (0.75, 0.5, 0.25)  # of the fingers' width and thickness
 WEAKEST = 20.0  # of the friction limit; a grip weaker than this is none to speak of
 MOSTLY_HIDDEN = 0.5  # of a piece
-GRIPS_ASKED_N = 12  # the most promising ones are asked what stands in their way
+ASKED_GRASP_COUNT = 12  # the most promising ones are asked what stands in their way
 # where a camera may stand, seen from the part: along the reach line and square to it
 SENSOR_PLACES = {
     "to the right, looking along +y": (0.0, -1.0, 0.0),
@@ -69,7 +69,7 @@ def unseen_pieces(
     lies_in : index of the stable pose the part starts in, -1 if it is held
     """
     found = []
-    weak: tuple[Grip, ...] | None = None  # looked for where fingers hide something, and once
+    weak: tuple[Grasp, ...] | None = None  # looked for where fingers hide something, and once
     for missing in _classes(part, layout, seen, within_reach, apart, dropped, lies_in):
         for face_id in np.unique(part.samples.face_ids[missing.mask]):
             piece = missing.mask & (part.samples.face_ids == face_id)
@@ -79,14 +79,14 @@ def unseen_pieces(
             kind, reason, remedy = missing.kind, missing.reason, missing.remedy
             if missing.kind is Reason.HIDDEN_BY_PART:
                 limit = part.options.max_incidence_deg
-                reason, remedy = why_hidden(part.solid, part.lookout, piece, limit)
+                reason, remedy = why_hidden(part.solid, part.visibility_table, piece, limit)
             elif missing.kind is Reason.FINGERS:
-                weak = weak_grips(part, layout) if weak is None else weak
+                weak = weak_grasps(part, layout) if weak is None else weak
                 load = _load_of_a_grip_that_shows(part, layout, piece, weak)
                 if load is None:
                     reason, remedy = _fingers(part, layout, piece)
                 else:
-                    kind = Reason.GRIP_STRENGTH
+                    kind = Reason.GRASP_STRENGTH
                     reason, remedy = _too_weak(part, load)
             elif missing.kind is Reason.REACH:
                 reason, remedy = _reach(part, layout, piece)
@@ -145,7 +145,7 @@ def _left_out(part: PreparedPart, rest: BoolArray, dropped: BoolArray) -> Missin
     )
 
 
-def weak_grips(part: PreparedPart, layout: CellLayout) -> tuple[Grip, ...]:
+def weak_grasps(part: PreparedPart, layout: CellLayout) -> tuple[Grasp, ...]:
     """Return grips of the hand that would do but for the weight, from all round."""
     rules = replace(part.options.rules.coarse(), max_load=WEAKEST)
     solid = part.solid
@@ -153,13 +153,13 @@ def weak_grips(part: PreparedPart, layout: CellLayout) -> tuple[Grip, ...]:
     downs = np.stack([-p.R[2] for p in part.poses]) if part.poses else np.zeros((0, 3))
     widest = layout.hand.max_mm - rules.jaw_reserve_mm
     seeds = find_seeds(solid, part.samples, caster, widest, rules)
-    found = judge_grips(solid, seeds, caster, layout.hand, "arm", downs, rules).grips
+    found = judge_grasps(solid, seeds, caster, layout.hand, "arm", downs, rules).grasps
     weak = [g for g in found if g.load > part.options.rules.max_load]
-    return tuple(weak[k] for k in spread(weak, range(len(weak)), GRIPS_ASKED_N))
+    return tuple(weak[k] for k in spread(weak, range(len(weak)), ASKED_GRASP_COUNT))
 
 
 def _load_of_a_grip_that_shows(
-    part: PreparedPart, layout: CellLayout, piece: BoolArray, weak: Sequence[Grip]
+    part: PreparedPart, layout: CellLayout, piece: BoolArray, weak: Sequence[Grasp]
 ) -> float | None:
     """Return the least load among weak grips that leave most of a piece in sight."""
     loads = [
@@ -181,14 +181,14 @@ def _fingers(part: PreparedPart, layout: CellLayout, piece: BoolArray) -> tuple[
     """Name the grips nearest to showing a piece, and thinner fingers that would."""
     hides = np.stack([part.visible & ~shown for shown in part.shown[: _distinct(part)]])
     left = (part.visible[None] & ~hides)[:, :, piece].any(axis=1).mean(axis=1)
-    order = np.argsort(-left, kind="stable")[:GRIPS_ASKED_N]
-    best = part.arm_grips[int(order[0])]
+    order = np.argsort(-left, kind="stable")[:ASKED_GRASP_COUNT]
+    best = part.arm_grasps[int(order[0])]
     reason = f"hidden by the fingers in every grasp; grasp {best.id} comes nearest"
     for share in THINNER:
         hand = _thinner(layout.hand, share)
         for g in order:
-            grip = part.arm_grips[int(g)]
-            if _still_hidden(part, layout, grip, hand, piece) < MOSTLY_HIDDEN:
+            grasp = part.arm_grasps[int(g)]
+            if _still_hidden(part, layout, grasp, hand, piece) < MOSTLY_HIDDEN:
                 return reason, (
                     f"fingers {hand.finger_width_mm:.0f} mm wide and "
                     f"{hand.finger_thickness_mm:.0f} mm thick would do"
@@ -198,10 +198,10 @@ def _fingers(part: PreparedPart, layout: CellLayout, piece: BoolArray) -> tuple[
 
 def _distinct(part: PreparedPart) -> int:
     """Return how many arm grips come before the first one turned over."""
-    for k, grip in enumerate(part.arm_grips):
-        if grip.id.endswith("'"):
+    for k, grasp in enumerate(part.arm_grasps):
+        if grasp.id.endswith("'"):
             return max(k, 1)
-    return len(part.arm_grips)
+    return len(part.arm_grasps)
 
 
 def _thinner(hand: Jaw, share: float) -> Jaw:
@@ -213,7 +213,7 @@ def _thinner(hand: Jaw, share: float) -> Jaw:
 
 
 def _still_hidden(
-    part: PreparedPart, layout: CellLayout, grip: Grip, hand: Jaw, piece: BoolArray
+    part: PreparedPart, layout: CellLayout, grasp: Grasp, hand: Jaw, piece: BoolArray
 ) -> float:
     """Return the share of a piece that a hand with other fingers leaves hidden."""
     visible = part.visible & piece
@@ -223,8 +223,8 @@ def _still_hidden(
         visible,
         part.directions.vectors,
         float(np.linalg.norm(layout.inspection.position_mm - layout.station_mm)),
-        grip.T_part_hand,
-        [*hand.body, *hand.fingers(grip.opening_mm)],
+        grasp.T_part_tcp,
+        [*hand.body, *hand.fingers(grasp.opening_mm)],
     )
     left = np.asarray(visible & ~hidden)[:, piece]
     return 1.0 - float(left.any(axis=0).mean())
@@ -233,21 +233,21 @@ def _still_hidden(
 def _reach(part: PreparedPart, layout: CellLayout, piece: BoolArray) -> tuple[str, str]:
     """Name the limit between the arm and the best view of a piece, and a camera place that does."""
     gains = np.stack([s[:, piece].sum(axis=1) for s in part.shown])
-    order = np.argsort(-gains, axis=None, kind="stable")[:GRIPS_ASKED_N]
+    order = np.argsort(-gains, axis=None, kind="stable")[:ASKED_GRASP_COUNT]
     pairs = [tuple(int(i) for i in np.unravel_index(k, gains.shape)) for k in order]
-    grip, view = pairs[0]
+    grasp, view = pairs[0]
     T, inside = view_poses(part.solid, layout, part.directions.vectors[view : view + 1])
     if not inside.any():
         return _out_of_picture(part, layout)
-    held = part.arm_grips[grip]
-    T_tip = T[0][inside[0]] @ held.T_part_hand
-    index, _, q = inverse_rows(layout, T_tip)
+    held = part.arm_grasps[grasp]
+    T_tcp = T[0][inside[0]] @ held.T_part_tcp
+    index, _, q = inverse_rows(layout, T_tcp)
     if len(index):
         scene = Scene(layout, held.opening_mm, layout.fixture_open_mm, part.carried_box(held))
         blockers = sorted({scene.names()[k] for k in scene.contacts(q) if k >= 0})
         names = ", ".join(blockers) or "nothing"
         return f"out of reach: the arm would touch {names}", f"move {names} away"
-    limit = passed_limit(layout, T_tip) or "beyond the outstretched arm"
+    limit = passed_limit(layout, T_tcp) or "beyond the outstretched arm"
     return f"out of reach: {limit}", _better_place(part, layout, pairs)
 
 
@@ -268,9 +268,9 @@ def _out_of_picture(part: PreparedPart, layout: CellLayout) -> tuple[str, str]:
 def _better_place(part: PreparedPart, layout: CellLayout, pairs: Sequence[tuple[int, ...]]) -> str:
     """Return where a camera would have to stand for the arm to show one of some views to it."""
     for name, towards in SENSOR_PLACES.items():
-        for grip, view in pairs:
+        for grasp, view in pairs:
             T = _poses_towards(part, layout, part.directions.vectors[view], np.array(towards))
-            index, _, _ = inverse_rows(layout, T @ part.arm_grips[grip].T_part_hand)
+            index, _, _ = inverse_rows(layout, T @ part.arm_grasps[grasp].T_part_tcp)
             if len(index):
                 return f"a camera {name} would see it"
     reach_mm = layout.arm.reach_mm
@@ -311,8 +311,8 @@ def _no_path(
     part: PreparedPart, layout: CellLayout, cut: BoolArray, lies_in: int
 ) -> tuple[str, str]:
     """Say what is missing between the grips that can be had here and those that show a piece."""
-    wanted = [g for g in range(len(part.arm_grips)) if part.covered[g][cut].any()]
-    names = ", ".join(part.arm_grips[g].id for g in wanted[:4])
+    wanted = [g for g in range(len(part.arm_grasps)) if part.covered[g][cut].any()]
+    names = ", ".join(part.arm_grasps[g].id for g in wanted[:4])
     others = [
         p.index for p in part.poses if p.index != lies_in and _starts(part, layout, p.index, wanted)
     ]
@@ -326,7 +326,7 @@ def _no_path(
             "gripper, and no pose on the table leads on",
             remedy or "a second gripper",
         )
-    if not part.fixture_grips:
+    if not part.fixed_grasps:
         return (
             f"no regrasp path from here to a grasp that shows it ({names}): the fixed gripper "
             "finds nothing to hold the part by while the arm gripper releases it",
@@ -350,4 +350,4 @@ def _starts(part: PreparedPart, layout: CellLayout, pose_index: int, wanted: Seq
     pose = next(p for p in part.poses if p.index == pose_index)
     x, y = layout.set_down_mm.mean(axis=1)
     T = resting_pose(part.solid, pose, float(x), float(y))
-    return bool(clear_of_table(T, [part.arm_grips[g] for g in wanted], layout.hand).any())
+    return bool(clear_of_table(T, [part.arm_grasps[g] for g in wanted], layout.hand).any())

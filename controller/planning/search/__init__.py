@@ -1,7 +1,7 @@
 """Which grips to hold the part with in turn, and which views to take under each."""
 
 from ._greedy import greedy
-from ._problem import MAX_GRIPS, Problem, Solution, live_grips, needed_of, priced, refuted
+from ._problem import MAX_GRASP_COUNT, Problem, Solution, live_grasps, needed_of, priced, refuted
 from ._search import COARSE, FULL, Effort
 from ._solve import solve
 from .order import best_order
@@ -9,13 +9,13 @@ from .order import best_order
 __all__ = [
     "COARSE",
     "FULL",
-    "MAX_GRIPS",
+    "MAX_GRASP_COUNT",
     "Effort",
     "Problem",
     "Solution",
     "best_order",
     "greedy",
-    "live_grips",
+    "live_grasps",
     "needed_of",
     "priced",
     "refuted",

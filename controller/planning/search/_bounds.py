@@ -29,7 +29,7 @@ _X_STEPS = np.float32(1 << 12)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Floors:
+class LowerBounds:
     """Prices on elements, and what they say about each grip.
 
     Attributes
@@ -60,16 +60,16 @@ def rounded(u: NDArray[np.floating]) -> Table:
     return whole
 
 
-def floors(core: Core, u: Table) -> Floors:
+def lower_bounds(core: Core, u: Table) -> LowerBounds:
     """Work out what prices (k, m) say about each grip."""
     below = np.zeros((len(u), len(core.rows)))
-    for g, (rows, prices) in enumerate(zip(core.rows, core.units, strict=True)):
-        left = prices[None] - u @ rows.T
+    for g, (rows, costs) in enumerate(zip(core.rows, core.units, strict=True)):
+        left = costs[None] - u @ rows.T
         below[:, g] = np.minimum(left, 0.0).sum(axis=1, dtype=np.float64)
-    return Floors(u=u, sums=u.sum(axis=1, dtype=np.float64), below=below)
+    return LowerBounds(u=u, sums=u.sum(axis=1, dtype=np.float64), below=below)
 
 
-def union_prices(core: Core) -> tuple[Table, float]:
+def union_costs(core: Core) -> tuple[Table, float]:
     """Solve the cover by fractions of views over all grips.
 
     Returns
@@ -80,12 +80,12 @@ def union_prices(core: Core) -> tuple[Table, float]:
     if m == 0:
         return np.zeros(0, dtype=np.float32), 0.0
     rows = np.concatenate(core.rows)
-    prices = np.concatenate(core.units).astype(np.float64)
-    worth = rows.sum(axis=1) / np.maximum(prices, 1e-3)
+    costs = np.concatenate(core.units).astype(np.float64)
+    worth = rows.sum(axis=1) / np.maximum(costs, 1e-3)
     active = np.zeros(len(rows), dtype=bool)
     uncovered = np.ones(m, dtype=bool)
     while uncovered.any():  # a first cover, so that the problem has an answer
-        v = int(np.argmax((rows @ uncovered.astype(np.float32)) / np.maximum(prices, 1e-3)))
+        v = int(np.argmax((rows @ uncovered.astype(np.float32)) / np.maximum(costs, 1e-3)))
         active[v] = True
         uncovered &= rows[v] == 0
     active[np.argsort(-worth, kind="stable")[:_LP_GROW]] = True
@@ -94,7 +94,7 @@ def union_prices(core: Core) -> tuple[Table, float]:
         answer = linprog(
             -np.ones(m),
             A_ub=rows[active],
-            b_ub=prices[active],
+            b_ub=costs[active],
             bounds=(0, None),
             method="highs",
         )
@@ -102,13 +102,13 @@ def union_prices(core: Core) -> tuple[Table, float]:
             break
         u = np.maximum(answer.x, 0.0)
         load = rows @ u.astype(np.float32)
-        worst = float((load / np.maximum(prices, 1e-9)).max())
+        worst = float((load / np.maximum(costs, 1e-9)).max())
         fair = rounded(u / max(1.0, worst))
         value = float(fair.sum(dtype=np.float64))
-        slack = np.minimum(prices - rows @ fair, 0.0).sum()
+        slack = np.minimum(costs - rows @ fair, 0.0).sum()
         if value + slack > best:
             best_u, best = fair, value + float(slack)
-        over = load - prices
+        over = load - costs
         over[active] = 0.0
         if over.max() <= 1e-4 or best >= u.sum() * 0.999:
             break
@@ -122,7 +122,7 @@ def spread_scales(u: Table, factor: float) -> Table:
     return rounded(np.stack([u * np.float32(factor * s) for s in _SCALES] + [u]))
 
 
-def raise_floors(
+def raise_lower_bounds(
     core: Core, sets: IndexArray, u: Table, goals: FloatArray, steps: int
 ) -> tuple[FloatArray, Table]:
     """Improve prices for many sets of grips at once.
@@ -149,10 +149,10 @@ def raise_floors(
             break
         mean = saddle.turn(active, _LOOK)
         here, averaged = saddle.values(saddle.u, active), saddle.values(mean, active)
-        for value, prices in ((averaged, mean), (here, saddle.u)):
+        for value, costs in ((averaged, mean), (here, saddle.u)):
             better = active[value[active] > best[active]]
             best[better] = value[better]
-            best_u[better] = prices[better]
+            best_u[better] = costs[better]
         jump = active[averaged[active] >= here[active]]
         saddle.u[jump] = mean[jump]
         active = active[best[active] < goals[active]]

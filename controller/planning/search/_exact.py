@@ -27,27 +27,27 @@ class Stacked:
     """
 
     rows: BoolArray
-    prices_s: FloatArray
+    costs_s: FloatArray
     units: Table
     owner: IndexArray
     index: IndexArray
 
 
-def stack(tables: Tables, grips: IndexArray) -> Stacked:
+def stack(tables: Tables, grasps: IndexArray) -> Stacked:
     """Put the tables of grips under each other."""
-    sizes = [len(tables.rows[g]) for g in grips]
+    sizes = [len(tables.rows[g]) for g in grasps]
     return Stacked(
-        rows=np.concatenate([tables.rows[g] for g in grips]),
-        prices_s=np.concatenate([tables.prices_s[g] for g in grips]),
-        units=np.concatenate([tables.units[g] for g in grips]),
-        owner=np.repeat(np.asarray(grips, dtype=np.intp), sizes),
+        rows=np.concatenate([tables.rows[g] for g in grasps]),
+        costs_s=np.concatenate([tables.costs_s[g] for g in grasps]),
+        units=np.concatenate([tables.units[g] for g in grasps]),
+        owner=np.repeat(np.asarray(grasps, dtype=np.intp), sizes),
         index=np.concatenate([np.arange(s) for s in sizes]).astype(np.intp),
     )
 
 
 def exact_cover(
     rows: BoolArray,
-    prices_s: FloatArray,
+    costs_s: FloatArray,
     limit_s: float,
     reduced_s: FloatArray | None = None,
     nodes: int = MILP_NODES,
@@ -57,7 +57,7 @@ def exact_cover(
     Parameters
     ----------
     rows : (v, m) which elements each row shows
-    prices_s : (v,) of each row
+    costs_s : (v,) of each row
     limit_s : only what is cheaper counts
     reduced_s : (v,) a floor of every cover that has this row, to leave rows out
     nodes : of the branch-and-bound tree, at most
@@ -75,31 +75,31 @@ def exact_cover(
     open_ = _different(table)
     while True:
         before = (len(keep), int(open_.sum()))
-        table, keep, open_, forced = _reduced(table, keep, open_, prices_s)
+        table, keep, open_, forced = _reduced(table, keep, open_, costs_s)
         if forced is None:
             return None, limit_s
         fixed += forced
-        fixed_s = float(prices_s[fixed].sum())
+        fixed_s = float(costs_s[fixed].sum())
         if fixed_s >= limit_s - SAME_S:
             return None, limit_s
         if (len(keep), int(open_.sum())) == before:
             break
     if not open_.any():
         return np.array(fixed, dtype=np.intp), fixed_s
-    prices = prices_s[keep]
+    costs = costs_s[keep]
     left_s = limit_s - fixed_s
     sub = csr_array(table[:, open_].T.astype(float))
     constraints = [LinearConstraint(sub, lb=1.0)]
     # as few views as the limit leaves room for: stops the search where nothing cheaper is left
-    room = (left_s - SAME_S) / max(float(prices.min()), 1e-9)
-    if np.isfinite(room) and room < len(prices):
+    room = (left_s - SAME_S) / max(float(costs.min()), 1e-9)
+    if np.isfinite(room) and room < len(costs):
         most = np.floor(room)
-        constraints.append(LinearConstraint(np.ones((1, len(prices))), ub=most))
-        if np.ptp(prices) > 0.0:
-            constraints.append(LinearConstraint(prices[None], ub=left_s - SAME_S / 2))
+        constraints.append(LinearConstraint(np.ones((1, len(costs))), ub=most))
+        if np.ptp(costs) > 0.0:
+            constraints.append(LinearConstraint(costs[None], ub=left_s - SAME_S / 2))
     answer = milp(
-        prices,
-        integrality=np.ones(len(prices), dtype=np.int64),
+        costs,
+        integrality=np.ones(len(costs), dtype=np.int64),
         bounds=Bounds(0.0, 1.0),
         constraints=constraints,
         options={"mip_rel_gap": 0.0, "node_limit": nodes},
@@ -110,7 +110,7 @@ def exact_cover(
     if answer.x is None:
         return None, min(limit_s, fixed_s + max(0.0, float(floor)))
     chosen = keep[answer.x > 0.5]
-    cost = fixed_s + float(prices_s[chosen].sum())
+    cost = fixed_s + float(costs_s[chosen].sum())
     found = np.concatenate([np.array(fixed, dtype=np.intp), chosen])
     if not rows[found].any(axis=0).all():  # a solver's tolerance is no cover
         return None, fixed_s
@@ -130,7 +130,7 @@ def _different(table: BoolArray) -> BoolArray:
 
 
 def _reduced(
-    table: BoolArray, keep: IndexArray, open_: BoolArray, prices_s: FloatArray
+    table: BoolArray, keep: IndexArray, open_: BoolArray, costs_s: FloatArray
 ) -> tuple[BoolArray, IndexArray, BoolArray, list[int] | None]:
     """Take what must be taken, drop what need not be; None where an element is shown by none."""
     count = table[:, open_].sum(axis=0)
@@ -158,7 +158,7 @@ def _reduced(
     bits = table[:, cols].astype(np.float32)
     size = bits.sum(axis=1)
     inside = (bits @ bits.T) >= size[:, None]
-    price = prices_s[keep]
+    price = costs_s[keep]
     no_dearer = price[None] <= price[:, None]
     equal = inside & inside.T & (price[None] == price[:, None])
     first = np.arange(len(keep))[None] < np.arange(len(keep))[:, None]

@@ -6,10 +6,10 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray
 
-from ._problem import MAX_GRIPS, Problem, Solution, live_grips, needed_of, priced
+from ._problem import MAX_GRASP_COUNT, Problem, Solution, live_grasps, needed_of, priced
 
 
-def greedy(problem: Problem, max_grips: int = MAX_GRIPS) -> Solution | None:
+def greedy(problem: Problem, max_grasps: int = MAX_GRASP_COUNT) -> Solution | None:
     """Show everything by taking at each turn what adds most.
 
     The first grip is the one that can be had at the start and shows most; then, from the grip in
@@ -21,23 +21,23 @@ def greedy(problem: Problem, max_grips: int = MAX_GRIPS) -> Solution | None:
     -------
     None where no way leads from start to finish; an incomplete solution where it loses its way
     """
-    live = live_grips(problem, max_grips)
+    live = live_grasps(problem, max_grasps)
     if not len(live):
         return None
-    needed = needed_of(problem, max_grips)
+    needed = needed_of(problem, max_grasps)
     shown = np.array(
         [problem.shows[g][np.isfinite(problem.view_s[g])].any(axis=0) & needed for g in live]
     )
-    hop = problem.hop_s[np.ix_(live, live)].copy()
-    np.fill_diagonal(hop, np.inf)
+    regrasp = problem.regrasp_s[np.ix_(live, live)].copy()
+    np.fill_diagonal(regrasp, np.inf)
     ends = [problem.last_s[live]]  # ends[k]: cheapest finish by k hops or fewer
-    for _ in range(max_grips):
-        ends.append(np.minimum(ends[-1], (hop + ends[-1][None]).min(axis=1)))
+    for _ in range(max_grasps):
+        ends.append(np.minimum(ends[-1], (regrasp + ends[-1][None]).min(axis=1)))
     sequence: list[int] = []
     left = needed.copy()
     price = problem.first_s[live]
     while True:
-        room = max_grips - len(sequence) - 1
+        room = max_grasps - len(sequence) - 1
         can = np.isfinite(price) & np.isfinite(ends[room]) if room >= 0 else np.zeros(0, bool)
         if not can.any():
             break
@@ -45,7 +45,7 @@ def greedy(problem: Problem, max_grips: int = MAX_GRIPS) -> Solution | None:
         if gain.max() <= 0 and sequence:
             beyond = (shown & left).sum(axis=1)
             # nothing new within a hop: towards what shows something, if there is room
-            step = hop + np.where(beyond > 0, 0.0, np.inf)[None]
+            step = regrasp + np.where(beyond > 0, 0.0, np.inf)[None]
             detour = np.where(can & (room >= 1), price + step.min(axis=1), np.inf)
             if not np.isfinite(detour).any():
                 break
@@ -57,41 +57,43 @@ def greedy(problem: Problem, max_grips: int = MAX_GRIPS) -> Solution | None:
         left &= ~shown[k]
         if not left.any():
             break
-        price = hop[k]
+        price = regrasp[k]
     if not sequence:
         return None
-    _finish(sequence, problem, live, hop, ends, max_grips)
-    return _with_views(problem, [int(live[k]) for k in sequence], needed, max_grips)
+    _finish(sequence, problem, live, regrasp, ends, max_grasps)
+    return _with_views(problem, [int(live[k]) for k in sequence], needed, max_grasps)
 
 
 def _finish(
     sequence: list[int],
     problem: Problem,
     live: np.ndarray,
-    hop: FloatArray,
+    regrasp: FloatArray,
     ends: list[FloatArray],
-    max_grips: int,
+    max_grasps: int,
 ) -> None:
     """Go on to a grip that can be finished from, the cheapest way."""
     last = problem.last_s[live]
     while True:
-        room, here = max_grips - len(sequence), sequence[-1]
+        room, here = max_grasps - len(sequence), sequence[-1]
         if last[here] <= ends[room][here]:
             return
-        sequence.append(int(np.argmin(hop[here] + ends[room - 1])))
+        sequence.append(int(np.argmin(regrasp[here] + ends[room - 1])))
 
 
-def _with_views(problem: Problem, grips: list[int], needed: BoolArray, max_grips: int) -> Solution:
+def _with_views(
+    problem: Problem, grasps: list[int], needed: BoolArray, max_grasps: int
+) -> Solution:
     candidates = [
         (k, v)
-        for k, g in enumerate(grips)
+        for k, g in enumerate(grasps)
         for v in np.flatnonzero(np.isfinite(problem.view_s[g]))
-        if g not in grips[:k]
+        if g not in grasps[:k]
     ]
     chosen: list[int] = []
     if candidates:
-        table = np.stack([problem.shows[grips[k]][v] & needed for k, v in candidates])
-        price = np.array([problem.view_s[grips[k]][v] for k, v in candidates])
+        table = np.stack([problem.shows[grasps[k]][v] & needed for k, v in candidates])
+        price = np.array([problem.view_s[grasps[k]][v] for k, v in candidates])
         bits = table.astype(np.float32)
         left = needed & table.any(axis=0)
         while left.any():
@@ -103,6 +105,6 @@ def _with_views(problem: Problem, grips: list[int], needed: BoolArray, max_grips
             if not (table[best] & ~table[others].any(axis=0)).any():
                 chosen.remove(best)
     views = [
-        [int(candidates[c][1]) for c in chosen if candidates[c][0] == k] for k in range(len(grips))
+        [int(candidates[c][1]) for c in chosen if candidates[c][0] == k] for k in range(len(grasps))
     ]
-    return priced(problem, grips, views, 0.0, max_grips)
+    return priced(problem, grasps, views, 0.0, max_grasps)

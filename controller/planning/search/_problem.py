@@ -14,7 +14,9 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, IndexArray
 
-MAX_GRIPS = 5  # planning-facts.md 1.3: a fourth re-grip's bound exceeded every optimum measured
+MAX_GRASP_COUNT = (
+    5  # planning-facts.md 1.3: a fourth re-grip's bound exceeded every optimum measured
+)
 SAME_S = 1e-7  # costs closer than this [s] are one
 
 
@@ -28,7 +30,7 @@ class Problem:
     weights : (m,) share of surface of each element, only to report what is covered
     view_s : per grip (v_g,) price of each view [s], inf = not possible
     first_s : (g,) price of having the part in that grip at the start [s], inf = not possible
-    hop_s : (g, g) price of the cheapest change of grip over any support [s], inf = none
+    regrasp_s : (g, g) price of the cheapest change of grip over any support [s], inf = none
     last_s : (g,) price of finishing from that grip [s], inf = cannot
     seen : (m,) elements already seen, which need not be shown again
 
@@ -41,7 +43,7 @@ class Problem:
     weights: FloatArray
     view_s: tuple[FloatArray, ...]
     first_s: FloatArray
-    hop_s: FloatArray
+    regrasp_s: FloatArray
     last_s: FloatArray
     seen: BoolArray
 
@@ -49,17 +51,21 @@ class Problem:
         n, m = len(self.shows), len(self.weights)
         if len(self.view_s) != n or self.seen.shape != (m,):
             raise ValueError("prices of views per grip, what is seen per element")
-        if self.first_s.shape != (n,) or self.last_s.shape != (n,) or self.hop_s.shape != (n, n):
+        if (
+            self.first_s.shape != (n,)
+            or self.last_s.shape != (n,)
+            or self.regrasp_s.shape != (n, n)
+        ):
             raise ValueError(f"first (g,), hops (g, g) and last (g,) of {n} grips")
-        for g, (table, prices) in enumerate(zip(self.shows, self.view_s, strict=True)):
-            if table.shape != (len(prices), m) or table.dtype != np.bool_:
+        for g, (table, costs) in enumerate(zip(self.shows, self.view_s, strict=True)):
+            if table.shape != (len(costs), m) or table.dtype != np.bool_:
                 raise ValueError(f"grip {g}: views (v, {m}) bool and one price each")
-        for prices in (self.first_s, self.hop_s, self.last_s, *self.view_s):
-            if not (prices >= 0.0).all():
+        for costs in (self.first_s, self.regrasp_s, self.last_s, *self.view_s):
+            if not (costs >= 0.0).all():
                 raise ValueError("prices are seconds from 0 up")
 
     @property
-    def grip_count(self) -> int:
+    def grasp_count(self) -> int:
         """Return the number of grips."""
         return len(self.shows)
 
@@ -70,8 +76,8 @@ class Solution:
 
     Attributes
     ----------
-    grips : in order; one may come twice, and one without views is mere transit
-    views : per entry of `grips` the views to take, ascending
+    grasps : in order; one may come twice, and one without views is mere transit
+    views : per entry of `grasps` the views to take, ascending
     cost_s : first, hops, views and last together
     bound_s : no way to show all of `needed` with the grips allowed costs less; inf = there is none
     covered : (m,) what the chosen views show
@@ -79,7 +85,7 @@ class Solution:
     covers_count : set cover problems solved exactly, a measure of work
     """
 
-    grips: tuple[int, ...]
+    grasps: tuple[int, ...]
     views: tuple[tuple[int, ...], ...]
     cost_s: float
     bound_s: float
@@ -108,57 +114,57 @@ class Solution:
         return sum(map(len, self.views))
 
 
-def live_grips(problem: Problem, max_grips: int = MAX_GRIPS) -> IndexArray:
+def live_grasps(problem: Problem, max_grasps: int = MAX_GRASP_COUNT) -> IndexArray:
     """Return, ascending, the grips that lie on some way from start to finish."""
-    hop = np.isfinite(problem.hop_s)
-    to = _steps(np.isfinite(problem.first_s), hop)
-    back = _steps(np.isfinite(problem.last_s), hop.T)
-    return np.flatnonzero(to + back + 1 <= max_grips)
+    regrasp = np.isfinite(problem.regrasp_s)
+    to = _steps(np.isfinite(problem.first_s), regrasp)
+    back = _steps(np.isfinite(problem.last_s), regrasp.T)
+    return np.flatnonzero(to + back + 1 <= max_grasps)
 
 
-def _steps(sources: BoolArray, hop: BoolArray) -> FloatArray:
+def _steps(sources: BoolArray, regrasp: BoolArray) -> FloatArray:
     """Return how many hops each grip is from the sources, inf = out of reach."""
     steps = np.where(sources, 0.0, np.inf)
     reached, front, k = sources.copy(), sources, 0
     while front.any():
         k += 1
-        front = hop[front].any(axis=0) & ~reached
+        front = regrasp[front].any(axis=0) & ~reached
         steps[front] = k
         reached |= front
     return steps
 
 
-def needed_of(problem: Problem, max_grips: int = MAX_GRIPS) -> BoolArray:
+def needed_of(problem: Problem, max_grasps: int = MAX_GRASP_COUNT) -> BoolArray:
     """Return (m,) what some view under some live grip shows and is not seen yet."""
     needed = np.zeros(len(problem.weights), dtype=bool)
-    for g in live_grips(problem, max_grips):
+    for g in live_grasps(problem, max_grasps):
         needed |= problem.shows[g][np.isfinite(problem.view_s[g])].any(axis=0)
     return needed & ~problem.seen
 
 
-def price_of(problem: Problem, grips: Sequence[int], views: Sequence[Sequence[int]]) -> float:
+def cost_of(problem: Problem, grasps: Sequence[int], views: Sequence[Sequence[int]]) -> float:
     """Return what grasps in order and the views under each cost [s], inf if that is impossible.
 
     Parameters
     ----------
     problem : what everything costs
-    grips : numbers in order, at least one
+    grasps : numbers in order, at least one
     views : under each of them, numbers of views
     """
-    cost = float(problem.first_s[grips[0]]) + float(problem.last_s[grips[-1]])
-    for g, h in pairwise(grips):
-        cost += float(problem.hop_s[g, h])
-    for g, chosen in zip(grips, views, strict=True):
+    cost = float(problem.first_s[grasps[0]]) + float(problem.last_s[grasps[-1]])
+    for g, h in pairwise(grasps):
+        cost += float(problem.regrasp_s[g, h])
+    for g, chosen in zip(grasps, views, strict=True):
         cost += float(problem.view_s[g][list(chosen)].sum())
     return cost
 
 
 def priced(
     problem: Problem,
-    grips: Sequence[int],
+    grasps: Sequence[int],
     views: Sequence[Sequence[int]],
     bound_s: float,
-    max_grips: int = MAX_GRIPS,
+    max_grasps: int = MAX_GRASP_COUNT,
     covers_count: int = 0,
 ) -> Solution:
     """Return a solution with its cost and what it covers worked out from the problem alone.
@@ -166,22 +172,22 @@ def priced(
     Parameters
     ----------
     problem : what everything costs and shows
-    grips : numbers in order, at least one
+    grasps : numbers in order, at least one
     views : under each of them, numbers of views
     bound_s : lower bound on the cost of any plan, for the record
-    max_grips : at most so many in a row, by which it is known what can be shown
+    max_grasps : at most so many in a row, by which it is known what can be shown
     covers_count : set cover problems solved on the way, for the record
     """
     covered = np.zeros(len(problem.weights), dtype=bool)
-    for g, chosen in zip(grips, views, strict=True):
+    for g, chosen in zip(grasps, views, strict=True):
         covered |= problem.shows[g][list(chosen)].any(axis=0)
     return Solution(
-        grips=tuple(int(g) for g in grips),
+        grasps=tuple(int(g) for g in grasps),
         views=tuple(tuple(sorted(int(v) for v in chosen)) for chosen in views),
-        cost_s=price_of(problem, grips, views),
+        cost_s=cost_of(problem, grasps, views),
         bound_s=bound_s,
         covered=covered,
-        needed=needed_of(problem, max_grips),
+        needed=needed_of(problem, max_grasps),
         covers_count=covers_count,
     )
 
@@ -189,7 +195,7 @@ def priced(
 def refuted(
     problem: Problem,
     *,
-    hops: Sequence[tuple[int, int]] = (),
+    regrasps: Sequence[tuple[int, int]] = (),
     views: Sequence[tuple[int, int]] = (),
     firsts: Sequence[int] = (),
     lasts: Sequence[int] = (),
@@ -199,18 +205,24 @@ def refuted(
     Parameters
     ----------
     problem : left as it is
-    hops : (from, to) grips between which no motion was found
+    regrasps : (from, to) grips between which no motion was found
     views : (grip, view) that cannot be taken
     firsts, lasts : grips that cannot be had at the start, or be finished from
     """
-    first_s, hop_s, last_s = problem.first_s.copy(), problem.hop_s.copy(), problem.last_s.copy()
+    first_s, regrasp_s, last_s = (
+        problem.first_s.copy(),
+        problem.regrasp_s.copy(),
+        problem.last_s.copy(),
+    )
     view_s = list(problem.view_s)
-    for g, h in hops:
-        hop_s[g, h] = np.inf
+    for g, h in regrasps:
+        regrasp_s[g, h] = np.inf
     for g, v in views:
         if view_s[g] is problem.view_s[g]:
             view_s[g] = view_s[g].copy()
         view_s[g][v] = np.inf
     first_s[list(firsts)] = np.inf
     last_s[list(lasts)] = np.inf
-    return replace(problem, view_s=tuple(view_s), first_s=first_s, hop_s=hop_s, last_s=last_s)
+    return replace(
+        problem, view_s=tuple(view_s), first_s=first_s, regrasp_s=regrasp_s, last_s=last_s
+    )

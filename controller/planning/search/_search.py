@@ -15,13 +15,14 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, IndexArray
 
-from ._bounds import Floors, floors, raise_floors, spread_scales, union_prices
+from ._bounds import LowerBounds, lower_bounds, raise_lower_bounds, spread_scales, union_costs
 from ._exact import Stacked, exact_cover, stack
 from ._problem import (
     SAME_S,
     Problem,
-    price_of,
+    cost_of,
 )
+from ._sequences import GraspSequences, first_sequences, longer, showing_all, tails
 from ._tables import (
     Core,
     Table,
@@ -31,7 +32,6 @@ from ._tables import (
     make_core,
     quick_cover,
 )
-from ._walks import Walks, first_walks, longer, showing_all, tails
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,18 +40,18 @@ class Effort:
 
     Attributes
     ----------
-    floors : sets of grips whose floor may be raised; covers : exact covers
+    lower_bounds : sets of grips whose floor may be raised; covers : exact covers
     nodes : of branch and bound within one cover
-    ways : of equal length kept at most
+    paths : of equal length kept at most
     """
 
-    floors: int = 20_000
+    lower_bounds: int = 20_000
     covers: int = 1_500
     nodes: int = 20_000
-    ways: int = 40_000
+    paths: int = 40_000
 
 
-COARSE = Effort(floors=256, covers=4, nodes=500, ways=4_000)
+COARSE = Effort(lower_bounds=256, covers=4, nodes=500, paths=4_000)
 FULL = Effort()
 _FIRST_BATCH = 16  # what it leads to says how far the floors of the others must be raised
 _BATCH = 128
@@ -67,10 +67,10 @@ _MISSED = 8  # elements added where a cover of the core leaves some out
 class Pool:
     """Sets of grips that show everything, and how far each has been looked into."""
 
-    grips: list[tuple[int, ...]] = field(default_factory=list)  # the cheapest way, in order
+    grasps: list[tuple[int, ...]] = field(default_factory=list)  # the cheapest way, in order
     sets: list[IndexArray] = field(default_factory=list)
-    way_s: list[float] = field(default_factory=list)
-    floor_s: list[float] = field(default_factory=list)  # of the whole
+    path_s: list[float] = field(default_factory=list)
+    bound_s: list[float] = field(default_factory=list)  # of the whole
     units: list[float] = field(default_factory=list)
     stage: list[int] = field(default_factory=list)
     u: dict[int, Table] = field(default_factory=dict)
@@ -83,78 +83,78 @@ class Search:
     Parameters
     ----------
     problem : what everything costs and shows
-    tables : of `make_tables` for that problem and ``max_grips``
-    max_grips : at most so many in a row, transit included
+    tables : of `make_tables` for that problem and ``max_grasps``
+    max_grasps : at most so many in a row, transit included
     effort : where the search stops short
     """
 
-    def __init__(self, problem: Problem, tables: Tables, max_grips: int, effort: Effort) -> None:
+    def __init__(self, problem: Problem, tables: Tables, max_grasps: int, effort: Effort) -> None:
         self.problem, self.tables = problem, tables
-        self.max_grips, self.effort = max_grips, effort
+        self.max_grasps, self.effort = max_grasps, effort
         self.core: Core
-        self.union: Floors
+        self.union: LowerBounds
         self.best: tuple[tuple[int, ...], tuple[tuple[int, ...], ...], float] | None = None
         self.best_s = np.inf
         self.covers = self.floored = self.dives = 0
         self.pool = Pool()
-        self.levels: list[Walks] = []
+        self.levels: list[GraspSequences] = []
         self.all_s = 0.0  # what views cost at least, whatever the grips
         self.extra: list[int] = []  # elements that covers of the core left out
 
-    def offer(self, grips: tuple[int, ...], views: tuple[tuple[int, ...], ...]) -> None:
+    def offer(self, grasps: tuple[int, ...], views: tuple[tuple[int, ...], ...]) -> None:
         """Keep a solution if it is cheaper than the best."""
-        cost = price_of(self.problem, grips, views)
+        cost = cost_of(self.problem, grasps, views)
         if cost < self.best_s - SAME_S:
-            self.best, self.best_s = (tuple(grips), views, cost), cost
+            self.best, self.best_s = (tuple(grasps), views, cost), cost
 
     def run(self) -> float:
         """Search; return the floor of all solutions."""
         tables, problem = self.tables, self.problem
-        hop = problem.hop_s[np.ix_(tables.grips, tables.grips)]
-        tail = tails(problem, tables.grips, self.max_grips)
-        walks = first_walks(problem, tables.grips)
-        self._learn(walks, hop, tail)
+        regrasp = problem.regrasp_s[np.ix_(tables.grasps, tables.grasps)]
+        tail = tails(problem, tables.grasps, self.max_grasps)
+        sequences = first_sequences(problem, tables.grasps)
+        self._learn(sequences, regrasp, tail)
         open_s = np.inf  # floor of all that was not looked into
-        for length in range(1, self.max_grips + 1):
-            self.levels.append(walks)
-            self._enter(walks)
+        for length in range(1, self.max_grasps + 1):
+            self.levels.append(sequences)
+            self._enter(sequences)
             self._settle()
-            if length == self.max_grips or not len(walks.grips):
+            if length == self.max_grasps or not len(sequences.grasps):
                 break
-            walks = longer(
-                walks,
-                hop,
+            sequences = longer(
+                sequences,
+                regrasp,
                 tail,
                 self.best_s - self.all_s,
                 self.levels,
-                self.effort.ways,
+                self.effort.paths,
                 tables.covered if self.best is None else None,
             )
-            open_s = min(open_s, walks.left_out_s + self.all_s)
-        pending = [f for f, s in zip(self.pool.floor_s, self.pool.stage, strict=True) if s != 2]
+            open_s = min(open_s, sequences.left_out_s + self.all_s)
+        pending = [f for f, s in zip(self.pool.bound_s, self.pool.stage, strict=True) if s != 2]
         return min([self.best_s, open_s, *pending])
 
-    def _learn(self, walks: Walks, hop: FloatArray, tail: FloatArray) -> None:
+    def _learn(self, sequences: GraspSequences, regrasp: FloatArray, tail: FloatArray) -> None:
         """Find the elements that decide from the cheapest ways, and prices for all grips."""
-        tables, n = self.tables, len(self.tables.grips)
-        pairs = longer(walks, hop, tail, np.inf, [walks], self.effort.ways)
+        tables, n = self.tables, len(self.tables.grasps)
+        pairs = longer(sequences, regrasp, tail, np.inf, [sequences], self.effort.paths)
         some: list[IndexArray] = []
-        for ways in (pairs, walks):
-            whole = ways.cost_s + tail[ways.grips[:, -1]]
+        for paths in (pairs, sequences):
+            whole = paths.cost_s + tail[paths.grasps[:, -1]]
             bits = np.concatenate([tables.covered, np.zeros((1, tables.covered.shape[1]), bool)])
             table = bits.astype(np.float32)
             size, common = table.sum(axis=1), table @ table.T
-            one, two = ways.sets[:, 0], ways.sets[:, -1]
+            one, two = paths.sets[:, 0], paths.sets[:, -1]
             shown = np.where(one == two, size[one], size[one] + size[two] - common[one, two])
             rank = np.lexsort((whole, -shown))[:_LESSONS]
-            some += [ways.sets[k][ways.sets[k] < n] for k in rank]
+            some += [paths.sets[k][paths.sets[k] < n] for k in rank]
         elements = learn_core(tables, some)
         if not elements and len(tables.elements):
             elements = [0]
         self.core = make_core(tables, elements)
-        u, units = union_prices(self.core)
-        self.union = floors(self.core, spread_scales(u, 2.0))
-        self.all_s = float(tables.views_floor_s(np.array([units]))[0])
+        u, units = union_costs(self.core)
+        self.union = lower_bounds(self.core, spread_scales(u, 2.0))
+        self.all_s = float(tables.views_bound_s(np.array([units]))[0])
 
     def most_shown(self) -> tuple[tuple[int, ...], BoolArray]:
         """Return the grasps in order that show the most surface, and what they show (m,).
@@ -164,74 +164,74 @@ class Search:
         AssertionError : no sequence of live grasps was found, which only a defect of the search
             allows
         """
-        problem, grips = self.problem, self.tables.grips
+        problem, grasps = self.problem, self.tables.grasps
         worth = problem.weights + 1.0 / (1 << 20)  # what weighs nothing is shown all the same
-        per_grip = np.array(
+        per_grasp = np.array(
             [
                 problem.shows[g][np.isfinite(problem.view_s[g])].any(axis=0) & ~problem.seen
-                for g in grips
+                for g in grasps
             ]
         )
         best: tuple[float, IndexArray, BoolArray] | None = None
-        for walks in self.levels:
-            ends = np.isfinite(problem.last_s[grips[walks.grips[:, -1]]])
+        for sequences in self.levels:
+            ends = np.isfinite(problem.last_s[grasps[sequences.grasps[:, -1]]])
             for k in np.flatnonzero(ends):
-                union = per_grip[walks.grips[k]].any(axis=0)
+                union = per_grasp[sequences.grasps[k]].any(axis=0)
                 value = float(worth @ union)
                 if best is None or value > best[0] + 1e-12:
-                    best = value, walks.grips[k], union
+                    best = value, sequences.grasps[k], union
         if best is None:
             raise AssertionError("live grips, but no way through them")
-        return tuple(int(grips[g]) for g in best[1]), best[2]
+        return tuple(int(grasps[g]) for g in best[1]), best[2]
 
-    def _enter(self, walks: Walks) -> None:
+    def _enter(self, sequences: GraspSequences) -> None:
         """Take up the sets of these ways that show all, may be finished from and could be best."""
         tables, pool = self.tables, self.pool
-        whole = walks.cost_s + self.problem.last_s[tables.grips[walks.grips[:, -1]]]
+        whole = sequences.cost_s + self.problem.last_s[tables.grasps[sequences.grasps[:, -1]]]
         at = np.flatnonzero(whole < self.best_s - SAME_S)
-        at = at[showing_all(tables.covered, walks.sets[at])]
+        at = at[showing_all(tables.covered, sequences.sets[at])]
         if not len(at):
             return
-        units = self.union.of_sets(walks.sets[at])
-        total = whole[at] + tables.views_floor_s(units)
+        units = self.union.of_sets(sequences.sets[at])
+        total = whole[at] + tables.views_bound_s(units)
         good = total < self.best_s - SAME_S
         at, units, total = at[good], units[good], total[good]
         for k in np.argsort(whole[at], kind="stable"):
-            way, n = at[k], len(tables.grips)
-            members = walks.sets[way][walks.sets[way] < n]
+            way, n = at[k], len(tables.grasps)
+            members = sequences.sets[way][sequences.sets[way] < n]
             kinds, first = np.unique(tables.kinds[members], return_index=True)
             key = tuple(int(x) for x in kinds)
             known = pool.at.get(key)
-            if known is not None and pool.way_s[known] <= whole[way] + SAME_S:
+            if known is not None and pool.path_s[known] <= whole[way] + SAME_S:
                 continue
-            entry = (tuple(int(g) for g in walks.grips[way]), np.sort(members[first]))
+            entry = (tuple(int(g) for g in sequences.grasps[way]), np.sort(members[first]))
             if known is None:
-                pool.at[key] = len(pool.grips)
-                pool.grips.append(entry[0])
+                pool.at[key] = len(pool.grasps)
+                pool.grasps.append(entry[0])
                 pool.sets.append(entry[1])
-                pool.way_s.append(float(whole[way]))
-                pool.floor_s.append(float(total[k]))
+                pool.path_s.append(float(whole[way]))
+                pool.bound_s.append(float(total[k]))
                 pool.units.append(float(units[k]))
                 pool.stage.append(0)
             else:  # the same views, had more cheaply by a longer way
-                saved = pool.way_s[known] - float(whole[way])
-                pool.grips[known], pool.sets[known] = entry
-                pool.way_s[known] -= saved
-                pool.floor_s[known] -= saved
+                saved = pool.path_s[known] - float(whole[way])
+                pool.grasps[known], pool.sets[known] = entry
+                pool.path_s[known] -= saved
+                pool.bound_s[known] -= saved
                 pool.stage[known] = min(pool.stage[known], 1 if known in pool.u else 0)
 
     def _settle(self) -> None:
         """Look into sets, the lowest floor first, until none can be better or effort ends."""
         pool = self.pool
         while True:
-            floor = np.array(pool.floor_s)
+            floor = np.array(pool.bound_s)
             stage = np.array(pool.stage, dtype=int)
             pending = np.flatnonzero((floor < self.best_s - SAME_S) & (stage < 2))
             if not len(pending):
                 return
             order = pending[np.argsort(floor[pending], kind="stable")]
             if stage[order[0]] == 0:
-                if self.floored >= self.effort.floors and self.best is not None:
+                if self.floored >= self.effort.lower_bounds and self.best is not None:
                     return
                 batch = _BATCH if self.floored else _FIRST_BATCH
                 self._raise([int(k) for k in order[stage[order] == 0][:batch]])
@@ -242,37 +242,37 @@ class Search:
 
     def _raise(self, which: list[int]) -> None:
         tables, pool = self.tables, self.pool
-        n = len(tables.grips)
+        n = len(tables.grasps)
         width = max(len(pool.sets[k]) for k in which)
         sets = np.full((len(which), width), n)
         for row, k in enumerate(which):
             sets[row, : len(pool.sets[k])] = pool.sets[k]
-        way = np.array([pool.way_s[k] for k in which])
+        way = np.array([pool.path_s[k] for k in which])
         start = self.union.u[-1]
         if not np.isfinite(self.best_s):
             for row in range(min(_TRIES, len(which))):
                 self._try(which[row], start)
-        units, u = raise_floors(self.core, sets, start, self._goals(way), _STEPS)
-        floor = way + tables.views_floor_s(units)
+        units, u = raise_lower_bounds(self.core, sets, start, self._goals(way), _STEPS)
+        floor = way + tables.views_bound_s(units)
         self.floored += len(which)
         for row, k in enumerate(which):
             pool.stage[k] = 1
             pool.u[k] = u[row]
             pool.units[k] = max(pool.units[k], float(units[row]))
-            pool.floor_s[k] = max(pool.floor_s[k], float(floor[row]))
-        lowest = sorted(which, key=lambda k: (pool.floor_s[k], k))[:_TRIES]
+            pool.bound_s[k] = max(pool.bound_s[k], float(floor[row]))
+        lowest = sorted(which, key=lambda k: (pool.bound_s[k], k))[:_TRIES]
         for k in lowest:
-            if pool.floor_s[k] < self.best_s - SAME_S:
+            if pool.bound_s[k] < self.best_s - SAME_S:
                 self._try(k, pool.u[k])
                 if self.dives < _DIVES:
                     self._dive(k)
 
-    def _goals(self, way_s: FloatArray) -> FloatArray:
+    def _goals(self, path_s: FloatArray) -> FloatArray:
         """Return which floor in units would rule each set out."""
         tables = self.tables
         if not np.isfinite(self.best_s) or tables.dearest_s <= 0.0:
-            return np.full(len(way_s), np.inf if tables.dearest_s > 0.0 else 0.0)
-        room = self.best_s - SAME_S - way_s
+            return np.full(len(path_s), np.inf if tables.dearest_s > 0.0 else 0.0)
+        room = self.best_s - SAME_S - path_s
         goal: FloatArray = room / tables.dearest_s
         if tables.least_s > 0.0:  # so many views fit, one more does not
             goal = np.minimum(goal, np.ceil(room / tables.least_s) - 1.0)
@@ -284,8 +284,8 @@ class Search:
         rows = stacked.rows.astype(np.float32)
         worth = np.full(rows.shape[1], 1.0 / 64.0, dtype=np.float32)
         worth[self.core.elements] += u
-        for prices in (worth, None):
-            chosen = quick_cover(rows, stacked.prices_s, prices)
+        for costs in (worth, None):
+            chosen = quick_cover(rows, stacked.costs_s, costs)
             self._offer_rows(k, stacked.owner[chosen], stacked.index[chosen])
 
     def _dive(self, k: int) -> None:
@@ -294,11 +294,11 @@ class Search:
         stacked = stack(self.tables, self.pool.sets[k])
         core = self.core.elements
         left = stacked.units - stacked.rows[:, core].astype(np.float32) @ self.pool.u[k]
-        quick = quick_cover(stacked.rows.astype(np.float32), stacked.prices_s)
+        quick = quick_cover(stacked.rows.astype(np.float32), stacked.costs_s)
         some = np.union1d(np.argsort(left, kind="stable")[:_DIVE_VIEWS], quick)
-        limit = self.best_s - self.pool.way_s[k]
+        limit = self.best_s - self.pool.path_s[k]
         rows, _ = exact_cover(
-            stacked.rows[np.ix_(some, core)], stacked.prices_s[some], limit, nodes=self.effort.nodes
+            stacked.rows[np.ix_(some, core)], stacked.costs_s[some], limit, nodes=self.effort.nodes
         )
         if rows is not None:
             self._offer_completed(k, stacked, some[rows])
@@ -307,7 +307,7 @@ class Search:
         """Offer these views and what completes them; return the elements they leave out (m,)."""
         missing: BoolArray = ~np.asarray(stacked.rows[rows].any(axis=0))
         if missing.any():
-            rest = quick_cover(stacked.rows[:, missing].astype(np.float32), stacked.prices_s)
+            rest = quick_cover(stacked.rows[:, missing].astype(np.float32), stacked.costs_s)
             rows = np.union1d(rows, rest)
         self._offer_rows(k, stacked.owner[rows], stacked.index[rows])
         return missing
@@ -319,14 +319,14 @@ class Search:
         u = pool.u[k]
         left = stacked.units - stacked.rows[:, self.core.elements].astype(np.float32) @ u
         base = float(u.sum(dtype=np.float64)) + float(np.minimum(left, 0.0).sum(dtype=np.float64))
-        reduced = tables.views_floor_s(base + np.maximum(left, 0.0).astype(np.float64))
+        reduced = tables.views_bound_s(base + np.maximum(left, 0.0).astype(np.float64))
         elements = sorted({*self.core.elements.tolist(), *self.extra})
         while True:
-            limit = self.best_s - pool.way_s[k]
+            limit = self.best_s - pool.path_s[k]
             if not np.isfinite(limit):
-                limit = float(stacked.prices_s.sum()) + 1.0
+                limit = float(stacked.costs_s.sum()) + 1.0
             rows, floor = exact_cover(
-                stacked.rows[:, elements], stacked.prices_s, limit, reduced, self.effort.nodes
+                stacked.rows[:, elements], stacked.costs_s, limit, reduced, self.effort.nodes
             )
             self.covers += 1
             if rows is None:
@@ -338,21 +338,21 @@ class Search:
             self.extra += new
             elements = sorted({*elements, *new})
         pool.stage[k] = 2
-        pool.floor_s[k] = max(pool.floor_s[k], pool.way_s[k] + floor)
-        if pool.floor_s[k] < self.best_s - SAME_S:
+        pool.bound_s[k] = max(pool.bound_s[k], pool.path_s[k] + floor)
+        if pool.bound_s[k] < self.best_s - SAME_S:
             pool.stage[k] = 3  # nodes ran out: its floor stands
 
     def _offer_rows(self, k: int, owner: IndexArray, index: IndexArray) -> None:
         """Offer views of the set's grips as a solution."""
-        tables, grips = self.tables, self.pool.grips[k]
+        tables, grasps = self.tables, self.pool.grasps[k]
         kind_of = tables.kinds
         views: list[tuple[int, ...]] = []
         used: list[int] = []
-        for g in grips:
+        for g in grasps:
             kind = int(kind_of[g])
             mine = [] if kind in used else index[kind_of[owner] == kind]
             used.append(kind)
             views.append(
                 tuple(sorted(int(v) for v in tables.view_ids[g][mine])) if len(mine) else ()
             )
-        self.offer(tuple(int(tables.grips[g]) for g in grips), tuple(views))
+        self.offer(tuple(int(tables.grasps[g]) for g in grasps), tuple(views))

@@ -10,7 +10,7 @@ import numpy as np
 from controller.arrays import BoolArray
 
 from ._greedy import greedy
-from ._problem import MAX_GRIPS, Problem, Solution, live_grips, needed_of, price_of, priced
+from ._problem import MAX_GRASP_COUNT, Problem, Solution, cost_of, live_grasps, needed_of, priced
 from ._search import FULL, Effort, Search
 from ._tables import make_tables, quick_cover
 
@@ -18,7 +18,7 @@ from ._tables import make_tables, quick_cover
 def solve(
     problem: Problem,
     *,
-    max_grips: int = MAX_GRIPS,
+    max_grasps: int = MAX_GRASP_COUNT,
     effort: Effort = FULL,
     incumbent: Solution | None = None,
 ) -> Solution | None:
@@ -27,7 +27,7 @@ def solve(
     Parameters
     ----------
     problem : what everything costs and shows
-    max_grips : at most so many in a row, transit included
+    max_grasps : at most so many in a row, transit included
     effort : where it stops short; bound and gap are right all the same
     incumbent : a solution known already, of this problem or one much like it; what is no longer
         possible in it is not used
@@ -43,13 +43,13 @@ def solve(
     AssertionError : the sequence that shows most has no solution, which only a defect of the search
         allows
     """
-    if not len(live_grips(problem, max_grips)):
+    if not len(live_grasps(problem, max_grasps)):
         return None
-    needed = needed_of(problem, max_grips)
-    tables = make_tables(problem, max_grips)
-    search = Search(problem, tables, max_grips, effort)
-    for known in (greedy(problem, max_grips), incumbent):
-        good = None if known is None else _repaired(problem, known, needed, max_grips)
+    needed = needed_of(problem, max_grasps)
+    tables = make_tables(problem, max_grasps)
+    search = Search(problem, tables, max_grasps, effort)
+    for known in (greedy(problem, max_grasps), incumbent):
+        good = None if known is None else _repaired(problem, known, needed, max_grasps)
         if good is not None:
             search.offer(*good)
     bound_s = search.run()
@@ -59,16 +59,16 @@ def solve(
         views = tuple(_plain_views(rest, way))
         least = solve(
             rest,
-            max_grips=max_grips,
+            max_grasps=max_grasps,
             effort=effort,
-            incumbent=priced(rest, way, views, 0.0, max_grips),
+            incumbent=priced(rest, way, views, 0.0, max_grasps),
         )
         if least is None:
             raise AssertionError("a way was found that is none")
         covers = search.covers + least.covers_count
-        return priced(problem, least.grips, least.views, bound_s, max_grips, covers)
-    grips, views, cost_s = search.best
-    return priced(problem, grips, views, min(bound_s, cost_s), max_grips, search.covers)
+        return priced(problem, least.grasps, least.views, bound_s, max_grasps, covers)
+    grasps, views, cost_s = search.best
+    return priced(problem, grasps, views, min(bound_s, cost_s), max_grasps, search.covers)
 
 
 def _plain_views(problem: Problem, way: Sequence[int]) -> Iterator[tuple[int, ...]]:
@@ -87,24 +87,24 @@ def _plain_views(problem: Problem, way: Sequence[int]) -> Iterator[tuple[int, ..
 
 
 def _repaired(
-    problem: Problem, known: Solution, needed: BoolArray, max_grips: int
+    problem: Problem, known: Solution, needed: BoolArray, max_grasps: int
 ) -> tuple[tuple[int, ...], tuple[tuple[int, ...], ...]] | None:
     """Return a solution of a problem much like this one, made good for this one if it can be."""
-    n = problem.grip_count
-    if len(known.grips) > max_grips or not all(0 <= g < n for g in known.grips):
+    n = problem.grasp_count
+    if len(known.grasps) > max_grasps or not all(0 <= g < n for g in known.grasps):
         return None
-    if not np.isfinite(price_of(problem, known.grips, [()] * len(known.grips))):
+    if not np.isfinite(cost_of(problem, known.grasps, [()] * len(known.grasps))):
         return None
     kept: list[list[int]] = []
     covered = np.zeros(len(needed), dtype=bool)
-    for g, views in zip(known.grips, known.views, strict=True):
+    for g, views in zip(known.grasps, known.views, strict=True):
         count = len(problem.view_s[g])
         kept.append([v for v in views if v < count and np.isfinite(problem.view_s[g][v])])
         covered |= problem.shows[g][kept[-1]].any(axis=0)
     rest = replace(problem, seen=covered | ~needed)
-    more = list(_plain_views(rest, known.grips))
+    more = list(_plain_views(rest, known.grasps))
     for mine, extra in zip(kept, more, strict=True):
         mine.extend(v for v in extra if v not in mine)
     whole = tuple(tuple(sorted(views)) for views in kept)
-    shown = priced(problem, known.grips, whole, 0.0, max_grips).covered
-    return None if (needed & ~shown).any() else (known.grips, whole)
+    shown = priced(problem, known.grasps, whole, 0.0, max_grasps).covered
+    return None if (needed & ~shown).any() else (known.grasps, whole)

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from controller.arrays import BoolArray, FloatArray, IndexArray
 
-from ._problem import Problem, live_grips
+from ._problem import Problem, live_grasps
 
 Table = NDArray[np.float32]
-PRICE_STEPS = 1024.0  # prices in units of the dearest, rounded down: sums of them stay exact
+COST_STEPS = 1024.0  # prices in units of the dearest, rounded down: sums of them stay exact
 CORE_MOST = 640  # elements
 _LEARN_ROUNDS = 4
 _LEARN_PICKS = 10
@@ -29,28 +29,28 @@ class Tables:
 
     Attributes
     ----------
-    grips : (n,) the live grips, as the problem numbers them; below they are 0..n-1
+    grasps : (n,) the live grips, as the problem numbers them; below they are 0..n-1
     elements : (m,) the elements needed, as the problem numbers them; below they are 0..m-1
     rows : per grip (v, m) what its views show; view_ids : per grip (v,) which views these are
-    prices_s : per grip (v,) price [s]
+    costs_s : per grip (v,) price [s]
     units : per grip (v,) price over the dearest view's, rounded down to 1/1024
     covered : (n, m) what each grip shows at all
     kinds : (n,) grips of one kind have equal rows and prices
     least_s, dearest_s : price of the cheapest and the dearest view [s]
     """
 
-    grips: IndexArray
+    grasps: IndexArray
     elements: IndexArray
     rows: tuple[BoolArray, ...]
     view_ids: tuple[IndexArray, ...]
-    prices_s: tuple[FloatArray, ...]
+    costs_s: tuple[FloatArray, ...]
     units: tuple[Table, ...]
     covered: BoolArray
     kinds: IndexArray
     least_s: float
     dearest_s: float
 
-    def views_floor_s(self, units: FloatArray) -> FloatArray:
+    def views_bound_s(self, units: FloatArray) -> FloatArray:
         """Return what views cost at least [s] if their unit prices sum to at least `units`."""
         whole = np.ceil(np.maximum(units, 0.0) - 1e-6)  # no unit price exceeds 1: as many views
         return np.maximum(np.maximum(units, 0.0) * self.dearest_s, whole * self.least_s)
@@ -71,38 +71,38 @@ class Core:
     units: tuple[Table, ...]
 
 
-def make_tables(problem: Problem, max_grips: int) -> Tables:
+def make_tables(problem: Problem, max_grasps: int) -> Tables:
     """Take from the problem what some way from start to finish can use."""
-    grips = live_grips(problem, max_grips)
-    possible = [np.isfinite(problem.view_s[g]) for g in grips]
-    shown = np.zeros((len(grips), len(problem.weights)), dtype=bool)
-    for k, (g, can) in enumerate(zip(grips, possible, strict=True)):
+    grasps = live_grasps(problem, max_grasps)
+    possible = [np.isfinite(problem.view_s[g]) for g in grasps]
+    shown = np.zeros((len(grasps), len(problem.weights)), dtype=bool)
+    for k, (g, can) in enumerate(zip(grasps, possible, strict=True)):
         shown[k] = (problem.shows[g] if can.all() else problem.shows[g][can]).any(axis=0)
     elements = np.flatnonzero(shown.any(axis=0) & ~problem.seen)
     every = len(elements) == len(problem.weights)
-    rows, view_ids, prices_s = [], [], []
-    for g, can in zip(grips, possible, strict=True):
+    rows, view_ids, costs_s = [], [], []
+    for g, can in zip(grasps, possible, strict=True):
         keep = np.flatnonzero(can)
         table = problem.shows[g] if can.all() else problem.shows[g][keep]
         rows.append(table if every else table[:, elements])
         view_ids.append(keep)
-        prices_s.append(problem.view_s[g][keep])
-    prices = np.concatenate([*prices_s, np.zeros(0)])
-    least, dearest = (float(prices.min()), float(prices.max())) if len(prices) else (0.0, 0.0)
+        costs_s.append(problem.view_s[g][keep])
+    costs = np.concatenate([*costs_s, np.zeros(0)])
+    least, dearest = (float(costs.min()), float(costs.max())) if len(costs) else (0.0, 0.0)
     scale = dearest if dearest > 0.0 else 1.0
     kinds: dict[tuple[bytes, bytes], int] = {}
     kind = [
         kinds.setdefault((np.packbits(r).tobytes(), p.tobytes()), k)
-        for k, (r, p) in enumerate(zip(rows, prices_s, strict=True))
+        for k, (r, p) in enumerate(zip(rows, costs_s, strict=True))
     ]
     return Tables(
-        grips=grips,
+        grasps=grasps,
         elements=elements,
         rows=tuple(rows),
         view_ids=tuple(view_ids),
-        prices_s=tuple(prices_s),
+        costs_s=tuple(costs_s),
         units=tuple(
-            (np.floor(p / scale * PRICE_STEPS) / PRICE_STEPS).astype(np.float32) for p in prices_s
+            (np.floor(p / scale * COST_STEPS) / COST_STEPS).astype(np.float32) for p in costs_s
         ),
         covered=shown[:, elements],
         kinds=np.array(kind, dtype=np.intp),
@@ -139,13 +139,13 @@ def learn_core(tables: Tables, sets: Sequence[IndexArray]) -> list[int]:
     core: list[int] = []
     for members in sets:
         rows = np.concatenate([tables.rows[g] for g in members])
-        prices = np.concatenate([tables.prices_s[g] for g in members])
+        costs = np.concatenate([tables.costs_s[g] for g in members])
         if not len(rows):
             continue
         can: BoolArray = np.asarray(rows.any(axis=0))
         for _ in range(_LEARN_ROUNDS):
             at = [e for e in core if can[e]]
-            chosen = quick_cover(rows[:, at].astype(np.float32), prices)
+            chosen = quick_cover(rows[:, at].astype(np.float32), costs)
             missing = can & ~np.asarray(rows[chosen].any(axis=0))
             if not missing.any() or len(core) >= CORE_MOST:
                 break
@@ -157,21 +157,21 @@ def make_core(tables: Tables, elements: Sequence[int]) -> Core:
     """Return the tables of these elements only."""
     at = np.array(sorted(elements), dtype=np.intp)
     rows, units = [], []
-    for table, prices in zip(tables.rows, tables.units, strict=True):
+    for table, costs in zip(tables.rows, tables.units, strict=True):
         part = np.ascontiguousarray(table[:, at])
-        best = _undominated(part, prices)
+        best = _undominated(part, costs)
         rows.append(part[best].astype(np.float32))
-        units.append(prices[best])
+        units.append(costs[best])
     return Core(elements=at, rows=tuple(rows), units=tuple(units))
 
 
-def quick_cover(rows: Table, prices_s: FloatArray, worth: Table | None = None) -> IndexArray:
+def quick_cover(rows: Table, costs_s: FloatArray, worth: Table | None = None) -> IndexArray:
     """Return rows that show every element, most for their price first, none in vain.
 
     Parameters
     ----------
     rows : (v, m) 0/1, each element shown by some
-    prices_s : (v,) of each row
+    costs_s : (v,) of each row
     worth : (m,) > 0 what each element counts, None for all alike
 
     Raises
@@ -179,7 +179,7 @@ def quick_cover(rows: Table, prices_s: FloatArray, worth: Table | None = None) -
     ValueError : an element is shown by no row
     """
     open_ = np.ones(rows.shape[1], dtype=np.float32) if worth is None else worth.copy()
-    price = np.maximum(prices_s, 1e-9)
+    price = np.maximum(costs_s, 1e-9)
     chosen: list[int] = []
     while open_.any():
         gain = rows @ open_
@@ -189,25 +189,25 @@ def quick_cover(rows: Table, prices_s: FloatArray, worth: Table | None = None) -
         chosen.append(k)
         open_[rows[k] > 0] = 0.0
     count = rows[chosen].sum(axis=0)
-    for k in sorted(chosen, key=lambda k: (-prices_s[k], rows[k].sum(), k)):
+    for k in sorted(chosen, key=lambda k: (-costs_s[k], rows[k].sum(), k)):
         if (count[rows[k] > 0] >= 2).all():
             chosen.remove(k)
             count -= rows[k]
     return np.array(chosen, dtype=np.intp)
 
 
-def _undominated(table: BoolArray, prices: Table) -> IndexArray:
+def _undominated(table: BoolArray, costs: Table) -> IndexArray:
     """Return the views that no other one of the same grip outdoes at no higher price."""
     unique: dict[bytes, int] = {}
     size = table.sum(axis=1)
     packed = np.packbits(table, axis=1)
-    for k in np.lexsort((prices, -size)):  # of equal ones the cheapest
+    for k in np.lexsort((costs, -size)):  # of equal ones the cheapest
         if size[k] > 0:
             unique.setdefault(packed[k].tobytes(), int(k))
     at = np.array(list(unique.values()), dtype=np.intp)
     bits = table[at].astype(np.float32)
     inside = (bits @ bits.T) >= size[at][:, None]  # row is within column
-    dominated = inside & (prices[at][None] <= prices[at][:, None])
+    dominated = inside & (costs[at][None] <= costs[at][:, None])
     np.fill_diagonal(dominated, False)
     best: IndexArray = at[~dominated.any(axis=1)]
     return best

@@ -14,7 +14,7 @@ import numpy as np
 
 from controller.arrays import FloatArray, IndexArray
 
-LegSeconds = Callable[[FloatArray, FloatArray], FloatArray]
+SegmentSeconds = Callable[[FloatArray, FloatArray], FloatArray]
 EXACT_STOPS = 12
 EXACT_WORK = 16_000_000  # additions; about 40 ms
 _START_WORK = 4000  # starts times stops squared: what fits into some 40 ms
@@ -25,7 +25,7 @@ def best_order(
     start: FloatArray,
     options: Sequence[FloatArray],
     end: FloatArray | None,
-    leg_seconds: LegSeconds | FloatArray,
+    segment_seconds: SegmentSeconds | FloatArray,
 ) -> list[tuple[int, int]]:
     """Order stops for short motion and pick one of the configurations of each.
 
@@ -34,7 +34,7 @@ def best_order(
     start : (d,) where the arm stands
     options : per stop (k, d), k >= 1, the configurations that serve
     end : (d,) where it has to go afterwards, None if nowhere
-    leg_seconds : (..., d) from, (..., d) to -> (...) seconds, broadcasting; or (d,) speeds, of
+    segment_seconds : (..., d) from, (..., d) to -> (...) seconds, broadcasting; or (d,) speeds, of
         which the slowest joint decides
 
     Returns
@@ -49,37 +49,37 @@ def best_order(
         return []
     if any(len(o) == 0 for o in options):
         raise ValueError("a stop without a configuration")
-    if not callable(leg_seconds):
-        speed = leg_seconds
+    if not callable(segment_seconds):
+        speed = segment_seconds
 
-        def leg_seconds(a: FloatArray, b: FloatArray) -> FloatArray:
+        def segment_seconds(a: FloatArray, b: FloatArray) -> FloatArray:
             return np.asarray((np.abs(a - b) / speed).max(axis=-1))
 
     every = np.concatenate([np.asarray(o, dtype=float) for o in options])
     stop_of = np.repeat(np.arange(len(options)), [len(o) for o in options])
-    legs = np.asarray(leg_seconds(every[:, None], every[None]), dtype=float)
-    first = np.asarray(leg_seconds(start[None], every), dtype=float)
+    segments = np.asarray(segment_seconds(every[:, None], every[None]), dtype=float)
+    first = np.asarray(segment_seconds(start[None], every), dtype=float)
     last = np.zeros(len(every))
     if end is not None:
-        last = np.asarray(leg_seconds(every, end[None]), dtype=float)
+        last = np.asarray(segment_seconds(every, end[None]), dtype=float)
     n = len(options)
     if n <= EXACT_STOPS and 2**n * len(every) ** 2 // 2 <= EXACT_WORK:
-        chosen = exact_way(first, legs, last, stop_of)
+        chosen = exact_order(first, segments, last, stop_of)
     else:
-        chosen = improved_way(first, legs, last, stop_of)
+        chosen = improved_order(first, segments, last, stop_of)
     begin = np.searchsorted(stop_of, np.arange(n))
     return [(int(stop_of[c]), int(c - begin[stop_of[c]])) for c in chosen]
 
 
-def exact_way(
-    first: FloatArray, legs: FloatArray, last: FloatArray, stop_of: IndexArray
+def exact_order(
+    first: FloatArray, segments: FloatArray, last: FloatArray, stop_of: IndexArray
 ) -> list[int]:
     """Return configurations in order, one of each stop, of the least sum of legs.
 
     Parameters
     ----------
     first, last : (c,) leg from the start to each configuration, and to the end
-    legs : (c, c); stop_of : (c,) ascending, whose configuration it is
+    segments : (c, c); stop_of : (c,) ascending, whose configuration it is
     """
     n, c = int(stop_of[-1]) + 1, len(stop_of)
     masks = np.arange(1 << n)
@@ -94,28 +94,28 @@ def exact_way(
             target = without | (1 << j)
             # with few configurations a stop, one at a time is what the cache likes best
             for k in own[j]:
-                cost[target, k] = (cost[without] + legs[:, k]).min(axis=1)
+                cost[target, k] = (cost[without] + segments[:, k]).min(axis=1)
     mask = (1 << n) - 1
     at = int(np.argmin(cost[mask] + last))
     way = [at]
     while len(way) < n:
         mask ^= 1 << int(stop_of[at])
-        at = int(np.argmin(cost[mask] + legs[:, at]))
+        at = int(np.argmin(cost[mask] + segments[:, at]))
         way.append(at)
     return way[::-1]
 
 
-def improved_way(
-    first: FloatArray, legs: FloatArray, last: FloatArray, stop_of: IndexArray
+def improved_order(
+    first: FloatArray, segments: FloatArray, last: FloatArray, stop_of: IndexArray
 ) -> list[int]:
     """Return configurations in order, one of each stop, by improving several starts.
 
-    Good, not optimal; `exact_way` is, for few stops.
+    Good, not optimal; `exact_order` is, for few stops.
 
     Parameters
     ----------
     first : (c,) seconds from where the arm stands to each configuration
-    legs : (c, c) from row to column
+    segments : (c, c) from row to column
     last : (c,) from each to where the arm has to go afterwards; 0 if nowhere
     stop_of : (c,) stop of each configuration, ascending from 0
     """
@@ -126,11 +126,11 @@ def improved_way(
     )  # the first stop: the nearest ones in turn
     best: tuple[float, list[int]] | None = None
     for begin in starts[: max(2, min(8, _START_WORK // n**2))]:
-        way = _nearest(int(begin), first, legs, stop_of)
+        way = _nearest(int(begin), first, segments, stop_of)
         seconds = np.inf
         for _ in range(_ROUNDS):
-            way = _with_configurations(way, first, legs, last, stop_of)
-            way, now = _moved(np.array(way), first, legs, last, moves)
+            way = _with_configurations(way, first, segments, last, stop_of)
+            way, now = _moved(np.array(way), first, segments, last, moves)
             if now >= seconds - 1e-9:
                 break
             seconds = now
@@ -140,25 +140,29 @@ def improved_way(
     return best[1]
 
 
-def _nearest(begin: int, first: FloatArray, legs: FloatArray, stop_of: IndexArray) -> list[int]:
+def _nearest(begin: int, first: FloatArray, segments: FloatArray, stop_of: IndexArray) -> list[int]:
     mine = np.flatnonzero(stop_of == begin)
     way = [int(mine[np.argmin(first[mine])])]
     open_ = stop_of != begin
     while open_.any():
-        way.append(int(np.argmin(np.where(open_, legs[way[-1]], np.inf))))
+        way.append(int(np.argmin(np.where(open_, segments[way[-1]], np.inf))))
         open_ &= stop_of != stop_of[way[-1]]
     return way
 
 
 def _with_configurations(
-    way: Sequence[int], first: FloatArray, legs: FloatArray, last: FloatArray, stop_of: IndexArray
+    way: Sequence[int],
+    first: FloatArray,
+    segments: FloatArray,
+    last: FloatArray,
+    stop_of: IndexArray,
 ) -> list[int]:
     """Keep the order of stops, choose the best configurations along it (Viterbi)."""
     own = [np.flatnonzero(stop_of == stop_of[k]) for k in way]
     cost = first[own[0]]
     back: list[IndexArray] = []
     for a, b in pairwise(own):
-        total = cost[:, None] + legs[np.ix_(a, b)]
+        total = cost[:, None] + segments[np.ix_(a, b)]
         back.append(total.argmin(axis=0))
         cost = total.min(axis=0)
     k = int((cost + last[own[-1]]).argmin())
@@ -186,14 +190,18 @@ def _moves(n: int) -> IndexArray:
 
 
 def _moved(
-    way: IndexArray, first: FloatArray, legs: FloatArray, last: FloatArray, moves: IndexArray
+    way: IndexArray, first: FloatArray, segments: FloatArray, last: FloatArray, moves: IndexArray
 ) -> tuple[list[int], float]:
     """Take the best move again and again until none helps."""
     seconds = np.inf
     while True:
-        ways = way[moves]
-        total = first[ways[:, 0]] + legs[ways[:, :-1], ways[:, 1:]].sum(axis=1) + last[ways[:, -1]]
+        paths = way[moves]
+        total = (
+            first[paths[:, 0]]
+            + segments[paths[:, :-1], paths[:, 1:]].sum(axis=1)
+            + last[paths[:, -1]]
+        )
         k = int(np.argmin(total))
         if total[k] >= seconds - 1e-9:
             return [int(x) for x in way], float(seconds)
-        way, seconds = ways[k], float(total[k])
+        way, seconds = paths[k], float(total[k])

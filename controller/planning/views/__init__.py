@@ -3,22 +3,22 @@
 Directions are unit vectors in the part frame from its centre of mass to the camera.
 """
 
-from ..model import Directions, Lookout
+from ..model import Directions, VisibilityTable
 from ._directions import candidate_directions, even_sphere, look_out
 from ._hidden import why_hidden
 from ._poses import Showing, hold_up, view_poses
-from ._reach import GripViews, reachable_views
+from ._reach import GraspViews, reachable_views
 from ._rules import SightRules, in_picture
 from ._table import table_views
 from ._visible import visible_from
-from .hand import hidden_by_hand, holding_boxes
+from .gripper import hidden_by_hand, holding_boxes
 
 __all__ = [
     "Directions",
-    "GripViews",
-    "Lookout",
+    "GraspViews",
     "Showing",
     "SightRules",
+    "VisibilityTable",
     "candidate_directions",
     "even_sphere",
     "hidden_by_hand",

@@ -15,10 +15,10 @@ from controller.imaging import transform
 
 from ..geometry import Box, overlap, segments_hit, stack
 from ..model import CellLayout
-from .hand import FINGER_SHADOW_MM
+from .gripper import FINGER_SHADOW_MM
 
 _PIECES_N = 4  # of the cone, each held by a box
-WAYS_N = 12  # as many as there are rolls
+DIRECTION_COUNT = 12  # as many as there are rolls
 _LEAST_DEPTH_MM = 1.0
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 
@@ -84,7 +84,7 @@ def seen_extent(layout: CellLayout, points_mm: FloatArray) -> FloatArray:
     behind = depth < _LEAST_DEPTH_MM
     scale = 1.0 / np.where(behind, 1.0, depth)
     x, y = (offset @ right) * scale, (offset @ np.cross(towards, right)) * scale
-    angle = 2 * np.pi * np.arange(WAYS_N) / WAYS_N
+    angle = 2 * np.pi * np.arange(DIRECTION_COUNT) / DIRECTION_COUNT
     extent = np.stack(
         [(c * x + s * y).max(axis=-1) for c, s in zip(np.cos(angle), np.sin(angle), strict=True)],
         axis=-1,
@@ -108,7 +108,7 @@ def may_cover(
     points = np.einsum("nij,nkj->nki", T_box[:, :3, :3], corners) + T_box[:, None, :3, 3]
     own = seen_extent(layout, points)
     # apart if, some way, the box begins (the other way round) after the part has ended
-    opposite = np.roll(own, WAYS_N // 2, axis=1)
+    opposite = np.roll(own, DIRECTION_COUNT // 2, axis=1)
     return np.asarray(~(-opposite > extent).any(axis=1))
 
 

@@ -13,7 +13,7 @@ from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import Solid, SurfaceSamples
 from controller.imaging import RayCaster
 
-from ..model import Directions, Lookout
+from ..model import Directions, VisibilityTable
 from ._rules import SightRules
 from ._visible import (
     LIFT_MM,
@@ -77,7 +77,7 @@ def look_out(
     caster: RayCaster,
     rules: SightRules,
     count: int = SPHERE_N,
-) -> Lookout:
+) -> VisibilityTable:
     """Return candidate directions with what they show, hard spots looked for on purpose.
 
     What fewer than `WANTED_N` of the first directions show is looked for among `SEARCHED_N`, and
@@ -103,7 +103,7 @@ def look_out(
     short = WANTED_N - visible.sum(axis=0)
     (hard,) = np.nonzero(short > 0)
     if len(hard) == 0:
-        return Lookout(base, visible, np.arccos(best), blocker, coarse, blurred)
+        return VisibilityTable(base, visible, np.arccos(best), blocker, coarse, blurred)
     few = SurfaceSamples(
         samples.points_mm[hard],
         samples.normals[hard],
@@ -128,7 +128,9 @@ def look_out(
     straight = _eye_along(solid, few.points_mm[never], few.normals[never], rules)
     met = first_met(caster, few.points_mm[never] + LIFT_MM * few.normals[never], straight)
     blocker[hard[never]] = np.where(met >= 0, solid.face_of_triangle[np.maximum(met, 0)], -1)
-    return Lookout(directions, visible, np.arccos(np.clip(best, 0, 1)), blocker, coarse, blurred)
+    return VisibilityTable(
+        directions, visible, np.arccos(np.clip(best, 0, 1)), blocker, coarse, blurred
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,42 +7,42 @@ import numpy as np
 from controller.arrays import BoolArray
 from controller.cad import Solid
 
-from ..model import Lookout
+from ..model import VisibilityTable
 
 MOST = 0.5  # of a piece's samples
 NEVER_RAD = np.radians(89.5)  # seen flatter than this is not seen
 
 
 def why_hidden(
-    solid: Solid, lookout: Lookout, piece: BoolArray, max_incidence_deg: float
+    solid: Solid, visibility_table: VisibilityTable, piece: BoolArray, max_incidence_deg: float
 ) -> tuple[str, str]:
     """Return the reason and the smallest change that would help, for samples (n,) never visible.
 
     Parameters
     ----------
     solid : the part; its faces are named
-    lookout : what was looked for
+    visibility_table : what was looked for
     piece : (n,) the samples asked about, at least one
     max_incidence_deg : up to which a sample counts as seen
     """
-    best = np.degrees(lookout.best_incidence_rad[piece])
-    before = lookout.blocker[piece]
+    best = np.degrees(visibility_table.best_incidence_rad[piece])
+    before = visibility_table.blocker[piece]
     faces, counts = np.unique(before[before >= 0], return_counts=True)
     blocker = solid.faces[int(faces[np.argmax(counts)])].label if len(faces) else ""
-    if lookout.too_coarse[piece].mean() >= MOST:
+    if visibility_table.too_coarse[piece].mean() >= MOST:
         return (
             f"too coarse in every picture: seen past the part {np.median(best):.0f} degrees from "
             "its normal at best, with fewer pixels to the millimetre than are required",
             "a longer focal length, a camera nearer by, or fewer pixels required in the recipe",
         )
-    if lookout.blurred[piece].mean() >= MOST:
+    if visibility_table.blurred[piece].mean() >= MOST:
         return (
             f"out of focus in every picture: seen past the part {np.median(best):.0f} degrees "
             "from its normal at best, but nearer or farther than the picture is sharp",
             "a smaller aperture, which is sharp over more depth",
         )
     stands = f"; {blocker} stands before a look straight at it" if blocker else ""
-    seen = lookout.best_incidence_rad[piece] < NEVER_RAD
+    seen = visibility_table.best_incidence_rad[piece] < NEVER_RAD
     if seen.mean() >= MOST:
         flattest = float(np.quantile(best[seen], 0.9))
         return (

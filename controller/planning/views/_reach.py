@@ -24,7 +24,7 @@ FIRST_TRIED_BETWEEN_N = 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GripViews:
+class GraspViews:
     """What one grip can show.
 
     Attributes
@@ -44,9 +44,9 @@ def reachable_views(
     samples: SurfaceSamples,
     showing: Showing,
     left_by_hand: BoolArray,
-    T_part_hand: FloatArray,
+    T_part_tcp: FloatArray,
     q_liked: FloatArray,
-) -> GripViews:
+) -> GraspViews:
     """Return the configurations in which one grip can show each direction, and what they show.
 
     Configurations in which neither the arm nor a post stands before the part come first, those
@@ -60,7 +60,7 @@ def reachable_views(
     samples : n, of the part's surface
     showing : of `hold_up`, for v directions
     left_by_hand : (v, n) samples the hand leaves in sight; directions without any are not tried
-    T_part_hand : (4, 4) T_part_tcp of the grasp
+    T_part_tcp : (4, 4) T_part_tcp of the grasp
     q_liked : (6,) row of joints
     """
     shown = left_by_hand.copy()
@@ -69,10 +69,10 @@ def reachable_views(
         allowed[v] = (inside & left_by_hand[v]).any(axis=1)
     view, roll = np.nonzero(allowed)
     if len(view) == 0:
-        return GripViews({}, shown)
-    index, _, q = inverse_rows(layout, showing.T_world_part[view, roll] @ T_part_hand)
+        return GraspViews({}, shown)
+    index, _, q = inverse_rows(layout, showing.T_world_part[view, roll] @ T_part_tcp)
     if len(index) == 0:
-        return GripViews({}, shown)
+        return GraspViews({}, shown)
     v_of, r_of = view[index], roll[index]
     fixed = standing_between(layout, scene.statics(), showing.cone)
     T_links, half_links = link_boxes(layout, q)
@@ -111,7 +111,7 @@ def reachable_views(
             alike = ~(hidden & left).any(axis=1)
             found[v] = q[members[alike][:KEPT_Q]]
             shown[v] = left
-    return GripViews(found, shown)
+    return GraspViews(found, shown)
 
 
 def _free_rows(

@@ -20,7 +20,7 @@ SHOWN_JUMP_MM = 1.5  # a step that does, by its shadow
 # nine in ten: a part with its end cut off is another part
 MOST_MISFIT_PX = 0.65
 KNOWN = 0.5  # an answer less likely than not is no answer
-ODDS_SCALE = 3.0  # benchmarks/fit_scores.py: odds are told too surely by about so much
+LOG_ODDS_SCALE = 3.0  # benchmarks/fit_scores.py: odds are told too surely by about so much
 CONVINCING = 0.9
 CONVINCING_PX = 0.6  # with a worse fit another reading may lie near by
 DECIDES = 3.0  # log-odds from which a reading is ruled out: 20 to 1
@@ -71,7 +71,7 @@ def _claims(best: Hypothesis, others: Sequence[Hypothesis]) -> float:
     """Return what other readings claim of the best one's score: all of it at equal odds."""
     was_looked_into = best.evidence.area_mm2 > 0
     gaps = [best.odds - h.odds for h in others if (h.evidence.area_mm2 > 0) == was_looked_into]
-    return float(np.exp(-np.array(gaps) / ODDS_SCALE).sum())
+    return float(np.exp(-np.array(gaps) / LOG_ODDS_SCALE).sum())
 
 
 def is_convincing(hypotheses: Sequence[Hypothesis]) -> bool:

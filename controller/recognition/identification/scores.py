@@ -14,7 +14,7 @@ NOISE_VARIANCE = 4.0  # grey levels squared no pose can explain
 FOUND = 1.0  # log-odds for a stretch of inner edge that is where it should be
 ABSENT_LIT = -1.0  # and for one that is not, under lamps
 ABSENT_DARK = -0.1  # in the dark inside of a backlit part an edge that does not show means little
-MOST_ODDS = 12.0  # from any one kind of evidence
+MAX_LOG_ODDS = 12.0  # from any one kind of evidence
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,4 +64,4 @@ def log_odds(evidence: Evidence, *, is_lit: bool) -> float:
     shading = -0.5 * patches * np.log(evidence.residual + NOISE_VARIANCE)
     sides = evidence.outline_mm / SIDE_MM
     fit = -sides * np.log(evidence.misfit_px**2 + MODEL_PX**2)
-    return float(np.clip(edges, -MOST_ODDS, MOST_ODDS) + explained + shading + fit)
+    return float(np.clip(edges, -MAX_LOG_ODDS, MAX_LOG_ODDS) + explained + shading + fit)

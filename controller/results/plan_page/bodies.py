@@ -162,7 +162,7 @@ def fixture_bodies(layout: CellLayout, opening_mm: float) -> list[Body]:
     jaw = layout.fixture
     if jaw is None:
         return []
-    T = layout.T_world_fixture
+    T = layout.T_world_fixed_tcp
     return [
         *(box_body("fixed gripper", FIXTURE, box.placed(T)) for box in jaw.body),
         *(

@@ -34,7 +34,7 @@ WHY: dict[Reason, Colour] = {
     Reason.FINGERS: (240.0, 170.0, 40.0),
     Reason.REACH: (214.0, 84.0, 20.0),
     Reason.NO_REGRASP_PATH: (226.0, 120.0, 176.0),
-    Reason.GRIP_STRENGTH: (236.0, 222.0, 70.0),
+    Reason.GRASP_STRENGTH: (236.0, 222.0, 70.0),
     Reason.LEFT_OUT: (96.0, 96.0, 96.0),
 }
 SPECKS: Colour = (232.0, 232.0, 228.0)

@@ -9,8 +9,8 @@ from .strip import Frame
 COLOURS: dict[Kind, str] = {
     Kind.PICK: "#3f7fbf",
     Kind.PRESENT: "#2a9d62",
-    Kind.HAND_OVER: "#d98a1f",
-    Kind.TAKE_BACK: "#b8631b",
+    Kind.GIVE: "#d98a1f",
+    Kind.RECEIVE: "#b8631b",
     Kind.SET_DOWN: "#a05aa8",
     Kind.LOOK: "#6abf8e",
     Kind.PLACE: "#58728f",
@@ -19,8 +19,8 @@ COLOURS: dict[Kind, str] = {
 WORDS: dict[Kind, str] = {
     Kind.PICK: "pick",
     Kind.PRESENT: "show",
-    Kind.HAND_OVER: "hand off",
-    Kind.TAKE_BACK: "receive back",
+    Kind.GIVE: "hand off",
+    Kind.RECEIVE: "receive back",
     Kind.SET_DOWN: "set down",
     Kind.LOOK: "look at the table",
     Kind.PLACE: "place",

@@ -133,7 +133,7 @@ class UmiModel:
         """Return the links' frames of joints (n, 6): rotations (n, 3, 3, 3), origins (n, 3, 3)."""
         return kinematics.link_frames(q, self.geometry)
 
-    def inverse(self, T_arm_tip: Floats) -> tuple[Ints, Ints, Floats]:
+    def inverse(self, T_arm_tcp: Floats) -> tuple[Ints, Ints, Floats]:
         """Return all joints within limits that bring the tip to poses (n, 4, 4).
 
         The branch number means the same for all poses of one orientation (elbow sign, wrist branch
@@ -144,15 +144,15 @@ class UmiModel:
         index, branch : (m,) whose pose, and on which branch, in the order of the poses
         q : (m, 6)
         """
-        down = np.hypot(T_arm_tip[:, 0, 0], T_arm_tip[:, 1, 0]) < VERTICAL
+        down = np.hypot(T_arm_tcp[:, 0, 0], T_arm_tcp[:, 1, 0]) < VERTICAL
         if down.any():
-            T_arm_tip = T_arm_tip.copy()
-            T_arm_tip[down, :3, :3] = _straightened(T_arm_tip[down, :3, :3])
-        return kinematics.inverse_legal(T_arm_tip, self.geometry, heading_rad=HEADINGS_RAD)
+            T_arm_tcp = T_arm_tcp.copy()
+            T_arm_tcp[down, :3, :3] = _straightened(T_arm_tcp[down, :3, :3])
+        return kinematics.inverse_legal(T_arm_tcp, self.geometry, heading_rad=HEADINGS_RAD)
 
-    def branches(self, T_arm_tip: Floats) -> Floats:
+    def branches(self, T_arm_tcp: Floats) -> Floats:
         """Return the joints of all branches whatever the limits: (..., b, 6), NaN where none is."""
-        return kinematics.inverse(T_arm_tip, self.geometry)[0]
+        return kinematics.inverse(T_arm_tcp, self.geometry)[0]
 
     def within_limits(self, q: Floats) -> NDArray[np.bool_]:
         """Return which joints (..., 6) the arm would accept: (...) bool; NaN is outside."""

@@ -7,7 +7,7 @@ import numpy as np
 from ..layout import Array, Box, Layout
 from .bodies import Bodies
 from .collide import BOX_MM, PIECE_MM, PUSH_MM, BoxSet, Touch
-from .grip import Gripper
+from .grasp import Gripper
 from .parts import AWAY, FALLING, HELD, Part
 
 _NEAR_MM = 2.0  # a finger this near wakes a lying part
@@ -42,7 +42,7 @@ class CellBoxes:
         arm = layout.arm
         fixed: list[tuple[Box, Array]] = [(arm.column, identity), (layout.post, identity)]
         fixed += [(box, identity) for box in layout.obstacles]
-        fixed += [(box, fixture.T_world_tip) for box in layout.fixture.boxes]
+        fixed += [(box, fixture.T_world_tcp) for box in layout.fixture.boxes]
         moving: list[tuple[str, Box]] = [("upper", arm.upper), ("fore", arm.fore)]
         moving += [("tip", box) for box in arm.hand.boxes]
         self._fixed_names = [box.name for box, _ in fixed]

@@ -52,14 +52,14 @@ class Seat:
 
     Attributes
     ----------
-    T_tip_part : where
+    T_tcp_part : where
     opening_mm : of the jaws then
     area_mm2 : that touches, of the pad that has less
     centre_mm : (3,) middle of the touching surface, tip frame
     shift_mm, turn_rad : how far the part has been moved to get there
     """
 
-    T_tip_part: Array
+    T_tcp_part: Array
     opening_mm: float
     area_mm2: float
     centre_mm: Array
@@ -81,19 +81,19 @@ class Pads:
         self._cell_mm2 = fingers.length_mm * fingers.width_mm / (nx * nz)
         self._pivot_mm = np.array((-fingers.pad_length_mm / 2.0, 0.0, 0.0))
 
-    def feel(self, scene: Any, T_tip_part: Array, opening_mm: float) -> Felt:  # noqa: ANN401
+    def feel(self, scene: Any, T_tcp_part: Array, opening_mm: float) -> Felt:  # noqa: ANN401
         """Return what the pads see of a part whose embree scene is ``scene``.
 
         Parameters
         ----------
         scene : embree scene of the part, in the part frame [mm]
-        T_tip_part : (4, 4) pose of the part in the TCP frame [mm]
+        T_tcp_part : (4, 4) pose of the part in the TCP frame [mm]
         opening_mm : distance between the pads
         """
-        T_part_tip = invert(T_tip_part)
+        T_part_tcp = invert(T_tcp_part)
         start_mm = opening_mm / 2.0 + _BACK_MM
-        upper = self._heights(scene, T_part_tip, start_mm)
-        return Felt(upper, self._heights(scene, T_part_tip, -start_mm))
+        upper = self._heights(scene, T_part_tcp, start_mm)
+        return Felt(upper, self._heights(scene, T_part_tcp, -start_mm))
 
     def push(self, felt: Felt, opening_mm: float) -> tuple[Array, float] | None:
         """Return where (3,) and how far along y [mm] the deeper finger pushes; None if neither.
@@ -112,11 +112,11 @@ class Pads:
         point = np.array((self._x[touching].mean(), y, self._z[touching].mean()))
         return point, way_mm
 
-    def _heights(self, scene: Any, T_part_tip: Array, start_mm: float) -> Array:  # noqa: ANN401
+    def _heights(self, scene: Any, T_part_tcp: Array, start_mm: float) -> Array:  # noqa: ANN401
         origins = np.column_stack((self._x, np.full(len(self._x), start_mm), self._z))
-        origins = origins @ T_part_tip[:3, :3].T + T_part_tip[:3, 3]
+        origins = origins @ T_part_tcp[:3, :3].T + T_part_tcp[:3, 3]
         sign = math.copysign(1.0, start_mm)
-        direction = -sign * T_part_tip[:3, 1]
+        direction = -sign * T_part_tcp[:3, 1]
         directions = np.broadcast_to(direction.astype(np.float32), origins.shape)
         hit = scene.run(origins.astype(np.float32), np.ascontiguousarray(directions), output=True)
         y = start_mm - sign * hit["tfar"].astype(float)
@@ -125,7 +125,7 @@ class Pads:
         heights: Array = np.where(seen, y, np.nan)
         return heights
 
-    def seat(self, scene: Any, T_tip_part: Array, opening_mm: float) -> Seat:  # noqa: ANN401
+    def seat(self, scene: Any, T_tcp_part: Array, opening_mm: float) -> Seat:  # noqa: ANN401
         """Return where a part ends when the jaws close on it: the nearest least opening.
 
         The part turns about the pads' x and z until it is flush (or a limit is met) and moves
@@ -134,10 +134,10 @@ class Pads:
         Parameters
         ----------
         scene : embree scene of the part, in the part frame [mm]
-        T_tip_part : (4, 4) pose of the part in the TCP frame before the jaws close [mm]
+        T_tcp_part : (4, 4) pose of the part in the TCP frame before the jaws close [mm]
         opening_mm : distance between the pads then
         """
-        T = T_tip_part.copy()
+        T = T_tcp_part.copy()
         turned = np.zeros(2)
         for _ in range(4):
             felt = self.feel(scene, T, opening_mm)
@@ -150,7 +150,7 @@ class Pads:
                 break
         felt = self.feel(scene, T, opening_mm)
         if not felt.is_between:  # it has turned out of reach: hold it where it was
-            T, turned = T_tip_part.copy(), np.zeros(2)
+            T, turned = T_tcp_part.copy(), np.zeros(2)
             felt = self.feel(scene, T, opening_mm)
         top, bottom = float(np.nanmax(felt.upper_mm)), float(np.nanmin(felt.lower_mm))
         middle = (top + bottom) / 2.0
@@ -159,7 +159,7 @@ class Pads:
         both = np.concatenate((np.flatnonzero(on_upper), np.flatnonzero(on_lower)))
         centre = np.array((self._x[both].mean(), 0.0, self._z[both].mean()))
         return Seat(
-            T_tip_part=T,
+            T_tcp_part=T,
             opening_mm=max(0.0, top - bottom),
             area_mm2=float(min(on_upper.sum(), on_lower.sum())) * self._cell_mm2,
             centre_mm=centre,
@@ -188,7 +188,7 @@ class Pads:
             half /= 3.0
         return best
 
-    def _turned(self, T_tip_part: Array, turn: Array) -> Array:
+    def _turned(self, T_tcp_part: Array, turn: Array) -> Array:
         rx, rz = float(turn[0]), float(turn[1])
         cx, sx, cz, sz = math.cos(rx), math.sin(rx), math.cos(rz), math.sin(rz)
         R = np.array(((cz, -sz, 0.0), (sz, cz, 0.0), (0.0, 0.0, 1.0))) @ np.array(
@@ -196,6 +196,6 @@ class Pads:
         )
         pivot = self._pivot_mm
         T = np.eye(4)
-        T[:3, :3] = R @ T_tip_part[:3, :3]
-        T[:3, 3] = R @ (T_tip_part[:3, 3] - pivot) + pivot
+        T[:3, :3] = R @ T_tcp_part[:3, :3]
+        T[:3, 3] = R @ (T_tcp_part[:3, 3] - pivot) + pivot
         return T

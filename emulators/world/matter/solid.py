@@ -34,7 +34,9 @@ _DECOMPOSE_TIMEOUT_S: Final = 120.0
 _SNAP_VOXELS: Final = (
     2.0  # V-HACD puts vertices on voxel corners; nearer than this they are pulled in
 )
-MIN_TIP_RAD: Final = math.radians(5.0)  # below, a facet is a strip to roll over or to topple from
+MIN_TOPPLE_RAD: Final = math.radians(
+    5.0
+)  # below, a facet is a strip to roll over or to topple from
 MIN_SOLID_ANGLE: Final = 0.01  # smaller facets are where nothing comes to lie by itself
 DROP_HEIGHT_MM: Final = 2.0
 _COPLANAR: Final = 1.0 - 0.5 * math.radians(0.3) ** 2
@@ -49,13 +51,13 @@ class Rest:
     down : (3,) outward normal of the hull facet that lies on the table, CAD frame
     R : (3, 3) CAD -> upright
     solid_angle : of the facet seen from the centre of mass, as a fraction of the sphere
-    tip_rad : how far the part may be tilted over the nearest edge before it topples
+    topple_rad : how far the part may be tilted over the nearest edge before it topples
     """
 
     down: Array
     R: Array
     solid_angle: float
-    tip_rad: float
+    topple_rad: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -219,7 +221,7 @@ def _rests(hull: trimesh.Trimesh, centre_mm: Array) -> tuple[Rest, ...]:
                 down=down,
                 R=upright(down),
                 solid_angle=_solid_angle(triangles[same] - centre_mm),
-                tip_rad=math.atan2(margin_mm, height_mm),
+                topple_rad=math.atan2(margin_mm, height_mm),
             )
         )
     rests.sort(key=lambda rest: (not _is_stable(rest), -rest.solid_angle))
@@ -227,7 +229,7 @@ def _rests(hull: trimesh.Trimesh, centre_mm: Array) -> tuple[Rest, ...]:
 
 
 def _is_stable(rest: Rest) -> bool:
-    return rest.tip_rad >= MIN_TIP_RAD and rest.solid_angle >= MIN_SOLID_ANGLE
+    return rest.topple_rad >= MIN_TOPPLE_RAD and rest.solid_angle >= MIN_SOLID_ANGLE
 
 
 def _margin(points_mm: Array, down: Array, centre_mm: Array) -> tuple[float, float]:

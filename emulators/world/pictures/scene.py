@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..layout import Array, Box, CameraLayout, LampLayout, Layout
-from ..matter.grip import make_gripper
+from ..matter.grasp import make_gripper
 from ..matter.solid import Solid
 
 Faces = NDArray[np.int32]
@@ -136,7 +136,7 @@ def _fixed(
         pieces.append(_boxes("", (box,), 1))
     owner = [np.full(len(piece.faces), i) for i, piece in enumerate(pieces)]
     body = _boxes("", layout.fixture.boxes, 1)
-    T = layout.fixture.T_world_tip
+    T = layout.fixture.T_world_tcp
     pieces.append(
         _surface("", body.vertices_mm @ T[:3, :3].T + T[:3, 3], body.faces, 1, smooth=False)
     )

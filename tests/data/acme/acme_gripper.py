@@ -44,7 +44,7 @@ class Reading:
 
 
 @dataclass(frozen=True, slots=True)
-class Grip:
+class Grasp:
     """How a grip ended."""
 
     object_detected: bool
@@ -119,12 +119,12 @@ class AcmeGripper:
         if status.has_contact:
             raise StalledError(f"ACME gripper: met something at {status.width_mm:.1f} mm")
 
-    async def close_on(self, width_mm: float, *, force_n: float) -> Grip:
+    async def close_on(self, width_mm: float, *, force_n: float) -> Grasp:
         """Close on a part."""
         await self._ask(f"GRIP {max(0.0, width_mm - 5.0):.2f} {force_n:.0f}")
         status = await self._at_rest()
         self._gripped_mm = status.width_mm if status.has_contact else None
-        return Grip(status.has_contact, status.width_mm)
+        return Grasp(status.has_contact, status.width_mm)
 
     async def stop(self) -> None:
         """Stop the jaws where they are."""

@@ -71,8 +71,8 @@ def find_facets(mesh: trimesh.Trimesh) -> Facets:
     sliver = heights < SLIVER * rounding
     pairs = np.asarray(mesh.face_adjacency, dtype=np.int64)
     angles = np.asarray(mesh.face_adjacency_angles)
-    doubt = 2 * rounding / np.maximum(heights, 1e-12)
-    limit = np.minimum(COPLANAR_RAD + doubt[pairs].sum(axis=1), SMOOTH_RAD / 4)
+    ambiguity = 2 * rounding / np.maximum(heights, 1e-12)
+    limit = np.minimum(COPLANAR_RAD + ambiguity[pairs].sum(axis=1), SMOOTH_RAD / 4)
     sound = ~sliver[pairs].any(axis=1)
     flat = pairs[sound & (angles < limit)]
     raw = components(count, flat[:, 0], flat[:, 1])

@@ -23,7 +23,7 @@ ASIDE_MM = 2e-3
 # started from, over which it rises too slowly for single precision; further on, it is a sign of
 # a back that was missed on a seam between two triangles.
 GRAZING_MM = 0.05
-LONGEST_WALK = 16  # triangles; an edge under more of them is cut and asked like any other
+MAX_STEP_COUNT = 16  # triangles; an edge under more of them is cut and asked like any other
 
 
 def without_covered(model: ViewModel, view: Projection, edges: Ids, rims: Ids) -> tuple[Ids, Ids]:
@@ -96,7 +96,7 @@ def _is_covered(model: ViewModel, view: Projection, edges: Ids, side: Ids) -> Bo
     is_over = (at_p >= 0).all(axis=1) & (_dot(at_p, nearness) > z_p + margin)
     row, triangle, reached = row[is_over], triangle[is_over], np.zeros(is_over.sum())
     at_p, at_q, nearness = at_p[is_over], at_q[is_over], nearness[is_over]
-    for _ in range(LONGEST_WALK):
+    for _ in range(MAX_STEP_COUNT):
         is_end = (at_q >= 0).all(axis=1)
         ended = row[is_end]
         is_covered[edge[ended]] = _dot(at_q, nearness)[is_end] > z_q[ended] + margin[ended]

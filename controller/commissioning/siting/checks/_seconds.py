@@ -56,17 +56,17 @@ def forecast(
     enough &= together > 0.0
     if np.diagonal(enough).any():
         first = second = int(np.argmax(np.diagonal(enough)))
-        regrip_s, at = nan, layout.park_q
+        regrasp_s, at = nan, layout.park_q
     else:
         quickest = (np.inf, 0, 0, layout.park_q)
         by_hand = np.argwhere(enough & passed) if (enough & passed).any() else np.argwhere(enough)
         for one, other in by_hand[:PAIRS_N].tolist():
-            seconds, end = _regrip(
+            seconds, end = _regrasp(
                 layout, tables, one, other, member.base_n, layout.park_q, bool(start[other])
             )
             if seconds < quickest[0]:
                 quickest = (seconds, one, other, end)
-        regrip_s, first, second, at = quickest
+        regrasp_s, first, second, at = quickest
     seen = np.zeros(len(weights), dtype=bool)
     chosen = _greedy(member, views[first], first, seen)
     if not chosen:
@@ -76,24 +76,24 @@ def forecast(
         return view_s, nan
     chosen = _greedy(member, views[second], second, seen)
     tour_s, _ = _tour(layout, q[second], chosen, at)
-    return view_s + tour_s, regrip_s
+    return view_s + tour_s, regrasp_s
 
 
-def _sees(member: FamilyMember, views: BoolArray, grip: int) -> BoolArray:
-    return np.asarray(member.shown[grip, views[grip]].any(axis=0))
+def _sees(member: FamilyMember, views: BoolArray, grasp: int) -> BoolArray:
+    return np.asarray(member.shown[grasp, views[grasp]].any(axis=0))
 
 
-def _greedy(member: FamilyMember, views: BoolArray, grip: int, seen: BoolArray) -> list[int]:
+def _greedy(member: FamilyMember, views: BoolArray, grasp: int, seen: BoolArray) -> list[int]:
     """Return directions, most new surface first; `seen` is added to."""
     chosen: list[int] = []
     rows = np.flatnonzero(views)
     while len(rows):
-        gain = (member.shown[grip, rows] & ~seen) @ member.weights
+        gain = (member.shown[grasp, rows] & ~seen) @ member.weights
         k = int(np.argmax(gain))
         if gain[k] < LEAST_GAIN:
             break
         chosen.append(int(rows[k]))
-        seen |= member.shown[grip, rows[k]]
+        seen |= member.shown[grasp, rows[k]]
     return chosen
 
 
@@ -105,12 +105,12 @@ def _tour(
     while left:
         steps = [move_seconds(layout, np.stack([at, q[v]])) for v in left]
         k = int(np.argmin(steps))
-        seconds += steps[k] + layout.pace.look_s
+        seconds += steps[k] + layout.cell_times.look_s
         at = q[left.pop(k)]
     return seconds, at
 
 
-def _regrip(
+def _regrasp(
     layout: CellLayout,
     tables: Sequence[dict[int, HandOff]],
     first: int,
@@ -127,20 +127,20 @@ def _regrip(
                 if a not in table or b not in table:
                     continue
                 give, take = table[a], table[b]
-                legs = move_seconds(layout, np.stack([start, give.entry[0]]))
-                legs += move_seconds(layout, np.stack([give.entry[0], give.entry[-1]]))
-                legs += move_seconds(layout, np.stack([give.retreat[0], give.retreat[-1]]))
-                legs += move_seconds(layout, np.stack([give.retreat[-1], take.retreat[-1]]))
-                legs += move_seconds(layout, np.stack([take.retreat[-1], take.retreat[0]]))
-                legs += move_seconds(layout, np.stack([take.entry[-1], take.entry[0]]))
-                if legs < best:
-                    best, end = legs, take.entry[0]
-    pace = layout.pace
-    best += pace.hand_off_s
+                segments = move_seconds(layout, np.stack([start, give.entry[0]]))
+                segments += move_seconds(layout, np.stack([give.entry[0], give.entry[-1]]))
+                segments += move_seconds(layout, np.stack([give.retreat[0], give.retreat[-1]]))
+                segments += move_seconds(layout, np.stack([give.retreat[-1], take.retreat[-1]]))
+                segments += move_seconds(layout, np.stack([take.retreat[-1], take.retreat[0]]))
+                segments += move_seconds(layout, np.stack([take.entry[-1], take.entry[0]]))
+                if segments < best:
+                    best, end = segments, take.entry[0]
+    cell_times = layout.cell_times
+    best += cell_times.hand_off_s
     if by_table:
         # down, away, a look from overhead, and up again: two ways of the arm as from park
         set_down = 2 * move_seconds(layout, np.stack([start, layout.park_q])) + SET_DOWN_S
-        set_down += pace.release_s + pace.grip_s + pace.relook_s
+        set_down += cell_times.release_s + cell_times.grasp_s + cell_times.relook_s
         if set_down < best:
             return set_down, layout.park_q
     return (float(best) if np.isfinite(best) else float("nan")), end

@@ -9,9 +9,9 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.imaging import inverse_pose
-from controller.planning.model import CellLayout, Grip, HandOff
+from controller.planning.model import CellLayout, Grasp, HandOff
 from controller.planning.motion import Scene, inverse_rows
-from controller.planning.transfers import hand_offs
+from controller.planning.regrasps import hand_offs
 
 from .._family import FamilyMember
 from ..score import PartScore, SiteScore, value_of
@@ -62,11 +62,11 @@ def checked_views(site_layout: CellLayout, member: FamilyMember, move: FloatArra
         left = member.shown[base].any(axis=1)
         # half the rolls, the others, the same with the hand turned over: most directions are free
         # at the first try, and only what is left goes on to the next
-        for grip in (member.arm_grips[base], member.arm_grips[base + half]):
+        for grasp in (member.arm_grasps[base], member.arm_grasps[base + half]):
             for some in (rolls % 2 == 0, rolls % 2 == 1):
                 view, roll = np.nonzero(member.inside & left[:, None] & some)
                 if len(view):
-                    found = _first_free(site_layout, member, grip, T_view[view, roll], view)
+                    found = _first_free(site_layout, member, grasp, T_view[view, roll], view)
                     reached[base, found[0]] = True
                     q_free[base, found[1]] = found[2]
                     left[found[1]] = False
@@ -74,7 +74,7 @@ def checked_views(site_layout: CellLayout, member: FamilyMember, move: FloatArra
 
 
 def _first_free(
-    layout: CellLayout, member: FamilyMember, grip: Grip, T_part: FloatArray, view: IntArray
+    layout: CellLayout, member: FamilyMember, grasp: Grasp, T_part: FloatArray, view: IntArray
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Return views the joints reach, those of them that are free, and how: (a,), (b,), (b, 6).
 
@@ -82,7 +82,7 @@ def _first_free(
     ----------
     T_part : (n, 4, 4) ways to hold the part up, of the views (n,)
     """
-    index, _, q = inverse_rows(layout, T_part @ grip.T_part_hand)
+    index, _, q = inverse_rows(layout, T_part @ grasp.T_part_tcp)
     if len(index) == 0:
         return view[index], view[index], q
     speed = layout.arm.timing.joint_speeds
@@ -92,9 +92,9 @@ def _first_free(
     place = np.arange(len(order)) - np.searchsorted(of_view, of_view)
     scene = Scene(
         layout,
-        grip.opening_mm,
+        grasp.opening_mm,
         layout.fixture_open_mm,
-        member.prepared.part_box.placed(inverse_pose(grip.T_part_hand)),
+        member.prepared.part_box.placed(inverse_pose(grasp.T_part_tcp)),
     )
     free_rows = np.zeros(0, dtype=np.int64)
     for tried in (place == 0, (place > 0) & (place < TRIED_Q)):
@@ -109,14 +109,14 @@ def _first_free(
 def free_picks(site_layout: CellLayout, member: FamilyMember) -> BoolArray:
     """Return which grips take the part up where: (p poses, places, 2 base_n) bool."""
     picks = member.picks
-    found = np.zeros((len(member.lying), picks.places_n, len(member.arm_grips)), dtype=bool)
+    found = np.zeros((len(member.lying), picks.places_n, len(member.arm_grasps)), dtype=bool)
     if len(picks.q_hold) == 0:
         return found
     # with the hand wide open: a grip that needs it narrower by a pose's place is not lost by that
     scene = Scene(site_layout, site_layout.hand.max_mm, site_layout.fixture_open_mm)
     q = np.concatenate([picks.q_hold, picks.q_above])
     free = ~_touches(scene, q).reshape(2, -1).any(axis=0)
-    found[picks.pose[free], picks.place[free], picks.grip[free]] = True
+    found[picks.pose[free], picks.place[free], picks.grasp[free]] = True
     return found
 
 
@@ -168,11 +168,11 @@ def checked_hand_offs(
 ) -> tuple[BoolArray, list[dict[int, HandOff]]]:
     """Return which base grips can meet which of the fixture's (f, base_n), and how."""
     half = member.base_n
-    if site_layout.fixture is None or not member.fixture_grips:
+    if site_layout.fixture is None or not member.fixed_grasps:
         return np.zeros((0, half), dtype=bool), []
     tables = [
-        dict(hand_offs(site_layout, member.prepared.shape, f, member.arm_grips))
-        for f in member.fixture_grips
+        dict(hand_offs(site_layout, member.prepared.shape, f, member.arm_grasps))
+        for f in member.fixed_grasps
     ]
     met = np.zeros((len(tables), half), dtype=bool)
     for row, table in enumerate(tables):
@@ -228,7 +228,7 @@ def _score_part(here: CellLayout, member: FamilyMember, move: FloatArray) -> Par
             shown[row] = float(member.share(np.bitwise_or.reduce(covered[held], axis=0)))
     partners, joined = hand_off_shares(member, met)
     worth = member.shown.any(axis=2)
-    view_s, regrip_s = forecast(here, member, shows.views, shows.q, by_pose, met, tables)
+    view_s, regrasp_s = forecast(here, member, shows.views, shows.q, by_pose, met, tables)
     return PartScore(
         name=member.name,
         showable=member.showable,
@@ -240,7 +240,7 @@ def _score_part(here: CellLayout, member: FamilyMember, move: FloatArray) -> Par
         hand_offs_share=joined,
         picks_share=float(picks.any(axis=2).mean(axis=1) @ member.odds) if len(picks) else 0.0,
         view_s=view_s,
-        regrip_s=regrip_s,
+        regrasp_s=regrasp_s,
     )
 
 

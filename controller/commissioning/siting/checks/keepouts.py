@@ -44,7 +44,7 @@ def standing_boxes(
     posts = [(n, layout.obstacles[n]) for n in (*fellows.camera, *fellows.fixture)]
     hanging: list[tuple[str, Box]] = []
     if (jaw := layout.fixture) is not None:
-        T = layout.T_world_fixture
+        T = layout.T_world_fixed_tcp
         hanging = [("fixture", b.placed(T)) for b in (*jaw.body, *jaw.fingers(jaw.max_mm))]
     return posts, hanging
 

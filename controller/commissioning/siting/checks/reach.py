@@ -68,7 +68,7 @@ def shown_directions(
 
 def nearest_in_hand(member: FamilyMember, in_hand: FloatArray) -> IntArray:
     """Return the nearest direction of a table for each grip, turned ones too, and view (2g, v)."""
-    R = np.stack([g.T_part_hand[:3, :3] for g in member.arm_grips])
+    R = np.stack([g.T_part_tcp[:3, :3] for g in member.arm_grasps])
     own = np.einsum("gki,vk->gvi", R, member.vectors)
     return np.asarray(np.argmax(own @ in_hand.T, axis=2))
 
@@ -101,17 +101,17 @@ def meetings(member: FamilyMember, fixture_n: int) -> FloatArray:
     ----------
     fixture_n : grips of the fixture to take; they come most unlike first, and each turned over too
     """
-    if not member.fixture_grips:
-        return np.zeros((0, len(member.arm_grips), 4, 4))
-    arm = np.stack([g.T_part_hand for g in member.arm_grips])
-    half = len(member.fixture_grips) // 2
-    some = [*member.fixture_grips[:half][:fixture_n], *member.fixture_grips[half:][:fixture_n]]
-    fixed = np.stack([inverse_pose(f.T_part_hand) for f in some])
+    if not member.fixed_grasps:
+        return np.zeros((0, len(member.arm_grasps), 4, 4))
+    arm = np.stack([g.T_part_tcp for g in member.arm_grasps])
+    half = len(member.fixed_grasps) // 2
+    some = [*member.fixed_grasps[:half][:fixture_n], *member.fixed_grasps[half:][:fixture_n]]
+    fixed = np.stack([inverse_pose(f.T_part_tcp) for f in some])
     return np.asarray(fixed[:, None] @ arm[None])
 
 
-def met_grips(
-    layout: CellLayout, T_world_fixture: FloatArray, T_fixture_hand: FloatArray
+def met_grasps(
+    layout: CellLayout, T_world_fixed_tcp: FloatArray, T_fixed_tcp: FloatArray
 ) -> BoolArray:
     """Return which arm grips can meet which of the fixture's, by the joints alone: (f, g) bool.
 
@@ -120,11 +120,11 @@ def met_grips(
     Parameters
     ----------
     layout : the cell; its arm is asked
-    T_world_fixture : (4, 4) pose of the fixed gripper's TCP
-    T_fixture_hand : (f, g, 4, 4) of `meetings`
+    T_world_fixed_tcp : (4, 4) pose of the fixed gripper's TCP
+    T_fixed_tcp : (f, g, 4, 4) of `meetings`
     """
-    T_hold = T_world_fixture @ T_fixture_hand.reshape(-1, 4, 4)
-    ahead = T_world_fixture[:3, 0]
+    T_hold = T_world_fixed_tcp @ T_fixed_tcp.reshape(-1, 4, 4)
+    ahead = T_world_fixed_tcp[:3, 0]
     rows = np.arange(len(T_hold))
     for entry, back in ((0.0, 0.0), (ENTRY_MM, 0.0), (0.0, ENTRY_MM)):
         T = T_hold[rows]
@@ -134,7 +134,7 @@ def met_grips(
             rows = rows[np.unique(index)]
     met = np.zeros(len(T_hold), dtype=bool)
     met[rows] = True
-    return met.reshape(T_fixture_hand.shape[:2])
+    return met.reshape(T_fixed_tcp.shape[:2])
 
 
 def hand_off_shares(member: FamilyMember, met: BoolArray) -> tuple[float, float]:

@@ -16,7 +16,7 @@ from ..checks.reach import (
     HAND_DIRECTIONS_N,
     hand_off_shares,
     meetings,
-    met_grips,
+    met_grasps,
     nearest_in_hand,
     shown_directions,
     shown_share,
@@ -73,7 +73,7 @@ class FixtureScore:
     partners, joined : per part, `PartScore.partners_share` and `hand_offs_share`
     """
 
-    T_world_fixture: FloatArray
+    T_world_fixed_tcp: FloatArray
     partners: tuple[float, ...]
     joined: tuple[float, ...]
 
@@ -89,7 +89,9 @@ def fixtures_by_joints(search: Survey) -> list[FixtureScore]:
     layout, members = search.layout, search.members
     if layout.fixture is None:
         return []
-    poses = list(fixture_grid(layout)) if search.options.move_fixture else [layout.T_world_fixture]
+    poses = (
+        list(fixture_grid(layout)) if search.options.move_fixture else [layout.T_world_fixed_tcp]
+    )
     now, bare = site_of(layout), layout
     if search.options.move_camera:
         kept = {n: b for n, b in layout.obstacles.items() if n not in search.fellows.camera}
@@ -103,7 +105,7 @@ def fixtures_by_joints(search: Survey) -> list[FixtureScore]:
             search.progress("fixture poses", k, len(poses))
         # a camera that moves has its picture looked at later, with each fixture
         why = why_not_here(
-            placed_at(bare, replace(now, T_world_fixture=T), fellows),
+            placed_at(bare, replace(now, T_world_fixed_tcp=T), fellows),
             fellows,
             None if keep is None else np.array(keep),
             look=not search.options.move_camera,
@@ -112,14 +114,14 @@ def fixtures_by_joints(search: Survey) -> list[FixtureScore]:
             continue
         shares = []
         for m, T_meet in zip(members, together, strict=True):
-            met = met_grips(layout, T, T_meet)
+            met = met_grasps(layout, T, T_meet)
             shares.append(hand_off_shares(m, met[:, : m.base_n] | met[:, m.base_n :]))
         found.append(FixtureScore(T, tuple(s[0] for s in shares), tuple(s[1] for s in shares)))
     search.tried_n += len(poses)
-    at = layout.T_world_fixture[:3, 3]
+    at = layout.T_world_fixed_tcp[:3, 3]
 
     def away_mm(score: FixtureScore) -> float:
-        return round(float(np.linalg.norm(score.T_world_fixture[:3, 3] - at)), 3)
+        return round(float(np.linalg.norm(score.T_world_fixed_tcp[:3, 3] - at)), 3)
 
     return sorted(found, key=lambda f: (-round(f.value, 3), away_mm(f)))
 
@@ -152,7 +154,7 @@ def joined(
             found.append(_with_fixture(score, next(f for f in fixtures if _stands(f, now))))
             found[0] = replace(found[0], forbidden=search.forbidden(now))
         for fixture in fixtures[:PAIRED_N]:
-            pair = replace(site, T_world_fixture=fixture.T_world_fixture)
+            pair = replace(site, T_world_fixed_tcp=fixture.T_world_fixed_tcp)
             if site_key(pair) != site_key(now) and search.forbidden(pair) is None:
                 found.append(_with_fixture(replace(score, forbidden=None), fixture))
                 break
@@ -160,8 +162,8 @@ def joined(
 
 
 def _stands(fixture: FixtureScore, site: Site) -> bool:
-    return site.T_world_fixture is not None and bool(
-        np.allclose(fixture.T_world_fixture, site.T_world_fixture)
+    return site.T_world_fixed_tcp is not None and bool(
+        np.allclose(fixture.T_world_fixed_tcp, site.T_world_fixed_tcp)
     )
 
 
@@ -170,7 +172,7 @@ def _with_fixture(score: SiteScore, fixture: FixtureScore) -> SiteScore:
         replace(p, partners_share=a, hand_offs_share=b)
         for p, a, b in zip(score.parts, fixture.partners, fixture.joined, strict=True)
     )
-    site = replace(score.site, T_world_fixture=fixture.T_world_fixture)
+    site = replace(score.site, T_world_fixed_tcp=fixture.T_world_fixed_tcp)
     return replace(score, site=site, parts=parts, value=value_of(parts))
 
 

@@ -80,7 +80,7 @@ def fixture_grid(layout: CellLayout) -> Iterator[FloatArray]:
 
     Level ones in eight directions with the jaws closing up and down or sideways, and upright ones.
     """
-    yield layout.T_world_fixture
+    yield layout.T_world_fixed_tcp
     up = np.array([0.0, 0.0, 1.0])
     for z in FIXTURE_HEIGHTS_MM:
         for radius in FIXTURE_RADII_MM:
@@ -122,15 +122,15 @@ def fixture_steps(site: Site, step_mm: float, step_deg: float) -> Iterator[Site]
     step_mm : along each axis of the world, both ways
     step_deg : about the vertical through the TCP, both ways
     """
-    T = site.T_world_fixture
+    T = site.T_world_fixed_tcp
     if T is None:
         return
     for offset in np.vstack([np.eye(3), -np.eye(3)]) * step_mm:
         moved = T.copy()
         moved[:3, 3] += offset
-        yield replace(site, T_world_fixture=moved)
+        yield replace(site, T_world_fixed_tcp=moved)
     for turn in np.radians([step_deg, -step_deg]):
         c, s = np.cos(turn), np.sin(turn)
         moved = T.copy()
         moved[:3, :3] = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ T[:3, :3]
-        yield replace(site, T_world_fixture=moved)
+        yield replace(site, T_world_fixed_tcp=moved)

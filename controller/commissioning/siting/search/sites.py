@@ -54,13 +54,13 @@ def search_sites(search: Survey) -> tuple[SiteScore, ...]:
     fixtures = fixtures_by_joints(search)
     if options.joints_only:
         return tuple(joined(search, by_joints, fixtures))
-    few = unlike_poses([f.T_world_fixture for f in fixtures], options.checked_fixtures)
+    few = unlike_poses([f.T_world_fixed_tcp for f in fixtures], options.checked_fixtures)
 
     best = search.check(now)
     for k, camera in enumerate(cameras):
         search.progress("camera sites checked", k, len(cameras))
-        for T in [search.layout.T_world_fixture, *few]:
-            site = replace(camera, T_world_fixture=T if search.layout.fixture else None)
+        for T in [search.layout.T_world_fixed_tcp, *few]:
+            site = replace(camera, T_world_fixed_tcp=T if search.layout.fixture else None)
             if search.forbidden(site) is None:
                 best = _better(best, search.check(site))
                 break
@@ -68,7 +68,7 @@ def search_sites(search: Survey) -> tuple[SiteScore, ...]:
     for k, camera in enumerate(ranked):
         for i, T in enumerate(few):
             search.progress("fixture poses checked", k * len(few) + i, len(few) * len(ranked))
-            site = replace(camera, T_world_fixture=T)
+            site = replace(camera, T_world_fixed_tcp=T)
             if search.forbidden(site) is None:
                 best = _better(best, search.check(site))
     for turn in range(options.local_steps):
@@ -111,12 +111,12 @@ def _onward(before: Site, after: Site) -> Site | None:
     shift = after.station_mm - before.station_mm
     if np.linalg.norm(shift) > 1e-6:
         return replace(after, station_mm=after.station_mm + shift)
-    if before.T_world_fixture is not None and after.T_world_fixture is not None:
-        offset = after.T_world_fixture[:3, 3] - before.T_world_fixture[:3, 3]
+    if before.T_world_fixed_tcp is not None and after.T_world_fixed_tcp is not None:
+        offset = after.T_world_fixed_tcp[:3, 3] - before.T_world_fixed_tcp[:3, 3]
         if np.linalg.norm(offset) > 1e-6:
-            T = after.T_world_fixture.copy()
+            T = after.T_world_fixed_tcp.copy()
             T[:3, 3] += offset
-            return replace(after, T_world_fixture=T)
+            return replace(after, T_world_fixed_tcp=T)
     return None
 
 

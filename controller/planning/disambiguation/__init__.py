@@ -1,0 +1,45 @@
+"""Views that settle a doubt: which of several candidates is in the hand.
+
+Recognition may leave a part in doubt with its mirror twin, or with a pose that looks alike from
+above. Pictures of all candidates are predicted for the views a common grip can reach; the cheapest
+views whose pictures differ, however the part may sit in the hand, settle it.
+"""
+
+from ..model import LIGHTS, Candidate, Light
+from ._difference import difference
+from ._measured import measured_picture
+from ._offer import offered_views
+from ._pictures import Picture, Stance, predict
+from ._rules import DisambiguationRules
+from ._separate import Model, Predicted, Separations, model_of, predict_view, separations
+from ._settle import DecidingView, Indistinguishable, Settling, cheapest_tree, separating_views
+from ._told import Identification, apart, compare, discriminate, edges_shown
+
+__all__ = [
+    "LIGHTS",
+    "Candidate",
+    "DecidingView",
+    "DisambiguationRules",
+    "Identification",
+    "Indistinguishable",
+    "Light",
+    "Model",
+    "Picture",
+    "Predicted",
+    "Separations",
+    "Settling",
+    "Stance",
+    "apart",
+    "cheapest_tree",
+    "compare",
+    "difference",
+    "discriminate",
+    "edges_shown",
+    "measured_picture",
+    "model_of",
+    "offered_views",
+    "predict",
+    "predict_view",
+    "separating_views",
+    "separations",
+]

@@ -1,0 +1,107 @@
+"""Why no view tells two candidates apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+
+from controller.arrays import BoolArray, FloatArray
+from controller.cad import SurfaceSamples, sample_surface
+from controller.imaging import RayCaster, inverse_pose, transform
+
+from ..geometry import segments_hit
+from ..model import Candidate, CellLayout
+from ..motion import Scene, tcp_pose
+
+SAME_MM = 0.15  # as in cad/resting: bores are drawn this far off the axis of symmetric parts
+SPACING_MM = 3.0
+FLATTEST_COSINE = np.cos(np.radians(80.0))
+NAMED_N = 3
+
+
+def why_alike(
+    a: Candidate,
+    b: Candidate,
+    layout: CellLayout,
+    q: FloatArray,
+    opening_mm: float,
+    margin: float,
+) -> str:
+    """Return one sentence: the same shape, all differences hidden, or too small to be told.
+
+    Parameters
+    ----------
+    a, b : the two candidates
+    layout : the cell
+    q : (k, 6) the views offered; margin : the best of them
+    opening_mm : between the inner sides of the fingers
+    """
+    samples = [sample_surface(c.solid, SPACING_MM) for c in (a, b)]
+    apart = [distance_mm(x, s, y) for x, s, y in ((a, samples[0], b), (b, samples[1], a))]
+    most = max(float(d.max()) for d in apart)
+    if most <= SAME_MM:
+        return (
+            f"{a.name} and {b.name} are the same shape in the same pose, to {most:.2f} mm: "
+            "no picture distinguishes them, and nothing depends on it"
+        )
+    differs = [d > max(SAME_MM, 0.5 * most) for d in apart]
+    names = [
+        f"{c.solid.faces[int(f)].label} of {c.name}"
+        for c, s, d in zip((a, b), samples, differs, strict=True)
+        for f in np.unique(s.face_ids[d])
+    ]
+    where = ", ".join(names[:NAMED_N]) + (" and others" if len(names) > NAMED_N else "")
+    if len(q) == 0:
+        return f"no view can be reached; they differ at {where}, by up to {most:.1f} mm"
+    seen = any(
+        _shown(c, s, d, layout, row, opening_mm)
+        for c, s, d in zip((a, b), samples, differs, strict=True)
+        for row in q
+    )
+    if not seen:
+        return (
+            f"they differ only at {where}, by up to {most:.1f} mm, which the part or the gripper "
+            f"hides in all {len(q)} views that can be reached; another grasp may show it"
+        )
+    return (
+        f"they differ at {where}, by up to {most:.1f} mm, which is in sight but makes "
+        f"{margin:.0%} of the pixels it takes at most, as the part may sit in the gripper"
+    )
+
+
+def distance_mm(a: Candidate, samples: SurfaceSamples, b: Candidate) -> FloatArray:
+    """Return how far each sample (n,) of one candidate is from the surface of another [mm].
+
+    Parameters
+    ----------
+    a : the candidate the samples are of
+    samples : n, CAD frame of ``a``
+    b : another one, held by the same gripper
+    """
+    points = transform(inverse_pose(b.T_tcp_part) @ a.T_tcp_part, samples.points_mm)
+    _, distance, _ = trimesh.proximity.closest_point(b.solid.mesh, points)
+    return np.asarray(distance)
+
+
+def _shown(
+    c: Candidate,
+    samples: SurfaceSamples,
+    members: BoolArray,
+    layout: CellLayout,
+    q: FloatArray,
+    opening_mm: float,
+) -> bool:
+    """Return whether any of the samples meant is in sight in one configuration."""
+    if not members.any():
+        return False
+    T = tcp_pose(layout, q) @ c.T_tcp_part
+    eye = transform(inverse_pose(T), layout.inspection.position_mm[None])[0]
+    points, normals = samples.points_mm[members], samples.normals[members]
+    sight = eye - points
+    cosine = np.einsum("ij,ij->i", sight, normals) / np.linalg.norm(sight, axis=1)
+    start = points + 0.02 * normals
+    free = cosine > FLATTEST_COSINE
+    free &= ~RayCaster(c.solid.mesh).blocked(start, sight, 1.0)
+    boxes = Scene(layout, opening_mm, 0.0).arm_boxes(q)
+    free &= ~segments_hit(transform(T, points), layout.inspection.position_mm, boxes)
+    return bool(free.any())

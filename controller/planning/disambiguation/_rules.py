@@ -1,0 +1,25 @@
+"""What counts as a difference between two pictures of a part that is held nearly as planned."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, slots=True)
+class DisambiguationRules:
+    """How well the hold is known and how much of a picture must differ; each with its reason."""
+
+    shift_mm: float = 1.0  # a part moves this much when the jaws close on it
+    turn_rad: float = float(np.radians(2.0))  # and turns this much about any axis
+    edge_px: float = 1.5  # where lit edges and outlines are found, either way
+    least_area_px: float = 100.0  # ten pixels square; dust and glare make smaller patches
+    least_edge_px: float = 40.0  # a lit edge a quarter as long may be a scratch or a reflection
+    hand_px: float = 9.0  # nothing is compared this near to the hand (inspection/view.py)
+    crease_rad: float = float(np.radians(20.0))  # a blunter edge may not show under a ring lamp
+    step_mm: float = 0.5  # nor may a lower step whose wall is not seen
+    coarse_px: int = 4  # pictures of all views are predicted on every fourth pixel
+    fine_px: int = 2
+    fine_n: int = 3  # the cheapest and the clearest views of a pair, again on a finer grid
+    most_views: int = 60  # views looked at at all, spread evenly over those offered

@@ -1,0 +1,192 @@
+"""How well each reachable view tells each pair of candidates apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from controller.arrays import FloatArray
+from controller.imaging import Camera, RayCaster, Roi
+
+from ..model import LIGHTS, Candidate, CellLayout, Light
+from ..motion import Scene, tcp_pose
+from ._difference import difference
+from ._pictures import Picture, Stance, outer_points, predict, region_of, see_boxes, stance_of
+from ._rules import DisambiguationRules
+
+HOPEFUL = 0.5  # of what it takes, in a thinned picture
+DOUBTED = 2.0  # so many times less may be left of a thinned picture's margin on the finer grid
+# a view that differs by just enough pixels fails to convince about every other time, one with
+# twice as many every fourth, and then wants another
+FAILS = 0.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Separations:
+    """What each view, an arm configuration and a light, makes of each pair.
+
+    Attributes
+    ----------
+    pairs : (i, j) candidates, i < j
+    margins : (k, 2, p) pixels that differ at least, however the part sits in the hand, over the
+        pixels it takes; 1 and more tells them apart. Per configuration, light (`LIGHTS`), pair
+    is_fine : (k,) looked at on the finer grid; what is not decides nothing and counts 0
+    """
+
+    pairs: tuple[tuple[int, int], ...]
+    margins: FloatArray
+    is_fine: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Predicted:
+    """The pictures of all candidates in one view, on one grid, and how they may be off."""
+
+    roi: Roi
+    pictures: tuple[Picture, ...]
+    stance: Stance
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Model:
+    """What predicting pictures of a candidate takes: a caster of its mesh, its outer points."""
+
+    caster: RayCaster
+    outer_mm: FloatArray
+
+
+def model_of(candidate: Candidate) -> Model:
+    """Return what predicting pictures of a candidate takes."""
+    return Model(RayCaster(candidate.solid.mesh), outer_points(candidate.solid))
+
+
+def predict_view(
+    candidates: Sequence[Candidate],
+    models: Sequence[Model],
+    layout: CellLayout,
+    q: FloatArray,
+    opening_mm: float,
+    step_px: int,
+    rules: DisambiguationRules,
+    camera: Camera | None = None,
+) -> Predicted | None:
+    """Return the pictures of all candidates in one configuration (6,), None if out of sight.
+
+    Parameters
+    ----------
+    candidates : what the part in the gripper may be
+    models : of `model_of`, one per candidate
+    layout : the cell
+    q : (6,) row of joints
+    opening_mm : of the hand that holds it
+    step_px : distance of the grid's pixels
+    rules : how well the hold is known, and which edges show
+    camera : the inspection camera unless given
+    """
+    camera = camera or layout.inspection
+    T_tcp = tcp_pose(layout, q)
+    T_parts = [T_tcp @ c.T_tcp_part for c in candidates]
+    outer = [m.outer_mm for m in models]
+    # how far one picture may be moved over the other, and some more
+    coarse = stance_of(outer, T_parts, T_tcp, camera, (0, 0, 1, 1), rules)
+    roi = region_of(outer, T_parts, camera, int(coarse.shift_px + 3 * coarse.tolerance_px) + 8)
+    if roi is None:
+        return None
+    stance = stance_of(outer, T_parts, T_tcp, camera, roi, rules)
+    hand = see_boxes(Scene(layout, opening_mm, 0.0).arm_boxes(q), camera, roi, step_px)
+    pictures = tuple(
+        predict(c.solid, m.caster, T, camera, roi, step_px, hand, rules)
+        for c, m, T in zip(candidates, models, T_parts, strict=True)
+    )
+    return Predicted(roi, pictures, stance)
+
+
+def separations(
+    candidates: Sequence[Candidate],
+    layout: CellLayout,
+    q: FloatArray,
+    seconds: FloatArray,
+    opening_mm: float,
+    rules: DisambiguationRules | None = None,
+) -> Separations:
+    """Return how well configurations (k, 6) of a hand that holds all candidates tell them apart.
+
+    They are looked at in thinned pictures, the cheapest ones first, until a dearer one cannot
+    begin a cheaper way; the cheapest and the clearest of each pair again on a finer grid.
+
+    Parameters
+    ----------
+    candidates : what the part in the gripper may be
+    layout : the cell
+    q : reachable and free of contact for every candidate; seconds : (k,) what each costs
+    opening_mm : between the inner sides of the fingers, the same for all
+    rules : how well the hold is known and how much must differ; None for the defaults
+    """
+    rules = rules or DisambiguationRules()
+    pairs = tuple(combinations(range(len(candidates)), 2))
+    models = [model_of(c) for c in candidates]
+    margins = np.zeros((len(q), len(LIGHTS), len(pairs)))
+    is_fine = np.zeros(len(q), dtype=bool)
+    looked = np.arange(len(q))
+    if len(q) > rules.most_views:
+        looked = np.unique(np.linspace(0, len(q) - 1, rules.most_views).round().astype(int))
+    enough_s = np.inf  # what one view that parts all of them costs
+    for k in looked[np.argsort(seconds[looked], kind="stable")]:
+        if seconds[k] >= enough_s:
+            break  # no dearer view can begin a cheaper way
+        margins[k] = _margins(
+            candidates, models, layout, q[k], opening_mm, pairs, rules.coarse_px, rules
+        )
+        weakest = np.array([margins[k].min(axis=1).max(initial=0.0) / DOUBTED])
+        if weakest[0] >= 1.0:
+            enough_s = min(enough_s, float(cost_s(seconds[k : k + 1], weakest)[0]))
+    again: list[int] = []
+    for pair in range(len(pairs)):
+        for light in range(len(LIGHTS)):
+            column = margins[:, light, pair]
+            (hopeful,) = np.nonzero(column > HOPEFUL)
+            price = cost_s(seconds[hopeful], column[hopeful])
+            again += hopeful[np.argsort(price, kind="stable")[: rules.fine_n]].tolist()
+            again += hopeful[np.argsort(-column[hopeful], kind="stable")[: rules.fine_n]].tolist()
+    for k in looked[np.isin(looked, again)]:
+        margins[k] = _margins(
+            candidates, models, layout, q[k], opening_mm, pairs, rules.fine_px, rules
+        )
+        is_fine[k] = True
+    margins[~is_fine] = np.minimum(margins[~is_fine], 0.0)  # thinned pictures decide nothing
+    return Separations(pairs, margins, is_fine)
+
+
+def _margins(
+    candidates: Sequence[Candidate],
+    models: Sequence[Model],
+    layout: CellLayout,
+    q: FloatArray,
+    opening_mm: float,
+    pairs: Sequence[tuple[int, int]],
+    step_px: int,
+    rules: DisambiguationRules,
+) -> FloatArray:
+    """Return the margins of one configuration (lights, pairs)."""
+    found = np.zeros((len(LIGHTS), len(pairs)))
+    view = predict_view(candidates, models, layout, q, opening_mm, step_px, rules)
+    if view is None:
+        return found
+    for p, (i, j) in enumerate(pairs):
+        for row, light in enumerate(LIGHTS):
+            pixels = difference(view.pictures[i], view.pictures[j], view.stance, light)
+            found[row, p] = pixels / needed_px(light, rules)
+    return found
+
+
+def cost_s(seconds: FloatArray, margin: FloatArray) -> FloatArray:
+    """Return what views (n,) cost, with the chance that they have to be followed by another."""
+    return np.asarray(seconds * (1.0 + FAILS / margin))
+
+
+def needed_px(light: Light, rules: DisambiguationRules) -> float:
+    """Return how many pixels must differ to tell two candidates apart under a light."""
+    return rules.least_area_px if light == "backlight" else rules.least_edge_px

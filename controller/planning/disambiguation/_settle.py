@@ -1,0 +1,200 @@
+"""The cheapest views that settle a doubt: usually one, a tree of them for three or more."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import combinations
+
+import numpy as np
+
+from controller.arrays import FloatArray
+
+from ..model import LIGHTS, Candidate, CellLayout, Light
+from ._reasons import why_alike
+from ._rules import DisambiguationRules
+from ._separate import Separations, cost_s, separations
+
+SAME_COST_S = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DecidingView:
+    """A view to take, and what to do by its answer.
+
+    Attributes
+    ----------
+    view : row of the configurations offered; light : how to light it
+    margin : the least of the pairs it parts, 1 being just enough
+    groups : the candidates that it leaves, one group per answer; they may overlap
+    then : per group the next view, None where the doubt is over or stays
+    """
+
+    view: int
+    light: Light
+    margin: float
+    groups: tuple[tuple[int, ...], ...]
+    then: tuple[DecidingView | None, ...]
+
+    @property
+    def views_n(self) -> int:
+        """Return how many views are taken at most."""
+        return 1 + max((t.views_n for t in self.then if t is not None), default=0)
+
+    def after(self, left: Sequence[int]) -> tuple[tuple[int, ...], DecidingView | None] | None:
+        """Return the group and the view that follow when `left` is what the view left.
+
+        The smallest group that holds them all; None if there is none, which a view that told less
+        than it should may lead to.
+        """
+        fitting = [k for k, g in enumerate(self.groups) if set(left) <= set(g)]
+        if not fitting:
+            return None
+        k = min(fitting, key=lambda k: len(self.groups[k]))
+        return self.groups[k], self.then[k]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Indistinguishable:
+    """A pair that no view offered tells apart.
+
+    Attributes
+    ----------
+    best_margin : of all views, less than 1; reason : a sentence for people
+    """
+
+    pair: tuple[int, int]
+    best_margin: float
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Settling:
+    """What to look at to know which candidate it is.
+
+    Attributes
+    ----------
+    first : None where no view parts any two
+    worst_s : the dearest way through the tree
+    indistinguishable : pairs that stay in doubt
+    separations : what it was chosen by
+    """
+
+    first: DecidingView | None
+    worst_s: float
+    indistinguishable: tuple[Indistinguishable, ...]
+    separations: Separations
+
+
+def separating_views(
+    candidates: Sequence[Candidate],
+    layout: CellLayout,
+    q: FloatArray,
+    seconds: FloatArray,
+    opening_mm: float,
+    rules: DisambiguationRules | None = None,
+) -> Settling:
+    """Return the views that part all candidates that can be parted, the cheapest in the worst case.
+
+    Parameters
+    ----------
+    candidates : what the part in the gripper may be
+    layout : the cell
+    q : (k, 6) reachable configurations, free of contact whichever candidate it is
+    seconds : (k,) what each costs
+    opening_mm : of the hand, the same for all
+    rules : how well the hold is known and how much must differ; None for the defaults
+    """
+    rules = rules or DisambiguationRules()
+    found = separations(candidates, layout, q, seconds, opening_mm, rules)
+    best = found.margins.max(axis=(0, 1), initial=0.0)
+    doubtful = [(pair, float(best[p])) for p, pair in enumerate(found.pairs) if best[p] < 1.0]
+    indistinguishable = []
+    for (i, j), margin in doubtful:
+        a, b = candidates[i], candidates[j]
+        reason = why_alike(a, b, layout, q, opening_mm, margin)
+        indistinguishable.append(Indistinguishable((i, j), margin, reason))
+    first, worst_s = cheapest_tree(len(candidates), found, seconds)
+    return Settling(first, worst_s, tuple(indistinguishable), found)
+
+
+def cheapest_tree(
+    candidates_n: int, found: Separations, seconds: FloatArray
+) -> tuple[DecidingView | None, float]:
+    """Return the tree of views whose dearest branch is cheapest, and what that costs [s].
+
+    If candidate t is the truth, a view leaves those that it cannot tell from t; what is left may
+    overlap from one truth to the next. Exact over the views offered. The tree is None where no view
+    decides anything.
+
+    Parameters
+    ----------
+    candidates_n : how many; the pairs of ``found`` number them from 0
+    found : which views tell which pairs apart
+    seconds : (k,) what each configuration costs [s]
+    """
+    views = _worth_asking(found, seconds)
+    pair_at = {pair: p for p, pair in enumerate(found.pairs)}
+
+    def pairs_of(left: tuple[int, ...]) -> frozenset[int]:
+        return frozenset(pair_at[pair] for pair in combinations(left, 2))
+
+    @cache
+    def best(left: tuple[int, ...], tried: frozenset[int]) -> tuple[float, DecidingView | None]:
+        """Return price and first view of the cheapest way on; a pair tried told nothing."""
+        open_pairs = pairs_of(left) - tried
+        chosen: tuple[float, DecidingView | None] = (np.inf, None)
+        for view in views:
+            if not open_pairs & view.parts:
+                continue
+            groups: list[tuple[int, ...]] = []
+            for t in left:
+                group = tuple(
+                    c for c in left if c == t or pair_at[min(c, t), max(c, t)] not in view.parts
+                )
+                if group not in groups:
+                    groups.append(group)
+            rest = [best(g, (tried | view.parts) & pairs_of(g)) for g in groups]
+            price = view.cost_s + max(r[0] for r in rest)
+            if price < chosen[0] - SAME_COST_S:
+                margins = found.margins[view.row, LIGHTS.index(view.light)]
+                margin = min(float(margins[p]) for p in pairs_of(left) & view.parts)
+                then = tuple(r[1] for r in rest)
+                chosen = price, DecidingView(view.row, view.light, margin, tuple(groups), then)
+        return chosen if chosen[1] is not None else (0.0, None)
+
+    _, first = best(tuple(range(candidates_n)), frozenset())
+    return first, _worst_s(first, seconds)
+
+
+@dataclass(frozen=True, slots=True)
+class _View:
+    """A configuration and a light, the pairs it parts, and its price with the chance of failing."""
+
+    row: int
+    light: Light
+    parts: frozenset[int]
+    cost_s: float
+
+
+def _worth_asking(found: Separations, seconds: FloatArray) -> list[_View]:
+    """Return, for each set of pairs that some view parts, the cheapest such view."""
+    kept: dict[frozenset[int], _View] = {}
+    for k in range(len(found.margins)):
+        for row, light in enumerate(LIGHTS):
+            margins = found.margins[k, row]
+            parts = frozenset(np.flatnonzero(margins >= 1.0).tolist())
+            if not parts:
+                continue
+            weakest = min(float(margins[p]) for p in parts)
+            price = float(cost_s(seconds[k : k + 1], np.array([weakest]))[0])
+            if parts not in kept or price < kept[parts].cost_s - SAME_COST_S:
+                kept[parts] = _View(k, light, parts, price)
+    return sorted(kept.values(), key=lambda v: (v.cost_s, v.row, v.light))
+
+
+def _worst_s(ask: DecidingView | None, seconds: FloatArray) -> float:
+    if ask is None:
+        return 0.0
+    return float(seconds[ask.view]) + max(_worst_s(t, seconds) for t in ask.then)

@@ -1,0 +1,110 @@
+"""Which candidate a picture shows, or that the doubt stays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.arrays import FloatArray
+
+from ..model import Light
+from ._difference import difference
+from ._pictures import Picture
+from ._rules import DisambiguationRules
+from ._separate import Predicted, needed_px
+
+CONVINCED = 0.5  # of what two predictions differ by, the measured picture must be nearer to one
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Identification:
+    """What one view said.
+
+    Attributes
+    ----------
+    left : candidates that it may be, the likeliest first; empty if the picture fits none of them
+    differs_px : (n,) of the picture from each prediction
+    """
+
+    left: tuple[int, ...]
+    differs_px: FloatArray
+
+
+def compare(
+    measured: Picture, predicted: Predicted, light: Light, among: Sequence[int]
+) -> FloatArray:
+    """Return by how many pixels a picture differs from what each candidate would look like.
+
+    Parameters
+    ----------
+    measured : on the grid of the predictions: mask against the backlight, or edges under the lamps
+    predicted : of all candidates, in the configuration the picture was taken in
+    light : in which the picture was taken
+    among : the candidates still possible; others get inf
+    """
+    found = np.full(len(predicted.pictures), np.inf)
+    for c in among:
+        found[c] = difference(measured, predicted.pictures[c], predicted.stance, light)
+    return found
+
+
+def discriminate(
+    differs_px: FloatArray,
+    apart_px: FloatArray,
+    light: Light,
+    among: Sequence[int],
+    edges_px: FloatArray | None = None,
+    rules: DisambiguationRules | None = None,
+) -> Identification:
+    """Return which candidates a picture leaves.
+
+    One that fits worse than the best one is out when it fits worse by half of what the two of them
+    look different by, and that is enough for a picture to tell: what a picture lacks or has too
+    much for both of them does not count. If the best one itself is as far off as this, the picture
+    shows none of them; under lamps, where edges that are there may not show, only if more than
+    half of its edges are missing as well.
+
+    Parameters
+    ----------
+    differs_px : (n,) of the picture from each candidate's prediction, of `compare`
+    apart_px : (n, n) of each prediction from each other one, of `apart`
+    light : in which the picture was taken
+    among : the candidates still possible
+    edges_px : (n,) edges that each prediction shows, of `edges_shown`; for pictures under lamps
+    rules : how much of a picture must differ; None for the defaults
+    """
+    rules = rules or DisambiguationRules()
+    needed = needed_px(light, rules)
+    order = sorted(among, key=lambda c: (differs_px[c], c))
+    best = order[0]
+    others = [float(apart_px[best, c]) for c in order[1:] if apart_px[best, c] >= needed]
+    nearest = min(others, default=needed / CONVINCED)
+    shown = 0.0 if edges_px is None else float(edges_px[best])
+    if differs_px[best] > CONVINCED * max(nearest, needed / CONVINCED, shown):
+        return Identification((), differs_px)
+    left = [
+        c
+        for c in order
+        if c == best
+        or apart_px[best, c] < needed
+        or differs_px[c] - differs_px[best] < CONVINCED * apart_px[best, c]
+    ]
+    return Identification(tuple(left), differs_px)
+
+
+def apart(predicted: Predicted, light: Light) -> FloatArray:
+    """Return by how many pixels the predictions of one view differ from each other (n, n)."""
+    n = len(predicted.pictures)
+    found = np.zeros((n, n))
+    for i in range(n):
+        for j in range(i + 1, n):
+            a, b = predicted.pictures[i], predicted.pictures[j]
+            found[i, j] = found[j, i] = difference(a, b, predicted.stance, light)
+    return found
+
+
+def edges_shown(predicted: Predicted) -> FloatArray:
+    """Return the length [px] of edges each prediction shows clear of the hand (n,)."""
+    return np.array([float((p.edges & ~p.before).sum()) * p.step_px for p in predicted.pictures])

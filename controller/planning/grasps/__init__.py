@@ -1,0 +1,26 @@
+"""Where a jaw can hold a part, and which of many grips to plan with."""
+
+from ._faces import FacePair, opposed_faces
+from ._seeds import Seeds, find_seeds, needed_friction
+from ._select import clear_of_table, resting_pose, select_arm_grasps, spread, turned_over
+from ._synthesis import Synthesis, judge_grasps, synthesise_grasps
+from .judge import Stage
+from .strength import still_gravities
+
+__all__ = [
+    "FacePair",
+    "Seeds",
+    "Stage",
+    "Synthesis",
+    "clear_of_table",
+    "find_seeds",
+    "judge_grasps",
+    "needed_friction",
+    "opposed_faces",
+    "resting_pose",
+    "select_arm_grasps",
+    "spread",
+    "still_gravities",
+    "synthesise_grasps",
+    "turned_over",
+]

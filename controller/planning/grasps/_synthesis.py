@@ -1,0 +1,326 @@
+"""Where a parallel jaw can hold a part: seeds, one evaluator, what friction and pose errors leave.
+
+Each stage is cheaper than the next and counts what it leaves and how near the best came, so that
+a part which cannot be held is refused with the number that fails (planning-facts.md 2.2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.arrays import BoolArray, FloatArray, IntArray
+from controller.cad import Solid
+from controller.imaging import RayCaster
+
+from ..model import Grasp, GraspRules, Holder, Jaw, NotGraspableError
+from ._candidates import (
+    Candidates,
+    approach_seems_free,
+    axis_distance,
+    candidates,
+    open_gap,
+    pre_open,
+)
+from ._seeds import Seeds, needed_friction
+from ._select import cover
+from .clearance import PartTriangles, clear_of_part, lifts_off_table
+from .judge import Judge, Stage, closed, score_of
+from .pads import Contacts
+from .robust import margins
+from .strength import least_load
+
+SORTING_SHARE = 0.8  # of the contact asked for, that coarse rays must find
+BATCH_N = 400
+GOLDEN = 0.6180339887498949
+
+
+@dataclass(frozen=True, slots=True)
+class Synthesis:
+    """Every grip of a jaw on a part, and what each stage left."""
+
+    grasps: tuple[Grasp, ...]
+    stages: tuple[Stage, ...]
+
+
+def synthesise_grasps(
+    solid: Solid,
+    seeds: Seeds,
+    caster: RayCaster,
+    jaw: Jaw,
+    holder: Holder,
+    downs: FloatArray,
+    rules: GraspRules,
+    gravities: Sequence[FloatArray] | None = None,
+) -> tuple[Grasp, ...]:
+    """Return grips of one jaw that hold the part, clear of it, from all round and from above.
+
+    Parameters
+    ----------
+    solid : the part
+    seeds : of `find_seeds`
+    caster : rays against its mesh
+    jaw : the gripper
+    holder : which gripper it is; only the arm's takes parts from the table
+    downs : (k, 3) which way is down, in the part frame, in each stable pose
+    rules : what a grasp must keep
+    gravities : unit vectors (3,) in the tip frame, of a jaw that does not turn; None: of the arm's
+
+    Raises
+    ------
+    NotGraspableError : no grip holds; says which stage left none, and the number that failed
+    """
+    found = judge_grasps(solid, seeds, caster, jaw, holder, downs, rules, gravities)
+    if not found.grasps:
+        raise NotGraspableError(_refusal(solid, seeds, caster, jaw, holder, rules, found.stages))
+    return found.grasps
+
+
+def _refusal(
+    solid: Solid,
+    seeds: Seeds,
+    caster: RayCaster,
+    jaw: Jaw,
+    holder: Holder,
+    rules: GraspRules,
+    stages: Sequence[Stage],
+) -> str:
+    """Say which stage left no grip, with the number that fails."""
+    last = next(s for s in stages if s.left == 0)
+    name = f"{solid.name}: the {holder} cannot hold it"
+    need, width = needed_friction(solid, seeds, caster)
+    have = float(np.degrees(np.arctan(rules.friction)))
+    if last.name == "grasps round seeds":
+        widest = jaw.max_mm - rules.jaw_reserve_mm
+        if need > have:
+            return (
+                f"{name}: widest opposed friction angle needed {need:.1f} deg, have {have:.1f}; "
+                "fit pads with more friction, or fingers shaped for it"
+            )
+        return (
+            f"{name}: no two opposed walls at most {widest:.0f} mm apart, the nearest are "
+            f"{width:.1f} mm apart; fit a wider jaw or other fingers"
+        )
+    tallies = "; ".join(s.phrase for s in stages[: stages.index(last) + 1])
+    told = f"grasps left by each requirement: {tallies}"
+    if last.name == "little enough weight" or (
+        last.name.endswith("strong enough") and need <= have
+    ):
+        mass_kg = solid.volume_mm3 * rules.density_kg_mm3
+        return (
+            f"{name}, grasp strength: {mass_kg:.2f} kg between pads of {jaw.force_n:.0f} N and "
+            f"friction {rules.friction:g} use {last.best:.2f} of the friction limit at best, "
+            f"{last.limit:g} is allowed; press harder or fit pads with more friction; {told}"
+        )
+    if need > have:
+        return (
+            f"{name}: its walls lean, opposed friction angle needed {need:.1f} deg, have "
+            f"{have:.1f}; fit pads with more friction, or fingers shaped for it; {told}"
+        )
+    return f"{name}; {told}; fit other fingers or pads"
+
+
+def judge_grasps(
+    solid: Solid,
+    seeds: Seeds,
+    caster: RayCaster,
+    jaw: Jaw,
+    holder: Holder,
+    downs: FloatArray,
+    rules: GraspRules,
+    gravities: Sequence[FloatArray] | None = None,
+) -> Synthesis:
+    """Return the grasps `synthesise_grasps` keeps, and the tally of every stage; none is no error.
+
+    Parameters
+    ----------
+    solid : the part
+    seeds : where to try
+    caster : rays against its mesh
+    jaw : the gripper
+    holder : which gripper it is; only the arm's takes parts from the table
+    downs : (k, 3) unit, the way down in the CAD frame, of each stable pose
+    rules : what a grasp must keep
+    gravities : (3,) each, directions of gravity in the TCP frame a grasp has to bear; None for all
+    """
+    judge = Judge(solid, caster, jaw, rules, gravities)
+    # only the arm takes parts from the table
+    tables = downs if holder == "arm" else downs[:0]
+    tried = candidates(solid, seeds, jaw, downs, rules)
+    judge.tally.count("grasps round seeds", len(tried.T))
+    lever = axis_distance(tried.T, solid.centroid_mm, jaw)
+    bound = least_load(
+        lever if gravities is None else 0.0 * lever,  # a still jaw may have the lever hang plumb
+        judge.weight_n,
+        jaw.force_n,
+        judge.coarse,
+        rules,
+    )
+    tried = tried.take(
+        judge.tally.ask(
+            "little enough weight", bound, rules.max_load, " of the friction limit", most=True
+        )
+    )
+    able, score, area = _sorted_out(judge, tried, seeds, _picks(judge, tried, tables))
+    picks = _picks(judge, able, tables)
+    firm = judge.tally.ask(
+        "enough contact off the table", area, SORTING_SHARE * rules.min_contact_mm2, " mm2"
+    )
+    rows = _cover_of(np.flatnonzero(firm), able, score, picks, rules.fine_n, 2 * rules.picks_n)
+    found = _measured(judge, able, rows)
+    # a pose that few grips take from above: there the table gives height and tilt, and what
+    # contact the rim of a flat part offers is all there is
+    scarce = found.picks(judge, tables).sum(axis=1) < rules.picks_n // 2
+    for pose in np.flatnonzero(scarce):
+        fresh = np.setdiff1d(np.flatnonzero(picks[pose]), found.numbers)
+        rows = _cover_of(fresh, able, score, picks[:0], rules.fine_n // 4, 0)
+        found = found.joined(_measured(judge, able, rows, down=tables[pose]))
+    score = score_of(found.contacts) * (1.0 - found.load) * found.margin
+    chosen = cover(found.contacts.T, score, found.picks(judge, tables), rules.keep_n, rules.picks_n)
+    wide = pre_open(found.contacts.opening, found.inner, jaw, rules)
+    grasps = tuple(
+        Grasp(
+            id=f"{holder[0].upper()}{number}",
+            T_part_tcp=found.contacts.T[k],
+            opening_mm=float(found.contacts.opening[k]),
+            pre_open_mm=float(wide[k]),
+            contact_mm2=float(found.contacts.area[k]),
+            load=float(found.load[k]),
+            score=float(score[k]),
+            holder=holder,
+            margin=float(found.margin[k]),
+            is_inner=bool(found.inner[k]),
+            on_table=bool(found.on_table[k]),
+        )
+        for number, k in enumerate(chosen)
+    )
+    return Synthesis(grasps, judge.tally.stages)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Measured:
+    """Grips (n) that hold by fine rays and at wrong poses; `numbers` tells which candidates."""
+
+    numbers: IntArray
+    contacts: Contacts
+    inner: BoolArray
+    load: FloatArray
+    margin: FloatArray
+    on_table: BoolArray
+
+    def joined(self, other: _Measured) -> _Measured:
+        return _Measured(
+            np.concatenate([self.numbers, other.numbers]),
+            self.contacts.joined(other.contacts),
+            np.concatenate([self.inner, other.inner]),
+            np.concatenate([self.load, other.load]),
+            np.concatenate([self.margin, other.margin]),
+            np.concatenate([self.on_table, other.on_table]),
+        )
+
+    def picks(self, judge: Judge, downs: FloatArray) -> BoolArray:
+        hands = Candidates(self.contacts.T, self.contacts.opening, self.inner)
+        return _picks(judge, hands, downs)
+
+
+def _cover_of(
+    members: IntArray,
+    able: Candidates,
+    score: FloatArray,
+    picks: BoolArray,
+    count: int,
+    per_pose: int,
+) -> IntArray:
+    chosen = cover(able.T[members], score[members], picks[:, members], count, per_pose)
+    return np.asarray(members[chosen], dtype=np.int64)
+
+
+def _sorted_out(
+    judge: Judge, tried: Candidates, seeds: Seeds, picks: BoolArray
+) -> tuple[Candidates, FloatArray, FloatArray]:
+    """Return the candidates that hold by coarse rays, clear of the part; their scores and contacts.
+
+    In batches that take from every pose's picks and from all in turn, until there are `enough_n`:
+    a part that is easy to hold is done soon, a hard one is looked at to the last candidate.
+    """
+    rules, jaw = judge.rules, judge.jaw
+    order = _in_turn([*picks, np.ones(len(tried.T), dtype=bool)])
+    part = PartTriangles(judge.solid)
+    kept, values, count = [tried.take(order[:0])], [np.zeros((2, 0))], 0
+    for rows in (order[k : k + BATCH_N] for k in range(0, len(order), BATCH_N)):
+        batch = tried.take(rows)
+        judge.tally.count("tried", len(rows))
+        batch = batch.take(approach_seems_free(batch, seeds, jaw, rules))
+        judge.tally.count("way in seems free", len(batch.T))
+        found = judge.close(batch.T, batch.gap, batch.inner, judge.coarse)
+        good = judge.sort_out(found, batch.inner, judge.coarse, rules.least_contact_mm2)
+        shut = closed(batch, found, good)
+        clear = clear_of_part(part, shut.T, shut.gap, shut.inner, jaw, rules)
+        judge.tally.count("clear of the part", int(clear.sum()))
+        kept.append(shut.take(clear))
+        values.append(np.stack([score_of(found)[good][clear], found.area[good][clear]]))
+        count += int((values[-1][1] >= SORTING_SHARE * rules.min_contact_mm2).sum())
+        if count >= rules.enough_n:
+            break
+    return (
+        Candidates(
+            np.concatenate([k.T for k in kept]),
+            np.concatenate([k.gap for k in kept]),
+            np.concatenate([k.inner for k in kept]),
+        ),
+        *np.hstack(values),
+    )
+
+
+def _in_turn(groups: Sequence[BoolArray]) -> IntArray:
+    """Return all numbers once, taken from each group in turn; within a group from all over it."""
+    ranked: list[IntArray] = []
+    for group in groups:
+        members = np.flatnonzero(group)
+        if len(members):
+            # multiples of the golden section leave no stretch of the members out for long
+            spot = np.argsort((np.arange(len(members)) * GOLDEN) % 1.0, kind="stable")
+            rank = np.empty(len(members), dtype=np.int64)
+            rank[spot] = np.arange(len(members))
+            ranked.append(np.column_stack([rank, np.full(len(members), len(ranked)), members]))
+    if not ranked:
+        return np.zeros(0, dtype=np.int64)
+    table = np.vstack(ranked)
+    members = table[np.lexsort((table[:, 1], table[:, 0])), 2]
+    _, first = np.unique(members, return_index=True)
+    return np.asarray(members[np.sort(first)])
+
+
+def _measured(
+    judge: Judge, able: Candidates, numbers: IntArray, down: FloatArray | None = None
+) -> _Measured:
+    """Return which of the candidates numbered hold by fine rays and at wrong poses.
+
+    Of a part that lies on a table (`down`, (3,) in the part frame) only place and heading may be
+    wrong, and less contact will do.
+    """
+    rules, table = judge.rules, down is not None
+    prefix = "on the table: " if table else "measured finely: "
+    contact_mm2 = rules.least_contact_mm2 if table else rules.min_contact_mm2
+    tried = able.take(numbers)
+    found = judge.close(tried.T, tried.gap, tried.inner, judge.fine)
+    rows = judge.sort_out(found, tried.inner, judge.fine, contact_mm2, prefix)
+    found, inner = found.take(rows), tried.inner[rows]
+    margin = margins(judge, found, inner, down)
+    sure = np.flatnonzero(
+        judge.tally.ask(f"{prefix}sure", margin, rules.min_margin, " of wrong poses")
+    )
+    found, inner = found.take(sure), inner[sure]
+    load = judge.load(found, inner, judge.fine)
+    return _Measured(
+        numbers[rows[sure]], found.bare(), inner, load, margin[sure], np.full(len(sure), table)
+    )
+
+
+def _picks(judge: Judge, hands: Candidates, downs: FloatArray) -> BoolArray:
+    """Return for each stable pose which hands take the part from above (k, n)."""
+    wide = open_gap(hands.gap, hands.inner, judge.jaw, judge.rules)
+    picks = [lifts_off_table(hands.T, wide, judge.jaw, judge.hull, down) for down in downs]
+    return np.array(picks, dtype=bool).reshape(len(downs), len(hands.T))

@@ -1,0 +1,223 @@
+"""What each stage of the synthesis asks of a part in a jaw, and the tally of what each left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.arrays import BoolArray, FloatArray, IntArray
+from controller.cad import Solid
+from controller.imaging import RayCaster
+
+from ..model import GraspRules, Jaw
+from ._candidates import Candidates
+from ._seeds import narrowest_inner, widest_inner
+from .pads import Contacts, PadGrid, close_pads
+from .strength import GRAVITY_N_PER_KG, loads
+
+FULL_CONTACT_MM2 = 120.0  # more contact does not make a grip surer
+NO_OFFSET_MM = 12.0  # contacts this far apart leave nothing of a grip's score
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """What one demand left: how many grips, and the best value it saw of what it asks for.
+
+    `best` and `limit` are nan for a demand without a number.
+    """
+
+    name: str
+    left: int
+    best: float = float("nan")
+    limit: float = float("nan")
+    unit: str = ""
+
+    @property
+    def phrase(self) -> str:
+        """How people read it."""
+        if not np.isfinite(self.limit):
+            return f"{self.name} {self.left}"
+        best = f"best {self.best:.3g}" if np.isfinite(self.best) else "none came so far"
+        return f"{self.name} {self.left} ({best}, {self.limit:.3g}{self.unit} required)"
+
+
+class Tally:
+    """Stages in the order first asked, added up over batches."""
+
+    def __init__(self) -> None:
+        self._stages: dict[str, Stage] = {}
+
+    def count(self, name: str, left: int) -> None:
+        """Add to a demand without a number."""
+        before = self._stages.get(name)
+        self._stages[name] = Stage(name, left + (before.left if before else 0))
+
+    def ask(
+        self, name: str, values: FloatArray, limit: float, unit: str = "", *, most: bool = False
+    ) -> BoolArray:
+        """Return which values reach a limit, and remember how many did and the best.
+
+        Parameters
+        ----------
+        name : of the stage; asked again, it adds up
+        values : (n,)
+        limit : in the unit of the values
+        unit : as it follows the number in a message, with its blank
+        most : the limit is the most allowed, not the least
+        """
+        good = values <= limit + 1e-9 if most else values >= limit - 1e-9
+        before = self._stages.get(name, Stage(name, 0))
+        best = values.min(initial=np.inf) if most else values.max(initial=-np.inf)
+        if np.isfinite(before.best):
+            best = min(best, before.best) if most else max(best, before.best)
+        self._stages[name] = Stage(name, before.left + int(good.sum()), float(best), limit, unit)
+        return np.asarray(good)
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """All of them."""
+        return tuple(self._stages.values())
+
+
+class Judge:
+    """One part, one jaw, one set of rules.
+
+    Parameters
+    ----------
+    solid : the part
+    caster : rays against its mesh
+    jaw : the gripper
+    rules : what a grasp must keep
+    gravities : unit vectors (3,) in the TCP frame, of a jaw that does not turn; None: of the arm's
+    """
+
+    def __init__(
+        self,
+        solid: Solid,
+        caster: RayCaster,
+        jaw: Jaw,
+        rules: GraspRules,
+        gravities: Sequence[FloatArray] | None,
+    ) -> None:
+        self.solid, self.caster, self.jaw, self.rules = solid, caster, jaw, rules
+        self.gravities = gravities
+        self.tally = Tally()
+        self.hull = np.asarray(solid.mesh.convex_hull.vertices)
+        self.face_normals = np.asarray(solid.mesh.face_normals, dtype=np.float32)
+        self.weight_n = solid.volume_mm3 * rules.density_kg_mm3 * GRAVITY_N_PER_KG
+        self.coarse = PadGrid.of(jaw, rules.ray_step_mm)
+        self.fine = PadGrid.of(jaw, rules.fine_step_mm)
+
+    def close(
+        self, T: FloatArray, gap: FloatArray, inner: BoolArray, grid: PadGrid, slopes: bool = False
+    ) -> Contacts:
+        """Return what the pads touch, as `close_pads`.
+
+        Parameters
+        ----------
+        T : (n, 4, 4) T_part_tcp
+        gap : (n,) between the surfaces expected to touch [mm]
+        inner : (n,) the pads are the fingers' backs and move apart
+        grid : the rays of a pad
+        slopes : work out the gradients too
+        """
+        return close_pads(self.caster, self.face_normals, T, gap, inner, grid, self.rules, slopes)
+
+    def load(self, found: Contacts, inner: BoolArray, grid: PadGrid) -> FloatArray:
+        """Return the share of each grasp's strength that the weight uses (n,).
+
+        Parameters
+        ----------
+        found : n contacts, closed
+        inner : (n,) the pads are the fingers' backs
+        grid : the rays they were closed with
+        """
+        return loads(
+            found,
+            grid,
+            self.solid.centroid_mm,
+            self.weight_n,
+            self.jaw.force_n,
+            inner,
+            self.rules,
+            self.gravities,
+        )
+
+    def in_width(self, found: Contacts, inner: BoolArray) -> BoolArray:
+        """Return which were touched by both pads within what the jaw opens to (n,)."""
+        low = np.where(inner, narrowest_inner(self.jaw, self.rules), 1.0)
+        high = np.where(inner, widest_inner(self.jaw), self.jaw.max_mm - self.rules.jaw_reserve_mm)
+        return np.asarray(found.touched & (found.opening >= low) & (found.opening <= high))
+
+    def holds(self, found: Contacts, inner: BoolArray, contact_mm2: float) -> BoolArray:
+        """Return which contacts are good for every rule (n,).
+
+        Parameters
+        ----------
+        found : n contacts, closed with the coarse grid
+        inner : (n,) the pads are the fingers' backs
+        contact_mm2 : least contact of either pad
+        """
+        good = self.in_width(found, inner) & (found.area >= contact_mm2)
+        good &= found.offset <= self.rules.max_offset_mm
+        rows = np.flatnonzero(good)
+        load = self.load(found.take(rows), inner[rows], self.coarse)
+        good[rows] = load <= self.rules.max_load
+        return np.asarray(good)
+
+    def sort_out(
+        self,
+        found: Contacts,
+        inner: BoolArray,
+        grid: PadGrid,
+        contact_mm2: float,
+        prefix: str = "",
+    ) -> IntArray:
+        """Return the numbers of the grasps that hold; count in the tally what each demand left.
+
+        Parameters
+        ----------
+        found : n contacts, closed
+        inner : (n,) the pads are the fingers' backs
+        grid : the rays they were closed with
+        contact_mm2 : least contact of either pad
+        prefix : of the stages' names in the tally
+        """
+        rules, tally = self.rules, self.tally
+        rows = np.flatnonzero(self.in_width(found, inner))
+        tally.count(f"{prefix}touched by both pads", len(rows))
+        good = tally.ask(f"{prefix}enough contact", found.area[rows], contact_mm2, " mm2")
+        rows = rows[good]
+        good = tally.ask(
+            f"{prefix}contacts opposite",
+            found.offset[rows],
+            rules.max_offset_mm,
+            " mm apart",
+            most=True,
+        )
+        rows = rows[good]
+        load = self.load(found.take(rows), inner[rows], grid)
+        good = tally.ask(
+            f"{prefix}strong enough", load, rules.max_load, " of the friction limit", most=True
+        )
+        return np.asarray(rows[good])
+
+
+def score_of(found: Contacts) -> FloatArray:
+    """Return how sure each grip is, by contact and offset alone (n,), 0..1."""
+    area = np.minimum(1.0, found.area / FULL_CONTACT_MM2)
+    return np.asarray(area * np.maximum(0.05, 1.0 - found.offset / NO_OFFSET_MM))
+
+
+def closed(tried: Candidates, found: Contacts, rows: IntArray) -> Candidates:
+    """Return some of the candidates as they are once closed.
+
+    Parameters
+    ----------
+    tried : the candidates
+    found : what they touch, one for each
+    rows : numbers of those to return
+    """
+    return Candidates(found.T[rows], found.opening[rows], tried.inner[rows])

@@ -1,0 +1,92 @@
+"""One way to hold a part, and what counts as one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from controller.arrays import FloatArray
+
+from .layout import Jaw
+
+Holder = Literal["arm", "fixture"]
+TABLE_MARGIN_MM = 1.5  # between an open hand and the table it takes a part from
+
+
+@dataclass(frozen=True, slots=True)
+class GraspRules:
+    """What counts as a grip, and how hard to look for one; each with its reason."""
+
+    friction: float = 0.6  # rubber pads on machined aluminium, dry
+    density_kg_mm3: float = 2.7e-6  # aluminium
+    # share of the friction limit that weight, and slope of the walls, may use in the worst attitude
+    max_load: float = 0.5
+    compliance_mm: float = 0.4  # pads give this much, so that near-touching cells carry
+    min_contact_mm2: float = 40.0  # per pad; less is a line or a corner
+    # where the pose was wrong, or where a part on the table shows no more: two lines 1 mm wide
+    least_contact_mm2: float = 24.0
+    max_offset_mm: float = 4.0  # between the two contacts along the pads: more tips the part
+    clearance_mm: float = 4.0  # per finger while open, for 1-2 mm of pose error
+    bore_clearance_mm: float = 1.5  # per finger that goes into a bore: at least; rather the above
+    jaw_reserve_mm: float = 5.0  # of the full opening, so that the open hand gets over the part
+    approach_mm: float = 90.0  # straight way in and out
+    # the pose a part is picked at is known this well, each way on each axis (planning-facts.md 6)
+    wrong_mm: float = 1.0
+    wrong_deg: float = 2.0
+    min_margin: float = 0.9  # share of such poses in which it must hold as well
+    ray_step_mm: float = 2.0  # between rays from a pad, to sort out
+    fine_step_mm: float = 1.0  # and to measure what is left
+    seeds_n: int = 150  # of opposed planes, as many of other walls, as many again of inner walls
+    spin_n: int = 12  # approaches round each
+    enough_n: int = 500  # grips by coarse rays are enough; until then every candidate is tried
+    fine_n: int = 150  # most of them that are measured finely and tried at wrong poses
+    wrong_n: int = 20  # wrong poses tried
+    keep_n: int = 120  # most grips of a jaw
+    picks_n: int = 20  # of them, from above for each way the part lies
+
+    def coarse(self) -> GraspRules:
+        """Return the same demands with a quick, less thorough look: for a first plan."""
+        return replace(
+            self, seeds_n=60, spin_n=8, enough_n=100, fine_n=40, wrong_n=10, keep_n=40, picks_n=8
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grasp:
+    """One way to hold the part.
+
+    Attributes
+    ----------
+    T_part_tcp : (4, 4) tip frame of the jaw in the part's CAD frame while it holds
+    opening_mm, pre_open_mm : jaw width holding, and before and after
+    contact_mm2 : of the smaller of both contacts; load : share of the friction limit in use
+    score : 0..1, larger is surer
+    margin : share of the poses about the planned one (+-1 mm, +-2 deg) in which it still holds
+    is_inner : the fingers spread inside a bore or a channel; `opening_mm` is then the distance of
+        their backs, and `pre_open_mm` is narrower
+    on_table : `margin` counts for taking the part from a table, which gives its height and tilt;
+        contact may then be as little as `GraspRules.least_contact_mm2`
+    """
+
+    id: str
+    T_part_tcp: FloatArray
+    opening_mm: float
+    pre_open_mm: float
+    contact_mm2: float
+    load: float
+    score: float
+    holder: Holder
+    margin: float = 1.0
+    is_inner: bool = False
+    on_table: bool = False
+
+    def gap_mm(self, jaw: Jaw) -> float:
+        """Return the gap between the pads while it holds, as `Jaw.fingers` takes it."""
+        return self.opening_mm - self._backs_mm(jaw)
+
+    def open_gap_mm(self, jaw: Jaw) -> float:
+        """Return the gap between the pads before and after, as `Jaw.fingers` takes it."""
+        return self.pre_open_mm - self._backs_mm(jaw)
+
+    def _backs_mm(self, jaw: Jaw) -> float:
+        return 2 * jaw.finger_thickness_mm if self.is_inner else 0.0

@@ -1,0 +1,260 @@
+"""What it costs to get the part into a grip, from grip to grip, and what each grip can show.
+
+Prices are seconds between hubs (one configuration per grip, in the midst of its views) plus the
+seconds a failure would cost times how likely it is (planning-facts.md 1.3, "Cost").
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.arrays import BoolArray, FloatArray, IntArray
+
+from ..model import CellLayout, Grasp, HandOff, PreparedPart
+from ..motion import move_seconds, segment_seconds
+from ..regrasps import PickPath
+from ..search import Problem
+
+# a failed grip is looked for, seen anew and taken again: about a minute
+RECOVERY_S = 60.0
+LEAST_SURE = 0.9  # of a grip whose score is 0; a score of 1 does not fail
+TRAVEL_S = 2.0  # from one view to the next, on the average; their order is settled afterwards
+FINISH_S = 10.0  # sorting; much the same from every grip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RegraspSite:
+    """What holds the part while the hand changes its grip.
+
+    Attributes
+    ----------
+    fixture : index of the fixture grip, -1 on the table; rest : index of the place, -1 if none
+    paths : arm grip -> how it meets the support
+    """
+
+    fixture: int
+    rest: int
+    paths: Mapping[int, HandOff]
+
+
+SQUARE_WORTH = 0.3  # a main face seen squarely is worth this much of its area on top
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EdgeCosts:
+    """A search problem and what its numbers stand for.
+
+    Attributes
+    ----------
+    views : per arm grip, the direction of each row of `problem.shows`
+    square_faces : (f,) the faces whose square view is an element after the samples
+    site_s : (k, g, g) price of each hop over each support; supports : (k,)
+    """
+
+    problem: Problem
+    views: tuple[IntArray, ...]
+    square_faces: IntArray
+    sites: tuple[RegraspSite, ...]
+    site_s: FloatArray
+
+
+def risk_s(grasp: Grasp) -> float:
+    """Return what the chance that a grip fails is worth [s]."""
+    return RECOVERY_S * (1.0 - LEAST_SURE) * (1.0 - grasp.score)
+
+
+def regrasp_sites_of(part: PreparedPart, avoid: frozenset[str]) -> tuple[RegraspSite, ...]:
+    """Return the fixture's grips and the places on the table, but for those to be avoided."""
+    held = [
+        RegraspSite(f, -1, paths)
+        for f, paths in enumerate(part.hand_offs)
+        if paths and part.fixed_grasps[f].id not in avoid
+    ]
+    return (*held, *(RegraspSite(-1, r, paths) for r, paths in enumerate(part.set_downs) if paths))
+
+
+def first_seconds(
+    part: PreparedPart,
+    layout: CellLayout,
+    q: FloatArray,
+    picks: Mapping[int, Sequence[PickPath]],
+) -> FloatArray:
+    """Return the cost of taking the part off the table with each grasp (g,) [s], inf if impossible.
+
+    Parameters
+    ----------
+    part : prepared
+    layout : the cell
+    q : (6,) where the arm stands
+    picks : of each grasp that can, the ways to take the part; at least one
+    """
+    seconds = np.full(len(part.arm_grasps), np.inf)
+    for g, paths in picks.items():
+        drives = [
+            move_seconds(layout, [q, *w.down]) + move_seconds(layout, [*w.up, part.home_q[g]])
+            for w in paths
+        ]
+        seconds[g] = min(drives) + layout.cell_times.grasp_s + risk_s(part.arm_grasps[g])
+    return seconds
+
+
+def take_seconds(
+    part: PreparedPart, layout: CellLayout, q: FloatArray, support: RegraspSite
+) -> FloatArray:
+    """Return the cost of taking the part from what holds it now, with each grasp (g,) [s].
+
+    Parameters
+    ----------
+    part : prepared
+    layout : the cell
+    q : (6,) where the arm stands
+    support : the fixed gripper's grasp, or the table; inf for grasps that do not meet it
+    """
+    seconds = np.full(len(part.arm_grasps), np.inf)
+    for g, way in support.paths.items():
+        seconds[g] = (
+            move_seconds(layout, [q, *way.retreat[::-1]])
+            + move_seconds(layout, [*way.entry[::-1], part.home_q[g]])
+            + layout.cell_times.receive_s
+            + risk_s(part.arm_grasps[g])
+        )
+    return seconds
+
+
+def regrasp_seconds(part: PreparedPart, layout: CellLayout, support: RegraspSite) -> FloatArray:
+    """Return the cost of each regrasp (g, g) [s], from row to column, inf where there is none.
+
+    Parameters
+    ----------
+    part : prepared
+    layout : the cell
+    support : what holds the part in between: the fixed gripper, or the table
+    """
+    count = len(part.arm_grasps)
+    seconds = np.full((count, count), np.inf)
+    members = np.array(sorted(support.paths))
+    if len(members) == 0:
+        return seconds
+    paths = [support.paths[int(g)] for g in members]
+    entry = np.stack([w.entry[0] for w in paths])
+    away = np.stack([w.retreat[-1] for w in paths])
+    straight = np.array(
+        [
+            segment_seconds(layout, w.entry[0], w.entry[-1])
+            + segment_seconds(layout, w.retreat[0], w.retreat[-1])
+            for w in paths
+        ]
+    )
+    cell_times = layout.cell_times
+    reach = segment_seconds(layout, part.home_q[members], entry)
+    between = segment_seconds(layout, away[:, None], away[None])
+    own = np.array([risk_s(part.arm_grasps[int(g)]) for g in members])
+    if support.fixture >= 0:
+        # either hand closes once and lets go once
+        fixed = cell_times.hand_off_s + risk_s(part.fixed_grasps[support.fixture])
+    else:
+        fixed = cell_times.release_s + cell_times.relook_s + cell_times.grasp_s
+    total = (reach + straight)[:, None] + between + (straight + reach + own)[None] + fixed
+    np.fill_diagonal(total, np.inf)
+    seconds[np.ix_(members, members)] = total
+    return seconds
+
+
+def make_edge_costs(
+    part: PreparedPart,
+    layout: CellLayout,
+    first_s: FloatArray,
+    seen: BoolArray,
+    squared: frozenset[int],
+    avoid: frozenset[str],
+) -> EdgeCosts:
+    """Return the problem of showing everything, from grips that can be had at `first_s` (g,).
+
+    Parameters
+    ----------
+    part : prepared
+    layout : the cell
+    first_s : (g,) what having the part in each grasp costs [s], inf where it cannot be had
+    seen : (n,) samples that need not be shown again
+    squared : ids of faces that need not be shown squarely again
+    avoid : ids of grips not to use
+    """
+    usable = np.array([g.id not in avoid for g in part.arm_grasps])
+    views = tuple(np.array(sorted(v), dtype=np.int64) for v in part.view_q)
+    faces, squares = _squares(part, views)
+    shows = tuple(
+        np.hstack([part.shown_by(g)[v], squares[g]]) if usable[g] else np.zeros((0, 0), dtype=bool)
+        for g, v in enumerate(views)
+    )
+    count = len(seen) + len(faces)
+    shows = tuple(s if s.shape[1] == count else np.zeros((0, count), dtype=bool) for s in shows)
+    sites = regrasp_sites_of(part, avoid)
+    table = [regrasp_seconds(part, layout, s) for s in sites]
+    site_s = np.stack(table) if table else np.full((0, len(part.home_q), len(part.home_q)), np.inf)
+    regrasp_s = site_s.min(axis=0, initial=np.inf)
+    regrasp_s[~usable], regrasp_s[:, ~usable] = np.inf, np.inf
+    price = layout.cell_times.look_s + TRAVEL_S
+    problem = Problem(
+        shows=shows,
+        weights=np.concatenate([part.weights, np.zeros(len(faces))]),
+        view_s=tuple(np.full(len(s), price) for s in shows),
+        first_s=np.where(usable, first_s, np.inf),
+        regrasp_s=regrasp_s,
+        last_s=np.full(len(part.home_q), FINISH_S),
+        seen=np.concatenate([seen, [int(f) in squared for f in faces]]),
+    )
+    return EdgeCosts(problem, views, faces, sites, site_s)
+
+
+def worthwhile(costs: EdgeCosts, part: PreparedPart, grasps: Sequence[int]) -> BoolArray:
+    """Return the elements (m,) that views under some grasps show before they add too little.
+
+    The views are taken greedily, what adds most first, down to `PlanOptions.least_gain`. Elements
+    already seen are among them.
+
+    Parameters
+    ----------
+    costs : the problem, and what its numbers stand for
+    part : prepared
+    grasps : numbers of grasps; repeats count once
+    """
+    problem = costs.problem
+    worth = problem.weights.copy()
+    count = len(part.samples.points_mm)
+    for k, face in enumerate(costs.square_faces):
+        worth[count + k] = SQUARE_WORTH * part.weights[part.samples.face_ids == face].sum()
+    rows = np.vstack([problem.shows[g] for g in dict.fromkeys(grasps)]).astype(np.float32)
+    kept = problem.seen.copy()
+    while len(rows):
+        gain = rows @ np.where(kept, 0.0, worth).astype(np.float32)
+        best = int(np.argmax(gain))
+        if gain[best] < part.options.least_gain:
+            break
+        kept |= rows[best] > 0.0
+    return kept
+
+
+def _squares(
+    part: PreparedPart, views: Sequence[IntArray]
+) -> tuple[IntArray, tuple[BoolArray, ...]]:
+    """Return the main planar faces (f,), and per grip which of its views shows which squarely."""
+    square_to = part.directions.square_to
+    main = [
+        (v, int(f))
+        for v, f in enumerate(square_to)
+        if f >= 0 and part.solid.faces[f].kind == "plane"
+    ]
+    tables = [np.zeros((len(v), len(main)), dtype=bool) for v in views]
+    for column, (v, face) in enumerate(main):
+        of_face = (part.samples.face_ids == face) & part.visible[v]
+        if not of_face.any():
+            continue
+        for g, rows in enumerate(views):
+            (row,) = np.nonzero(rows == v)
+            if len(row):
+                share = float(part.shown_by(g)[v][of_face].mean())
+                tables[g][row[0], column] = share >= part.options.square_share
+    return np.array([f for _, f in main], dtype=np.int64), tuple(tables)

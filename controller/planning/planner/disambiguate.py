@@ -1,0 +1,299 @@
+"""A plan that begins with the view which tells what is in the hand.
+
+Recognition may leave a part in doubt with a mirror twin or with a pose that looks alike from above.
+The part is taken with a grip that holds whichever it is; the cheapest view that parts the
+candidates comes first, and the plan goes on by its answer: for the part that was planned for it
+just goes on, for another reading of it a new plan starts from the hand, and another part is put by
+(ADR 12).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from controller.arrays import BoolArray, FloatArray, Grey
+from controller.cad import Solid
+from controller.imaging import RayCaster, inverse_pose
+
+from ..disambiguation import (
+    DisambiguationRules,
+    Identification,
+    Settling,
+    apart,
+    compare,
+    discriminate,
+    edges_shown,
+    measured_picture,
+    model_of,
+    offered_views,
+    predict_view,
+    separating_views,
+)
+from ..model import (
+    Ambiguity,
+    Candidate,
+    CellLayout,
+    Grasp,
+    InArm,
+    Jaw,
+    NoPlanError,
+    OnTable,
+    Plan,
+    PreparedPart,
+    Present,
+    Step,
+)
+from ..motion import Scene, connect, move_seconds, segment_seconds, shown_pose
+from ..regrasps import PickPath, pick_paths
+from .build import Build, Builder, RefutedError
+from .planner import plan_from
+
+GRASP_COUNT = 6  # that hold every candidate, tried for a view that tells
+SAME_WIDTH_MM = 1.0  # jaws this alike could not tell what they hold
+LEAST_SHARE = 0.5  # of the pads' contact on the part planned for, that the others must give too
+PAD_STEP_MM = 2.0
+PAD_GIVES_MM = 0.4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reading:
+    """What the part may be as well: which solid, and T_world_part (4, 4) if it is that."""
+
+    name: str
+    solid: Solid
+    T_world_part: FloatArray
+
+
+def plan_under_ambiguity(
+    part: PreparedPart,
+    layout: CellLayout,
+    start: OnTable,
+    others: Sequence[Reading],
+    *,
+    seen: BoolArray | None = None,
+    avoid: frozenset[str] = frozenset(),
+    rng_seed: int = 0,
+) -> Plan:
+    """Return a plan whose first view decides between the hypotheses about what is on the table.
+
+    Its `Present.ambiguity` names them; what follows holds if it is the part planned for. Where no
+    view can decide because all hypotheses are of one part that looks the same whichever it is,
+    the plan is one without ambiguity.
+
+    Parameters
+    ----------
+    part : prepared for this cell: the reading that is planned for
+    layout : the cell
+    start : where it lies, read as that part
+    others : what it may be beside the part; seen, avoid : as `plan_from`
+    rng_seed : of the random trees; the same one gives the same plan
+
+    Raises
+    ------
+    NoPlanError : as `plan_from`, or no view that can be had tells the readings apart
+    """
+    failure: NoPlanError | None = None
+    alike: Settling | None = None
+    for way in _common_paths(part, layout, start, others, avoid):
+        try:
+            found = _settled(part, layout, start, others, way, rng_seed)
+        except NoPlanError as error:
+            failure = failure or error
+            continue
+        if isinstance(found, Settling):
+            alike = found
+            if all(o.solid is part.solid for o in others):
+                break  # one part that looks the same whichever way it lies
+            continue
+        opening, held = found
+        rest = plan_from(part, layout, held, seen=seen, avoid=avoid, rng_seed=rng_seed)
+        return replace(
+            rest,
+            steps=(*opening, *rest.steps),
+            forecast_s=rest.forecast_s + sum(s.seconds for s in opening),
+            grasps=(held.grasp, *rest.grasps[1:]) if rest.grasps else (held.grasp,),
+        )
+    if alike is not None and all(o.solid is part.solid for o in others):
+        return plan_from(part, layout, start, seen=seen, avoid=avoid, rng_seed=rng_seed)
+    names = ", ".join(sorted({o.name for o in others}))
+    if alike is not None and alike.indistinguishable:
+        raise NoPlanError(
+            f"{part.solid.name} may be {names} as well, and no view distinguishes them: "
+            f"{alike.indistinguishable[0].reason}"
+        )
+    raise failure or NoPlanError(
+        f"{part.solid.name} may be {names} as well, and no grasp from above holds both; "
+        "turn it over"
+    )
+
+
+def told(
+    ambiguity: Ambiguity,
+    layout: CellLayout,
+    q: FloatArray,
+    opening_mm: float,
+    backlit: Grey,
+    lit: Sequence[Grey],
+) -> Identification:
+    """Return which candidates the pictures of a `Present.ambiguity` leave.
+
+    Parameters
+    ----------
+    ambiguity : of the view
+    layout : the cell
+    q : (6,) where the arm stood; opening_mm : of the hand
+    backlit, lit : (h, w) pictures of the inspection camera, for
+        `disambiguation.measured_picture`
+    """
+    rules = DisambiguationRules()
+    among = range(len(ambiguity.candidates))
+    models = [model_of(c) for c in ambiguity.candidates]
+    predicted = predict_view(ambiguity.candidates, models, layout, q, opening_mm, 1, rules)
+    if predicted is None:
+        return Identification(tuple(among), np.full(len(ambiguity.candidates), np.inf))
+    measured = measured_picture(predicted, backlit, lit)
+    return discriminate(
+        compare(measured, predicted, ambiguity.light, among),
+        apart(predicted, ambiguity.light),
+        ambiguity.light,
+        among,
+        edges_shown(predicted) if ambiguity.light == "front" else None,
+        rules,
+    )
+
+
+def _common_paths(
+    part: PreparedPart,
+    layout: CellLayout,
+    start: OnTable,
+    others: Sequence[Reading],
+    avoid: frozenset[str],
+) -> list[PickPath]:
+    """Return ways to pick with grips that hold whichever it is, the quickest first."""
+    q = layout.park_q if start.q is None else start.q
+    paths = sorted(
+        pick_paths(part, layout, start.T_world_part),
+        key=lambda w: (float(segment_seconds(layout, q, w.down[0])), w.grasp),
+    )
+    casters = [RayCaster(o.solid.mesh) for o in others]
+    own = RayCaster(part.solid.mesh)
+    found: dict[int, PickPath] = {}
+    for way in paths:
+        grasp = part.arm_grasps[way.grasp]
+        if way.grasp in found or grasp.id in avoid or grasp.is_inner:
+            continue
+        T_world_tcp = start.T_world_part @ grasp.T_part_tcp
+        own_area, _ = _closed(own, grasp.T_part_tcp, layout.hand, grasp.pre_open_mm)
+        if all(
+            _holds_too(
+                c,
+                inverse_pose(o.T_world_part) @ T_world_tcp,
+                layout,
+                grasp,
+                own_area,
+                min(SAME_WIDTH_MM, part.options.width_tolerance_mm),
+            )
+            for c, o in zip(casters, others, strict=True)
+        ):
+            found[way.grasp] = way
+        if len(found) == GRASP_COUNT:
+            break
+    return list(found.values())
+
+
+def _holds_too(
+    caster: RayCaster,
+    T_part_tcp: FloatArray,
+    layout: CellLayout,
+    grasp: Grasp,
+    area: float,
+    tolerance_mm: float,
+) -> bool:
+    """Return whether jaws that close on another solid there stop as they would on the part."""
+    other, width = _closed(caster, T_part_tcp, layout.hand, grasp.pre_open_mm)
+    return other >= LEAST_SHARE * area and abs(width - grasp.opening_mm) <= tolerance_mm
+
+
+def _closed(
+    caster: RayCaster, T_part_tcp: FloatArray, jaw: Jaw, from_mm: float
+) -> tuple[float, float]:
+    """Return the smaller contact [mm2] and the width [mm] of jaws that close from `from_mm`."""
+    x = -np.arange(PAD_STEP_MM / 2, jaw.pad_length_mm, PAD_STEP_MM)
+    half = jaw.finger_width_mm / 2
+    z = np.arange(-half + PAD_STEP_MM / 2, half, PAD_STEP_MM)
+    grid = np.array(np.meshgrid(x, z, indexing="ij")).reshape(2, -1).T
+    areas, depths = [], []
+    for side in (1.0, -1.0):
+        local = np.column_stack([grid[:, 0], np.full(len(grid), side * from_mm / 2), grid[:, 1]])
+        origin = local @ T_part_tcp[:3, :3].T + T_part_tcp[:3, 3]
+        inward = np.broadcast_to(-side * T_part_tcp[:3, 1], origin.shape)
+        _, away = caster.first_hit(origin, inward)
+        first = float(away.min())
+        if not np.isfinite(first):
+            return 0.0, 0.0
+        areas.append(float((away <= first + PAD_GIVES_MM).sum()) * PAD_STEP_MM**2)
+        depths.append(first)
+    return min(areas), from_mm - sum(depths)
+
+
+def _settled(
+    part: PreparedPart,
+    layout: CellLayout,
+    start: OnTable,
+    others: Sequence[Reading],
+    way: PickPath,
+    rng_seed: int,
+) -> tuple[tuple[Step, ...], InArm] | Settling:
+    """Return the steps up to the view that tells and how the part is held then.
+
+    A `Settling` without a first view where none of the views with this grip tells.
+
+    Raises
+    ------
+    NoPlanError : it cannot be picked, or the view not be driven to
+    """
+    grasp = part.arm_grasps[way.grasp]
+    T_world_tcp = start.T_world_part @ grasp.T_part_tcp
+    candidates = [
+        Candidate.taken(part.solid.name, part.solid, start.T_world_part, T_world_tcp),
+        *(Candidate.taken(o.name, o.solid, o.T_world_part, T_world_tcp) for o in others),
+    ]
+    q, seconds = offered_views(candidates, layout, grasp.opening_mm, way.up[-1])
+    settling = separating_views(candidates, layout, q, seconds, grasp.opening_mm)
+    ask = settling.first
+    if ask is None:
+        return settling
+    parked = layout.park_q if start.q is None else start.q
+    build = Build(parked, np.zeros(len(part.samples.points_mm), dtype=bool))
+    try:
+        Builder(part, layout, rng_seed).pick(build, [way], start.T_world_part)
+    except RefutedError as error:
+        raise error.reason from error
+    scene = Scene(
+        layout, grasp.opening_mm, layout.fixture_open_mm, carried_mesh=part.carried(grasp)
+    )
+    target = q[ask.view]
+    what = f"{part.solid.name}: path to the disambiguation view"
+    motion = connect(build.q, target, scene, what, rng_seed)
+    T_world_part = shown_pose(layout, target, grasp.T_part_tcp)
+    eye = inverse_pose(T_world_part) @ np.append(layout.inspection.position_mm, 1.0)
+    towards = eye[:3] - part.solid.centroid_mm
+    names = ", ".join(sorted({o.name for o in others}))
+    view = Present(
+        seconds=move_seconds(layout, [build.q, *motion]) + layout.cell_times.look_s,
+        label=f"show with grasp {grasp.id}: {part.solid.name} or {names}?",
+        view_id=f"{grasp.id}-D{ask.view}",
+        grasp=grasp,
+        motion=motion,
+        q=target,
+        T_world_part=T_world_part,
+        direction_part=towards / np.linalg.norm(towards),
+        seen=np.zeros(len(part.samples.points_mm), dtype=bool),
+        square_to=-1,
+        expected_opening_mm=grasp.opening_mm,
+        ambiguity=Ambiguity(tuple(candidates), ask.light, ask.margin),
+    )
+    return (*build.steps, view), InArm(grasp, target)

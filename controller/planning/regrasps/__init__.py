@@ -1,0 +1,8 @@
+"""Taking the part up, passing it over, putting it down."""
+
+from ._handoff import hand_offs
+from ._pick import PickPath, pick_paths
+from ._place import PlacePath, place_paths
+from ._table import rests, set_downs
+
+__all__ = ["PickPath", "PlacePath", "hand_offs", "pick_paths", "place_paths", "rests", "set_downs"]

@@ -1,0 +1,126 @@
+"""Passing the part between the hand and the fixed gripper: which pairs of grips can do it.
+
+The part stands where the fixture's grip puts it. It comes in along the fixture's approach, the
+hand leaves along its own; both ways are straight lines on one elbow branch. Taking back is the
+same two lines the other way round, so one table serves both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from controller.arrays import BoolArray, FloatArray, IntArray
+from controller.imaging import inverse_pose
+
+from ..geometry import PartShape, stack
+from ..model import CellLayout, Grasp, HandOff
+from ..motion import Scene, inverse_rows, same_branch
+
+APPROACH_MM = 80.0  # straight in and out
+STEP_MM = 10.0
+CLOSE_MARGIN_MM = 2.0  # between two hands at one part, where both stand still or creep
+PART_MARGIN_MM = 5.0
+
+
+def hand_offs(
+    layout: CellLayout, part: PartShape, fixed_grasp: Grasp, arm_gripper_grasps: Sequence[Grasp]
+) -> dict[int, HandOff]:
+    """Return how each arm grip (by its place in the sequence) can meet one grip of the fixture.
+
+    Parameters
+    ----------
+    layout : the cell
+    part : its triangles
+    fixed_grasp : grasp of the fixed gripper
+    arm_gripper_grasps : grasps of the arm gripper
+    """
+    T_fixed_tcp = layout.T_world_fixed_tcp
+    T_world_part = T_fixed_tcp @ inverse_pose(fixed_grasp.T_part_tcp)
+    T_hold = np.stack([T_world_part @ g.T_part_tcp for g in arm_gripper_grasps])
+    grasp, branch, q = inverse_rows(layout, T_hold)
+    if len(grasp) == 0:
+        return {}
+    steps = np.arange(1, round(APPROACH_MM / STEP_MM) + 1) * STEP_MM
+
+    hand_only = _hand_opening(layout, arm_gripper_grasps)
+    closed_hands = _hand_closed(layout, arm_gripper_grasps)
+    T_tcp_part = np.stack([inverse_pose(g.T_part_tcp) for g in arm_gripper_grasps])
+    around = Scene(
+        layout, 0.0, fixed_grasp.pre_open_mm, ignore=frozenset({"fixture", "fixture fingers"})
+    )
+    gripper = Scene(layout, 0.0, fixed_grasp.pre_open_mm)
+    closed = Scene(layout, 0.0, fixed_grasp.opening_mm)
+
+    def ok(rows_q: FloatArray, rows_grip: IntArray) -> BoolArray:
+        """Free with both jaws at any opening they have here, the part clear of all but them."""
+        hand = hand_only[0][rows_grip], hand_only[1][rows_grip]
+        free = gripper.free(rows_q, CLOSE_MARGIN_MM, hand=hand)
+        rest = np.flatnonzero(free)
+        free[rest] = closed.free(rows_q[rest], CLOSE_MARGIN_MM, hand=(hand[0][rest], hand[1][rest]))
+        rest = np.flatnonzero(free)
+        q_rest, of_rest = rows_q[rest], rows_grip[rest]
+        free[rest] = around.free(
+            q_rest,
+            PART_MARGIN_MM,
+            hand=(closed_hands[0][of_rest], closed_hands[1][of_rest]),
+            part=(part, T_tcp_part[of_rest]),
+        )
+        return np.asarray(free)
+
+    keep = np.flatnonzero(ok(q, grasp))
+    found: dict[int, HandOff] = {}
+    # at most a few branches per grip are followed along their lines
+    tried: dict[int, int] = {}
+    chosen = []
+    for row in keep:
+        g = int(grasp[row])
+        if tried.get(g, 0) < 3:
+            tried[g] = tried.get(g, 0) + 1
+            chosen.append(row)
+    if not chosen:
+        return {}
+    rows = np.array(chosen)
+    forward = T_fixed_tcp[:3, 0]
+    T_rows = T_hold[grasp[rows]]
+    T_in = np.repeat(T_rows[:, None], len(steps), axis=1)
+    T_in[..., :3, 3] += steps[None, :, None] * forward
+    T_out = np.repeat(T_rows[:, None], len(steps), axis=1)
+    T_out[..., :3, 3] -= steps[None, :, None] * T_rows[:, None, :3, 0]
+    entry = same_branch(layout, T_in, branch[rows])
+    retreat = same_branch(layout, T_out, branch[rows])
+    whole = np.isfinite(entry).all(axis=(1, 2)) & np.isfinite(retreat).all(axis=(1, 2))
+    rows, entry, retreat = rows[whole], entry[whole], retreat[whole]
+    if len(rows) == 0:
+        return {}
+    k = len(steps)
+    owner = np.repeat(grasp[rows], k)
+    good = ok(entry.reshape(-1, 6), owner).reshape(-1, k).all(axis=1)
+    hand = hand_only[0][owner], hand_only[1][owner]
+    good &= (
+        closed.free(retreat.reshape(-1, 6), CLOSE_MARGIN_MM, hand=hand).reshape(-1, k).all(axis=1)
+    )
+    for place in np.flatnonzero(good):
+        g = int(grasp[rows[place]])
+        if g not in found:
+            contact = q[rows[place]]
+            found[g] = HandOff(
+                contact,
+                np.vstack([entry[place][::-1], contact]),
+                np.vstack([contact, retreat[place]]),
+            )
+    return found
+
+
+def _hand_opening(layout: CellLayout, grasps: Sequence[Grasp]) -> tuple[FloatArray, FloatArray]:
+    pairs = [
+        stack([*layout.hand.body, *layout.hand.fingers(g.opening_mm, until_mm=g.pre_open_mm)])
+        for g in grasps
+    ]
+    return np.stack([p[0] for p in pairs]), np.stack([p[1] for p in pairs])
+
+
+def _hand_closed(layout: CellLayout, grasps: Sequence[Grasp]) -> tuple[FloatArray, FloatArray]:
+    pairs = [stack([*layout.hand.body, *layout.hand.fingers(g.opening_mm)]) for g in grasps]
+    return np.stack([p[0] for p in pairs]), np.stack([p[1] for p in pairs])

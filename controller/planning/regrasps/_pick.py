@@ -1,0 +1,184 @@
+"""Taking a resting part off the table, and why it cannot be taken."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.arrays import FloatArray, IntArray
+from controller.imaging import inverse_pose
+
+from ..geometry import Box, stack
+from ..grasps import clear_of_table, resting_pose
+from ..model import (
+    TABLE_MARGIN_MM,
+    CellLayout,
+    Grasp,
+    NoMotionError,
+    NotGraspableError,
+    OutOfReachError,
+    PreparedPart,
+)
+from ..motion import Scene, fewest_waypoints, inverse_rows, passed_limit, same_branch
+from ._handoff import CLOSE_MARGIN_MM, PART_MARGIN_MM
+
+LIFT_MM = 85.0
+STEP_MM = 10.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PickPath:
+    """How one arm grip takes the part: joints down (k, 6) to the hold and up (k, 6) from it."""
+
+    grasp: int
+    down: FloatArray
+    up: FloatArray
+
+
+def pick_paths(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) -> list[PickPath]:
+    """Return how each arm grip that can takes the part where it lies.
+
+    Parameters
+    ----------
+    part : prepared
+    layout : the cell
+    T_world_part : (4, 4) of the part on the table [mm]
+
+    Raises
+    ------
+    NotGraspableError, OutOfReachError, NoMotionError : none can, with the nearest reason
+    """
+    grasps = part.arm_grasps
+    x, y = (T_world_part[:3, :3] @ part.solid.centroid_mm + T_world_part[:3, 3])[:2]
+    where = f"{part.solid.name} on the table at ({x:.0f}, {y:.0f})"
+    members = np.flatnonzero(clear_of_table(T_world_part, grasps, layout.hand))
+    if len(members) == 0:
+        raise NotGraspableError(f"{where}: {_no_grip_from_above(part, layout, T_world_part)}")
+    T_hold = T_world_part @ np.stack([grasps[k].T_part_tcp for k in members])
+    index, branch, q = inverse_rows(layout, T_hold)
+    if len(index) == 0:
+        raise _out_of_reach(layout, T_hold, where)
+    k = np.arange(1, round(LIFT_MM / STEP_MM) + 1) * STEP_MM
+    T_above = np.repeat(T_hold[index][:, None], len(k), axis=1)
+    T_above[..., :3, 3] -= k[None, :, None] * T_hold[index][:, None, :3, 0]
+    T_up = np.repeat(T_hold[index][:, None], len(k), axis=1)
+    T_up[..., 2, 3] += k
+    above, up = same_branch(layout, T_above, branch), same_branch(layout, T_up, branch)
+    whole = np.isfinite(above).all(axis=(1, 2)) & np.isfinite(up).all(axis=(1, 2))
+    rows = np.flatnonzero(whole)
+    held = [grasps[members[index[row]]] for row in rows]
+    down = np.concatenate([above[rows][:, ::-1], q[rows][:, None]], axis=1)
+    lift = np.concatenate([q[rows][:, None], up[rows]], axis=1)
+    open_scene = Scene(layout, 0.0, layout.fixture_open_mm)
+    touched = np.hstack(
+        [
+            _contacts(open_scene, down, _open_hands(layout, held), TABLE_MARGIN_MM),
+            _contacts(
+                open_scene, lift, _full_hands(layout, held), -1.0, PART_MARGIN_MM, (part, held)
+            ),
+        ]
+    )
+    names = open_scene.names()
+    blocked = {names[k] for k in touched.max(axis=1, initial=-1) if k >= 0}
+    paths = [
+        PickPath(
+            int(members[index[rows[k]]]),
+            fewest_waypoints(layout, down[k]),
+            fewest_waypoints(layout, lift[k]),
+        )
+        for k in np.flatnonzero((touched < 0).all(axis=1))
+    ]
+    if not paths:
+        if blocked:
+            raise NoMotionError(
+                f"{where}: every approach touches {', '.join(sorted(blocked))}; move the part away"
+            )
+        raise _out_of_reach(layout, T_up[:, -1], where)
+    return paths
+
+
+def _contacts(
+    scene: Scene,
+    q: FloatArray,
+    hands: tuple[FloatArray, FloatArray],
+    table_margin_mm: float,
+    margin_mm: float = CLOSE_MARGIN_MM,
+    held: tuple[PreparedPart, Sequence[Grasp]] | None = None,
+) -> IntArray:
+    """Return the contacts (n, k) along ways (n, k, 6), each with a hand of its own.
+
+    Parameters
+    ----------
+    held : the part in the hand, and each way's grip
+    """
+    n, k = q.shape[:2]
+    T, half = (np.repeat(h, k, axis=0) for h in hands)
+    carried = None
+    if held is not None and n:
+        T_tcp_part = np.stack([inverse_pose(g.T_part_tcp) for g in held[1]])
+        carried = held[0].shape, np.repeat(T_tcp_part, k, axis=0)
+    found = scene.contacts(
+        q.reshape(-1, 6), margin_mm, table_margin_mm, hand=(T, half), part=carried
+    )
+    return found.reshape(n, k)
+
+
+def _open_hands(layout: CellLayout, grasps: Sequence[Grasp]) -> tuple[FloatArray, FloatArray]:
+    return _stacked(
+        [[*layout.hand.body, *layout.hand.fingers(g.pre_open_mm)] for g in grasps], layout
+    )
+
+
+def _full_hands(layout: CellLayout, grasps: Sequence[Grasp]) -> tuple[FloatArray, FloatArray]:
+    return _stacked(
+        [[*layout.hand.body, *layout.hand.fingers(g.opening_mm)] for g in grasps], layout
+    )
+
+
+def _stacked(hands: Sequence[list[Box]], layout: CellLayout) -> tuple[FloatArray, FloatArray]:
+    if not hands:
+        m = len(layout.hand.body) + 2
+        return np.zeros((0, m, 4, 4)), np.zeros((0, m, 3))
+    pairs = [stack(boxes) for boxes in hands]
+    return np.stack([p[0] for p in pairs]), np.stack([p[1] for p in pairs])
+
+
+def _no_grip_from_above(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) -> str:
+    """Say why nothing is there to be gripped, and which other ways to lie would do."""
+    hull = np.asarray(part.solid.mesh.convex_hull.vertices)
+    high = float((hull @ T_world_part[2, :3]).max() + T_world_part[2, 3])
+    text = (
+        f"no pick in this pose: in it the part is {high:.1f} mm high, and none of its "
+        f"{len(part.arm_grasps)} grasps from above clears the table by {TABLE_MARGIN_MM:g} mm"
+    )
+    x, y = layout.set_down_mm.mean(axis=1)
+    able = []
+    for pose in part.poses:
+        T = resting_pose(part.solid, pose, float(x), float(y))
+        lies_so = np.allclose(T[2, :3], T_world_part[2, :3], atol=0.02)
+        if pose.marginal or pose.rocking or lies_so:
+            continue
+        if clear_of_table(T, part.arm_grasps, layout.hand).any():
+            able.append(str(pose.index))
+    if able:
+        return f"{text}; lay it down in stable pose {' or '.join(able)}"
+    return f"{text}, nor in any other stable pose; fit other fingers"
+
+
+def _out_of_reach(layout: CellLayout, T_tcp: FloatArray, where: str) -> OutOfReachError:
+    T = np.linalg.inv(layout.T_world_arm) @ T_tcp
+    wrist = T[:, :3, 3] - layout.arm.tool_mm * T[:, :3, 0]
+    reach = np.hypot(wrist[:, 0], wrist[:, 1])
+    limit = layout.arm.reach_mm
+    best = float(reach.min())
+    if best > limit:
+        text = (
+            f"{where}: {best:.0f} mm are required of the wrist, the arm reaches {limit:.0f} mm; "
+            "move the part closer"
+        )
+    else:
+        passed = passed_limit(layout, T_tcp) or "beyond the arm's reach"
+        text = f"{where}: {passed}; turn the part or move it"
+    return OutOfReachError(text, reach_mm=best, limit_mm=limit, where=where)

@@ -1,0 +1,120 @@
+"""Putting the part down on the table to take it up with another grip.
+
+The part comes straight down and the hand leaves along its approach; taking it up again is the same
+two lines the other way round, so that a place on the table serves as the fixed gripper does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from controller.arrays import FloatArray
+from controller.cad import Solid, StablePose
+from controller.imaging import inverse_pose
+
+from ..geometry import PartShape, PlacedShape, stack
+from ..grasps import clear_of_table, resting_pose
+from ..model import TABLE_MARGIN_MM, CellLayout, Grasp, HandOff, Rest
+from ..motion import Scene, inverse_rows, same_branch
+from ._handoff import APPROACH_MM, CLOSE_MARGIN_MM, PART_MARGIN_MM, STEP_MM
+
+TURNS_N = 8  # about the vertical, per stable pose
+KEPT_BRANCHES_N = 2
+# the part touches the table it is put on; what the bounding box adds below it is no contact
+PART_TABLE_MARGIN_MM = -1.0
+
+
+def rests(solid: Solid, poses: Sequence[StablePose], layout: CellLayout) -> tuple[Rest, ...]:
+    """Return where and how the part may be set down: stably, in the middle of the area for that.
+
+    A pose that tips when it is lifted by half a millimetre, or rolls, or rocks, is none to aim at
+    (planning-facts.md 4).
+
+    Parameters
+    ----------
+    solid : the part
+    poses : its stable poses
+    layout : the cell; `set_down_mm` is that area
+    """
+    x, y = layout.set_down_mm.mean(axis=1)
+    return tuple(
+        Rest(pose.index, resting_pose(solid, pose, float(x), float(y), 2 * np.pi * k / TURNS_N))
+        for pose in poses
+        if not (pose.rolling or pose.marginal or pose.rocking)
+        for k in range(TURNS_N)
+    )
+
+
+def set_downs(
+    layout: CellLayout, part: PartShape, rest: Rest, arm_gripper_grasps: Sequence[Grasp]
+) -> dict[int, HandOff]:
+    """Return how each arm grip (by its place in the sequence) puts the part down at one place.
+
+    Parameters
+    ----------
+    layout : the cell
+    part : its triangles
+    rest : stable pose and position on the table
+    arm_gripper_grasps : grasps of the arm gripper
+    """
+    members = np.flatnonzero(clear_of_table(rest.T_world_part, arm_gripper_grasps, layout.hand))
+    if len(members) == 0:
+        return {}
+    grasps = [arm_gripper_grasps[k] for k in members.tolist()]
+    T_hold = np.stack([rest.T_world_part @ g.T_part_tcp for g in grasps])
+    index, branch, q = inverse_rows(layout, T_hold)
+    if len(index) == 0:
+        return {}
+    steps = np.arange(1, round(APPROACH_MM / STEP_MM) + 1) * STEP_MM
+    T_rows = T_hold[index]
+    T_in, T_out = (np.repeat(T_rows[:, None], len(steps), axis=1) for _ in range(2))
+    T_in[..., 2, 3] += steps
+    T_out[..., :3, 3] -= steps[None, :, None] * T_rows[:, None, :3, 0]
+    entry, retreat = same_branch(layout, T_in, branch), same_branch(layout, T_out, branch)
+    whole = np.isfinite(entry).all(axis=(1, 2)) & np.isfinite(retreat).all(axis=(1, 2))
+    found: dict[int, HandOff] = {}
+    tried = np.zeros(len(grasps), dtype=int)
+    for row in np.flatnonzero(whole):
+        k = int(index[row])
+        if int(members[k]) in found or tried[k] == KEPT_BRANCHES_N:
+            continue
+        tried[k] += 1
+        if _is_free(layout, part, grasps[k], entry[row], retreat[row], q[row]):
+            found[int(members[k])] = HandOff(
+                q[row], np.vstack([entry[row][::-1], q[row]]), np.vstack([q[row], retreat[row]])
+            )
+    return found
+
+
+def _is_free(
+    layout: CellLayout,
+    part: PartShape,
+    grasp: Grasp,
+    entry: FloatArray,
+    retreat: FloatArray,
+    q: FloatArray,
+) -> bool:
+    shut = Scene(
+        layout,
+        grasp.opening_mm,
+        layout.fixture_open_mm,
+        carried_mesh=PlacedShape(part, inverse_pose(grasp.T_part_tcp)),
+    )
+    way = np.vstack([q[None], entry])
+    if not shut.free(way, PART_MARGIN_MM, PART_TABLE_MARGIN_MM).all():
+        return False
+    open_ = Scene(layout, grasp.pre_open_mm, layout.fixture_open_mm)
+    T_box, half = stack(
+        [
+            *layout.hand.body,
+            *layout.hand.fingers(grasp.opening_mm, until_mm=grasp.pre_open_mm),
+        ]
+    )
+    way = np.vstack([q[None], retreat])
+    hand = (
+        np.broadcast_to(T_box, (len(way), *T_box.shape)),
+        np.broadcast_to(half, (len(way), *half.shape)),
+    )
+    return bool(open_.free(way, CLOSE_MARGIN_MM, TABLE_MARGIN_MM, hand=hand).all())

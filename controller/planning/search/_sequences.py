@@ -1,0 +1,155 @@
+"""Orders in which grips may follow each other, cheapest first per set of grips and last grip."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.arrays import BoolArray, FloatArray, IndexArray
+
+from ._problem import SAME_S, Problem
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GraspSequences:
+    """Ways of equally many grips from the start.
+
+    Attributes
+    ----------
+    grasps : (k, length) in order
+    sets : (k, length) the same grips ascending, each once, padded with n
+    cost_s : (k,) first and hops
+    left_out_s : the least that ways dropped for want of room could have cost altogether
+    """
+
+    grasps: IndexArray
+    sets: IndexArray
+    cost_s: FloatArray
+    left_out_s: float = np.inf
+
+
+def tails(problem: Problem, grasps: IndexArray, max_grasps: int) -> FloatArray:
+    """Return the least cost of finishing from each grasp (n,) [s], through others if need be.
+
+    Parameters
+    ----------
+    problem : what everything costs
+    grasps : (n,) numbers of the grasps that may be used
+    max_grasps : at most so many regrasps
+    """
+    regrasp = problem.regrasp_s[np.ix_(grasps, grasps)]
+    tail = problem.last_s[grasps].copy()
+    for _ in range(max_grasps):
+        tail = np.minimum(tail, (regrasp + tail[None]).min(axis=1, initial=np.inf))
+    return tail
+
+
+def first_sequences(problem: Problem, grasps: IndexArray) -> GraspSequences:
+    """Return the ways of one grip."""
+    first = problem.first_s[grasps]
+    at = np.flatnonzero(np.isfinite(first))
+    return GraspSequences(at[:, None], at[:, None], first[at])
+
+
+def longer(
+    sequences: GraspSequences,
+    regrasp_s: FloatArray,
+    tail_s: FloatArray,
+    room_s: float,
+    known: list[GraspSequences],
+    most: int,
+    covered: BoolArray | None = None,
+) -> GraspSequences:
+    """Return the ways of one grip more that are worth a look.
+
+    Parameters
+    ----------
+    sequences : all of one length
+    regrasp_s : (n, n); tail_s : (n,) to the finish
+    room_s : ways that cost as much with their tail cannot be part of anything better
+    known : shorter ways; a longer one to the same set and last grip must be cheaper
+    most : so many are kept, the cheapest; `left_out_s` is what the others cost at least
+    covered : (n, m) what each grip shows; where given, those that show most are kept instead
+    """
+    n, length = len(regrasp_s), sequences.grasps.shape[1]
+    last = sequences.grasps[:, -1]
+    total = sequences.cost_s[:, None] + regrasp_s[last]
+    with_tail = total + tail_s[None]
+    fits = with_tail < room_s - SAME_S
+    fits[np.arange(len(last)), last] = False
+    source, new = np.nonzero(fits)
+    cost = total[source, new]
+    grasps = np.concatenate([sequences.grasps[source], new[:, None]], axis=1)
+    sets = np.sort(
+        np.concatenate(
+            [
+                sequences.sets[source],
+                np.where((sequences.sets[source] == new[:, None]).any(axis=1), n, new)[:, None],
+            ],
+            axis=1,
+        ),
+        axis=1,
+    )
+    keys = _keys(sets, new, n)
+    order = np.lexsort((np.arange(len(keys)), cost, keys))
+    is_first = np.ones(len(order), dtype=bool)
+    is_first[1:] = keys[order][1:] != keys[order][:-1]
+    kept = np.sort(order[is_first])
+    for shorter in known:
+        padded = np.full((len(shorter.sets), length + 1), n)
+        padded[:, : shorter.sets.shape[1]] = shorter.sets
+        theirs = _keys(padded, shorter.grasps[:, -1], n)
+        rank = np.argsort(theirs, kind="stable")
+        at = np.clip(np.searchsorted(theirs[rank], keys[kept]), 0, max(0, len(rank) - 1))
+        if len(rank):
+            same = theirs[rank][at] == keys[kept]
+            kept = kept[~(same & (shorter.cost_s[rank][at] <= cost[kept] + SAME_S))]
+    left_out = np.inf
+    if len(kept) > most:
+        whole = with_tail[source[kept], new[kept]]
+        rank = np.argsort(whole, kind="stable")
+        if covered is not None:
+            shown = np.zeros((len(kept), covered.shape[1]), dtype=bool)
+            for k in range(grasps.shape[1]):
+                shown |= covered[grasps[kept, k]]
+            rank = np.lexsort((whole, -shown.sum(axis=1)))
+        left_out = float(whole[rank[most:]].min())
+        kept = kept[np.sort(rank[:most])]
+    return GraspSequences(grasps[kept], sets[kept], cost[kept], left_out)
+
+
+def _keys(sets: IndexArray, last: IndexArray, n: int) -> IndexArray:
+    """Return one number per set and last grip."""
+    if (sets.shape[1] + 1) * np.log2(n + 1) >= 63:
+        raise ValueError(f"{n} grips in ways of {sets.shape[1]}: more than can be numbered")
+    key: IndexArray = last.astype(np.int64)
+    for k in range(sets.shape[1]):
+        key = key * (n + 1) + sets[:, k]
+    return key
+
+
+def showing_all(covered: BoolArray, sets: IndexArray) -> BoolArray:
+    """Return which sets (k, w) of grips show every element; covered is (n, m)."""
+    n, m = covered.shape
+    bits = np.packbits(np.concatenate([covered, np.zeros((1, m), dtype=bool)]), axis=1)
+    full = np.packbits(np.ones(m, dtype=bool))
+    width = -(-bits.shape[1] // 8) * 8
+    words = np.zeros((n + 1, width), dtype=np.uint8)
+    words[:, : bits.shape[1]] = bits
+    goal = np.zeros(width, dtype=np.uint8)
+    goal[: len(full)] = full
+    words64, goal64 = words.view(np.uint64), goal.view(np.uint64)
+    result = np.ones(len(sets), dtype=bool)
+    left = np.arange(len(sets))
+    for word in range(words64.shape[1]):  # word by word: most sets fail at the first few
+        column = words64[:, word]
+        shown = np.zeros(len(left), dtype=np.uint64)
+        for k in range(sets.shape[1]):
+            shown |= column[sets[left, k]]
+        good = shown == goal64[word]
+        result[left[~good]] = False
+        left = left[good]
+        if not len(left):
+            break
+    return result

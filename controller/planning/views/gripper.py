@@ -1,0 +1,103 @@
+"""What the hand that holds the part hides of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from controller.arrays import BoolArray, FloatArray, IntArray
+from controller.cad import Solid, SurfaceSamples
+from controller.imaging import inverse_pose, transform
+
+from ..geometry import Box
+from ..model import Grasp, Jaw
+
+# Inspection compares nothing within nine pixels of the hand (inspection/view.py), 1.7 mm at the
+# station; a plan that counts what lies there as shown leaves it unseen
+FINGER_SHADOW_MM = 2.0
+_LEAST_STEP_MM = np.float32(1e-5)
+
+
+def holding_boxes(jaw: Jaw, grasp: Grasp) -> list[Box]:
+    """Return body and fingers of a jaw while it holds, in its tip frame.
+
+    Fingers that spread inside a bore stand between the two contacts, not beside them.
+    """
+    opening = grasp.opening_mm - (2 * jaw.finger_thickness_mm if grasp.is_inner else 0.0)
+    return [*jaw.body, *jaw.fingers(opening)]
+
+
+def hidden_by_hand(
+    solid: Solid,
+    samples: SurfaceSamples,
+    visible: BoolArray,
+    vectors: FloatArray,
+    distance_mm: float,
+    T_part_tcp: FloatArray,
+    boxes: Sequence[Box],
+) -> BoolArray:
+    """Return which visible samples a gripper hides (v, n).
+
+    Parameters
+    ----------
+    solid : the part
+    samples : n, of its surface
+    visible : (v, n) which are asked about
+    vectors : (v, 3) unit, from the part to the camera, CAD frame
+    distance_mm : of the camera from the part's centre of mass
+    T_part_tcp : (4, 4) T_part_tcp
+    boxes : of the gripper, in its TCP frame
+    """
+    view, sample = np.nonzero(visible)
+    hidden = np.zeros_like(visible)
+    upright: list[Box] = []
+    for box in boxes:
+        if np.array_equal(box.T[:3, :3], np.eye(3)):
+            upright.append(box)
+        else:
+            turned = Box(np.eye(4), box.half_mm)
+            T_part_box = T_part_tcp @ box.T
+            hidden[view, sample] |= _crossed(
+                solid, samples, vectors, distance_mm, T_part_box, [turned], view, sample
+            )
+    hidden[view, sample] |= _crossed(
+        solid, samples, vectors, distance_mm, T_part_tcp, upright, view, sample
+    )
+    return hidden
+
+
+def _crossed(
+    solid: Solid,
+    samples: SurfaceSamples,
+    vectors: FloatArray,
+    distance_mm: float,
+    T_part_frame: FloatArray,
+    boxes: Sequence[Box],
+    view: IntArray,
+    sample: IntArray,
+) -> BoolArray:
+    """Return which lines of sight (m,) cross one of the boxes, upright in a frame of the part.
+
+    All boxes share one division per axis; in single precision, good to 1e-4 mm here.
+    """
+    T = inverse_pose(T_part_frame)
+    points = transform(T, samples.points_mm).astype(np.float32)
+    eyes = transform(T, solid.centroid_mm + distance_mm * vectors).astype(np.float32)
+    enter = [np.zeros(len(view), np.float32) for _ in boxes]  # lines end at both of their ends
+    leave = [np.ones(len(view), np.float32) for _ in boxes]
+    for axis in range(3):
+        start = points[:, axis][sample]
+        step = eyes[:, axis][view] - start
+        step[np.abs(step) < _LEAST_STEP_MM] = _LEAST_STEP_MM
+        per_mm = np.float32(1.0) / step
+        for k, box in enumerate(boxes):
+            half = float(box.half_mm[axis]) + FINGER_SHADOW_MM
+            low = (np.float32(box.T[axis, 3] - half) - start) * per_mm
+            high = (np.float32(box.T[axis, 3] + half) - start) * per_mm
+            np.maximum(enter[k], np.minimum(low, high), out=enter[k])
+            np.minimum(leave[k], np.maximum(low, high), out=leave[k])
+    crossed = np.zeros(len(view), dtype=bool)
+    for first, last in zip(enter, leave, strict=True):
+        crossed |= first <= last
+    return crossed
