@@ -40,7 +40,6 @@ from controller.inspection import (
     judge,
 )
 from controller.planning import Look, NoPlanError, OnTable, Plan, Present, shown_pose
-from controller.recognition import PosedPart
 from controller.setup.optics import build_lamps, panel_corners, table_corners
 from emulators.world.poses import JointValues, forward
 
@@ -51,7 +50,7 @@ LIKELY = 0.04
 def show(c: compute.Context, plan: Plan, station: Station, seed: int) -> list[ViewResult]:
     """Return the views of a plan as they are judged."""
     rng = np.random.default_rng(seed)
-    held = Held(c.solid, c.samples, PosedPart(c.solid, c.caster))
+    held = Held(c.solid, c.samples, c.posed)
     limits = compute.inspection_limits(c.recipe)
     results: list[ViewResult] = []
     grasp, known, true, is_seen = None, np.eye(4), np.eye(4), False
@@ -93,7 +92,6 @@ def look(
 ) -> list[ViewResult]:
     """Return what the views of the part on the table come to, judged as `inspect_lying` does."""
     rng = np.random.default_rng(seed + 5000)
-    part = PosedPart(c.solid, c.caster)
     results = []
     for step in (s for s in plan.steps if isinstance(s, Look)):
         middle = T[:3, :3] @ c.solid.centroid_mm + T[:3, 3]
@@ -111,7 +109,7 @@ def look(
             limits=compute.inspection_limits(c.recipe),
             is_hold_seen=True,
         )
-        results.append(inspect_view(part, c.samples, task, pictures).within(step.seen))
+        results.append(inspect_view(c.posed, c.samples, task, pictures).within(step.seen))
     return results
 
 

@@ -4,7 +4,7 @@ The ground floor of all that looks at a picture. Camera frames are OpenCV's; pix
 centre of the first pixel; millimetres and radians.
 """
 
-from .camera import Camera, inverse_pose, transform
+from .camera import Camera, inverse_pose, rotation_angle, transform
 from .contours import Contour, mask_contour, subpixel_contour, threshold_levels
 from .lamp import PointLamp
 from .levels import Ground, Levels, fit_ground
@@ -28,6 +28,7 @@ __all__ = [
     "meet_part",
     "polygon_area",
     "render_maps",
+    "rotation_angle",
     "subpixel_contour",
     "threshold_levels",
     "trace_loops",

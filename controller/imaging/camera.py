@@ -27,6 +27,11 @@ def inverse_pose(T: Array) -> Array:
     return out
 
 
+def rotation_angle(R: Array) -> float:
+    """Return by how much a rotation (3, 3) turns, whichever its axis [rad]."""
+    return float(np.arccos(np.clip((np.trace(R) - 1) / 2, -1.0, 1.0)))
+
+
 @dataclass(frozen=True, eq=False)
 class Camera:
     """A calibrated camera.

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.cad import Solid, SurfaceSamples
+from controller.imaging import rotation_angle
 
 from ._types import OUTLINE, Finding, Kind, Limits, Unjudged, Verdict, ViewResult
 
@@ -227,8 +228,7 @@ def _is_other_look(
     checks have confirmed it: together they count where both are too large for what an error
     within these limits makes.
     """
-    turn = view.T_world_part[:3, :3] @ other_view.T_world_part[:3, :3].T
-    angle = np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0))
+    angle = rotation_angle(view.T_world_part[:3, :3] @ other_view.T_world_part[:3, :3].T)
     is_lit = finding.kind is Kind.SURFACE and other.kind is Kind.SURFACE
     if is_lit and max(_misfit(view, finding), _misfit(other_view, other)) > EVEN_MISFIT:
         return False  # what the finish does in one view it may do in the other

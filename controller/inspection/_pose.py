@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.imaging import Contour, inverse_pose, transform
+from controller.imaging import Contour, inverse_pose, rotation_angle, transform
 from controller.recognition import PosedPart, PoseFit, edge_jacobian, fit_pose, twist
 
 from ._types import Mask, ViewTask
@@ -105,10 +105,9 @@ def moved(part: PosedPart, task: ViewTask, fit: PoseFit) -> tuple[float, float]:
     fit : the pose that was measured
     """
     T_moved = fit.T_world_part @ inverse_pose(task.T_world_part)
-    turn = float(np.arccos(np.clip((np.trace(T_moved[:3, :3]) - 1) / 2, -1.0, 1.0)))
     com = part.solid.centroid_mm[None]
     off = transform(fit.T_world_part, com) - transform(task.T_world_part, com)
-    return float(np.linalg.norm(off)), turn
+    return float(np.linalg.norm(off)), rotation_angle(T_moved[:3, :3])
 
 
 def _fit(

@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.imaging import rotation_angle
+
 from ..solid import Solid
 from ._families import square_to
 from ._poses import StablePose
@@ -180,7 +182,7 @@ def _many_fold(surface: Surface, axis: Array) -> list[Array]:
 def _order(guesses: list[Array], axis: Array) -> int:
     """Return how many-fold an axis is by the smallest turn about it among rotations."""
     turns = [g for g in guesses if np.linalg.det(g) > 0 and np.linalg.norm(g @ axis - axis) < 1e-9]
-    angles = [np.arccos(np.clip((np.trace(g) - 1) / 2, -1, 1)) for g in turns]
+    angles = [rotation_angle(g) for g in turns]
     return max((round(2 * np.pi / a) for a in angles if a > 1e-6), default=1)
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from controller import inspection as inspecting
 from controller import planning
 from controller import recognition as recognising
+from controller.cad.compiled import load_part
 from controller.imaging import inverse_pose
 from controller.planning import (
     Ambiguity,
@@ -32,7 +33,7 @@ from controller.setup.optics import build_lamps, panel_corners, table_corners
 from ..lamps import TABLE_LAMPS
 from ..plans import Planning
 from . import held_search
-from .job import Job, context, inspection_limits, load_parts
+from .job import Job, context, inspection_limits, part_files
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -97,8 +98,8 @@ def plan(
 def _readings(job: Job, candidates: tuple[recognising.Alternative, ...]) -> list[Reading]:
     """Return what else lies there, if it is that, with its solid."""
     c = context(job)
-    solids = {part.solid.name: part.solid for part in load_parts(c.recipe)}
-    solids[c.solid.name] = c.solid
+    others = (load_part(*file) for file in part_files(c.recipe)[1:])
+    solids = {part.solid.name: part.solid for part in (*others, c.part)}
     return [Reading(a.part, solids[a.part], a.T_world_part) for a in candidates]
 
 
@@ -192,9 +193,8 @@ def inspect(
         limits=inspection_limits(c.recipe),
         is_hold_seen=is_hold_seen,
     )
-    part = recognising.PosedPart(c.solid, c.caster)
     return inspecting.inspect_view(
-        part, c.samples, task, inspecting.ViewPictures(backlit=backlit, lit=lit)
+        c.posed, c.samples, task, inspecting.ViewPictures(backlit=backlit, lit=lit)
     )
 
 
@@ -221,9 +221,8 @@ def inspect_lying(
         limits=inspection_limits(c.recipe),
         is_hold_seen=True,
     )
-    part = recognising.PosedPart(c.solid, c.caster)
     return inspecting.inspect_view(
-        part, c.samples, task, inspecting.ViewPictures(backlit=backlit, lit=lit)
+        c.posed, c.samples, task, inspecting.ViewPictures(backlit=backlit, lit=lit)
     )
 
 
@@ -254,8 +253,7 @@ def find_hold(
         lamps=(),
         limits=inspection_limits(c.recipe),
     )
-    part = recognising.PosedPart(c.solid, c.caster)
-    return held_search.find_hold(part, c.samples, task, T_part_tcp, backlit)
+    return held_search.find_hold(c.posed, c.samples, task, T_part_tcp, backlit)
 
 
 def judge(

@@ -45,9 +45,7 @@ class Context:
     cell: Cell
     setup: PlannerSetup
     part: CompiledPart
-    caster: RayCaster
-    overhead: Camera
-    inspection: Camera
+    posed: recognising.PosedPart
     library: recognising.Library
     glowing: NDArray[np.bool_]
     not_inspected: Mapping[int, str]
@@ -56,6 +54,16 @@ class Context:
     def layout(self) -> CellLayout:
         """Return the cell as planning sees it."""
         return self.setup.layout
+
+    @property
+    def overhead(self) -> Camera:
+        """Return the camera over the table."""
+        return self.layout.overhead
+
+    @property
+    def inspection(self) -> Camera:
+        """Return the camera of the station."""
+        return self.layout.inspection
 
     @property
     def solid(self) -> Solid:
@@ -69,7 +77,7 @@ class Context:
 
     @property
     def poses(self) -> tuple[StablePose, ...]:
-        """Return the ways it may lie."""
+        """Return its stable poses."""
         return self.part.poses
 
 
@@ -93,9 +101,7 @@ def context(job: Job) -> Context:
         cell=cell,
         setup=setup,
         part=part,
-        caster=RayCaster(part.solid.mesh),
-        overhead=layout.overhead,
-        inspection=layout.inspection,
+        posed=recognising.PosedPart(part.solid, RayCaster(part.solid.mesh)),
         library=open_library(files, layout.overhead),
         glowing=glowing_mask(layout.overhead, table_corners(cell)),
         not_inspected=faces_left_out(job.recipe_path, recipe, part.solid.faces),

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller import inspection as inspecting
-from controller.imaging import inverse_pose
+from controller.imaging import inverse_pose, rotation_angle
 from controller.planning import shown_pose
 from controller.planning.model import CellLayout
 from controller.planning.motion import tcp_pose
@@ -127,6 +127,5 @@ class HeldPose:
 
 def _difference(T_part_tcp: Array, T_other: Array) -> tuple[float, float]:
     """Return how two holds differ: where the gripper is on the part [mm], and its turn [rad]."""
-    turn = T_part_tcp[:3, :3].T @ T_other[:3, :3]
-    angle = float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0)))
-    return float(np.linalg.norm(T_part_tcp[:3, 3] - T_other[:3, 3])), angle
+    shift_mm = float(np.linalg.norm(T_part_tcp[:3, 3] - T_other[:3, 3]))
+    return shift_mm, rotation_angle(T_part_tcp[:3, :3].T @ T_other[:3, :3])
