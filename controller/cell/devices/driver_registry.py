@@ -2,7 +2,6 @@
 
 import dataclasses
 import difflib
-import tomllib
 from collections.abc import Mapping
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -31,7 +30,7 @@ def installed_drivers(kind: str) -> dict[str, EntryPoint]:
     ConfigError : two packages offer the same name
     """
     found: dict[str, EntryPoint] = {}
-    for entry in (*entry_points(group=GROUP), *_of_this_checkout()):
+    for entry in entry_points(group=GROUP):
         of, _, name = entry.name.partition(".")
         if of != kind:
             continue
@@ -42,20 +41,6 @@ def installed_drivers(kind: str) -> dict[str, EntryPoint]:
             )
         found[name] = entry
     return found
-
-
-def _of_this_checkout() -> list[EntryPoint]:
-    """Return what the checkout we run from offers; an installation knows it by itself.
-
-    A checkout that is on the path, or was installed by reference before a driver was added, has
-    no metadata of it, or old one.
-    """
-    project = Path(__file__).resolve().parents[2] / "pyproject.toml"
-    if not project.is_file():
-        return []
-    told = tomllib.loads(project.read_text(encoding="utf-8")).get("project", {})
-    offered = told.get("entry-points", {}).get(GROUP, {}) if told.get("name") == "cellctl" else {}
-    return [EntryPoint(name, value, GROUP) for name, value in offered.items()]
 
 
 def find_driver(kind: str, name: str) -> Driver[Any, Any]:
