@@ -225,7 +225,7 @@ def main() -> int:
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     outcomes = []
-    for name in args.paths:
+    for name in args.ways:
         with tempfile.TemporaryDirectory() as folder:
             outcomes.append(end_by(name, args.speed, Path(folder)))
         if not args.json:

@@ -176,7 +176,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
                 f"{row['part']:22} {row['triangles']:6} {row['face_pairs']:5} {row['seeds']:5} "
                 f"{holder:>7} "
                 + " ".join(f"{jaw['stages'].get(s, 0):8}" for s in SHOWN)
-                + f"  {jaw['grasps']:5} {jaw['worst_contact_mm2']:4.0f} "
+                + f"  {jaw['grips']:5} {jaw['worst_contact_mm2']:4.0f} "
                 f"{jaw['worst_contact_on_table_mm2']:4.0f} {jaw['worst_load']:5.2f} "
                 f"{jaw['worst_margin']:6.2f} {jaw['seconds']:5.2f}  {jaw['from_above']}"
             )
@@ -190,9 +190,9 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
 
 def material_table(rows: Sequence[dict[str, Any]]) -> str:
     """Return the shares, a part a line."""
-    head = f"{'part':22} {'grasps':>5} " + " ".join(f"{m:>24}" for m in MATERIALS)
+    head = f"{'part':22} {'grips':>5} " + " ".join(f"{m:>24}" for m in MATERIALS)
     body = [
-        f"{r['part']:22} {r['grasps']:5} " + " ".join(f"{r[m]:24.2f}" for m in MATERIALS)
+        f"{r['part']:22} {r['grips']:5} " + " ".join(f"{r[m]:24.2f}" for m in MATERIALS)
         for r in rows
     ]
     return "\n".join([head, *body])

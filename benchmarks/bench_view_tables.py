@@ -147,7 +147,7 @@ def main() -> int:
     args = parser.parse_args()
     layout = emulated_layout()
     for path in args.files or sorted(PARTS.glob("*.stl")):
-        row = bench(path, layout, args.grasps, args.directions)
+        row = bench(path, layout, args.grips, args.directions)
         if args.json:
             print(json.dumps(row))
             continue
