@@ -22,7 +22,7 @@ from .polar import HALF, from_raster, shape_of
 Array = NDArray[np.float64]
 
 EMPTY_PX = 5
-EPS_MM = 1.0
+MOST_HEIGHT = 0.9  # of the camera's, that a part may stand tall
 RASTER_PX = 128  # a shadow's longer side
 FLAT_SHARE = 0.05  # of the outline's size that perspective may move it before more views are made
 RING_SHARE = 0.65  # where the ring of views stands, between the middle and the farthest corner
@@ -130,9 +130,12 @@ def view_part(
     rows = []
     eye = np.array([0.0, 0.0, station.eye_mm])
     for pose in poses:
-        height = float(np.ptp(solid.mesh.vertices @ pose.R[2]))
-        lean = height / max(station.eye_mm - height, EPS_MM)
-        for place, ring in _places(solid, pose, station):
+        extents = np.ptp(solid.mesh.vertices @ pose.R.T, axis=0)
+        height = float(extents[2])
+        if height > MOST_HEIGHT * station.eye_mm:
+            raise ValueError(f"{solid.name}: {height:.0f} mm tall, up to the camera")
+        lean = height / (station.eye_mm - height)
+        for place, ring in _places(extents, station):
             T = lying(solid, pose, place[0], place[1], 0.0)
             area, perimeter, centroid, grid = _shadow(solid, caster, T, eye)
             rows.append((pose.index, place, area, perimeter, centroid - place, grid, ring, lean))
@@ -151,22 +154,25 @@ def view_part(
     )
 
 
-def _places(solid: Solid, pose: StablePose, station: Station) -> list[tuple[Array, float]]:
-    """Return where a pose is to be looked at, each with how far around it speaks for."""
-    upright = (solid.mesh.vertices - solid.centroid_mm) @ pose.R.T
-    height = float(np.ptp(upright[:, 2]))
-    size = float(np.sqrt(np.prod(np.ptp(upright[:, :2], axis=0))))
-    shift = height * station.reach_mm / station.eye_mm
+def _places(extents_mm: Array, station: Station) -> list[tuple[Array, float]]:
+    """Return where a pose is to be looked at, each with how far around it speaks for.
+
+    Parameters
+    ----------
+    extents_mm : (3,) of the part at rest, along the world's axes at turn 0
+    station : where it is looked at from
+    """
+    size = float(np.sqrt(np.prod(extents_mm[:2])))
+    shift = float(extents_mm[2]) * station.reach_mm / station.eye_mm
     middle = np.zeros(2)
     if shift < FLAT_SHARE * size:
         return [(middle, np.inf)]
     ring = RING_SHARE * station.reach_mm
-    far = [(place, 0.75 * ring) for place in _around(ring, RING_VIEWS)]
     if shift < TALL_SHARE * size:
-        return [(middle, 0.75 * ring), *far]
-    far = [(place, 0.75 * ring) for place in _around(ring, 2 * RING_VIEWS)]
-    near = [(place, 0.75 * ring) for place in _around(0.5 * ring, RING_VIEWS)]
-    return [(middle, 0.75 * ring), *near, *far]
+        around = _around(ring, RING_VIEWS)
+    else:
+        around = np.vstack([_around(0.5 * ring, RING_VIEWS), _around(ring, 2 * RING_VIEWS)])
+    return [(place, 0.75 * ring) for place in (middle, *around)]
 
 
 def _around(ring_mm: float, count: int) -> Array:
@@ -180,8 +186,6 @@ def _shadow(
 ) -> tuple[float, float, Array, NDArray[np.uint8]]:
     """Return area, perimeter, centroid (2,) and polar grid of a posed part's shadow."""
     p = transform(T_world_part, solid.mesh.vertices)
-    if p[:, 2].max() > 0.9 * eye[2]:
-        raise ValueError(f"{solid.name}: {p[:, 2].max():.0f} mm tall, up to the camera")
     cast = eye[:2] + (p[:, :2] - eye[:2]) * (eye[2] / (eye[2] - p[:, 2]))[:, None]
     low, high = cast.min(axis=0), cast.max(axis=0)
     step = float((high - low).max()) / RASTER_PX
