@@ -246,10 +246,13 @@ def _coarse(
     pose = library.entries[candidate.part].pose(candidate.pose)
     model = library.model(candidate.part)
     T = lying(model, pose, candidate.x_mm, candidate.y_mm, candidate.theta_rad)
+    reaches_mm = [limits.first_reach_mm]
+    if sight.is_backlit and candidate.slack_mm >= limits.slack_mm:  # under lamps lines say more
+        reaches_mm.append(limits.first_reach_mm + candidate.slack_mm)
     best, best_score = None, 0.0
-    for slack_mm in (0.0, candidate.slack_mm):
+    for reach_mm in reaches_mm:
         options = FitOptions(
-            reach_px=(_reach_px(limits.first_reach_mm + slack_mm, sight),),
+            reach_px=(_reach_px(reach_mm, sight),),
             steps=3,
             most=limits.coarse_samples,
         )
@@ -257,8 +260,7 @@ def _coarse(
         score = 0.0 if fit is None else _coarse_score(fit)
         if score > best_score:
             best, best_score = fit, score
-        is_near = candidate.slack_mm < limits.slack_mm or not sight.is_backlit  # lines say more
-        if best_score >= limits.sure_coarse or is_near:
+        if best_score >= limits.sure_coarse:
             break
     return best, best_score
 
