@@ -317,10 +317,7 @@ def plan_part(
     if pose_index not in poses:
         raise ConfigError(f"{compiled.solid.name} has stable poses {sorted(poses)}")
     setup = planner_setup(wanted, cell, compiled)
-    x, y = cell.table.drop_area.x, cell.table.drop_area.y
-    kept = Planning(compiled, setup.layout, setup.options).lying(
-        poses[pose_index], sum(x) / 2, sum(y) / 2, 0.0
-    )
-    if kept.plan is None:
-        raise NoPlanError(kept.reason)
-    return kept.plan
+    told = Planning(compiled, setup.layout, setup.options).certified(poses[pose_index]).told
+    if told.plan is None:
+        raise NoPlanError(told.reason)
+    return told.plan
