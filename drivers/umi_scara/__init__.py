@@ -7,16 +7,21 @@ Source of all facts: umi_rtx.md. `kinematics` turns joints into poses and back w
 from ..kinds import Arm, Driver, JawReading, NoSettings, Site, Stop
 from . import kinematics
 from ._arm import UmiScara
-from ._constants import Axis, Ip, Parameter, StatusBits
 from ._gripper import GripperLaw
-from ._homing import HomingConfig, HomingError
-from ._limits import OutOfRangeError
-from ._link import LineDoubtError, LinkConfig, Trace, WireExchange
-from ._motion import AxisStalledError, MotionStoppedError, forecast_s, synchronised_speeds
 from ._session import ArmConfig, ArmIdentity, PowerOffError
-from ._transport import SerialTransport, Transport
 from .kinematics import ArmGeometry
+from .limits import OutOfRangeError
+from .line import LineDoubtError, LinkConfig, SerialTransport, Trace, Transport, WireExchange
 from .model import LinkBox, UmiModel, UmiTiming
+from .motion import (
+    AxisStalledError,
+    HomingConfig,
+    HomingError,
+    MotionStoppedError,
+    forecast_s,
+    synchronised_speeds,
+)
+from .protocol.constants import Axis, Ip, Parameter, StatusBits
 
 __all__ = [
     "DRIVER",

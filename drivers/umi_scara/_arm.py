@@ -12,14 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..kinds import JawReading
-from . import _constants as c
 from . import kinematics
-from ._constants import ADDRESSES, Axis, Drive, Parameter, StatusBits
-from ._homing import Homing
-from ._limits import COUNTS_ORDER, OutOfRangeError, check_limits
-from ._link import Guard, LineDoubtError
-from ._motion import (
+from ._session import ArmSession, check_speeds
+from .limits import COUNTS_ORDER, OutOfRangeError, check_limits
+from .line import Guard, LineDoubtError
+from .motion import (
     AxisStalledError,
+    Homing,
     Watch,
     forecast_s,
     on_ip,
@@ -27,7 +26,8 @@ from ._motion import (
     synchronised_speeds,
     verify_arrival,
 )
-from ._session import ArmSession, check_speeds
+from .protocol import constants as c
+from .protocol.constants import ADDRESSES, Axis, Drive, Parameter, StatusBits
 
 log = logging.getLogger(__name__)
 

@@ -15,17 +15,29 @@ from drivers.clock import REAL_TIME, CellClock
 from drivers.errors import DeviceError, LinkError, PositionLostError, SilentLineError
 from drivers.kinds import Stop
 
-from . import _constants as c
-from ._axes import Axes
-from ._constants import Axis, Ip, Parameter, Simple, StatusBits
 from ._gripper import GripperLaw
-from ._homing import HomingConfig
-from ._limits import OutOfRangeError
-from ._link import Guard, LineDoubtError, Link, LinkConfig, Trace
-from ._motion import AxisStalledError, MotionStoppedError, on_ip
-from ._sureness import Known, judge_counters
-from ._tasks import run_to_end
-from ._transport import SerialTransport, Transport
+from .limits import OutOfRangeError
+from .line import (
+    Guard,
+    LineDoubtError,
+    Link,
+    LinkConfig,
+    SerialTransport,
+    Trace,
+    Transport,
+    run_to_end,
+)
+from .motion import (
+    Axes,
+    AxisStalledError,
+    HomingConfig,
+    Known,
+    MotionStoppedError,
+    judge_counters,
+    on_ip,
+)
+from .protocol import constants as c
+from .protocol.constants import Axis, Ip, Parameter, Simple, StatusBits
 
 log = logging.getLogger(__name__)
 

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from drivers.errors import PositionLostError, RefusedError
-from drivers.umi_scara import _codec as codec
-from drivers.umi_scara._constants import Drive, Ip, Mode, Parameter, Simple
+from drivers.umi_scara.protocol import codec
+from drivers.umi_scara.protocol.constants import Drive, Ip, Mode, Parameter, Simple
 
 GOLDEN: dict[str, Any] = tomllib.loads((Path(__file__).parent / "umi_rtx.toml").read_text())
 EXCHANGES = [

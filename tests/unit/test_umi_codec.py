@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import BadReplyError, PositionLostError, RefusedError, WrongDeviceError
-from drivers.umi_scara import _codec as codec
-from drivers.umi_scara._constants import Drive, Mode, Parameter, Simple, StatusBits
+from drivers.umi_scara.protocol import codec
+from drivers.umi_scara.protocol.constants import Drive, Mode, Parameter, Simple, StatusBits
 
 int16 = st.integers(-0x8000, 0x7FFF)
 ctls = st.integers(0, 4)

@@ -20,8 +20,8 @@ from drivers.errors import (
     WrongDeviceError,
 )
 from drivers.umi_scara import Ip, LineDoubtError, LinkConfig, WireExchange
-from drivers.umi_scara._codec import Status, Value
-from drivers.umi_scara._link import Link
+from drivers.umi_scara.line import Link
+from drivers.umi_scara.protocol.codec import Status, Value
 
 GOLDEN = tomllib.loads(
     (Path(__file__).parents[1] / "golden" / "umi_rtx.toml").read_text(encoding="utf-8")

@@ -1,7 +1,7 @@
 """Counters are believed only if what is known of the axes excludes that they were changed."""
 
 from drivers.umi_scara import Axis
-from drivers.umi_scara._sureness import judge_counters
+from drivers.umi_scara.motion import judge_counters
 
 COUNTS = dict.fromkeys(Axis, 0) | {Axis.ZED: -500, Axis.WRIST1: -300}
 KNOWN = {axis: (counts, counts) for axis, counts in COUNTS.items()}

@@ -13,7 +13,7 @@ import pytest
 from drivers.clock import CellClock
 from drivers.errors import LinkError, UnpluggedError
 from drivers.umi_scara import Ip, SerialTransport, UmiScara
-from drivers.umi_scara._link import Link
+from drivers.umi_scara.line import Link
 
 
 class Line:

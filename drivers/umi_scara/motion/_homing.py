@@ -12,11 +12,11 @@ from dataclasses import dataclass, field
 
 from drivers.errors import DeviceError
 
-from . import _constants as c
+from ..line import Guard
+from ..protocol import constants as c
+from ..protocol.constants import ADDRESSES, Axis, Drive, Ip, Mode, Parameter, Simple, StatusBits
 from ._axes import Axes
-from ._constants import ADDRESSES, Axis, Drive, Ip, Mode, Parameter, Simple, StatusBits
-from ._link import Guard
-from ._motion import Watch, on_ip, start
+from ._moves import Watch, on_ip, start
 
 log = logging.getLogger(__name__)
 

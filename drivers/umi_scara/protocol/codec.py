@@ -10,8 +10,8 @@ from typing import Final
 
 from drivers.errors import BadReplyError, PositionLostError, RefusedError, WrongDeviceError
 
-from . import _constants as c
-from ._constants import Drive, Ip, Mode, Parameter, Simple, StatusBits
+from . import constants as c
+from .constants import Drive, Ip, Mode, Parameter, Simple, StatusBits
 
 
 def checksum(value: int) -> int:

@@ -13,11 +13,11 @@ from typing import NoReturn, TypeVar
 from drivers.clock import CellClock
 from drivers.errors import BadReplyError, DeviceError, PositionLostError, RefusedError
 
-from . import _codec as codec
-from . import _constants as c
-from ._codec import Reply, Status, Value, Version
-from ._constants import ADDRESSES, Axis, Drive, Ip, Mode, Parameter, Simple, StatusBits
-from ._link import Guard, LineDoubtError, Link, breaks_step
+from ..line import Guard, LineDoubtError, Link, breaks_step
+from ..protocol import codec
+from ..protocol import constants as c
+from ..protocol.codec import Reply, Status, Value, Version
+from ..protocol.constants import ADDRESSES, Axis, Drive, Ip, Mode, Parameter, Simple, StatusBits
 
 log = logging.getLogger(__name__)
 R = TypeVar("R", Status, Value, Version)

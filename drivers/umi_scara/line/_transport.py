@@ -13,7 +13,7 @@ import serial
 
 from drivers.errors import LinkError, UnpluggedError
 
-from . import _constants as c
+from ..protocol import constants as c
 
 
 class Transport(Protocol):

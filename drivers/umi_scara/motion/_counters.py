@@ -7,7 +7,7 @@ only witnesses: an axis that rested far from zero and still reads so excludes it
 
 from collections.abc import Mapping
 
-from ._constants import ADDRESSES, Axis, Ip
+from ..protocol.constants import ADDRESSES, Axis, Ip
 
 Known = dict[Axis, tuple[int, int]]
 """Range that each axis must be found in [counts]; both ends are equal where it rests."""

@@ -27,8 +27,8 @@ from drivers.errors import (
     WrongDeviceError,
 )
 
-from . import _constants as c
-from ._codec import (
+from ..protocol import constants as c
+from ..protocol.codec import (
     Identity,
     Reply,
     ReplyReader,
@@ -39,7 +39,7 @@ from ._codec import (
     is_query,
     looks_like_text,
 )
-from ._constants import Ip, Simple, StatusBits
+from ..protocol.constants import Ip, Simple, StatusBits
 from ._tasks import Turns, run_to_end
 from ._transport import Transport
 

@@ -8,10 +8,10 @@ from math import ceil
 
 from drivers.errors import ArmStalledError, DeviceError
 
-from . import _constants as c
+from ..line import Guard
+from ..protocol import constants as c
+from ..protocol.constants import ADDRESSES, Axis, Ip, Parameter, Simple, StatusBits
 from ._axes import Axes
-from ._constants import ADDRESSES, Axis, Ip, Parameter, Simple, StatusBits
-from ._link import Guard
 
 
 class MotionStoppedError(DeviceError):

@@ -1,0 +1,29 @@
+"""The serial line: bytes in and out, whose turn it is, which of the two boards listens.
+
+It knows requests and replies, no motor.
+"""
+
+from ._link import (
+    Guard,
+    LineDoubtError,
+    Link,
+    LinkConfig,
+    Trace,
+    WireExchange,
+    breaks_step,
+)
+from ._tasks import run_to_end
+from ._transport import SerialTransport, Transport
+
+__all__ = [
+    "Guard",
+    "LineDoubtError",
+    "Link",
+    "LinkConfig",
+    "SerialTransport",
+    "Trace",
+    "Transport",
+    "WireExchange",
+    "breaks_step",
+    "run_to_end",
+]
