@@ -46,9 +46,21 @@ def link_boxes(layout: CellLayout, q: FloatArray) -> tuple[FloatArray, FloatArra
     T_box, half_mm = stack(layout.arm.links)
     T = np.zeros((*R.shape[:2], 4, 4))
     T[..., 3, 3] = 1.0
-    T[..., :3, :3] = R @ T_box[:, :3, :3]
-    T[..., :3, 3] = (R @ T_box[:, :3, 3, None])[..., 0] + origin_mm
+    T[..., :3, :3], T[..., :3, 3] = placed_boxes(R, origin_mm, T_box)
     return T, np.broadcast_to(half_mm, (*R.shape[:2], 3))
+
+
+def placed_boxes(
+    R: FloatArray, origin_mm: FloatArray, T_box: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return rotations (n, k, 3, 3) and centres (n, k, 3) in the world of boxes in moving frames.
+
+    Parameters
+    ----------
+    R, origin_mm : (n, k, 3, 3), (n, k, 3) of the frames; k is 1 where all boxes are in one
+    T_box : (k, 4, 4) or (n, k, 4, 4) of the boxes in their frames
+    """
+    return R @ T_box[..., :3, :3], (R @ T_box[..., :3, 3, None])[..., 0] + origin_mm
 
 
 def shown_pose(layout: CellLayout, q: FloatArray, T_part_tcp: FloatArray) -> FloatArray:

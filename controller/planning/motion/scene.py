@@ -18,7 +18,7 @@ from controller.arrays import BoolArray, FloatArray, IntArray
 
 from ..geometry import Box, PartShape, PlacedShape, Triangles, overlap_turned, stack
 from ..model import CellLayout, Jaw
-from ._kinematics import link_boxes, link_frames, tcp_pose
+from ._kinematics import link_boxes, link_frames, placed_boxes, tcp_pose
 
 STANDING = "the part standing there"
 _NONE = np.iinfo(np.int64).max
@@ -183,11 +183,9 @@ class Scene:
                 shape, T_part = self.carried_mesh.shape, T_tcp @ self.carried_mesh.T
         else:
             T_tcp_box, half_hand = hand
-        turns = [R_link @ T_link[:, :3, :3], T_tcp[:, None, :3, :3] @ T_tcp_box[..., :3, :3]]
-        centres = [
-            (R_link @ T_link[:, :3, 3, None])[..., 0] + origins,
-            (T_tcp[:, None, :3, :3] @ T_tcp_box[..., :3, 3, None])[..., 0] + T_tcp[:, None, :3, 3],
-        ]
+        of_links = placed_boxes(R_link, origins, T_link)
+        of_hand = placed_boxes(T_tcp[:, None, :3, :3], T_tcp[:, None, :3, 3], T_tcp_box)
+        turns, centres = [of_links[0], of_hand[0]], [of_links[1], of_hand[1]]
         m = T_tcp_box.shape[-3]
         halves = [
             np.broadcast_to(half_link, (n, *half_link.shape)),
