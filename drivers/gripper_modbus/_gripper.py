@@ -117,10 +117,8 @@ class Gripper:
             raise WrongDeviceError(
                 f"{self._talk.unit}: expected a Robotiq 2F gripper, found {error}; {remedy}"
             ) from error
-        if self._talk.grasp is None and status.is_activated and status.is_going:
-            contact = status.object
-            if contact in (ObjectState.CONTACT_CLOSING, ObjectState.CONTACT_OPENING):
-                self._talk.grasp = judge_grasp(status, contact, 0.0, self.config)
+        if self._talk.grasp is None and status.is_activated and status.has_contact:
+            self._talk.grasp = judge_grasp(status, status.object, 0.0, self.config)
         self._talk.keep_awake()
         return status
 
