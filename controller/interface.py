@@ -7,7 +7,7 @@ and during each motion, a script does itself or goes without.
 
 import tempfile
 from collections.abc import AsyncIterator, Mapping, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -21,7 +21,7 @@ from controller.cell.devices import DeviceBuilder, resolve
 from controller.cell.devices.clocks import find_clock
 from controller.cell.devices.driver_registry import require_drivers
 from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
-from controller.cell.devices.interlocks import REQUIRED_SIGNALS, check_interlocks
+from controller.cell.devices.interlocks import REQUIRED_SIGNALS, check_interlocks, settled_signal
 from controller.cell.devices.lock import hold_cell
 from controller.cell.plans import Planning
 from controller.cell.services import CameraName, Imaging
@@ -33,7 +33,7 @@ from controller.recognition.stored import open_library
 from controller.setup.optics import build_camera
 from controller.setup.planner import planner_setup
 from drivers.clock import CellClock
-from drivers.kinds import Arm, Camera, FixedGripper, IoBlock, LampUnit, Signal
+from drivers.kinds import Arm, Camera, FixedGripper, IoBlock, LampUnit
 
 __all__ = [
     "OpenCell",
@@ -48,8 +48,6 @@ __all__ = [
 
 FileName = str | PathLike[str]
 Grey = NDArray[np.uint8]
-
-FIRST_READINGS_S = 1.0  # for the inputs to be read twice [cell s]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,10 +108,7 @@ class OpenCell:
     async def _require_interlocks(self) -> None:
         io = await self.io()
         for name in REQUIRED_SIGNALS:
-            # an input counts once it was read twice; one that is not healthy never comes
-            with suppress(TimeoutError):
-                async with self.clock.timeout(FIRST_READINGS_S):
-                    await io.wait_for(name, Signal.OK)
+            await settled_signal(io, name, self.clock)
         check_interlocks(io)
 
     async def gripper(self) -> FixedGripper:

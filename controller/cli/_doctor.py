@@ -14,9 +14,8 @@ from controller.cell.devices import Devices, resolve
 from controller.cell.devices.clocks import find_clock
 from controller.cell.devices.driver_registry import require_drivers
 from controller.cell.devices.emulator import emulated_cell, emulator_command
-from controller.cell.devices.interlocks import REQUIRED_SIGNALS
+from controller.cell.devices.interlocks import REQUIRED_SIGNALS, settled_signal
 from controller.config import Cell, load_cell
-from drivers.clock import CellClock
 from drivers.errors import DeviceError
 from drivers.kinds import Signal
 
@@ -150,19 +149,9 @@ async def _devices(cell: Cell, ready: dict[str, Any]) -> list[Check]:
             await ask("overhead", lambda: camera("overhead"))
             await ask("inspection", lambda: camera("inspection"))
             for name, remedy in REQUIRED_SIGNALS.items():
-                signal = await _settled(devices, name, clock)
+                signal = await settled_signal(devices.io, name, clock)
                 checks.append(_check(name, signal.value, ok=signal is Signal.OK, remedy=remedy))
         finally:
             await devices.aclose()
     clock.close()
     return checks
-
-
-async def _settled(devices: Devices, name: str, clock: CellClock) -> Signal:
-    """Return a signal once it has been read twice, or what is known after a second."""
-    try:
-        async with clock.timeout(1.0):
-            await devices.io.wait_for(name, Signal.OK)
-    except TimeoutError:
-        pass
-    return devices.io.signal(name)

@@ -23,7 +23,6 @@ DETAIL_LENGTH = 240
 
 def say_row(entry: LogEntry) -> str:
     """Return a row of the journal in words."""
-    rest = _rest(entry.body)
     name = entry.name.replace("_", " ")
     match entry.row:
         case rows.CellEvent() as row:
@@ -35,7 +34,7 @@ def say_row(entry: LogEntry) -> str:
         case rows.CustodyChanged() as row:
             return f"custody: {name}" + (f" ({row.detail})" if row.detail else "")
         case rows.Intent():
-            return f"about to {name}{rest}"
+            return f"about to {name}{_rest(entry.body)}"
         case rows.ViewJudged() as row:
             return _view(row)
         case rows.RecoveryBegun() as row:
@@ -46,7 +45,8 @@ def say_row(entry: LogEntry) -> str:
             return "run began"
         case rows.AtRest() as row:
             return f"at rest: {row.state}"
-    return f"{name}: done{rest}" if entry.kind == "outcome" else f"{name}{rest}"
+    done = ": done" if entry.kind == "outcome" else ""
+    return f"{name}{done}{_rest(entry.body)}"
 
 
 def _transition(row: rows.CellEvent) -> str:

@@ -3,6 +3,9 @@
 The emergency stop is hard-wired. What stands here may only stop work early.
 """
 
+from contextlib import suppress
+
+from drivers.clock import CellClock
 from drivers.kinds import IoBlock, Signal
 
 from ..errors import InterlockError
@@ -13,6 +16,23 @@ REQUIRED_SIGNALS = {
     GUARD: "the door is open; close it",
     "supply_ok": "the 24 V supply is missing; check the fuse",
 }
+FIRST_READINGS_S = 1.0  # for an input to be read twice [cell s]
+
+
+async def settled_signal(io: IoBlock, name: str, clock: CellClock) -> Signal:
+    """Return a safety copy once it was read twice, or what is known of it after a second.
+
+    Parameters
+    ----------
+    io : where it is read; just connected
+    name : of the signal
+    clock : the cell's
+    """
+    # one that is not healthy never comes
+    with suppress(TimeoutError):
+        async with clock.timeout(FIRST_READINGS_S):
+            await io.wait_for(name, Signal.OK)
+    return io.signal(name)
 
 
 def check_interlocks(io: IoBlock, *, is_person_inside: bool = False) -> None:

@@ -38,8 +38,7 @@ def recover(
     from .._planned_parts import cell_of_this_folder
     from .._recover import recover_cell
 
-    names = {Gripper.ARM: GripperName.ARM, Gripper.FIXED: GripperName.FIXED}
-    gripper = None if open_ is None else names[open_]
+    gripper = None if open_ is None else GripperName[open_.name]
     code = recover_cell(
         cell or cell_of_this_folder(), runs, gripper, is_confirmed=yes, as_json=json
     )
