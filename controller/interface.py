@@ -13,9 +13,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from controller.arrays import Grey
 from controller.cad.compiled import CompileOptions, load_part, options_among
 from controller.cell.devices import DeviceBuilder, resolve
 from controller.cell.devices.clocks import find_clock
@@ -47,7 +45,6 @@ __all__ = [
 ]
 
 FileName = str | PathLike[str]
-Grey = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,8 +5,10 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from controller.arrays import IntArray
 
-def components(count: int, a: NDArray[np.integer], b: NDArray[np.integer]) -> NDArray[np.int64]:
+
+def components(count: int, a: NDArray[np.integer], b: NDArray[np.integer]) -> IntArray:
     """Return for each of ``count`` nodes the number of its connected component (count,).
 
     Parameters

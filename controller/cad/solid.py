@@ -5,14 +5,13 @@ from functools import cached_property
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
+
+from controller.arrays import BoolArray, FloatArray, Int32Array
 
 from .boundary import Boundary, Face, find_boundary, find_faces
 from .errors import CoordinatesCadError, EmptyCadError, LargeCadError, UnitCadError
 from .soundness import check_soundness
 from .welding import weld
-
-Array = NDArray[np.float64]
 
 MM_PER_INCH = 25.4
 MM_PER_M = 1000.0
@@ -43,9 +42,9 @@ class Solid:
     mesh: trimesh.Trimesh
     content_hash: str
     volume_mm3: float
-    centroid_mm: Array
+    centroid_mm: FloatArray
     faces: tuple[Face, ...]
-    face_of_triangle: NDArray[np.int32]
+    face_of_triangle: Int32Array
     unit: str = "mm"
     unit_is_declared: bool = True
     density_g_cm3: float | None = None
@@ -66,7 +65,7 @@ def make_solid(
     where: str,
     *,
     faces: tuple[Face, ...] | None = None,
-    face_of_triangle: NDArray[np.int32] | None = None,
+    face_of_triangle: Int32Array | None = None,
     unit: str = "mm",
     unit_is_declared: bool = True,
     density_g_cm3: float | None = None,
@@ -140,7 +139,7 @@ def check_count(triangle_count: int, where: str) -> None:
 
 
 def _check_size(
-    vertices_mm: Array, is_used: NDArray[np.bool_], where: str, unit_is_declared: bool
+    vertices_mm: FloatArray, is_used: BoolArray, where: str, unit_is_declared: bool
 ) -> None:
     if not np.isfinite(vertices_mm).all():
         raise CoordinatesCadError(

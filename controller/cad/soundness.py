@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, FloatArray, Int32Array, IntArray
 from controller.imaging import RayCaster
 
 from .errors import (
@@ -21,9 +21,6 @@ from .errors import (
     SelfIntersectingCadError,
 )
 from .graph import components
-
-Array = NDArray[np.float64]
-Ids = NDArray[np.int64]
 
 TOUCH_MM = 1e-3  # ten times what corners are merged at: merging may fold a sliver over
 FLOAT32_ULPS = 32.0  # STL keeps seven digits, which is more than TOUCH_MM on a part of metres
@@ -40,11 +37,11 @@ MANY_HITS = 400  # a straight line through a part that meets more surfaces is no
 class _Sides:
     """The triangle sides of a mesh, those between the same two corners brought together."""
 
-    ends: Ids  # (e, 2) corners of each edge
-    count: Ids  # (e,) sides on it
-    first: Ids  # (e,) where its sides start in `side`
-    side: Ids  # (3 n,) directed sides, edge by edge; side s is of triangle s // 3
-    forward: NDArray[np.bool_]  # (3 n,) runs from the lower corner to the higher
+    ends: IntArray  # (e, 2) corners of each edge
+    count: IntArray  # (e,) sides on it
+    first: IntArray  # (e,) where its sides start in `side`
+    side: IntArray  # (3 n,) directed sides, edge by edge; side s is of triangle s // 3
+    forward: BoolArray  # (3 n,) runs from the lower corner to the higher
 
 
 def check_soundness(mesh: trimesh.Trimesh, where: str) -> None:
@@ -82,7 +79,7 @@ def touch_of(mesh: trimesh.Trimesh) -> float:
     return max(TOUCH_MM, FLOAT32_ULPS * float(np.finfo(np.float32).eps) * reach)
 
 
-def _sort_sides(triangles: Ids) -> _Sides:
+def _sort_sides(triangles: IntArray) -> _Sides:
     start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     low, high = np.minimum(start, end), np.maximum(start, end)
     key = low * (int(triangles.max()) + 1) + high
@@ -94,7 +91,7 @@ def _sort_sides(triangles: Ids) -> _Sides:
     return _Sides(np.column_stack((low[at], high[at])), count, first, order, (start < end)[order])
 
 
-def _check_closed(triangles: Ids, sides: _Sides, where: str) -> None:
+def _check_closed(triangles: IntArray, sides: _Sides, where: str) -> None:
     if (sides.count == 1).any():
         raise OpenCadError(
             f"{where}: the surface is not closed ({int((sides.count == 1).sum())} open triangle "
@@ -119,7 +116,7 @@ def _check_closed(triangles: Ids, sides: _Sides, where: str) -> None:
         )
 
 
-def _shells(mesh: trimesh.Trimesh, sides: _Sides) -> tuple[NDArray[np.int32], Array]:
+def _shells(mesh: trimesh.Trimesh, sides: _Sides) -> tuple[Int32Array, FloatArray]:
     """Return the shell of each triangle (n,), and the volume each shell encloses [mm3]."""
     one, other = sides.side[sides.first] // 3, sides.side[sides.first + 1] // 3
     count = len(mesh.faces)
@@ -129,7 +126,7 @@ def _shells(mesh: trimesh.Trimesh, sides: _Sides) -> tuple[NDArray[np.int32], Ar
     return shell, np.bincount(shell, weights=wedge).astype(np.float64)
 
 
-def _check_outwards(volumes: Array, size_mm: float, where: str) -> int:
+def _check_outwards(volumes: FloatArray, size_mm: float, where: str) -> int:
     """Return how many shells are bodies and not voids."""
     if np.abs(volumes).max() <= 1e-9 * size_mm**3:
         raise OpenCadError(
@@ -146,7 +143,12 @@ def _check_outwards(volumes: Array, size_mm: float, where: str) -> int:
 
 
 def _check_crossings(
-    mesh: trimesh.Trimesh, ends: Ids, caster: RayCaster, touch_mm: float, middle: Array, where: str
+    mesh: trimesh.Trimesh,
+    ends: IntArray,
+    caster: RayCaster,
+    touch_mm: float,
+    middle: FloatArray,
+    where: str,
 ) -> None:
     """Raise where an edge runs through the inside of a triangle it shares no corner with."""
     points, triangles = np.asarray(mesh.vertices), np.asarray(mesh.faces)
@@ -156,12 +158,12 @@ def _check_crossings(
 
 
 def _check_edges(
-    points: Array,
-    triangles: Ids,
-    ends: Ids,
+    points: FloatArray,
+    triangles: IntArray,
+    ends: IntArray,
     caster: RayCaster,
     touch_mm: float,
-    middle: Array,
+    middle: FloatArray,
     where: str,
 ) -> None:
     length = np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=1)
@@ -183,8 +185,8 @@ def _check_edges(
 
 
 def _pierces(
-    a: Array, b: Array, corners: Array, touch_mm: float
-) -> tuple[NDArray[np.bool_], Array]:
+    a: FloatArray, b: FloatArray, corners: FloatArray, touch_mm: float
+) -> tuple[BoolArray, FloatArray]:
     """Return which segments a-b (n, 3) run clearly through their triangle (n, 3, 3), and where.
 
     Clearly: both ends at least ``touch_mm`` off its plane, the crossing as far inside its sides.
@@ -208,8 +210,8 @@ def _pierces(
 
 def _check_voids(
     mesh: trimesh.Trimesh,
-    shell: NDArray[np.int32],
-    volumes: Array,
+    shell: Int32Array,
+    volumes: FloatArray,
     caster: RayCaster,
     touch_mm: float,
     where: str,
@@ -235,7 +237,7 @@ def _check_voids(
 
 
 def _check_probes(
-    mesh: trimesh.Trimesh, caster: RayCaster, touch_mm: float, middle: Array, where: str
+    mesh: trimesh.Trimesh, caster: RayCaster, touch_mm: float, middle: FloatArray, where: str
 ) -> None:
     """Raise where a surface lies on itself: points just off it must be outside and inside."""
     rng = np.random.default_rng(0)  # a fixed draw: the same file gets the same answer
@@ -268,12 +270,12 @@ def _check_probes(
 def _winding(
     mesh: trimesh.Trimesh,
     caster: RayCaster,
-    origins: Array,
-    direction: Array,
+    origins: FloatArray,
+    direction: FloatArray,
     touch_mm: float,
-    shell: NDArray[np.int32] | None = None,
-    own_shell: Ids | None = None,
-) -> Ids:
+    shell: Int32Array | None = None,
+    own_shell: IntArray | None = None,
+) -> IntArray:
     """Return how often the surface goes round each point: 0 outside, 1 inside, (n,).
 
     Counts the surfaces a ray leaves by less those it enters by; ``own_shell`` (n,) is not counted.
@@ -293,8 +295,12 @@ def _winding(
 
 
 def _hits(
-    caster: RayCaster, origins: Array, directions: Array, step: Array, limit: Array
-) -> Iterator[tuple[Ids, Ids]]:
+    caster: RayCaster,
+    origins: FloatArray,
+    directions: FloatArray,
+    step: FloatArray,
+    limit: FloatArray,
+) -> Iterator[tuple[IntArray, IntArray]]:
     """Walk all that rays meet, in turns: which rays, and the triangle each meets next.
 
     ``step`` (n,) is how far a ray starts behind its origin and goes on behind each hit, ``limit``

@@ -1,17 +1,15 @@
 """Corners that a file repeats for each triangle become one; triangles without area disappear."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Ids = NDArray[np.int64]
+from controller.arrays import BoolArray, FloatArray, IntArray
 
 MERGE_MM = 1e-4  # corners within are one: STL repeats each corner per triangle, rounded
 NEEDLE_MM = 1e-9  # a triangle flatter than this has no normal
 FEW_NEEDLES = 2000  # they are taken out one by one
 
 
-def weld(vertices_mm: Array, triangles: Ids) -> tuple[Array, Ids, Ids]:
+def weld(vertices_mm: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
     """Merge corners and take triangles without area out, leaving no gap where they were.
 
     Parameters
@@ -40,7 +38,7 @@ def weld(vertices_mm: Array, triangles: Ids) -> tuple[Array, Ids, Ids]:
     return points[used], (np.cumsum(used) - 1)[corners], kept
 
 
-def _merge(vertices_mm: Array) -> tuple[Ids, Ids]:
+def _merge(vertices_mm: FloatArray) -> tuple[IntArray, IntArray]:
     """Return a vertex for each cell of the grid that holds any (u,), and each vertex's cell."""
     cells = np.round(vertices_mm / MERGE_MM).astype(np.int64)
     cells -= cells.min(axis=0)
@@ -54,7 +52,7 @@ def _merge(vertices_mm: Array) -> tuple[Ids, Ids]:
     return first, merged
 
 
-def _heights(points: Array, corners: Ids) -> Array:
+def _heights(points: FloatArray, corners: IntArray) -> FloatArray:
     """Return the smallest height of each triangle [mm]."""
     p = points[corners]
     area2 = np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
@@ -62,7 +60,7 @@ def _heights(points: Array, corners: Ids) -> Array:
     return np.asarray(area2 / np.where(longest > 0, longest, 1.0))
 
 
-def _flip(points: Array, corners: Ids, needles: Ids) -> tuple[Ids, NDArray[np.bool_]]:
+def _flip(points: FloatArray, corners: IntArray, needles: IntArray) -> tuple[IntArray, BoolArray]:
     """Flip the long side of each needle into its neighbour, so that both have area or none is left.
 
     A needle's three corners lie on a line; dropped, it would leave its neighbours' corners unmet.

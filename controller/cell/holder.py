@@ -1,17 +1,13 @@
 """What of the cell itself may stand in the inspection picture: hand, arm, fixture, as boxes."""
 
-import numpy as np
-from numpy.typing import NDArray
-
+from controller.arrays import FloatArray
 from controller.inspection import WorldBox
 from controller.planning.geometry import Box
 from controller.planning.model import CellLayout
 from controller.planning.motion import Scene
 
-Array = NDArray[np.float64]
 
-
-def holder_boxes(layout: CellLayout, q: Array, opening_mm: float) -> tuple[WorldBox, ...]:
+def holder_boxes(layout: CellLayout, q: FloatArray, opening_mm: float) -> tuple[WorldBox, ...]:
     """Return every box of arm, hand and fixture in the world, jaws at ``opening_mm``.
 
     Parameters

@@ -13,8 +13,8 @@ from functools import cached_property
 from math import isfinite
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import FloatArray
 from controller.cache import DiskCache, given, one_of
 from controller.cad import Solid, SurfaceSamples
 from controller.cad.compiled import CompiledPart, solids
@@ -31,8 +31,6 @@ from controller.planning import (
     Step,
 )
 from controller.planning.geometry import PartShape
-
-Array = NDArray[np.float64]
 
 FORMAT = 3  # raised when the meaning of kept plans changes
 MAX_PLAN_COUNT, MAX_PREPARED_COUNT = 500, 30  # the oldest ones go first; each can be made again
@@ -63,7 +61,7 @@ class KeptPlan:
     """
 
     pose_index: int
-    T_world_part: Array
+    T_world_part: FloatArray
     plan: Plan | None
     reason: str = ""
 
@@ -199,7 +197,7 @@ def check_prepared(part: PreparedPart) -> None:
         _check_fields(grip_row, samples, "grip")
 
 
-def is_pose(T: Array) -> bool:
+def is_pose(T: FloatArray) -> bool:
     """Return whether a matrix is a pose (4, 4): a rotation and a translation."""
     if T.shape != (4, 4) or not np.isfinite(T).all():
         return False

@@ -10,9 +10,7 @@ from __future__ import annotations
 from functools import lru_cache
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from controller.arrays import FloatArray
 from controller.cache import digest_of, source_hash, versions
 from controller.cad import StablePose
 from controller.cad.compiled import CompiledPart
@@ -33,7 +31,6 @@ from .kept_plans import FORMAT, Certified, Kept, KeptPlan
 
 __all__ = ["Certified", "KeptPlan", "Planning", "planner_hash"]
 
-Array = NDArray[np.float64]
 
 SOURCES = ("controller/cad", "controller/imaging", "controller/planning", "drivers/umi_scara")
 DECIDING = ("numpy", "scipy", "shapely", "trimesh", "embreex", "python-fcl", "rtree")
@@ -161,7 +158,7 @@ class Planning:
         (told,) = certify(part, self._layout, (pose,))
         return Certified(told, len(part.arm_grasps), len(part.fixed_grasps))
 
-    def _plan_file(self, pose_index: int, T_world_part: Array) -> Path:
+    def _plan_file(self, pose_index: int, T_world_part: FloatArray) -> Path:
         return self._kept.plans.file(
             self._part.solid.name, digest_of(self._key, pose_index, T_world_part)
         )

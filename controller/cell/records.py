@@ -3,20 +3,14 @@
 import asyncio
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
 from controller import inspection as inspecting
+from controller.arrays import BoolArray, FloatArray, Grey
 from controller.planning import Grasp, Look, Plan, Present
 from controller.recognition import Alternative, Sighting
 
 from .custody import Custody
 from .devices.clocks import Speed
 from .recovery import PartFault, Recovery, merged
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Grey = NDArray[np.uint8]
 
 
 @dataclass(slots=True)
@@ -47,7 +41,7 @@ class Hold:
     """
 
     grasp: Grasp
-    T_part_tcp: Array
+    T_part_tcp: FloatArray
     width_mm: float
     is_seen: bool = False
     doubts: int = 0
@@ -66,8 +60,8 @@ class Shown:
 
     view: str
     hold: Hold | None
-    q: Array
-    expected: Array
+    q: FloatArray
+    expected: FloatArray
     holder: tuple[inspecting.WorldBox, ...]
     backlit: Grey
     task: asyncio.Task[inspecting.ViewResult]
@@ -104,14 +98,14 @@ class PartRecord:
     fixed_grasp: Grasp | None = None
     pending: list[Shown] = field(default_factory=list)
     results: list[inspecting.ViewResult] = field(default_factory=list)
-    planned: dict[str, Mask] = field(default_factory=dict)
+    planned: dict[str, BoolArray] = field(default_factory=dict)
     recoveries: list[Recovery] = field(default_factory=list)
     avoid: set[str] = field(default_factory=set)
     verdict: inspecting.PartVerdict | None = None
     tray: str | None = None
 
     @property
-    def seen(self) -> Mask | None:
+    def seen(self) -> BoolArray | None:
         """Return which samples (n,) views have truly shown; None before the first view.
 
         Shown, not compared: what no check can compare, another view like it cannot either.
@@ -119,7 +113,7 @@ class PartRecord:
         return merged([result.shown for result in self.results if result.evaluated])
 
     @property
-    def promised(self) -> Mask | None:
+    def promised(self) -> BoolArray | None:
         """Return what the views of the present plan were to show (n,)."""
         plan = self.plan
         if plan is None:

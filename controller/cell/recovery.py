@@ -11,11 +11,10 @@ from enum import StrEnum
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import BoolArray
 
 from .machine import Event
-
-Array = NDArray[np.float64]
 
 TRIES_PER_KIND: Final = 2
 TRIES_IN_ALL: Final = 6
@@ -103,7 +102,7 @@ def is_held_otherwise(shift_mm: float, turn_rad: float) -> bool:
     return shift_mm > HOLD_MM or turn_rad > HOLD_RAD
 
 
-def merged(masks: Sequence[NDArray[np.bool_]]) -> NDArray[np.bool_] | None:
+def merged(masks: Sequence[BoolArray]) -> BoolArray | None:
     """Return which samples any of the views (n,) has shown; None where there was none."""
     whole = [mask for mask in masks if len(mask)]
     return np.logical_or.reduce(whole) if whole else None

@@ -11,9 +11,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table
 
+from controller.arrays import Grey
 from controller.commissioning.calibration import (
     Calibration,
     CalibrationError,
@@ -33,8 +33,6 @@ from ._before import check_writable_folder
 from ._calibration_file import calibration_body, write_calibration
 from ._output import emit, say, stdout
 from ._pictures import decoded, read_whole, size_of
-
-Grey = NDArray[np.uint8]
 
 
 def calibrate_camera(images: list[Path], target_file: Path, output: Path, *, as_json: bool) -> int:

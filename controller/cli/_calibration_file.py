@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import FloatArray
 from controller.commissioning.calibration import PARAMETERS, Calibration, Placed
 from controller.config import ConfigError
 from controller.config.cell import LEAST_HEIGHT_MM, MOST_HEIGHT_MM
@@ -19,8 +19,6 @@ from controller.config.files import read_text
 from controller.imaging import Camera
 
 from ._pictures import MOST_PIXELS
-
-Array = NDArray[np.float64]
 
 MOST_BYTES = 16 * 2**20  # a calibration from hundreds of pictures lists each of them
 
@@ -57,7 +55,7 @@ def _count(number: object) -> int:
     return int(number)
 
 
-def _check(path: Path, size_px: tuple[int, int], K: Array, T: Array) -> None:
+def _check(path: Path, size_px: tuple[int, int], K: FloatArray, T: FloatArray) -> None:
     """Raise ConfigError where numbers of a calibration are of no camera over a table."""
     width, height = size_px
     if not (width > 0 and height > 0 and width * height <= MOST_PIXELS):

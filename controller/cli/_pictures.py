@@ -14,12 +14,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.arrays import Grey
 from controller.config import ConfigError
 from controller.config.files import read_bytes
 
 from ._picture_header import JPEG_BEGIN, PNG_BEGIN, size_in_header
-
-Grey = NDArray[np.uint8]
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".webp")
 CAMERA_BITS = (8, 10, 12, 14, 16)  # what sensors deliver

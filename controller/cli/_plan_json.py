@@ -3,8 +3,8 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid, SurfaceSamples
 from controller.planning import CellLayout, Certificate, Plan
 from controller.results.moments import Moment, moments, view_count
@@ -65,9 +65,7 @@ def plan_json(
     }
 
 
-def _step_json(
-    moment: Moment, weights: NDArray[np.float64], seen_before: NDArray[np.bool_]
-) -> dict[str, Any]:
+def _step_json(moment: Moment, weights: FloatArray, seen_before: BoolArray) -> dict[str, Any]:
     body: dict[str, Any] = {
         "kind": moment.kind.value,
         "label": moment.step.label,

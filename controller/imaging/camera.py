@@ -9,17 +9,16 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from controller.arrays import Float32Array, FloatArray
 
 
-def transform(T: Array, points: Array) -> Array:
+def transform(T: FloatArray, points: FloatArray) -> FloatArray:
     """Return points (n, 3) taken through the pose ``T`` (4, 4)."""
     return points @ T[:3, :3].T + T[:3, 3]
 
 
-def inverse_pose(T: Array) -> Array:
+def inverse_pose(T: FloatArray) -> FloatArray:
     """Return the inverse of a rigid pose (4, 4)."""
     out = np.eye(4)
     out[:3, :3] = T[:3, :3].T
@@ -27,7 +26,7 @@ def inverse_pose(T: Array) -> Array:
     return out
 
 
-def rotation_angle(R: Array) -> float:
+def rotation_angle(R: FloatArray) -> float:
     """Return by how much a rotation (3, 3) turns, whichever its axis [rad]."""
     return float(np.arccos(np.clip((np.trace(R) - 1) / 2, -1.0, 1.0)))
 
@@ -45,17 +44,17 @@ class Camera:
     """
 
     size_px: tuple[int, int]
-    K: Array
-    distortion: Array
-    T_world_cam: Array
+    K: FloatArray
+    distortion: FloatArray
+    T_world_cam: FloatArray
 
     @property
-    def position_mm(self) -> Array:
+    def position_mm(self) -> FloatArray:
         """Centre of projection in the world, (3,)."""
-        position: Array = self.T_world_cam[:3, 3]
+        position: FloatArray = self.T_world_cam[:3, 3]
         return position
 
-    def project(self, p_world_mm: Array) -> Array:
+    def project(self, p_world_mm: FloatArray) -> FloatArray:
         """Return the pixels (n, 2) of world points (n, 3), lens distortion included."""
         # posed here: OpenCV's rotation vectors round turns of less than 1e-5 rad to 0 or pi,
         # which is 0.03 px for a camera that looks almost straight down
@@ -69,7 +68,7 @@ class Camera:
         )
         return np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
 
-    def sight_lines(self, pixels: Array) -> Array:
+    def sight_lines(self, pixels: FloatArray) -> FloatArray:
         """Return the directions (n, 3) in the world, scaled to depth 1, of pixels (n, 2)."""
         # undistortPoints stops after 5 steps unless told otherwise: 1e-3 px are lost near a corner
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 1e-9)
@@ -83,25 +82,25 @@ class Camera:
             criteria,
         ).reshape(-1, 2)
         d_cam = np.column_stack([plane, np.ones(len(plane))])
-        d_world: Array = d_cam @ self.T_world_cam[:3, :3].T
+        d_world: FloatArray = d_cam @ self.T_world_cam[:3, :3].T
         return d_world
 
     @cached_property
-    def sight_line_table(self) -> NDArray[np.float32]:
+    def sight_line_table(self) -> Float32Array:
         """Directions (height, width, 3) in the world, scaled to depth 1, of all pixels."""
         width, height = self.size_px
         v, u = np.mgrid[0:height, 0:width]
         pixels = np.column_stack([u.ravel(), v.ravel()]).astype(np.float64)
         return self.sight_lines(pixels).reshape(height, width, 3).astype(np.float32)
 
-    def on_plane(self, pixels: Array, height_mm: float = 0.0) -> Array:
+    def on_plane(self, pixels: FloatArray, height_mm: float = 0.0) -> FloatArray:
         """Return where the sight lines of pixels (n, 2) meet the plane z = height, (n, 3)."""
         d = self.sight_lines(pixels)
         s = (height_mm - self.position_mm[2]) / d[:, 2]
-        points: Array = self.position_mm + s[:, None] * d
+        points: FloatArray = self.position_mm + s[:, None] * d
         return points
 
-    def mm_per_px(self, p_world_mm: Array) -> float:
+    def mm_per_px(self, p_world_mm: FloatArray) -> float:
         """Return the size of a pixel [mm] at the depth of a world point (3,)."""
         depth = float((p_world_mm - self.position_mm) @ self.T_world_cam[:3, 2])
         return depth / float(self.K[0, 0])

@@ -10,8 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from controller.arrays import BoolArray, FloatArray
 
 REACH_PX = 2.5  # how far along the gradient a crossing is looked for
 STEP_PX = 0.25
@@ -28,11 +27,11 @@ class Contour:
     normals : (n, 2) unit, from the object to the ground
     """
 
-    points_px: Array
-    normals: Array
+    points_px: FloatArray
+    normals: FloatArray
 
 
-def threshold_levels(image: NDArray[np.uint8], inside: Mask) -> tuple[float, float, float]:
+def threshold_levels(image: NDArray[np.uint8], inside: BoolArray) -> tuple[float, float, float]:
     """Return (object level, half level, ground level) of a backlit picture within a mask.
 
     Otsu's cut first; the two levels are the medians on its sides. A small object on a ground that
@@ -51,7 +50,7 @@ def threshold_levels(image: NDArray[np.uint8], inside: Mask) -> tuple[float, flo
     return low, 0.5 * (low + high), high
 
 
-def mask_contour(mask: Mask) -> Array:
+def mask_contour(mask: BoolArray) -> FloatArray:
     """Return all border pixels of a mask, outer and inner, (n, 2) x before y."""
     found, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     if not found:
@@ -59,7 +58,7 @@ def mask_contour(mask: Mask) -> Array:
     return np.vstack([c.reshape(-1, 2) for c in found]).astype(np.float64)
 
 
-def subpixel_contour(image: NDArray[np.uint8], mask: Mask, level: float) -> Contour:
+def subpixel_contour(image: NDArray[np.uint8], mask: BoolArray, level: float) -> Contour:
     """Return the outline of a dark object at a grey level.
 
     Parameters

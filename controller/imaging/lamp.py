@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from controller.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -19,11 +18,11 @@ class PointLamp:
     """
 
     name: str
-    points_mm: Array
+    points_mm: FloatArray
 
     @staticmethod
     def ring(
-        name: str, centre_mm: Array, axis: Array, radius_mm: float, count: int = 6
+        name: str, centre_mm: FloatArray, axis: FloatArray, radius_mm: float, count: int = 6
     ) -> "PointLamp":
         """Return a ring of lamps round a camera's axis.
 

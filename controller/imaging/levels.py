@@ -9,12 +9,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
-Grey = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
+from controller.arrays import BoolArray, Float32Array, FloatArray, Grey
 
 REDUCED_PX = 320  # side of the reduced picture: 5 mm parts are still 10 px wide there
 WHITE_LEVEL = 250  # from here on a pile-up at the top of the histogram is saturation
@@ -69,11 +65,11 @@ class Ground:
     scatter : rms of the table's own texture about it, relative to the level
     """
 
-    weights: Array
+    weights: FloatArray
     size_px: tuple[int, int]
     scatter: float
 
-    def over(self, box_px: tuple[int, int, int, int], step_px: int = 1) -> Floats:
+    def over(self, box_px: tuple[int, int, int, int], step_px: int = 1) -> Float32Array:
         """Return the level at the pixels, or each block's middle, of a box x0 y0 x1 y1."""
         x0, y0, x1, y1 = box_px
         width, height = self.size_px
@@ -83,11 +79,11 @@ class Ground:
         a, b, c, d, e, f = self.weights
         rows = np.stack([np.ones_like(y), y, c * y + f * y * y], axis=1).astype(np.float32)
         columns = np.stack([a + b * x + d * x * x, e * x, np.ones_like(x)]).astype(np.float32)
-        out: Floats = rows @ columns
+        out: Float32Array = rows @ columns
         return out
 
 
-def level_step(counts: Array | Floats) -> int:
+def level_step(counts: FloatArray | Float32Array) -> int:
     """Return the distance of the levels in use: a power of two, 1 where they are not a raster."""
     used = np.flatnonzero(counts)
     for step in (16, 8, 4, 2):
@@ -96,7 +92,7 @@ def level_step(counts: Array | Floats) -> int:
     return 1
 
 
-def white_level(picture: Grey, counts: Array | Floats) -> int:
+def white_level(picture: Grey, counts: FloatArray | Float32Array) -> int:
     """Return the level that saturated pixels have, 256 where none are."""
     used = np.flatnonzero(counts)
     top = int(used[-1]) if len(used) else 0
@@ -104,7 +100,7 @@ def white_level(picture: Grey, counts: Array | Floats) -> int:
     return top if piled else 256
 
 
-def pixel_noise(picture: Grey, usable: Mask | None, step: int) -> float:
+def pixel_noise(picture: Grey, usable: BoolArray | None, step: int) -> float:
     """Return the noise from pixel to pixel [grey levels], free of slow texture and of edges.
 
     The median of |second difference| is blind to edges, which are few; of white noise with
@@ -132,7 +128,12 @@ def pixel_noise(picture: Grey, usable: Mask | None, step: int) -> float:
 
 
 def fit_ground(
-    reduced: Grey, inside: Mask, factor: int, size_px: tuple[int, int], white: int, tolerance: float
+    reduced: Grey,
+    inside: BoolArray,
+    factor: int,
+    size_px: tuple[int, int],
+    white: int,
+    tolerance: float,
 ) -> Ground:
     """Return the table's level, from a reduced picture; parts on it are left out.
 
@@ -181,7 +182,7 @@ def fit_ground(
     return Ground(weights, size_px, scatter)
 
 
-def _rim_level(reduced: Grey, inside: Mask) -> float:
+def _rim_level(reduced: Grey, inside: BoolArray) -> float:
     """Return the median level along the picture's rim, of all of it where little is usable."""
     band = max(2, len(reduced) // 12)
     strips = (np.s_[:band], np.s_[-band:], np.s_[band:-band, :band], np.s_[band:-band, -band:])
@@ -191,7 +192,7 @@ def _rim_level(reduced: Grey, inside: Mask) -> float:
     return float(np.median(seen)) if len(seen) else 0.0
 
 
-def _solve(terms: Array, levels: Array, chosen: Mask, is_rim: bool) -> Array:
+def _solve(terms: FloatArray, levels: FloatArray, chosen: BoolArray, is_rim: bool) -> FloatArray:
     """Return the weights; from the picture's rim alone only slopes and one bow are told."""
     if is_rim:
         few = np.concatenate([terms[:3], (terms[3] + terms[5])[None]])
@@ -200,7 +201,7 @@ def _solve(terms: Array, levels: Array, chosen: Mask, is_rim: bool) -> Array:
     return _least_squares(terms, levels, chosen)
 
 
-def _least_squares(terms: Array, levels: Array, chosen: Mask) -> Array:
+def _least_squares(terms: FloatArray, levels: FloatArray, chosen: BoolArray) -> FloatArray:
     """Return the weights by normal equations: terms from -1 to 1 are far from dependent.
 
     Parameters
@@ -213,7 +214,7 @@ def _least_squares(terms: Array, levels: Array, chosen: Mask) -> Array:
     return np.asarray(np.linalg.solve(square, masked @ levels), np.float64)
 
 
-def two_humps(counts: Array) -> tuple[float, float, float, float, bool]:
+def two_humps(counts: FloatArray) -> tuple[float, float, float, float, bool]:
     """Return (dark level, threshold, separation, valley, is_bimodal) of relative levels.
 
     Parameters
@@ -236,7 +237,7 @@ def two_humps(counts: Array) -> tuple[float, float, float, float, bool]:
     return best
 
 
-def _otsu(counts: Array) -> int:
+def _otsu(counts: FloatArray) -> int:
     weight = np.cumsum(counts)
     moment = np.cumsum(counts * np.arange(BINS))
     total = max(float(weight[-1]), 1.0)
@@ -248,7 +249,7 @@ def _otsu(counts: Array) -> int:
     return int(top[len(top) // 2])
 
 
-def _judge(counts: Array, cut: int) -> tuple[float, float, float]:
+def _judge(counts: FloatArray, cut: int) -> tuple[float, float, float]:
     """Return (level of the lower class, Ashman's D, valley depth) of a histogram cut in two."""
     bins = np.arange(BINS)
     means, spreads, heights, places = [], [], [], []

@@ -8,11 +8,8 @@ pixel contour are the outline (marching squares, in arrays).
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
-Places = NDArray[np.intp]
+from controller.arrays import Float32Array, FloatArray, IndexArray, Int32Array
 
 # the eight neighbours anticlockwise to the eye, from the one on the right (Freeman)
 STEP_X = np.array([1, 1, 0, -1, -1, -1, 0, 1])
@@ -21,7 +18,7 @@ CODE = np.zeros((3, 3), dtype=np.intp)
 CODE[STEP_Y + 1, STEP_X + 1] = np.arange(8)
 
 
-def _swept() -> NDArray[np.intp]:
+def _swept() -> IndexArray:
     """Return (64, 4) the neighbours beside a chain, by its ways back and ahead; -1 for none.
 
     The ground lies to the right of the way: between back and ahead, anticlockwise.
@@ -40,11 +37,11 @@ SWEPT_ALL = np.array([0, 2, 4, 6])  # by a pixel alone
 
 
 def trace_loops(
-    chains: Sequence[NDArray[np.int32]],
+    chains: Sequence[Int32Array],
     shape: tuple[int, ...],
-    field: Floats,
+    field: Float32Array,
     origin_px: tuple[int, int],
-) -> list[Array]:
+) -> list[FloatArray]:
     """Return closed outlines of one object, the outer one first, then holes by size.
 
     Parameters
@@ -77,7 +74,9 @@ def trace_loops(
     return np.split(loops, np.searchsorted(row, ends[:-1]))
 
 
-def _crossings(x: Places, y: Places, code: Places, shape: tuple[int, ...], field: Floats) -> Array:
+def _crossings(
+    x: IndexArray, y: IndexArray, code: IndexArray, shape: tuple[int, ...], field: Float32Array
+) -> FloatArray:
     """Return where the border crosses raster lines, from pixels to their neighbours."""
     height, width = shape
     dx, dy = STEP_X[code], STEP_Y[code]
@@ -92,13 +91,13 @@ def _crossings(x: Places, y: Places, code: Places, shape: tuple[int, ...], field
     return np.column_stack([x + part * dx, y + part * dy])
 
 
-def polygon_area(points: Array) -> float:
+def polygon_area(points: FloatArray) -> float:
     """Return the area inside a closed polygon (n, 2)."""
     x, y = points[:, 0] - points[0, 0], points[:, 1] - points[0, 1]
     return 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
 
 
-def evenly(points: Array) -> Array:
+def evenly(points: FloatArray) -> FloatArray:
     """Return a closed outline at points one apart, or nearly, along it."""
     closed = np.concatenate([points, points[:1]])
     way = closed[1:] - closed[:-1]

@@ -6,12 +6,12 @@ The one picture predictor of the controller; recognition and inspection compare 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import BoolArray, FloatArray, Int32Array
 
 from .camera import Camera, inverse_pose, transform
 from .rays import RayCaster
 
-Array = NDArray[np.float64]
 Roi = tuple[int, int, int, int]  # x0, y0, x1, y1 [px], the last ones excluded
 
 
@@ -27,17 +27,17 @@ class ViewMaps:
     """
 
     roi: Roi
-    triangle: NDArray[np.int32]
-    depth_mm: Array
+    triangle: Int32Array
+    depth_mm: FloatArray
 
     @property
-    def mask(self) -> NDArray[np.bool_]:
+    def mask(self) -> BoolArray:
         """Where the part is seen, (height, width)."""
         return self.triangle >= 0
 
 
 def view_roi(
-    vertices_mm: Array, T_world_part: Array, camera: Camera, margin_px: int = 4
+    vertices_mm: FloatArray, T_world_part: FloatArray, camera: Camera, margin_px: int = 4
 ) -> Roi | None:
     """Return the picture region of a posed part, None where it is out of sight.
 
@@ -57,8 +57,8 @@ def view_roi(
 
 
 def meet_part(
-    caster: RayCaster, T_world_part: Array, camera: Camera, lines: Array
-) -> tuple[NDArray[np.int32], Array]:
+    caster: RayCaster, T_world_part: FloatArray, camera: Camera, lines: FloatArray
+) -> tuple[Int32Array, FloatArray]:
     """Return the triangle (n,) each sight line meets first, -1 for none, and its depth [mm] (n,).
 
     Parameters
@@ -75,7 +75,7 @@ def meet_part(
 
 
 def render_maps(
-    caster: RayCaster, T_world_part: Array, camera: Camera, roi: Roi, step_px: int = 1
+    caster: RayCaster, T_world_part: FloatArray, camera: Camera, roi: Roi, step_px: int = 1
 ) -> ViewMaps:
     """Cast the sight lines of every ``step_px``-th pixel of a region against a posed part.
 

@@ -9,9 +9,8 @@ import numpy as np
 import trimesh
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from controller.arrays import BoolArray, FloatArray, Int32Array
 
 
 class RayCaster:
@@ -22,11 +21,11 @@ class RayCaster:
         vertices = np.ascontiguousarray(mesh.vertices, dtype=np.float32)
         faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
         self._geometry = TriangleMesh(self._scene, vertices, faces)
-        self.normals: Array = np.asarray(mesh.face_normals, dtype=np.float64)
+        self.normals: FloatArray = np.asarray(mesh.face_normals, dtype=np.float64)
 
     def first_hit(
-        self, origins_mm: Array, directions: Array, within: Array | None = None
-    ) -> tuple[NDArray[np.int32], Array]:
+        self, origins_mm: FloatArray, directions: FloatArray, within: FloatArray | None = None
+    ) -> tuple[Int32Array, FloatArray]:
         """Return what each ray meets first.
 
         Parameters
@@ -50,8 +49,11 @@ class RayCaster:
         return triangle, np.where(triangle >= 0, distance, np.inf)
 
     def blocked(
-        self, origins_mm: Array, directions: Array, max_distance_mm: float | Array | None = None
-    ) -> NDArray[np.bool_]:
+        self,
+        origins_mm: FloatArray,
+        directions: FloatArray,
+        max_distance_mm: float | FloatArray | None = None,
+    ) -> BoolArray:
         """Return which rays (n,) meet anything on their way.
 
         Parameters

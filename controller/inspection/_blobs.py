@@ -2,33 +2,31 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, Float32Array, FloatArray
 from controller.imaging import Camera, ViewMaps, inverse_pose, transform
 from controller.recognition import PosedPart
 
-from ._types import Finding, Kind, Mask
-
-Array = NDArray[np.float64]
+from ._types import Finding, Kind
 
 
-def grow(mask: Mask, px: int) -> Mask:
+def grow(mask: BoolArray, px: int) -> BoolArray:
     """Return a mask (h, w) grown by a disc."""
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * px + 1, 2 * px + 1))
-    grown: Mask = cv2.dilate(mask.astype(np.uint8), kernel) > 0
+    grown: BoolArray = cv2.dilate(mask.astype(np.uint8), kernel) > 0
     return grown
 
 
 def blobs(
-    wrong: Mask,
+    wrong: BoolArray,
     kind: Kind,
     lamp: str,
     part: PosedPart,
     maps: ViewMaps,
     camera: Camera,
-    T_world_part: Array,
+    T_world_part: FloatArray,
     corner: tuple[int, int],
-    area_mm2: NDArray[np.float32],
+    area_mm2: Float32Array,
     least_mm2: float,
 ) -> list[Finding]:
     """Return the connected differences that are large enough.
@@ -74,8 +72,13 @@ def blobs(
 
 
 def _nearest_on_part(
-    part: PosedPart, maps: ViewMaps, camera: Camera, T: Array, blob: Mask, corner: tuple[int, int]
-) -> tuple[Array, tuple[int, ...]]:
+    part: PosedPart,
+    maps: ViewMaps,
+    camera: Camera,
+    T: FloatArray,
+    blob: BoolArray,
+    corner: tuple[int, int],
+) -> tuple[FloatArray, tuple[int, ...]]:
     ys, xs = np.nonzero(grow(blob, 5))
     u = xs + corner[0] - maps.roi[0]
     v = ys + corner[1] - maps.roi[1]

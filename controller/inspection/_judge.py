@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.arrays import BoolArray
 from controller.cad import Solid, SurfaceSamples
 from controller.imaging import rotation_angle
 
@@ -28,9 +29,7 @@ MADE_GOOD_SHARE: Final = 0.99  # of what a failed view was to show that others h
 NO_VIEW: Final = "in no view that was evaluated"
 TOO_SMALL: Final = "smaller than the smallest difference looked for, which cannot be on it alone"
 NOTHING: Final[Mapping[int, str]] = MappingProxyType({})
-NO_PLAN: Final[Mapping[str, NDArray[np.bool_]]] = MappingProxyType({})
-
-Mask = NDArray[np.bool_]
+NO_PLAN: Final[Mapping[str, BoolArray]] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +91,7 @@ def judge(
     min_coverage: float,
     limits: Limits,
     not_inspected: Mapping[int, str] = NOTHING,
-    planned: Mapping[str, Mask] = NO_PLAN,
+    planned: Mapping[str, BoolArray] = NO_PLAN,
 ) -> PartVerdict:
     """Weigh all views of a part.
 
@@ -170,7 +169,7 @@ def judge(
     return PartVerdict(verdict, tuple(reasons), faces, covered, tuple(confirmed), sighted, claim)
 
 
-def _any(samples: SurfaceSamples, masks: Iterator[Mask]) -> Mask:
+def _any(samples: SurfaceSamples, masks: Iterator[BoolArray]) -> BoolArray:
     out = np.zeros(len(samples.points_mm), dtype=bool)
     for mask in masks:
         out |= mask
@@ -249,7 +248,7 @@ def _is_same_place(finding: Finding, other: Finding) -> bool:
 
 
 def _not_made_good(
-    samples: SurfaceSamples, views: Sequence[ViewResult], planned: Mapping[str, Mask]
+    samples: SurfaceSamples, views: Sequence[ViewResult], planned: Mapping[str, BoolArray]
 ) -> list[str]:
     """Return the views with failed checks whose surface no other view has shown."""
     out = []
@@ -295,7 +294,7 @@ def _face(
     solid: Solid,
     samples: SurfaceSamples,
     face_id: int,
-    seen: Mask,
+    seen: BoolArray,
     excuses: NDArray[np.uint8],
     views: Sequence[ViewResult],
     found: Verdict | None,
@@ -328,8 +327,8 @@ def _face(
     )  # fmt: skip
 
 
-def _by_check(mine: Mask, views: Sequence[ViewResult]) -> tuple[tuple[str, float], ...]:
-    compared: dict[str, Mask] = {}
+def _by_check(mine: BoolArray, views: Sequence[ViewResult]) -> tuple[tuple[str, float], ...]:
+    compared: dict[str, BoolArray] = {}
     for check in (check for view in views for check in view.checks if not check.reason):
         here = check.compared & mine
         if here.any():
@@ -339,7 +338,7 @@ def _by_check(mine: Mask, views: Sequence[ViewResult]) -> tuple[tuple[str, float
 
 
 def _rest(
-    missing: Mask, whole: int, excuses: NDArray[np.uint8], otherwise: str
+    missing: BoolArray, whole: int, excuses: NDArray[np.uint8], otherwise: str
 ) -> tuple[tuple[str, float], ...]:
     if not missing.any():
         return ()

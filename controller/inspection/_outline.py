@@ -10,17 +10,15 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from controller.arrays import BoolArray, FloatArray
 from controller.cad import SurfaceSamples
 from controller.imaging import ViewMaps, transform
 from controller.recognition import PosedPart, PoseFit
 
 from ._blobs import blobs, grow
-from ._types import OUTLINE, Check, Finding, Kind, Mask, ViewTask
-
-Array = NDArray[np.float64]
+from ._types import OUTLINE, Check, Finding, Kind, ViewTask
 
 MARGIN_PX: Final = 40  # beyond the outline, where material may stick out
 KERNEL_PX: Final = 3  # a difference is at least as wide
@@ -41,8 +39,8 @@ class OutlineResult:
 def compare_outline(
     part: PosedPart,
     fit: PoseFit,
-    dark: Mask,
-    valid: Mask,
+    dark: BoolArray,
+    valid: BoolArray,
     task: ViewTask,
     samples: SurfaceSamples,
 ) -> OutlineResult:
@@ -64,7 +62,7 @@ def compare_outline(
     findings = _areas(part, fit.maps, dark, valid, task, T, mm)
     findings += _runs(part, fit, valid, task, mm, run_px, findings)
     size_mm = (limits.slack_px + 0.5) * mm
-    compared: Mask = np.zeros(len(samples.points_mm), dtype=bool)
+    compared: BoolArray = np.zeros(len(samples.points_mm), dtype=bool)
     if is_resolved(limits.slack_px, run_px):
         near = _compared_rim(fit, valid, limits.slack_px, run_px)
         if near.any():
@@ -89,10 +87,10 @@ def _chip_px(slack_px: int, run_px: float) -> float:
     return float(radius**2 * (angle - 0.5 * np.sin(2 * angle)))
 
 
-def _compared_rim(fit: PoseFit, valid: Mask, slack_px: int, run_px: float) -> Mask:
+def _compared_rim(fit: PoseFit, valid: BoolArray, slack_px: int, run_px: float) -> BoolArray:
     """Return which outline points (n,) lie in a run that was compared for its whole length."""
     x, y = np.round(fit.edge_px).astype(int).T
-    good: Mask = valid[y, x] & (np.abs(np.nan_to_num(fit.gap_px, nan=np.inf)) <= slack_px)
+    good: BoolArray = valid[y, x] & (np.abs(np.nan_to_num(fit.gap_px, nan=np.inf)) <= slack_px)
     if not good.any():
         return good
     tree = cKDTree(fit.edge_px[good])
@@ -104,10 +102,10 @@ def _compared_rim(fit: PoseFit, valid: Mask, slack_px: int, run_px: float) -> Ma
 def _areas(
     part: PosedPart,
     maps: ViewMaps,
-    dark: Mask,
-    valid: Mask,
+    dark: BoolArray,
+    valid: BoolArray,
     task: ViewTask,
-    T: Array,
+    T: FloatArray,
     mm: float,
 ) -> list[Finding]:
     x0, y0 = max(maps.roi[0] - MARGIN_PX, 0), max(maps.roi[1] - MARGIN_PX, 0)
@@ -134,7 +132,7 @@ def _areas(
 def _runs(
     part: PosedPart,
     fit: PoseFit,
-    valid: Mask,
+    valid: BoolArray,
     task: ViewTask,
     mm: float,
     run_px: float,
@@ -177,7 +175,7 @@ def _runs(
     return found
 
 
-def _touches(box: tuple[int, int, int, int], low: Array, high: Array) -> bool:
+def _touches(box: tuple[int, int, int, int], low: FloatArray, high: FloatArray) -> bool:
     x0, y0, x1, y1 = box
     return bool(low[0] <= x1 + 4 and high[0] >= x0 - 4 and low[1] <= y1 + 4 and high[1] >= y0 - 4)
 

@@ -9,14 +9,12 @@ from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, FloatArray
 from controller.imaging import Contour, inverse_pose, rotation_angle, transform
 from controller.recognition import PosedPart, PoseFit, edge_jacobian, fit_pose, twist
 
-from ._types import Mask, ViewTask
-
-Array = NDArray[np.float64]
+from ._types import ViewTask
 
 PLANNED_HOLD: Final = (1.5, 0.03)  # [mm, rad] how far a fresh grip may be from the planned one
 SEEN_HOLD: Final = (0.3, 0.005)  # the same once a view has measured it
@@ -33,7 +31,9 @@ INDEPENDENT: Final = 0.1  # outline points are many and correlated: one in ten c
 RESIDUAL_PLAY_PX: Final = 0.02  # between fits that are as good
 
 
-def measure_pose(part: PosedPart, task: ViewTask, outline: Contour, judged: Mask) -> PoseFit | None:
+def measure_pose(
+    part: PosedPart, task: ViewTask, outline: Contour, judged: BoolArray
+) -> PoseFit | None:
     """Return the pose fitted to an outline, begun where the task expects the part; None if none.
 
     Parameters
@@ -61,7 +61,7 @@ def measure_pose(part: PosedPart, task: ViewTask, outline: Contour, judged: Mask
 
 
 def poses_as_good(
-    part: PosedPart, task: ViewTask, fit: PoseFit, outline: Contour, judged: Mask
+    part: PosedPart, task: ViewTask, fit: PoseFit, outline: Contour, judged: BoolArray
 ) -> Iterator[PoseFit]:
     """Yield other poses that the outline allows as well as the fitted one, nearest first.
 
@@ -113,12 +113,12 @@ def moved(part: PosedPart, task: ViewTask, fit: PoseFit) -> tuple[float, float]:
 def _fit(
     part: PosedPart,
     task: ViewTask,
-    T_start: Array,
+    T_start: FloatArray,
     outline: Contour,
-    judged: Mask,
+    judged: BoolArray,
     prior: tuple[float, float],
     steps_px: tuple[int, ...] = (2, 2, 1),
-    expected: Array | None = None,
+    expected: FloatArray | None = None,
 ) -> PoseFit | None:
     return fit_pose(
         part,

@@ -10,11 +10,8 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Array32 = NDArray[np.float32]
-Grey = NDArray[np.uint8]
+from controller.arrays import BoolArray, Float32Array, FloatArray, Grey
 
 REACH_PX: Final = 9.0  # to either side: a picture may lie some pixels off
 STEP_PX: Final = 0.5
@@ -40,13 +37,13 @@ class Registration:
         in the picture expected, 0 without one
     """
 
-    shift_px: Array
+    shift_px: FloatArray
     width_px: float
     growth_px: float
 
 
 def register(
-    picture: Grey, edge_px: Array, normals: Array, expected: Array32 | None = None
+    picture: Grey, edge_px: FloatArray, normals: FloatArray, expected: Float32Array | None = None
 ) -> Registration | None:
     """Return how a picture lies on an outline (n, 2) with normals (n, 2); None if nothing tells.
 
@@ -90,8 +87,8 @@ def register(
 
 
 def _steps(
-    picture: Grey | Array32, edge_px: Array, normals: Array
-) -> tuple[NDArray[np.bool_], Array, Array]:
+    picture: Grey | Float32Array, edge_px: FloatArray, normals: FloatArray
+) -> tuple[BoolArray, FloatArray, FloatArray]:
     """Return which profiles show one step, where on the normal it is, and how wide; (n,) each."""
     offsets = np.arange(-REACH_PX, REACH_PX + STEP_PX / 2, STEP_PX)
     where = (edge_px[:, None, :] + offsets[None, :, None] * normals[:, None, :]).astype(np.float32)

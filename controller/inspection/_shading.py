@@ -12,14 +12,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, Float32Array, Int32Array
 from controller.cad import Face
 
-from ._types import Limits, Mask, Unjudged
+from ._types import Limits, Unjudged
 from .light import Light, Surface
-
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
-Grey = NDArray[np.uint8]
 
 STRENGTHS: Final = (0.0, 0.1, 0.2, 0.3, 0.45, 0.7, 1.0)  # of a highlight, in lit matt surfaces
 AS_GOOD: Final = 1.2  # a model whose residual is this many times the least may be the true one
@@ -53,8 +50,8 @@ class Compared:
     misfit : see `Check`
     """
 
-    wrong: Mask
-    compared: Mask
+    wrong: BoolArray
+    compared: BoolArray
     reason: NDArray[np.uint8]
     misfit: float = 0.0
 
@@ -69,11 +66,11 @@ class _Model:
 
 
 def compare(
-    observed: Image,
+    observed: Float32Array,
     surface: Surface,
     light: Light,
-    inside: Mask,
-    valid: Mask,
+    inside: BoolArray,
+    valid: BoolArray,
     ground: float,
     faces: tuple[Face, ...],
     limits: Limits,
@@ -136,20 +133,20 @@ def _nothing(surface: Surface, light: Light) -> Compared:
     return Compared(none, none.copy(), reason)
 
 
-def _predicted(model: _Model, light: Light) -> Image:
+def _predicted(model: _Model, light: Light) -> Float32Array:
     dim, bright = light.glints[model.width]
     matt = 0.5 * (light.least + light.most)
     return np.asarray(model.gain * (matt + model.strength * 0.5 * (dim + bright)), np.float32)
 
 
-def _bounds(model: _Model, light: Light) -> tuple[Image, Image]:
+def _bounds(model: _Model, light: Light) -> tuple[Float32Array, Float32Array]:
     dim, bright = light.glints[model.width]
     low = model.gain * (light.least + model.strength * dim)
     high = model.gain * (light.most + model.strength * bright)
     return np.asarray(low, np.float32), np.asarray(high, np.float32)
 
 
-def _fit(observed: Image, light: Light, fitting: Mask) -> list[_Model]:
+def _fit(observed: Float32Array, light: Light, fitting: BoolArray) -> list[_Model]:
     """Return the models that may be true, best first: the scatter about them is about the least."""
     index = np.flatnonzero(fitting)
     index = index[:: max(1, len(index) // FIT_SAMPLE)]
@@ -173,8 +170,12 @@ def _fit(observed: Image, light: Light, fitting: Mask) -> list[_Model]:
 
 
 def _faces(
-    observed: Image, middle: Image, face: NDArray[np.int32], fitting: Mask, count: int
-) -> tuple[Image, Image, Mask]:
+    observed: Float32Array,
+    middle: Float32Array,
+    face: Int32Array,
+    fitting: BoolArray,
+    count: int,
+) -> tuple[Float32Array, Float32Array, BoolArray]:
     """Return per pixel its face's own tone, its scatter, and whether the tone is out of bounds."""
     tone = np.ones(count + 1, dtype=np.float32)
     scatter = np.full(count + 1, LEAST_PLAY / SCATTERS, dtype=np.float32)
@@ -200,20 +201,20 @@ def _faces(
 
 
 def _weigh(
-    observed: Image,
+    observed: Float32Array,
     surface: Surface,
     light: Light,
-    inside: Mask,
-    valid: Mask,
+    inside: BoolArray,
+    valid: BoolArray,
     ground: float,
     limits: Limits,
-    middle: Image,
-    low: Image,
-    high: Image,
-    bounce: Image,
-    scatter: Image,
-    odd: Mask,
-    shape_known: Mask,
+    middle: Float32Array,
+    low: Float32Array,
+    high: Float32Array,
+    bounce: Float32Array,
+    scatter: Float32Array,
+    odd: BoolArray,
+    shape_known: BoolArray,
     flattest: float,
 ) -> Compared:
     seen = surface.seen

@@ -7,11 +7,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, FloatArray, Grey
 from controller.imaging import Camera, PointLamp
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Grey = NDArray[np.uint8]
 
 
 class Verdict(StrEnum):
@@ -94,8 +91,8 @@ class Limits:
 class WorldBox:
     """A box of the gripper or the arm: pose of its centre (4, 4), half edges (3,) [mm]."""
 
-    T: Array
-    half_mm: Array
+    T: FloatArray
+    half_mm: FloatArray
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -117,9 +114,9 @@ class ViewTask:
 
     view_id: str
     camera: Camera
-    T_world_part: Array
+    T_world_part: FloatArray
     holder: tuple[WorldBox, ...]
-    panel_mm: Array
+    panel_mm: FloatArray
     lamps: tuple[PointLamp, ...]
     limits: Limits
     is_hold_seen: bool = False
@@ -154,7 +151,7 @@ class Finding:
     size_mm: float
     at_px: tuple[float, float]
     box_px: tuple[int, int, int, int]
-    p_part_mm: Array
+    p_part_mm: FloatArray
     face_ids: tuple[int, ...]
 
 
@@ -175,7 +172,7 @@ class Check:
 
     name: str
     reason: str
-    compared: Mask
+    compared: BoolArray
     size_mm: float = 0.0
     length_mm: float = 0.0
     misfit: float = 0.0
@@ -208,20 +205,20 @@ class ViewResult:
     view_id: str
     evaluated: bool
     reason: str
-    T_world_part: Array
+    T_world_part: FloatArray
     shift_mm: float
     turn_rad: float
     residual_px: float
     findings: tuple[Finding, ...]
-    seen: Mask
-    outline_px: Array
-    beside_hand: Mask = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    in_sight: Mask = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    seen: BoolArray
+    outline_px: FloatArray
+    beside_hand: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    in_sight: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
     checks: tuple[Check, ...] = ()
     unjudged: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, dtype=np.uint8))
 
     @property
-    def shown(self) -> Mask:
+    def shown(self) -> BoolArray:
         """Return which samples (n,) were in sight of this view in pictures that were judged."""
         if not self.evaluated:
             return np.zeros_like(self.seen)
@@ -241,7 +238,7 @@ class ViewResult:
             if c.reason
         )
 
-    def within(self, samples: Mask) -> "ViewResult":
+    def within(self, samples: BoolArray) -> "ViewResult":
         """Return what this view says of some samples (n,) only."""
         return replace(
             self,

@@ -11,14 +11,10 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array
 from controller.cad import Solid, surface_normals
 from controller.imaging import Camera, PointLamp, RayCaster, ViewMaps, inverse_pose, transform
-
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 SHADOW_OFFSET_MM: Final = 0.05  # off the surface, or it would shadow itself
 SPOT_RADIUS_MM: Final = 25.0  # a lamp given as one point is taken to be as large as this
@@ -44,13 +40,13 @@ class Surface:
     area_mm2 : (h, w) of surface in a pixel of the full picture
     """
 
-    seen: Mask
-    points: Array
-    normals: Array
-    facets: Array
-    face: NDArray[np.int32]
-    cosine: Image
-    area_mm2: Image
+    seen: BoolArray
+    points: FloatArray
+    normals: FloatArray
+    facets: FloatArray
+    face: Int32Array
+    cosine: Float32Array
+    area_mm2: Float32Array
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -66,16 +62,16 @@ class Light:
     touched : the gripper keeps light away
     """
 
-    least: Image
-    most: Image
-    open: Image
-    bounce: Image
-    glints: tuple[tuple[Image, Image], ...]
-    touched: Mask
+    least: Float32Array
+    most: Float32Array
+    open: Float32Array
+    bounce: Float32Array
+    glints: tuple[tuple[Float32Array, Float32Array], ...]
+    touched: BoolArray
 
 
 def find_surface(
-    solid: Solid, maps: ViewMaps, T_world_part: Array, camera: Camera, step_px: int
+    solid: Solid, maps: ViewMaps, T_world_part: FloatArray, camera: Camera, step_px: int
 ) -> Surface:
     """Return what a grid of pixels sees of a posed part.
 
@@ -101,7 +97,7 @@ def find_surface(
     cosine = -(normals * lines).sum(axis=1) / np.linalg.norm(lines, axis=1)
     side_mm = maps.depth_mm[seen] / float(camera.K[0, 0])
 
-    def spread(values: Array) -> Image:
+    def spread(values: FloatArray) -> Float32Array:
         out = np.zeros(seen.shape, dtype=np.float32)
         out[seen] = values
         return out
@@ -119,7 +115,7 @@ def find_surface(
     )
 
 
-def lamp_points(lamp: PointLamp) -> Array:
+def lamp_points(lamp: PointLamp) -> FloatArray:
     """Return points that stand for a lamp of unknown extent, (n, 3) [mm]."""
     points = lamp.points_mm
     if len(points) == 1:
@@ -133,7 +129,7 @@ def lamp_points(lamp: PointLamp) -> Array:
 def bound_light(
     surface: Surface,
     caster: RayCaster,
-    T_world_part: Array,
+    T_world_part: FloatArray,
     camera: Camera,
     lamp: PointLamp,
     others: RayCaster | None,
@@ -212,11 +208,11 @@ def bound_light(
 def _bounce(
     surface: Surface,
     caster: RayCaster,
-    T_world_part: Array,
-    source: Array,
+    T_world_part: FloatArray,
+    source: FloatArray,
     reference: float,
     others: RayCaster | None,
-) -> Image:
+) -> Float32Array:
     """Return an upper bound of the light that part and gripper throw on each other, once.
 
     Rays over the hemisphere, by cosine: what one of them meets is taken to lie in the open before
@@ -264,13 +260,13 @@ def _bounce(
 
 
 def _light_at(
-    points: Array,
+    points: FloatArray,
     caster: RayCaster,
-    triangle: NDArray[np.int32],
-    R_world_part: Array,
-    source: Array,
+    triangle: Int32Array,
+    R_world_part: FloatArray,
+    source: FloatArray,
     reference: float,
-) -> Array:
+) -> FloatArray:
     towards = source - points
     distance = np.linalg.norm(towards, axis=1)
     normals = caster.normals[triangle] @ R_world_part.T

@@ -16,6 +16,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, Float32Array, FloatArray, Grey, IntArray
 from controller.cad import SurfaceSamples
 from controller.imaging import (
     Camera,
@@ -41,7 +42,6 @@ from ._types import (
     Finding,
     Kind,
     Limits,
-    Mask,
     Unjudged,
     ViewPictures,
     ViewResult,
@@ -49,9 +49,6 @@ from ._types import (
     WorldBox,
 )
 from .light import Light, Surface, bound_light, find_surface
-
-Array = NDArray[np.float64]
-Grey = NDArray[np.uint8]
 
 HOLDER_MARGIN_PX: Final = 9  # the gripper's shape and place are known to about a millimetre
 SHADING_STEP_PX: Final = 2  # shading is compared on every second pixel: defects are many px large
@@ -68,17 +65,17 @@ class _Scene:
     """What the prediction needs besides the part."""
 
     holder: RayCaster | None
-    holder_mask: Mask  # (height, width), grown
-    panel: Mask  # (height, width), where the panel glows, shrunk
+    holder_mask: BoolArray  # (height, width), grown
+    panel: BoolArray  # (height, width), where the panel glows, shrunk
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Sight:
     """Which samples are in sight, and where; (n,) each, pixels (n, 2)."""
 
-    free: Mask
-    beside_hand: Mask
-    pixels: NDArray[np.int64]
+    free: BoolArray
+    beside_hand: BoolArray
+    pixels: IntArray
 
 
 def inspect_view(
@@ -159,8 +156,8 @@ class _View:
     task: ViewTask
     pictures: ViewPictures
     scene: _Scene
-    dark: Mask
-    judged: Mask
+    dark: BoolArray
+    judged: BoolArray
     sharp: Registration | None
 
     def compare_at(self, fit: PoseFit) -> ViewResult:
@@ -222,7 +219,7 @@ def _pose_trouble(fit: PoseFit, shift: float, turn: float, limits: Limits) -> st
     return ""
 
 
-def _best_excuse(codes: Sequence[NDArray[np.uint8]], missing: Mask) -> NDArray[np.uint8]:
+def _best_excuse(codes: Sequence[NDArray[np.uint8]], missing: BoolArray) -> NDArray[np.uint8]:
     """Return per sample why no check compared it: of several lamps the one that came closest."""
     if not codes:
         return np.zeros(len(missing), dtype=np.uint8)
@@ -274,7 +271,7 @@ def _make_scene(task: ViewTask) -> _Scene:
     return _Scene(holder, holder_mask, inner > 0)
 
 
-def _outside(contour: Contour, forbidden: Mask) -> Contour:
+def _outside(contour: Contour, forbidden: BoolArray) -> Contour:
     height, width = forbidden.shape
     x = np.clip(np.round(contour.points_px[:, 0]).astype(int), 0, width - 1)
     y = np.clip(np.round(contour.points_px[:, 1]).astype(int), 0, height - 1)
@@ -312,8 +309,8 @@ class _Shading:
         )
         cv2.drawContours(filled, contours, -1, 1, thickness=cv2.FILLED)
         slack = max(1, round(task.limits.slack_px / step))
-        self._inside: Mask = ~grow(filled == 0, slack)
-        self._unheld: Mask = ~scene.holder_mask[self._window]
+        self._inside: BoolArray = ~grow(filled == 0, slack)
+        self._unheld: BoolArray = ~scene.holder_mask[self._window]
 
     def check(
         self, lamp_name: str, picture: Grey
@@ -369,7 +366,7 @@ class _Shading:
             )
         return ""
 
-    def _expected(self, picture: Grey, light: Light) -> NDArray[np.float32]:
+    def _expected(self, picture: Grey, light: Light) -> Float32Array:
         """Return the whole picture as predicted, to a grey level or ten, (height, width)."""
         step = SHADING_STEP_PX
         whole = self._fit.maps
@@ -404,7 +401,7 @@ class _Shading:
         """Return the cosine below which the smallest defect is too narrow in the picture."""
         return float(LEAST_WIDTH_PX * self._mm / self._task.limits.smallest_defect_mm)
 
-    def _per_sample(self, outcome: Compared) -> tuple[Mask, NDArray[np.uint8]]:
+    def _per_sample(self, outcome: Compared) -> tuple[BoolArray, NDArray[np.uint8]]:
         """Return which samples a picture compared (n,), and why not the others (n,)."""
         disc_px = self._task.limits.smallest_defect_mm / self._mm / SHADING_STEP_PX
         size = max(1, round(disc_px)) | 1
@@ -434,7 +431,7 @@ def _ground_level(picture: Grey, maps: ViewMaps, scene: _Scene) -> float:
 
 
 def _in_sight(
-    part: PosedPart, samples: SurfaceSamples, camera: Camera, T: Array, scene: _Scene
+    part: PosedPart, samples: SurfaceSamples, camera: Camera, T: FloatArray, scene: _Scene
 ) -> _Sight:
     """Return which surface samples are in sight, and which of them beside the gripper."""
     points = transform(T, samples.points_mm)
@@ -442,7 +439,7 @@ def _in_sight(
     towards = camera.position_mm - points
     distance = np.linalg.norm(towards, axis=1)
     unit = towards / distance[:, None]
-    seen: Mask = (unit * normals).sum(axis=1) > MAX_INCIDENCE_COS
+    seen: BoolArray = (unit * normals).sum(axis=1) > MAX_INCIDENCE_COS
     pixels = np.round(camera.project(points)).astype(int)
     width, height = camera.size_px
     seen &= (pixels[:, 0] >= 0) & (pixels[:, 0] < width)

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid
 from controller.imaging import (
     Camera,
@@ -26,9 +26,6 @@ from controller.imaging import (
 )
 
 from .fitting import edge_jacobian
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 MAX_PAIR_PX = 25.0  # a predicted point pairs with nothing farther away
 HUBER_PX = 1.0
@@ -58,17 +55,17 @@ class PoseFit:
     gap_px : (n,) how far beyond it the observed outline is; nan where there is none near
     """
 
-    T_world_part: Array
+    T_world_part: FloatArray
     residual_px: float
     paired: float
     maps: ViewMaps
-    edge_px: Array
-    edge_normals: Array
-    edge_points_mm: Array
-    gap_px: Array
+    edge_px: FloatArray
+    edge_normals: FloatArray
+    edge_points_mm: FloatArray
+    gap_px: FloatArray
 
 
-def twist(rotation: Array, shift: Array, pivot: Array) -> Array:
+def twist(rotation: FloatArray, shift: FloatArray, pivot: FloatArray) -> FloatArray:
     """Return the motion (4, 4) that turns about a point by a rotation vector and then shifts.
 
     Parameters
@@ -85,8 +82,13 @@ def twist(rotation: Array, shift: Array, pivot: Array) -> Array:
 
 
 def _outline_points(
-    part: PosedPart, T: Array, maps: ViewMaps, camera: Camera, ignore: Mask | None, step_px: int
-) -> tuple[Array, Array, Array]:
+    part: PosedPart,
+    T: FloatArray,
+    maps: ViewMaps,
+    camera: Camera,
+    ignore: BoolArray | None,
+    step_px: int,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the predicted outline [px], its outward normals, and the part's points there, world.
 
     Shapes are (n, 2), (n, 2) and (n, 3).
@@ -131,21 +133,21 @@ def _outline_points(
     return edge, outward, points
 
 
-def _depths(part: PosedPart, T: Array, camera: Camera, pixels: Array) -> Array:
+def _depths(part: PosedPart, T: FloatArray, camera: Camera, pixels: FloatArray) -> FloatArray:
     """Return the depth at which sight lines of pixels (n, 2) meet the part, inf where they miss."""
     return meet_part(part.caster, T, camera, camera.sight_lines(pixels))[1]
 
 
 def fit_pose(
     part: PosedPart,
-    T_world_part: Array,
+    T_world_part: FloatArray,
     camera: Camera,
     observed: Contour,
-    ignore: Mask | None = None,
+    ignore: BoolArray | None = None,
     steps_px: Sequence[int] = (2, 2, 1),
     prior_mm: float = 1.5,
     prior_rad: float = 0.03,
-    T_expected: Array | None = None,
+    T_expected: FloatArray | None = None,
 ) -> PoseFit | None:
     """Fit all six freedoms of a pose to an observed outline.
 

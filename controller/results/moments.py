@@ -4,9 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
-import numpy as np
-from numpy.typing import NDArray
-
+from controller.arrays import BoolArray, FloatArray
 from controller.planning import (
     CellLayout,
     GiveStep,
@@ -22,9 +20,6 @@ from controller.planning import (
     Step,
     shown_pose,
 )
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 class Kind(StrEnum):
@@ -64,14 +59,14 @@ class Moment:
     step: Step
     kind: Kind
     seat: Seat
-    q: Array
+    q: FloatArray
     hand_opening_mm: float
     fixture_opening_mm: float
-    T_world_part: Array
+    T_world_part: FloatArray
     grasp: Grasp | None = None
     fixed_grasp: Grasp | None = None
     view_id: str | None = None
-    seen: Bools | None = None
+    seen: BoolArray | None = None
 
 
 def moments(plan: Plan, layout: CellLayout) -> tuple[Moment, ...]:

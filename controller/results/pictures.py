@@ -12,11 +12,10 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import Grey
 
 from ._model import Box, Points
-
-Grey = NDArray[np.uint8]
 
 ASPECT: Final = 1.25  # width over height of every cut-out, as of the cameras
 OUTLINE_GAP_PX: Final = 6.0  # neighbours on an outline are at most 3 * sqrt(2) px apart

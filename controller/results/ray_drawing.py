@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.arrays import FloatArray
+from controller.arrays import Float32Array, FloatArray, Int32Array
 from controller.imaging import RayCaster
 
 Pixels = tuple[NDArray[np.int64], NDArray[np.int64]]  # rows and columns, (n,) each
@@ -20,7 +20,7 @@ FINER = 2  # rays a pixel, each way
 
 def cast(
     caster: RayCaster, origins_mm: FloatArray, directions: FloatArray, size: tuple[int, int]
-) -> tuple[NDArray[np.int32], FloatArray]:
+) -> tuple[Int32Array, FloatArray]:
     """Return the triangle that each ray of a drawing meets, -1 for none, and the distance to it.
 
     Parameters
@@ -42,7 +42,7 @@ def cast(
     return triangle.reshape(size[::-1]), distance.reshape(size[::-1])
 
 
-def jumps(triangle: NDArray[np.int32]) -> Iterator[tuple[Pixels, Pixels]]:
+def jumps(triangle: Int32Array) -> Iterator[tuple[Pixels, Pixels]]:
     """Return neighbours that meet different triangles, (n,) each: along columns, then along rows.
 
     Parameters
@@ -56,7 +56,7 @@ def jumps(triangle: NDArray[np.int32]) -> Iterator[tuple[Pixels, Pixels]]:
         yield (row, column), (row + (axis == 0), column + (axis == 1))
 
 
-def smaller(image: NDArray[np.float32]) -> NDArray[np.float32]:
+def smaller(image: Float32Array) -> Float32Array:
     """Return a drawing at the size it is shown, (height, width) or (height, width, 3)."""
     height, width = image.shape[:2]
     size = (width // FINER, height // FINER)

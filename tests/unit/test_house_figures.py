@@ -1,5 +1,6 @@
 """The figures of the house: counted on a small one whose figures are known, and kept on ours."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -187,3 +188,14 @@ def test_every_public_function_says_what_it_takes_and_raises() -> None:
     assert raises["with"] > 200
     assert parameters["missing"] == []
     assert raises["missing"] == []
+
+
+def test_arrays_have_their_names_in_one_place() -> None:
+    named = {
+        (source.module, line.split(" = ")[0])
+        for source in house.read_sources(ROOT, ("controller",))
+        for line in source.text.splitlines()
+        if re.match(r"[A-Z]\w* = (?:npt\.)?NDArray\[np\.", line)
+    }
+    assert {name for _, name in named} >= {"FloatArray", "IntArray", "BoolArray"}
+    assert {module for module, _ in named} == {"controller.arrays"}

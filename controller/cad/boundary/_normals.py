@@ -5,22 +5,25 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ._types import Face
+from controller.arrays import FloatArray
 
-Array = NDArray[np.float64]
+from ._types import Face
 
 TINY_MM = 1e-9  # nearer than this to an axis or a centre no direction is worth having
 
 
-def unit(vectors: Array) -> Array:
+def unit(vectors: FloatArray) -> FloatArray:
     """Return vectors (..., 3) at length 1; those without a length stay zeros."""
     lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.asarray(np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0))
 
 
 def surface_normals(
-    faces: Sequence[Face], face_ids: NDArray[np.integer], points_mm: Array, facet_normals: Array
-) -> Array:
+    faces: Sequence[Face],
+    face_ids: NDArray[np.integer],
+    points_mm: FloatArray,
+    facet_normals: FloatArray,
+) -> FloatArray:
     """Return the outward normals of surfaces at points on them.
 
     Parameters

@@ -12,11 +12,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Ids = NDArray[np.int32]
+from controller.arrays import BoolArray, FloatArray, Int32Array
+
 FaceKind = Literal["plane", "cylinder", "cone", "sphere", "torus", "freeform"]
 
-NO_DIRECTION: Array = np.zeros(3)
+NO_DIRECTION: FloatArray = np.zeros(3)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -42,9 +42,9 @@ class Face:
     id: int
     kind: FaceKind
     area_mm2: float
-    normal: Array
-    axis: Array
-    centre_mm: Array
+    normal: FloatArray
+    axis: FloatArray
+    centre_mm: FloatArray
     radius_mm: float
     minor_radius_mm: float
     half_angle_rad: float
@@ -110,24 +110,24 @@ class Boundary:
     genus : handles, as a through hole is one
     """
 
-    vertex_ids: Ids
-    vertices_mm: Array
-    origin: Ids
-    next: Ids
-    prev: Ids
-    face: Ids
-    loop: Ids
-    first: Ids
-    loop_face: Ids
-    is_hole: NDArray[np.bool_]
-    chain_start: Ids
-    chain: Ids
+    vertex_ids: Int32Array
+    vertices_mm: FloatArray
+    origin: Int32Array
+    next: Int32Array
+    prev: Int32Array
+    face: Int32Array
+    loop: Int32Array
+    first: Int32Array
+    loop_face: Int32Array
+    is_hole: BoolArray
+    chain_start: Int32Array
+    chain: Int32Array
     curve: NDArray[np.int8]
-    centre_mm: Array
-    axis: Array
-    radius_mm: Array
+    centre_mm: FloatArray
+    axis: FloatArray
+    radius_mm: FloatArray
     crease: NDArray[np.int8]
-    angle_rad: Array
+    angle_rad: FloatArray
     shell_count: int
     genus: int
 
@@ -145,6 +145,6 @@ class Boundary:
             if here == start:
                 return
 
-    def chain_of(self, edge: int) -> Ids:
+    def chain_of(self, edge: int) -> Int32Array:
         """Return the mesh vertices along an edge, (n,)."""
         return self.chain[self.chain_start[edge] : self.chain_start[edge + 1]]

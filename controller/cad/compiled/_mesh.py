@@ -9,25 +9,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
+from controller.arrays import FloatArray, IntArray
 from controller.cache import CacheError, Codec, converted, make_codec
 
 from ..boundary import Boundary
 from ..solid import Solid
-
-Array = NDArray[np.float64]
-Triangles = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class StoredMesh:
     """What of a mesh is kept; also of its hull, which has no hull of its own."""
 
-    vertices: Array
-    faces: Triangles
-    face_normals: Array
-    area_faces: Array
+    vertices: FloatArray
+    faces: IntArray
+    face_normals: FloatArray
+    area_faces: FloatArray
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import IntArray
 
 from ..boundary import euler_defect, face_genera
 from ..reading import load_solid
@@ -93,7 +94,7 @@ class CompiledPart:
         return self.resting.poses
 
     @property
-    def sample_counts(self) -> NDArray[np.int64]:
+    def sample_counts(self) -> IntArray:
         """How many samples each surface has, (f,)."""
         counts = np.bincount(self.samples.face_ids, minlength=len(self.solid.faces))
         return np.asarray(counts, dtype=np.int64)

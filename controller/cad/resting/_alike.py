@@ -10,15 +10,15 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
+from controller.arrays import FloatArray
 
 from ..solid import Solid
 from ..views import LineView, line_view, prepare_views
 from ._poses import StablePose
 from ._surface import bulge_of
 
-Array = NDArray[np.float64]
 Evidence = Literal["outline", "edges"]
 
 TOLERANCE_MM = 0.1
@@ -55,13 +55,13 @@ class LookAlike:
 class _Drawing:
     """Points along lines, about the outline's centroid, with the lines' directions there."""
 
-    points: Array
-    tangents: Array
+    points: FloatArray
+    tangents: FloatArray
     step_mm: float
-    rings: Array
+    rings: FloatArray
     tree: cKDTree
 
-    def gaps(self, points: Array) -> Array:
+    def gaps(self, points: FloatArray) -> FloatArray:
         """Return how far points (n, 2) are from the lines (n,)."""
         if not len(self.points):
             return np.full(len(points), np.inf)
@@ -137,7 +137,7 @@ def _draw(view: LineView, reach: float) -> tuple[_Drawing, _Drawing]:
     return _points(rims, view, reach), _points(lines, view, reach)
 
 
-def _points(lines: list[Array], view: LineView, reach: float) -> _Drawing:
+def _points(lines: list[FloatArray], view: LineView, reach: float) -> _Drawing:
     empty = np.zeros((0, 2))
     start = np.concatenate([line[:-1] for line in lines]) if lines else empty
     end = np.concatenate([line[1:] for line in lines]) if lines else empty
@@ -195,7 +195,7 @@ def _compare(
     return best
 
 
-def _turns(a: Array, b: Array) -> Array:
+def _turns(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the turns that carry the lines of a round the middle best to those of b, (g,)."""
     spectrum = np.conj(np.fft.rfft(a, axis=1)) * np.fft.rfft(b, axis=1)
     score = np.fft.irfft(spectrum.sum(axis=0), TURN_BINS)
@@ -205,7 +205,7 @@ def _turns(a: Array, b: Array) -> Array:
     return np.asarray(at * 2 * np.pi / TURN_BINS)
 
 
-def _fit(a: _Drawing, b: _Drawing, turn: float) -> tuple[float, Array]:
+def _fit(a: _Drawing, b: _Drawing, turn: float) -> tuple[float, FloatArray]:
     """Return the turn and shift (2,) near a guess that lay the lines of a best on those of b."""
     shift = np.zeros(2)
     some = a.points[:: max(1, len(a.points) // FIT_COUNT)]
@@ -228,7 +228,7 @@ def _fit(a: _Drawing, b: _Drawing, turn: float) -> tuple[float, Array]:
     return turn, shift
 
 
-def _farthest(a: _Drawing, b: _Drawing, R: Array, shift: Array, allowed: float) -> float:
+def _farthest(a: _Drawing, b: _Drawing, R: FloatArray, shift: FloatArray, allowed: float) -> float:
     """Return the farthest that a, turned and shifted, is from b, or b from it [mm]."""
     moved = a.points @ R.T + shift
     few = moved[:: max(1, len(moved) // 100)]
@@ -237,7 +237,7 @@ def _farthest(a: _Drawing, b: _Drawing, R: Array, shift: Array, allowed: float) 
     return float(max(b.gaps(moved).max(), a.gaps((b.points - shift) @ R).max()))
 
 
-def _edges_meet(a: _Drawing, b: _Drawing, R: Array, shift: Array, allowed: float) -> bool:
+def _edges_meet(a: _Drawing, b: _Drawing, R: FloatArray, shift: FloatArray, allowed: float) -> bool:
     if not len(a.points) and not len(b.points):
         return True
     if not len(a.points) or not len(b.points):
@@ -247,6 +247,6 @@ def _edges_meet(a: _Drawing, b: _Drawing, R: Array, shift: Array, allowed: float
     return bool(min(there.mean(), back.mean()) >= EDGE_SHARE)
 
 
-def _turned(angle: float) -> Array:
+def _turned(angle: float) -> FloatArray:
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s], [s, c]])

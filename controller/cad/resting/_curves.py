@@ -10,10 +10,11 @@ belongs to the lower one beyond the pass.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import BoolArray, FloatArray, IntArray
 
 from ..graph import components
-from ._hull import Array, Hull, Ids
+from ._hull import Hull
 from ._topple import Landscape
 
 SMOOTH_RAD = np.radians(31.0)  # a circle of twelve corners and more
@@ -41,11 +42,11 @@ class Strips:
     cap_mm, lift_mm : `BULGE_CAP_MM` and `ROLLING_LIFT_MM` for a part of this size
     """
 
-    is_strip: NDArray[np.bool_]
-    bulge_mm: Array
-    is_smooth: NDArray[np.bool_]
-    region: Ids
-    is_wide: NDArray[np.bool_]
+    is_strip: BoolArray
+    bulge_mm: FloatArray
+    is_smooth: BoolArray
+    region: IntArray
+    is_wide: BoolArray
     cap_mm: float
     lift_mm: float
 
@@ -87,7 +88,7 @@ def find_strips(hull: Hull) -> Strips:
     return Strips(strip, bulge, smooth, region, wide & strip, cap_mm, ROLLING_LIFT_MM * scale)
 
 
-def _bulges(hull: Hull, angle: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _bulges(hull: Hull, angle: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Return how far a curve would stand out over both facets of each edge, and along which (e, 2).
 
     Along the sides of a facet, not across its ends, is where a strip is told.
@@ -100,7 +101,7 @@ def _bulges(hull: Hull, angle: Array) -> tuple[Array, NDArray[np.bool_]]:
     return np.asarray(width / 2 * np.tan(angle / 4)[:, None]), np.asarray(length >= np.sqrt(areas))
 
 
-def merge_hollows(hull: Hull, land: Landscape, strips: Strips) -> tuple[Ids, Array]:
+def merge_hollows(hull: Hull, land: Landscape, strips: Strips) -> tuple[IntArray, FloatArray]:
     """Return each facet's bottom of its hollow (f,), false ones filled, and the bottoms' odds (f,).
 
     Passes are gone through from the lowest up. Where two hollows meet, the shallower one ends; it
@@ -143,7 +144,7 @@ def merge_hollows(hull: Hull, land: Landscape, strips: Strips) -> tuple[Ids, Arr
         a, b = parent[a], parent[b]
         _fill(parent, heights, narrow, a, b, top)
         bottom = parent[rest]
-    odds: Array = np.bincount(before, land.odds, minlength=hull.count).astype(np.float64)
+    odds: FloatArray = np.bincount(before, land.odds, minlength=hull.count).astype(np.float64)
     for fallen in np.unique(before[bottom != before]).tolist():
         out = ((a == fallen) | (b == fallen)) & (top - heights[fallen] <= narrow[fallen])
         to = np.unique(parent[np.where(a == fallen, b, a)[out]])
@@ -152,7 +153,14 @@ def merge_hollows(hull: Hull, land: Landscape, strips: Strips) -> tuple[Ids, Arr
     return np.asarray(bottom, dtype=np.int64), odds
 
 
-def _fill(parent: Ids, heights: Array, allowed: Array, a: Ids, b: Ids, top: Array) -> None:
+def _fill(
+    parent: IntArray,
+    heights: FloatArray,
+    allowed: FloatArray,
+    a: IntArray,
+    b: IntArray,
+    top: FloatArray,
+) -> None:
     """Join hollows a and b (n,) over passes in rising order, where the shallower one is false."""
     up = parent.tolist()
     height, limit = heights.tolist(), allowed.tolist()

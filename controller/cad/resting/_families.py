@@ -12,9 +12,11 @@ from typing import Literal
 
 import numpy as np
 
+from controller.arrays import FloatArray, IntArray
+
 from ..graph import components
 from ._curves import PLANE_RATIO, WIDE_RATIO, Strips
-from ._hull import Array, Hull, Ids
+from ._hull import Hull
 
 RollKind = Literal["cylinder", "cone", "ball", "other"]
 
@@ -48,15 +50,15 @@ class RollingFamily:
 
     pose: int
     kind: RollKind
-    axis: Array
-    centre_mm: Array
-    radius_mm: Array
-    heights_mm: Array
+    axis: FloatArray
+    centre_mm: FloatArray
+    radius_mm: FloatArray
+    heights_mm: FloatArray
     arc_rad: float
     probability: float
     drop_probability: float
-    downs: Array
-    odds: Array
+    downs: FloatArray
+    odds: FloatArray
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -72,12 +74,12 @@ class Roll:
     """
 
     rolls: bool
-    down: Array
+    down: FloatArray
     kind: RollKind
-    axis: Array
-    centre_mm: Array
+    axis: FloatArray
+    centre_mm: FloatArray
     arc_rad: float
-    reach: Ids
+    reach: IntArray
 
 
 class Curves:
@@ -92,7 +94,7 @@ class Curves:
         )
         self._edges = hull.edge_facets[inner]
 
-    def roll_at(self, bottom: int, held: Ids) -> Roll | None:
+    def roll_at(self, bottom: int, held: IntArray) -> Roll | None:
         """Return how a part rests in the hollow whose lowest strip is ``bottom``; None if flat.
 
         ``held`` are the strips (m,) of the hollow that hold the part by themselves.
@@ -137,7 +139,7 @@ class Curves:
             centre = centre - (centre @ axis) * axis
         return Roll(rolls, down, kind, axis, centre, float(arc), reach)
 
-    def _is_flat(self, bottom: int, reach: Ids) -> bool:
+    def _is_flat(self, bottom: int, reach: IntArray) -> bool:
         """Return whether a facet, much larger than those it runs into, bridges or is ground."""
         hull, strips = self._hull, self._strips
         beside = hull.edge_facets[strips.is_smooth & (hull.edge_facets == bottom).any(axis=1)]
@@ -147,12 +149,12 @@ class Curves:
         ratio = WIDE_RATIO if strips.is_wide[bottom] else PLANE_RATIO
         return bool(hull.areas_mm2[bottom] > ratio * np.median(hull.areas_mm2[others]))
 
-    def _is_dome(self, axis: Array, tilt: float, heights: Array) -> bool:
+    def _is_dome(self, axis: FloatArray, tilt: float, heights: FloatArray) -> bool:
         """Return whether a narrow ring of directions goes round a dip: a dome's top, no cone."""
         top = float(self._hull.support_mm(axis[None])[0])
         return tilt < DOME_RAD and top < float(heights.max()) + self._strips.lift_mm
 
-    def _reach(self, bottom: int) -> Ids:
+    def _reach(self, bottom: int) -> IntArray:
         """Return the facets of the curve the part gets to with a small climb from its lowest."""
         hull, strips = self._hull, self._strips
         region = int(strips.region[bottom])
@@ -168,11 +170,11 @@ class Curves:
         group = components(count, pairs[:, 0], pairs[:, 1])
         return np.asarray(np.flatnonzero(low)[group == group[local[bottom]]])
 
-    def _lowest(self, bottom: int, reach: Ids, centre: Array) -> Array:
+    def _lowest(self, bottom: int, reach: IntArray, centre: FloatArray) -> FloatArray:
         """Return the direction down (3,) in which a rocking part comes to rest."""
         hull = self._hull
         normals, heights = hull.normals[reach], hull.heights_mm[reach]
-        here: Array = np.asarray(hull.normals[bottom], dtype=np.float64)
+        here: FloatArray = np.asarray(hull.normals[bottom], dtype=np.float64)
         near = normals @ here > np.cos(np.radians(35.0))
         normals, heights = normals[near], heights[near]
         if len(normals) < 3:
@@ -222,7 +224,7 @@ class Curves:
         return np.asarray(down / np.linalg.norm(down))
 
 
-def _ring_of(normals: Array) -> tuple[Array, float, float]:
+def _ring_of(normals: FloatArray) -> tuple[FloatArray, float, float]:
     """Return the axis (3,) normals (n, 3) go round, their tilt to it, and how uneven that is."""
     off = normals - normals.mean(axis=0)
     axis = np.linalg.eigh(off.T @ off)[1][:, 0]
@@ -234,7 +236,7 @@ def _ring_of(normals: Array) -> tuple[Array, float, float]:
     return axis, float(tilts.mean()), float(np.ptp(tilts))
 
 
-def _arc(normals: Array, axis: Array) -> tuple[float, bool]:
+def _arc(normals: FloatArray, axis: FloatArray) -> tuple[float, bool]:
     """Return the angle normals (n, 3) cover round an axis, and whether they go all round."""
     e1, e2 = square_to(axis)
     turns = np.sort(np.arctan2(normals @ e2, normals @ e1))
@@ -247,14 +249,14 @@ def _arc(normals: Array, axis: Array) -> tuple[float, bool]:
     return float(2 * np.pi - gaps[widest]), bool(closed)
 
 
-def _centre_of(normals: Array, heights: Array) -> Array:
+def _centre_of(normals: FloatArray, heights: FloatArray) -> FloatArray:
     """Return the point (3,) from which a curve of constant radius would have these heights."""
     system = np.column_stack([normals, np.ones(len(normals))])
     solution, *_ = np.linalg.lstsq(system, heights, rcond=1e-9)
     return np.asarray(solution[:3])
 
 
-def square_to(direction: Array) -> tuple[Array, Array]:
+def square_to(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return two unit vectors (3,) square to a direction and to each other."""
     least = np.zeros(3)
     least[np.argmin(np.abs(direction))] = 1.0

@@ -7,13 +7,11 @@ one plane, up to what single precision in an STL file blurs, are one facet here.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from ..graph import components
+from controller.arrays import FloatArray, IntArray
 
-Array = NDArray[np.float64]
-Ids = NDArray[np.int64]
+from ..graph import components
 
 SINGLE = float(np.finfo(np.float32).eps)  # STL files hold single precision
 BLUR = 8.0  # times that precision: corners of one plane stray this far from it
@@ -38,15 +36,15 @@ class Hull:
     blur_mm : how far corners of one plane may stray from it
     """
 
-    corners_mm: Array
-    triangles: Ids
-    neighbours: Ids
-    facet: Ids
-    normals: Array
-    heights_mm: Array
-    areas_mm2: Array
-    edge_ends: Ids
-    edge_facets: Ids
+    corners_mm: FloatArray
+    triangles: IntArray
+    neighbours: IntArray
+    facet: IntArray
+    normals: FloatArray
+    heights_mm: FloatArray
+    areas_mm2: FloatArray
+    edge_ends: IntArray
+    edge_facets: IntArray
     blur_mm: float
 
     @property
@@ -54,12 +52,12 @@ class Hull:
         """How many facets there are."""
         return len(self.areas_mm2)
 
-    def support_mm(self, directions: Array) -> Array:
+    def support_mm(self, directions: FloatArray) -> FloatArray:
         """Return how high the centre of mass stands with directions (n, 3) pointing down, (n,)."""
         return np.asarray((directions @ self.corners_mm.T).max(axis=1))
 
 
-def hull_of(points_mm: Array, centre_mm: Array) -> Hull:
+def hull_of(points_mm: FloatArray, centre_mm: FloatArray) -> Hull:
     """Return the hull of points (n, 3) about a centre of mass (3,), both in the CAD frame.
 
     Raises
@@ -106,15 +104,20 @@ def hull_of(points_mm: Array, centre_mm: Array) -> Hull:
     return Hull(corners, triangles, neighbours, facet, normals, tops, areas, ends, pairs, blur)
 
 
-def _outward(facet: Ids, outward: Array) -> Array:
+def _outward(facet: IntArray, outward: FloatArray) -> FloatArray:
     """Return qhull's normal of one triangle of each facet (f, 3)."""
     _, first = np.unique(facet, return_index=True)
     return np.array(outward[first])
 
 
 def _join(
-    corners: Array, triangles: Ids, neighbours: Ids, outward: Array, doubled: Array, blur: float
-) -> Ids:
+    corners: FloatArray,
+    triangles: IntArray,
+    neighbours: IntArray,
+    outward: FloatArray,
+    doubled: FloatArray,
+    blur: float,
+) -> IntArray:
     """Return the facet of each triangle (t,): neighbours in one plane belong together.
 
     The plane is the larger triangle's, since a sliver's own is noise. A run of facets that bends

@@ -9,15 +9,14 @@ strips that are an artefact of the tessellation are no pose at all.
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import FloatArray, Int32Array, IntArray
 
 from ..solid import Solid
 from ._curves import find_strips, merge_hollows
 from ._families import Curves, Roll, RollingFamily
 from ._hull import Hull, hull_of
 from ._topple import Landscape, landscape_of
-
-Array = NDArray[np.float64]
 
 GRAVITY_M_S2 = 9.81
 MARGINAL_LIFT_MM = 0.5  # planning-facts.md 4: a pose of 0.16 mm never occurred in 900 drops
@@ -46,14 +45,14 @@ class StablePose:
     """
 
     index: int
-    R: Array
+    R: FloatArray
     probability: float
     tip_energy_mj_per_kg: float
     com_height_mm: float
     rolling: bool
     drop_probability: float = 0.0
     stability_rank: int = 0
-    topple_direction: Array = field(default_factory=lambda: np.zeros(3))
+    topple_direction: FloatArray = field(default_factory=lambda: np.zeros(3))
     marginal: bool = False
     rocking: bool = False
     same_as: int = -1
@@ -76,14 +75,14 @@ class Resting:
 
     poses: tuple[StablePose, ...]
     families: tuple[RollingFamily, ...]
-    centre_of_mass_mm: Array
-    facet_downs: Array
-    facet_probabilities: Array
-    facet_pose: NDArray[np.int32]
+    centre_of_mass_mm: FloatArray
+    facet_downs: FloatArray
+    facet_probabilities: FloatArray
+    facet_pose: Int32Array
 
 
 def stable_poses(
-    solid: Solid, min_probability: float = 0.002, centre_of_mass_mm: Array | None = None
+    solid: Solid, min_probability: float = 0.002, centre_of_mass_mm: FloatArray | None = None
 ) -> tuple[StablePose, ...]:
     """Return the stable poses of a solid, likeliest first; see `find_resting`.
 
@@ -97,7 +96,7 @@ def stable_poses(
 
 
 def find_resting(
-    solid: Solid, min_probability: float = 0.002, centre_of_mass_mm: Array | None = None
+    solid: Solid, min_probability: float = 0.002, centre_of_mass_mm: FloatArray | None = None
 ) -> Resting:
     """Return the ways a solid can lie, and the curves it rolls on.
 
@@ -170,7 +169,7 @@ def find_resting(
     )
 
 
-def upright_rotation(down: Array) -> Array:
+def upright_rotation(down: FloatArray) -> FloatArray:
     """Return the rotation (3, 3) CAD -> upright that turns a direction (3,) down to -z.
 
     Its x axis is level in the CAD frame's xy plane, so that equal directions give equal rotations.
@@ -185,8 +184,8 @@ def upright_rotation(down: Array) -> Array:
 
 
 def _hollows(
-    hull: Hull, land: Landscape, hollow: NDArray[np.int64], odds: Array
-) -> tuple[NDArray[np.int64], Array, Array, NDArray[np.int64]]:
+    hull: Hull, land: Landscape, hollow: IntArray, odds: FloatArray
+) -> tuple[IntArray, FloatArray, FloatArray, IntArray]:
     """Return the hollows' bottoms (k,), odds, climbs to the lowest pass [mm], and its edge (k,)."""
     a, b = hollow[hull.edge_facets[:, 0]], hollow[hull.edge_facets[:, 1]]
     apart = np.flatnonzero(a != b)
@@ -203,7 +202,7 @@ def _hollows(
     return bottoms, odds[bottoms], np.maximum(climb, 0.0), edge
 
 
-def _topple_direction(hull: Hull, edge: int, down: Array) -> Array:
+def _topple_direction(hull: Hull, edge: int, down: FloatArray) -> FloatArray:
     """Return the level direction (3,) towards an edge, zeros where there is none."""
     if edge < 0:
         return np.zeros(3)
@@ -219,9 +218,9 @@ def _family(
     hull: Hull,
     land: Landscape,
     roll: Roll,
-    strip_facets: NDArray[np.int64],
+    strip_facets: IntArray,
     pose: StablePose,
-    centre: Array,
+    centre: FloatArray,
 ) -> RollingFamily:
     near = np.isin(hull.facet, roll.reach)
     corners = hull.corners_mm[np.unique(hull.triangles[near])] - roll.centre_mm

@@ -7,12 +7,11 @@ moved part lacks would be overlooked; so the inverse is measured too.
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ._curves import BULGE_CAP_MM, SMOOTH_RAD
+from controller.arrays import FloatArray, IntArray
 
-Array = NDArray[np.float64]
+from ._curves import BULGE_CAP_MM, SMOOTH_RAD
 
 TARGET_COUNT = 20_000  # points on the surface that lead to the nearest triangles
 PROBE_COUNT = 3_000  # points that are moved and measured
@@ -36,7 +35,7 @@ class Surface:
     tolerance_mm : what counts as the same, besides how far chords stay inside curves
     """
 
-    def __init__(self, mesh: trimesh.Trimesh, centre_mm: Array, tolerance_mm: float) -> None:
+    def __init__(self, mesh: trimesh.Trimesh, centre_mm: FloatArray, tolerance_mm: float) -> None:
         self.vertices = np.asarray(mesh.vertices, dtype=np.float64) - centre_mm
         self._triangles = self.vertices[np.asarray(mesh.faces)]
         self._normals = np.asarray(mesh.face_normals, dtype=np.float64)
@@ -59,12 +58,12 @@ class Surface:
         ]
         self._probes = probes[rng.permutation(np.concatenate(picks))]
 
-    def maps_to_itself(self, R: Array, shift: Array | None = None) -> bool:
+    def maps_to_itself(self, R: FloatArray, shift: FloatArray | None = None) -> bool:
         """Return whether an orthogonal matrix (3, 3) and a small shift carry the part to itself."""
         shift = np.zeros(3) if shift is None else shift
         return self._carries(R, shift) and self._carries(R.T, -R.T @ shift)
 
-    def matched(self, guess: Array, known: Array | None = None) -> Array | None:
+    def matched(self, guess: FloatArray, known: FloatArray | None = None) -> FloatArray | None:
         """Return the movement (3, 3) near a guess that carries the part onto itself, if one does.
 
         A guess that leads to one of the movements ``known`` (k, 3, 3) is not measured. The centre
@@ -92,14 +91,14 @@ class Surface:
             return None
         return R
 
-    def _is_far(self, R: Array) -> bool:
+    def _is_far(self, R: FloatArray) -> bool:
         """Return whether many of a few points moved by R (3, 3) are nowhere near a target."""
         near = LOOSE * self.tolerance_mm + self._cover_mm
         moved = self._probes[:FEW_COUNT] @ R.T
         far, _ = self._tree.query(moved, distance_upper_bound=near)
         return bool(np.isinf(far).mean() > 1.5 * UNSURE_SHARE)
 
-    def _carries(self, R: Array, shift: Array) -> bool:
+    def _carries(self, R: FloatArray, shift: FloatArray) -> bool:
         for part in (self._probes[:FIRST_COUNT], self._probes[FIRST_COUNT:]):
             moved = part @ R.T + shift
             off = self._measure(moved, NEAR)[0]
@@ -113,7 +112,7 @@ class Surface:
                 return False
         return True
 
-    def _touches(self, point: Array) -> bool:
+    def _touches(self, point: FloatArray) -> bool:
         """Return whether a point (3,) is on the surface, trying every triangle that is near."""
         far = self.tolerance_mm
         ids = np.flatnonzero(((self._low - far <= point) & (point <= self._high + far)).all(axis=1))
@@ -122,7 +121,7 @@ class Surface:
         foot = trimesh.triangles.closest_point(self._triangles[ids], np.tile(point, (len(ids), 1)))
         return bool(np.linalg.norm(foot - point, axis=1).min() <= far)
 
-    def _measure(self, points: Array, count: int) -> tuple[Array, NDArray[np.int64], Array]:
+    def _measure(self, points: FloatArray, count: int) -> tuple[FloatArray, IntArray, FloatArray]:
         """Return distances (n,), nearest triangles (n,) and the points on them (n, 3)."""
         count = min(count, len(self._ids))
         _, found = self._tree.query(points, k=count)
@@ -150,7 +149,7 @@ def bulge_of(mesh: trimesh.Trimesh) -> float:
     return float(min((width / 2 * np.tan(angles[smooth] / 4)).max(), BULGE_CAP_MM))
 
 
-def _spread(triangles: Array, areas: Array) -> tuple[NDArray[np.int64], Array]:
+def _spread(triangles: FloatArray, areas: FloatArray) -> tuple[IntArray, FloatArray]:
     """Return points spread over triangles, and the triangle each is on; one at least on each."""
     count = np.maximum(np.ceil(TARGET_COUNT * areas / areas.sum()), 1).astype(np.int64)
     ids = np.repeat(np.arange(len(triangles)), count)
@@ -163,7 +162,7 @@ def _spread(triangles: Array, areas: Array) -> tuple[NDArray[np.int64], Array]:
     return ids, a + u[:, None] * (b - a) + v[:, None] * (c - a)
 
 
-def rotation_about(turn: Array) -> Array:
+def rotation_about(turn: FloatArray) -> FloatArray:
     """Return the rotation (3, 3) about a vector (3,) by its length [rad]."""
     angle = float(np.linalg.norm(turn))
     if angle < 1e-15:

@@ -10,16 +10,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, FloatArray
 from controller.imaging import rotation_angle
 
 from ..solid import Solid
 from ._families import square_to
 from ._poses import StablePose
 from ._surface import SAME, Surface, rotation_about
-
-Array = NDArray[np.float64]
 
 TOLERANCE_MM = 0.15  # bores are drawn this far off the axis of parts meant to be symmetric
 EQUAL_MOMENTS = 2e-3  # of their sum; tessellation alone makes moments of a round part differ
@@ -46,12 +44,12 @@ class PartSymmetry:
         part is chiral
     """
 
-    rotations: Array
-    axis: Array | None
+    rotations: FloatArray
+    axis: FloatArray | None
     is_ball: bool
-    mirror: Array | None
+    mirror: FloatArray | None
 
-    def related(self, a: Array, b: Array, within_rad: float = SAME_POSE_RAD) -> bool:
+    def related(self, a: FloatArray, b: FloatArray, within_rad: float = SAME_POSE_RAD) -> bool:
         """Return whether a symmetry carries one direction of the part to another.
 
         Parameters
@@ -70,7 +68,7 @@ class PartSymmetry:
 
 
 def part_symmetries(
-    solid: Solid, tolerance_mm: float = TOLERANCE_MM, centre_of_mass_mm: Array | None = None
+    solid: Solid, tolerance_mm: float = TOLERANCE_MM, centre_of_mass_mm: FloatArray | None = None
 ) -> PartSymmetry:
     """Return the symmetries of a solid.
 
@@ -126,7 +124,7 @@ def part_symmetries(
     return PartSymmetry(np.array(keeps), along, is_ball=False, mirror=next(iter(improper), None))
 
 
-def _try(surface: Surface, guesses: list[Array], found: list[Array], enough: int) -> None:
+def _try(surface: Surface, guesses: list[FloatArray], found: list[FloatArray], enough: int) -> None:
     """Add to ``found`` what holds of the guesses; rotations with all their products."""
     wrong = np.zeros((0, 3, 3))
     for guess in guesses:
@@ -163,12 +161,12 @@ def name_duplicates(poses: Sequence[StablePose], symmetry: PartSymmetry) -> tupl
     return tuple(named)
 
 
-def _half_turns(axes: Array) -> Iterator[Array]:
+def _half_turns(axes: FloatArray) -> Iterator[FloatArray]:
     for i in range(3):
         yield 2 * np.outer(axes[:, i], axes[:, i]) - np.eye(3)
 
 
-def _many_fold(surface: Surface, axis: Array) -> list[Array]:
+def _many_fold(surface: Surface, axis: FloatArray) -> list[FloatArray]:
     """Return the smallest turn about an axis that leaves the part as it is, if there is one."""
     order = 1
     for prime in PRIMES:
@@ -179,20 +177,20 @@ def _many_fold(surface: Surface, axis: Array) -> list[Array]:
     return [rotation_about(2 * np.pi / order * axis)] if order > 1 else []
 
 
-def _order(guesses: list[Array], axis: Array) -> int:
+def _order(guesses: list[FloatArray], axis: FloatArray) -> int:
     """Return how many-fold an axis is by the smallest turn about it among rotations."""
     turns = [g for g in guesses if np.linalg.det(g) > 0 and np.linalg.norm(g @ axis - axis) < 1e-9]
     angles = [rotation_angle(g) for g in turns]
     return max((round(2 * np.pi / a) for a in angles if a > 1e-6), default=1)
 
 
-def _holds(surface: Surface, turn: Array) -> bool:
+def _holds(surface: Surface, turn: FloatArray) -> bool:
     guess = rotation_about(turn)
     R = surface.matched(guess, np.eye(3)[None])
     return R is not None and _same(guess, R)
 
 
-def _corner_turns(surface: Surface, axis: Array, reach: float) -> Iterator[Array]:
+def _corner_turns(surface: Surface, axis: FloatArray, reach: float) -> Iterator[FloatArray]:
     """Guess half turns square to an axis, planes through it, and turned reflections along it."""
     e1, e2 = square_to(axis)
     points = surface.vertices
@@ -215,7 +213,7 @@ def _corner_turns(surface: Surface, axis: Array, reach: float) -> Iterator[Array
                     yield np.eye(3) - 2 * np.outer(across, across)
 
 
-def _corner_pairs(surface: Surface, reach: float) -> Iterator[Array]:
+def _corner_pairs(surface: Surface, reach: float) -> Iterator[FloatArray]:
     """Guess turns and reflections that carry two corners to two others at the same distances."""
     points = surface.vertices
     r = np.linalg.norm(points, axis=1)
@@ -241,7 +239,7 @@ def _corner_pairs(surface: Surface, reach: float) -> Iterator[Array]:
                     yield image @ frame.T
 
 
-def _rare(keys: Array, wanted: NDArray[np.bool_], near: float) -> list[int]:
+def _rare(keys: FloatArray, wanted: BoolArray, near: float) -> list[int]:
     """Return up to three points whose kind, by keys (n, m) equal within ``near``, is rare."""
     ids = np.flatnonzero(wanted)
     if not len(ids):
@@ -252,7 +250,7 @@ def _rare(keys: Array, wanted: NDArray[np.bool_], near: float) -> list[int]:
     return [int(ids[i]) for i in first[order]]
 
 
-def _closed(found: list[Array]) -> list[Array]:
+def _closed(found: list[FloatArray]) -> list[FloatArray]:
     """Return all products of rotations, each once."""
     group = list(found)
     grown = True
@@ -269,11 +267,11 @@ def _closed(found: list[Array]) -> list[Array]:
     return group
 
 
-def _same(a: Array, b: Array) -> bool:
+def _same(a: FloatArray, b: FloatArray) -> bool:
     return bool(np.linalg.norm(a - b) < SAME)
 
 
-def _frame(a: Array, b: Array) -> Array:
+def _frame(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the right-handed frame (3, 3) whose first axis is along a and second near b."""
     e1 = a / np.linalg.norm(a)
     e2 = b - (b @ e1) * e1

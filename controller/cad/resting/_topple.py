@@ -11,9 +11,10 @@ lowest pass, which is the paper's energy to tip over the easiest edge.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ._hull import SHORT, Array, Hull, Ids
+from controller.arrays import BoolArray, FloatArray, IntArray
+
+from ._hull import SHORT, Hull
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -28,10 +29,10 @@ class Landscape:
     pass_mm : (e,) height of the centre on the way over each hull edge
     """
 
-    rest: Ids
-    odds: Array
-    shares: Array
-    pass_mm: Array
+    rest: IntArray
+    odds: FloatArray
+    shares: FloatArray
+    pass_mm: FloatArray
 
 
 def landscape_of(hull: Hull) -> Landscape:
@@ -49,7 +50,7 @@ def landscape_of(hull: Hull) -> Landscape:
     return Landscape(rest, odds / total, shares, _passes(hull, to_edge))
 
 
-def _distances_mm(hull: Hull) -> Array:
+def _distances_mm(hull: Hull) -> FloatArray:
     """Return how far inside its two facets' edge the centre stands (e, 2), negative outside."""
     start, end = hull.corners_mm[hull.edge_ends[:, 0]], hull.corners_mm[hull.edge_ends[:, 1]]
     along = end - start
@@ -61,7 +62,7 @@ def _distances_mm(hull: Hull) -> Array:
     return np.column_stack(sides)
 
 
-def _stays(hull: Hull, to_edge: Array) -> NDArray[np.bool_]:
+def _stays(hull: Hull, to_edge: FloatArray) -> BoolArray:
     """Return on which facets the part stays (f,): those whose outline holds the centre."""
     ends = hull.corners_mm[hull.edge_ends]
     long = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) > SHORT * hull.blur_mm
@@ -72,7 +73,7 @@ def _stays(hull: Hull, to_edge: Array) -> NDArray[np.bool_]:
     return np.asarray((inside > 0) & np.isfinite(inside))
 
 
-def _shares(hull: Hull) -> Array:
+def _shares(hull: Hull) -> FloatArray:
     """Return each triangle's share of the sphere round the centre (t,).
 
     van Oosterom and Strackee, equation 8 (references.md L2).
@@ -86,7 +87,7 @@ def _shares(hull: Hull) -> Array:
     )
 
 
-def _settle(hull: Hull, stays: NDArray[np.bool_]) -> Ids:
+def _settle(hull: Hull, stays: BoolArray) -> IntArray:
     """Return the triangle on which a part ends that lands on each triangle (t,).
 
     A triangle topples over the side that the line from its middle to the point under the centre
@@ -106,7 +107,7 @@ def _settle(hull: Hull, stays: NDArray[np.bool_]) -> Ids:
     return last
 
 
-def _over(hull: Hull) -> Ids:
+def _over(hull: Hull) -> IntArray:
     """Return the triangle each triangle would topple to (t,)."""
     corners = hull.corners_mm[hull.triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -129,7 +130,7 @@ def _over(hull: Hull) -> Ids:
     return np.asarray(hull.neighbours[np.arange(len(corners)), side])
 
 
-def _follow(step: Ids) -> Ids:
+def _follow(step: IntArray) -> IntArray:
     """Return where each chain of steps ends (t,); a chain that runs in a circle ends inside it."""
     for _ in range(max(1, int(np.ceil(np.log2(len(step)))) + 1)):
         further = step[step]
@@ -139,7 +140,7 @@ def _follow(step: Ids) -> Ids:
     return step
 
 
-def _lowest_beside(hull: Hull) -> tuple[Array, Ids]:
+def _lowest_beside(hull: Hull) -> tuple[FloatArray, IntArray]:
     """Return the least height of a facet beside each facet (f,), and a triangle of it (f,)."""
     here = np.concatenate([hull.edge_facets[:, 0], hull.edge_facets[:, 1]])
     there = np.concatenate([hull.edge_facets[:, 1], hull.edge_facets[:, 0]])
@@ -152,7 +153,7 @@ def _lowest_beside(hull: Hull) -> tuple[Array, Ids]:
     return lowest, beside
 
 
-def _passes(hull: Hull, to_edge: Array) -> Array:
+def _passes(hull: Hull, to_edge: FloatArray) -> FloatArray:
     """Return the greatest height of the centre on the way over each edge (e,)."""
     heights = hull.heights_mm[hull.edge_facets]
     start, end = hull.corners_mm[hull.edge_ends[:, 0]], hull.corners_mm[hull.edge_ends[:, 1]]

@@ -3,13 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import FloatArray
 
 from ..boundary import Crease, Curve, Face
 from ..solid import Solid
 from ._walls import Wall
-
-Array = NDArray[np.float64]
 
 PARALLEL = 1 - 1e-4
 LEAST_BEVEL_RAD = np.radians(15.0)  # a flatter slope is a slope
@@ -28,7 +27,7 @@ class Band:
     diameter_mm: float
     width_mm: float
     length_mm: float
-    along: Array
+    along: FloatArray
 
 
 def half_edges_by_face(solid: Solid) -> list[list[int]]:
@@ -39,7 +38,7 @@ def half_edges_by_face(solid: Solid) -> list[list[int]]:
     return sides
 
 
-def edge_lengths(solid: Solid) -> Array:
+def edge_lengths(solid: Solid) -> FloatArray:
     """Return the length of each edge (e,)."""
     b = solid.boundary
     if b.edge_count == 0:
@@ -73,7 +72,7 @@ def chamfers(solid: Solid, walls: dict[int, Wall]) -> list[Band]:
     return found
 
 
-def _plane_chamfer(solid: Solid, face: Face, sides: list[int], lengths: Array) -> Band | None:
+def _plane_chamfer(solid: Solid, face: Face, sides: list[int], lengths: FloatArray) -> Band | None:
     b = solid.boundary
     long = sorted(
         (h for h in sides if b.curve[h // 2] == Curve.LINE), key=lambda h: -lengths[h // 2]
@@ -130,7 +129,7 @@ def fillets(solid: Solid, walls: dict[int, Wall]) -> list[Band]:
     return found
 
 
-def _turns(solid: Solid) -> Array:
+def _turns(solid: Solid) -> FloatArray:
     """Return how far the normals of each face turn from its mean normal, both ways (f,)."""
     normals = np.asarray(solid.mesh.face_normals)
     mean = np.array([face.normal for face in solid.faces])[solid.face_of_triangle]

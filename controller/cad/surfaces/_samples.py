@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import FloatArray, Int32Array
 
 from ..boundary import surface_normals
 from ..solid import Solid
-
-Array = NDArray[np.float64]
 
 OFF_EDGE = 0.04  # least barycentric coordinate of a sample in its triangle
 
@@ -26,10 +25,10 @@ class SurfaceSamples:
     areas_mm2 : (n,) surface each stands for; they add up to the whole surface
     """
 
-    points_mm: Array
-    normals: Array
-    face_ids: NDArray[np.int32]
-    areas_mm2: Array
+    points_mm: FloatArray
+    normals: FloatArray
+    face_ids: Int32Array
+    areas_mm2: FloatArray
 
 
 def sample_surface(solid: Solid, spacing_mm: float = 4.0, per_face: int = 6) -> SurfaceSamples:

@@ -3,14 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import FloatArray
 
 from ..boundary import Crease, Curve, Face
 from ..solid import Solid
 from ._bands import half_edges_by_face
 from ._walls import Wall
-
-Array = NDArray[np.float64]
 
 PARALLEL = 1 - 1e-5
 SAME_MM = 0.01  # radii and places of both ends agree so well
@@ -24,8 +23,8 @@ class Slot:
     width_mm: float
     length_mm: float
     depth_mm: float
-    inward: Array
-    position_mm: Array
+    inward: FloatArray
+    position_mm: FloatArray
     is_through: bool
 
 
@@ -37,7 +36,7 @@ def slots(solid: Solid, walls: dict[int, Wall]) -> list[Slot]:
     return found + _grooves(solid, sides, taken)
 
 
-def _points(solid: Solid, face: int) -> Array:
+def _points(solid: Solid, face: int) -> FloatArray:
     mine = np.asarray(solid.mesh.triangles, dtype=np.float64)[solid.face_of_triangle == face]
     return np.asarray(mine.reshape(-1, 3))
 
@@ -89,7 +88,7 @@ def _round_ended(solid: Solid, walls: dict[int, Wall], sides: list[list[int]]) -
 
 
 def _floors(
-    solid: Solid, sides: list[list[int]], members: tuple[int, ...], axis: Array
+    solid: Solid, sides: list[list[int]], members: tuple[int, ...], axis: FloatArray
 ) -> list[int]:
     b = solid.boundary
     lower_bounds = set()
@@ -141,7 +140,9 @@ def _grooves(solid: Solid, sides: list[list[int]], taken: set[int]) -> list[Slot
     return found
 
 
-def _open_at_both_ends(solid: Solid, edges: list[int], along: Array, reach: Array) -> bool:
+def _open_at_both_ends(
+    solid: Solid, edges: list[int], along: FloatArray, reach: FloatArray
+) -> bool:
     """Return whether a floor drops off at either end of its reach along its walls."""
     b = solid.boundary
     dropping = [h for h in edges if b.crease[h // 2] == Crease.CONVEX]

@@ -3,13 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
+from controller.arrays import FloatArray
 
 from ..boundary import Boundary, Crease, Face
 from ..solid import Solid
-
-Array = NDArray[np.float64]
 
 COAXIAL_COS = 1 - 1e-5  # 0.26 degrees
 COAXIAL_MM = 0.02
@@ -30,7 +29,7 @@ class Rim:
     """
 
     loop: int
-    point_mm: Array
+    point_mm: FloatArray
     radius_mm: float
     beyond: int
     crease: int
@@ -52,7 +51,7 @@ def loops_by_face(boundary: Boundary, face_count: int) -> list[list[int]]:
     return loops
 
 
-def loop_points(solid: Solid, loop: int) -> Array:
+def loop_points(solid: Solid, loop: int) -> FloatArray:
     """Return the points of a loop in its order, the first one not repeated (n, 3)."""
     b = solid.boundary
     runs = []
@@ -62,7 +61,7 @@ def loop_points(solid: Solid, loop: int) -> Array:
     return np.asarray(solid.mesh.vertices[np.concatenate(runs)])
 
 
-def winding(points: Array, axis: Array, centre_mm: Array) -> int:
+def winding(points: FloatArray, axis: FloatArray, centre_mm: FloatArray) -> int:
     """Return how often a closed run of points goes round an axis, anticlockwise seen against it.
 
     Parameters
@@ -78,7 +77,7 @@ def winding(points: Array, axis: Array, centre_mm: Array) -> int:
     return round(float(np.arctan2(sine, (radial * after).sum(axis=1)).sum()) / (2 * np.pi))
 
 
-def rim_of(solid: Solid, loop: int, axis: Array, centre_mm: Array) -> Rim | None:
+def rim_of(solid: Solid, loop: int, axis: FloatArray, centre_mm: FloatArray) -> Rim | None:
     """Return a loop as a rim of the wall round an axis; None if it does not go round.
 
     Parameters
@@ -220,13 +219,13 @@ class End:
     beyond : face that closes it, or round its mouth; None at a tip
     """
 
-    point_mm: Array
+    point_mm: FloatArray
     radius_mm: float
     is_open: bool
     beyond: int | None
 
 
-def ends_of(solid: Solid, stack: list[Wall], axis: Array) -> tuple[End, End] | None:
+def ends_of(solid: Solid, stack: list[Wall], axis: FloatArray) -> tuple[End, End] | None:
     """Return the two ends of a stack, the lower one along ``axis`` first; None if it has not two.
 
     Parameters
@@ -254,7 +253,7 @@ def ends_of(solid: Solid, stack: list[Wall], axis: Array) -> tuple[End, End] | N
     return low, high
 
 
-def _end(solid: Solid, wall: Wall, rim: Rim, axis: Array) -> End:
+def _end(solid: Solid, wall: Wall, rim: Rim, axis: FloatArray) -> End:
     beyond = solid.faces[rim.beyond]
     if (
         beyond.kind == "sphere"

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import FloatArray
 
 from ..boundary import Crease, Face
 from ..solid import Solid
@@ -16,7 +17,6 @@ from ._bands import Band, chamfers, fillets
 from ._slots import Slot, slots
 from ._walls import End, Wall, ends_of, find_walls, stacks
 
-Array = NDArray[np.float64]
 FeatureKind = Literal["hole", "slot", "boss", "chamfer", "fillet"]
 
 
@@ -59,8 +59,8 @@ class Feature:
     depth_mm: float
     width_mm: float
     length_mm: float
-    axis: Array
-    position_mm: Array
+    axis: FloatArray
+    position_mm: FloatArray
     is_through: bool = False
     is_concave: bool = False
     steps: tuple[Step, ...] = field(default=())
@@ -101,7 +101,7 @@ def find_features(solid: Solid) -> tuple[Feature, ...]:
     return tuple(sorted(found, key=lambda f: (rank[f.kind], min(f.faces), f.faces)))
 
 
-def _axis(stack: list[Wall]) -> Array:
+def _axis(stack: list[Wall]) -> FloatArray:
     return max((wall.face for wall in stack), key=lambda face: face.area_mm2).axis
 
 
@@ -182,7 +182,7 @@ def _ledges(solid: Solid, stack: list[Wall]) -> list[int]:
     return [i for i in set(beyond) if beyond.count(i) > 1 and solid.faces[i].kind == "plane"]
 
 
-def _steps(stack: list[Wall], mouth: End, inward: Array) -> tuple[Step, ...]:
+def _steps(stack: list[Wall], mouth: End, inward: FloatArray) -> tuple[Step, ...]:
     steps = []
     for wall in stack:
         levels = [float((rim.point_mm - mouth.point_mm) @ inward) for rim in wall.rims]

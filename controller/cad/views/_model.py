@@ -7,16 +7,12 @@ edge is part of, whether it is a ridge or a valley, and the rays' search tree.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, FloatArray, Int32Array
 from controller.imaging import RayCaster
 
 from ..boundary import Crease
 from ..solid import Solid
-
-Array = NDArray[np.float64]
-Ids = NDArray[np.int32]
-Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -42,17 +38,17 @@ class ViewModel:
 
     solid: Solid
     caster: RayCaster
-    vertices_mm: Array
-    triangles: Ids
-    heights_mm: Array
-    longest_mm: Array
-    ends: Ids
-    sides: Ids
-    across: Ids
-    is_ridge: Bools
-    cad_edge: Ids
-    is_smooth: Bools
-    is_corner: Bools
+    vertices_mm: FloatArray
+    triangles: Int32Array
+    heights_mm: FloatArray
+    longest_mm: FloatArray
+    ends: Int32Array
+    sides: Int32Array
+    across: Int32Array
+    is_ridge: BoolArray
+    cad_edge: Int32Array
+    is_smooth: BoolArray
+    is_corner: BoolArray
 
 
 def prepare_views(solid: Solid) -> ViewModel:
@@ -89,7 +85,9 @@ def prepare_views(solid: Solid) -> ViewModel:
     )
 
 
-def _mesh_edges(triangles: Ids, vertex_count: int) -> tuple[Ids, Ids, Ids]:
+def _mesh_edges(
+    triangles: Int32Array, vertex_count: int
+) -> tuple[Int32Array, Int32Array, Int32Array]:
     start = triangles.ravel().astype(np.int64)
     end = triangles[:, [1, 2, 0]].ravel().astype(np.int64)
     key = np.minimum(start, end) * vertex_count + np.maximum(start, end)
@@ -103,7 +101,7 @@ def _mesh_edges(triangles: Ids, vertex_count: int) -> tuple[Ids, Ids, Ids]:
     return ends, sides, across.reshape(-1, 3)
 
 
-def _cad_edges(solid: Solid, ends: Ids, vertex_count: int) -> tuple[Ids, Bools]:
+def _cad_edges(solid: Solid, ends: Int32Array, vertex_count: int) -> tuple[Int32Array, BoolArray]:
     boundary = solid.boundary
     chain = boundary.chain.astype(np.int64)
     edge = np.repeat(np.arange(boundary.edge_count), np.diff(boundary.chain_start))

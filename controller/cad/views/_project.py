@@ -11,13 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.arrays import FloatArray, Int32Array
 from controller.imaging import Camera, inverse_pose, transform
 
 from ._model import ViewModel
-
-Array = NDArray[np.float64]
-Ids = NDArray[np.int32]
-Bools = NDArray[np.bool_]
 
 FRONT, EDGE_ON, BACK = 1, 0, -1
 # A wall parallel to the line of sight is neither in front nor behind. CAD files in single
@@ -45,25 +42,25 @@ class Projection:
     camera : None from above
     """
 
-    points: Array
-    nearness: Array
+    points: FloatArray
+    nearness: FloatArray
     scale: float
-    eye: Array
+    eye: FloatArray
     is_central: bool
     facing: NDArray[np.int8]
-    matrix: Array
-    wall: Ids
+    matrix: FloatArray
+    wall: Int32Array
     camera: Camera | None
 
-    def towards_eye(self, p_cad_mm: Array) -> Array:
+    def towards_eye(self, p_cad_mm: FloatArray) -> FloatArray:
         """Return the unit directions (n, 3) from points (n, 3) of the CAD frame to the eye."""
         if not self.is_central:
             return np.broadcast_to(self.eye, p_cad_mm.shape)
         d = self.eye - p_cad_mm
-        unit: Array = d / np.linalg.norm(d, axis=1, keepdims=True)
+        unit: FloatArray = d / np.linalg.norm(d, axis=1, keepdims=True)
         return unit
 
-    def to_view(self, plane: Array) -> Array:
+    def to_view(self, plane: FloatArray) -> FloatArray:
         """Return plane points (n, 2) in the coordinates of the view: mm, or pixels."""
         if self.camera is None:
             return plane
@@ -77,7 +74,7 @@ class Projection:
         return np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
 
 
-def seen_from_above(model: ViewModel, R: Array) -> Projection:
+def seen_from_above(model: ViewModel, R: FloatArray) -> Projection:
     """Project a part turned by ``R`` (3, 3), CAD to upright, straight down."""
     matrix = np.zeros((3, 4))
     matrix[:2, :3] = R[:2]
@@ -92,7 +89,7 @@ def seen_from_above(model: ViewModel, R: Array) -> Projection:
     return Projection(points, upright[:, 2], 1.0, R[2], False, facing, matrix, wall, None)
 
 
-def seen_by_camera(model: ViewModel, T_world_part: Array, camera: Camera) -> Projection:
+def seen_by_camera(model: ViewModel, T_world_part: FloatArray, camera: Camera) -> Projection:
     """Project a posed part through a camera, lens distortion left out.
 
     Parameters
@@ -123,7 +120,7 @@ def seen_by_camera(model: ViewModel, T_world_part: Array, camera: Camera) -> Pro
     return Projection(points, 1.0 / depth, scale, eye, True, facing, matrix, wall, camera)
 
 
-def _walls_edge_on(model: ViewModel, direction: Array) -> Ids:
+def _walls_edge_on(model: ViewModel, direction: FloatArray) -> Int32Array:
     """Return for each triangle (t,) its face where that is a cylinder seen along its axis, or -1.
 
     A mesh may round the two rims of a bore with different corners. The facets of its wall then
@@ -138,11 +135,11 @@ def _walls_edge_on(model: ViewModel, direction: Array) -> Ids:
         off_axis = np.linalg.norm(np.cross(axes, direction), axis=1)
         is_along = off_axis < ALONG_RAD
         of_face[round_ones[is_along]] = round_ones[is_along]
-    found: Ids = of_face[model.solid.face_of_triangle]
+    found: Int32Array = of_face[model.solid.face_of_triangle]
     return found
 
 
-def _facing(model: ViewModel, points: Array, scale: Array) -> NDArray[np.int8]:
+def _facing(model: ViewModel, points: FloatArray, scale: FloatArray) -> NDArray[np.int8]:
     x, y = points[model.triangles, 0].T, points[model.triangles, 1].T  # (3, t)
     double_area = (x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0])
     limit = np.maximum(EDGE_ON_MM, EDGE_ON_RAD * model.heights_mm)

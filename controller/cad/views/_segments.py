@@ -2,26 +2,24 @@
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from controller.arrays import FloatArray, IntArray
 
 SAMPLE = 256
 
 
-def cross(a: Array, b: Array) -> Array:
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the cross products (n,) of vectors (n, 2) of the plane."""
-    product: Array = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    product: FloatArray = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     return product
 
 
-def tree_of(a: Array, b: Array) -> shapely.STRtree:
+def tree_of(a: FloatArray, b: FloatArray) -> shapely.STRtree:
     """Return a search tree over segments from a to b, (n, 2) each."""
     return shapely.STRtree(np.asarray(shapely.linestrings(np.stack([a, b], axis=1))))
 
 
-def crowding(tree: shapely.STRtree, p: Array, q: Array) -> float:
+def crowding(tree: shapely.STRtree, p: FloatArray, q: FloatArray) -> float:
     """Return how many segments of a tree the box of one of the given segments meets, on average.
 
     A mean over some of them, evenly spread: enough to tell dozens from thousands.
@@ -37,8 +35,8 @@ def crowding(tree: shapely.STRtree, p: Array, q: Array) -> float:
 
 
 def near_pairs(
-    tree: shapely.STRtree, p: Array, q: Array, reach: float | Array = 0.0
-) -> tuple[Indices, Indices]:
+    tree: shapely.STRtree, p: FloatArray, q: FloatArray, reach: float | FloatArray = 0.0
+) -> tuple[IntArray, IntArray]:
     """Return the pairs of segments p to q and of the tree's whose boxes come within ``reach``.
 
     Boxes only: callers work out the distance they need anyway, and faster than GEOS one by one.

@@ -9,10 +9,8 @@ shoelace sum in (u, v) is negative for an outer loop.
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
+from controller.arrays import BoolArray, FloatArray, Int32Array
 
-Array = NDArray[np.float64]
 LineKind = Literal["sharp", "smooth", "silhouette"]
 
 
@@ -31,10 +29,10 @@ class Stroke:
     face : of a silhouette, the curved face; -1 otherwise
     """
 
-    start: Array
-    end: Array
-    centre: Array | None
-    axes: Array | None
+    start: FloatArray
+    end: FloatArray
+    centre: FloatArray | None
+    axes: FloatArray | None
     sweep_rad: float
     edge: int
     face: int
@@ -56,10 +54,10 @@ class Loop:
     strokes : the same loop as lines and arcs
     """
 
-    points: Array
-    edges: NDArray[np.int32]
-    faces: NDArray[np.int32]
-    is_phantom: NDArray[np.bool_]
+    points: FloatArray
+    edges: Int32Array
+    faces: Int32Array
+    is_phantom: BoolArray
     is_hole: bool
     strokes: tuple[Stroke, ...]
 
@@ -80,8 +78,8 @@ class DrawnEdge:
     starts_phantom, ends_phantom : its end is no corner of the part, but where it passes behind
     """
 
-    points: Array
-    points_mm: Array
+    points: FloatArray
+    points_mm: FloatArray
     edge: int
     face: int
     kind: LineKind
@@ -107,5 +105,5 @@ class LineView:
     edges: tuple[DrawnEdge, ...]
     area: float
     perimeter: float
-    centroid: Array
-    second_moments: Array
+    centroid: FloatArray
+    second_moments: FloatArray

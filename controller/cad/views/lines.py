@@ -5,8 +5,8 @@ itself, seen from above or through a calibrated camera.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import FloatArray
 from controller.imaging import Camera
 
 from ..solid import Solid
@@ -20,10 +20,8 @@ from .edges.hidden import Pieces, candidate_edges, cut_edges, is_seen, tree_of_e
 from .outlines.outline import Ring, find_rings, rim_edges
 from .outlines.strokes import strokes_of
 
-Array = NDArray[np.float64]
 
-
-def line_view(solid: Solid, R: Array, *, prepared: ViewModel | None = None) -> LineView:
+def line_view(solid: Solid, R: FloatArray, *, prepared: ViewModel | None = None) -> LineView:
     """Return the line drawing of a part turned by ``R``, seen straight from above [mm].
 
     Parameters
@@ -37,7 +35,7 @@ def line_view(solid: Solid, R: Array, *, prepared: ViewModel | None = None) -> L
 
 
 def camera_view(
-    solid: Solid, T_world_part: Array, camera: Camera, *, prepared: ViewModel | None = None
+    solid: Solid, T_world_part: FloatArray, camera: Camera, *, prepared: ViewModel | None = None
 ) -> LineView:
     """Return the line drawing of a posed part through a calibrated camera [px].
 
@@ -61,7 +59,7 @@ def camera_view(
 
 def outline(
     solid: Solid,
-    pose: Array,
+    pose: FloatArray,
     camera: Camera | None = None,
     *,
     prepared: ViewModel | None = None,
@@ -129,7 +127,7 @@ def _loop(model: ViewModel, view: Projection, ring: Ring) -> Loop:
     )
 
 
-def _moments(loops: list[Array]) -> tuple[float, Array, Array]:
+def _moments(loops: list[FloatArray]) -> tuple[float, FloatArray, FloatArray]:
     """Return area, centroid (2,) and central second moments (2, 2) over the area (Green)."""
     if not loops:
         return 0.0, np.full(2, np.nan), np.full((2, 2), np.nan)

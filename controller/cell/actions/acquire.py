@@ -3,15 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import Grey
 
 from ..errors import CellError
 from ..journal.rows import TablePictures
 from ..lamps import TABLE_LAMPS
 from ..machine import Event
 from ..services import BatchRecord, Imaging
-
-Grey = NDArray[np.uint8]
 
 LEAST_GLOW = 60  # of 255; a glowing table shows 150 and more
 

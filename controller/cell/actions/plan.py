@@ -4,8 +4,8 @@ import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import BoolArray
 from controller.planning import (
     InArm,
     InFixture,
@@ -27,8 +27,6 @@ from ..recovery import WORTH_SHARE, PartFault, merged
 from ..services import BatchRecord, HeldPose, Motion, Preparation, Views
 
 log = logging.getLogger(__name__)
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +105,7 @@ class PlanAction:
         return Event.PLANNED_ON
 
 
-def _new(plan: Plan, seen: Mask | None) -> Mask:
+def _new(plan: Plan, seen: BoolArray | None) -> BoolArray:
     """Return which samples (n,) a plan shows that have not been seen."""
     promised = merged([s.seen for s in plan.steps if isinstance(s, Present | Look)])
     if promised is None:

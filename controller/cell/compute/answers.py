@@ -10,11 +10,11 @@ from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controller import inspection as inspecting
 from controller import planning
 from controller import recognition as recognising
+from controller.arrays import BoolArray, FloatArray, Grey
 from controller.cad.compiled import load_part
 from controller.imaging import inverse_pose
 from controller.planning import (
@@ -35,9 +35,6 @@ from ..plans import Planning
 from . import held_search
 from .job import Job, context, inspection_limits, part_files
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Grey = NDArray[np.uint8]
 Holder = tuple[inspecting.WorldBox, ...]
 
 
@@ -68,7 +65,7 @@ def prepare(job: Job) -> float:
 def plan(
     job: Job,
     start: Start,
-    seen: Mask | None,
+    seen: BoolArray | None,
     avoid: frozenset[str],
     candidates: tuple[recognising.Alternative, ...],
 ) -> Plan:
@@ -106,7 +103,7 @@ def _readings(job: Job, candidates: tuple[recognising.Alternative, ...]) -> list
 def identify(
     job: Job,
     ambiguity: Ambiguity,
-    q: Array,
+    q: FloatArray,
     opening_mm: float,
     backlit: Grey,
     lit: tuple[Grey, ...],
@@ -125,7 +122,11 @@ def identify(
 
 
 def path_home(
-    job: Job, q: Array, arm_opening_mm: float, fixed_opening_mm: float, T_part_tcp: Array | None
+    job: Job,
+    q: FloatArray,
+    arm_opening_mm: float,
+    fixed_opening_mm: float,
+    T_part_tcp: FloatArray | None,
 ) -> Motion:
     """Return a joint path from anywhere to where the arm is in nobody's way.
 
@@ -150,7 +151,7 @@ def path_home(
     return connect(q, c.layout.park_q, scene, f"{c.solid.name}: way home")
 
 
-def surface_share(job: Job, samples: Mask) -> float:
+def surface_share(job: Job, samples: BoolArray) -> float:
     """Return how much of the part's surface some of its samples (n,) stand for, 0..1."""
     areas = context(job).samples.areas_mm2
     return float(areas[samples].sum() / areas.sum())
@@ -165,7 +166,7 @@ def _prepared(job: Job) -> PreparedPart:
 def inspect(
     job: Job,
     view_id: str,
-    T_world_part: Array,
+    T_world_part: FloatArray,
     holder: Holder,
     backlit: Grey,
     lit: Mapping[str, Grey],
@@ -199,7 +200,7 @@ def inspect(
 
 
 def inspect_lying(
-    job: Job, view_id: str, T_world_part: Array, backlit: Grey, lit: Mapping[str, Grey]
+    job: Job, view_id: str, T_world_part: FloatArray, backlit: Grey, lit: Mapping[str, Grey]
 ) -> inspecting.ViewResult:
     """Judge the pictures of the table as a view; nothing stands before the part there.
 
@@ -228,11 +229,11 @@ def inspect_lying(
 
 def find_hold(
     job: Job,
-    T_world_part: Array,
-    T_part_tcp: Array,
+    T_world_part: FloatArray,
+    T_part_tcp: FloatArray,
     holder: Holder,
     backlit: Grey,
-) -> Array | None:
+) -> FloatArray | None:
     """Return T_world_part (4, 4) of a held part that is not where it should be; None if not found.
 
     Parameters
@@ -260,7 +261,7 @@ def judge(
     job: Job,
     views: tuple[inspecting.ViewResult, ...],
     unseen: Mapping[int, str],
-    planned: Mapping[str, Mask],
+    planned: Mapping[str, BoolArray],
 ) -> inspecting.PartVerdict:
     """Weigh all views of a part.
 

@@ -10,16 +10,12 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controller import inspection as inspecting
+from controller.arrays import BoolArray, FloatArray, Grey
 from controller.cad import SurfaceSamples
 from controller.imaging import RayCaster, inverse_pose, render_maps, threshold_levels
 from controller.recognition import PosedPart
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Grey = NDArray[np.uint8]
 
 ALONG_MM: Final = (0.0, 5.0, -5.0, 10.0, -10.0, 15.0)
 ACROSS_MM: Final = (0.0, 4.0, -4.0)
@@ -33,9 +29,9 @@ def find_hold(
     part: PosedPart,
     samples: SurfaceSamples,
     task: inspecting.ViewTask,
-    T_part_tcp: Array,
+    T_part_tcp: FloatArray,
     backlit: Grey,
-) -> Array | None:
+) -> FloatArray | None:
     """Return T_world_part of a held part that slipped, None where it is not found.
 
     Parameters
@@ -57,7 +53,7 @@ def find_hold(
         if task.holder
         else np.zeros_like(dark)
     )
-    ranked: list[tuple[float, int, Array]] = []
+    ranked: list[tuple[float, int, FloatArray]] = []
     grid = itertools.product(ALONG_MM, ACROSS_MM, TURN_RAD)
     for number, (along, across, turn) in enumerate(grid):
         T = task.T_world_part @ T_part_tcp @ _move(along, across, turn)
@@ -74,7 +70,7 @@ def find_hold(
     return None
 
 
-def _move(along_mm: float, across_mm: float, turn_rad: float) -> Array:
+def _move(along_mm: float, across_mm: float, turn_rad: float) -> FloatArray:
     """Return a slip in the tip frame: along the fingers, across them, about the pads' line."""
     T = np.eye(4)
     c, s = np.cos(turn_rad), np.sin(turn_rad)
@@ -84,12 +80,12 @@ def _move(along_mm: float, across_mm: float, turn_rad: float) -> Array:
 
 
 def _shadow(
-    caster: RayCaster, T: Array, task: inspecting.ViewTask, roi: tuple[int, int, int, int]
-) -> Mask:
+    caster: RayCaster, T: FloatArray, task: inspecting.ViewTask, roi: tuple[int, int, int, int]
+) -> BoolArray:
     return render_maps(caster, T, task.camera, roi, step_px=STEP_PX).mask
 
 
-def _overlap(expected: Mask, seen: Mask) -> float:
+def _overlap(expected: BoolArray, seen: BoolArray) -> float:
     """Return intersection over union about the expected shadow; what is far from it is not it."""
     rows, columns = np.nonzero(expected)
     if len(rows) == 0:

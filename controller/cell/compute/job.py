@@ -7,10 +7,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from controller import inspection as inspecting
 from controller import recognition as recognising
+from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid, StablePose, SurfaceSamples
 from controller.cad.compiled import (
     CompiledPart,
@@ -25,8 +25,6 @@ from controller.recognition.stored import open_library
 from controller.setup.faces import faces_left_out
 from controller.setup.optics import table_corners
 from controller.setup.planner import PlannerSetup, planner_setup
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +45,7 @@ class Context:
     part: CompiledPart
     posed: recognising.PosedPart
     library: recognising.Library
-    glowing: NDArray[np.bool_]
+    glowing: BoolArray
     not_inspected: Mapping[int, str]
 
     @property
@@ -126,7 +124,7 @@ def part_files(recipe: Recipe) -> list[tuple[Path, CompileOptions]]:
     ]
 
 
-def glowing_mask(camera: Camera, corners_mm: Array) -> NDArray[np.bool_]:
+def glowing_mask(camera: Camera, corners_mm: FloatArray) -> BoolArray:
     """Return where in the picture a glowing rectangle (4, 3) is, a few pixels shrunk."""
     width, height = camera.size_px
     mask = np.zeros((height, width), dtype=np.uint8)

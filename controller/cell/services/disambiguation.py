@@ -2,9 +2,7 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from controller.arrays import FloatArray, Grey
 from controller.imaging import inverse_pose
 from controller.planning import Ambiguity
 
@@ -15,9 +13,6 @@ from ..records import Hold
 from ..recovery import PartFault
 from .record import BatchRecord
 
-Array = NDArray[np.float64]
-Grey = NDArray[np.uint8]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Disambiguation:
@@ -27,7 +22,7 @@ class Disambiguation:
     record: BatchRecord
 
     async def resolve(
-        self, ambiguity: Ambiguity, hold: Hold, q: Array, backlit: Grey, lit: tuple[Grey, ...]
+        self, ambiguity: Ambiguity, hold: Hold, q: FloatArray, backlit: Grey, lit: tuple[Grey, ...]
     ) -> None:
         """Return if the view leaves the hypothesis that the plan was made for, and it alone.
 

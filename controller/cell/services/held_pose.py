@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controller import inspection as inspecting
+from controller.arrays import FloatArray
 from controller.imaging import inverse_pose, rotation_angle
 from controller.planning import shown_pose
 from controller.planning.model import CellLayout
@@ -21,8 +21,6 @@ from .motion import Motion
 from .record import BatchRecord
 from .recoveries import Recoveries
 from .views import Views
-
-Array = NDArray[np.float64]
 
 BAD_VIEW_COUNT = 2  # in a row, after which a hold that was seen is no longer trusted
 SAME_CONFIGURATION = np.array([0.01, 0.01, 0.01, 0.5, 0.01, 0.01])  # [rad, mm] servo and counts
@@ -110,7 +108,7 @@ class HeldPose:
                 + ("where it was in the gripper" if was_seen else "where the grasp was planned"),
             )
 
-    async def _search(self, shown: Shown, hold: Hold, reason: str) -> Array | None:
+    async def _search(self, shown: Shown, hold: Hold, reason: str) -> FloatArray | None:
         """Return T_world_part of a part that a view missed; None where one bad view is excused."""
         found = await self.compute.find_hold(
             shown.expected, hold.T_part_tcp, shown.holder, shown.backlit
@@ -125,7 +123,7 @@ class HeldPose:
         return found
 
 
-def _difference(T_part_tcp: Array, T_other: Array) -> tuple[float, float]:
+def _difference(T_part_tcp: FloatArray, T_other: FloatArray) -> tuple[float, float]:
     """Return how two holds differ: where the gripper is on the part [mm], and its turn [rad]."""
     shift_mm = float(np.linalg.norm(T_part_tcp[:3, 3] - T_other[:3, 3]))
     return shift_mm, rotation_angle(T_part_tcp[:3, :3].T @ T_other[:3, :3])

@@ -7,11 +7,10 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import Grey
 from drivers.kinds import Camera, LampUnit
 
-Grey = NDArray[np.uint8]
 CameraName = Literal["overhead", "inspection"]
 
 LOOK_TIMEOUT_S = 30.0  # a camera that stalls is a fault, a slow one is not

@@ -1,15 +1,12 @@
 """Moves the arm along checked paths, and remembers how it came, so that it can go back."""
 
-import numpy as np
-from numpy.typing import NDArray
-
+from controller.arrays import FloatArray
 from drivers.clock import CellClock
 from drivers.kinds import Arm, IoBlock
 
 from ..devices.interlocks import check_interlocks
 
-Array = NDArray[np.float64]
-JointPath = tuple[Array, ...]
+JointPath = tuple[FloatArray, ...]
 
 RINGING_S = 0.3  # a long arm rings after it stops
 
@@ -29,9 +26,9 @@ class Motion:
         self._io = io
         self._clock = clock
         # where the arm has been since it last stood free of everything: the way back is free too
-        self._trail: list[Array] = []
+        self._trail: list[FloatArray] = []
 
-    async def start_from(self, q: Array) -> None:
+    async def start_from(self, q: FloatArray) -> None:
         """Drive to a configuration (6,) that is free of everything; ways back end there."""
         await self._arm.move_joints(q)
         self._trail = [q]
@@ -76,6 +73,6 @@ class Motion:
         """Wait until the arm, which has stopped, stands still enough for a picture."""
         await self._clock.sleep(RINGING_S)
 
-    async def read_q(self) -> Array:
+    async def read_q(self) -> FloatArray:
         """Return where the arm stands: its joints (6,)."""
         return await self._arm.read_q()

@@ -5,9 +5,9 @@ import logging
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controller import inspection as inspecting
+from controller.arrays import FloatArray, Grey
 from controller.planning import Look, Present, shown_pose
 from controller.planning.model import CellLayout
 
@@ -20,10 +20,6 @@ from ..recovery import merged
 from .record import BatchRecord
 
 log = logging.getLogger(__name__)
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Grey = NDArray[np.uint8]
 
 
 class Views:
@@ -53,7 +49,7 @@ class Views:
         return step.view_id if plan_count < 2 else f"{step.view_id}~{plan_count}"
 
     def announce(
-        self, step: Present | Look, files: Mapping[str, str], q: Array | None = None
+        self, step: Present | Look, files: Mapping[str, str], q: FloatArray | None = None
     ) -> None:
         """Write down the pictures of a view, and what it is meant to show.
 
@@ -70,7 +66,7 @@ class Views:
         self._record.part.planned[view] = step.seen
 
     def judge_in_hand(
-        self, view: str, hold: Hold, q: Array, backlit: Grey, lit: Mapping[str, Grey]
+        self, view: str, hold: Hold, q: FloatArray, backlit: Grey, lit: Mapping[str, Grey]
     ) -> None:
         """Begin to judge a view of the held part.
 

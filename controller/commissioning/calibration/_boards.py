@@ -9,9 +9,8 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from controller.arrays import FloatArray, Grey
+from controller.arrays import BoolArray, FloatArray, Grey
 
 from ._corners import refine_corners
 from ._types import Charuco, Chessboard, FoundBoard, Target
@@ -258,5 +257,5 @@ def _measured(
     return FoundBoard(board_mm[sound], fitted[sound], side, float(np.median(blur[sound])))
 
 
-def _few(sound: NDArray[np.bool_]) -> bool:
+def _few(sound: BoolArray) -> bool:
     return int(sound.sum()) < max(_CORNERS_MIN, len(sound) // 2)

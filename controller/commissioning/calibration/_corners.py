@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf
 
-from controller.arrays import FloatArray
+from controller.arrays import BoolArray, FloatArray
 
 REACH_SQUARES: Final = 0.42  # of the window: up to just short of the next edge
 REACH_MAX_PX: Final = 14  # more adds time, and bent edges
@@ -30,7 +30,7 @@ def refine_corners(
     axes_px: FloatArray,
     *,
     marker_gap: float | None = None,
-) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Return corners (n, 2), the lens's blur there (n,) [px] and whether each fit is sound (n,).
 
     Parameters
@@ -52,7 +52,7 @@ def refine_corners(
 
 def _measure(
     grey: NDArray[np.uint8], pixels: FloatArray, axes_px: FloatArray, marker_gap: float | None
-) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Cut a window about each corner and fit it."""
     height, width = grey.shape
     step_px = np.abs(axes_px).max(axis=(1, 2))
@@ -74,11 +74,11 @@ def _measure(
 
 def _fit(
     values: FloatArray,
-    used: NDArray[np.bool_],
+    used: BoolArray,
     at: FloatArray,
     pixels: FloatArray,
     axes_px: FloatArray,
-) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Fit all corners at once: Gauss-Newton, each damped for itself."""
     count = np.maximum(used.sum(axis=1), 1)
     x = _first(values, used, at, pixels, axes_px)
@@ -120,7 +120,7 @@ def _fit(
 
 def _first(
     values: FloatArray,
-    used: NDArray[np.bool_],
+    used: BoolArray,
     at: FloatArray,
     pixels: FloatArray,
     axes_px: FloatArray,

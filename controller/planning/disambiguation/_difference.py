@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from controller.arrays import BoolArray, FloatArray
+from controller.arrays import BoolArray, Float32Array, FloatArray
 
 from ..model import Light
 from ._pictures import Picture, Stance
@@ -62,7 +61,7 @@ class _Pair:
     """The lines of two pictures as points (n, 2) in cells, and how far each cell is from them."""
 
     points: tuple[FloatArray, FloatArray]
-    far: tuple[NDArray[np.float32], NDArray[np.float32]]
+    far: tuple[Float32Array, Float32Array]
     pivot: FloatArray
 
     def thinned(self) -> _Pair:
@@ -111,7 +110,7 @@ def _costs(pair: _Pair, placings: FloatArray, tolerance: float) -> FloatArray:
 
 def _moved(
     points: FloatArray, pivot: FloatArray, placings: FloatArray, is_back: bool
-) -> NDArray[np.float32]:
+) -> Float32Array:
     """Return points (n, 2) turned about the pivot and shifted (m, n, 2); or the way back."""
     p = (points - pivot).astype(np.float32)
     turn = -placings[:, 0] if is_back else placings[:, 0]
@@ -154,7 +153,7 @@ def _area(
     return int(((only_a | only_b) & counts).sum())
 
 
-def _look_up(far: NDArray[np.float32], points: NDArray[np.float32]) -> NDArray[np.float32]:
+def _look_up(far: Float32Array, points: Float32Array) -> Float32Array:
     """Return the distance (...) at the cells nearest to points (..., 2); beyond the grid, at it."""
     height, width = far.shape
     x = np.minimum(np.maximum((points[..., 0] + 0.5).astype(np.int32), 0), width - 1)
@@ -162,7 +161,7 @@ def _look_up(far: NDArray[np.float32], points: NDArray[np.float32]) -> NDArray[n
     return np.asarray(np.take(far, y * width + x))
 
 
-def _distance_to(mask: BoolArray) -> NDArray[np.float32]:
+def _distance_to(mask: BoolArray) -> Float32Array:
     """Return the distance of every cell to the nearest one of a mask (h, w)."""
     if not mask.any():
         return np.full(mask.shape, 1e3, np.float32)

@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from controller.arrays import BoolArray, FloatArray, IntArray
+from controller.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from controller.imaging import RayCaster
 
 from ..model import GraspRules, Jaw
@@ -132,7 +131,7 @@ class Contacts:
 
 def close_pads(
     caster: RayCaster,
-    face_normals: NDArray[np.float32],
+    face_normals: Float32Array,
     T: FloatArray,
     gap: FloatArray,
     inner: BoolArray,

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from controller.arrays import FloatArray, IndexArray
+from controller.arrays import Float32Array, FloatArray, IndexArray
 
-from ._tables import Core, Table
+from ._tables import Core
 
 _LP_ROUNDS = 12
 _LP_GROW = 120
@@ -38,7 +38,7 @@ class LowerBounds:
     below : (k, n) what each grip's views take off the sum, <= 0
     """
 
-    u: Table
+    u: Float32Array
     sums: FloatArray
     below: FloatArray
 
@@ -54,13 +54,13 @@ class LowerBounds:
         return best
 
 
-def rounded(u: NDArray[np.floating]) -> Table:
+def rounded(u: NDArray[np.floating]) -> Float32Array:
     """Return prices as multiples of what keeps sums of them exact."""
-    whole: Table = (np.floor(u * _U_STEPS) / _U_STEPS).astype(np.float32)
+    whole: Float32Array = (np.floor(u * _U_STEPS) / _U_STEPS).astype(np.float32)
     return whole
 
 
-def lower_bounds(core: Core, u: Table) -> LowerBounds:
+def lower_bounds(core: Core, u: Float32Array) -> LowerBounds:
     """Work out what prices (k, m) say about each grip."""
     below = np.zeros((len(u), len(core.rows)))
     for g, (rows, costs) in enumerate(zip(core.rows, core.units, strict=True)):
@@ -69,7 +69,7 @@ def lower_bounds(core: Core, u: Table) -> LowerBounds:
     return LowerBounds(u=u, sums=u.sum(axis=1, dtype=np.float64), below=below)
 
 
-def union_costs(core: Core) -> tuple[Table, float]:
+def union_costs(core: Core) -> tuple[Float32Array, float]:
     """Solve the cover by fractions of views over all grips.
 
     Returns
@@ -117,14 +117,14 @@ def union_costs(core: Core) -> tuple[Table, float]:
     return best_u, best
 
 
-def spread_scales(u: Table, factor: float) -> Table:
+def spread_scales(u: Float32Array, factor: float) -> Float32Array:
     """Return the prices (m,) scaled up in steps: what suits all grips is too low for few."""
     return rounded(np.stack([u * np.float32(factor * s) for s in _SCALES] + [u]))
 
 
 def raise_lower_bounds(
-    core: Core, sets: IndexArray, u: Table, goals: FloatArray, steps: int
-) -> tuple[FloatArray, Table]:
+    core: Core, sets: IndexArray, u: Float32Array, goals: FloatArray, steps: int
+) -> tuple[FloatArray, Float32Array]:
     """Improve prices for many sets of grips at once.
 
     The cover by fractions of views is a saddle point of the Lagrangian; prices and fractions move
@@ -162,12 +162,12 @@ def raise_lower_bounds(
 class _Saddle:
     """Prices u on elements and fractions x of views for many sets of grips, padded per grip."""
 
-    def __init__(self, core: Core, sets: IndexArray, u: Table) -> None:
+    def __init__(self, core: Core, sets: IndexArray, u: Float32Array) -> None:
         self._core, self._sets, self.u = core, sets, u
         n, widest = len(core.rows), max((len(r) for r in core.rows), default=0)
         self._x = np.zeros((*sets.shape, widest), dtype=np.float32)
         height = np.zeros((n + 1, u.shape[1]), dtype=np.float32)
-        self._pace: list[Table] = []
+        self._pace: list[Float32Array] = []
         for g, rows in enumerate(core.rows):
             height[g] = rows.sum(axis=0)
             self._pace.append(np.float32(_LEAN) / np.maximum(rows.sum(axis=1), 1.0))
@@ -182,7 +182,7 @@ class _Saddle:
             found.append((int(g), active[at], slot))
         return found
 
-    def values(self, u: Table, active: IndexArray | None = None) -> FloatArray:
+    def values(self, u: Float32Array, active: IndexArray | None = None) -> FloatArray:
         """Return the floor (s,) that prices (s, m) give, for the active sets."""
         active = np.arange(len(u)) if active is None else active
         value = np.zeros(len(u))
@@ -192,7 +192,7 @@ class _Saddle:
             value[at] += np.minimum(left, 0.0).sum(axis=1, dtype=np.float64)
         return value
 
-    def turn(self, active: IndexArray, count: int) -> Table:
+    def turn(self, active: IndexArray, count: int) -> Float32Array:
         """Move prices and fractions so many times; return the mean prices (s, m)."""
         members = self._members(active)
         total = np.zeros_like(self.u)
@@ -203,7 +203,7 @@ class _Saddle:
                 left = self._core.units[g][None] - self.u[at] @ rows.T
                 old = self._x[at, slot, : len(rows)]
                 moved = np.clip(old - self._pace[g][None] * left, 0.0, 1.0)
-                new: Table = (np.round(moved * _X_STEPS) / _X_STEPS).astype(np.float32)
+                new: Float32Array = (np.round(moved * _X_STEPS) / _X_STEPS).astype(np.float32)
                 lack[at] -= (2.0 * new - old) @ rows
                 self._x[at, slot, : len(rows)] = new
             raised = np.maximum(self.u[active] + self._climb[active] * lack[active], 0.0)

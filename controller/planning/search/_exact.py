@@ -8,10 +8,10 @@ import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import csr_array
 
-from controller.arrays import BoolArray, FloatArray, IndexArray
+from controller.arrays import BoolArray, Float32Array, FloatArray, IndexArray
 
 from ._problem import SAME_S
-from ._tables import Table, Tables
+from ._tables import Tables
 
 MILP_NODES = 20_000
 
@@ -28,7 +28,7 @@ class Stacked:
 
     rows: BoolArray
     costs_s: FloatArray
-    units: Table
+    units: Float32Array
     owner: IndexArray
     index: IndexArray
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray, IndexArray
+from controller.arrays import BoolArray, Float32Array, FloatArray, IndexArray
 
 from ._bounds import LowerBounds, lower_bounds, raise_lower_bounds, spread_scales, union_costs
 from ._exact import Stacked, exact_cover, stack
@@ -23,15 +23,7 @@ from ._problem import (
     cost_of,
 )
 from ._sequences import GraspSequences, first_sequences, longer, showing_all, tails
-from ._tables import (
-    Core,
-    Table,
-    Tables,
-    hard_elements,
-    learn_core,
-    make_core,
-    quick_cover,
-)
+from ._tables import Core, Tables, hard_elements, learn_core, make_core, quick_cover
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +65,7 @@ class Pool:
     bound_s: list[float] = field(default_factory=list)  # of the whole
     units: list[float] = field(default_factory=list)
     stage: list[int] = field(default_factory=list)
-    u: dict[int, Table] = field(default_factory=dict)
+    u: dict[int, Float32Array] = field(default_factory=dict)
     at: dict[tuple[int, ...], int] = field(default_factory=dict)
 
 
@@ -278,7 +270,7 @@ class Search:
             goal = np.minimum(goal, np.ceil(room / tables.least_s) - 1.0)
         return goal + 0.002
 
-    def _try(self, k: int, u: Table) -> None:
+    def _try(self, k: int, u: Float32Array) -> None:
         """Cover the set quickly, by prices and by numbers."""
         stacked = stack(self.tables, self.pool.sets[k])
         rows = stacked.rows.astype(np.float32)

@@ -10,13 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from controller.arrays import BoolArray, FloatArray, IndexArray
+from controller.arrays import BoolArray, Float32Array, FloatArray, IndexArray
 
 from ._problem import Problem, live_grasps
 
-Table = NDArray[np.float32]
 COST_STEPS = 1024.0  # prices in units of the dearest, rounded down: sums of them stay exact
 CORE_MOST = 640  # elements
 _LEARN_ROUNDS = 4
@@ -44,7 +42,7 @@ class Tables:
     rows: tuple[BoolArray, ...]
     view_ids: tuple[IndexArray, ...]
     costs_s: tuple[FloatArray, ...]
-    units: tuple[Table, ...]
+    units: tuple[Float32Array, ...]
     covered: BoolArray
     kinds: IndexArray
     least_s: float
@@ -67,8 +65,8 @@ class Core:
     """
 
     elements: IndexArray
-    rows: tuple[Table, ...]
-    units: tuple[Table, ...]
+    rows: tuple[Float32Array, ...]
+    units: tuple[Float32Array, ...]
 
 
 def make_tables(problem: Problem, max_grasps: int) -> Tables:
@@ -165,7 +163,9 @@ def make_core(tables: Tables, elements: Sequence[int]) -> Core:
     return Core(elements=at, rows=tuple(rows), units=tuple(units))
 
 
-def quick_cover(rows: Table, costs_s: FloatArray, worth: Table | None = None) -> IndexArray:
+def quick_cover(
+    rows: Float32Array, costs_s: FloatArray, worth: Float32Array | None = None
+) -> IndexArray:
     """Return rows that show every element, most for their price first, none in vain.
 
     Parameters
@@ -196,7 +196,7 @@ def quick_cover(rows: Table, costs_s: FloatArray, worth: Table | None = None) ->
     return np.array(chosen, dtype=np.intp)
 
 
-def _undominated(table: BoolArray, costs: Table) -> IndexArray:
+def _undominated(table: BoolArray, costs: Float32Array) -> IndexArray:
     """Return the views that no other one of the same grip outdoes at no higher price."""
     unique: dict[bytes, int] = {}
     size = table.sum(axis=1)

@@ -12,9 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Codes = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
+from controller.arrays import BoolArray, ByteArray, FloatArray, IntArray
 
 # x before y, y down: right, up, left, down to the eye, as Freeman numbers them
 STEPS = np.array([[1, 0], [0, -1], [-1, 0], [0, 1]], dtype=np.int64)
@@ -33,8 +31,8 @@ class Chain:
     area_px : what it encloses, negative for a hole; the sum over all chains is the pixel count
     """
 
-    start_px: Array
-    codes: Codes
+    start_px: FloatArray
+    codes: ByteArray
     area_px: int
 
     @property
@@ -43,18 +41,18 @@ class Chain:
         return self.area_px < 0
 
     @property
-    def points_px(self) -> Array:
+    def points_px(self) -> FloatArray:
         """(n, 2) the corners between pixels it passes; crack i leads from point i to the next."""
         steps = STEPS[self.codes]
         return np.asarray(self.start_px + np.cumsum(steps, axis=0) - steps, dtype=np.float64)
 
     @property
-    def middles_px(self) -> Array:
+    def middles_px(self) -> FloatArray:
         """(n, 2) the middles of its cracks, which lie on both sides of the true edge alike."""
         return np.asarray(self.points_px + 0.5 * STEPS[self.codes], dtype=np.float64)
 
 
-def chain_code(mask: Mask) -> tuple[Chain, ...]:
+def chain_code(mask: BoolArray) -> tuple[Chain, ...]:
     """Return the boundaries of a mask, outer ones by falling area, then holes likewise.
 
     Pixels that touch by a corner belong together (8 neighbours), as OpenCV has it.
@@ -102,7 +100,7 @@ def curvature_code(chain: Chain) -> NDArray[np.int8]:
     return code
 
 
-def _cracks(inside: NDArray[np.uint8], wide: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _cracks(inside: NDArray[np.uint8], wide: int) -> tuple[IntArray, IntArray]:
     """Return begin (lattice index) and direction of all cracks, the object at their left."""
     flat = inside.ravel()
     stride = inside.shape[1]
@@ -119,9 +117,7 @@ def _cracks(inside: NDArray[np.uint8], wide: int) -> tuple[NDArray[np.int64], ND
     return np.concatenate(begins), np.concatenate(directions)
 
 
-def _follow(
-    begin: NDArray[np.int64], direction: NDArray[np.int64], wide: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _follow(begin: IntArray, direction: IntArray, wide: int) -> tuple[IntArray, IntArray]:
     """Return the order of the cracks along their loops, in raster order, and the loops' lengths."""
     key = 4 * begin + direction
     by_key = np.argsort(key)

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from controller.arrays import FloatArray, IntArray
+
 Number = TypeVar("Number", np.int64, np.float64)
 
 
@@ -28,17 +28,19 @@ class Corners:
     index : (n,) nearest sample of the boundary
     """
 
-    distance_px: Array
-    size: Array
+    distance_px: FloatArray
+    size: FloatArray
     sign: NDArray[np.int8]
-    index: Integers
+    index: IntArray
 
 
 @overload
-def triangular(code: NDArray[np.signedinteger[Any]], length: int) -> Integers: ...
+def triangular(code: NDArray[np.signedinteger[Any]], length: int) -> IntArray: ...
 @overload
-def triangular(code: Array, length: int) -> Array: ...
-def triangular(code: NDArray[np.signedinteger[Any]] | Array, length: int) -> Integers | Array:
+def triangular(code: FloatArray, length: int) -> FloatArray: ...
+def triangular(
+    code: NDArray[np.signedinteger[Any]] | FloatArray, length: int
+) -> IntArray | FloatArray:
     """Return a closed code (n,) under a triangle of height ``length`` and base 2 ``length`` - 1.
 
     Integers stay integers, exactly; the sum of the answer is that of the code times the square of
@@ -65,7 +67,9 @@ def _box_car(values: NDArray[Number], length: int) -> NDArray[Number]:
     return out
 
 
-def find_corners(filtered: Integers | Array, threshold: float = 10, reach: int = 15) -> Corners:
+def find_corners(
+    filtered: IntArray | FloatArray, threshold: float = 10, reach: int = 15
+) -> Corners:
     """Return where a filtered curvature is a peak of either sign.
 
     Parameters
@@ -98,7 +102,7 @@ def find_corners(filtered: Integers | Array, threshold: float = 10, reach: int =
     )
 
 
-def _plateaus(at: Integers, reach: int, count: int) -> list[float]:
+def _plateaus(at: IntArray, reach: int, count: int) -> list[float]:
     """Return the middles of groups of samples no further apart than the reach, round a loop."""
     gap = np.diff(at, append=at[0] + count)
     last = np.flatnonzero(gap > reach)

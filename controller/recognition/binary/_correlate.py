@@ -14,12 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.arrays import FloatArray, IntArray
+
 from ._laying import Candidates, Laid, lay
 from ._strings import DEFAULT, BoundaryString
 from ._tolerances import BinaryTolerances
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 STARTS = 128  # starting points of the outline that are tried
 PER_SOURCE = 4  # candidates each of the three ways may name for a model
@@ -44,7 +43,7 @@ class StringMatch:
 
     model_index: int
     turn_rad: float
-    shift_mm: Array
+    shift_mm: FloatArray
     matched_count: int
     missed_count: int
     spurious_count: int
@@ -91,11 +90,13 @@ def _is_of_size(a: BoundaryString, b: BoundaryString, limits: BinaryTolerances) 
     )
 
 
-def _complex(points: Array) -> NDArray[np.complex128]:
+def _complex(points: FloatArray) -> NDArray[np.complex128]:
     return points[..., 0] + 1j * points[..., 1]
 
 
-def _placed(model: Integers, turn: Array, observed_mm: Array, model_mm: Array) -> Candidates:
+def _placed(
+    model: IntArray, turn: FloatArray, observed_mm: FloatArray, model_mm: FloatArray
+) -> Candidates:
     """Return candidates that take points of models (n, 2) to observed ones (n, 2)."""
     moved = _complex(observed_mm) - np.exp(1j * turn) * _complex(model_mm)
     return Candidates(model, turn, np.stack([moved.real, moved.imag], axis=1))
@@ -120,7 +121,7 @@ def _by_outline(observed: BoundaryString, models: Sequence[BoundaryString]) -> C
     return _placed(row, turn, centre, np.stack([m.centroid_mm for m in models])[row])
 
 
-def _best_of_rows(score: Array, count: int) -> tuple[Integers, Integers]:
+def _best_of_rows(score: FloatArray, count: int) -> tuple[IntArray, IntArray]:
     """Return rows and columns of the best few finite scores of each row."""
     best = np.argsort(-score, axis=1)[:, :count]
     rows = np.repeat(np.arange(len(score)), best.shape[1])
@@ -195,7 +196,7 @@ def _by_corners(
 
 def _padded(
     models: Sequence[BoundaryString], count: int, perimeter_mm: float
-) -> tuple[Array, Array, NDArray[np.complex128]]:
+) -> tuple[FloatArray, FloatArray, NDArray[np.complex128]]:
     """Return turns, distances and places of the models' corners, (m, count), nan where none is.
 
     Distances are scaled to the object's perimeter: noise and blur make all of it longer alike.
@@ -211,24 +212,24 @@ def _padded(
     return size, along, point
 
 
-def _wrapped(distance: Array, whole: float) -> Array:
+def _wrapped(distance: FloatArray, whole: float) -> FloatArray:
     """Return distances round a loop, the shorter way round."""
     return distance - whole * np.round(distance / whole)
 
 
-def _best_of_groups(group: Integers, score: Array, count: int) -> Integers:
+def _best_of_groups(group: IntArray, score: FloatArray, count: int) -> IntArray:
     """Return the indices of the best few scores of each group."""
     order = np.lexsort((-score, group))
     sorted_group = group[order]
     is_first = np.concatenate([[True], sorted_group[1:] != sorted_group[:-1]])
     start = np.maximum.accumulate(np.where(is_first, np.arange(len(order)), 0))
-    best: Integers = order[np.arange(len(order)) - start < count]
+    best: IntArray = order[np.arange(len(order)) - start < count]
     return best
 
 
 def _rigid(
-    weight: Array, theirs: NDArray[np.complex128], mine: NDArray[np.complex128]
-) -> tuple[Array, Array]:
+    weight: FloatArray, theirs: NDArray[np.complex128], mine: NDArray[np.complex128]
+) -> tuple[FloatArray, FloatArray]:
     """Return the least-squares turn (n,) and shift (n, 2) of paired points, weights (n, m, o)."""
     total = np.maximum(weight.sum(axis=(1, 2)), 1e-9)
     w_theirs, w_mine = weight.sum(axis=2), weight.sum(axis=1)
@@ -243,7 +244,7 @@ def _rigid(
 def _matches(
     observed: BoundaryString,
     models: Sequence[BoundaryString],
-    at: Integers,
+    at: IntArray,
     laid: Laid,
     limits: BinaryTolerances,
 ) -> tuple[StringMatch, ...]:
@@ -292,12 +293,12 @@ def _matches(
 
 
 def _matched(
-    mine: Array,
-    my_size: Array,
-    theirs: Sequence[tuple[Array, Array, Array]],
-    moves: tuple[Integers, NDArray[np.complex128], NDArray[np.complex128]],
+    mine: FloatArray,
+    my_size: FloatArray,
+    theirs: Sequence[tuple[FloatArray, FloatArray, FloatArray]],
+    moves: tuple[IntArray, NDArray[np.complex128], NDArray[np.complex128]],
     reach_mm: float,
-) -> Integers:
+) -> IntArray:
     """Return how many features of models, moved, meet a like one of the object, one to one.
 
     Parameters
@@ -322,7 +323,7 @@ def _matched(
     nearest = apart <= np.minimum(
         apart.min(axis=1, keepdims=True), apart.min(axis=2, keepdims=True)
     )
-    matched: Integers = (nearest & np.isfinite(apart)).any(axis=2).sum(axis=1)
+    matched: IntArray = (nearest & np.isfinite(apart)).any(axis=2).sum(axis=1)
     return matched
 
 

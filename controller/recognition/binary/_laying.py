@@ -12,12 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.arrays import FloatArray, IntArray
+
 from ._strings import BoundaryString
 from ._tolerances import BinaryTolerances
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Integers = NDArray[np.int64]
 
 CELLS = 160  # of the map along the object's longer side
 MARGIN = 0.15  # of that side, kept free round the object
@@ -47,9 +45,9 @@ STIFFNESS = (
 class Candidates:
     """Model views turned and shifted: which (n,), turn (n,), shift (n, 2)."""
 
-    model: Integers
-    turn_rad: Array
-    shift_mm: Array
+    model: IntArray
+    turn_rad: FloatArray
+    shift_mm: FloatArray
 
     @classmethod
     def none(cls) -> "Candidates":
@@ -61,10 +59,10 @@ class Candidates:
 class Laid:
     """Candidates after fitting, and how far outlines are apart then, root mean square."""
 
-    model: Integers
-    turn_rad: Array
-    shift_mm: Array
-    error_mm: Array
+    model: IntArray
+    turn_rad: FloatArray
+    shift_mm: FloatArray
+    error_mm: FloatArray
 
 
 class _NearestMap:
@@ -73,8 +71,8 @@ class _NearestMap:
     def __init__(self, observed: BoundaryString) -> None:
         loops = [observed.outline_mm, *observed.hole_outline_mm]
         points, normals = zip(*(_fine(loop) for loop in loops), strict=True)
-        self.points: Complex = np.concatenate(points)
-        self.normals: Complex = np.concatenate(normals)
+        self.points: NDArray[np.complex128] = np.concatenate(points)
+        self.normals: NDArray[np.complex128] = np.concatenate(normals)
         low, high = observed.outline_mm.min(axis=0), observed.outline_mm.max(axis=0)
         margin = MARGIN * float((high - low).max()) + 1.0
         self.low = low - margin
@@ -91,19 +89,21 @@ class _NearestMap:
         sample_of[label[row, column]] = np.arange(len(self.points))
         self.nearest = sample_of[label]
 
-    def _cell(self, points: Complex) -> tuple[Integers, Integers]:
+    def _cell(self, points: NDArray[np.complex128]) -> tuple[IntArray, IntArray]:
         column = np.round((points.real - self.low[0]) * self.per_mm).astype(np.int64)
         row = np.round((points.imag - self.low[1]) * self.per_mm).astype(np.int64)
         return np.clip(column, 0, self.shape[0] - 1), np.clip(row, 0, self.shape[1] - 1)
 
-    def look(self, points: Complex) -> tuple[Complex, Complex]:
+    def look(
+        self, points: NDArray[np.complex128]
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Return the nearest samples and their normals."""
         column, row = self._cell(points)
         i = self.nearest[row, column]
         return self.points[i], self.normals[i]
 
 
-def _fine(loop: Array) -> tuple[Complex, Complex]:
+def _fine(loop: FloatArray) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Return a loop with points put between its samples, on cubics (Catmull and Rom), and normals.
 
     Chords would cut an arc of 20 mm by 0.1 mm at the spacing of a hole's samples.
@@ -113,9 +113,9 @@ def _fine(loop: Array) -> tuple[Complex, Complex]:
     slope = 0.5 * (after - np.concatenate([z[-1:], z[:-1]]))
     slope_after = np.concatenate([slope[1:], slope[:1]])
     terms = np.stack([z, slope, after, slope_after], axis=1)
-    fine: Complex = np.asarray(terms @ CUBICS, dtype=np.complex128).ravel()
+    fine: NDArray[np.complex128] = np.asarray(terms @ CUBICS, dtype=np.complex128).ravel()
     side = np.concatenate([fine[1:], fine[:1]]) - np.concatenate([fine[-1:], fine[:-1]])
-    normal: Complex = -1j * side / np.maximum(np.abs(side), 1e-9)
+    normal: NDArray[np.complex128] = -1j * side / np.maximum(np.abs(side), 1e-9)
     return fine, normal
 
 
@@ -159,7 +159,9 @@ def lay(
     return Laid(model, turn, np.stack([shift.real, shift.imag], axis=1), error)
 
 
-def _samples(models: Sequence[BoundaryString], skip: int) -> tuple[Complex, Array]:
+def _samples(
+    models: Sequence[BoundaryString], skip: int
+) -> tuple[NDArray[np.complex128], FloatArray]:
     """Return every few samples (m, s) of outlines and holes, and their weights, 0 for none.
 
     A sample weighs by the length of boundary it stands for; the weights of a model sum to 1.
@@ -182,14 +184,17 @@ def _samples(models: Sequence[BoundaryString], skip: int) -> tuple[Complex, Arra
     return samples, weight / weight.sum(axis=1, keepdims=True)
 
 
-def _complex(points: Array) -> Complex:
-    z: Complex = points[..., 0] + 1j * points[..., 1]
+def _complex(points: FloatArray) -> NDArray[np.complex128]:
+    z: NDArray[np.complex128] = points[..., 0] + 1j * points[..., 1]
     return z
 
 
 def _distances(
-    nearest: _NearestMap, samples: Complex, turn: Array, shift: Complex
-) -> tuple[Complex, Complex, Array]:
+    nearest: _NearestMap,
+    samples: NDArray[np.complex128],
+    turn: FloatArray,
+    shift: NDArray[np.complex128],
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128], FloatArray]:
     """Return where samples come to lie, the normals there and their distances from the outline."""
     moved = np.exp(1j * turn)[:, None] * samples + shift[:, None]
     foot, normal = nearest.look(moved)
@@ -202,8 +207,13 @@ def _distances(
 
 
 def _step(
-    nearest: _NearestMap, samples: Complex, turn: Array, shift: Complex, cap: float, weight: Array
-) -> tuple[Array, Complex, Array]:
+    nearest: _NearestMap,
+    samples: NDArray[np.complex128],
+    turn: FloatArray,
+    shift: NDArray[np.complex128],
+    cap: float,
+    weight: FloatArray,
+) -> tuple[FloatArray, NDArray[np.complex128], FloatArray]:
     """Return turns and shifts one Gauss-Newton step on, and the errors before it."""
     moved, normal, off = _distances(nearest, samples, turn, shift)
     inside = weight * (np.abs(off) < cap)
@@ -226,14 +236,21 @@ def _step(
 
 
 def _error(
-    nearest: _NearestMap, samples: Complex, turn: Array, shift: Complex, cap: float, weight: Array
-) -> Array:
+    nearest: _NearestMap,
+    samples: NDArray[np.complex128],
+    turn: FloatArray,
+    shift: NDArray[np.complex128],
+    cap: float,
+    weight: FloatArray,
+) -> FloatArray:
     _, _, off = _distances(nearest, samples, turn, shift)
-    error: Array = np.sqrt((weight * np.minimum(off**2, cap**2)).sum(axis=1))
+    error: FloatArray = np.sqrt((weight * np.minimum(off**2, cap**2)).sum(axis=1))
     return error
 
 
-def _distinct(model: Integers, turn: Array, error: Array, limits: BinaryTolerances) -> Integers:
+def _distinct(
+    model: IntArray, turn: FloatArray, error: FloatArray, limits: BinaryTolerances
+) -> IntArray:
     """Return the best few candidates of each model, of equal turns one, the hopeless left out."""
     worst = limits.keep_factor * float(error.min()) + limits.keep_mm
     kept: list[int] = []

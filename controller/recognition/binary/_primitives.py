@@ -10,12 +10,10 @@ are never left apart.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import BoolArray, FloatArray, IntArray
 
 from ._tolerances import BinaryTolerances
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 BAND = 10  # knots a primitive may reach over at first
 SHORTEST_RUN = 6  # samples between knots, a millimetre and a half; an arc takes twice as many
@@ -37,26 +35,28 @@ class Fit:
     direction : (k, 2) of lines, along the run
     """
 
-    of_run: Integers
-    first: Integers
-    last: Integers
-    is_arc: NDArray[np.bool_]
-    centre: Array
-    radius: Array
-    direction: Array
+    of_run: IntArray
+    first: IntArray
+    last: IntArray
+    is_arc: BoolArray
+    centre: FloatArray
+    radius: FloatArray
+    direction: FloatArray
 
 
 class RunningSums:
     """Sums of powers of the points of a loop, so that any run of it is fitted in no time."""
 
-    def __init__(self, points: Array) -> None:
+    def __init__(self, points: FloatArray) -> None:
         self.middle = points.mean(axis=0)
         x, y = (points - self.middle).T
         z = x * x + y * y
         powers = np.stack([np.ones_like(x), x, y, z, x * x, x * y, y * y, z * x, z * y, z * z])
         self.sums = np.concatenate([np.zeros((10, 1)), np.cumsum(powers, axis=1)], axis=1)
 
-    def residuals(self, first: Integers, last: Integers) -> tuple[Array, Array, Array]:
+    def residuals(
+        self, first: IntArray, last: IntArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return of runs: line and arc residuals squared and summed, square of the radius."""
         (_, x, y, z), (xx, xy, yy), (zx, zy, zz) = self._moments(first, last)
         half = 0.5 * (xx - yy)
@@ -65,17 +65,17 @@ class RunningSums:
         arc = np.maximum(zz - a * zx - b * zy, 0.0) / (4 * square)
         return line, arc, square
 
-    def fit(self, first: Integers, last: Integers) -> tuple[Array, Array, Array]:
+    def fit(self, first: IntArray, last: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return of runs: centre (k, 2) and radius (k,) of arcs, direction (k, 2) of lines."""
         (_, x, y, z), (xx, xy, yy), (zx, zy, _) = self._moments(first, last)
         a, b, square = _circle(x, y, z, (xx, xy, yy), (zx, zy))
         angle = 0.5 * np.arctan2(xy, 0.5 * (xx - yy))
-        centre: Array = np.stack([0.5 * a, 0.5 * b], axis=-1) + self.middle
+        centre: FloatArray = np.stack([0.5 * a, 0.5 * b], axis=-1) + self.middle
         return centre, np.sqrt(square), np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
     def _moments(
-        self, first: Integers, last: Integers
-    ) -> tuple[tuple[Array, ...], tuple[Array, ...], tuple[Array, ...]]:
+        self, first: IntArray, last: IntArray
+    ) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...], tuple[FloatArray, ...]]:
         """Return count and means, then sums about the means of products: plain, and with z."""
         n, x, y, z, xx, xy, yy, zx, zy, zz = self.sums[:, last + 1] - self.sums[:, first]
         x, y, z = x / n, y / n, z / n
@@ -86,16 +86,20 @@ class RunningSums:
             (zx - nz * x, zy - nz * y, zz - nz * z),
         )
 
-    def middles(self, first: Integers, last: Integers) -> Array:
+    def middles(self, first: IntArray, last: IntArray) -> FloatArray:
         """Return the mean points (k, 2) of runs."""
         sums = self.sums[:3, last + 1] - self.sums[:3, first]
-        middles: Array = (sums[1:] / sums[0]).T + self.middle
+        middles: FloatArray = (sums[1:] / sums[0]).T + self.middle
         return middles
 
 
 def _circle(
-    x: Array, y: Array, z: Array, plain: tuple[Array, ...], mixed: tuple[Array, ...]
-) -> tuple[Array, Array, Array]:
+    x: FloatArray,
+    y: FloatArray,
+    z: FloatArray,
+    plain: tuple[FloatArray, ...],
+    mixed: tuple[FloatArray, ...],
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return twice the centre of Kasa's circles, and the squares of their radii."""
     (xx, xy, yy), (zx, zy) = plain, mixed
     per_det = 1.0 / np.maximum(xx * yy - xy * xy, 1e-12)
@@ -103,7 +107,9 @@ def _circle(
     return a, b, np.maximum(0.25 * (a * a + b * b) + z - a * x - b * y, 1e-12)
 
 
-def fit_runs(sums: RunningSums, closed: Array, runs: Integers, limits: BinaryTolerances) -> Fit:
+def fit_runs(
+    sums: RunningSums, closed: FloatArray, runs: IntArray, limits: BinaryTolerances
+) -> Fit:
     """Return the primitives of runs of points.
 
     Parameters
@@ -151,8 +157,8 @@ def is_circle(sums: RunningSums, count: int, limits: BinaryTolerances) -> bool:
 
 
 def _cost(
-    sums: RunningSums, first: Integers, last: Integers, limits: BinaryTolerances
-) -> tuple[Array, NDArray[np.bool_]]:
+    sums: RunningSums, first: IntArray, last: IntArray, limits: BinaryTolerances
+) -> tuple[FloatArray, BoolArray]:
     """Return what runs cost as one primitive each, and which are cheaper as an arc."""
     line, arc, square = sums.residuals(first, last)
     per_noise = 1.0 / limits.line_noise_mm**2
@@ -164,7 +170,7 @@ def _cost(
 
 def _best_cuts(
     sums: RunningSums, a: int, b: int, limits: BinaryTolerances
-) -> tuple[Integers, NDArray[np.bool_]]:
+) -> tuple[IntArray, BoolArray]:
     """Return where a run is best parted, its ends included, and which parts are arcs."""
     count = (b - a) // SHORTEST_RUN + 1
     knots = np.round(np.linspace(a, b, count)).astype(np.int64)
@@ -190,8 +196,8 @@ def _best_cuts(
 
 
 def _joined(
-    sums: RunningSums, cuts: Integers, limits: BinaryTolerances
-) -> tuple[Integers, NDArray[np.bool_]]:
+    sums: RunningSums, cuts: IntArray, limits: BinaryTolerances
+) -> tuple[IntArray, BoolArray]:
     """Return cuts without those between neighbours that cost less as one, and which are arcs."""
     cost, is_arc = _cost(sums, cuts[:-1], cuts[1:], limits)
     while len(cuts) > 2:
@@ -210,10 +216,10 @@ def _joined(
 
 def _fit(
     sums: RunningSums,
-    closed: Array,
-    reach: tuple[Integers, Integers],
-    is_arc: NDArray[np.bool_],
-    of_run: Integers,
+    closed: FloatArray,
+    reach: tuple[IntArray, IntArray],
+    is_arc: BoolArray,
+    of_run: IntArray,
 ) -> Fit:
     first, last = reach
     centre, radius, direction = sums.fit(first, last)

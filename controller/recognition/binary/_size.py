@@ -14,13 +14,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import FloatArray
 
 from ._chain import Chain, curvature_code
 from ._corners import find_corners, triangular
 from ._strings import BoundaryString
-
-Array = NDArray[np.float64]
 
 EVEN, ODD, CHANGE = 0.980, 1.406, -0.091  # Vossepoel and Smeulders 1982
 CORNER_PX = 0.34  # what the chain cuts off a right-angled corner, mean over its directions
@@ -42,7 +41,7 @@ class Size:
     area_mm2: float
     perimeter_mm: float
     hole_count: int
-    hole_area_mm2: Array
+    hole_area_mm2: FloatArray
 
 
 def chain_length_px(chain: Chain) -> float:

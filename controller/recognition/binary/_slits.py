@@ -2,17 +2,15 @@
 
 from collections.abc import Sequence
 
-import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-Array = NDArray[np.float64]
+from controller.arrays import FloatArray
 
 
 def without_slits(
-    loops: Sequence[Array], is_hole: Sequence[bool], width_mm: float
-) -> tuple[list[Array], list[bool]]:
+    loops: Sequence[FloatArray], is_hole: Sequence[bool], width_mm: float
+) -> tuple[list[FloatArray], list[bool]]:
     """Return loops (n, 2) without slits and slivers narrower than a width, and which are holes.
 
     Closed and opened again by half the width, sharp corners kept.
@@ -33,7 +31,7 @@ def without_slits(
     half = 0.5 * width_mm
     for reach in (half, -2 * half, half):
         body = shapely.buffer(body, reach, join_style="mitre", mitre_limit=2.0)
-    out: list[Array] = []
+    out: list[FloatArray] = []
     holes: list[bool] = []
     for polygon in shapely.get_parts(body):
         if polygon.is_empty:

@@ -16,14 +16,14 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import Loop, Stroke
 
-from ._corners import Integers, find_corners, triangular
+from ._corners import find_corners, triangular
 from ._primitives import Fit, RunningSums, fit_runs, is_circle
 from ._slits import without_slits
 from ._tolerances import BinaryTolerances
 
-Array = NDArray[np.float64]
 Number = TypeVar("Number", np.float64, np.complex128)
 
 OUTLINE_SAMPLES = 256  # of an outline of 400 mm one each 1.6 mm
@@ -66,25 +66,25 @@ class BoundaryString:
     """
 
     loop: NDArray[np.int16]
-    is_arc: NDArray[np.bool_]
-    start_mm: Array
-    end_mm: Array
-    along_mm: Array
-    length_mm: Array
-    radius_mm: Array
-    centre_mm: Array
-    turn_rad: Array
-    joint_rad: Array
-    corner_along_mm: Array
-    corner_turn_rad: Array
-    corner_mm: Array
-    hole_mm: Array
-    hole_area_mm2: Array
-    outline_mm: Array
-    hole_outline_mm: Array
+    is_arc: BoolArray
+    start_mm: FloatArray
+    end_mm: FloatArray
+    along_mm: FloatArray
+    length_mm: FloatArray
+    radius_mm: FloatArray
+    centre_mm: FloatArray
+    turn_rad: FloatArray
+    joint_rad: FloatArray
+    corner_along_mm: FloatArray
+    corner_turn_rad: FloatArray
+    corner_mm: FloatArray
+    hole_mm: FloatArray
+    hole_area_mm2: FloatArray
+    outline_mm: FloatArray
+    hole_outline_mm: FloatArray
     perimeter_mm: float
     area_mm2: float
-    centroid_mm: Array
+    centroid_mm: FloatArray
 
     @property
     def filled_mm2(self) -> float:
@@ -93,7 +93,7 @@ class BoundaryString:
 
 
 def boundary_string(
-    loops_mm: Sequence[Array],
+    loops_mm: Sequence[FloatArray],
     is_hole: Sequence[bool],
     limits: BinaryTolerances = DEFAULT,
 ) -> BoundaryString:
@@ -160,15 +160,15 @@ def model_string(
 class _Coded:
     """One loop: its samples, corners and primitives."""
 
-    points: Array
+    points: FloatArray
     step_mm: float
-    corner: Integers
-    corner_turn: Array
-    fits: tuple[Array, ...]
-    corner_mm: Array
+    corner: IntArray
+    corner_turn: FloatArray
+    fits: tuple[FloatArray, ...]
+    corner_mm: FloatArray
 
 
-def _code_loop(points: Array, limits: BinaryTolerances) -> _Coded:
+def _code_loop(points: FloatArray, limits: BinaryTolerances) -> _Coded:
     points, step = _resampled(points, limits.spacing_mm)
     closed = np.concatenate([points, points[:1]])
     sums = RunningSums(closed)
@@ -188,7 +188,9 @@ def _code_loop(points: Array, limits: BinaryTolerances) -> _Coded:
     )
 
 
-def _corners(points: Array, step: float, limits: BinaryTolerances) -> tuple[Integers, Array, int]:
+def _corners(
+    points: FloatArray, step: float, limits: BinaryTolerances
+) -> tuple[IntArray, FloatArray, int]:
     """Return samples of the corners, their turns, and where to begin, of a loop at equal steps.
 
     The triangular filter of the turn per sample is the turn between the chord behind and the chord
@@ -213,14 +215,14 @@ def _corners(points: Array, step: float, limits: BinaryTolerances) -> tuple[Inte
     return corner, (found.size * found.sign)[sharp], begin
 
 
-def _runs_between(corner: Integers, count: int, trim: int) -> Integers:
+def _runs_between(corner: IntArray, count: int, trim: int) -> IntArray:
     """Return first and last samples (c, 2) of what lies between corners, the corners trimmed."""
     ends = np.append(corner[1:], count)
     cut = np.clip((ends - corner - 4) // 2, 0, trim)
     return np.stack([corner + cut, ends - cut], axis=1)
 
 
-def _table(closed: Array, step: float, fit: Fit) -> tuple[Array, ...]:
+def _table(closed: FloatArray, step: float, fit: Fit) -> tuple[FloatArray, ...]:
     """Return start, end, along, length, radius, centre, turn, joint, is_arc, in order."""
     first, last, is_arc = fit.first, fit.last, fit.is_arc
     centre, radius, direction = fit.centre, fit.radius, fit.direction
@@ -235,36 +237,42 @@ def _table(closed: Array, step: float, fit: Fit) -> tuple[Array, ...]:
         arm[1],
     ]
     turned = np.sum([_angle(u, v) for u, v in pairwise(on_way)], axis=0)
-    turn: Array = np.where(is_arc, turned, 0.0)
-    sign: Array = np.where(turn < 0, -1.0, 1.0)[:, None]
+    turn: FloatArray = np.where(is_arc, turned, 0.0)
+    sign: FloatArray = np.where(turn < 0, -1.0, 1.0)[:, None]
     heading = [
         np.where(is_arc[:, None], sign * np.stack([-a[:, 1], a[:, 0]], axis=1), direction)
         for a in arm
     ]
     joint = _angle(heading[1], next_of(heading[0]))
     chord = foot[1] - foot[0]
-    length: Array = np.where(is_arc, np.abs(turn) * radius, np.hypot(chord[:, 0], chord[:, 1]))
-    along: Array = first.astype(np.float64) * step
-    curved: Array = is_arc.astype(np.float64)
+    length: FloatArray = np.where(is_arc, np.abs(turn) * radius, np.hypot(chord[:, 0], chord[:, 1]))
+    along: FloatArray = first.astype(np.float64) * step
+    curved: FloatArray = is_arc.astype(np.float64)
     return foot[0], foot[1], along, length, sign[:, 0] * radius, centre, turn, joint, curved
 
 
-def _on(p: Array, is_arc: NDArray[np.bool_], centre: Array, radius: Array, along: Array) -> Array:
+def _on(
+    p: FloatArray,
+    is_arc: BoolArray,
+    centre: FloatArray,
+    radius: FloatArray,
+    along: FloatArray,
+) -> FloatArray:
     arm = p - centre
     far = np.maximum(np.linalg.norm(arm, axis=1), 1e-9)
     on_circle = centre + arm * (radius / far)[:, None]
     on_line = centre + along * (arm * along).sum(axis=1)[:, None]
-    foot: Array = np.where(is_arc[:, None], on_circle, on_line)
+    foot: FloatArray = np.where(is_arc[:, None], on_circle, on_line)
     return foot
 
 
-def _angle(a: Array, b: Array) -> Array:
+def _angle(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the turns (k,) from vectors (k, 2) to others, in (-pi, pi]."""
-    angle: Array = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1))
+    angle: FloatArray = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1))
     return angle
 
 
-def _sharpened(points: Array, corner: Integers, fit: Fit) -> Array:
+def _sharpened(points: FloatArray, corner: IntArray, fit: Fit) -> FloatArray:
     """Return the corners where their lines meet; where an arc comes in, the samples themselves."""
     out = points[corner]
     if len(corner) == 0:
@@ -311,25 +319,25 @@ def _string(coded: Sequence[_Coded]) -> BoundaryString:
     )
 
 
-def _directed(points: Array, sign: float) -> Array:
+def _directed(points: FloatArray, sign: float) -> FloatArray:
     return points if _area(points) * sign > 0 else points[::-1]
 
 
-def _area(points: Array) -> float:
+def _area(points: FloatArray) -> float:
     p = points - points[0]
     q = next_of(p)
     return 0.5 * float((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum())
 
 
-def _centroid(points: Array) -> Array:
+def _centroid(points: FloatArray) -> FloatArray:
     p = points - points[0]
     q = next_of(p)
     cross = p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
-    centroid: Array = points[0] + (cross[:, None] * (p + q)).sum(axis=0) / (3 * cross.sum())
+    centroid: FloatArray = points[0] + (cross[:, None] * (p + q)).sum(axis=0) / (3 * cross.sum())
     return centroid
 
 
-def _resampled(points: Array, spacing_mm: float) -> tuple[Array, float]:
+def _resampled(points: FloatArray, spacing_mm: float) -> tuple[FloatArray, float]:
     """Return a loop smoothed over neighbours at equal steps of about the spacing, and the step."""
     rough, _ = _equal_steps(points, spacing_mm)
     before = np.concatenate([rough[-1:], rough[:-1]])
@@ -338,7 +346,7 @@ def _resampled(points: Array, spacing_mm: float) -> tuple[Array, float]:
     return smooth, length / len(smooth)
 
 
-def _equal_steps(points: Array, spacing_mm: float) -> tuple[Array, float]:
+def _equal_steps(points: FloatArray, spacing_mm: float) -> tuple[FloatArray, float]:
     length = _length(points)
     count = max(12, round(length / spacing_mm))
     return _at_equal_steps(points, count), length / count
@@ -349,12 +357,12 @@ def next_of(values: NDArray[Number]) -> NDArray[Number]:
     return np.concatenate([values[1:], values[:1]])
 
 
-def _length(points: Array) -> float:
+def _length(points: FloatArray) -> float:
     side = next_of(points) - points
     return float(np.hypot(side[:, 0], side[:, 1]).sum())
 
 
-def _at_equal_steps(points: Array, count: int) -> Array:
+def _at_equal_steps(points: FloatArray, count: int) -> FloatArray:
     closed = np.concatenate([points, points[:1]])
     side = closed[1:] - closed[:-1]
     steps = np.hypot(side[:, 0], side[:, 1])
@@ -363,14 +371,14 @@ def _at_equal_steps(points: Array, count: int) -> Array:
     return np.stack([np.interp(at, along, closed[:, k]) for k in (0, 1)], axis=1)
 
 
-def _sampled(loop: Loop, spacing_mm: float) -> Array:
+def _sampled(loop: Loop, spacing_mm: float) -> FloatArray:
     """Return the points (n, 2) of a loop, its arcs as densely as pixels are."""
     if not loop.strokes:
         return loop.points
     return np.concatenate([_stroke_points(stroke, spacing_mm) for stroke in loop.strokes])
 
 
-def _stroke_points(stroke: Stroke, spacing_mm: float) -> Array:
+def _stroke_points(stroke: Stroke, spacing_mm: float) -> FloatArray:
     """Return the points (n, 2) of a stroke but the last, which is the next one's first."""
     if stroke.centre is None or stroke.axes is None:
         return stroke.start[None]
@@ -378,5 +386,7 @@ def _stroke_points(stroke: Stroke, spacing_mm: float) -> Array:
     longest = float(np.linalg.norm(stroke.axes, axis=1).max())
     count = max(2, int(np.ceil(abs(stroke.sweep_rad) * longest / spacing_mm)))
     angle = np.arctan2(arm[1], arm[0]) + stroke.sweep_rad * np.arange(count) / count
-    points: Array = stroke.centre + np.stack([np.cos(angle), np.sin(angle)], axis=1) @ stroke.axes
+    points: FloatArray = (
+        stroke.centre + np.stack([np.cos(angle), np.sin(angle)], axis=1) @ stroke.axes
+    )
     return points

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.arrays import Grey
 from controller.imaging import Camera
 
 from ..identification.sighting import Recognition
@@ -12,8 +13,6 @@ from ..library import Library
 from ._facts import object_facts
 from ._page import draw_page
 from ._tables import StageTable, stage_tables
-
-Grey = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, FloatArray, Grey, IntArray
 from controller.cad import ViewModel, outline, prepare_views
 from controller.imaging import Camera
 
@@ -34,11 +34,6 @@ from ..grey import ImageFeatures, image_features
 from ..identification.hypotheses import Hypothesis, distinct, is_same_turn
 from ..identification.sighting import Recognition, Sighting, Trace
 from ..library import Candidate, Library, lying, shadow_camera
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Grey = NDArray[np.uint8]
-Bools = NDArray[np.bool_]
 
 BOX_CAR = 15  # of the paper's Table 2
 THRESHOLD = 10
@@ -65,9 +60,9 @@ class EdgeState:
     """
 
     edges: EdgePoints
-    which: Bools
-    found: Bools
-    need_not_show: Bools
+    which: BoolArray
+    found: BoolArray
+    need_not_show: BoolArray
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -105,7 +100,7 @@ class ObjectFacts:
     sighting: Sighting
     trace: Trace
     chain: Chain | None
-    curvature: Integers
+    curvature: IntArray
     corners: Corners
     string: BoundaryString | None
     features: ImageFeatures | None
@@ -197,7 +192,7 @@ def _facts(
 
 
 def _string(
-    loops_px: Sequence[Array], camera: Camera, limits: BinaryTolerances
+    loops_px: Sequence[FloatArray], camera: Camera, limits: BinaryTolerances
 ) -> BoundaryString | None:
     loops = [camera.on_plane(loop)[:, :2] for loop in loops_px if len(loop) > 8]
     try:
@@ -286,7 +281,7 @@ def _others(
     return tuple(out)
 
 
-def _shows(edges: EdgePoints, picture: Grey) -> Bools:
+def _shows(edges: EdgePoints, picture: Grey) -> BoolArray:
     """Return at which predicted edges (n,) the grey level changes most just there."""
     if len(edges.pixels) == 0:
         return np.zeros(0, dtype=np.bool_)

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import Grey, Picture
 from controller.imaging import Camera
 
 from ..identification.sighting import Recognition
@@ -37,16 +37,12 @@ from .draw import (
     WHITE,
     YELLOW,
     Colour,
-    Grey,
-    Picture,
     Sheet,
     polyline,
     toned,
     write,
     write_lines,
 )
-
-Array = NDArray[np.float64]
 
 SHOWN_PX = 1024  # height a small picture is enlarged to
 SIDE_PX = 400  # width of the column beside it

@@ -2,9 +2,9 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from controller.arrays import FloatArray, Grey, Picture
 from controller.imaging import Camera
 
 from ..fitting import EdgePoints
@@ -21,16 +21,12 @@ from .draw import (
     WHITE,
     YELLOW,
     Colour,
-    Grey,
-    Picture,
     Sheet,
     polyline,
     tag,
     toned,
     write,
 )
-
-Array = NDArray[np.float64]
 
 ELLIPSE_FACTOR = 50
 RUNNER_UPS: tuple[Colour, ...] = (ORANGE, PINK, SKY)
@@ -136,14 +132,14 @@ def draw_outline(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
         sheet.words(str(number), points[index], WHITE, (dx - 8, dy - 9))
 
 
-def _arc(centre: Array, start: Array, turn_rad: float) -> Array:
+def _arc(centre: FloatArray, start: FloatArray, turn_rad: float) -> FloatArray:
     angle = np.linspace(0.0, turn_rad, max(3, int(abs(turn_rad) / ARC_STEP_RAD)))
     x, y = start - centre
     c, s = np.cos(angle), np.sin(angle)
     return np.asarray(centre + np.stack([c * x - s * y, s * x + c * y], axis=1))
 
 
-def on_picture(points_mm: Array, camera: Camera) -> Array:
+def on_picture(points_mm: FloatArray, camera: Camera) -> FloatArray:
     """Return the pixels (n, 2) of points (n, 2) of the table."""
     return camera.project(np.column_stack([points_mm, np.zeros(len(points_mm))]))
 
@@ -231,7 +227,7 @@ def draw_pose(sheet: Sheet, facts: ObjectFacts, camera: Camera, width: int = 2) 
             sheet.strokes(begin[these & state.which], end[these & state.which], colour, wide)
 
 
-def _pieces(edges: EdgePoints, camera: Camera) -> tuple[Array, Array]:
+def _pieces(edges: EdgePoints, camera: Camera) -> tuple[FloatArray, FloatArray]:
     """Return samples of edges as pieces that just meet: begin and end (n, 2)."""
     along = np.column_stack([-edges.normals[:, 1], edges.normals[:, 0]])
     depth = (edges.points_mm - camera.position_mm) @ camera.T_world_cam[:3, 2]

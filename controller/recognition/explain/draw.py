@@ -9,11 +9,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Grey = NDArray[np.uint8]
-Picture = NDArray[np.uint8]
+from controller.arrays import FloatArray, Grey, Int32Array, Picture
+
 Colour = tuple[int, int, int]
 
 # blue, green, red, as OpenCV has them
@@ -57,15 +55,15 @@ class Sheet:
     """
 
     canvas: Picture
-    origin_px: Array
-    scale: Array
+    origin_px: FloatArray
+    scale: FloatArray
 
-    def at(self, pixels: Array) -> Array:
+    def at(self, pixels: FloatArray) -> FloatArray:
         """Return where pixels (n, 2) of the picture lie on the canvas."""
         return np.asarray((pixels - self.origin_px + 0.5) * self.scale - 0.5)
 
     def line(
-        self, pixels: Array, colour: Colour, width: int = 1, *, is_closed: bool = False
+        self, pixels: FloatArray, colour: Colour, width: int = 1, *, is_closed: bool = False
     ) -> None:
         """Draw a line through pixels of the picture.
 
@@ -78,7 +76,7 @@ class Sheet:
         """
         polyline(self.canvas, self.at(pixels), colour, width, is_closed=is_closed)
 
-    def strokes(self, begin: Array, end: Array, colour: Colour, width: int = 1) -> None:
+    def strokes(self, begin: FloatArray, end: FloatArray, colour: Colour, width: int = 1) -> None:
         """Draw many short lines.
 
         Parameters
@@ -92,7 +90,9 @@ class Sheet:
         ends = np.stack([self.at(begin), self.at(end)], axis=1)
         cv2.polylines(self.canvas, list(_fixed(ends)), False, colour, width, cv2.LINE_AA, SHIFT)
 
-    def dot(self, pixel: Array, colour: Colour, radius: int = 4, *, is_filled: bool = True) -> None:
+    def dot(
+        self, pixel: FloatArray, colour: Colour, radius: int = 4, *, is_filled: bool = True
+    ) -> None:
         """Draw a dot, as a full disc with a dark rim or as a circle.
 
         Parameters
@@ -108,7 +108,7 @@ class Sheet:
             cv2.circle(self.canvas, (x, y), r + (1 << SHIFT), BLACK, -1, cv2.LINE_AA, SHIFT)
         cv2.circle(self.canvas, (x, y), r, colour, -1 if is_filled else 1, cv2.LINE_AA, SHIFT)
 
-    def square(self, pixel: Array, colour: Colour, radius: int = 4) -> None:
+    def square(self, pixel: FloatArray, colour: Colour, radius: int = 4) -> None:
         """Draw a full square with a dark rim.
 
         Parameters
@@ -124,7 +124,7 @@ class Sheet:
             )
 
     def words(
-        self, text: str, pixel: Array, colour: Colour, shift: tuple[int, int] = (0, 0)
+        self, text: str, pixel: FloatArray, colour: Colour, shift: tuple[int, int] = (0, 0)
     ) -> None:
         """Write words beside a pixel, kept on the canvas, on a dark ground.
 
@@ -140,13 +140,13 @@ class Sheet:
         tag(self.canvas, text, (x + shift[0], y + shift[1]), colour)
 
 
-def _fixed(points: Array) -> NDArray[np.int32]:
+def _fixed(points: FloatArray) -> Int32Array:
     """Return points as OpenCV's numbers with bits below the pixel, kept within its range."""
     return np.round(np.clip(points, -16000, 16000) * (1 << SHIFT)).astype(np.int32)
 
 
 def polyline(
-    canvas: Picture, points: Array, colour: Colour, width: int = 1, *, is_closed: bool = False
+    canvas: Picture, points: FloatArray, colour: Colour, width: int = 1, *, is_closed: bool = False
 ) -> None:
     """Draw a line through points of the canvas; none through no point.
 

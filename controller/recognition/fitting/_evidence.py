@@ -9,17 +9,14 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
+from controller.arrays import BoolArray, FloatArray
 
 from ._fit import EdgeFit
 from ._measure import GreyMeasure, LoopMeasure, visibility
 from ._predict import EdgePoints
 from ._shade import Shading
-
-Array = NDArray[np.float64]
-Grey = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 
 NEAR_PX = 1.3  # an edge this near its prediction is where it should be
 FAR_PX = 2.5
@@ -41,13 +38,13 @@ class ImageEdges:
     every : one in so many is kept
     """
 
-    points_px: Array
-    normals: Array
-    strength: Array
+    points_px: FloatArray
+    normals: FloatArray
+    strength: FloatArray
     every: int = 1
 
     @staticmethod
-    def of(measure: GreyMeasure, within: Mask) -> "ImageEdges":
+    def of(measure: GreyMeasure, within: BoolArray) -> "ImageEdges":
         """Return the ridges of the gradient inside a region (h, w) of the crop."""
         gx, gy = measure.gx, measure.gy
         size = cv2.magnitude(gx, gy)
@@ -210,7 +207,7 @@ def grey_evidence(
     )
 
 
-def is_predicted(points_px: Array, edges: EdgePoints, step_px: float) -> NDArray[np.bool_]:
+def is_predicted(points_px: FloatArray, edges: EdgePoints, step_px: float) -> BoolArray:
     """Return which points of a picture lie on predicted edges.
 
     Parameters
@@ -233,14 +230,14 @@ def is_predicted(points_px: Array, edges: EdgePoints, step_px: float) -> NDArray
     return answer
 
 
-def _root_mean_square(values: Array) -> float:
+def _root_mean_square(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
 
 
-def _share(found: NDArray[np.bool_]) -> float:
+def _share(found: BoolArray) -> float:
     return float(found.mean()) if len(found) else 0.0
 
 
-def _weighted(found: NDArray[np.bool_] | Array, weight: Array) -> float:
+def _weighted(found: BoolArray | FloatArray, weight: FloatArray) -> float:
     total = float(weight.sum())
     return float((weight * found).sum()) / total if total > 0 else 0.0

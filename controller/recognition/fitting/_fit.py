@@ -9,15 +9,13 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import FloatArray
 from controller.imaging import Camera, transform
 
 from ._measure import Gaps, Measure
 from ._model import EdgeModel
 from ._predict import EdgePoints, predict_edges, predict_outline
-
-Array = NDArray[np.float64]
 
 HUBER_PX = 1.0
 LEAST_POINTS = 12
@@ -61,16 +59,16 @@ class EdgeFit:
     covariance : (3, 3) of x [mm], y [mm] and the turn about z [rad] of the centre of mass
     """
 
-    T_world_part: Array
+    T_world_part: FloatArray
     edges: EdgePoints
     gaps: Gaps
     sigma_px: float
-    covariance: Array
+    covariance: FloatArray
 
 
 def fit_edges(
     model: EdgeModel,
-    T_world_part: Array,
+    T_world_part: FloatArray,
     camera: Camera,
     measure: Measure,
     options: FitOptions | None = None,
@@ -119,13 +117,13 @@ def fit_edges(
 
 def _descend(
     edges: EdgePoints,
-    jacobian: Array,
-    pivot: Array,
+    jacobian: FloatArray,
+    pivot: FloatArray,
     camera: Camera,
     measure: Measure,
     reach_px: float,
     options: FitOptions,
-) -> Array | None:
+) -> FloatArray | None:
     """Return the motion (5,) that some steps with one set of edges come to, None for too few."""
     total = np.zeros(5)
     columns = 5 if options.tilt_rad > 0 else 3
@@ -154,7 +152,7 @@ def _descend(
     return total
 
 
-def _moved(step: Array, pivot: Array) -> Array:
+def _moved(step: FloatArray, pivot: FloatArray) -> FloatArray:
     """Return the motion (4, 4) of x, y, the turn about z, and tilts about x and y."""
     R, _ = cv2.Rodrigues(np.array([step[3], step[4], step[2]]))
     T = np.eye(4)
@@ -163,7 +161,9 @@ def _moved(step: Array, pivot: Array) -> Array:
     return T
 
 
-def edge_jacobian(points_mm: Array, normals: Array, pivot: Array, camera: Camera) -> Array:
+def edge_jacobian(
+    points_mm: FloatArray, normals: FloatArray, pivot: FloatArray, camera: Camera
+) -> FloatArray:
     """Return how far edge points move along their normals in the picture as a part moves, (n, 6).
 
     Columns are d(pixel) / d(shift along x, y, z [mm], rotation about x, y, z [rad]).
@@ -192,7 +192,9 @@ def _per_point(step_mm: float) -> float:
     return min(1.0, step_mm / CORRELATED_MM)
 
 
-def _covariance(jacobian: Array, weight: Array, sigma_px: float, step_mm: float) -> Array:
+def _covariance(
+    jacobian: FloatArray, weight: FloatArray, sigma_px: float, step_mm: float
+) -> FloatArray:
     information = (jacobian[:, :3] * weight[:, None]).T @ jacobian[:, :3]
     information *= _per_point(step_mm) / sigma_px**2
     # a round part says nothing of its turn: half a turn is what is known then

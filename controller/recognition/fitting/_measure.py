@@ -9,14 +9,11 @@ from typing import Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ._predict import EdgePoints
+from controller.arrays import BoolArray, Float32Array, FloatArray, Grey
 
-Array = NDArray[np.float64]
-Array32 = NDArray[np.float32]
-Grey = NDArray[np.uint8]
+from ._predict import EdgePoints
 
 TURN_PX = 5.0  # an outline that runs the other way counts as this much farther
 FAINT = 0.03  # weight of an edge between surfaces that look the same from the camera
@@ -39,8 +36,8 @@ class Gaps:
     weight : (n,) how much each counts, 0..1
     """
 
-    gap_px: Array
-    weight: Array
+    gap_px: FloatArray
+    weight: FloatArray
 
 
 class Measure(Protocol):
@@ -54,7 +51,7 @@ class Measure(Protocol):
     sees_inside: bool
 
     def gaps(
-        self, pixels: Array, normals: Array, edges: EdgePoints, reach_px: float
+        self, pixels: FloatArray, normals: FloatArray, edges: EdgePoints, reach_px: float
     ) -> Gaps:  # pragma: no cover - protocol
         """Return what lies within reach of predicted points.
 
@@ -79,7 +76,7 @@ class LoopMeasure:
 
     sees_inside = False
 
-    def __init__(self, loops_px: tuple[Array, ...]) -> None:
+    def __init__(self, loops_px: tuple[FloatArray, ...]) -> None:
         areas = [_signed_area(loop) for loop in loops_px]
         outer = int(np.argmax(np.abs(areas))) if areas else -1
         normals = [
@@ -90,7 +87,9 @@ class LoopMeasure:
         self.normals = np.concatenate(normals) if normals else np.zeros((0, 2))
         self._tree = cKDTree(np.hstack([self.points, TURN_PX * self.normals]))
 
-    def gaps(self, pixels: Array, normals: Array, edges: EdgePoints, reach_px: float) -> Gaps:
+    def gaps(
+        self, pixels: FloatArray, normals: FloatArray, edges: EdgePoints, reach_px: float
+    ) -> Gaps:
         """Return the distances to the nearest loop that runs the same way; as `Measure.gaps`.
 
         Parameters
@@ -110,14 +109,14 @@ class LoopMeasure:
         return Gaps(np.where(good, along, np.nan), np.ones(len(pixels)))
 
 
-def _loop_normals(loop: Array) -> Array:
+def _loop_normals(loop: FloatArray) -> FloatArray:
     """Return unit normals (n, 2), to the outside of a loop of positive area."""
     tangent = np.roll(loop, -2, axis=0) - np.roll(loop, 2, axis=0)
     normal = np.column_stack([tangent[:, 1], -tangent[:, 0]])
     return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9))
 
 
-def _signed_area(loop: Array) -> float:
+def _signed_area(loop: FloatArray) -> float:
     x, y = (loop - loop[0]).T
     return float(x @ np.roll(y, -1) - np.roll(x, -1) @ y) / 2
 
@@ -143,7 +142,9 @@ class GreyMeasure:
         self.noise = 1.48 * float(np.median(np.abs(self.gx[::3, ::3]))) + 0.05
         self._is_lit = is_lit
 
-    def gaps(self, pixels: Array, normals: Array, edges: EdgePoints, reach_px: float) -> Gaps:
+    def gaps(
+        self, pixels: FloatArray, normals: FloatArray, edges: EdgePoints, reach_px: float
+    ) -> Gaps:
         """Return the strongest edges near predicted points, nearer ones preferred.
 
         Parameters
@@ -180,7 +181,7 @@ class GreyMeasure:
         weight = visibility(edges) if self._is_lit else np.ones(len(pixels))
         return Gaps(gap, weight)
 
-    def best_shift(self, edges: EdgePoints, reach_px: int) -> Array:
+    def best_shift(self, edges: EdgePoints, reach_px: int) -> FloatArray:
         """Return by how many pixels (2,) predicted edges should move to lie on the most contrast.
 
         Parallel edges near each other trap a fit on the wrong one; a look all round does not care.
@@ -200,12 +201,12 @@ class GreyMeasure:
         return np.asarray(shift[int(contrast.argmax())], dtype=np.float64)
 
 
-def _sampled(slope: Array32, x: Array32, y: Array32) -> Array32:
+def _sampled(slope: Float32Array, x: Float32Array, y: Float32Array) -> Float32Array:
     """Return a picture's values between its pixels, as ``x`` and ``y`` in shape."""
     return np.asarray(cv2.remap(slope, x, y, cv2.INTER_LINEAR), np.float32)
 
 
-def _is_anothers(pixels: Array, normals: Array, gap: Array) -> NDArray[np.bool_]:
+def _is_anothers(pixels: FloatArray, normals: FloatArray, gap: FloatArray) -> BoolArray:
     """Return which edges found (n,) belong to another predicted edge that lies nearer.
 
     Where a narrow chamfer is nearly as dark as the table only one of its two edges shows, and
@@ -222,7 +223,7 @@ def _is_anothers(pixels: Array, normals: Array, gap: Array) -> NDArray[np.bool_]
     return answer
 
 
-def visibility(edges: EdgePoints) -> Array:
+def visibility(edges: EdgePoints) -> FloatArray:
     """Return how surely predicted edges show under lamps, (n,) 0..1.
 
     What is turned another way is lit another way; a step throws a shadow or hides light. An

@@ -4,13 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, FloatArray, Int32Array
 from controller.cad import Solid, prepare_views
 from controller.imaging import RayCaster
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 FLAT = 1e-4  # |n1 - n2| of triangles that lie in one plane: the edge between them never shows
 
@@ -29,12 +26,12 @@ class EdgeShape:
     is_crease : (e,) part of a CAD edge at which two surfaces meet at an angle
     """
 
-    centroid_mm: Array
-    vertices_mm: Array
-    triangles: NDArray[np.int32]
-    ends: NDArray[np.int32]
-    sides: NDArray[np.int32]
-    is_crease: Bools
+    centroid_mm: FloatArray
+    vertices_mm: FloatArray
+    triangles: Int32Array
+    ends: Int32Array
+    sides: Int32Array
+    is_crease: BoolArray
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -54,16 +51,16 @@ class EdgeModel:
     is_crease : (e,) part of a CAD edge at which two surfaces meet at an angle
     """
 
-    centroid_mm: Array
+    centroid_mm: FloatArray
     caster: RayCaster
-    normals: Array
-    start_mm: Array
-    along_mm: Array
-    length_mm: Array
-    first: Array
-    second: Array
-    out: Array
-    is_crease: Bools
+    normals: FloatArray
+    start_mm: FloatArray
+    along_mm: FloatArray
+    length_mm: FloatArray
+    first: FloatArray
+    second: FloatArray
+    out: FloatArray
+    is_crease: BoolArray
 
 
 def edge_shape(solid: Solid) -> EdgeShape:
@@ -108,8 +105,8 @@ def edge_model(shape: EdgeShape | Solid) -> EdgeModel:
     )
 
 
-def _normals(vertices_mm: Array, triangles: NDArray[np.int32]) -> Array:
+def _normals(vertices_mm: FloatArray, triangles: Int32Array) -> FloatArray:
     corners = vertices_mm[triangles]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    unit: Array = cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-300)
+    unit: FloatArray = cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-300)
     return unit

@@ -10,15 +10,11 @@ nothing.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, FloatArray, Int32Array, IntArray
 from controller.imaging import Camera, inverse_pose, transform
 
 from ._model import EdgeModel
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Integers = NDArray[np.int64]
 
 OFF_SURFACE_MM = 0.06  # a sample is looked at from a hair outside, or its own facets would hide it
 HIDDEN_MM = 0.25  # something this much nearer than the sample hides it
@@ -47,12 +43,12 @@ class EdgePoints:
     step_mm : between samples along the edges, square to the sight line
     """
 
-    points_mm: Array
-    pixels: Array
-    normals: Array
-    on_outline: Bools
-    lift: Array
-    jump_mm: Array
+    points_mm: FloatArray
+    pixels: FloatArray
+    normals: FloatArray
+    on_outline: BoolArray
+    lift: FloatArray
+    jump_mm: FloatArray
     step_mm: float
 
 
@@ -60,13 +56,13 @@ class EdgePoints:
 class _Samples:
     """Samples of edges, CAD frame: where, which way, square to it and to the sight line."""
 
-    edge: Integers
-    points: Array
-    along: Array
-    across: Array
-    distance: Array
+    edge: IntArray
+    points: FloatArray
+    along: FloatArray
+    across: FloatArray
+    distance: FloatArray
 
-    def at(self, which: Bools | Integers) -> "_Samples":
+    def at(self, which: BoolArray | IntArray) -> "_Samples":
         return _Samples(
             self.edge[which],
             self.points[which],
@@ -77,7 +73,7 @@ class _Samples:
 
 
 def predict_edges(
-    model: EdgeModel, T_world_part: Array, camera: Camera, most: int = 900
+    model: EdgeModel, T_world_part: FloatArray, camera: Camera, most: int = 900
 ) -> EdgePoints:
     """Return the visible edges of a posed part.
 
@@ -116,7 +112,7 @@ def predict_edges(
 
 
 def predict_outline(
-    model: EdgeModel, T_world_part: Array, camera: Camera, most: int = 600
+    model: EdgeModel, T_world_part: FloatArray, camera: Camera, most: int = 600
 ) -> EdgePoints:
     """Return the outline of a posed part alone: a part of `predict_edges` for a third of it.
 
@@ -140,19 +136,21 @@ def predict_outline(
     )
 
 
-def _eye(T_world_part: Array, camera: Camera) -> Array:
-    eye: Array = transform(inverse_pose(T_world_part), camera.position_mm[None])[0]
+def _eye(T_world_part: FloatArray, camera: Camera) -> FloatArray:
+    eye: FloatArray = transform(inverse_pose(T_world_part), camera.position_mm[None])[0]
     return eye
 
 
-def _rims(model: EdgeModel, eye: Array) -> tuple[Bools, Bools]:
+def _rims(model: EdgeModel, eye: FloatArray) -> tuple[BoolArray, BoolArray]:
     """Return which edges are rims, (e,), and which are creases with a side to the eye, (e,)."""
     first = model.first[:, :3] @ eye > model.first[:, 3]
     second = model.second[:, :3] @ eye > model.second[:, 3]
     return first != second, model.is_crease & (first | second)
 
 
-def _sample(model: EdgeModel, chosen: Integers, eye: Array, most: int) -> tuple[_Samples, float]:
+def _sample(
+    model: EdgeModel, chosen: IntArray, eye: FloatArray, most: int
+) -> tuple[_Samples, float]:
     edge, share, step = _spread(_seen_length(model, chosen, eye), most)
     edge = chosen[edge]
     points = model.start_mm[edge] + share[:, None] * model.along_mm[edge]
@@ -166,20 +164,20 @@ def _sample(model: EdgeModel, chosen: Integers, eye: Array, most: int) -> tuple[
     return samples.at(size > END_ON * distance), step
 
 
-def _look(model: EdgeModel, eye: Array, looks: Array) -> tuple[NDArray[np.int32], Array]:
+def _look(model: EdgeModel, eye: FloatArray, looks: FloatArray) -> tuple[Int32Array, FloatArray]:
     return model.caster.first_hit(np.broadcast_to(eye, looks.shape), looks)
 
 
 def _seen(
     samples: _Samples,
-    turned: Bools,
-    on_outline: Bools,
-    lift: Array,
-    jump: Array,
-    T_world_part: Array,
+    turned: BoolArray,
+    on_outline: BoolArray,
+    lift: FloatArray,
+    jump: FloatArray,
+    T_world_part: FloatArray,
     camera: Camera,
     step_mm: float,
-    which: Bools,
+    which: BoolArray,
 ) -> EdgePoints:
     """Return samples as the camera has them, those of ``which``."""
     kept = samples.at(which)
@@ -199,14 +197,14 @@ def _seen(
     )
 
 
-def _cross(a: Array, b: Array) -> Array:
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the cross products of rows; a quarter of numpy's time for some hundred rows."""
     ax, ay, az = a.T
     bx, by, bz = b.T
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
 
 
-def _seen_length(model: EdgeModel, chosen: Integers, eye: Array) -> Array:
+def _seen_length(model: EdgeModel, chosen: IntArray, eye: FloatArray) -> FloatArray:
     """Return how long edges look from the eye [mm]: upright ones are seen at a glance."""
     ahead = model.start_mm[chosen] + 0.5 * model.along_mm[chosen] - eye
     across = _cross(ahead, model.along_mm[chosen])
@@ -214,7 +212,7 @@ def _seen_length(model: EdgeModel, chosen: Integers, eye: Array) -> Array:
     return np.asarray(np.sqrt(squares))
 
 
-def _spread(length_mm: Array, most: int) -> tuple[Integers, Array, float]:
+def _spread(length_mm: FloatArray, most: int) -> tuple[IntArray, FloatArray, float]:
     """Return samples at even steps along edges laid end to end: edge, share of it, step."""
     end = np.cumsum(length_mm)
     total = float(end[-1]) if len(end) else 0.0

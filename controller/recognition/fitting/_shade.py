@@ -9,15 +9,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, FloatArray, Grey
 from controller.imaging import Camera, meet_part
 
 from ._model import EdgeModel
-
-Array = NDArray[np.float64]
-Grey = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 
 MOST_PIXELS = 1200
 FLAT_VARIANCE = 4.0  # grey levels squared: below it a part is one even patch and says nothing
@@ -44,11 +40,11 @@ class Shading:
 
 def shading_fit(
     model: EdgeModel,
-    T_world_part: Array,
+    T_world_part: FloatArray,
     camera: Camera,
     crop: Grey,
     corner_px: tuple[int, int],
-    inside: Mask,
+    inside: BoolArray,
 ) -> Shading:
     """Return how well a pose explains the grey levels of a region.
 

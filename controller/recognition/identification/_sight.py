@@ -5,13 +5,11 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import BoolArray, Grey
 
 from ..fitting import GreyMeasure, ImageEdges, LoopMeasure, Measure
 from ..segmentation import Region
-
-Grey = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 
 RIM_MM = 0.8  # of a part's grey levels that are blurred with what lies beside it
 BESIDE_PX = 3  # outside the mask strong edges still are the part's
@@ -68,7 +66,7 @@ class Sight:
         return self.loops if self.is_backlit else self.greys[0]
 
     @cached_property
-    def inside(self) -> Mask:
+    def inside(self) -> BoolArray:
         """Which pixels of the crop are the part's, without its blurred rim, (h, w)."""
         rim = 2 * max(1, round(RIM_MM / self.mm_per_px)) + 1
         mask = self.region.mask.astype(np.uint8)

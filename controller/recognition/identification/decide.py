@@ -4,13 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ..fitting import EdgePoints
 from .hypotheses import Hypothesis
-
-Array = NDArray[np.float64]
 
 SAME_OUTLINE_PX = 0.6  # two predicted outlines this near each other are one in any picture
 SAME_SHARE = 0.97  # of an outline's length; the rest is where samples end

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import FloatArray
 from controller.imaging import Camera
 
 from ..fitting import (
@@ -29,8 +29,6 @@ from ..fitting import (
 from ..library import Candidate, Library, lying, place_of, turn_of
 from ._sight import Sight
 from .scores import FRONT, SILHOUETTE, log_odds, probability
-
-Array = NDArray[np.float64]
 
 SAME_TURN_RAD = np.radians(4.0)
 SAME_PLACE_MM = 2.0
@@ -98,7 +96,7 @@ class Hypothesis:
     part: int
     pose: int
     theta_rad: float
-    place_mm: Array
+    place_mm: FloatArray
     fit: EdgeFit
     evidence: Evidence
     probability: float
@@ -214,7 +212,7 @@ def is_same_reading(
     )
 
 
-def is_same_turn(a_rad: float, b_rad: float, turns_rad: Array) -> bool:
+def is_same_turn(a_rad: float, b_rad: float, turns_rad: FloatArray) -> bool:
     """Return whether two turns are the same up to those that leave the pose as it is.
 
     Parameters
@@ -326,8 +324,8 @@ def _refine(
 
 
 def _shifted(
-    model: EdgeModel, T: Array, sight: Sight, camera: Camera, limits: SearchLimits
-) -> Array:
+    model: EdgeModel, T: FloatArray, sight: Sight, camera: Camera, limits: SearchLimits
+) -> FloatArray:
     """Return a pose moved over the table to where its edges meet the most contrast."""
     edges = predict_edges(model, T, camera, limits.coarse_samples)
     if len(edges.pixels) == 0:

@@ -12,8 +12,8 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, FloatArray, Grey
 from controller.imaging import Camera
 
 from ..grey import image_features, propose
@@ -23,10 +23,6 @@ from ._sight import Sight
 from .decide import Decision, decide, is_convincing
 from .hypotheses import Hypothesis, SearchLimits, is_tried, weigh, without_repeats
 from .sighting import Alternative, Recognition, Sighting, Trace
-
-Array = NDArray[np.float64]
-Grey = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 
 FAR_BACKLIT = 0.6  # in the index: a whole silhouette finds its like nearby
 MOST_BY_LINES = 8
@@ -52,7 +48,7 @@ def recognise(
     camera: Camera,
     library: Library,
     lighting: Literal["backlit", "front", "auto"] = "auto",
-    usable: Mask | None = None,
+    usable: BoolArray | None = None,
     lit: Sequence[Grey] = (),
     limits: Limits | None = None,
 ) -> Recognition:
@@ -160,13 +156,13 @@ def _silhouettes(region: Region, camera: Camera) -> list[Silhouette]:
     return found
 
 
-def _length(loop: Array) -> float:
+def _length(loop: FloatArray) -> float:
     """Return the length of a dense loop, its pixels' zigzag smoothed away."""
     smooth = loop + np.roll(loop, 1, axis=0) + np.roll(loop, 2, axis=0) + np.roll(loop, -1, axis=0)
     return float(np.linalg.norm(np.roll(smooth, -1, axis=0) - smooth, axis=1).sum()) / 4
 
 
-def _loops(mask: Mask, region: Region) -> tuple[Array, ...]:
+def _loops(mask: BoolArray, region: Region) -> tuple[FloatArray, ...]:
     """Return the outer loop of a mask's largest piece, and its holes, in the picture [px]."""
     contours, tree = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     if not contours:
@@ -202,7 +198,7 @@ def _known(
     )
 
 
-def _covariance(best: Hypothesis, entry: Entry) -> Array:
+def _covariance(best: Hypothesis, entry: Entry) -> FloatArray:
     """Return the fit's covariance; the turn of a round part, which is a mesh's, is not known."""
     covariance = best.fit.covariance.copy()
     if len(entry.turns_of(best.pose)) == 0:

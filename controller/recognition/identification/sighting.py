@@ -3,13 +3,12 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import FloatArray
 
 from ..library import Candidate
 from ..segmentation import Region, Segmentation
 from .hypotheses import Hypothesis
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +23,7 @@ class Alternative:
     part: str
     pose_index: int
     theta_rad: float
-    T_world_part: Array = field(compare=False)
+    T_world_part: FloatArray = field(compare=False)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -49,13 +48,13 @@ class Sighting:
 
     part: str | None
     pose_index: int
-    R: Array | None
+    R: FloatArray | None
     x_mm: float
     y_mm: float
     theta_rad: float
-    T_world_part: Array | None
+    T_world_part: FloatArray | None
     score: float
-    covariance: Array | None
+    covariance: FloatArray | None
     ambiguous_with: tuple[Alternative, ...]
     area_mm2: float
     box_px: tuple[int, int, int, int]

@@ -12,12 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from controller.arrays import Float32Array, FloatArray, Int32Array
+
 from ._views import PartViews
 from .polar import HALF, TURNS, shape_of, spectra, turn_scores
-
-Array = NDArray[np.float64]
-Ids = NDArray[np.int32]
-Single = NDArray[np.float32]
 
 DIMENSIONS = 12
 SIZE_WEIGHT = 1.0  # of a relative difference in area, beside that of the outline's shape
@@ -39,7 +37,7 @@ class Silhouette:
 
     area_mm2: float
     perimeter_mm: float
-    centroid_mm: Array
+    centroid_mm: FloatArray
     grid: NDArray[np.uint8]
 
 
@@ -67,7 +65,7 @@ class Candidate:
     slack_mm: float = 0.0
 
     @property
-    def place_mm(self) -> Array:
+    def place_mm(self) -> FloatArray:
         """Where the centre of mass stands, (2,)."""
         return np.array([self.x_mm, self.y_mm])
 
@@ -81,10 +79,10 @@ class ViewIndex:
     eye_mm : (3,) the camera's centre in the world
     """
 
-    def __init__(self, views: Sequence[PartViews], eye_mm: Array) -> None:
+    def __init__(self, views: Sequence[PartViews], eye_mm: FloatArray) -> None:
         counts = [len(v.pose) for v in views]
-        self.part: Ids = np.repeat(np.arange(len(views), dtype=np.int32), counts)
-        self.pose: Ids = np.concatenate([v.pose for v in views])
+        self.part: Int32Array = np.repeat(np.arange(len(views), dtype=np.int32), counts)
+        self.pose: Int32Array = np.concatenate([v.pose for v in views])
         self.place_mm = np.concatenate([v.place_mm for v in views])
         self.ring_mm = np.concatenate([v.ring_mm for v in views])
         self.lean = np.concatenate([v.lean for v in views])
@@ -102,9 +100,7 @@ class ViewIndex:
         """How many views there are."""
         return len(self.part)
 
-    def _principal(
-        self, views: Sequence[PartViews]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def _principal(self, views: Sequence[PartViews]) -> tuple[Float32Array, Float32Array]:
         """Return mean (f,) and the directions (f, d) in which the shapes differ most."""
         every = max(1, sum(len(v.pose) for v in views) // MOST_FOR_BASIS)
         rows = np.concatenate([v.shapes[::every] for v in views]).astype(np.float32)
@@ -112,10 +108,10 @@ class ViewIndex:
         _, _, directions = np.linalg.svd(rows - mean, full_matrices=False)
         return mean, np.ascontiguousarray(directions[:DIMENSIONS].T)
 
-    def _project(self, shapes: NDArray[Any]) -> Single:
+    def _project(self, shapes: NDArray[Any]) -> Float32Array:
         return np.asarray((shapes - self._mean) @ self._basis, dtype=np.float32)
 
-    def _point(self, shape: NDArray[np.float32], area: Array, perimeter: Array) -> Array:
+    def _point(self, shape: Float32Array, area: FloatArray, perimeter: FloatArray) -> FloatArray:
         size = SIZE_WEIGHT * np.log(area)
         # how much longer the outline is than a disc's: the area is told already
         ragged = PERIMETER_WEIGHT * np.log(perimeter / np.sqrt(4 * np.pi * area))
@@ -164,7 +160,7 @@ class ViewIndex:
     def _turns(
         self,
         view: int,
-        scores: NDArray[np.float32],
+        scores: Float32Array,
         distance: float,
         seen: Silhouette,
         turns_each: int,
@@ -204,7 +200,7 @@ class ViewIndex:
         return found
 
 
-def _vertex(scores: NDArray[np.float32], k: int) -> float:
+def _vertex(scores: Float32Array, k: int) -> float:
     before, at, after = (float(scores[(k + d) % len(scores)]) for d in (-1, 0, 1))
     bow = before - 2 * at + after
     return 0.0 if bow > -1e-9 else float(np.clip(0.5 * (before - after) / bow, -0.5, 0.5))

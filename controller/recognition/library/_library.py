@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import FloatArray
 from controller.cad import CadError, PartSymmetry, Solid, StablePose, camera_view, prepare_views
 from controller.cad.compiled import CompiledPart
 from controller.imaging import Camera, RayCaster
@@ -20,8 +20,6 @@ from ..fitting import EdgeModel, EdgeShape, edge_model, edge_shape
 from ..grey import FeatureIndex, ModelFeatures, feature_index, model_features
 from ._index import ViewIndex
 from ._views import PartViews, Station, lying, shadow_camera, view_part
-
-Array = NDArray[np.float64]
 
 LEAST_PROBABILITY = 0.01
 KEPT_MODELS = 32  # a part takes some megabytes with its search tree
@@ -47,8 +45,8 @@ class Entry:
 
     name: str
     poses: tuple[StablePose, ...]
-    turns_rad: tuple[Array, ...]
-    centroid_mm: Array
+    turns_rad: tuple[FloatArray, ...]
+    centroid_mm: FloatArray
     extent_mm: float
     views: PartViews
     features: tuple[ModelFeatures, ...]
@@ -57,7 +55,7 @@ class Entry:
         """Return the pose of an index."""
         return next(pose for pose in self.poses if pose.index == index)
 
-    def turns_of(self, index: int) -> Array:
+    def turns_of(self, index: int) -> FloatArray:
         """Return the turns that leave a pose as it is."""
         at = next(i for i, pose in enumerate(self.poses) if pose.index == index)
         return self.turns_rad[at]
@@ -79,7 +77,7 @@ class Library:
         entries: Sequence[Entry],
         load: Callable[[int], EdgeShape],
         load_solid: Callable[[int], Solid],
-        eye_mm: Array,
+        eye_mm: FloatArray,
     ) -> None:
         self.entries = tuple(entries)
         self.index = ViewIndex([entry.views for entry in self.entries], eye_mm)
@@ -174,7 +172,7 @@ def _distinct_poses(poses: Sequence[StablePose], least: float) -> tuple[StablePo
     return tuple(p for p in poses if odds.get(p.index, 0.0) >= least)
 
 
-def turns_that_keep(R: Array, symmetry: PartSymmetry) -> Array:
+def turns_that_keep(R: FloatArray, symmetry: PartSymmetry) -> FloatArray:
     """Return the turns about the vertical [rad] that leave a pose as it is; empty if all do."""
     up = R[2]  # the vertical in the part's own axes
     if symmetry.is_ball:
@@ -192,7 +190,7 @@ def turns_that_keep(R: Array, symmetry: PartSymmetry) -> Array:
     return np.array(found or [0.0])
 
 
-def _turns_over(symmetry: PartSymmetry, up: Array) -> bool:
+def _turns_over(symmetry: PartSymmetry, up: FloatArray) -> bool:
     """Return whether a round part on its side looks the same with its ends changed over.
 
     The half turn about the vertical is one that reverses the axis, and some turn about the axis.
@@ -250,13 +248,13 @@ def check_fits(entry: Entry, camera: Camera) -> None:
         )
 
 
-def place_of(entry: Entry, T_world_part: Array) -> Array:
+def place_of(entry: Entry, T_world_part: FloatArray) -> FloatArray:
     """Return where a posed part's centre of mass stands over the table, (2,)."""
-    at: Array = (T_world_part[:3, :3] @ entry.centroid_mm + T_world_part[:3, 3])[:2]
+    at: FloatArray = (T_world_part[:3, :3] @ entry.centroid_mm + T_world_part[:3, 3])[:2]
     return at
 
 
-def turn_of(R: Array, T_world_part: Array) -> float:
+def turn_of(R: FloatArray, T_world_part: FloatArray) -> float:
     """Return the turn about the vertical [rad] from a pose's ``R`` to a posed part."""
     turned = T_world_part[:3, :3] @ R.T
     return float(np.arctan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1]))

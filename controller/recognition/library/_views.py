@@ -14,12 +14,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.arrays import FloatArray, Int32Array
 from controller.cad import Solid, StablePose
 from controller.imaging import Camera, RayCaster, inverse_pose, transform
 
 from .polar import HALF, from_raster, shape_of
-
-Array = NDArray[np.float64]
 
 EMPTY_PX = 5
 MOST_HEIGHT = 0.9  # of the camera's, that a part may stand tall
@@ -61,27 +60,29 @@ class PartViews:
     lean : (n,) how far the shadow of the part's top moves as the part moves, over its foot
     """
 
-    pose: NDArray[np.int32]
-    place_mm: Array
-    area_mm2: Array
-    perimeter_mm: Array
-    centroid_mm: Array
+    pose: Int32Array
+    place_mm: FloatArray
+    area_mm2: FloatArray
+    perimeter_mm: FloatArray
+    centroid_mm: FloatArray
     bits: NDArray[np.uint8]
     shapes: NDArray[np.float16]
-    ring_mm: Array
-    lean: Array
+    ring_mm: FloatArray
+    lean: FloatArray
 
 
 class Weighted(Protocol):
     """Whatever has a centre of mass: a solid, or what was made of one."""
 
     @property
-    def centroid_mm(self) -> Array:
+    def centroid_mm(self) -> FloatArray:
         """Centre of mass, CAD frame, (3,)."""
         ...
 
 
-def lying(part: Weighted, pose: StablePose, x_mm: float, y_mm: float, theta_rad: float) -> Array:
+def lying(
+    part: Weighted, pose: StablePose, x_mm: float, y_mm: float, theta_rad: float
+) -> FloatArray:
     """Return T_world_part of a part at rest: turned upright, then by theta, then moved.
 
     The centre of mass stands over (x, y) and the lowest point at z = 0 (conventions.md 4).
@@ -100,7 +101,7 @@ def lying(part: Weighted, pose: StablePose, x_mm: float, y_mm: float, theta_rad:
     return T
 
 
-def shadow_camera(eye_mm: Array) -> Camera:
+def shadow_camera(eye_mm: FloatArray) -> Camera:
     """Return a camera at a place (3,), straight above the table, whose pixels are mm on it.
 
     Its picture of a part is the part's shadow on the table, from the point below the eye, v down.
@@ -154,7 +155,7 @@ def view_part(
     )
 
 
-def _places(extents_mm: Array, station: Station) -> list[tuple[Array, float]]:
+def _places(extents_mm: FloatArray, station: Station) -> list[tuple[FloatArray, float]]:
     """Return where a pose is to be looked at, each with how far around it speaks for.
 
     Parameters
@@ -175,15 +176,15 @@ def _places(extents_mm: Array, station: Station) -> list[tuple[Array, float]]:
     return [(place, 0.75 * ring) for place in (middle, *around)]
 
 
-def _around(ring_mm: float, count: int) -> Array:
+def _around(ring_mm: float, count: int) -> FloatArray:
     """Return places (count, 2) on a ring about the middle."""
     turn = np.arange(count) * 2 * np.pi / count
     return ring_mm * np.column_stack([np.cos(turn), np.sin(turn)])
 
 
 def _shadow(
-    solid: Solid, caster: RayCaster, T_world_part: Array, eye: Array
-) -> tuple[float, float, Array, NDArray[np.uint8]]:
+    solid: Solid, caster: RayCaster, T_world_part: FloatArray, eye: FloatArray
+) -> tuple[float, float, FloatArray, NDArray[np.uint8]]:
     """Return area, perimeter, centroid (2,) and polar grid of a posed part's shadow."""
     p = transform(T_world_part, solid.mesh.vertices)
     cast = eye[:2] + (p[:, :2] - eye[:2]) * (eye[2] / (eye[2] - p[:, 2]))[:, None]

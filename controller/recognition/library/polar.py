@@ -10,9 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Mask = NDArray[np.bool_]
+from controller.arrays import Float32Array, FloatArray
 
 RINGS = 32
 ANGLES = 128
@@ -24,7 +22,7 @@ FEATURE_RINGS = 16
 HALF = 127  # a cell is covered from here on
 
 
-def polar_grid(loops: tuple[Array, ...]) -> tuple[NDArray[np.uint8], Array, float]:
+def polar_grid(loops: tuple[FloatArray, ...]) -> tuple[NDArray[np.uint8], FloatArray, float]:
     """Return the polar grid of a silhouette given by its loops, its centroid and its area.
 
     Parameters
@@ -53,7 +51,9 @@ def polar_grid(loops: tuple[Array, ...]) -> tuple[NDArray[np.uint8], Array, floa
     return from_raster(raster, np.array([half, half], dtype=np.float64), RASTER), centroid, area
 
 
-def from_raster(raster: NDArray[np.uint8], centre_px: Array, radius_px: float) -> NDArray[np.uint8]:
+def from_raster(
+    raster: NDArray[np.uint8], centre_px: FloatArray, radius_px: float
+) -> NDArray[np.uint8]:
     """Return the polar grid of a raster round a point.
 
     Parameters
@@ -72,7 +72,7 @@ def from_raster(raster: NDArray[np.uint8], centre_px: Array, radius_px: float) -
     )
 
 
-def area_and_centroid(loops: tuple[Array, ...]) -> tuple[float, Array]:
+def area_and_centroid(loops: tuple[FloatArray, ...]) -> tuple[float, FloatArray]:
     """Return the area enclosed by loops, the largest being outermost, and its centroid (2,).
 
     Which way round a loop runs does not matter: what lies in the largest one is a hole.
@@ -106,7 +106,7 @@ def spectra(grids: NDArray[np.uint8]) -> NDArray[np.complex64]:
     )
 
 
-def features(grids: NDArray[np.uint8]) -> Single:
+def features(grids: NDArray[np.uint8]) -> Float32Array:
     """Return what does not change with the turn: magnitudes of the spectrum by ring, (n, f)."""
     magnitude = np.abs(spectra(grids))[..., :FEATURE_HARMONICS] / ANGLES
     magnitude[..., 1:] *= 2.0
@@ -115,14 +115,14 @@ def features(grids: NDArray[np.uint8]) -> Single:
     return np.asarray(flat, dtype=np.float32)
 
 
-def shape_of(grids: NDArray[np.uint8]) -> Single:
+def shape_of(grids: NDArray[np.uint8]) -> Float32Array:
     """Return `features`, (n, f), scaled to length 1: what the shape is, whatever its size."""
     rows = features(grids)
     size = np.linalg.norm(rows, axis=-1, keepdims=True)
     return np.asarray(rows / np.maximum(size, 1e-6), dtype=np.float32)
 
 
-def turn_scores(model: NDArray[np.complex64], observed: NDArray[np.complex64]) -> Single:
+def turn_scores(model: NDArray[np.complex64], observed: NDArray[np.complex64]) -> Float32Array:
     """Return the overlap (cosine, 0..1) for each turn of models, (n, TURNS).
 
     Parameters
@@ -138,7 +138,7 @@ def turn_scores(model: NDArray[np.complex64], observed: NDArray[np.complex64]) -
     return np.asarray(scores / np.maximum(norm, 1e-9)[:, None], dtype=np.float32)
 
 
-def _energy(spectrum: NDArray[np.complex64]) -> Array:
+def _energy(spectrum: NDArray[np.complex64]) -> FloatArray:
     squares = np.abs(spectrum) ** 2
     # harmonics above 0 stand for two
     both = 2 * squares.sum(axis=(-2, -1)) - squares[..., 0].sum(axis=-1)

@@ -7,16 +7,12 @@ level at a border is that of the thing's own level next to it.
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, Float32Array, Grey
 from controller.imaging.levels import GROUND_BIN, MOST_BEYOND_WHITE, Ground
 
 from ._objects import Box, Crop, boxes_of, regions_of, sharpen
 from ._types import Region
-
-Floats = NDArray[np.float32]
-Grey = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 
 MARGIN_PX = 10  # of a crop: ground enough to see a thing end
 MIXED_PX = 2  # a lens's blur, to either side of a border
@@ -30,7 +26,7 @@ def find_backlit(
     ground: Ground,
     white: int,
     cut: float,
-    usable: Mask | None,
+    usable: BoolArray | None,
     min_area_px: float,
 ) -> tuple[list[Region], int]:
     """Return the things darker than the glow, and how many specks were ignored.
@@ -75,7 +71,7 @@ def _within(
     return regions_of(crop, mask, field, None, min_area_px)
 
 
-def table_level(ground: Ground, box: Box, white: int) -> Floats:
+def table_level(ground: Ground, box: Box, white: int) -> Float32Array:
     """Return the table's level (h, w) in a box, as it would be were white no limit.
 
     Parameters

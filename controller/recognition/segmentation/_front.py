@@ -10,17 +10,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, ByteArray, Float32Array, Grey, IndexArray
 from controller.imaging.levels import GROUND_BIN, Ground
 
 from ._objects import Crop, boxes_of, regions_of, sharpen
 from ._types import Region
-
-Bytes = NDArray[np.uint8]
-Floats = NDArray[np.float32]
-Grey = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
-Places = NDArray[np.intp]
-Shorts = NDArray[np.int16]
 
 MARGIN_PX = 24  # of a crop: its rim is table, beyond most of a contact shadow
 LEAST_BRIGHT = 0.15  # brighter than the table by this share and more than its texture: a thing
@@ -54,7 +48,7 @@ def find_front(
     ground: Ground,
     noise: float,
     step: int,
-    usable: Mask | None,
+    usable: BoolArray | None,
     min_area_px: float,
 ) -> tuple[list[Region], int]:
     """Return the things on a matt table, and how many specks were ignored.
@@ -128,7 +122,7 @@ def _within(
     return regions_of(crop, mask, field, wanted, min_area_px, (lit, filled, wide, tight))
 
 
-def _lit(crop: Crop, table: Floats, bright: Bytes) -> Mask:
+def _lit(crop: Crop, table: Float32Array, bright: ByteArray) -> BoolArray:
     """Return what is bright, less most of the outer half of its blurred rim.
 
     At half the level dim flanks beside bright ones would go with the rim.
@@ -139,7 +133,7 @@ def _lit(crop: Crop, table: Floats, bright: Bytes) -> Mask:
     return np.asarray(bright.view(np.bool_) & (crop.grey > level))
 
 
-def _borders(grey: Grey, least: float) -> Bytes:
+def _borders(grey: Grey, least: float) -> ByteArray:
     """Return 1 along sharp borders: of ``least`` levels a pixel beyond a slope's, twice somewhere.
 
     A step as sharp as the lens is 2 px wide, a shadow's border many: the same gradient over a
@@ -165,7 +159,7 @@ def _borders(grey: Grey, least: float) -> Bytes:
     return ridge
 
 
-def _less_slope(grey: Grey, fine: Shorts) -> Shorts:
+def _less_slope(grey: Grey, fine: NDArray[np.int16]) -> NDArray[np.int16]:
     """Return a gradient less its share over a wide window, in units of 1 / ``SOBEL_GAIN``."""
     wide = cv2.boxFilter(grey, cv2.CV_16U, (SLOPE_PX, SLOPE_PX), normalize=False).view(np.int16)
     coarse = np.zeros_like(wide)
@@ -175,7 +169,9 @@ def _less_slope(grey: Grey, fine: Shorts) -> Shorts:
     return np.asarray(cv2.addWeighted(fine, 1.0, coarse, -scale, 0.0, dtype=cv2.CV_16S), np.int16)
 
 
-def _is_ridge(sharp: Shorts, at: Places, gx: Shorts, gy: Shorts) -> Mask:
+def _is_ridge(
+    sharp: NDArray[np.int16], at: IndexArray, gx: NDArray[np.int16], gy: NDArray[np.int16]
+) -> BoolArray:
     """Return which pixels are the sharpest across the border, to the nearest eighth of a turn.
 
     Parameters
@@ -197,7 +193,7 @@ def _is_ridge(sharp: Shorts, at: Places, gx: Shorts, gy: Shorts) -> Mask:
     return np.asarray(own >= best)
 
 
-def _reached(blocked: Bytes, gap_px: int = GAP_PX) -> Bytes:
+def _reached(blocked: ByteArray, gap_px: int = GAP_PX) -> ByteArray:
     """Return 1 where a disc comes to from the rim past what is blocked."""
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * gap_px + 1, 2 * gap_px + 1))
     free = 1 - cv2.dilate(blocked, disc)
@@ -213,8 +209,13 @@ def _reached(blocked: Bytes, gap_px: int = GAP_PX) -> Bytes:
 
 
 def _holes(
-    grey: Grey, solid: Bytes, bright: Bytes, border: Bytes, table: Floats, excess: float
-) -> Bytes:
+    grey: Grey,
+    solid: ByteArray,
+    bright: ByteArray,
+    border: ByteArray,
+    table: Float32Array,
+    excess: float,
+) -> ByteArray:
     """Return 1 where the table is seen through a thing: table-like and no way out near."""
     inner = solid & (1 - bright) & (1 - border)
     count, labels = cv2.connectedComponents(inner, connectivity=4, ltype=cv2.CV_32S)
@@ -235,7 +236,7 @@ def _holes(
     return np.asarray(wide & (1 - bright))
 
 
-def _trimmed(solid: Bytes, bright: Bytes) -> Bytes:
+def _trimmed(solid: ByteArray, bright: ByteArray) -> ByteArray:
     """Return what is solid less narrow dark fringes: the table is darkest where things touch it."""
     dark = solid & (1 - bright)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (FRINGE_PX, FRINGE_PX))
@@ -244,7 +245,7 @@ def _trimmed(solid: Bytes, bright: Bytes) -> Bytes:
     return np.asarray((np.asarray(wide, np.uint8) & dark) | bright, np.uint8)
 
 
-def _without_fringe(mask: Mask) -> Mask:
+def _without_fringe(mask: BoolArray) -> BoolArray:
     """Return the mask less hairs a pixel wide that a shadow's border leaves."""
     opened = cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     return np.asarray(opened.view(np.bool_))

@@ -7,15 +7,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, Float32Array, Grey, IndexArray, Int32Array
 from controller.imaging.loops import evenly, polygon_area, trace_loops
 
 from ._types import Region
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
-Grey = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
-Places = NDArray[np.intp]
 Box = tuple[int, int, int, int]
 
 LOCAL_FACTOR = 4  # a side's level is the mean over this many times what is mixed, and one
@@ -36,11 +32,13 @@ class Crop:
 
     box_px: Box
     grey: Grey
-    usable: Mask | None
+    usable: BoolArray | None
     mixed_px: int
 
 
-def sharpen(crop: Crop, rough: Mask, beyond: Floats | None, contrast: float) -> tuple[Mask, Floats]:
+def sharpen(
+    crop: Crop, rough: BoolArray, beyond: Float32Array | None, contrast: float
+) -> tuple[BoolArray, Float32Array]:
     """Return the mask with its border at the half level, and the field whose zero line that is.
 
     The field is given where a border can come to lie, a pixel beyond what is mixed, and 0
@@ -76,7 +74,7 @@ def sharpen(crop: Crop, rough: Mask, beyond: Floats | None, contrast: float) -> 
     return mask, field
 
 
-def _side_level(grey: Grey, side: Grey, pure: Grey, mixed_px: int, at: Places) -> Floats:
+def _side_level(grey: Grey, side: Grey, pure: Grey, mixed_px: int, at: IndexArray) -> Float32Array:
     """Return the local level of a side at some pixels; where nothing of it is near it is 0.
 
     Parameters
@@ -96,11 +94,11 @@ def _side_level(grey: Grey, side: Grey, pure: Grey, mixed_px: int, at: Places) -
 
 def regions_of(
     crop: Crop,
-    mask: Mask,
-    field: Floats,
-    wanted: Mask | None,
+    mask: BoolArray,
+    field: Float32Array,
+    wanted: BoolArray | None,
     min_area_px: float,
-    readings: tuple[Mask, ...] = (),
+    readings: tuple[BoolArray, ...] = (),
 ) -> tuple[list[Region], int]:
     """Return the connected things of a mask, and how many were too small to be one.
 
@@ -128,7 +126,7 @@ def regions_of(
             continue
         window, box = _with_margin((left, top, left + width, top + height), crop)
         thing = mask[window]
-        elsewhere: Mask | None = None
+        elsewhere: BoolArray | None = None
         if any(j != i and _meet(boxes[j], box, crop.box_px) for j in outer):
             thing, elsewhere = _apart(thing, chains[i][0, 0], window)
         area = cv2.countNonZero(thing.view(np.uint8))
@@ -160,8 +158,8 @@ def _meet(rect: Sequence[int], box: Box, crop_box: Box) -> bool:
 
 
 def _apart(
-    masked: Mask, pixel: NDArray[np.int32], window: tuple[slice, slice]
-) -> tuple[Mask, Mask]:
+    masked: BoolArray, pixel: Int32Array, window: tuple[slice, slice]
+) -> tuple[BoolArray, BoolArray]:
     """Return the thing (h, w) that a pixel of the crop is of, and what is of others."""
     _, labels = cv2.connectedComponents(masked.view(np.uint8), connectivity=8, ltype=cv2.CV_16U)
     thing = labels == labels[pixel[1] - window[0].start, pixel[0] - window[1].start]
@@ -169,12 +167,12 @@ def _apart(
 
 
 def _others(
-    readings: tuple[Mask, ...],
+    readings: tuple[BoolArray, ...],
     window: tuple[slice, slice],
-    thing: Mask,
-    elsewhere: Mask | None,
+    thing: BoolArray,
+    elsewhere: BoolArray | None,
     least: float,
-) -> tuple[Mask, ...]:
+) -> tuple[BoolArray, ...]:
     """Return the readings of a thing that are something, and something else."""
     out = []
     for reading in readings:
@@ -196,7 +194,7 @@ def _with_margin(box: Box, crop: Crop, margin_px: int = 4) -> tuple[tuple[slice,
     )
 
 
-def _is_cut(thing: Mask, window: tuple[slice, slice], crop: Crop) -> bool:
+def _is_cut(thing: BoolArray, window: tuple[slice, slice], crop: Crop) -> bool:
     """Return whether a thing reaches the crop's rim (it has none but the picture's) or beyond."""
     rows, columns = window
     height, width = crop.grey.shape

@@ -4,8 +4,8 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, Float32Array, FloatArray, Grey
 from controller.imaging.levels import (
     GROUND_BIN,
     REDUCED_PX,
@@ -22,9 +22,6 @@ from ._backlit import find_backlit
 from ._front import find_front
 from ._types import Lighting, Segmentation
 
-Grey = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
-
 LEVEL_ROWS = 64  # as many tell which levels are in use
 LEAST_AREA = 2e-4  # of the picture: 16 x 16 px of 1280 x 1024, a part of 3.5 mm seen from 860
 DARK_TABLE = 8  # grey levels under which nothing can be told
@@ -39,7 +36,7 @@ FAR_OFF = 0.35  # of the level: what the ground's first fit takes for a part
 def segment(
     picture: Grey,
     lighting: Literal["backlit", "front", "auto"] = "auto",
-    usable: Mask | None = None,
+    usable: BoolArray | None = None,
     min_area_px: float | None = None,
 ) -> Segmentation:
     """Return the things on the table with their outlines (references.md P3.1).
@@ -139,7 +136,7 @@ def _reduced(picture: Grey, factor: int) -> Grey:
     return picture
 
 
-def _lighting(shares: NDArray[np.float64], typical: float) -> Lighting:
+def _lighting(shares: FloatArray, typical: float) -> Lighting:
     """Return what the picture looks like: much darker things, much brighter ones, or neither."""
     total = max(float(shares.sum()), 1.0)
     dark = float(shares[: int(DARK_THING * GROUND_BIN)].sum()) / total
@@ -153,8 +150,8 @@ def _remarks(
     lighting: Lighting,
     levels: Levels,
     ground: Ground,
-    level: NDArray[np.float32],
-    inside: Mask,
+    level: Float32Array,
+    inside: BoolArray,
     is_bimodal: bool,
     is_something: bool,
     specks: int,

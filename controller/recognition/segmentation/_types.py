@@ -3,13 +3,9 @@
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from controller.arrays import BoolArray, FloatArray
 from controller.imaging.levels import Levels
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Lighting = Literal["backlit", "front"]
 
 
@@ -32,11 +28,11 @@ class Region:
     """
 
     box_px: tuple[int, int, int, int]
-    mask: Mask
-    loops_px: tuple[Array, ...]
+    mask: BoolArray
+    loops_px: tuple[FloatArray, ...]
     touches_edge: bool
     area_px: float
-    alternatives: tuple[Mask, ...]
+    alternatives: tuple[BoolArray, ...]
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -6,8 +6,8 @@ from functools import cached_property
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
+from controller.arrays import FloatArray, IntArray
 from controller.cad import Solid
 from controller.imaging import RayCaster
 from controller.planning import Box, CellLayout
@@ -15,7 +15,6 @@ from controller.planning.motion import Scene
 
 from ..moments import Moment
 
-Array = NDArray[np.float64]
 Colour = tuple[float, float, float]  # red, green, blue, 0..255
 
 TABLE_MM = 18.0  # thickness of the plate that stands for the table
@@ -59,8 +58,8 @@ class Body:
 
     name: str
     colour: Colour
-    vertices_mm: Array
-    triangles: NDArray[np.int64]
+    vertices_mm: FloatArray
+    triangles: IntArray
     glows: bool = False
 
 
@@ -76,10 +75,10 @@ class Stage:
 
     bodies: tuple[Body, ...]
     mesh: trimesh.Trimesh
-    normals: Array
-    body_of_triangle: NDArray[np.int64]
+    normals: FloatArray
+    body_of_triangle: IntArray
     first_of_part: int
-    T_world_part: Array
+    T_world_part: FloatArray
 
     @cached_property
     def caster(self) -> RayCaster:
@@ -100,7 +99,7 @@ def box_body(name: str, colour: Colour, box: Box) -> Body:
     return Body(name, colour, corners, _TRIANGLES, glows=colour in GLOWING)
 
 
-def part_body(solid: Solid, T_world_part: Array) -> Body:
+def part_body(solid: Solid, T_world_part: FloatArray) -> Body:
     """Return the part where it is."""
     vertices = np.asarray(solid.mesh.vertices) @ T_world_part[:3, :3].T + T_world_part[:3, 3]
     return Body("part", PART, vertices, np.asarray(solid.mesh.faces))
@@ -140,7 +139,7 @@ def table_window(layout: CellLayout) -> tuple[tuple[float, float], tuple[float, 
     return (x0, y0), (x1, y1)
 
 
-def _extent(layout: CellLayout, bodies: Sequence[Body]) -> tuple[Array, Array]:
+def _extent(layout: CellLayout, bodies: Sequence[Body]) -> tuple[FloatArray, FloatArray]:
     points = [body.vertices_mm[:, :2] for body in bodies]
     for tray in layout.trays.values():
         centre, half = np.array(tray.centre_mm), np.array(tray.size_mm) / 2
@@ -172,7 +171,7 @@ def fixture_bodies(layout: CellLayout, opening_mm: float) -> list[Body]:
     ]
 
 
-def arm_bodies(layout: CellLayout, q: Array, opening_mm: float) -> list[Body]:
+def arm_bodies(layout: CellLayout, q: FloatArray, opening_mm: float) -> list[Body]:
     """Return the arm as collisions are checked with: links, the hand, two fingers.
 
     Parameters
@@ -198,7 +197,7 @@ def _thinner(box: Box) -> Box:
     return Box(box.T, box.half_mm - THINNER_MM)
 
 
-def not_round(bodies: Sequence[Body], point_mm: Array) -> list[Body]:
+def not_round(bodies: Sequence[Body], point_mm: FloatArray) -> list[Body]:
     """Return the bodies that a point (3,) is outside of: a camera sees no housing of its own."""
     kept = []
     for body in bodies:
@@ -208,7 +207,7 @@ def not_round(bodies: Sequence[Body], point_mm: Array) -> list[Body]:
     return kept
 
 
-def make_stage(bodies: Sequence[Body], part: Body | None, T_world_part: Array) -> Stage:
+def make_stage(bodies: Sequence[Body], part: Body | None, T_world_part: FloatArray) -> Stage:
     """Return bodies as one mesh, the part last.
 
     Parameters

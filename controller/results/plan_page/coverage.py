@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import Float32Array, FloatArray, IntArray
 from controller.cad import Solid, SurfaceSamples
 from controller.planning import Plan, Reason
 
@@ -14,8 +14,6 @@ from .paint import Painter
 from .render import data_uri, look, shade
 from .views import slant_over, slanting_eye
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 Colour = tuple[float, float, float]
 
 SIZE_PX = (270, 216)
@@ -77,7 +75,7 @@ def coverage_map(
     samples: SurfaceSamples,
     plan: Plan,
     painter: Painter,
-    R_world_part: Array,
+    R_world_part: FloatArray,
 ) -> CoverageMap:
     """Return the map of a plan.
 
@@ -102,7 +100,7 @@ def coverage_map(
     return CoverageMap(_sides(solid, painter, R_world_part, colours), keys, SIZE_PX)
 
 
-def states(samples: SurfaceSamples, plan: Plan) -> tuple[NDArray[np.int64], Floats]:
+def states(samples: SurfaceSamples, plan: Plan) -> tuple[IntArray, Float32Array]:
     """Return what each sample's state is (n,), as numbered in the key, and its colour (n, 3)."""
     counts = np.zeros(len(samples.points_mm), dtype=np.int64)
     for step in plan.steps:
@@ -119,7 +117,7 @@ def states(samples: SurfaceSamples, plan: Plan) -> tuple[NDArray[np.int64], Floa
 
 
 def _sides(
-    solid: Solid, painter: Painter, R_world_part: Array, colours: Floats
+    solid: Solid, painter: Painter, R_world_part: FloatArray, colours: Float32Array
 ) -> tuple[Side, ...]:
     T = np.eye(4)
     T[:3, :3] = R_world_part

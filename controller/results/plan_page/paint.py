@@ -1,18 +1,15 @@
 """What colour a place on the part has: that of the nearest sample on the same face."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from controller.arrays import Float32Array, IntArray
 from controller.cad import Solid, SurfaceSamples
 from controller.imaging import inverse_pose, transform
 
 from ..ray_drawing import FINER
 from .bodies import Stage
 from .render import Paint, Sight
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 APART_MM = 1e4  # between two faces, so that no sample speaks for a place on another face
 
@@ -26,7 +23,7 @@ class Painter:
         self._tree = cKDTree(np.hstack([samples.points_mm, apart]))
         self._count = len(samples.points_mm)
 
-    def sample_at(self, stage: Stage, sight: Sight) -> NDArray[np.int64]:
+    def sample_at(self, stage: Stage, sight: Sight) -> IntArray:
         """Return the sample that speaks for each ray (height, width), -1 off the part."""
         out = np.full(sight.triangle.shape, -1, dtype=np.int64)
         on_part = sight.triangle >= stage.first_of_part
@@ -37,7 +34,7 @@ class Painter:
             out[on_part] = np.minimum(nearest, self._count - 1)
         return out
 
-    def paint(self, stage: Stage, sight: Sight, colours: Floats) -> Paint:
+    def paint(self, stage: Stage, sight: Sight, colours: Float32Array) -> Paint:
         """Return what colours a picture's rays meet, (n, 3) of the samples; asked once a pixel.
 
         Parameters

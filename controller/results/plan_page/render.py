@@ -3,15 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
 
 from ..ray_drawing import FINER, cast, jumps, png_uri
 from .bodies import Stage
 from .views import Eye
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
-Picture = NDArray[np.uint8]
 
 PAPER = (250.0, 250.0, 249.0)
 INK_SHARE = 0.38  # of a surface's brightness, along its edges
@@ -32,8 +29,8 @@ class Sight:
     points_mm : (height, width, 3) where, in the world
     """
 
-    triangle: NDArray[np.int32]
-    points_mm: Array
+    triangle: Int32Array
+    points_mm: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,8 +43,8 @@ class Paint:
     colours : (n, 3)
     """
 
-    sample: NDArray[np.int64]
-    colours: Floats
+    sample: IntArray
+    colours: Float32Array
 
 
 def look(stage: Stage, eye: Eye) -> Sight:
@@ -60,7 +57,7 @@ def look(stage: Stage, eye: Eye) -> Sight:
 
 def shade(
     stage: Stage, eye: Eye, sight: Sight, paint: Paint | None = None, relief: float = 1.0
-) -> Floats:
+) -> Float32Array:
     """Return a picture as it was cast, (height, width, 3) 0..255.
 
     Parameters
@@ -86,7 +83,7 @@ def shade(
     bright = 1 - relief * (1 - bright)
     bright[_edges(stage, sight)] *= INK_SHARE
     bodies = np.array([body.colour for body in stage.bodies], dtype=np.float32)
-    image: Floats = bodies[stage.body_of_triangle][triangle]
+    image: Float32Array = bodies[stage.body_of_triangle][triangle]
     if paint is not None:
         here = paint.sample >= 0
         image[here] = paint.colours[paint.sample[here]]
@@ -96,9 +93,7 @@ def shade(
     return image
 
 
-def _shadowed(
-    stage: Stage, sight: Sight, key: Array, is_turned: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
+def _shadowed(stage: Stage, sight: Sight, key: FloatArray, is_turned: BoolArray) -> BoolArray:
     """Return which rays meet what the key light does not reach, asked once a pixel.
 
     Parameters
@@ -115,7 +110,7 @@ def _shadowed(
     return np.asarray(shaded.repeat(FINER, axis=0).repeat(FINER, axis=1)[:height, :width])
 
 
-def _edges(stage: Stage, sight: Sight) -> NDArray[np.bool_]:
+def _edges(stage: Stage, sight: Sight) -> BoolArray:
     """Return where the picture steps from one body to another, or bends."""
     triangle = sight.triangle
     ink = np.zeros(triangle.shape, dtype=bool)
@@ -130,7 +125,7 @@ def _edges(stage: Stage, sight: Sight) -> NDArray[np.bool_]:
     return ink
 
 
-def data_uri(image: Floats) -> str:
+def data_uri(image: Float32Array) -> str:
     """Return a picture (height, width, 3), red first, as a data URI (PNG)."""
     levels = np.clip(np.round(image / COLOURS_STEP) * COLOURS_STEP, 0, 255).astype(np.uint8)
     return png_uri(levels[..., ::-1], compression=6)

@@ -6,8 +6,8 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, Float32Array, FloatArray
 from controller.cad import Solid
 from controller.imaging import Camera
 from controller.planning import CellLayout
@@ -18,9 +18,6 @@ from .bodies import PART, Body, Stage, moment_stage, not_round, standing_bodies
 from .paint import Painter
 from .render import data_uri, look, shade
 from .views import Eye, Slant, camera_eye, slant_over, slanting_eye, window_about
-
-Floats = NDArray[np.float32]
-Bools = NDArray[np.bool_]
 
 WIDTHS_PX = (320, 240, 180)  # of a picture; narrower ones where there are many steps
 MANY_STEPS = (24, 48)
@@ -80,7 +77,7 @@ class Strip:
         self._square = (width_px, width_px)
         self._standing = standing_bodies(layout)
 
-    def frames(self, moments: Sequence[Moment], weights: NDArray[np.float64]) -> list[Frame]:
+    def frames(self, moments: Sequence[Moment], weights: FloatArray) -> list[Frame]:
         """Return all steps drawn; `weights` are the samples' shares of the surface."""
         seen = np.zeros(len(weights), dtype=bool)
         frames: list[Frame] = []
@@ -119,7 +116,7 @@ class Strip:
     def _outside_eye(self) -> Eye:
         return slanting_eye(self._slant, _fine(self._square), FAR_MM)
 
-    def _outside(self, stage: Stage, colours: Floats) -> Floats:
+    def _outside(self, stage: Stage, colours: Float32Array) -> Float32Array:
         image = smaller(self._drawn(stage, self._outside_eye, colours))
         # the part is small from here, and often behind the arm: its outline is drawn over all
         corners = np.asarray(stage.bodies[-1].vertices_mm)
@@ -128,7 +125,9 @@ class Strip:
         cv2.polylines(image, [hull], True, OUTLINE, 1, cv2.LINE_AA, 4)
         return image
 
-    def _near(self, moment: Moment, stage: Stage, colours: Floats) -> tuple[Floats, str]:
+    def _near(
+        self, moment: Moment, stage: Stage, colours: Float32Array
+    ) -> tuple[Float32Array, str]:
         if moment.seat is Seat.BESIDE:
             words = "from beside, arm transparent"
             if moment.kind is Kind.PLACE:
@@ -149,7 +148,7 @@ class Strip:
         words = f"{words}, arm transparent"
         return self._through_links(moment, standing, stage, eye, colours), words
 
-    def _beside(self, moment: Moment, stage: Stage, colours: Floats) -> Floats:
+    def _beside(self, moment: Moment, stage: Stage, colours: Float32Array) -> Float32Array:
         """Look from that side from which most of the part is seen."""
         corners = stage.bodies[-1].vertices_mm
         bare = moment_stage(self._layout, self._solid, moment, self._standing, with_links=False)
@@ -166,8 +165,13 @@ class Strip:
         return self._through_links(moment, self._standing, stage, eye, colours)
 
     def _through_links(
-        self, moment: Moment, standing: Sequence[Body], stage: Stage, eye: Eye, colours: Floats
-    ) -> Floats:
+        self,
+        moment: Moment,
+        standing: Sequence[Body],
+        stage: Stage,
+        eye: Eye,
+        colours: Float32Array,
+    ) -> Float32Array:
         # from above the palm is over the part; from beside it shows how the part is held
         bare = moment_stage(
             self._layout,
@@ -181,7 +185,7 @@ class Strip:
         front = self._drawn(stage, eye, colours)
         return smaller((1 - GHOST) * behind + GHOST * front)
 
-    def _drawn(self, stage: Stage, eye: Eye, colours: Floats) -> Floats:
+    def _drawn(self, stage: Stage, eye: Eye, colours: Float32Array) -> Float32Array:
         sight = look(stage, eye)
         return shade(stage, eye, sight, self._painter.paint(stage, sight, colours))
 
@@ -214,12 +218,12 @@ def _fine(size: tuple[int, int]) -> tuple[int, int]:
     return FINER * size[0], FINER * size[1]
 
 
-def _is_in_sight(camera: Camera, points_mm: NDArray[np.float64]) -> bool:
+def _is_in_sight(camera: Camera, points_mm: FloatArray) -> bool:
     pixels = camera.project(points_mm)
     return bool(np.all((pixels >= 0) & (pixels <= np.array(camera.size_px) - 1)))
 
 
-def _colours(moment: Moment, seen_before: Bools) -> Floats:
+def _colours(moment: Moment, seen_before: BoolArray) -> Float32Array:
     """Return the colour of every sample (n, 3) at a moment."""
     colours = np.tile(np.array(PART, dtype=np.float32), (len(seen_before), 1))
     colours[seen_before] = BEFORE

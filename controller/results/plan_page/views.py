@@ -3,11 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import FloatArray
 from controller.imaging import Camera
 
-Array = NDArray[np.float64]
 Window = tuple[float, float, float, float]  # x0, y0, x1, y1 [px] of a camera's picture
 
 
@@ -24,11 +23,11 @@ class Eye:
     """
 
     size: tuple[int, int]
-    origins_mm: Array
-    directions: Array
-    right: Array
-    up: Array
-    back: Array
+    origins_mm: FloatArray
+    directions: FloatArray
+    right: FloatArray
+    up: FloatArray
+    back: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,18 +42,18 @@ class Slant:
 
     azimuth_rad: float
     elevation_rad: float
-    centre_mm: Array
+    centre_mm: FloatArray
     width_mm: float
     height_mm: float
 
-    def axes(self) -> tuple[Array, Array, Array]:
+    def axes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return right, up and back of the picture in the world."""
         c, s = np.cos(self.elevation_rad), np.sin(self.elevation_rad)
         back = np.array([c * np.cos(self.azimuth_rad), c * np.sin(self.azimuth_rad), s])
         right = np.array([-np.sin(self.azimuth_rad), np.cos(self.azimuth_rad), 0.0])
         return right, np.cross(back, right), back
 
-    def project(self, points_mm: Array, width: int) -> Array:
+    def project(self, points_mm: FloatArray, width: int) -> FloatArray:
         """Return pixels (n, 2) of world points (n, 3) in a picture `width` wide."""
         right, up, _ = self.axes()
         scale = width / self.width_mm
@@ -84,7 +83,11 @@ def slanting_eye(slant: Slant, size: tuple[int, int], far_mm: float) -> Eye:
 
 
 def slant_over(
-    points_mm: Array, azimuth_rad: float, elevation_rad: float, aspect: float, room: float = 0.04
+    points_mm: FloatArray,
+    azimuth_rad: float,
+    elevation_rad: float,
+    aspect: float,
+    room: float = 0.04,
 ) -> Slant:
     """Return the slant that has all points (n, 3) in a picture of an aspect.
 
@@ -130,7 +133,7 @@ def camera_eye(camera: Camera, window: Window, size: tuple[int, int]) -> Eye:
     )
 
 
-def window_about(camera: Camera, points_mm: Array, room: float, aspect: float) -> Window:
+def window_about(camera: Camera, points_mm: FloatArray, room: float, aspect: float) -> Window:
     """Return the window of a camera's picture that shows some points (n, 3) with room about them.
 
     It is never larger than the picture, and stays inside it where the points are inside.

@@ -7,11 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import FloatArray
 from controller.cad.views import DrawnEdge, LineView, Loop, Stroke
-
-Array = NDArray[np.float64]
 
 ASPECT = 4 / 3  # of every drawing and picture on the page
 MARGIN = 0.06  # left free on every side, as a share of the larger extent
@@ -136,7 +134,7 @@ def _stroke(stroke: Stroke) -> str:
     return _arc(stroke.axes, stroke.sweep_rad, stroke.end)
 
 
-def _arc(axes: Array, sweep_rad: float, end: Array) -> str:
+def _arc(axes: FloatArray, sweep_rad: float, end: FloatArray) -> str:
     # half axes that are no right angle to each other would draw another ellipse
     radii = np.linalg.norm(axes, axis=1)
     turn_deg = -float(np.degrees(np.arctan2(axes[0, 1], axes[0, 0])))
@@ -147,7 +145,7 @@ def _arc(axes: Array, sweep_rad: float, end: Array) -> str:
     )
 
 
-def _polyline(points: Array) -> str:
+def _polyline(points: FloatArray) -> str:
     return "M" + "L".join(f"{x:.2f} {-y:.2f}" for x, y in points)
 
 

@@ -1,15 +1,12 @@
 """A part at rest, drawn in grey from a slanting view: for the eye, not for measuring."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, FloatArray, Grey, Int32Array
 from controller.cad import Solid
 from controller.imaging import RayCaster
 
 from ..ray_drawing import FINER, cast, jumps, png_uri, smaller
-
-Array = NDArray[np.float64]
-Grey = NDArray[np.uint8]
 
 SIZE_PX = (420, 315)  # as wide as it is shown, in the proportion of the frame it stands in
 AZIMUTH_RAD, ELEVATION_RAD = np.radians(-65.0), np.radians(30.0)
@@ -20,7 +17,7 @@ CREASE_RAD = np.radians(20.0)
 LIFT_MM = 1e-3  # rays towards the light start this far from the surface, relative to its size
 
 
-def rest_picture(solid: Solid, caster: RayCaster, R: Array) -> str:
+def rest_picture(solid: Solid, caster: RayCaster, R: FloatArray) -> str:
     """Return a picture of a part at rest as a data URI (PNG).
 
     Parameters
@@ -32,7 +29,7 @@ def rest_picture(solid: Solid, caster: RayCaster, R: Array) -> str:
     return png_uri(shade(solid, caster, R), compression=9)
 
 
-def shade(solid: Solid, caster: RayCaster, R: Array) -> Grey:
+def shade(solid: Solid, caster: RayCaster, R: FloatArray) -> Grey:
     """Return the picture, (height, width).
 
     Parameters
@@ -63,7 +60,7 @@ def shade(solid: Solid, caster: RayCaster, R: Array) -> Grey:
     return np.asarray(np.clip(smaller(image.astype(np.float32)), 0, 255), dtype=np.uint8)
 
 
-def _axes() -> tuple[Array, Array, Array]:
+def _axes() -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return right and up of the picture and the direction back to the eye, upright frame."""
     c, s = np.cos(ELEVATION_RAD), np.sin(ELEVATION_RAD)
     back = np.array([c * np.cos(AZIMUTH_RAD), c * np.sin(AZIMUTH_RAD), s])
@@ -72,7 +69,7 @@ def _axes() -> tuple[Array, Array, Array]:
     return right, np.cross(back, right), back
 
 
-def _light(solid: Solid, R: Array, triangle: NDArray[np.int32]) -> Array:
+def _light(solid: Solid, R: FloatArray, triangle: Int32Array) -> FloatArray:
     """Return grey levels (n,) of what the rays met; white where they met nothing."""
     normals = np.asarray(solid.mesh.face_normals)
     key = np.maximum(normals @ (KEY_LIGHT @ R / np.linalg.norm(KEY_LIGHT)), 0)
@@ -84,12 +81,12 @@ def _light(solid: Solid, R: Array, triangle: NDArray[np.int32]) -> Array:
 def _is_shaded(
     solid: Solid,
     caster: RayCaster,
-    R: Array,
-    origins: Array,
-    direction: Array,
+    R: FloatArray,
+    origins: FloatArray,
+    direction: FloatArray,
     table_mm: float,
     size_mm: float,
-) -> NDArray[np.bool_]:
+) -> BoolArray:
     """Return which rays that pass the part meet its shadow on the table, (n,)."""
     heights = (origins - solid.centroid_mm) @ R[2] - table_mm
     spots = origins + (heights / -(direction @ R[2]))[:, None] * direction
@@ -100,7 +97,7 @@ def _is_shaded(
     return shaded
 
 
-def _creases(solid: Solid, triangle: NDArray[np.int32]) -> NDArray[np.bool_]:
+def _creases(solid: Solid, triangle: Int32Array) -> BoolArray:
     """Return where the picture steps from one surface to another, or off the part."""
     face = np.where(triangle >= 0, solid.face_of_triangle[triangle], -1)
     normals = np.asarray(solid.mesh.face_normals)

@@ -11,12 +11,11 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from controller.arrays import FloatArray, IntArray
+
 from .._normals import surface_normals, unit
 from .._types import Crease, Face
 from .halfedges import HalfEdges
-
-Array = NDArray[np.float64]
-Ids = NDArray[np.int64]
 
 SMOOTH_RAD = np.radians(3.0)  # recognised axes are right to a fraction of a degree
 FREEFORM_SMOOTH_RAD = np.radians(15.0)  # facets of a surface without formula, a segment apart
@@ -27,16 +26,16 @@ class Creases:
     """`Crease` of each edge (e,) and its mean angle (e,)."""
 
     crease: NDArray[np.int8]
-    angle_rad: Array
+    angle_rad: FloatArray
 
 
 def find_creases(
     mesh: trimesh.Trimesh,
     sides: HalfEdges,
-    order: Ids,
-    start: Ids,
+    order: IntArray,
+    start: IntArray,
     faces: Sequence[Face],
-    face_of: Ids,
+    face_of: IntArray,
 ) -> Creases:
     """Return how surfaces meet along edges.
 

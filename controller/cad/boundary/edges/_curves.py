@@ -10,11 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, FloatArray, IntArray
+
 from .._normals import unit
 from .._types import Curve, Face
-
-Array = NDArray[np.float64]
-Ids = NDArray[np.int64]
 
 TOLERANCE_MM = 0.005  # files round corners to 1e-4 mm and 7 digits; a real kink is far larger
 TOLERANCE_SHARE = 0.01  # and of a short edge's length never more than this
@@ -29,13 +28,17 @@ class Curves:
     """`Curve` of each edge (e,), and centre (e, 3), axis (e, 3), radius (e,) of circles."""
 
     curve: NDArray[np.int8]
-    centre_mm: Array
-    axis: Array
-    radius_mm: Array
+    centre_mm: FloatArray
+    axis: FloatArray
+    radius_mm: FloatArray
 
 
 def fit_curves(
-    vertices_mm: Array, chain: Ids, chain_start: Ids, faces: Sequence[Face], face: Ids
+    vertices_mm: FloatArray,
+    chain: IntArray,
+    chain_start: IntArray,
+    faces: Sequence[Face],
+    face: IntArray,
 ) -> Curves:
     """Return the curves of edges.
 
@@ -83,7 +86,9 @@ def fit_curves(
     return curves
 
 
-def _keep(curves: Curves, good: NDArray[np.bool_], middle: Array, axis: Array, r: Array) -> None:
+def _keep(
+    curves: Curves, good: BoolArray, middle: FloatArray, axis: FloatArray, r: FloatArray
+) -> None:
     curves.curve[good] = Curve.CIRCLE
     curves.centre_mm[good] = middle[good]
     curves.axis[good] = axis[good]
@@ -93,7 +98,7 @@ def _keep(curves: Curves, good: NDArray[np.bool_], middle: Array, axis: Array, r
 class _Runs:
     """Points of all edges in one array, and sums over each edge."""
 
-    def __init__(self, points: Array, chain_start: Ids) -> None:
+    def __init__(self, points: FloatArray, chain_start: IntArray) -> None:
         self.points = points
         self.start = chain_start[:-1]
         self.sizes = np.diff(chain_start)
@@ -109,7 +114,7 @@ class _Runs:
         self.means = self._mean(points)
         self.centred = points - self.means[self.run]
 
-    def _turning(self, points: Array, chain_start: Ids) -> Array:
+    def _turning(self, points: FloatArray, chain_start: IntArray) -> FloatArray:
         """Return 1 for points where a run turns and for its ends, 0 where it goes straight on.
 
         A point on the chord of an arc comes from a neighbour with other segments; it is not on
@@ -123,12 +128,14 @@ class _Runs:
         keep_all = (self.corner_counts < LEAST_FIT_POINTS) & (self.sizes > self.corner_counts)
         return np.where(turns | keep_all[self.run], 1.0, 0.0)
 
-    def _mean(self, values: Array) -> Array:
+    def _mean(self, values: FloatArray) -> FloatArray:
         weights = self.weights.reshape(-1, *[1] * (values.ndim - 1))
         totals = self.totals.reshape(-1, *[1] * (values.ndim - 1))
         return np.asarray(np.add.reduceat(values * weights, self.start, axis=0) / totals)
 
-    def about(self, axis: Array, centre: Array) -> tuple[Array, Array, Array]:
+    def about(
+        self, axis: FloatArray, centre: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return centre on the axis, radius, largest misfit of circles about given axes."""
         offset = self.points - centre[self.run]
         height = (offset * axis[self.run]).sum(axis=1)
@@ -142,7 +149,7 @@ class _Runs:
             np.asarray(np.maximum.reduceat(misfit, self.start)),
         )
 
-    def off_line(self) -> Array:
+    def off_line(self) -> FloatArray:
         """Return how far points lie from the line through both ends; closed runs are no lines."""
         last = self.start + self.sizes - 1
         along = self.points[last] - self.points[self.start]
@@ -156,12 +163,12 @@ class _Runs:
         off = np.maximum.reduceat(np.maximum(away, back), self.start)
         return np.where(self.closed, np.inf, off)
 
-    def plane_normals(self) -> Array:
+    def plane_normals(self) -> FloatArray:
         """Return the normals of the planes that fit best."""
         spread = self._mean(self.centred[:, :, None] * self.centred[:, None, :])
         return np.asarray(np.linalg.eigh(spread)[1][:, :, 0])
 
-    def circle_centres(self, normal: Array) -> Array:
+    def circle_centres(self, normal: FloatArray) -> FloatArray:
         """Return the centres of the circles that fit best in planes of given normals."""
         # least squares of 2 p.c + d = p.p; adding the normal's direction makes it square
         q = self.centred - (self.centred * normal[self.run]).sum(axis=1)[:, None] * normal[self.run]

@@ -6,16 +6,16 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from controller.arrays import IntArray
+
 from ...graph import components
 from .._types import Boundary
 from .halfedges import half_edges, next_on_rim
 
-Ids = NDArray[np.int64]
-
 
 def face_genera(
     mesh: trimesh.Trimesh, face_of_triangle: NDArray[np.integer], face_count: int
-) -> Ids:
+) -> IntArray:
     """Return the handles each surface has of its own (f,), counted on the mesh alone.
 
     A plane, a bore's wall, a ball have none; a surface closed round a ring, as a whole torus, one.

@@ -11,14 +11,13 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, FloatArray, IntArray
+
 from ...graph import components
 from .._types import Boundary, Face
 from ._creases import find_creases
 from ._curves import fit_curves
 from .halfedges import HalfEdges, first_of_each, half_edges, next_on_rim, rank_chains
-
-Array = NDArray[np.float64]
-Ids = NDArray[np.int64]
 
 
 def find_boundary(
@@ -103,8 +102,8 @@ def find_boundary(
 
 
 def _chains(
-    sides: HalfEdges, onward: Ids, members: Ids, *, is_vertex: NDArray[np.bool_]
-) -> tuple[Ids, Ids]:
+    sides: HalfEdges, onward: IntArray, members: IntArray, *, is_vertex: BoolArray
+) -> tuple[IntArray, IntArray]:
     """Return mesh half-edges edge by edge, each in its order, and where each edge starts (e+1,)."""
     if len(members) == 0:
         return members, np.zeros(1, dtype=np.int64)
@@ -133,8 +132,12 @@ def _chains(
 
 
 def _sweep(
-    vertices_mm: Array, chain: Ids, chain_start: Ids, faces: Sequence[Face], face: Ids
-) -> tuple[Array, Array]:
+    vertices_mm: FloatArray,
+    chain: IntArray,
+    chain_start: IntArray,
+    faces: Sequence[Face],
+    face: IntArray,
+) -> tuple[FloatArray, FloatArray]:
     """Return per half-edge its length and the area it sweeps round its face's mean normal."""
     if len(face) == 0:
         return np.zeros(0), np.zeros(0)
@@ -156,8 +159,12 @@ def _sweep(
 
 
 def _loops(
-    following: Ids, face: Ids, faces: Sequence[Face], lengths: Array, swept: Array
-) -> tuple[Ids, Ids, NDArray[np.bool_]]:
+    following: IntArray,
+    face: IntArray,
+    faces: Sequence[Face],
+    lengths: FloatArray,
+    swept: FloatArray,
+) -> tuple[IntArray, IntArray, BoolArray]:
     """Return the loop of each half-edge, a half-edge of each loop, and which loops are holes.
 
     Loops are numbered by face, the outer one first.

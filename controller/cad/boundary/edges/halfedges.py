@@ -10,12 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.arrays import BoolArray, IntArray
+
 from ...graph import components
 
-Ids = NDArray[np.int64]
 
-
-def first_of_each(labels: NDArray[np.integer], count: int) -> Ids:
+def first_of_each(labels: NDArray[np.integer], count: int) -> IntArray:
     """Return the first index that bears each label 0 .. count - 1 (count,)."""
     first = np.full(count, len(labels), dtype=np.int64)
     np.minimum.at(first, labels, np.arange(len(labels)))
@@ -35,9 +35,9 @@ class HalfEdges:
     fan_count : how many rings there are
     """
 
-    origin: Ids
-    twin: Ids
-    fan: Ids
+    origin: IntArray
+    twin: IntArray
+    fan: IntArray
     fan_count: int
 
 
@@ -68,12 +68,12 @@ def half_edges(triangles: NDArray[np.integer]) -> HalfEdges:
     return HalfEdges(origin, twin, fan, int(fan.max(initial=-1)) + 1)
 
 
-def next_in_triangle(half_edge: Ids) -> Ids:
+def next_in_triangle(half_edge: IntArray) -> IntArray:
     """Return the following half-edge of the same triangle."""
     return np.where(half_edge % 3 == 2, half_edge - 2, half_edge + 1)
 
 
-def next_on_rim(mesh: HalfEdges, is_rim: NDArray[np.bool_]) -> Ids:
+def next_on_rim(mesh: HalfEdges, is_rim: BoolArray) -> IntArray:
     """Return for each half-edge on a rim the next one on the same rim (h,); -1 off the rim."""
     here = np.arange(len(is_rim))
     # turning about the far end, inside the surface, until its rim is met again
@@ -88,7 +88,7 @@ def next_on_rim(mesh: HalfEdges, is_rim: NDArray[np.bool_]) -> Ids:
     return np.where(is_rim, turn[next_in_triangle(here)], -1)
 
 
-def rank_chains(successor: Ids) -> tuple[Ids, Ids]:
+def rank_chains(successor: IntArray) -> tuple[IntArray, IntArray]:
     """Return the last element of each element's chain and the steps to it.
 
     Parameters

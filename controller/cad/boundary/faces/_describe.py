@@ -2,20 +2,18 @@
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
+
+from controller.arrays import FloatArray, Int32Array, IntArray
 
 from .._types import NO_DIRECTION, Face
 from ..formulas.primitives import Primitive
-
-Array = NDArray[np.float64]
-Ids = NDArray[np.int64]
 
 CANCELS = 1e-3  # of its area: a mean normal shorter than this is none
 
 
 def describe(
-    mesh: trimesh.Trimesh, owner: Ids, primitives: list[Primitive | None]
-) -> tuple[tuple[Face, ...], NDArray[np.int32]]:
+    mesh: trimesh.Trimesh, owner: IntArray, primitives: list[Primitive | None]
+) -> tuple[tuple[Face, ...], Int32Array]:
     """Return the faces, largest first, and the face of each triangle (n,).
 
     Parameters
@@ -47,13 +45,17 @@ def describe(
     return faces, face.astype(np.int32)
 
 
-def _sums(labels: Ids, values: Array) -> Array:
+def _sums(labels: IntArray, values: FloatArray) -> FloatArray:
     return np.column_stack([np.bincount(labels, weights=values[:, k]) for k in range(3)])
 
 
 def _outward(
-    formula: list[Primitive | None], face: Ids, middles: Array, normals: Array, areas: Array
-) -> Array:
+    formula: list[Primitive | None],
+    face: IntArray,
+    middles: FloatArray,
+    normals: FloatArray,
+    areas: FloatArray,
+) -> FloatArray:
     """Return per face whether its normals leave its axis or centre (positive) or face it."""
     outward = np.zeros(len(formula))
     order = np.argsort(face, kind="stable")
@@ -70,8 +72,8 @@ def _face(
     number: int,
     primitive: Primitive | None,
     area_mm2: float,
-    mean: Array,
-    centre_mm: Array,
+    mean: FloatArray,
+    centre_mm: FloatArray,
     outward: float,
 ) -> Face:
     length = float(np.linalg.norm(mean))

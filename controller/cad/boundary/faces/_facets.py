@@ -4,13 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
+
+from controller.arrays import BoolArray, FloatArray, IntArray
 
 from ...graph import components
 from .._normals import unit
-
-Array = NDArray[np.float64]
-Ids = NDArray[np.int64]
 
 COPLANAR_RAD = np.radians(0.2)
 ROUNDING_MM = 1e-5  # at least; single precision keeps 7 digits of the part's size
@@ -37,16 +35,16 @@ class Facets:
     rims_mm : (m,) length of all edges round each facet
     """
 
-    of_triangle: Ids
-    triangles: Ids
-    start: Ids
-    normals: Array
-    centres: Array
-    areas: Array
-    a: Ids
-    b: Ids
-    lengths_mm: Array
-    rims_mm: Array
+    of_triangle: IntArray
+    triangles: IntArray
+    start: IntArray
+    normals: FloatArray
+    centres: FloatArray
+    areas: FloatArray
+    a: IntArray
+    b: IntArray
+    lengths_mm: FloatArray
+    rims_mm: FloatArray
 
     @property
     def count(self) -> int:
@@ -99,13 +97,17 @@ def find_facets(mesh: trimesh.Trimesh) -> Facets:
     return Facets(of, order, start, facet_normals, middles, total, a, b, lengths, rims)
 
 
-def _sums(labels: Ids, values: Array) -> Array:
+def _sums(labels: IntArray, values: FloatArray) -> FloatArray:
     return np.column_stack([np.bincount(labels, weights=values[:, k]) for k in range(3)])
 
 
 def _exploded(
-    raw: Ids, sliver: NDArray[np.bool_], corners: Array, normals: Array, areas: Array
-) -> Ids:
+    raw: IntArray,
+    sliver: BoolArray,
+    corners: FloatArray,
+    normals: FloatArray,
+    areas: FloatArray,
+) -> IntArray:
     """Return facets (n,) with those taken apart that bend: a wall of very many segments."""
     weights = np.where(sliver, 1e-12, 1.0) * np.maximum(areas, 1e-12)
     total = np.bincount(raw, weights=weights)
@@ -121,8 +123,12 @@ def _exploded(
 
 
 def _slivers_joined(
-    raw: Ids, sliver: NDArray[np.bool_], mesh: trimesh.Trimesh, pairs: Ids, areas: Array
-) -> Ids:
+    raw: IntArray,
+    sliver: BoolArray,
+    mesh: trimesh.Trimesh,
+    pairs: IntArray,
+    areas: FloatArray,
+) -> IntArray:
     """Return facets (n,) with each sliver in the facet across its longest side."""
     if not sliver.any():
         return raw
@@ -151,7 +157,7 @@ def _slivers_joined(
     return joined
 
 
-def true_corners(mesh: trimesh.Trimesh, of_triangle: Ids) -> NDArray[np.bool_]:
+def true_corners(mesh: trimesh.Trimesh, of_triangle: IntArray) -> BoolArray:
     """Return which corners of triangles (n, 3) lie on the surface that is tessellated.
 
     Where two facets meet only, or on a sharp edge that does not turn, a vertex may lie on the

@@ -9,7 +9,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import BoolArray, FloatArray, IntArray
 
 from ..formulas.fits import Cloud, fits
 from ..formulas.primitives import Primitive
@@ -17,9 +18,6 @@ from ..formulas.refine import refined
 from ._facets import Facets
 from ._neighbours import Neighbours
 from ._pieces import LEAST_FACETS, Pieces
-
-Array = NDArray[np.float64]
-Ids = NDArray[np.int64]
 
 TIGHT_MM = 0.0002  # files keep 1e-4 mm or 7 digits; a guess from a few facets has to be this good
 LOOSE_MM = 0.02  # a scan, or a coarse export: a whole run that fits one surface this well
@@ -44,7 +42,7 @@ class Found:
     """A surface with the facets (k,) it is made of, and how near to it their corners lie."""
 
     primitive: Primitive
-    facets: Ids
+    facets: IntArray
     tolerance_mm: float
 
 
@@ -61,14 +59,14 @@ class Grower(Pieces):
     """
 
     def __init__(
-        self, facets: Facets, corners: Array, is_corner: NDArray[np.bool_], tight_mm: float
+        self, facets: Facets, corners: FloatArray, is_corner: BoolArray, tight_mm: float
     ) -> None:
         super().__init__(facets, corners, is_corner)
         self.tight_mm = max(TIGHT_MM, tight_mm)
         self._second = (SECOND_TRY * self.tight_mm, SECOND_TURN_RAD)
         self._failed_runs = self._good_runs = 0
 
-    def whole(self, facets: Ids) -> Found | None:
+    def whole(self, facets: IntArray) -> Found | None:
         """Return the surface a whole run of facets is, if it is one."""
         cloud = self.cloud(facets)
         some = cloud.thinned().points
@@ -99,7 +97,7 @@ class Grower(Pieces):
         return bool(cosine.min() < np.cos(turn_rad))
 
     def run(
-        self, facets: Ids, links: Neighbours, strips: Neighbours, free: NDArray[np.bool_]
+        self, facets: IntArray, links: Neighbours, strips: Neighbours, free: BoolArray
     ) -> list[Found]:
         """Return the surfaces in a run of smoothly joined facets.
 
@@ -130,10 +128,10 @@ class Grower(Pieces):
 
     def _seeded(
         self,
-        facets: Ids,
+        facets: IntArray,
         links: Neighbours,
         strips: Neighbours,
-        free: NDArray[np.bool_],
+        free: BoolArray,
         tolerance_mm: float,
         turn_rad: float,
     ) -> list[Found]:
@@ -152,7 +150,7 @@ class Grower(Pieces):
                 continue
             best: Found | None = None
             best_area = 0.0
-            known: list[Ids] = []
+            known: list[IntArray] = []
             for primitive, patch in self._guesses(seed, (strips, links), free, tolerance_mm, known):
                 grown = self._grown(primitive, patch, links, free, tolerance_mm, turn_rad)
                 area = 0.0 if grown is None else float(self._facets.areas[grown.facets].sum())
@@ -173,15 +171,15 @@ class Grower(Pieces):
         self,
         seed: int,
         nearness: tuple[Neighbours, ...],
-        free: NDArray[np.bool_],
+        free: BoolArray,
         tolerance_mm: float,
-        known: list[Ids],
-    ) -> Iterator[tuple[Primitive, Ids]]:
+        known: list[IntArray],
+    ) -> Iterator[tuple[Primitive, IntArray]]:
         """Yield what a facet and some round it may be, with those facets.
 
         What lies within facets already ``known`` is passed over; the caller may add to them.
         """
-        tried: list[Ids] = []
+        tried: list[IntArray] = []
         for near in nearness:
             patches = [self._patch(seed, wanted, near, free) for wanted in SEED_FACETS]
             # what does not fit a few facets will not fit more of them
@@ -198,7 +196,7 @@ class Grower(Pieces):
                 if primitive is not None:
                     yield primitive, patch
 
-    def _guess(self, patch: Ids, tolerance_mm: float) -> Primitive | None:
+    def _guess(self, patch: IntArray, tolerance_mm: float) -> Primitive | None:
         """Return the simplest kind of surface that fits a few facets."""
         if len(patch) < LEAST_FACETS:
             return None
@@ -216,9 +214,9 @@ class Grower(Pieces):
     def _grown(
         self,
         primitive: Primitive,
-        patch: Ids,
+        patch: IntArray,
         links: Neighbours,
-        free: NDArray[np.bool_],
+        free: BoolArray,
         tolerance_mm: float,
         turn_rad: float,
     ) -> Found | None:
@@ -250,11 +248,11 @@ class Grower(Pieces):
     def _spread(
         self,
         primitive: Primitive,
-        facets: Ids,
+        facets: IntArray,
         links: Neighbours,
-        free: NDArray[np.bool_],
+        free: BoolArray,
         tolerance_mm: float,
-    ) -> Ids:
+    ) -> IntArray:
         self._tick += 1
         self._seen[facets] = self._tick
         front, parts = facets, [facets]

@@ -1,11 +1,10 @@
 """Which facets meet smoothly, and which of them along their long sides."""
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import BoolArray, IntArray
 
 from ._facets import Facets
-
-Ids = NDArray[np.int64]
 
 LONG_SIDE = 0.5  # of a facet's longest side: strips of a wall meet along such sides
 
@@ -19,17 +18,17 @@ class Neighbours:
     a, b : (n,) facets that meet, pair by pair; either may come first, and a pair may come twice
     """
 
-    def __init__(self, count: int, a: Ids, b: Ids) -> None:
+    def __init__(self, count: int, a: IntArray, b: IntArray) -> None:
         key = np.unique(np.concatenate([a * count + b, b * count + a]))
-        self.to: Ids = key % count
+        self.to: IntArray = key % count
         self.start = np.searchsorted(key // count, np.arange(count + 1))
 
-    def of(self, facets: Ids) -> Ids:
+    def of(self, facets: IntArray) -> IntArray:
         """Return the neighbours of facets, with repeats."""
         return np.asarray(self.to[rows(self.start, facets)])
 
 
-def along_long_sides(facets: Facets, inner: NDArray[np.bool_]) -> Neighbours:
+def along_long_sides(facets: Facets, inner: BoolArray) -> Neighbours:
     """Return the neighbours across long sides: strip by strip round a wall, not off its ends."""
     a, b, lengths = facets.a[inner], facets.b[inner], facets.lengths_mm[inner]
     longest = np.zeros(facets.count)
@@ -39,7 +38,7 @@ def along_long_sides(facets: Facets, inner: NDArray[np.bool_]) -> Neighbours:
     return Neighbours(facets.count, a[long], b[long])
 
 
-def rows(start: Ids, picked: Ids) -> Ids:
+def rows(start: IntArray, picked: IntArray) -> IntArray:
     """Return the positions of all entries of picked rows of a compressed table."""
     begin = start[picked]
     sizes = start[picked + 1] - begin

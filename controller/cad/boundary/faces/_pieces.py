@@ -1,15 +1,13 @@
 """Pieces of a part: facets with their corners, whether they lie on a surface, rings round them."""
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import BoolArray, FloatArray, IntArray
 
 from ..formulas.fits import Cloud
 from ..formulas.primitives import Primitive
 from ._facets import Facets
 from ._neighbours import Neighbours, rows
-
-Array = NDArray[np.float64]
-Ids = NDArray[np.int64]
 
 COS_HALF_STEP = np.cos(np.radians(11.6))  # half a segment of a 16-sided rod: 17 segments are a wall
 COS_FACET = np.cos(np.radians(16.0))  # a triangle of a ball or a ring, seen from its corners
@@ -26,7 +24,7 @@ class Pieces:
     is_corner : (t, 3) which of them lie on the surface that is tessellated
     """
 
-    def __init__(self, facets: Facets, corners: Array, is_corner: NDArray[np.bool_]) -> None:
+    def __init__(self, facets: Facets, corners: FloatArray, is_corner: BoolArray) -> None:
         self._facets = facets
         # facet by facet, as their triangles are listed
         self._corners = corners[facets.triangles]
@@ -34,7 +32,7 @@ class Pieces:
         self._seen = np.zeros(facets.count, dtype=np.int64)
         self._tick = 0
 
-    def cloud(self, facets: Ids) -> Cloud:
+    def cloud(self, facets: IntArray) -> Cloud:
         """Return corners and facets of a piece."""
         f = self._facets
         at = rows(f.start, facets)
@@ -43,7 +41,7 @@ class Pieces:
             points = self._corners[at].reshape(-1, 3)
         return Cloud(points, f.normals[facets], f.centres[facets], f.areas[facets])
 
-    def is_on(self, primitive: Primitive, facets: Ids, tolerance_mm: float) -> NDArray[np.bool_]:
+    def is_on(self, primitive: Primitive, facets: IntArray, tolerance_mm: float) -> BoolArray:
         """Return which facets (k,) lie on a surface: with all corners, and facing as it does.
 
         Parameters
@@ -72,7 +70,7 @@ class Pieces:
         # slivers may face anywhere; the facet's normal speaks for all its triangles
         return np.asarray(~(far | np.logical_or.reduceat(turned.any(axis=1), first)))
 
-    def _patch(self, seed: int, wanted: int, links: Neighbours, free: NDArray[np.bool_]) -> Ids:
+    def _patch(self, seed: int, wanted: int, links: Neighbours, free: BoolArray) -> IntArray:
         """Return a facet and the rings of facets round it, about as many as wanted."""
         patch = front = np.array([seed])
         self._tick += 1
@@ -86,14 +84,14 @@ class Pieces:
             patch = np.concatenate([patch, front])
         return patch
 
-    def _ring(self, front: Ids, links: Neighbours, free: NDArray[np.bool_]) -> Ids:
+    def _ring(self, front: IntArray, links: Neighbours, free: BoolArray) -> IntArray:
         """Return the free neighbours not seen since the last tick; now they are."""
         ring = links.of(front)
         ring = np.unique(ring[free[ring] & (self._seen[ring] != self._tick)])
         self._seen[ring] = self._tick
         return ring
 
-    def _is_within(self, patch: Ids, other: Ids) -> bool:
+    def _is_within(self, patch: IntArray, other: IntArray) -> bool:
         self._tick += 1
         self._seen[other] = self._tick
         return bool((self._seen[patch] == self._tick).all())

@@ -5,13 +5,12 @@ those round them. Such a facet looks like a plane, but its rim runs smoothly int
 """
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import BoolArray, IntArray
 
 from ..formulas.primitives import Primitive
 from ._facets import Facets
 from ._growth import LOOSE_MM, LOOSE_SHARE, Grower
-
-Ids = NDArray[np.int64]
 
 SPECK = 4.0  # times a neighbour's mean facet: a larger plane is a plane
 ROUNDS = 3  # a few slivers side by side
@@ -19,8 +18,8 @@ SMOOTH_RIM = 0.8  # of the rim: a ledge or a chamfer has creases along at least 
 
 
 def specks_absorbed(
-    facets: Facets, grower: Grower, owner: Ids, primitives: list[Primitive | None]
-) -> Ids:
+    facets: Facets, grower: Grower, owner: IntArray, primitives: list[Primitive | None]
+) -> IntArray:
     """Return owners (m,) with specks given to the curved surface they run into.
 
     A surface without formula takes any speck; one with a formula must pass near its corners,
@@ -45,10 +44,10 @@ def specks_absorbed(
 def _absorbed_once(
     facets: Facets,
     grower: Grower,
-    owner: Ids,
+    owner: IntArray,
     primitives: list[Primitive | None],
-    is_plane: NDArray[np.bool_],
-) -> Ids:
+    is_plane: BoolArray,
+) -> IntArray:
     count = len(primitives)
     areas = np.bincount(owner, weights=facets.areas, minlength=count)
     mean = areas / np.maximum(np.bincount(owner, minlength=count), 1)

@@ -7,7 +7,8 @@ nearly smooth, and last the neighbours that turn out to lie on one surface are m
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
+
+from controller.arrays import BoolArray, Int32Array, IntArray
 
 from ...graph import components
 from .._types import Face
@@ -19,9 +20,6 @@ from ._neighbours import Neighbours, along_long_sides
 from ._pieces import LEAST_FACETS
 from ._specks import specks_absorbed
 
-Array = NDArray[np.float64]
-Ids = NDArray[np.int64]
-
 STRIP_RATIO = 4.0  # a plane is this many times larger than the strips round it
 LONE_RATIO = 50.0  # and a single triangle with smooth edges all round so much larger
 ABSORB_ROUNDS = 3
@@ -29,7 +27,7 @@ NEAR = 20.0  # times the tightest fit: planes whose middles are farther apart ar
 ABSORB = 5.0  # of the fit's own tolerance: where surfaces meet, kernels put corners less exactly
 
 
-def find_faces(mesh: trimesh.Trimesh) -> tuple[tuple[Face, ...], NDArray[np.int32]]:
+def find_faces(mesh: trimesh.Trimesh) -> tuple[tuple[Face, ...], Int32Array]:
     """Return the surfaces of a mesh and, per triangle, the id of its surface (n,).
 
     Each surface is in one piece. Ids run from the largest surface to the smallest.
@@ -51,7 +49,7 @@ def find_faces(mesh: trimesh.Trimesh) -> tuple[tuple[Face, ...], NDArray[np.int3
     return describe(mesh, owner[facets.of_triangle], primitives)
 
 
-def _planes(facets: Facets) -> NDArray[np.bool_]:
+def _planes(facets: Facets) -> BoolArray:
     """Return which facets (m,) are planes for their size alone."""
     largest = np.zeros(facets.count)
     np.maximum.at(largest, facets.a, facets.areas[facets.b])
@@ -63,7 +61,7 @@ def _planes(facets: Facets) -> NDArray[np.bool_]:
     return np.asarray(facets.areas > np.where(lone, LONE_RATIO, STRIP_RATIO) * largest)
 
 
-def _surfaces(facets: Facets, grower: Grower, curved: NDArray[np.bool_]) -> list[Found]:
+def _surfaces(facets: Facets, grower: Grower, curved: BoolArray) -> list[Found]:
     inner = curved[facets.a] & curved[facets.b]
     a, b = facets.a[inner], facets.b[inner]
     run = components(facets.count, a, b)
@@ -94,7 +92,7 @@ def _surfaces(facets: Facets, grower: Grower, curved: NDArray[np.bool_]) -> list
     return found
 
 
-def _owners(facets: Facets, found: list[Found]) -> tuple[Ids, list[Primitive | None]]:
+def _owners(facets: Facets, found: list[Found]) -> tuple[IntArray, list[Primitive | None]]:
     owner = np.full(facets.count, -1, dtype=np.int64)
     for i, surface in enumerate(found):
         owner[surface.facets] = i
@@ -104,7 +102,7 @@ def _owners(facets: Facets, found: list[Found]) -> tuple[Ids, list[Primitive | N
 def _absorb(
     facets: Facets,
     grower: Grower,
-    owner: Ids,
+    owner: IntArray,
     primitives: list[Primitive | None],
     tolerances_mm: list[float],
 ) -> None:
@@ -132,7 +130,7 @@ def _absorb(
             return
 
 
-def _leave_rest(facets: Facets, owner: Ids, primitives: list[Primitive | None]) -> None:
+def _leave_rest(facets: Facets, owner: IntArray, primitives: list[Primitive | None]) -> None:
     """Make planes and surfaces without formula of what is left."""
     left = owner < 0
     plane = _planes(facets) & left
@@ -150,7 +148,9 @@ def _leave_rest(facets: Facets, owner: Ids, primitives: list[Primitive | None]) 
     primitives.extend([None] * len(numbers))
 
 
-def _merged(facets: Facets, grower: Grower, owner: Ids, primitives: list[Primitive | None]) -> Ids:
+def _merged(
+    facets: Facets, grower: Grower, owner: IntArray, primitives: list[Primitive | None]
+) -> IntArray:
     """Return owners (m,) with neighbours made one that lie on one surface, as halves of a bore."""
     a, b = owner[facets.a], owner[facets.b]
     pairs = np.unique(np.sort(np.column_stack([a, b])[a != b], axis=1), axis=0)

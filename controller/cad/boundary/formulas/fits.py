@@ -9,12 +9,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import FloatArray
 
 from .primitives import Primitive
 from .refine import ball, basis, refined
-
-Array = NDArray[np.float64]
 
 FIT_POINTS = 600  # more points tell a fit of seven numbers nothing new
 FLAT_SPREAD = 1e-5  # mean square of normals along an axis: below it all are square to the axis
@@ -28,10 +27,10 @@ LARGEST_HALF_ANGLE_RAD = np.radians(89.0)
 class Cloud:
     """What is known of a piece of surface: corners (n, 3) and facets (m, 3) with areas (m,)."""
 
-    points: Array
-    normals: Array
-    centres: Array
-    areas: Array
+    points: FloatArray
+    normals: FloatArray
+    centres: FloatArray
+    areas: FloatArray
 
     def thinned(self) -> "Cloud":
         """Return every so-many-th point and facet, few enough for a quick fit."""
@@ -78,7 +77,7 @@ def _plane(cloud: Cloud) -> Primitive:
     return Primitive("plane", middle, normal if normal @ mean >= 0 else -normal)
 
 
-def _cylinder(cloud: Cloud, axis: Array, aim_mm: float) -> Primitive | None:
+def _cylinder(cloud: Cloud, axis: FloatArray, aim_mm: float) -> Primitive | None:
     one, two = basis(axis)
     uv = np.column_stack([cloud.points @ one, cloud.points @ two])
     middle = uv.mean(axis=0)
@@ -95,7 +94,7 @@ def _cylinder(cloud: Cloud, axis: Array, aim_mm: float) -> Primitive | None:
     )
 
 
-def _cone(cloud: Cloud, shares: Array, aim_mm: float) -> Primitive | None:
+def _cone(cloud: Cloud, shares: FloatArray, aim_mm: float) -> Primitive | None:
     mean = (cloud.normals * shares[:, None]).sum(axis=0)
     centred = cloud.normals - mean
     spread, vectors = np.linalg.eigh((centred * shares[:, None]).T @ centred)

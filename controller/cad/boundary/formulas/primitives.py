@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import FloatArray
 
 from .._normals import unit
 from .._types import FaceKind
-
-Array = NDArray[np.float64]
 
 TINY_MM = 1e-12  # instead of nothing, where a length divides
 
@@ -18,13 +17,13 @@ class Primitive:
     """A surface with a formula; the fields mean what those of `Face` mean."""
 
     kind: FaceKind
-    centre_mm: Array
-    axis: Array
+    centre_mm: FloatArray
+    axis: FloatArray
     radius_mm: float = 0.0
     minor_radius_mm: float = 0.0
     half_angle_rad: float = 0.0
 
-    def distances(self, points: Array) -> Array:
+    def distances(self, points: FloatArray) -> FloatArray:
         """Return how far points (..., 3) lie off the surface, signed."""
         offset = points - self.centre_mm
         if self.kind == "sphere":
@@ -42,7 +41,7 @@ class Primitive:
             )
         return np.asarray(np.hypot(away, height) - self.minor_radius_mm)
 
-    def directions(self, points: Array) -> Array:
+    def directions(self, points: FloatArray) -> FloatArray:
         """Return unit normals (..., 3) at points, away from the axis or centre."""
         if self.kind == "plane":
             return np.broadcast_to(self.axis, points.shape)
@@ -59,7 +58,9 @@ class Primitive:
             )
         return unit(offset - radial * self.radius_mm)
 
-    def seen_from(self, points: Array, normals: Array) -> tuple[Array, Array, Array]:
+    def seen_from(
+        self, points: FloatArray, normals: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return how far points (..., 3) lie off, how normals there agree, how far the axis is.
 
         The agreement is the size of the cosine between a normal (..., 3) and the surface's; of

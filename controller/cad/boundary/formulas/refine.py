@@ -1,12 +1,11 @@
 """Surfaces moved, turned and resized until they fit points in the least squares."""
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import FloatArray
 
 from .._types import NO_DIRECTION
 from .primitives import Primitive
-
-Array = NDArray[np.float64]
 
 ROUNDS = 12  # Gauss-Newton doubles the right digits each round; from a fair guess five are enough
 EXACT = 1e-7  # of a cloud's size: single precision
@@ -15,7 +14,7 @@ FAR_OFF = 10.0  # times the misfit aimed at: from there
 HOPELESS = 0.5  # a round has to halve the squared misfit, or the points are no such surface
 
 
-def basis(axis: Array) -> tuple[Array, Array]:
+def basis(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return two directions that make a right-handed frame with an axis."""
     x, y, z = axis.tolist()
     if abs(z) < 0.9:
@@ -27,7 +26,7 @@ def basis(axis: Array) -> tuple[Array, Array]:
     return np.array([a, b, c]), np.array([y * c - z * b, z * a - x * c, x * b - y * a])
 
 
-def ball(points: Array) -> Primitive | None:
+def ball(points: FloatArray) -> Primitive | None:
     """Return the sphere nearest to points (n, 3); None if they lie in a plane."""
     middle = points.mean(axis=0)
     p = points - middle
@@ -42,7 +41,7 @@ def ball(points: Array) -> Primitive | None:
 class _Place:
     """A surface, points (n, 3) seen from it, and how far they lie off (n,)."""
 
-    def __init__(self, surface: Primitive, points: Array) -> None:
+    def __init__(self, surface: Primitive, points: FloatArray) -> None:
         self.surface = surface
         self.frame = np.array([*basis(surface.axis), surface.axis])
         self.x, self.y, self.height = self.frame @ (points - surface.centre_mm).T
@@ -56,7 +55,7 @@ class _Place:
             self.residual = np.hypot(self.off, self.height) - surface.minor_radius_mm
         self.cost = float(self.residual @ self.residual)
 
-    def slopes(self, scale: float) -> Array:
+    def slopes(self, scale: float) -> FloatArray:
         """Return how distances (n,) change with the parameters, as rows.
 
         First the centre across, then turns about it, then sizes; all in units of length.
@@ -102,7 +101,7 @@ class _Place:
         return Primitive(surface.kind, centre, turned, surface.radius_mm + step[4], minor, half)
 
 
-def refined(guess: Primitive, points: Array, aim_mm: float = 0.0) -> Primitive:
+def refined(guess: Primitive, points: FloatArray, aim_mm: float = 0.0) -> Primitive:
     """Return the surface moved, turned and resized to fit points (n, 3) in the least squares.
 
     Parameters

@@ -12,13 +12,13 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
+
+from controller.arrays import FloatArray, IntArray
 
 from ...surfaces.tolerances import Datum, Dimension, GeometricTolerance, Tolerance
 from .part21 import Part21, Part21Error, Written
-
-Array = NDArray[np.float64]
 
 SAME_MM: Final = 1e-3  # faces of two runs of the kernel on one file are equal to the last digits
 SAME: Final = 1e-6  # relative: one number through two readers
@@ -36,7 +36,11 @@ KEYWORDS: Final = {f: f"{f.upper()}_TOLERANCE" for f in PLAIN} | {
 
 
 def tolerances_from(
-    found: Mapping[str, Any], text: bytes, area_mm2: Array, mean_mm: Array, rank: NDArray[np.int64]
+    found: Mapping[str, Any],
+    text: bytes,
+    area_mm2: FloatArray,
+    mean_mm: FloatArray,
+    rank: IntArray,
 ) -> tuple[tuple[Tolerance, ...], tuple[str, ...]]:
     """Return the tolerances with our face ids, and what was left out, in sentences.
 
@@ -61,7 +65,11 @@ def tolerances_from(
 
 
 def _match(
-    area: Array, mean: Array, area_mm2: Array, mean_mm: Array, rank: NDArray[np.int64]
+    area: FloatArray,
+    mean: FloatArray,
+    area_mm2: FloatArray,
+    mean_mm: FloatArray,
+    rank: IntArray,
 ) -> list[int | None]:
     """Return our id of each face of the other run; None where the solid has no such face."""
     if len(area) == 0:
@@ -189,7 +197,7 @@ def _datums(
     told: dict[str, Any],
     part: Part21,
     ids: list[int | None],
-    rank: NDArray[np.int64],
+    rank: IntArray,
     warnings: list[str],
 ) -> list[Datum]:
     """Return each letter once; the kernel lists it once per tolerance that refers to it."""

@@ -15,7 +15,8 @@ from typing import Any, Final
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
+
+from controller.arrays import FloatArray, IntArray
 
 from ...boundary import Face, FaceKind
 from ...errors import (
@@ -29,8 +30,6 @@ from ...solid import Solid, make_solid
 from ...surfaces.tolerances import Tolerance
 from ._tolerances import tolerances_from
 from .kernel import KernelLimits, KernelRun, check_installed
-
-Array = NDArray[np.float64]
 
 # chord error [mm], the same as a share of the diagonal, angle [rad]. A chord of 0.01 mm is a fifth
 # of what drawn edges may be off, parts beyond 100 mm need not be finer in proportion, and 32 strips
@@ -67,14 +66,14 @@ class StepEdges:
     centre_mm, axis, radius_mm : (e, 3), (e, 3), (e,) of circles, NaN otherwise
     """
 
-    chain_start: NDArray[np.int64]
-    chain: NDArray[np.int64]
-    vertices_mm: Array
-    faces: NDArray[np.int64]
-    curve: NDArray[np.int64]
-    centre_mm: Array
-    axis: Array
-    radius_mm: Array
+    chain_start: IntArray
+    chain: IntArray
+    vertices_mm: FloatArray
+    faces: IntArray
+    curve: IntArray
+    centre_mm: FloatArray
+    axis: FloatArray
+    radius_mm: FloatArray
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -93,10 +92,10 @@ class StepPart:
     """
 
     solid: Solid
-    step_face: NDArray[np.int64]
+    step_face: IntArray
     edges: StepEdges
     area_mm2: float
-    inertia_mm5: Array
+    inertia_mm5: FloatArray
     tolerances: tuple[Tolerance, ...]
     warnings: tuple[str, ...]
 
@@ -170,7 +169,7 @@ def _read_text(path: Path) -> bytes:
     return data
 
 
-def _ranks(area_mm2: Array) -> NDArray[np.int64]:
+def _ranks(area_mm2: FloatArray) -> IntArray:
     """Return the id of each STEP face: its place by area, largest first."""
     rank = np.empty(len(area_mm2), dtype=np.int64)
     rank[np.argsort(-area_mm2, kind="stable")] = np.arange(len(area_mm2))
@@ -232,9 +231,7 @@ def _part(
     )
 
 
-def _faces(
-    found: dict[str, Any], mesh: trimesh.Trimesh, rank: NDArray[np.int64]
-) -> tuple[Face, ...]:
+def _faces(found: dict[str, Any], mesh: trimesh.Trimesh, rank: IntArray) -> tuple[Face, ...]:
     count = len(rank)
     of = found["face_of_triangle"]
     corners = np.asarray(mesh.vertices)[np.asarray(mesh.faces)]
@@ -277,7 +274,7 @@ def _faces(
     return tuple(faces)
 
 
-def _outward(found: dict[str, Any], of: NDArray[np.int64], points: Array) -> Array:
+def _outward(found: dict[str, Any], of: IntArray, points: FloatArray) -> FloatArray:
     """Return the way from the axis, the centre or the ring of its surface to each point, (n, 3)."""
     kind = np.array(KINDS)[found["kind"]][of]
     arm = points - found["place_mm"][of]

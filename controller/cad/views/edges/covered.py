@@ -8,14 +8,11 @@ the sheet folds over or the edge comes out before it.
 """
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import BoolArray, FloatArray, Int32Array
 
 from .._model import ViewModel
 from .._project import EDGE_ON, FRONT, Projection
-
-Array = NDArray[np.float64]
-Ids = NDArray[np.int32]
-Bools = NDArray[np.bool_]
 
 # Beside the edge: far above the rays' single precision (1e-5 mm) and far below what is measured.
 ASIDE_MM = 2e-3
@@ -26,7 +23,9 @@ GRAZING_MM = 0.05
 MAX_STEP_COUNT = 16  # triangles; an edge under more of them is cut and asked like any other
 
 
-def without_covered(model: ViewModel, view: Projection, edges: Ids, rims: Ids) -> tuple[Ids, Ids]:
+def without_covered(
+    model: ViewModel, view: Projection, edges: Int32Array, rims: Int32Array
+) -> tuple[Int32Array, Int32Array]:
     """Return edges and rims less those behind something all along.
 
     An edge goes where the eye sees none of its faces beside it, a rim where all it could hide is
@@ -55,7 +54,7 @@ def without_covered(model: ViewModel, view: Projection, edges: Ids, rims: Ids) -
     return edges[shows[edges]], rims[can_hide[rims]]
 
 
-def aside(model: ViewModel, edges: Ids, side: Ids | int) -> Array:
+def aside(model: ViewModel, edges: Int32Array, side: Int32Array | int) -> FloatArray:
     """Return the steps (n, 3) from edges onto one of their triangles, at right angles [mm].
 
     Parameters
@@ -73,11 +72,13 @@ def aside(model: ViewModel, edges: Ids, side: Ids | int) -> Array:
     inwards = model.vertices_mm[far] - start
     inwards -= _dot(inwards, along)[:, None] * along
     inwards /= np.maximum(np.sqrt(_dot(inwards, inwards)), 1e-300)[:, None]
-    step: Array = np.minimum(ASIDE_MM, model.heights_mm[triangle] / 4)[:, None] * inwards
+    step: FloatArray = np.minimum(ASIDE_MM, model.heights_mm[triangle] / 4)[:, None] * inwards
     return step
 
 
-def _is_covered(model: ViewModel, view: Projection, edges: Ids, side: Ids) -> Bools:
+def _is_covered(
+    model: ViewModel, view: Projection, edges: Int32Array, side: Int32Array
+) -> BoolArray:
     """Return which edges (n,), on the given side (n,) of each, one sheet hides from end to end."""
     is_covered = np.zeros(len(edges), dtype=np.bool_)
     step = aside(model, edges, side)
@@ -120,7 +121,9 @@ def _is_covered(model: ViewModel, view: Projection, edges: Ids, side: Ids) -> Bo
     return is_covered
 
 
-def _projected(model: ViewModel, view: Projection, p_cad_mm: Array) -> tuple[Array, Array]:
+def _projected(
+    model: ViewModel, view: Projection, p_cad_mm: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return points (n, 3) of the CAD frame in the plane (n, 2), and their nearness (n,)."""
     plane = p_cad_mm @ view.matrix[:, :3].T + view.matrix[:, 3]
     if view.is_central:
@@ -128,7 +131,9 @@ def _projected(model: ViewModel, view: Projection, p_cad_mm: Array) -> tuple[Arr
     return plane[:, :2], (p_cad_mm - model.solid.centroid_mm) @ view.eye
 
 
-def _nearest(model: ViewModel, view: Projection, p_cad_mm: Array, nearness: Array) -> Ids:
+def _nearest(
+    model: ViewModel, view: Projection, p_cad_mm: FloatArray, nearness: FloatArray
+) -> Int32Array:
     """Return the triangle (n,) the eye sees where points (n, 3) are, -1 where it sees none."""
     if view.is_central:
         origins = np.broadcast_to(view.eye, p_cad_mm.shape)
@@ -139,8 +144,8 @@ def _nearest(model: ViewModel, view: Projection, p_cad_mm: Array, nearness: Arra
 
 
 def _within(
-    model: ViewModel, view: Projection, triangle: Ids, p: Array, q: Array
-) -> tuple[Array, Array, Array]:
+    model: ViewModel, view: Projection, triangle: Int32Array, p: FloatArray, q: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return barycentric coordinates (n, 3) of p and q, (n, 2) each, and corners' nearness."""
     corners = model.triangles[triangle]
     x, y = view.points[corners, 0].T, view.points[corners, 1].T  # (3, n)
@@ -153,6 +158,6 @@ def _within(
     return found[0].T, found[1].T, view.nearness[corners]
 
 
-def _dot(a: Array, b: Array) -> Array:
-    product: Array = np.einsum("ij,ij->i", a, b)
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    product: FloatArray = np.einsum("ij,ij->i", a, b)
     return product

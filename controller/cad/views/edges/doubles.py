@@ -1,16 +1,14 @@
 """Doubled lines merged: what lies right under a nearer line is not drawn (references.md P2.2)."""
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import FloatArray, Int32Array, IntArray
 
 from .._model import ViewModel
 from .._project import Projection
 from .._segments import cross, tree_of
 from ..outlines.outline import ROUNDED_MM, ROUNDED_SINE
 from .hidden import SHORTEST_MM, Pieces, plane_ends
-
-Array = NDArray[np.float64]
-Ids = NDArray[np.int32] | NDArray[np.int64]
 
 DOUBLED_MM = 0.01  # lines closer than this all along show as one
 DOUBLED_RAD = 0.05
@@ -72,7 +70,9 @@ def without_doubles(model: ViewModel, view: Projection, pieces: Pieces) -> Piece
     return _uncovered(pieces, under, a, b, gap / length)
 
 
-def _uncovered(pieces: Pieces, under: Ids, a: Array, b: Array, short: Array) -> Pieces:
+def _uncovered(
+    pieces: Pieces, under: Int32Array | IntArray, a: FloatArray, b: FloatArray, short: FloatArray
+) -> Pieces:
     """Return pieces less the stretches a to b, 0 to 1 of their own length, of pieces ``under``.
 
     All (m,); rests shorter than ``short``, as a share of the piece, are dropped.
@@ -102,8 +102,14 @@ def _uncovered(pieces: Pieces, under: Ids, a: Array, b: Array, short: Array) -> 
     return Pieces(pieces.mesh_edge[owner[order]], start[order], end[order])
 
 
-def _nearness(model: ViewModel, view: Projection, pieces: Pieces, piece: Ids, part: Array) -> Array:
+def _nearness(
+    model: ViewModel,
+    view: Projection,
+    pieces: Pieces,
+    piece: Int32Array | IntArray,
+    part: FloatArray,
+) -> FloatArray:
     at = pieces.start[piece] + part * (pieces.end - pieces.start)[piece]
     z = view.nearness[model.ends[pieces.mesh_edge[piece]]]
-    nearness: Array = z[:, 0] + at * (z[:, 1] - z[:, 0])
+    nearness: FloatArray = z[:, 0] + at * (z[:, 1] - z[:, 0])
     return nearness

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import BoolArray, FloatArray, Int32Array, IntArray
 
 from .._model import ViewModel
 from .._project import FRONT, Projection
@@ -12,10 +13,6 @@ from .._types import DrawnEdge, LineKind
 from ..outlines.outline import ROUNDED_MM, Ring
 from .doubles import DOUBLED_MM
 from .hidden import Pieces, plane_at, plane_ends, points_on
-
-Array = NDArray[np.float64]
-Ids = NDArray[np.int32]
-Bools = NDArray[np.bool_]
 
 KINDS: tuple[LineKind, ...] = ("sharp", "smooth", "silhouette")
 
@@ -65,7 +62,7 @@ def draw(
     # the last piece of each run brings its end as well
     where = np.flatnonzero(is_last)
     after = np.cumsum(count)[where]
-    all_edges: Ids = np.insert(edge[flat][row], after, edge[flat][where]).astype(np.int32)
+    all_edges: Int32Array = np.insert(edge[flat][row], after, edge[flat][where]).astype(np.int32)
     all_at = np.insert(at, after, stop[where])
     view_points = view.to_view(plane_at(model, view, all_edges, all_at))
     points_mm = points_on(model, view, all_edges, all_at)
@@ -93,7 +90,7 @@ def draw(
 BENT_PX = 2e-3  # how far a chord may stray from a line that the lens bends
 
 
-def subdivisions(view: Projection, p: Array, q: Array) -> NDArray[np.int64]:
+def subdivisions(view: Projection, p: FloatArray, q: FloatArray) -> IntArray:
     """Return in how many parts (n,) to draw lines, so that each follows what the lens bends.
 
     Parameters
@@ -105,7 +102,7 @@ def subdivisions(view: Projection, p: Array, q: Array) -> NDArray[np.int64]:
         return np.ones(len(p), dtype=np.int64)
     middle = view.to_view((p + q) / 2)
     bend = np.linalg.norm(middle - (view.to_view(p) + view.to_view(q)) / 2, axis=1)
-    count: NDArray[np.int64] = np.maximum(np.ceil(np.sqrt(bend / BENT_PX)), 1).astype(np.int64)
+    count: IntArray = np.maximum(np.ceil(np.sqrt(bend / BENT_PX)), 1).astype(np.int64)
     return count
 
 
@@ -117,7 +114,7 @@ class _Run:
     is_closed: bool
 
 
-def _runs(first: Ids, last: Ids, key: NDArray[np.int64], is_corner: Bools) -> list[_Run]:
+def _runs(first: Int32Array, last: Int32Array, key: IntArray, is_corner: BoolArray) -> list[_Run]:
     """Join pieces that meet, two of one key, at a vertex that is no corner of the part."""
     count = len(first)
     vertex = np.concatenate([first, last])
@@ -162,7 +159,9 @@ def _runs(first: Ids, last: Ids, key: NDArray[np.int64], is_corner: Bools) -> li
     return runs
 
 
-def _joined(pieces: Pieces, flag: Bools) -> tuple[Ids, Array, Array, Bools]:
+def _joined(
+    pieces: Pieces, flag: BoolArray
+) -> tuple[Int32Array, FloatArray, FloatArray, BoolArray]:
     edge, start, end = pieces.mesh_edge, pieces.start, pieces.end
     goes_on = (edge[1:] == edge[:-1]) & (start[1:] == end[:-1]) & (flag[1:] == flag[:-1])
     begins = np.flatnonzero(np.concatenate([[True], ~goes_on]))
@@ -170,7 +169,7 @@ def _joined(pieces: Pieces, flag: Bools) -> tuple[Ids, Array, Array, Bools]:
     return edge[begins], start[begins], end[stops], flag[begins]
 
 
-def _on_rings(model: ViewModel, view: Projection, pieces: Pieces, rings: list[Ring]) -> Bools:
+def _on_rings(model: ViewModel, view: Projection, pieces: Pieces, rings: list[Ring]) -> BoolArray:
     p, q = plane_ends(model, view, pieces)
     sides = np.concatenate(
         [np.stack([r.points, np.roll(r.points, -1, axis=0)], axis=1) for r in rings]

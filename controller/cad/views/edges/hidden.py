@@ -8,17 +8,14 @@ beside the middle of the piece, on the face that the eye has next to it.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from shapely import STRtree
+
+from controller.arrays import BoolArray, FloatArray, Int32Array, IntArray
 
 from .._model import ViewModel
 from .._project import BACK, EDGE_ON, FRONT, Projection
-from .._segments import Indices, cross, crowding, near_pairs, tree_of
+from .._segments import cross, crowding, near_pairs, tree_of
 from .covered import GRAZING_MM, aside
-
-Array = NDArray[np.float64]
-Ids = NDArray[np.int32]
-Bools = NDArray[np.bool_]
 
 ABOVE_MM = 1e-3  # start of a ray over its face: clear of single precision (1e-5 mm)
 SHORTEST_MM = 1e-3  # of a piece; two cuts closer than that are one
@@ -36,12 +33,12 @@ class Pieces:
     start, end : (n,) where it begins and ends along that edge, 0 to 1 in the plane
     """
 
-    mesh_edge: Ids
-    start: Array
-    end: Array
+    mesh_edge: Int32Array
+    start: FloatArray
+    end: FloatArray
 
 
-def candidate_edges(model: ViewModel, view: Projection) -> Ids:
+def candidate_edges(model: ViewModel, view: Projection) -> Int32Array:
     """Return the mesh edges (n,) that would show if nothing stood in front of them."""
     one, other = view.facing[model.sides[:, 0]], view.facing[model.sides[:, 1]]
     is_drawn = (model.cad_edge >= 0) | ((one == FRONT) != (other == FRONT))
@@ -52,12 +49,12 @@ def candidate_edges(model: ViewModel, view: Projection) -> Ids:
     ends = model.ends[chosen]
     shown = np.linalg.norm(view.points[ends[:, 1]] - view.points[ends[:, 0]], axis=1)
     length = np.linalg.norm(model.vertices_mm[ends[:, 1]] - model.vertices_mm[ends[:, 0]], axis=1)
-    kept: Ids = chosen[shown > END_ON_RAD * length * view.scale].astype(np.int32)
+    kept: Int32Array = chosen[shown > END_ON_RAD * length * view.scale].astype(np.int32)
     return kept
 
 
 def cut_edges(
-    view: Projection, model: ViewModel, edges: Ids, rims: Ids, rim_tree: STRtree
+    view: Projection, model: ViewModel, edges: Int32Array, rims: Int32Array, rim_tree: STRtree
 ) -> Pieces:
     """Cut edges (n,) wherever a rim crosses them in the plane, unless it does so behind them.
 
@@ -92,7 +89,7 @@ def cut_edges(
     return Pieces(edges[owner[inside]], at[inside], at[inside + 1])
 
 
-def tree_of_edges(model: ViewModel, view: Projection, edges: Ids) -> STRtree:
+def tree_of_edges(model: ViewModel, view: Projection, edges: Int32Array) -> STRtree:
     """Return a search tree over mesh edges (n,) in the plane.
 
     Parameters
@@ -104,8 +101,13 @@ def tree_of_edges(model: ViewModel, view: Projection, edges: Ids) -> STRtree:
 
 
 def _crossings(
-    view: Projection, model: ViewModel, edges: Ids, rims: Ids, rim_tree: STRtree, some: slice
-) -> tuple[Indices, Array]:
+    view: Projection,
+    model: ViewModel,
+    edges: Int32Array,
+    rims: Int32Array,
+    rim_tree: STRtree,
+    some: slice,
+) -> tuple[IntArray, FloatArray]:
     """Return which edges, of some of them, are cut (m,), and where (m,), in no order."""
     gap = SHORTEST_MM * view.scale
     p, q = view.points[model.ends[edges, 0]], view.points[model.ends[edges, 1]]
@@ -140,7 +142,7 @@ def _crossings(
     return cut_edge, cut_at
 
 
-def is_seen(model: ViewModel, view: Projection, pieces: Pieces) -> Bools:
+def is_seen(model: ViewModel, view: Projection, pieces: Pieces) -> BoolArray:
     """Return which pieces (n,) the eye sees: those with one of their faces in sight beside them.
 
     Parameters
@@ -158,7 +160,7 @@ def is_seen(model: ViewModel, view: Projection, pieces: Pieces) -> Bools:
     return seen
 
 
-def in_sight(model: ViewModel, view: Projection, p_cad_mm: Array) -> Bools:
+def in_sight(model: ViewModel, view: Projection, p_cad_mm: FloatArray) -> BoolArray:
     """Return which points (n,) are seen by the eye.
 
     Parameters
@@ -184,7 +186,9 @@ def in_sight(model: ViewModel, view: Projection, p_cad_mm: Array) -> Bools:
     return free
 
 
-def points_on(model: ViewModel, view: Projection, mesh_edge: Ids, at: Array) -> Array:
+def points_on(
+    model: ViewModel, view: Projection, mesh_edge: Int32Array, at: FloatArray
+) -> FloatArray:
     """Return points (n, 3) of mesh edges [mm, CAD frame].
 
     Parameters
@@ -198,11 +202,13 @@ def points_on(model: ViewModel, view: Projection, mesh_edge: Ids, at: Array) -> 
         z = view.nearness[ends]
         at = at * z[:, 1] / (z[:, 0] + at * (z[:, 1] - z[:, 0]))
     start, end = model.vertices_mm[ends[:, 0]], model.vertices_mm[ends[:, 1]]
-    points: Array = start + at[:, None] * (end - start)
+    points: FloatArray = start + at[:, None] * (end - start)
     return points
 
 
-def plane_at(model: ViewModel, view: Projection, mesh_edge: Ids, at: Array) -> Array:
+def plane_at(
+    model: ViewModel, view: Projection, mesh_edge: Int32Array, at: FloatArray
+) -> FloatArray:
     """Return points (n, 2) of mesh edges in the plane.
 
     Parameters
@@ -213,11 +219,11 @@ def plane_at(model: ViewModel, view: Projection, mesh_edge: Ids, at: Array) -> A
     """
     ends = model.ends[mesh_edge]
     p = view.points[ends[:, 0]]
-    points: Array = p + at[:, None] * (view.points[ends[:, 1]] - p)
+    points: FloatArray = p + at[:, None] * (view.points[ends[:, 1]] - p)
     return points
 
 
-def plane_ends(model: ViewModel, view: Projection, pieces: Pieces) -> tuple[Array, Array]:
+def plane_ends(model: ViewModel, view: Projection, pieces: Pieces) -> tuple[FloatArray, FloatArray]:
     """Return where pieces start and end in the plane, (n, 2) each.
 
     Parameters

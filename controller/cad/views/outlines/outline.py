@@ -11,17 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from manifold3d import CrossSection, FillRule
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from shapely import STRtree
+
+from controller.arrays import BoolArray, FloatArray, Int32Array
 
 from .._model import ViewModel
 from .._project import BACK, EDGE_ON_MM, Projection
 from .._segments import cross, near_pairs
-
-Array = NDArray[np.float64]
-Ids = NDArray[np.int32]
-Bools = NDArray[np.bool_]
 
 ROUNDED_MM = 0.15  # between the chords of one curve, tessellated twice
 ROUNDED_SINE = 0.5
@@ -32,21 +29,21 @@ PARALLEL = 0.05  # sine between a side and the edge it lies on, of sides long en
 class Ring:
     """A loop of the outline in the plane; fields as in `Loop`, lens distortion left out."""
 
-    points: Array
-    edges: Ids
-    faces: Ids
-    is_phantom: Bools
+    points: FloatArray
+    edges: Int32Array
+    faces: Int32Array
+    is_phantom: BoolArray
     is_hole: bool
 
 
-def rim_edges(model: ViewModel, view: Projection) -> Ids:
+def rim_edges(model: ViewModel, view: Projection) -> Int32Array:
     """Return the mesh edges (n,) where the surface turns away from the eye or edge-on to it."""
     is_rim = view.facing[model.sides[:, 0]] != view.facing[model.sides[:, 1]]
     return np.flatnonzero(is_rim).astype(np.int32)
 
 
 def find_rings(
-    model: ViewModel, view: Projection, rims: Ids, open_rims: Ids, rim_tree: STRtree
+    model: ViewModel, view: Projection, rims: Int32Array, open_rims: Int32Array, rim_tree: STRtree
 ) -> list[Ring]:
     """Return the loops of the outline, outer ones first, the largest one before all.
 
@@ -86,7 +83,7 @@ def find_rings(
     return rings
 
 
-def _borders(model: ViewModel, view: Projection, rims: Ids) -> list[Array]:
+def _borders(model: ViewModel, view: Projection, rims: Int32Array) -> list[FloatArray]:
     is_away = view.facing[model.sides[rims]] == BACK
     rims, is_away = rims[is_away.any(axis=1)], is_away[is_away.any(axis=1)]
     ends = np.where(is_away[:, :1], model.ends[rims][:, ::-1], model.ends[rims])
@@ -111,21 +108,21 @@ def _borders(model: ViewModel, view: Projection, rims: Ids) -> list[Array]:
     return borders
 
 
-def _welded(points: Array, weld: float) -> Array:
+def _welded(points: FloatArray, weld: float) -> FloatArray:
     gap = np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1)
-    welded: Array = points[gap > weld]
+    welded: FloatArray = points[gap > weld]
     return welded
 
 
 def _labels(
     model: ViewModel,
     view: Projection,
-    rims: Ids,
+    rims: Int32Array,
     rim_tree: STRtree,
-    start: Array,
-    end: Array,
+    start: FloatArray,
+    end: FloatArray,
     weld: float,
-) -> tuple[Ids, Ids]:
+) -> tuple[Int32Array, Int32Array]:
     """Return CAD edge and curved face of each side: of the nearest rim edge it lies on."""
     edges = np.full(len(start), -1, dtype=np.int32)
     faces = np.full(len(start), -1, dtype=np.int32)

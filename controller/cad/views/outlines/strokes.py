@@ -10,15 +10,14 @@ from itertools import pairwise
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
+
+from controller.arrays import FloatArray
 
 from ...boundary import Curve
 from .._model import ViewModel
 from .._project import Projection
 from .._types import Stroke
 from .outline import ROUNDED_MM, Ring
-
-Array = NDArray[np.float64]
 
 STRAIGHT_MM = 1e-3  # corners this close to a line are on it
 FLATTEST = 0.02  # half axes of an ellipse; one flatter than that is drawn by its corners
@@ -60,7 +59,9 @@ def strokes_of(model: ViewModel, view: Projection, ring: Ring) -> tuple[Stroke, 
     return tuple(strokes)
 
 
-def _arc(corners: Array, centre: Array, axes: Array, tolerance: float) -> float | None:
+def _arc(
+    corners: FloatArray, centre: FloatArray, axes: FloatArray, tolerance: float
+) -> float | None:
     """Return the angle swept along corners (n, 2), None where they do not lie on the ellipse.
 
     Not all of them need be corners of the circle: a mesh may have vertices on its chords as well.
@@ -75,7 +76,7 @@ def _arc(corners: Array, centre: Array, axes: Array, tolerance: float) -> float 
 
 def _ellipse(
     model: ViewModel, view: Projection, edge: int, face: int
-) -> tuple[Array, Array] | None:
+) -> tuple[FloatArray, FloatArray] | None:
     """Return centre and half axes, in the view, of a circular edge or a ball's silhouette."""
     boundary = model.solid.boundary
     if edge >= 0 and boundary.curve[edge] == Curve.CIRCLE:
@@ -106,7 +107,7 @@ def _ellipse(
     return _through(view.to_view(on_it))
 
 
-def _from_dual(dual: Array) -> tuple[Array, Array] | None:
+def _from_dual(dual: FloatArray) -> tuple[FloatArray, FloatArray] | None:
     """Return centre and half axes of the ellipse of a dual conic (3, 3)."""
     # C* of (x - m)^T A^-1 (x - m) = 1 is [[A - m m^T, -m], [-m^T, -1]] up to scale
     dual = -dual / dual[2, 2]
@@ -118,7 +119,7 @@ def _from_dual(dual: Array) -> tuple[Array, Array] | None:
     return centre, _half_axes(squares, directions)
 
 
-def _through(points: Array) -> tuple[Array, Array] | None:
+def _through(points: FloatArray) -> tuple[FloatArray, FloatArray] | None:
     """Return centre and half axes of the ellipse closest to points (n, 2) all round it."""
     middle, size = points.mean(axis=0), float(np.ptp(points, axis=0).max()) / 2
     x, y = ((points - middle) / size).T
@@ -133,8 +134,8 @@ def _through(points: Array) -> tuple[Array, Array] | None:
     return middle + size * centre, size * _half_axes(squares, directions)
 
 
-def _half_axes(squares: Array, directions: Array) -> Array:
-    axes: Array = (directions * np.sqrt(squares)).T[::-1]
+def _half_axes(squares: FloatArray, directions: FloatArray) -> FloatArray:
+    axes: FloatArray = (directions * np.sqrt(squares)).T[::-1]
     if axes[0, 0] * axes[1, 1] - axes[0, 1] * axes[1, 0] < 0:
         axes = axes * [[1.0], [-1.0]]
     return axes

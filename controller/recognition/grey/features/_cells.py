@@ -8,14 +8,11 @@ vote again, which keeps maxima apart.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import Float32Array, FloatArray, IntArray
 
 from .._tolerances import GreyTolerances
 from ._edges import EdgePoints
-
-Array = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Ints = NDArray[np.int64]
 
 ANGLES = 36  # bins of 10 deg over the full turn; a point votes for its own and both beside
 ROUNDS = 3  # lines of a cell: where more cross, corners are told from cells beside it
@@ -32,12 +29,12 @@ class Moments:
     normals : (n, 2) unit, towards the brighter side
     """
 
-    sums: Array
-    ends: Array
-    normals: Array
+    sums: FloatArray
+    ends: FloatArray
+    normals: FloatArray
 
 
-def cell_lines(edges: EdgePoints, tol: GreyTolerances) -> tuple[Moments, Ints]:
+def cell_lines(edges: EdgePoints, tol: GreyTolerances) -> tuple[Moments, IntArray]:
     """Return the lines of all cells [px of the plane], and of each edge point its line or -1."""
     points = edges.points_mm / edges.pitch_mm
     owner = np.full(len(points), -1, dtype=np.int64)
@@ -89,7 +86,7 @@ def _none() -> Moments:
     return Moments(np.zeros((0, 6)), np.zeros((0, 2, 2)), np.zeros((0, 2)))
 
 
-def _cells(points: Array, side_px: float) -> tuple[Ints, Array]:
+def _cells(points: FloatArray, side_px: float) -> tuple[IntArray, FloatArray]:
     """Return the cell of each point, numbered without gaps, and the cells' centres (c, 2)."""
     grid = np.floor(points / side_px).astype(np.int64)
     low = grid.min(axis=0)
@@ -107,7 +104,9 @@ def _radii(tol: GreyTolerances) -> int:
     return 2 * (int(np.ceil(tol.cell_px * 0.75)) + 1)
 
 
-def _ballots(at: Array, turn: Array, tol: GreyTolerances) -> tuple[Ints, Singles]:
+def _ballots(
+    at: FloatArray, turn: FloatArray, tol: GreyTolerances
+) -> tuple[IntArray, Float32Array]:
     """Return for points in cells the bins (n, 3) they vote for, and the share of the next one.
 
     Each vote is shared by the two bins beside it, or a line between bins would count half.
@@ -123,7 +122,9 @@ def _ballots(at: Array, turn: Array, tol: GreyTolerances) -> tuple[Ints, Singles
     return bins * radii + low, share.astype(np.float32)
 
 
-def _maxima(cell: Ints, bins: Ints, shares: Singles, tol: GreyTolerances) -> tuple[Array, Array]:
+def _maxima(
+    cell: IntArray, bins: IntArray, shares: Float32Array, tol: GreyTolerances
+) -> tuple[FloatArray, FloatArray]:
     """Return theta and rho of each cell's highest maximum; cells without points get any."""
     radii = _radii(tol)
     cells = int(cell.max()) + 1
@@ -137,7 +138,9 @@ def _maxima(cell: Ints, bins: Ints, shares: Singles, tol: GreyTolerances) -> tup
     return angle * (2 * np.pi / ANGLES), low_bin + 0.5 - radii / 2
 
 
-def _sums(at: Array, bright: Array, of: Ints, count: int) -> tuple[Array, Array]:
+def _sums(
+    at: FloatArray, bright: FloatArray, of: IntArray, count: int
+) -> tuple[FloatArray, FloatArray]:
     """Return sums (count, 6) of `Moments` over points by group, and of their normals (count, 2)."""
     x, y = at.T
     columns = [
@@ -148,7 +151,7 @@ def _sums(at: Array, bright: Array, of: Ints, count: int) -> tuple[Array, Array]
     return table[:, :6], table[:, 6:]
 
 
-def _fitted(at: Array, bright: Array, of: Ints, origin: Array) -> Moments:
+def _fitted(at: FloatArray, bright: FloatArray, of: IntArray, origin: FloatArray) -> Moments:
     """Return the least squares lines of points by group, each about its origin (n, 2)."""
     count = len(origin)
     sums, side = _sums(at, bright, of, count)
@@ -164,7 +167,7 @@ def _fitted(at: Array, bright: Array, of: Ints, origin: Array) -> Moments:
     return Moments(_about(sums, -origin), ends, normal)
 
 
-def _about(sums: Array, origin: Array) -> Array:
+def _about(sums: FloatArray, origin: FloatArray) -> FloatArray:
     """Return sums taken about another origin (n, 2)."""
     n, x, y, xx, xy, yy = sums.T
     a, b = origin.T
@@ -181,7 +184,7 @@ def _about(sums: Array, origin: Array) -> Array:
     )
 
 
-def line_of(sums: Array, bright: Array) -> tuple[Array, Array, Array]:
+def line_of(sums: FloatArray, bright: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return mean (n, 2), unit normal (n, 2) on the bright side and rms distance (n,) of lines."""
     n, x, y, xx, xy, yy = sums.T
     n = np.maximum(n, 1.0)
@@ -196,14 +199,14 @@ def line_of(sums: Array, bright: Array) -> tuple[Array, Array, Array]:
     return mean, normal, _rms(a, b, c)
 
 
-def rms_of(sums: Array) -> Array:
+def rms_of(sums: FloatArray) -> FloatArray:
     """Return the rms distance (n,) of the points of lines."""
     n, x, y, xx, xy, yy = sums.T
     mx, my = x / n, y / n
     return _rms(xx / n - mx * mx, xy / n - mx * my, yy / n - my * my)
 
 
-def _rms(a: Array, b: Array, c: Array) -> Array:
+def _rms(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
     difference = (a - c) / 2
     spread = (a + c) / 2 - np.sqrt(difference * difference + b * b)
     return np.asarray(np.sqrt(np.maximum(spread, 0.0)))

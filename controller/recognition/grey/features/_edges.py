@@ -9,13 +9,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import Float32Array, FloatArray, Grey
 
 from .._tolerances import GreyTolerances
 
-Array = NDArray[np.float64]
-Grey = NDArray[np.uint8]
-ToPlane = Callable[[Array], Array]
+ToPlane = Callable[[FloatArray], FloatArray]
 
 SOBEL_OF_STEP = 2.1  # Sobel of a step of one level under blurs of 0.8 px of lens and here
 RAYLEIGH_30 = 0.845  # 30 % of a Rayleigh distribution of deviation 1 are below
@@ -40,9 +39,9 @@ class EdgePoints:
     plain : strength of a plain edge of this picture
     """
 
-    points_mm: Array
-    normals: Array
-    strength: Array
+    points_mm: FloatArray
+    normals: FloatArray
+    strength: FloatArray
     pitch_mm: float
     plain: float
 
@@ -70,7 +69,7 @@ def edge_points(grey: Grey, to_plane: ToPlane, tol: GreyTolerances) -> EdgePoint
         large = cv2.resize(grey, None, fx=times, fy=times, interpolation=cv2.INTER_CUBIC)
         grey = np.asarray(large, np.uint8)
 
-        def to_plane(pixels: Array) -> Array:
+        def to_plane(pixels: FloatArray) -> FloatArray:
             return small_to_plane((pixels + 0.5) / times - 0.5)
 
     # ridges of noise on a soft slope are many and mean nothing; blur takes them, and not the edges
@@ -110,7 +109,7 @@ def edge_points(grey: Grey, to_plane: ToPlane, tol: GreyTolerances) -> EdgePoint
     return EdgePoints(points, normals, here, pitch, plain)
 
 
-def _noise(strength: NDArray[np.float32]) -> float:
+def _noise(strength: Float32Array) -> float:
     """Return the deviation of the Sobel of plain surface, of which there is a third at least."""
     sample = strength[1:-1:5, 1:-1:5]
     return float(np.percentile(sample, 30)) / RAYLEIGH_30 if sample.size else 0.0
@@ -135,8 +134,8 @@ def _enlargement(shape: tuple[int, ...], to_plane: ToPlane, tol: GreyTolerances)
 
 
 def _on_plane(
-    pixels: Array, shape: tuple[int, ...], to_plane: ToPlane
-) -> tuple[Array, Array, Array, float]:
+    pixels: FloatArray, shape: tuple[int, ...], to_plane: ToPlane
+) -> tuple[FloatArray, FloatArray, FloatArray, float]:
     """Return pixels in the plane, the map's derivatives (n, 2) there, and its mean pixel.
 
     The map is smooth: a bicubic through a grid holds it to a thousandth of a pixel, and a lens
@@ -156,12 +155,12 @@ def _on_plane(
     return (factors @ powers).T, (by_u @ quadratic).T, (by_v @ quadratic).T, pitch
 
 
-def _powers(x: Array, y: Array) -> Array:
+def _powers(x: FloatArray, y: FloatArray) -> FloatArray:
     xx, xy, yy = x * x, x * y, y * y
     return np.stack([np.ones_like(x), x, y, xx, xy, yy, xx * x, xx * y, xy * y, yy * y])
 
 
-def _nodes() -> tuple[Array, Array]:
+def _nodes() -> tuple[FloatArray, FloatArray]:
     """Return the grid (n, 2) from -1 to 1, and what takes values on it to a bicubic (10, n)."""
     grid = np.linspace(-1.0, 1.0, PLANE_NODES)
     nodes = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)

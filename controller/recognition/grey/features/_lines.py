@@ -6,14 +6,12 @@ their coordinates tell without going back to the points.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
+from controller.arrays import FloatArray, IntArray
 
 from .._tolerances import GreyTolerances
 from ._cells import Moments, line_of, rms_of
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 ROUNDS = 12  # pairs merge to twice the length in each: 4096 cells
 MOST_EXTENDED = 80  # of the longest lines
@@ -21,7 +19,7 @@ EXTENSION_GAP_PX = 2.5  # a point is missing on the ridge here and there
 MOST_BRIDGED = 80  # of the longest lines, gaps are looked for between
 
 
-def merge_lines(pieces: Moments, tol: GreyTolerances) -> tuple[Moments, Ints]:
+def merge_lines(pieces: Moments, tol: GreyTolerances) -> tuple[Moments, IntArray]:
     """Return lines merged of pieces [px of the plane], and of each piece its line."""
     count = len(pieces.sums)
     owner = np.arange(count)
@@ -41,7 +39,9 @@ def merge_lines(pieces: Moments, tol: GreyTolerances) -> tuple[Moments, Ints]:
     return lines, owner
 
 
-def _rounds(lines: Moments, pairs: Ints, angle_rad: float, rms_px: float) -> tuple[Moments, Ints]:
+def _rounds(
+    lines: Moments, pairs: IntArray, angle_rad: float, rms_px: float
+) -> tuple[Moments, IntArray]:
     """Merge pairs of lines that are each other's best, until there are none."""
     count = len(lines.sums)
     root = np.arange(count)
@@ -90,7 +90,9 @@ def _rounds(lines: Moments, pairs: Ints, angle_rad: float, rms_px: float) -> tup
     return Moments(sums[alive], ends[alive], normals[alive]), number[root]
 
 
-def extended(lines: Moments, points: Array, normals: Array, tol: GreyTolerances) -> Array:
+def extended(
+    lines: Moments, points: FloatArray, normals: FloatArray, tol: GreyTolerances
+) -> FloatArray:
     """Return the ends (n, 2, 2) of lines, drawn out to edge points that no cell had a line for.
 
     Where a line ends in a cell with a few points only, or at a corner, the cell's line was another.
@@ -137,7 +139,7 @@ def extended(lines: Moments, points: Array, normals: Array, tol: GreyTolerances)
     return ends
 
 
-def _bridges(lines: Moments, tol: GreyTolerances) -> Ints:
+def _bridges(lines: Moments, tol: GreyTolerances) -> IntArray:
     """Return pairs of long lines on one line with a gap between, shorter than the shorter one."""
     length = np.linalg.norm(lines.ends[:, 1] - lines.ends[:, 0], axis=1)
     long = np.flatnonzero(length > 1.5 * tol.cell_px)

@@ -7,13 +7,11 @@ open. Circles parallel to the table stay circles in its plane, so circles are en
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import BoolArray, FloatArray, IntArray
 
 from .._tolerances import GreyTolerances
 from ._cells import Moments
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 MOST_PIECES = 140  # short lines, the longest of them, whose normals are met pairwise
 MOST_PAIRS = 4000
@@ -36,22 +34,22 @@ class Circles:
     bright_inside : (n,) True for a boss or a disc, False for a hole
     """
 
-    centres: Array
-    radii: Array
-    cover: Array
-    starts_rad: Array
-    extents_rad: Array
-    bright_inside: NDArray[np.bool_]
+    centres: FloatArray
+    radii: FloatArray
+    cover: FloatArray
+    starts_rad: FloatArray
+    extents_rad: FloatArray
+    bright_inside: BoolArray
 
 
 def find_circles(
-    points: Array,
-    normals: Array,
+    points: FloatArray,
+    normals: FloatArray,
     pieces: Moments,
-    owner: Ints,
-    bent: NDArray[np.bool_],
+    owner: IntArray,
+    bent: BoolArray,
     tol: GreyTolerances,
-) -> tuple[Circles, Ints]:
+) -> tuple[Circles, IntArray]:
     """Return circles, best covered first, and of each edge point the circle it is of or -1.
 
     Parameters
@@ -111,7 +109,7 @@ def find_circles(
     )
 
 
-def _support(seeds: Array, pieces: Moments) -> tuple[NDArray[np.bool_], Array, Array]:
+def _support(seeds: FloatArray, pieces: Moments) -> tuple[BoolArray, FloatArray, FloatArray]:
     """Return which pieces (s, n) lie on which seed, its sign, and how much of its turn they are.
 
     The sign is 1 where it is bright outside.
@@ -131,7 +129,7 @@ def _support(seeds: Array, pieces: Moments) -> tuple[NDArray[np.bool_], Array, A
     return on, sign, (on @ length) / (2 * np.pi * np.maximum(seeds[:, 2], 1.0))
 
 
-def _fit(x: Array, y: Array) -> tuple[float, float, float] | None:
+def _fit(x: FloatArray, y: FloatArray) -> tuple[float, float, float] | None:
     """Return centre and radius of the least squares circle, None where there is none."""
     count = len(x)
     if count < 8:
@@ -148,7 +146,7 @@ def _fit(x: Array, y: Array) -> tuple[float, float, float] | None:
     return mx + cx, my + cy, float(np.sqrt(cx * cx + cy * cy + (uu + vv) / count))
 
 
-def _seeds(pieces: Moments, bent: NDArray[np.bool_]) -> Array:
+def _seeds(pieces: Moments, bent: BoolArray) -> FloatArray:
     """Return (n, 3) centres and radii that most pairs of pieces agree on."""
     length = np.linalg.norm(pieces.ends[:, 1] - pieces.ends[:, 0], axis=1)
     pick = np.flatnonzero(bent)
@@ -207,7 +205,7 @@ def _seeds(pieces: Moments, bent: NDArray[np.bool_]) -> Array:
     return best[kept]
 
 
-def _cover(dx: Array, dy: Array, radius: float) -> tuple[float, float, float]:
+def _cover(dx: FloatArray, dy: FloatArray, radius: float) -> tuple[float, float, float]:
     """Return the share of the turn with points, and start and extent of the seen arc."""
     sectors = int(np.clip(2 * np.pi * radius / 2.5, 8, SECTORS))
     angle = np.arctan2(dy, dx) % (2 * np.pi)

@@ -7,11 +7,9 @@ The paper (references.md P3.2) has corners of about 90 deg; here they are of any
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from controller.arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -26,21 +24,21 @@ class Corners:
     angles_rad : (n,) between them, 0..pi
     """
 
-    positions: Array
-    lines: Ints
-    ends: Ints
-    angles_rad: Array
+    positions: FloatArray
+    lines: IntArray
+    ends: IntArray
+    angles_rad: FloatArray
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Junctions:
     """Where lines meet otherwise: at (n, 2), and whether three ends meet (Y) or one a line (T)."""
 
-    positions: Array
-    is_y: NDArray[np.bool_]
+    positions: FloatArray
+    is_y: BoolArray
 
 
-def find_corners(segments: Array, reach: float, min_rad: float) -> Corners:
+def find_corners(segments: FloatArray, reach: float, min_rad: float) -> Corners:
     """Return the corners of lines.
 
     Parameters
@@ -81,7 +79,7 @@ def find_corners(segments: Array, reach: float, min_rad: float) -> Corners:
     )
 
 
-def find_junctions(segments: Array, corners: Corners, reach: float) -> Junctions:
+def find_junctions(segments: FloatArray, corners: Corners, reach: float) -> Junctions:
     """Return the Y and T junctions of lines.
 
     Parameters

@@ -3,17 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import FloatArray, Grey, IntArray
 
 from .._tolerances import GreyTolerances
 from ._cells import cell_lines
-from ._edges import Grey, ToPlane, edge_points
+from ._edges import ToPlane, edge_points
 from ._lines import extended, merge_lines
 from .arcs import Circles, find_circles
 from .corners import Corners, Junctions, find_corners, find_junctions
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 EDGELET_MM = 1.5  # a piece of edge that counts as one: shorter than the smallest feature wanted
 PLAIN = 0.4  # of a plain edge's strength: what has it is as plain
@@ -33,11 +31,11 @@ class Edgelets:
     bends_rad : (n,) by how much the edge's direction at its ends is off that of its middle
     """
 
-    points_mm: Array
-    directions_rad: Array
-    lengths_mm: Array
-    strengths: Array
-    bends_rad: Array
+    points_mm: FloatArray
+    directions_rad: FloatArray
+    lengths_mm: FloatArray
+    strengths: FloatArray
+    bends_rad: FloatArray
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -53,7 +51,7 @@ class ImageFeatures:
     pitch_mm : a mean pixel
     """
 
-    lines_mm: Array
+    lines_mm: FloatArray
     corners: Corners
     junctions: Junctions
     circles: Circles
@@ -123,13 +121,13 @@ def image_features(
     return ImageFeatures(lines, corners, junctions, round_mm, edgelets, pitch)
 
 
-def _mean(values: Array, of: Ints, count: int) -> Array:
+def _mean(values: FloatArray, of: IntArray, count: int) -> FloatArray:
     """Return the means of values by group; -1 is no group."""
     total = np.bincount(of + 1, weights=values, minlength=count + 1)[1:]
     return np.asarray(total / np.maximum(np.bincount(of + 1, minlength=count + 1)[1:], 1))
 
 
-def segment_edgelets(segments: Array, strengths: Array) -> Edgelets:
+def segment_edgelets(segments: FloatArray, strengths: FloatArray) -> Edgelets:
     """Return straight lines (n, 4) cut into edgelets."""
     way = segments[:, 2:] - segments[:, :2]
     length = np.linalg.norm(way, axis=1)
@@ -142,7 +140,7 @@ def segment_edgelets(segments: Array, strengths: Array) -> Edgelets:
     return Edgelets(points, direction[of], (length / pieces)[of], strengths[of], np.zeros(len(of)))
 
 
-def arc_edgelets(circles: Circles, strengths: Array) -> Edgelets:
+def arc_edgelets(circles: Circles, strengths: FloatArray) -> Edgelets:
     """Return arcs [mm] cut into edgelets; where a part of the arc was not seen, lengths shrink."""
     length = circles.radii * circles.extents_rad
     pieces = np.maximum(np.round(length / EDGELET_MM), 4).astype(np.int64)

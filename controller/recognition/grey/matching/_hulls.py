@@ -7,14 +7,13 @@ other features decide.
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from controller.arrays import FloatArray
 
 ROUNDEST = 0.85  # ratio of half axes above which the long way is not to be relied on
 
 
-def hull_of(points: Array) -> Array | None:
+def hull_of(points: FloatArray) -> FloatArray | None:
     """Return (6,) centre x y, root of area, turn of the long way, ratio of axes, reach; or None."""
     if len(points) < 6:
         return None

@@ -7,15 +7,12 @@ out to the tolerance; a model's edgelet is then looked up, not searched for.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import Float32Array, FloatArray, Int32Array, IntArray
 
 from .._tolerances import GreyTolerances
 from ..features.extract import Edgelets
 from .index import ASKED, FeatureIndex
-
-Array = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Ints = NDArray[np.int64]
 
 CELL_MM = 0.8
 DIRECTIONS = 16
@@ -38,18 +35,18 @@ class EdgeMap:
         asked for
     """
 
-    nearest: NDArray[np.int32]
+    nearest: Int32Array
     shape: tuple[int, int]
-    low_mm: Singles
-    x_mm: Singles
-    y_mm: Singles
-    normal_x: Singles
-    normal_y: Singles
-    weights: Singles
-    leans: Singles
+    low_mm: Float32Array
+    x_mm: Float32Array
+    y_mm: Float32Array
+    normal_x: Float32Array
+    normal_y: Float32Array
+    weights: Float32Array
+    leans: Float32Array
 
 
-def edge_map(edgelets: Edgelets, foot_mm: Array, tol: GreyTolerances) -> EdgeMap:
+def edge_map(edgelets: Edgelets, foot_mm: FloatArray, tol: GreyTolerances) -> EdgeMap:
     """Return the map of a picture's edgelets.
 
     Parameters
@@ -97,8 +94,8 @@ def edge_map(edgelets: Edgelets, foot_mm: Array, tol: GreyTolerances) -> EdgeMap
 
 
 def _look_up(
-    seen: EdgeMap, pieces: Singles, poses: Singles
-) -> tuple[NDArray[np.int32], Singles, Singles, Singles]:
+    seen: EdgeMap, pieces: Float32Array, poses: Float32Array
+) -> tuple[Int32Array, Float32Array, Float32Array, Float32Array]:
     """Return for pieces (5, h, k) under poses (h, 4) the edgelets met, places x, y, directions."""
     cos, sin = np.cos(poses[:, 1:2]), np.sin(poses[:, 1:2])
     x, y, k = pieces[:3]
@@ -118,7 +115,7 @@ def _look_up(
     return seen.nearest[key], px, py, angle
 
 
-def quick_scores(seen: EdgeMap, index: FeatureIndex, poses: Array, most: int) -> Ints:
+def quick_scores(seen: EdgeMap, index: FeatureIndex, poses: FloatArray, most: int) -> IntArray:
     """Return which hypotheses are the best, best first, by how much of the view has an edge near.
 
     A few edgelets of each first: those that cannot reach the ``most``-th best, were all the rest of
@@ -149,7 +146,9 @@ def quick_scores(seen: EdgeMap, index: FeatureIndex, poses: Array, most: int) ->
     return alive[np.argsort(-full, kind="stable")[:most]]
 
 
-def fitted(seen: EdgeMap, index: FeatureIndex, poses: Array, tol: GreyTolerances) -> Array:
+def fitted(
+    seen: EdgeMap, index: FeatureIndex, poses: FloatArray, tol: GreyTolerances
+) -> FloatArray:
     """Return hypotheses (n, 4) moved so that their edgelets lie on those of the picture.
 
     Parameters
@@ -182,7 +181,7 @@ def fitted(seen: EdgeMap, index: FeatureIndex, poses: Array, tol: GreyTolerances
     return poses
 
 
-def rated(seen: EdgeMap, index: FeatureIndex, poses: Array, tol: GreyTolerances) -> Array:
+def rated(seen: EdgeMap, index: FeatureIndex, poses: FloatArray, tol: GreyTolerances) -> FloatArray:
     """Return (n, 3) score, and the shares found of the view's and of the picture's edges.
 
     Parameters

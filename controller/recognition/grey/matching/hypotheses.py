@@ -11,7 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import FloatArray, IntArray
 
 from .._tolerances import GreyTolerances
 from ..features.extract import ImageFeatures
@@ -20,9 +21,6 @@ from ._score import edge_map, fitted, quick_scores, rated
 from .index import FeatureIndex, feature_index, near_keys
 from .keys import KINDS, Frames, frames_of
 from .model import ModelFeatures
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 MOST_PAIRS = 20_000  # of features looked at, per kind
 MOST_COARSE = 240  # hypotheses scored coarsely
@@ -51,7 +49,7 @@ class Hypothesis:
 
     model_index: int
     turn_rad: float
-    shift_mm: Array
+    shift_mm: FloatArray
     score: float
     model_share: float
     image_share: float
@@ -94,7 +92,7 @@ def propose(
 def rate(
     image: ImageFeatures,
     models: Sequence[ModelFeatures] | FeatureIndex,
-    poses: Array,
+    poses: FloatArray,
     *,
     foot_mm: tuple[float, float] = (0.0, 0.0),
     most: int = 10,
@@ -120,8 +118,8 @@ def rate(
 def _best(
     image: ImageFeatures,
     index: FeatureIndex,
-    coarse: Array,
-    foot: Array,
+    coarse: FloatArray,
+    foot: FloatArray,
     most: int,
     tol: GreyTolerances,
 ) -> tuple[Hypothesis, ...]:
@@ -135,7 +133,9 @@ def _best(
     return tuple(_hypothesis(poses[i], scores[i], foot) for i in order.tolist())
 
 
-def _of_hull(image: ImageFeatures, index: FeatureIndex, foot: Array, tol: GreyTolerances) -> Array:
+def _of_hull(
+    image: ImageFeatures, index: FeatureIndex, foot: FloatArray, tol: GreyTolerances
+) -> FloatArray:
     """Return (n, 4) hypotheses from the hull of all plain edges, the likest hulls first."""
     plain = image.edgelets.strengths > PLAIN_ENOUGH
     hull = hull_of(image.edgelets.points_mm[plain] - foot)
@@ -160,7 +160,9 @@ def _of_hull(image: ImageFeatures, index: FeatureIndex, foot: Array, tol: GreyTo
     return np.concatenate(rows) if rows else np.zeros((0, 4))
 
 
-def _votes(image: ImageFeatures, index: FeatureIndex, foot: Array, tol: GreyTolerances) -> Array:
+def _votes(
+    image: ImageFeatures, index: FeatureIndex, foot: FloatArray, tol: GreyTolerances
+) -> FloatArray:
     """Return (n, 5) view, turn, shift and weight of every pair of features of one size."""
     lines = image.lines_mm - np.r_[foot, foot]
     corners = image.corners
@@ -179,7 +181,7 @@ def _votes(image: ImageFeatures, index: FeatureIndex, foot: Array, tol: GreyTole
         tol,
         both_ways=True,
     )
-    rows: list[Array] = []
+    rows: list[FloatArray] = []
     for kind in KINDS:
         if kind == "circle" and sum(len(r) for r in rows) > ENOUGH:
             continue
@@ -187,7 +189,7 @@ def _votes(image: ImageFeatures, index: FeatureIndex, foot: Array, tol: GreyTole
     return np.concatenate(rows)
 
 
-def _of_kind(seen: Frames, table: Frames, *, all_round: bool) -> Array:
+def _of_kind(seen: Frames, table: Frames, *, all_round: bool) -> FloatArray:
     order = np.argsort(-seen.weights, kind="stable")
     row, at = near_keys(table, seen.keys[order], MOST_PAIRS)
     row = order[row]
@@ -207,7 +209,7 @@ def _of_kind(seen: Frames, table: Frames, *, all_round: bool) -> Array:
     )
 
 
-def _clusters(votes: Array) -> Array:
+def _clusters(votes: FloatArray) -> FloatArray:
     """Return (n, 4) view, turn and shift that votes agree on, best supported first."""
     model, turn, x, y, weight = votes.T
     turns = round(2 * np.pi / BIN_RAD)
@@ -234,7 +236,7 @@ def _clusters(votes: Array) -> Array:
     return np.stack([model[first], turn_mean, *mean], axis=1)[order]
 
 
-def _distinct(poses: Array, scores: Array, most: int) -> Ints:
+def _distinct(poses: FloatArray, scores: FloatArray, most: int) -> IntArray:
     """Return the ``most`` best, without those a better one all but equals."""
     order = np.argsort(-scores, kind="stable")
     p = poses[order]
@@ -253,7 +255,7 @@ def _distinct(poses: Array, scores: Array, most: int) -> Ints:
     return order[kept]
 
 
-def _hypothesis(pose: Array, score: Array, foot: Array) -> Hypothesis:
+def _hypothesis(pose: FloatArray, score: FloatArray, foot: FloatArray) -> Hypothesis:
     return Hypothesis(
         int(pose[0]),
         float((pose[1] + np.pi) % (2 * np.pi) - np.pi),

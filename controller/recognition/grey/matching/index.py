@@ -10,15 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.arrays import Float32Array, FloatArray, IntArray
+
 from .._tolerances import GreyTolerances
 from ._hulls import hull_of
 from .keys import KINDS, Frames, frames_of, joined, taken
 from .model import ModelFeatures
-
-Array = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Reals = NDArray[np.floating]
-Ints = NDArray[np.int64]
 
 ASKED = 96  # edgelets of a view that coarse scores are of
 FULL = 32767  # of a short number: 0.01 mm of 300
@@ -42,13 +39,13 @@ class FeatureIndex:
     models: tuple[ModelFeatures, ...]
     tables: dict[str, Frames]
     packed: NDArray[np.int16]
-    steps: Singles
-    totals: Array
-    asked_totals: Array
-    reach_mm: Array
-    hulls: Array
+    steps: Float32Array
+    totals: FloatArray
+    asked_totals: FloatArray
+    reach_mm: FloatArray
+    hulls: FloatArray
 
-    def edgelets(self, views: Ints, begin: int = 0, end: int | None = None) -> Singles:
+    def edgelets(self, views: IntArray, begin: int = 0, end: int | None = None) -> Float32Array:
         """Return (5, n, k) x, y, spread, direction and weight of some edgelets of views.
 
         Parameters
@@ -95,7 +92,7 @@ def feature_index(
     )
 
 
-def _packed(models: Sequence[ModelFeatures]) -> tuple[NDArray[np.int16], Singles]:
+def _packed(models: Sequence[ModelFeatures]) -> tuple[NDArray[np.int16], Float32Array]:
     """Return all edgelets (5, views, k) as short numbers, and their steps (5, 1, 1)."""
     most = max((len(m.edgelets) for m in models), default=0)
     largest = np.full(5, 1e-6)
@@ -127,14 +124,14 @@ def _reach(m: ModelFeatures) -> float:
     return float(np.hypot(m.edgelets[:, 0], m.edgelets[:, 1]).max()) if len(m.edgelets) else 0.0
 
 
-def _hull(m: ModelFeatures) -> Array:
+def _hull(m: ModelFeatures) -> FloatArray:
     hull = hull_of(m.edgelets[:, :2].astype(np.float64))
     if hull is None:
         return np.zeros(7)
     return np.asarray(np.append(hull, m.edgelets[:, 2].mean()))
 
 
-def near_keys(table: Frames, keys: Reals, most: int) -> tuple[Ints, Ints]:
+def near_keys(table: Frames, keys: NDArray[np.floating], most: int) -> tuple[IntArray, IntArray]:
     """Return pairs (row of keys, row of the table) within 1 in every key.
 
     Parameters

@@ -10,11 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.arrays import FloatArray, IntArray
+
 from .._tolerances import GreyTolerances
 from ..features.corners import Corners
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 KINDS = ("edge", "corner", "pair", "flank", "line", "circle")
 MOST_LINES = 40  # of a picture or view, the longest
@@ -47,13 +46,13 @@ class Frames:
 
 
 def frames_of(
-    lines: Array,
-    spread: Array,
-    line_weights: Array,
+    lines: FloatArray,
+    spread: FloatArray,
+    line_weights: FloatArray,
     corners: Corners,
-    circles: Array,
-    circle_spread: Array,
-    circle_weights: Array,
+    circles: FloatArray,
+    circle_spread: FloatArray,
+    circle_weights: FloatArray,
     tol: GreyTolerances,
     *,
     both_ways: bool,
@@ -107,14 +106,23 @@ def frames_of(
 
 
 def _frames(
-    keys: list[Array], points: Array, spread: Array, turns: Array, weights: Array
+    keys: list[FloatArray],
+    points: FloatArray,
+    spread: FloatArray,
+    turns: FloatArray,
+    weights: FloatArray,
 ) -> Frames:
     stacked = np.stack(keys, axis=1)
     return Frames(stacked, points, spread, turns, weights, np.zeros(len(stacked), dtype=np.int64))
 
 
 def _cornered(
-    lines: Array, spread: Array, weights: Array, corners: Corners, size: Array, tol: GreyTolerances
+    lines: FloatArray,
+    spread: FloatArray,
+    weights: FloatArray,
+    corners: Corners,
+    size: FloatArray,
+    tol: GreyTolerances,
 ) -> tuple[Frames, Frames]:
     """Return lines between two corners, both ways, and corners with their lines, left one first."""
     n = len(lines)
@@ -142,7 +150,7 @@ def _cornered(
     i, j, a, d, long = i[far], j[far], a[far], d[far], long[far]
     of = flat_line[i]
 
-    def side(x: Ints) -> Array:  # signed turn from the line to the mate at that corner
+    def side(x: IntArray) -> FloatArray:  # signed turn from the line to the mate at that corner
         m, e = mate[x], mate_end[x]
         out = ends[m, 1 - e] - ends[m, e]
         cross = d[:, 0] * out[:, 1] - d[:, 1] * out[:, 0]
@@ -177,7 +185,9 @@ def _cornered(
     return edge, corner
 
 
-def _pairs(circles: Array, spread: Array, weights: Array, tol: GreyTolerances) -> Frames:
+def _pairs(
+    circles: FloatArray, spread: FloatArray, weights: FloatArray, tol: GreyTolerances
+) -> Frames:
     """Return pairs of circles, the larger first, both ways where they are nearly equal."""
     i, j = np.nonzero(~np.eye(len(circles), dtype=bool))
     r = circles[:, 2]
@@ -202,12 +212,12 @@ def _pairs(circles: Array, spread: Array, weights: Array, tol: GreyTolerances) -
 
 
 def _flanks(
-    lines: Array,
-    turn: Array,
-    length: Array,
-    weights: Array,
-    circles: Array,
-    circle_spread: Array,
+    lines: FloatArray,
+    turn: FloatArray,
+    length: FloatArray,
+    weights: FloatArray,
+    circles: FloatArray,
+    circle_spread: FloatArray,
     tol: GreyTolerances,
 ) -> Frames:
     """Return circles beside lines: the line runs so that the circle is to its left."""
@@ -268,6 +278,6 @@ def joined(rows: list[Frames]) -> Frames:
     )
 
 
-def _scaled(size: Array, absolute: float, ratio: float) -> Array:
+def _scaled(size: FloatArray, absolute: float, ratio: float) -> FloatArray:
     """Return sizes so that a tolerance of absolute + ratio x size is 1 anywhere."""
     return np.asarray(np.log1p(size * ratio / absolute) / ratio)

@@ -3,14 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.arrays import FloatArray, IntArray
 
 from .._tolerances import GreyTolerances
 from ..features.extract import ImageFeatures
 from .model import ModelFeatures
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 MOST = 60  # features of either side that are matched, the largest
 
@@ -19,16 +17,16 @@ MOST = 60  # features of either side that are matched, the largest
 class Matches:
     """Pairs (n, 2) of numbers in picture and view, one to one, the nearest first."""
 
-    lines: Ints
-    corners: Ints
-    circles: Ints
+    lines: IntArray
+    corners: IntArray
+    circles: IntArray
 
 
 def matches(
     image: ImageFeatures,
     model: ModelFeatures,
     turn_rad: float,
-    shift_mm: Array,
+    shift_mm: FloatArray,
     *,
     foot_mm: tuple[float, float] = (0.0, 0.0),
     tol: GreyTolerances | None = None,
@@ -49,7 +47,7 @@ def matches(
     cos, sin = np.cos(turn_rad), np.sin(turn_rad)
     R = np.array([[cos, -sin], [sin, cos]])
 
-    def laid(points: Array, spread: Array) -> Array:
+    def laid(points: FloatArray, spread: FloatArray) -> FloatArray:
         return np.asarray(points @ R.T + spread[:, None] * away + foot)
 
     reach = 2 * tol.match_mm
@@ -69,11 +67,11 @@ def matches(
     return Matches(lines, corners, circles)
 
 
-def _gaps(a: Array, b: Array) -> Array:
+def _gaps(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(np.hypot(a[:, :1] - b[:, 0], a[:, 1:] - b[:, 1]))
 
 
-def _beside(seen: Array, model: Array) -> Array:
+def _beside(seen: FloatArray, model: FloatArray) -> FloatArray:
     """Return how far (n, m) lines of the picture are beside those of the view, inf if apart."""
     wx, wy = model[:, 2] - model[:, 0], model[:, 3] - model[:, 1]
     length = np.maximum(np.hypot(wx, wy), 1e-9)
@@ -91,7 +89,7 @@ def _beside(seen: Array, model: Array) -> Array:
     return np.asarray(gap)
 
 
-def nearest_pairs(cost: Array, most: float) -> Ints:
+def nearest_pairs(cost: FloatArray, most: float) -> IntArray:
     """Return pairs (row, column), each once, the nearest first."""
     row, column = np.nonzero(cost < most)
     order = np.argsort(cost[row, column], kind="stable")

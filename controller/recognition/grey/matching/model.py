@@ -9,15 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from controller.arrays import Float32Array, FloatArray, IntArray
 from controller.cad import DrawnEdge, LineView
 
 from .._tolerances import GreyTolerances
 from ..features.corners import Corners, find_corners
 from ..features.extract import EDGELET_MM
-
-Array = NDArray[np.float64]
 
 BEND_MM = 0.15  # a drawn edge that stays this near to a chord is straight in a picture
 ROUND_MM = 0.12  # and to a circle, round: tessellated rims
@@ -44,20 +42,20 @@ class ModelFeatures:
     edgelets : (k, 5) x, y, spread, direction (0..pi) and weight, longest pieces evenly
     """
 
-    lines_mm: Array
-    line_spread: Array
-    line_weights: Array
+    lines_mm: FloatArray
+    line_spread: FloatArray
+    line_weights: FloatArray
     corners: Corners
-    circles_mm: Array
-    circle_spread: Array
-    circle_extents_rad: Array
-    circle_weights: Array
-    edgelets: NDArray[np.float32]
+    circles_mm: FloatArray
+    circle_spread: FloatArray
+    circle_extents_rad: FloatArray
+    circle_weights: FloatArray
+    edgelets: Float32Array
 
 
 def model_features(
     view: LineView,
-    T_world_part: Array | None = None,
+    T_world_part: FloatArray | None = None,
     eye_height_mm: float | None = None,
     *,
     v_down: bool = True,
@@ -101,12 +99,12 @@ def model_features(
     )
 
 
-Run = tuple[Array, Array, float, tuple[float, float, float, float] | None]
+Run = tuple[FloatArray, FloatArray, float, tuple[float, float, float, float] | None]
 
 
 def _run(
     edge: DrawnEdge,
-    T_world_part: Array | None,
+    T_world_part: FloatArray | None,
     eye_height_mm: float | None,
     v_down: bool,
     tol: GreyTolerances,
@@ -123,7 +121,7 @@ def _run(
     return points, spread, weight, _round(points)
 
 
-def _round(points: Array) -> tuple[float, float, float, float] | None:
+def _round(points: FloatArray) -> tuple[float, float, float, float] | None:
     """Return centre, radius and turn of points on a circle, None of others."""
     if len(points) < 4:
         return None
@@ -142,7 +140,7 @@ def _round(points: Array) -> tuple[float, float, float, float] | None:
     return float(middle[0] + solution[0]), float(middle[1] + solution[1]), radius, turn
 
 
-def _circles(runs: list[Run]) -> Array:
+def _circles(runs: list[Run]) -> FloatArray:
     """Return (m, 6) centre, radius, spread, turn and weight: a rim in pieces is one circle."""
     found: list[list[float]] = []
     for _, spread, weight, arc in runs:
@@ -161,7 +159,7 @@ def _circles(runs: list[Run]) -> Array:
     return table[np.argsort(-table[:, 4] * table[:, 2], kind="stable")]
 
 
-def _bends(points: Array) -> NDArray[np.int64]:
+def _bends(points: FloatArray) -> IntArray:
     """Return which points of a run are its corners."""
     if len(points) == 2:
         return np.array([0, 1])
@@ -174,7 +172,7 @@ def _bends(points: Array) -> NDArray[np.int64]:
     return np.array(at)
 
 
-def _edgelets(runs: list[Run]) -> NDArray[np.float32]:
+def _edgelets(runs: list[Run]) -> Float32Array:
     """Return up to `MOST_EDGELETS` pieces of the runs, evenly along them."""
     total = sum(float(np.hypot(*np.diff(p, axis=0).T).sum()) for p, _, _, _ in runs)
     step = max(EDGELET_MM, total / MOST_EDGELETS)
