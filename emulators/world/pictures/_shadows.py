@@ -126,7 +126,7 @@ class Shadows:
         spots: Spots,
         pixels: Index,
         step_px: int,
-        passed_over: Mask | None = None,
+        passed_over: Mask,
     ) -> Shadow:
         """Return how much of a ring or a spot surfaces see, one in each of some pixels.
 
@@ -163,8 +163,7 @@ class Shadows:
         found.update(partly, more)
         share = np.where(is_near, np.float32(0.0), np.float32(1.0))
         is_shaded = is_near.copy()
-        if passed_over is not None:
-            is_partly &= ~passed_over
+        is_partly &= ~passed_over
         some = np.flatnonzero(is_partly & ~alone)
         share[some], is_shaded[some], is_open = _from_neighbours(
             spots, places, half, coarse, found, some

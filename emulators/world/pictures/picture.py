@@ -65,11 +65,18 @@ class _Hits:
 
 @dataclass(slots=True, eq=False)
 class _Seen:
-    """The light of one lamp in the middle of some pixels, with and without shadows, (n,) each."""
+    """The light of one lamp in the middle of some pixels, with and without shadows, (n,) each.
+
+    Attributes
+    ----------
+    is_new : bool, whether it is another than that of the fixed things alone
+    is_near : bool, whether a shadow may be there or nearby
+    """
 
     light: Array32
     unshaded: Array32
     is_new: Mask
+    is_near: Mask
 
 
 class Eye:
@@ -229,30 +236,18 @@ class Eye:
         closely = np.repeat(np.repeat(crossed, BLOCK_PX, axis=0), BLOCK_PX, axis=1) & wanted
         pixels = np.flatnonzero(closely)
         spots = self._spots_at(assembly, pixels, layers)
-        moving = np.flatnonzero(spots.moves)
-        on_mover = spots.some(moving)
-        for lamp in lit:
-            new = pixels[on_mover.ray]
-            unshaded[lamp].reshape(-1)[new] = self._shadows.unshaded(lamp, on_mover, new)
-            layers[lamp].reshape(-1)[new] = unshaded[lamp].reshape(-1)[new]
-            fresh[lamp].reshape(-1)[new] = True
+        found = self._unshaded(spots, pixels, layers)
+        for lamp, seen in found.items():
+            unshaded[lamp].reshape(-1)[pixels] = seen.unshaded
+            fresh[lamp].reshape(-1)[pixels] = seen.is_new
         jumps = self._jumps(unshaded, fresh, JUMP)
         fine = self._crossed(assembly, jumps, lit)
         near_shade = {lamp: np.ones(self._shape, bool) for lamp in lit}
-        for lamp in lit:
-            if self.lamps.sources[lamp] is None:
-                continue
-            layer = layers[lamp].reshape(-1)
-            bright = np.flatnonzero(layer[pixels[spots.ray]] > 0.0)
-            here, there = spots.some(bright), pixels[spots.ray[bright]]
-            found = self._shadows.shadow(assembly, lamp, here, there, 1, fine.reshape(-1)[there])
-            layer[there[here.moves]] *= found.share[here.moves]
-            new = np.flatnonzero(~here.moves & found.is_shaded)
-            layer[there[new]] = found.share[new] * self._shadows.unshaded(
-                lamp, here.some(new), there[new]
-            )
-            fresh[lamp].reshape(-1)[there[new]] = True
-            near_shade[lamp].reshape(-1)[there] = found.is_near
+        for lamp, seen in found.items():
+            self._shade(assembly, lamp, spots, pixels, seen, fine.reshape(-1)[pixels])
+            layers[lamp].reshape(-1)[pixels] = seen.light
+            fresh[lamp].reshape(-1)[pixels] = seen.is_new
+            near_shade[lamp].reshape(-1)[pixels] = seen.is_near
         later = self._jumps(unshaded, fresh, JUMP) & ~jumps
         fine |= self._crossed(assembly, later, lit)
         for lamp, layer in layers.items():
@@ -299,7 +294,11 @@ class Eye:
         place = np.zeros(corners.shape, np.intp)
         place[nodes[:, 0], nodes[:, 1]] = np.arange(len(nodes))
         pixels = (nodes[:, 0] * width + nodes[:, 1]) * BLOCK_PX
-        nodes_seen = self._sample(assembly, pixels, layers, BLOCK_PX)
+        spots = self._spots_at(assembly, pixels, layers)
+        nodes_seen = self._unshaded(spots, pixels, layers, BLOCK_PX)
+        passed_over = np.zeros(len(pixels), bool)
+        for lamp, seen in nodes_seen.items():
+            self._shade(assembly, lamp, spots, pixels, seen, passed_over, BLOCK_PX)
         at = np.stack([place[blocks[:, 0] + d, blocks[:, 1] + r] for d, r in _CORNERS], axis=1)
         rough = np.zeros(len(blocks), bool)
         for seen in nodes_seen.values():
@@ -319,46 +318,62 @@ class Eye:
             fresh[lamp].reshape(folded)[rows, :, columns] = True
         return rough
 
-    def _sample(
-        self,
-        assembly: Assembly,
-        pixels: Index,
-        layers: Mapping[int, Array32],
-        step_px: int = 1,
+    def _unshaded(
+        self, spots: Spots, pixels: Index, layers: Mapping[int, Array32], step_px: int = 1
     ) -> dict[int, _Seen]:
-        """Return the light in the middle of pixels, per lamp.
+        """Return the light in the middle of pixels, per lamp, before `_shade`.
 
         Where something fixed is seen as before, the layer's value, finely sampled, stays.
 
         Parameters
         ----------
+        spots : (m,) what `_spots_at` returns of these pixels
         pixels : (n,) flat numbers, row by row
         step_px : from a pixel to its neighbours among these
         """
-        spots = self._spots_at(assembly, pixels, layers)
-        moving = np.flatnonzero(spots.moves)
-        on_mover = spots.some(moving)
+        on_mover = spots.some(np.flatnonzero(spots.moves))
+        at = on_mover.ray
+        is_new = np.zeros(len(pixels), bool)
+        is_new[at] = True
         seen = {}
         for lamp, layer in layers.items():
             light = layer.reshape(-1)[pixels]
-            is_new = np.zeros(len(pixels), bool)
-            light[on_mover.ray] = self._shadows.unshaded(
-                lamp, on_mover, pixels[on_mover.ray], step_px
-            )
-            is_new[on_mover.ray] = True
-            unshaded = light.copy()
-            if self.lamps.sources[lamp] is not None:
-                bright = np.flatnonzero(light[spots.ray] > 0.0)
-                here, there = spots.some(bright), spots.ray[bright]
-                found = self._shadows.shadow(assembly, lamp, here, pixels[there], step_px)
-                light[there[here.moves]] *= found.share[here.moves]
-                new = np.flatnonzero(~here.moves & found.is_shaded)
-                at = there[new]
-                light[at] = self._shadows.unshaded(lamp, here.some(new), pixels[at], step_px)
-                light[at] *= found.share[new]
-                is_new[at] = True
-            seen[lamp] = _Seen(light, unshaded, is_new)
+            light[at] = self._shadows.unshaded(lamp, on_mover, pixels[at], step_px)
+            is_near = np.ones(len(pixels), bool)
+            seen[lamp] = _Seen(light, light.copy(), is_new.copy(), is_near)
         return seen
+
+    def _shade(
+        self,
+        assembly: Assembly,
+        lamp: int,
+        spots: Spots,
+        pixels: Index,
+        seen: _Seen,
+        passed_over: Mask,
+        step_px: int = 1,
+    ) -> None:
+        """Put shadows into the light in the middle of pixels; a panel throws none.
+
+        Parameters
+        ----------
+        spots : (m,) what `_spots_at` returns of these pixels
+        pixels : (n,) flat numbers, row by row
+        seen : as `_unshaded` returns it; changed in place
+        passed_over : (n,) pixels that need not be right
+        step_px : from a pixel to its neighbours among these
+        """
+        if self.lamps.sources[lamp] is None:
+            return
+        here = spots.some(np.flatnonzero(seen.light[spots.ray] > 0.0))
+        at = here.ray
+        found = self._shadows.shadow(assembly, lamp, here, pixels[at], step_px, passed_over[at])
+        seen.light[at[here.moves]] *= found.share[here.moves]
+        new = np.flatnonzero(~here.moves & found.is_shaded)
+        light = self._shadows.unshaded(lamp, here.some(new), pixels[at[new]], step_px)
+        seen.light[at[new]] = found.share[new] * light
+        seen.is_new[at[new]] = True
+        seen.is_near[at] = found.is_near
 
     def _spots_at(self, assembly: Assembly, pixels: Index, layers: Mapping[int, Array32]) -> Spots:
         """Return what moves in the middle of pixels, and what is fixed and may be shaded."""
