@@ -51,7 +51,7 @@ LIBRARIES = (
     "pymodbus.server",
     "vtkmodules.vtkRenderingOpenGL2",
 )
-OWN_MODULES = tuple(ROOT.glob("drivers/camera_v4l2/*abi.py"))
+OWN_MODULES = tuple(ROOT.glob("drivers/camera_v4l2/kernel/abi.py"))
 PROBE = """
 import importlib.util, json, os, resource, sys, time
 name = sys.argv[1]

@@ -7,13 +7,18 @@ picture shows.
 from .. import kinds
 from ..kinds import Driver, NoSettings, Site
 from ._camera import Camera, system_calls_for
-from ._controls import ControlInfo, ControlSetting
-from ._decode import BrokenPictureError, decode
-from ._discovery import FoundNode, find_node, list_nodes
-from ._socket_calls import SocketCalls
-from ._syscalls import KernelCalls, SysCalls
-from ._types import CameraConfig, CameraIdentity, CameraStats, Frame
-from .selection import StampSource
+from .capture import (
+    BrokenPictureError,
+    CameraConfig,
+    CameraIdentity,
+    CameraStats,
+    ControlInfo,
+    ControlSetting,
+    Frame,
+    StampSource,
+    decode,
+)
+from .kernel import FoundNode, KernelCalls, SocketCalls, SysCalls, find_node, list_nodes
 
 __all__ = [
     "DRIVER",

@@ -22,11 +22,16 @@ from drivers.errors import (
     UnpluggedError,
 )
 
-from ._capture import Capture
-from ._controls import ControlInfo, ControlSetting
-from ._socket_calls import UNIX_PREFIX, SocketCalls
-from ._syscalls import KernelCalls, SysCalls
-from ._types import CameraConfig, CameraIdentity, CameraStats, Frame
+from .capture import (
+    CameraConfig,
+    CameraIdentity,
+    CameraStats,
+    Capture,
+    ControlInfo,
+    ControlSetting,
+    Frame,
+)
+from .kernel import UNIX_PREFIX, KernelCalls, SocketCalls, SysCalls
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")

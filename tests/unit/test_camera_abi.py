@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.camera_v4l2 import abi
+from drivers.camera_v4l2.kernel import abi
 
 HEADER = Path("/usr/include/linux/videodev2.h")
 

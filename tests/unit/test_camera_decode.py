@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from drivers.camera_v4l2 import BrokenPictureError, decode
-from drivers.camera_v4l2.abi import PixFormat, fourcc
+from drivers.camera_v4l2.kernel.abi import PixFormat, fourcc
 
 sides = st.integers(1, 12)
 paddings = st.integers(0, 9)

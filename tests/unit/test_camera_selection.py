@@ -4,8 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.camera_v4l2 import StampSource
-from drivers.camera_v4l2.abi import Buffer
-from drivers.camera_v4l2.selection import (
+from drivers.camera_v4l2.capture.selection import (
     Settling,
     Stamp,
     default_margin_s,
@@ -13,6 +12,7 @@ from drivers.camera_v4l2.selection import (
     sequence_gap,
     stamp_of,
 )
+from drivers.camera_v4l2.kernel.abi import Buffer
 
 MONOTONIC, COPIED, START = 0x2000, 0x4000, 0x10000  # videodev2.h, V4L2_BUF_FLAG_*
 PERIOD_S = 0.1

@@ -12,7 +12,17 @@ from typing import Final
 from drivers.clock import CellClock
 from drivers.errors import BadReplyError, FaultError, RefusedError, UnpluggedError
 
-from . import abi
+from ..kernel import (
+    GONE,
+    Device,
+    SysCalls,
+    abi,
+    explain,
+    explain_open,
+    explained,
+    find_node,
+)
+from ..kernel.abi import BufFlag, ControlId
 from ._controls import (
     ControlInfo,
     ControlSetting,
@@ -22,14 +32,9 @@ from ._controls import (
     set_and_compare,
 )
 from ._decode import BrokenPictureError, decode, pixel_kind
-from ._device import Device
-from ._discovery import find_node
-from ._explain import GONE, explain, explain_open, explained
 from ._negotiate import agree_on_format, agree_on_period, check_kind
 from ._stream import Stream
-from ._syscalls import SysCalls
 from ._types import CameraConfig, CameraIdentity, CameraStats, Frame
-from .abi import BufFlag, ControlId
 from .selection import (
     Settling,
     Stamp,

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..kernel import DEV_ROOT, SYSFS_ROOT
+from ..kernel.abi import Cap
 from ._decode import KINDS, Image
-from ._discovery import DEV_ROOT, SYSFS_ROOT
-from .abi import Cap
 from .selection import StampSource
 
 

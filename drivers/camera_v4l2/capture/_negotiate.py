@@ -5,12 +5,10 @@ import logging
 
 from drivers.errors import BadReplyError, WrongDeviceError
 
-from . import abi
+from ..kernel import GONE, Device, abi, explain, explained
+from ..kernel.abi import Cap
 from ._decode import line_bytes, pixel_kind
-from ._device import Device
-from ._explain import GONE, explain, explained
 from ._types import CameraConfig
-from .abi import Cap
 
 log = logging.getLogger(__name__)
 

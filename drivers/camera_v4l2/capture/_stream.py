@@ -6,8 +6,8 @@ import mmap
 
 from drivers.errors import BadReplyError, RefusedError
 
-from ._device import Device
-from .abi import Buffer
+from ..kernel import Device
+from ..kernel.abi import Buffer
 
 
 class Stream:

@@ -9,7 +9,13 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-from .abi import TIMESTAMP_MASK, TIMESTAMP_MONOTONIC, TSTAMP_SRC_MASK, TSTAMP_SRC_SOE, Buffer
+from ..kernel.abi import (
+    TIMESTAMP_MASK,
+    TIMESTAMP_MONOTONIC,
+    TSTAMP_SRC_MASK,
+    TSTAMP_SRC_SOE,
+    Buffer,
+)
 
 _SEQUENCE_SPAN: Final = 1 << 32
 _FUTURE_SLACK_S: Final = 0.1  # beyond two periods a "monotonic" stamp is some other clock's

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .abi import PixFormat, fourcc, fourcc_name
+from ..kernel.abi import PixFormat, fourcc, fourcc_name
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 

@@ -10,10 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from . import abi
-from ._device import Device
-from ._explain import GONE
-from .abi import ControlFlag, ControlId, ControlType
+from ..kernel import GONE, Device, abi
+from ..kernel.abi import ControlFlag, ControlId, ControlType
 
 _READABLE: Final = frozenset(
     {
