@@ -38,7 +38,7 @@ PIECES = {
     "Modbus link": ["drivers/modbus_link"],
     "V4L2 capture": ["drivers/camera_v4l2"],
     "shared clock": ["drivers/clock.py", "drivers/*shared_time.py", "emulators/clock.py"],
-    "FUSE server": ["emulators/camera_v4l2/*fuse*.py"],
+    "FUSE server": ["emulators/camera_v4l2/wires/*fuse*.py"],
     "V4L2 device": ["emulators/camera_v4l2"],
     "Modbus servers": ["emulators/modbus"],
     "emulated world": ["emulators/world"],

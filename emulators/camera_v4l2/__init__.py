@@ -5,16 +5,11 @@ cannot be mounted) is `CameraServer`'s matter. Read after the kernel's V4L2 docu
 `linux/videodev2.h`, never after the driver.
 """
 
-from ._control_specs import DEFAULT_CONTROLS, ControlSpec, Kind
-from ._device import V4l2Device
-from ._faults import Faults
-from ._fuse import FuseMount, can_mount
 from ._pattern import ClockPattern, read_clock_pattern
-from ._sensor import Clock, PictureSource
-from ._server import CameraServer
-from ._settings import CameraConfig
-from ._socket import SocketCamera
-from .formats import Picture, PixelFormat
+from .device import Clock, Faults, PictureSource, V4l2Device
+from .kernel import DEFAULT_CONTROLS, CameraConfig, ControlSpec, Kind, Picture, PixelFormat
+from .server import CameraServer
+from .wires import FuseMount, SocketCamera, can_mount
 
 __all__ = [
     "DEFAULT_CONTROLS",

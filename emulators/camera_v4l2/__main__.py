@@ -16,11 +16,10 @@ from typing import Any
 
 from emulators.clock import WorldClock
 
-from ._device import V4l2Device
-from ._faults import Faults
 from ._pattern import ClockPattern
-from ._server import CameraServer
-from ._settings import CameraConfig
+from .device import Faults, V4l2Device
+from .kernel import CameraConfig
+from .server import CameraServer
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from .formats import Picture
+from .kernel import Picture
 
 _COLUMN_COUNT: Final = 80  # squares across the picture, whatever its size
 _BIT_COUNT: Final = 64

@@ -8,7 +8,7 @@ from struct import Struct
 import emu_camera_client as client
 import pytest
 
-from emulators.camera_v4l2 import abi
+from emulators.camera_v4l2.kernel import abi
 
 HEADER = Path("/usr/include/linux/videodev2.h")
 STRUCTS = {

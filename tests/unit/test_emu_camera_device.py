@@ -10,7 +10,7 @@ from emu_camera_bench import Bench
 from emu_camera_client import Client
 
 from emulators.camera_v4l2 import CameraConfig, PixelFormat, V4l2Device
-from emulators.camera_v4l2.handle import NotYet, Refused
+from emulators.camera_v4l2.kernel import NotYet, Refused
 
 ERR, IN_RDNORM, PRI, HUP = 0x8, 0x41, 0x2, 0x10  # asm-generic/poll.h
 

@@ -228,7 +228,7 @@ async def test_the_server_says_where_its_cameras_are(tmp_path: Path) -> None:
 async def test_a_server_that_cannot_mount_says_why_and_takes_sockets(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("emulators.camera_v4l2._server.can_mount", lambda: "not permitted")
+    monkeypatch.setattr("emulators.camera_v4l2.server.can_mount", lambda: "not permitted")
     devices = {"video0": Bench().device}
     async with CameraServer(devices, tmp_path, "auto") as server:
         assert (server.transport, server.why_not_fuse) == ("socket", "not permitted")
@@ -242,8 +242,8 @@ async def test_a_mount_that_passes_no_ioctls_is_taken_away_again(
     def query(path: str) -> None:
         raise OSError(errno.ENOTTY, "sandbox", path)
 
-    monkeypatch.setattr("emulators.camera_v4l2._server.can_mount", lambda: None)
-    monkeypatch.setattr("emulators.camera_v4l2._server._query", query)
+    monkeypatch.setattr("emulators.camera_v4l2.server.can_mount", lambda: None)
+    monkeypatch.setattr("emulators.camera_v4l2.server._query", query)
     async with CameraServer({"video0": Bench().device}, tmp_path / "dev") as server:
         assert server.transport == "socket"
         assert server.why_not_fuse is not None

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from . import abi
-from ._control_specs import ControlFlag, ControlSpec, Kind
+from .control_specs import ControlFlag, ControlSpec, Kind
 from .handle import ClientMemory, Handle, PendingEvent, Refused
 
 _NEXT_CTRL, _NEXT_COMPOUND = 0x80000000, 0x40000000

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from . import abi
-from ._buffers import SLOT_BYTES
-from ._control_specs import DEFAULT_CONTROLS, ControlSpec
+from .buffers import SLOT_BYTES
+from .control_specs import DEFAULT_CONTROLS, ControlSpec
 from .formats import PixelFormat
 from .handle import Refused
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from struct import Struct
 from typing import Final
 
-from .handle import Refused
+from ..kernel import Refused
 
 _LIBC: Final = ctypes.CDLL(None, use_errno=True)
 _MS_NOSUID_NODEV: Final = 2 | 4

@@ -16,11 +16,9 @@ from pathlib import Path
 from struct import Struct
 from typing import Final
 
-from . import abi
-from ._buffers import BUFFERS_MAX, SLOT_BYTES
-from ._device import V4l2Device
-from .abi import Poll
-from .handle import Refused
+from ..device import V4l2Device
+from ..kernel import BUFFERS_MAX, SLOT_BYTES, Refused, abi
+from ..kernel.abi import Poll
 
 log = logging.getLogger(__name__)
 

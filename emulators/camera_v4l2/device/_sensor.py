@@ -11,13 +11,20 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from typing import Final, Protocol
 
-from . import _control_specs as ctl
-from ._buffers import SLOT_BYTES, Buffer, BufferQueue
-from ._controls import ControlBank
+from ..kernel import (
+    SLOT_BYTES,
+    Buffer,
+    BufferQueue,
+    CameraConfig,
+    CaptureSettings,
+    ControlBank,
+    Picture,
+    PixelFormat,
+)
+from ..kernel import control_specs as ctl
+from ..kernel.abi import BufferFlag
+from ..kernel.formats import bin_to, brighten, encode, mean_level
 from ._faults import Faults
-from ._settings import CameraConfig, CaptureSettings
-from .abi import BufferFlag
-from .formats import Picture, PixelFormat, bin_to, brighten, encode, mean_level
 from .shutter import FrameGrid
 
 log = logging.getLogger(__name__)

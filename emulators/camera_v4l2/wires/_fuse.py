@@ -17,12 +17,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+from ..device import V4l2Device
+from ..kernel import BUFFERS_MAX, SLOT_BYTES, NotYet, Refused
+from ..kernel.abi import Poll
 from . import _fuse_wire as wire
-from ._buffers import BUFFERS_MAX, SLOT_BYTES
-from ._device import V4l2Device
 from ._fuse_wire import Notice, Opcode
-from .abi import Poll
-from .handle import NotYet, Refused
 
 log = logging.getLogger(__name__)
 

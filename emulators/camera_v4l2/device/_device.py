@@ -14,15 +14,20 @@ from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
 from typing import Final, Protocol
 
-from . import abi
-from ._buffers import BufferQueue
-from ._controls import ControlBank
+from ..kernel import (
+    BufferQueue,
+    CameraConfig,
+    CaptureSettings,
+    ClientMemory,
+    ControlBank,
+    Handle,
+    Picture,
+    Refused,
+    abi,
+)
+from ..kernel.abi import Poll, Request
 from ._faults import Faults
 from ._sensor import Clock, PictureSource, Sensor
-from ._settings import CameraConfig, CaptureSettings
-from .abi import Poll, Request
-from .formats import Picture
-from .handle import ClientMemory, Handle, Refused
 
 _PAUSE_WALL_S: Final = 0.0005
 

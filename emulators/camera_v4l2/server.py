@@ -10,10 +10,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final, Literal, Self
 
-from . import abi
-from ._device import V4l2Device
-from ._fuse import FuseMount, can_mount
-from ._socket import SocketCamera
+from .device import V4l2Device
+from .kernel import abi
+from .wires import FuseMount, SocketCamera, can_mount
 
 _SELF_TEST_TIMEOUT_S: Final = 30.0  # a hang is meant, not a busy machine
 

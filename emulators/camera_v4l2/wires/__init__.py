@@ -1,0 +1,6 @@
+"""How a client reaches the camera: a FUSE node, or a unix socket with the same ioctl structs."""
+
+from ._fuse import FuseMount, can_mount
+from ._socket import SocketCamera
+
+__all__ = ["FuseMount", "SocketCamera", "can_mount"]
