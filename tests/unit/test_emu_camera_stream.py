@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from emulators.camera_v4l2 import CameraConfig, ClockPattern, Faults, read_clock_pattern
-from emulators.camera_v4l2.kernel.formats import PixelFormat, encode
 from emulators.camera_v4l2.device.shutter import FrameGrid
+from emulators.camera_v4l2.kernel.formats import PixelFormat, encode
 
 PERIOD_S = 0.1
 EXPOSURE_S = 0.02
