@@ -21,7 +21,7 @@ from ._model import (
     StageReport,
 )
 from ._parts import PartFold
-from ._words import say_row
+from .log_words import say_row
 
 SomeBody = TypeVar("SomeBody", bound=Body)
 

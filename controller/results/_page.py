@@ -93,6 +93,11 @@ def lamp_words(lamp: str) -> str:
     return LAMP_WORDS.get(short, short.replace("_", " "))
 
 
+def css_class(verdict: str) -> str:
+    """Return the class that colours a verdict; the verdict itself always stands beside it."""
+    return {"pass": "pass", "fail": "fail", "indeterminate": "doubt"}.get(verdict, "none")
+
+
 def make_part_page(
     record: RunRecord, part: PartReport, pictures: Pictures, optics: Optics | None
 ) -> PartPage:

@@ -1,29 +1,29 @@
-"""A run as one HTML page that needs nothing else: no network, no script, pictures inside.
+"""A run as one HTML page: all it says comes from the journal and the run's pictures."""
 
-Everything the page says comes from the journal and the run's pictures. All text is escaped by the
-template engine, since names in a recipe are whatever somebody wrote there.
-"""
-
-import os
-import tempfile
-from collections.abc import Sequence
-from datetime import datetime
-from importlib import resources
+from collections.abc import Callable, Mapping
 from pathlib import Path
-
-from jinja2 import DictLoader, Environment, StrictUndefined
+from typing import Final
 
 from ._model import RunRecord
 from ._optics import Optics
-from ._page import lamp_words, make_part_page
-from ._words import END_WORDS, cautions, count_of, headline, say_row, stage_words
+from ._page import css_class, lamp_words, make_part_page
+from ._words import END_WORDS, cautions, headline
+from .log_words import say_row, stage_words
+from .pages import make_environment, write_page
 from .pictures import QUALITIES, Pictures, Quality
+from .wording import utc
 
 MAX_BYTES = 10_000_000  # what still goes through a mail gateway
 PICTURE_BYTES = 8_000_000  # the share of it that pictures may take
 LOG_ROWS = 3000
 TEMPLATES = ("report.html.j2", "part.html.j2")
-STYLE = "report.css"
+FILTERS: Final[Mapping[str, Callable[..., str]]] = {
+    "utc": utc,
+    "say_row": say_row,
+    "stage": stage_words,
+    "css": css_class,
+    "lamp_words": lamp_words,
+}
 
 
 def write_html(record: RunRecord, path: Path) -> Path:
@@ -36,26 +36,6 @@ def write_html(record: RunRecord, path: Path) -> Path:
     OSError : the file cannot be written
     """
     return write_page(render(record), path)
-
-
-def write_page(text: str, path: Path) -> Path:
-    """Write a page beside its place, move it into it, and return its path.
-
-    Raises
-    ------
-    OSError : the file cannot be written
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(
-        "w", encoding="utf-8", dir=path.parent, suffix=".part", delete=False
-    ) as file:
-        file.write(text)
-    part = Path(file.name)
-    # a temporary file is private to its owner; a report is for everybody who may read the runs
-    umask = os.umask(0)
-    os.umask(umask)
-    part.chmod(0o666 & ~umask)
-    return part.replace(path)
 
 
 def render(record: RunRecord, max_bytes: int = MAX_BYTES) -> str:
@@ -81,7 +61,7 @@ def _render(record: RunRecord, quality: Quality) -> str:
     word, sentence = headline(record)
     left_out = max(0, len(record.log) - LOG_ROWS)
     return (
-        make_environment(__package__, TEMPLATES)
+        make_environment(__package__, TEMPLATES, FILTERS)
         .get_template("report.html.j2")
         .render(
             record=record,
@@ -95,53 +75,3 @@ def _render(record: RunRecord, quality: Quality) -> str:
             is_reduced=quality is not QUALITIES[0],
         )
     )
-
-
-def make_environment(package: str, names: Sequence[str]) -> Environment:
-    """Return an engine with a package's templates, the house's style sheet and its filters."""
-    folder = resources.files(package)
-    texts = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in names}
-    texts[STYLE] = resources.files(__package__).joinpath(STYLE).read_text(encoding="utf-8")
-    env = Environment(
-        loader=DictLoader(texts),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    env.filters |= {
-        "num": _num,
-        "utc": _utc,
-        "span": _span,
-        "say_row": say_row,
-        "stage": stage_words,
-        "count_of": count_of,
-        "css": css_class,
-        "lamp_words": lamp_words,
-    }
-    return env
-
-
-def _num(value: float | None, decimals: int = 1) -> str:
-    """Return a number with a fixed count of decimals; a dash for what is not known."""
-    return "–" if value is None else f"{value:.{decimals}f}"
-
-
-def _utc(at: datetime) -> str:
-    return f"{at:%Y-%m-%d %H:%M:%S} UTC"
-
-
-def _span(seconds: float) -> str:
-    """Return a duration as people say it."""
-    if seconds < 60:
-        return f"{seconds:.1f} s"
-    minutes, rest = divmod(round(seconds), 60)
-    if minutes < 60:
-        return f"{minutes} min {rest} s"
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes} min"
-
-
-def css_class(verdict: str) -> str:
-    """Return the class that colours a verdict; the verdict itself always stands beside it."""
-    return {"pass": "pass", "fail": "fail", "indeterminate": "doubt"}.get(verdict, "none")

@@ -10,8 +10,8 @@ from controller.cad.compiled import CompiledPart
 from controller.cell.plans import KeptPlan
 from controller.planning import CellLayout, Certificate, Plan
 
-from ..html import make_environment, write_page
 from ..moments import moments, view_count
+from ..pages import make_environment, write_page
 from .coverage import CoverageMap, coverage_map
 from .paint import Painter
 from .strip import AGAIN, BEFORE, NEW, OUTLINE, Frame, Strip, width_for

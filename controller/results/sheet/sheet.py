@@ -10,7 +10,7 @@ from controller.cad.compiled import CompiledPart
 from controller.cad.views import LineView
 from controller.imaging import RayCaster
 
-from ..html import make_environment, write_page
+from ..pages import make_environment, write_page
 from ._words_of import vector
 from .drawings import Drawing, Frame, draw, frame_of
 from .picture import rest_picture

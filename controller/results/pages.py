@@ -1,0 +1,62 @@
+"""What all pages share: the template engine, the style sheet, and how a page is written.
+
+A page needs nothing else: no network, no script, pictures inside. All text is escaped by the
+template engine, since names in a recipe are whatever somebody wrote there.
+"""
+
+import os
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+
+from jinja2 import DictLoader, Environment, StrictUndefined
+
+from .wording import count_of, num, span
+
+STYLE = "page.css"
+
+
+def write_page(text: str, path: Path) -> Path:
+    """Write a page beside its place, move it into it, and return its path.
+
+    Raises
+    ------
+    OSError : the file cannot be written
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.NamedTemporaryFile(
+        "w", encoding="utf-8", dir=path.parent, suffix=".part", delete=False
+    ) as file:
+        file.write(text)
+    part = Path(file.name)
+    # a temporary file is private to its owner; a report is for everybody who may read the runs
+    umask = os.umask(0)
+    os.umask(umask)
+    part.chmod(0o666 & ~umask)
+    return part.replace(path)
+
+
+def make_environment(
+    package: str, names: Sequence[str], filters: Mapping[str, Callable[..., str]] | None = None
+) -> Environment:
+    """Return an engine with a package's templates, the house's style sheet and filters.
+
+    Parameters
+    ----------
+    package : whose files the templates are
+    names : of the templates
+    filters : what only these templates write: by name, from a value to its text
+    """
+    folder = resources.files(package)
+    texts = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in names}
+    texts[STYLE] = resources.files(__package__).joinpath(STYLE).read_text(encoding="utf-8")
+    env = Environment(
+        loader=DictLoader(texts),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    env.filters |= {"num": num, "span": span, "count_of": count_of, **(filters or {})}
+    return env
