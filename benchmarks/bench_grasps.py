@@ -87,9 +87,9 @@ def measure(path: Path, rules: GraspRules) -> dict[str, Any]:
     part = load_part(path)
     solid, caster = part.solid, RayCaster(part.solid.mesh)
     downs, _ = downs_of(part)
-    jaws: dict[Holder, tuple[Jaw, Any]] = {"arm": (layout.hand, None)}
-    if layout.fixture is not None:
-        jaws["fixture"] = (layout.fixture, still_gravities(layout.T_world_fixed_tcp))
+    jaws: dict[Holder, tuple[Jaw, Any]] = {"arm": (layout.arm_gripper, None)}
+    if layout.fixed_gripper is not None:
+        jaws["fixture"] = (layout.fixed_gripper, still_gravities(layout.T_world_fixed_tcp))
     started = time.process_time()
     widest = max(j.max_mm for j, _ in jaws.values()) - rules.jaw_reserve_mm
     seeds = find_seeds(solid, part.samples, caster, widest, rules, [j for j, _ in jaws.values()])
@@ -131,7 +131,7 @@ def jaw_row(found: Synthesis, downs: np.ndarray, seconds: float) -> dict[str, An
 def materials(path: Path) -> dict[str, Any]:
     """Return the share of a part's grips that hold, per material."""
     part = load_part(path)
-    jaw = replace(emulated_layout().hand, force_n=30.0)
+    jaw = replace(emulated_layout().arm_gripper, force_n=30.0)
     caster = RayCaster(part.solid.mesh)
     seeds: Seeds = find_seeds(
         part.solid, part.samples, caster, jaw.max_mm - BASE.jaw_reserve_mm, BASE

@@ -130,7 +130,7 @@ def bench_contacts(layout: CellLayout, parts: list[PreparedPart], seed: int) -> 
         shape.model  # noqa: B018  -- builds the tree, once a part
         grasp = part.arm_grasps[0]
         T = inverse_pose(grasp.T_part_tcp)
-        boxes = Scene(layout, grasp.opening_mm, layout.fixture_open_mm, part.carried_box(grasp))
+        boxes = Scene(layout, grasp.opening_mm, layout.fixed_open_mm, part.carried_box(grasp))
         exact = replace(boxes, carried_mesh=PlacedShape(shape, T))
         q = legal_rows(np.random.default_rng(seed), 8000)
         undecided = boxes.contacts(q, 5.0) != exact.contacts(q, 5.0)
@@ -163,7 +163,7 @@ def asked_ways(
     def carrying(g: int) -> Scene:
         grasp = part.arm_grasps[g]
         mesh = PlacedShape(shape, inverse_pose(grasp.T_part_tcp))
-        return Scene(layout, grasp.opening_mm, layout.fixture_open_mm, carried_mesh=mesh)
+        return Scene(layout, grasp.opening_mm, layout.fixed_open_mm, carried_mesh=mesh)
 
     usable = [g for g in range(len(part.arm_grasps)) if len(views(g)) > 1]
     for _ in range(pairs):

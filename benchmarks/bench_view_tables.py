@@ -30,7 +30,7 @@ from controller.planning.motion import Scene  # noqa: E402
 from controller.planning.views import (  # noqa: E402
     SightRules,
     candidate_directions,
-    hidden_by_hand,
+    hidden_by_gripper,
     hold_up,
     holding_boxes,
     look_out,
@@ -81,19 +81,19 @@ def bench(path: Path, layout: CellLayout, grasp_count: int, directions_n: int) -
     at.append(clock())
     visibility_table = look_out(solid, samples, caster, rules, directions_n)
     at.append(clock())
-    grasps = opposed_grips(solid, samples, caster, layout.hand.max_mm, grasp_count)
+    grasps = opposed_grips(solid, samples, caster, layout.arm_gripper.max_mm, grasp_count)
     vectors, visible = visibility_table.directions.vectors, visibility_table.visible
     at.append(clock())
     left = [
         visible
-        & ~hidden_by_hand(
+        & ~hidden_by_gripper(
             solid,
             samples,
             visible,
             vectors,
             rules.distance_mm,
             g.T_part_tcp,
-            holding_boxes(layout.hand, g),
+            holding_boxes(layout.arm_gripper, g),
         )
         for g in grasps
     ]
@@ -105,7 +105,7 @@ def bench(path: Path, layout: CellLayout, grasp_count: int, directions_n: int) -
     found = []
     for g, shown in zip(grasps, left, strict=True):
         carried = part_box.placed(inverse_pose(g.T_part_tcp))
-        scene = Scene(layout, g.opening_mm, layout.fixture_open_mm, carried)
+        scene = Scene(layout, g.opening_mm, layout.fixed_open_mm, carried)
         found.append(
             reachable_views(layout, scene, samples, showing, shown, g.T_part_tcp, layout.park_q)
         )

@@ -189,7 +189,7 @@ class Station:
         is_hold_seen: bool,
     ) -> ViewTask:
         """Return the view as the controller expects it."""
-        hand = self.layout.hand
+        hand = self.layout.arm_gripper
         boxes = [*hand.body, *hand.fingers(opening_mm)]
         holder = tuple(
             WorldBox(box.T, np.asarray(box.half_mm)) for box in (b.placed(T_tcp) for b in boxes)

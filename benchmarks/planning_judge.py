@@ -178,13 +178,13 @@ class Judge:
         R, t = moment.T_world_part[:3, :3], moment.T_world_part[:3, 3]
         tip = frames(self.layout, moment.q)["tip"]
         hand = [
-            *((b.T, b.half_mm) for b in self.layout.hand.body),
-            *finger_boxes(self.layout.hand, moment.hand_opening_mm),
+            *((b.T, b.half_mm) for b in self.layout.arm_gripper.body),
+            *finger_boxes(self.layout.arm_gripper, moment.arm_opening_mm),
         ]
         occluders = [self.search.triangles @ R.T + t]
         occluders += [box_triangles(tip @ T, half) for T, half in hand]
         eye = camera.T_world_cam[:3, 3]
-        occluders += self.search.world(moment.q, moment.fixture_opening_mm, eye)
+        occluders += self.search.world(moment.q, moment.fixed_opening_mm, eye)
         return in_sight(
             self.samples.points_mm @ R.T + t,
             self.samples.normals @ R.T,
@@ -232,7 +232,7 @@ class Judge:
                 above |= np.asarray(m.step.seen)
         wanted = covered & ~above
         held = [g for g in grasps if g.holder == "arm"]
-        return int(all((wanted & self.under_pads(g, self.layout.hand)).any() for g in held))
+        return int(all((wanted & self.under_pads(g, self.layout.arm_gripper)).any() for g in held))
 
     def under_pads(self, grasp: Grasp, jaw: Jaw) -> Mask:
         """Tell which samples lie under the pads, a millimetre inside their outline (n,)."""

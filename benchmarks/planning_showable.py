@@ -147,7 +147,7 @@ class Showable:
         return left
 
     def _hand_boxes(self, grasp: Grasp) -> list[tuple[Array, Array]]:
-        jaw = self.layout.hand
+        jaw = self.layout.arm_gripper
         gap = grasp.opening_mm - (2 * jaw.finger_thickness_mm if grasp.is_inner else 0.0)
         return [*((b.T, b.half_mm) for b in jaw.body), *finger_boxes(jaw, gap)]
 
@@ -193,7 +193,7 @@ class Showable:
         nth = np.arange(len(index)) - np.searchsorted(index, index)
         spread = np.argsort(nth * 1000 + (index * 7) % ROLLS_N, kind="stable")[:ROWS_PER_VIEW]
         q, T = q[spread], T_part[fit][index[spread]]
-        jaw = self.layout.fixture
+        jaw = self.layout.fixed_gripper
         free = self.checker.free(
             q,
             grasp.opening_mm,
@@ -233,7 +233,7 @@ class Showable:
         points = self.samples.points_mm[rows] @ R.T + t
         normals = self.samples.normals[rows] @ R.T
         tip = frames(self.layout, q)["tip"]
-        jaw = self.layout.fixture
+        jaw = self.layout.fixed_gripper
         hand = [box_triangles(tip @ T, h + SHADOW_MM) for T, h in self._hand_boxes(grasp)]
         world = self.world(q, 0.0 if jaw is None else jaw.max_mm)
         part = self.triangles @ R.T + t
@@ -243,12 +243,12 @@ class Showable:
         size = np.array(self.layout.inspection.size_px, float)
         return np.asarray(seen & (np.minimum(pixels, size - 1 - pixels).min(axis=1) >= BORDER_PX))
 
-    def world(self, q: Array, fixture_opening_mm: float, eye: Array | None = None) -> list[Array]:
+    def world(self, q: Array, fixed_opening_mm: float, eye: Array | None = None) -> list[Array]:
         """Return the triangles of links and of what stands about, the camera's own housing not."""
         eye = self.eye if eye is None else eye
         f = frames(self.layout, q)
         boxes = [(f[link.name] @ link.T, link.half_mm) for link in self.layout.arm.links]
-        boxes += [(T, h) for _, _, T, h in self.checker.still_parts(fixture_opening_mm)]
+        boxes += [(T, h) for _, _, T, h in self.checker.still_parts(fixed_opening_mm)]
         kept = []
         for T, half in boxes:
             local = (eye - T[:3, 3]) @ T[:3, :3]

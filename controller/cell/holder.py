@@ -17,8 +17,8 @@ def holder_boxes(layout: CellLayout, q: FloatArray, opening_mm: float) -> tuple[
     opening_mm : distance between the pads of the arm gripper
     """
     placed: list[Box] = [
-        *Scene(layout, opening_mm, layout.fixture_open_mm).arm_boxes(q),
-        *fixture_boxes(layout),
+        *Scene(layout, opening_mm, layout.fixed_open_mm).arm_boxes(q),
+        *fixed_gripper_boxes(layout),
         *layout.obstacles.values(),
     ]
     # the panel's own housing stands behind the part and glows: it hides nothing
@@ -29,9 +29,9 @@ def holder_boxes(layout: CellLayout, q: FloatArray, opening_mm: float) -> tuple[
     )
 
 
-def fixture_boxes(layout: CellLayout) -> list[Box]:
+def fixed_gripper_boxes(layout: CellLayout) -> list[Box]:
     """Return the boxes of the fixed gripper, wide open, in the world; none where there is none."""
-    if layout.fixture is None:
+    if layout.fixed_gripper is None:
         return []
-    boxes = (*layout.fixture.body, *layout.fixture.fingers(layout.fixture.max_mm))
+    boxes = (*layout.fixed_gripper.body, *layout.fixed_gripper.fingers(layout.fixed_gripper.max_mm))
     return [box.placed(layout.T_world_fixed_tcp) for box in boxes]

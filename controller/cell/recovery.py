@@ -31,7 +31,7 @@ class PartFault(StrEnum):
     GRASP_MISSED = "grip_missed"
     GRASP_WRONG = "grip_wrong"
     DROPPED = "part_lost"
-    NOT_IN_HAND = "hold_not_seen"
+    HOLD_NOT_SEEN = "hold_not_seen"
     HELD_OTHERWISE = "held_otherwise"
     HAND_OFF_FAILED = "hand_off_failed"
     RECEIVE_FAILED = "take_back_failed"
@@ -58,7 +58,9 @@ RECOVERY_ACTIONS: Final[Mapping[PartFault, RecoveryAction]] = {
     PartFault.GRASP_MISSED: RecoveryAction(Event.GRASP_MISSED, "looking at the table again"),
     PartFault.GRASP_WRONG: RecoveryAction(Event.GRASP_MISSED, "looking at the table again"),
     PartFault.DROPPED: RecoveryAction(Event.PART_DROPPED, "looking where the part has fallen"),
-    PartFault.NOT_IN_HAND: RecoveryAction(Event.PART_DROPPED, "looking for the part on the table"),
+    PartFault.HOLD_NOT_SEEN: RecoveryAction(
+        Event.PART_DROPPED, "looking for the part on the table"
+    ),
     PartFault.HELD_OTHERWISE: RecoveryAction(
         Event.PLAN_VOID, "planning on from the grasp as measured", 4
     ),

@@ -235,7 +235,7 @@ def who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> rows.R
     return rows.RunBegan(
         recipe=order.recipe.model_dump(mode="json", by_alias=True),
         files={str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in files},
-        cell=order.cell.model_dump(mode="json"),
+        cell=order.cell.model_dump(mode="json", by_alias=True),
         devices={
             name: dict(settings) | {"emulated": name in emulated_names}
             for name, settings in where.items()

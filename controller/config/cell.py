@@ -290,11 +290,11 @@ class ArmSection(Section):
     jaw_max_mm: Width
     park_deg: ParkSection
     links: LinksSection
-    hand: dict[str, Box]
+    arm_gripper: dict[str, Box] = Field(alias="hand")  # the key in the file
     fingers: FingersSection
 
 
-class FixtureSection(Section):
+class FixedGripperSection(Section):
     """The fixed second gripper."""
 
     pose: Pose
@@ -317,13 +317,13 @@ class InterlocksSection(Section):
     emergency_stop: Annotated[int, Field(ge=0, le=5)] = 0
     door: Annotated[int, Field(ge=0, le=5)] = 1
     part_in_nest: Annotated[int, Field(ge=0, le=5)] = 2
-    part_in_fixture: Annotated[int, Field(ge=0, le=5)] = 3
+    part_in_fixed_gripper: Annotated[int, Field(alias="part_in_fixture", ge=0, le=5)] = 3
     supply: Annotated[int, Field(ge=0, le=5)] = 4
     acknowledge: Annotated[int, Field(ge=0, le=5)] = 5
 
     @model_validator(mode="after")
     def _inputs_differ(self) -> "InterlocksSection":
-        _all_different("input", self.model_dump())
+        _all_different("input", self.model_dump(by_alias=True))
         return self
 
 
@@ -373,7 +373,7 @@ class Cell(Section):
     station: StationSection
     lamps: dict[str, LampSection]
     arm: ArmSection
-    fixture: FixtureSection
+    fixed_gripper: FixedGripperSection = Field(alias="fixture")  # the key in the file
     obstacles: dict[str, Box] = Field(default_factory=dict)
     trays: TraysSection
     interlocks: InterlocksSection = InterlocksSection()

@@ -283,8 +283,8 @@ def _unjudged(samples: SurfaceSamples, views: Sequence[ViewResult]) -> NDArray[n
     out = np.zeros(len(samples.points_mm), dtype=np.uint8)
     holder = Unjudged.HOLDER.number
     for view in views:
-        if len(view.beside_hand):
-            out[view.beside_hand & (out == 0)] = holder
+        if len(view.beside_gripper):
+            out[view.beside_gripper & (out == 0)] = holder
         if len(view.unjudged):
             out = np.maximum(out, view.unjudged)
     return out

@@ -193,7 +193,7 @@ class ViewResult:
     residual_px : of the outline fit
     findings : differences from the CAD
     seen : (n,) surface samples that any check of this view compared
-    beside_hand : (n,) samples in sight, but too near to the gripper to be compared
+    beside_gripper : (n,) samples in sight, but too near to the gripper to be compared
     in_sight : (n,) samples nothing stood before, the gripper's margin left out; empty where a view
         says no more than `seen`
     checks : one by one, also those that failed
@@ -212,7 +212,7 @@ class ViewResult:
     findings: tuple[Finding, ...]
     seen: BoolArray
     outline_px: FloatArray
-    beside_hand: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    beside_gripper: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
     in_sight: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
     checks: tuple[Check, ...] = ()
     unjudged: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, dtype=np.uint8))

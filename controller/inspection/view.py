@@ -74,7 +74,7 @@ class _Sight:
     """Which samples are in sight, and where; (n,) each, pixels (n, 2)."""
 
     free: BoolArray
-    beside_hand: BoolArray
+    beside_gripper: BoolArray
     pixels: IntArray
 
 
@@ -177,7 +177,7 @@ class _View:
                 checks.append(check)
                 codes.append(code)
                 findings = findings + differing
-        free = sight.free & ~sight.beside_hand
+        free = sight.free & ~sight.beside_gripper
         checks = [replace(c, compared=c.compared & free) for c in checks]
         seen = np.logical_or.reduce([c.compared for c in checks])
         x0, y0, _, _ = fit.maps.roi
@@ -192,7 +192,7 @@ class _View:
             findings=tuple(findings),
             seen=seen,
             outline_px=mask_contour(fit.maps.mask) + np.array([x0, y0]),
-            beside_hand=sight.beside_hand,
+            beside_gripper=sight.beside_gripper,
             in_sight=free,
             checks=tuple(checks),
             unjudged=_best_excuse(codes, free & ~seen),

@@ -50,7 +50,7 @@ class Moment:
     Attributes
     ----------
     q : (6,) where the arm stands
-    hand_opening_mm, fixture_opening_mm : of both jaws
+    arm_opening_mm, fixed_opening_mm : of both jaws
     T_world_part : (4, 4) where the part is
     grasp, fixed_grasp : that hold it, None where they do not
     seen : (n,) bool, samples a view shows, None where nothing is looked at
@@ -60,8 +60,8 @@ class Moment:
     kind: Kind
     seat: Seat
     q: FloatArray
-    hand_opening_mm: float
-    fixture_opening_mm: float
+    arm_opening_mm: float
+    fixed_opening_mm: float
     T_world_part: FloatArray
     grasp: Grasp | None = None
     fixed_grasp: Grasp | None = None
@@ -75,7 +75,7 @@ def moments(plan: Plan, layout: CellLayout) -> tuple[Moment, ...]:
 
 
 def _moments(plan: Plan, layout: CellLayout) -> Iterator[Moment]:
-    q, wide, idle = layout.park_q, layout.hand.max_mm, layout.fixture_open_mm
+    q, wide, idle = layout.park_q, layout.arm_gripper.max_mm, layout.fixed_open_mm
     for step in plan.steps:
         if isinstance(step, Pick):
             q, grasp = step.motion_down[-1], step.grasp

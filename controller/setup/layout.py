@@ -19,14 +19,18 @@ def build_layout(cell: Cell) -> CellLayout:
     """Return the layout that planning works on [mm, rad]."""
     arm, park = cell.arm, cell.arm.park_deg
     obstacles = {name: Box.from_bounds(*box) for name, box in cell.obstacles.items()}
-    obstacles["fixture_post"] = Box.from_bounds(*cell.fixture.post)
+    obstacles["fixture_post"] = Box.from_bounds(*cell.fixed_gripper.post)
     return CellLayout(
         arm=_arm(arm),
         T_world_arm=arm.pose.build(),
         column=Box.from_bounds(*arm.links.column),
-        hand=_jaw(arm.hand.values(), arm.fingers, arm.jaw_max_mm),
-        fixture=_jaw(cell.fixture.body.values(), cell.fixture.fingers, cell.fixture.jaw_max_mm),
-        T_world_fixed_tcp=cell.fixture.pose.build(),
+        arm_gripper=_jaw(arm.arm_gripper.values(), arm.fingers, arm.jaw_max_mm),
+        fixed_gripper=_jaw(
+            cell.fixed_gripper.body.values(),
+            cell.fixed_gripper.fingers,
+            cell.fixed_gripper.jaw_max_mm,
+        ),
+        T_world_fixed_tcp=cell.fixed_gripper.pose.build(),
         obstacles=obstacles,
         station_mm=np.array(cell.station.position, dtype=float),
         inspection=build_camera(cell.cameras.inspection),

@@ -55,7 +55,7 @@ class PlannerSetup:
 
     def as_json(self) -> dict[str, Any]:
         """Return all that plans depend on beside part and cell file."""
-        fixture = self.layout.fixture
+        fixed_gripper = self.layout.fixed_gripper
         return {
             "density_g_cm3": self.density_g_cm3,
             "density_from": self.density_from,
@@ -64,8 +64,8 @@ class PlannerSetup:
             "smallest_defect_mm": self.smallest_defect_mm,
             "least_gain": self.options.least_gain,
             "force_n": self.force_n,
-            "arm_gripper_n": self.layout.hand.force_n,
-            "fixed_gripper_n": None if fixture is None else fixture.force_n,
+            "arm_gripper_n": self.layout.arm_gripper.force_n,
+            "fixed_gripper_n": None if fixed_gripper is None else fixed_gripper.force_n,
             "width_tolerance_mm": self.options.width_tolerance_mm,
             "from_recipe": self.has_recipe,
         }
@@ -74,13 +74,17 @@ class PlannerSetup:
     def sentence(self) -> str:
         """What plans depend on, for people."""
         density = _DENSITY_WORDS[self.density_from].format(f"{self.density_g_cm3:g}")
-        fixture = self.layout.fixture
-        fixed = "" if fixture is None else f" and {fixture.force_n:g} N of the fixed gripper"
+        fixed_gripper = self.layout.fixed_gripper
+        fixed = (
+            ""
+            if fixed_gripper is None
+            else f" and {fixed_gripper.force_n:g} N of the fixed gripper"
+        )
         words = (
             f"{density}, {self.mass_g:.0f} g; incidence up to "
             f"{self.options.max_incidence_deg:g} deg; defects from {self.smallest_defect_mm:g} mm; "
             f"views that add {self.options.least_gain:g} of the surface or more; "
-            f"{self.layout.hand.force_n:g} N of the arm gripper{fixed}; openings to "
+            f"{self.layout.arm_gripper.force_n:g} N of the arm gripper{fixed}; openings to "
             f"{self.options.width_tolerance_mm:g} mm"
         )
         return f"planned with {words}" if self.has_recipe else f"planned without a recipe: {words}"
@@ -113,11 +117,13 @@ def planner_setup(
         source = "CAD file"
     density = part.density_g_cm3(density_g_cm3 or said)
     layout = build_layout(cell)
-    fixture = layout.fixture
+    fixed_gripper = layout.fixed_gripper
     layout = replace(
         layout,
-        hand=replace(layout.hand, force_n=min(grasp.force_n, ARM_COUNTED_N)),
-        fixture=None if fixture is None else replace(fixture, force_n=grasp.force_n),
+        arm_gripper=replace(layout.arm_gripper, force_n=min(grasp.force_n, ARM_COUNTED_N)),
+        fixed_gripper=None
+        if fixed_gripper is None
+        else replace(fixed_gripper, force_n=grasp.force_n),
     )
     options = PlanOptions()
     options = replace(

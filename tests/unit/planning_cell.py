@@ -62,8 +62,8 @@ def layout_of(cell: Any) -> CellLayout:
         arm=arm_model(arm),
         T_world_arm=pose(arm["pose"]),
         column=Box.from_bounds(*arm["links"]["column"]),
-        hand=jaw(arm["hand"], arm["fingers"], arm["jaw_max_mm"]),
-        fixture=jaw(fixture["body"], fixture["fingers"], fixture["jaw_max_mm"]),
+        arm_gripper=jaw(arm["hand"], arm["fingers"], arm["jaw_max_mm"]),
+        fixed_gripper=jaw(fixture["body"], fixture["fingers"], fixture["jaw_max_mm"]),
         T_world_fixed_tcp=pose(fixture["pose"]),
         obstacles={
             "fixture's post": Box.from_bounds(*fixture["post"]),

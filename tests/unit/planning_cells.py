@@ -131,7 +131,7 @@ def overhead_station() -> CellLayout:
 
 def without_fixture() -> CellLayout:
     """One gripper, and nowhere to put the part down."""
-    return replace(LAYOUT, fixture=None, set_down_mm=AWAY)
+    return replace(LAYOUT, fixed_gripper=None, set_down_mm=AWAY)
 
 
 def far_fixture() -> CellLayout:
@@ -165,5 +165,9 @@ def long_lens() -> CellLayout:
 
 
 def weak_hand(force_n: float = 15.0) -> CellLayout:
-    fixture = None if LAYOUT.fixture is None else replace(LAYOUT.fixture, force_n=force_n)
-    return replace(LAYOUT, hand=replace(LAYOUT.hand, force_n=force_n), fixture=fixture)
+    fixture = (
+        None if LAYOUT.fixed_gripper is None else replace(LAYOUT.fixed_gripper, force_n=force_n)
+    )
+    return replace(
+        LAYOUT, arm_gripper=replace(LAYOUT.arm_gripper, force_n=force_n), fixed_gripper=fixture
+    )

@@ -20,7 +20,7 @@ from controller.planning import (
     GiveStep,
     Grasp,
     InArm,
-    InFixture,
+    InFixedGripper,
     Look,
     OnTable,
     Park,
@@ -45,8 +45,8 @@ class Moment:
 
     step: Step
     q: Array
-    hand_opening_mm: float
-    fixture_opening_mm: float
+    arm_opening_mm: float
+    fixed_opening_mm: float
     T_world_part: Array
     holder: str
 
@@ -69,8 +69,8 @@ class Follower:
         self.layout, self.c = layout, Checker(layout, solid, arm)
         self.walk = Walk()
         self.q = layout.park_q if getattr(start, "q", None) is None else start.q
-        self.opening = layout.hand.max_mm
-        self.wide = 0.0 if layout.fixture is None else layout.fixture.max_mm
+        self.opening = layout.arm_gripper.max_mm
+        self.wide = 0.0 if layout.fixed_gripper is None else layout.fixed_gripper.max_mm
         self.fixture_opening = self.wide
         self.grasp: Grasp | None = None
         self.fixed_grasp: Grasp | None = None
@@ -79,17 +79,17 @@ class Follower:
             self.grasp = start.grasp
             self.opening = self.gap(start.grasp, start.grasp.opening_mm)
             self._place_part()
-        elif isinstance(start, InFixture):
+        elif isinstance(start, InFixedGripper):
             self.fixed_grasp = start.grasp
             self.fixture_opening = self.gap(start.grasp, start.grasp.opening_mm)
-            self.opening = min(self.layout.hand.max_mm, self.opening)
+            self.opening = min(self.layout.arm_gripper.max_mm, self.opening)
             self.T = layout.T_world_fixed_tcp @ np.linalg.inv(start.grasp.T_part_tcp)
         else:
             self.T = start.T_world_part if isinstance(start, OnTable) else start
 
     def gap(self, grasp: Grasp, opening_mm: float) -> float:
         """Return how far apart the fingers' inner sides are: spread, their backs are the pads."""
-        jaw = self.layout.hand if grasp.holder == "arm" else self.layout.fixture
+        jaw = self.layout.arm_gripper if grasp.holder == "arm" else self.layout.fixed_gripper
         assert jaw is not None
         return opening_mm - (2 * jaw.finger_thickness_mm if grasp.is_inner else 0.0)
 
@@ -154,7 +154,7 @@ class Follower:
         mm, rad = apart(tip @ np.linalg.inv(grasp.T_part_tcp), self.T)
         if mm > POSE_MM or rad > POSE_RAD:
             self.say(step, f"the hand is {mm:.2f} mm, {np.degrees(rad):.2f} deg off its grip")
-        self.walk.trouble += self.c.hold(grasp, self.layout.hand, step.label)
+        self.walk.trouble += self.c.hold(grasp, self.layout.arm_gripper, step.label)
         self.grasp = grasp
         self.set_jaws(step, hand_mm=self.gap(grasp, grasp.opening_mm))
 
@@ -197,19 +197,19 @@ class Follower:
     def _givestep(self, step: GiveStep) -> None:
         self.needs(step, "arm")
         self.same_grip(step, step.grasp)
-        if self.layout.fixture is None:
+        if self.layout.fixed_gripper is None:
             self.say(step, "there is no fixed gripper")
             return
-        self.fixture_opening = self.gap(step.fixed_grasp, step.fixture_pre_open_mm)
+        self.fixture_opening = self.gap(step.fixed_grasp, step.fixed_pre_open_mm)
         self.drive(step, step.motion)
         held = self.layout.T_world_fixed_tcp @ np.linalg.inv(step.fixed_grasp.T_part_tcp)
         mm, rad = apart(held, self.T)
         if mm > POSE_MM or rad > POSE_RAD:
             self.say(step, f"both jaws disagree by {mm:.2f} mm, {np.degrees(rad):.2f} deg")
-        self.walk.trouble += self.c.hold(step.fixed_grasp, self.layout.fixture, step.label)
+        self.walk.trouble += self.c.hold(step.fixed_grasp, self.layout.fixed_gripper, step.label)
         self.fixed_grasp = step.fixed_grasp
-        self.set_jaws(step, fixture_mm=self.gap(step.fixed_grasp, step.fixture_expected_opening_mm))
-        self.set_jaws(step, hand_mm=self.gap(step.grasp, step.hand_open_mm))
+        self.set_jaws(step, fixture_mm=self.gap(step.fixed_grasp, step.fixed_expected_opening_mm))
+        self.set_jaws(step, hand_mm=self.gap(step.grasp, step.arm_open_mm))
         self.grasp = None
         self.drive(step, step.retreat)
 
@@ -220,7 +220,7 @@ class Follower:
         self.set_jaws(step, hand_mm=self.gap(step.grasp, step.pre_open_mm))
         self.drive(step, step.approach)
         self.takes(step, step.grasp)
-        self.set_jaws(step, fixture_mm=self.gap(step.fixed_grasp, step.fixture_open_mm))
+        self.set_jaws(step, fixture_mm=self.gap(step.fixed_grasp, step.fixed_open_mm))
         self.fixed_grasp = None
         self.drive(step, step.motion_out)
         self.set_jaws(step, fixture_mm=self.wide)

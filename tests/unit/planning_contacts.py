@@ -205,8 +205,8 @@ class Checker:
         cell = self.layout
         return [
             *((link.name, link.name, link.T, link.half_mm) for link in cell.arm.links),
-            *(("hand", "tip", b.T, b.half_mm) for b in cell.hand.body),
-            *(("finger", "tip", T, half) for T, half in finger_boxes(cell.hand, opening)),
+            *(("hand", "tip", b.T, b.half_mm) for b in cell.arm_gripper.body),
+            *(("finger", "tip", T, half) for T, half in finger_boxes(cell.arm_gripper, opening)),
         ]
 
     def still_parts(self, fixture_opening: float) -> list[Named]:
@@ -215,12 +215,14 @@ class Checker:
             ("column", "", cell.column.T, cell.column.half_mm),
             *((name, "", b.T, b.half_mm) for name, b in cell.obstacles.items()),
         ]
-        if cell.fixture is not None:
+        if cell.fixed_gripper is not None:
             T_world_tcp = cell.T_world_fixed_tcp
-            found += [("fixture", "", T_world_tcp @ b.T, b.half_mm) for b in cell.fixture.body]
+            found += [
+                ("fixture", "", T_world_tcp @ b.T, b.half_mm) for b in cell.fixed_gripper.body
+            ]
             found += [
                 ("fixture finger", "", T_world_tcp @ T, half)
-                for T, half in finger_boxes(cell.fixture, fixture_opening)
+                for T, half in finger_boxes(cell.fixed_gripper, fixture_opening)
             ]
         return found
 

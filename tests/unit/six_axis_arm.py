@@ -43,7 +43,7 @@ class Link:
     half_mm: Floats
     may_touch_base: bool = True
     may_touch_table: bool = True
-    keeps_clear_of: Literal["hand", "fingers", "nothing"] = "hand"
+    keeps_clear_of: Literal["gripper", "fingers", "nothing"] = "gripper"
 
 
 def box(name: str, bounds: Sequence[float], **flags: object) -> Link:

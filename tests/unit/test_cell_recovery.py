@@ -41,7 +41,7 @@ from controller.planning import (
     GiveStep,
     Grasp,
     InArm,
-    InFixture,
+    InFixedGripper,
     Look,
     NoPlanError,
     OnTable,
@@ -105,8 +105,8 @@ def show(name: str, at: float, *samples: int, held: Grasp = A) -> Present:
 
 def over() -> GiveStep:
     return GiveStep(
-        seconds=1.0, label="hand off", grasp=A, fixed_grasp=F, fixture_pre_open_mm=60.0,
-        motion=(q(20), q(21)), fixture_expected_opening_mm=FIXTURE_MM, hand_open_mm=28.0,
+        seconds=1.0, label="hand off", grasp=A, fixed_grasp=F, fixed_pre_open_mm=60.0,
+        motion=(q(20), q(21)), fixed_expected_opening_mm=FIXTURE_MM, arm_open_mm=28.0,
         retreat=(q(22),),
     )  # fmt: skip
 
@@ -114,7 +114,7 @@ def over() -> GiveStep:
 def back() -> ReceiveStep:
     return ReceiveStep(
         seconds=1.0, label="receive back", grasp=B, fixed_grasp=F, motion_in=(q(23),),
-        pre_open_mm=28.0, approach=(q(24),), expected_opening_mm=WIDTH_MM, fixture_open_mm=60.0,
+        pre_open_mm=28.0, approach=(q(24),), expected_opening_mm=WIDTH_MM, fixed_open_mm=60.0,
         motion_out=(q(25),),
     )  # fmt: skip
 
@@ -525,7 +525,7 @@ def test_a_take_back_that_fails_leaves_the_part_in_the_fixed_gripper(tmp_path: P
     run.was_well()
     assert run.troubles == ["take_back_failed"]
     start = run.compute.starts[1]
-    assert isinstance(start, InFixture)
+    assert isinstance(start, InFixedGripper)
     assert run.compute.avoided[1] == {"B"}
     T_world_part = shown_pose(LAYOUT, q(21), EYE)
     assert np.allclose(T_world_part @ start.grasp.T_part_tcp, LAYOUT.T_world_fixed_tcp, atol=1e-9)
@@ -620,7 +620,7 @@ def test_all_troubles_together_are_bounded_too() -> None:
         (PartFault.GRASP_MISSED, ["grasping"]),
         (PartFault.GRASP_WRONG, ["grasping"]),
         (PartFault.DROPPED, ["grasping", "presenting", "handing", "lowering", "placing"]),
-        (PartFault.NOT_IN_HAND, ["inspecting", "planning"]),
+        (PartFault.HOLD_NOT_SEEN, ["inspecting", "planning"]),
         (PartFault.HELD_OTHERWISE, ["inspecting"]),
         (PartFault.HAND_OFF_FAILED, ["handing"]),
         (PartFault.RECEIVE_FAILED, ["handing"]),

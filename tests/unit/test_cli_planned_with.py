@@ -80,8 +80,8 @@ def test_all_figures_of_a_recipe_reach_the_planner(folder: Path) -> None:
     # what is planned to be shown must be compared: a defect of 2.5 mm spans what inspection needs
     assert LEAST_WIDTH_PX < 2.5 * options.min_px_per_mm < 1.3 * LEAST_WIDTH_PX
     assert options.width_tolerance_mm == 0.5
-    assert layout.fixture is not None
-    assert (layout.hand.force_n, layout.fixture.force_n) == (30.0, 30.0)
+    assert layout.fixed_gripper is not None
+    assert (layout.arm_gripper.force_n, layout.fixed_gripper.force_n) == (30.0, 30.0)
     assert setup.mass_g == pytest.approx(part.solid.volume_mm3 * 7.85e-3)
 
 
@@ -115,8 +115,8 @@ def test_no_more_is_counted_on_of_the_arm_than_is_known(folder: Path) -> None:
     path.write_text((folder / "block.yaml").read_text().replace("force_n: 30", "force_n: 150"))
     recipe = load_recipe(path)
     layout = planner_setup(recipe, load_cell(CELL), load_part(recipe.part)).layout
-    assert layout.fixture is not None
-    assert (layout.hand.force_n, layout.fixture.force_n) == (40.0, 150.0)
+    assert layout.fixed_gripper is not None
+    assert (layout.arm_gripper.force_n, layout.fixed_gripper.force_n) == (40.0, 150.0)
 
 
 def test_plan_check_compile_and_run_agree_to_the_byte(

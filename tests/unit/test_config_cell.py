@@ -123,7 +123,10 @@ def test_the_layout_is_the_one_read_from_the_file_by_hand(shipped: bool, cell_fi
         assert ours.half_mm == pytest.approx(theirs.half_mm)
     assert len(built.obstacles) == len(expected.obstacles) == 3
     assert built.trays == expected.trays
-    for jaw, other in ((built.hand, expected.hand), (built.fixture, expected.fixture)):
+    for jaw, other in (
+        (built.arm_gripper, expected.arm_gripper),
+        (built.fixed_gripper, expected.fixed_gripper),
+    ):
         assert len(jaw.body) == len(other.body)
         assert jaw.max_mm == other.max_mm
         assert jaw.pad_length_mm == other.pad_length_mm

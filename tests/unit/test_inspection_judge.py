@@ -233,7 +233,7 @@ def test_what_was_in_sight_and_not_compared_is_told_apart_from_what_was_not_in_s
     assert got.faces[hidden].reason == Unjudged.BOUNCE.value
     assert got.in_sight_fraction == pytest.approx(1.0)
     assert got.covered_fraction < 1
-    beside = verdict(replace(view(seen=~mine), beside_hand=mine), coverage=0.5)
+    beside = verdict(replace(view(seen=~mine), beside_gripper=mine), coverage=0.5)
     assert "gripper" in beside.faces[hidden].reason
 
 

@@ -115,11 +115,11 @@ def test_a_wider_margin_frees_nothing(margin: float, more: float, seed: int) -> 
 
 def test_the_part_may_be_handed_in_row_by_row() -> None:
     q = random_rows(7, 500)
-    hand = stack([*LAYOUT.hand.body, *LAYOUT.hand.fingers(60.0)])
+    hand = stack([*LAYOUT.arm_gripper.body, *LAYOUT.arm_gripper.fingers(60.0)])
     rows = (np.repeat(hand[0][None], len(q), axis=0), np.repeat(hand[1][None], len(q), axis=0))
     poses = np.repeat(T_TIP_PART[None], len(q), axis=0)
     np.testing.assert_array_equal(
-        BARE.contacts(q, 5.0, hand=rows, part=(SHAPE, poses)), EXACT.contacts(q, 5.0)
+        BARE.contacts(q, 5.0, arm_gripper=rows, part=(SHAPE, poses)), EXACT.contacts(q, 5.0)
     )
 
 
@@ -127,7 +127,7 @@ def test_a_standing_part_may_be_reached_into() -> None:
     """A fingertip between the two plates of an angle is inside its box and touches nothing."""
     q = np.array([0.3, -0.5, 0.2, -500.0, -np.pi / 2, 0.0])
     tip = tcp_pose(LAYOUT, q)
-    shut = replace(BARE, hand_opening_mm=0.0)
+    shut = replace(BARE, arm_opening_mm=0.0)
     T = np.eye(4)
     T[:3, 3] = tip[:3, 3] + [-22.0, 0.0, 20.0]  # the foot below the tips, the wall away from them
     T_turned = T.copy()

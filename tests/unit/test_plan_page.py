@@ -163,10 +163,10 @@ def every_kind(part: CompiledPart, layout: CellLayout) -> Plan:
             label="hand off",
             grasp=hand,
             fixed_grasp=fixed,
-            fixture_pre_open_mm=50.0,
+            fixed_pre_open_mm=50.0,
             motion=(q,),
-            fixture_expected_opening_mm=30.0,
-            hand_open_mm=40.0,
+            fixed_expected_opening_mm=30.0,
+            arm_open_mm=40.0,
             retreat=(q,),
         ),
         ReceiveStep(
@@ -178,7 +178,7 @@ def every_kind(part: CompiledPart, layout: CellLayout) -> Plan:
             pre_open_mm=40.0,
             approach=(q,),
             expected_opening_mm=30.0,
-            fixture_open_mm=50.0,
+            fixed_open_mm=50.0,
             motion_out=(q,),
         ),
         SetDown(

@@ -305,7 +305,7 @@ def test_views_offered_hold_every_candidate_free_of_contact_before_the_camera() 
     for c in pair:
         half = np.ptp(c.solid.mesh.vertices, axis=0) / 2
         carried = Box(np.eye(4), half).placed(c.T_tcp_part)
-        assert Scene(LAYOUT, OPENING_MM, LAYOUT.fixture_open_mm, carried).free(q).all()
+        assert Scene(LAYOUT, OPENING_MM, LAYOUT.fixed_open_mm, carried).free(q).all()
     for row in q:
         com = tcp_pose(LAYOUT, row) @ pair[0].T_tcp_part
         np.testing.assert_allclose(com[:3, 3], LAYOUT.station_mm, atol=1.0)

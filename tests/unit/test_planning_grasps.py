@@ -201,14 +201,14 @@ def test_every_pose_of_a_recipe_part_leaves_grips_from_above_to_choose_from(
     part = load_part(PARTS / name)
     layout, options = emulated_layout(), PlanOptions()
     downs = downs_of(part.solid)
-    arm = judged(part.solid, RULES, layout.hand, downs, part.samples).grasps
+    arm = judged(part.solid, RULES, layout.arm_gripper, downs, part.samples).grasps
     for pose in stable_poses(part.solid):
         if not pose.rolling:
-            able = clear_of_table(resting_pose(part.solid, pose), arm, layout.hand)
+            able = clear_of_table(resting_pose(part.solid, pose), arm, layout.arm_gripper)
             assert able.sum() >= options.arm_grasps_per_pose // 2
     assert all(g.contact_mm2 >= 40.0 for g in arm if not g.on_table)
-    assert layout.fixture is not None
-    fixture = judged(part.solid, RULES, layout.fixture, downs, part.samples).grasps
+    assert layout.fixed_gripper is not None
+    fixture = judged(part.solid, RULES, layout.fixed_gripper, downs, part.samples).grasps
     assert len(fixture) >= options.fixed_grasps
 
 

@@ -144,7 +144,7 @@ def test_a_cone_is_refused_with_the_angle_its_wall_leans_by() -> None:
 def test_a_part_wider_than_both_jaws_is_refused_with_both_widths() -> None:
     text = str(refusal(cube(100.0)))
     assert "100.0 mm" in text
-    assert f"{LAYOUT.hand.max_mm - OPTIONS.rules.jaw_reserve_mm:.0f} mm" in text
+    assert f"{LAYOUT.arm_gripper.max_mm - OPTIONS.rules.jaw_reserve_mm:.0f} mm" in text
     assert "wider jaw" in text
 
 
@@ -173,7 +173,7 @@ def slippery(case: str) -> tuple[NoPlanError, float, float]:
         values = {"density_kg_mm3": 7.85e-6, "friction": 0.2}
     options = rules(**values)
     load = sliding_load(
-        solid, options.rules.density_kg_mm3, options.rules.friction, layout.hand.force_n
+        solid, options.rules.density_kg_mm3, options.rules.friction, layout.arm_gripper.force_n
     )
     assert load > most
     return refusal(solid, layout, options), load, most
@@ -372,8 +372,8 @@ def test_what_the_only_grips_cover_has_no_regrasp_path_without_a_second_gripper(
     # what one pair of pads covers is unseen: opaque as they are
     hand = np.linalg.inv(plan.grasps[0].T_part_tcp)
     at = part.samples.points_mm @ hand[:3, :3].T + hand[:3, 3]
-    under = (at[:, 0] < -2) & (at[:, 0] > 2 - LAYOUT.hand.pad_length_mm)
-    under &= np.abs(at[:, 2]) < LAYOUT.hand.finger_width_mm / 2 - 2
+    under = (at[:, 0] < -2) & (at[:, 0] > 2 - LAYOUT.arm_gripper.pad_length_mm)
+    under &= np.abs(at[:, 2]) < LAYOUT.arm_gripper.finger_width_mm / 2 - 2
     under &= np.abs(np.abs(at[:, 1]) - plan.grasps[0].opening_mm / 2) < 0.3
     pieces = of_kind(plan, Reason.NO_REGRASP_PATH)
     assert set(np.flatnonzero(under).tolist()) <= {k for u in pieces for k in u.samples}

@@ -338,7 +338,7 @@ def test_a_grip_beside_the_walls_is_found_out(plan: Plan) -> None:
     c = Checker(LAYOUT, SOLID)
 
     def said(changed: Grasp) -> str:
-        return "; ".join(c.hold(changed, LAYOUT.hand, "pick"))
+        return "; ".join(c.hold(changed, LAYOUT.arm_gripper, "pick"))
 
     assert said(grasp) == ""
     assert "is to stop at" in said(replace(grasp, opening_mm=grasp.opening_mm + 2.0))
@@ -432,7 +432,7 @@ def test_the_search_says_what_stands_between_a_sample_and_the_camera(
 ) -> None:
     # under a pad nothing shows with that grip, whatever the arm does
     grasp = prepared.arm_grasps[0]
-    (under,) = np.nonzero(judge.under_pads(grasp, LAYOUT.hand))
+    (under,) = np.nonzero(judge.under_pads(grasp, LAYOUT.arm_gripper))
     classes, evidence = judge.search.classify(under.tolist(), [grasp])
     assert len(under) > 0
     assert set(classes) == {Class.FINGERS}

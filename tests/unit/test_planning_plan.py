@@ -71,7 +71,7 @@ def test_the_way_round_the_fixture_is_free_with_the_jaws_as_they_let_go() -> Non
     made = plan_part(block, sample_surface(block, 8.0), lying, T, LAYOUT, options=OPTIONS)
     (over,) = (s for s in made.steps if isinstance(s, GiveStep))
     (back,) = (s for s in made.steps if isinstance(s, ReceiveStep))
-    assert over.hand_open_mm < back.pre_open_mm - 30.0
+    assert over.arm_open_mm < back.pre_open_mm - 30.0
     assert check(made, LAYOUT, block, T) == []
 
 
@@ -146,8 +146,8 @@ def test_the_pads_hide_what_they_hold(plan: Plan) -> None:
     for view in plan.presents:
         hand = np.linalg.inv(view.grasp.T_part_tcp)
         at = SAMPLES.points_mm @ hand[:3, :3].T + hand[:3, 3]
-        under = (at[:, 0] < -1) & (at[:, 0] > -LAYOUT.hand.pad_length_mm + 1)
-        under &= np.abs(at[:, 2]) < LAYOUT.hand.finger_width_mm / 2 - 1
+        under = (at[:, 0] < -1) & (at[:, 0] > -LAYOUT.arm_gripper.pad_length_mm + 1)
+        under &= np.abs(at[:, 2]) < LAYOUT.arm_gripper.finger_width_mm / 2 - 1
         under &= np.abs(np.abs(at[:, 1]) - view.grasp.opening_mm / 2) < 0.1
         assert not view.seen[under].any()
 

@@ -35,8 +35,8 @@ from controller.commissioning.siting.score import value_of
 from controller.commissioning.siting.search.grids import (
     camera_grid,
     direction,
-    fixture_frame,
-    fixture_grid,
+    fixed_gripper_frame,
+    fixed_gripper_grid,
 )
 from controller.commissioning.siting.site import fellows_of, standoff_mm
 from controller.imaging import inverse_pose
@@ -51,7 +51,7 @@ FEW = SiteOptions(
     fixed_grasps=2,
     directions=24,
     checked_cameras=2,
-    checked_fixtures=2,
+    checked_fixed_poses=2,
     local_steps=0,
 )
 
@@ -123,7 +123,7 @@ def test_both_sides_of_the_arm_are_alike() -> None:
 
 def test_obstacles_go_with_what_they_belong_to() -> None:
     assert set(FELLOWS.camera) == {"inspection camera", "station panel"}
-    assert FELLOWS.fixture == ("fixture's post",)
+    assert FELLOWS.fixed_gripper == ("fixture's post",)
 
 
 @pytest.mark.parametrize("side", [(90.0, 0.0), (0.0, 45.0), (-30.0, -20.0), (0.0, 90.0)])
@@ -155,7 +155,7 @@ def test_the_present_site_is_the_present_cell() -> None:
 @pytest.mark.parametrize("turn", [0.0, 90.0, 135.0, 270.0])
 def test_a_fixture_put_elsewhere_keeps_its_post_behind_it_and_on_the_table(turn: float) -> None:
     along = direction(turn, 0.0)
-    T = fixture_frame(np.array([300.0, 400.0, 500.0]), along, np.array([0.0, 0.0, 1.0]))
+    T = fixed_gripper_frame(np.array([300.0, 400.0, 500.0]), along, np.array([0.0, 0.0, 1.0]))
     post = placed_at(LAYOUT, replace(site_of(LAYOUT), T_world_fixed_tcp=T), FELLOWS).obstacles[
         "fixture's post"
     ]
@@ -166,7 +166,9 @@ def test_a_fixture_put_elsewhere_keeps_its_post_behind_it_and_on_the_table(turn:
 
 
 def test_an_upright_fixture_stands_on_its_post() -> None:
-    T = fixture_frame(np.array([300.0, -400.0, 500.0]), np.array([0.0, 0.0, 1.0]), direction(30, 0))
+    T = fixed_gripper_frame(
+        np.array([300.0, -400.0, 500.0]), np.array([0.0, 0.0, 1.0]), direction(30, 0)
+    )
     cell = placed_at(LAYOUT, replace(site_of(LAYOUT), T_world_fixed_tcp=T), FELLOWS)
     post = cell.obstacles["fixture's post"]
     np.testing.assert_allclose(post.T[:2, 3], T[:2, 3])
@@ -187,7 +189,10 @@ def test_no_allowed_site_stands_where_something_has_to_stay_free() -> None:
     allowed = 0
     sites = [
         *list(camera_grid(LAYOUT))[::29],
-        *[replace(site_of(LAYOUT), T_world_fixed_tcp=T) for T in list(fixture_grid(LAYOUT))[::37]],
+        *[
+            replace(site_of(LAYOUT), T_world_fixed_tcp=T)
+            for T in list(fixed_gripper_grid(LAYOUT))[::37]
+        ],
     ]
     for site in sites:
         cell = placed_at(LAYOUT, site, FELLOWS)
@@ -217,7 +222,9 @@ def test_what_stands_in_the_way_is_named() -> None:
         return why_not_here(placed_at(cell, site, FELLOWS), FELLOWS) or "allowed"
 
     assert "glowing table" in why(replace(now, towards=direction(0.0, 90.0)))
-    T = fixture_frame(np.array([100.0, 390.0, 430.0]), direction(0, 0), np.array([0.0, 0.0, 1.0]))
+    T = fixed_gripper_frame(
+        np.array([100.0, 390.0, 430.0]), direction(0, 0), np.array([0.0, 0.0, 1.0])
+    )
     assert "tray" in why(replace(now, T_world_fixed_tcp=T))
     low = replace(now, station_mm=np.array([350.0, 0.0, 120.0]))
     assert "below the table" in why(low)
@@ -340,8 +347,8 @@ def test_a_camera_bolted_down_stays_where_it_is(prepared_block: PreparedPart) ->
 def test_a_cell_without_a_fixed_gripper_gets_a_place_for_its_camera(
     prepared_block: PreparedPart,
 ) -> None:
-    kept = {n: b for n, b in LAYOUT.obstacles.items() if n not in FELLOWS.fixture}
-    alone = replace(LAYOUT, fixture=None, obstacles=kept)
+    kept = {n: b for n, b in LAYOUT.obstacles.items() if n not in FELLOWS.fixed_gripper}
+    alone = replace(LAYOUT, fixed_gripper=None, obstacles=kept)
     part = replace(prepared_block, fixed_grasps=(), hand_offs=())
     found = find_sites([part], alone, FEW)
     assert found[0].site.T_world_fixed_tcp is None
@@ -409,7 +416,10 @@ def test_the_mirrored_cell_allows_the_mirrored_sites() -> None:
     assert fellows == FELLOWS
     sites = [
         *list(camera_grid(LAYOUT))[::31],
-        *[replace(site_of(LAYOUT), T_world_fixed_tcp=T) for T in list(fixture_grid(LAYOUT))[::41]],
+        *[
+            replace(site_of(LAYOUT), T_world_fixed_tcp=T)
+            for T in list(fixed_gripper_grid(LAYOUT))[::41]
+        ],
     ]
     allowed = 0
     for site in sites:

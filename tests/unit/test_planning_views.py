@@ -21,7 +21,7 @@ from controller.planning.motion import Scene, inverse_rows, tcp_pose
 from controller.planning.views import (
     SightRules,
     even_sphere,
-    hidden_by_hand,
+    hidden_by_gripper,
     hold_up,
     holding_boxes,
     look_out,
@@ -125,9 +125,9 @@ def test_a_hand_hides_what_lies_behind_its_boxes_wherever_it_is(seed: int) -> No
     vectors = even_sphere(12)
     visible = rng.random((12, len(BLOCK_SAMPLES.points_mm))) < 0.5
     T_part_tcp = pose_of(turned(seed), rng.uniform(-20, 20, 3))
-    boxes = [*LAYOUT.hand.body, *LAYOUT.hand.fingers(30.0)]
+    boxes = [*LAYOUT.arm_gripper.body, *LAYOUT.arm_gripper.fingers(30.0)]
     boxes.append(Box(pose_of(turned(seed + 1), rng.uniform(-60, 60, 3)), np.array([9.0, 4.0, 30])))
-    hidden = hidden_by_hand(BLOCK, BLOCK_SAMPLES, visible, vectors, 700.0, T_part_tcp, boxes)
+    hidden = hidden_by_gripper(BLOCK, BLOCK_SAMPLES, visible, vectors, 700.0, T_part_tcp, boxes)
     assert not (hidden & ~visible).any()
     placed = [b.placed(T_part_tcp) for b in boxes]
     for k, d in enumerate(vectors):
@@ -140,10 +140,10 @@ def test_a_hand_hides_what_lies_behind_its_boxes_wherever_it_is(seed: int) -> No
 
 def test_fingers_that_spread_stand_between_the_contacts() -> None:
     grasp = Grasp("i", np.eye(4), 40.0, 34.0, 50.0, 0.2, 0.8, "arm", is_inner=True)
-    *_, upper, lower = holding_boxes(LAYOUT.hand, grasp)
+    *_, upper, lower = holding_boxes(LAYOUT.arm_gripper, grasp)
     assert upper.T[1, 3] + upper.half_mm[1] == pytest.approx(20.0)
     assert lower.T[1, 3] - lower.half_mm[1] == pytest.approx(-20.0)
-    assert upper.half_mm[1] == pytest.approx(LAYOUT.hand.finger_thickness_mm / 2)
+    assert upper.half_mm[1] == pytest.approx(LAYOUT.arm_gripper.finger_thickness_mm / 2)
 
 
 def reach_of(seed: int) -> tuple[Scene, np.ndarray, np.ndarray, object, object]:
@@ -152,12 +152,12 @@ def reach_of(seed: int) -> tuple[Scene, np.ndarray, np.ndarray, object, object]:
     T_part_tcp[:3, 3] = CHANNEL.centroid_mm + 8.0 * T_part_tcp[:3, 0]
     vectors = even_sphere(30)
     visible = visible_from(CHANNEL, CHANNEL_SAMPLES, RayCaster(CHANNEL.mesh), vectors, RULES)
-    boxes = [*LAYOUT.hand.body, *LAYOUT.hand.fingers(40.0)]
-    left = visible & ~hidden_by_hand(
+    boxes = [*LAYOUT.arm_gripper.body, *LAYOUT.arm_gripper.fingers(40.0)]
+    left = visible & ~hidden_by_gripper(
         CHANNEL, CHANNEL_SAMPLES, visible, vectors, 700.0, T_part_tcp, boxes
     )
     carried = Box(np.eye(4), np.array([30.0, 20.0, 15.0])).placed(inverse_pose(T_part_tcp))
-    scene = Scene(LAYOUT, 40.0, LAYOUT.fixture_open_mm, carried)
+    scene = Scene(LAYOUT, 40.0, LAYOUT.fixed_open_mm, carried)
     showing = hold_up(CHANNEL, CHANNEL_SAMPLES, LAYOUT, vectors)
     found = reachable_views(
         LAYOUT, scene, CHANNEL_SAMPLES, showing, left, T_part_tcp, LAYOUT.park_q
@@ -226,7 +226,7 @@ def test_of_a_part_larger_than_the_picture_what_is_inside_it_counts() -> None:
     showing = hold_up(bar, samples, LAYOUT, vectors)
     assert 0 < len(showing.partly) < len(vectors)
     T_part_tcp = pose_of(turned(3), np.zeros(3))
-    scene = Scene(LAYOUT, 30.0, LAYOUT.fixture_open_mm, None)
+    scene = Scene(LAYOUT, 30.0, LAYOUT.fixed_open_mm, None)
     found = reachable_views(LAYOUT, scene, samples, showing, visible, T_part_tcp, LAYOUT.park_q)
     partly = [v for v in found.q if v in showing.partly]
     assert partly

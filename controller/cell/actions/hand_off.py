@@ -52,7 +52,7 @@ class HandOffAction:
 
     async def _give(self, step: GiveStep) -> None:
         started_s, record = self.steps.begin(step), self.record
-        await self.grippers.open_fixed(step.fixture_pre_open_mm)
+        await self.grippers.open_fixed(step.fixed_pre_open_mm)
         await self.motion.follow(step.motion)
         await self.grippers.require_arm_holds()
         await self._close_fixed(step)
@@ -61,7 +61,7 @@ class HandOffAction:
             await self._keep_in_arm(step, "the fixed gripper lost the part at once")
         hold = record.held()
         T_world_part = shown_pose(self.layout, await self.motion.read_q(), hold.T_part_tcp)
-        await self.grippers.release_to_fixed(step.hand_open_mm)
+        await self.grippers.release_to_fixed(step.arm_open_mm)
         record.part.fixed_grasp = replace(
             step.fixed_grasp,
             T_part_tcp=inverse_pose(T_world_part) @ self.layout.T_world_fixed_tcp,
@@ -72,7 +72,7 @@ class HandOffAction:
         self.steps.end(step, started_s)
 
     async def _close_fixed(self, step: GiveStep) -> None:
-        expected_mm = step.fixture_expected_opening_mm
+        expected_mm = step.fixed_expected_opening_mm
         result = await self.grippers.close_fixed(expected_mm)
         off_mm = abs(result.width_mm - expected_mm)
         if not result.object_detected or off_mm > self.grippers.tolerance_mm:
@@ -108,7 +108,7 @@ class HandOffAction:
             await self._leave_in_fixed(step, opening_mm)
         record.part.hold = Hold(step.grasp, step.grasp.T_part_tcp, opening_mm)
         await record.set_custody(Custody.IN_BOTH)
-        await self.grippers.release_to_arm(step.fixture_open_mm)
+        await self.grippers.release_to_arm(step.fixed_open_mm)
         await record.set_custody(Custody.IN_ARM, f"jaws at {opening_mm:.1f} mm")
         await self.grippers.require_arm_holds()
         await self.motion.follow(step.motion_out)

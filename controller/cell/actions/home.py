@@ -65,5 +65,5 @@ class HomeAction:
         await self.arm.enable_power()
         if not self.arm.is_homed:
             await self.arm.home()
-        await self.grippers.open_arm(self.layout.hand.max_mm * 0.5)
+        await self.grippers.open_arm(self.layout.arm_gripper.max_mm * 0.5)
         await self.motion.start_from(self.layout.park_q)

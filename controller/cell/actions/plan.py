@@ -8,7 +8,7 @@ import numpy as np
 from controller.arrays import BoolArray
 from controller.planning import (
     InArm,
-    InFixture,
+    InFixedGripper,
     Look,
     NoPlanError,
     OnTable,
@@ -90,7 +90,7 @@ class PlanAction:
                 grasp = replace(hold.grasp, T_part_tcp=hold.T_part_tcp, opening_mm=hold.width_mm)
                 return InArm(grasp, await self.motion.read_q())
             case Custody.IN_FIXTURE if part.fixed_grasp is not None:
-                return InFixture(part.fixed_grasp, await self.motion.read_q())
+                return InFixedGripper(part.fixed_grasp, await self.motion.read_q())
         raise PartProblemError("no_plan", f"the part is {part.custody.value}: nothing to plan from")
 
     def _keep_plan(self, error: NoPlanError, start: Start, before: Plan | None) -> Event:

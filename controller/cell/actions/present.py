@@ -72,7 +72,7 @@ class PresentAction:
         self.views.announce(step, files, q)
         if step.ambiguity is not None:
             await self.disambiguation.resolve(step.ambiguity, hold, q, backlit, tuple(lit.values()))
-        self.views.judge_in_hand(view, hold, q, backlit, lit)
+        self.views.judge_held(view, hold, q, backlit, lit)
         return view
 
 

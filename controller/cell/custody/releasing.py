@@ -95,7 +95,7 @@ class Recovery:
     def _who_and_what(self, where: Mapping[str, dict[str, Any]]) -> rows.RunBegan:
         return rows.RunBegan(
             recipe={"name": "recover"},
-            cell=self._cell.model_dump(mode="json"),
+            cell=self._cell.model_dump(mode="json", by_alias=True),
             devices=where,
             emulated_devices=tuple(self._cell.emulated_devices),
             clock=None if self._found_clock.path is None else str(self._found_clock.path),

@@ -56,7 +56,7 @@ class HeldPose:
         ------
         PartFaultError : it is not seen in the arm gripper
         """
-        hold, shown = self.record.part.hold, self.views.last_in_hand
+        hold, shown = self.record.part.hold, self.views.last_held
         if hold is None or hold.is_seen or shown is None:
             return
         q = await self.motion.read_q()
@@ -69,7 +69,7 @@ class HeldPose:
         found = await self.compute.find_hold(expected, hold.T_part_tcp, holder, backlit)
         if found is None:
             raise PartFaultError(
-                PartFault.NOT_IN_HAND, "the camera does not see the part in the arm gripper"
+                PartFault.HOLD_NOT_SEEN, "the camera does not see the part in the arm gripper"
             )
         hold.T_part_tcp = inverse_pose(found) @ tcp_pose(self.layout, q)
         hold.is_seen = True
@@ -117,7 +117,7 @@ class HeldPose:
         # one bad view is a view less where others have confirmed the hold
         if found is None and not (hold.is_seen and hold.doubts < BAD_VIEW_COUNT):
             raise PartFaultError(
-                PartFault.NOT_IN_HAND,
+                PartFault.HOLD_NOT_SEEN,
                 f"the camera does not confirm how the part is held: {reason}",
             )
         return found

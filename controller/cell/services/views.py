@@ -36,12 +36,12 @@ class Views:
         self._record = record
         self._compute = compute
         self._layout = layout
-        self._last_in_hand: Shown | None = None
+        self._last_held: Shown | None = None
 
     @property
-    def last_in_hand(self) -> Shown | None:
+    def last_held(self) -> Shown | None:
         """The view of the held part that was shown last, judged or not."""
-        return self._last_in_hand
+        return self._last_held
 
     def name(self, step: Present | Look) -> str:
         """Return what a view is called: plans after the first one begin to count anew."""
@@ -65,7 +65,7 @@ class Views:
         )
         self._record.part.planned[view] = step.seen
 
-    def judge_in_hand(
+    def judge_held(
         self, view: str, hold: Hold, q: FloatArray, backlit: Grey, lit: Mapping[str, Grey]
     ) -> None:
         """Begin to judge a view of the held part.
@@ -82,8 +82,8 @@ class Views:
         task = asyncio.ensure_future(
             self._compute.inspect(view, expected, holder, backlit, lit, hold.is_seen)
         )
-        self._last_in_hand = Shown(view, hold, q, expected, holder, backlit, task)
-        self._record.part.pending.append(self._last_in_hand)
+        self._last_held = Shown(view, hold, q, expected, holder, backlit, task)
+        self._record.part.pending.append(self._last_held)
 
     def judge_lying(self, view: str, step: Look, backlit: Grey, lit: Mapping[str, Grey]) -> None:
         """Begin to judge pictures of the table as a view of the part that lies there.

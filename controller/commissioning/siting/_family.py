@@ -20,7 +20,7 @@ from controller.planning.grasps import (
 )
 from controller.planning.model import CellLayout, Grasp, PreparedPart
 from controller.planning.motion import inverse_rows
-from controller.planning.views import hidden_by_hand, holding_boxes, view_poses
+from controller.planning.views import hidden_by_gripper, holding_boxes, view_poses
 
 from .site import standoff_mm
 
@@ -106,7 +106,7 @@ class FamilyMember:
 
 
 def family_member(
-    part: PreparedPart, layout: CellLayout, grasp_count: int, fixture_n: int, directions_n: int
+    part: PreparedPart, layout: CellLayout, grasp_count: int, fixed_count: int, directions_n: int
 ) -> FamilyMember:
     """Thin a prepared part to what a search over sites can afford.
 
@@ -114,14 +114,14 @@ def family_member(
     ----------
     part : prepared in this cell
     layout : the cell
-    grasp_count, fixture_n : grips of either holder beside those that take resting parts up
+    grasp_count, fixed_count : grips of either holder beside those that take resting parts up
     directions_n : square views first, as the part has them
     """
     solid = part.solid
     every = [g for g in part.arm_grasps if not g.id.endswith("'")]
-    base = select_arm_grasps(solid, part.poses, every, layout.hand, PER_POSE_N, grasp_count)
+    base = select_arm_grasps(solid, part.poses, every, layout.arm_gripper, PER_POSE_N, grasp_count)
     fixed = [g for g in part.fixed_grasps if not g.id.endswith("'")]
-    fixed = [fixed[k] for k in spread(fixed, range(len(fixed)), fixture_n)]
+    fixed = [fixed[k] for k in spread(fixed, range(len(fixed)), fixed_count)]
     some = _some_directions(part.directions.square_to, directions_n)
     vectors = part.directions.vectors[some]
     visible = part.visible[some]
@@ -129,14 +129,14 @@ def family_member(
     shown = np.stack(
         [
             visible
-            & ~hidden_by_hand(
+            & ~hidden_by_gripper(
                 solid,
                 part.samples,
                 visible,
                 vectors,
                 far,
                 g.T_part_tcp,
-                holding_boxes(layout.hand, g),
+                holding_boxes(layout.arm_gripper, g),
             )
             for g in base
         ]
@@ -145,7 +145,8 @@ def family_member(
     T_view, inside = view_poses(solid, layout, vectors)
     poses = [p for p in part.poses if not p.rolling]
     from_pose = np.array(
-        [clear_of_table(resting_pose(solid, p), arm_grasps, layout.hand) for p in poses], dtype=bool
+        [clear_of_table(resting_pose(solid, p), arm_grasps, layout.arm_gripper) for p in poses],
+        dtype=bool,
     ).reshape(len(poses), len(arm_grasps))
     able = np.flatnonzero(from_pose.any(axis=1))
     odds = np.array([p.probability for p in poses])[able]
@@ -232,7 +233,7 @@ def _some_directions(square_to: IntArray, count: int) -> IntArray:
     return np.sort(np.concatenate([square, sphere[pick]]))
 
 
-def hand_offsets_mm(members: Sequence[FamilyMember]) -> FloatArray:
+def tcp_offsets_mm(members: Sequence[FamilyMember]) -> FloatArray:
     """Return where the centre of mass is in the hand, over all members' grips (k, 3)."""
     found = [
         inverse_pose(g.T_part_tcp)[:3, :3] @ m.prepared.solid.centroid_mm

@@ -79,7 +79,7 @@ def site_report(
     why = reasons_to_move(present, best, search.options)
     others = _unlike_best(best, found)
     here = placed_at(layout, best.site, fellows_of(layout))
-    moving = (*search.fellows.camera, *search.fellows.fixture)
+    moving = (*search.fellows.camera, *search.fellows.fixed_gripper)
     return SiteReport(
         present=present,
         best=best,
@@ -203,7 +203,7 @@ def camera_words(site: Site) -> str:
     return f"look along {along(site.looks_along)} at {_at(site.station_mm)}"
 
 
-def fixture_words(T: FloatArray) -> str:
+def fixed_gripper_words(T: FloatArray) -> str:
     """Return in words where the fixed gripper's tips stand and which way they point."""
     return (
         f"stand with its tips at {_at(T[:3, 3])}, pointing along {along(T[:3, 0])}, "
@@ -268,7 +268,7 @@ def _sentences(
     if T is not None and T_now is not None:
         turned = np.trace(T[:3, :3].T @ T_now[:3, :3]) < 1 + 2 * np.cos(np.radians(SAME_DEG))
         if np.linalg.norm(T[:3, 3] - T_now[:3, 3]) > SAME_MM or turned:
-            said.append(f"The fixed gripper should {fixture_words(T)}.")
+            said.append(f"The fixed gripper should {fixed_gripper_words(T)}.")
         else:
             said.append("The fixed gripper stands well where it is.")
     said.append(f"There, {_figures(best)}: " + "; ".join(why) + ".")

@@ -24,7 +24,7 @@ class SiteOptions:
     as_good : sites whose values differ by less are equals; of these the one that needs the
         smallest moves is the answer
     keep_free_mm : ((x, x), (y, y)) of the glowing area; what the overhead camera sees if None
-    move_camera, move_fixture : False where it is bolted down
+    move_camera, move_fixed_gripper : False where it is bolted down
     joints_only : a coarse answer within a minute: nothing is checked for collisions
     """
 
@@ -32,7 +32,7 @@ class SiteOptions:
     fixed_grasps: int = 12  # each counts twice, turned over; with 5, some parts found no partner
     directions: int = 92
     checked_cameras: int = 12  # camera sites that get the collision checks
-    checked_fixtures: int = 10
+    checked_fixed_poses: int = 10
     local_steps: int = 2  # rounds of the search about the best
     worth_moving: float = 0.005  # of the surface: less is lost in grips and directions not tried
     worth_moving_s: float = 0.15  # of the seconds a part takes; these are estimates
@@ -40,7 +40,7 @@ class SiteOptions:
     as_good: float = 0.002
     keep_free_mm: tuple[tuple[float, float], tuple[float, float]] | None = None
     move_camera: bool = True
-    move_fixture: bool = True
+    move_fixed_gripper: bool = True
     joints_only: bool = False
 
 

@@ -48,7 +48,7 @@ class Fellows:
     """Names of the layout's obstacles that move with the camera and with the fixture."""
 
     camera: tuple[str, ...]
-    fixture: tuple[str, ...]
+    fixed_gripper: tuple[str, ...]
 
 
 def site_of(layout: CellLayout) -> Site:
@@ -57,7 +57,7 @@ def site_of(layout: CellLayout) -> Site:
     return Site(
         np.asarray(layout.station_mm, dtype=float),
         towards / np.linalg.norm(towards),
-        None if layout.fixture is None else np.asarray(layout.T_world_fixed_tcp, dtype=float),
+        None if layout.fixed_gripper is None else np.asarray(layout.T_world_fixed_tcp, dtype=float),
     )
 
 
@@ -73,8 +73,8 @@ def fellows_of(layout: CellLayout) -> Fellows:
     post touches, or nearly, the body it carries.
     """
     post: list[str] = []
-    if layout.fixture is not None:
-        body = [b.placed(layout.T_world_fixed_tcp) for b in layout.fixture.body]
+    if layout.fixed_gripper is not None:
+        body = [b.placed(layout.T_world_fixed_tcp) for b in layout.fixed_gripper.body]
         for name, box in layout.obstacles.items():
             if any(
                 overlap(b.T[None], b.half_mm[None] + POST_REACH_MM, box.T[None], box.half_mm[None])[
@@ -152,8 +152,8 @@ def placed_at(layout: CellLayout, site: Site, fellows: Fellows | None = None) ->
     for name in fellows.camera:
         obstacles[name] = obstacles[name].placed(move)
     T_fixed_tcp = layout.T_world_fixed_tcp
-    if layout.fixture is not None and site.T_world_fixed_tcp is not None:
-        for name in fellows.fixture:
+    if layout.fixed_gripper is not None and site.T_world_fixed_tcp is not None:
+        for name in fellows.fixed_gripper:
             obstacles[name] = moved_post(obstacles[name], T_fixed_tcp, site.T_world_fixed_tcp)
         T_fixed_tcp = site.T_world_fixed_tcp
     old: Camera = layout.inspection

@@ -44,7 +44,7 @@ def offered_views(
     vectors = candidate_directions(first.solid, directions_n).vectors
     samples = sample_surface(first.solid, SPACING_MM)
     scenes = [
-        Scene(layout, opening_mm, layout.fixture_open_mm, _box_of(c.solid).placed(c.T_tcp_part))
+        Scene(layout, opening_mm, layout.fixed_open_mm, _box_of(c.solid).placed(c.T_tcp_part))
         for c in candidates
     ]
     found = reachable_views(

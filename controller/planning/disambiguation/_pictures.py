@@ -100,7 +100,7 @@ def predict(
     camera: Camera,
     roi: Roi,
     step_px: int,
-    hand: ViewMaps | None,
+    arm_gripper: ViewMaps | None,
     rules: DisambiguationRules,
 ) -> Picture:
     """Return what the camera would see of one candidate.
@@ -113,7 +113,7 @@ def predict(
     camera : of the view
     roi : region of the picture
     step_px : distance of the grid's pixels
-    hand : of `see_boxes` on the same grid; None where nothing holds the part
+    arm_gripper : of `see_boxes` on the same grid; None where nothing holds the part
     rules : which edges show, and how near to the gripper nothing is compared
     """
     maps = render_maps(caster, T_world_part, camera, roi, step_px)
@@ -142,12 +142,12 @@ def predict(
         found = both & (crease | step)
         edges[back] |= found & nearer
         edges[ahead] |= found & ~nearer
-    if hand is None:
+    if arm_gripper is None:
         none = np.zeros_like(mask)
         return Picture(step_px, mask, edges, none, none)
-    grow = np.ones((2 * int(np.ceil(rules.hand_px / step_px)) + 1,) * 2, np.uint8)
-    before = hand.mask & (hand.depth_mm < maps.depth_mm)
-    return Picture(step_px, mask, edges, _grown(hand.mask, grow), _grown(before, grow))
+    grow = np.ones((2 * int(np.ceil(rules.gripper_px / step_px)) + 1,) * 2, np.uint8)
+    before = arm_gripper.mask & (arm_gripper.depth_mm < maps.depth_mm)
+    return Picture(step_px, mask, edges, _grown(arm_gripper.mask, grow), _grown(before, grow))
 
 
 def see_boxes(boxes: Sequence[Box], camera: Camera, roi: Roi, step_px: int) -> ViewMaps:

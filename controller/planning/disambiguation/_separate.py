@@ -96,9 +96,9 @@ def predict_view(
     if roi is None:
         return None
     stance = stance_of(outer, T_parts, T_tcp, camera, roi, rules)
-    hand = see_boxes(Scene(layout, opening_mm, 0.0).arm_boxes(q), camera, roi, step_px)
+    arm_gripper = see_boxes(Scene(layout, opening_mm, 0.0).arm_boxes(q), camera, roi, step_px)
     pictures = tuple(
-        predict(c.solid, m.caster, T, camera, roi, step_px, hand, rules)
+        predict(c.solid, m.caster, T, camera, roi, step_px, arm_gripper, rules)
         for c, m, T in zip(candidates, models, T_parts, strict=True)
     )
     return Predicted(roi, pictures, stance)

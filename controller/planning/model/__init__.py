@@ -26,7 +26,7 @@ from .plan import (
     Unseen,
 )
 from .prepared import HandOff, PlanOptions, PreparedPart, Rest
-from .starts import InArm, InFixture, OnTable, Start
+from .starts import InArm, InFixedGripper, OnTable, Start
 from .visibility import Directions, VisibilityTable
 
 __all__ = [
@@ -46,7 +46,7 @@ __all__ = [
     "HandOff",
     "Holder",
     "InArm",
-    "InFixture",
+    "InFixedGripper",
     "Jaw",
     "Light",
     "Look",

@@ -41,10 +41,10 @@ class ArmLink(SolidBox, Protocol):
         """True where the joint limits do not keep it off the table."""
 
     @property
-    def keeps_clear_of(self) -> Literal["hand", "fingers", "nothing"]:
+    def keeps_clear_of(self) -> Literal["gripper", "fingers", "nothing"]:
         """Return what of the arm gripper it may touch.
 
-        `hand`: body, fingers and held part; `fingers`: fingers and held part, for the body is its
+        `gripper`: body, fingers and held part; `fingers`: these without the body, which is its
         neighbour; `nothing`: none of them.
         """
 

@@ -80,7 +80,7 @@ class CellTimes:
     Attributes
     ----------
     grasp_s, release_s : the arm's jaws close until they stall, width read back; they open
-    fixed_grasp_s, fixture_release_s : the same of the fixed gripper
+    fixed_grasp_s, fixed_release_s : the same of the fixed gripper
     look_s : a view of three pictures: lamps, exposure after the change, transfer. An emulated
         cell's time waits for its pictures to be drawn
     """
@@ -88,7 +88,7 @@ class CellTimes:
     grasp_s: float = 1.6
     release_s: float = 1.3
     fixed_grasp_s: float = 0.7
-    fixture_release_s: float = 0.2
+    fixed_release_s: float = 0.2
     look_s: float = 3.2
     relook_s: float = 12.0  # pictures of the table, recognition and a new plan after a set-down
 
@@ -99,8 +99,8 @@ class CellTimes:
 
     @property
     def receive_s(self) -> float:
-        """Return the time both jaws take to give it back to the hand."""
-        return self.grasp_s + self.fixture_release_s
+        """Return the time both jaws take to give it back to the arm gripper."""
+        return self.grasp_s + self.fixed_release_s
 
     @property
     def hand_off_s(self) -> float:
@@ -119,7 +119,7 @@ class CellLayout:
     T_world_fixed_tcp : pose of the fixed gripper's tip frame
     obstacles : world boxes by name, the fixture's post among them
     station_mm : (3,) where the part's centre of mass is shown to the `inspection` camera
-    fixture : the fixed gripper, None where the cell has none (then its pose says nothing)
+    fixed_gripper : None where the cell has none (then its pose says nothing)
     inspection_sharp_mm, overhead_sharp_mm : depths along the optical axis between which the
         camera's picture is sharp (its depth of field)
     set_down_mm : (2, 2) rows x and y, low and high: where on the table parts may be put down again
@@ -129,8 +129,8 @@ class CellLayout:
     arm: ArmModel
     T_world_arm: FloatArray
     column: Box
-    hand: Jaw
-    fixture: Jaw | None
+    arm_gripper: Jaw
+    fixed_gripper: Jaw | None
     T_world_fixed_tcp: FloatArray
     obstacles: Mapping[str, Box]
     station_mm: FloatArray
@@ -146,6 +146,6 @@ class CellLayout:
     )
 
     @property
-    def fixture_open_mm(self) -> float:
+    def fixed_open_mm(self) -> float:
         """Return the width at which the fixed gripper waits; 0 where there is none."""
-        return 0.0 if self.fixture is None else self.fixture.max_mm
+        return 0.0 if self.fixed_gripper is None else self.fixed_gripper.max_mm

@@ -84,10 +84,10 @@ class GiveStep(Step):
 
     grasp: Grasp
     fixed_grasp: Grasp
-    fixture_pre_open_mm: float
+    fixed_pre_open_mm: float
     motion: Motion
-    fixture_expected_opening_mm: float
-    hand_open_mm: float
+    fixed_expected_opening_mm: float
+    arm_open_mm: float
     retreat: Motion
 
 
@@ -101,7 +101,7 @@ class ReceiveStep(Step):
     pre_open_mm: float
     approach: Motion
     expected_opening_mm: float
-    fixture_open_mm: float
+    fixed_open_mm: float
     motion_out: Motion
 
 

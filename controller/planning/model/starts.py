@@ -39,7 +39,7 @@ class InArm:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class InFixture:
+class InFixedGripper:
     """The fixed gripper alone holds it.
 
     Attributes
@@ -51,4 +51,4 @@ class InFixture:
     q: FloatArray
 
 
-Start = OnTable | InArm | InFixture
+Start = OnTable | InArm | InFixedGripper

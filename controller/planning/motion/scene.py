@@ -25,7 +25,7 @@ _NONE = np.iinfo(np.int64).max
 _COLUMN_N = 1  # at the end of what stands, with an index in `names` of its own
 SELF_MARGIN_MM = 3.0  # links know each other's place better than the world's
 _SIGNS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
-Hands = tuple[FloatArray, FloatArray]
+GripperBoxes = tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +34,7 @@ class Scene:
 
     Attributes
     ----------
-    hand_opening_mm, fixture_opening_mm : of the two jaws
+    arm_opening_mm, fixed_opening_mm : of the two jaws
     carried : the part as a box in the tip frame, or None
     standing : boxes in the world beside the layout's own, for instance the part in the fixture
     ignore : names of world boxes that may be touched
@@ -44,8 +44,8 @@ class Scene:
     """
 
     layout: CellLayout
-    hand_opening_mm: float
-    fixture_opening_mm: float
+    arm_opening_mm: float
+    fixed_opening_mm: float
     carried: Box | None = None
     standing: tuple[Box, ...] = ()
     ignore: frozenset[str] = field(default_factory=frozenset)
@@ -66,21 +66,24 @@ class Scene:
     def _boxes(self) -> list[tuple[str, Box]]:
         layout = self.layout
         named = [(name, box) for name, box in layout.obstacles.items()]
-        if (fixture := layout.fixture) is not None:
-            named += self._fixture(fixture)
+        if (fixed_gripper := layout.fixed_gripper) is not None:
+            named += self._fixed_gripper(fixed_gripper)
         return named + [(STANDING, b) for b in self.standing]
 
-    def _fixture(self, fixture: Jaw) -> list[tuple[str, Box]]:
+    def _fixed_gripper(self, fixed_gripper: Jaw) -> list[tuple[str, Box]]:
         T = self.layout.T_world_fixed_tcp
-        fingers = fixture.fingers(self.fixture_opening_mm)
+        fingers = fixed_gripper.fingers(self.fixed_opening_mm)
         return [
-            *(("fixture", b.placed(T)) for b in fixture.body),
+            *(("fixture", b.placed(T)) for b in fixed_gripper.body),
             *(("fixture fingers", b.placed(T)) for b in fingers),
         ]
 
     def reach_mm(self) -> tuple[float, float]:
         """Return how far hand and part reach from the wrist's centre and from the approach axis."""
-        boxes = [*self.layout.hand.body, *self.layout.hand.fingers(self.hand_opening_mm)]
+        boxes = [
+            *self.layout.arm_gripper.body,
+            *self.layout.arm_gripper.fingers(self.arm_opening_mm),
+        ]
         if self.carried is not None:
             boxes.append(self.carried)
         T, half = stack(boxes)
@@ -98,7 +101,7 @@ class Scene:
         q: FloatArray,
         margin_mm: float | FloatArray = 10.0,
         table_margin_mm: float | FloatArray | None = None,
-        hand: Hands | None = None,
+        arm_gripper: GripperBoxes | None = None,
         part: tuple[PartShape, FloatArray] | None = None,
     ) -> BoolArray:
         """Return which configurations keep the margins (n,).
@@ -106,16 +109,16 @@ class Scene:
         Parameters
         ----------
         q : (n, 6) rows of joints
-        margin_mm, table_margin_mm, hand, part : as `contacts`
+        margin_mm, table_margin_mm, arm_gripper, part : as `contacts`
         """
-        return np.asarray(self.contacts(q, margin_mm, table_margin_mm, hand, part) < 0)
+        return np.asarray(self.contacts(q, margin_mm, table_margin_mm, arm_gripper, part) < 0)
 
     def contacts(
         self,
         q: FloatArray,
         margin_mm: float | FloatArray = 10.0,
         table_margin_mm: float | FloatArray | None = None,
-        hand: Hands | None = None,
+        arm_gripper: GripperBoxes | None = None,
         part: tuple[PartShape, FloatArray] | None = None,
     ) -> IntArray:
         """Return per configuration (n, 6) the index of a contact in `names`, -1 if free.
@@ -124,10 +127,10 @@ class Scene:
         ----------
         q : (n, 6) rows of joints
         margin_mm, table_margin_mm : one for all, or (n,); the table's is the same if None
-        hand : replaces body, fingers and `carried` by boxes of its own per row, in the tip frame:
+        arm_gripper : replaces body, fingers and `carried` by boxes per row, in the TCP frame:
             poses (n, m, 4, 4) and half edges (n, m, 3), the hand's body first
         part : replaces `carried_mesh` by triangles at a pose of its own per row, in the tip frame
-            (n, 4, 4); the box that bounds them is added to `hand`
+            (n, 4, 4); the box that bounds them is added to `arm_gripper`
         """
         n = len(q)
         if n == 0:
@@ -136,7 +139,7 @@ class Scene:
         floor = np.broadcast_to(
             margin if table_margin_mm is None else np.asarray(table_margin_mm, np.float64), (n,)
         )
-        moving = self._moving(q, hand, part)
+        moving = self._moving(q, arm_gripper, part)
         row, body, name = self._touching(moving, margin, floor)
         # the part is the last of what moves; any other contact between boxes is a contact
         still = len(self._still().names)
@@ -164,7 +167,10 @@ class Scene:
         return still
 
     def _moving(
-        self, q: FloatArray, hand: Hands | None, part: tuple[PartShape, FloatArray] | None
+        self,
+        q: FloatArray,
+        arm_gripper: GripperBoxes | None,
+        part: tuple[PartShape, FloatArray] | None,
     ) -> _Moving:
         """Return world places of links, hand and part, and the part's triangles."""
         n, links = len(q), self.layout.arm.links
@@ -172,24 +178,24 @@ class Scene:
         T_tcp = tcp_pose(self.layout, q)
         if self._cache[1] is None:
             layout = self.layout
-            in_tcp = [*layout.hand.body, *layout.hand.fingers(self.hand_opening_mm)]
+            in_tcp = [*layout.arm_gripper.body, *layout.arm_gripper.fingers(self.arm_opening_mm)]
             carried = [] if self.carried is None else [self.carried]
             self._cache[1] = (stack(links), stack(in_tcp), stack([*in_tcp, *carried]))
         (T_link, half_link), bare, full = self._cache[1]
         shape, T_part = None, None
-        if hand is None:
-            T_tcp_box, half_hand = bare if part is not None else full
+        if arm_gripper is None:
+            T_tcp_box, half_gripper = bare if part is not None else full
             if part is None and self.carried_mesh is not None:
                 shape, T_part = self.carried_mesh.shape, T_tcp @ self.carried_mesh.T
         else:
-            T_tcp_box, half_hand = hand
+            T_tcp_box, half_gripper = arm_gripper
         of_links = placed_boxes(R_link, origins, T_link)
         of_hand = placed_boxes(T_tcp[:, None, :3, :3], T_tcp[:, None, :3, 3], T_tcp_box)
         turns, centres = [of_links[0], of_hand[0]], [of_links[1], of_hand[1]]
         m = T_tcp_box.shape[-3]
         halves = [
             np.broadcast_to(half_link, (n, *half_link.shape)),
-            np.broadcast_to(half_hand, (n, m, 3)),
+            np.broadcast_to(half_gripper, (n, m, 3)),
         ]
         if part is not None:
             shape, T_part = part[0], T_tcp @ part[1]
@@ -263,16 +269,19 @@ class Scene:
         """Return which of the moving boxes are kept from which links: two of (p,)."""
         arm = self.layout.arm
         kept_from = tuple(link.keeps_clear_of for link in arm.links)
-        return _pairs(kept_from, tuple(arm.link_pairs), moving, len(self.layout.hand.body))
+        return _pairs(kept_from, tuple(arm.link_pairs), moving, len(self.layout.arm_gripper.body))
 
     def arm_boxes(self, q: FloatArray) -> list[Box]:
         """Return the world boxes of the links and the open or closed hand at one q (6,)."""
         T_link, half_mm = link_boxes(self.layout, q[None])
         T_tcp = tcp_pose(self.layout, q)
-        hand = [*self.layout.hand.body, *self.layout.hand.fingers(self.hand_opening_mm)]
+        arm_gripper = [
+            *self.layout.arm_gripper.body,
+            *self.layout.arm_gripper.fingers(self.arm_opening_mm),
+        ]
         return [
             *(Box(T, half) for T, half in zip(T_link[0], half_mm[0], strict=True)),
-            *(box.placed(T_tcp) for box in hand),
+            *(box.placed(T_tcp) for box in arm_gripper),
         ]
 
 
@@ -298,7 +307,7 @@ def _pairs(
     links : pairs of links that may touch each other
     moving, body : boxes in all, and those of the gripper's body, which come after the links
     """
-    begin = {"hand": len(kept_from), "fingers": len(kept_from) + body, "nothing": moving}
+    begin = {"gripper": len(kept_from), "fingers": len(kept_from) + body, "nothing": moving}
     pairs = [(max(pair), min(pair)) for pair in links]
     for link, of in enumerate(kept_from):
         pairs += [(i, link) for i in range(begin[of], moving)]

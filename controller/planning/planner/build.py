@@ -102,7 +102,7 @@ class Builder:
         return Scene(
             self._layout,
             grasp.opening_mm,
-            self._layout.fixture_open_mm,
+            self._layout.fixed_open_mm,
             carried_mesh=self._part.carried(grasp),
         )
 
@@ -123,7 +123,7 @@ class Builder:
         part, layout = self._part, self._layout
         grasp = part.arm_grasps[paths[0].grasp]
         lying = PlacedShape(part.shape, T_world_part)
-        scene = Scene(layout, grasp.pre_open_mm, layout.fixture_open_mm, standing_meshes=(lying,))
+        scene = Scene(layout, grasp.pre_open_mm, layout.fixed_open_mm, standing_meshes=(lying,))
         failure: NoPlanError | None = None
         for way in paths:
             try:
@@ -188,7 +188,7 @@ class Builder:
                 pre_open_mm=grasp.pre_open_mm,
                 approach=tuple(way[1:]),
                 expected_opening_mm=grasp.opening_mm,
-                fixture_open_mm=held.pre_open_mm,
+                fixed_open_mm=held.pre_open_mm,
                 motion_out=motion_out,
             )
         )
@@ -223,10 +223,10 @@ class Builder:
                 label=f"hand off to the fixed gripper, grasp {held.id}",
                 grasp=grasp,
                 fixed_grasp=held,
-                fixture_pre_open_mm=held.pre_open_mm,
+                fixed_pre_open_mm=held.pre_open_mm,
                 motion=motion,
-                fixture_expected_opening_mm=held.opening_mm,
-                hand_open_mm=grasp.pre_open_mm,
+                fixed_expected_opening_mm=held.opening_mm,
+                arm_open_mm=grasp.pre_open_mm,
                 retreat=retreat,
             )
         )
@@ -404,7 +404,7 @@ class Builder:
             self._seed,
             search,
         )
-        empty = Scene(layout, grasp.pre_open_mm, layout.fixture_open_mm)
+        empty = Scene(layout, grasp.pre_open_mm, layout.fixed_open_mm)
         home = connect(way.up[-1], layout.park_q, empty, f"{name}: path home", self._seed, search)
         down, up = tuple(way.down[1:]), tuple(way.up[1:])
         place = Place(
@@ -452,4 +452,4 @@ def check_trays_in_reach(name: str, layout: CellLayout) -> None:
 def _standing_opening(build: Build, layout: CellLayout) -> float:
     """Return how wide the empty hand stands: as it let go last, else as wide as it gets."""
     last = build.steps[-1] if build.steps else None
-    return last.hand_open_mm if isinstance(last, GiveStep) else layout.hand.max_mm
+    return last.arm_open_mm if isinstance(last, GiveStep) else layout.arm_gripper.max_mm

@@ -31,11 +31,11 @@ class RegraspSite:
 
     Attributes
     ----------
-    fixture : index of the fixture grip, -1 on the table; rest : index of the place, -1 if none
+    fixed_grasp_index : of the fixed gripper, -1 on the table; rest : index of the place, -1 if none
     paths : arm grip -> how it meets the support
     """
 
-    fixture: int
+    fixed_grasp_index: int
     rest: int
     paths: Mapping[int, HandOff]
 
@@ -152,9 +152,9 @@ def regrasp_seconds(part: PreparedPart, layout: CellLayout, support: RegraspSite
     reach = segment_seconds(layout, part.home_q[members], entry)
     between = segment_seconds(layout, away[:, None], away[None])
     own = np.array([risk_s(part.arm_grasps[int(g)]) for g in members])
-    if support.fixture >= 0:
+    if support.fixed_grasp_index >= 0:
         # either hand closes once and lets go once
-        fixed = cell_times.hand_off_s + risk_s(part.fixed_grasps[support.fixture])
+        fixed = cell_times.hand_off_s + risk_s(part.fixed_grasps[support.fixed_grasp_index])
     else:
         fixed = cell_times.release_s + cell_times.relook_s + cell_times.grasp_s
     total = (reach + straight)[:, None] + between + (straight + reach + own)[None] + fixed

@@ -186,7 +186,7 @@ def _common_paths(
         if way.grasp in found or grasp.id in avoid or grasp.is_inner:
             continue
         T_world_tcp = start.T_world_part @ grasp.T_part_tcp
-        own_area, _ = _closed(own, grasp.T_part_tcp, layout.hand, grasp.pre_open_mm)
+        own_area, _ = _closed(own, grasp.T_part_tcp, layout.arm_gripper, grasp.pre_open_mm)
         if all(
             _holds_too(
                 c,
@@ -213,7 +213,7 @@ def _holds_too(
     tolerance_mm: float,
 ) -> bool:
     """Return whether jaws that close on another solid there stop as they would on the part."""
-    other, width = _closed(caster, T_part_tcp, layout.hand, grasp.pre_open_mm)
+    other, width = _closed(caster, T_part_tcp, layout.arm_gripper, grasp.pre_open_mm)
     return other >= LEAST_SHARE * area and abs(width - grasp.opening_mm) <= tolerance_mm
 
 
@@ -272,9 +272,7 @@ def _settled(
         Builder(part, layout, rng_seed).pick(build, [way], start.T_world_part)
     except RefutedError as error:
         raise error.reason from error
-    scene = Scene(
-        layout, grasp.opening_mm, layout.fixture_open_mm, carried_mesh=part.carried(grasp)
-    )
+    scene = Scene(layout, grasp.opening_mm, layout.fixed_open_mm, carried_mesh=part.carried(grasp))
     target = q[ask.view]
     what = f"{part.solid.name}: path to the disambiguation view"
     motion = connect(build.q, target, scene, what, rng_seed)

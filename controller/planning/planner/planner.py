@@ -22,7 +22,7 @@ from ..model import (
     Grasp,
     HandOff,
     InArm,
-    InFixture,
+    InFixedGripper,
     Look,
     NoMotionError,
     NoPlanError,
@@ -110,7 +110,7 @@ def plan_from(
         case InArm():
             held = with_grasps(part, layout, [start.grasp])
             return _FromArm(held, layout, start, done, avoid, rng_seed).plan()
-        case InFixture():
+        case InFixedGripper():
             return _FromFixture(part, layout, start, done, avoid, rng_seed).plan()
 
 
@@ -279,8 +279,8 @@ class _Planner(ABC):
                 break
             h = solution.grasps[place + 1]
             support = self._regrasp(costs, build, g, h, views)
-            if support.fixture >= 0:
-                used.append(part.fixed_grasps[support.fixture])
+            if support.fixed_grasp_index >= 0:
+                used.append(part.fixed_grasps[support.fixed_grasp_index])
         trays, home = builder.sort(build, solution.grasps[-1])
         slowest = max(trays[t].seconds + home[t].seconds for t in trays)
         able = part.covered.any(axis=0) | self._done
@@ -311,7 +311,7 @@ class _Planner(ABC):
 
     def _scope(self, costs: EdgeCosts) -> str:
         part = self._part
-        fixed = sum(s.fixture >= 0 for s in costs.sites)
+        fixed = sum(s.fixed_grasp_index >= 0 for s in costs.sites)
         laid = len(costs.sites) - fixed
         gain = part.options.least_gain
         left_out = f"; views that add less than {gain:.2%} of the surface left out" if gain else ""
@@ -358,8 +358,8 @@ class _Planner(ABC):
     def _change(self, build: Build, support: RegraspSite, g: int, h: int) -> None:
         part, builder = self._part, self._builder
         leave, take = support.paths[g], support.paths[h]
-        if support.fixture >= 0:
-            held = part.fixed_grasps[support.fixture]
+        if support.fixed_grasp_index >= 0:
+            held = part.fixed_grasps[support.fixed_grasp_index]
             T_part = builder.give(build, g, leave, held)
             builder.receive(build, h, take, held, T_part)
             return
@@ -464,7 +464,7 @@ class _FromFixture(_Planner):
         self,
         part: PreparedPart,
         layout: CellLayout,
-        start: InFixture,
+        start: InFixedGripper,
         done: BoolArray,
         avoid: frozenset[str],
         seed: int,

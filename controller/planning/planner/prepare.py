@@ -26,7 +26,7 @@ from ..grasps import (
 from ..model import CellLayout, Grasp, HandOff, NotGraspableError, PlanOptions, PreparedPart
 from ..motion import Scene, segment_seconds
 from ..regrasps import hand_offs, rests, set_downs
-from ..views import SightRules, hidden_by_hand, hold_up, holding_boxes, look_out, reachable_views
+from ..views import SightRules, hidden_by_gripper, hold_up, holding_boxes, look_out, reachable_views
 
 TURNED = "'"  # ends the ids of grips with the hand turned over
 
@@ -54,21 +54,26 @@ def prepare_part(
     poses = tuple(p for p in stable_poses(solid) if not p.rolling)
     caster = RayCaster(solid.mesh)
     downs = np.stack([-p.R[2] for p in poses]) if poses else np.zeros((0, 3))
-    widest = max(layout.hand.max_mm, layout.fixture_open_mm) - options.rules.jaw_reserve_mm
-    jaws = [layout.hand, *([] if layout.fixture is None else [layout.fixture])]
+    widest = max(layout.arm_gripper.max_mm, layout.fixed_open_mm) - options.rules.jaw_reserve_mm
+    jaws = [layout.arm_gripper, *([] if layout.fixed_gripper is None else [layout.fixed_gripper])]
     seeds = find_seeds(solid, samples, caster, widest, options.rules, spreading=jaws)
-    every = synthesise_grasps(solid, seeds, caster, layout.hand, "arm", downs, options.rules)
+    every = synthesise_grasps(solid, seeds, caster, layout.arm_gripper, "arm", downs, options.rules)
     base = select_arm_grasps(
-        solid, poses, every, layout.hand, options.arm_grasps_per_pose, options.arm_grasps_round
+        solid,
+        poses,
+        every,
+        layout.arm_gripper,
+        options.arm_grasps_per_pose,
+        options.arm_grasps_round,
     )
     fixed: tuple[Grasp, ...] = ()  # views without a hand-off may still do
-    if layout.fixture is not None:
+    if layout.fixed_gripper is not None:
         with suppress(NotGraspableError):
             fixed = synthesise_grasps(
                 solid,
                 seeds,
                 caster,
-                layout.fixture,
+                layout.fixed_gripper,
                 "fixture",
                 downs,
                 options.rules,
@@ -118,22 +123,22 @@ def with_grasps(part: PreparedPart, layout: CellLayout, grasps: Sequence[Grasp])
     showing = hold_up(part.solid, part.samples, layout, part.directions.vectors)
     shown: list[BoolArray] = []
     view_q: list[Mapping[int, FloatArray]] = []
-    by_hand: dict[str, BoolArray] = {}
+    by_gripper: dict[str, BoolArray] = {}
     for grasp in grasps:
         base = grasp.id.removesuffix(TURNED)
-        if base not in by_hand:  # turned over, a hand hides the same
-            by_hand[base] = part.visible & ~hidden_by_hand(
+        if base not in by_gripper:  # turned over, a hand hides the same
+            by_gripper[base] = part.visible & ~hidden_by_gripper(
                 part.solid,
                 part.samples,
                 part.visible,
                 part.directions.vectors,
                 rules.distance_mm,
                 grasp.T_part_tcp,
-                holding_boxes(layout.hand, grasp),
+                holding_boxes(layout.arm_gripper, grasp),
             )
-        scene = Scene(layout, grasp.opening_mm, layout.fixture_open_mm, part.carried_box(grasp))
+        scene = Scene(layout, grasp.opening_mm, layout.fixed_open_mm, part.carried_box(grasp))
         views = reachable_views(
-            layout, scene, part.samples, showing, by_hand[base], grasp.T_part_tcp, layout.park_q
+            layout, scene, part.samples, showing, by_gripper[base], grasp.T_part_tcp, layout.park_q
         )
         shown.append(views.shown)
         view_q.append(views.q)
@@ -195,7 +200,7 @@ def _is_joined(part: PreparedPart, layout: CellLayout) -> bool:
     x, y = layout.set_down_mm.mean(axis=1)
     for pose in part.poses:
         T = resting_pose(part.solid, pose, float(x), float(y))
-        had = np.asarray(clear_of_table(T, part.arm_grasps, layout.hand), dtype=bool)
+        had = np.asarray(clear_of_table(T, part.arm_grasps, layout.arm_gripper), dtype=bool)
         # the part comes up in one grip only: one of them has to lead on to everything
         firsts = (np.arange(count) == g for g in np.flatnonzero(had))
         if had.any() and not any(

@@ -18,7 +18,7 @@ from controller.imaging import RayCaster
 from ..grasps import clear_of_table, find_seeds, judge_grasps, resting_pose, spread
 from ..model import CellLayout, Grasp, Jaw, PreparedPart, Reason, Unseen
 from ..motion import Scene, inverse_rows, passed_limit
-from ..views import hidden_by_hand, view_poses, why_hidden
+from ..views import hidden_by_gripper, view_poses, why_hidden
 
 LEAST_SHARE = 2e-4  # of the surface; less than this is single samples on edges
 THINNER = (0.75, 0.5, 0.25)  # of the fingers' width and thickness
@@ -151,9 +151,9 @@ def weak_grasps(part: PreparedPart, layout: CellLayout) -> tuple[Grasp, ...]:
     solid = part.solid
     caster = RayCaster(solid.mesh)
     downs = np.stack([-p.R[2] for p in part.poses]) if part.poses else np.zeros((0, 3))
-    widest = layout.hand.max_mm - rules.jaw_reserve_mm
+    widest = layout.arm_gripper.max_mm - rules.jaw_reserve_mm
     seeds = find_seeds(solid, part.samples, caster, widest, rules)
-    found = judge_grasps(solid, seeds, caster, layout.hand, "arm", downs, rules).grasps
+    found = judge_grasps(solid, seeds, caster, layout.arm_gripper, "arm", downs, rules).grasps
     weak = [g for g in found if g.load > part.options.rules.max_load]
     return tuple(weak[k] for k in spread(weak, range(len(weak)), ASKED_GRASP_COUNT))
 
@@ -163,7 +163,9 @@ def _load_of_a_grip_that_shows(
 ) -> float | None:
     """Return the least load among weak grips that leave most of a piece in sight."""
     loads = [
-        g.load for g in weak if _still_hidden(part, layout, g, layout.hand, piece) < MOSTLY_HIDDEN
+        g.load
+        for g in weak
+        if _still_hidden(part, layout, g, layout.arm_gripper, piece) < MOSTLY_HIDDEN
     ]
     return min(loads, default=None)
 
@@ -185,13 +187,13 @@ def _fingers(part: PreparedPart, layout: CellLayout, piece: BoolArray) -> tuple[
     best = part.arm_grasps[int(order[0])]
     reason = f"hidden by the fingers in every grasp; grasp {best.id} comes nearest"
     for share in THINNER:
-        hand = _thinner(layout.hand, share)
+        arm_gripper = _thinner(layout.arm_gripper, share)
         for g in order:
             grasp = part.arm_grasps[int(g)]
-            if _still_hidden(part, layout, grasp, hand, piece) < MOSTLY_HIDDEN:
+            if _still_hidden(part, layout, grasp, arm_gripper, piece) < MOSTLY_HIDDEN:
                 return reason, (
-                    f"fingers {hand.finger_width_mm:.0f} mm wide and "
-                    f"{hand.finger_thickness_mm:.0f} mm thick would do"
+                    f"fingers {arm_gripper.finger_width_mm:.0f} mm wide and "
+                    f"{arm_gripper.finger_thickness_mm:.0f} mm thick would do"
                 )
     return reason, "hold the part by other faces: a gripper of another kind"
 
@@ -204,27 +206,27 @@ def _distinct(part: PreparedPart) -> int:
     return len(part.arm_grasps)
 
 
-def _thinner(hand: Jaw, share: float) -> Jaw:
+def _thinner(arm_gripper: Jaw, share: float) -> Jaw:
     return replace(
-        hand,
-        finger_width_mm=hand.finger_width_mm * share,
-        finger_thickness_mm=hand.finger_thickness_mm * share,
+        arm_gripper,
+        finger_width_mm=arm_gripper.finger_width_mm * share,
+        finger_thickness_mm=arm_gripper.finger_thickness_mm * share,
     )
 
 
 def _still_hidden(
-    part: PreparedPart, layout: CellLayout, grasp: Grasp, hand: Jaw, piece: BoolArray
+    part: PreparedPart, layout: CellLayout, grasp: Grasp, arm_gripper: Jaw, piece: BoolArray
 ) -> float:
     """Return the share of a piece that a hand with other fingers leaves hidden."""
     visible = part.visible & piece
-    hidden = hidden_by_hand(
+    hidden = hidden_by_gripper(
         part.solid,
         part.samples,
         visible,
         part.directions.vectors,
         float(np.linalg.norm(layout.inspection.position_mm - layout.station_mm)),
         grasp.T_part_tcp,
-        [*hand.body, *hand.fingers(grasp.opening_mm)],
+        [*arm_gripper.body, *arm_gripper.fingers(grasp.opening_mm)],
     )
     left = np.asarray(visible & ~hidden)[:, piece]
     return 1.0 - float(left.any(axis=0).mean())
@@ -243,7 +245,7 @@ def _reach(part: PreparedPart, layout: CellLayout, piece: BoolArray) -> tuple[st
     T_tcp = T[0][inside[0]] @ held.T_part_tcp
     index, _, q = inverse_rows(layout, T_tcp)
     if len(index):
-        scene = Scene(layout, held.opening_mm, layout.fixture_open_mm, part.carried_box(held))
+        scene = Scene(layout, held.opening_mm, layout.fixed_open_mm, part.carried_box(held))
         blockers = sorted({scene.names()[k] for k in scene.contacts(q) if k >= 0})
         names = ", ".join(blockers) or "nothing"
         return f"out of reach: the arm would touch {names}", f"move {names} away"
@@ -320,7 +322,7 @@ def _no_path(
     if others:
         poses = ", ".join(str(p) for p in others)
         remedy = f"put the part down in stable pose {poses}"
-    if layout.fixture is None:
+    if layout.fixed_gripper is None:
         return (
             f"no regrasp path from here to a grasp that shows it ({names}): the cell has no fixed "
             "gripper, and no pose on the table leads on",
@@ -350,4 +352,4 @@ def _starts(part: PreparedPart, layout: CellLayout, pose_index: int, wanted: Seq
     pose = next(p for p in part.poses if p.index == pose_index)
     x, y = layout.set_down_mm.mean(axis=1)
     T = resting_pose(part.solid, pose, float(x), float(y))
-    return bool(clear_of_table(T, [part.arm_grasps[g] for g in wanted], layout.hand).any())
+    return bool(clear_of_table(T, [part.arm_grasps[g] for g in wanted], layout.arm_gripper).any())

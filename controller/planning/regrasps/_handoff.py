@@ -44,8 +44,8 @@ def hand_offs(
         return {}
     steps = np.arange(1, round(APPROACH_MM / STEP_MM) + 1) * STEP_MM
 
-    hand_only = _hand_opening(layout, arm_gripper_grasps)
-    closed_hands = _hand_closed(layout, arm_gripper_grasps)
+    gripper_only = _gripper_opening(layout, arm_gripper_grasps)
+    closed_grippers = _gripper_closed(layout, arm_gripper_grasps)
     T_tcp_part = np.stack([inverse_pose(g.T_part_tcp) for g in arm_gripper_grasps])
     around = Scene(
         layout, 0.0, fixed_grasp.pre_open_mm, ignore=frozenset({"fixture", "fixture fingers"})
@@ -55,16 +55,18 @@ def hand_offs(
 
     def ok(rows_q: FloatArray, rows_grip: IntArray) -> BoolArray:
         """Free with both jaws at any opening they have here, the part clear of all but them."""
-        hand = hand_only[0][rows_grip], hand_only[1][rows_grip]
-        free = gripper.free(rows_q, CLOSE_MARGIN_MM, hand=hand)
+        arm_gripper = gripper_only[0][rows_grip], gripper_only[1][rows_grip]
+        free = gripper.free(rows_q, CLOSE_MARGIN_MM, arm_gripper=arm_gripper)
         rest = np.flatnonzero(free)
-        free[rest] = closed.free(rows_q[rest], CLOSE_MARGIN_MM, hand=(hand[0][rest], hand[1][rest]))
+        free[rest] = closed.free(
+            rows_q[rest], CLOSE_MARGIN_MM, arm_gripper=(arm_gripper[0][rest], arm_gripper[1][rest])
+        )
         rest = np.flatnonzero(free)
         q_rest, of_rest = rows_q[rest], rows_grip[rest]
         free[rest] = around.free(
             q_rest,
             PART_MARGIN_MM,
-            hand=(closed_hands[0][of_rest], closed_hands[1][of_rest]),
+            arm_gripper=(closed_grippers[0][of_rest], closed_grippers[1][of_rest]),
             part=(part, T_tcp_part[of_rest]),
         )
         return np.asarray(free)
@@ -97,9 +99,11 @@ def hand_offs(
     k = len(steps)
     owner = np.repeat(grasp[rows], k)
     good = ok(entry.reshape(-1, 6), owner).reshape(-1, k).all(axis=1)
-    hand = hand_only[0][owner], hand_only[1][owner]
+    arm_gripper = gripper_only[0][owner], gripper_only[1][owner]
     good &= (
-        closed.free(retreat.reshape(-1, 6), CLOSE_MARGIN_MM, hand=hand).reshape(-1, k).all(axis=1)
+        closed.free(retreat.reshape(-1, 6), CLOSE_MARGIN_MM, arm_gripper=arm_gripper)
+        .reshape(-1, k)
+        .all(axis=1)
     )
     for place in np.flatnonzero(good):
         g = int(grasp[rows[place]])
@@ -113,14 +117,21 @@ def hand_offs(
     return found
 
 
-def _hand_opening(layout: CellLayout, grasps: Sequence[Grasp]) -> tuple[FloatArray, FloatArray]:
+def _gripper_opening(layout: CellLayout, grasps: Sequence[Grasp]) -> tuple[FloatArray, FloatArray]:
     pairs = [
-        stack([*layout.hand.body, *layout.hand.fingers(g.opening_mm, until_mm=g.pre_open_mm)])
+        stack(
+            [
+                *layout.arm_gripper.body,
+                *layout.arm_gripper.fingers(g.opening_mm, until_mm=g.pre_open_mm),
+            ]
+        )
         for g in grasps
     ]
     return np.stack([p[0] for p in pairs]), np.stack([p[1] for p in pairs])
 
 
-def _hand_closed(layout: CellLayout, grasps: Sequence[Grasp]) -> tuple[FloatArray, FloatArray]:
-    pairs = [stack([*layout.hand.body, *layout.hand.fingers(g.opening_mm)]) for g in grasps]
+def _gripper_closed(layout: CellLayout, grasps: Sequence[Grasp]) -> tuple[FloatArray, FloatArray]:
+    pairs = [
+        stack([*layout.arm_gripper.body, *layout.arm_gripper.fingers(g.opening_mm)]) for g in grasps
+    ]
     return np.stack([p[0] for p in pairs]), np.stack([p[1] for p in pairs])

@@ -53,7 +53,7 @@ def pick_paths(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray)
     grasps = part.arm_grasps
     x, y = (T_world_part[:3, :3] @ part.solid.centroid_mm + T_world_part[:3, 3])[:2]
     where = f"{part.solid.name} on the table at ({x:.0f}, {y:.0f})"
-    members = np.flatnonzero(clear_of_table(T_world_part, grasps, layout.hand))
+    members = np.flatnonzero(clear_of_table(T_world_part, grasps, layout.arm_gripper))
     if len(members) == 0:
         raise NotGraspableError(f"{where}: {_no_grip_from_above(part, layout, T_world_part)}")
     T_hold = T_world_part @ np.stack([grasps[k].T_part_tcp for k in members])
@@ -71,7 +71,7 @@ def pick_paths(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray)
     held = [grasps[members[index[row]]] for row in rows]
     down = np.concatenate([above[rows][:, ::-1], q[rows][:, None]], axis=1)
     lift = np.concatenate([q[rows][:, None], up[rows]], axis=1)
-    open_scene = Scene(layout, 0.0, layout.fixture_open_mm)
+    open_scene = Scene(layout, 0.0, layout.fixed_open_mm)
     touched = np.hstack(
         [
             _contacts(open_scene, down, _open_hands(layout, held), TABLE_MARGIN_MM),
@@ -120,26 +120,28 @@ def _contacts(
         T_tcp_part = np.stack([inverse_pose(g.T_part_tcp) for g in held[1]])
         carried = held[0].shape, np.repeat(T_tcp_part, k, axis=0)
     found = scene.contacts(
-        q.reshape(-1, 6), margin_mm, table_margin_mm, hand=(T, half), part=carried
+        q.reshape(-1, 6), margin_mm, table_margin_mm, arm_gripper=(T, half), part=carried
     )
     return found.reshape(n, k)
 
 
 def _open_hands(layout: CellLayout, grasps: Sequence[Grasp]) -> tuple[FloatArray, FloatArray]:
     return _stacked(
-        [[*layout.hand.body, *layout.hand.fingers(g.pre_open_mm)] for g in grasps], layout
+        [[*layout.arm_gripper.body, *layout.arm_gripper.fingers(g.pre_open_mm)] for g in grasps],
+        layout,
     )
 
 
 def _full_hands(layout: CellLayout, grasps: Sequence[Grasp]) -> tuple[FloatArray, FloatArray]:
     return _stacked(
-        [[*layout.hand.body, *layout.hand.fingers(g.opening_mm)] for g in grasps], layout
+        [[*layout.arm_gripper.body, *layout.arm_gripper.fingers(g.opening_mm)] for g in grasps],
+        layout,
     )
 
 
 def _stacked(hands: Sequence[list[Box]], layout: CellLayout) -> tuple[FloatArray, FloatArray]:
     if not hands:
-        m = len(layout.hand.body) + 2
+        m = len(layout.arm_gripper.body) + 2
         return np.zeros((0, m, 4, 4)), np.zeros((0, m, 3))
     pairs = [stack(boxes) for boxes in hands]
     return np.stack([p[0] for p in pairs]), np.stack([p[1] for p in pairs])
@@ -160,7 +162,7 @@ def _no_grip_from_above(part: PreparedPart, layout: CellLayout, T_world_part: Fl
         lies_so = np.allclose(T[2, :3], T_world_part[2, :3], atol=0.02)
         if pose.marginal or pose.rocking or lies_so:
             continue
-        if clear_of_table(T, part.arm_grasps, layout.hand).any():
+        if clear_of_table(T, part.arm_grasps, layout.arm_gripper).any():
             able.append(str(pose.index))
     if able:
         return f"{text}; lay it down in stable pose {' or '.join(able)}"

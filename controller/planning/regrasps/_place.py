@@ -48,7 +48,7 @@ def place_paths(
     tray : where to
     count : at most so many
     """
-    R_all = _hand_orientations()
+    R_all = _gripper_orientations()
     hull = np.asarray(part.solid.mesh.convex_hull.vertices)
     R_part_tcp = grasp.T_part_tcp[:3, :3]
     T_part = np.tile(np.eye(4), (len(R_all), 1, 1))
@@ -70,8 +70,8 @@ def place_paths(
     if len(index) == 0:
         return []
     order = np.argsort(np.round(tilts[index], 2), kind="stable")
-    shut = Scene(layout, grasp.opening_mm, layout.fixture_open_mm, carried_mesh=part.carried(grasp))
-    open_ = Scene(layout, grasp.pre_open_mm, layout.fixture_open_mm)
+    shut = Scene(layout, grasp.opening_mm, layout.fixed_open_mm, carried_mesh=part.carried(grasp))
+    open_ = Scene(layout, grasp.pre_open_mm, layout.fixed_open_mm)
     good = shut.free(q[order], MARGIN_MM, table_margin_mm=1.0)
     good &= open_.free(q[order], MARGIN_MM)
     order = order[good][:TRIED_N]
@@ -121,7 +121,7 @@ def _all_free(
 
 
 @cache
-def _hand_orientations() -> FloatArray:
+def _gripper_orientations() -> FloatArray:
     """Return hand rotations (n, 3, 3) over pitch, heading and roll, straight down first."""
     found = []
     for pitch in np.radians([-90.0, -75.0, -60.0, -45.0, -30.0, -15.0, 0.0]):

@@ -59,7 +59,9 @@ def set_downs(
     rest : stable pose and position on the table
     arm_gripper_grasps : grasps of the arm gripper
     """
-    members = np.flatnonzero(clear_of_table(rest.T_world_part, arm_gripper_grasps, layout.hand))
+    members = np.flatnonzero(
+        clear_of_table(rest.T_world_part, arm_gripper_grasps, layout.arm_gripper)
+    )
     if len(members) == 0:
         return {}
     grasps = [arm_gripper_grasps[k] for k in members.tolist()]
@@ -99,22 +101,22 @@ def _is_free(
     shut = Scene(
         layout,
         grasp.opening_mm,
-        layout.fixture_open_mm,
+        layout.fixed_open_mm,
         carried_mesh=PlacedShape(part, inverse_pose(grasp.T_part_tcp)),
     )
     way = np.vstack([q[None], entry])
     if not shut.free(way, PART_MARGIN_MM, PART_TABLE_MARGIN_MM).all():
         return False
-    open_ = Scene(layout, grasp.pre_open_mm, layout.fixture_open_mm)
+    open_ = Scene(layout, grasp.pre_open_mm, layout.fixed_open_mm)
     T_box, half = stack(
         [
-            *layout.hand.body,
-            *layout.hand.fingers(grasp.opening_mm, until_mm=grasp.pre_open_mm),
+            *layout.arm_gripper.body,
+            *layout.arm_gripper.fingers(grasp.opening_mm, until_mm=grasp.pre_open_mm),
         ]
     )
     way = np.vstack([q[None], retreat])
-    hand = (
+    arm_gripper = (
         np.broadcast_to(T_box, (len(way), *T_box.shape)),
         np.broadcast_to(half, (len(way), *half.shape)),
     )
-    return bool(open_.free(way, CLOSE_MARGIN_MM, TABLE_MARGIN_MM, hand=hand).all())
+    return bool(open_.free(way, CLOSE_MARGIN_MM, TABLE_MARGIN_MM, arm_gripper=arm_gripper).all())

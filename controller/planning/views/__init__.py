@@ -11,7 +11,7 @@ from ._reach import GraspViews, reachable_views
 from ._rules import SightRules, in_picture
 from ._table import table_views
 from ._visible import visible_from
-from .gripper import hidden_by_hand, holding_boxes
+from .gripper import hidden_by_gripper, holding_boxes
 
 __all__ = [
     "Directions",
@@ -21,7 +21,7 @@ __all__ = [
     "VisibilityTable",
     "candidate_directions",
     "even_sphere",
-    "hidden_by_hand",
+    "hidden_by_gripper",
     "hold_up",
     "holding_boxes",
     "in_picture",

@@ -43,7 +43,7 @@ def reachable_views(
     scene: Scene,
     samples: SurfaceSamples,
     showing: Showing,
-    left_by_hand: BoolArray,
+    left_by_gripper: BoolArray,
     T_part_tcp: FloatArray,
     q_liked: FloatArray,
 ) -> GraspViews:
@@ -59,14 +59,14 @@ def reachable_views(
     scene : the arm with the part in this grasp
     samples : n, of the part's surface
     showing : of `hold_up`, for v directions
-    left_by_hand : (v, n) samples the hand leaves in sight; directions without any are not tried
+    left_by_gripper : (v, n) samples the hand leaves in sight; directions without any are not tried
     T_part_tcp : (4, 4) T_part_tcp of the grasp
     q_liked : (6,) row of joints
     """
-    shown = left_by_hand.copy()
-    allowed = showing.inside & np.asarray(left_by_hand.any(axis=1))[:, None]
+    shown = left_by_gripper.copy()
+    allowed = showing.inside & np.asarray(left_by_gripper.any(axis=1))[:, None]
     for v, inside in showing.partly.items():
-        allowed[v] = (inside & left_by_hand[v]).any(axis=1)
+        allowed[v] = (inside & left_by_gripper[v]).any(axis=1)
     view, roll = np.nonzero(allowed)
     if len(view) == 0:
         return GraspViews({}, shown)
@@ -102,11 +102,11 @@ def reachable_views(
                 ]
             T = showing.T_world_part[v, r_of[row]]
             if boxes:
-                hidden[k] = hidden_by_boxes(layout, boxes, T, samples.points_mm, left_by_hand[v])
+                hidden[k] = hidden_by_boxes(layout, boxes, T, samples.points_mm, left_by_gripper[v])
             if not whole:
-                hidden[k] |= left_by_hand[v] & ~showing.partly[v][r_of[row]]
+                hidden[k] |= left_by_gripper[v] & ~showing.partly[v][r_of[row]]
         best = int(np.argmin(hidden @ samples.areas_mm2))
-        left = left_by_hand[v] & ~hidden[best]
+        left = left_by_gripper[v] & ~hidden[best]
         if left.any():
             alike = ~(hidden & left).any(axis=1)
             found[v] = q[members[alike][:KEPT_Q]]

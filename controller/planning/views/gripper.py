@@ -28,7 +28,7 @@ def holding_boxes(jaw: Jaw, grasp: Grasp) -> list[Box]:
     return [*jaw.body, *jaw.fingers(opening)]
 
 
-def hidden_by_hand(
+def hidden_by_gripper(
     solid: Solid,
     samples: SurfaceSamples,
     visible: BoolArray,

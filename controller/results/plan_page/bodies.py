@@ -25,10 +25,10 @@ RIM_MM = 4.0  # trays and what the overhead camera sees, drawn as thin plates on
 TABLE: Colour = (214, 209, 200)
 SEEN_TABLE: Colour = (244, 242, 234)
 ARM: Colour = (120, 140, 163)
-HAND: Colour = (86, 103, 125)
+ARM_GRIPPER: Colour = (86, 103, 125)
 FINGER: Colour = (228, 150, 60)
-FIXTURE: Colour = (88, 132, 122)
-FIXTURE_FINGER: Colour = (46, 168, 150)
+FIXED_GRIPPER: Colour = (88, 132, 122)
+FIXED_FINGER: Colour = (46, 168, 150)
 CAMERA: Colour = (70, 70, 76)
 OBSTACLE: Colour = (186, 188, 190)
 PANEL: Colour = (236, 238, 226)
@@ -153,19 +153,19 @@ def _obstacle_colour(name: str) -> Colour:
         return CAMERA
     if "panel" in name:
         return PANEL
-    return FIXTURE if "fixture" in name else OBSTACLE
+    return FIXED_GRIPPER if "fixture" in name else OBSTACLE
 
 
-def fixture_bodies(layout: CellLayout, opening_mm: float) -> list[Body]:
+def fixed_gripper_bodies(layout: CellLayout, opening_mm: float) -> list[Body]:
     """Return the fixed gripper at an opening; nothing where the cell has none."""
-    jaw = layout.fixture
+    jaw = layout.fixed_gripper
     if jaw is None:
         return []
     T = layout.T_world_fixed_tcp
     return [
-        *(box_body("fixed gripper", FIXTURE, box.placed(T)) for box in jaw.body),
+        *(box_body("fixed gripper", FIXED_GRIPPER, box.placed(T)) for box in jaw.body),
         *(
-            box_body("fixed gripper's finger", FIXTURE_FINGER, box.placed(T))
+            box_body("fixed gripper's finger", FIXED_FINGER, box.placed(T))
             for box in jaw.fingers(opening_mm)
         ),
     ]
@@ -183,12 +183,15 @@ def arm_bodies(layout: CellLayout, q: FloatArray, opening_mm: float) -> list[Bod
     names = [link.name for link in layout.arm.links]
     boxes = Scene(layout, opening_mm, 0.0).arm_boxes(q)
     first, *links = boxes[: len(names)]
-    hand = boxes[len(names) :]
+    arm_gripper = boxes[len(names) :]
     return [
         box_body(names[0], ARM, _thinner(first)),
         *(box_body(name, ARM, box) for name, box in zip(names[1:], links, strict=True)),
-        *(box_body("hand", HAND, box) for box in hand[: len(layout.hand.body)]),
-        *(box_body("finger", FINGER, box) for box in hand[len(layout.hand.body) :]),
+        *(
+            box_body("hand", ARM_GRIPPER, box)
+            for box in arm_gripper[: len(layout.arm_gripper.body)]
+        ),
+        *(box_body("finger", FINGER, box) for box in arm_gripper[len(layout.arm_gripper.body) :]),
     ]
 
 
@@ -256,10 +259,10 @@ def moment_stage(
     """
     hidden = {"carriage", "upper", "fore"} if not with_links else set()
     hidden |= {"hand"} if not with_palm else set()
-    arm = arm_bodies(layout, moment.q, moment.hand_opening_mm)
+    arm = arm_bodies(layout, moment.q, moment.arm_opening_mm)
     bodies = [
         *standing,
-        *fixture_bodies(layout, moment.fixture_opening_mm),
+        *fixed_gripper_bodies(layout, moment.fixed_opening_mm),
         *(body for body in arm if body.name not in hidden),
     ]
     return make_stage(bodies, part_body(solid, moment.T_world_part), moment.T_world_part)

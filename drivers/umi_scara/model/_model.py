@@ -32,8 +32,8 @@ DRAWN_FROM: Final = np.array(
 TOP_SHARE: Final = 0.2  # of zed's range, near the top, where the arm has most room
 _ZED: Final = kinematics.Q_ORDER.index("zed_mm")
 
-# Clear of what: "hand" is body, fingers and held part, "fingers" leaves the body out
-Clear = Literal["hand", "fingers", "nothing"]
+# Clear of what: "gripper" is body, fingers and held part, "fingers" leaves the body out
+Clear = Literal["gripper", "fingers", "nothing"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +53,7 @@ class LinkBox:
     half_mm: Floats
     may_touch_base: bool = True
     may_touch_table: bool = True
-    keeps_clear_of: Clear = "hand"
+    keeps_clear_of: Clear = "gripper"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

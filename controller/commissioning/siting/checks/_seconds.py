@@ -59,8 +59,10 @@ def forecast(
         regrasp_s, at = nan, layout.park_q
     else:
         quickest = (np.inf, 0, 0, layout.park_q)
-        by_hand = np.argwhere(enough & passed) if (enough & passed).any() else np.argwhere(enough)
-        for one, other in by_hand[:PAIRS_N].tolist():
+        by_hand_off = (
+            np.argwhere(enough & passed) if (enough & passed).any() else np.argwhere(enough)
+        )
+        for one, other in by_hand_off[:PAIRS_N].tolist():
             seconds, end = _regrasp(
                 layout, tables, one, other, member.base_n, layout.park_q, bool(start[other])
             )

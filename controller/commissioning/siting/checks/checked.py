@@ -93,7 +93,7 @@ def _first_free(
     scene = Scene(
         layout,
         grasp.opening_mm,
-        layout.fixture_open_mm,
+        layout.fixed_open_mm,
         member.prepared.part_box.placed(inverse_pose(grasp.T_part_tcp)),
     )
     free_rows = np.zeros(0, dtype=np.int64)
@@ -113,7 +113,7 @@ def free_picks(site_layout: CellLayout, member: FamilyMember) -> BoolArray:
     if len(picks.q_hold) == 0:
         return found
     # with the hand wide open: a grip that needs it narrower by a pose's place is not lost by that
-    scene = Scene(site_layout, site_layout.hand.max_mm, site_layout.fixture_open_mm)
+    scene = Scene(site_layout, site_layout.arm_gripper.max_mm, site_layout.fixed_open_mm)
     q = np.concatenate([picks.q_hold, picks.q_above])
     free = ~_touches(scene, q).reshape(2, -1).any(axis=0)
     found[picks.pose[free], picks.place[free], picks.grasp[free]] = True
@@ -135,8 +135,8 @@ def tray_freedom(site_layout: CellLayout) -> dict[str, float]:
     Straight down and leaning, low over the tray's floor and where the part comes in. Nothing free
     is 0.0: the tray cannot be served.
     """
-    scene = Scene(site_layout, site_layout.hand.max_mm, site_layout.fixture_open_mm)
-    R = _hand_turns()
+    scene = Scene(site_layout, site_layout.arm_gripper.max_mm, site_layout.fixed_open_mm)
+    R = _gripper_turns()
     out: dict[str, float] = {}
     for name, tray in site_layout.trays.items():
         shares = []
@@ -150,7 +150,7 @@ def tray_freedom(site_layout: CellLayout) -> dict[str, float]:
     return out
 
 
-def _hand_turns() -> FloatArray:
+def _gripper_turns() -> FloatArray:
     """Return hand rotations (n, 3, 3) straight down and leaning, jaws level."""
     found = []
     for pitch in np.radians(TRAY_PITCHES_DEG):
@@ -168,7 +168,7 @@ def checked_hand_offs(
 ) -> tuple[BoolArray, list[dict[int, HandOff]]]:
     """Return which base grips can meet which of the fixture's (f, base_n), and how."""
     half = member.base_n
-    if site_layout.fixture is None or not member.fixed_grasps:
+    if site_layout.fixed_gripper is None or not member.fixed_grasps:
         return np.zeros((0, half), dtype=bool), []
     tables = [
         dict(hand_offs(site_layout, member.prepared.shape, f, member.arm_grasps))

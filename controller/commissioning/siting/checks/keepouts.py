@@ -41,9 +41,9 @@ def standing_boxes(
     layout: CellLayout, fellows: Fellows
 ) -> tuple[list[tuple[str, Box]], list[tuple[str, Box]]]:
     """Return named world boxes: what goes down to the table (camera, panel, post), and the jaws."""
-    posts = [(n, layout.obstacles[n]) for n in (*fellows.camera, *fellows.fixture)]
+    posts = [(n, layout.obstacles[n]) for n in (*fellows.camera, *fellows.fixed_gripper)]
     hanging: list[tuple[str, Box]] = []
-    if (jaw := layout.fixture) is not None:
+    if (jaw := layout.fixed_gripper) is not None:
         T = layout.T_world_fixed_tcp
         hanging = [("fixture", b.placed(T)) for b in (*jaw.body, *jaw.fingers(jaw.max_mm))]
     return posts, hanging
@@ -114,13 +114,13 @@ def _against_each_other(
     hanging: Sequence[tuple[str, Box]],
 ) -> str | None:
     of_camera = [(n, b) for n, b in posts if n in fellows.camera]
-    of_fixture = [(n, b) for n, b in posts if n in fellows.fixture] + list(hanging)
+    of_fixed_gripper = [(n, b) for n, b in posts if n in fellows.fixed_gripper] + list(hanging)
     others = [
         (n, b)
         for n, b in layout.obstacles.items()
-        if n not in fellows.camera and n not in fellows.fixture
+        if n not in fellows.camera and n not in fellows.fixed_gripper
     ]
-    for group, rest in ((of_camera, [*of_fixture, *others]), (of_fixture, others)):
+    for group, rest in ((of_camera, [*of_fixed_gripper, *others]), (of_fixed_gripper, others)):
         for name, a in group:
             for other, b in rest:
                 if _touch(a, b, GAP_MM):

@@ -18,7 +18,7 @@ from controller.planning.motion import inverse_rows
 from .._family import FamilyMember
 from ..site import Site, camera_frame, standoff_mm
 
-HAND_DIRECTIONS_N = 200  # 7 degrees apart, half of what a view direction is from the next
+TCP_DIRECTION_COUNT = 200  # 7 degrees apart, half of what a view direction is from the next
 ROLLS_N = 12
 ENTRY_MM = 80.0  # straight way of the part into the fixture and of the hand away from it
 
@@ -40,7 +40,7 @@ def _frames(vectors: FloatArray) -> FloatArray:
 
 
 def shown_directions(
-    layout: CellLayout, site: Site, in_hand: FloatArray, centre_mm: FloatArray
+    layout: CellLayout, site: Site, to_camera: FloatArray, centre_mm: FloatArray
 ) -> BoolArray:
     """Return which directions of the hand's frame (h, 3) the arm can turn to the camera: (h,) bool.
 
@@ -48,7 +48,7 @@ def shown_directions(
     ----------
     layout : the cell; its arm is asked
     site : station, and the side the camera is on
-    in_hand : (h, 3) unit, from the part to the camera, TCP frame
+    to_camera : (h, 3) unit, from the part to the camera, TCP frame
     centre_mm : (3,) of the part in the hand's frame, what is brought to the station
     """
     towards = camera_frame(site.station_mm, site.towards, standoff_mm(layout))[:3, :3]
@@ -56,21 +56,21 @@ def shown_directions(
     angle = 2 * np.pi * np.arange(ROLLS_N) / ROLLS_N
     c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros(ROLLS_N), np.ones(ROLLS_N)
     rolls = np.array([[c, -s, zero], [s, c, zero], [zero, zero, one]]).transpose(2, 0, 1)
-    T = np.zeros((len(in_hand), ROLLS_N, 4, 4))
+    T = np.zeros((len(to_camera), ROLLS_N, 4, 4))
     T[..., 3, 3] = 1.0
-    T[..., :3, :3] = (at_station @ rolls)[None] @ np.swapaxes(_frames(in_hand), 1, 2)[:, None]
+    T[..., :3, :3] = (at_station @ rolls)[None] @ np.swapaxes(_frames(to_camera), 1, 2)[:, None]
     T[..., :3, 3] = site.station_mm - T[..., :3, :3] @ centre_mm
     index, _, _ = inverse_rows(layout, T.reshape(-1, 4, 4))
-    found = np.zeros(len(in_hand) * ROLLS_N, dtype=bool)
+    found = np.zeros(len(to_camera) * ROLLS_N, dtype=bool)
     found[index] = True
-    return np.asarray(found.reshape(len(in_hand), ROLLS_N).any(axis=1))
+    return np.asarray(found.reshape(len(to_camera), ROLLS_N).any(axis=1))
 
 
-def nearest_in_hand(member: FamilyMember, in_hand: FloatArray) -> IntArray:
+def nearest_directions(member: FamilyMember, to_camera: FloatArray) -> IntArray:
     """Return the nearest direction of a table for each grip, turned ones too, and view (2g, v)."""
     R = np.stack([g.T_part_tcp[:3, :3] for g in member.arm_grasps])
     own = np.einsum("gki,vk->gvi", R, member.vectors)
-    return np.asarray(np.argmax(own @ in_hand.T, axis=2))
+    return np.asarray(np.argmax(own @ to_camera.T, axis=2))
 
 
 def table_views(nearest: IntArray, reached: BoolArray) -> BoolArray:
@@ -94,18 +94,18 @@ def shown_share(member: FamilyMember, views: BoolArray) -> float:
     return float(member.share(np.bitwise_or.reduce(covered_bits(member, views), axis=0)))
 
 
-def meetings(member: FamilyMember, fixture_n: int) -> FloatArray:
+def meetings(member: FamilyMember, fixed_count: int) -> FloatArray:
     """Return where the hand is in the fixture's frame for pairs of grips (f, g, 4, 4).
 
     Parameters
     ----------
-    fixture_n : grips of the fixture to take; they come most unlike first, and each turned over too
+    fixed_count : grasps of the fixed gripper to take; the most unlike first, each turned over too
     """
     if not member.fixed_grasps:
         return np.zeros((0, len(member.arm_grasps), 4, 4))
     arm = np.stack([g.T_part_tcp for g in member.arm_grasps])
     half = len(member.fixed_grasps) // 2
-    some = [*member.fixed_grasps[:half][:fixture_n], *member.fixed_grasps[half:][:fixture_n]]
+    some = [*member.fixed_grasps[:half][:fixed_count], *member.fixed_grasps[half:][:fixed_count]]
     fixed = np.stack([inverse_pose(f.T_part_tcp) for f in some])
     return np.asarray(fixed[:, None] @ arm[None])
 

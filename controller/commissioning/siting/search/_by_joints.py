@@ -10,14 +10,14 @@ import numpy as np
 from controller.arrays import FloatArray
 from controller.planning.model import CellLayout
 
-from .._family import FamilyMember, hand_offsets_mm
+from .._family import FamilyMember, tcp_offsets_mm
 from ..checks.keepouts import why_not_here
 from ..checks.reach import (
-    HAND_DIRECTIONS_N,
+    TCP_DIRECTION_COUNT,
     hand_off_shares,
     meetings,
     met_grasps,
-    nearest_in_hand,
+    nearest_directions,
     shown_directions,
     shown_share,
     sphere,
@@ -26,7 +26,7 @@ from ..checks.reach import (
 from ..score import PartScore, SiteScore, value_of
 from ..site import Fellows, Site, placed_at, site_of, standoff_mm
 from ..survey import Survey, site_key
-from .grids import camera_grid, fixture_grid
+from .grids import camera_grid, fixed_gripper_grid
 
 APART_MM, APART_DEG = 60.0, 20.0  # sites nearer than both to a better one are left to small steps
 MET_N = 5  # of the fixture's grips, with which its poses are ranked
@@ -39,12 +39,18 @@ def cameras_by_joints(search: Survey) -> list[SiteScore]:
     now = site_of(layout)
     sites = list(camera_grid(layout)) if search.options.move_camera else []
     sites.insert(0, now)
-    bare = _without_fixture(layout, search.fellows) if search.options.move_fixture else layout
-    fellows = Fellows(search.fellows.camera, () if bare.fixture is None else search.fellows.fixture)
+    bare = (
+        _without_fixed_gripper(layout, search.fellows)
+        if search.options.move_fixed_gripper
+        else layout
+    )
+    fellows = Fellows(
+        search.fellows.camera, () if bare.fixed_gripper is None else search.fellows.fixed_gripper
+    )
     keep = search.options.keep_free_mm
-    in_hand = sphere(HAND_DIRECTIONS_N)
-    centre = hand_offsets_mm(members).mean(axis=0)
-    nearest = [nearest_in_hand(m, in_hand) for m in members]
+    to_camera = sphere(TCP_DIRECTION_COUNT)
+    centre = tcp_offsets_mm(members).mean(axis=0)
+    nearest = [nearest_directions(m, to_camera) for m in members]
     found = []
     for k, site in enumerate(sites):
         if k % 100 == 0:
@@ -54,7 +60,7 @@ def cameras_by_joints(search: Survey) -> list[SiteScore]:
         )
         if why is not None and k > 0:
             continue
-        reached = shown_directions(layout, site, in_hand, centre)
+        reached = shown_directions(layout, site, to_camera, centre)
         scores = []
         for member, near in zip(members, nearest, strict=True):
             views = table_views(near, reached)
@@ -65,7 +71,7 @@ def cameras_by_joints(search: Survey) -> list[SiteScore]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FixtureScore:
+class FixedGripperScore:
     """A pose of the fixed gripper and what the joints alone let it take and give.
 
     Attributes
@@ -84,22 +90,24 @@ class FixtureScore:
         return float(0.5 * each.mean() + 0.5 * each.min())
 
 
-def fixtures_by_joints(search: Survey) -> list[FixtureScore]:
+def fixed_grippers_by_joints(search: Survey) -> list[FixedGripperScore]:
     """Return the allowed poses of the fixed gripper, best first by the joints alone."""
     layout, members = search.layout, search.members
-    if layout.fixture is None:
+    if layout.fixed_gripper is None:
         return []
     poses = (
-        list(fixture_grid(layout)) if search.options.move_fixture else [layout.T_world_fixed_tcp]
+        list(fixed_gripper_grid(layout))
+        if search.options.move_fixed_gripper
+        else [layout.T_world_fixed_tcp]
     )
     now, bare = site_of(layout), layout
     if search.options.move_camera:
         kept = {n: b for n, b in layout.obstacles.items() if n not in search.fellows.camera}
         bare = replace(layout, obstacles=kept)
-    fellows = Fellows((), search.fellows.fixture)
+    fellows = Fellows((), search.fellows.fixed_gripper)
     keep = search.options.keep_free_mm
     together = [meetings(m, MET_N) for m in members]
-    found: list[FixtureScore] = []
+    found: list[FixedGripperScore] = []
     for k, T in enumerate(poses):
         if k % 100 == 0:
             search.progress("fixture poses", k, len(poses))
@@ -116,18 +124,18 @@ def fixtures_by_joints(search: Survey) -> list[FixtureScore]:
         for m, T_meet in zip(members, together, strict=True):
             met = met_grasps(layout, T, T_meet)
             shares.append(hand_off_shares(m, met[:, : m.base_n] | met[:, m.base_n :]))
-        found.append(FixtureScore(T, tuple(s[0] for s in shares), tuple(s[1] for s in shares)))
+        found.append(FixedGripperScore(T, tuple(s[0] for s in shares), tuple(s[1] for s in shares)))
     search.tried_n += len(poses)
     at = layout.T_world_fixed_tcp[:3, 3]
 
-    def away_mm(score: FixtureScore) -> float:
+    def away_mm(score: FixedGripperScore) -> float:
         return round(float(np.linalg.norm(score.T_world_fixed_tcp[:3, 3] - at)), 3)
 
     return sorted(found, key=lambda f: (-round(f.value, 3), away_mm(f)))
 
 
 def joined(
-    search: Survey, cameras: Sequence[SiteScore], fixtures: Sequence[FixtureScore]
+    search: Survey, cameras: Sequence[SiteScore], fixed_scores: Sequence[FixedGripperScore]
 ) -> list[SiteScore]:
     """Return camera sites, each with the best fixture pose that goes with it, best first.
 
@@ -137,7 +145,7 @@ def joined(
     ----------
     search : the cell, and what may stand where
     cameras : scores of sites, the present one among them
-    fixtures : scores of poses of the fixed gripper, best first, the present one among them; none
+    fixed_scores : of poses of the fixed gripper, best first, the present one among them; none
         where the cell has no fixed gripper
     """
     now = site_of(search.layout)
@@ -147,32 +155,34 @@ def joined(
     found: list[SiteScore] = []
     for k, site in enumerate(wanted):
         score = by_key[site_key(site)]
-        if not fixtures:
+        if not fixed_scores:
             found.append(score)
             continue
         if k == 0:
-            found.append(_with_fixture(score, next(f for f in fixtures if _stands(f, now))))
+            found.append(
+                _with_fixed_gripper(score, next(f for f in fixed_scores if _stands(f, now)))
+            )
             found[0] = replace(found[0], forbidden=search.forbidden(now))
-        for fixture in fixtures[:PAIRED_N]:
-            pair = replace(site, T_world_fixed_tcp=fixture.T_world_fixed_tcp)
+        for fixed_gripper in fixed_scores[:PAIRED_N]:
+            pair = replace(site, T_world_fixed_tcp=fixed_gripper.T_world_fixed_tcp)
             if site_key(pair) != site_key(now) and search.forbidden(pair) is None:
-                found.append(_with_fixture(replace(score, forbidden=None), fixture))
+                found.append(_with_fixed_gripper(replace(score, forbidden=None), fixed_gripper))
                 break
     return sorted(found, key=lambda s: (s.forbidden is not None, -s.value))
 
 
-def _stands(fixture: FixtureScore, site: Site) -> bool:
+def _stands(fixed_gripper: FixedGripperScore, site: Site) -> bool:
     return site.T_world_fixed_tcp is not None and bool(
-        np.allclose(fixture.T_world_fixed_tcp, site.T_world_fixed_tcp)
+        np.allclose(fixed_gripper.T_world_fixed_tcp, site.T_world_fixed_tcp)
     )
 
 
-def _with_fixture(score: SiteScore, fixture: FixtureScore) -> SiteScore:
+def _with_fixed_gripper(score: SiteScore, fixed_gripper: FixedGripperScore) -> SiteScore:
     parts = tuple(
         replace(p, partners_share=a, hand_offs_share=b)
-        for p, a, b in zip(score.parts, fixture.partners, fixture.joined, strict=True)
+        for p, a, b in zip(score.parts, fixed_gripper.partners, fixed_gripper.joined, strict=True)
     )
-    site = replace(score.site, T_world_fixed_tcp=fixture.T_world_fixed_tcp)
+    site = replace(score.site, T_world_fixed_tcp=fixed_gripper.T_world_fixed_tcp)
     return replace(score, site=site, parts=parts, value=value_of(parts))
 
 
@@ -183,9 +193,9 @@ def _by_joints(member: FamilyMember, shown: float, views_share: float) -> PartSc
     )
 
 
-def _without_fixture(layout: CellLayout, fellows: Fellows) -> CellLayout:
-    kept = {n: b for n, b in layout.obstacles.items() if n not in fellows.fixture}
-    return replace(layout, fixture=None, obstacles=kept)
+def _without_fixed_gripper(layout: CellLayout, fellows: Fellows) -> CellLayout:
+    kept = {n: b for n, b in layout.obstacles.items() if n not in fellows.fixed_gripper}
+    return replace(layout, fixed_gripper=None, obstacles=kept)
 
 
 def _far_mm(layout: CellLayout, a: Site, b: Site) -> float:

@@ -17,10 +17,10 @@ STATION_RADII_MM = (250.0, 350.0, 430.0)
 STATION_HEIGHTS_MM = (350.0, 450.0, 600.0)
 CAMERA_AZIMUTHS_DEG = tuple(np.arange(0.0, 360.0, 30.0))
 CAMERA_ELEVATIONS_DEG = (-30.0, 0.0, 30.0, 60.0)
-FIXTURE_AZIMUTHS_DEG = (-90.0, -65.0, -40.0, 0.0, 40.0, 65.0, 90.0)
-FIXTURE_RADII_MM = (260.0, 360.0, 460.0, 560.0)
-FIXTURE_HEIGHTS_MM = (300.0, 430.0, 560.0)
-FIXTURE_TURNS_DEG = tuple(np.arange(0.0, 360.0, 45.0))
+FIXED_AZIMUTHS_DEG = (-90.0, -65.0, -40.0, 0.0, 40.0, 65.0, 90.0)
+FIXED_RADII_MM = (260.0, 360.0, 460.0, 560.0)
+FIXED_HEIGHTS_MM = (300.0, 430.0, 560.0)
+FIXED_TURNS_DEG = tuple(np.arange(0.0, 360.0, 45.0))
 
 
 def direction(azimuth_deg: float, elevation_deg: float) -> FloatArray:
@@ -60,7 +60,9 @@ def camera_grid(layout: CellLayout) -> Iterator[Site]:
                 yield replace(now, station_mm=station, towards=direction(azimuth, 0.0))
 
 
-def fixture_frame(position_mm: FloatArray, approach: FloatArray, jaws: FloatArray) -> FloatArray:
+def fixed_gripper_frame(
+    position_mm: FloatArray, approach: FloatArray, jaws: FloatArray
+) -> FloatArray:
     """Return the pose T_world_tcp (4, 4) of a fixed gripper.
 
     Parameters
@@ -75,23 +77,23 @@ def fixture_frame(position_mm: FloatArray, approach: FloatArray, jaws: FloatArra
     return T
 
 
-def fixture_grid(layout: CellLayout) -> Iterator[FloatArray]:
+def fixed_gripper_grid(layout: CellLayout) -> Iterator[FloatArray]:
     """Yield poses (4, 4) of the fixed gripper, the present one first.
 
     Level ones in eight directions with the jaws closing up and down or sideways, and upright ones.
     """
     yield layout.T_world_fixed_tcp
     up = np.array([0.0, 0.0, 1.0])
-    for z in FIXTURE_HEIGHTS_MM:
-        for radius in FIXTURE_RADII_MM:
-            for azimuth in FIXTURE_AZIMUTHS_DEG:
+    for z in FIXED_HEIGHTS_MM:
+        for radius in FIXED_RADII_MM:
+            for azimuth in FIXED_AZIMUTHS_DEG:
                 at = _about_arm(layout, radius, azimuth, z)
-                for turn in FIXTURE_TURNS_DEG:
+                for turn in FIXED_TURNS_DEG:
                     along = direction(turn, 0.0)
                     for jaws in (up, np.cross(up, along)):
-                        yield fixture_frame(at, along, jaws)
-                for turn in FIXTURE_TURNS_DEG[:4]:
-                    yield fixture_frame(at, up, direction(turn, 0.0))
+                        yield fixed_gripper_frame(at, along, jaws)
+                for turn in FIXED_TURNS_DEG[:4]:
+                    yield fixed_gripper_frame(at, up, direction(turn, 0.0))
 
 
 def camera_steps(site: Site, step_mm: float, step_deg: float) -> Iterator[Site]:
@@ -113,7 +115,7 @@ def camera_steps(site: Site, step_mm: float, step_deg: float) -> Iterator[Site]:
         yield replace(site, towards=direction(azimuth, min(elevation + turn, 90.0)))
 
 
-def fixture_steps(site: Site, step_mm: float, step_deg: float) -> Iterator[Site]:
+def fixed_gripper_steps(site: Site, step_mm: float, step_deg: float) -> Iterator[Site]:
     """Yield sites with the fixture a small step or turn away; none without a fixture.
 
     Parameters

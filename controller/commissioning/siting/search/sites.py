@@ -12,11 +12,11 @@ from controller.planning.model import CellLayout, PreparedPart
 from ..score import SiteOptions, SiteScore
 from ..site import Site, site_of
 from ..survey import Progress, Survey, survey
-from ._by_joints import cameras_by_joints, fixtures_by_joints, joined, unlike, unlike_poses
-from .grids import camera_steps, fixture_steps
+from ._by_joints import cameras_by_joints, fixed_grippers_by_joints, joined, unlike, unlike_poses
+from .grids import camera_steps, fixed_gripper_steps
 
 STEP_MM, STEP_DEG = 40.0, 15.0  # of the first round; each later one is half as wide
-FIXTURE_ROUNDS = 2  # camera sites with which every fixture pose is tried
+FIXED_ROUNDS = 2  # camera sites with which every fixture pose is tried
 BETTER = 2e-4  # less is no improvement: steps would wander about a plateau
 
 
@@ -51,20 +51,20 @@ def search_sites(search: Survey) -> tuple[SiteScore, ...]:
     options, now = search.options, site_of(search.layout)
     by_joints = cameras_by_joints(search)
     cameras = unlike([s.site for s in by_joints], options.checked_cameras)
-    fixtures = fixtures_by_joints(search)
+    fixed_scores = fixed_grippers_by_joints(search)
     if options.joints_only:
-        return tuple(joined(search, by_joints, fixtures))
-    few = unlike_poses([f.T_world_fixed_tcp for f in fixtures], options.checked_fixtures)
+        return tuple(joined(search, by_joints, fixed_scores))
+    few = unlike_poses([f.T_world_fixed_tcp for f in fixed_scores], options.checked_fixed_poses)
 
     best = search.check(now)
     for k, camera in enumerate(cameras):
         search.progress("camera sites checked", k, len(cameras))
         for T in [search.layout.T_world_fixed_tcp, *few]:
-            site = replace(camera, T_world_fixed_tcp=T if search.layout.fixture else None)
+            site = replace(camera, T_world_fixed_tcp=T if search.layout.fixed_gripper else None)
             if search.forbidden(site) is None:
                 best = _better(best, search.check(site))
                 break
-    ranked = unlike([s.site for s in _ranked(search)], FIXTURE_ROUNDS)
+    ranked = unlike([s.site for s in _ranked(search)], FIXED_ROUNDS)
     for k, camera in enumerate(ranked):
         for i, T in enumerate(few):
             search.progress("fixture poses checked", k * len(few) + i, len(few) * len(ranked))
@@ -86,8 +86,8 @@ def _step_about(
 ) -> SiteScore:
     options = search.options
     steps = list(camera_steps(best.site, step_mm, step_deg)) if options.move_camera else []
-    if options.move_fixture:
-        steps += list(fixture_steps(best.site, step_mm, step_deg))
+    if options.move_fixed_gripper:
+        steps += list(fixed_gripper_steps(best.site, step_mm, step_deg))
     start = best
     for k, site in enumerate(steps):
         search.progress(f"small steps, round {turn + 1}", k, len(steps))
