@@ -51,7 +51,7 @@ from controller.planning.motion import (  # noqa: E402
 )
 from controller.planning.regrasps import pick_paths  # noqa: E402
 from drivers.umi_scara import UmiTiming  # noqa: E402
-from drivers.umi_scara.kinematics import inverse_legal, within_limits  # noqa: E402
+from drivers.umi_scara.model.kinematics import inverse_legal, within_limits  # noqa: E402
 
 ALL_PARTS = ("featuretype", "flange_xy", "idler_riser", "holder")
 POSTS = (  # [mm] where they are in the way, and yet leave one

@@ -43,7 +43,7 @@ from umi_line_faults import (  # noqa: E402  (path set above)
 )
 
 from drivers.umi_scara import Axis, UmiScara, kinematics  # noqa: E402
-from drivers.umi_scara.kinematics import COUNTS_ORDER  # noqa: E402
+from drivers.umi_scara.model.kinematics import COUNTS_ORDER  # noqa: E402
 
 SESSIONS: tuple[SessionName, ...] = ("moves", "homing")
 Case = tuple[SessionName, LineFault]

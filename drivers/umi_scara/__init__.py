@@ -1,18 +1,23 @@
 """UMI RTX / RT100 arm on a serial line: says where its axes go, not what they carry.
 
-Source of all facts: umi_rtx.md. `kinematics` turns joints into poses and back without any device;
-`model` is the arm as those see it who plan its motions.
+Source of all facts: umi_rtx.md. Four rooms, upwards: `protocol` (tables and bytes), `line` (who
+listens, one request at a time), `motion` (the motors in counts); beside them, without any device,
+`model` (joints, poses, limits, timing). `UmiScara` stands above all of them.
 """
 
 from ..kinds import Arm, Driver, JawReading, NoSettings, Site, Stop
-from . import kinematics
 from ._arm import UmiScara
-from ._gripper import GripperLaw
 from ._session import ArmConfig, ArmIdentity, PowerOffError
-from .kinematics import ArmGeometry
-from .limits import OutOfRangeError
 from .line import LineDoubtError, LinkConfig, SerialTransport, Trace, Transport, WireExchange
-from .model import LinkBox, UmiModel, UmiTiming
+from .model import (
+    ArmGeometry,
+    GripperLaw,
+    LinkBox,
+    OutOfRangeError,
+    UmiModel,
+    UmiTiming,
+    kinematics,
+)
 from .motion import (
     AxisStalledError,
     HomingConfig,

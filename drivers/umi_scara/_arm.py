@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..kinds import JawReading
-from . import kinematics
 from ._session import ArmSession, check_speeds
-from .limits import COUNTS_ORDER, OutOfRangeError, check_limits
 from .line import Guard, LineDoubtError
+from .model import OutOfRangeError, kinematics
+from .model.limits import COUNTS_ORDER, check_limits
 from .motion import (
     AxisStalledError,
     Homing,

@@ -15,8 +15,6 @@ from drivers.clock import REAL_TIME, CellClock
 from drivers.errors import DeviceError, LinkError, PositionLostError, SilentLineError
 from drivers.kinds import Stop
 
-from ._gripper import GripperLaw
-from .limits import OutOfRangeError
 from .line import (
     Guard,
     LineDoubtError,
@@ -27,6 +25,7 @@ from .line import (
     Transport,
     run_to_end,
 )
+from .model import GripperLaw, OutOfRangeError
 from .motion import (
     Axes,
     AxisStalledError,

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from controller.planning import Box
 from controller.planning.geometry import PartShape, PlacedShape, Triangles, stack
 from controller.planning.motion import Scene, tcp_pose
-from drivers.umi_scara.kinematics import within_limits
+from drivers.umi_scara.model.kinematics import within_limits
 
 LAYOUT = emulated_layout()
 LOW = np.array([*np.radians([-88.0, -150.0, -120.0]), -870.0, *np.radians([-97.0, -130.0])])

@@ -8,7 +8,7 @@ from planning_cell import emulated_layout
 from controller.planning import Box
 from controller.planning.motion import Scene, connect, path_free, tcp_pose
 from controller.planning.motion.segments import Ends, radii_mm, segment_free
-from drivers.umi_scara.kinematics import within_limits
+from drivers.umi_scara.model.kinematics import within_limits
 
 LAYOUT = emulated_layout()
 HELD = Box.from_bounds(-25.0, 45.0, -30.0, 30.0, -20.0, 20.0)

@@ -12,7 +12,7 @@ from controller.planning.motion import move_seconds, segment_seconds, segment_tu
 from controller.planning.motion.scene import Scene
 from controller.planning.motion.segments import radii_mm
 from controller.planning.motion.timing import tube_bound_mm
-from drivers.umi_scara.kinematics import within_limits
+from drivers.umi_scara.model.kinematics import within_limits
 
 LAYOUT = emulated_layout()
 TIMING = LAYOUT.arm.timing

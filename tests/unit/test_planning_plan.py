@@ -29,7 +29,7 @@ from controller.planning import (
     resting_pose,
     shown_pose,
 )
-from drivers.umi_scara.kinematics import within_limits
+from drivers.umi_scara.model.kinematics import within_limits
 
 LAYOUT = emulated_layout()
 SOLID = load_solid(PARTS / "holder.stl")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from drivers.umi_scara import OutOfRangeError, kinematics
-from drivers.umi_scara.kinematics import (
+from drivers.umi_scara.model.kinematics import (
     ArmGeometry,
     counts_to_q,
     forward,
@@ -19,7 +19,7 @@ from drivers.umi_scara.kinematics import (
     link_frames,
     q_to_counts,
 )
-from drivers.umi_scara.limits import check_limits
+from drivers.umi_scara.model.limits import check_limits
 
 # umi_rtx.md 6.6; columns S E Z W1 W2 Y, wrist x y z, tip x y z, heading in degrees
 TABLE = [

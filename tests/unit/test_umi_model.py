@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.umi_scara import ArmGeometry, UmiModel
-from drivers.umi_scara.kinematics import JOINT_RANGES, forward, inverse, within_limits
+from drivers.umi_scara.model.kinematics import JOINT_RANGES, forward, inverse, within_limits
 
 GEOMETRY = ArmGeometry(upper_mm=240.0, fore_mm=200.0, tool_mm=150.0, wrist_height_mm=900.0)
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.umi_scara import UmiTiming
-from drivers.umi_scara.kinematics import JOINT_RANGES, within_limits
+from drivers.umi_scara.model.kinematics import JOINT_RANGES, within_limits
 
 TIMING = UmiTiming()
 SPEED = TIMING.joint_speeds

@@ -1,7 +1,7 @@
 """What the planner answers: steps to drive, their forecast, what gets seen and why not the rest.
 
 A motion is a tuple of waypoints q (6,), the last one being where the arm shall stand; where it
-starts is where the step before ended. Joints are those of `drivers.umi_scara.kinematics`.
+starts is where the step before ended. Joints are those of the layout's arm.
 """
 
 from __future__ import annotations

@@ -4,7 +4,20 @@ Planning asks the same of every arm, in terms of its own (`controller.planning.m
 model fits them without knowing them. Facts are those of umi_rtx.md.
 """
 
+from . import kinematics, limits
+from ._jaws import GripperLaw
 from ._model import LinkBox, UmiModel
 from ._timing import UmiTiming
+from .kinematics import ArmGeometry
+from .limits import OutOfRangeError
 
-__all__ = ["LinkBox", "UmiModel", "UmiTiming"]
+__all__ = [
+    "ArmGeometry",
+    "GripperLaw",
+    "LinkBox",
+    "OutOfRangeError",
+    "UmiModel",
+    "UmiTiming",
+    "kinematics",
+    "limits",
+]

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kinematics import Q_ORDER
+from .kinematics import Q_ORDER
 
 __all__ = ["detours", "lifts"]
 

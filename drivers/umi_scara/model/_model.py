@@ -7,10 +7,9 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import kinematics
-from ..kinematics import ArmGeometry
-from . import _detours
+from . import _detours, kinematics
 from ._timing import UmiTiming
+from .kinematics import ArmGeometry
 
 __all__ = ["LinkBox", "UmiModel"]
 

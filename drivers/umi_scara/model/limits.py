@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from drivers.errors import DeviceError
 
-from .protocol import constants as c
+from ..protocol import constants as c
 
 COUNTS_ORDER: Final = (
     c.Axis.ELBOW,

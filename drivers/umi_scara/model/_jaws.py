@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import sqrt
 
+from ..protocol import constants as c
 from .limits import OutOfRangeError
-from .protocol import constants as c
 
 
 @dataclass(frozen=True, slots=True)

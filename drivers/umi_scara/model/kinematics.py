@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..protocol import constants as c
 from .limits import COUNTS_ORDER, limit_margins, worst_violation
-from .protocol import constants as c
 
 __all__ = [
     "COUNTS_ORDER",
