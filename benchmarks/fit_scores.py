@@ -50,7 +50,7 @@ from recognition_judge import (  # noqa: E402
 from recognition_parts import cad_files  # noqa: E402
 
 from controller.cad.compiled import options_among  # noqa: E402
-from controller.cli._calibration_file import load_calibration  # noqa: E402
+from controller.cli.inputs.calibration_file import load_calibration  # noqa: E402
 from controller.recognition import Hypothesis, Library, Sighting, recognise  # noqa: E402
 from controller.recognition.identification.decide import decide  # noqa: E402
 from controller.recognition.identification.scores import FRONT, SILHOUETTE, Weights, probability  # noqa: E402

@@ -43,7 +43,7 @@ calibration = typer.Typer(
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from ._version import installed_version
+        from .terminal.version import installed_version
 
         typer.echo(f"cellctl {installed_version()}")
         raise typer.Exit
@@ -89,7 +89,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as end:  # how the parser ends each command, and each wrong command line
         return end.code if isinstance(end.code, int) else int(end.code is not None)
     except (KeyboardInterrupt, Exception) as error:  # noqa: BLE001  (each becomes a sentence)
-        from ._failure import report_failure
+        from .terminal.failure import report_failure
 
         return report_failure(error, words)
     return 0

@@ -15,8 +15,8 @@ import pytest
 from board_pictures import camera_over_table, picture_of, pose
 
 from controller.cli import main
-from controller.cli._calibrate import _read
-from controller.cli._calibration_file import load_calibration, write_calibration
+from controller.cli.calibrating.camera_calibration import _read
+from controller.cli.inputs.calibration_file import load_calibration, write_calibration
 from controller.commissioning.calibration import Chessboard
 from controller.config import ConfigError
 

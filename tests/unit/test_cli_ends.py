@@ -16,13 +16,13 @@ from controller.cell.compute import worker_pool
 from controller.cell.custody import Custody
 from controller.cell.dispatcher import Dispatcher
 from controller.cell.journal import Journal, read_rows
-from controller.cli._ends import Ends
+from controller.cli.running.ends import Ends
 
 ROOT = Path(__file__).resolve().parents[2]
 
 PRINTER = """
 import sys
-from controller.cli._output import emit, is_output_gone, say, warn
+from controller.cli.terminal.output import emit, is_output_gone, say, warn
 sys.stdin.read()
 for i in range(20000):
     emit({"line": i}); say("to people"); warn("more")

@@ -15,7 +15,8 @@ from cad_solids import box, mesh_of, rod
 from controller.cache import digest_of
 from controller.cad.compiled import load_part
 from controller.cell import plans
-from controller.cli import _plan_site, main
+from controller.cli import main
+from controller.cli.planning import site
 from controller.commissioning.siting import PartScore, SiteReport, SiteScore, site_of
 from controller.config import load_cell
 from controller.planning import Box, GraspRules, NotGraspableError, PlanOptions
@@ -275,7 +276,7 @@ def test_a_site_is_told_in_words_and_in_json(
             now, now, (), 1.0, True, 100, 10, np.eye(4), np.eye(4), moving, sentences=words
         )
 
-    monkeypatch.setattr(_plan_site, "site_report", report)
+    monkeypatch.setattr(site, "site_report", report)
     words = ["plan", str(block), str(block), "--cell", str(CELL), "--site"]
     assert main([*words, "--json"]) == 0
     body = json.loads(capsys.readouterr().out)

@@ -16,7 +16,7 @@ from controller.cell.checking import check_job
 from controller.cell.compute import answers
 from controller.cell.plans import Planning
 from controller.cli import main
-from controller.cli._plan_json import certificate_json, plan_json
+from controller.cli.planning.plan_json import certificate_json, plan_json
 from controller.config import load_cell, load_recipe
 from controller.inspection import LEAST_WIDTH_PX
 from controller.planning import GraspRules, OnTable, PlanOptions, resting_pose

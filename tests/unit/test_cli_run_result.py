@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from controller.cell.records import PartRecord
 from controller.cell.recovery import PartFault, Recovery
-from controller.cli._run import _part_json
+from controller.cli.running.recipe_run import _part_json
 
 
 def test_recoveries_are_named_by_the_fault() -> None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from recognise_bench import CAMERA, Files, Grey, backlit, shape
 
 from controller.cli import main
-from controller.cli._pictures import pictures_among, read_picture
+from controller.cli.inputs.pictures import pictures_among, read_picture
 from controller.config import ConfigError
 
 SIZE = (16, 12)

@@ -22,6 +22,6 @@ def camera(
 
     Writes intrinsics, distortion, pose over the table, and the uncertainty of each.
     """
-    from .._calibrate import calibrate_camera
+    from ..calibrating.camera_calibration import calibrate_camera
 
     raise typer.Exit(calibrate_camera(images, target, output, as_json=json))

@@ -16,6 +16,6 @@ def check(
     """
     from controller.config import find_recipe
 
-    from .._offline import check_recipe
+    from ..planning.recipe_check import check_recipe
 
     raise typer.Exit(check_recipe(find_recipe(recipe), cell, as_json=json))

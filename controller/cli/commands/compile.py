@@ -50,8 +50,8 @@ def compile_(
 
     Stable poses, outlines, surfaces, edges; with a cell also grasps and plans.
     """
-    from .._compile import compile_parts
-    from .._planned_parts import part_files
+    from ..inputs.part_files import part_files
+    from ..parts.compiling import compile_parts
 
     recipes = [recipe] if recipe is not None else []
     files, recipe_cell = part_files(list(parts or ()), recipes, unit and unit.value, cell)

@@ -49,8 +49,8 @@ def emulate(
 
     Prints the address of every device.
     """
-    from .._emulate import serve
-    from .._planned_parts import cell_of_this_folder
+    from ..devices.emulated_cell import serve
+    from ..inputs.part_files import cell_of_this_folder
 
     code = serve(
         cell or cell_of_this_folder(),

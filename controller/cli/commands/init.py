@@ -18,6 +18,6 @@ def init(
 
     It runs as it is, in the emulated cell.
     """
-    from .._init import lay_out_project
+    from ..project.starter_project import lay_out_project
 
     raise typer.Exit(lay_out_project(folder, as_json=json))

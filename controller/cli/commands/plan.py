@@ -61,7 +61,7 @@ def plan(
     """
     from controller.config import ConfigError
 
-    from .._planned_parts import part_files
+    from ..inputs.part_files import part_files
 
     files, cell_file = part_files(list(parts or ()), list(recipe or ()), unit and unit.value, cell)
     if site:
@@ -69,14 +69,14 @@ def plan(
         for name, value in given.items():
             if value is not None:
                 raise ConfigError(f"--site is about the cell: it goes without {name}")
-        from .._plan_site import site_parts
+        from ..planning.site import site_parts
 
         code = site_parts(files, cell_file, use_cache=not no_cache, as_json=json)
         raise typer.Exit(code)
     if len(files) > 1:
         second = files[1].path
         raise ConfigError(f"{second}: one part is planned at a time; several only with --site")
-    from .._plan import plan_part_file
+    from ..planning.part_plan import plan_part_file
 
     code = plan_part_file(
         files[0],

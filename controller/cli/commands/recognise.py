@@ -37,7 +37,7 @@ def recognise(
 
     Prints part, stable pose and pose on the table of every object, or "unknown".
     """
-    from .._recognise import recognise_images
+    from ..recognising.answers import recognise_images
 
     code = recognise_images(
         images,

@@ -35,8 +35,8 @@ def recover(
     """Report what the grippers may hold after a crash; open one of them."""
     from controller.cell.custody import GripperName
 
-    from .._planned_parts import cell_of_this_folder
-    from .._recover import recover_cell
+    from ..inputs.part_files import cell_of_this_folder
+    from ..running.release import recover_cell
 
     gripper = None if open_ is None else GripperName[open_.name]
     code = recover_cell(

@@ -35,6 +35,6 @@ def report(
     json: JsonOption = False,
 ) -> None:
     """Write the report of a run."""
-    from .._report import write_report
+    from ..running.report_file import write_report
 
     raise typer.Exit(write_report(runs, run_name, "json" if json else form.value, output))

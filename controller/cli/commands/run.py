@@ -58,8 +58,8 @@ def run(
     """Inspect and sort parts: the main job. Emulated devices start beside it."""
     from controller.config import find_recipe
 
-    from .._output import warn
-    from .._run import quiet_logs, run_recipe
+    from ..running.recipe_run import quiet_logs, run_recipe
+    from ..terminal.output import warn
 
     quiet_logs(verbose=verbose)
     recipe_file = find_recipe(recipe)

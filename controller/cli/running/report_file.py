@@ -6,8 +6,8 @@ from pathlib import Path
 from controller.config import ConfigError
 from controller.results import load_run, report_json, write_html
 
-from ._before import check_writable_folder
-from ._output import emit, say
+from ..inputs.checks import check_writable_folder
+from ..terminal.output import emit, say
 
 
 def write_report(runs_dir: Path, run: str | None, form: str, output: Path | None) -> int:

@@ -29,10 +29,10 @@ from controller.cell.run import RunOrder, RunResult, new_run_id, run_batch
 from controller.config import Cell, ConfigError, load_cell, load_recipe
 from controller.results import ResultsError, load_run, write_html
 
-from ._before import LEAST_FREE_BYTES, check_control, check_writable_folder, parse_place
-from ._ends import Ends
-from ._offline import warn_of
-from ._output import emit, say, stderr, warn
+from ..inputs.checks import LEAST_FREE_BYTES, check_control, check_writable_folder, parse_place
+from ..planning.recipe_check import warn_of
+from ..terminal.output import emit, say, stderr, warn
+from .ends import Ends
 
 EMULATOR_READS = (".stl", ".obj", ".ply", ".off")
 

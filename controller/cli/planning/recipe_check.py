@@ -8,8 +8,8 @@ from controller.cell.checking import Checked, CheckedPose, check_job
 from controller.cell.compute import Job
 from controller.config import load_recipe
 
-from ._output import emit, say, warn
-from ._plan_json import certificate_json
+from ..terminal.output import emit, say, warn
+from .plan_json import certificate_json
 
 
 def check_recipe(recipe_path: Path, cell_path: Path | None, *, as_json: bool) -> int:

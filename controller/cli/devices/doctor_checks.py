@@ -19,7 +19,7 @@ from controller.config import Cell, load_cell
 from drivers.errors import DeviceError
 from drivers.kinds import Signal
 
-from ._output import emit, say, stdout
+from ..terminal.output import emit, say, stdout
 
 Check = dict[str, Any]
 

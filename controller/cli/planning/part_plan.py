@@ -17,10 +17,10 @@ from controller.planning import Certificate, Plan
 from controller.results.moments import view_count
 from controller.setup.planner import PlannerSetup, planner_setup
 
-from ._before import Place, check_writable_folder, parse_place
-from ._output import emit, say, stdout, warn
-from ._plan_json import certificate_json, plan_json
-from ._planned_parts import PartFile
+from ..inputs.checks import Place, check_writable_folder, parse_place
+from ..inputs.part_files import PartFile
+from ..terminal.output import emit, say, stdout, warn
+from .plan_json import certificate_json, plan_json
 
 
 def plan_part_file(

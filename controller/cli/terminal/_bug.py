@@ -10,8 +10,8 @@ from pathlib import Path
 
 from controller.cache import cache_dir
 
-from ._output import warn
-from ._version import installed_version
+from .output import warn
+from .version import installed_version
 
 
 def report_bug(error: BaseException, argv: Sequence[str], *, verbose: bool) -> None:

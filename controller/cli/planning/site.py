@@ -16,8 +16,8 @@ from controller.config import load_cell
 from controller.setup.layout import build_layout
 from controller.setup.planner import planner_setup
 
-from ._output import emit, say, stderr, stdout
-from ._planned_parts import PartFile
+from ..inputs.part_files import PartFile
+from ..terminal.output import emit, say, stderr, stdout
 
 
 def site_parts(

@@ -15,10 +15,10 @@ from controller.recognition import Library, Recognition, recognise
 from controller.recognition.explain import explain
 from controller.recognition.stored import open_library
 
-from ._calibration_file import load_calibration
-from ._explain import ExplainFolder, show_tables
-from ._output import emit, say, warn
-from ._pictures import SaidOnce, StoredPicture, pictures_among, read_picture
+from ..inputs.calibration_file import load_calibration
+from ..inputs.pictures import SaidOnce, StoredPicture, pictures_among, read_picture
+from ..terminal.output import emit, say, warn
+from ._explain_folder import ExplainFolder, show_tables
 
 Lighting = Literal["backlit", "front", "auto"]
 

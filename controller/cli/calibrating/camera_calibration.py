@@ -29,10 +29,10 @@ from controller.commissioning.calibration import (
 from controller.commissioning.target import CalibrationTarget, load_target
 from controller.config import ConfigError
 
-from ._before import check_writable_folder
-from ._calibration_file import calibration_body, write_calibration
-from ._output import emit, say, stdout
-from ._pictures import decoded, read_whole, size_of
+from ..inputs.calibration_file import calibration_body, write_calibration
+from ..inputs.checks import check_writable_folder
+from ..inputs.pictures import decoded, read_whole, size_of
+from ..terminal.output import emit, say, stdout
 
 
 def calibrate_camera(images: list[Path], target_file: Path, output: Path, *, as_json: bool) -> int:

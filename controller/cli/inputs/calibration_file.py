@@ -18,7 +18,7 @@ from controller.config.cell import LEAST_HEIGHT_MM, MOST_HEIGHT_MM
 from controller.config.files import read_text
 from controller.imaging import Camera
 
-from ._pictures import MOST_PIXELS
+from .pictures import MOST_PIXELS
 
 MOST_BYTES = 16 * 2**20  # a calibration from hundreds of pictures lists each of them
 

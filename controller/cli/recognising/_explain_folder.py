@@ -14,7 +14,7 @@ from rich.text import Text
 from controller.config import ConfigError
 from controller.recognition.explain import Explanation, StageTable
 
-from ._output import stdout
+from ..terminal.output import stdout
 
 TEXT_COLUMNS = 200  # of a line in a file
 

@@ -9,8 +9,8 @@ from controller.cad.compiled import load_part
 from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
 from controller.config import load_cell
 
-from ._before import check_control, parse_place
-from ._output import emit, say
+from ..inputs.checks import check_control, parse_place
+from ..terminal.output import emit, say
 
 
 def serve(

@@ -6,8 +6,8 @@ from typing import Final
 
 from controller.config import EMULATED_CELL, SHIPPED, ConfigError
 
-from ._before import check_writable_folder
-from ._output import emit, say
+from ..inputs.checks import check_writable_folder
+from ..terminal.output import emit, say
 
 STARTER: Final = Path(__file__).parent / "starter"
 RECIPE: Final = SHIPPED / "holder.yaml"

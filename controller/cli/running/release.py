@@ -13,7 +13,7 @@ from controller.cell.devices.driver_registry import require_drivers
 from controller.cell.devices.lock import hold_cell
 from controller.config import ConfigError, load_cell
 
-from ._output import emit, say, warn
+from ..terminal.output import emit, say, warn
 
 OPTION = {GripperName.ARM: "arm", GripperName.FIXED: "fixed"}
 

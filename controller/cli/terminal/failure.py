@@ -16,7 +16,7 @@ from controller.results import ResultsError
 from drivers.errors import DeviceError
 
 from ._bug import report_bug
-from ._output import warn
+from .output import warn
 
 WRONG_INPUT = (ConfigError, CadError)
 SAID_NO = (CellError, DeviceError, EmulatorError, JournalError, NoPlanError, ResultsError)

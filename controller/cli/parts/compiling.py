@@ -27,11 +27,11 @@ from controller.config import ConfigError, load_cell
 from controller.results.sheet import write_sheet
 from controller.setup.planner import planner_setup
 
-from ._before import check_writable_folder
-from ._output import emit, say, stdout, warn
-from ._plan import print_certificates
-from ._plan_json import certificate_json
-from ._planned_parts import PartFile
+from ..inputs.checks import check_writable_folder
+from ..inputs.part_files import PartFile
+from ..planning.part_plan import print_certificates
+from ..planning.plan_json import certificate_json
+from ..terminal.output import emit, say, stdout, warn
 
 
 def compile_parts(

@@ -16,7 +16,7 @@ from typing import Final
 
 from controller.cell.dispatcher import WORKER_GONE, Dispatcher
 
-from ._output import is_output_gone, warn
+from ..terminal.output import is_output_gone, warn
 
 LOOK_WALL_S: Final = 0.2
 ENDS: Final = {

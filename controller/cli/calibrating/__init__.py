@@ -1,0 +1,1 @@
+"""What the cell must know about itself, measured."""

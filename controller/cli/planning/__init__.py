@@ -1,0 +1,1 @@
+"""Plans, and what is known to be wrong before a run: nothing moves."""

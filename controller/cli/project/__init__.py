@@ -1,0 +1,1 @@
+"""A new project: recipe, cell file, part, script."""

@@ -1,0 +1,1 @@
+"""Stored pictures of the table: what lies there."""
