@@ -28,7 +28,7 @@ from controller.imaging import RayCaster, inverse_pose  # noqa: E402
 from controller.planning import Box, CellLayout, Grasp  # noqa: E402
 from controller.planning.motion import Scene  # noqa: E402
 from controller.planning.views import (  # noqa: E402
-    SightRules,
+    VisibilityRules,
     candidate_directions,
     hidden_by_gripper,
     hold_up,
@@ -74,7 +74,7 @@ def bench(path: Path, layout: CellLayout, grasp_count: int, directions_n: int) -
     solid = load_solid(path)
     samples = sample_surface(solid, 4.0)
     caster = RayCaster(solid.mesh)
-    rules = SightRules.of_station(layout, 70.0, 1.0)
+    rules = VisibilityRules.of_station(layout, 70.0, 1.0)
     at = [clock()]
     base = candidate_directions(solid, directions_n)
     plain = visible_from(solid, samples, caster, base.vectors, rules)

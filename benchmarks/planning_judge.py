@@ -22,7 +22,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit"), str(ROOT / "benchmarks"
 from planning_checker import Moment, follow  # noqa: E402
 from planning_contacts import finger_boxes, frames  # noqa: E402
 from planning_showable import Class, Evidence, Showable  # noqa: E402
-from planning_sight import Seen, SightRules, box_triangles, in_sight  # noqa: E402
+from planning_sight import Seen, VisibilityRules, box_triangles, in_sight  # noqa: E402
 
 from controller.cad import Solid, SurfaceSamples  # noqa: E402
 from controller.planning import (  # noqa: E402
@@ -110,8 +110,8 @@ class Judge:
         options = options or PlanOptions()
         angle, finest = float(np.radians(options.max_incidence_deg)), options.min_px_per_mm
         self.solid, self.samples, self.layout = solid, samples, layout
-        self.at_station = SightRules(angle, finest, layout.inspection_sharp_mm)
-        self.overhead = SightRules(angle, finest, layout.overhead_sharp_mm)
+        self.at_station = VisibilityRules(angle, finest, layout.inspection_sharp_mm)
+        self.overhead = VisibilityRules(angle, finest, layout.overhead_sharp_mm)
         self.weights = samples.areas_mm2 / samples.areas_mm2.sum()
         self.search = Showable(layout, solid, samples, self.at_station)
 

@@ -22,7 +22,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit")]
 from planning_contacts import Checker, finger_boxes, frames, joints_for  # noqa: E402
 from planning_sight import (  # noqa: E402
     LIFT_MM,
-    SightRules,
+    VisibilityRules,
     blocked,
     box_triangles,
     in_sight,
@@ -71,7 +71,7 @@ class Showable:
     layout: CellLayout
     solid: Solid
     samples: SurfaceSamples
-    rules: SightRules
+    rules: VisibilityRules
     directions_n: int = DIRECTIONS_N
     bare: dict[int, Mask] = field(default_factory=dict)
 

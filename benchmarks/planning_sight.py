@@ -38,7 +38,7 @@ _BOX_CORNERS = np.array([[(k >> 2) & 1, (k >> 1) & 1, k & 1] for k in range(8)])
 
 
 @dataclass(frozen=True)
-class SightRules:
+class VisibilityRules:
     """What counts as seen; the planner's own options, handed in as numbers."""
 
     max_incidence_rad: float
@@ -221,7 +221,7 @@ def in_sight(
     normals: Array,
     camera: Camera,
     occluders: Array,
-    rules: SightRules,
+    rules: VisibilityRules,
     doubted: Mask | None = None,
 ) -> Seen:
     """Tell which samples (n, 3) of a part in the world the camera sees among triangles (m, 3, 3).

@@ -37,7 +37,7 @@ class InspectionSection(Section):
     least_gain: float = Field(0.0, ge=0, le=0.1)  # of the surface, that a view must add
 
 
-class GripSection(Section):
+class GraspSection(Section):
     """How the part may be held."""
 
     force_n: float = Field(60.0, ge=20, le=200)
@@ -74,7 +74,7 @@ class Recipe(Section):
     density_g_cm3: float | None = Field(None, gt=0, le=25)
     cell: Path = DEFAULT_CELL
     inspection: InspectionSection = InspectionSection()
-    grasp: GripSection = Field(GripSection(), alias="grip")  # the key in the file
+    grasp: GraspSection = Field(GraspSection(), alias="grip")  # the key in the file
     count: Annotated[int, Field(ge=1, le=100_000)] = 1
 
 

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from controller.cad.compiled import CompiledPart
 from controller.config import Cell, Recipe
-from controller.config.recipe import GripSection, InspectionSection
+from controller.config.recipe import GraspSection, InspectionSection
 from controller.inspection import LEAST_WIDTH_PX
 from controller.planning import CellLayout, PlanOptions
 
@@ -106,7 +106,7 @@ def planner_setup(
     density_g_cm3 : of the command line; the recipe's, the file's, or aluminium's otherwise
     """
     wanted = InspectionSection() if recipe is None else recipe.inspection
-    grasp = GripSection() if recipe is None else recipe.grasp
+    grasp = GraspSection() if recipe is None else recipe.grasp
     said = None if recipe is None else recipe.density_g_cm3
     source: DensityFrom = "assumed"
     if density_g_cm3 is not None:

@@ -106,16 +106,16 @@ class Gripper:
         WrongDeviceError : what answers is no Robotiq 2F
         """
         expected = "expected a Robotiq 2F gripper, which never answers with an exception"
-        remedy = "check slave id and port, or which device is wired there"
+        advice = "check slave id and port, or which device is wired there"
         try:
             status = await self.status()
         except RefusedError as error:
             raise WrongDeviceError(
-                f"{self._talk.unit}: {expected}, found {error}; {remedy}"
+                f"{self._talk.unit}: {expected}, found {error}; {advice}"
             ) from error
         except BadReplyError as error:
             raise WrongDeviceError(
-                f"{self._talk.unit}: expected a Robotiq 2F gripper, found {error}; {remedy}"
+                f"{self._talk.unit}: expected a Robotiq 2F gripper, found {error}; {advice}"
             ) from error
         if self._talk.grasp is None and status.is_activated and status.has_contact:
             self._talk.grasp = judge_grasp(status, status.object, 0.0, self.config)

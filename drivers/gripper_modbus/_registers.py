@@ -58,7 +58,7 @@ class Fault:
 
     kind: FaultClass
     text: str
-    remedy: str
+    advice: str
 
 
 _REACTIVATE: Final = "take the part out if one is held, then activate the gripper again"

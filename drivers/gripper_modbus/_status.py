@@ -105,7 +105,7 @@ class GripperStatus:
     def fault_text(self) -> str:
         """The fault in words, with what to do."""
         fault = fault_of(self.fault)
-        return f"fault {self.fault:02X}, {fault.text}: {fault.remedy}"
+        return f"fault {self.fault:02X}, {fault.text}: {fault.advice}"
 
 
 class GraspEvidence(Enum):

@@ -154,19 +154,19 @@ class CellIo:
         ------
         WrongDeviceError : it is not the expected model, or something that tells none
         """
-        remedy = "check address and unit id, or which device is connected there"
+        advice = "check address and unit id, or which device is connected there"
         try:
             registers = await self._unit.read_input_registers(MODEL_REGISTER, MODEL_COUNT)
         except RefusedError as error:
             raise WrongDeviceError(
-                f"{self._unit}: expected a Moxa {self.config.model}, found {error}; {remedy} "
+                f"{self._unit}: expected a Moxa {self.config.model}, found {error}; {advice} "
                 "(its register map may also have been redefined in its web console)"
             ) from error
         raw = b"".join(register.to_bytes(2, "big") for register in registers)
         model = raw.split(b"\0")[0].decode("ascii", "replace").strip()
         if self.config.model.lower() not in model.lower():
             raise WrongDeviceError(
-                f"{self._unit}: expected a Moxa {self.config.model}, found {model!r}; {remedy}"
+                f"{self._unit}: expected a Moxa {self.config.model}, found {model!r}; {advice}"
             )
         return model
 

@@ -16,7 +16,7 @@ from controller.cad import Solid
 from controller.imaging import RayCaster
 from controller.planning import GraspRules
 from controller.planning.grasps.judge import Judge
-from controller.planning.grasps.robust import laid_flat, margins, wrong_poses
+from controller.planning.grasps.robust import flattened, margins, wrong_poses
 
 OUTER = np.array([False])
 BLOCK = solid_of(box(60, 40, 30))
@@ -66,7 +66,7 @@ def test_pads_closing_on_a_block_turn_it_flat(
     turn = Rotation.from_euler("xyz", [about_x, about_y, about_z], degrees=True).as_matrix()
     T[:3, :3] = turn @ T[:3, :3]
     first = judge.close(T[None], np.array([40.0]), OUTER, judge.coarse, slopes=True)
-    flat = laid_flat(first, OUTER, HAND, judge.coarse)[0]
+    flat = flattened(first, OUTER, HAND, judge.coarse)[0]
     # what is left between the jaws' axis and the walls' normal, within the lattice's step
     left = np.degrees(np.arccos(np.clip(abs(flat[1, 1]), 0, 1)))
     assert left < 0.45
@@ -99,7 +99,7 @@ def test_a_ring_held_across_its_wall_turns_into_the_jaws() -> None:
     judge = judge_of(ring, replace(RULES, wrong_n=0))
     first = judge.close(T[None], np.array([42.0]), OUTER, judge.coarse, slopes=True)
     assert first.offset[0] > 5.0
-    turned = laid_flat(first, OUTER, HAND, judge.coarse)
+    turned = flattened(first, OUTER, HAND, judge.coarse)
     last = judge.close(turned, np.array([42.0]), OUTER, judge.coarse)
     assert last.offset[0] < 1.0
     assert last.area[0] > 1.5 * first.area[0]

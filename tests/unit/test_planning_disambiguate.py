@@ -19,10 +19,10 @@ from controller.planning import (
     PreparedPart,
     Present,
     Reading,
+    identify,
     plan_under_ambiguity,
     prepare_part,
     resting_pose,
-    told,
 )
 
 LAYOUT = emulated_layout()
@@ -107,9 +107,9 @@ def test_the_pictures_of_that_view_tell_which_it_is(plan: Plan, truth: int) -> N
     lit = np.where(backlit < 100, 140, 30).astype(np.uint8)
     opening = view.grasp.opening_mm
     if ambiguity.light == "backlight":
-        assert told(ambiguity, LAYOUT, view.q, opening, backlit, [lit]).left == (truth,)
+        assert identify(ambiguity, LAYOUT, view.q, opening, backlit, [lit]).left == (truth,)
     else:
-        assert truth in told(ambiguity, LAYOUT, view.q, opening, backlit, [lit]).left
+        assert truth in identify(ambiguity, LAYOUT, view.q, opening, backlit, [lit]).left
 
 
 def test_what_no_grip_holds_both_ways_is_refused(left: PreparedPart) -> None:

@@ -242,8 +242,8 @@ def test_pictures_of_a_part_held_a_little_off_leave_only_what_it_is(truth: int, 
     seen = look([*trio, moved(trio[truth], seed)], below)
     predicted = Predicted(seen.roi, seen.pictures[:3], seen.stance)
     differs = compare(seen.pictures[3], predicted, light, (0, 1, 2))
-    told = discriminate(differs, apart(predicted, light), light, (0, 1, 2))
-    assert told.left == (truth,)
+    identify = discriminate(differs, apart(predicted, light), light, (0, 1, 2))
+    assert identify.left == (truth,)
 
 
 def test_a_picture_that_fits_nothing_leaves_nothing_and_one_from_above_leaves_both() -> None:
@@ -255,8 +255,8 @@ def test_a_picture_that_fits_nothing_leaves_nothing_and_one_from_above_leaves_bo
     seen = look([*pair, moved(pair[1], 3)], towards((0, 0, 1)))
     predicted = Predicted(seen.roi, seen.pictures[:2], seen.stance)
     differs = compare(seen.pictures[2], predicted, "front", (0, 1))
-    told = discriminate(differs, apart(predicted, "front"), "front", (0, 1))
-    assert sorted(told.left) == [0, 1]
+    identify = discriminate(differs, apart(predicted, "front"), "front", (0, 1))
+    assert sorted(identify.left) == [0, 1]
 
 
 @pytest.mark.slow
@@ -278,14 +278,14 @@ def test_photographs_under_lamps_say_which_one_is_in_the_hand(truth: int, seed: 
     ring = PointLamp.ring("ring", np.array([350.0, -690, 450]), np.array([0, 1.0, 0]), 60.0, 3)
     side = PointLamp("side", np.array([[-120.0, -620, 820]]))
     measured = measured_picture(predicted, shots.backlit(), [shots.lit(ring), shots.lit(side)])
-    told = discriminate(
+    identify = discriminate(
         compare(measured, predicted, "front", (0, 1, 2)),
         apart(predicted, "front"),
         "front",
         (0, 1, 2),
         edges_shown(predicted),
     )
-    assert told.left == (truth,)
+    assert identify.left == (truth,)
     dark = compare(measured, predicted, "backlight", (0, 1, 2))
     assert (dark[[0, 1, 2]] < RULES.least_area_px).all()  # the outline fits all three
 

@@ -283,7 +283,7 @@ def test_a_bore_deeper_than_its_limit_is_hidden_by_the_part() -> None:
     assert not hidden[(depth > 35.9) & (radial < 3.0)].any()
     for piece in pieces:
         assert re.search(rf"\b{OPTIONS.max_incidence_deg:.0f}\b", piece.reason)
-        assert piece.remedy
+        assert piece.advice
 
 
 @pytest.mark.slow
@@ -313,7 +313,7 @@ def test_what_every_grip_covers_is_hidden_by_the_fingers() -> None:
     flanks = np.abs(n[:, 1]) > 0.99
     covered = {k for u in pieces for k in u.samples if flanks[k]}
     assert covered  # of the two flanks that are held
-    assert any(re.search(r"fingers \d+ mm wide", u.remedy) for u in pieces)
+    assert any(re.search(r"fingers \d+ mm wide", u.advice) for u in pieces)
 
 
 def test_what_only_a_far_grip_shows_is_hidden_for_want_of_grip_strength() -> None:
@@ -326,7 +326,7 @@ def test_what_only_a_far_grip_shows_is_hidden_for_want_of_grip_strength() -> Non
     p = heavy.samples.points_mm
     for piece in pieces:  # the tab over the middle is what holds it
         assert (np.abs(p[list(piece.samples), 0]) < 10.0).all()
-        assert CHANGE.search(piece.remedy)
+        assert CHANGE.search(piece.advice)
     # of a part that weighs next to nothing the far tab is as good
     light = prepared_part(solid, LAYOUT, rules(density_kg_mm3=0.2e-6))
     assert plan_from(light, LAYOUT, start(solid, pose)).covered_fraction > 0.999
@@ -360,7 +360,7 @@ def test_a_camera_above_never_sees_what_the_hand_holds_downwards() -> None:
     for piece in pieces:
         if below[list(piece.samples)].all():
             assert "pitch" in piece.reason
-            assert "camera" in piece.remedy
+            assert "camera" in piece.advice
 
 
 @pytest.mark.slow
@@ -380,7 +380,7 @@ def test_what_the_only_grips_cover_has_no_regrasp_path_without_a_second_gripper(
     assert under.any()
     for piece in pieces:
         assert "fixed gripper" in piece.reason
-        assert piece.remedy
+        assert piece.advice
 
 
 # ---- cells that stand wrongly --------------------------------------------------------------------
@@ -442,7 +442,7 @@ def test_a_part_larger_than_the_picture_is_out_of_it() -> None:
     assert beyond.sum() > 20
     assert set(np.flatnonzero(beyond).tolist()) <= {k for u in pieces for k in u.samples}
     assert all("picture" in u.reason for u in pieces)
-    assert all("camera" in u.remedy for u in pieces)
+    assert all("camera" in u.advice for u in pieces)
 
 
 @pytest.mark.slow

@@ -30,7 +30,7 @@ from planning_contacts import (
 from planning_judge import Judge
 from planning_showable import Class, Showable
 from planning_sight import (
-    SightRules,
+    VisibilityRules,
     blocked,
     box_triangles,
     density_of,
@@ -67,7 +67,7 @@ OPTIONS = replace(PlanOptions().coarse(), arm_grasps_per_pose=4, fixed_grasps=8)
 POSE = stable_poses(SOLID)[0]
 T_START = resting_pose(SOLID, POSE, 350.0, 40.0, 0.7)
 EYE = np.array([0.0, 0.0, 500.0])
-RULES = SightRules(np.radians(70.0), 1.0)
+RULES = VisibilityRules(np.radians(70.0), 1.0)
 DOWN = Camera(
     (1000, 800),
     np.array([[2000.0, 0, 499.5], [0, 2000.0, 399.5], [0, 0, 1]]),
@@ -159,7 +159,7 @@ def test_each_rule_of_sight_is_asked() -> None:
         points: np.ndarray = p,
         normals: np.ndarray = n,
         wall: np.ndarray = nothing,
-        rules: SightRules = RULES,
+        rules: VisibilityRules = RULES,
     ) -> bool:
         return bool(in_sight(points, normals, DOWN, wall, rules).seen[0])
 

@@ -29,7 +29,7 @@ from controller.commissioning.siting.checks.keepouts import (
     why_not_here,
 )
 from controller.commissioning.siting.checks.reach import shown_directions, sphere
-from controller.commissioning.siting.checks.sight import links_in_sight
+from controller.commissioning.siting.checks.visibility import links_in_sight
 from controller.commissioning.siting.report import least_moved
 from controller.commissioning.siting.score import value_of
 from controller.commissioning.siting.search.grids import (

@@ -19,7 +19,7 @@ from controller.planning import Box, Grasp
 from controller.planning.geometry import segments_hit
 from controller.planning.motion import Scene, inverse_rows, tcp_pose
 from controller.planning.views import (
-    SightRules,
+    VisibilityRules,
     even_sphere,
     hidden_by_gripper,
     hold_up,
@@ -34,7 +34,7 @@ from controller.planning.views import (
 from controller.planning.views.gripper import FINGER_SHADOW_MM
 
 LAYOUT = emulated_layout()
-RULES = SightRules.of_station(LAYOUT, 70.0, 1.0)
+RULES = VisibilityRules.of_station(LAYOUT, 70.0, 1.0)
 BLOCK = solid_of(box(60, 40, 24), "block")
 BLOCK_SAMPLES = sample_surface(BLOCK, 6.0)
 CHANNEL = solid_of(box(60, 40, 30) - box(70, 24, 24).translate((0, 0, 8)), "channel")
@@ -60,7 +60,7 @@ def test_a_block_shows_what_angle_pixels_and_depth_of_field_allow(
     limit_deg: float, px_per_mm: float, sharp: tuple[float, float]
 ) -> None:
     layout = replace(LAYOUT, inspection_sharp_mm=sharp)
-    rules = SightRules.of_station(layout, limit_deg, px_per_mm)
+    rules = VisibilityRules.of_station(layout, limit_deg, px_per_mm)
     vectors = even_sphere(40)
     seen = visible_from(BLOCK, BLOCK_SAMPLES, RayCaster(BLOCK.mesh), vectors, rules)
     expected = np.zeros_like(seen)
@@ -87,7 +87,7 @@ def test_with_a_camera_that_looks_past_the_station_depths_hold_for_every_roll() 
         pose_of(R, LAYOUT.inspection.position_mm),
     )
     layout = replace(LAYOUT, inspection=camera)
-    rules = SightRules.of_station(layout, 70.0)
+    rules = VisibilityRules.of_station(layout, 70.0)
     assert rules.tilt_rad == pytest.approx(away)
     vectors = even_sphere(9)
     T, _ = view_poses(BLOCK, layout, vectors)

@@ -118,7 +118,7 @@ def identify(
     opening_mm : of the arm gripper
     backlit, lit : pictures of the view
     """
-    return planning.told(ambiguity, context(job).layout, q, opening_mm, backlit, lit).left
+    return planning.identify(ambiguity, context(job).layout, q, opening_mm, backlit, lit).left
 
 
 def path_home(

@@ -193,9 +193,9 @@ def _print(part: CompiledPart, cell: Cell, kept: KeptPlan, place: Place) -> None
     )
     say(proof_words(plan))
     for u in plan.unseen:
-        remedy = f"; {u.remedy}" if u.remedy else ""
+        advice = f"; {u.advice}" if u.advice else ""
         label = part.solid.faces[u.face_id].label
-        say(f"  {label}: {u.area_fraction:.2%} unseen, {u.reason}{remedy}")
+        say(f"  {label}: {u.area_fraction:.2%} unseen, {u.reason}{advice}")
 
 
 def proof_words(plan: Plan) -> str:

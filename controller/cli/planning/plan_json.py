@@ -58,7 +58,7 @@ def plan_json(
                 "area_fraction": u.area_fraction,
                 "kind": u.kind.value,
                 "reason": u.reason,
-                "remedy": u.remedy,
+                "remedy": u.advice,
             }
             for u in plan.unseen
         ],

@@ -61,9 +61,9 @@ class FamilyMember:
     shown : (base_n, v, n) what the hand leaves in sight
     bits : the same packed eight samples to a byte
     T_view, inside : (v, r, 4, 4), (v, r) of `views.view_poses` in the cell as given
-    lying : stable poses that some grip takes up; the others are hopeless wherever things stand
+    start_poses : stable poses from which some grasp picks, wherever things stand
     from_pose : (p, 2 base_n) which grips clear the table in each, from above
-    odds : (p,) of these poses, adding to 1
+    probabilities : (p,) of these poses, adding to 1
     completes : (base_n, base_n) the second grip shows what the first one hides
     radius_mm : of the ball about the centre of mass that holds the part
     """
@@ -77,9 +77,9 @@ class FamilyMember:
     bits: NDArray[np.uint8]
     T_view: FloatArray
     inside: BoolArray
-    lying: tuple[StablePose, ...]
+    start_poses: tuple[StablePose, ...]
     from_pose: BoolArray
-    odds: FloatArray
+    probabilities: FloatArray
     completes: BoolArray
     picks: Picks
     radius_mm: float
@@ -149,7 +149,7 @@ def family_member(
         dtype=bool,
     ).reshape(len(poses), len(arm_grasps))
     able = np.flatnonzero(from_pose.any(axis=1))
-    odds = np.array([p.probability for p in poses])[able]
+    probabilities = np.array([p.probability for p in poses])[able]
     weights = part.weights
     return FamilyMember(
         prepared=part,
@@ -161,9 +161,9 @@ def family_member(
         bits=np.packbits(shown, axis=2),
         T_view=T_view,
         inside=inside,
-        lying=tuple(poses[k] for k in able.tolist()),
+        start_poses=tuple(poses[k] for k in able.tolist()),
         from_pose=from_pose[able],
-        odds=odds / odds.sum() if len(odds) else odds,
+        probabilities=probabilities / probabilities.sum() if len(probabilities) else probabilities,
         completes=completing(np.asarray(shown.any(axis=1)), weights),
         picks=_picks(layout, solid, [poses[k] for k in able.tolist()], arm_grasps, from_pose[able]),
         radius_mm=float(
@@ -177,7 +177,7 @@ def family_member(
 def _picks(
     layout: CellLayout,
     solid: Solid,
-    lying: Sequence[StablePose],
+    start_poses: Sequence[StablePose],
     grasps: Sequence[Grasp],
     from_pose: BoolArray,
 ) -> Picks:
@@ -187,7 +187,7 @@ def _picks(
     turns = 2 * np.pi * np.arange(PICK_TURNS_N) / PICK_TURNS_N
     rows: list[tuple[IntArray, IntArray, IntArray]] = []
     joints: list[tuple[FloatArray, FloatArray]] = []
-    for p, pose in enumerate(lying):
+    for p, pose in enumerate(start_poses):
         T_rest = np.stack([resting_pose(solid, pose, x, y, t) for x, y in places for t in turns])
         for k in np.flatnonzero(from_pose[p]).tolist():
             T_hold = T_rest @ grasps[k].T_part_tcp

@@ -7,19 +7,26 @@ views whose pictures differ, however the part may sit in the hand, settle it.
 
 from ..model import LIGHTS, Candidate, Light
 from ._difference import difference
+from ._identify import Identification, apart, compare, discriminate, edges_shown
 from ._measured import measured_picture
 from ._offer import offered_views
 from ._pictures import Picture, Stance, predict
 from ._rules import DisambiguationRules
 from ._separate import Model, Predicted, Separations, model_of, predict_view, separations
-from ._settle import DecidingView, Indistinguishable, Settling, cheapest_tree, separating_views
-from ._told import Identification, apart, compare, discriminate, edges_shown
+from ._tree import (
+    DecidingView,
+    DisambiguationTree,
+    Indistinguishable,
+    cheapest_tree,
+    separating_views,
+)
 
 __all__ = [
     "LIGHTS",
     "Candidate",
     "DecidingView",
     "DisambiguationRules",
+    "DisambiguationTree",
     "Identification",
     "Indistinguishable",
     "Light",
@@ -27,7 +34,6 @@ __all__ = [
     "Picture",
     "Predicted",
     "Separations",
-    "Settling",
     "Stance",
     "apart",
     "cheapest_tree",

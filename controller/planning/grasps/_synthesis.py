@@ -104,7 +104,7 @@ def _refusal(
             f"{width:.1f} mm apart; fit a wider jaw or other fingers"
         )
     tallies = "; ".join(s.phrase for s in stages[: stages.index(last) + 1])
-    told = f"grasps left by each requirement: {tallies}"
+    summary = f"grasps left by each requirement: {tallies}"
     if last.name == "little enough weight" or (
         last.name.endswith("strong enough") and need <= have
     ):
@@ -112,14 +112,14 @@ def _refusal(
         return (
             f"{name}, grasp strength: {mass_kg:.2f} kg between pads of {jaw.force_n:.0f} N and "
             f"friction {rules.friction:g} use {last.best:.2f} of the friction limit at best, "
-            f"{last.limit:g} is allowed; press harder or fit pads with more friction; {told}"
+            f"{last.limit:g} is allowed; press harder or fit pads with more friction; {summary}"
         )
     if need > have:
         return (
             f"{name}: its walls lean, opposed friction angle needed {need:.1f} deg, have "
-            f"{have:.1f}; fit pads with more friction, or fingers shaped for it; {told}"
+            f"{have:.1f}; fit pads with more friction, or fingers shaped for it; {summary}"
         )
-    return f"{name}; {told}; fit other fingers or pads"
+    return f"{name}; {summary}; fit other fingers or pads"
 
 
 def judge_grasps(
@@ -159,13 +159,13 @@ def judge_grasps(
         rules,
     )
     tried = tried.take(
-        judge.tally.ask(
+        judge.tally.require(
             "little enough weight", bound, rules.max_load, " of the friction limit", most=True
         )
     )
     able, score, area = _sorted_out(judge, tried, seeds, _picks(judge, tried, tables))
     picks = _picks(judge, able, tables)
-    firm = judge.tally.ask(
+    firm = judge.tally.require(
         "enough contact off the table", area, SORTING_SHARE * rules.min_contact_mm2, " mm2"
     )
     rows = _cover_of(np.flatnonzero(firm), able, score, picks, rules.fine_n, 2 * rules.picks_n)
@@ -310,7 +310,7 @@ def _measured(
     found, inner = found.take(rows), tried.inner[rows]
     margin = margins(judge, found, inner, down)
     sure = np.flatnonzero(
-        judge.tally.ask(f"{prefix}sure", margin, rules.min_margin, " of wrong poses")
+        judge.tally.require(f"{prefix}sure", margin, rules.min_margin, " of wrong poses")
     )
     found, inner = found.take(sure), inner[sure]
     load = judge.load(found, inner, judge.fine)

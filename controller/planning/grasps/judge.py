@@ -54,7 +54,7 @@ class Tally:
         before = self._stages.get(name)
         self._stages[name] = Stage(name, left + (before.left if before else 0))
 
-    def ask(
+    def require(
         self, name: str, values: FloatArray, limit: float, unit: str = "", *, most: bool = False
     ) -> BoolArray:
         """Return which values reach a limit, and remember how many did and the best.
@@ -188,9 +188,9 @@ class Judge:
         rules, tally = self.rules, self.tally
         rows = np.flatnonzero(self.in_width(found, inner))
         tally.count(f"{prefix}touched by both pads", len(rows))
-        good = tally.ask(f"{prefix}enough contact", found.area[rows], contact_mm2, " mm2")
+        good = tally.require(f"{prefix}enough contact", found.area[rows], contact_mm2, " mm2")
         rows = rows[good]
-        good = tally.ask(
+        good = tally.require(
             f"{prefix}contacts opposite",
             found.offset[rows],
             rules.max_offset_mm,
@@ -199,7 +199,7 @@ class Judge:
         )
         rows = rows[good]
         load = self.load(found.take(rows), inner[rows], grid)
-        good = tally.ask(
+        good = tally.require(
             f"{prefix}strong enough", load, rules.max_load, " of the friction limit", most=True
         )
         return np.asarray(rows[good])

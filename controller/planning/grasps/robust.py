@@ -78,7 +78,7 @@ def margins(
     which = np.repeat(np.arange(n), k)
     held = np.zeros(n * k, dtype=bool)
     rows, look = np.arange(n * k), PadGrid.of(jaw, COARSE_STEP_MM)
-    for settle in (laid_flat, laid_flat, slid_home, None):
+    for settle in (flattened, flattened, slid_home, None):
         at = which[rows]
         touched = judge.close(T, found.opening[at], inner[at], look, slopes=settle is not None)
         if look is judge.coarse:
@@ -91,7 +91,7 @@ def margins(
     return np.asarray(held.reshape(n, k).mean(axis=1))
 
 
-def laid_flat(touched: Contacts, inner: BoolArray, jaw: Jaw, grid: PadGrid) -> FloatArray:
+def flattened(touched: Contacts, inner: BoolArray, jaw: Jaw, grid: PadGrid) -> FloatArray:
     """Return T_part_tcp (n, 4, 4) as the closing pads turn the part: until they close no more.
 
     The part turns about the approach and about the pads' third axis as far as that brings the pads
@@ -130,7 +130,7 @@ def slid_home(touched: Contacts, inner: BoolArray, jaw: Jaw, grid: PadGrid) -> F
     Parameters
     ----------
     touched : n contacts, with their gradients
-    inner, jaw, grid : as `laid_flat`; not asked here
+    inner, jaw, grid : as `flattened`; not asked here
     """
     slide = _least_width(touched, -touched.gradient, MOST_SLIDE_MM)
     out = touched.T.copy()

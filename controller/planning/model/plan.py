@@ -194,7 +194,7 @@ class Unseen:
     area_fraction: float
     reason: str
     kind: Reason
-    remedy: str = ""
+    advice: str = ""
     samples: tuple[int, ...] = ()
 
 

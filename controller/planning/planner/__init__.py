@@ -1,7 +1,7 @@
 """The rooms of planning put together: what is prepared, searched, built, proven, and why not."""
 
 from .certificates import Certificate, certify
-from .disambiguate import Reading, plan_under_ambiguity, told
+from .disambiguate import Reading, identify, plan_under_ambiguity
 from .planner import plan_from, plan_part
 from .prepare import prepare_part, with_grasps, with_rests
 
@@ -9,11 +9,11 @@ __all__ = [
     "Certificate",
     "Reading",
     "certify",
+    "identify",
     "plan_from",
     "plan_part",
     "plan_under_ambiguity",
     "prepare_part",
-    "told",
     "with_grasps",
     "with_rests",
 ]

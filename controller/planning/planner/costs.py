@@ -102,7 +102,7 @@ def first_seconds(
 
 
 def take_seconds(
-    part: PreparedPart, layout: CellLayout, q: FloatArray, support: RegraspSite
+    part: PreparedPart, layout: CellLayout, q: FloatArray, site: RegraspSite
 ) -> FloatArray:
     """Return the cost of taking the part from what holds it now, with each grasp (g,) [s].
 
@@ -111,10 +111,10 @@ def take_seconds(
     part : prepared
     layout : the cell
     q : (6,) where the arm stands
-    support : the fixed gripper's grasp, or the table; inf for grasps that do not meet it
+    site : the fixed gripper's grasp, or the table; inf for grasps that do not meet it
     """
     seconds = np.full(len(part.arm_grasps), np.inf)
-    for g, way in support.paths.items():
+    for g, way in site.paths.items():
         seconds[g] = (
             move_seconds(layout, [q, *way.retreat[::-1]])
             + move_seconds(layout, [*way.entry[::-1], part.home_q[g]])
@@ -124,21 +124,21 @@ def take_seconds(
     return seconds
 
 
-def regrasp_seconds(part: PreparedPart, layout: CellLayout, support: RegraspSite) -> FloatArray:
+def regrasp_seconds(part: PreparedPart, layout: CellLayout, site: RegraspSite) -> FloatArray:
     """Return the cost of each regrasp (g, g) [s], from row to column, inf where there is none.
 
     Parameters
     ----------
     part : prepared
     layout : the cell
-    support : what holds the part in between: the fixed gripper, or the table
+    site : what holds the part in between: the fixed gripper, or the table
     """
     count = len(part.arm_grasps)
     seconds = np.full((count, count), np.inf)
-    members = np.array(sorted(support.paths))
+    members = np.array(sorted(site.paths))
     if len(members) == 0:
         return seconds
-    paths = [support.paths[int(g)] for g in members]
+    paths = [site.paths[int(g)] for g in members]
     entry = np.stack([w.entry[0] for w in paths])
     away = np.stack([w.retreat[-1] for w in paths])
     straight = np.array(
@@ -152,9 +152,9 @@ def regrasp_seconds(part: PreparedPart, layout: CellLayout, support: RegraspSite
     reach = segment_seconds(layout, part.home_q[members], entry)
     between = segment_seconds(layout, away[:, None], away[None])
     own = np.array([risk_s(part.arm_grasps[int(g)]) for g in members])
-    if support.fixed_grasp_index >= 0:
+    if site.fixed_grasp_index >= 0:
         # either hand closes once and lets go once
-        fixed = cell_times.hand_off_s + risk_s(part.fixed_grasps[support.fixed_grasp_index])
+        fixed = cell_times.hand_off_s + risk_s(part.fixed_grasps[site.fixed_grasp_index])
     else:
         fixed = cell_times.release_s + cell_times.relook_s + cell_times.grasp_s
     total = (reach + straight)[:, None] + between + (straight + reach + own)[None] + fixed

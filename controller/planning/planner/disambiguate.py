@@ -20,8 +20,8 @@ from controller.imaging import RayCaster, inverse_pose
 
 from ..disambiguation import (
     DisambiguationRules,
+    DisambiguationTree,
     Identification,
-    Settling,
     apart,
     compare,
     discriminate,
@@ -96,14 +96,14 @@ def plan_under_ambiguity(
     NoPlanError : as `plan_from`, or no view that can be had tells the readings apart
     """
     failure: NoPlanError | None = None
-    alike: Settling | None = None
+    alike: DisambiguationTree | None = None
     for way in _common_paths(part, layout, start, others, avoid):
         try:
-            found = _settled(part, layout, start, others, way, rng_seed)
+            found = _up_to_deciding_view(part, layout, start, others, way, rng_seed)
         except NoPlanError as error:
             failure = failure or error
             continue
-        if isinstance(found, Settling):
+        if isinstance(found, DisambiguationTree):
             alike = found
             if all(o.solid is part.solid for o in others):
                 break  # one part that looks the same whichever way it lies
@@ -130,7 +130,7 @@ def plan_under_ambiguity(
     )
 
 
-def told(
+def identify(
     ambiguity: Ambiguity,
     layout: CellLayout,
     q: FloatArray,
@@ -239,17 +239,17 @@ def _closed(
     return min(areas), from_mm - sum(depths)
 
 
-def _settled(
+def _up_to_deciding_view(
     part: PreparedPart,
     layout: CellLayout,
     start: OnTable,
     others: Sequence[Reading],
     way: PickPath,
     rng_seed: int,
-) -> tuple[tuple[Step, ...], InArm] | Settling:
+) -> tuple[tuple[Step, ...], InArm] | DisambiguationTree:
     """Return the steps up to the view that tells and how the part is held then.
 
-    A `Settling` without a first view where none of the views with this grip tells.
+    A `DisambiguationTree` without a first view where none of the views with this grip tells.
 
     Raises
     ------
@@ -262,10 +262,10 @@ def _settled(
         *(Candidate.taken(o.name, o.solid, o.T_world_part, T_world_tcp) for o in others),
     ]
     q, seconds = offered_views(candidates, layout, grasp.opening_mm, way.up[-1])
-    settling = separating_views(candidates, layout, q, seconds, grasp.opening_mm)
-    ask = settling.first
-    if ask is None:
-        return settling
+    tree = separating_views(candidates, layout, q, seconds, grasp.opening_mm)
+    first = tree.first
+    if first is None:
+        return tree
     parked = layout.park_q if start.q is None else start.q
     build = Build(parked, np.zeros(len(part.samples.points_mm), dtype=bool))
     try:
@@ -273,7 +273,7 @@ def _settled(
     except RefutedError as error:
         raise error.reason from error
     scene = Scene(layout, grasp.opening_mm, layout.fixed_open_mm, carried_mesh=part.carried(grasp))
-    target = q[ask.view]
+    target = q[first.view]
     what = f"{part.solid.name}: path to the disambiguation view"
     motion = connect(build.q, target, scene, what, rng_seed)
     T_world_part = shown_pose(layout, target, grasp.T_part_tcp)
@@ -283,7 +283,7 @@ def _settled(
     view = Present(
         seconds=move_seconds(layout, [build.q, *motion]) + layout.cell_times.look_s,
         label=f"show with grasp {grasp.id}: {part.solid.name} or {names}?",
-        view_id=f"{grasp.id}-D{ask.view}",
+        view_id=f"{grasp.id}-D{first.view}",
         grasp=grasp,
         motion=motion,
         q=target,
@@ -292,6 +292,6 @@ def _settled(
         seen=np.zeros(len(part.samples.points_mm), dtype=bool),
         square_to=-1,
         expected_opening_mm=grasp.opening_mm,
-        ambiguity=Ambiguity(tuple(candidates), ask.light, ask.margin),
+        ambiguity=Ambiguity(tuple(candidates), first.light, first.margin),
     )
     return (*build.steps, view), InArm(grasp, target)

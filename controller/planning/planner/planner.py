@@ -252,7 +252,7 @@ class _Planner(ABC):
             apart=np.zeros_like(self._done),
             dropped=np.zeros_like(self._done),
         )
-        reason = f"{why[0].reason}; {why[0].remedy}" if why else "no view shows anything"
+        reason = f"{why[0].reason}; {why[0].advice}" if why else "no view shows anything"
         return OutOfReachError(
             f"{part.solid.name}: nothing of it can be shown at {where}: {reason}",
             reach_mm=away,
@@ -278,9 +278,9 @@ class _Planner(ABC):
                 builder.show(build, g, views, None)
                 break
             h = solution.grasps[place + 1]
-            support = self._regrasp(costs, build, g, h, views)
-            if support.fixed_grasp_index >= 0:
-                used.append(part.fixed_grasps[support.fixed_grasp_index])
+            site = self._regrasp(costs, build, g, h, views)
+            if site.fixed_grasp_index >= 0:
+                used.append(part.fixed_grasps[site.fixed_grasp_index])
         trays, home = builder.sort(build, solution.grasps[-1])
         slowest = max(trays[t].seconds + home[t].seconds for t in trays)
         able = part.covered.any(axis=0) | self._done
@@ -342,28 +342,28 @@ class _Planner(ABC):
         for k in by_cost:
             if not np.isfinite(costs.site_s[k, g, h]):
                 break
-            support: RegraspSite = costs.sites[int(k)]
+            site: RegraspSite = costs.sites[int(k)]
             trial = Build(build.q, build.seen.copy(), list(build.steps))
-            self._builder.show(trial, g, views, support.paths[g].entry[0])
+            self._builder.show(trial, g, views, site.paths[g].entry[0])
             try:
-                self._change(trial, support, g, h)
+                self._change(trial, site, g, h)
             except NoMotionError as error:
                 failure = failure or error
                 continue
             build.q, build.seen, build.steps = trial.q, trial.seen, trial.steps
-            return support
+            return site
         assert failure is not None
         raise RefutedError(failure, regrasps=[(g, h)])
 
-    def _change(self, build: Build, support: RegraspSite, g: int, h: int) -> None:
+    def _change(self, build: Build, site: RegraspSite, g: int, h: int) -> None:
         part, builder = self._part, self._builder
-        leave, take = support.paths[g], support.paths[h]
-        if support.fixed_grasp_index >= 0:
-            held = part.fixed_grasps[support.fixed_grasp_index]
+        leave, take = site.paths[g], site.paths[h]
+        if site.fixed_grasp_index >= 0:
+            held = part.fixed_grasps[site.fixed_grasp_index]
             T_part = builder.give(build, g, leave, held)
             builder.receive(build, h, take, held, T_part)
             return
-        rest = part.rests[support.rest]
+        rest = part.rests[site.rest]
         builder.set_down(build, g, leave, rest.T_world_part, rest.pose_index)
         way = PickPath(h, take.retreat[::-1], take.entry[::-1])
         try:

@@ -26,7 +26,14 @@ from ..grasps import (
 from ..model import CellLayout, Grasp, HandOff, NotGraspableError, PlanOptions, PreparedPart
 from ..motion import Scene, segment_seconds
 from ..regrasps import hand_offs, rests, set_downs
-from ..views import SightRules, hidden_by_gripper, hold_up, holding_boxes, look_out, reachable_views
+from ..views import (
+    VisibilityRules,
+    hidden_by_gripper,
+    hold_up,
+    holding_boxes,
+    look_out,
+    reachable_views,
+)
 
 TURNED = "'"  # ends the ids of grips with the hand turned over
 
@@ -81,7 +88,7 @@ def prepare_part(
             )
     fixed_base = [fixed[k] for k in spread(fixed, range(len(fixed)), options.fixed_grasps)]
 
-    rules = SightRules.of_station(layout, options.max_incidence_deg, options.min_px_per_mm)
+    rules = VisibilityRules.of_station(layout, options.max_incidence_deg, options.min_px_per_mm)
     visibility_table = look_out(solid, samples, caster, rules, options.directions_n)
     arm_grasps = (*base, *(turned_over(g) for g in base))
     fixed_grasps = (*fixed_base, *(turned_over(g) for g in fixed_base))
@@ -117,7 +124,7 @@ def with_grasps(part: PreparedPart, layout: CellLayout, grasps: Sequence[Grasp])
     layout : the cell
     grasps : to add, numbered after those there are
     """
-    rules = SightRules.of_station(
+    rules = VisibilityRules.of_station(
         layout, part.options.max_incidence_deg, part.options.min_px_per_mm
     )
     showing = hold_up(part.solid, part.samples, layout, part.directions.vectors)

@@ -43,7 +43,7 @@ class Missing:
     kind: Reason
     mask: BoolArray
     reason: str
-    remedy: str = ""
+    advice: str = ""
 
 
 def unseen_pieces(
@@ -76,22 +76,22 @@ def unseen_pieces(
             share = float(part.weights[piece].sum())
             if share < LEAST_SHARE:
                 continue
-            kind, reason, remedy = missing.kind, missing.reason, missing.remedy
+            kind, reason, advice = missing.kind, missing.reason, missing.advice
             if missing.kind is Reason.HIDDEN_BY_PART:
                 limit = part.options.max_incidence_deg
-                reason, remedy = why_hidden(part.solid, part.visibility_table, piece, limit)
+                reason, advice = why_hidden(part.solid, part.visibility_table, piece, limit)
             elif missing.kind is Reason.FINGERS:
                 weak = weak_grasps(part, layout) if weak is None else weak
                 load = _load_of_a_grip_that_shows(part, layout, piece, weak)
                 if load is None:
-                    reason, remedy = _fingers(part, layout, piece)
+                    reason, advice = _fingers(part, layout, piece)
                 else:
                     kind = Reason.GRASP_STRENGTH
-                    reason, remedy = _too_weak(part, load)
+                    reason, advice = _too_weak(part, load)
             elif missing.kind is Reason.REACH:
-                reason, remedy = _reach(part, layout, piece)
+                reason, advice = _reach(part, layout, piece)
             which = tuple(np.flatnonzero(piece).tolist())
-            found.append(Unseen(int(face_id), share, reason, kind, remedy, which))
+            found.append(Unseen(int(face_id), share, reason, kind, advice, which))
     return tuple(sorted(found, key=lambda u: (-u.area_fraction, u.face_id, u.reason)))
 
 
@@ -116,12 +116,12 @@ def _classes(
     ]
     cut = coverable & ~here & ~seen
     if cut.any():
-        reason, remedy = _no_path(part, layout, cut, lies_in)
-        classes.append(Missing(Reason.NO_REGRASP_PATH, cut, reason, remedy))
+        reason, advice = _no_path(part, layout, cut, lies_in)
+        classes.append(Missing(Reason.NO_REGRASP_PATH, cut, reason, advice))
     split = here & apart & ~seen
     if split.any():
-        reason, remedy = _no_path(part, layout, split, lies_in)
-        classes.append(Missing(Reason.NO_REGRASP_PATH, split, reason, remedy))
+        reason, advice = _no_path(part, layout, split, lies_in)
+        classes.append(Missing(Reason.NO_REGRASP_PATH, split, reason, advice))
     rest = here & ~seen & ~apart
     if rest.any():
         classes.append(_left_out(part, rest, dropped))
@@ -318,32 +318,32 @@ def _no_path(
     others = [
         p.index for p in part.poses if p.index != lies_in and _starts(part, layout, p.index, wanted)
     ]
-    remedy = ""
+    advice = ""
     if others:
         poses = ", ".join(str(p) for p in others)
-        remedy = f"put the part down in stable pose {poses}"
+        advice = f"put the part down in stable pose {poses}"
     if layout.fixed_gripper is None:
         return (
             f"no regrasp path from here to a grasp that shows it ({names}): the cell has no fixed "
             "gripper, and no pose on the table leads on",
-            remedy or "a second gripper",
+            advice or "a second gripper",
         )
     if not part.fixed_grasps:
         return (
             f"no regrasp path from here to a grasp that shows it ({names}): the fixed gripper "
             "finds nothing to hold the part by while the arm gripper releases it",
-            remedy or "other jaws for the fixed gripper",
+            advice or "other jaws for the fixed gripper",
         )
     if not any(part.hand_offs):
         return (
             f"no regrasp path from here to a grasp that shows it ({names}): the arm cannot bring "
             "the part to the fixed gripper where it stands",
-            remedy or "move the fixed gripper into the arm's reach",
+            advice or "move the fixed gripper into the arm's reach",
         )
     return (
         f"no regrasp path from here to a grasp that shows it ({names}): no hand-off and no pose on "
         "the table joins them",
-        remedy or "turn the fixed gripper",
+        advice or "turn the fixed gripper",
     )
 
 

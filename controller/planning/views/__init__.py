@@ -8,7 +8,7 @@ from ._directions import candidate_directions, even_sphere, look_out
 from ._hidden import why_hidden
 from ._poses import Showing, hold_up, view_poses
 from ._reach import GraspViews, reachable_views
-from ._rules import SightRules, in_picture
+from ._rules import VisibilityRules, in_picture
 from ._table import table_views
 from ._visible import visible_from
 from .gripper import hidden_by_gripper, holding_boxes
@@ -17,7 +17,7 @@ __all__ = [
     "Directions",
     "GraspViews",
     "Showing",
-    "SightRules",
+    "VisibilityRules",
     "VisibilityTable",
     "candidate_directions",
     "even_sphere",

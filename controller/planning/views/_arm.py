@@ -24,7 +24,7 @@ _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SightCone:
+class ViewCone:
     """Holds every line from the camera to a part of some radius about the station.
 
     Attributes
@@ -36,7 +36,7 @@ class SightCone:
     half_mm: FloatArray
 
     @classmethod
-    def of_station(cls, layout: CellLayout, radius_mm: float) -> SightCone:
+    def of_station(cls, layout: CellLayout, radius_mm: float) -> ViewCone:
         """Return the cone of the inspection camera to a ball about the station."""
         eye = layout.inspection.position_mm
         along = layout.station_mm - eye
@@ -113,7 +113,7 @@ def may_cover(
 
 
 def standing_between(
-    layout: CellLayout, statics: list[tuple[str, Box]], cone: SightCone
+    layout: CellLayout, statics: list[tuple[str, Box]], cone: ViewCone
 ) -> list[Box]:
     """Return the fixed boxes in the cone, but for the one the camera itself is in.
 

@@ -14,14 +14,14 @@ from controller.cad import Solid, SurfaceSamples
 from controller.imaging import RayCaster
 
 from ..model import Directions, VisibilityTable
-from ._rules import SightRules
+from ._rules import VisibilityRules
 from ._visible import (
     LIFT_MM,
     chunks,
     cosines,
     eyes_of,
     first_met,
-    free_sights,
+    free_sight_lines,
     visible_from,
 )
 
@@ -75,7 +75,7 @@ def look_out(
     solid: Solid,
     samples: SurfaceSamples,
     caster: RayCaster,
-    rules: SightRules,
+    rules: VisibilityRules,
     count: int = SPHERE_N,
 ) -> VisibilityTable:
     """Return candidate directions with what they show, hard spots looked for on purpose.
@@ -148,7 +148,7 @@ def _search(
     solid: Solid,
     samples: SurfaceSamples,
     caster: RayCaster,
-    rules: SightRules,
+    rules: VisibilityRules,
     known: FloatArray,
     bare: BoolArray,
 ) -> _Search:
@@ -166,7 +166,7 @@ def _search(
         cosine = cosines(samples, eyes)
         depth = rules.depth_bounds_mm(from_com, vectors[rows])
         good = rules.shows(cosine, depth)
-        free = free_sights(samples, caster, good | (bare & (cosine > 0.0)), eyes)
+        free = free_sight_lines(samples, caster, good | (bare & (cosine > 0.0)), eyes)
         shows[rows] = free & good
         best = np.maximum(best, np.where(free, cosine, 0.0).max(axis=0))
         allowed = free & rules.is_square_enough(cosine)
@@ -197,7 +197,7 @@ def _chosen(shows: BoolArray, short: IntArray, bare: BoolArray, most: int) -> li
     return chosen
 
 
-def _straight_at(solid: Solid, samples: SurfaceSamples, rules: SightRules) -> FloatArray:
+def _straight_at(solid: Solid, samples: SurfaceSamples, rules: VisibilityRules) -> FloatArray:
     """Return the directions from which the camera looks straight at samples, alike ones once."""
     eyes = _eye_along(solid, samples.points_mm, samples.normals, rules)
     d = (eyes - solid.centroid_mm) / rules.distance_mm
@@ -209,7 +209,7 @@ def _straight_at(solid: Solid, samples: SurfaceSamples, rules: SightRules) -> Fl
 
 
 def _eye_along(
-    solid: Solid, points: FloatArray, along: FloatArray, rules: SightRules
+    solid: Solid, points: FloatArray, along: FloatArray, rules: VisibilityRules
 ) -> FloatArray:
     """Return where lines from points (n, 3) meet the sphere the camera can stand on (n, 3)."""
     offset = points - solid.centroid_mm

@@ -12,7 +12,7 @@ from controller.cad import Solid, SurfaceSamples
 from controller.imaging import Camera
 
 from ..model import CellLayout
-from ._arm import SightCone, seen_extent
+from ._arm import ViewCone, seen_extent
 from ._directions import even_sphere
 from ._rules import in_picture
 
@@ -37,7 +37,7 @@ class Showing:
     T_world_part: FloatArray
     inside: BoolArray
     partly: Mapping[int, BoolArray]
-    cone: SightCone
+    cone: ViewCone
     extent: FloatArray
 
 
@@ -127,7 +127,7 @@ def hold_up(
         partly[int(v)] = in_picture(layout.inspection, points + T[v, :, None, :3, 3])
     radius = float(np.linalg.norm(solid.mesh.vertices - solid.centroid_mm, axis=1).max())
     return Showing(
-        T, inside, partly, SightCone.of_station(layout, radius), _extent(samples, layout, T)
+        T, inside, partly, ViewCone.of_station(layout, radius), _extent(samples, layout, T)
     )
 
 

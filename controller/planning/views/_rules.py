@@ -16,7 +16,7 @@ PICTURE_MARGIN_PX = 12.0  # nearer to the border the hold's millimetre may carry
 
 
 @dataclass(frozen=True, slots=True)
-class SightRules:
+class VisibilityRules:
     """How the camera stands to the station, and what it asks of a surface (planning-facts.md 1.3).
 
     Attributes

@@ -9,7 +9,7 @@ from controller.cad import SurfaceSamples
 from controller.imaging import Camera, RayCaster, inverse_pose, transform
 
 from ._rules import in_picture
-from ._visible import cosines, free_sights
+from ._visible import cosines, free_sight_lines
 
 
 def table_views(
@@ -46,5 +46,5 @@ def table_views(
         good &= focal_px * cosine >= min_px_per_mm * depth
         good &= (depth >= sharp_mm[0]) & (depth <= sharp_mm[1])
         good &= in_picture(camera, points)
-        shown[k] = free_sights(samples, caster, good[None], eye[None])[0]
+        shown[k] = free_sight_lines(samples, caster, good[None], eye[None])[0]
     return shown

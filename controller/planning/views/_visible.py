@@ -8,7 +8,7 @@ from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import Solid, SurfaceSamples
 from controller.imaging import RayCaster
 
-from ._rules import SightRules
+from ._rules import VisibilityRules
 
 LIFT_MM = 0.02  # sight lines start this far off the surface, or they would meet it
 # rays that pass exactly between two triangles may meet neither, and a face behind would look
@@ -17,7 +17,7 @@ JITTER_MM = 0.03
 CHUNK_N = 200_000
 
 
-def eyes_of(solid: Solid, vectors: FloatArray, rules: SightRules) -> FloatArray:
+def eyes_of(solid: Solid, vectors: FloatArray, rules: VisibilityRules) -> FloatArray:
     """Return where the camera stands for each direction (v, 3) [mm, CAD frame].
 
     Parameters
@@ -34,7 +34,7 @@ def visible_from(
     samples: SurfaceSamples,
     caster: RayCaster,
     vectors: FloatArray,
-    rules: SightRules,
+    rules: VisibilityRules,
 ) -> BoolArray:
     """Return which samples the bare part shows well enough in each direction: (v, n) bool.
 
@@ -54,7 +54,7 @@ def visible_from(
     for rows in chunks(len(vectors), len(samples.points_mm)):
         eyes = eyes_of(solid, vectors[rows], rules)
         good = rules.shows(cosines(samples, eyes), rules.depth_bounds_mm(from_com, vectors[rows]))
-        visible[rows] = free_sights(samples, caster, good, eyes)
+        visible[rows] = free_sight_lines(samples, caster, good, eyes)
     return visible
 
 
@@ -72,7 +72,7 @@ def cosines(samples: SurfaceSamples, eyes: FloatArray) -> FloatArray:
     return np.asarray(ahead / np.sqrt(square + np.einsum("ij,ij->i", p, p)))
 
 
-def free_sights(
+def free_sight_lines(
     samples: SurfaceSamples, caster: RayCaster, asked: BoolArray, eyes: FloatArray
 ) -> BoolArray:
     """Return which samples see an eye past the part itself (v, n).

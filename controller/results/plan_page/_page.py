@@ -52,7 +52,7 @@ class ReasonRow:
     share: float
     kind: str
     reason: str
-    remedy: str
+    advice: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,7 +112,7 @@ def reason_rows(solid: Solid, plan: Plan) -> tuple[ReasonRow, ...]:
             share=u.area_fraction,
             kind=u.kind.value,
             reason=u.reason,
-            remedy=u.remedy,
+            advice=u.advice,
         )
         for u in plan.unseen
     )

@@ -42,7 +42,7 @@ def forecast(
     nan = float("nan")
     if not len(by_pose) or not by_pose.any():
         return nan, nan
-    start = by_pose[int(np.argmax(member.odds))]
+    start = by_pose[int(np.argmax(member.probabilities))]
     if not start.any():
         start = by_pose.any(axis=0)
     weights = member.weights

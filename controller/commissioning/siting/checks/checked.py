@@ -18,7 +18,7 @@ from ..score import PartScore, SiteScore, value_of
 from ..site import Fellows, Site, carried, placed_at
 from ._seconds import forecast
 from .reach import covered_bits, hand_off_shares, shown_share
-from .sight import links_in_sight
+from .visibility import links_in_sight
 
 TRIED_Q = 5  # configurations per grip and direction that get a collision check
 PICK_MARGIN_MM = 2.0  # an empty hand creeping down to the part
@@ -109,7 +109,7 @@ def _first_free(
 def free_picks(site_layout: CellLayout, member: FamilyMember) -> BoolArray:
     """Return which grips take the part up where: (p poses, places, 2 base_n) bool."""
     picks = member.picks
-    found = np.zeros((len(member.lying), picks.places_n, len(member.arm_grasps)), dtype=bool)
+    found = np.zeros((len(member.start_poses), picks.places_n, len(member.arm_grasps)), dtype=bool)
     if len(picks.q_hold) == 0:
         return found
     # with the hand wide open: a grip that needs it narrower by a pose's place is not lost by that
@@ -233,12 +233,14 @@ def _score_part(here: CellLayout, member: FamilyMember, move: FloatArray) -> Par
         name=member.name,
         showable=member.showable,
         joints_allow=shown_share(member, shows.reached),
-        shown=float(shown @ member.odds) if len(shown) else 0.0,
+        shown=float(shown @ member.probabilities) if len(shown) else 0.0,
         shown_worst=float(shown.min()) if len(shown) else 0.0,
         views_share=float((shows.views & worth).sum() / max(worth.sum(), 1)),
         partners_share=partners,
         hand_offs_share=joined,
-        picks_share=float(picks.any(axis=2).mean(axis=1) @ member.odds) if len(picks) else 0.0,
+        picks_share=float(picks.any(axis=2).mean(axis=1) @ member.probabilities)
+        if len(picks)
+        else 0.0,
         view_s=view_s,
         regrasp_s=regrasp_s,
     )

@@ -18,7 +18,7 @@ TRAY_GAP_MM = 20.0
 COLUMN_GAP_MM = 20.0
 GAP_MM = 5.0  # between things bolted down
 ABOVE_TABLE_MM = 0.0
-SIGHT_STEPS_N = 5  # points a side of what a camera has to see
+GRID_SIDE_COUNT = 5  # points a side of what a camera has to see
 BEYOND = (
     1.45  # of the standoff: how deep behind the camera the picture stays free, the panel's place
 )
@@ -154,7 +154,7 @@ def _over_the_table(
     posts: Sequence[tuple[str, Box]],
     hanging: Sequence[tuple[str, Box]],
 ) -> str | None:
-    share = np.linspace(0.0, 1.0, SIGHT_STEPS_N)
+    share = np.linspace(0.0, 1.0, GRID_SIDE_COUNT)
     on_table = np.array(
         [
             [area[0, 0] + a * (area[0, 1] - area[0, 0]), area[1, 0] + b * np.ptp(area[1]), 0.5]
@@ -172,7 +172,7 @@ def _over_the_table(
 def _in_the_picture(
     layout: CellLayout, fellows: Fellows, hanging: Sequence[tuple[str, Box]]
 ) -> str | None:
-    share = np.linspace(0.0, 1.0, SIGHT_STEPS_N)
+    share = np.linspace(0.0, 1.0, GRID_SIDE_COUNT)
     camera = layout.inspection
     width, height = camera.size_px
     pixels = np.array([[a * (width - 1), b * (height - 1)] for a in share for b in share])

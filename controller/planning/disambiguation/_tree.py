@@ -70,7 +70,7 @@ class Indistinguishable:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Settling:
+class DisambiguationTree:
     """What to look at to know which candidate it is.
 
     Attributes
@@ -94,7 +94,7 @@ def separating_views(
     seconds: FloatArray,
     opening_mm: float,
     rules: DisambiguationRules | None = None,
-) -> Settling:
+) -> DisambiguationTree:
     """Return the views that part all candidates that can be parted, the cheapest in the worst case.
 
     Parameters
@@ -116,7 +116,7 @@ def separating_views(
         reason = why_alike(a, b, layout, q, opening_mm, margin)
         indistinguishable.append(Indistinguishable((i, j), margin, reason))
     first, worst_s = cheapest_tree(len(candidates), found, seconds)
-    return Settling(first, worst_s, tuple(indistinguishable), found)
+    return DisambiguationTree(first, worst_s, tuple(indistinguishable), found)
 
 
 def cheapest_tree(
@@ -194,7 +194,7 @@ def _worth_asking(found: Separations, seconds: FloatArray) -> list[_View]:
     return sorted(kept.values(), key=lambda v: (v.cost_s, v.row, v.light))
 
 
-def _worst_s(ask: DecidingView | None, seconds: FloatArray) -> float:
-    if ask is None:
+def _worst_s(step: DecidingView | None, seconds: FloatArray) -> float:
+    if step is None:
         return 0.0
-    return float(seconds[ask.view]) + max(_worst_s(t, seconds) for t in ask.then)
+    return float(seconds[step.view]) + max(_worst_s(t, seconds) for t in step.then)
