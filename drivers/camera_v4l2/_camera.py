@@ -10,7 +10,6 @@ import errno
 import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from types import TracebackType
 from typing import Final, ParamSpec, Self, TypeVar
 
 from drivers.clock import REAL_TIME, CellClock
@@ -77,12 +76,7 @@ class Camera:
         await self.connect()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self.close()
 
     async def connect(self) -> None:

@@ -10,7 +10,6 @@ import asyncio
 import logging
 import math
 from collections.abc import AsyncIterator, Callable, Mapping
-from types import TracebackType
 from typing import Final, Self
 
 from ..errors import DeviceError, RefusedError, WrongDeviceError
@@ -49,12 +48,7 @@ class Watch(AsyncIterator[Change]):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     async def __anext__(self) -> Change:
@@ -109,12 +103,7 @@ class CellIo:
         await self.connect()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self.aclose()
 
     @property
