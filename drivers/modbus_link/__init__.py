@@ -8,9 +8,8 @@ Source: the reference page modbus_devices.md 8, 9.
 
 from ._address import Address, RtuAddress, RtuOverTcpAddress, TcpAddress
 from ._connection import Trace
-from ._link import ModbusLink
+from ._link import ModbusLink, ModbusUnit
 from ._request import FunctionCode, Request
-from ._unit import ModbusUnit
 
 __all__ = [
     "Address",

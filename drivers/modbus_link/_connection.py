@@ -15,7 +15,7 @@ from pymodbus.pdu import ModbusPDU
 
 from ..clock import CellClock
 from ._address import CONNECT_TIMEOUT_WALL_S, Address, Hooks
-from ._request import Request
+from ._request import FunctionCode, Request
 
 wire_log = logging.getLogger("cellctl.wire.modbus")
 
@@ -120,7 +120,27 @@ class Connection:
             await asyncio.gather(answer, lost, return_exceptions=True)
 
     async def _send(self, request: Request, unit: int) -> ModbusPDU:
-        return await request.send(self._client, unit)  # the call itself may raise, hence in a task
+        """Hand a request to pymodbus; a coroutine, because the call itself may raise."""
+        client, first = self._client, request.address
+        count, values = request.count, request.values
+        match request.function:
+            case FunctionCode.READ_COILS:
+                return await client.read_coils(first, count=count, device_id=unit)
+            case FunctionCode.READ_DISCRETE_INPUTS:
+                return await client.read_discrete_inputs(first, count=count, device_id=unit)
+            case FunctionCode.READ_HOLDING_REGISTERS:
+                return await client.read_holding_registers(first, count=count, device_id=unit)
+            case FunctionCode.READ_INPUT_REGISTERS:
+                return await client.read_input_registers(first, count=count, device_id=unit)
+            case FunctionCode.WRITE_COIL:
+                return await client.write_coil(first, bool(values[0]), device_id=unit)
+            case FunctionCode.WRITE_REGISTER:
+                return await client.write_register(first, values[0], device_id=unit)
+            case FunctionCode.WRITE_COILS:
+                bits = [bool(value) for value in values]
+                return await client.write_coils(first, bits, device_id=unit)
+            case FunctionCode.WRITE_REGISTERS:
+                return await client.write_registers(first, list(values), device_id=unit)
 
     def _on_packet(self, sending: bool, data: bytes) -> bytes:
         if sending:

@@ -5,10 +5,12 @@ device; reads are repeated once, writes never; after a time-out on RTU nothing i
 a harmless read has proved that its answer is not an older one; reconnecting backs off.
 """
 
+from __future__ import annotations
+
 import asyncio
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from types import TracebackType
 from typing import Final, Self
 
 from pymodbus.pdu import ExceptionResponse, ModbusPDU
@@ -18,7 +20,6 @@ from ..errors import BadReplyError, LinkError, RefusedError, ReplyTimeoutError, 
 from ._address import Address, TcpAddress
 from ._connection import Connection, Lost, NoAnswer, Trace
 from ._request import FunctionCode, Request
-from ._unit import ModbusUnit
 
 log = logging.getLogger(__name__)
 
@@ -48,7 +49,7 @@ class _Turn:
 
 
 @dataclass(slots=True)
-class _Unit:
+class _Memory:
     """What the link remembers of one unit."""
 
     ready_at_s: float = 0.0
@@ -83,7 +84,7 @@ class ModbusLink:
         self._reply_timeout_s = reply_timeout_s
         self._trace = trace
         self._lock = asyncio.Lock()
-        self._units: dict[int, _Unit] = {}
+        self._memories: dict[int, _Memory] = {}
         self._connection: Connection | None = None
         self._is_closed = False
         self._was_connected = False
@@ -96,12 +97,7 @@ class ModbusLink:
         await self.connect()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self.aclose()
 
     @property
@@ -193,7 +189,7 @@ class ModbusLink:
     async def _use_line(self, turn: _Turn) -> tuple[int, ...]:
         request, who = turn.request, turn.who
         connection = await self._opened()
-        memory = self._units.setdefault(who.unit, _Unit())
+        memory = self._memories.setdefault(who.unit, _Memory())
         if memory.owed:
             await self._resync(connection, memory, turn)
         reply = await self._ask(connection, request, memory, turn)
@@ -210,7 +206,7 @@ class ModbusLink:
             task.exception()  # seen, even if the caller has left
 
     async def _ask(
-        self, connection: Connection, request: Request, memory: _Unit, turn: _Turn
+        self, connection: Connection, request: Request, memory: _Memory, turn: _Turn
     ) -> ModbusPDU:
         """Return a reply of the right shape, a Modbus exception included."""
         who = turn.who
@@ -243,7 +239,7 @@ class ModbusLink:
             raise _LateReplyError(f"{message}, the late answer to something earlier")
         raise BadReplyError(message)
 
-    async def _resync(self, connection: Connection, memory: _Unit, turn: _Turn) -> None:
+    async def _resync(self, connection: Connection, memory: _Memory, turn: _Turn) -> None:
         """Wait until every answer the unit still owes has come or can no longer be mistaken.
 
         A device answers in the order it was asked. So once a read whose answer looks like none
@@ -278,7 +274,7 @@ class ModbusLink:
             "look for a second master on the line or a gateway that stores requests"
         )
 
-    async def _quiet(self, connection: Connection, memory: _Unit) -> None:
+    async def _quiet(self, connection: Connection, memory: _Memory) -> None:
         """Wait one reply time after a time-out, or until the late reply is in."""
         remaining_s = memory.quiet_until_s - self.clock.now_s()
         if remaining_s <= 0 or connection.late_reply.is_set():
@@ -353,3 +349,78 @@ class ModbusLink:
         if self._connection is not None:
             connection, self._connection = self._connection, None
             await connection.aclose()
+
+
+@dataclass(frozen=True, slots=True)
+class ModbusUnit:
+    """One device on a link: its unit id, its pace, reads and writes in its name.
+
+    Got from `ModbusLink.unit`. Each method raises what `ModbusLink.exchange` raises. Addresses are
+    zero based, as on the wire.
+
+    Attributes
+    ----------
+    link : the line it is on
+    unit : its unit id
+    name : what messages call it
+    spacing_s : least pause between two exchanges [cell s]
+    probes : harmless reads to resynchronise with
+    check : what to check when it is silent
+    """
+
+    link: ModbusLink
+    unit: int
+    name: str
+    spacing_s: float
+    probes: tuple[Request, ...]
+    check: str
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.unit <= 255:
+            raise ValueError(f"{self.name}: unit must be 1..255, not {self.unit}")
+
+    def __str__(self) -> str:
+        return f"{self.name} (unit {self.unit} at {self.link.address})"
+
+    async def read_coils(self, address: int, count: int) -> tuple[bool, ...]:
+        """Read coils (FC01)."""
+        return await self._bits(FunctionCode.READ_COILS, address, count)
+
+    async def read_discrete_inputs(self, address: int, count: int) -> tuple[bool, ...]:
+        """Read discrete inputs (FC02)."""
+        return await self._bits(FunctionCode.READ_DISCRETE_INPUTS, address, count)
+
+    async def read_holding_registers(self, address: int, count: int) -> tuple[int, ...]:
+        """Read holding registers (FC03)."""
+        request = Request(FunctionCode.READ_HOLDING_REGISTERS, address, count)
+        return await self.link.exchange(request, self)
+
+    async def read_input_registers(self, address: int, count: int) -> tuple[int, ...]:
+        """Read input registers (FC04)."""
+        request = Request(FunctionCode.READ_INPUT_REGISTERS, address, count)
+        return await self.link.exchange(request, self)
+
+    async def write_coil(self, address: int, value: bool) -> None:
+        """Write one coil (FC05)."""
+        request = Request(FunctionCode.WRITE_COIL, address, 1, (int(value),))
+        await self.link.exchange(request, self)
+
+    async def write_register(self, address: int, value: int) -> None:
+        """Write one register (FC06)."""
+        request = Request(FunctionCode.WRITE_REGISTER, address, 1, (value,))
+        await self.link.exchange(request, self)
+
+    async def write_coils(self, address: int, values: Sequence[bool]) -> None:
+        """Write several coils in one request (FC15)."""
+        bits = tuple(int(value) for value in values)
+        await self.link.exchange(Request(FunctionCode.WRITE_COILS, address, len(bits), bits), self)
+
+    async def write_registers(self, address: int, values: Sequence[int]) -> None:
+        """Write several registers in one request (FC16)."""
+        words = tuple(values)
+        request = Request(FunctionCode.WRITE_REGISTERS, address, len(words), words)
+        await self.link.exchange(request, self)
+
+    async def _bits(self, function: FunctionCode, address: int, count: int) -> tuple[bool, ...]:
+        bits = await self.link.exchange(Request(function, address, count), self)
+        return tuple(bool(bit) for bit in bits)

@@ -5,11 +5,9 @@ with another function code (modbus_devices.md 8.7). Everything that a reply repe
 is therefore compared.
 """
 
-from collections.abc import Awaitable
 from dataclasses import dataclass
 from enum import IntEnum
 
-from pymodbus.client.base import ModbusBaseClient
 from pymodbus.pdu import ExceptionResponse, ModbusPDU
 
 
@@ -72,27 +70,6 @@ class Request:
     def __str__(self) -> str:
         what = f"{self.function.name.lower()} 0x{self.address:04X}"
         return f"{what} x {self.count}" if self.is_read else f"{what} = {list(self.values)}"
-
-    def send(self, client: ModbusBaseClient, unit: int) -> Awaitable[ModbusPDU]:
-        """Hand it to a client. Raises pymodbus' ``ConnectionException`` when not connected."""
-        match self.function:
-            case FunctionCode.READ_COILS:
-                return client.read_coils(self.address, count=self.count, device_id=unit)
-            case FunctionCode.READ_DISCRETE_INPUTS:
-                return client.read_discrete_inputs(self.address, count=self.count, device_id=unit)
-            case FunctionCode.READ_HOLDING_REGISTERS:
-                return client.read_holding_registers(self.address, count=self.count, device_id=unit)
-            case FunctionCode.READ_INPUT_REGISTERS:
-                return client.read_input_registers(self.address, count=self.count, device_id=unit)
-            case FunctionCode.WRITE_COIL:
-                return client.write_coil(self.address, bool(self.values[0]), device_id=unit)
-            case FunctionCode.WRITE_REGISTER:
-                return client.write_register(self.address, self.values[0], device_id=unit)
-            case FunctionCode.WRITE_COILS:
-                bits = [bool(value) for value in self.values]
-                return client.write_coils(self.address, bits, device_id=unit)
-            case FunctionCode.WRITE_REGISTERS:
-                return client.write_registers(self.address, list(self.values), device_id=unit)
 
     def is_answered_by(self, reply: ModbusPDU) -> bool:
         """Return whether a reply can be the answer: same function, place, size and echo."""
