@@ -5,8 +5,10 @@ standard. Nothing here knows a register map; devices are in `gripper_modbus`, `l
 and `io_modbus`. What lives in time has `advance(dt_s)`, called by the world or by a `Stepper`.
 """
 
-from ._bus import Bus, BusReply, WireFaults
-from ._device import (
+from ._points import COIL_OFF, COIL_ON, Point, PointMap, coil, parse_range, parse_registers
+from ._stepper import Steppable, Stepper
+from .bus import Bus, BusReply, WireFaults
+from .device import (
     GATEWAY_TARGET_SILENT,
     ILLEGAL_ADDRESS,
     ILLEGAL_FUNCTION,
@@ -15,7 +17,7 @@ from ._device import (
     RefusedRequest,
     exception_pdu,
 )
-from ._framing import (
+from .framing import (
     BrokenStreamError,
     MbapFrame,
     MbapReader,
@@ -28,10 +30,7 @@ from ._framing import (
     frame_gap_s,
     request_length,
 )
-from ._points import COIL_OFF, COIL_ON, Point, PointMap, coil, parse_range, parse_registers
-from ._pty import RtuPtyServer
-from ._stepper import Steppable, Stepper
-from ._tcp import RtuOverTcpServer, TcpGateway, TcpServer
+from .servers import RtuOverTcpServer, RtuPtyServer, TcpGateway, TcpServer
 
 __all__ = [
     "COIL_OFF",

@@ -6,8 +6,8 @@ from typing import Final, Protocol
 
 from emulators.clock import WorldClock
 
-from ._bus import Bus, BusReply
-from ._framing import RtuReader, characters_s, encode_rtu, frame_gap_s
+from ..bus import Bus, BusReply
+from ..framing import RtuReader, characters_s, encode_rtu, frame_gap_s
 from ._pace import Pacer
 
 DEFAULT_TURNAROUND_S: Final = (

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from ._device import ModbusDevice, exception_pdu
+from .device import ModbusDevice, exception_pdu
 
 BROADCAST_UNIT = 0
 wire_log = logging.getLogger("emulators.modbus.wire")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from emulators.clock import WorldClock
 
-from ._bus import Bus
+from ..bus import Bus
 from ._rtu_line import DEFAULT_TURNAROUND_S, HangUp, RtuLine
 
 

@@ -6,9 +6,9 @@ from abc import ABC, abstractmethod
 
 from emulators.clock import WorldClock
 
-from ._bus import BROADCAST_UNIT, Bus, BusReply
-from ._device import GATEWAY_TARGET_SILENT, exception_pdu
-from ._framing import (
+from ..bus import BROADCAST_UNIT, Bus, BusReply
+from ..device import GATEWAY_TARGET_SILENT, exception_pdu
+from ..framing import (
     BrokenStreamError,
     MbapFrame,
     MbapReader,
