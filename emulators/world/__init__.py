@@ -10,8 +10,7 @@ from .ground_truth import tray_of, truth
 from .layout import Layout, LayoutError, read_layout
 from .matter.collide import Collision
 from .matter.solid import Solid, load_solid
-from .pictures.picture_worker import Picture, PictureDesk, Studio
-from .pictures.scene import Scene, build_scene
+from .pictures import Picture, PictureDesk, Scene, Studio, build_scene
 
 __all__ = [
     "Collision",

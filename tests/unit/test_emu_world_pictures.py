@@ -14,11 +14,16 @@ from scipy.special import erf
 from emulators.world import Layout, Scene, Solid, Studio, build_scene, read_layout
 from emulators.world.layout import CameraLayout, LampLayout
 from emulators.world.matter.solid import solid_of
-from emulators.world.pictures.edges import Edges
-from emulators.world.pictures.optics import distort, project, undistort
+from emulators.world.pictures.geometry import (
+    Edges,
+    Surface,
+    corner_normals,
+    distort,
+    project,
+    undistort,
+)
 from emulators.world.pictures.picture import Eye, sample_offsets
 from emulators.world.pictures.picture_worker import Order
-from emulators.world.pictures.scene import Surface, corner_normals
 from emulators.world.pictures.sensor import (
     BLACK_GREY,
     ELECTRONS_PER_GREY,

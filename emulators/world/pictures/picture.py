@@ -20,16 +20,34 @@ from numpy.typing import NDArray
 
 from ..layout import Array
 from ..matter.solid import ray_scene
-from ._assembly import Assembly, Mover, without_own_box
-from ._light import Lamps
-from ._reach import Reach, fill
-from ._shadows import CHUNK, LIFT_MM, Shadows, Spots, cast_shadows, chunks, wide_mask
-from .edges import BLOCK_PX, any_in_blocks, fine_blocks, spread
-from .optics import Array32, RayTable, project
-from .scene import PAINTED, Scene
-
-Index = NDArray[np.intp]
-Mask = NDArray[np.bool_]
+from .geometry import (
+    BLOCK_PX,
+    PAINTED,
+    Array32,
+    Assembly,
+    Mover,
+    RayTable,
+    Scene,
+    any_in_blocks,
+    fine_blocks,
+    project,
+    spread,
+    without_own_box,
+)
+from .light import (
+    CHUNK,
+    LIFT_MM,
+    Index,
+    Lamps,
+    Mask,
+    Reach,
+    Shadows,
+    Spots,
+    cast_shadows,
+    chunks,
+    fill,
+    wide_mask,
+)
 
 JUMP: Final = 0.012  # of radiance between neighbours: 2.5 grey at unit level
 STEEP: Final = 0.2  # of radiance between neighbours: a shadow's border of a few pixels

@@ -22,9 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..layout import Array
-from .optics import Array32
+from .geometry import Array32, Scene
 from .picture import Eye
-from .scene import Scene
 from .sensor import Exposure, blurred, develop
 
 log = logging.getLogger(__name__)

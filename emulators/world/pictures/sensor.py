@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .optics import Array32
+from .geometry import Array32
 
 NOMINAL_EXPOSURE_S: Final = 0.010
 GREY_AT_UNIT: Final = 210.0  # of radiance 1 at nominal exposure and gain 1, above black

@@ -5,8 +5,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..layout import Array, CameraLayout
-from ..poses import invert, transform
+from ...layout import Array, CameraLayout
+from ...poses import invert, transform
 
 Array32 = NDArray[np.float32]
 

@@ -11,9 +11,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..layout import Array, Box, CameraLayout, LampLayout, Layout
-from ..matter.grasp import make_gripper
-from ..matter.solid import Solid
+from ...layout import Array, Box, CameraLayout, LampLayout, Layout
+from ...matter.grasp import make_gripper
+from ...matter.solid import Solid
 
 Faces = NDArray[np.int32]
 

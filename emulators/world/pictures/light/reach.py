@@ -10,10 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..layout import Array, CameraLayout
-from ._assembly import Mover
-from ._light import Lamps
-from .optics import project
+from ...layout import Array, CameraLayout
+from ..geometry import Mover, project
+from .lamps import Lamps
 
 Outline = NDArray[np.int32]
 

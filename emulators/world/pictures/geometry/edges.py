@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..layout import Array, CameraLayout
-from ..poses import invert, transform
+from ...layout import Array, CameraLayout
+from ...poses import invert, transform
 from .optics import distort
 from .scene import CREASE_COS, Surface
 

@@ -11,9 +11,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..layout import Array
-from .optics import Array32
-from .scene import Scene, panel_frame
+from ...layout import Array
+from ..geometry import Array32, Scene, panel_frame
 
 PANEL_DROP: Final = 0.10  # darker at the corners by this fraction
 PANEL_SPILL: Final = 0.04  # of a louvred panel's light reaches what stands before it

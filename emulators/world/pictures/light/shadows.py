@@ -12,9 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ._assembly import Assembly
-from ._light import Lamps
-from .optics import Array32
+from ..geometry import Array32, Assembly
+from .lamps import Lamps
 
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
@@ -53,6 +52,7 @@ class Spots:
     moves: Mask
 
     def some(self, which: Index | Mask | slice) -> "Spots":
+        """Return those chosen by number, mask or range."""
         return Spots(*(getattr(self, field.name)[which] for field in fields(self)))
 
 
@@ -101,6 +101,7 @@ class Lit:
         return share.astype(np.float32)
 
     def some(self, which: Index) -> "Lit":
+        """Return the light of the surfaces with these numbers."""
         return Lit(self.unshaded[which], self.light[which])
 
     def update(self, which: Index, better: "Lit") -> None:
@@ -238,6 +239,7 @@ class Shadows:
         return seen
 
     def from_panel(self, lamp: int, spots: Spots) -> Array32:
+        """Return the radiance of surfaces under a panel, (n,); a panel throws no shadow."""
         # its faint spill shows no curvature
         return self._lamps.from_panel(
             lamp, spots.points_mm, spots.flat, spots.views, spots.material, spots.panel
@@ -262,6 +264,7 @@ class Shadows:
 
 
 def chunks(count: int, size: int) -> list[slice]:
+    """Return ranges that cover ``count`` things, at most ``size`` each."""
     return [slice(start, min(count, start + size)) for start in range(0, count, size)]
 
 

@@ -1,0 +1,31 @@
+"""What a camera looks at, and its rays: surfaces with materials, moved into place, and their edges.
+
+Knows no light: `light` does.
+"""
+
+from .assembly import Assembly, Mover, without_own_box
+from .edges import BLOCK_PX, Edges, any_in_blocks, fine_blocks, spread
+from .optics import Array32, RayTable, distort, project, undistort
+from .scene import PAINTED, Scene, Surface, build_scene, corner_normals, panel_frame
+
+__all__ = [
+    "BLOCK_PX",
+    "PAINTED",
+    "Array32",
+    "Assembly",
+    "Edges",
+    "Mover",
+    "RayTable",
+    "Scene",
+    "Surface",
+    "any_in_blocks",
+    "build_scene",
+    "corner_normals",
+    "distort",
+    "fine_blocks",
+    "panel_frame",
+    "project",
+    "spread",
+    "undistort",
+    "without_own_box",
+]
