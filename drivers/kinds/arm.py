@@ -99,7 +99,7 @@ class Arm(Protocol):
         """Move empty jaws to an opening [mm]; return the one reached."""
         ...
 
-    async def jaw_width_mm(self) -> float:
+    async def read_opening_mm(self) -> float:
         """Return the opening of the jaws as it is now [mm]."""
         ...
 

@@ -77,7 +77,7 @@ class Connection:
         self._client.close()
         await asyncio.sleep(0)  # the socket itself is closed by the loop's next turn
 
-    async def ask(
+    async def exchange(
         self, request: Request, unit: int, clock: CellClock, timeout_s: float
     ) -> ModbusPDU:
         """Send a request and return what pymodbus takes for its answer within a time [cell s].

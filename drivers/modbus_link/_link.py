@@ -217,7 +217,7 @@ class ModbusLink:
         if has_no_number:
             memory.owed.append((request, self.clock.now_s()))
         try:
-            reply = await connection.ask(request, who.unit, self.clock, self._reply_timeout_s)
+            reply = await connection.exchange(request, who.unit, self.clock, self._reply_timeout_s)
         except NoAnswer as error:
             raise await self._silence(error.received, request, who) from None
         except Lost:

@@ -8,7 +8,7 @@ listens, one request at a time), `motion` (the motors in counts); beside them, w
 from ..kinds import Arm, Driver, JawReading, NoSettings, Site, Stop
 from ._arm import UmiScara
 from ._session import ArmConfig, ArmIdentity, PowerOffError
-from .line import LineDoubtError, LinkConfig, SerialTransport, Trace, Transport, WireExchange
+from .line import LineUncertainError, LinkConfig, SerialTransport, Trace, Transport, WireExchange
 from .model import (
     ArmGeometry,
     GripperLaw,
@@ -40,7 +40,7 @@ __all__ = [
     "HomingError",
     "Ip",
     "JawReading",
-    "LineDoubtError",
+    "LineUncertainError",
     "LinkBox",
     "LinkConfig",
     "MotionStoppedError",

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..kinds import JawReading
 from ._session import ArmSession, check_speeds
-from .line import Guard, LineDoubtError
+from .line import Guard, LineUncertainError
 from .model import OutOfRangeError, kinematics
 from .model.limits import COUNTS_ORDER, check_limits
 from .motion import (
@@ -217,7 +217,7 @@ class UmiScara(ArmSession):
             self._known[gripper] = (counts, counts)
         return self._config.gripper.width_mm(counts)
 
-    async def jaw_width_mm(self) -> float:
+    async def read_opening_mm(self) -> float:
         """Return the jaw opening [mm] as it is now; raises as `read_counts`."""
         self._require_homed()
         if self._one_motion.locked():
@@ -267,7 +267,7 @@ class UmiScara(ArmSession):
                 bits = await self._axes.status(gripper)
                 counts = await self._axes.read_actual(gripper)
                 went_mm = abs(counts - before) * mm_per_count
-                if went_mm >= abs(by_mm) or bits & c.TROUBLE:
+                if went_mm >= abs(by_mm) or bits & c.FAULT_BITS:
                     break
                 if self._axes.clock.attended_s() > until_s:
                     await self._halt_quietly()
@@ -292,7 +292,7 @@ class UmiScara(ArmSession):
         wanted = {axis: int(counts) for axis, counts in targets.items()}
         try:
             return await self._move_once(wanted, deadline_s, speeds_for, forces)
-        except LineDoubtError as error:
+        except LineUncertainError as error:
             log.warning("the move is begun again: %s", error)
             return await self._move_once(wanted, deadline_s, speeds_for, forces)
 
@@ -373,7 +373,7 @@ class UmiScara(ArmSession):
             still_poll_count = still_poll_count + 1 if counts == before else 0
             before = counts
             if still_poll_count >= _STILL_POLL_COUNT and not bits & StatusBits.MOVING:
-                if bits & c.TROUBLE:
+                if bits & c.FAULT_BITS:
                     return counts
                 why = "rests against nothing (is motor power on?)"
                 break

@@ -16,7 +16,7 @@ from drivers.kinds import Stop
 
 from .line import (
     Guard,
-    LineDoubtError,
+    LineUncertainError,
     Link,
     LinkConfig,
     SerialTransport,
@@ -252,7 +252,7 @@ class ArmSession:
     async def enable_power(self) -> None:
         """Allow motor power on both IPs (`27`, §1.6 step 9): only once people agree to motion."""
         self._require_connected()
-        await self._axes.tell_both(Simple.FREE_OFF)
+        await self._axes.send_both(Simple.FREE_OFF)
         self._is_powered = True
 
     # ---- settings and raw registers ------------------------------------------------------------
@@ -348,7 +348,7 @@ class ArmSession:
             except (
                 MotionStoppedError,
                 AxisStalledError,
-                LineDoubtError,
+                LineUncertainError,
                 SilentLineError,
             ) as error:
                 self._unsettle(error)
@@ -362,7 +362,7 @@ class ArmSession:
         """Trust no register from now on until it has been read."""
         self._is_sure = False
         self._rest_counts.clear()
-        if isinstance(error, LineDoubtError):
+        if isinstance(error, LineUncertainError):
             self._may_be_relabelled = True
             self._may_be_zeroed = self._may_be_zeroed or error.may_have_zeroed
 
@@ -380,7 +380,7 @@ class ArmSession:
         force = self._axes.written(Axis.GRIPPER, Parameter.MAX_FORCE)
         self._axes.forget()
         if self._may_be_relabelled:
-            await self._axes.tell_both(Simple.LOAD_DEFAULTS, guard)
+            await self._axes.send_both(Simple.LOAD_DEFAULTS, guard)
             if force is not None:
                 await self._axes.write(Axis.GRIPPER, Parameter.MAX_FORCE, force, guard)
         counts = await self._read_all()

@@ -193,7 +193,7 @@ async def test_the_arm_picks_a_part_up_over_its_serial_line(cell: Cell) -> None:
         await arm.move_counts(at)
         width_mm = await arm.grasp(40)
         await arm.move_counts(above)
-        assert await arm.jaw_width_mm() == pytest.approx(width_mm, abs=0.2)
+        assert await arm.read_opening_mm() == pytest.approx(width_mm, abs=0.2)
     # a count of the gripper is 0.06 to 0.08 mm wide
     assert width_mm == pytest.approx(40.0, abs=0.2)
     truth = await cell.ask("truth")

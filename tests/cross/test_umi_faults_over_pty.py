@@ -66,7 +66,7 @@ async def homed(cold: ArmBench) -> ArmBench:
 async def no_position_is_reported(bench: ArmBench) -> None:
     """After 0E or 0F nothing may look like a position, whoever asks, and nothing may move."""
     assert not bench.arm.is_homed
-    for ask in (bench.arm.read_counts, bench.arm.read_q, bench.arm.jaw_width_mm):
+    for ask in (bench.arm.read_counts, bench.arm.read_q, bench.arm.read_opening_mm):
         with pytest.raises(PositionLostError):
             await ask()
     before = bench.true_counts()
@@ -275,7 +275,7 @@ async def test_a_reset_that_may_hand_the_line_over_loses_nobody(
 ) -> None:
     """§1.5: `20` may hand over or not; somebody below the verbs sends one."""
     homed.wire.faults.reset_toggles = hands_over
-    await homed.arm._axes.link.ask(ip, b"\x20")
+    await homed.arm._axes.link.exchange(ip, b"\x20")
     with pytest.raises((PositionLostError, BadReplyError)):
         await homed.arm.read_counts()
     identity = await homed.arm.connect()

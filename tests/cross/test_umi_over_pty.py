@@ -329,7 +329,7 @@ async def test_a_part_is_gripped_held_and_its_loss_is_found_by_gripping_again(
     await arm.move_counts(
         {Axis.ZED: -600, Axis.SHOULDER: 200}
     )  # its mark in the status is no stall
-    assert await arm.jaw_width_mm() == pytest.approx(30.0, abs=0.5)
+    assert await arm.read_opening_mm() == pytest.approx(30.0, abs=0.5)
     assert await arm.grasp(force=30) == pytest.approx(30.0, abs=0.5)
     model.grasp_limit_mm = None
     assert await arm.grasp(force=30) == pytest.approx(0.0, abs=0.2)  # near 0: nothing is held

@@ -389,7 +389,7 @@ class Session:
                 )
                 await self._again(lambda: self._move({Axis.SHOULDER: 0, Axis.YAW: 30}))
                 if is_held and self.arm.is_homed:
-                    await self._do("width", set(), self.arm.jaw_width_mm, width_mm=limit_mm)
+                    await self._do("width", set(), self.arm.read_opening_mm, width_mm=limit_mm)
         self.model.grasp_limit_mm = None
         if self.arm.is_homed:
             await self._stopped({Axis.SHOULDER: 900, Axis.WRIST1: -700}, Stop.DEAD, 5)

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from drivers.camera_v4l2 import StampSource
 from drivers.camera_v4l2.capture.selection import (
-    Settling,
+    ExposureChange,
     Stamp,
     default_margin_s,
     earliest_light_s,
@@ -90,7 +90,7 @@ def test_a_count_that_stands_or_restarts_misses_nothing() -> None:
 
 
 def test_settling_counts_only_frames_stamped_after_the_change() -> None:
-    settling = Settling()
+    settling = ExposureChange()
     settling.begin(at_s=5.0, frame_count=2)
     ends = [4.9, 5.1, 5.2, 5.3]
     stamps = [Stamp(end, end, StampSource.END_OF_FRAME) for end in ends]

@@ -190,7 +190,7 @@ class PaperCell:
         self.hand_mm = WIDTH_MM if self.has in ("arm", "both") else 0.0
         return self.hand_mm
 
-    async def jaw_width_mm(self) -> float:
+    async def read_opening_mm(self) -> float:
         return self.hand_mm
 
     async def stop(self, *args: object) -> None:

@@ -562,7 +562,7 @@ async def test_a_restart_in_mid_move_loses_every_position(board: int) -> None:
     for verb in (
         bench.arm.read_counts,
         bench.arm.read_q,
-        bench.arm.jaw_width_mm,
+        bench.arm.read_opening_mm,
         bench.arm.home,
         bench.arm.enable_power,
     ):
@@ -628,7 +628,7 @@ async def test_a_grip_ends_where_the_part_is() -> None:
     bench.wire.motor(1, 4).low = 600  # the part
     assert await bench.arm.grasp(force=30) == pytest.approx(38.9, abs=0.05)  # §5.5, n = 600
     assert bench.wire.motor(1, 4).parameters[10] == 30
-    assert await bench.arm.jaw_width_mm() == pytest.approx(38.9, abs=0.05)
+    assert await bench.arm.read_opening_mm() == pytest.approx(38.9, abs=0.05)
 
 
 async def test_a_grip_on_nothing_is_a_result() -> None:

@@ -19,7 +19,7 @@ from drivers.errors import (
     ReplyTimeoutError,
     WrongDeviceError,
 )
-from drivers.umi_scara import Ip, LineDoubtError, LinkConfig, WireExchange
+from drivers.umi_scara import Ip, LineUncertainError, LinkConfig, WireExchange
 from drivers.umi_scara.line import Link
 from drivers.umi_scara.protocol.codec import Status, Value
 
@@ -50,7 +50,7 @@ class Bench:
         return self
 
     async def value(self, ip: Ip, *frames: bytes) -> int:
-        reply = (await self.link.ask(ip, *frames, repeats=True))[-1]
+        reply = (await self.link.exchange(ip, *frames, repeats=True))[-1]
         assert isinstance(reply, Value)
         return reply.value
 
@@ -134,8 +134,8 @@ async def test_what_was_on_the_line_before_is_discarded() -> None:
 async def test_requests_start_at_least_8_ms_apart_and_go_out_in_one_piece() -> None:
     bench = await Bench().opened()
     for _ in range(5):
-        await bench.link.ask(Ip.ARM, b"\x70\x04\x00", b"\x7a\x1e\x00")
-        await bench.link.ask(Ip.WRIST, b"\x17")
+        await bench.link.exchange(Ip.ARM, b"\x70\x04\x00", b"\x7a\x1e\x00")
+        await bench.link.exchange(Ip.WRIST, b"\x17")
     starts_s = [at_s for at_s, _ in bench.arm.writes]
     gaps_s = [after - before for before, after in pairwise(starts_s)]
     assert min(gaps_s) >= 0.008
@@ -151,7 +151,7 @@ def test_less_than_the_arms_spacing_cannot_be_configured() -> None:
 async def test_one_request_is_in_flight_however_many_ask() -> None:
     bench = await Bench().opened()
     replies = await asyncio.gather(
-        *(bench.link.ask(Ip(number % 2), b"\x17", repeats=True) for number in range(6))
+        *(bench.link.exchange(Ip(number % 2), b"\x17", repeats=True) for number in range(6))
     )
     assert all(isinstance(reply[0], Status) for reply in replies)
     for before, after in pairwise(bench.trace):
@@ -162,10 +162,10 @@ async def test_one_request_is_in_flight_however_many_ask() -> None:
 # ---- handing over ------------------------------------------------------------------------------
 async def test_the_line_changes_hands_only_when_it_must() -> None:
     bench = await Bench().opened()  # IP1 listens
-    await bench.link.ask(Ip.ARM, b"\x10")
-    await bench.link.ask(Ip.ARM, b"\x11")
-    await bench.link.ask(Ip.WRIST, b"\x12")
-    await bench.link.ask(Ip.WRIST, b"\x13")
+    await bench.link.exchange(Ip.ARM, b"\x10")
+    await bench.link.exchange(Ip.ARM, b"\x11")
+    await bench.link.exchange(Ip.WRIST, b"\x12")
+    await bench.link.exchange(Ip.WRIST, b"\x13")
     assert bench.arm.heard == [
         (1, b"\x10"),
         (1, b"\x11"),
@@ -182,7 +182,7 @@ async def test_a_hand_over_whose_reply_is_lost_or_late_is_not_done_twice(
 ) -> None:
     bench = await Bench().opened()
     bench.arm.mishap = once(b"\x29", lambda reply: [] if delay_s is None else [(delay_s, reply)])
-    await bench.link.ask(Ip.WRIST, b"\x12", repeats=True)
+    await bench.link.exchange(Ip.WRIST, b"\x12", repeats=True)
     assert bench.arm.heard[-1] == (0, b"\x12")
     assert bench.link.listening == bench.arm.listening == 0
     # before the line is handed over again, somebody has asked who listens
@@ -195,7 +195,7 @@ async def test_a_hand_over_whose_reply_is_lost_or_late_is_not_done_twice(
 async def test_a_hand_over_whose_answer_reads_as_busy_is_not_sent_again(busy: int) -> None:
     bench = await Bench().opened()
     bench.arm.mishap = once(b"\x29", lambda _: [(0.003, bytes([busy]))])
-    await bench.link.ask(Ip.WRIST, b"\xa4")
+    await bench.link.exchange(Ip.WRIST, b"\xa4")
     assert [data for _, data in bench.arm.heard].count(b"\x29") == 1
     assert bench.arm.heard[-1] == (0, b"\xa4")
 
@@ -215,8 +215,8 @@ async def test_an_acknowledged_hand_over_that_was_none_stops_both_boards_before_
         return request
 
     bench.arm.mangle = mangle
-    with pytest.raises(LineDoubtError, match="both boards were stopped") as doubt:
-        await bench.link.ask(Ip.WRIST, b"\xa4")
+    with pytest.raises(LineUncertainError, match="both boards were stopped") as doubt:
+        await bench.link.exchange(Ip.WRIST, b"\xa4")
     assert doubt.value.may_have_zeroed
     does = [(ip, data) for ip, data in bench.arm.heard if not only_asks(data.hex())]
     assert does[:2] == [(1, became), (1, DEAD_STOP)]
@@ -229,10 +229,10 @@ async def test_a_motion_command_is_proven_to_reach_its_board() -> None:
     """A command that was acknowledged may have handed the line over: `21` and `29`."""
     bench = await Bench().opened()
     bench.arm.listening = 0  # behind the driver's back
-    with pytest.raises(LineDoubtError):
-        await bench.link.ask(Ip.ARM, b"\xa2", proves=True)
+    with pytest.raises(LineUncertainError):
+        await bench.link.exchange(Ip.ARM, b"\xa2", proves=True)
     assert not [data for _, data in bench.arm.heard if data == b"\xa2"]
-    await bench.link.ask(Ip.ARM, b"\xa2", proves=True)
+    await bench.link.exchange(Ip.ARM, b"\xa2", proves=True)
     assert bench.arm.heard[-1] == (1, b"\xa2")
 
 
@@ -275,7 +275,7 @@ async def test_only_reads_are_repeated_unasked() -> None:
     write = (b"\x70\x03\x00", b"\x7a\xe8\x03")
     bench.arm.mishap = once(write[1], lambda _: [])
     with pytest.raises(ReplyTimeoutError):
-        await bench.link.ask(Ip.ARM, *write)
+        await bench.link.exchange(Ip.ARM, *write)
     assert [data for _, data in bench.arm.heard].count(write[1]) == 1
     assert await bench.value(Ip.ARM, b"\x60\x03\x00", b"\x6a") == 1000  # the line is in step
 
@@ -283,8 +283,8 @@ async def test_only_reads_are_repeated_unasked() -> None:
 async def test_a_byte_left_behind_does_not_spoil_the_command_that_follows() -> None:
     bench = await Bench().opened()
     bench.arm.mishap = once(READ_ZED, lambda reply: [(0.003, reply), (0.006, b"\x55")])
-    await bench.link.ask(Ip.ARM, READ_ZED, repeats=True)
-    await bench.link.ask(Ip.ARM, b"\x70\x03\x00", b"\x7a\xe8\x03")
+    await bench.link.exchange(Ip.ARM, READ_ZED, repeats=True)
+    await bench.link.exchange(Ip.ARM, b"\x70\x03\x00", b"\x7a\xe8\x03")
     assert [data for _, data in bench.arm.heard].count(b"\x7a\xe8\x03") == 1
 
 
@@ -300,14 +300,14 @@ async def test_a_line_that_dies_says_what_to_check() -> None:
     bench = await Bench().opened()
     bench.arm.boards[0].mute = bench.arm.boards[1].mute = True
     with pytest.raises(LinkError, match="check power, cable, boards"):
-        await bench.link.ask(Ip.ARM, READ_ZED, repeats=True)
+        await bench.link.exchange(Ip.ARM, READ_ZED, repeats=True)
 
 
 async def test_a_line_that_only_babbles_is_given_up() -> None:
     bench = await Bench().opened()
     bench.arm.mishap = lambda _request, _reply: [(0.003, b"\x9a")]
     with pytest.raises(BadReplyError):
-        await bench.link.ask(Ip.ARM, READ_ZED, repeats=True)
+        await bench.link.exchange(Ip.ARM, READ_ZED, repeats=True)
 
 
 @pytest.mark.parametrize("code", [0x01, 0x02, 0x04])
@@ -336,7 +336,7 @@ async def test_a_refusal_is_not_argued_with_for_ever(code: int) -> None:
     bench = await Bench().opened()
     bench.arm.mishap = lambda _request, _reply: [(0.003, bytes([code]))]
     with pytest.raises((RefusedError, BadReplyError)):
-        await bench.link.ask(Ip.ARM, READ_ZED, repeats=True)
+        await bench.link.exchange(Ip.ARM, READ_ZED, repeats=True)
     assert len(bench.trace) <= 6
 
 
@@ -344,7 +344,7 @@ async def test_a_go_that_is_busy_is_refused_at_once() -> None:
     bench = await Bench().opened()
     bench.arm.boards[1].busy_count = 1
     with pytest.raises(RefusedError) as refusal:
-        await bench.link.ask(Ip.ARM, b"\xa2")
+        await bench.link.exchange(Ip.ARM, b"\xa2")
     assert refusal.value.code == 0x03
     assert len(bench.trace) == 1
 
@@ -355,7 +355,7 @@ async def test_a_restarted_board_is_not_given_go_on_the_way() -> None:
     bench.arm.boards[1].restart()
     for _ in range(2):  # now, and for as long as nobody opens again
         with pytest.raises(PositionLostError):
-            await bench.link.ask(Ip.ARM, b"\x11", repeats=True)
+            await bench.link.exchange(Ip.ARM, b"\x11", repeats=True)
     assert (1, b"\x00") not in bench.arm.heard
     assert await bench.link.open() == {Ip.ARM}
 
@@ -365,7 +365,7 @@ async def test_a_restart_behind_a_lost_byte_is_still_a_restart() -> None:
     bench.arm.mishap = once(READ_ZED, lambda reply: [(0.003, reply[:1])])
     bench.arm.boards[0].restart()  # the resync meets it on the other side of the line
     with pytest.raises(PositionLostError):
-        await bench.link.ask(Ip.ARM, READ_ZED, repeats=True)
+        await bench.link.exchange(Ip.ARM, READ_ZED, repeats=True)
 
 
 # ---- stops -------------------------------------------------------------------------------------
@@ -384,7 +384,7 @@ async def test_a_stop_goes_to_both_boards() -> None:
 
 async def test_a_stop_overtakes_everything_that_waits() -> None:
     bench = await Bench().opened()
-    waiting = [asyncio.create_task(bench.link.ask(Ip.ARM, b"\x11")) for _ in range(4)]
+    waiting = [asyncio.create_task(bench.link.exchange(Ip.ARM, b"\x11")) for _ in range(4)]
     await bench.arm.spoken.wait()
     await bench.link.halt(DEAD_STOP)
     assert stops(bench) == [1, 0]
@@ -414,7 +414,7 @@ async def test_a_stop_gets_through_every_mishap(loss: str) -> None:
 
 async def test_an_exchange_that_is_cancelled_ends_in_step() -> None:
     bench = await Bench().opened()
-    task = asyncio.create_task(bench.link.ask(Ip.ARM, b"\x60\x04\x00", b"\x6a"))
+    task = asyncio.create_task(bench.link.exchange(Ip.ARM, b"\x60\x04\x00", b"\x6a"))
     await bench.arm.spoken.wait()
     task.cancel()
     with pytest.raises(asyncio.CancelledError):
@@ -426,8 +426,8 @@ async def test_an_exchange_that_is_cancelled_ends_in_step() -> None:
 
 async def test_who_is_cancelled_while_waiting_for_the_line_says_nothing() -> None:
     bench = await Bench().opened()
-    first = asyncio.create_task(bench.link.ask(Ip.ARM, b"\x11"))
-    second = asyncio.create_task(bench.link.ask(Ip.ARM, b"\xa2"))
+    first = asyncio.create_task(bench.link.exchange(Ip.ARM, b"\x11"))
+    second = asyncio.create_task(bench.link.exchange(Ip.ARM, b"\xa2"))
     await bench.arm.spoken.wait()
     second.cancel()
     with pytest.raises(asyncio.CancelledError):

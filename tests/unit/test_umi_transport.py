@@ -123,7 +123,7 @@ async def test_a_link_on_a_line_that_hangs_up_says_unplugged(line: Line) -> None
     try:
         line.hang_up()
         with pytest.raises(UnpluggedError):
-            await link.ask(Ip.ARM, b"\x11", repeats=True)
+            await link.exchange(Ip.ARM, b"\x11", repeats=True)
         with pytest.raises(UnpluggedError):
             await link.halt(b"\x24")
     finally:

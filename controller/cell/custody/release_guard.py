@@ -75,7 +75,7 @@ class ReleaseGuard:
                 f"the fixed gripper stays closed: the part is {custody.value}"
             )
         if custody is Custody.IN_BOTH:
-            width = await self._arm.jaw_width_mm()
+            width = await self._arm.read_opening_mm()
             if width < max(NOTHING_MM, gripped_mm - LOST_MM):
                 raise ReleaseRefusedError(
                     f"the fixed gripper stays closed: the arm gripper's jaws stand at "

@@ -156,7 +156,7 @@ class Grippers:
 
     async def openings_mm(self) -> tuple[float, float]:
         """Return how wide the jaws stand: of the arm gripper, of the fixed gripper [mm]."""
-        return await self._arm.jaw_width_mm(), (await self._fixed.status()).width_mm
+        return await self._arm.read_opening_mm(), (await self._fixed.status()).width_mm
 
     @property
     def is_something_in_fixed(self) -> bool:

@@ -36,7 +36,7 @@ from ._negotiate import agree_on_format, agree_on_period, check_kind
 from ._stream import Stream
 from ._types import CameraConfig, CameraIdentity, CameraStats, Frame
 from .selection import (
-    Settling,
+    ExposureChange,
     Stamp,
     StampSource,
     default_margin_s,
@@ -87,7 +87,7 @@ class Capture:
         self._device: Device | None = None
         self._stream: Stream | None = None
         self._caps = abi.Capability("", "", "", 0, 0, 0)
-        self._settling = Settling()
+        self._exposure_change = ExposureChange()
         self._has_restarted = False
         self._last_empty_s = float("-inf")
         self._last_sequence: int | None = None
@@ -158,7 +158,7 @@ class Capture:
             self.settings = lock_controls(device, exposure_s, config.gain, config.white_balance_k)
             self.exposure_s = self._read_exposure()
         if any(setting.has_changed for setting in self.settings):
-            self._settling.begin(self._clock.now_s(), config.settle_frame_count)
+            self._exposure_change.begin(self._clock.now_s(), config.settle_frame_count)
         for setting in self.settings:
             if setting.problem:
                 log.warning("camera %s: %s", device.path, setting.problem)
@@ -193,7 +193,7 @@ class Capture:
                 device, ControlId.EXPOSURE_TIME_ABSOLUTE, exposure_counts(exposure_s)
             )
             if setting.has_changed:
-                self._settling.begin(self._clock.now_s(), self._config.settle_frame_count)
+                self._exposure_change.begin(self._clock.now_s(), self._config.settle_frame_count)
                 self.exposure_s = self._read_exposure()
         self.settings = (
             *(s for s in self.settings if s.control != ControlId.EXPOSURE_TIME_ABSOLUTE),
@@ -234,7 +234,7 @@ class Capture:
         """Return how long a frame may take that is wanted from now on [cell s]."""
         period_s = max(self.period_s, self.exposure_s or 0.0)
         margin_s = self._config.frame_margin_s
-        frames_s = (self._settling.remaining_count + 4) * period_s
+        frames_s = (self._exposure_change.remaining_count + 4) * period_s
         return frames_s + (
             self._exposure_bound_s() + (2 * period_s if margin_s is None else margin_s)
         )
@@ -328,14 +328,14 @@ class Capture:
     def _is_wanted(self, buffer: abi.Buffer, stamp: Stamp, light_s: float, after_s: float) -> bool:
         stats, kind = self.stats, pixel_kind(self.format)
         is_raw = kind is not None and kind.bytes_per_px > 0
-        is_adapting = self._settling.is_adapting(stamp)  # every frame counts, good or not
+        is_adapting = self._exposure_change.is_adapting(stamp)  # every frame counts, good or not
         if buffer.flags & BufFlag.ERROR:
             stats.error_count += 1
         elif buffer.bytesused == 0 or (is_raw and buffer.bytesused != self.format.sizeimage):
             stats.short_count += 1
         elif is_adapting:
             stats.adapting_count += 1
-        elif light_s < max(after_s, self._settling.changed_s):
+        elif light_s < max(after_s, self._exposure_change.changed_s):
             stats.stale_count += 1
         else:
             return True

@@ -110,7 +110,7 @@ def sequence_gap(previous: int, current: int) -> int:
 
 
 @dataclass(slots=True)
-class Settling:
+class ExposureChange:
     """Frames to let pass after a change of exposure: no buffer says which setting it has.
 
     Attributes

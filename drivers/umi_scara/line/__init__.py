@@ -5,7 +5,7 @@ It knows requests and replies, no motor.
 
 from ._link import (
     Guard,
-    LineDoubtError,
+    LineUncertainError,
     Link,
     LinkConfig,
     Trace,
@@ -17,7 +17,7 @@ from ._transport import SerialTransport, Transport
 
 __all__ = [
     "Guard",
-    "LineDoubtError",
+    "LineUncertainError",
     "Link",
     "LinkConfig",
     "SerialTransport",

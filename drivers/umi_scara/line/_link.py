@@ -102,7 +102,7 @@ Trace = Callable[[WireExchange], None]
 Guard = Callable[[], None]
 
 
-class LineDoubtError(DeviceError):
+class LineUncertainError(DeviceError):
     """A request may have reached the arm as another command; both IPs have had a dead stop.
 
     Registers and counters may have changed: they count for nothing until they have been read.
@@ -129,7 +129,7 @@ def breaks_step(error: DeviceError) -> bool:
 
 def _heals(error: DeviceError) -> bool:
     """Return whether asking anew who listens is the way on."""
-    return breaks_step(error) or isinstance(error, LineDoubtError)
+    return breaks_step(error) or isinstance(error, LineUncertainError)
 
 
 def may_be_another_command(request: bytes, received: bytes) -> bool:
@@ -201,7 +201,7 @@ class Link:
         async with self._turns.take():
             return await run_to_end(self._open())
 
-    async def ask(
+    async def exchange(
         self,
         ip: Ip,
         *frames: bytes,
@@ -222,7 +222,7 @@ class Link:
         Raises
         ------
         ReplyTimeoutError, BadReplyError : done or not is unknown; the line is back in step
-        LineDoubtError : something else may have been done; both IPs were stopped
+        LineUncertainError : something else may have been done; both IPs were stopped
         SilentLineError : nothing has come back for `silence_s`
         RefusedError : the IP's own no, with its code (§2.9)
         PositionLostError : an IP has restarted (§1.5)
@@ -230,7 +230,7 @@ class Link:
         """
         async with self._turns.take():
             self._listen_anew()
-            return await run_to_end(self._ask(ip, frames, repeats, guard, proves))
+            return await run_to_end(self._exchange_all(ip, frames, repeats, guard, proves))
 
     async def halt(self, request: bytes, *, verifies: bool = True) -> None:
         """Send a stop to BOTH IPs, ahead of all that waits, whatever state they are in (§2.3).
@@ -300,14 +300,14 @@ class Link:
                 self._trace(WireExchange(started_s, ip, request, reader.data))
 
     async def _judge_stale(self, stale: bytes) -> None:
-        """Raise LineDoubtError if bytes that came unasked tell of a command that nobody sent."""
+        """Raise LineUncertainError if bytes that came unasked report a command nobody sent."""
         self._suspect = stale
         is_owed, self._owes_reply = self._owes_reply, False
         if not is_owed and (len(self._last_request) == 3 or stale[0] == 0x00):
             await self._stop_stray(self._last_request, stale)
 
     async def _stop_stray(self, request: bytes, received: bytes) -> NoReturn:
-        """Dead-stop whoever listens, before anything else is found out; raise LineDoubtError.
+        """Dead-stop whoever listens, before anything else is found out; raise LineUncertainError.
 
         The stop is sent many times, because a byte that is late may still come, take the next two
         for its data and move something by a step (§2.7).
@@ -318,7 +318,7 @@ class Link:
             await self._transport.read(0)
             self._last_start_s = self._clock.now_s()
             self._transport.write(encode_simple(Simple.DEAD_STOP))
-        raise LineDoubtError(
+        raise LineUncertainError(
             f"arm: {received.hex(' ').upper()} came back for {request.hex(' ').upper()}: it may "
             "have reached the arm as another command; both boards were stopped",
             may_have_zeroed=may_be_define_home(request),
@@ -405,7 +405,7 @@ class Link:
 
         Raises
         ------
-        LineDoubtError : acknowledged, and the same IP listens: something else was carried out
+        LineUncertainError : acknowledged, and the same IP listens: something else was carried out
         """
         self._listening = None
         request = encode_simple(Simple.TOGGLE_ONCE)
@@ -546,7 +546,7 @@ class Link:
         log.warning("the line to the arm is back in step, IP%d listens", self._listening)
 
     # ---- transactions --------------------------------------------------------------------------
-    async def _ask(
+    async def _exchange_all(
         self,
         ip: Ip,
         frames: tuple[bytes, ...],
@@ -571,7 +571,7 @@ class Link:
                     self._listening = None
                 if isinstance(error, SilentLineError):
                     await self._halt_blindly(encode_simple(Simple.DEAD_STOP))
-                if isinstance(error, LineDoubtError):
+                if isinstance(error, LineUncertainError):
                     log.warning("in doubt: %s", error)
                     await self._end_doubt()
                     raise
@@ -654,7 +654,7 @@ class Link:
         for _ in range(_ATTEMPT_COUNT):
             until_s = self._clock.attended_s() + limit_s
             while True:
-                replies = await self._ask(ip, (general_status,), repeats=True, guard=None)
+                replies = await self._exchange_all(ip, (general_status,), repeats=True, guard=None)
                 assert isinstance(replies[0], Status)
                 if not replies[0].bits & StatusBits.MOVING:
                     return

@@ -13,7 +13,7 @@ from typing import NoReturn, TypeVar
 from drivers.clock import CellClock
 from drivers.errors import BadReplyError, DeviceError, PositionLostError, RefusedError
 
-from ..line import Guard, LineDoubtError, Link, breaks_step
+from ..line import Guard, LineUncertainError, Link, breaks_step
 from ..protocol import codec
 from ..protocol import constants as c
 from ..protocol.codec import Reply, Status, Value, Version
@@ -67,7 +67,7 @@ class Axes:
         found = {ADDRESSES[axis].ip for axis in axes}
         return sorted(found, key=lambda ip: (ip is not self.link.listening, ip))
 
-    async def _ask(
+    async def _exchange(
         self,
         ip: Ip,
         *frames: bytes,
@@ -76,26 +76,26 @@ class Axes:
         proves: bool = False,
     ) -> Reply:
         try:
-            return (await self.link.ask(ip, *frames, repeats=repeats, guard=guard, proves=proves))[
-                -1
-            ]
+            return (
+                await self.link.exchange(ip, *frames, repeats=repeats, guard=guard, proves=proves)
+            )[-1]
         except PositionLostError:
             self._lose()
             raise
-        except LineDoubtError:
+        except LineUncertainError:
             self._written.clear()
             raise
 
-    async def doubt(self, why: str) -> NoReturn:
-        """Dead-stop both IPs because of what was seen, and raise LineDoubtError.
+    async def halt_uncertain(self, why: str) -> NoReturn:
+        """Dead-stop both IPs because of what was seen, and raise LineUncertainError.
 
         Raises
         ------
-        LineDoubtError : always; both IPs have had a dead stop by then
+        LineUncertainError : always; both IPs have had a dead stop by then
         """
         self._written.clear()
         await self.halt(Simple.DEAD_STOP)
-        raise LineDoubtError(f"arm: {why}; both boards were stopped")
+        raise LineUncertainError(f"arm: {why}; both boards were stopped")
 
     def forget(self) -> None:
         """Take no parameter to be what it was set to."""
@@ -105,7 +105,7 @@ class Axes:
         self._written.clear()  # what a restart does to parameters is unknown (§9.23)
         self._on_position_lost()
 
-    async def tell(self, ip: Ip, request: bytes, guard: Guard | None = None) -> None:
+    async def send(self, ip: Ip, request: bytes, guard: Guard | None = None) -> None:
         """Send a command that says what should be so, and may therefore be said twice.
 
         Not for hand-overs, relative moves and interpolation.
@@ -117,21 +117,21 @@ class Axes:
         guard : called before every request; raises once the motion has been stopped
         """
         try:
-            await self._ask(ip, request, guard=guard)
+            await self._exchange(ip, request, guard=guard)
         except DeviceError as error:
             if not breaks_step(error):
                 raise
             log.warning("said again after %s", error)
-            await self._ask(ip, request, guard=guard)
+            await self._exchange(ip, request, guard=guard)
 
-    async def tell_both(self, command: Simple, guard: Guard | None = None) -> None:
+    async def send_both(self, command: Simple, guard: Guard | None = None) -> None:
         """Send such a command to both IPs, the listening one first."""
         if command is Simple.LOAD_DEFAULTS:
             for axis, parameter in list(self._written):
                 if parameter in c.RELOADED:
                     del self._written[axis, parameter]
         for ip in self.ips():
-            await self.tell(ip, codec.encode_simple(command), guard)
+            await self.send(ip, codec.encode_simple(command), guard)
             await self.expect_rest(ip)
 
     async def expect_rest(self, ip: Ip) -> None:
@@ -140,7 +140,7 @@ class Axes:
         One wrong bit makes a go of it (`22` and `A2`, `24` and `A4`).
         """
         if await self.general_status(ip) & StatusBits.MOVING:
-            await self.doubt(f"IP{ip:d} moves without an order")
+            await self.halt_uncertain(f"IP{ip:d} moves without an order")
 
     async def halt(self, command: Simple, *, verifies: bool = True) -> None:
         """Send a stop to both IPs, ahead of everything else."""
@@ -154,17 +154,17 @@ class Axes:
     async def status(self, axis: Axis) -> StatusBits:
         """Return the status of one controller (§2.8)."""
         ip, ctl = ADDRESSES[axis]
-        reply = await self._ask(ip, codec.encode_controller_status(ctl), repeats=True)
+        reply = await self._exchange(ip, codec.encode_controller_status(ctl), repeats=True)
         return _the(Status, reply).bits
 
     async def general_status(self, ip: Ip) -> StatusBits:
         """Return the status of one IP (§2.8)."""
-        reply = await self._ask(ip, codec.encode_simple(Simple.GENERAL_STATUS), repeats=True)
+        reply = await self._exchange(ip, codec.encode_simple(Simple.GENERAL_STATUS), repeats=True)
         return _the(Status, reply).bits
 
     async def version(self, ip: Ip) -> Version:
         """Return the ROM version of one IP (§2.3)."""
-        reply = await self._ask(ip, codec.encode_simple(Simple.VERSION), repeats=True)
+        reply = await self._exchange(ip, codec.encode_simple(Simple.VERSION), repeats=True)
         return _the(Version, reply)
 
     async def read(self, axis: Axis, parameter: Parameter) -> int:
@@ -174,7 +174,7 @@ class Axes:
             frames: tuple[bytes, ...] = (codec.encode_immediate_read(parameter, ctl),)
         else:
             frames = codec.encode_deferred_read(parameter, ctl)
-        return _the(Value, await self._ask(ip, *frames, repeats=True)).value
+        return _the(Value, await self._exchange(ip, *frames, repeats=True)).value
 
     async def read_actual(self, axis: Axis) -> int:
         """Return where a motor truly is [counts]: CURRENT_POSITION less CP_ERROR (§2.5, nr 15)."""
@@ -219,7 +219,7 @@ class Axes:
         self._written.pop((axis, parameter), None)
         is_acknowledged = True
         try:
-            await self._ask(ip, *frames, guard=guard)
+            await self._exchange(ip, *frames, guard=guard)
         except DeviceError as error:
             if not breaks_step(error):
                 raise
@@ -227,10 +227,14 @@ class Axes:
         # the checksum protects the value alone, neither the parameter nor the motor (§2.2)
         if await self._differs(axis, parameter, value):
             if is_acknowledged:
-                await self.doubt(f"what was written for {axis.name.lower()} went elsewhere")
-            await self._ask(ip, *frames, guard=guard)
+                await self.halt_uncertain(
+                    f"what was written for {axis.name.lower()} went elsewhere"
+                )
+            await self._exchange(ip, *frames, guard=guard)
             if await self._differs(axis, parameter, value):
-                await self.doubt(f"{parameter.name} of {axis.name.lower()} does not take {value}")
+                await self.halt_uncertain(
+                    f"{parameter.name} of {axis.name.lower()} does not take {value}"
+                )
         self._written[axis, parameter] = value
 
     async def _differs(self, axis: Axis, parameter: Parameter, value: int) -> bool:
@@ -250,12 +254,12 @@ class Axes:
         guard : called before every request; raises once the motion has been stopped
         """
         ip, ctl = ADDRESSES[axis]
-        await self.tell(ip, codec.encode_immediate_write(ctl, counts), guard)
+        await self.send(ip, codec.encode_immediate_write(ctl, counts), guard)
 
     async def set_mode(self, axis: Axis, mode: Mode) -> None:
         """Put a controller into a mode (§2.4)."""
         ip, ctl = ADDRESSES[axis]
-        await self.tell(ip, codec.encode_mode(mode, ctl))
+        await self.send(ip, codec.encode_mode(mode, ctl))
 
     # ---- motion --------------------------------------------------------------------------------
     async def manual_go(
@@ -273,7 +277,7 @@ class Axes:
         request = codec.encode_manual_go(by_ctl)
         for _ in range(2):
             try:
-                await self._ask(ip, request, guard=guard, proves=True)
+                await self._exchange(ip, request, guard=guard, proves=True)
                 break
             except DeviceError as error:
                 if not breaks_step(error):
@@ -286,15 +290,15 @@ class Axes:
             return
         # what is asked first: a go that was not heard as one may have nudged others (§2.7)
         for axis in drives:
-            if not await self.status(axis) & (StatusBits.MOVING | c.TROUBLE):
+            if not await self.status(axis) & (StatusBits.MOVING | c.FAULT_BITS):
                 if guard is not None:
                     guard()
-                await self.doubt(f"{axis.name.lower()} was sent off and stands still")
+                await self.halt_uncertain(f"{axis.name.lower()} was sent off and stands still")
         for axis in _FASTEST_FIRST:
             if ADDRESSES[axis].ip is not ip or axis in drives:
                 continue
             if await self.status(axis) & StatusBits.MOVING:
-                await self.doubt(f"{axis.name.lower()} moves without an order")
+                await self.halt_uncertain(f"{axis.name.lower()} moves without an order")
 
     async def numeric_go(self, ip: Ip, axes: Iterable[Axis], guard: Guard) -> None:
         """Start motors of one IP towards their NEW_POSITION (§2.7).
@@ -321,7 +325,7 @@ class Axes:
         until_s = self.deadline_s(BUSY_LIMIT_S)
         while True:
             try:
-                await self._ask(ip, request, guard=guard, proves=True)
+                await self._exchange(ip, request, guard=guard, proves=True)
                 return
             except RefusedError as error:
                 if error.code == c.AXIS_BUSY:
@@ -341,12 +345,14 @@ class Axes:
                     raise
             if self.clock.attended_s() > until_s:
                 raise BadReplyError("arm: no go gets through")
-            if await self._any(started, StatusBits.MOVING | c.TROUBLE):
+            if await self._any(started, StatusBits.MOVING | c.FAULT_BITS):
                 return
 
     async def prove(self, ip: Ip) -> None:
         """Make sure that it is this IP that answers."""
-        await self._ask(ip, codec.encode_simple(Simple.GENERAL_STATUS), repeats=True, proves=True)
+        await self._exchange(
+            ip, codec.encode_simple(Simple.GENERAL_STATUS), repeats=True, proves=True
+        )
 
     async def read_actual_twice(self, axis: Axis) -> int:
         """Return where a motor at rest truly is [counts], from reads that agree.

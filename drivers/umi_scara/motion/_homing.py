@@ -177,10 +177,10 @@ class Homing:
         await self._axes.write(axis, parameter, value, self._guard)
 
     async def _origin(self) -> None:
-        await self._axes.tell_both(Simple.DEFINE_HOME, self._guard)
+        await self._axes.send_both(Simple.DEFINE_HOME, self._guard)
 
     async def _reload(self) -> None:
-        await self._axes.tell_both(Simple.LOAD_DEFAULTS, self._guard)
+        await self._axes.send_both(Simple.LOAD_DEFAULTS, self._guard)
 
     async def _drive(self, drives: Mapping[Axis, Drive], timeout_s: float | None = None) -> None:
         """Drive axes of one IP until every one of them leans on a stop; hold them there."""
@@ -217,7 +217,7 @@ class Homing:
             await self._axes.pause()
 
     def _check(self, bits: Mapping[Axis, StatusBits]) -> None:
-        ended = StatusBits.MOVING | c.TROUBLE
+        ended = StatusBits.MOVING | c.FAULT_BITS
         for axis, b in bits.items():
             if b & ended == StatusBits.FOLLOWING_ERROR:
                 raise HomingError(
@@ -247,7 +247,7 @@ class Homing:
             if not rest_poll_count:
                 await self._axes.pause()
         got = await self._axes.read_twice(axis, Parameter.CURRENT_POSITION)
-        if abs(got - counts) > _ORIGIN_COUNTS and not bits & c.TROUBLE:
+        if abs(got - counts) > _ORIGIN_COUNTS and not bits & c.FAULT_BITS:
             raise HomingError(f"arm: {axis.name.lower()} was sent to {counts} and is at {got}")
 
     async def _origin_after(self, axis: Axis) -> None:

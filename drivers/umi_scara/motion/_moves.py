@@ -175,15 +175,15 @@ class Watch:
         mine = on_ip(self._targets, ip)
         if len(mine) > 1 and ip not in self._marked:
             bits = await self._axes.general_status(ip)
-            if not bits & c.TROUBLE:
+            if not bits & c.FAULT_BITS:
                 return not bits & StatusBits.MOVING
             self._marked.add(ip)
         any_moving = False
         for axis in mine:
             bits = await self._axes.status(axis)
-            if bits & c.TROUBLE:
+            if bits & c.FAULT_BITS:
                 bits = await self._axes.status(axis)
-            if bits & c.TROUBLE:
+            if bits & c.FAULT_BITS:
                 await self._stalled(axis, bits)
             any_moving = any_moving or bool(bits & StatusBits.MOVING)
         return not any_moving

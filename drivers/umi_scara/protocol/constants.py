@@ -168,7 +168,7 @@ class StatusBits(IntFlag):
     IO_INPUT = 0x20
 
 
-TROUBLE: Final = StatusBits.FOLLOWING_ERROR | StatusBits.STALLED  # §2.8
+FAULT_BITS: Final = StatusBits.FOLLOWING_ERROR | StatusBits.STALLED  # §2.8
 
 REPLY_TEXTS: Final = {  # §2.9
     0x01: "in progress",
