@@ -9,21 +9,13 @@ from typing import Annotated
 
 import typer
 
-from .commands import (
-    calibrate,
-    check,
-    doctor,
-    emulate,
-    init,
-    plan,
-    recognise,
-    recover,
-    report,
-    run,
-)
-from .commands import (
-    compile as compile_command,
-)
+from .calibrating import camera
+from .devices import doctor, emulate
+from .parts import compile_
+from .planning import check, plan
+from .project import init
+from .recognising import recognise
+from .running import recover, report, run
 
 app = typer.Typer(
     name="cellctl",
@@ -64,20 +56,23 @@ def _common(
     pass
 
 
-for _command, _name, _example in (
-    (init.init, "init", init.EXAMPLE),
-    (run.run, "run", run.EXAMPLE),
-    (recover.recover, "recover", recover.EXAMPLE),
-    (check.check, "check", check.EXAMPLE),
-    (compile_command.compile_, "compile", compile_command.EXAMPLE),
-    (recognise.recognise, "recognise", recognise.EXAMPLE),
-    (plan.plan, "plan", plan.EXAMPLE),
-    (emulate.emulate, "emulate", emulate.EXAMPLE),
-    (report.report, "report", report.EXAMPLE),
-    (doctor.doctor, "doctor", doctor.EXAMPLE),
+for _command, _example in (
+    (init, "cellctl init my_project"),
+    (run, "cellctl run featuretype --speed 10"),
+    (recover, "cellctl recover --cell cell.yaml --open arm"),
+    (check, "cellctl check flange_xy"),
+    (compile_, "cellctl compile recipes/parts/featuretype.stl --report featuretype.html"),
+    (recognise, "cellctl recognise table.png --parts recipes/parts --calibration camera.json"),
+    (plan, "cellctl plan --recipe featuretype --report featuretype.html"),
+    (emulate, "cellctl emulate --part recipes/parts/holder.stl --speed 5"),
+    (report, "cellctl report --format json"),
+    (doctor, "cellctl doctor --cell cell.yaml"),
 ):
-    app.command(name=_name, epilog=f"Example: {_example}")(_command)
-calibration.command(name="camera", epilog=f"Example: {calibrate.CAMERA_EXAMPLE}")(calibrate.camera)
+    app.command(name=_command.__name__.rstrip("_"), epilog=f"Example: {_example}")(_command)
+calibration.command(
+    name="camera",
+    epilog="Example: cellctl calibrate camera board_*.png --target board.json -o camera.json",
+)(camera)
 app.add_typer(calibration, name="calibrate")
 
 

@@ -1,1 +1,5 @@
 """What follows from a CAD file alone."""
+
+from .commands import compile_
+
+__all__ = ["compile_"]

@@ -1,1 +1,5 @@
 """Stored pictures of the table: what lies there."""
+
+from .commands import recognise
+
+__all__ = ["recognise"]

@@ -1,11 +1,13 @@
-"""`cellctl run`: what it takes."""
+"""`cellctl run`, `recover` and `report`: what they take."""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from .options import (
+from ..options import (
+    CellOption,
     ControlOption,
     EmulatedAtOption,
     EmulatedPoseOption,
@@ -17,7 +19,6 @@ from .options import (
     SpeedOption,
 )
 
-EXAMPLE = "cellctl run featuretype --speed 10"
 MAX_PART_COUNT = 100_000  # of one run, as in a recipe
 
 
@@ -58,8 +59,8 @@ def run(
     """Inspect and sort parts: the main job. Emulated devices start beside it."""
     from controller.config import find_recipe
 
-    from ..running.recipe_run import quiet_logs, run_recipe
     from ..terminal.output import warn
+    from .recipe_run import quiet_logs, run_recipe
 
     quiet_logs(verbose=verbose)
     recipe_file = find_recipe(recipe)
@@ -81,3 +82,66 @@ def run(
         as_json=json,
     )
     raise typer.Exit(code)
+
+
+class Gripper(StrEnum):
+    """Which gripper."""
+
+    ARM = "arm"
+    FIXED = "fixed"
+
+
+def recover(
+    cell: CellOption = None,
+    open_: Annotated[
+        Gripper | None,
+        typer.Option(
+            "--open", help="gripper to open while you hold the part; the arm does not move"
+        ),
+    ] = None,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="state that you hold the part; do not ask")
+    ] = False,
+    runs: RunsOption = Path("runs"),
+    json: JsonOption = False,
+) -> None:
+    """Report what the grippers may hold after a crash; open one of them."""
+    from controller.cell.custody import GripperName
+
+    from ..inputs.part_files import cell_of_this_folder
+    from .release import recover_cell
+
+    gripper = None if open_ is None else GripperName[open_.name]
+    code = recover_cell(
+        cell or cell_of_this_folder(), runs, gripper, is_confirmed=yes, as_json=json
+    )
+    raise typer.Exit(code)
+
+
+class Form(StrEnum):
+    """What a report is written as."""
+
+    HTML = "html"
+    JSON = "json"
+
+
+def report(
+    run_name: Annotated[
+        str | None, typer.Argument(metavar="RUN", help="name of the run (default: the newest)")
+    ] = None,
+    form: Annotated[Form, typer.Option("--format", help="format of the report")] = Form.HTML,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help="file to write (default: report.html in the run's folder; JSON to stdout)",
+        ),
+    ] = None,
+    runs: RunsOption = Path("runs"),
+    json: JsonOption = False,
+) -> None:
+    """Write the report of a run."""
+    from .report_file import write_report
+
+    raise typer.Exit(write_report(runs, run_name, "json" if json else form.value, output))

@@ -5,9 +5,7 @@ from typing import Annotated
 
 import typer
 
-from .options import JsonOption, UnitOption, finite
-
-EXAMPLE = "cellctl compile recipes/parts/featuretype.stl --report featuretype.html"
+from ..options import JsonOption, UnitOption, finite
 
 
 def compile_(
@@ -51,7 +49,7 @@ def compile_(
     Stable poses, outlines, surfaces, edges; with a cell also grasps and plans.
     """
     from ..inputs.part_files import part_files
-    from ..parts.compiling import compile_parts
+    from .compiling import compile_parts
 
     recipes = [recipe] if recipe is not None else []
     files, recipe_cell = part_files(list(parts or ()), recipes, unit and unit.value, cell)

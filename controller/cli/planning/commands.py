@@ -1,13 +1,25 @@
-"""`cellctl plan`: what it takes."""
+"""`cellctl check` and `plan`: what they take."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from .options import JsonOption, UnitOption
+from ..options import JsonOption, RecipeArg, RecipeCellOption, UnitOption
 
-EXAMPLE = "cellctl plan --recipe featuretype --report featuretype.html"
+
+def check(
+    recipe: RecipeArg = None, cell: RecipeCellOption = None, json: JsonOption = False
+) -> None:
+    """Check all that can be wrong before anything moves.
+
+    Files, CAD, grasps, views, reach: for every likely stable pose of the recipe's part.
+    """
+    from controller.config import find_recipe
+
+    from .recipe_check import check_recipe
+
+    raise typer.Exit(check_recipe(find_recipe(recipe), cell, as_json=json))
 
 
 def plan(
@@ -69,14 +81,14 @@ def plan(
         for name, value in given.items():
             if value is not None:
                 raise ConfigError(f"--site is about the cell: it goes without {name}")
-        from ..planning.site import site_parts
+        from .site import site_parts
 
         code = site_parts(files, cell_file, use_cache=not no_cache, as_json=json)
         raise typer.Exit(code)
     if len(files) > 1:
         second = files[1].path
         raise ConfigError(f"{second}: one part is planned at a time; several only with --site")
-    from ..planning.part_plan import plan_part_file
+    from .part_plan import plan_part_file
 
     code = plan_part_file(
         files[0],

@@ -6,9 +6,7 @@ from typing import Annotated
 
 import typer
 
-from .options import JsonOption, UnitOption
-
-EXAMPLE = "cellctl recognise table.png --parts recipes/parts --calibration camera.json"
+from ..options import JsonOption, UnitOption
 
 
 class Lighting(StrEnum):
@@ -37,7 +35,7 @@ def recognise(
 
     Prints part, stable pose and pose on the table of every object, or "unknown".
     """
-    from ..recognising.answers import recognise_images
+    from .answers import recognise_images
 
     code = recognise_images(
         images,

@@ -5,9 +5,7 @@ from typing import Annotated
 
 import typer
 
-from .options import JsonOption
-
-EXAMPLE = "cellctl init my_project"
+from ..options import JsonOption
 
 
 def init(
@@ -18,6 +16,6 @@ def init(
 
     It runs as it is, in the emulated cell.
     """
-    from ..project.starter_project import lay_out_project
+    from .starter_project import lay_out_project
 
     raise typer.Exit(lay_out_project(folder, as_json=json))

@@ -1,4 +1,4 @@
-"""`cellctl emulate`: what it takes."""
+"""`cellctl doctor` and `emulate`: what they take."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from .options import (
+from ..options import (
     CellOption,
     ControlOption,
     EmulatedAtOption,
@@ -16,7 +16,13 @@ from .options import (
     SpeedOption,
 )
 
-EXAMPLE = "cellctl emulate --part recipes/parts/holder.stl --speed 5"
+
+def doctor(cell: CellOption = None, json: JsonOption = False) -> None:
+    """Check devices, versions and permissions; nothing moves."""
+    from ..inputs.part_files import cell_of_this_folder
+    from .doctor_checks import examine
+
+    raise typer.Exit(examine(cell or cell_of_this_folder(), as_json=json))
 
 
 class Lines(StrEnum):
@@ -49,8 +55,8 @@ def emulate(
 
     Prints the address of every device.
     """
-    from ..devices.emulated_cell import serve
     from ..inputs.part_files import cell_of_this_folder
+    from .emulated_cell import serve
 
     code = serve(
         cell or cell_of_this_folder(),

@@ -5,9 +5,7 @@ from typing import Annotated
 
 import typer
 
-from .options import JsonOption
-
-CAMERA_EXAMPLE = "cellctl calibrate camera board_*.png --target board.json -o camera.json"
+from ..options import JsonOption
 
 
 def camera(
@@ -22,6 +20,6 @@ def camera(
 
     Writes intrinsics, distortion, pose over the table, and the uncertainty of each.
     """
-    from ..calibrating.camera_calibration import calibrate_camera
+    from .camera_calibration import calibrate_camera
 
     raise typer.Exit(calibrate_camera(images, target, output, as_json=json))
