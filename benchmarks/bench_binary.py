@@ -32,7 +32,7 @@ from numpy.typing import NDArray  # noqa: E402
 from controller.cad import StablePose, ViewModel, outline, prepare_views  # noqa: E402
 from controller.cad.compiled import CompiledPart, load_part, part_name  # noqa: E402
 from controller.imaging import Camera, inverse_pose  # noqa: E402
-from controller.recognition import lying  # noqa: E402
+from controller.recognition import pose_on_table  # noqa: E402
 from controller.recognition.binary import (  # noqa: E402
     BinaryTolerances,
     BoundaryString,
@@ -72,7 +72,7 @@ class Model:
     ) -> BoundaryString:
         """Return the string of its shadow at a place on the table."""
         solid = self.part.solid
-        T = lying(solid, self.pose, x_mm, y_mm, self.turn_rad)
+        T = pose_on_table(solid, self.pose, x_mm, y_mm, self.turn_rad)
         view = outline(solid, T, table, prepared=self.prepared)
         foot = table.position_mm
         return model_string(view.loops, limits, from_view=(float(foot[0]), float(foot[1])))

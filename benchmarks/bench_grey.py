@@ -30,7 +30,7 @@ from numpy.typing import NDArray  # noqa: E402
 from controller.cad import LookAlike, PartSymmetry, Solid, StablePose, camera_view, prepare_views  # noqa: E402
 from controller.cad.compiled import CompiledPart, load_part, part_name  # noqa: E402
 from controller.imaging import Camera  # noqa: E402
-from controller.recognition import lying  # noqa: E402
+from controller.recognition import pose_on_table  # noqa: E402
 from controller.recognition.grey import (  # noqa: E402
     FeatureIndex,
     Hypothesis,
@@ -114,7 +114,7 @@ def index_at(views: list[View], eye_mm: float) -> FeatureIndex:
     models = []
     for view in views:
         model = prepared.setdefault(id(view.solid), prepare_views(view.solid))
-        T = lying(view.solid, view.pose, 0.0, 0.0, 0.0)
+        T = pose_on_table(view.solid, view.pose, 0.0, 0.0, 0.0)
         drawing = camera_view(view.solid, T, table, prepared=model)
         models.append(model_features(drawing, T, eye_mm))
     return feature_index(models)
@@ -169,7 +169,7 @@ def is_right(seen: Seen, view: View, found: Hypothesis) -> bool:
         return False
     if np.hypot(*(found.shift_mm - seen.xy_mm)) > WITHIN_MM:
         return False
-    R = lying(view.solid, view.pose, 0, 0, found.turn_rad)[:3, :3]
+    R = pose_on_table(view.solid, view.pose, 0, 0, found.turn_rad)[:3, :3]
     if view.symmetry.axis is not None:
         axis = np.array([R @ g @ view.symmetry.axis for g in view.symmetry.rotations])
         return bool((axis @ (seen.R @ view.symmetry.axis)).max() > math.cos(WITHIN_RAD))

@@ -23,7 +23,7 @@ from controller.cad import StablePose
 from controller.cad.compiled import CompiledPart, CompileOptions, load_part
 from controller.cell.compute import glowing_mask
 from controller.config import load_cell
-from controller.recognition import Sighting, lying, make_library, recognise
+from controller.recognition import Sighting, make_library, pose_on_table, recognise
 from controller.setup.layout import build_layout
 from controller.setup.optics import table_corners
 
@@ -49,7 +49,7 @@ def place(part: CompiledPart, pose: StablePose, rng: np.random.Generator) -> Arr
     corners = CAMERA.on_plane(np.array([[0.0, 0.0], CAMERA.size_px]))[:, :2]
     while True:
         x, y = rng.uniform(corners.min(axis=0), corners.max(axis=0))
-        T = lying(part.solid, pose, float(x), float(y), float(rng.uniform(0, 2 * np.pi)))
+        T = pose_on_table(part.solid, pose, float(x), float(y), float(rng.uniform(0, 2 * np.pi)))
         if is_on_table(part, T):
             return T
 

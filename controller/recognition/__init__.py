@@ -8,7 +8,7 @@ from .fitting import edge_jacobian
 from .identification.hypotheses import Hypothesis, SearchLimits
 from .identification.recognise import Limits, recognise
 from .identification.sighting import Alternative, Recognition, Sighting, Trace
-from .library import Entry, Library, lying, make_library
+from .library import Entry, Library, make_library, pose_on_table
 
 __all__ = [
     "Alternative",
@@ -24,8 +24,8 @@ __all__ = [
     "Trace",
     "edge_jacobian",
     "fit_pose",
-    "lying",
     "make_library",
+    "pose_on_table",
     "recognise",
     "twist",
 ]

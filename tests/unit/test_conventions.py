@@ -11,7 +11,7 @@ from cad_solids import box, solid_of
 
 from controller.cad import stable_poses
 from controller.imaging.camera import Camera, transform
-from controller.recognition.library import lying
+from controller.recognition.library import pose_on_table
 from drivers.umi_scara import kinematics
 from emulators.world.poses import quat_xyzw_of
 
@@ -21,7 +21,7 @@ def test_a_part_is_turned_upright_then_by_theta_then_moved() -> None:
     block = solid_of(box(40, 30, 20).translate((20, 15, 10)))
     (as_drawn,) = (p for p in stable_poses(block) if np.allclose(p.R[2], (0, 0, 1)))
     first_turn = np.arctan2(as_drawn.R[1, 0], as_drawn.R[0, 0])  # R is free up to a turn about z
-    T = lying(block, as_drawn, 100.0, 50.0, np.pi / 2 - first_turn)
+    T = pose_on_table(block, as_drawn, 100.0, 50.0, np.pi / 2 - first_turn)
     assert transform(T, np.zeros((1, 3)))[0] == pytest.approx((115, 30, 0), abs=1e-6)
 
 

@@ -30,11 +30,11 @@ from controller.recognition.library import (
     Silhouette,
     Station,
     ViewIndex,
-    lying,
     make_entry,
     make_library,
     place_of,
     polar_grid,
+    pose_on_table,
     station_of,
     turn_of,
     turns_that_keep,
@@ -317,7 +317,7 @@ def test_a_lying_part_stands_on_the_table_over_its_place(
     which: str, place: tuple[float, float, float]
 ) -> None:
     for pose in poses(which):
-        T = lying(solid(which), pose, *place)
+        T = pose_on_table(solid(which), pose, *place)
         assert pytest.approx(resting(solid(which), pose.R, *place), abs=0.02) == T
         assert gap(turn_of(pose.R, T), place[2]) < 1e-9
 
@@ -350,7 +350,7 @@ def test_a_library_lists_each_way_to_lie_once() -> None:
     assert library.grey_views == tuple(
         (number, pose.index) for number, entry in enumerate((elbow, nut)) for pose in entry.poses
     )
-    T = lying(solid("elbow"), elbow.poses[0], 12.0, -7.0, 0.4)
+    T = pose_on_table(solid("elbow"), elbow.poses[0], 12.0, -7.0, 0.4)
     assert place_of(elbow, T) == pytest.approx([12.0, -7.0])
     for pose in elbow.poses:
         assert elbow.pose(pose.index) is pose

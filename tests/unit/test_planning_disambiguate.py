@@ -43,7 +43,7 @@ def left() -> PreparedPart:
     return prepare_part(solid, sample_surface(solid, 5.0), LAYOUT, PlanOptions().coarse())
 
 
-def lying(solid: Solid, down: tuple[float, float, float]) -> OnTable:
+def pose_on_table(solid: Solid, down: tuple[float, float, float]) -> OnTable:
     pose = next(p for p in stable_poses(solid) if -p.R[2] @ np.array(down) > 0.99)
     return OnTable(pose.index, resting_pose(solid, pose, 360.0, 10.0, 0.3))
 
@@ -61,7 +61,7 @@ TWIN = stepped((-1.0, 1.0, -1.0))
 
 @pytest.fixture(scope="module")
 def plan(left: PreparedPart) -> Plan:
-    start = lying(left.solid, (0.0, 0.0, -1.0))
+    start = pose_on_table(left.solid, (0.0, 0.0, -1.0))
     return plan_under_ambiguity(left, LAYOUT, start, [as_reading(left.solid, start, TWIN)])
 
 
@@ -113,14 +113,14 @@ def test_the_pictures_of_that_view_tell_which_it_is(plan: Plan, truth: int) -> N
 
 
 def test_what_no_grip_holds_both_ways_is_refused(left: PreparedPart) -> None:
-    start = lying(left.solid, (0.0, 0.0, -1.0))
+    start = pose_on_table(left.solid, (0.0, 0.0, -1.0))
     large = make_solid(make_box(extents=(84.0, 84.0, 30.0)), "large", "5eed" * 16, "test")
     with pytest.raises(NoPlanError, match="no grasp from above holds both"):
         plan_under_ambiguity(left, LAYOUT, start, [as_reading(left.solid, start, large)])
 
 
 def test_the_same_part_read_twice_needs_no_view_to_tell(left: PreparedPart) -> None:
-    start = lying(left.solid, (0.0, 0.0, -1.0))
+    start = pose_on_table(left.solid, (0.0, 0.0, -1.0))
     same = Reading(left.solid.name, left.solid, start.T_world_part)
     plan = plan_under_ambiguity(left, LAYOUT, start, [same])
     assert all(s.ambiguity is None for s in plan.steps if isinstance(s, Present))
@@ -128,7 +128,7 @@ def test_the_same_part_read_twice_needs_no_view_to_tell(left: PreparedPart) -> N
 
 
 def test_another_part_of_the_same_shape_is_refused_with_the_reason(left: PreparedPart) -> None:
-    start = lying(left.solid, (0.0, 0.0, -1.0))
+    start = pose_on_table(left.solid, (0.0, 0.0, -1.0))
     copy = stepped((1.0, 1.0, -1.0))
     with pytest.raises(NoPlanError, match="no view distinguishes"):
         plan_under_ambiguity(left, LAYOUT, start, [as_reading(left.solid, start, copy)])

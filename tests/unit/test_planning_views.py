@@ -238,7 +238,7 @@ def test_of_a_part_larger_than_the_picture_what_is_inside_it_counts() -> None:
             assert ((pixels > 11) & (pixels < np.array([1269, 1013]))).all()
 
 
-def lying(z_mm: float) -> np.ndarray:
+def pose_on_table(z_mm: float) -> np.ndarray:
     return pose_of(np.eye(3), np.array([360.0, 10.0, z_mm]))[None]
 
 
@@ -247,7 +247,13 @@ def test_from_above_a_lying_block_shows_its_top_and_nothing_else_steep_enough() 
 
     def seen(px_per_mm: float, sharp: tuple[float, float] = (0.0, np.inf)) -> np.ndarray:
         return table_views(
-            BLOCK_SAMPLES, caster, lying(12.0), LAYOUT.overhead, sharp, np.radians(60), px_per_mm
+            BLOCK_SAMPLES,
+            caster,
+            pose_on_table(12.0),
+            LAYOUT.overhead,
+            sharp,
+            np.radians(60),
+            px_per_mm,
         )[0]
 
     top = BLOCK_SAMPLES.normals[:, 2] > 0.99

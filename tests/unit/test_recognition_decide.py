@@ -307,15 +307,15 @@ ONLY_POCKET = pocket()
 
 @pytest.mark.parametrize("gap", [0.0, 0.5, 2.0])
 def test_look_alikes_are_each_others_rivals_and_share_the_score(gap: float) -> None:
-    a, b = pocket(odds=40.0), pocket(turn=True, odds=40.0 - gap)
+    a, b = pocket(log_odds=40.0), pocket(turn=True, log_odds=40.0 - gap)
     one = decide([a, b], is_backlit=True)
     assert one.best is a
     assert one.rivals == (b,)
     # even odds share the score evenly; the farther apart they are, the less the second one claims
     assert 0.98 / 2 - 1e-9 <= one.score < 0.98
     assert one.score == pytest.approx(0.98 / 2) or gap > 0
-    b_first = replace(b, odds=40.0)
-    a_second = replace(a, odds=40.0 - gap)
+    b_first = replace(b, log_odds=40.0)
+    a_second = replace(a, log_odds=40.0 - gap)
     other = decide([b_first, a_second], is_backlit=True)
     assert other.best is b_first
     assert other.rivals == (a_second,)
@@ -329,17 +329,17 @@ def test_lamps_tell_apart_what_an_outline_does_not() -> None:
 
 
 def test_what_the_picture_rules_out_is_no_rival() -> None:
-    a, b = pocket(odds=40.0), pocket(turn=True, odds=30.0)
+    a, b = pocket(log_odds=40.0), pocket(turn=True, log_odds=30.0)
     answer = decide([a, b], is_backlit=True)
     assert answer.rivals == ()
     assert 0.9 < answer.score < 0.98
-    far = decide([a, pocket(turn=True, odds=0.0)], is_backlit=True)
+    far = decide([a, pocket(turn=True, log_odds=0.0)], is_backlit=True)
     assert far.score == pytest.approx(0.98, abs=1e-5)
 
 
 def test_what_looks_different_is_no_rival_however_likely() -> None:
     T = lying_at("elbow")
-    other = reading(drawing("elbow", T), T, part=1, odds=40.0)
+    other = reading(drawing("elbow", T), T, part=1, log_odds=40.0)
     answer = decide([pocket(), other], is_backlit=True)
     assert answer.rivals == ()
 
@@ -401,7 +401,10 @@ def test_candidates_that_a_symmetry_makes_one_are_tried_once() -> None:
 
 
 def test_readings_are_kept_once_and_best_first() -> None:
-    worse, better = pocket(odds=10.0, pose=1), pocket(odds=20.0, pose=1, theta_rad=0.5 + np.pi)
-    other = pocket(odds=15.0)
-    aside = pocket(odds=5.0, pose=1, place_mm=np.array([30.0, 0.0]))
+    worse, better = (
+        pocket(log_odds=10.0, pose=1),
+        pocket(log_odds=20.0, pose=1, theta_rad=0.5 + np.pi),
+    )
+    other = pocket(log_odds=15.0)
+    aside = pocket(log_odds=5.0, pose=1, place_mm=np.array([30.0, 0.0]))
     assert without_repeats([worse, better, other, aside], LIBRARY) == [better, other, aside]

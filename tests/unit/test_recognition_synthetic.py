@@ -16,7 +16,7 @@ from table_pictures import SIZE, coverage, overhead, picture, resting, silhouett
 from controller.cad import CadError, Solid, StablePose, sample_surface, stable_poses
 from controller.cad.compiled import compile_solid
 from controller.imaging import Camera, PointLamp, inverse_pose, transform
-from controller.recognition import Library, Sighting, lying, make_library, recognise
+from controller.recognition import Library, Sighting, make_library, pose_on_table, recognise
 
 Array = NDArray[np.float64]
 CAMERA = overhead()
@@ -82,7 +82,7 @@ def assert_right(seen: Sighting, name: str, T_true: Array, tolerance_mm: float =
     assert surface_gap_mm(name, seen.T_world_part, T_true).max() < tolerance_mm
     # the answer's parts say the same as its pose (conventions.md 4)
     (pose,) = (p for p in poses(name) if p.index == seen.pose_index)
-    told = lying(solids()[name], pose, seen.x_mm, seen.y_mm, seen.theta_rad)
+    told = pose_on_table(solids()[name], pose, seen.x_mm, seen.y_mm, seen.theta_rad)
     assert seen.T_world_part == pytest.approx(told, abs=0.03)  # but for a tilt of 0.1 degrees
     np.testing.assert_allclose(seen.R, pose.R)
     com = transform(T_true, solids()[name].centroid_mm[None])[0]

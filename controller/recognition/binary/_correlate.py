@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from controller.arrays import FloatArray, IntArray
 
-from ._laying import Candidates, Laid, lay
+from ._laying import Alignments, Candidates, lay
 from ._strings import DEFAULT, BoundaryString
 from ._tolerances import BinaryTolerances
 
@@ -79,8 +79,8 @@ def correlate(
     )
     if len(candidates.model) == 0:
         return ()
-    laid = lay(observed, like, candidates, limits)
-    return _matches(observed, like, at, laid, limits)
+    aligned = lay(observed, like, candidates, limits)
+    return _matches(observed, like, at, aligned, limits)
 
 
 def _is_of_size(a: BoundaryString, b: BoundaryString, limits: BinaryTolerances) -> bool:
@@ -245,11 +245,11 @@ def _matches(
     observed: BoundaryString,
     models: Sequence[BoundaryString],
     at: IntArray,
-    laid: Laid,
+    aligned: Alignments,
     limits: BinaryTolerances,
 ) -> tuple[StringMatch, ...]:
     free = _turn_is_free(observed, limits)
-    moves = (laid.model, np.exp(1j * laid.turn_rad), _complex(laid.shift_mm))
+    moves = (aligned.model, np.exp(1j * aligned.turn_rad), _complex(aligned.shift_mm))
     corners = _matched(
         observed.corner_mm,
         observed.corner_turn_rad,
@@ -270,21 +270,21 @@ def _matches(
         moves,
         limits.point_near_mm,
     )
-    there = np.array([len(m.corner_mm) + len(m.hole_mm) for m in models])[laid.model]
+    there = np.array([len(m.corner_mm) + len(m.hole_mm) for m in models])[aligned.model]
     here = len(observed.corner_mm) + len(observed.hole_mm)
     matched = corners + holes
     wrong = there + here - 2 * matched
     # the share of features without a partner makes a match up to twice as bad
-    rank = laid.error_mm * (1 + wrong / (wrong + matched + 1))
+    rank = aligned.error_mm * (1 + wrong / (wrong + matched + 1))
     return tuple(
         StringMatch(
-            model_index=int(at[laid.model[k]]),
-            turn_rad=float(laid.turn_rad[k]),
-            shift_mm=laid.shift_mm[k],
+            model_index=int(at[aligned.model[k]]),
+            turn_rad=float(aligned.turn_rad[k]),
+            shift_mm=aligned.shift_mm[k],
             matched_count=int(matched[k]),
             missed_count=int(there[k] - matched[k]),
             spurious_count=int(here - matched[k]),
-            error_mm=float(laid.error_mm[k]),
+            error_mm=float(aligned.error_mm[k]),
             rank_mm=float(rank[k]),
             turn_is_free=free,
         )

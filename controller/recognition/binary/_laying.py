@@ -56,7 +56,7 @@ class Candidates:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Laid:
+class Alignments:
     """Candidates after fitting, and how far outlines are apart then, root mean square."""
 
     model: IntArray
@@ -124,7 +124,7 @@ def lay(
     models: Sequence[BoundaryString],
     candidates: Candidates,
     limits: BinaryTolerances,
-) -> Laid:
+) -> Alignments:
     """Return candidates fitted to an object, equal ones once, the best few of each model.
 
     Parameters
@@ -156,7 +156,7 @@ def lay(
         turn, shift, _ = _step(nearest, samples, turn, shift, cap, weight)
     error = _error(nearest, samples, turn, shift, cap, weight)
     turn = np.angle(np.exp(1j * turn))
-    return Laid(model, turn, np.stack([shift.real, shift.imag], axis=1), error)
+    return Alignments(model, turn, np.stack([shift.real, shift.imag], axis=1), error)
 
 
 def _samples(

@@ -33,7 +33,7 @@ from ..fitting import EdgePoints, predict_edges
 from ..grey import ImageFeatures, image_features
 from ..identification.hypotheses import Hypothesis, distinct, is_same_turn
 from ..identification.sighting import Recognition, Sighting, Trace
-from ..library import Candidate, Library, lying, shadow_camera
+from ..library import Candidate, Library, pose_on_table, shadow_camera
 
 BOX_CAR = 15  # of the paper's Table 2
 THRESHOLD = 10
@@ -69,7 +69,7 @@ class EdgeState:
 class Other:
     """A reading that was not taken: what it is, how good, and its outline's samples."""
 
-    told: str
+    caption: str
     edges: EdgePoints
 
 
@@ -114,7 +114,7 @@ class ObjectFacts:
     like_size: int
 
 
-def degrees_told(angle_rad: float, decimals: int) -> str:
+def degrees_text(angle_rad: float, decimals: int) -> str:
     """Return an angle in degrees, zero without a sign."""
     return f"{round(float(np.degrees(angle_rad)), decimals) + 0.0:.{decimals}f}"
 
@@ -218,7 +218,7 @@ def _correlated(
     for c in candidates:
         solid = library.solid(c.part)
         pose = library.entries[c.part].pose(c.pose)
-        T = lying(solid, pose, c.x_mm, c.y_mm, c.theta_rad)
+        T = pose_on_table(solid, pose, c.x_mm, c.y_mm, c.theta_rad)
         if c.part not in prepared:
             prepared[c.part] = prepare_views(solid)
         try:
@@ -256,7 +256,7 @@ def _others(
     library: Library,
 ) -> tuple[Other, ...]:
     def name(reading: Hypothesis | Candidate) -> str:
-        turn = degrees_told(reading.theta_rad, 1)
+        turn = degrees_text(reading.theta_rad, 1)
         return f"{library.entries[reading.part].name}, pose {reading.pose}, {turn} deg"
 
     out = [
@@ -275,9 +275,9 @@ def _others(
         ):
             continue
         model = library.model(c.part)
-        T = lying(model, entry.pose(c.pose), c.x_mm, c.y_mm, c.theta_rad)
-        told = f"{name(c)}: not fitted, overlap {c.overlap:.3f}"
-        out.append(Other(told, predict_edges(model, T, camera)))
+        T = pose_on_table(model, entry.pose(c.pose), c.x_mm, c.y_mm, c.theta_rad)
+        caption = f"{name(c)}: not fitted, overlap {c.overlap:.3f}"
+        out.append(Other(caption, predict_edges(model, T, camera)))
     return tuple(out)
 
 

@@ -10,7 +10,7 @@ from controller.imaging import Camera
 
 from ..identification.sighting import Recognition
 from ..library import Library
-from ._facts import ObjectFacts, degrees_told
+from ._facts import ObjectFacts, degrees_text
 from ._panels import (
     ELLIPSE_FACTOR,
     brightened_inside,
@@ -24,7 +24,7 @@ from ._panels import (
     titled,
     window,
 )
-from ._tables import turn_told
+from ._tables import turn_text
 from .draw import (
     GREEN,
     LINE_PX,
@@ -174,11 +174,11 @@ def _told(f: ObjectFacts) -> list[tuple[str, Colour]]:
     lines = [
         (f"#{f.number} {s.part}, pose {s.pose_index}, score {s.score:.3f}", WHITE),
         (f"x {s.x_mm:.2f}, y {s.y_mm:.2f} mm, +- {s.sigma_mm:.3f} mm", SOFT),
-        (f"turn {turn_told(f)}", SOFT),
+        (f"turn {turn_text(f)}", SOFT),
     ]
     if s.ambiguous_with:
         also = "; ".join(
-            f"{a.part}, pose {a.pose_index}, {degrees_told(a.theta_rad, 1)} deg"
+            f"{a.part}, pose {a.pose_index}, {degrees_text(a.theta_rad, 1)} deg"
             for a in s.ambiguous_with
         )
         lines.append((f"could also be: {also}", ORANGE))
@@ -236,7 +236,7 @@ def _details(
         draw_pose(sheet, f, camera)
         draw_place(sheet, f, camera)
         what = "chosen pose" if f.chosen >= 0 else "nearest, not taken"
-        what += f": {names[h.part]}, pose {h.pose}, {degrees_told(h.theta_rad, 1)} deg"
+        what += f": {names[h.part]}, pose {h.pose}, {degrees_text(h.theta_rad, 1)} deg"
     panels.append(titled(sheet.canvas, f"3 {what}" + (", brightened" if is_dark else "")))
 
     sheet = window(picture, camera, f, side)

@@ -288,7 +288,7 @@ def draw_others(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
         sheet.strokes(begin[on], end[on], colour, 1)
     y = sheet.canvas.shape[0] - 20
     for other, colour in readings:
-        tag(sheet.canvas, other.told, (0, y), colour)
+        tag(sheet.canvas, other.caption, (0, y), colour)
         y -= 20
     if not facts.others:
         tag(sheet.canvas, "nothing else was near", (0, y), WHITE)

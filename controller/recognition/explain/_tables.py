@@ -8,7 +8,7 @@ import numpy as np
 from ..identification.sighting import Recognition
 from ..library import Library
 from ..segmentation import Segmentation
-from ._facts import BOX_CAR, THRESHOLD, ObjectFacts, degrees_told
+from ._facts import BOX_CAR, THRESHOLD, ObjectFacts, degrees_text
 
 UNTOLD_RAD = 0.5  # a turn less exact than that is not known
 
@@ -290,13 +290,13 @@ def _decision(f: ObjectFacts) -> StageTable:
         ]
     else:
         others = "; ".join(
-            f"{a.part}, pose {a.pose_index}, {degrees_told(a.theta_rad, 1)} deg"
+            f"{a.part}, pose {a.pose_index}, {degrees_text(a.theta_rad, 1)} deg"
             for a in s.ambiguous_with
         )
         rows = [
             ("answer", f"{s.part}, stable pose {s.pose_index}"),
             ("place", f"x {s.x_mm:.2f} mm, y {s.y_mm:.2f} mm, +- {s.sigma_mm:.3f} mm"),
-            ("turn", turn_told(f)),
+            ("turn", turn_text(f)),
             ("score", f"{s.score:.3f}"),
             ("ambiguous with", others or "nothing else"),
             ("edges off their predictions", f"{s.residual_px:.2f} px"),
@@ -304,9 +304,9 @@ def _decision(f: ObjectFacts) -> StageTable:
     return _table(f"object {f.number}: decision", [("what", 0), ("value", 0)], rows)
 
 
-def turn_told(f: ObjectFacts) -> str:
+def turn_text(f: ObjectFacts) -> str:
     """Return a turn with its standard deviation in words."""
     s = f.sighting
     if s.sigma_rad > UNTOLD_RAD:
         return "any: nothing in the picture shows its turn"
-    return f"{degrees_told(s.theta_rad, 2)} deg, +- {degrees_told(s.sigma_rad, 3)} deg"
+    return f"{degrees_text(s.theta_rad, 2)} deg, +- {degrees_text(s.sigma_rad, 3)} deg"

@@ -19,10 +19,10 @@ TURN_PX = 5.0  # an outline that runs the other way counts as this much farther
 FAINT = 0.03  # weight of an edge between surfaces that look the same from the camera
 PLAIN_LIFT = 0.4  # a difference in brightness (cosines) from which an edge must be seen
 PLAIN_JUMP_MM = 4.0  # a step so high must show by its shadow
-TOLD_LIFT = 0.4  # from which it is clear which side is the brighter one
+CLEAR_LIFT = 0.4  # from which it is clear which side is the brighter one
 SHARED_PX = 4.5  # once edges are looked for so near, each belongs to the nearest prediction
 OWN_PX = 0.8  # by so much another prediction must be nearer
-WRONG_WAY = 0.3  # worth of an edge that is bright on the other side
+WRONG_SIGN = 0.3  # worth of an edge that is bright on the other side
 SIDE_PX = 1.0  # profiles are sampled at whole pixels, peaks between them by a parabola
 
 
@@ -165,9 +165,9 @@ class GreyMeasure:
         is_peak = (inner >= size[:, :-2]) & (inner >= size[:, 2:]) & (inner > 3 * self.noise)
         worth = np.where(is_peak, inner * nearness[1:-1], -1.0)
         if self._is_lit:
-            told = ~edges.on_outline & (np.abs(edges.lift) > TOLD_LIFT)
-            wrong_way = told[:, None] & (slope[:, 1:-1] * edges.lift[:, None] < 0)
-            worth[wrong_way & is_peak] *= WRONG_WAY
+            is_clear = ~edges.on_outline & (np.abs(edges.lift) > CLEAR_LIFT)
+            wrong_sign = is_clear[:, None] & (slope[:, 1:-1] * edges.lift[:, None] < 0)
+            worth[wrong_sign & is_peak] *= WRONG_SIGN
         best = worth.argmax(axis=1)
         rows = np.arange(len(pixels))
         found = worth[rows, best] > 0
@@ -192,8 +192,8 @@ class GreyMeasure:
         x, y = np.ascontiguousarray(at[..., 0]), np.ascontiguousarray(at[..., 1])
         slope = _sampled(self.gx, x, y) * edges.normals[:, 0].astype(np.float32)
         slope += _sampled(self.gy, x, y) * edges.normals[:, 1].astype(np.float32)
-        told = ~edges.on_outline & (np.abs(edges.lift) > TOLD_LIFT) & self._is_lit
-        slope = np.where(told & (slope * edges.lift < 0), 0.0, np.abs(slope))
+        is_clear = ~edges.on_outline & (np.abs(edges.lift) > CLEAR_LIFT) & self._is_lit
+        slope = np.where(is_clear & (slope * edges.lift < 0), 0.0, np.abs(slope))
         # roots, so that a few bright rims do not outvote the rest
         contrast = np.sqrt(np.maximum(slope - 3 * self.noise, 0.0)) @ visibility(edges)
         # what lies where it was counts a little more

@@ -58,7 +58,7 @@ def decide(hypotheses: Sequence[Hypothesis], *, is_backlit: bool) -> Decision:
     rivals = tuple(
         h
         for h in hypotheses[1:]
-        if best.odds - h.odds < DECIDES
+        if best.log_odds - h.log_odds < DECIDES
         and looks_same(best.fit.edges, h.fit.edges, outline_only=is_backlit)
     )
     return Decision(best, best.probability / (1 + _claims(best, hypotheses[1:])), rivals, best)
@@ -67,7 +67,9 @@ def decide(hypotheses: Sequence[Hypothesis], *, is_backlit: bool) -> Decision:
 def _claims(best: Hypothesis, others: Sequence[Hypothesis]) -> float:
     """Return what other readings claim of the best one's score: all of it at equal odds."""
     was_looked_into = best.evidence.area_mm2 > 0
-    gaps = [best.odds - h.odds for h in others if (h.evidence.area_mm2 > 0) == was_looked_into]
+    gaps = [
+        best.log_odds - h.log_odds for h in others if (h.evidence.area_mm2 > 0) == was_looked_into
+    ]
     return float(np.exp(-np.array(gaps) / LOG_ODDS_SCALE).sum())
 
 

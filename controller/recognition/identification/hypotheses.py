@@ -26,8 +26,8 @@ from ..fitting import (
     shading_fit,
     with_inside,
 )
-from ..library import Candidate, Library, lying, place_of, turn_of
-from ._sight import Sight
+from ..library import Candidate, Library, place_of, pose_on_table, turn_of
+from ._cutout import ObjectCutout
 from .scores import FRONT, SILHOUETTE, log_odds, probability
 
 SAME_TURN_RAD = np.radians(4.0)
@@ -88,7 +88,7 @@ class Hypothesis:
     place_mm : (2,) of the centre of mass
     fit, evidence : how it lies, and what speaks for it
     probability : that it is right, by itself
-    odds : log-odds up to a constant, to compare it with other readings of the same object
+    log_odds : up to a constant, to compare it with other readings of the same object
     overlap : of the silhouettes it was found by, or score of the lines
     source : "outline" or "lines": what proposed it
     """
@@ -100,14 +100,14 @@ class Hypothesis:
     fit: EdgeFit
     evidence: Evidence
     probability: float
-    odds: float
+    log_odds: float
     overlap: float
     source: str
 
 
 def weigh(
     candidates: Sequence[Candidate],
-    sight: Sight,
+    cutout: ObjectCutout,
     camera: Camera,
     library: Library,
     limits: SearchLimits,
@@ -118,7 +118,7 @@ def weigh(
     Parameters
     ----------
     candidates : likeliest first; equal ones are fitted once
-    sight : the object
+    cutout : the object
     camera : calibrated, in the world's frame
     library : whose parts and stable poses the candidates count
     limits : how much is tried
@@ -127,35 +127,35 @@ def weigh(
     fine: list[Hypothesis] = []
     held: list[tuple[float, Candidate, EdgeFit]] = []
     bound = -np.inf
-    most = limits.most_coarse if sight.is_backlit else limits.most_lit
+    most = limits.most_coarse if cutout.is_backlit else limits.most_lit
     for candidate in distinct(candidates, library)[:most]:
         if candidate.overlap < bound:
             break  # one fits perfectly, and this one's outline is another
-        coarse, score = _coarse(candidate, sight, camera, library, limits)
+        coarse, score = _coarse(candidate, cutout, camera, library, limits)
         if coarse is None:
             continue
         if score < limits.sure_coarse:
             held.append((score, candidate, coarse))
             continue
-        refined = _refine(candidate, coarse, sight, camera, library, limits, source)
+        refined = _refine(candidate, coarse, cutout, camera, library, limits, source)
         if refined is not None:
             fine.append(refined)
             if _is_perfect(refined, limits):
                 bound = max(bound, refined.overlap - limits.overlap_gap)
     # what lies inside may yet decide against an outline that fits under lamps
-    if not sight.is_backlit or not any(_is_perfect(h, limits) for h in fine):
+    if not cutout.is_backlit or not any(_is_perfect(h, limits) for h in fine):
         held.sort(key=lambda item: -item[0])
         for score, candidate, coarse in held[: limits.most_fine]:
             if score < limits.coarse_share * held[0][0]:
                 break
-            refined = _refine(candidate, coarse, sight, camera, library, limits, source)
+            refined = _refine(candidate, coarse, cutout, camera, library, limits, source)
             if refined is not None:
                 fine.append(refined)
     fine = without_repeats(fine, library)
-    if sight.is_backlit and len(fine) > 1:
-        open_ones = [h for h in fine if h.odds > fine[0].odds - OUTLINE_DECIDES]
+    if cutout.is_backlit and len(fine) > 1:
+        open_ones = [h for h in fine if h.log_odds > fine[0].log_odds - OUTLINE_DECIDES]
         if len(open_ones) > 1:
-            looked_at = [_look_inside(h, sight, camera, library, limits) for h in open_ones]
+            looked_at = [_look_inside(h, cutout, camera, library, limits) for h in open_ones]
             # with and without what lies inside, odds have different constants
             fine = [*without_repeats(looked_at, library), *fine[len(open_ones) :]]
     return fine
@@ -185,7 +185,7 @@ def is_tried(candidate: Candidate, hypotheses: Sequence[Hypothesis], library: Li
 def without_repeats(hypotheses: Sequence[Hypothesis], library: Library) -> list[Hypothesis]:
     """Return hypotheses best first, each pose and turn once."""
     kept: list[Hypothesis] = []
-    for h in sorted(hypotheses, key=lambda h: -h.odds):
+    for h in sorted(hypotheses, key=lambda h: -h.log_odds):
         if not any(is_same_reading(k, h, library) for k in kept):
             kept.append(h)
     return kept
@@ -230,12 +230,16 @@ def _is_perfect(h: Hypothesis, limits: SearchLimits) -> bool:
     return h.probability > limits.perfect and h.evidence.misfit_px < limits.perfect_px
 
 
-def _reach_px(mm: float, sight: Sight) -> float:
-    return max(mm / sight.mm_per_px, 3.0)
+def _reach_px(mm: float, cutout: ObjectCutout) -> float:
+    return max(mm / cutout.mm_per_px, 3.0)
 
 
 def _coarse(
-    candidate: Candidate, sight: Sight, camera: Camera, library: Library, limits: SearchLimits
+    candidate: Candidate,
+    cutout: ObjectCutout,
+    camera: Camera,
+    library: Library,
+    limits: SearchLimits,
 ) -> tuple[EdgeFit | None, float]:
     """Return a candidate's first fit and its score; a tall part's place is looked for farther off.
 
@@ -243,18 +247,18 @@ def _coarse(
     """
     pose = library.entries[candidate.part].pose(candidate.pose)
     model = library.model(candidate.part)
-    T = lying(model, pose, candidate.x_mm, candidate.y_mm, candidate.theta_rad)
+    T = pose_on_table(model, pose, candidate.x_mm, candidate.y_mm, candidate.theta_rad)
     reaches_mm = [limits.first_reach_mm]
-    if sight.is_backlit and candidate.slack_mm >= limits.slack_mm:  # under lamps lines say more
+    if cutout.is_backlit and candidate.slack_mm >= limits.slack_mm:  # under lamps lines say more
         reaches_mm.append(limits.first_reach_mm + candidate.slack_mm)
     best, best_score = None, 0.0
     for reach_mm in reaches_mm:
         options = FitOptions(
-            reach_px=(_reach_px(reach_mm, sight),),
+            reach_px=(_reach_px(reach_mm, cutout),),
             steps=3,
             most=limits.coarse_samples,
         )
-        fit = fit_edges(model, T, camera, sight.measure, options)
+        fit = fit_edges(model, T, camera, cutout.measure, options)
         score = 0.0 if fit is None else _coarse_score(fit)
         if score > best_score:
             best, best_score = fit, score
@@ -274,7 +278,7 @@ def _coarse_score(fit: EdgeFit) -> float:
 def _refine(
     candidate: Candidate,
     coarse: EdgeFit,
-    sight: Sight,
+    cutout: ObjectCutout,
     camera: Camera,
     library: Library,
     limits: SearchLimits,
@@ -284,30 +288,30 @@ def _refine(
     entry = library.entries[candidate.part]
     pose = entry.pose(candidate.pose)
     # under lamps a wall's dark foot is easily lost, and a tilt would make up for it
-    rocking = limits.rocking_rad if sight.is_backlit else limits.rocking_lit_rad
+    rocking = limits.rocking_rad if cutout.is_backlit else limits.rocking_lit_rad
     tilt = rocking if pose.rocking or pose.rolling else limits.tilt_rad
     options = FitOptions(
-        reach_px=(_reach_px(1.5, sight), _reach_px(0.8, sight)),
+        reach_px=(_reach_px(1.5, cutout), _reach_px(0.8, cutout)),
         steps=3,
         tilt_rad=tilt,
-        most=limits.fine_outline if sight.is_backlit else limits.fine_samples,
+        most=limits.fine_outline if cutout.is_backlit else limits.fine_samples,
     )
     start = coarse.T_world_part
-    if not sight.is_backlit:
-        start = _shifted(model, start, sight, camera, limits)
-    fit = fit_edges(model, start, camera, sight.measure, options)
+    if not cutout.is_backlit:
+        start = _shifted(model, start, cutout, camera, limits)
+    fit = fit_edges(model, start, camera, cutout.measure, options)
     if fit is None:
         return None
-    if sight.is_backlit:
-        evidence = outline_evidence(fit, sight.loops, sight.mm_per_px)
+    if cutout.is_backlit:
+        evidence = outline_evidence(fit, cutout.loops, cutout.mm_per_px)
     else:
         evidence = grey_evidence(
             fit.edges,
             fit.sigma_px,
-            sight.mm_per_px,
-            sight.greys,
-            sight.image_edges,
-            _shading(fit, model, sight, camera),
+            cutout.mm_per_px,
+            cutout.greys,
+            cutout.image_edges,
+            _shading(fit, model, cutout, camera),
         )
     return Hypothesis(
         part=candidate.part,
@@ -316,22 +320,22 @@ def _refine(
         place_mm=place_of(entry, fit.T_world_part),
         fit=fit,
         evidence=evidence,
-        probability=probability(evidence, SILHOUETTE if sight.is_backlit else FRONT),
-        odds=log_odds(evidence, is_lit=sight.is_lit),
+        probability=probability(evidence, SILHOUETTE if cutout.is_backlit else FRONT),
+        log_odds=log_odds(evidence, is_lit=cutout.is_lit),
         overlap=candidate.overlap,
         source=source,
     )
 
 
 def _shifted(
-    model: EdgeModel, T: FloatArray, sight: Sight, camera: Camera, limits: SearchLimits
+    model: EdgeModel, T: FloatArray, cutout: ObjectCutout, camera: Camera, limits: SearchLimits
 ) -> FloatArray:
     """Return a pose moved over the table to where its edges meet the most contrast."""
     edges = predict_edges(model, T, camera, limits.coarse_samples)
     if len(edges.pixels) == 0:
         return T
-    reach = int(np.clip(np.ceil(limits.shift_mm / sight.mm_per_px), 2, 6))
-    shift = sight.greys[0].best_shift(edges, reach)
+    reach = int(np.clip(np.ceil(limits.shift_mm / cutout.mm_per_px), 2, 6))
+    shift = cutout.greys[0].best_shift(edges, reach)
     middle = edges.pixels.mean(axis=0)
     ground = camera.on_plane(np.array([middle, middle + shift]))
     out = T.copy()
@@ -340,19 +344,19 @@ def _shifted(
 
 
 def _look_inside(
-    h: Hypothesis, sight: Sight, camera: Camera, library: Library, limits: SearchLimits
+    h: Hypothesis, cutout: ObjectCutout, camera: Camera, library: Library, limits: SearchLimits
 ) -> Hypothesis:
     """Return a hypothesis about an outline with what the grey levels inside say of it."""
     model = library.model(h.part)
     edges = predict_edges(model, h.fit.T_world_part, camera, limits.fine_samples)
-    shading = _shading(h.fit, model, sight, camera)
+    shading = _shading(h.fit, model, cutout, camera)
     evidence = with_inside(
-        h.evidence, edges, sight.mm_per_px, sight.greys, sight.image_edges, shading
+        h.evidence, edges, cutout.mm_per_px, cutout.greys, cutout.image_edges, shading
     )
-    return replace(h, evidence=evidence, odds=log_odds(evidence, is_lit=sight.is_lit))
+    return replace(h, evidence=evidence, log_odds=log_odds(evidence, is_lit=cutout.is_lit))
 
 
-def _shading(fit: EdgeFit, model: EdgeModel, sight: Sight, camera: Camera) -> Shading:
+def _shading(fit: EdgeFit, model: EdgeModel, cutout: ObjectCutout, camera: Camera) -> Shading:
     return shading_fit(
-        model, fit.T_world_part, camera, sight.crops[0], sight.corner_px, sight.inside
+        model, fit.T_world_part, camera, cutout.crops[0], cutout.corner_px, cutout.inside
     )

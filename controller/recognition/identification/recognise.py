@@ -19,7 +19,7 @@ from controller.imaging import Camera
 from ..grey import image_features, propose
 from ..library import Candidate, Entry, Library, Silhouette, polar_grid
 from ..segmentation import Region, segment
-from ._sight import Sight
+from ._cutout import ObjectCutout
 from .decide import Decision, decide, is_convincing
 from .hypotheses import Hypothesis, SearchLimits, is_tried, weigh, without_repeats
 from .sighting import Alternative, Recognition, Sighting, Trace
@@ -108,13 +108,13 @@ def _identify(
         candidates += library.index.search(silhouette, far=far)
     candidates.sort(key=lambda c: -c.overlap)
     mm = camera.mm_per_px(np.array([*main.centroid_mm, 0.0]))
-    sight = Sight(region, pictures, mm, is_backlit=is_backlit)
-    hypotheses = weigh(candidates, sight, camera, library, limits.search)
+    cutout = ObjectCutout(region, pictures, mm, is_backlit=is_backlit)
+    hypotheses = weigh(candidates, cutout, camera, library, limits.search)
     if not is_backlit and not is_convincing(hypotheses):
-        proposed = _by_lines(sight, camera, library)
+        proposed = _by_lines(cutout, camera, library)
         candidates += proposed
         new = [c for c in proposed if not is_tried(c, hypotheses, library)]
-        lines = weigh(new, sight, camera, library, limits.search, source="lines")
+        lines = weigh(new, cutout, camera, library, limits.search, source="lines")
         hypotheses = without_repeats([*hypotheses, *lines], library)
     decision = decide(hypotheses, is_backlit=is_backlit)
     trace = Trace(region, tuple(candidates), tuple(hypotheses))
@@ -124,10 +124,10 @@ def _identify(
     return _known(decision, decision.best, region, main.area_mm2, library), trace
 
 
-def _by_lines(sight: Sight, camera: Camera, library: Library) -> list[Candidate]:
+def _by_lines(cutout: ObjectCutout, camera: Camera, library: Library) -> list[Candidate]:
     """Return what lines, corners and circles of the picture propose; references.md P3.2."""
-    corner = np.array(sight.corner_px, dtype=np.float64)
-    features = image_features(sight.crops[0], lambda p: camera.on_plane(p + corner)[:, :2])
+    corner = np.array(cutout.corner_px, dtype=np.float64)
+    features = image_features(cutout.crops[0], lambda p: camera.on_plane(p + corner)[:, :2])
     foot = camera.position_mm
     found = propose(
         features, library.grey_index, foot_mm=(float(foot[0]), float(foot[1])), most=MOST_BY_LINES

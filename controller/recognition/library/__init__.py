@@ -12,7 +12,7 @@ from ._library import (
     turn_of,
     turns_that_keep,
 )
-from ._views import PartViews, Station, lying, shadow_camera, view_part
+from ._views import PartViews, Station, pose_on_table, shadow_camera, view_part
 from .polar import polar_grid
 
 __all__ = [
@@ -24,11 +24,11 @@ __all__ = [
     "Station",
     "ViewIndex",
     "check_fits",
-    "lying",
     "make_entry",
     "make_library",
     "place_of",
     "polar_grid",
+    "pose_on_table",
     "shadow_camera",
     "station_of",
     "turn_of",

@@ -19,7 +19,7 @@ from controller.imaging import Camera, RayCaster
 from ..fitting import EdgeModel, EdgeShape, edge_model, edge_shape
 from ..grey import FeatureIndex, ModelFeatures, feature_index, model_features
 from ._index import ViewIndex
-from ._views import PartViews, Station, lying, shadow_camera, view_part
+from ._views import PartViews, Station, pose_on_table, shadow_camera, view_part
 
 LEAST_PROBABILITY = 0.01
 KEPT_MODELS = 32  # a part takes some megabytes with its search tree
@@ -155,7 +155,7 @@ def _features(solid: Solid, pose: StablePose, station: Station) -> ModelFeatures
     """Return what a pose shows straight below the camera, in mm on the table."""
     eye = station.eye_mm
     above = shadow_camera(np.array([0.0, 0.0, eye]))
-    T = lying(solid, pose, 0.0, 0.0, 0.0)
+    T = pose_on_table(solid, pose, 0.0, 0.0, 0.0)
     return model_features(camera_view(solid, T, above, prepared=prepare_views(solid)), T, eye)
 
 
@@ -164,12 +164,12 @@ def _distinct_poses(poses: Sequence[StablePose], least: float) -> tuple[StablePo
 
     Symmetric ways to lie share their odds out, so that the sum of them counts.
     """
-    odds: dict[int, float] = {}
+    probability: dict[int, float] = {}
     for pose in poses:
         first = pose.same_as if pose.same_as >= 0 else pose.index
-        odds[first] = odds.get(first, 0.0) + pose.probability
+        probability[first] = probability.get(first, 0.0) + pose.probability
     # what would roll on or tip at a touch is seen lying all the same; planning refuses it
-    return tuple(p for p in poses if odds.get(p.index, 0.0) >= least)
+    return tuple(p for p in poses if probability.get(p.index, 0.0) >= least)
 
 
 def turns_that_keep(R: FloatArray, symmetry: PartSymmetry) -> FloatArray:

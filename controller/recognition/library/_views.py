@@ -80,7 +80,7 @@ class Weighted(Protocol):
         ...
 
 
-def lying(
+def pose_on_table(
     part: Weighted, pose: StablePose, x_mm: float, y_mm: float, theta_rad: float
 ) -> FloatArray:
     """Return T_world_part of a part at rest: turned upright, then by theta, then moved.
@@ -137,7 +137,7 @@ def view_part(
             raise ValueError(f"{solid.name}: {height:.0f} mm tall, up to the camera")
         lean = height / (station.eye_mm - height)
         for place, ring in _places(extents, station):
-            T = lying(solid, pose, place[0], place[1], 0.0)
+            T = pose_on_table(solid, pose, place[0], place[1], 0.0)
             area, perimeter, centroid, grid = _shadow(solid, caster, T, eye)
             rows.append((pose.index, place, area, perimeter, centroid - place, grid, ring, lean))
     pose_of, places, areas, perimeters, centroids, grids, rings, leans = zip(*rows, strict=True)

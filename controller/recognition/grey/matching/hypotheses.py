@@ -179,7 +179,7 @@ def _votes(
         np.ones(len(circles)),
         image.circles.cover,
         tol,
-        both_ways=True,
+        both_directions=True,
     )
     rows: list[FloatArray] = []
     for kind in KINDS:

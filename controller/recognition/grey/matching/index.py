@@ -72,7 +72,7 @@ def feature_index(
             m.circle_spread,
             m.circle_weights,
             tol,
-            both_ways=False,
+            both_directions=False,
         )
         for kind, frame in frames.items():
             if len(frame.keys):

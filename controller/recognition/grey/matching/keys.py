@@ -55,7 +55,7 @@ def frames_of(
     circle_weights: FloatArray,
     tol: GreyTolerances,
     *,
-    both_ways: bool,
+    both_directions: bool,
 ) -> dict[str, Frames]:
     """Return the keyed features of one view or picture, by kind.
 
@@ -68,7 +68,7 @@ def frames_of(
     circles : (m, 3) centre and radius [mm]
     circle_spread, circle_weights : (m,)
     tol : the unit of the keys
-    both_ways : what has no direction of its own is listed for both; for one of the two sides of a
+    both_directions : what has no direction of its own is listed for both; for one side of a
         comparison that is enough
     """
     n = min(len(lines), MOST_LINES)
@@ -100,7 +100,7 @@ def frames_of(
         "flank": _flanks(lines, turn, length, line_weights, circles, circle_spread, tol),
     }
     frames["edge"], frames["corner"] = _cornered(lines, spread, line_weights, corners, size, tol)
-    if both_ways:
+    if both_directions:
         frames["line"] = _turned(frames["line"])
     return frames
 

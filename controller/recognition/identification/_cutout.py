@@ -15,7 +15,7 @@ RIM_MM = 0.8  # of a part's grey levels that are blurred with what lies beside i
 BESIDE_PX = 3  # outside the mask strong edges still are the part's
 
 
-class Sight:
+class ObjectCutout:
     """One object's share of the pictures.
 
     Parameters
