@@ -17,16 +17,19 @@ from ..errors import (
     FaultError,
     PositionLostError,
     RefusedError,
+    ReplyTimeoutError,
     StalledError,
+    UnpluggedError,
     WrongDeviceError,
 )
 from ..kinds import Hold
-from ..modbus_link import ModbusLink
+from ..modbus_link import FunctionCode, ModbusLink, Request
 from ._config import GripperConfig
-from ._conversation import NOT_KNOWN_TO_BE_DONE, Conversation
+from ._monitor import GripperMonitor
 from ._registers import (
     ACTIVATE,
     GO_TO,
+    INPUT_REGISTER,
     OUTPUT_REGISTER,
     RELEASING_FAULT,
     ActivationState,
@@ -45,6 +48,7 @@ RESET_TIMEOUT_S: Final = 1.0
 RELEASE_TIMEOUT_S: Final = 10.0  # a full stroke at the slowest speed is 4.3 s, §2.5
 MOVE_MARGIN: Final = 1.5  # speed is only quasi linear, §2.5
 MOVE_MARGIN_S: Final = 1.0
+NOT_KNOWN_TO_BE_DONE: Final = (ReplyTimeoutError, UnpluggedError)  # errors after which one looks
 
 
 class StoppedError(DeviceError):
@@ -69,7 +73,21 @@ class Gripper:
     ) -> None:
         self.config = config or GripperConfig()
         self.name = name
-        self._talk = Conversation(link, self.config, name)
+        self._clock = link.clock
+        self._unit = link.unit(
+            self.config.unit,
+            name,
+            spacing_s=self.config.spacing_s,
+            probes=tuple(
+                Request(FunctionCode.READ_HOLDING_REGISTERS, INPUT_REGISTER, count)
+                for count in (1, 2)
+            ),
+            check=(
+                f"its 24 V supply, its slave id {self.config.unit}, RS-485 A and B, 115200 8N1 "
+                "(a Robotiq also stays silent when it does not like a request)"
+            ),
+        )
+        self._monitor = GripperMonitor(self._unit, self.config)
         self._verb = asyncio.Lock()
         self._stopping: set[asyncio.Future[None]] = set()
 
@@ -104,43 +122,41 @@ class Gripper:
         try:
             status = await self.status()
         except RefusedError as error:
-            raise WrongDeviceError(
-                f"{self._talk.unit}: {expected}, found {error}; {advice}"
-            ) from error
+            raise WrongDeviceError(f"{self._unit}: {expected}, found {error}; {advice}") from error
         except BadReplyError as error:
             raise WrongDeviceError(
-                f"{self._talk.unit}: expected a Robotiq 2F gripper, found {error}; {advice}"
+                f"{self._unit}: expected a Robotiq 2F gripper, found {error}; {advice}"
             ) from error
-        if self._talk.grasp is None and status.is_activated and status.has_contact:
-            self._talk.grasp = judge_grasp(status, status.object, 0.0, self.config)
-        self._talk.keep_awake()
+        if self._monitor.grasp is None and status.is_activated and status.has_contact:
+            self._monitor.grasp = judge_grasp(status, status.object, 0.0, self.config)
+        self._monitor.keep_awake()
         return status
 
     async def aclose(self) -> None:
         """End the keep-alive. The jaws stay as they are; the gripper will show fault 09."""
         if self._stopping:
             await asyncio.wait(self._stopping)
-        await self._talk.aclose()
+        await self._monitor.aclose()
 
     @property
     def latest(self) -> GripperStatus | None:
         """The last reading, at most ``keep_alive_s`` old while all is well; see its ``at_s``."""
-        return self._talk.latest
+        return self._monitor.latest
 
     async def status(self) -> GripperStatus:
         """Return a fresh reading. Faults are in it, not raised."""
-        return await self._talk.status()
+        return await self._monitor.status()
 
     async def hold(self) -> Hold:
         """Return what has become of the part of the last grasp. A loss stays a loss."""
         status = await self.status()
-        if self._talk.lost.is_set():
+        if self._monitor.lost.is_set():
             return Hold.LOST
-        return judge_hold(self._talk.grasp, status, self.config)
+        return judge_hold(self._monitor.grasp, status, self.config)
 
     async def wait_lost(self) -> None:
         """Wait until the keep-alive, or any reading, notices that the gripped part is gone."""
-        await self._talk.lost.wait()
+        await self._monitor.lost.wait()
 
     async def activate(self) -> GripperStatus:
         """Make the gripper ready to move; nothing happens when it is.
@@ -240,7 +256,7 @@ class Gripper:
         ------
         StalledError : the jaws still move after `STOP_TRIES` stop commands
         """
-        status = self._talk.latest
+        status = self._monitor.latest
         if status is None or not status.is_activated:
             status = await self.status()
         for _ in range(STOP_TRIES):
@@ -250,7 +266,7 @@ class Gripper:
                 if status.activation is ActivationState.ACTIVATING:
                     await self._deactivate()
                 else:
-                    await self._talk.unit.write_register(OUTPUT_REGISTER, ACTIVATE << 8)
+                    await self._unit.write_register(OUTPUT_REGISTER, ACTIVATE << 8)
             except NOT_KNOWN_TO_BE_DONE as error:
                 log.warning("stopping: %s", error)
             status = await self.status()
@@ -271,8 +287,8 @@ class Gripper:
     ) -> GraspResult:
         self.config.width_mm_to_counts(expected_mm)  # the jaws must be able to be that wide
         status = await self._move(self.config.width_mm_to_counts(target_mm), speed_mm_s, force_n)
-        self._talk.grasp = judge_grasp(status, contact, expected_mm, self.config)
-        return self._talk.grasp
+        self._monitor.grasp = judge_grasp(status, contact, expected_mm, self.config)
+        return self._monitor.grasp
 
     async def _move(
         self, target: Counts, speed_mm_s: float | None, force_n: float | None
@@ -294,7 +310,7 @@ class Gripper:
             limit_s = MOVE_MARGIN * distance_mm / speed_mm_s + MOVE_MARGIN_S
             was_asked = before.is_going and before.requested_counts == target
             try:
-                await self._talk.write(
+                await self._write(
                     outputs,
                     lambda now: now.is_going and now.requested_counts == target and not was_asked,
                 )
@@ -304,7 +320,7 @@ class Gripper:
                 raise
 
     async def _arrival(self, target: Counts, limit_s: float) -> GripperStatus:
-        deadline_s = self._talk.deadline_s(limit_s)
+        deadline_s = self._monitor.deadline_s(limit_s)
         is_under_way = False
         while True:
             status = await self.status()
@@ -315,37 +331,52 @@ class Gripper:
                     return status
             elif is_under_way:  # before that it is the old state: refreshed every 5 ms only
                 raise StoppedError(f"{self.name}: stopped at {status.width_mm:.1f} mm")
-            if self._talk.clock.now_s() > deadline_s:
+            if self._clock.now_s() > deadline_s:
                 await self._quietly(self.stop)
                 raise StalledError(
                     f"{self.name}: not arrived after {limit_s:.1f} s, stopped at "
                     f"{status.width_mm:.1f} mm; look at the jaws"
                 )
-            await self._talk.pause()
+            await self._monitor.pause()
 
     async def _activate(self, status: GripperStatus) -> GripperStatus:
         if status.fault == RELEASING_FAULT:
-            status = await self._talk.until(
+            status = await self._monitor.until(
                 lambda now: now.fault != RELEASING_FAULT, RELEASE_TIMEOUT_S, "automatic release"
             )
         is_activating = status.is_powered_on and status.activation is ActivationState.ACTIVATING
         if not is_activating or fault_of(status.fault).kind is FaultClass.MAJOR:
             await self._deactivate()
-            await self._talk.until(
+            await self._monitor.until(
                 lambda now: now.activation is ActivationState.RESET and not now.is_powered_on,
                 RESET_TIMEOUT_S,
                 "reset",
             )
-            await self._talk.write(encode_outputs(ACTIVATE), lambda now: now.is_powered_on)
-        return await self._talk.until(
+            await self._write(encode_outputs(ACTIVATE), lambda now: now.is_powered_on)
+        return await self._monitor.until(
             lambda now: now.is_activated,
             self.config.activation_timeout_s,
             "activation",
             stop_at_major=True,
         )
 
+    async def _write(
+        self, outputs: tuple[int, int, int], has_arrived: Callable[[GripperStatus], bool]
+    ) -> None:
+        """Write the output block; after silence look whether it arrived before repeating it.
+
+        Outputs are absolute, so the one repetition moves nothing twice.
+        """
+        self._monitor.note_request()
+        try:
+            await self._unit.write_registers(OUTPUT_REGISTER, outputs)
+        except NOT_KNOWN_TO_BE_DONE as error:
+            log.warning("reading back: %s", error)
+            if not has_arrived(await self.status()):
+                await self._unit.write_registers(OUTPUT_REGISTER, outputs)
+
     async def _deactivate(self) -> None:
-        await self._talk.write(encode_outputs(0), lambda now: not now.is_powered_on)
+        await self._write(encode_outputs(0), lambda now: not now.is_powered_on)
 
     def _require_ready(self, status: GripperStatus) -> None:
         if status.has_fault:
@@ -358,8 +389,8 @@ class Gripper:
             )
 
     def _forget_grip(self) -> None:
-        self._talk.grasp = None
-        self._talk.lost.clear()
+        self._monitor.grasp = None
+        self._monitor.lost.clear()
 
     async def _on_the_way_out(self, action: Callable[[], Awaitable[object]]) -> None:
         """Stop before a cancellation leaves; a second one does not keep it from being sent."""

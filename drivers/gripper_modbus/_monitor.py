@@ -1,6 +1,6 @@
-"""The conversation with a gripper below its verbs: asking, writing once, keeping it awake.
+"""Reads a gripper: for its verbs, often enough to keep it awake, and to notice a lost part.
 
-Knows when a part is lost, since every reading passes here. Moves nothing.
+Every reading passes here. Nothing here writes to the gripper.
 """
 
 import asyncio
@@ -8,14 +8,13 @@ import logging
 from collections.abc import Callable
 from typing import Final
 
-from ..errors import DeviceError, FaultError, ReplyTimeoutError, StalledError, UnpluggedError
+from ..errors import DeviceError, FaultError, StalledError
 from ..kinds import Hold
-from ..modbus_link import FunctionCode, ModbusLink, Request
+from ..modbus_link import ModbusUnit
 from ._config import GripperConfig
 from ._registers import (
     INPUT_COUNT,
     INPUT_REGISTER,
-    OUTPUT_REGISTER,
     FaultClass,
     decode_inputs,
     fault_of,
@@ -27,46 +26,38 @@ log = logging.getLogger(__name__)
 # An emulated cell that runs fast shares the host: asking more often costs it more than it learns.
 MIN_MOVE_POLL_WALL_S: Final = 0.004
 MIN_HOLD_POLL_WALL_S: Final = 0.02
-NOT_KNOWN_TO_BE_DONE: Final = (ReplyTimeoutError, UnpluggedError)  # errors after which one looks
 
 
-class Conversation:
-    """Everything said to one gripper; the verbs are built on it.
+class GripperMonitor:
+    """The readings of one gripper.
 
     Parameters
     ----------
-    link : the line the gripper is on
-    config : its slave id, calibration and limits
-    name : what messages call it
+    unit : the gripper on its line
+    config : calibration, and how often to read
+
+    Attributes
+    ----------
+    grasp : the last grasp, whose part must stay; None where nothing is gripped
+    latest : the last reading
+    lost : set once a reading shows that the part of ``grasp`` is gone
     """
 
-    def __init__(self, link: ModbusLink, config: GripperConfig, name: str) -> None:
-        self.clock = link.clock
-        self.config = config
-        self.name = name
-        self.unit = link.unit(
-            config.unit,
-            name,
-            spacing_s=config.spacing_s,
-            probes=tuple(
-                Request(FunctionCode.READ_HOLDING_REGISTERS, INPUT_REGISTER, count)
-                for count in (1, 2)
-            ),
-            check=(
-                f"its 24 V supply, its slave id {config.unit}, RS-485 A and B, 115200 8N1 "
-                "(a Robotiq also stays silent when it does not like a request)"
-            ),
-        )
+    def __init__(self, unit: ModbusUnit, config: GripperConfig) -> None:
+        self._unit = unit
+        self._clock = unit.link.clock
+        self._config = config
+        self._name = unit.name
         self.grasp: GraspResult | None = None
         self.latest: GripperStatus | None = None
         self.lost = asyncio.Event()
-        self._asked_at_s = self.clock.now_s()
+        self._request_at_s = self._clock.now_s()
         self._keeper: asyncio.Task[None] | None = None
 
     def keep_awake(self) -> None:
         """Start asking it often enough for fault 09 to stay away."""
         if self._keeper is None:
-            self._keeper = asyncio.create_task(self._keep_alive(), name=f"{self.name} keep-alive")
+            self._keeper = asyncio.create_task(self._keep_alive(), name=f"{self._name} keep-alive")
 
     async def aclose(self) -> None:
         """End the keep-alive."""
@@ -79,30 +70,19 @@ class Conversation:
 
     async def status(self) -> GripperStatus:
         """Read the input block."""
-        at_s = self.clock.now_s()
-        self._asked_at_s = at_s
-        registers = await self.unit.read_holding_registers(INPUT_REGISTER, INPUT_COUNT)
-        status = GripperStatus.of(decode_inputs(registers), self.config, at_s)
+        at_s = self._clock.now_s()
+        self._request_at_s = at_s
+        registers = await self._unit.read_holding_registers(INPUT_REGISTER, INPUT_COUNT)
+        status = GripperStatus.of(decode_inputs(registers), self._config, at_s)
         self.latest = status
-        if judge_hold(self.grasp, status, self.config) is Hold.LOST and not self.lost.is_set():
-            log.warning("%s: part lost, jaws now at %.1f mm", self.name, status.width_mm)
+        if judge_hold(self.grasp, status, self._config) is Hold.LOST and not self.lost.is_set():
+            log.warning("%s: part lost, jaws now at %.1f mm", self._name, status.width_mm)
             self.lost.set()
         return status
 
-    async def write(
-        self, outputs: tuple[int, int, int], has_arrived: Callable[[GripperStatus], bool]
-    ) -> None:
-        """Write the output block; after silence look whether it arrived before repeating it.
-
-        Outputs are absolute, so the one repetition moves nothing twice.
-        """
-        self._asked_at_s = self.clock.now_s()
-        try:
-            await self.unit.write_registers(OUTPUT_REGISTER, outputs)
-        except NOT_KNOWN_TO_BE_DONE as error:
-            log.warning("reading back: %s", error)
-            if not has_arrived(await self.status()):
-                await self.unit.write_registers(OUTPUT_REGISTER, outputs)
+    def note_request(self) -> None:
+        """Take it that a request goes out now: it keeps the gripper awake as a reading does."""
+        self._request_at_s = self._clock.now_s()
 
     async def until(
         self,
@@ -131,11 +111,11 @@ class Conversation:
         while True:
             status = await self.status()
             if stop_at_major and fault_of(status.fault).kind is FaultClass.MAJOR:
-                raise FaultError(f"{self.name}: {what}: {status.fault_text}", status.fault)
+                raise FaultError(f"{self._name}: {what}: {status.fault_text}", status.fault)
             if claim(status):
                 return status
-            if self.clock.attended_s() > deadline_s:
-                message = f"{self.name}: {what} not finished after {limit_s:g} s"
+            if self._clock.attended_s() > deadline_s:
+                message = f"{self._name}: {what} not finished after {limit_s:g} s"
                 if status.has_fault:
                     raise FaultError(f"{message}; {status.fault_text}", status.fault)
                 raise StalledError(f"{message}; check that the fingers are free")
@@ -143,24 +123,26 @@ class Conversation:
 
     async def pause(self) -> None:
         """Wait as long as between two readings while the jaws move."""
-        await self.clock.sleep(
-            max(self.config.move_poll_s, MIN_MOVE_POLL_WALL_S * self.clock.speed)
+        await self._clock.sleep(
+            max(self._config.move_poll_s, MIN_MOVE_POLL_WALL_S * self._clock.speed)
         )
 
     def deadline_s(self, limit_s: float) -> float:
         """Return the attended instant at which ``limit_s`` from now is over [cell s]."""
-        return self.clock.attended_s() + self.clock.patience_s(limit_s)
+        return self._clock.attended_s() + self._clock.patience_s(limit_s)
 
     async def _keep_alive(self) -> None:
         is_failing = False
         while True:
-            period_s = self.config.keep_alive_s
+            period_s = self._config.keep_alive_s
             if self.grasp:
-                hold_poll_s = max(self.config.hold_poll_s, MIN_HOLD_POLL_WALL_S * self.clock.speed)
+                hold_poll_s = max(
+                    self._config.hold_poll_s, MIN_HOLD_POLL_WALL_S * self._clock.speed
+                )
                 period_s = min(period_s, hold_poll_s)
-            remaining_s = self._asked_at_s + period_s - self.clock.now_s()
+            remaining_s = self._request_at_s + period_s - self._clock.now_s()
             if remaining_s > 0:
-                await self.clock.sleep(remaining_s)
+                await self._clock.sleep(remaining_s)
                 continue
             try:
                 await self.status()
