@@ -331,7 +331,7 @@ class Gripper:
                     return status
             elif is_under_way:  # before that it is the old state: refreshed every 5 ms only
                 raise StoppedError(f"{self.name}: stopped at {status.width_mm:.1f} mm")
-            if self._clock.now_s() > deadline_s:
+            if self._clock.attended_s() > deadline_s:
                 await self._quietly(self.stop)
                 raise StalledError(
                     f"{self.name}: not arrived after {limit_s:.1f} s, stopped at "
