@@ -49,17 +49,14 @@ class Grippers:
         ------
         ReleaseRefusedError : the fixed gripper does not confirm that it holds the part
         """
-        await self._record.once(
-            Intent(name=Once.RELEASE_ARM, open_mm=opening_mm), lambda: self.open_arm(opening_mm)
-        )
+        async with self._record.once(Intent(name=Once.RELEASE_ARM, open_mm=opening_mm)):
+            await self.open_arm(opening_mm)
         self._record.part.hold = None
 
     async def let_go(self, intent: Intent, opening_mm: float) -> None:
         """Open the arm gripper where the part is meant to stay: on the table, over its tray."""
-        await self._record.once(
-            intent,
-            lambda: self._guard.open_arm(opening_mm, self._record.part.custody, lets_go=True),
-        )
+        async with self._record.once(intent):
+            await self._guard.open_arm(opening_mm, self._record.part.custody, lets_go=True)
         self._record.part.hold = None
 
     async def open_fixed(self, opening_mm: float | None = None) -> None:
@@ -82,10 +79,8 @@ class Grippers:
         ------
         ReleaseRefusedError : the jaws of the arm gripper do not stand on the part
         """
-        await self._record.once(
-            Intent(name=Once.RELEASE_FIXED, open_mm=opening_mm),
-            lambda: self.open_fixed(opening_mm),
-        )
+        async with self._record.once(Intent(name=Once.RELEASE_FIXED, open_mm=opening_mm)):
+            await self.open_fixed(opening_mm)
         self._record.part.fixed_grasp = None
 
     async def close_arm(self, action: Once, expected_mm: float) -> float:
@@ -96,16 +91,13 @@ class Grippers:
         action : to take it off the table, or back from the fixed gripper
         expected_mm : the opening the plan expects
         """
-        return await self._record.once(
-            Intent(name=action, expected_mm=expected_mm), lambda: self._arm.grasp(self._arm_force)
-        )
+        async with self._record.once(Intent(name=action, expected_mm=expected_mm)):
+            return await self._arm.grasp(self._arm_force)
 
     async def close_fixed(self, expected_mm: float) -> GraspReading:
         """Close the fixed gripper on the part that the arm gripper holds."""
-        return await self._record.once(
-            Intent(name=Once.HAND_OFF, expected_mm=expected_mm),
-            lambda: self._fixed.close_on(expected_mm, force_n=self._force_n),
-        )
+        async with self._record.once(Intent(name=Once.HAND_OFF, expected_mm=expected_mm)):
+            return await self._fixed.close_on(expected_mm, force_n=self._force_n)
 
     async def require_arm_holds(self) -> None:
         """Press once more and look at the jaws: with nothing between them they close.

@@ -4,14 +4,12 @@
 never repeated without a look at the jaws (cell-facts.md 2).
 """
 
-from collections.abc import Awaitable, Callable
-from typing import TypeVar
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 
 from ..custody import Custody
 from ..journal import Body, Journal, rows
 from ..records import Hold, PartRecord, Progress
-
-Result = TypeVar("Result")
 
 
 class BatchRecord:
@@ -85,9 +83,9 @@ class BatchRecord:
         row = rows.CustodyChanged(name=custody.name.lower(), detail=detail)
         await self._journal.write_secured(row, self.part.number)
 
-    async def once(self, intent: rows.Intent, doing: Callable[[], Awaitable[Result]]) -> Result:
-        """Do something that must never be repeated blindly; its intent is on the disk before."""
+    @asynccontextmanager
+    async def once(self, intent: rows.Intent) -> AsyncIterator[None]:
+        """Do in the block what must never be repeated blindly; its intent is on the disk before."""
         await self._journal.write_secured(intent, self.part.number)
-        result = await doing()
+        yield
         self._journal.write(rows.OnceDone(name=intent.name), self.part.number)
-        return result
