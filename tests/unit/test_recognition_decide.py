@@ -269,7 +269,7 @@ def reading(edges: EdgePoints, T: Array, **more: Any) -> Hypothesis:
         "fit": fit,
         "evidence": PERFECT,
         "probability": 0.98,
-        "odds": 40.0,
+        "log_odds": 40.0,
         "overlap": 0.99,
         "source": "outline",
     }
