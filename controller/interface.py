@@ -17,7 +17,6 @@ from controller.arrays import Grey
 from controller.cad.compiled import CompileOptions, load_part, options_among
 from controller.cell.devices import DeviceBuilder, resolve
 from controller.cell.devices.clocks import find_clock
-from controller.cell.devices.driver_registry import require_drivers
 from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
 from controller.cell.devices.interlocks import REQUIRED_SIGNALS, check_interlocks, settled_signal
 from controller.cell.devices.lock import hold_cell
@@ -28,6 +27,7 @@ from controller.imaging import Camera as CameraModel
 from controller.planning import NoPlanError, Plan
 from controller.recognition import Sighting, recognise
 from controller.recognition.stored import open_library
+from controller.setup.drivers import require_drivers
 from controller.setup.optics import build_camera
 from controller.setup.planner import planner_setup
 from drivers.clock import CellClock

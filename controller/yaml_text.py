@@ -182,19 +182,21 @@ def read_yaml(text: str, path: Path, dialect: Dialect) -> YamlText:
 def keys_at(model: type[BaseModel], location: Location) -> list[str]:
     """Return the keys a section may have, following the models along a location."""
     current: Any = model
+    either: list[type[BaseModel]] = [model]
     for key in location:
+        either = []
         if isinstance(current, type) and issubclass(current, BaseModel):
             found = _fields(current).get(str(key))
             if found is None:
                 return []
-            current = _section_in(found)
+            current, either = _section_in(found), _models_in(found)
         elif get_origin(current) in (dict, tuple, list):
             current = _section_in(get_args(current)[0 if len(get_args(current)) == 1 else -1])
         else:
             return []
-    if isinstance(current, type) and issubclass(current, BaseModel):
-        return list(_fields(current))
-    return []
+    if isinstance(current, type) and issubclass(current, BaseModel) and not either:
+        either = [current]
+    return list(dict.fromkeys(key for one in either for key in _fields(one)))
 
 
 def _fields(model: type[BaseModel]) -> dict[str, Any]:
@@ -212,6 +214,14 @@ def _section_in(annotation: Any) -> Any:  # noqa: ANN401 - an annotation is any 
     if get_args(annotation)[-1:] == (Ellipsis,):
         return list[get_args(annotation)[0]]  # type: ignore[misc]  # a type made at run time
     return annotation
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:  # noqa: ANN401 - as above
+    """Return the models that a section may be, several where it is one kind or another."""
+    if get_origin(annotation) in (Union, UnionType, Annotated):
+        return [model for inner in get_args(annotation) for model in _models_in(inner)]
+    is_model = isinstance(annotation, type) and issubclass(annotation, BaseModel)
+    return [annotation] if is_model else []
 
 
 def _nearest(key: str, known: Sequence[str]) -> str:

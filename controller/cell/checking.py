@@ -12,10 +12,10 @@ from pathlib import Path
 from controller.cad import Solid, StablePose, load_solid
 from controller.cad.compiled import UNITLESS, CompileOptions, cached_part, load_part
 from controller.config import Cell, ConfigError, Recipe, line_in, load_cell, load_recipe
+from controller.setup.drivers import require_drivers
 from controller.setup.planner import PlannerSetup
 
 from .compute import Job, context, part_files
-from .devices.driver_registry import require_drivers
 from .plans import Certified, Planning
 
 LIKELY = 0.03  # poses rarer than this are no reason to refuse a recipe

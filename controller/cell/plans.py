@@ -7,6 +7,7 @@ has to be found out about an old file: another key is another file.
 
 from __future__ import annotations
 
+import sys
 from functools import lru_cache
 from pathlib import Path
 
@@ -26,6 +27,7 @@ from controller.planning import (
     prepare_part,
     resting_pose,
 )
+from controller.planning.model import ArmModel
 
 from .kept_plans import FORMAT, Certified, Kept, KeptPlan
 
@@ -69,6 +71,7 @@ class Planning:
             layout,
             self._options,
             planner_hash(),
+            model_hash(layout.arm),
         )
         self._made = 0
         self._told: dict[Path, KeptPlan] = {}
@@ -169,3 +172,12 @@ def planner_hash() -> str:
     """Return a hash of all source that decides a plan, and of the libraries it computes with."""
     root = Path(__file__).parents[2]
     return digest_of(source_hash(*(root / room for room in SOURCES)), versions(*DECIDING))
+
+
+def model_hash(arm: ArmModel) -> str:
+    """Return a hash of the source of an arm's model: its package, or its file if it has none."""
+    module = sys.modules[type(arm).__module__]
+    source = Path(module.__file__ or "")
+    if module.__package__:
+        return source_hash(source.parent)
+    return digest_of(source.read_text(encoding="utf-8"))

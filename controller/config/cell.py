@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from controller.arrays import FloatArray
 
@@ -280,18 +280,54 @@ class LinksSection(Section):
 
 
 class ArmSection(Section):
-    """The arm: where it stands and what shape it has."""
+    """What the cell file says of any arm: where it stands, and the gripper on it."""
 
     pose: Pose
+    jaw_max_mm: Width
+    arm_gripper: dict[str, Box] = Field(alias="hand")  # the key in the file
+    fingers: FingersSection
+
+
+class UmiSection(ArmSection):
+    """A UMI RTX."""
+
     upper_mm: Length
     fore_mm: Length
     tool_mm: Length
     wrist_height_mm: Length
-    jaw_max_mm: Width
     park_deg: ParkSection
     links: LinksSection
-    arm_gripper: dict[str, Box] = Field(alias="hand")  # the key in the file
-    fingers: FingersSection
+
+
+class OtherArmSection(ArmSection):
+    """An arm of another make.
+
+    Attributes
+    ----------
+    column : what of it stands still, a box in the world
+    shape : what its driver has to know of how it is built
+    """
+
+    column: Box
+    shape: dict[str, Any]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _names_no_umi(cls, given: object) -> object:
+        for key in sorted(UmiSection.model_fields.keys() - cls.model_fields.keys()):
+            if isinstance(given, dict) and key in given:
+                raise WrongKeyError(
+                    (key,), "describes a UMI RTX; what another arm is like stands under `shape`"
+                )
+        return given
+
+
+def _arm_section(given: object) -> ArmSection:
+    """Return the section of a UMI, or of the arm whose ``shape`` is given."""
+    if isinstance(given, ArmSection):
+        return given
+    section = OtherArmSection if isinstance(given, dict) and "shape" in given else UmiSection
+    return section.model_validate(given)
 
 
 class FixedGripperSection(Section):
@@ -372,7 +408,7 @@ class Cell(Section):
     cameras: CamerasSection
     station: StationSection
     lamps: dict[str, LampSection]
-    arm: ArmSection
+    arm: Annotated[UmiSection | OtherArmSection, BeforeValidator(_arm_section)]
     fixed_gripper: FixedGripperSection = Field(alias="fixture")  # the key in the file
     obstacles: dict[str, Box] = Field(default_factory=dict)
     trays: TraysSection

@@ -4,26 +4,41 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from controller.config.cell import ArmSection, Cell, FingersSection
+from controller.config import ConfigError
 from controller.config.cell import Box as BoxNumbers
+from controller.config.cell import Cell, FingersSection, OtherArmSection, UmiSection
 from controller.planning.geometry import Box
-from controller.planning.model import CellLayout, Jaw, Tray
+from controller.planning.model import JOINT_COUNT, ArmModel, CellLayout, Jaw, Tray
+from drivers.kinds import ArmDescription
 from drivers.umi_scara import ArmGeometry, UmiModel
 
+from .drivers import describe_arm
 from .optics import build_camera
 
 PARK_ZED_MM = -10.0  # below the noisy last counts under the top stop (umi_rtx.md 5.2)
 
 
 def build_layout(cell: Cell) -> CellLayout:
-    """Return the layout that planning works on [mm, rad]."""
-    arm, park = cell.arm, cell.arm.park_deg
+    """Return the layout that planning works on [mm, rad].
+
+    Raises
+    ------
+    ConfigError : the driver of an arm of another make does not know its shape
+    """
+    arm = cell.arm
+    described: ArmDescription[ArmModel]
+    if isinstance(arm, OtherArmSection):
+        described, column = describe_arm(cell.devices.arm.driver, arm.shape), arm.column
+        if described.park_q.shape != (JOINT_COUNT,):
+            raise ConfigError(f"`arm.shape`: planning knows arms of {JOINT_COUNT} joints alone")
+    else:
+        described, column = _umi(arm), arm.links.column
     obstacles = {name: Box.from_bounds(*box) for name, box in cell.obstacles.items()}
     obstacles["fixture_post"] = Box.from_bounds(*cell.fixed_gripper.post)
     return CellLayout(
-        arm=_arm(arm),
+        arm=described.model,
         T_world_arm=arm.pose.build(),
-        column=Box.from_bounds(*arm.links.column),
+        column=Box.from_bounds(*column),
         arm_gripper=_jaw(arm.arm_gripper.values(), arm.fingers, arm.jaw_max_mm),
         fixed_gripper=_jaw(
             cell.fixed_gripper.body.values(),
@@ -44,17 +59,11 @@ def build_layout(cell: Cell) -> CellLayout:
                 ("quarantine", cell.trays.quarantine),
             )
         },
-        park_q=np.array(
-            [
-                *np.radians([park.shoulder, park.elbow, park.yaw]),
-                PARK_ZED_MM,
-                *np.radians([park.pitch, park.roll]),
-            ]
-        ),
+        park_q=described.park_q,
     )
 
 
-def _arm(section: ArmSection) -> UmiModel:
+def _umi(section: UmiSection) -> ArmDescription[ArmModel]:
     geometry = ArmGeometry(
         section.upper_mm, section.fore_mm, section.tool_mm, section.wrist_height_mm
     )
@@ -67,7 +76,17 @@ def _arm(section: ArmSection) -> UmiModel:
             ("fore", links.fore),
         )
     }
-    return UmiModel.of_boxes(geometry, {n: (box.T, box.half_mm) for n, box in boxes.items()})
+    park = section.park_deg
+    return ArmDescription(
+        UmiModel.of_boxes(geometry, {n: (box.T, box.half_mm) for n, box in boxes.items()}),
+        np.array(
+            [
+                *np.radians([park.shoulder, park.elbow, park.yaw]),
+                PARK_ZED_MM,
+                *np.radians([park.pitch, park.roll]),
+            ]
+        ),
+    )
 
 
 def _jaw(body: Iterable[BoxNumbers], fingers: FingersSection, max_mm: float) -> Jaw:

@@ -7,7 +7,7 @@ those of `drivers.errors`, its instants and durations are seconds of `drivers.cl
 
 from .arm import Arm, ArmIdentity, JawReading, Stop
 from .camera import Camera, Capture, Frame
-from .driver import GROUP, Driver, NoSettings, Site
+from .driver import GROUP, ArmDescription, ArmDriver, Driver, NoSettings, Site
 from .gripper import FixedGripper, GraspReading, GripperReading, Hold
 from .io_block import Change, Changes, IoBlock, Polling, Signal
 from .lights import Lamp, LampUnit
@@ -15,6 +15,8 @@ from .lights import Lamp, LampUnit
 __all__ = [
     "GROUP",
     "Arm",
+    "ArmDescription",
+    "ArmDriver",
     "ArmIdentity",
     "Camera",
     "Capture",

@@ -12,17 +12,23 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 from ..clock import CellClock
+from .arm import Arm
 from .camera import Capture
 from .io_block import Polling
 from .lights import Lamp
 
 if TYPE_CHECKING:  # who drives no Modbus device does not load its library
+    import numpy as np
+    from numpy.typing import NDArray
+
     from ..modbus_link import ModbusLink
 
 GROUP: Final = "cellctl.drivers"
 
 Device = TypeVar("Device", covariant=True)
 Settings = TypeVar("Settings")
+Shape = TypeVar("Shape")
+Model = TypeVar("Model", covariant=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,3 +75,32 @@ class Driver(Generic[Device, Settings]):
 
     settings: type[Settings]
     build: Callable[[Site, Settings], Device]
+
+
+@dataclass(frozen=True, slots=True)
+class ArmDescription(Generic[Model]):
+    """An arm as planning has to know it.
+
+    Attributes
+    ----------
+    model : kinematics, limits, links and timing; fits the controller's `ArmModel`. A dataclass of
+        numbers and arrays, by which cached plans are found again
+    park_q : (6,) configuration in which the arm waits, out of the cameras' pictures [rad, mm]
+    """
+
+    model: Model
+    park_q: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class ArmDriver(Driver[Arm, Settings], Generic[Settings, Shape, Model]):
+    """A driver that also knows how its arm is built.
+
+    Attributes
+    ----------
+    shape : dataclass of what may stand under ``shape:`` of the cell file's section ``arm``
+    describe : returns the arm of that shape; asks no device
+    """
+
+    shape: type[Shape]
+    describe: Callable[[Shape], ArmDescription[Model]]

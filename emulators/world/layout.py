@@ -182,6 +182,11 @@ def read_layout(path: Path) -> Layout:
     if not isinstance(raw, dict):
         raise LayoutError(f"{path}: a cell file is a mapping, found {type(raw).__name__}")
     try:
+        if "shape" in raw["arm"]:
+            raise LayoutError(
+                f"{path}: `arm.shape` describes an arm that cannot be emulated; the emulated "
+                "world has a UMI RTX. Give each device the address of a real one"
+            )
         return _layout(raw)
     except KeyError as error:
         raise LayoutError(f"{path}: entry {error} is missing") from error

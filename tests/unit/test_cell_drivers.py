@@ -9,21 +9,27 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
+import six_axis_arm
 from acme_device import acme_device
 
 from controller.cell.custody.openings import Finding, judge_fixed
 from controller.cell.devices import DeviceBuilder, resolve
-from controller.cell.devices.driver_registry import (
+from controller.cell.dispatcher import Dispatcher
+from controller.cell.machine import Effect
+from controller.cell.plans import model_hash
+from controller.cli import main
+from controller.config import EMULATED_CELL, ConfigError, load_cell
+from controller.planning.motion import tcp_pose
+from controller.setup.drivers import (
     KIND_OF,
     find_driver,
     installed_drivers,
     read_settings,
     require_drivers,
 )
-from controller.cell.dispatcher import Dispatcher
-from controller.cell.machine import Effect
-from controller.config import EMULATED_CELL, ConfigError, load_cell
+from controller.setup.layout import build_layout
 from drivers.clock import CellClock
 from drivers.errors import ArmStalledError, LinkError, SilentLineError
 from drivers.kinds import Driver, Hold, Signal
@@ -159,7 +165,7 @@ class Picky:
 def test_a_rule_of_the_drivers_own_is_reported() -> None:
     driver = Driver(Picky, lambda site, settings: settings)
     assert read_settings(driver, {"width_mm": 3}, "here").width_mm == 3.0
-    with pytest.raises(ConfigError, match="at most 10 mm"):
+    with pytest.raises(ConfigError, match=r"^`here\.settings`: at most 10 mm"):
         read_settings(driver, {"width_mm": 11}, "here")
 
 
@@ -185,6 +191,113 @@ def test_a_package_that_offers_no_driver_is_named(
         find_driver("arm", "broken")
     assert "arm driver `broken`" in str(raised.value)
     assert words in str(raised.value)
+
+
+SIX_AXIS = ACME.parent / "six_axis"
+SHAPE = "{upper_mm: 420, fore_mm: 390, tool_mm: 177, park_deg: [0, 110, -110, 0, 90, 0]}"
+
+
+@pytest.fixture
+def six_axis(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Install a package with an arm of six revolute joints, as far as Python sees."""
+    monkeypatch.syspath_prepend(str(SIX_AXIS))
+
+
+@pytest.fixture
+def six_axis_file(tmp_path: Path) -> CellFile:
+    """Write the emulated cell with that arm on a pedestal, farther back than the UMI."""
+
+    def write(shape: str, more: str = "", driver: str = "six_axis") -> Path:
+        lines = EMULATED_CELL.read_text().splitlines()
+        first = lines.index("arm:")
+        last = next(i for i in range(first + 1, len(lines)) if lines[i][:1].strip())
+        kept = "\n".join(lines[first + 1 : last])
+        hand = kept[kept.index("  hand:") :]
+        arm = (
+            "arm:\n"
+            "  pose: {position: [-120, 0, 0], x_axis: [1, 0, 0], y_axis: [0, 1, 0]}\n"
+            "  jaw_max_mm: 85.0\n"
+            "  column: [-210, -30, -90, 90, 0, 310]\n"
+            f"  shape: {shape}\n{more}{hand}"
+        )
+        text = "\n".join([*lines[:first], arm, *lines[last:]])
+        own = next(line for line in lines if line.startswith("  arm:"))
+        path = tmp_path / "cell.yaml"
+        path.write_text(text.replace(own, f"  arm: {{driver: {driver}, address: here}}"))
+        return path
+
+    return write
+
+
+@pytest.mark.usefixtures("six_axis")
+def test_an_arm_of_another_make_is_described_by_its_driver(six_axis_file: CellFile) -> None:
+    path = six_axis_file(SHAPE)
+    cell = load_cell(path)
+    require_drivers(path, cell)
+    layout = build_layout(cell)
+    # by hand: the turret 120 mm behind the origin, upper arm 110 deg up, forearm level, tool down
+    a = np.radians(110.0)
+    tip = [-120 + 60 + 420 * np.cos(a) + 390, 0, 430 + 420 * np.sin(a) - 177]
+    np.testing.assert_allclose(tcp_pose(layout, layout.park_q[None])[0, :3, 3], tip, atol=1e-9)
+    np.testing.assert_allclose(layout.column.half_mm, [90, 90, 155])
+    assert [link.name for link in layout.arm.links] == ["turret", "upper", "fore", "wrist"]
+
+
+@pytest.mark.usefixtures("six_axis")
+@pytest.mark.parametrize(
+    ("shape", "more", "words"),
+    [
+        (SHAPE.replace("upper", "uper"), "", "key `arm.shape.uper_mm`; did you mean `upper_mm`?"),
+        (SHAPE.replace("420", "long"), "", "`arm.shape.upper_mm`: "),
+        (SHAPE.replace("420", "50"), "", "`arm.shape`: upper arm and forearm are longer than"),
+        (SHAPE.replace(", 0]", "]"), "", "`arm.shape.park_deg.5`: "),
+        (SHAPE, "  upper_mm: 253.5\n", "describes a UMI RTX"),
+        (SHAPE, "  jaw_max: 80\n", "unknown key `arm.jaw_max`; did you mean `jaw_max_mm`?"),
+    ],
+)
+def test_a_wrong_shape_is_named_with_its_line(
+    shape: str, more: str, words: str, six_axis_file: CellFile
+) -> None:
+    path = six_axis_file(shape, more)
+    with pytest.raises(ConfigError) as raised:
+        require_drivers(path, load_cell(path))
+    where, _, message = str(raised.value).partition(": ")
+    assert words in message
+    line = int(where.removeprefix(f"{path}:"))
+    key = more.split(":")[0] if more else "  shape"
+    assert path.read_text().splitlines()[line - 1].startswith(key)
+
+
+def test_a_driver_that_knows_no_shape_is_named(six_axis_file: CellFile) -> None:
+    path = six_axis_file(SHAPE, driver="umi_rtx")
+    with pytest.raises(ConfigError, match="`umi_rtx` does not say how its arm is built"):
+        require_drivers(path, load_cell(path))
+
+
+@pytest.mark.usefixtures("six_axis")
+def test_an_emulated_cell_with_another_arm_is_refused_with_the_reason(
+    six_axis_file: CellFile, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = six_axis_file(SHAPE)
+    for command in ("doctor", "emulate"):
+        assert main([command, "--cell", str(path)]) == 2
+        said = capsys.readouterr().err
+        assert f"{path}: `arm.shape` describes an arm that cannot be emulated" in said
+
+
+@pytest.mark.usefixtures("six_axis")
+def test_plans_are_kept_apart_by_what_the_model_holds_and_by_its_source(
+    six_axis_file: CellFile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    six, umi = build_layout(load_cell(six_axis_file(SHAPE))), build_layout(load_cell(EMULATED_CELL))
+    assert model_hash(six.arm) != model_hash(umi.arm)
+    source = Path(six_axis_arm.__file__).read_text()
+    changed = tmp_path / "six_axis_arm.py"
+    changed.write_text(source)
+    monkeypatch.setattr(six_axis_arm, "__file__", str(changed))
+    assert model_hash(six.arm) == (before := model_hash(six.arm))
+    changed.write_text(source.replace("90.0", "91.0", 1))
+    assert model_hash(six.arm) != before
 
 
 @pytest.mark.usefixtures("acme")

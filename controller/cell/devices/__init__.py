@@ -1,6 +1,6 @@
 """The devices of a cell: their drivers, addresses and clock, and what lets them move or stops them.
 
-`build.py` makes the drivers that `driver_registry.py` finds; `clocks.py` finds their clock,
+`build.py` makes the drivers that `controller.setup.drivers` finds; `clocks.py` finds their clock,
 `emulator.py` starts what is emulated; `lock.py` keeps a second run out, `interlocks.py` checks
 whether anything may move, `stopping.py` stops everything.
 """

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, cast
 
 from controller.config import EMULATED, Cell, ConfigError
+from controller.setup.drivers import KIND_OF, find_driver, read_settings
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
 from drivers.kinds import (
@@ -29,8 +30,6 @@ from drivers.modbus_link import (
     RtuOverTcpAddress,
     TcpAddress,
 )
-
-from .driver_registry import KIND_OF, find_driver, read_settings
 
 Addresses = Mapping[str, Any]
 

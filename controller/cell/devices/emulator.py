@@ -5,6 +5,7 @@ import os
 import queue
 import subprocess
 import sys
+import tempfile
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -79,33 +80,35 @@ def emulator_args(pose: int | None, at: str | None, control: Path | None) -> tup
 def emulated_cell(command: Sequence[str], log_path: Path | None = None) -> Iterator[dict[str, Any]]:
     """Start the emulator, yield what it says of itself, end it.
 
+    Parameters
+    ----------
+    command : as `emulator_command` returns it
+    log_path : where its messages are kept, None to quote the last one in an error and drop them
+
     Raises
     ------
     ConfigError : it refuses an option or a file
     EmulatorError : it did not become ready
     """
-    log: IO[bytes] | int = subprocess.DEVNULL
     if log_path is not None:
         log_path.parent.mkdir(parents=True, exist_ok=True)
-        log = log_path.open("wb")
-    # a session of its own: Ctrl-C is for us, the cell must live until the arm has stopped
-    process = subprocess.Popen(
-        [*command, "--die-with-parent"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=log,
-        start_new_session=True,
-        env=os.environ | {"PYTHONUNBUFFERED": "1"},
-    )
-    if not isinstance(log, int):
-        log.close()
-    try:
-        yield _ready(process, log_path)
-    finally:
-        _end(process)
+    with tempfile.TemporaryFile() if log_path is None else log_path.open("w+b") as log:
+        # a session of its own: Ctrl-C is for us, the cell must live until the arm has stopped
+        process = subprocess.Popen(
+            [*command, "--die-with-parent"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=log,
+            start_new_session=True,
+            env=os.environ | {"PYTHONUNBUFFERED": "1"},
+        )
+        try:
+            yield _ready(process, log, "" if log_path is None else f"; see {log_path}")
+        finally:
+            _end(process)
 
 
-def _ready(process: "subprocess.Popen[bytes]", log_path: Path | None) -> dict[str, Any]:
+def _ready(process: "subprocess.Popen[bytes]", log: IO[bytes], where: str) -> dict[str, Any]:
     lines: queue.Queue[bytes] = queue.Queue()
     stream = process.stdout
     assert stream is not None
@@ -116,20 +119,19 @@ def _ready(process: "subprocess.Popen[bytes]", log_path: Path | None) -> dict[st
         lines.put(b"")
 
     threading.Thread(target=pump, daemon=True, name="emulator output").start()
-    tail = f"; see {log_path}" if log_path is not None else ""
     while True:
         try:
             line = lines.get(timeout=READY_TIMEOUT_S)
         except queue.Empty:
             raise EmulatorError(
-                f"the emulated cell was not ready within {READY_TIMEOUT_S:.0f} s{tail}"
+                f"the emulated cell was not ready within {READY_TIMEOUT_S:.0f} s{where}"
             ) from None
         if not line:
             code = process.wait()
-            words = _last_words(log_path)
+            words = _last_words(log)
             if code == WRONG_COMMAND_LINE:
                 raise ConfigError(words.removeprefix("emulators.app: "))
-            raise EmulatorError(f"the emulated cell ended with code {code}: {words}{tail}")
+            raise EmulatorError(f"the emulated cell ended with code {code}: {words}{where}")
         try:
             body = json.loads(line)
         except ValueError:
@@ -138,10 +140,9 @@ def _ready(process: "subprocess.Popen[bytes]", log_path: Path | None) -> dict[st
             return body
 
 
-def _last_words(log_path: Path | None) -> str:
-    if log_path is None or not log_path.is_file():
-        return "no message"
-    lines = [line for line in log_path.read_text(errors="replace").splitlines() if line.strip()]
+def _last_words(log: IO[bytes]) -> str:
+    log.seek(0)
+    lines = [line for line in log.read().decode(errors="replace").splitlines() if line.strip()]
     return lines[-1] if lines else "no message"
 
 

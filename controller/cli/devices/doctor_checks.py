@@ -12,10 +12,10 @@ from typing import Any
 
 from controller.cell.devices import Devices, resolve
 from controller.cell.devices.clocks import find_clock
-from controller.cell.devices.driver_registry import require_drivers
 from controller.cell.devices.emulator import emulated_cell, emulator_command
 from controller.cell.devices.interlocks import REQUIRED_SIGNALS, settled_signal
 from controller.config import Cell, load_cell
+from controller.setup.drivers import require_drivers
 from drivers.errors import DeviceError
 from drivers.kinds import Signal
 

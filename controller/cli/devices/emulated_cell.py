@@ -1,7 +1,6 @@
 """`cellctl emulate`: the emulated cell for any client."""
 
 import signal
-import tempfile
 import threading
 from pathlib import Path
 
@@ -56,10 +55,7 @@ def serve(
     if lines is not None:
         more = (*more, "--lines", lines)
     command = emulator_command(cell_path, parts, speed=speed, seed=seed, more=more)
-    with (
-        tempfile.TemporaryDirectory(prefix="cellctl-") as folder,
-        emulated_cell(command, Path(folder) / "emulator.log") as ready,
-    ):
+    with emulated_cell(command) as ready:
         if as_json:
             emit(ready)
         else:

@@ -20,7 +20,6 @@ from controller.cad.compiled import CompiledPart, load_part, options_among
 from controller.cell.checking import check_plans, check_sizes
 from controller.cell.compute import Job, context, load_parts, worker_pool
 from controller.cell.devices.clocks import FoundClock, find_clock
-from controller.cell.devices.driver_registry import require_drivers
 from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
 from controller.cell.devices.lock import hold_cell, require_free_cell
 from controller.cell.dispatcher import Dispatcher
@@ -28,6 +27,7 @@ from controller.cell.records import PartRecord, Progress
 from controller.cell.run import RunOrder, RunResult, new_run_id, run_batch
 from controller.config import Cell, ConfigError, load_cell, load_recipe
 from controller.results import ResultsError, load_run, write_html
+from controller.setup.drivers import require_drivers
 
 from ..inputs.checks import LEAST_FREE_BYTES, check_control, check_writable_folder, parse_place
 from ..planning.recipe_check import warn_of

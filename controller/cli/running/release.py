@@ -9,9 +9,9 @@ from controller.cell.custody.openings import Finding
 from controller.cell.custody.releasing import Recovery, Standing
 from controller.cell.custody.start_check import known_words
 from controller.cell.devices.clocks import find_clock
-from controller.cell.devices.driver_registry import require_drivers
 from controller.cell.devices.lock import hold_cell
 from controller.config import ConfigError, load_cell
+from controller.setup.drivers import require_drivers
 
 from ..terminal.output import emit, say, warn
 

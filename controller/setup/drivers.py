@@ -2,15 +2,21 @@
 
 import dataclasses
 import difflib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
+from controller.cache import digest_of
 from controller.config import Cell, ConfigError, line_in
-from drivers.kinds import GROUP, Driver
+from controller.config.cell import OtherArmSection
+from controller.yaml_text import Location
+from drivers.kinds import GROUP, ArmDescription, ArmDriver, Driver
+
+Checked = TypeVar("Checked")
 
 KIND_OF: Final = {  # of each device of the cell file
     "arm": "arm",
@@ -86,22 +92,64 @@ def read_settings(driver: Driver[Any, Any], given: Mapping[str, Any], where: str
     ------
     ConfigError : an unknown key, a missing one, or a value that it refuses
     """
-    known = [field.name for field in dataclasses.fields(driver.settings)]
+    return _checked(driver.settings, given, f"{where}.settings")
+
+
+def describe_arm(name: str, given: Mapping[str, Any]) -> ArmDescription[Any]:
+    """Return an arm as its driver describes it.
+
+    Parameters
+    ----------
+    name : of the driver
+    given : what stands under ``arm.shape``
+
+    Raises
+    ------
+    ConfigError : the driver is not installed, knows no shape, or refuses this one
+    """
+    driver = find_driver("arm", name)
+    if not isinstance(driver, ArmDriver):
+        raise ConfigError(f"arm driver `{name}` does not say how its arm is built (`ArmDriver`)")
+    shape = _checked(driver.shape, given, "arm.shape")
+    try:
+        described = driver.describe(shape)
+    except ValueError as error:
+        raise ConfigError(f"`arm.shape`: {error}") from error
+    if not isinstance(described, ArmDescription):
+        raise ConfigError(f"arm driver `{name}` describes its arm by no `ArmDescription`")
+    try:
+        digest_of(described.model)
+    except TypeError as error:
+        raise ConfigError(
+            f"arm driver `{name}`: its model must be a dataclass of numbers and arrays, by which "
+            f"cached plans are found again: {error}"
+        ) from error
+    return described
+
+
+def _checked(model: type[Checked], given: Mapping[str, Any], where: str) -> Checked:
+    """Return a driver's dataclass of what a section gives.
+
+    Raises
+    ------
+    ConfigError : an unknown key, a missing one, or a value that it refuses
+    """
+    known = [field.name for field in dataclasses.fields(model)]  # type: ignore[arg-type]  # a dataclass
     for key in given:
         if key not in known:
             near = difflib.get_close_matches(key, known, n=1)
             hint = f"did you mean `{near[0]}`?" if near else f"known here: {', '.join(known)}"
             if not known:
-                hint = "this driver has no settings"
-            raise ConfigError(f"unknown key `{where}.settings.{key}`; {hint}")
+                hint = f"this driver has no {where.rpartition('.')[2]}"
+            raise ConfigError(f"unknown key `{where}.{key}`; {hint}")
     try:
-        return TypeAdapter(driver.settings).validate_python(dict(given))
+        return TypeAdapter(model).validate_python(dict(given))
     except ValidationError as error:
         first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(f"`{where}.settings.{key}`: {first['msg']}") from error
+        key = ".".join([where, *map(str, first["loc"])])
+        raise ConfigError(f"`{key}`: {first['msg'].removeprefix('Value error, ')}") from error
     except ValueError as error:
-        raise ConfigError(f"`{where}.settings`: {error}") from error
+        raise ConfigError(f"`{where}`: {error}") from error
 
 
 def require_drivers(path: Path, cell: Cell) -> None:
@@ -118,9 +166,19 @@ def require_drivers(path: Path, cell: Cell) -> None:
     """
     for name, kind in KIND_OF.items():
         section = getattr(cell.devices, name)
-        try:
+        with _at_line(path, ("devices", name)):
             read_settings(find_driver(kind, section.driver), section.settings, f"devices.{name}")
-        except ConfigError as error:
-            line = line_in(path, ("devices", name))
-            where = f"{path}:{line}" if line is not None else f"{path}"
-            raise ConfigError(f"{where}: {error}") from error
+    if isinstance(cell.arm, OtherArmSection):
+        with _at_line(path, ("arm", "shape")):
+            describe_arm(cell.devices.arm.driver, cell.arm.shape)
+
+
+@contextmanager
+def _at_line(path: Path, location: Location) -> Iterator[None]:
+    """Name file and line in what is raised within."""
+    try:
+        yield
+    except ConfigError as error:
+        line = line_in(path, location)
+        where = f"{path}:{line}" if line is not None else f"{path}"
+        raise ConfigError(f"{where}: {error}") from error
