@@ -15,7 +15,7 @@ import pytest
 from board_pictures import camera_over_table, picture_of, pose
 
 from controller.cli import main
-from controller.cli.calibrating.camera_calibration import _read
+from controller.cli.calibrating.camera_calibration import read_grey
 from controller.cli.inputs.calibration_file import load_calibration, write_calibration
 from controller.commissioning.calibration import Chessboard
 from controller.config import ConfigError
@@ -237,7 +237,7 @@ def test_pictures_that_are_none_are_refused(refusal: Callable[..., str], tmp_pat
 def test_twelve_bits_in_sixteen_are_read_with_all_their_contrast(tmp_path: Path) -> None:
     path = tmp_path / "deep.png"
     cv2.imwrite(str(path), np.array([[0, 2000, 4000]], dtype=np.uint16))
-    np.testing.assert_array_equal(_read(path), [[0, 128, 255]])
+    np.testing.assert_array_equal(read_grey(path), [[0, 128, 255]])
 
 
 def test_pictures_of_two_sizes_are_refused(

@@ -20,7 +20,7 @@ from controller.cad.compiled import CompiledPart, CompileOptions, compile_part, 
 from controller.cad.surfaces.tolerances import Datum, Dimension, GeometricTolerance
 from controller.cad.views import Loop, Stroke
 from controller.cli import main
-from controller.cli.parts.compiling import part_json
+from controller.cli.parts.part_json import part_json
 from controller.config import ConfigError, load_recipe
 from controller.imaging import RayCaster
 from controller.results.sheet import drawings as _drawings

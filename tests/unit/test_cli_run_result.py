@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from controller.cell.records import PartRecord
 from controller.cell.recovery import PartFault, Recovery
-from controller.cli.running.recipe_run import _part_json
+from controller.cli.running.run_output import part_json
 
 
 def test_recoveries_are_named_by_the_fault() -> None:
     part = PartRecord(1, recoveries=[Recovery(PartFault.GRASP_MISSED, "closed on nothing")])
-    assert _part_json(part)["recoveries"] == ["grip_missed"]
+    assert part_json(part)["recoveries"] == ["grip_missed"]

@@ -171,7 +171,7 @@ def test_ctrl_c_is_no_traceback(
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("controller.cli.parts.compiling._compiled", interrupt)
+    monkeypatch.setattr("controller.cli.parts.compiling.cached_part", interrupt)
     assert main(["compile", "block.stl"]) in (1, 130)
     assert "Traceback" not in capsys.readouterr().err
 

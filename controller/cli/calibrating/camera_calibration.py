@@ -109,7 +109,7 @@ def _by_entry(images: list[Path], target: CalibrationTarget, target_file: Path) 
 def _read_all(paths: Mapping[str, Path]) -> dict[str, Grey]:
     pictures: dict[str, Grey] = {}
     for name, path in paths.items():
-        pictures[name] = _read(path)
+        pictures[name] = read_grey(path)
         first = next(iter(paths))
         size, first_size = pictures[name].shape[::-1], pictures[first].shape[::-1]
         if size != first_size:
@@ -120,7 +120,13 @@ def _read_all(paths: Mapping[str, Path]) -> dict[str, Grey]:
     return pictures
 
 
-def _read(path: Path) -> Grey:
+def read_grey(path: Path) -> Grey:
+    """Return a picture of the board in 8 bits.
+
+    Raises
+    ------
+    ConfigError : there is none, or it cannot be read
+    """
     data = read_whole(path)
     size_of(path, data)
     picture = decoded(path, data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)

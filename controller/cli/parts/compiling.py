@@ -3,7 +3,6 @@
 import time
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 from rich.box import SIMPLE
 from rich.table import Table
 
-from controller.cad import CadError, StablePose
+from controller.cad import CadError
 from controller.cad.compiled import (
     CompiledPart,
     CompileOptions,
@@ -19,9 +18,6 @@ from controller.cad.compiled import (
     compile_part,
     make_part,
 )
-from controller.cad.surfaces.features import Feature
-from controller.cad.surfaces.tolerances import Datum, Dimension, GeometricTolerance, Tolerance
-from controller.cad.views import LineView
 from controller.cell.plans import Certified, Planning
 from controller.config import ConfigError, load_cell
 from controller.results.sheet import write_sheet
@@ -29,9 +25,9 @@ from controller.setup.planner import planner_setup
 
 from ..inputs.checks import check_writable_folder
 from ..inputs.part_files import PartFile
-from ..planning.part_plan import print_certificates
-from ..planning.plan_json import certificate_json
+from ..planning.certificates import print_certificates
 from ..terminal.output import emit, say, stdout, warn
+from .part_json import certified_json, part_json
 
 
 def compile_parts(
@@ -107,109 +103,6 @@ def _compiled(path: Path, options: CompileOptions, *, use_cache: bool) -> tuple[
         return compile_part(path, options), False
     kept = cached_part(path, options)
     return (make_part(path, options), False) if kept is None else (kept, True)
-
-
-def part_json(part: CompiledPart, density_g_cm3: float | None) -> dict[str, Any]:
-    """Return a compiled part as conventions.md 7 promises it; R are nested row-major lists."""
-    solid, boundary = part.solid, part.solid.boundary
-    density = part.density_g_cm3(density_g_cm3)
-    return {
-        "part": solid.name,
-        "content_hash": solid.content_hash,
-        "unit": solid.unit,
-        "unit_declared": solid.unit_is_declared,
-        "size_mm": solid.mesh.extents.tolist(),
-        "volume_mm3": solid.volume_mm3,
-        "area_mm2": float(solid.mesh.area),
-        "centroid_mm": solid.centroid_mm.tolist(),
-        "density_g_cm3": density,
-        "mass_g": solid.volume_mm3 / 1000 * density,
-        "triangles": len(solid.mesh.faces),
-        "stable_poses": [
-            _pose_json(part, pose, view) for pose, view in zip(part.poses, part.views, strict=True)
-        ],
-        "faces": [
-            {
-                "face": f.id,
-                "kind": f.kind,
-                "label": f.label,
-                "area_mm2": f.area_mm2,
-                "normal": np.round(f.normal, 6).tolist(),
-                "axis": np.round(f.axis, 6).tolist(),
-                "centre_mm": f.centre_mm.tolist(),
-                "radius_mm": f.radius_mm,
-                "concave": f.concave,
-                "samples": int(part.sample_counts[f.id]),
-            }
-            for f in solid.faces
-        ],
-        "features": [_feature_json(feature) for feature in part.features],
-        "tolerances": [_tolerance_json(tolerance) for tolerance in part.tolerances],
-        "edges": boundary.edge_count,
-        "vertices": len(boundary.vertex_ids),
-        "loops": len(boundary.first),
-        "shells": boundary.shell_count,
-        "genus": boundary.genus,
-        "euler_defect": part.euler_defect,
-        "warnings": list(part.cautions),
-    }
-
-
-def certified_json(certified: Sequence[Certified]) -> dict[str, Any]:
-    """Return how many ways there are to hold a part, and what each stable pose comes to."""
-    return {
-        "grasps": {
-            "arm": max((c.arm_grasp_count for c in certified), default=0),
-            "fixture": max((c.fixed_grasp_count for c in certified), default=0),
-        },
-        "certificates": [certificate_json(c.told) for c in certified],
-    }
-
-
-def _pose_json(part: CompiledPart, pose: StablePose, view: LineView) -> dict[str, Any]:
-    return {
-        "index": pose.index,
-        "R": pose.R.tolist(),
-        "up": pose.R[2].tolist(),
-        "probability": pose.probability,
-        "drop_probability": pose.drop_probability,
-        "tip_energy_mj_per_kg": pose.tip_energy_mj_per_kg,
-        "stability_rank": pose.stability_rank,
-        "com_height_mm": pose.com_height_mm,
-        "rolling": pose.rolling,
-        "rocking": pose.rocking,
-        "marginal": pose.marginal,
-        "same_as": pose.same_as,
-        "view": {
-            "area_mm2": view.area,
-            "perimeter_mm": view.perimeter,
-            "loops": len(view.loops),
-            "holes": sum(loop.is_hole for loop in view.loops),
-            "edges": len(view.edges),
-        },
-    }
-
-
-def _feature_json(feature: Feature) -> dict[str, Any]:
-    return {
-        "kind": feature.kind,
-        "label": feature.label,
-        "faces": list(feature.faces),
-        "diameter_mm": feature.diameter_mm,
-        "depth_mm": feature.depth_mm,
-        "width_mm": feature.width_mm,
-        "length_mm": feature.length_mm,
-        "axis": feature.axis.tolist(),
-        "position_mm": feature.position_mm.tolist(),
-        "through": feature.is_through,
-        "concave": feature.is_concave,
-        "steps": [asdict(step) for step in feature.steps],
-    }
-
-
-def _tolerance_json(tolerance: Tolerance) -> dict[str, Any]:
-    what = {Dimension: "dimension", GeometricTolerance: "geometric", Datum: "datum"}
-    return {"tolerance": what[type(tolerance)], **asdict(tolerance)}
 
 
 def _print_certified(part: CompiledPart, certified: Sequence[Certified]) -> None:

@@ -6,20 +6,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.box import SIMPLE
-from rich.table import Table
 
 from controller.cad import StablePose
 from controller.cad.compiled import CompiledPart, load_part
 from controller.cell.plans import KeptPlan, Planning
 from controller.config import Cell, ConfigError, load_cell
-from controller.planning import Certificate, Plan
+from controller.planning import Certificate
 from controller.results.moments import view_count
 from controller.setup.planner import PlannerSetup, planner_setup
 
 from ..inputs.checks import Place, check_writable_folder, parse_place
 from ..inputs.part_files import PartFile
-from ..terminal.output import emit, say, stdout, warn
+from ..terminal.output import emit, say, warn
+from .certificates import print_certificates, proof_words
 from .plan_json import certificate_json, plan_json
 
 
@@ -196,44 +195,3 @@ def _print(part: CompiledPart, cell: Cell, kept: KeptPlan, place: Place) -> None
         advice = f"; {u.advice}" if u.advice else ""
         label = part.solid.faces[u.face_id].label
         say(f"  {label}: {u.area_fraction:.2%} unseen, {u.reason}{advice}")
-
-
-def proof_words(plan: Plan) -> str:
-    """Return what is proven of a plan, and among what, as a sentence."""
-    proof = plan.proof
-    if proof.cost_s <= 0:
-        return "not proven: no exact search was made"
-    if proof.is_optimal:
-        return f"proven optimal: {proof.scope}"
-    return f"within {proof.gap:.1%} of the optimum: {proof.scope}"
-
-
-def certificate_words(told: Certificate) -> str:
-    """Return what a pose comes to, in words."""
-    plan = told.plan
-    if plan is None:
-        return told.reason
-    shown = plan.covered_fraction / plan.reachable_fraction if plan.reachable_fraction else 1.0
-    count = view_count(plan)
-    views = f"{count} view{'' if count == 1 else 's'}"
-    regrips = f"{plan.regrasp_count} regrasp{'' if plan.regrasp_count == 1 else 's'}"
-    return f"{views}, {regrips}, {plan.forecast_s:.0f} s, {shown:.1%} of what can be shown"
-
-
-def print_certificates(told: Sequence[Certificate]) -> None:
-    """Print what each pose comes to as a table; nothing where none was asked for."""
-    if not told:
-        return
-    table = Table(box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("from pose", justify="right", no_wrap=True)
-    table.add_column("likely\n%", justify="right", no_wrap=True)
-    table.add_column("pickable\n%", justify="right", no_wrap=True)
-    table.add_column("result", min_width=30)
-    for c in told:
-        table.add_row(
-            str(c.pose_index),
-            f"{100 * c.probability:.1f}",
-            f"{100 * c.pickable:.0f}",
-            certificate_words(c),
-        )
-    stdout.print(table)

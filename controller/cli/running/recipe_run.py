@@ -4,17 +4,12 @@ import asyncio
 import logging
 import secrets
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import ExitStack, contextmanager, nullcontext
+from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-from rich.live import Live
-from rich.table import Table
 
 from controller.cad.compiled import CompiledPart, load_part, options_among
 from controller.cell.checking import check_plans, check_sizes
@@ -23,7 +18,7 @@ from controller.cell.devices.clocks import FoundClock, find_clock
 from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
 from controller.cell.devices.lock import hold_cell, require_free_cell
 from controller.cell.dispatcher import Dispatcher
-from controller.cell.records import PartRecord, Progress
+from controller.cell.records import Progress
 from controller.cell.run import RunOrder, RunResult, new_run_id, run_batch
 from controller.config import Cell, ConfigError, load_cell, load_recipe
 from controller.results import ResultsError, load_run, write_html
@@ -31,8 +26,9 @@ from controller.setup.drivers import require_drivers
 
 from ..inputs.checks import LEAST_FREE_BYTES, check_control, check_writable_folder, parse_place
 from ..planning.recipe_check import warn_of
-from ..terminal.output import emit, say, stderr, warn
+from ..terminal.output import warn
 from .ends import Ends
+from .run_output import display, print_result
 
 EMULATOR_READS = (".stl", ".obj", ".ply", ".off")
 
@@ -140,7 +136,7 @@ def run_recipe(
                 run_id=run_id,
                 is_part_removed=is_part_removed,
             )
-            with _display(as_json=as_json) as on_progress:
+            with display(as_json=as_json) as on_progress:
                 try:
                     result = asyncio.run(_drive(order, pool, ends, on_progress))
                 except BaseException as error:
@@ -151,13 +147,13 @@ def run_recipe(
         try:
             report = write_html(load_run(runs_dir, run_id), folder / "report.html")
         except OSError as error:
-            _tell_result(result, run_id, None, as_json=as_json)
+            print_result(result, run_id, None, as_json=as_json)
             warn(
                 f"cellctl: {folder / 'report.html'}: {error.strerror or error}; make room, then "
                 f"`cellctl report {run_id} --runs {runs_dir}` writes it"
             )
             return 1
-        return _tell_result(result, run_id, report, as_json=as_json)
+        return print_result(result, run_id, report, as_json=as_json)
 
 
 def _report_if_any(runs_dir: Path, run_id: str) -> None:
@@ -210,127 +206,6 @@ async def _drive(
             stack.enter_context(ends.stopping(dispatcher, order.emulated.get("pid")))
 
         return await run_batch(order, pool, on_progress, on_dispatcher, warn)
-
-
-@contextmanager
-def _display(*, as_json: bool) -> Iterator[Callable[[Progress], None]]:
-    """Yield what shows progress: JSON lines, a live table, or plain lines."""
-    if as_json:
-        yield _json_progress
-    elif stderr.is_terminal:
-        with Live(console=stderr, refresh_per_second=4, transient=True) as live:
-            started = time.monotonic()
-            yield lambda progress: live.update(_table(progress, time.monotonic() - started))
-    else:
-        last = [""]
-
-        def plain(progress: Progress) -> None:
-            line = _line(progress)
-            if line != last[0]:
-                last[0] = line
-                warn(line)
-
-        yield plain
-
-
-def _json_progress(progress: Progress) -> None:
-    emit(
-        {
-            "event": "progress",
-            "state": progress.state,
-            "step": progress.step,
-            "step_count": progress.step_count,
-            "label": progress.label,
-            "part_pose": progress.part_pose,
-            "remaining_s": progress.remaining_s,
-            "custody": progress.custody.name.lower(),
-            "speed": None if progress.speed is None else progress.speed.as_json(),
-        }
-    )
-
-
-def _line(progress: Progress) -> str:
-    step = f" {progress.step}/{progress.step_count}" if progress.step_count else ""
-    left = f" ({progress.remaining_s:.0f} s left)" if progress.remaining_s is not None else ""
-    pose = f" | {progress.part_pose}" if progress.part_pose else ""
-    return f"{progress.state}{step}: {progress.label}{left}{pose}"
-
-
-def _table(progress: Progress, elapsed_s: float) -> Table:
-    table = Table.grid(padding=(0, 2))
-    table.add_row("state", progress.state)
-    if progress.step_count:
-        done = round(30 * progress.step / progress.step_count)
-        bar = "#" * done + "." * (30 - done)
-        table.add_row("step", f"{bar} {progress.step} of {progress.step_count}")
-    table.add_row("now", progress.label)
-    table.add_row("part", progress.part_pose or "-")
-    table.add_row("held by", progress.custody.value)
-    left = "-" if progress.remaining_s is None else f"{progress.remaining_s:.0f} s of cell time"
-    table.add_row("left", f"{left}, {elapsed_s:.0f} s gone")
-    if progress.speed is not None:
-        table.add_row("speed", str(progress.speed))
-    return table
-
-
-def _tell_result(result: RunResult, run_id: str, report: Path | None, *, as_json: bool) -> int:
-    good = result.outcome.end == "complete" and all(part.tray == "accept" for part in result.parts)
-    if as_json:
-        emit(
-            {
-                "event": "result",
-                "run": run_id,
-                "end": result.outcome.end,
-                "code": result.outcome.code,
-                "message": result.outcome.message,
-                "where": result.outcome.where,
-                "parts": [_part_json(part) for part in result.parts],
-                "speed": result.speed.as_json(),
-                "report": None if report is None else str(report),
-            }
-        )
-        return 0 if good else 1
-    for part in result.parts:
-        if part.verdict is None:
-            continue
-        say(f"part {part.number}: {part.verdict.verdict.value.upper()} -> {part.tray}")
-        for one in part.recoveries:
-            say(f"  recovered from: {one.reason}")
-        for reason in part.verdict.reasons[:6]:
-            say(f"  {reason}")
-    if result.outcome.end != "complete":
-        warn(f"cellctl: {result.outcome.end}: {result.outcome.message}")
-        if result.outcome.end != "refused":  # its message has it
-            warn(result.outcome.where)
-    say(f"speed: {result.speed}")
-    if report is not None:
-        say(f"report: {report}")
-    return 0 if good else 1
-
-
-def _part_json(part: PartRecord) -> dict[str, Any]:
-    s = part.sighting
-    return {
-        "part": part.number,
-        "custody": part.custody.name.lower(),
-        "tray": part.tray,
-        "verdict": None if part.verdict is None else part.verdict.verdict.value,
-        "reasons": [] if part.verdict is None else list(part.verdict.reasons),
-        "covered_fraction": None if part.verdict is None else part.verdict.covered_fraction,
-        "views": len(part.results),
-        "views_evaluated": sum(r.evaluated for r in part.results),
-        "recoveries": [one.fault.value for one in part.recoveries],
-        "sighting": None
-        if s is None
-        else {
-            "part": s.part,
-            "pose_index": s.pose_index,
-            "x_mm": s.x_mm,
-            "y_mm": s.y_mm,
-            "theta_deg": float(np.degrees(s.theta_rad)),
-            "score": s.score,
-        },
-    }
 
 
 def quiet_logs(*, verbose: bool) -> None:
