@@ -16,7 +16,7 @@ and arguments must have one, and its errors are messages, so that it needs no se
 Raises: exceptions that a public function raises by name in its own body and does not catch there,
 and whether its Raises section names them or a class above them that is defined in the checkout.
 Underscores: modules, or names of modules, with a leading underscore that tests, benchmarks, or a
-package other than their own imports.
+package other than their own imports; or that a test names in a string, to replace it.
 """
 
 from __future__ import annotations
@@ -465,6 +465,19 @@ def _imported(source: Source) -> Iterator[tuple[int, str, str]]:
                 yield node.lineno, base, alias.name
 
 
+def _quoted(source: Source) -> Iterator[tuple[int, str]]:
+    """Yield (line, dotted name) of what a file names of the checkout in strings."""
+    for node in ast.walk(source.tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            top, _, rest = node.value.partition(".")
+            if top in PRODUCTION and all(part.isidentifier() for part in rest.split(".")):
+                yield node.lineno, node.value
+
+
+def _is_private(name: str) -> bool:
+    return name.startswith("_") and not name.startswith("__")
+
+
 def underscores(sources: list[Source]) -> dict[str, Any]:
     """Return who imports private modules, or private names, that are not of its own package."""
     modules = {s.module for s in sources}
@@ -480,10 +493,9 @@ def underscores(sources: list[Source]) -> dict[str, Any]:
             parts = full.split(".")
             hidden = [k for k, part in enumerate(parts) if part.startswith("_")]
             owner = ".".join(parts[: hidden[0]]) if hidden else ""
-            is_private_name = name.startswith("_") and not name.startswith("__")
             if hidden:
                 is_own = f"{source.package}.".startswith(f"{owner}.")
-            elif is_private_name and full == base:
+            elif _is_private(name) and full == base:
                 is_own = source.module == base
             else:
                 continue
@@ -492,6 +504,11 @@ def underscores(sources: list[Source]) -> dict[str, Any]:
             what = f"{source.path}:{line} {full}" + (f" {name}" if full == base else "")
             private.add(full)
             (by_readers if top in READERS else by_rooms).append(what)
+        if top in READERS:
+            for line, dotted in _quoted(source):
+                if any(map(_is_private, dotted.split("."))):
+                    private.add(dotted)
+                    by_readers.append(f"{source.path}:{line} {dotted}")
     return {
         "by_tests_and_benchmarks": len(by_readers),
         "files_of_tests_and_benchmarks": len({w.split(":")[0] for w in by_readers}),

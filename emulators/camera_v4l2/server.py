@@ -99,7 +99,7 @@ class CameraServer:
                 self._show(name, name)
             async with asyncio.timeout(_SELF_TEST_TIMEOUT_S):
                 for address in self._addresses.values():
-                    await asyncio.to_thread(_query, address)
+                    await asyncio.to_thread(query_node, address)
         except OSError as error:  # TimeoutError is one: some sandboxes mount, and pass no ioctl
             reason = f"FUSE mounts, but does not serve: {error or type(error).__name__}"
             self._addresses.clear()
@@ -174,8 +174,8 @@ class CameraServer:
         return address
 
 
-def _query(path: str) -> None:
-    """Ask a node for its capabilities as a client would. Raises OSError if it cannot tell them.
+def query_node(path: str) -> None:
+    """Query a node's capabilities as a client would, which raises OSError where it has none.
 
     Safe in the server's own process, which a mapping would not be: opening, asking (into a
     bytearray) and closing all let go of the interpreter's lock.

@@ -243,7 +243,7 @@ async def test_a_mount_that_passes_no_ioctls_is_taken_away_again(
         raise OSError(errno.ENOTTY, "sandbox", path)
 
     monkeypatch.setattr("emulators.camera_v4l2.server.can_mount", lambda: None)
-    monkeypatch.setattr("emulators.camera_v4l2.server._query", query)
+    monkeypatch.setattr("emulators.camera_v4l2.server.query_node", query)
     async with CameraServer({"video0": Bench().device}, tmp_path / "dev") as server:
         assert server.transport == "socket"
         assert server.why_not_fuse is not None

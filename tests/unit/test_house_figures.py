@@ -159,6 +159,30 @@ def test_a_private_module_is_for_its_own_package(checkout: Path) -> None:
     assert (found["by_tests_and_benchmarks"], found["by_other_packages"]) == (1, 0)
 
 
+@pytest.mark.parametrize(
+    ("line", "count"),
+    [
+        ("from controller.planning import _hidden", 1),
+        ("from controller.planning.top import _best", 1),
+        ("import controller.planning._hidden", 1),
+        ('patch("controller.planning._hidden.find", None)', 1),
+        ('patch("controller.planning.top.best", None)', 0),
+        ('print("controller._hidden is an example.")', 0),
+        ("from controller.planning import __doc__ as text", 0),
+    ],
+)
+def test_a_private_name_is_noticed_however_it_is_imported(
+    checkout: Path, line: str, count: int
+) -> None:
+    (checkout / "tests" / "test_it.py").write_text(line)
+    assert house.underscores(sources_of(checkout))["by_tests_and_benchmarks"] == count
+
+
+def test_tests_benchmarks_and_other_packages_import_public_names() -> None:
+    sources = house.read_sources(ROOT, (*house.PRODUCTION, *house.READERS))
+    assert house.underscores(sources)["where"] == []
+
+
 @pytest.mark.parametrize(("shared", "pairs"), [(7, 0), (8, 1), (12, 1)])
 def test_eight_lines_that_stand_twice_are_a_duplicate(
     tmp_path: Path, shared: int, pairs: int

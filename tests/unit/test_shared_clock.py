@@ -40,8 +40,7 @@ class Wall:
 @pytest.fixture
 def wall(monkeypatch: pytest.MonkeyPatch) -> Wall:
     one = Wall()
-    for module in ("drivers._shared_time", "emulators.clock"):
-        monkeypatch.setattr(f"{module}.time.monotonic_ns", lambda: one.ns)
+    monkeypatch.setattr(time, "monotonic_ns", lambda: one.ns)
     return one
 
 
