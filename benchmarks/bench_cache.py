@@ -70,7 +70,7 @@ def child(asked: dict[str, Any]) -> dict[str, float]:
         if name.split(".")[0] in PLANNED:
             part = load_part(*parts[name])
             planning = Planning(part, layout)
-            timed(f"plan {name}", lambda p=part, q=planning: q.lying(p.poses[0], 360.0, 0.0, 0.0))
+            timed(f"plan {name}", lambda p=part, q=planning: q.plan_at(p.poses[0], 360.0, 0.0, 0.0))
             timed(f"prepared {name}", planning.prepared)
     return taken
 

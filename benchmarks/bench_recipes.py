@@ -90,7 +90,7 @@ def show(c: compute.Context, plan: Plan, station: Station, seed: int) -> list[Vi
 def look(
     c: compute.Context, plan: Plan, station: Station, T: np.ndarray, seed: int
 ) -> list[ViewResult]:
-    """Return what the views of the part on the table come to, judged as `inspect_lying` does."""
+    """Return what the views of the part on the table come to, judged as `inspect_on_table` does."""
     rng = np.random.default_rng(seed + 5000)
     results = []
     for step in (s for s in plan.steps if isinstance(s, Look)):

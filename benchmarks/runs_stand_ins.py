@@ -264,7 +264,7 @@ class StandIns(Compute):
             outline_px=np.zeros((0, 2)),
         )
 
-    async def inspect_lying(
+    async def inspect_on_table(
         self, view_id: str, T_world_part: Array, backlit: Grey, lit: Mapping[str, Grey]
     ) -> inspecting.ViewResult:
         """Return what the camera over the table sees of the part where it truly lies."""

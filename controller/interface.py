@@ -309,7 +309,9 @@ def plan_part(
     if pose_index not in poses:
         raise ConfigError(f"{compiled.solid.name} has stable poses {sorted(poses)}")
     setup = planner_setup(wanted, cell, compiled)
-    told = Planning(compiled, setup.layout, setup.options).certified(poses[pose_index]).told
-    if told.plan is None:
-        raise NoPlanError(told.reason)
-    return told.plan
+    certificate = (
+        Planning(compiled, setup.layout, setup.options).certified(poses[pose_index]).certificate
+    )
+    if certificate.plan is None:
+        raise NoPlanError(certificate.reason)
+    return certificate.plan

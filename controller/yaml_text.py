@@ -113,11 +113,11 @@ class YamlText:
         errors : as `ValidationError.errors` has them
         """
         found = sorted(errors, key=lambda error: self.line(tuple(error["loc"])) or 0)
-        told = [self._explain(model, error) for error in found[:MAX_PROBLEM_COUNT]]
+        lines = [self._explain(model, error) for error in found[:MAX_PROBLEM_COUNT]]
         if len(found) > MAX_PROBLEM_COUNT:
             rest = self.dialect.words["more"].format(count=len(found) - MAX_PROBLEM_COUNT)
-            told.append(f"{self.path}: {rest}")
-        return "\n".join(told)
+            lines.append(f"{self.path}: {rest}")
+        return "\n".join(lines)
 
     def _at(self, location: Location) -> str:
         line = self.line(location)

@@ -119,12 +119,12 @@ def check_plans(job: Job, progress: Callable[[str], None] | None = None) -> Chec
             progress(f"planning from pose {pose.index} ({pose.probability:.0%})")
         certified = planning.certified(pose)
         poses.append(CheckedPose(pose, certified))
-        plan, lying = certified.told.plan, f"in stable pose {pose.index}"
+        plan, where = certified.certificate.plan, f"in stable pose {pose.index}"
         if plan is None:
-            problems.append(f"{lying} ({pose.probability:.0%}): {certified.told.reason}")
+            problems.append(f"{where} ({pose.probability:.0%}): {certified.certificate.reason}")
         elif plan.covered_fraction < wanted:
             problems.append(
-                f"{lying}: {plan.covered_fraction:.1%} of the surface can be shown, the recipe "
+                f"{where}: {plan.covered_fraction:.1%} of the surface can be shown, the recipe "
                 f"requires {wanted:.1%}"
             )
     if not poses:

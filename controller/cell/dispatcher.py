@@ -146,7 +146,9 @@ class Dispatcher:
         custody = self._record.part.custody
         where = where_it_is(custody, self._record.part.tray or "")
         self._journal.write(
-            rows.AtRest(state=end, message=self._message, code=self._code, custody=custody.name)
+            rows.AtRest(
+                state=end, message=self._message, code=self._code, custody=custody.key.upper()
+            )
         )
         return Outcome(end, self._message, self._code, where)
 

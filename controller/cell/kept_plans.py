@@ -75,7 +75,7 @@ class Certified:
     arm_grasp_count, fixed_grasp_count : how many ways of holding it plans choose from
     """
 
-    told: Certificate
+    certificate: Certificate
     arm_grasp_count: int
     fixed_grasp_count: int
 
@@ -123,14 +123,14 @@ class Kept:
         self._check_outcome(kept.plan, kept.reason)
 
     def _check_certified(self, certified: Certified) -> None:
-        told = certified.told
-        if told.pose_index not in {pose.index for pose in self._part.poses}:
-            raise ValueError(f"the part has no pose {told.pose_index}")
-        _require(0 <= told.probability <= 1 + 1e-9, "a probability outside 0..1")
-        _require(0 <= told.pickable <= 1, "a share outside 0..1")
+        certificate = certified.certificate
+        if certificate.pose_index not in {pose.index for pose in self._part.poses}:
+            raise ValueError(f"the part has no pose {certificate.pose_index}")
+        _require(0 <= certificate.probability <= 1 + 1e-9, "a probability outside 0..1")
+        _require(0 <= certificate.pickable <= 1, "a share outside 0..1")
         counts = certified.arm_grasp_count, certified.fixed_grasp_count
         _require(min(counts) >= 0, "a count below zero")
-        self._check_outcome(told.plan, told.reason)
+        self._check_outcome(certificate.plan, certificate.reason)
 
     def _check_outcome(self, plan: Plan | None, reason: str) -> None:
         _require((plan is None) == bool(reason), "a plan and a reason against it, or neither")

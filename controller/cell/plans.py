@@ -74,7 +74,7 @@ class Planning:
             model_hash(layout.arm),
         )
         self._made = 0
-        self._told: dict[Path, KeptPlan] = {}
+        self._known: dict[Path, KeptPlan] = {}
 
     @property
     def is_from_cache(self) -> bool:
@@ -110,7 +110,7 @@ class Planning:
             self._prepared = found
         return self._prepared
 
-    def lying(self, pose: StablePose, x_mm: float, y_mm: float, theta_rad: float) -> KeptPlan:
+    def plan_at(self, pose: StablePose, x_mm: float, y_mm: float, theta_rad: float) -> KeptPlan:
         """Return the plan for the part at rest at a place, or why there is none.
 
         Parameters
@@ -121,7 +121,7 @@ class Planning:
         """
         T = resting_pose(self._part.solid, pose, x_mm, y_mm, theta_rad)
         file = self._plan_file(pose.index, T)
-        found = self._told.get(file)
+        found = self._known.get(file)
         if found is None and self._use_cache:
             found = self._kept.plans.load(file)
         if found is None:
@@ -133,7 +133,7 @@ class Planning:
                 found = KeptPlan(pose.index, T, None, str(error))
             if self._use_cache:
                 self._kept.plans.save(file, found)
-        self._told[file] = found
+        self._known[file] = found
         return found
 
     def certified(self, pose: StablePose) -> Certified:
@@ -148,18 +148,18 @@ class Planning:
                 self._kept.certificates.save(file, found)
         x_mm, y_mm = self._layout.set_down_mm.mean(axis=1).tolist()
         T = resting_pose(self._part.solid, pose, x_mm, y_mm)
-        kept = KeptPlan(pose.index, T, found.told.plan, found.told.reason)
-        self._told[self._plan_file(pose.index, T)] = kept
+        kept = KeptPlan(pose.index, T, found.certificate.plan, found.certificate.reason)
+        self._known[self._plan_file(pose.index, T)] = kept
         return found
 
     def _certify(self, pose: StablePose) -> Certified:
         try:
             part = self.prepared()
         except NoPlanError as error:  # nothing can hold it, whichever way it lies
-            told = Certificate(pose.index, pose.probability, None, str(error), 0.0)
-            return Certified(told, 0, 0)
-        (told,) = certify(part, self._layout, (pose,))
-        return Certified(told, len(part.arm_grasps), len(part.fixed_grasps))
+            certificate = Certificate(pose.index, pose.probability, None, str(error), 0.0)
+            return Certified(certificate, 0, 0)
+        (certificate,) = certify(part, self._layout, (pose,))
+        return Certified(certificate, len(part.arm_grasps), len(part.fixed_grasps))
 
     def _plan_file(self, pose_index: int, T_world_part: FloatArray) -> Path:
         return self._kept.plans.file(

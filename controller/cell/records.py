@@ -37,14 +37,14 @@ class Hold:
     T_part_tcp : (4, 4) as planned, or as measured once `is_seen`
     width_mm : of the jaws on the part
     is_seen : a view has confirmed it
-    doubts : views in a row that could not
+    unconfirmed_count : views in a row that could not
     """
 
     grasp: Grasp
     T_part_tcp: FloatArray
     width_mm: float
     is_seen: bool = False
-    doubts: int = 0
+    unconfirmed_count: int = 0
 
 
 @dataclass(slots=True, eq=False)

@@ -213,7 +213,7 @@ async def _refused(
                 state=outcome.end,
                 message=outcome.message,
                 code=outcome.code,
-                custody=error.custody.name,
+                custody=error.custody.key.upper(),
                 where=where,
             )
         )

@@ -95,7 +95,7 @@ class FixedGripperWatcher:
 
         While the arm gripper has it too, or already, that gripper's own look decides.
         """
-        if self._record.part.custody is not Custody.IN_FIXTURE:
+        if self._record.part.custody is not Custody.IN_FIXED:
             return False
         self._recoveries.book(await self._grippers.lose_from_fixed())
         return True

@@ -17,7 +17,7 @@ from controller.cad import SurfaceSamples
 from controller.imaging import ViewMaps, transform
 from controller.recognition import PosedPart, PoseFit
 
-from ._blobs import blobs, grow
+from ._connected import connected_findings, grow
 from ._types import OUTLINE, Check, Finding, Kind, ViewTask
 
 MARGIN_PX: Final = 40  # beyond the outline, where material may stick out
@@ -125,7 +125,9 @@ def _areas(
     for wrong, kind in ((missing, Kind.MISSING), (extra, Kind.EXTRA)):
         kernel = np.ones((KERNEL_PX, KERNEL_PX), np.uint8)
         opened = cv2.morphologyEx(wrong.astype(np.uint8), cv2.MORPH_OPEN, kernel) > 0
-        found += blobs(opened, kind, "backlit", part, maps, task.camera, T, (x0, y0), area, least)
+        found += connected_findings(
+            opened, kind, "backlit", part, maps, task.camera, T, (x0, y0), area, least
+        )
     return found
 
 
@@ -166,7 +168,7 @@ def _runs(
             if any(_touches(f.box_px, low, high) for f in known):
                 continue
             each = np.where(labels == i, np.float32(mm**2), np.float32(0))
-            blob = blobs(
+            blob = connected_findings(
                 labels == i, kind, "backlit", part, fit.maps, task.camera,
                 fit.T_world_part, (x0, y0), each, 0.0,
             )  # fmt: skip

@@ -32,7 +32,7 @@ from controller.imaging import (
 )
 from controller.recognition import PosedPart, PoseFit
 
-from ._blobs import blobs, grow
+from ._connected import connected_findings, grow
 from ._outline import compare_outline
 from ._pose import measure_pose, moved, poses_as_good
 from ._register import Registration, register
@@ -338,7 +338,7 @@ class _Shading:
             np.repeat(np.repeat(a, step, axis=0), step, axis=1)[: y1 - y0, : x1 - x0]
             for a in (opened > 0, area)
         )
-        found = blobs(
+        found = connected_findings(
             full, Kind.SURFACE, lamp_name, self._part, self._fit.maps, task.camera,
             self._fit.T_world_part, (x0, y0), areas, limits.min_area_mm2,
         )  # fmt: skip

@@ -21,7 +21,7 @@ from ._model import (
     StageReport,
 )
 from ._parts import PartFold
-from .log_words import say_row
+from .log_words import row_words
 
 SomeBody = TypeVar("SomeBody", bound=Body)
 
@@ -165,12 +165,12 @@ def _outcome(
             cast(End, at_rest.state),
             at_rest.message,
             at_rest.code,
-            Custody.__members__.get(at_rest.custody, custody),
+            next((c for c in Custody if c.key.upper() == at_rest.custody), custody),
             at_rest.where or where,
         )
     then = f"part {last.number} then was {_held(last)}" if last else "no part was at hand"
     message = (
-        f"the run has no end in the journal: it was cut off after “{say_row(log[-1])}” at "
+        f"the run has no end in the journal: it was cut off after “{row_words(log[-1])}” at "
         f"{log[-1].at:%H:%M:%S} UTC (unless it is still running); {then}"
     )
     return Outcome("cut_off", message, "cut_off", custody, where)
@@ -178,13 +178,13 @@ def _outcome(
 
 def _held(part: PartReport) -> str:
     detail = f" ({part.custody_detail})" if part.custody_detail else ""
-    return f"{part.custody.value}{detail}" + (", or no longer" if part.in_doubt else "")
+    return f"{part.custody.value}{detail}" + (", or no longer" if part.unconfirmed else "")
 
 
 def _where(part: PartReport | None) -> str:
     if part is None:
         return where_it_is(Custody.NONE)
-    if part.in_doubt:
+    if part.unconfirmed:
         return where_it_is(Custody.UNKNOWN, f"last known: {part.custody.value}")
     return where_it_is(part.custody, part.custody_detail)
 

@@ -15,7 +15,7 @@ are cell seconds, `wall_s` is wall seconds. Unknown is null, never a made-up num
 | `outcome` | `end` (complete, held, stopped, aborted, broke_off, cut_off), `message`, `code`, `custody`, `where` |
 | `verdict` | of the run: the worst of its parts; `no verdict` if one was not judged, `incomplete` if all passed that were begun and not all were |
 | `ordered`, `parts[]` | parts asked for; what became of those begun |
-| `parts[].verdict` | `pass`, `fail`, `indeterminate` or null; with `reasons`, `covered_fraction` (of all surface, compared with the CAD), `in_sight_fraction` (in sight, compared or not), `claim` (what was looked for on the compared surface), `tray`, `custody`, `in_doubt` (null, or what was begun and never confirmed) |
+| `parts[].verdict` | `pass`, `fail`, `indeterminate` or null; with `reasons`, `covered_fraction` (of all surface, compared with the CAD), `in_sight_fraction` (in sight, compared or not), `claim` (what was looked for on the compared surface), `tray`, `custody`, `unconfirmed` (null, or what was begun and never confirmed) |
 | `parts[].faces[]` | `face`, `label`, `area_mm2`, `area_fraction` (they add up to 1), `seen_fraction` (compared with the CAD), `by_check` (the same by check), `rest` (not compared, by reason), `verdict`, `views`, `reason` |
 | `parts[].findings[]` | `number`, `view`, `kind`, `lamp`, `size_mm`, `area_mm2`, `at_px`, `box_px`, `p_part_mm`, `faces` |
 | `parts[].views[]` | `view`, `evaluated` (null: never judged), `reason`, `shift_mm`, `turn_deg`, `residual_px`, `checks` (`check`, `reason` why it was not made, `compared_samples`, `size_mm`, `length_mm`), `findings` (numbers), `pictures` |
@@ -73,7 +73,7 @@ def report_json(record: RunRecord) -> dict[str, Any]:
             "end": record.outcome.end,
             "message": record.outcome.message,
             "code": record.outcome.code,
-            "custody": record.outcome.custody.name.lower(),
+            "custody": record.outcome.custody.key,
             "where": record.outcome.where,
         },
         "verdict": word,
@@ -105,8 +105,8 @@ def _part(record: RunRecord, part: PartReport) -> dict[str, Any]:
         "in_sight_fraction": verdict.in_sight_fraction if verdict else None,
         "claim": verdict.claim if verdict else None,
         "tray": part.tray,
-        "custody": part.custody.name.lower(),
-        "in_doubt": part.in_doubt or None,
+        "custody": part.custody.key,
+        "in_doubt": part.unconfirmed or None,
         "looks": part.looks,
         "grips_missed": part.grasps_missed,
         "table_pictures": _pictures(record.folder, part.table_pictures),

@@ -216,7 +216,7 @@ class PartReport:
     sightings : of the last look
     steps : of the last plan, done or not
     custody : where the journal last knew it
-    in_doubt : what was begun and never confirmed, so that `custody` may be out of date; or empty
+    unconfirmed : what was begun and never confirmed, so that `custody` may be out of date; or empty
     tray : where it was put, None if it was not
     """
 
@@ -232,7 +232,7 @@ class PartReport:
     tray: str | None
     custody: Custody
     custody_detail: str
-    in_doubt: str
+    unconfirmed: str
 
     @property
     def findings(self) -> tuple[FindingReport, ...]:

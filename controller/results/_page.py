@@ -54,7 +54,7 @@ class ViewPanel:
     @property
     def first(self) -> int | None:
         """Return which panel holds the outline; the others only refer to it."""
-        return next((i for i, panel in enumerate(self.panels) if not panel.shot.trouble), None)
+        return next((i for i, panel in enumerate(self.panels) if not panel.shot.why_missing), None)
 
 
 @dataclass(frozen=True, slots=True)

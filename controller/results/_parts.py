@@ -70,7 +70,7 @@ class PartFold:
             case rows.PartJudged():
                 self.verdict = _verdict(row)
             case rows.CustodyChanged():
-                self.custody = Custody.__members__.get(row.name.upper(), Custody.UNKNOWN)
+                self.custody = Custody.of_key(row.name)
                 self.custody_detail = row.detail
                 self.pending.clear()
                 if self.custody is Custody.PLACED:
@@ -113,7 +113,7 @@ class PartFold:
             tray=self.tray,
             custody=self.custody,
             custody_detail=self.custody_detail,
-            in_doubt=_doubt(ambiguity[-1], self.custody) if ambiguity else "",
+            unconfirmed=_doubt(ambiguity[-1], self.custody) if ambiguity else "",
         )
 
     def _all_steps(self) -> tuple[StepReport, ...]:

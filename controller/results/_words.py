@@ -63,8 +63,8 @@ def cautions(record: RunRecord) -> list[str]:
     if message and record.outcome.end != "complete" and message not in headline(record)[1]:
         found.append(_sentence(message))
     for part in record.parts:
-        if part.in_doubt:
-            found.append(f"Part {part.number}: {part.in_doubt}")
+        if part.unconfirmed:
+            found.append(f"Part {part.number}: {part.unconfirmed}")
         found += [f"Part {part.number}: {message}." for message in part.grasps_missed]
         expected = part.verdict and TRAY_OF_VERDICT.get(part.verdict.verdict, "quarantine")
         if part.tray and expected and part.tray != expected:

@@ -8,7 +8,7 @@ from ._model import RunRecord
 from ._optics import Optics
 from ._page import css_class, lamp_words, make_part_page
 from ._words import END_WORDS, cautions, headline
-from .log_words import say_row, stage_words
+from .log_words import row_words, stage_words
 from .pages import make_environment, write_page
 from .pictures import QUALITIES, Pictures, Quality
 from .wording import utc
@@ -19,7 +19,7 @@ LOG_ROWS = 3000
 TEMPLATES = ("report.html.j2", "part.html.j2")
 FILTERS: Final[Mapping[str, Callable[..., str]]] = {
     "utc": utc,
-    "say_row": say_row,
+    "row_words": row_words,
     "stage": stage_words,
     "css": css_class,
     "lamp_words": lamp_words,

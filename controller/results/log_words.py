@@ -4,6 +4,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from controller.cell.custody import Custody
 from controller.cell.journal import rows
 
 from ._model import LogEntry
@@ -12,7 +13,7 @@ from .wording import count_of
 DETAIL_LENGTH = 240
 
 
-def say_row(entry: LogEntry) -> str:
+def row_words(entry: LogEntry) -> str:
     """Return a row of the journal in words."""
     name = entry.name.replace("_", " ")
     match entry.row:
@@ -23,7 +24,8 @@ def say_row(entry: LogEntry) -> str:
         case rows.GraspMissed() as row:
             return f"grasp failed: {row.message}"
         case rows.CustodyChanged() as row:
-            return f"custody: {name}" + (f" ({row.detail})" if row.detail else "")
+            where = Custody.of_key(entry.name)
+            return f"custody: {where.value}" + (f" ({row.detail})" if row.detail else "")
         case rows.Intent():
             return f"about to {name}{_rest(entry.body)}"
         case rows.ViewJudged() as row:

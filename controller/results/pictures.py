@@ -59,13 +59,13 @@ class Shot:
     Attributes
     ----------
     uri : data URI, empty where the picture is missing
-    trouble : why it is missing
+    why_missing : why it is missing
     window : x0, y0, x1, y1 of the cut-out in the picture as taken [px]
     gain : how many times brighter than taken it is shown
     """
 
     uri: str
-    trouble: str
+    why_missing: str
     window: Box
     gain: float = 1.0
 

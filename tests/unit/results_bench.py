@@ -181,7 +181,7 @@ class RunWriter:
         )
 
     def custody(self, custody: Custody, detail: str = "") -> None:
-        row = rows.CustodyChanged(name=custody.name.lower(), detail=detail)
+        row = rows.CustodyChanged(name=custody.key, detail=detail)
         asyncio.run(self.journal.write_secured(row, self.number))
 
     def picture(self, name: str, level: int = 200) -> str:

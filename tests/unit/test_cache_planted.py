@@ -76,7 +76,7 @@ def filled(tmp_path_factory: pytest.TempPathFactory) -> dict[str, User]:
         patch.setenv("XDG_CACHE_HOME", str(folder))
         part = load_part(path)
         open_library([(path, CompileOptions())], layout.overhead).model(0)
-        Planning(part, layout, FEW).lying(part.poses[0], 360.0, 0.0, 0.4)
+        Planning(part, layout, FEW).plan_at(part.poses[0], 360.0, 0.0, 0.4)
     kept = Kept(part)
     caches: dict[str, DiskCache[Any]] = {
         "part": part_cache(),

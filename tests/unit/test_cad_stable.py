@@ -255,8 +255,8 @@ def test_a_rod_is_one_family_about_its_axis() -> None:
     assert np.linalg.norm(off - (off @ family.axis) * family.axis) < 1e-3
     assert family.radius_mm == pytest.approx([10.0, 10.0], abs=1e-3)
     assert family.arc_rad == pytest.approx(2 * np.pi)
-    assert len(family.odds) == 64
-    assert family.odds.sum() == pytest.approx(family.probability, abs=1e-9)
+    assert len(family.probabilities) == 64
+    assert family.probabilities.sum() == pytest.approx(family.probability, abs=1e-9)
 
 
 @pytest.mark.parametrize("scale", [1.0, 25.4, 1000.0])

@@ -42,7 +42,7 @@ def part(tmp_path_factory: pytest.TempPathFactory) -> CompiledPart:
 def made(part: CompiledPart) -> tuple[KeptPlan, PreparedPart]:
     """A plan and what it was made from, by no cache."""
     planning = Planning(part, build_layout(load_cell(CELL)), FEW, use_cache=False)
-    kept = planning.lying(part.poses[0], 360.0, 0.0, 0.4)
+    kept = planning.plan_at(part.poses[0], 360.0, 0.0, 0.4)
     assert kept.plan is not None
     return kept, planning.prepared()
 
@@ -90,9 +90,9 @@ def test_the_second_start_takes_what_the_first_has_kept(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     layout = build_layout(load_cell(CELL))
     first = Planning(part, layout, FEW)
-    plan = first.lying(part.poses[0], 360.0, 0.0, 0.0)
+    plan = first.plan_at(part.poses[0], 360.0, 0.0, 0.0)
     second = Planning(part, layout, FEW)
-    assert_same(second.lying(part.poses[0], 360.0, 0.0, 0.0), plan)
+    assert_same(second.plan_at(part.poses[0], 360.0, 0.0, 0.0), plan)
     second.prepared()
     assert second.is_from_cache
     assert not first.is_from_cache

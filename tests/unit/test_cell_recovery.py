@@ -314,7 +314,7 @@ class PaperCompute:
             seen=self.by_view[name] if in_hand else mask(), outline_px=np.zeros((0, 2)),
         )  # fmt: skip
 
-    async def inspect_lying(self, view: str, T: Any, glowing: Any, lit: Any) -> ViewResult:
+    async def inspect_on_table(self, view: str, T: Any, glowing: Any, lit: Any) -> ViewResult:
         self.shown.append(re.sub(r"~\d+$", "", view))
         return ViewResult(view, True, "", T, 0.0, 0.0, 0.0, (), mask(8, 9), np.zeros((0, 2)))
 
@@ -656,12 +656,12 @@ def guard_of(cell: PaperCell) -> ReleaseGuard:
 
 
 BOOKS = {"table": Custody.ON_TABLE, "arm": Custody.IN_ARM, "both": Custody.IN_BOTH,
-         "fixture": Custody.IN_FIXTURE}  # fmt: skip
+         "fixture": Custody.IN_FIXED}  # fmt: skip
 
 
 @given(
     st.sampled_from(["arm", "both", "fixture"]),
-    st.sampled_from([Custody.IN_ARM, Custody.IN_BOTH, Custody.IN_FIXTURE, Custody.UNKNOWN]),
+    st.sampled_from([Custody.IN_ARM, Custody.IN_BOTH, Custody.IN_FIXED, Custody.UNKNOWN]),
     st.lists(st.sampled_from(["hand", "fixture"]), min_size=1, max_size=4),
 )
 def test_no_order_of_openings_leaves_a_held_part_without_a_holder_while_the_books_name_one(
@@ -681,7 +681,7 @@ def test_no_order_of_openings_leaves_a_held_part_without_a_holder_while_the_book
             try:
                 if which == "hand":
                     await guard.open_arm(80.0, custody)
-                    custody = Custody.IN_FIXTURE if custody is Custody.IN_BOTH else custody
+                    custody = Custody.IN_FIXED if custody is Custody.IN_BOTH else custody
                 else:
                     await guard.open_fixed(80.0, custody, WIDTH_MM)
                     custody = Custody.IN_ARM if custody is Custody.IN_BOTH else custody

@@ -138,7 +138,7 @@ def test_plan_check_compile_and_run_agree_to_the_byte(
     plan = answers.plan(job, OnTable(planned["pose"], T), None, frozenset(), ())
     body = plan_json(c.solid, c.samples, c.layout, plan)
     assert json.dumps(body) == json.dumps({key: planned[key] for key in body})
-    certificates = [certificate_json(p.certified.told) for p in check_job(job).poses]
+    certificates = [certificate_json(p.certified.certificate) for p in check_job(job).poses]
     assert certificates == checked["certificates"]
     # and once more without any cache
     anew = told(["plan", "--recipe", str(path), "--no-cache"], capsys)
@@ -228,7 +228,7 @@ def test_the_cache_of_one_density_is_not_taken_for_another(folder: Path) -> None
     cell = load_cell(CELL)
     part = load_part(folder / "block.stl")
     light, heavy = (planner_setup(None, cell, part, density) for density in (2.7, 7.85))
-    Planning(part, light.layout, light.options).lying(part.poses[0], 360.0, 0.0, 0.0)
+    Planning(part, light.layout, light.options).plan_at(part.poses[0], 360.0, 0.0, 0.0)
     planning = Planning(part, heavy.layout, heavy.options)
-    planning.lying(part.poses[0], 360.0, 0.0, 0.0)
+    planning.plan_at(part.poses[0], 360.0, 0.0, 0.0)
     assert not planning.is_from_cache

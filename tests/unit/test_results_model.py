@@ -64,7 +64,7 @@ def test_a_run_that_passed_is_read_whole(tmp_path: Path) -> None:
     assert record.emulated_devices == tuple(devices)
     (part,) = record.parts
     assert (part.number, part.looks, part.tray, part.custody) == (1, 1, "accept", Custody.PLACED)
-    assert part.in_doubt == ""
+    assert part.unconfirmed == ""
     (seen,) = part.sightings
     assert (seen.part, seen.pose_index, seen.theta_deg) == ("featuretype", 2, pytest.approx(30.0))
     assert [s.label for s in part.steps] == [*STEPS, "place in tray accept"]
@@ -123,7 +123,9 @@ def test_a_run_cut_off_while_the_jaws_close_does_not_guess_where_the_part_is(
     writer.close()
     record = load_run(tmp_path)
     assert record.outcome.where.startswith("Where the part is, is not known")
-    assert "closing the arm gripper on the part on the table was begun" in record.parts[0].in_doubt
+    assert (
+        "closing the arm gripper on the part on the table was begun" in record.parts[0].unconfirmed
+    )
 
 
 def test_an_outcome_without_its_change_of_custody_leaves_a_cut_off_run_in_doubt(
@@ -134,12 +136,12 @@ def test_an_outcome_without_its_change_of_custody_leaves_a_cut_off_run_in_doubt(
     writer.plan()
     writer.once("grip")
     writer.close()
-    assert load_run(tmp_path).parts[0].in_doubt
+    assert load_run(tmp_path).parts[0].unconfirmed
     writer = RunWriter(tmp_path, "20260303-120000-000-featuretype")
     writer.look(sighting())
     writer.once("grip")
     writer.end("held", "the jaws stopped at 40.0 mm", "grip_wrong", "ON_TABLE")
-    assert load_run(tmp_path).parts[0].in_doubt == ""
+    assert load_run(tmp_path).parts[0].unconfirmed == ""
 
 
 def test_a_run_that_found_no_part_keeps_the_cells_own_words(tmp_path: Path) -> None:

@@ -42,8 +42,8 @@ def size_of(path: Path) -> int:
 
 def no_file(path: Path, error: Exception) -> UnreadableCadError:
     """Return what to say of a file the system does not give us."""
-    told = error.strerror if isinstance(error, OSError) else None
-    return UnreadableCadError(f"{path}: {told or error}; check the path")
+    reason = error.strerror if isinstance(error, OSError) else None
+    return UnreadableCadError(f"{path}: {reason or error}; check the path")
 
 
 def read_file(path: Path) -> bytes:

@@ -155,8 +155,8 @@ class Shape(_Section):
     def _is_of_one_kind(self) -> Self:
         said = [kind for kind in KINDS if getattr(self, kind) is not None]
         if len(said) != 1:
-            told = " and ".join(f"`{kind}`" for kind in said) or "none"
-            raise ValueError(f"is of one kind, {told} found; use one of {', '.join(KINDS)}")
+            found = " and ".join(f"`{kind}`" for kind in said) or "none"
+            raise ValueError(f"is of one kind, {found} found; use one of {', '.join(KINDS)}")
         return self
 
     @property

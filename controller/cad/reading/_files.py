@@ -64,9 +64,9 @@ def load_solid(path: Path, *, unit: str | None = None) -> Solid:
     data = read_file(path)
     is_declared = unit is not None
     if ending == ".3mf":
-        told = check_3mf(data, path)
-        check_unit(unit, told, path)
-        (name, mm_per_unit), is_declared = read_unit(told, path), True
+        stated = check_3mf(data, path)
+        check_unit(unit, stated, path)
+        (name, mm_per_unit), is_declared = read_unit(stated, path), True
     mesh = _read_mesh(data, path, ending)
     with np.errstate(over="ignore"):
         mesh.vertices = np.asarray(mesh.vertices) * mm_per_unit
@@ -95,10 +95,10 @@ def _read_mesh(data: bytes, path: Path, ending: str) -> trimesh.Trimesh:
         mesh = cast("trimesh.Trimesh", loaded)  # forced to be one
         faces, vertices = np.asarray(mesh.faces), np.asarray(mesh.vertices)
     except Exception as error:
-        told = " ".join(str(error).split())
+        reason = " ".join(str(error).split())
         raise UnreadableCadError(
             f"{path}: cannot be read as {ending[1:].upper()} "
-            f"({type(error).__name__}: {told:.200}); export it again"
+            f"({type(error).__name__}: {reason:.200}); export it again"
         ) from error
     if len(faces) and (faces.shape[1:] != (3,) or vertices.shape[1:] != (3,)):
         raise UnreadableCadError(

@@ -46,9 +46,9 @@ def check_3mf(data: bytes, path: Path) -> str:
     except (UnreadableCadError, LargeCadError):
         raise
     except Exception as error:
-        told = " ".join(str(error).split())
+        reason = " ".join(str(error).split())
         raise UnreadableCadError(
-            f"{path}: is not a whole 3MF package ({type(error).__name__}: {told:.200}); "
+            f"{path}: is not a whole 3MF package ({type(error).__name__}: {reason:.200}); "
             "copy or export it again"
         ) from error
     return read_unit(str(unit), path)[0]

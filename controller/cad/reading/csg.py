@@ -77,8 +77,8 @@ class _Builder:
         self._named: dict[str, Body] = {}
         self._costs: dict[str, tuple[int, int]] = {}
 
-    def _problem(self, at: Location, told: str) -> CsgCadError:
-        return CsgCadError(self._text.sentence(at, told))
+    def _problem(self, at: Location, reason: str) -> CsgCadError:
+        return CsgCadError(self._text.sentence(at, reason))
 
     def build(self) -> Body:
         """Return the part [mm]; what it will cost is summed up first."""
@@ -222,8 +222,8 @@ class _Builder:
         places += [(*at, "holes", i) for i in range(len(outlines) - 1)]
         for polygon, place in zip(polygons, places, strict=True):
             if not polygon.is_valid or polygon.area <= 0:
-                told = shapely.is_valid_reason(polygon).replace("[", " at (").replace("]", ")")
-                raise self._problem(place, f"crosses itself or is flat ({told} mm); redraw it")
+                reason = shapely.is_valid_reason(polygon).replace("[", " at (").replace("]", ")")
+                raise self._problem(place, f"crosses itself or is flat ({reason} mm); redraw it")
         outline = polygons[0]
         for hole, place in zip(polygons[1:], places[1:], strict=True):
             rest = outline.difference(hole)

@@ -28,21 +28,21 @@ def read_unit(unit: str, where: Path) -> tuple[str, float]:
     return name, length_mm
 
 
-def check_unit(asked: str | None, told: str, where: Path) -> None:
+def check_unit(asked: str | None, stated: str, where: Path) -> None:
     """Require that a caller who declares a unit declares the one the file itself names.
 
     Parameters
     ----------
     asked : unit the caller declares, in any spelling that `read_unit` knows; None for no claim
-    told : the file's own, as `read_unit` names it
+    stated : the file's own, as `read_unit` names it
     where : the file, for the message
 
     Raises
     ------
     UnitCadError : the two differ, or the declared one is not known
     """
-    if asked is not None and read_unit(asked, where)[0] != told:
+    if asked is not None and read_unit(asked, where)[0] != stated:
         raise UnitCadError(
-            f"{where}: the file is in {told} by its own statement, not in {asked}; "
+            f"{where}: the file is in {stated} by its own statement, not in {asked}; "
             "leave the unit out, or mend the file"
         )

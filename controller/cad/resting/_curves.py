@@ -144,13 +144,15 @@ def merge_hollows(hull: Hull, land: Landscape, strips: Strips) -> tuple[IntArray
         a, b = parent[a], parent[b]
         _fill(parent, heights, narrow, a, b, top)
         bottom = parent[rest]
-    odds: FloatArray = np.bincount(before, land.odds, minlength=hull.count).astype(np.float64)
+    probabilities: FloatArray = np.bincount(
+        before, land.probabilities, minlength=hull.count
+    ).astype(np.float64)
     for fallen in np.unique(before[bottom != before]).tolist():
         out = ((a == fallen) | (b == fallen)) & (top - heights[fallen] <= narrow[fallen])
         to = np.unique(parent[np.where(a == fallen, b, a)[out]])
-        share, odds[fallen] = odds[fallen] / max(len(to), 1), 0.0
-        odds[to if len(to) else parent[fallen]] += share
-    return np.asarray(bottom, dtype=np.int64), odds
+        share, probabilities[fallen] = probabilities[fallen] / max(len(to), 1), 0.0
+        probabilities[to if len(to) else parent[fallen]] += share
+    return np.asarray(bottom, dtype=np.int64), probabilities
 
 
 def _fill(

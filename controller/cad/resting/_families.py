@@ -45,7 +45,7 @@ class RollingFamily:
     arc_rad : how far it rolls, 2 pi if it never stops; for a ball 2 pi too
     probability, drop_probability : of the family, as of a pose
     downs : (m, 3) directions to the table, CAD frame, of the strips, likeliest first
-    odds : (m,) quasi-static odds of each strip
+    probabilities : (m,) quasi-static, of each strip
     """
 
     pose: int
@@ -58,7 +58,7 @@ class RollingFamily:
     probability: float
     drop_probability: float
     downs: FloatArray
-    odds: FloatArray
+    probabilities: FloatArray
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -151,7 +151,7 @@ class Curves:
 
     def _is_dome(self, axis: FloatArray, tilt: float, heights: FloatArray) -> bool:
         """Return whether a narrow ring of directions goes round a dip: a dome's top, no cone."""
-        top = float(self._hull.support_mm(axis[None])[0])
+        top = float(self._hull.extent_mm(axis[None])[0])
         return tilt < DOME_RAD and top < float(heights.max()) + self._strips.lift_mm
 
     def _reach(self, bottom: int) -> IntArray:

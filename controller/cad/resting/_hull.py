@@ -52,7 +52,7 @@ class Hull:
         """How many facets there are."""
         return len(self.areas_mm2)
 
-    def support_mm(self, directions: FloatArray) -> FloatArray:
+    def extent_mm(self, directions: FloatArray) -> FloatArray:
         """Return how high the centre of mass stands with directions (n, 3) pointing down, (n,)."""
         return np.asarray((directions @ self.corners_mm.T).max(axis=1))
 

@@ -117,18 +117,19 @@ def find_resting(
     land = landscape_of(hull)
     strips = find_strips(hull)
     hollow, hollow_probabilities = merge_hollows(hull, land, strips)
-    bottoms, odds, lift, topple_edge = _hollows(hull, land, hollow, hollow_probabilities)
+    bottoms, probabilities, lift, topple_edge = _hollows(hull, land, hollow, hollow_probabilities)
 
-    weight = odds * np.maximum(lift, 0.0)
-    drop = weight / weight.sum() if weight.sum() > 0 else odds
-    odds, lift = np.round(odds, 12), np.round(lift, 9)  # equal ways to lie tie, whatever the noise
-    order = np.lexsort((bottoms, -odds))
-    order = order[odds[order] >= min_probability]
+    weight = probabilities * np.maximum(lift, 0.0)
+    drop = weight / weight.sum() if weight.sum() > 0 else probabilities
+    # equal stable poses tie, whatever the noise
+    probabilities, lift = np.round(probabilities, 12), np.round(lift, 9)
+    order = np.lexsort((bottoms, -probabilities))
+    order = order[probabilities[order] >= min_probability]
     ranks = np.empty(len(order), dtype=int)
     ranks[np.lexsort((np.arange(len(order)), -lift[order]))] = np.arange(1, len(order) + 1)
 
-    held = np.flatnonzero(land.odds > 0)
-    held = held[np.argsort(-land.odds[held], kind="stable")]
+    held = np.flatnonzero(land.probabilities > 0)
+    held = held[np.argsort(-land.probabilities[held], kind="stable")]
     pose_of_bottom = np.full(hull.count, -1, dtype=np.int32)
     curves = Curves(hull, strips)
     poses, families = [], []
@@ -140,12 +141,12 @@ def find_resting(
             roll = curves.roll_at(bottom, strip_facets[strips.is_strip[strip_facets]])
             down = down if roll is None else roll.down
         R = upright_rotation(down)
-        height = float(hull.support_mm(down[None])[0])
+        height = float(hull.extent_mm(down[None])[0])
         poses.append(
             StablePose(
                 index=index,
                 R=R,
-                probability=float(odds[i]),
+                probability=float(probabilities[i]),
                 tip_energy_mj_per_kg=GRAVITY_M_S2 * float(lift[i]),
                 com_height_mm=height,
                 rolling=roll is not None and roll.rolls,
@@ -164,7 +165,7 @@ def find_resting(
         tuple(families),
         centre,
         hull.normals[held],
-        land.odds[held],
+        land.probabilities[held],
         pose_of_bottom[hollow[held]],
     )
 
@@ -184,12 +185,12 @@ def upright_rotation(down: FloatArray) -> FloatArray:
 
 
 def _hollows(
-    hull: Hull, land: Landscape, hollow: IntArray, odds: FloatArray
+    hull: Hull, land: Landscape, hollow: IntArray, probabilities: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray, IntArray]:
     """Return the hollows' bottoms (k,), odds, climbs to the lowest pass [mm], and its edge (k,)."""
     a, b = hollow[hull.edge_facets[:, 0]], hollow[hull.edge_facets[:, 1]]
     apart = np.flatnonzero(a != b)
-    bottoms = np.flatnonzero(odds > 0)
+    bottoms = np.flatnonzero(probabilities > 0)
     edges = np.concatenate([apart, apart])
     sides = np.concatenate([a[apart], b[apart]])
     order = np.lexsort((-land.pass_mm[edges], sides))  # the lowest of each side is written last
@@ -199,7 +200,7 @@ def _hollows(
     climb = np.where(edge >= 0, land.pass_mm[edge] - hull.heights_mm[bottoms], np.inf)
     if np.isinf(climb).any():  # a ball: one hollow, nowhere to tip to
         climb = np.where(np.isinf(climb), 0.0, climb)
-    return bottoms, odds[bottoms], np.maximum(climb, 0.0), edge
+    return bottoms, probabilities[bottoms], np.maximum(climb, 0.0), edge
 
 
 def _topple_direction(hull: Hull, edge: int, down: FloatArray) -> FloatArray:
@@ -237,5 +238,5 @@ def _family(
         probability=pose.probability,
         drop_probability=pose.drop_probability,
         downs=hull.normals[strip_facets],
-        odds=land.odds[strip_facets],
+        probabilities=land.probabilities[strip_facets],
     )

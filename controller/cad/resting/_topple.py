@@ -24,13 +24,13 @@ class Landscape:
     Attributes
     ----------
     rest : (f,) facet on which a part ends that lands on this one
-    odds : (f,) quasi-static, of ending on a facet; 0 where it does not stay
+    probabilities : (f,) quasi-static, of ending on a facet; 0 where it does not stay
     shares : (f,) of the sphere, of landing on a facet
     pass_mm : (e,) height of the centre on the way over each hull edge
     """
 
     rest: IntArray
-    odds: FloatArray
+    probabilities: FloatArray
     shares: FloatArray
     pass_mm: FloatArray
 
@@ -41,13 +41,15 @@ def landscape_of(hull: Hull) -> Landscape:
     stays = _stays(hull, to_edge)
     share = _shares(hull)
     ends_on = hull.facet[_settle(hull, stays)]
-    odds = np.bincount(ends_on, share, minlength=hull.count)
-    total = float(odds.sum())  # 1 but for rounding; a half with the centre on the hull itself
+    probabilities = np.bincount(ends_on, share, minlength=hull.count)
+    total = float(
+        probabilities.sum()
+    )  # 1 but for rounding; a half with the centre on the hull itself
     shares = np.bincount(hull.facet, share, minlength=hull.count) / total
     rest = np.empty(hull.count, dtype=np.int64)
     largest = np.argsort(share, kind="stable")  # the largest triangle of a facet speaks for it
     rest[hull.facet[largest]] = ends_on[largest]
-    return Landscape(rest, odds / total, shares, _passes(hull, to_edge))
+    return Landscape(rest, probabilities / total, shares, _passes(hull, to_edge))
 
 
 def _distances_mm(hull: Hull) -> FloatArray:

@@ -67,7 +67,7 @@ class GraspAction:
             self.views.announce(look, part.picture_names)
             # what stands about the table throws shadows by the side lamp that no prediction knows
             lit = {lamp: part.pictures[lamp] for lamp in TABLE_LAMPS[:1]}
-            self.views.judge_lying(view, look, part.pictures["table_backlight"], lit)
+            self.views.judge_on_table(view, look, part.pictures["table_backlight"], lit)
             self.steps.end(look, started_s, view=view)
 
     async def _check_opening(self, step: Pick, opening_mm: float) -> None:

@@ -66,7 +66,7 @@ class HandOffAction:
             step.fixed_grasp,
             T_part_tcp=inverse_pose(T_world_part) @ self.layout.T_world_fixed_tcp,
         )
-        await record.set_custody(Custody.IN_FIXTURE)
+        await record.set_custody(Custody.IN_FIXED)
         await self.grippers.require_fixed_holds()
         await self.motion.follow(step.retreat)
         self.steps.end(step, started_s)
@@ -122,7 +122,7 @@ class HandOffAction:
     async def _leave_in_fixed(self, step: ReceiveStep, opening_mm: float) -> NoReturn:
         """Leave the part in the fixed gripper and go back to where the step began."""
         await self.grippers.open_arm(step.pre_open_mm)
-        await self.record.set_custody(Custody.IN_FIXTURE, "the arm gripper did not get it")
+        await self.record.set_custody(Custody.IN_FIXED, "the arm gripper did not get it")
         await self.motion.go_back(len(step.approach))
         await self.grippers.require_fixed_holds()
         await self.motion.go_back(len(step.motion_in))

@@ -89,7 +89,7 @@ class PlanAction:
                 hold = self.record.held()
                 grasp = replace(hold.grasp, T_part_tcp=hold.T_part_tcp, opening_mm=hold.width_mm)
                 return InArm(grasp, await self.motion.read_q())
-            case Custody.IN_FIXTURE if part.fixed_grasp is not None:
+            case Custody.IN_FIXED if part.fixed_grasp is not None:
                 return InFixedGripper(part.fixed_grasp, await self.motion.read_q())
         raise PartProblemError("no_plan", f"the part is {part.custody.value}: nothing to plan from")
 

@@ -199,7 +199,7 @@ def inspect(
     )
 
 
-def inspect_lying(
+def inspect_on_table(
     job: Job, view_id: str, T_world_part: FloatArray, backlit: Grey, lit: Mapping[str, Grey]
 ) -> inspecting.ViewResult:
     """Judge the pictures of the table as a view; nothing stands before the part there.

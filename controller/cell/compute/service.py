@@ -49,7 +49,7 @@ class Compute:
     identify = Question(answers.identify)
     path_home = Question(answers.path_home)
     inspect = Question(answers.inspect)
-    inspect_lying = Question(answers.inspect_lying)
+    inspect_on_table = Question(answers.inspect_on_table)
     find_hold = Question(answers.find_hold)
     judge = Question(answers.judge)
     surface_share = Question(answers.surface_share)

@@ -20,11 +20,21 @@ class Custody(StrEnum):
     ON_TABLE = "on the table"
     IN_ARM = "in the arm gripper"
     IN_BOTH = "in both grippers"
-    IN_FIXTURE = "in the fixed gripper"
+    IN_FIXED = "in the fixed gripper"
     PLACED = "placed"
     REMOVED = "taken out by the operator"
     LOST = "lost"
     UNKNOWN = "unknown"
+
+    @property
+    def key(self) -> str:
+        """Return what journals and reports call it; their words stay when a name changes."""
+        return "in_fixture" if self is Custody.IN_FIXED else self.name.lower()
+
+    @classmethod
+    def of_key(cls, key: str) -> "Custody":
+        """Return what a journal means, UNKNOWN where it says what no version wrote."""
+        return next((custody for custody in cls if custody.key == key.lower()), cls.UNKNOWN)
 
 
 class GripperName(StrEnum):
@@ -42,7 +52,7 @@ MAY_HOLD: Final[Mapping[Custody, frozenset[GripperName]]] = {
     Custody.ON_TABLE: NEITHER,
     Custody.IN_ARM: frozenset({GripperName.ARM}),
     Custody.IN_BOTH: BOTH,
-    Custody.IN_FIXTURE: frozenset({GripperName.FIXED}),
+    Custody.IN_FIXED: frozenset({GripperName.FIXED}),
     Custody.PLACED: NEITHER,
     Custody.REMOVED: NEITHER,
     Custody.LOST: BOTH,
@@ -156,7 +166,7 @@ def fold_custody(found: Iterable[Row], here: CellIdentity) -> tuple[Held, ...]:
             if cell is not None and not here.shares(gripper, cell):
                 continue
             if row.kind == "custody":
-                custody = Custody.__members__.get(row.name.upper(), Custody.UNKNOWN)
+                custody = Custody.of_key(row.name)
                 held.pop(gripper, None)
                 if gripper in MAY_HOLD[custody]:
                     detail = str(row.body.get("detail", ""))
@@ -187,7 +197,7 @@ def where_it_is(custody: Custody, detail: str = "") -> str:
                 f"The part is in both grippers{more}, which keep holding it. Open one of them "
                 "only while the other holds."
             )
-        case Custody.IN_FIXTURE:
+        case Custody.IN_FIXED:
             return f"The part is in the fixed gripper{more}, which keeps holding it."
         case Custody.PLACED:
             return f"The part is in its tray{more}."

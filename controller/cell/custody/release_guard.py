@@ -70,7 +70,7 @@ class ReleaseGuard:
         ------
         ReleaseRefusedError : nobody else is known to hold what the fixed gripper holds
         """
-        if custody in (Custody.UNKNOWN, Custody.IN_FIXTURE):
+        if custody in (Custody.UNKNOWN, Custody.IN_FIXED):
             raise ReleaseRefusedError(
                 f"the fixed gripper stays closed: the part is {custody.value}"
             )

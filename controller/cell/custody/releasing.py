@@ -140,10 +140,10 @@ class Recovery:
         if GripperName.ARM in left:
             custody = Custody.IN_ARM
         elif left:
-            custody = Custody.IN_FIXTURE
+            custody = Custody.IN_FIXED
         await self._journal.write_secured(
             rows.CustodyChanged(
-                name=custody.name.lower(),
+                name=custody.key,
                 by="operator",
                 detail=f"the {gripper.value} was opened",
             )

@@ -73,9 +73,7 @@ async def require_empty_grippers(
         said = "stated with --part-removed"
         before = "; ".join(known_words(one) for one in known)
         await journal.write_secured(
-            rows.CustodyChanged(
-                name=Custody.REMOVED.name.lower(), by="operator", detail=said, before=before
-            )
+            rows.CustodyChanged(name=Custody.REMOVED.key, by="operator", detail=said, before=before)
         )
 
 
@@ -94,7 +92,7 @@ def _custody_of(known: Sequence[Held], holding: Sequence[Opening]) -> Custody:
         return Custody.UNKNOWN
     if len(grippers) == 2:
         return Custody.IN_BOTH
-    return Custody.IN_ARM if GripperName.ARM in grippers else Custody.IN_FIXTURE
+    return Custody.IN_ARM if GripperName.ARM in grippers else Custody.IN_FIXED
 
 
 def _refusal(known: Sequence[Held], openings: Sequence[Opening], *, is_part_removed: bool) -> str:

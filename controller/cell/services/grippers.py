@@ -120,7 +120,7 @@ class Grippers:
         )
         if self._record.part.custody is Custody.IN_BOTH:
             await self._record.set_custody(
-                Custody.IN_FIXTURE, f"jaws of the arm gripper at {opening_mm:.1f} mm"
+                Custody.IN_FIXED, f"jaws of the arm gripper at {opening_mm:.1f} mm"
             )
             raise PartFaultError(PartFault.RECEIVE_FAILED, message)
         await self._record.set_custody(Custody.LOST, f"jaws at {opening_mm:.1f} mm")

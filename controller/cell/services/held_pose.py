@@ -93,7 +93,7 @@ class HeldPose:
             if found is None:
                 return
             T_world_part = found
-        hold.doubts = 0
+        hold.unconfirmed_count = 0
         measured = inverse_pose(T_world_part) @ tcp_pose(self.layout, shown.q)
         shift_mm, turn_rad = _difference(measured, hold.T_part_tcp)
         if was_seen and not is_held_otherwise(shift_mm, turn_rad):
@@ -113,9 +113,9 @@ class HeldPose:
         found = await self.compute.find_hold(
             shown.expected, hold.T_part_tcp, shown.holder, shown.backlit
         )
-        hold.doubts += 1
+        hold.unconfirmed_count += 1
         # one bad view is a view less where others have confirmed the hold
-        if found is None and not (hold.is_seen and hold.doubts < BAD_VIEW_COUNT):
+        if found is None and not (hold.is_seen and hold.unconfirmed_count < BAD_VIEW_COUNT):
             raise PartFaultError(
                 PartFault.HOLD_NOT_SEEN,
                 f"the camera does not confirm how the part is held: {reason}",

@@ -80,7 +80,7 @@ class BatchRecord:
         """Change which gripper, tray or table has the part; on the disk when this returns."""
         self.part.custody = custody
         self._progress.custody = custody
-        row = rows.CustodyChanged(name=custody.name.lower(), detail=detail)
+        row = rows.CustodyChanged(name=custody.key, detail=detail)
         await self._journal.write_secured(row, self.part.number)
 
     @asynccontextmanager

@@ -42,7 +42,7 @@ class Recoveries:
                 reason=str(error),
                 action=action.words,
                 number=len(part.recoveries),
-                custody=part.custody.name.lower(),
+                custody=part.custody.key,
             )
         )
         self._record.show(f"{error}; {action.words}", remaining_s=None)

@@ -85,7 +85,7 @@ class Views:
         self._last_held = Shown(view, hold, q, expected, holder, backlit, task)
         self._record.part.pending.append(self._last_held)
 
-    def judge_lying(self, view: str, step: Look, backlit: Grey, lit: Mapping[str, Grey]) -> None:
+    def judge_on_table(self, view: str, step: Look, backlit: Grey, lit: Mapping[str, Grey]) -> None:
         """Begin to judge pictures of the table as a view of the part that lies there.
 
         It counts for what the plan says it resolves.
@@ -102,7 +102,7 @@ class Views:
         assert T is not None
 
         async def counted() -> inspecting.ViewResult:
-            return (await self._compute.inspect_lying(view, T, backlit, lit)).within(step.seen)
+            return (await self._compute.inspect_on_table(view, T, backlit, lit)).within(step.seen)
 
         task = asyncio.ensure_future(counted())
         self._record.part.pending.append(Shown(view, None, np.zeros(6), T, (), backlit, task))

@@ -32,7 +32,7 @@ from controller.config import ConfigError
 from ..inputs.calibration_file import calibration_body, write_calibration
 from ..inputs.checks import check_writable_folder
 from ..inputs.pictures import decoded, read_whole, size_of
-from ..terminal.output import emit, say, stdout
+from ..terminal.output import emit, print_line, stdout
 
 
 def calibrate_camera(images: list[Path], target_file: Path, output: Path, *, as_json: bool) -> int:
@@ -180,40 +180,40 @@ def _board_body(board: Target) -> dict[str, Any]:
 
 def _tell(found: Calibration, missed: Mapping[str, str], picture_count: int, output: Path) -> None:
     flat = sum(view.placed is Placed.FLAT for view in found.views)
-    say(
+    print_line(
         f"boards found in {len(found.views)} of {picture_count} pictures: {flat} flat, "
         f"{len(found.views) - flat} tilted; they cover {100 * found.coverage:.0f} % of the picture"
     )
     for name, reason in missed.items():
-        say(f"  not in {name}: {reason}", style="yellow")
+        print_line(f"  not in {name}: {reason}", style="yellow")
     stdout.print(_views_table(found))
-    say(f"residual {found.rms_px:.3f} px rms over all pictures")
+    print_line(f"residual {found.rms_px:.3f} px rms over all pictures")
     K = found.camera.K
     std = found.std
-    say(
+    print_line(
         f"lens: fx {K[0, 0]:.2f} +- {std['fx']:.2f} px, fy {K[1, 1]:.2f} +- {std['fy']:.2f} px, "
         f"centre {K[0, 2]:.2f} +- {std['cx']:.2f}, {K[1, 2]:.2f} +- {std['cy']:.2f} px"
     )
     values = dict(zip(("k1", "k2", "p1", "p2", "k3"), found.camera.distortion, strict=True))
     shown = [f"{name} {values[name]:.3g} +- {std[name]:.1g}" for name in values if name in std]
-    say(f"distortion: {', '.join(shown) if shown else 'none to be seen'}")
+    print_line(f"distortion: {', '.join(shown) if shown else 'none to be seen'}")
     if found.held_std:
-        say(f"held at 0, since the pictures do not show them: {', '.join(found.held_std)}")
+        print_line(f"held at 0, since the pictures do not show them: {', '.join(found.held_std)}")
     x, y, z = found.camera.position_mm
     sx, sy, sz = found.position_std_mm
-    say(
+    print_line(
         f"camera at x {x:.2f} +- {sx:.2f}, y {y:.2f} +- {sy:.2f}, z {z:.2f} +- {sz:.2f} mm over "
         f"the table, {np.degrees(found.tilt_rad):.3f} +- {np.degrees(found.tilt_std_rad):.3f} deg "
         "off the vertical"
     )
     for plane in found.table:
         u, v = plane.worst_at_px
-        say(
+        print_line(
             f"a position at z = {plane.height_mm:g} mm is known to {plane.median_mm:.4f} mm "
             f"(median over the picture), {plane.covered_worst_mm:.4f} mm at worst where there were "
             f"boards, {plane.worst_mm:.4f} mm in all of the picture (pixel {u:.0f}, {v:.0f})"
         )
-    say(f"written to {output}")
+    print_line(f"written to {output}")
 
 
 def _views_table(found: Calibration) -> Table:

@@ -19,7 +19,7 @@ from controller.setup.drivers import require_drivers
 from drivers.errors import DeviceError
 from drivers.kinds import Signal
 
-from ..terminal.output import emit, say, stdout
+from ..terminal.output import emit, print_line, stdout
 
 Check = dict[str, Any]
 
@@ -52,8 +52,8 @@ def examine(cell_path: Path, *, as_json: bool) -> int:
                 markup=False,
             )
             if not check["ok"]:
-                say(f"      {check['remedy']}")
-        say("all well" if not bad else f"{len(bad)} of {len(checks)} checks failed")
+                print_line(f"      {check['remedy']}")
+        print_line("all well" if not bad else f"{len(bad)} of {len(checks)} checks failed")
     return 1 if bad else 0
 
 

@@ -9,7 +9,7 @@ from controller.cell.devices.emulator import emulated_cell, emulator_args, emula
 from controller.config import load_cell
 
 from ..inputs.checks import check_control, parse_place
-from ..terminal.output import emit, say
+from ..terminal.output import emit, print_line
 
 
 def serve(
@@ -59,15 +59,17 @@ def serve(
         if as_json:
             emit(ready)
         else:
-            say(f"emulated cell ready, {ready['speed']:g} x real time, seed {ready['seed']}")
+            print_line(f"emulated cell ready, {ready['speed']:g} x real time, seed {ready['seed']}")
             for name, where in ready["devices"].items():
                 text = (
                     where
                     if isinstance(where, str)
                     else " ".join(f"{k} {v}" for k, v in where.items())
                 )
-                say(f"  {name:11} {text}")
-            say(f"  {'clock':11} {ready['clock']}")
-            say("a cell file with all these addresses shares the clock by itself; Ctrl-C ends it")
+                print_line(f"  {name:11} {text}")
+            print_line(f"  {'clock':11} {ready['clock']}")
+            print_line(
+                "a cell file with all these addresses shares the clock by itself; Ctrl-C ends it"
+            )
         ended.wait()
     return 0

@@ -42,9 +42,9 @@ def check_writable_folder(folder: Path, option: str, least_free_bytes: int = 0) 
                 f"{least_free_bytes / 1e6:.0f} MB are required; make room or name another folder"
             )
     except (OSError, ValueError) as error:
-        told = error.strerror if isinstance(error, OSError) else None
+        reason = error.strerror if isinstance(error, OSError) else None
         raise ConfigError(
-            f"{option} {folder}: cannot be written to ({told or error}); name another folder"
+            f"{option} {folder}: cannot be written to ({reason or error}); name another folder"
         ) from error
 
 

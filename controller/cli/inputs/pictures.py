@@ -221,8 +221,8 @@ def _eight_bits(path: Path, levels: NDArray[Any], notes: list[str]) -> Grey:
         raise ConfigError(
             f"{path}: grey levels up to {high:g}; at most 16 bits are allowed, or decimals up to 1"
         )
-    full, told = _range_of(levels, int(high))
-    notes.append(f"levels {told}")
+    full, range_text = _range_of(levels, int(high))
+    notes.append(f"levels {range_text}")
     return _scaled(levels, full)
 
 

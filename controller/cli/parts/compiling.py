@@ -26,7 +26,7 @@ from controller.setup.planner import planner_setup
 from ..inputs.checks import check_writable_folder
 from ..inputs.part_files import PartFile
 from ..planning.certificates import print_certificates
-from ..terminal.output import emit, say, stdout, warn
+from ..terminal.output import emit, print_line, stdout, warn
 from .part_json import certified_json, part_json
 
 
@@ -80,7 +80,7 @@ def compile_parts(
         if planned_in is not None:
             setup = planner_setup(file.recipe, planned_in, part, on_command_line)
             if not as_json:
-                say(setup.sentence)
+                print_line(setup.sentence)
             planning = Planning(part, setup.layout, setup.options, use_cache=use_cache)
             certified = [planning.certified(pose) for pose in part.poses]
             body |= {"planned_with": setup.as_json()} | certified_json(certified)
@@ -94,7 +94,7 @@ def compile_parts(
         except OSError as error:
             raise ConfigError(f"--report {report}: {error.strerror or error}") from error
         if not as_json:
-            say(f"report: {written}")
+            print_line(f"report: {written}")
     return code
 
 
@@ -107,17 +107,17 @@ def _compiled(path: Path, options: CompileOptions, *, use_cache: bool) -> tuple[
 
 def _print_certified(part: CompiledPart, certified: Sequence[Certified]) -> None:
     grasps = certified_json(certified)["grasps"]
-    say(
+    print_line(
         f"grasps: {grasps['arm']} of the arm gripper, {grasps['fixture']} of the fixed gripper; "
         f"certificates of {part.solid.name}:"
     )
-    print_certificates([c.told for c in certified])
+    print_certificates([c.certificate for c in certified])
 
 
 def _print(part: CompiledPart, body: dict[str, Any]) -> None:
     solid = part.solid
     size = " x ".join(f"{v:.1f}" for v in body["size_mm"])
-    say(
+    print_line(
         f"{solid.name}: {size} mm, {solid.volume_mm3 / 1000:.1f} cm3, {body['mass_g']:.0f} g, "
         f"{body['triangles']} triangles, {len(solid.faces)} surfaces, {body['edges']} edges, "
         f"{body['genus']} handle{'' if body['genus'] == 1 else 's'}"
@@ -144,10 +144,10 @@ def _print(part: CompiledPart, body: dict[str, Any]) -> None:
     stdout.print(table)
     kinds = Counter(face.kind for face in solid.faces)
     counts = [f"{count} {kind}" for kind, count in sorted(kinds.items())]
-    say(f"surfaces: {', '.join(counts)}; {len(part.samples.points_mm)} samples")
+    print_line(f"surfaces: {', '.join(counts)}; {len(part.samples.points_mm)} samples")
     if part.features:
         labels = Counter(feature.label for feature in part.features)
-        told = (f"{count} x {label}" if count > 1 else label for label, count in labels.items())
-        say(f"features: {'; '.join(told)}")
+        labelled = (f"{count} x {label}" if count > 1 else label for label, count in labels.items())
+        print_line(f"features: {'; '.join(labelled)}")
     if part.tolerances:
-        say(f"tolerances: {len(part.tolerances)} required by the drawing")
+        print_line(f"tolerances: {len(part.tolerances)} required by the drawing")

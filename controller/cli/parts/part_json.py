@@ -69,7 +69,7 @@ def certified_json(certified: Sequence[Certified]) -> dict[str, Any]:
             "arm": max((c.arm_grasp_count for c in certified), default=0),
             "fixture": max((c.fixed_grasp_count for c in certified), default=0),
         },
-        "certificates": [certificate_json(c.told) for c in certified],
+        "certificates": [certificate_json(c.certificate) for c in certified],
     }
 
 

@@ -21,11 +21,11 @@ def proof_words(plan: Plan) -> str:
     return f"within {proof.gap:.1%} of the optimum: {proof.scope}"
 
 
-def certificate_words(told: Certificate) -> str:
+def certificate_words(certificate: Certificate) -> str:
     """Return what a pose comes to, in words."""
-    plan = told.plan
+    plan = certificate.plan
     if plan is None:
-        return told.reason
+        return certificate.reason
     shown = plan.covered_fraction / plan.reachable_fraction if plan.reachable_fraction else 1.0
     count = view_count(plan)
     views = f"{count} view{'' if count == 1 else 's'}"
@@ -33,16 +33,16 @@ def certificate_words(told: Certificate) -> str:
     return f"{views}, {regrips}, {plan.forecast_s:.0f} s, {shown:.1%} of what can be shown"
 
 
-def print_certificates(told: Sequence[Certificate]) -> None:
+def print_certificates(certificates: Sequence[Certificate]) -> None:
     """Print what each pose comes to as a table; nothing where none was asked for."""
-    if not told:
+    if not certificates:
         return
     table = Table(box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("from pose", justify="right", no_wrap=True)
     table.add_column("likely\n%", justify="right", no_wrap=True)
     table.add_column("pickable\n%", justify="right", no_wrap=True)
     table.add_column("result", min_width=30)
-    for c in told:
+    for c in certificates:
         table.add_row(
             str(c.pose_index),
             f"{100 * c.probability:.1f}",

@@ -17,7 +17,7 @@ from controller.setup.planner import PlannerSetup, planner_setup
 
 from ..inputs.checks import Place, check_writable_folder, parse_place
 from ..inputs.part_files import PartFile
-from ..terminal.output import emit, say, warn
+from ..terminal.output import emit, print_line, warn
 from .certificates import print_certificates, proof_words
 from .plan_json import certificate_json, plan_json
 
@@ -61,36 +61,38 @@ def plan_part_file(
     poses = _asked(compiled, pose_index)
     started = time.monotonic()
     planning = Planning(compiled, setup.layout, setup.options, use_cache=use_cache)
-    tell = None if as_json else (lambda kept: _print(compiled, cell, kept, place))
+    report_plan = None if as_json else (lambda kept: _print(compiled, cell, kept, place))
     if not as_json:
-        say(setup.sentence)
-    if tell is not None and not planning.is_prepared:
+        print_line(setup.sentence)
+    if report_plan is not None and not planning.is_prepared:
         _say_coarse(compiled, setup, poses[0], place)
-    kept, told = _plan_all(planning, poses, place, tell, is_one=pose_index is not None)
+    kept, certificates = _plan_all(
+        planning, poses, place, report_plan, is_one=pose_index is not None
+    )
     seconds = time.monotonic() - started
     if as_json:
         body = _head(compiled, cell, kept, place) | {"planned_with": setup.as_json()}
         if kept.plan is None:
-            body |= {"steps": [], "error": _no_plan(compiled, kept, told)}
+            body |= {"steps": [], "error": _no_plan(compiled, kept, certificates)}
         else:
             body |= plan_json(compiled.solid, compiled.samples, setup.layout, kept.plan)
-        certificates = [certificate_json(c) for c in told]
+        listed = [certificate_json(c) for c in certificates]
         end = {"seconds": seconds, "from_cache": planning.is_from_cache}
-        emit(body | {"certificates": certificates} | end)
+        emit(body | {"certificates": listed} | end)
     else:
-        print_certificates(told)
+        print_certificates(certificates)
     if kept.plan is None:
-        warn(f"cellctl: {_no_plan(compiled, kept, told)}")
+        warn(f"cellctl: {_no_plan(compiled, kept, certificates)}")
     if report is not None:
         from controller.results.plan_page import PlanFacts, write_plan_page
 
-        facts = PlanFacts(compiled, cell.name, setup.layout, kept, told, place)
+        facts = PlanFacts(compiled, cell.name, setup.layout, kept, certificates, place)
         try:
             written = write_plan_page(facts, report)
         except OSError as error:
             raise ConfigError(f"--report {report}: {error.strerror or error}") from error
         if not as_json:
-            say(f"report: {written}")
+            print_line(f"report: {written}")
     return 0 if kept.plan is not None else 1
 
 
@@ -99,10 +101,10 @@ def _say_coarse(part: CompiledPart, setup: PlannerSetup, pose: StablePose, place
     started = time.monotonic()
     x_mm, y_mm, theta_deg = place
     quick = Planning(part, setup.layout, setup.options.coarse(), use_cache=False)
-    plan = quick.lying(pose, x_mm, y_mm, float(np.radians(theta_deg))).plan
+    plan = quick.plan_at(pose, x_mm, y_mm, float(np.radians(theta_deg))).plan
     if plan is None:
         return  # few candidates prove nothing: the full plan tells why not
-    say(
+    print_line(
         f"first estimate, after {time.monotonic() - started:.1f} s: {view_count(plan)} views, "
         f"{plan.regrasp_count} x regrasp, {plan.forecast_s:.0f} s, {plan.covered_fraction:.1%} of "
         "the surface; the full plan follows"
@@ -125,7 +127,7 @@ def _plan_all(
     planning: Planning,
     poses: Sequence[StablePose],
     place: Place,
-    tell: Callable[[KeptPlan], None] | None,
+    report_plan: Callable[[KeptPlan], None] | None,
     *,
     is_one: bool,
 ) -> tuple[KeptPlan, tuple[Certificate, ...]]:
@@ -133,24 +135,24 @@ def _plan_all(
 
     Parameters
     ----------
-    tell : called with the plan once it is there, while the other poses are still worked at
+    report_plan : called with the plan once it is there, while the other poses are still worked at
     is_one : one pose was asked for, and nothing is said of the others
     """
     x_mm, y_mm, theta_deg = place
     theta_rad = float(np.radians(theta_deg))
-    told: dict[int, Certificate] = {}
+    certificates: dict[int, Certificate] = {}
     chosen: KeptPlan | None = None
     for pose in poses:
         if not is_one:
-            told[pose.index] = planning.certified(pose).told
+            certificates[pose.index] = planning.certified(pose).certificate
         if chosen is None or chosen.plan is None:
-            kept = planning.lying(pose, x_mm, y_mm, theta_rad)
+            kept = planning.plan_at(pose, x_mm, y_mm, theta_rad)
             if chosen is None or kept.plan is not None:
                 chosen = kept
-            if kept.plan is not None and tell is not None:
-                tell(kept)
+            if kept.plan is not None and report_plan is not None:
+                report_plan(kept)
     assert chosen is not None
-    return chosen, tuple(told[index] for index in sorted(told))
+    return chosen, tuple(certificates[index] for index in sorted(certificates))
 
 
 def _head(part: CompiledPart, cell: Cell, kept: KeptPlan, place: Place) -> dict[str, Any]:
@@ -167,31 +169,31 @@ def _head(part: CompiledPart, cell: Cell, kept: KeptPlan, place: Place) -> dict[
     }
 
 
-def _no_plan(part: CompiledPart, kept: KeptPlan, told: Sequence[Certificate]) -> str:
+def _no_plan(part: CompiledPart, kept: KeptPlan, certificates: Sequence[Certificate]) -> str:
     """Return one sentence; where the poses fail for several reasons, all of them."""
-    if len({c.reason for c in told}) <= 1 or any(c.plan for c in told):
+    if len({c.reason for c in certificates}) <= 1 or any(c.plan for c in certificates):
         return kept.reason
-    reasons = "; ".join(f"from pose {c.pose_index}: {c.reason}" for c in told)
-    return f"{part.solid.name}: no plan from any of its {len(told)} poses: {reasons}"
+    reasons = "; ".join(f"from pose {c.pose_index}: {c.reason}" for c in certificates)
+    return f"{part.solid.name}: no plan from any of its {len(certificates)} poses: {reasons}"
 
 
 def _print(part: CompiledPart, cell: Cell, kept: KeptPlan, place: Place) -> None:
     plan = kept.plan
     assert plan is not None
     head = _head(part, cell, kept, place)
-    say(
+    print_line(
         f"{head['part']} in cell {head['cell']}, stable pose {head['pose']} "
         f"({head['probability']:.0%}) at ({head['x_mm']:.0f}, {head['y_mm']:.0f}) mm, "
         f"{head['theta_deg']:.0f} deg"
     )
     for i, (label, step_s) in enumerate(plan.seconds_by_step, 1):
-        say(f"{i:3}  {step_s:6.1f} s  {label}")
-    say(
+        print_line(f"{i:3}  {step_s:6.1f} s  {label}")
+    print_line(
         f"forecast {plan.forecast_s:.0f} s; {plan.covered_fraction:.1%} of the surface seen, "
         f"{plan.reachable_fraction:.1%} could be"
     )
-    say(proof_words(plan))
+    print_line(proof_words(plan))
     for u in plan.unseen:
         advice = f"; {u.advice}" if u.advice else ""
         label = part.solid.faces[u.face_id].label
-        say(f"  {label}: {u.area_fraction:.2%} unseen, {u.reason}{advice}")
+        print_line(f"  {label}: {u.area_fraction:.2%} unseen, {u.reason}{advice}")

@@ -82,21 +82,21 @@ def _step_json(moment: Moment, weights: FloatArray, seen_before: BoolArray) -> d
     return body
 
 
-def certificate_json(told: Certificate) -> dict[str, Any]:
+def certificate_json(certificate: Certificate) -> dict[str, Any]:
     """Return what a stable pose comes to; `pickable` is the share of places it can be taken at."""
     body: dict[str, Any] = {
-        "pose": told.pose_index,
-        "probability": told.probability,
-        "pickable": told.pickable,
-        "planned": told.plan is not None,
+        "pose": certificate.pose_index,
+        "probability": certificate.probability,
+        "pickable": certificate.pickable,
+        "planned": certificate.plan is not None,
     }
-    if told.plan is None:
-        return body | {"reason": told.reason}
+    if certificate.plan is None:
+        return body | {"reason": certificate.reason}
     return body | {
-        "complete": told.is_complete,
-        "views": view_count(told.plan),
-        "regrips": told.plan.regrasp_count,
-        "forecast_s": told.plan.forecast_s,
-        "covered_fraction": told.plan.covered_fraction,
-        "reachable_fraction": told.plan.reachable_fraction,
+        "complete": certificate.is_complete,
+        "views": view_count(certificate.plan),
+        "regrips": certificate.plan.regrasp_count,
+        "forecast_s": certificate.plan.forecast_s,
+        "covered_fraction": certificate.plan.covered_fraction,
+        "reachable_fraction": certificate.plan.reachable_fraction,
     }

@@ -8,7 +8,7 @@ from controller.cell.checking import Checked, CheckedPose, check_job
 from controller.cell.compute import Job
 from controller.config import load_recipe
 
-from ..terminal.output import emit, say, warn
+from ..terminal.output import emit, print_line, warn
 from .plan_json import certificate_json
 
 
@@ -36,7 +36,7 @@ def check_recipe(recipe_path: Path, cell_path: Path | None, *, as_json: bool) ->
                 "problems": list(checked.problems),
                 "planned_with": checked.setup.as_json(),
                 "poses": [_pose_json(pose) for pose in checked.poses],
-                "certificates": [certificate_json(p.certified.told) for p in checked.poses],
+                "certificates": [certificate_json(p.certified.certificate) for p in checked.poses],
                 "seconds": time.monotonic() - started,
             }
         )
@@ -46,17 +46,17 @@ def check_recipe(recipe_path: Path, cell_path: Path | None, *, as_json: bool) ->
 
 
 def _print(recipe_path: Path, checked: Checked) -> None:
-    say(checked.setup.sentence)
+    print_line(checked.setup.sentence)
     for pose in checked.poses:
         entry = _pose_json(pose)
         if entry["planned"]:
-            say(
+            print_line(
                 f"pose {entry['pose_index']} ({entry['probability']:.0%}): {entry['views']} views, "
                 f"{entry['regrips']} regrasps, {entry['covered_fraction']:.1%} of the surface, "
                 f"{entry['forecast_s']:.0f} s"
             )
     warn_of(recipe_path, checked)
-    say(f"{recipe_path}: {'not ready' if checked.problems else 'ready'}")
+    print_line(f"{recipe_path}: {'not ready' if checked.problems else 'ready'}")
 
 
 def warn_of(recipe_path: Path, checked: Checked) -> None:
@@ -66,10 +66,13 @@ def warn_of(recipe_path: Path, checked: Checked) -> None:
 
 
 def _pose_json(checked: CheckedPose) -> dict[str, Any]:
-    told, plan = checked.certified.told, checked.certified.told.plan
-    entry: dict[str, Any] = {"pose_index": told.pose_index, "probability": told.probability}
+    certificate, plan = checked.certified.certificate, checked.certified.certificate.plan
+    entry: dict[str, Any] = {
+        "pose_index": certificate.pose_index,
+        "probability": certificate.probability,
+    }
     if plan is None:
-        return entry | {"planned": False, "reason": told.reason}
+        return entry | {"planned": False, "reason": certificate.reason}
     return entry | {
         "planned": True,
         "views": len(plan.presents),

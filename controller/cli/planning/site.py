@@ -17,7 +17,7 @@ from controller.setup.layout import build_layout
 from controller.setup.planner import planner_setup
 
 from ..inputs.part_files import PartFile
-from ..terminal.output import emit, say, stderr, stdout
+from ..terminal.output import emit, print_line, stderr, stdout
 
 
 def site_parts(
@@ -55,36 +55,36 @@ def site_parts(
         def progress(what: str, done: int, total: int) -> None:
             status.update(f"{what}: {done} of {total}")
 
-        told = site_report(prepared, layout, options, progress)
+        report = site_report(prepared, layout, options, progress)
     seconds = time.monotonic() - started
     if as_json:
         head = {"parts": [part.solid.name for part in parts], "cell": cell.name}
         figures = {"planned_with": [setup.as_json() for setup in setups]}
-        emit(head | figures | site_json(told) | {"seconds": seconds})
+        emit(head | figures | site_json(report) | {"seconds": seconds})
         return 0
     for part, setup in zip(parts, setups, strict=True):
-        say(f"{part.solid.name}: {setup.sentence}")
-    for sentence in told.sentences:
-        say(sentence)
-    _print(told)
+        print_line(f"{part.solid.name}: {setup.sentence}")
+    for sentence in report.sentences:
+        print_line(sentence)
+    _print(report)
     return 0
 
 
-def site_json(told: SiteReport) -> dict[str, Any]:
+def site_json(report: SiteReport) -> dict[str, Any]:
     """Return the answer; poses are nested row-major lists in the world."""
     return {
-        "stay": told.stay,
-        "sentences": list(told.sentences),
-        "joints_allow": told.joints_allow,
-        "sites_tried": told.sites_tried,
-        "sites_checked": told.sites_checked,
-        "present": _score_json(told.present),
-        "best": _score_json(told.best),
-        "others": [_score_json(score) for score in told.others],
-        "T_world_camera": told.T_camera.tolist(),
+        "stay": report.stay,
+        "sentences": list(report.sentences),
+        "joints_allow": report.joints_allow,
+        "sites_tried": report.sites_tried,
+        "sites_checked": report.sites_checked,
+        "present": _score_json(report.present),
+        "best": _score_json(report.best),
+        "others": [_score_json(score) for score in report.others],
+        "T_world_camera": report.T_camera.tolist(),
         "boxes": {
             name: {"T": box.T.tolist(), "half_mm": box.half_mm.tolist()}
-            for name, box in told.boxes.items()
+            for name, box in report.boxes.items()
         },
     }
 
@@ -130,12 +130,12 @@ def _number(value: float) -> float | None:
     return value if isfinite(value) else None
 
 
-def _print(told: SiteReport) -> None:
+def _print(report: SiteReport) -> None:
     table = Table(box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("part")
     for heading in ("could be\n%", "shown now\n%", "at best\n%", "picked now\n%", "at best\n%"):
         table.add_column(heading, justify="right", no_wrap=True)
-    for now, best in zip(told.present.parts, told.best.parts, strict=True):
+    for now, best in zip(report.present.parts, report.best.parts, strict=True):
         table.add_row(
             now.name,
             f"{100 * best.showable:.1f}",

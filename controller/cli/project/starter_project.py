@@ -7,7 +7,7 @@ from typing import Final
 from controller.config import EMULATED_CELL, SHIPPED, ConfigError
 
 from ..inputs.checks import check_writable_folder
-from ..terminal.output import emit, say
+from ..terminal.output import emit, print_line
 
 STARTER: Final = Path(__file__).parent / "starter"
 RECIPE: Final = SHIPPED / "holder.yaml"
@@ -52,6 +52,6 @@ def lay_out_project(folder: Path, *, as_json: bool) -> int:
         emit({"event": "init", "folder": str(folder), "files": written})
         return 0
     for name in written:
-        say(f"  {folder / name}")
-    say(f"Next: cd {folder}, then cellctl check, cellctl plan, cellctl run --speed 10")
+        print_line(f"  {folder / name}")
+    print_line(f"Next: cd {folder}, then cellctl check, cellctl plan, cellctl run --speed 10")
     return 0

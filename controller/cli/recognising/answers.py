@@ -17,7 +17,7 @@ from controller.recognition.stored import open_library
 
 from ..inputs.calibration_file import load_calibration
 from ..inputs.pictures import SaidOnce, StoredPicture, pictures_among, read_picture
-from ..terminal.output import emit, say, warn
+from ..terminal.output import emit, print_line, warn
 from ._explain_folder import ExplainFolder, show_tables
 
 Lighting = Literal["backlit", "front", "auto"]
@@ -93,18 +93,18 @@ def _answer_one(
         warn(f"{path.name}: {remark}")
     bodies = list(_bodies(path, picture, seen, seconds))
     if not bodies:
-        (warn if as_json else say)(f"{path.name}: nothing on the table")
+        (warn if as_json else print_line)(f"{path.name}: nothing on the table")
     for body in bodies:
         if as_json:
             emit(body)
         else:
-            say(_sentence(body))
+            print_line(_sentence(body))
     if folder is not None:
-        told = explain(picture.grey, camera, library, seen, path.name)
-        drawing = folder.write(path, told, with_json=as_json)
+        explained = explain(picture.grey, camera, library, seen, path.name)
+        drawing = folder.write(path, explained, with_json=as_json)
         if not as_json:
-            show_tables(told.tables)
-            say(f"{path.name}: drawn in {drawing}")
+            show_tables(explained.tables)
+            print_line(f"{path.name}: drawn in {drawing}")
     return sum(body["part"] is not None for body in bodies)
 
 
@@ -170,10 +170,10 @@ def _sentence(body: dict[str, Any]) -> str:
     others = body["ambiguous_with"]
     also = ""
     if others:
-        told = "; ".join(
+        readings = "; ".join(
             f"{a['part']}, pose {a['pose_index']}, {a['theta_deg']:.1f} deg" for a in others
         )
-        also = f"; could also be {told}"
+        also = f"; could also be {readings}"
     return (
         f"{body['image']}: {body['part']}, pose {body['pose_index']}, at {where}, "
         f"{body['theta_deg']:.1f} deg, score {body['score']:.3f}{also}"

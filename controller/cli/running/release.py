@@ -13,7 +13,7 @@ from controller.cell.devices.lock import hold_cell
 from controller.config import ConfigError, load_cell
 from controller.setup.drivers import require_drivers
 
-from ..terminal.output import emit, say, warn
+from ..terminal.output import emit, print_line, warn
 
 OPTION = {GripperName.ARM: "arm", GripperName.FIXED: "fixed"}
 
@@ -65,9 +65,9 @@ def recover_cell(
                     return 1
                 custody = await recovery.open(gripper, standing.known)
                 if not as_json:
-                    say(f"The {gripper.value} is open. The part is {custody.value}.")
+                    print_line(f"The {gripper.value} is open. The part is {custody.value}.")
             if as_json:
-                emit(_json(standing, None if custody is None else custody.name.lower()))
+                emit(_json(standing, None if custody is None else custody.key))
         if custody is not None:
             return 0
         return 1 if _may_hold(standing) else 0
@@ -87,18 +87,20 @@ def _report(standing: Standing) -> None:
     if standing.notice:
         warn(standing.notice)
     for one in standing.known:
-        say(f"journal: the {one.gripper.value} may hold a part: {known_words(one)}")
+        print_line(f"journal: the {one.gripper.value} may hold a part: {known_words(one)}")
     if not standing.known:
-        say("journal: no gripper holds a part")
+        print_line("journal: no gripper holds a part")
     for opening in standing.openings:
-        say(f"{opening.gripper.value}: {opening.finding.value}; {opening.reason}")
+        print_line(f"{opening.gripper.value}: {opening.finding.value}; {opening.reason}")
     names = sorted(OPTION[gripper] for gripper in _may_hold(standing))
     if not names:
-        say("Nothing is held: `cellctl run` may start.")
+        print_line("Nothing is held: `cellctl run` may start.")
         return
     for name in names:
-        say(f"To open the {name} gripper while you hold the part: cellctl recover --open {name}")
-    say("To go on after the part is out: cellctl run RECIPE --part-removed")
+        print_line(
+            f"To open the {name} gripper while you hold the part: cellctl recover --open {name}"
+        )
+    print_line("To go on after the part is out: cellctl run RECIPE --part-removed")
 
 
 def _is_held_by_hand(gripper: GripperName) -> bool:
@@ -115,7 +117,7 @@ def _json(standing: Standing, custody: str | None) -> dict[str, object]:
         "known": [
             {
                 "gripper": one.gripper.value,
-                "custody": one.custody.name.lower(),
+                "custody": one.custody.key,
                 "run": one.run,
                 "part": one.part,
                 "since": one.since,

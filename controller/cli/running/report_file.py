@@ -7,7 +7,7 @@ from controller.config import ConfigError
 from controller.results import load_run, report_json, write_html
 
 from ..inputs.checks import check_writable_folder
-from ..terminal.output import emit, say
+from ..terminal.output import emit, print_line
 
 
 def write_report(runs_dir: Path, run: str | None, form: str, output: Path | None) -> int:
@@ -28,11 +28,11 @@ def write_report(runs_dir: Path, run: str | None, form: str, output: Path | None
         else:
             _check(output)
             output.write_text(json.dumps(body, indent=1, ensure_ascii=False), encoding="utf-8")
-            say(f"report: {output}")
+            print_line(f"report: {output}")
         return 0
     path = output or runs_dir / record.run_id / "report.html"
     _check(path)
-    say(f"report: {write_html(record, path)}")
+    print_line(f"report: {write_html(record, path)}")
     return 0
 
 

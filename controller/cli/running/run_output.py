@@ -13,7 +13,7 @@ from rich.table import Table
 from controller.cell.records import PartRecord, Progress
 from controller.cell.run import RunResult
 
-from ..terminal.output import emit, say, stderr, warn
+from ..terminal.output import emit, print_line, stderr, warn
 
 
 @contextmanager
@@ -47,7 +47,7 @@ def _json_progress(progress: Progress) -> None:
             "label": progress.label,
             "part_pose": progress.part_pose,
             "remaining_s": progress.remaining_s,
-            "custody": progress.custody.name.lower(),
+            "custody": progress.custody.key,
             "speed": None if progress.speed is None else progress.speed.as_json(),
         }
     )
@@ -106,18 +106,18 @@ def print_result(result: RunResult, run_id: str, report: Path | None, *, as_json
     for part in result.parts:
         if part.verdict is None:
             continue
-        say(f"part {part.number}: {part.verdict.verdict.value.upper()} -> {part.tray}")
+        print_line(f"part {part.number}: {part.verdict.verdict.value.upper()} -> {part.tray}")
         for one in part.recoveries:
-            say(f"  recovered from: {one.reason}")
+            print_line(f"  recovered from: {one.reason}")
         for reason in part.verdict.reasons[:6]:
-            say(f"  {reason}")
+            print_line(f"  {reason}")
     if result.outcome.end != "complete":
         warn(f"cellctl: {result.outcome.end}: {result.outcome.message}")
         if result.outcome.end != "refused":  # its message has it
             warn(result.outcome.where)
-    say(f"speed: {result.speed}")
+    print_line(f"speed: {result.speed}")
     if report is not None:
-        say(f"report: {report}")
+        print_line(f"report: {report}")
     return 0 if good else 1
 
 
@@ -126,7 +126,7 @@ def part_json(part: PartRecord) -> dict[str, Any]:
     s = part.sighting
     return {
         "part": part.number,
-        "custody": part.custody.name.lower(),
+        "custody": part.custody.key,
         "tray": part.tray,
         "verdict": None if part.verdict is None else part.verdict.verdict.value,
         "reasons": [] if part.verdict is None else list(part.verdict.reasons),

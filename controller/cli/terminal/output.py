@@ -73,7 +73,7 @@ def emit(body: Mapping[str, Any]) -> None:
     _out.flush()
 
 
-def say(text: str, *, style: str | None = None) -> None:
+def print_line(text: str, *, style: str | None = None) -> None:
     """Print a sentence for people on stdout."""
     stdout.print(printable(text, stdout.encoding), style=style, markup=False)
 

@@ -27,7 +27,7 @@ class PlanFacts:
     Attributes
     ----------
     cell : its name
-    told : what each stable pose comes to; empty where only one was asked for
+    certificates : what each stable pose comes to; empty where only one was asked for
     place : x [mm], y [mm], theta [deg] where the part lies
     """
 
@@ -35,7 +35,7 @@ class PlanFacts:
     cell: str
     layout: CellLayout
     kept: KeptPlan
-    told: tuple[Certificate, ...]
+    certificates: tuple[Certificate, ...]
     place: tuple[float, float, float]
 
     @property

@@ -9,7 +9,7 @@ from controller.imaging import inverse_pose, transform
 
 from ..ray_drawing import FINER
 from .bodies import Stage
-from .render import Paint, Sight
+from .render import Paint, RayHits
 
 APART_MM = 1e4  # between two faces, so that no sample speaks for a place on another face
 
@@ -23,29 +23,29 @@ class Painter:
         self._tree = cKDTree(np.hstack([samples.points_mm, apart]))
         self._count = len(samples.points_mm)
 
-    def sample_at(self, stage: Stage, sight: Sight) -> IntArray:
+    def sample_at(self, stage: Stage, hits: RayHits) -> IntArray:
         """Return the sample that speaks for each ray (height, width), -1 off the part."""
-        out = np.full(sight.triangle.shape, -1, dtype=np.int64)
-        on_part = sight.triangle >= stage.first_of_part
+        out = np.full(hits.triangle.shape, -1, dtype=np.int64)
+        on_part = hits.triangle >= stage.first_of_part
         if on_part.any():
-            faces = self._faces[sight.triangle[on_part] - stage.first_of_part]
-            points = transform(inverse_pose(stage.T_world_part), sight.points_mm[on_part])
+            faces = self._faces[hits.triangle[on_part] - stage.first_of_part]
+            points = transform(inverse_pose(stage.T_world_part), hits.points_mm[on_part])
             _, nearest = self._tree.query(np.column_stack([points, APART_MM * faces]))
             out[on_part] = np.minimum(nearest, self._count - 1)
         return out
 
-    def paint(self, stage: Stage, sight: Sight, colours: Float32Array) -> Paint:
+    def paint(self, stage: Stage, hits: RayHits, colours: Float32Array) -> Paint:
         """Return what colours a picture's rays meet, (n, 3) of the samples; asked once a pixel.
 
         Parameters
         ----------
         stage : the cell at the moment of the picture
-        sight : what each ray of the picture meets, (height, width)
+        hits : what each ray of the picture meets, (height, width)
         colours : (n, 3) red, green, blue of each sample, 0 to 255
         """
-        height, width = sight.triangle.shape
-        coarse = Sight(sight.triangle[::FINER, ::FINER], sight.points_mm[::FINER, ::FINER])
+        height, width = hits.triangle.shape
+        coarse = RayHits(hits.triangle[::FINER, ::FINER], hits.points_mm[::FINER, ::FINER])
         sample = self.sample_at(stage, coarse).repeat(FINER, axis=0).repeat(FINER, axis=1)
         sample = sample[:height, :width]
-        sample[sight.triangle < stage.first_of_part] = -1
+        sample[hits.triangle < stage.first_of_part] = -1
         return Paint(sample, colours)

@@ -20,7 +20,7 @@ COLOURS_STEP = 3  # levels between two colours of the file: neither seen nor sto
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sight:
+class RayHits:
     """What each ray of a picture meets.
 
     Attributes
@@ -47,16 +47,16 @@ class Paint:
     colours: Float32Array
 
 
-def look(stage: Stage, eye: Eye) -> Sight:
+def look(stage: Stage, eye: Eye) -> RayHits:
     """Cast a picture's rays."""
     triangle, distance = cast(stage.caster, eye.origins_mm, eye.directions, eye.size)
     reach = np.where(triangle >= 0, distance, 0.0).reshape(-1, 1)
     points = eye.origins_mm + reach * eye.directions
-    return Sight(triangle, points.reshape(*triangle.shape, 3))
+    return RayHits(triangle, points.reshape(*triangle.shape, 3))
 
 
 def shade(
-    stage: Stage, eye: Eye, sight: Sight, paint: Paint | None = None, relief: float = 1.0
+    stage: Stage, eye: Eye, hits: RayHits, paint: Paint | None = None, relief: float = 1.0
 ) -> Float32Array:
     """Return a picture as it was cast, (height, width, 3) 0..255.
 
@@ -64,11 +64,11 @@ def shade(
     ----------
     stage : the cell at the moment of the picture
     eye : where its rays come from
-    sight : what they meet, (height, width)
+    hits : what they meet, (height, width)
     paint : what colours the part instead of its own; None for nothing
     relief : how much light and shadow change the colours, 0 for not at all
     """
-    triangle = sight.triangle
+    triangle = hits.triangle
     key = eye.back * 0.55 - eye.right * 0.45 + eye.up * 0.65
     fill = eye.back * 0.6 + eye.right * 0.7 + eye.up * 0.1
     key, fill = key / np.linalg.norm(key), fill / np.linalg.norm(fill)
@@ -78,10 +78,10 @@ def shade(
     shaded = level - SHADE * keyed
     glows = np.array([body.glows for body in stage.bodies])[stage.body_of_triangle]
     level[glows] = shaded[glows] = 1.0
-    dark = _shadowed(stage, sight, key, (keyed > 0.01) & ~glows)
+    dark = _shadowed(stage, hits, key, (keyed > 0.01) & ~glows)
     bright = np.where(dark, shaded[triangle], level[triangle]).astype(np.float32)
     bright = 1 - relief * (1 - bright)
-    bright[_edges(stage, sight)] *= INK_SHARE
+    bright[_edges(stage, hits)] *= INK_SHARE
     bodies = np.array([body.colour for body in stage.bodies], dtype=np.float32)
     image: Float32Array = bodies[stage.body_of_triangle][triangle]
     if paint is not None:
@@ -93,26 +93,26 @@ def shade(
     return image
 
 
-def _shadowed(stage: Stage, sight: Sight, key: FloatArray, is_turned: BoolArray) -> BoolArray:
+def _shadowed(stage: Stage, hits: RayHits, key: FloatArray, is_turned: BoolArray) -> BoolArray:
     """Return which rays meet what the key light does not reach, asked once a pixel.
 
     Parameters
     ----------
     is_turned : (t,) triangles that look towards the light
     """
-    height, width = sight.triangle.shape
-    coarse = sight.triangle[::FINER, ::FINER]
+    height, width = hits.triangle.shape
+    coarse = hits.triangle[::FINER, ::FINER]
     shaded = np.zeros(coarse.shape, dtype=bool)
     asked = (coarse >= 0) & is_turned[coarse]
-    start = sight.points_mm[::FINER, ::FINER][asked]
+    start = hits.points_mm[::FINER, ::FINER][asked]
     start = start + LIFT_MM * stage.normals[coarse[asked]] + 4 * LIFT_MM * key
     shaded[asked] = stage.caster.blocked(start, np.broadcast_to(key, start.shape))
     return np.asarray(shaded.repeat(FINER, axis=0).repeat(FINER, axis=1)[:height, :width])
 
 
-def _edges(stage: Stage, sight: Sight) -> BoolArray:
+def _edges(stage: Stage, hits: RayHits) -> BoolArray:
     """Return where the picture steps from one body to another, or bends."""
-    triangle = sight.triangle
+    triangle = hits.triangle
     ink = np.zeros(triangle.shape, dtype=bool)
     for here, there in jumps(triangle):
         a, b = triangle[here], triangle[there]

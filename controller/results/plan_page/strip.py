@@ -186,8 +186,8 @@ class Strip:
         return smaller((1 - GHOST) * behind + GHOST * front)
 
     def _drawn(self, stage: Stage, eye: Eye, colours: Float32Array) -> Float32Array:
-        sight = look(stage, eye)
-        return shade(stage, eye, sight, self._painter.paint(stage, sight, colours))
+        hits = look(stage, eye)
+        return shade(stage, eye, hits, self._painter.paint(stage, hits, colours))
 
     def _camera(self, seat: Seat) -> Camera:
         return self._layout.overhead if seat is Seat.OVERHEAD else self._layout.inspection

@@ -6,7 +6,7 @@ cell-facts.md 4. Values of dimensions are left as the kernel gives them, which i
 the parent mends them from the file's text.
 
 Usage: ``python _step_pmi_child.py FILE OUT MEMORY_BYTES CPU_S``. It ends with 0 and in OUT the JSON
-text ``told`` and, for each surface that text names by number, ``area_mm2`` and ``mean_mm``.
+text ``pmi`` and, for each surface that text names by number, ``area_mm2`` and ``mean_mm``.
 """
 
 import json
@@ -101,7 +101,7 @@ def name_of(value: Any, prefix: str) -> str:  # noqa: ANN401
     return str(value).rsplit(".", 1)[-1].removeprefix(prefix)
 
 
-def tell(document: Any, surfaces: Surfaces) -> dict[str, Any]:  # noqa: ANN401
+def read_pmi(document: Any, surfaces: Surfaces) -> dict[str, Any]:  # noqa: ANN401
     """Return what the document says, in plain values."""
     from OCP.TDF import TDF_LabelSequence
     from OCP.XCAFDoc import XCAFDoc_DocumentTool
@@ -142,17 +142,17 @@ def dimension(label: Any, surfaces: Surfaces) -> dict[str, Any]:  # noqa: ANN401
     # find or create: looking the attribute up raises where the kernel keeps it lazily
     held = XCAFDoc_Dimension.Set_s(label).GetObject()
     faces, others = references(label, surfaces)
-    told = {
+    pmi = {
         "kind": name_of(held.GetType(), "XCAFDimTolObjects_DimensionType_"),
         "value": held.GetValue(),
         "faces": faces,
         "others": others,
     }
     if held.IsDimWithRange():
-        told["limits"] = [held.GetLowerBound(), held.GetUpperBound()]
+        pmi["limits"] = [held.GetLowerBound(), held.GetUpperBound()]
     if held.IsDimWithPlusMinusTolerance():
-        told["deviations"] = [held.GetLowerTolValue(), held.GetUpperTolValue()]
-    return told
+        pmi["deviations"] = [held.GetLowerTolValue(), held.GetUpperTolValue()]
+    return pmi
 
 
 def tolerance(label: Any, tool: Any, surfaces: Surfaces) -> dict[str, Any]:  # noqa: ANN401
@@ -206,13 +206,13 @@ def main(argv: list[str]) -> int:
     try:
         document = read_document(source)
         surfaces = Surfaces(document)
-        told, measures = tell(document, surfaces), surfaces.measures()
+        pmi, measures = read_pmi(document, surfaces), surfaces.measures()
     except Exception as error:  # noqa: BLE001  whatever the kernel throws is about this file
         reason = f"the STEP kernel gave up ({type(error).__name__}: {error})"
         Path(out).write_text(json.dumps({"error": "UnreadableCadError", "reason": reason}))
         return 3
     with Path(out).open("wb") as sink:
-        np.savez(sink, told=np.array(json.dumps(told)), **measures)
+        np.savez(sink, pmi=np.array(json.dumps(pmi)), **measures)
     return 0
 
 

@@ -51,14 +51,14 @@ def tolerances_from(
     area_mm2, mean_mm, rank : (f,), (f, 3), (f,) of the solid's faces in the file's order, and
         their ids
     """
-    told = json.loads(str(found["told"]))
+    stated = json.loads(str(found["pmi"]))
     ids = _match(found["area_mm2"], found["mean_mm"], area_mm2, mean_mm, rank)
     warnings: list[str] = []
     try:
         part = Part21(text.decode("latin-1"))
-        dimensions = _dimensions(told["dimensions"], part.dimensions(), ids, warnings)
-        tolerances = _tolerances(told["tolerances"], part, ids, warnings)
-        datums = _datums(told, part, ids, rank, warnings)
+        dimensions = _dimensions(stated["dimensions"], part.dimensions(), ids, warnings)
+        tolerances = _tolerances(stated["tolerances"], part, ids, warnings)
+        datums = _datums(stated, part, ids, rank, warnings)
     except (Part21Error, IndexError, KeyError, TypeError, ValueError, RecursionError) as error:
         return (), (f"its tolerances were not read: the text is not as it should be ({error})",)
     return (*dimensions, *tolerances, *datums), tuple(warnings)
@@ -90,7 +90,7 @@ def _snake(name: str) -> str:
 
 
 def _dimensions(
-    told: list[dict[str, Any]],
+    stated: list[dict[str, Any]],
     written: list[Written],
     ids: list[int | None],
     warnings: list[str],
@@ -98,7 +98,7 @@ def _dimensions(
     left = list(written)
     found: list[Dimension] = []
     lost = 0
-    for each in told:
+    for each in stated:
         match = next((w for w in left if _is_same(each, w)), None)
         if match is None:
             lost += 1
@@ -126,7 +126,7 @@ def _dimensions(
             )
         )
     if lost:
-        warnings.append(f"{lost} of {len(told)} dimensions have no sound value in the text")
+        warnings.append(f"{lost} of {len(stated)} dimensions have no sound value in the text")
     if left:
         warnings.append(f"{len(left)} of {len(written)} dimensions of the text are passed over")
     bare = sum(not d.faces for d in found)
@@ -135,42 +135,42 @@ def _dimensions(
     return found
 
 
-def _is_same(told: dict[str, Any], written: Written) -> bool:
+def _is_same(stated: dict[str, Any], written: Written) -> bool:
     """Whether the kernel's dimension, unsigned and half converted, can be that of the text."""
-    limits, deviations = told.get("limits"), told.get("deviations")
+    limits, deviations = stated.get("limits"), stated.get("deviations")
     if limits is not None:
         return written.limits is not None and _are_close(limits, written.limits, written.raw[-2:])
     if written.limits is not None or (deviations is None) != (written.deviations is None):
         return False
     nominal = [written.nominal or 0.0]
-    if not _are_close([told["value"]], nominal, written.raw[:1]):
+    if not _are_close([stated["value"]], nominal, written.raw[:1]):
         return False
     if deviations is None or written.deviations is None:
         return True
     return _are_close(np.abs(deviations), np.abs(written.deviations), np.abs(written.raw[-2:]))
 
 
-def _are_close(told: ArrayLike, converted: ArrayLike, raw: ArrayLike) -> bool:
+def _are_close(stated: ArrayLike, converted: ArrayLike, raw: ArrayLike) -> bool:
     """Whether numbers are those of the text; the kernel converts some kinds of record only."""
     return any(
-        bool(np.allclose(told, written, rtol=SAME, atol=1e-12)) for written in (converted, raw)
+        bool(np.allclose(stated, written, rtol=SAME, atol=1e-12)) for written in (converted, raw)
     )
 
 
 def _tolerances(
-    told: list[dict[str, Any]], part: Part21, ids: list[int | None], warnings: list[str]
+    stated: list[dict[str, Any]], part: Part21, ids: list[int | None], warnings: list[str]
 ) -> list[GeometricTolerance]:
     found: list[GeometricTolerance] = []
     lost = 0
     of_kind: dict[str, int] = {}
-    for each in told:
+    for each in stated:
         kind = each["kind"]
         place = of_kind.get(kind, 0)
         of_kind[kind] = place + 1
         value = float(each["value_mm"])
         if value == 0.0:  # the kernel passes over widths written as complex records
             widths = part.magnitudes_mm(KEYWORDS[kind]) if kind in KEYWORDS else []
-            if len(widths) == sum(t["kind"] == kind for t in told):
+            if len(widths) == sum(t["kind"] == kind for t in stated):
                 value = widths[place]
         if not value > 0.0:  # real files hold negative ones
             lost += 1
@@ -186,15 +186,17 @@ def _tolerances(
             )
         )
     if lost:
-        warnings.append(f"{lost} of {len(told)} geometric tolerances have no positive width")
+        warnings.append(f"{lost} of {len(stated)} geometric tolerances have no positive width")
     in_text = sum(len(part.magnitudes_mm(keyword)) for keyword in KEYWORDS.values())
-    if in_text > len(told):
-        warnings.append(f"{in_text - len(told)} of {in_text} geometric tolerances are passed over")
+    if in_text > len(stated):
+        warnings.append(
+            f"{in_text - len(stated)} of {in_text} geometric tolerances are passed over"
+        )
     return found
 
 
 def _datums(
-    told: dict[str, Any],
+    stated: dict[str, Any],
     part: Part21,
     ids: list[int | None],
     rank: IntArray,
@@ -202,7 +204,7 @@ def _datums(
 ) -> list[Datum]:
     """Return each letter once; the kernel lists it once per tolerance that refers to it."""
     faces: dict[str, set[int]] = {}
-    for each in told["datums"]:
+    for each in stated["datums"]:
         if each["letter"]:
             faces.setdefault(each["letter"], set()).update(_faces(each["faces"], ids))
     shell = part.shell_faces()

@@ -142,13 +142,13 @@ def read_step_part(path: Path, limits: KernelLimits | None = None) -> StepPart:
         warnings: tuple[str, ...] = ()
         if pmi_run is not None:
             try:
-                told = pmi_run.result(where)
+                pmi = pmi_run.result(where)
             except CadError as error:  # the geometry stands without them
                 warnings = (f"its tolerances were not read: {error}",)
             else:
                 area_mm2 = found["area_mm2"]
                 tolerances, warnings = tolerances_from(
-                    told, data, area_mm2, found["mean_mm"], _ranks(area_mm2)
+                    pmi, data, area_mm2, found["mean_mm"], _ranks(area_mm2)
                 )
     return _part(found, solid, tolerances, warnings)
 

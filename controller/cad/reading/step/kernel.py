@@ -115,10 +115,10 @@ class KernelRun:
                 "export the part again, alone and without drawings"
             )
         if code == REFUSED:
-            told = json.loads(self._out.read_text())
-            error = getattr(errors, told["error"])
+            failure = json.loads(self._out.read_text())
+            error = getattr(errors, failure["error"])
             assert issubclass(error, CadError)
-            raise error(f"{where}: {told['reason']}; export the solid body again")
+            raise error(f"{where}: {failure['reason']}; export the solid body again")
         if code != 0:
             how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
             raise UnreadableCadError(

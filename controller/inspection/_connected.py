@@ -17,7 +17,7 @@ def grow(mask: BoolArray, px: int) -> BoolArray:
     return grown
 
 
-def blobs(
+def connected_findings(
     wrong: BoolArray,
     kind: Kind,
     lamp: str,
