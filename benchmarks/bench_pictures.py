@@ -47,10 +47,10 @@ def poses_in_hand(scene: Scene, centre_mm: Array) -> dict[str, Array]:
     )
     poses = forward(arm, joints)
     for sign in (1.0, -1.0):
-        T = poses["tip"].copy()
+        T = poses["arm gripper"].copy()
         T[:3, 3] += sign * 32.0 * T[:3, 1]
         poses["arm finger +" if sign > 0 else "arm finger -"] = T
-    T = poses["tip"].copy()
+    T = poses["arm gripper"].copy()
     T[:3, :3] = T[:3, :3] @ rotation_about(np.array((0.0, 1.0, 0.0)), 0.5)
     T[:3, 3] = layout.station_mm - T[:3, :3] @ centre_mm
     return {**poses, "part 0": T}
@@ -105,7 +105,7 @@ def main() -> None:
     for eye in eyes:
         eye.warm_up()
     result = {"warm_up": {"cpu_ms": 0.0, "wall_ms": 1e3 * (time.perf_counter() - begun)}}
-    table = {"part 0": solid.lying(solid.rests[0], 360.0, 0.0, 0.4)}
+    table = {"part 0": solid.pose_at_rest(solid.rests[0], 360.0, 0.0, 0.4)}
     hand = poses_in_hand(scene, solid.centre_mm)
     for place, eye, poses in (("table", eyes[0], table), ("station", eyes[1], hand)):
         for light in (("backlight",), ("ring",), ("side",), ("ring", "side")):

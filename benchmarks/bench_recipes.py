@@ -66,8 +66,8 @@ def show(c: compute.Context, plan: Plan, station: Station, seed: int) -> list[Vi
         lamps = lamps_for(step)
         links = forward(station.world_arm, joints)
         pictures = station.shoot(
-            T_true, links["tip"], width, lamps, 100 * seed + number,
-            {k: v for k, v in links.items() if k != "tip"},
+            T_true, links["arm gripper"], width, lamps, 100 * seed + number,
+            {k: v for k, v in links.items() if k != "arm gripper"},
         )  # fmt: skip
         task = ViewTask(
             view_id=step.view_id,
@@ -81,7 +81,7 @@ def show(c: compute.Context, plan: Plan, station: Station, seed: int) -> list[Vi
         )
         result = inspect_view(held.part, c.samples, task, pictures)
         if result.evaluated and not is_seen:
-            known = inverse_pose(result.T_world_part) @ links["tip"]
+            known = inverse_pose(result.T_world_part) @ links["arm gripper"]
             is_seen = True
         results.append(result)
     return results

@@ -150,7 +150,7 @@ class Station:
         links: Mapping[str, Array] = MappingProxyType({}),
     ) -> ViewPictures:
         """Return the pictures of a part at a pose, in a hand at a pose, with links of the arm."""
-        poses = {"part 0": T, "tip": T_tcp, **links}
+        poses = {"part 0": T, "arm gripper": T_tcp, **links}
         for sign, name in ((1.0, "arm finger +"), (-1.0, "arm finger -")):
             finger = T_tcp.copy()
             finger[:3, 3] += sign * 0.5 * opening_mm * T_tcp[:3, 1]

@@ -42,8 +42,8 @@ RELAY_UNIT: Final = 2
 IO_UNIT: Final = 1
 GRIPPER_BAUD: Final = 115_200
 LIGHTS_BAUD: Final = 9_600  # what the light modules leave the factory with
-PICTURE_S: Final = 0.1  # a camera's own way from exposure to buffer takes no longer
-_PRESENCE_S: Final = 0.05  # how often the light barrier of the fixture is looked at
+PICTURE_S: Final = 0.1  # from exposure to buffer, a camera takes no longer
+_PRESENCE_S: Final = 0.05  # how often the fixed gripper's light barrier is looked at
 
 Line = TcpGateway | RtuOverTcpServer | RtuPtyServer
 
@@ -54,10 +54,10 @@ class CellOptions:
 
     Attributes
     ----------
-    rest : number of a part's way to lie, None for a likely one at random
+    rest : number of a part's stable pose, None for a likely one at random
     at : x, y [mm] and turn [rad] of the first part, None for anywhere
-    feed : how often the first part is laid anew once it lies in a tray: an unseen hand empties
-        the tray and brings the next one of its kind
+    feed : how often the first part is put back once it is in a tray, as if someone emptied the
+        tray and brought the next part of its kind
     """
 
     cell: Path
@@ -301,7 +301,7 @@ class Cell:
         self._presence_s += dt_s
         if self._presence_s >= _PRESENCE_S:
             self._presence_s = 0.0
-            self.signals.is_part_between_jaws = self.world.part_in_fixture
+            self.signals.is_part_between_jaws = self.world.is_part_in_fixed_gripper
             self._feed()
         self.desk.note(self.now_s)
 

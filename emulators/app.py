@@ -114,7 +114,7 @@ async def step_world(cell: Cell) -> None:
 
 
 async def serve(options: CellOptions, control: Path | None, ready: Any, stdin_ends: bool) -> None:  # noqa: ANN401  (a text stream)
-    """Run an emulated cell until it is told to end.
+    """Run an emulated cell until it is to end.
 
     Parameters
     ----------

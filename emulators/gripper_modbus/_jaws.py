@@ -1,7 +1,7 @@
 """The jaws of a parallel gripper: how wide they are, what stops them, how hard they press.
 
 Figures are a Robotiq 2F-85's: modbus_devices.md 2.5. Time is handed in; where a part stands
-between the jaws is told by the world.
+between the jaws comes from the world.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class JawModel:
     speed_mm_per_s : how fast, both jaws together
     force_limit_n : how hard they may press
     is_driven : whether the motor runs; if not, jaws stay where they are and keep what they hold
-    grasp_limit_mm : width of what stands between the jaws, told by the world before each step;
+    grasp_limit_mm : width of what stands between the jaws, set by the world before each step;
         None: nothing there
     inner_limit_mm : opening at which the jaws touch a part from inside; None: nothing there
     jammed : the fingers do not move, whatever the motor does, which it cannot tell from contact

@@ -21,7 +21,7 @@ class WireFaults:
     exception_code : answered in place of the device, which does not see the request
     reply_delay_s : how much later than usual the reply comes [world s]
     reply_byte_count : only so many bytes of the reply frame arrive
-    is_crc_bad : a bit of the reply flips on the way; a TCP frame has no CRC and loses its
+    is_crc_bad : a bit of the reply flips on the wire; a TCP frame has no CRC and loses its
         protocol number instead
     reply_unit : the reply names this unit
     is_connection_dropped : the connection ends where the reply should come; the request is
@@ -40,7 +40,7 @@ class WireFaults:
     requests_left: int | None = None
 
     def spend(self) -> bool:
-        """Count one request and tell whether the faults hold for it."""
+        """Count one request; return whether the faults hold for it."""
         if self.requests_left is None:
             return True
         if self.requests_left <= 0:
@@ -58,7 +58,7 @@ class BusReply:
     unit, pdu : the reply
     delay_s : how much later than usual it comes [world s]
     byte_count : only so many bytes of the frame arrive; None: all
-    is_corrupt : the frame is damaged on the way
+    is_corrupt : the frame is damaged on the wire
     is_connection_dropped : no reply, the connection ends instead
     """
 

@@ -62,7 +62,7 @@ FACTS: Final[dict[Axis, AxisFacts]] = {
 }
 
 # Combined limits; umi_rtx.md 5.2
-YAW_TO_ELBOW_LIMIT_COUNTS: Final = 1071.0  # |Y - E/3|, the hand against the forearm
+YAW_TO_ELBOW_LIMIT_COUNTS: Final = 1071.0  # |Y - E/3|, the gripper against the forearm
 YAW_COUNTS_PER_ELBOW_COUNT: Final = 1.0 / 3.0
 PITCH_LIMITS_COUNTS: Final = (-2642.0, 108.0)  # W1 + W2
 ROLL_LIMITS_COUNTS: Final = (-3560.0, 4882.0)  # W1 - W2

@@ -21,10 +21,10 @@ class Faults:
     ----------
     drop_reply_byte : index of the byte lost from the next reply that is long enough
     corrupt_next_read : flip a data bit in the next checksummed reply
-    corrupt_next_write : flip a data bit in the next value written, on its way to the arm
+    corrupt_next_write : flip a data bit in the next value written, before it reaches the arm
     reply_delay_s : added to the latency of every reply [world s]
     sticky_busy : numeric go is always answered `03`
-    reset_toggles : `20` hands the line over as well
+    reset_toggles : `20` switches the line over as well
     restart_code : what a restarted IP answers, `0F` or `0E`
     monitor_rom : the boards hold a ROM that talks in ASCII
     mute : no reply gets back; the arm hears and obeys

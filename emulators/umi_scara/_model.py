@@ -1,6 +1,6 @@
 """The arm as a body: seven motors, what stops them, and time handed in.
 
-Knows no byte. The wire tells it what the IPs were told; the world tells it what is in the way and
+Knows no byte. The wire passes on what the IPs were sent; the world sets what is in the way and
 asks where the joints are. umi_rtx.md 5 and 7.
 """
 
@@ -90,7 +90,7 @@ class ArmModel:
         return joints_of({axis: motor.position for axis, motor in self.axes.items()})
 
     def place(self, true_counts: dict[Axis, float]) -> None:
-        """Put axes somewhere by hand, motors at rest; the counters do not notice the way.
+        """Put axes somewhere by hand, motors at rest; the counters do not notice.
 
         Parameters
         ----------
@@ -105,7 +105,7 @@ class ArmModel:
     def push(self, axis: Axis, counts: float) -> None:
         """Push an axis by hand, as far as its stops let it; a motor with drive does not yield.
 
-        The encoder notices: CURRENT_POSITION stays, CP_ERROR takes the way. umi_rtx.md 2.3 (26).
+        The encoder notices: CURRENT_POSITION stays, CP_ERROR takes the rest. umi_rtx.md 2.3 (26).
         """
         motor = self.axes[axis]
         if self._is_limp(motor, FACTS[axis].ip):
@@ -126,7 +126,7 @@ class ArmModel:
         Parameters
         ----------
         axis : the axis
-        direction : +1 or -1 [sign of counts], the way that is blocked
+        direction : +1 or -1 [sign of counts], which direction is blocked
         blocked : an obstacle that is there already stays where it is
         """
         motor = self.axes[axis]
@@ -141,7 +141,7 @@ class ArmModel:
             motor.barrier_low = motor.position
 
     def jam(self, axis: Axis, jammed: bool = True) -> None:
-        """Block an axis both ways, or free it."""
+        """Block an axis in both directions, or free it."""
         self.obstruct(axis, +1, jammed)
         self.obstruct(axis, -1, jammed)
 
@@ -310,7 +310,7 @@ class ArmModel:
         if self.grasp_limit_mm is not None and self.grasp_limit_mm > 0.0:
             closed = max(closed, gripper_mm_to_counts(self.grasp_limit_mm))
         self._gripper.approach_goal(closed, opened)
-        # Two motors that share a stop make way for each other within one step: the first moves,
+        # Two motors that share a stop yield to each other within one step: the first moves,
         # the second moves, and what the second has freed the first may use.
         self._move_yaw_and_elbow(self._yaw, self._elbow)
         w1, w2 = self._w1, self._w2
@@ -326,7 +326,7 @@ class ArmModel:
         if yaw.goal == yaw.position and elbow.goal == elbow.position:
             return
         limit, ratio = YAW_TO_ELBOW_LIMIT_COUNTS, YAW_COUNTS_PER_ELBOW_COUNT
-        if self._is_limp(yaw, YAW_IP):  # the forearm drags the hand along
+        if self._is_limp(yaw, YAW_IP):  # the forearm drags the gripper along
             elbow.approach_goal(*ELBOW_LIMITS)
             middle = elbow.position * ratio
             yaw.approach_goal(middle - limit, middle + limit)

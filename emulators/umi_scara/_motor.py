@@ -67,7 +67,7 @@ class Motor:
     goal : where the servo would take the axis in the present step, were nothing in the way
     origin : true position that the counter calls 0
     barrier_low, barrier_high : obstacles in the way, infinite when there are none
-    pressing : -1 or +1 while a stalled motor keeps pushing that way, else 0
+    pressing : -1 or +1 while a stalled motor keeps pushing there, else 0
     """
 
     nominal_counts_per_s: float = 0.0
@@ -195,7 +195,7 @@ class Motor:
         self.target = self.origin + counts
 
     def go_on(self, direction: int) -> None:
-        """Drive without a target, forward (+1) or in reverse (-1), until told otherwise (80)."""
+        """Drive without a target, forward (+1) or in reverse (-1), until the next command (80)."""
         self._begin(Drive.MANUAL)
         self.direction = direction
 

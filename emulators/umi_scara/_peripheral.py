@@ -266,6 +266,6 @@ class Peripheral:
 
     def _lines(self) -> int:
         lines = 0 if self._lines_are_inputs else self._lines_out
-        if self.number == 1:  # wired to the supply whichever way the lines are set
+        if self.number == 1:  # wired to the supply however the lines are set
             lines = lines & ~SUPPLY_LINE | (0 if self._model.estop_pressed else SUPPLY_LINE)
         return lines

@@ -10,7 +10,7 @@ from .ground_truth import tray_of, truth
 from .layout import Layout, LayoutError, read_layout
 from .matter.collide import Collision
 from .matter.solid import Solid, load_solid
-from .pictures import Picture, PictureDesk, Scene, Studio, build_scene
+from .pictures import Picture, PictureDesk, PictureMaker, Scene, build_scene
 
 __all__ = [
     "Collision",
@@ -19,10 +19,10 @@ __all__ = [
     "LayoutError",
     "Picture",
     "PictureDesk",
+    "PictureMaker",
     "Scene",
     "Snapshot",
     "Solid",
-    "Studio",
     "World",
     "build_scene",
     "load_solid",

@@ -59,7 +59,7 @@ class Event:
 class Snapshot:
     """Where everything that moves was at one instant: poses ``T_world_*`` by name [mm].
 
-    Parts are ``part 0``, ``part 1`` ...; the arm's links ``upper``, ``fore``, ``tip``,
+    Parts are ``part 0``, ``part 1`` ...; the arm's links ``upper``, ``fore``, ``arm gripper``,
     ``carriage``; fingers ``arm finger +`` and so on.
     """
 

@@ -1,7 +1,7 @@
 """The emulated cell as matter: table, arm, two grippers and parts, with time handed in.
 
 Knows no wire. The arm and the jaws are models that somebody else commands; the world lets them
-advance, follows them, tells them what is in their way, and lets parts lie, fall, slide and be
+advance, follows them, sets what blocks them, and lets parts lie, fall, slide and be
 held. What a test may know about it is at the end; nothing of that goes over a wire.
 """
 
@@ -18,7 +18,7 @@ from .matter.bodies import STEP_S, Bodies
 from .matter.boxes import CellBoxes
 from .matter.collide import Collision, Obstruct, Stall, values_of
 from .matter.grasp import TEAR_MM, TEAR_RAD, Gripper, apart, bears, make_gripper, relative
-from .matter.parts import AWAY, FALLING, HELD, LYING, Part
+from .matter.parts import AWAY, FALLING, HELD, RESTING, Part
 from .matter.solid import Solid
 from .poses import JointValues, forward, rotation_about
 
@@ -26,7 +26,7 @@ log = logging.getLogger(__name__)
 
 QUIET_STEPS: Final = 4  # with nothing falling and no jaw moving, steps are this much longer
 _TABLE_MM: Final = 0.3
-_FIXTURE_FORCE_N: Final = 100.0
+_FIXED_FORCE_N: Final = 100.0
 _ARM_FORCE_N: Final = 150.0  # at MAX_FORCE 100; a choice, umi_rtx.md gives none
 _DEFAULT_FORCE_FRACTION: Final = 0.4
 
@@ -57,7 +57,7 @@ class World:
         self.time_s = 0.0
         self.collisions: list[Collision] = []
         self.events: list[Event] = []
-        # when each of them moved last [world s]; a reading now and then would miss a way and back
+        # when each of them moved last [world s]; now and then is too seldom to see it
         self.last_motion_s = {"arm": 0.0, "arm gripper": 0.0, "fixed gripper": 0.0}
         self._arm, self._jaws = arm, jaws
         self._rng = np.random.default_rng(seed)
@@ -73,12 +73,14 @@ class World:
         self.parts = [
             Part(i, solid, *self.bodies.add_part(solid)) for i, solid in enumerate(solids)
         ]
-        self.hand = make_gripper("arm", layout.arm.hand, joints.jaw_opening_mm)
-        self.hand.T_world_tcp = self._links["tip"]
-        self.fixture = make_gripper("fixture", layout.fixture, jaws.opening_mm)
-        self._boxes = CellBoxes(layout, self.bodies, self._links, self.hand, self.fixture)
-        for part in self.parts:  # the hand's fingers meet the exact mesh, not the fatter pieces
-            for body in self.hand.finger_bodies:
+        self.arm_gripper = make_gripper("arm", layout.arm.gripper, joints.jaw_opening_mm)
+        self.arm_gripper.T_world_tcp = self._links["arm gripper"]
+        self.fixed_gripper = make_gripper("fixture", layout.fixed_gripper, jaws.opening_mm)
+        grippers = (self.arm_gripper, self.fixed_gripper)
+        self._boxes = CellBoxes(layout, self.bodies, self._links, *grippers)
+        # the arm gripper's fingers meet the exact mesh, not the fatter pieces
+        for part in self.parts:
+            for body in self.arm_gripper.finger_bodies:
                 self.bodies.pair(body, part.falling, False)
 
     def close(self) -> None:
@@ -106,29 +108,29 @@ class World:
         before, arm_moved = self._joints, joints != self._joints
         self._joints = joints
         for gripper, opening_mm in (
-            (self.hand, joints.jaw_opening_mm),
-            (self.fixture, self._jaws.opening_mm),
+            (self.arm_gripper, joints.jaw_opening_mm),
+            (self.fixed_gripper, self._jaws.opening_mm),
         ):
             gripper.before_mm, gripper.opening_mm = gripper.opening_mm, opening_mm
-        hand_jaws = self.hand.opening_mm != self.hand.before_mm
-        fixture_jaws = self.fixture.opening_mm != self.fixture.before_mm
-        self._jaw_moved = hand_jaws or fixture_jaws
+        arm_jaws_moved = self.arm_gripper.opening_mm != self.arm_gripper.before_mm
+        fixed_jaws_moved = self.fixed_gripper.opening_mm != self.fixed_gripper.before_mm
+        self._jaw_moved = arm_jaws_moved or fixed_jaws_moved
         for name, moved in (
             ("arm", arm_moved and joints.of_links != before.of_links),
-            ("arm gripper", hand_jaws),
-            ("fixed gripper", fixture_jaws),
+            ("arm gripper", arm_jaws_moved),
+            ("fixed gripper", fixed_jaws_moved),
         ):
             if moved:
                 self.last_motion_s[name] = self.time_s
         if arm_moved:
             self._links = forward(self.layout.arm, joints)
-            self.hand.T_world_tcp = self._links["tip"]
+            self.arm_gripper.T_world_tcp = self._links["arm gripper"]
             self._boxes.follow_arm(self._links)
-        if fixture_jaws:
-            self._boxes.place_fixture_fingers()
+        if fixed_jaws_moved:
+            self._boxes.place_fixed_fingers()
         if self._jaw_moved:
-            self._work_jaws(self.hand)
-            self._work_jaws(self.fixture)
+            self._work_jaws(self.arm_gripper)
+            self._work_jaws(self.fixed_gripper)
         if arm_moved or self._jaw_moved or self._any_uneasy():
             self._carry(dt_s)
         if arm_moved or self._jaw_moved:
@@ -141,11 +143,11 @@ class World:
     # --- holding ----------------------------------------------------------------------------
 
     def _other(self, gripper: Gripper) -> Gripper:
-        return self.fixture if gripper is self.hand else self.hand
+        return self.fixed_gripper if gripper is self.arm_gripper else self.arm_gripper
 
     def _force_n(self, gripper: Gripper) -> float:
-        if gripper is self.fixture:
-            return _FIXTURE_FORCE_N
+        if gripper is self.fixed_gripper:
+            return _FIXED_FORCE_N
         fraction = float(getattr(self._arm, "jaw_force_fraction", _DEFAULT_FORCE_FRACTION))
         return _ARM_FORCE_N * (fraction or _DEFAULT_FORCE_FRACTION)
 
@@ -162,7 +164,7 @@ class World:
         elif gripper.is_closing:
             self._feel(gripper)
         limit = gripper.limit_mm
-        if gripper is self.hand:
+        if gripper is self.arm_gripper:
             self._arm.grasp_limit_mm = limit
         else:
             self._jaws.grasp_limit_mm = limit
@@ -188,14 +190,14 @@ class World:
                 return
             upper_mm, lower_mm = felt.gaps_mm(gripper.opening_mm)
             if held and min(upper_mm, lower_mm) <= 0.0:
-                gripper.limit_mm = gripper.opening_mm  # one finger pushes at what cannot give way
+                gripper.limit_mm = gripper.opening_mm  # one finger pushes at what cannot yield
                 gripper.must_open = True
                 return
             push = gripper.pads.push(felt, gripper.opening_mm)
-            if part.state == LYING and push is not None:
-                point, way_mm = push
-                tip = gripper.T_world_tcp
-                part.slide(tip[:3, :3] @ point + tip[:3, 3], way_mm * tip[:3, 1])
+            if part.state == RESTING and push is not None:
+                point, push_mm = push
+                T = gripper.T_world_tcp
+                part.slide(T[:3, :3] @ point + T[:3, 3], push_mm * T[:3, 1])
                 self.bodies.place_part(part.falling, part.solid, part.T_world_part)
 
     def _take(self, part: Part, gripper: Gripper) -> None:
@@ -222,7 +224,7 @@ class World:
                 part.holder = other.name
                 other.hold.T_tcp_part = relative(other.T_world_tcp, part.T_world_part)
             return
-        if gripper is self.fixture:
+        if gripper is self.fixed_gripper:
             for body in gripper.finger_bodies:
                 self.bodies.pair(body, part.falling, False)
         gripper.passing.add(part.index)
@@ -243,15 +245,15 @@ class World:
                 not gripper.hold.is_seated
                 or gripper.hold.T_tcp_part is not gripper.hold.seat.T_tcp_part
             )
-            for gripper in (self.hand, self.fixture)
+            for gripper in (self.arm_gripper, self.fixed_gripper)
         )
 
     def _carry(self, dt_s: float) -> None:
-        """Move held parts with who holds them, to the last digit; see what the grip can bear."""
+        """Move held parts exactly with their gripper; drop what its grasp cannot bear."""
         for part in self.parts:
             if part.state != HELD:
                 continue
-            holder = self.hand if part.holder == "arm" else self.fixture
+            holder = self.arm_gripper if part.holder == "arm" else self.fixed_gripper
             hold = holder.hold
             if hold is None:
                 continue
@@ -277,13 +279,13 @@ class World:
         off_mm, off_rad = apart(T_tcp_part, other.hold.seat.T_tcp_part)
         if off_mm <= TEAR_MM and off_rad <= TEAR_RAD:
             return
-        if holder is self.hand:  # the fixture keeps it where its seat is
+        if holder is self.arm_gripper:  # the fixed gripper keeps it where its seat is
             part.holder = other.name
             other.hold.T_tcp_part = other.hold.seat.T_tcp_part
             part.move(other.T_world_tcp @ other.hold.T_tcp_part)
             self.bodies.place_part(part.carried, part.solid, part.T_world_part)
-        self.hand.must_open = True
-        self._let_go(self.hand, "torn")
+        self.arm_gripper.must_open = True
+        self._let_go(self.arm_gripper, "torn")
 
     def _check_touches(self, before: JointValues, arm_moved: bool) -> None:
         touches = self._boxes.touches(self.parts, self._wake)
@@ -298,13 +300,13 @@ class World:
         if arm_moved and (touches or self._stall.is_blocking):
             self._stall.apply(touches, before, self._joints)
 
-    # --- falling and lying --------------------------------------------------------------------
+    # --- falling and coming to rest -----------------------------------------------------------
 
     def _wake(self) -> None:
         if not self._awake:
             self._awake = True
             for part in self.parts:
-                if part.state == LYING:
+                if part.state == RESTING:
                     part.state, part.calm_s = FALLING, 0.0
 
     def _watch_falling(self, dt_s: float) -> None:
@@ -312,8 +314,8 @@ class World:
         for part in falling:
             part.move(self.bodies.part_pose(part.falling, part.solid))
             part.watch(self.bodies.speed(part.falling), dt_s)
-        for index in list(self.fixture.passing):
-            self._end_passing(self.fixture, self.parts[index])
+        for index in list(self.fixed_gripper.passing):
+            self._end_passing(self.fixed_gripper, self.parts[index])
         if all(part.is_calm for part in falling):
             for part in falling:
                 self._come_to_rest(part)
@@ -329,7 +331,7 @@ class World:
             self.bodies.pair(body, part.falling, True)
 
     def _come_to_rest(self, part: Part) -> None:
-        part.state = LYING
+        part.state = RESTING
         T = part.rest_on_table()
         if T is not None:
             part.move(T)
@@ -340,7 +342,7 @@ class World:
     def _note(self, what: str, part: Part, by: Gripper | None) -> None:
         is_held = any(
             one.hold is not None and one.hold.part == part.index
-            for one in (self.hand, self.fixture)
+            for one in (self.arm_gripper, self.fixed_gripper)
         )
         name = "" if by is None else by.name
         self.events.append(Event(self.time_s, what, part.index, name, part.lowest_mm, is_held))
@@ -355,7 +357,7 @@ class World:
         rest: int | None = None,
         theta_rad: float | None = None,
     ) -> None:
-        """Let a part fall a little way onto the table.
+        """Let a part fall a few millimetres onto the table.
 
         Parameters
         ----------
@@ -365,14 +367,14 @@ class World:
         theta_rad : turn about z; at random where None
         """
         low, high = self.layout.drop_low_mm, self.layout.drop_high_mm
-        # the same draws whatever is given: what one part is told does not move the next one
+        # the same draws whatever is given: an order for one part does not move the next one
         spot, turn, choice = self._rng.uniform(low, high), self._rng.uniform(), self._rng.uniform()
         solid = self.parts[index].solid
         chosen = solid.likely_rest(choice) if rest is None else solid.rests[rest]
         theta = math.tau * turn if theta_rad is None else theta_rad
         x = float(spot[0]) if x_mm is None else x_mm
         y = float(spot[1]) if y_mm is None else y_mm
-        self.place(index, solid.lying(chosen, x, y, theta))
+        self.place(index, solid.pose_at_rest(chosen, x, y, theta))
 
     def place(self, index: int, T_world_part: Array) -> None:
         """Put a part anywhere and let it fall from there."""
@@ -390,17 +392,22 @@ class World:
         part.state = AWAY
 
     def _lose(self, part: Part) -> None:
-        for gripper in (self.hand, self.fixture):
+        for gripper in (self.arm_gripper, self.fixed_gripper):
             if gripper.hold is not None and gripper.hold.part == part.index:
                 self.lose_grasp(gripper.name)
 
     def lose_grasp(self, name: str) -> None:
-        """Let a part fall out of a gripper (``arm``, ``fixture``); its jaws must open first."""
-        gripper = self.hand if name == "arm" else self.fixture
+        """Let a part fall out of a gripper; its jaws must open before they close again.
+
+        Parameters
+        ----------
+        name : ``arm`` for the gripper on the arm, ``fixture`` for the fixed one
+        """
+        gripper = self.arm_gripper if name == "arm" else self.fixed_gripper
         if gripper.hold is not None:
             gripper.must_open = True
             self._let_go(gripper, "fell_out")
-            if gripper is self.hand:
+            if gripper is self.arm_gripper:
                 self._arm.grasp_limit_mm = None
             else:
                 self._jaws.grasp_limit_mm = None
@@ -410,11 +417,11 @@ class World:
 
         Parameters
         ----------
-        name : "arm" for the gripper on the arm; anything else is the fixed gripper
+        name : ``arm`` for the gripper on the arm, ``fixture`` for the fixed one
         along_mm : how far along the approach axis, positive towards the TCP's +x
         turn_rad : how much about the TCP's y, along which the pads open
         """
-        gripper = self.hand if name == "arm" else self.fixture
+        gripper = self.arm_gripper if name == "arm" else self.fixed_gripper
         T = np.eye(4)
         T[:3, :3] = rotation_about(np.array((0.0, 1.0, 0.0)), turn_rad)
         T[0, 3] = along_mm
@@ -423,7 +430,7 @@ class World:
 
     def miss(self, name: str) -> None:
         """Let the next closing of a gripper miss the part that is between its jaws."""
-        gripper = self.hand if name == "arm" else self.fixture
+        gripper = self.arm_gripper if name == "arm" else self.fixed_gripper
         gripper.misses = True
 
     def settle(self, limit_s: float = 10.0) -> bool:
@@ -438,7 +445,7 @@ class World:
     def snapshot(self) -> Snapshot:
         """Return where everything that moves is now."""
         poses = dict(self._links)
-        for gripper in (self.hand, self.fixture):
+        for gripper in (self.arm_gripper, self.fixed_gripper):
             for side, box in enumerate(gripper.finger_boxes):
                 poses[box.name] = gripper.T_world_finger(side)
         for part in self.parts:
@@ -447,14 +454,17 @@ class World:
         return Snapshot(self.time_s, poses)
 
     @property
-    def part_in_fixture(self) -> bool:
+    def is_part_in_fixed_gripper(self) -> bool:
         """Whether something is between the fixed gripper's pads, as a light barrier sees it."""
-        centre_mm, _ = self.fixture.jaw_region_mm()
+        gripper = self.fixed_gripper
+        centre_mm, _ = gripper.jaw_region_mm()
         for part in self.parts:
-            if part.state == AWAY or not part.is_within(centre_mm, self.fixture.opening_mm):
+            if part.state == AWAY or not part.is_within(centre_mm, gripper.opening_mm):
                 continue
-            T_tcp_part = relative(self.fixture.T_world_tcp, part.T_world_part)
-            felt = self.fixture.pads.feel(part.scene, T_tcp_part, self.fixture.opening_mm)
+            T_tcp_part = relative(self.fixed_gripper.T_world_tcp, part.T_world_part)
+            felt = self.fixed_gripper.pads.feel(
+                part.scene, T_tcp_part, self.fixed_gripper.opening_mm
+            )
             if np.isfinite(felt.upper_mm).any():
                 return True
         return False

@@ -6,7 +6,7 @@ import numpy as np
 
 from ._world import World
 from .layout import Array
-from .matter.parts import AWAY, HELD, LYING
+from .matter.parts import AWAY, HELD, RESTING
 
 
 def part_pose(world: World, index: int) -> Array | None:
@@ -16,12 +16,12 @@ def part_pose(world: World, index: int) -> Array | None:
 
 
 def custody(world: World, index: int) -> str:
-    """Return who has a part: away, free, arm, fixture or both."""
+    """Return who has a part: `away`, `free`, `arm`, `fixture` (the fixed gripper) or `both`."""
     if world.parts[index].state == AWAY:
         return "away"
     holders = [
         gripper.name
-        for gripper in (world.hand, world.fixture)
+        for gripper in (world.arm_gripper, world.fixed_gripper)
         if gripper.hold is not None and gripper.hold.part == index
     ]
     return "both" if len(holders) == 2 else (holders[0] if holders else "free")
@@ -48,7 +48,7 @@ def truth(world: World) -> dict[str, Any]:
                 "name": part.solid.name,
                 "custody": custody(world, part.index),
                 "tray": tray_of(world, part.index),
-                "at_rest": part.state == LYING,
+                "at_rest": part.state == RESTING,
                 "T_world_part": None if T is None else T.tolist(),
             }
         )
@@ -56,7 +56,10 @@ def truth(world: World) -> dict[str, Any]:
         "time_s": world.time_s,
         "at_rest": world.is_at_rest,
         "parts": parts,
-        "openings_mm": {"arm": world.hand.opening_mm, "fixture": world.fixture.opening_mm},
+        "openings_mm": {
+            "arm": world.arm_gripper.opening_mm,
+            "fixture": world.fixed_gripper.opening_mm,
+        },
         "last_motion_s": dict(world.last_motion_s),
         "collisions": [
             {"at_s": c.at_s, "moving": c.moving, "other": c.other, "depth_mm": c.depth_mm}

@@ -51,7 +51,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Fingers:
-    """Two straight fingers in the tip frame: x approach, y the jaws' axis, origin between tips.
+    """Two straight fingers in the TCP frame: x approach, y the jaws' axis, origin between the ends.
 
     A finger fills x from -length to 0, z within half the width, and y from half the opening
     outwards by the thickness; its pad is the inner face's first ``pad_length_mm``.
@@ -118,7 +118,7 @@ class TrayLayout:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GripperLayout:
-    """One of the two grippers: boxes and fingers in its tip frame.
+    """One of the two grippers: boxes and fingers in its TCP frame.
 
     Attributes
     ----------
@@ -133,7 +133,7 @@ class GripperLayout:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmLayout:
-    """The arm: two equal links, a wrist whose three axes meet, a hand; umi_rtx.md 6."""
+    """The arm: two equal links, a wrist whose three axes meet, a gripper; umi_rtx.md 6."""
 
     T_world_base: Array
     upper_mm: float
@@ -144,7 +144,7 @@ class ArmLayout:
     carriage: Box
     upper: Box
     fore: Box
-    hand: GripperLayout
+    gripper: GripperLayout
     park_rad: Mapping[str, float]
 
 
@@ -159,7 +159,7 @@ class Layout:
     station_mm: Array
     lamps: Mapping[str, LampLayout]
     arm: ArmLayout
-    fixture: GripperLayout
+    fixed_gripper: GripperLayout
     post: Box
     obstacles: tuple[Box, ...]
     trays: tuple[TrayLayout, ...]
@@ -204,7 +204,7 @@ def _layout(raw: dict[str, Any]) -> Layout:
         station_mm=_vector(raw["station"]["position"]),
         lamps={name: _lamp(name, one) for name, one in raw["lamps"].items()},
         arm=_arm(raw["arm"]),
-        fixture=GripperLayout(
+        fixed_gripper=GripperLayout(
             T_world_tcp=_pose(raw["fixture"]["pose"]),
             boxes=_boxes(raw["fixture"]["body"]),
             fingers=_fingers(raw["fixture"]["fingers"]),
@@ -232,7 +232,7 @@ def _arm(raw: dict[str, Any]) -> ArmLayout:
         carriage=_box("carriage", links["carriage"]),
         upper=_box("upper", links["upper"]),
         fore=_box("fore", links["fore"]),
-        hand=GripperLayout(
+        gripper=GripperLayout(
             T_world_tcp=np.eye(4),
             boxes=_boxes(raw["hand"]),
             fingers=_fingers(raw["fingers"]),

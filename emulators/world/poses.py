@@ -80,7 +80,7 @@ def turn_z(angle_rad: float, x_mm: float = 0.0, y_mm: float = 0.0, z_mm: float =
 
 
 def forward(arm: ArmLayout, joints: Joints) -> dict[str, Array]:
-    """Return where the links are: poses ``T_world_*`` of carriage, upper, fore and tip.
+    """Return where the links are: poses ``T_world_*`` of carriage, upper, fore and arm gripper.
 
     Heading psi = shoulder + elbow / 2 + yaw, R = Rz(psi) Ry(-pitch) Rx(roll); umi_rtx.md 6.4.
     """
@@ -94,7 +94,7 @@ def forward(arm: ArmLayout, joints: Joints) -> dict[str, Array]:
     cr, sr = math.cos(joints.roll_rad), math.sin(joints.roll_rad)
     approach = (c * cp, k * cp, sp)
     reach = arm.tool_mm
-    tip = np.array(
+    T_base_tcp = np.array(
         (
             (approach[0], -k * cr - c * sp * sr, k * sr - c * sp * cr, wx + reach * approach[0]),
             (approach[1], c * cr - k * sp * sr, -c * sr - k * sp * cr, wy + reach * approach[1]),
@@ -107,7 +107,7 @@ def forward(arm: ArmLayout, joints: Joints) -> dict[str, Array]:
         "carriage": base @ turn_z(0.0, 0.0, 0.0, z_mm),
         "upper": base @ turn_z(s, 0.0, 0.0, z_mm),
         "fore": base @ turn_z(s + e, ex, ey, z_mm),
-        "tip": base @ tip,
+        "arm gripper": base @ T_base_tcp,
     }
 
 
@@ -151,7 +151,7 @@ def rotation_angle(R: Array) -> float:
 
 
 def between(T_from: Array, T_to: Array, fraction: float) -> Array:
-    """Return the pose a fraction of the way from one pose to another that is near it.
+    """Return the pose at a fraction between one pose and another that is near it.
 
     Parameters
     ----------

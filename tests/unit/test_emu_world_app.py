@@ -284,7 +284,7 @@ def test_what_cannot_be_emulated_is_told_in_one_line(
     assert capsys.readouterr().out == ""
 
 
-class Stage:
+class StillWorld:
     """A world that stands still."""
 
     def __init__(self) -> None:
@@ -301,8 +301,8 @@ class Stage:
 
 def test_pictures_come_from_another_process_when_their_time_has_come(part: Path) -> None:
     layout = read_layout(CELL)
-    stage = Stage()
-    desk = PictureDesk(build_scene(layout, [load_solid(part)]), stage, seed=1)
+    world = StillWorld()
+    desk = PictureDesk(build_scene(layout, [load_solid(part)]), world, seed=1)
     try:
         desk.start()
         assert desk.worker_pid not in (None, os.getpid())
@@ -325,7 +325,7 @@ def test_pictures_come_from_another_process_when_their_time_has_come(part: Path)
         assert picture[100, 640] > 190
         assert picture[511, 640] < 12
         is_there.clear()
-        stage.light = {0: 0.5}
+        world.light = {0: 0.5}
         desk.note(2.0)
         assert is_there.wait(30.0)
         assert arrived[late].dtype == np.uint16

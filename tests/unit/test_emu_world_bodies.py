@@ -91,9 +91,9 @@ class Bench:
             self.arm.at = replace(self.arm.at, **way)
             self.world.advance(STEP_S)
 
-    def tip_to(self, seconds: float, x: float, y: float, z: float, psi: float) -> None:
-        """Move the tip, approach straight down; umi_rtx.md 6.5 by hand."""
-        there = self.world.hand.T_world_tcp[:2, 3]
+    def tcp_to(self, seconds: float, x: float, y: float, z: float, psi: float) -> None:
+        """Move the TCP, approach straight down; umi_rtx.md 6.5 by hand."""
+        there = self.world.arm_gripper.T_world_tcp[:2, 3]
         if math.hypot(x - there[0], y - there[1]) > 150.0:  # far: over everything
             self.go(0.2, zed_mm=0.0)
             self._turn_to(seconds, x, y, 0.0, psi)
@@ -115,7 +115,8 @@ class Bench:
     def _jaws(self, to_mm: float, now: Callable[[], float], put: Callable[[float], None]) -> None:
         for _ in range(2000):
             step = max(-0.3, min(0.3, to_mm - now()))
-            limit = self.arm.grasp_limit_mm if put == self._put_hand else self.jaws.grasp_limit_mm
+            body = self.arm if put == self._put_arm_gripper else self.jaws
+            limit = body.grasp_limit_mm
             after = now() + step
             if limit is not None and step < 0.0:
                 after = max(after, min(now(), limit))
@@ -124,26 +125,26 @@ class Bench:
             put(after)
             self.world.advance(STEP_S)
 
-    def _put_hand(self, opening_mm: float) -> None:
+    def _put_arm_gripper(self, opening_mm: float) -> None:
         self.arm.at = replace(self.arm.at, jaw_opening_mm=opening_mm)
 
-    def _put_fixture(self, opening_mm: float) -> None:
+    def _put_fixed_gripper(self, opening_mm: float) -> None:
         self.jaws.opening_mm = opening_mm
 
-    def hand(self, to_mm: float) -> None:
-        self._jaws(to_mm, lambda: self.arm.at.jaw_opening_mm, self._put_hand)
+    def arm_gripper(self, to_mm: float) -> None:
+        self._jaws(to_mm, lambda: self.arm.at.jaw_opening_mm, self._put_arm_gripper)
 
-    def fixture(self, to_mm: float) -> None:
-        self._jaws(to_mm, lambda: self.jaws.opening_mm, self._put_fixture)
+    def fixed_gripper(self, to_mm: float) -> None:
+        self._jaws(to_mm, lambda: self.jaws.opening_mm, self._put_fixed_gripper)
 
     def pick_block(self, theta_rad: float = 0.0, off_mm: float = 0.0) -> None:
         """Grip a block that lies at (360, 0) across its 40 mm, and lift it."""
         self.world.drop(0, 360.0, 0.0, rest=0, theta_rad=theta_rad)
         assert self.world.settle()
-        self.tip_to(0.5, 360.0, off_mm, 150.0, 0.0)
-        self.tip_to(0.5, 360.0, off_mm, 5.0, 0.0)
-        self.hand(0.0)
-        self.tip_to(0.5, 360.0, off_mm, 150.0, 0.0)
+        self.tcp_to(0.5, 360.0, off_mm, 150.0, 0.0)
+        self.tcp_to(0.5, 360.0, off_mm, 5.0, 0.0)
+        self.arm_gripper(0.0)
+        self.tcp_to(0.5, 360.0, off_mm, 150.0, 0.0)
 
 
 @pytest.fixture
@@ -175,7 +176,7 @@ def test_the_arm_stands_where_the_reference_table_says(layout: Layout) -> None:
             pitch_rad=math.radians((w1 + w2) / (2 * 13.487)),
             roll_rad=math.radians((w1 - w2) / (2 * 13.487)),
         )
-        T = forward(layout.arm, joints)["tip"]
+        T = forward(layout.arm, joints)["arm gripper"]
         assert T[:3, 3] == pytest.approx(tip_mm, abs=0.006)
         pitch = joints.pitch_rad
         if abs(math.cos(pitch)) > 1e-3:
@@ -339,7 +340,7 @@ def test_a_grip_centres_and_squares_the_part_and_the_jaws_stop_at_its_width(benc
     bench.pick_block(theta_rad=math.radians(2.0), off_mm=1.0)
     assert custody(bench.world, 0) == "arm"
     assert bench.arm.at.jaw_opening_mm == pytest.approx(40.0, abs=0.002)
-    T_world_part, T_world_tcp = part_pose(bench.world, 0), bench.world.hand.T_world_tcp
+    T_world_part, T_world_tcp = part_pose(bench.world, 0), bench.world.arm_gripper.T_world_tcp
     assert T_world_part is not None
     T = np.linalg.inv(T_world_tcp) @ T_world_part
     assert abs(T[1, 3]) < 0.01  # in the middle between the pads
@@ -348,19 +349,20 @@ def test_a_grip_centres_and_squares_the_part_and_the_jaws_stop_at_its_width(benc
 
 
 def test_closing_on_nothing_closes(bench: Bench) -> None:
-    bench.tip_to(0.2, 360.0, 0.0, 150.0, 0.0)
-    bench.hand(0.0)
+    bench.tcp_to(0.2, 360.0, 0.0, 150.0, 0.0)
+    bench.arm_gripper(0.0)
     assert bench.arm.at.jaw_opening_mm == 0.0
     assert bench.arm.grasp_limit_mm is None
 
 
-def test_a_held_part_does_not_move_in_the_hand(bench: Bench) -> None:
+def test_a_held_part_does_not_move_in_the_gripper(bench: Bench) -> None:
     bench.pick_block()
-    T_before = np.linalg.inv(bench.world.hand.T_world_tcp) @ bench.world.parts[0].T_world_part
-    bench.tip_to(1.0, 250.0, 200.0, 300.0, 1.3)
+    gripper, part = bench.world.arm_gripper, bench.world.parts[0]
+    T_before = np.linalg.inv(gripper.T_world_tcp) @ part.T_world_part
+    bench.tcp_to(1.0, 250.0, 200.0, 300.0, 1.3)
     bench.go(1.0, pitch_rad=-0.3, roll_rad=0.9)
-    bench.tip_to(1.0, 380.0, -80.0, 260.0, 0.4)
-    T_after = np.linalg.inv(bench.world.hand.T_world_tcp) @ bench.world.parts[0].T_world_part
+    bench.tcp_to(1.0, 380.0, -80.0, 260.0, 0.4)
+    T_after = np.linalg.inv(gripper.T_world_tcp) @ part.T_world_part
     off_mm, off_rad = apart(T_before, T_after)
     assert off_mm < 0.001
     assert off_rad < math.radians(0.001)
@@ -368,9 +370,9 @@ def test_a_held_part_does_not_move_in_the_hand(bench: Bench) -> None:
 
 def test_a_released_part_falls_and_lies_in_the_tray_below(bench: Bench) -> None:
     bench.pick_block()
-    bench.tip_to(1.0, 250.0, 250.0, 200.0, 1.0)
-    bench.tip_to(1.0, 100.0, 390.0, 8.0, 1.0)
-    bench.hand(85.0)
+    bench.tcp_to(1.0, 250.0, 250.0, 200.0, 1.0)
+    bench.tcp_to(1.0, 100.0, 390.0, 8.0, 1.0)
+    bench.arm_gripper(85.0)
     assert bench.world.settle()
     assert custody(bench.world, 0) == "free"
     assert tray_of(bench.world, 0) == "accept"
@@ -381,10 +383,10 @@ def test_a_released_part_falls_and_lies_in_the_tray_below(bench: Bench) -> None:
 def test_a_finger_pushes_a_part_along(bench: Bench) -> None:
     bench.world.drop(0, 360.0, 0.0, rest=0, theta_rad=0.0)
     bench.world.settle()
-    bench.hand(20.0)
-    bench.tip_to(0.5, 360.0, -70.0, 150.0, 0.0)
-    bench.tip_to(0.5, 360.0, -70.0, 8.0, 0.0)
-    bench.tip_to(1.0, 360.0, -10.0, 8.0, 0.0)
+    bench.arm_gripper(20.0)
+    bench.tcp_to(0.5, 360.0, -70.0, 150.0, 0.0)
+    bench.tcp_to(0.5, 360.0, -70.0, 8.0, 0.0)
+    bench.tcp_to(1.0, 360.0, -10.0, 8.0, 0.0)
     # the finger's outer face is 10 + 8 mm ahead of the tip: at y = 8, and half the block beyond
     assert bench.world.parts[0].centre_mm[1] == pytest.approx(28.0, abs=2.5)
     assert custody(bench.world, 0) == "free"
@@ -394,10 +396,10 @@ def test_a_part_gripped_by_a_corner_falls_out(bench: Bench) -> None:
     bench.world.drop(0, 360.0, 0.0, rest=0, theta_rad=0.0)
     bench.world.settle()
     # only 0.4 mm of the block's end is between the pads, which are 12 mm wide
-    bench.tip_to(0.5, 360.0 + 30.0 + 5.6, 0.0, 150.0, 0.0)
-    bench.tip_to(0.5, 360.0 + 30.0 + 5.6, 0.0, 5.0, 0.0)
-    bench.hand(0.0)
-    bench.tip_to(0.5, 360.0 + 30.0 + 5.6, 0.0, 100.0, 0.0)
+    bench.tcp_to(0.5, 360.0 + 30.0 + 5.6, 0.0, 150.0, 0.0)
+    bench.tcp_to(0.5, 360.0 + 30.0 + 5.6, 0.0, 5.0, 0.0)
+    bench.arm_gripper(0.0)
+    bench.tcp_to(0.5, 360.0 + 30.0 + 5.6, 0.0, 100.0, 0.0)
     assert bench.world.settle()
     assert custody(bench.world, 0) == "free"
     assert bench.world.parts[0].centre_mm[2] < 25.0
@@ -407,7 +409,7 @@ def test_a_lost_part_is_not_caught_again_before_the_jaws_have_opened(bench: Benc
     bench.pick_block()
     bench.world.lose_grasp("arm")
     assert custody(bench.world, 0) == "free"
-    bench.hand(30.0)
+    bench.arm_gripper(30.0)
     assert bench.world.settle()
     assert custody(bench.world, 0) == "free"
     assert bench.world.parts[0].centre_mm[2] < 25.0
@@ -419,16 +421,16 @@ def test_a_grip_told_to_miss_closes_on_nothing_once_and_the_next_one_holds(bench
     assert custody(bench.world, 0) == "free"
     assert bench.arm.at.jaw_opening_mm == 0.0
     assert bench.world.settle()
-    bench.hand(85.0)
+    bench.arm_gripper(85.0)
     bench.pick_block()
     assert custody(bench.world, 0) == "arm"
 
 
 def test_a_slip_turns_the_part_about_the_pads_and_moves_it_along_the_fingers(bench: Bench) -> None:
     bench.pick_block()
-    before = np.linalg.inv(bench.world.hand.T_world_tcp) @ bench.world.parts[0].T_world_part
+    before = np.linalg.inv(bench.world.arm_gripper.T_world_tcp) @ bench.world.parts[0].T_world_part
     bench.world.slip("arm", 4.0, math.radians(10.0))
-    after = np.linalg.inv(bench.world.hand.T_world_tcp) @ bench.world.parts[0].T_world_part
+    after = np.linalg.inv(bench.world.arm_gripper.T_world_tcp) @ bench.world.parts[0].T_world_part
     moved = after @ np.linalg.inv(before)
     assert moved[:3, 3] == pytest.approx((4.0, 0.0, 0.0), abs=1e-9)
     assert moved[:3, 1] == pytest.approx((0.0, 1.0, 0.0), abs=1e-9)
@@ -440,14 +442,14 @@ def test_the_world_tells_letting_go_over_the_table_from_letting_go_in_the_air(
     bench: Bench,
 ) -> None:
     bench.pick_block()
-    bench.hand(85.0)
+    bench.arm_gripper(85.0)
     high = [event for event in bench.world.events if event.what == "released"][-1]
     # lifted from 5 to 150 mm, the block's lower side lies 145 mm above the table
     assert high.lowest_mm == pytest.approx(145.0, abs=1.0)
     assert not high.is_held
     bench.pick_block()
-    bench.tip_to(0.5, 360.0, 0.0, 6.0, 0.0)
-    bench.hand(85.0)
+    bench.tcp_to(0.5, 360.0, 0.0, 6.0, 0.0)
+    bench.arm_gripper(85.0)
     low = [event for event in bench.world.events if event.what == "released"][-1]
     assert low.lowest_mm == pytest.approx(1.0, abs=0.6)
 
@@ -455,28 +457,28 @@ def test_the_world_tells_letting_go_over_the_table_from_letting_go_in_the_air(
 # --- handing over --------------------------------------------------------------------------------
 
 
-def bring_to_fixture(bench: Bench, off_mm: float = 0.0) -> None:
+def bring_to_fixed_gripper(bench: Bench, off_mm: float = 0.0) -> None:
     """Put the block into the open fixed gripper: its 20 mm between the pads, held across 40."""
     bench.pick_block()
-    tip = bench.layout.fixture.T_world_tcp
+    tip = bench.layout.fixed_gripper.T_world_tcp
     # approach down and jaws along x: the block's 60 along y, 40 along x, 20 upright
-    bench.tip_to(1.0, 220.0, -200.0, 550.0, math.pi / 2.0)
+    bench.tcp_to(1.0, 220.0, -200.0, 550.0, math.pi / 2.0)
     x, y, z = tip[:3, 3] + (0.0, 18.0, off_mm)
-    grip_z = z - (bench.world.parts[0].centre_mm[2] - bench.world.hand.T_world_tcp[2, 3])
-    bench.tip_to(1.0, x, y, 550.0, math.pi / 2.0)
-    bench.tip_to(1.0, x, y, grip_z, math.pi / 2.0)
+    grasp_z = z - (bench.world.parts[0].centre_mm[2] - bench.world.arm_gripper.T_world_tcp[2, 3])
+    bench.tcp_to(1.0, x, y, 550.0, math.pi / 2.0)
+    bench.tcp_to(1.0, x, y, grasp_z, math.pi / 2.0)
 
 
 def test_a_part_is_passed_on_without_ever_being_loose(bench: Bench) -> None:
-    bring_to_fixture(bench)
+    bring_to_fixed_gripper(bench)
     assert custody(bench.world, 0) == "arm"
-    assert bench.world.part_in_fixture
+    assert bench.world.is_part_in_fixed_gripper
     bench.world.collisions.clear()  # the plain way in passes through a finger
-    bench.fixture(0.0)
+    bench.fixed_gripper(0.0)
     assert bench.jaws.opening_mm == pytest.approx(20.0, abs=0.01)
     assert custody(bench.world, 0) == "both"
     before = bench.world.parts[0].centre_mm.copy()
-    bench.hand(85.0)
+    bench.arm_gripper(85.0)
     assert custody(bench.world, 0) == "fixture"
     bench.go(0.5, zed_mm=bench.arm.at.zed_mm + 120.0)
     assert custody(bench.world, 0) == "fixture"
@@ -484,15 +486,15 @@ def test_a_part_is_passed_on_without_ever_being_loose(bench: Bench) -> None:
     (let_go,) = [event for event in bench.world.events if event.what == "released"]
     assert let_go.is_held  # by the other one
     assert bench.world.collisions == []
-    bench.fixture(85.0)
+    bench.fixed_gripper(85.0)
     assert bench.world.settle()
     assert custody(bench.world, 0) == "free"
     assert bench.world.parts[0].centre_mm[2] < 40.0
 
 
 def test_pads_give_a_little_and_then_the_part_is_torn_from_the_arm(bench: Bench) -> None:
-    bring_to_fixture(bench)
-    bench.fixture(0.0)
+    bring_to_fixed_gripper(bench)
+    bench.fixed_gripper(0.0)
     bench.go(0.2, zed_mm=bench.arm.at.zed_mm + 2.0)
     assert custody(bench.world, 0) == "both"
     bench.go(0.2, zed_mm=bench.arm.at.zed_mm + 6.0)
@@ -501,8 +503,8 @@ def test_pads_give_a_little_and_then_the_part_is_torn_from_the_arm(bench: Bench)
 
 
 def test_a_part_far_off_the_middle_stops_one_finger_and_is_not_held(bench: Bench) -> None:
-    bring_to_fixture(bench, off_mm=8.0)
-    bench.fixture(0.0)
+    bring_to_fixed_gripper(bench, off_mm=8.0)
+    bench.fixed_gripper(0.0)
     # the upper finger meets the block at 10 + 8 mm from the middle, the lower one nothing yet
     assert bench.jaws.opening_mm == pytest.approx(36.0, abs=0.7)
     assert custody(bench.world, 0) == "arm"
@@ -511,8 +513,8 @@ def test_a_part_far_off_the_middle_stops_one_finger_and_is_not_held(bench: Bench
 # --- running into things -------------------------------------------------------------------------
 
 
-def test_the_hand_stops_at_the_table_and_comes_up_again(bench: Bench) -> None:
-    bench.tip_to(0.5, 360.0, 100.0, 20.0, 0.0)
+def test_the_gripper_stops_at_the_table_and_comes_up_again(bench: Bench) -> None:
+    bench.tcp_to(0.5, 360.0, 100.0, 20.0, 0.0)
     bench.go(0.3, zed_mm=bench.arm.at.zed_mm - 20.8)
     assert ("zed", -1) in bench.arm.blocked
     assert {c.other for c in bench.world.collisions} == {"table"}
@@ -520,20 +522,20 @@ def test_the_hand_stops_at_the_table_and_comes_up_again(bench: Bench) -> None:
     assert not bench.arm.blocked
 
 
-def test_a_hand_that_has_not_moved_yet_is_where_the_arm_holds_it(bench: Bench) -> None:
-    tip = forward(bench.layout.arm, bench.arm.at)["tip"]
-    assert bench.world.snapshot().poses["tip"] == pytest.approx(tip)
-    assert bench.world.hand.T_world_tcp == pytest.approx(tip)
-    bench.hand(60.0)
+def test_a_gripper_that_has_not_moved_yet_is_where_the_arm_holds_it(bench: Bench) -> None:
+    tip = forward(bench.layout.arm, bench.arm.at)["arm gripper"]
+    assert bench.world.snapshot().poses["arm gripper"] == pytest.approx(tip)
+    assert bench.world.arm_gripper.T_world_tcp == pytest.approx(tip)
+    bench.arm_gripper(60.0)
     assert bench.world.collisions == []
 
 
-def test_a_hand_may_leave_a_part_that_lies_against_its_finger(bench: Bench) -> None:
+def test_a_gripper_may_leave_a_part_that_lies_against_its_finger(bench: Bench) -> None:
     bench.world.drop(0, 360.0, 0.0, rest=0, theta_rad=0.0)
     bench.world.settle()
-    bench.hand(42.0)
-    bench.tip_to(0.5, 360.0, 0.0, 60.0, 0.0)
-    bench.tip_to(0.5, 360.0, 0.0, 5.0, 0.0)
+    bench.arm_gripper(42.0)
+    bench.tcp_to(0.5, 360.0, 0.0, 60.0, 0.0)
+    bench.tcp_to(0.5, 360.0, 0.0, 5.0, 0.0)
     part = bench.world.parts[0]
     T = part.T_world_part.copy()
     T[1, 3] += 1.2  # it has come to lie 0.2 mm inside a finger
@@ -544,28 +546,28 @@ def test_a_hand_may_leave_a_part_that_lies_against_its_finger(bench: Bench) -> N
     assert part.centre_mm[2] == pytest.approx(10.0, abs=1e-6)
 
 
-def test_a_part_that_topples_when_let_go_does_not_catch_the_hand(bench: Bench) -> None:
+def test_a_part_that_topples_when_let_go_does_not_catch_the_gripper(bench: Bench) -> None:
     T = np.eye(4)
     T[:3, :3] = ((1, 0, 0), (0, 0, -1), (0, 1, 0))  # on its narrow long side, 20 mm thick
     T[:3, 3] = 360.0, 0.0, 20.0
     bench.world.place(0, T)
     assert bench.world.settle()
-    bench.tip_to(0.5, 360.0, 0.0, 150.0, 0.0)
-    bench.tip_to(0.5, 360.0, 0.0, 20.0, 0.0)
-    bench.hand(0.0)
+    bench.tcp_to(0.5, 360.0, 0.0, 150.0, 0.0)
+    bench.tcp_to(0.5, 360.0, 0.0, 20.0, 0.0)
+    bench.arm_gripper(0.0)
     assert custody(bench.world, 0) == "arm"
     bench.go(0.3, zed_mm=bench.arm.at.zed_mm + 10.0, roll_rad=0.5)
-    bench.hand(26.0)
+    bench.arm_gripper(26.0)
     assert bench.world.settle()
     bench.go(0.2, zed_mm=bench.arm.at.zed_mm - 1.0)
     bench.go(0.5, zed_mm=bench.arm.at.zed_mm + 80.0)
     assert bench.world.collisions == []
-    assert not bench.world.hand.passing
+    assert not bench.world.arm_gripper.passing
     bench.go(0.1, zed_mm=bench.arm.at.zed_mm + 1.0)
 
 
-def test_a_hand_swung_into_the_station_panel_stops_the_axis_that_swings_it(bench: Bench) -> None:
-    bench.tip_to(0.5, 410.0, 150.0, 450.0, 0.0)
+def test_a_gripper_swung_into_the_station_panel_stops_the_axis_that_swings_it(bench: Bench) -> None:
+    bench.tcp_to(0.5, 410.0, 150.0, 450.0, 0.0)
     assert not bench.world.collisions
     bench.go(1.0, shoulder_rad=bench.arm.at.shoulder_rad + 0.6)
     assert ("shoulder", 1) in bench.arm.blocked
@@ -576,8 +578,8 @@ def test_a_hand_swung_into_the_station_panel_stops_the_axis_that_swings_it(bench
 def test_a_finger_that_comes_down_on_a_part_stops_and_may_go_up_again(bench: Bench) -> None:
     bench.world.drop(0, 360.0, 0.0, rest=0, theta_rad=0.0)
     bench.world.settle()
-    bench.hand(20.0)
-    bench.tip_to(0.5, 360.0, 0.0, 60.0, 0.0)
+    bench.arm_gripper(20.0)
+    bench.tcp_to(0.5, 360.0, 0.0, 60.0, 0.0)
     bench.go(0.5, zed_mm=bench.arm.at.zed_mm - 42.0)
     assert ("zed", -1) in bench.arm.blocked
     assert {c.other for c in bench.world.collisions} == {"part 0"}
@@ -601,11 +603,11 @@ def test_fingers_in_a_hollow_that_convex_pieces_would_fill_do_not_move_the_part(
     top_mm = bench.world.parts[0].bounds_mm[1][2]
     assert top_mm == pytest.approx(24.0, abs=0.01)
     before = bench.world.parts[0].centre_mm.copy()
-    bench.hand(40.0)
-    bench.tip_to(0.5, 360.0, 2.0, 60.0, 0.0)
-    bench.tip_to(0.5, 360.0, 2.0, 10.0, 0.0)
+    bench.arm_gripper(40.0)
+    bench.tcp_to(0.5, 360.0, 2.0, 60.0, 0.0)
+    bench.tcp_to(0.5, 360.0, 2.0, 10.0, 0.0)
     assert bench.world.parts[0].centre_mm == pytest.approx(before, abs=1e-9)
-    bench.hand(0.0)
+    bench.arm_gripper(0.0)
     assert custody(bench.world, 0) == "arm"
     assert bench.arm.at.jaw_opening_mm == pytest.approx(30.0, abs=0.05)
     assert bench.world.parts[0].centre_mm[1] == pytest.approx(2.0, abs=0.1)
@@ -630,9 +632,9 @@ def test_a_push_beside_the_middle_turns_a_part_and_leaves_the_point_where_it_is_
     assert 0.0 < part.centre_mm[1] - centre[1] < 0.01
 
 
-def test_a_held_part_meets_the_table_before_the_hand_does(bench: Bench) -> None:
+def test_a_held_part_meets_the_table_before_the_gripper_does(bench: Bench) -> None:
     bench.pick_block()
-    bench.tip_to(0.5, 360.0, 0.0, 2.0, 0.0)
+    bench.tcp_to(0.5, 360.0, 0.0, 2.0, 0.0)
     assert [(c.moving, c.other) for c in bench.world.collisions] == [("part 0", "table")]
 
 
@@ -645,7 +647,7 @@ def test_the_park_position_and_a_pick_run_into_nothing(bench: Bench) -> None:
 def test_pads_find_the_width_of_a_round_bar_to_a_hundredth(layout: Layout) -> None:
     bar = trimesh.creation.cylinder(radius=15.0, height=40.0, sections=256)
     solid = solid_of(bar, "bar")
-    pads = Pads(layout.arm.hand.fingers)
+    pads = Pads(layout.arm.gripper.fingers)
     T = np.eye(4)
     T[:3, 3] = -12.0, 0.7, 0.0  # 0.7 off the middle
     seat = pads.seat(solid.ray_scene(), T, 34.0)

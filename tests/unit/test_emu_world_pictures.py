@@ -11,9 +11,10 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.special import erf
 
-from emulators.world import Layout, Scene, Solid, Studio, build_scene, read_layout
+from emulators.world import Layout, PictureMaker, Scene, Solid, build_scene, read_layout
 from emulators.world.layout import CameraLayout, LampLayout
 from emulators.world.matter.solid import solid_of
+from emulators.world.pictures import Order
 from emulators.world.pictures.geometry import (
     Edges,
     Surface,
@@ -23,7 +24,6 @@ from emulators.world.pictures.geometry import (
     undistort,
 )
 from emulators.world.pictures.picture import Eye, sample_offsets
-from emulators.world.pictures.picture_worker import Order
 from emulators.world.pictures.sensor import (
     BLACK_GREY,
     ELECTRONS_PER_GREY,
@@ -61,7 +61,7 @@ def overhead(scene: Scene) -> Eye:
     return Eye(scene, 0)
 
 
-def lying(theta_rad: float, x_mm: float = 365.0, y_mm: float = 10.0) -> Array:
+def at_rest(theta_rad: float, x_mm: float = 365.0, y_mm: float = 10.0) -> Array:
     c, s = math.cos(theta_rad), math.sin(theta_rad)
     T = np.eye(4)
     T[:2, :2] = ((c, -s), (s, c))
@@ -129,13 +129,13 @@ def edge_offset_px(picture: Array, at: Array, normal: Array) -> float:
 def test_a_straight_edge_is_within_a_tenth_of_a_pixel_of_its_projection(
     overhead: Eye, theta_deg: float
 ) -> None:
-    T = lying(math.radians(theta_deg))
+    T = at_rest(math.radians(theta_deg))
     picture = grey(overhead, {"part 0": T}, {BACKLIGHT: 1.0})
     points, normals = silhouette_corners_px(overhead.camera, T)
     # a top edge is the outline only where the side below it is hidden: it faces away from the axis
     middle = points.mean(axis=0) - overhead.camera.centre_px
     if middle @ normals.mean(axis=0) < 0.0:
-        T = lying(math.radians(theta_deg + 180.0))
+        T = at_rest(math.radians(theta_deg + 180.0))
         picture = grey(overhead, {"part 0": T}, {BACKLIGHT: 1.0})
         points, normals = silhouette_corners_px(overhead.camera, T)
     offsets = np.array(
@@ -146,7 +146,7 @@ def test_a_straight_edge_is_within_a_tenth_of_a_pixel_of_its_projection(
 
 
 def test_an_edge_far_off_the_axis_is_where_the_lens_bends_it_to(overhead: Eye) -> None:
-    T = lying(0.3, x_mm=365.0, y_mm=170.0)
+    T = at_rest(0.3, x_mm=365.0, y_mm=170.0)
     picture = grey(overhead, {"part 0": T}, {BACKLIGHT: 1.0})
     points, normals = silhouette_corners_px(overhead.camera, T)
     straight = replace(overhead.camera, distortion=np.zeros(5))
@@ -158,7 +158,7 @@ def test_an_edge_far_off_the_axis_is_where_the_lens_bends_it_to(overhead: Eye) -
 
 def test_an_edge_is_as_soft_as_a_pixel_and_the_lens_make_it(overhead: Eye) -> None:
     # world x points up in the picture, so the block's long edge is upright at theta 0
-    T = lying(0.0)
+    T = at_rest(0.0)
     picture = grey(overhead, {"part 0": T}, {BACKLIGHT: 1.0})
     points, normals = silhouette_corners_px(overhead.camera, T)
     assert abs(normals[30][0]) > 0.999
@@ -201,7 +201,7 @@ def test_the_subpixel_points_fill_a_pixel_from_every_side() -> None:
 
 
 def test_light_adds_up_over_lamps_and_is_linear_in_their_levels(overhead: Eye) -> None:
-    poses = {"part 0": lying(0.4)}
+    poses = {"part 0": at_rest(0.4)}
     alone = [overhead.picture(poses, {lamp: 1.0}) for lamp in (BACKLIGHT, RING, SIDE)]
     together = overhead.picture(poses, {BACKLIGHT: 0.2, RING: 0.5, SIDE: 0.9})
     summed = 0.2 * alone[0] + 0.5 * alone[1] + 0.9 * alone[2]
@@ -212,12 +212,12 @@ def test_light_adds_up_over_lamps_and_is_linear_in_their_levels(overhead: Eye) -
 
 
 def test_a_picture_without_light_is_black(overhead: Eye) -> None:
-    picture = grey(overhead, {"part 0": lying(0.4)}, {RING: 0.0})
+    picture = grey(overhead, {"part 0": at_rest(0.4)}, {RING: 0.0})
     assert np.abs(picture - BLACK_GREY).max() < 0.01
 
 
 def test_grey_levels_are_those_of_a_well_exposed_camera(overhead: Eye) -> None:
-    poses = {"part 0": lying(0.0, 365.0, 10.0)}
+    poses = {"part 0": at_rest(0.0, 365.0, 10.0)}
     u, v = (round(x) for x in project(overhead.camera, np.array(((365.0, 10.0, 20.0),)))[0][0])
     backlit = grey(overhead, poses, {BACKLIGHT: 1.0})
     assert 195.0 < backlit[100, 640] < 225.0
@@ -229,7 +229,7 @@ def test_grey_levels_are_those_of_a_well_exposed_camera(overhead: Eye) -> None:
 
 
 def test_a_side_lamp_throws_a_shadow_away_from_itself(layout: Layout, overhead: Eye) -> None:
-    T = lying(0.0)
+    T = at_rest(0.0)
     picture = grey(overhead, {"part 0": T}, {SIDE: 1.0})
     empty = grey(overhead, {}, {SIDE: 1.0})
     lamp = layout.lamps["table_side"].centre_mm
@@ -249,7 +249,7 @@ def test_a_side_lamp_throws_a_shadow_away_from_itself(layout: Layout, overhead: 
 
 def test_what_does_not_move_is_the_same_with_and_without_a_part(overhead: Eye) -> None:
     empty = overhead.picture({}, {BACKLIGHT: 1.0, SIDE: 1.0})
-    full = overhead.picture({"part 0": lying(0.4)}, {BACKLIGHT: 1.0, SIDE: 1.0})
+    full = overhead.picture({"part 0": at_rest(0.4)}, {BACKLIGHT: 1.0, SIDE: 1.0})
     changed = np.argwhere(np.abs(full - empty) > 1e-6)
     (top, left), (bottom, right) = changed.min(axis=0), changed.max(axis=0)
     assert bottom - top < 400
@@ -288,11 +288,11 @@ def test_noise_is_that_of_photons_and_of_reading() -> None:
 
 
 def test_the_same_seed_gives_the_same_picture_and_another_does_not(scene: Scene) -> None:
-    studio = Studio(scene)
-    poses = {"part 0": lying(0.4)}
+    maker = PictureMaker(scene)
+    poses = {"part 0": at_rest(0.4)}
 
     def take(seed: int) -> NDArray[np.uint8] | NDArray[np.uint16]:
-        return studio.take(Order(1, 0, 0, poses, {BACKLIGHT: 1.0}, Exposure(0.01, 1.0, seed, 8)))
+        return maker.take(Order(1, 0, 0, poses, {BACKLIGHT: 1.0}, Exposure(0.01, 1.0, seed, 8)))
 
     first, again, other = take(7), take(7), take(8)
     assert np.array_equal(first, again)
@@ -300,14 +300,14 @@ def test_the_same_seed_gives_the_same_picture_and_another_does_not(scene: Scene)
 
 
 def test_a_picture_is_made_anew_when_and_only_when_something_in_it_moves(scene: Scene) -> None:
-    studio = Studio(scene)
-    poses = {"part 0": lying(0.4)}
-    first = studio.radiance(0, poses, {BACKLIGHT: 1.0})
-    assert studio.radiance(0, {"part 0": lying(0.4)}, {BACKLIGHT: 1.0, RING: 0.0}) is first
-    far = {"part 0": lying(0.4), "tip": np.eye(4)}
-    far["tip"][:3, 3] = 0.0, 600.0, 400.0  # out of the camera's sight
-    assert studio.radiance(0, far, {BACKLIGHT: 1.0}) is first
-    assert studio.radiance(0, {"part 0": lying(0.41)}, {BACKLIGHT: 1.0}) is not first
+    maker = PictureMaker(scene)
+    poses = {"part 0": at_rest(0.4)}
+    first = maker.radiance(0, poses, {BACKLIGHT: 1.0})
+    assert maker.radiance(0, {"part 0": at_rest(0.4)}, {BACKLIGHT: 1.0, RING: 0.0}) is first
+    far = {"part 0": at_rest(0.4), "arm gripper": np.eye(4)}
+    far["arm gripper"][:3, 3] = 0.0, 600.0, 400.0  # out of the camera's sight
+    assert maker.radiance(0, far, {BACKLIGHT: 1.0}) is first
+    assert maker.radiance(0, {"part 0": at_rest(0.41)}, {BACKLIGHT: 1.0}) is not first
 
 
 def test_normals_are_smooth_round_a_cylinder_and_not_over_its_rim() -> None:
@@ -332,7 +332,7 @@ def test_a_camera_does_not_see_the_housing_it_sits_in(scene: Scene) -> None:
 def test_blocks_filled_from_their_corners_look_as_if_every_pixel_had_its_ray(
     overhead: Eye, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    poses = {"part 0": lying(0.4)}
+    poses = {"part 0": at_rest(0.4)}
     levels = {RING: 1.0, SIDE: 1.0}
     quick = overhead.picture(poses, levels)
     everywhere = np.ones((1024, 1280), np.uint8)
@@ -430,7 +430,7 @@ def test_the_border_of_a_shadow_is_as_soft_as_the_lamp_is_wide(
     scene: Scene, overhead: Eye, lamp: int, height_mm: float
 ) -> None:
     """A block in the air shades the plate: against thousands of rays from each point."""
-    T = lying(0.3)
+    T = at_rest(0.3)
     T[2, 3] = height_mm + BLOCK_MM[2] / 2.0
     half, up = np.array(BLOCK_MM) / 2.0, np.array((0.0, 0.0, 1.0))
     lights, aim = points_of(scene.lamps[lamp], scene.aims_mm[lamp]), scene.aims_mm[lamp]
@@ -500,12 +500,12 @@ def test_a_floor_darkens_towards_a_wall_as_the_wall_hides_the_ring(
 def test_a_shadow_is_taken_anew_wherever_it_falls(scene: Scene) -> None:
     """What is kept of the fixed things must not differ from all of it cast anew."""
     eye = Eye(scene, 0)
-    held = lying(0.7, 300.0, -60.0)
+    held = at_rest(0.7, 300.0, -60.0)
     held[2, 3] = 330.0
     tip, upper = np.eye(4), np.eye(4)
     tip[:3, 3] = 420.0, 150.0, 300.0  # in the picture and out of it
     upper[:3, 3] = 300.0, -200.0, 500.0  # up to above the side lamp
-    poses = {"part 0": held, "tip": tip, "upper": upper}
+    poses = {"part 0": held, "arm gripper": tip, "upper": upper}
     quick = eye.picture(poses, {RING: 1.0, SIDE: 1.0})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(eye, "_wanted", lambda movers, lit: np.ones((1024, 1280), bool))
@@ -515,6 +515,6 @@ def test_a_shadow_is_taken_anew_wherever_it_falls(scene: Scene) -> None:
 
 
 def test_two_workers_take_the_same_picture(scene: Scene, overhead: Eye) -> None:
-    poses = {"part 0": lying(0.4)}
+    poses = {"part 0": at_rest(0.4)}
     again = Eye(scene, 0).picture(poses, {RING: 1.0, SIDE: 1.0})
     assert np.array_equal(again, overhead.picture(poses, {RING: 1.0, SIDE: 1.0}))

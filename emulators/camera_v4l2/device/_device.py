@@ -317,7 +317,7 @@ class V4l2Device:
         number : the handle's
         request : the ioctl's request number; an unknown one is answered with ENOTTY
         data : the struct as the client passed it; where it is shorter, zeros follow
-        memory : the way to what a struct points at, None where pointers cannot be followed
+        memory : access to what a struct points at, None where pointers cannot be followed
         is_blocking : the file was opened without O_NONBLOCK
 
         Returns

@@ -148,7 +148,7 @@ class Sensor:
         self._last_picture = None
 
     def stop(self) -> None:
-        """Take no more frames, forget the pictures on their way."""
+        """Take no more frames, forget the pictures being made."""
         self._flights.clear()
         self.review()
 
@@ -257,7 +257,7 @@ class Sensor:
         return flight
 
     def _finish_flights(self) -> None:
-        """Hand over the frames whose pictures are there, in the order they were exposed."""
+        """Finish the frames whose pictures are there, in the order they were exposed."""
         with self._finishing:
             while True:
                 with self._lock:

@@ -36,7 +36,7 @@ _STATE_FLAGS: Final = {
 
 @dataclass(slots=True, eq=False)
 class Buffer:
-    """One frame buffer and what is told about the frame in it."""
+    """One frame buffer and what its client learns of the frame in it."""
 
     index: int
     state: _State = _State.CLIENTS

@@ -1,4 +1,4 @@
-"""The camera's controls: their ranges, when a new value takes effect, and who is told.
+"""The camera's controls: their ranges, when a new value takes effect, who gets an event.
 
 Rules are uvcvideo's as observed: a value out of range is clamped without a word, a control that an
 automatic drives is refused with EACCES, a menu item that does not exist with EINVAL.
@@ -103,7 +103,7 @@ class ControlBank:
         return told
 
     def steer(self, cid: int, value: int, first_frame: int) -> None:
-        """Set a control as an automatic of the camera does: clamped, and nobody is told.
+        """Set a control as an automatic of the camera does: clamped, and without an event.
 
         Parameters
         ----------
@@ -265,7 +265,7 @@ class ControlBank:
         request : which of the three
         data : the struct v4l2_ext_controls, answered in place; a refusal puts the index of the bad
             control into it
-        memory : the way to the array that the struct points at, None where pointers cannot be
+        memory : access to the array that the struct points at, None where pointers cannot be
             followed
 
         Raises
@@ -274,7 +274,7 @@ class ControlBank:
             a class; otherwise as `check`
         """
         if memory is None:
-            raise Refused(errno.ENOTTY)  # no way to the array that the struct points at
+            raise Refused(errno.ENOTTY)  # no access to the array that the struct points at
         which, count, _, request_fd, reserved, pointer = abi.EXT_CONTROLS.unpack(data)
         if count > len(self._controls):
             raise Refused(errno.EINVAL)

@@ -15,8 +15,8 @@ class Refused(Exception):  # noqa: N818 - an answer to a client, not a failure o
         self.number = number
 
 
-class NotYet(Exception):  # noqa: N818 - the answer is on its way
-    """A blocking DQBUF has nothing to hand over yet: ask again after the next wake."""
+class NotYet(Exception):  # noqa: N818 - the answer comes later
+    """A blocking DQBUF has no frame yet: try again after the next wake."""
 
 
 class ClientMemory(Protocol):

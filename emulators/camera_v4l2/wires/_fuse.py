@@ -2,7 +2,7 @@
 
 A client must be another process than this one: a page fault that it takes while holding our
 interpreter's lock would wait for the threads here, which wait for that lock. Whether a DQBUF
-blocks is decided when the file is opened: a later F_SETFL is not told to a FUSE server.
+blocks is decided when the file is opened: a FUSE server does not learn of a later F_SETFL.
 """
 
 import atexit
@@ -194,7 +194,7 @@ class FuseMount:
         try:
             wire.unmount(self.directory)
         except OSError:
-            os._exit(70)  # the kernel then ends the mount, the only way left to free its users
+            os._exit(70)  # the kernel then ends the mount, which alone still frees its users
         self._on_failure()
 
     def _reply(self, unique: int, data: bytes = b"", error: int = 0) -> None:
@@ -359,5 +359,5 @@ class FuseMount:
             if hit:
                 self._reply(victim, error=errno.EINTR)
                 return
-        # not waiting yet, the other thread has it in hand: the kernel shall say it again
+        # not waiting yet, the other thread is at it: the kernel shall repeat the interrupt
         self._reply(unique, error=errno.EAGAIN)

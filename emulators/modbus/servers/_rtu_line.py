@@ -25,7 +25,7 @@ class MasterPlug(Protocol):
     reader: asyncio.StreamReader
 
     def write(self, data: bytes) -> None:
-        """Hand bytes to the master at once; they are lost if nobody takes them."""
+        """Send bytes to the master at once; they are lost if nobody takes them."""
         ...
 
 

@@ -1,1 +1,1 @@
-"""What is solid in the emulated cell: boxes and parts as bodies, grips, pads, collisions."""
+"""What is solid in the emulated cell: boxes and parts as bodies, grasps, pads, collisions."""

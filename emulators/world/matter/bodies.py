@@ -12,7 +12,7 @@ from .solid import Solid
 STEP_S: Final = 1.0 / 240.0
 GRAVITY_M_PER_S2: Final = 9.81
 FRICTION: Final = 0.5
-_ROLLING_M: Final = 2e-4  # rolling and spinning resistance: a lying disc comes to rest
+_ROLLING_M: Final = 2e-4  # rolling and spinning resistance: a disc that rolls comes to rest
 _CONTACT_ERP: Final = 0.4  # a finger that moves 0.4 mm a step sinks in no deeper than 1 mm
 _FAR_MM: Final = np.array((0.0, 0.0, -50_000.0))
 

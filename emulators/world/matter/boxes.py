@@ -10,9 +10,9 @@ from .collide import BOX_MM, PIECE_MM, PUSH_MM, BoxSet, Touch
 from .grasp import Gripper
 from .parts import AWAY, FALLING, HELD, Part
 
-_NEAR_MM = 2.0  # a finger this near wakes a lying part
+_NEAR_MM = 2.0  # a finger this near wakes a part at rest
 _TABLE_MM = 0.3
-_GRAZES_MM = 0.3  # a lying part that a finger's face slides along
+_GRAZES_MM = 0.3  # a part at rest that a finger's face slides along
 _GIVES_MM = 1.5  # pads of the other gripper give by this and more
 _UP = np.array((0.0, 0.0, 1.0))
 
@@ -25,8 +25,7 @@ class CellBoxes:
     layout : arm, post, grippers and obstacles of the cell
     bodies : the pybullet client that gets the boxes
     links : (4, 4) pose of each frame of the arm in the world [mm], by name
-    hand : the arm gripper
-    fixture : the fixed gripper
+    arm_gripper, fixed_gripper : both grippers
     """
 
     def __init__(
@@ -34,35 +33,38 @@ class CellBoxes:
         layout: Layout,
         bodies: Bodies,
         links: Mapping[str, Array],
-        hand: Gripper,
-        fixture: Gripper,
+        arm_gripper: Gripper,
+        fixed_gripper: Gripper,
     ) -> None:
-        self._bodies, self._links, self._hand, self._fixture = bodies, links, hand, fixture
+        self._bodies, self._links = bodies, links
+        self._arm_gripper, self._fixed_gripper = arm_gripper, fixed_gripper
         identity = np.eye(4)
         arm = layout.arm
         fixed: list[tuple[Box, Array]] = [(arm.column, identity), (layout.post, identity)]
         fixed += [(box, identity) for box in layout.obstacles]
-        fixed += [(box, fixture.T_world_tcp) for box in layout.fixture.boxes]
+        fixed += [(box, fixed_gripper.T_world_tcp) for box in layout.fixed_gripper.boxes]
         moving: list[tuple[str, Box]] = [("upper", arm.upper), ("fore", arm.fore)]
-        moving += [("tip", box) for box in arm.hand.boxes]
+        moving += [("arm gripper", box) for box in arm.gripper.boxes]
         self._fixed_names = [box.name for box, _ in fixed]
         self._fixed_bodies = [bodies.add_box(box, T) for box, T in fixed]
         self._moving = [(frame, box, bodies.add_box(box, links[frame])) for frame, box in moving]
-        for gripper in (hand, fixture):
+        for gripper in (arm_gripper, fixed_gripper):
             one, two = (
                 bodies.add_box(box, gripper.T_world_finger(side))
                 for side, box in enumerate(gripper.finger_boxes)
             )
             gripper.finger_bodies = (one, two)
-        self._fixed_names += [box.name for box in fixture.finger_boxes]
-        self._fixed_bodies += list(fixture.finger_bodies)
-        self._fixed_boxes = BoxSet([box for box, _ in fixed] + list(fixture.finger_boxes))
+        self._fixed_names += [box.name for box in fixed_gripper.finger_boxes]
+        self._fixed_bodies += list(fixed_gripper.finger_bodies)
+        self._fixed_boxes = BoxSet([box for box, _ in fixed] + list(fixed_gripper.finger_boxes))
         self._fixed_frames = [T for _, T in fixed]
         self._moving_names = [box.name for _, box, _ in self._moving]
-        self._moving_names += [box.name for box in hand.finger_boxes]
-        self._moving_boxes = BoxSet([box for _, box, _ in self._moving] + list(hand.finger_boxes))
+        self._moving_names += [box.name for box in arm_gripper.finger_boxes]
+        self._moving_boxes = BoxSet(
+            [box for _, box, _ in self._moving] + list(arm_gripper.finger_boxes)
+        )
         self.follow_arm(links)
-        self.place_fixture_fingers()
+        self.place_fixed_fingers()
         self._note_fingers()
         self._entered: dict[tuple[int, int], Array] = {}
 
@@ -71,11 +73,11 @@ class CellBoxes:
         self._links = links
         for frame, box, body in self._moving:
             self._bodies.place_box(body, box, links[frame])
-        self._place_fingers(self._hand)
+        self._place_fingers(self._arm_gripper)
 
-    def place_fixture_fingers(self) -> None:
+    def place_fixed_fingers(self) -> None:
         """Put the fixed gripper's fingers where its jaws are."""
-        self._place_fingers(self._fixture)
+        self._place_fingers(self._fixed_gripper)
 
     def _place_fingers(self, gripper: Gripper) -> None:
         for side, box in enumerate(gripper.finger_boxes):
@@ -85,10 +87,10 @@ class CellBoxes:
     def touches(self, parts: Sequence[Part], wake: Callable[[], None]) -> list[Touch]:
         """Return what the arm and what it holds overlap with; wake the parts that it comes near."""
         frames = [self._links[frame] for frame, _, _ in self._moving]
-        frames += [self._hand.T_world_finger(0), self._hand.T_world_finger(1)]
+        frames += [self._arm_gripper.T_world_finger(0), self._arm_gripper.T_world_finger(1)]
         low, high = self._moving_boxes.bounds(frames)
         fixed = self._fixed_bounds()
-        held = None if self._hand.hold is None else parts[self._hand.hold.part]
+        held = None if self._arm_gripper.hold is None else parts[self._arm_gripper.hold.part]
         touches = self._of_boxes(low, high, fixed)
         if held is not None:
             touches += self._of_held(held, fixed)
@@ -101,16 +103,16 @@ class CellBoxes:
         return touches
 
     def _note_fingers(self) -> None:
-        self._fingers_before = [self._hand.T_world_finger(side)[:3, 3] for side in (0, 1)]
+        self._fingers_before = [self._arm_gripper.T_world_finger(side)[:3, 3] for side in (0, 1)]
 
     def _fixed_bounds(self) -> tuple[Array, Array]:
-        fingers = [self._fixture.T_world_finger(0), self._fixture.T_world_finger(1)]
+        fingers = [self._fixed_gripper.T_world_finger(0), self._fixed_gripper.T_world_finger(1)]
         return self._fixed_boxes.bounds(self._fixed_frames + fingers)
 
     def _moving_body(self, index: int) -> tuple[int, str]:
         if index < len(self._moving):
             return self._moving[index][2], self._moving[index][0]
-        return self._hand.finger_bodies[index - len(self._moving)], "tip"
+        return self._arm_gripper.finger_bodies[index - len(self._moving)], "arm gripper"
 
     def _of_boxes(self, low: Array, high: Array, fixed: tuple[Array, Array]) -> list[Touch]:
         touches: list[Touch] = []
@@ -132,27 +134,31 @@ class CellBoxes:
         touches: list[Touch] = []
         depth_mm = -part.lowest_mm
         if depth_mm > _TABLE_MM:
-            touches.append(Touch(part.name, "table", "tip", depth_mm, part.lowest_point_mm, _UP))
-        hold = self._fixture.hold
+            touches.append(
+                Touch(part.name, "table", "arm gripper", depth_mm, part.lowest_point_mm, _UP)
+            )
+        hold = self._fixed_gripper.hold
         is_shared = hold is not None and hold.part == part.index
         low, high = part.bounds_mm
         for _, j in np.argwhere(_overlap(low[None], high[None], *fixed)):
             body = self._fixed_bodies[j]
-            if is_shared and body in self._fixture.finger_bodies:
+            if is_shared and body in self._fixed_gripper.finger_bodies:
                 continue
-            # the fixture's fingers close on it and open beside it: they meet the exact mesh
-            if body in self._fixture.finger_bodies and not self._is_in_finger(part, body):
+            # the fixed gripper's fingers close on it and open beside it: they meet the exact mesh
+            if body in self._fixed_gripper.finger_bodies and not self._is_in_finger(part, body):
                 continue
             nearest = self._bodies.deepest(part.carried, body)
             if nearest is not None and nearest[0] < -PIECE_MM:
                 other = self._fixed_names[j]
-                touches.append(Touch(part.name, other, "tip", -nearest[0], nearest[1], nearest[2]))
+                touches.append(
+                    Touch(part.name, other, "arm gripper", -nearest[0], nearest[1], nearest[2])
+                )
         return touches
 
     def _is_in_finger(self, part: Part, body: int) -> bool:
-        side = self._fixture.finger_bodies.index(body)
-        box = _shrunk(self._fixture.finger_boxes[side], _GIVES_MM)
-        return part.overlaps(box, self._fixture.T_world_finger(side))
+        side = self._fixed_gripper.finger_bodies.index(body)
+        box = _shrunk(self._fixed_gripper.finger_boxes[side], _GIVES_MM)
+        return part.overlaps(box, self._fixed_gripper.T_world_finger(side))
 
     def _near_part(
         self, part: Part, low: Array, high: Array, wake: Callable[[], None]
@@ -163,8 +169,8 @@ class CellBoxes:
         near = _overlap(low, high, p_low[None] - _NEAR_MM, p_high[None] + _NEAR_MM)[:, 0]
         for i in np.flatnonzero(near):
             body, frame = self._moving_body(int(i))
-            if body in self._hand.finger_bodies:
-                touches += self._finger_on_part(self._hand.finger_bodies.index(body), part)
+            if body in self._arm_gripper.finger_bodies:
+                touches += self._finger_on_part(self._arm_gripper.finger_bodies.index(body), part)
                 continue
             nearest = self._bodies.deepest(body, part.body, _NEAR_MM)
             if nearest is None:
@@ -177,33 +183,33 @@ class CellBoxes:
         return touches
 
     def _finger_on_part(self, side: int, part: Part) -> list[Touch]:
-        """Push a lying part along with a finger; what it comes down on stops it. Exact mesh."""
+        """Push a part at rest along with a finger; what it comes down on stops it. Exact mesh."""
         if part.state == FALLING:  # it falls out of the way
             return []
-        if part.index in self._hand.passing:
-            # let go by this hand, it fell past the fingers: they part from it before they push it
-            fingers = enumerate(self._hand.finger_boxes)
-            if any(part.overlaps(box, self._hand.T_world_finger(i)) for i, box in fingers):
+        if part.index in self._arm_gripper.passing:
+            # it was let go and fell past the fingers: they part from it before they push it
+            fingers = enumerate(self._arm_gripper.finger_boxes)
+            if any(part.overlaps(box, self._arm_gripper.T_world_finger(i)) for i, box in fingers):
                 return []
-            self._hand.passing.discard(part.index)
+            self._arm_gripper.passing.discard(part.index)
         is_held = part.state == HELD
-        box, T = self._hand.finger_boxes[side], self._hand.T_world_finger(side)
+        box, T = self._arm_gripper.finger_boxes[side], self._arm_gripper.T_world_finger(side)
         way = T[:3, 3] - self._fingers_before[side]
         length_mm = float(np.linalg.norm(way))
         key = (side, part.index)
         if not part.overlaps(_shrunk(box, _GIVES_MM if is_held else _GRAZES_MM), T):
             self._entered.pop(key, None)
             return []
-        # the way back out stays free: what counts is how the finger came in
+        # it can always go back out: what counts is how the finger came in
         into = self._entered.setdefault(key, way / length_mm if length_mm > 1e-9 else -_UP)
         end = box.centre_mm.copy()
         end[0] = box.high_mm[0]
-        tip = T[:3, :3] @ end + T[:3, 3]
+        end_mm = T[:3, :3] @ end + T[:3, 3]
         is_level = abs(into[2]) < np.hypot(into[0], into[1])
         if is_held or (into[2] < 0.0 and not is_level):
-            return [Touch(box.name, part.name, "tip", length_mm, tip, -into)]
+            return [Touch(box.name, part.name, "arm gripper", length_mm, end_mm, -into)]
         if is_level and way @ into > 0.0:
-            part.slide(tip, way)
+            part.slide(end_mm, way)
             self._bodies.place_part(part.falling, part.solid, part.T_world_part)
         return []
 
@@ -218,7 +224,7 @@ class CellBoxes:
         wake()
         if nearest[0] >= -PUSH_MM:
             return []
-        return [Touch(held.name, part.name, "tip", -nearest[0], nearest[1], nearest[2])]
+        return [Touch(held.name, part.name, "arm gripper", -nearest[0], nearest[1], nearest[2])]
 
 
 def _shrunk(box: Box, by_mm: float) -> Box:

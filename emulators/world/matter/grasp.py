@@ -1,8 +1,8 @@
-"""Who holds what: jaws that close on the exact part, and a hold as compliant pads give it.
+"""Grasps: jaws that close on the exact part, and a hold as compliant pads give it.
 
-A rigid friction grip of a physics engine creeps and twists; docs/adr/0002-grip-model.md says what
-is done instead. A finger pushes a lying part along; once both pads are on it, it is eased
-into the seat that `_pads` finds on the exact mesh and is then carried by the hand, until the jaws
+A rigid friction grasp of a physics engine creeps and twists; docs/adr/0002-grip-model.md says what
+is done instead. A finger pushes a part at rest along; once both pads are on it, it is eased
+into the seat that `pads` finds on the exact mesh and is then carried by the gripper, until the jaws
 open, the load is too much for the area that touches, or another gripper tears it away.
 """
 
@@ -57,7 +57,7 @@ class Gripper:
 
     Attributes
     ----------
-    T_world_tcp : where its tip frame is
+    T_world_tcp : where its TCP frame is
     opening_mm, before_mm : of the jaws, now and a step ago
     finger_bodies : pybullet's, +y first
     must_open : a part has been lost from these jaws: they hold nothing until they have opened
@@ -125,11 +125,11 @@ class Gripper:
             return False
         if hold.is_seated:
             return self.opening_mm > hold.seat.opening_mm + _OPENED_MM
-        way_mm = hold.opening_start_mm - hold.seat.opening_mm
+        stroke_mm = hold.opening_start_mm - hold.seat.opening_mm
         done_mm = hold.opening_start_mm - self.opening_mm
         if done_mm < -_OPENED_MM:
             return True
-        fraction = 1.0 if way_mm < 1e-6 else max(0.0, min(1.0, done_mm / way_mm))
+        fraction = 1.0 if stroke_mm < 1e-6 else max(0.0, min(1.0, done_mm / stroke_mm))
         hold.T_tcp_part = between(hold.T_start, hold.seat.T_tcp_part, fraction)
         if self.opening_mm <= hold.seat.opening_mm + _SEATED_MM:
             hold.T_tcp_part = hold.seat.T_tcp_part
@@ -164,9 +164,9 @@ class Gripper:
         friction_n = 2.0 * PAD_FRICTION * hold.force_n
         if hold.seat.area_mm2 < MIN_AREA_MM2 or weight_n > friction_n:
             return True
-        tip = self.T_world_tcp
-        arm_mm = tip[:3, :3].T @ (centre_mm - tip[:3, 3]) - hold.seat.centre_mm
-        down = -tip[2, :3]  # world's -z in the tip frame
+        T = self.T_world_tcp
+        arm_mm = T[:3, :3].T @ (centre_mm - T[:3, 3]) - hold.seat.centre_mm
+        down = -T[2, :3]  # world's -z in the TCP frame
         twist_nmm = weight_n * float(arm_mm[2] * down[0] - arm_mm[0] * down[2])
         # of a round pad the friction acts at two thirds of the radius
         holds_nmm = friction_n * 2.0 / 3.0 * math.sqrt(hold.seat.area_mm2 / math.pi)
@@ -179,7 +179,7 @@ class Gripper:
         return False
 
     def shift_hold(self, T: Array) -> None:
-        """Move the part in the pads by ``T``, in the tip frame; seat and all."""
+        """Move the part in the pads by ``T``, in the TCP frame; seat and all."""
         hold = self.hold
         if hold is None:
             return
@@ -241,6 +241,6 @@ def make_gripper(name: str, layout: GripperLayout, opening_mm: float) -> Gripper
 
 
 def relative(T_world_tcp: Array, T_world_part: Array) -> Array:
-    """Return the pose of a part in the tip frame."""
+    """Return the pose of a part in the TCP frame."""
     T: Array = invert(T_world_tcp) @ T_world_part
     return T

@@ -1,6 +1,6 @@
 """What two pads feel of a part: height fields of the exact mesh, and how a part seats between them.
 
-Everything is in the tip frame of a gripper: x approach, y the jaws' axis, origin between the
+Everything is in the TCP frame of a gripper: x approach, y the jaws' axis, origin between the
 finger tips. The pads are ``opening`` apart and close symmetrically.
 """
 
@@ -15,7 +15,7 @@ from ..poses import invert
 
 _GRID_MM: Final = 1.0  # of the height field; on a radius of 30 mm it misses 4 um of the crest
 _BACK_MM: Final = 2.0  # rays start behind the pad's face, where a part that is pressed in would be
-_TOUCH_MM: Final = 0.15  # what rubber gives way: surface this near the crest carries load
+_TOUCH_MM: Final = 0.15  # what rubber yields: surface this near the crest carries load
 _SEAT_STEP_RAD: Final = math.radians(2.0)  # of one linear step
 MAX_SEAT_RAD: Final = math.radians(4.0)  # more crooked, a part jams and is held as it stands
 _LEVELS: Final = 9  # each a third as wide as the last: ends at 1e-4 of the step
@@ -55,7 +55,7 @@ class Seat:
     T_tcp_part : where
     opening_mm : of the jaws then
     area_mm2 : that touches, of the pad that has less
-    centre_mm : (3,) middle of the touching surface, tip frame
+    centre_mm : (3,) middle of the touching surface, TCP frame
     shift_mm, turn_rad : how far the part has been moved to get there
     """
 
@@ -105,12 +105,12 @@ class Pads:
             return None
         if upper_mm < lower_mm:
             touching = felt.upper_mm > np.nanmax(felt.upper_mm) - _TOUCH_MM
-            y, way_mm = opening_mm / 2.0, upper_mm
+            y, push_mm = opening_mm / 2.0, upper_mm
         else:
             touching = felt.lower_mm < np.nanmin(felt.lower_mm) + _TOUCH_MM
-            y, way_mm = -opening_mm / 2.0, -lower_mm
+            y, push_mm = -opening_mm / 2.0, -lower_mm
         point = np.array((self._x[touching].mean(), y, self._z[touching].mean()))
-        return point, way_mm
+        return point, push_mm
 
     def _heights(self, scene: Any, T_part_tcp: Array, start_mm: float) -> Array:  # noqa: ANN401
         origins = np.column_stack((self._x, np.full(len(self._x), start_mm), self._z))

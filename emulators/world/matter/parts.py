@@ -12,13 +12,13 @@ from .solid import Solid, upright
 
 AWAY: Final = "away"
 FALLING: Final = "falling"
-LYING: Final = "lying"
+RESTING: Final = "at rest"
 HELD: Final = "held"
 
 _CALM_MM_PER_S: Final = 3.0
 _CALM_RAD_PER_S: Final = 0.05
 _CALM_S: Final = 0.2
-_SNAP_RAD: Final = math.radians(4.0)  # convex pieces are a little off: they tilt a lying part
+_SNAP_RAD: Final = math.radians(4.0)  # convex pieces are a little off: they tilt a part at rest
 _SNAP_MM: Final = 2.5
 _FRICTION_RADIUS: Final = 0.27  # of friction about the middle, by the diagonal; a disc has 0.24
 
@@ -96,20 +96,20 @@ class Part:
         request, result = fcl.CollisionRequest(), fcl.CollisionResult()
         return bool(fcl.collide(self._exact, shape, request, result))
 
-    def slide(self, point_mm: Array, way_mm: Array) -> None:
-        """Let something push a lying part at a point; it moves and turns on the table.
+    def slide(self, point_mm: Array, push_mm: Array) -> None:
+        """Let something push a part at rest at a point; it moves and turns on the table.
 
         Quasi-static, with an ellipsoid as limit surface of the friction: Lynch and Mason 1996.
 
         Parameters
         ----------
         point_mm : (3,) that is pushed, world
-        way_mm : (3,) by which the point has to give way; only what is level counts
+        push_mm : (3,) by which the point has to yield; only what is level counts
         """
-        length_mm = math.hypot(way_mm[0], way_mm[1])
+        length_mm = math.hypot(push_mm[0], push_mm[1])
         if length_mm < 1e-9:
             return
-        n = way_mm[:2] / length_mm
+        n = push_mm[:2] / length_mm
         centre = self.centre_mm
         arm_mm = point_mm[:2] - centre[:2]
         lever_mm = float(arm_mm[0] * n[1] - arm_mm[1] * n[0])
@@ -136,7 +136,7 @@ class Part:
     def rest_on_table(self) -> Array | None:
         """Return the exact pose of a part that lies on the table; None if something else bears it.
 
-        The facet that is nearly level is laid level on z = 0, about the centre of mass.
+        The facet that is nearly level is put level on z = 0, about the centre of mass.
         """
         if abs(self.lowest_mm) > _SNAP_MM:
             return None

@@ -1,7 +1,7 @@
 """What a part is as a body: exact mesh, mass, rests on a table, convex pieces for contacts.
 
 Contacts with table, trays and fingers use V-HACD's pieces (some tenths of a mm fat, small holes
-filled); rests and grips use the exact mesh. Pieces are cached by content hash in the user's cache
+filled); rests and grasps use the exact mesh. Pieces are cached by content hash in the user's cache
 directory.
 """
 
@@ -44,7 +44,7 @@ _COPLANAR: Final = 1.0 - 0.5 * math.radians(0.3) ** 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rest:
-    """A way to lie on a table.
+    """A stable pose on a table.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class Solid:
         sums = np.cumsum([rest.solid_angle for rest in rests])
         return rests[min(int(np.searchsorted(sums, choice * sums[-1])), len(rests) - 1)]
 
-    def lying(self, rest: Rest, x_mm: float, y_mm: float, theta_rad: float) -> Array:
+    def pose_at_rest(self, rest: Rest, x_mm: float, y_mm: float, theta_rad: float) -> Array:
         """Return T_world_part just above the table, the centre of mass over (x, y).
 
         Parameters

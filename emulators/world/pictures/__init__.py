@@ -1,6 +1,7 @@
 """What the cameras of the emulated cell see, drawn in a process of their own."""
 
+from .desk import PictureDesk
 from .geometry import Scene, build_scene
-from .picture_worker import Picture, PictureDesk, Studio
+from .worker import Order, Picture, PictureMaker
 
-__all__ = ["Picture", "PictureDesk", "Scene", "Studio", "build_scene"]
+__all__ = ["Order", "Picture", "PictureDesk", "PictureMaker", "Scene", "build_scene"]

@@ -128,7 +128,7 @@ class Eye:
         return self._layers[lamp]
 
     def warm_up(self) -> None:
-        """Make what the first picture would wait for: the layers of lamps that point into sight."""
+        """Make what the first picture would wait for: the layers of lamps that face its view."""
         pixels, depth = project(self.camera, self._aims_mm)
         inside = (pixels >= 0.0).all(axis=1) & (pixels[:, 0] < self._shape[1])
         inside &= (pixels[:, 1] < self._shape[0]) & (depth > 0.0)
@@ -165,7 +165,7 @@ class Eye:
         return picture
 
     def _wanted(self, movers: Mapping[str, Mover], lit: Sequence[int]) -> Mask:
-        """Return where a picture may differ from that of the fixed things, (h, w)."""
+        """Return where a picture may be another than that of the fixed things, (h, w)."""
         mask = np.zeros(self._shape, np.uint8)
         for mover in movers.values() if lit else ():
             fill(mask, self._reach.outline(mover.corners_mm))

@@ -1,4 +1,4 @@
-"""A camera's rays: OpenCV's lens model, both ways, for pixels and fractions of pixels."""
+"""A camera's rays: OpenCV's lens model and its inverse, for pixels and fractions of pixels."""
 
 from typing import Final
 

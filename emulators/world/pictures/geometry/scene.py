@@ -92,8 +92,8 @@ def build_scene(layout: Layout, solids: Sequence[Solid]) -> Scene:
     lamps = tuple(layout.lamps.values())
     fixed, owner_boxes, owner = _fixed(layout, lamps)
     moving = [_boxes(name, (box,), 1) for name, box in _links(layout)]
-    moving.append(_boxes("tip", layout.arm.hand.boxes, 1))
-    for name, gripper in (("arm", layout.arm.hand), ("fixture", layout.fixture)):
+    moving.append(_boxes("arm gripper", layout.arm.gripper.boxes, 1))
+    for name, gripper in (("arm", layout.arm.gripper), ("fixture", layout.fixed_gripper)):
         for box in make_gripper(name, gripper, gripper.jaw_max_mm).finger_boxes:
             moving.append(_boxes(box.name, (box,), 2))
     for index, solid in enumerate(solids):
@@ -135,8 +135,8 @@ def _fixed(
     for box in boxes:
         pieces.append(_boxes("", (box,), 1))
     owner = [np.full(len(piece.faces), i) for i, piece in enumerate(pieces)]
-    body = _boxes("", layout.fixture.boxes, 1)
-    T = layout.fixture.T_world_tcp
+    body = _boxes("", layout.fixed_gripper.boxes, 1)
+    T = layout.fixed_gripper.T_world_tcp
     pieces.append(
         _surface("", body.vertices_mm @ T[:3, :3].T + T[:3, 3], body.faces, 1, smooth=False)
     )

@@ -1,128 +1,36 @@
-"""Pictures in a process of their own, so that no wire and no step of the world waits for one.
+"""Orders for pictures, so that no wire and no step of the world waits for one.
 
-`PictureDesk` takes orders from cameras, has the world's state noted when its time has come, sends
-that to the worker, and hands finished pictures back in a thread of its own. The worker keeps what
-does not change: what stands still, and the last picture of each camera if nothing in it moved.
+`PictureDesk` takes orders from cameras, notes the world's state when an order falls due, sends it
+to the picture process, and delivers finished pictures in a thread of its own.
 """
 
 import itertools
 import logging
 import multiprocessing
-import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from multiprocessing.shared_memory import SharedMemory
 from typing import Any, Final, Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ..layout import Array
-from .geometry import Array32, Scene
-from .picture import Eye
-from .sensor import Exposure, blurred, develop
+from .geometry import Scene
+from .sensor import Exposure
+from .worker import Order, Picture, work
 
 log = logging.getLogger(__name__)
-
-Picture = NDArray[np.uint8] | NDArray[np.uint16]
 
 SLOT_COUNT: Final = 6  # pictures that may be in the making; more orders are refused
 _JOIN_S: Final = 5.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Order:
-    """What the worker needs for one picture.
-
-    Attributes
-    ----------
-    camera : its number in the scene
-    poses : T_world_* of what moves and is there
-    levels : of the lamps, by number
-    """
-
-    number: int
-    slot: int
-    camera: int
-    poses: dict[str, Array]
-    levels: dict[int, float]
-    exposure: Exposure
-
-
-class Studio:
-    """Makes pictures; what the worker process runs, and what a test may run by itself."""
-
-    def __init__(self, scene: Scene) -> None:
-        self._scene = scene
-        self._eyes: dict[int, Eye] = {}
-        self._last: dict[int, tuple[bytes, Array32]] = {}
-
-    def warm_up(self) -> None:
-        """Make what the first pictures would wait for, seconds of work."""
-        for camera in range(len(self._scene.cameras)):
-            self._eye(camera).warm_up()
-
-    def _eye(self, camera: int) -> Eye:
-        if camera not in self._eyes:
-            self._eyes[camera] = Eye(self._scene, camera)
-        return self._eyes[camera]
-
-    def radiance(
-        self, camera: int, poses: Mapping[str, Array], levels: Mapping[int, float]
-    ) -> Array32:
-        """Return the blurred picture before noise and digits, (h, w); kept if nothing changes.
-
-        Parameters
-        ----------
-        camera : number of the camera in the scene
-        poses : (4, 4) T_world of each thing that moves, by its name [mm]
-        levels : level of each lamp, 0 to 1, by its number in the scene
-        """
-        eye = self._eye(camera)
-        lit = {lamp: level for lamp, level in sorted(levels.items()) if level > 0.0}
-        key = repr(lit).encode() + eye.depends_on(poses, list(lit))
-        last = self._last.get(camera)
-        if last is None or last[0] != key:
-            last = (key, blurred(eye.picture(poses, lit)))
-            self._last[camera] = last
-        return last[1]
-
-    def take(self, order: Order) -> Picture:
-        """Return a finished picture, (h, w)."""
-        return develop(self.radiance(order.camera, order.poses, order.levels), order.exposure)
-
-
-def _work(connection: Connection, memory_name: str, slot_bytes: int, scene: Scene) -> None:
-    """Take pictures until the other end hangs up; the worker process's main function."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this by hanging up
-    cv2.setNumThreads(1)
-    memory = SharedMemory(memory_name)
-    studio = Studio(scene)
-    try:
-        studio.warm_up()
-        connection.send(("ready", -1, (0, 0), ""))
-        while True:
-            order = connection.recv()
-            picture = studio.take(order)
-            start = order.slot * slot_bytes
-            place: NDArray[Any] = np.ndarray(
-                picture.shape, picture.dtype, buffer=memory.buf, offset=start
-            )
-            place[:] = picture
-            del place
-            connection.send(("picture", order.number, picture.shape, picture.dtype.str))
-    except (EOFError, OSError):
-        pass
-    finally:
-        memory.close()
-
-
-class Stage(Protocol):
-    """The state of the world that a picture shows."""
+class WorldState(Protocol):
+    """What a picture needs to know of the world."""
 
     def poses(self) -> dict[str, Array]:
         """Return T_world_* of everything that moves and is there."""
@@ -149,7 +57,7 @@ class PictureDesk:
     Parameters
     ----------
     scene : cameras, lamps and surfaces, sent to the worker once
-    stage : gives the poses of what moves and the levels of the lamps
+    world : gives the poses of what moves and the levels of the lamps
     seed : decides the noise of every picture
 
     Raises
@@ -157,8 +65,8 @@ class PictureDesk:
     RuntimeError : from `note`, when the worker has died
     """
 
-    def __init__(self, scene: Scene, stage: Stage, seed: int = 0) -> None:
-        self._scene, self._stage, self._seed = scene, stage, seed
+    def __init__(self, scene: Scene, world: WorldState, seed: int = 0) -> None:
+        self._scene, self._world, self._seed = scene, world, seed
         largest = max(camera.width_px * camera.height_px for camera in scene.cameras)
         self._slot_bytes = 2 * largest
         self._numbers = itertools.count(1)
@@ -190,7 +98,7 @@ class PictureDesk:
         self._memory = SharedMemory(create=True, size=SLOT_COUNT * self._slot_bytes)
         self._connection, far = context.Pipe()
         self._process = context.Process(
-            target=_work,
+            target=work,
             args=(far, self._memory.name, self._slot_bytes, self._scene),
             name="pictures",
             daemon=True,
@@ -269,7 +177,7 @@ class PictureDesk:
                 self._waiting.remove(wish)
                 self._sent[wish.number] = wish
         if due and self._connection is not None:
-            poses, levels = self._stage.poses(), self._stage.levels()
+            poses, levels = self._world.poses(), self._world.levels()
             for wish in due:
                 self._connection.send(
                     Order(wish.number, wish.slot, wish.camera, poses, levels, wish.exposure)
