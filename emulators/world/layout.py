@@ -182,7 +182,7 @@ def read_layout(path: Path) -> Layout:
     if not isinstance(raw, dict):
         raise LayoutError(f"{path}: a cell file is a mapping, found {type(raw).__name__}")
     try:
-        if "shape" in raw["arm"]:
+        if "shape" in raw.get("arm", {}):
             raise LayoutError(
                 f"{path}: `arm.shape` describes an arm that cannot be emulated; the emulated "
                 "world has a UMI RTX. Give each device the address of a real one"
