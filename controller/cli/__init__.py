@@ -1,4 +1,4 @@
-"""The command line, one thin module per command."""
+"""The command line: a room per topic, with its commands and what they do."""
 
 from .app import main
 

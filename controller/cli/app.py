@@ -1,6 +1,6 @@
-"""The command line. Each command is thin: parse, build, run, one sentence and an exit code.
+"""The parser: all commands, help, version, completion; an error becomes a sentence and a code.
 
-Exit codes: 0 done, 1 the cell or the part said no, 2 the command line or a file is wrong.
+Exit codes: 0 done; 1 the cell or a part does not allow it; 2 the command line or a file is wrong.
 """
 
 import sys
@@ -77,11 +77,11 @@ app.add_typer(calibration, name="calibrate")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command line and return its exit code; nobody ever reads a traceback unasked."""
+    """Run a command line; return its exit code. A traceback is printed on request only."""
     words = sys.argv[1:] if argv is None else list(argv)
     try:
         app(args=list(argv) if argv is not None else None, prog_name="cellctl")
-    except SystemExit as end:  # how the parser ends each command, and each wrong command line
+    except SystemExit as end:  # the parser ends every command so, wrong ones too
         return end.code if isinstance(end.code, int) else int(end.code is not None)
     except (KeyboardInterrupt, Exception) as error:  # noqa: BLE001  (each becomes a sentence)
         from .terminal.failure import report_failure

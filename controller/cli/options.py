@@ -18,11 +18,11 @@ class Unit(StrEnum):
 
 
 def finite(value: float | None) -> float | None:
-    """Return a number of the command line.
+    """Return a number from the command line.
 
     Raises
     ------
-    BadParameter : nan, which passes every limit
+    BadParameter : it is nan, which would pass every limit
     """
     if value is not None and isnan(value):
         raise typer.BadParameter("nan is not a number")
@@ -48,7 +48,9 @@ CellOption = Annotated[
         "emulated cell)",
     ),
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="print one JSON object a line on stdout")]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="print JSON on stdout, one object per line")
+]
 RunsOption = Annotated[Path, typer.Option("--runs", help="folder of all runs and of the journal")]
 SpeedOption = Annotated[
     float,

@@ -1,4 +1,4 @@
-"""What the cell must know about itself, measured."""
+"""`calibrate`: measures what the cell must know about itself."""
 
 from .commands import camera
 

@@ -1,6 +1,6 @@
 """`cellctl calibrate camera`: pictures of a board -> the camera, its lens, where it stands.
 
-Reads files and tells the operator; what is computed is `controller.commissioning.calibration`.
+Reads the files and prints the result; `controller.commissioning.calibration` computes it.
 """
 
 from collections.abc import Mapping
@@ -130,7 +130,7 @@ def read_grey(path: Path) -> Grey:
     data = read_whole(path)
     size_of(path, data)
     picture = decoded(path, data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
-    if picture.dtype != np.uint8:  # 10, 12 or 16 bits in 16: what counts is the pattern
+    if picture.dtype != np.uint8:  # 10 to 16 bits: only the pattern counts
         brightest = max(float(picture.max()), 1.0)
         picture = np.rint(picture.astype(np.float64) * (255.0 / brightest))
     return np.asarray(picture, dtype=np.uint8)

@@ -1,4 +1,4 @@
-"""`cellctl calibrate camera`: what it takes."""
+"""Arguments and help of `cellctl calibrate camera`."""
 
 from pathlib import Path
 from typing import Annotated

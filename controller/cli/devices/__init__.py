@@ -1,4 +1,4 @@
-"""Devices of a cell: are they all there, and emulated ones for any client."""
+"""`doctor` checks a cell's devices, `emulate` starts emulated ones for any client."""
 
 from .commands import doctor, emulate
 

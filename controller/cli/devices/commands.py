@@ -1,4 +1,4 @@
-"""`cellctl doctor` and `emulate`: what they take."""
+"""Arguments and help of `cellctl doctor` and `emulate`."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -26,7 +26,7 @@ def doctor(cell: CellOption = None, json: JsonOption = False) -> None:
 
 
 class Lines(StrEnum):
-    """What the emulated Modbus lines are."""
+    """Transport of the emulated Modbus lines."""
 
     TCP = "tcp"
     RTU_PTY = "rtu-pty"

@@ -28,7 +28,7 @@ LEAST_DISK_MB = 500
 
 
 def examine(cell_path: Path, *, as_json: bool) -> int:
-    """Check machine and devices; 1 if anything is not as it should be."""
+    """Check machine and devices; return 1 if a check failed."""
     cell = load_cell(cell_path)
     require_drivers(cell_path, cell)
     checks = [*_machine(), *_permissions(cell)]

@@ -24,14 +24,14 @@ def serve(
     lines: str | None,
     as_json: bool,
 ) -> int:
-    """Bring the emulated cell up, say where it is, keep it until Ctrl-C.
+    """Start the emulated cell, print its addresses, keep it until Ctrl-C.
 
     Parameters
     ----------
     cell_path : cell file
     parts : CAD files of the parts on the emulated table
     speed : times real time
-    seed : seed of the emulated world, None for one of its own
+    seed : seed of the emulated world, None to draw one
     pose : stable pose of the part by index, None to draw it by the seed
     at : planar pose of the part, "X,Y,THETA_DEG"; None to draw it by the seed
     control : unix socket on which tests inject faults, None for none

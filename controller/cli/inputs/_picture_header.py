@@ -1,6 +1,6 @@
-"""How large a stored picture says it is, read from its first bytes: before anything is decoded.
+"""The size of a stored picture, read from its header before anything is decoded.
 
-A picture of 60,000 x 60,000 pixels may be a file of a few kilobytes; decoded, it fills the memory.
+A file of a few kilobytes may hold 60,000 x 60,000 pixels; decoded, they fill the memory.
 Formats: PNG (ISO/IEC 15948, 11.2.2), JPEG (ITU-T T.81, B.2.2), TIFF 6.0 (sections 2 and 8), BMP,
 PGM and PPM (netpbm), WebP (RFC 9649).
 """
@@ -19,7 +19,7 @@ NETPBM = re.compile(rb"P[1-6](?:\s|#[^\n]*\n)+(\d+)(?:\s|#[^\n]*\n)+(\d+)\s")
 
 
 def size_in_header(data: bytes) -> tuple[int, int] | None:
-    """Return (width, height) in pixels as the header has them; None where there is no header."""
+    """Return (width, height) in pixels from the header; None if there is no known header."""
     try:
         if data.startswith(PNG_BEGIN):
             width, height = struct.unpack_from(">II", data, 16)
@@ -74,11 +74,11 @@ def _of_tiff(data: bytes, order: str) -> tuple[int, int] | None:
 
 def _of_bmp(data: bytes) -> tuple[int, int]:
     (head,) = struct.unpack_from("<I", data, 14)
-    if head == 12:  # the oldest header has 16 bits
+    if head == 12:  # the oldest header has sizes of 16 bits
         width, height = struct.unpack_from("<HH", data, 18)
         return width, height
     width, height = struct.unpack_from("<ii", data, 18)
-    return abs(width), abs(height)  # upside down below 0
+    return abs(width), abs(height)  # a negative height: the top row comes first
 
 
 def _of_webp(data: bytes) -> tuple[int, int] | None:

@@ -1,7 +1,7 @@
-"""The calibration file: a camera, and how it was come by. Both sides of one format.
+"""The calibration file, written and read: a camera, and how it was calibrated.
 
-Asked when read are size_px, K, distortion and T_world_cam alone, so that a file written by hand or
-by another program does as well.
+Only size_px, K, distortion and T_world_cam are required, so a file written by hand or by another
+program will do.
 """
 
 import json
@@ -28,7 +28,7 @@ def load_calibration(path: Path) -> Camera:
 
     Raises
     ------
-    ConfigError : missing, or not such a file
+    ConfigError : the file is missing or is no calibration
     """
     text = read_text(path, "a calibration", MOST_BYTES)
     try:
@@ -49,14 +49,14 @@ def load_calibration(path: Path) -> Camera:
 
 
 def _count(number: object) -> int:
-    """Return a number of pixels, ValueError where it is none."""
+    """Return a number of pixels; raise ValueError if it is not one."""
     if isinstance(number, bool) or not isinstance(number, int | float) or number != int(number):
         raise ValueError(f"size_px of {number!r:.40}")
     return int(number)
 
 
 def _check(path: Path, size_px: tuple[int, int], K: FloatArray, T: FloatArray) -> None:
-    """Raise ConfigError where numbers of a calibration are of no camera over a table."""
+    """Raise ConfigError unless the numbers describe a camera above the table."""
     width, height = size_px
     if not (width > 0 and height > 0 and width * height <= MOST_PIXELS):
         raise ConfigError(f"{path}: `size_px`: no camera has {width} x {height} px")
@@ -87,7 +87,7 @@ def write_calibration(path: Path, body: Mapping[str, Any]) -> None:
 
 
 def calibration_body(found: Calibration) -> dict[str, Any]:
-    """Return what the file says of a calibration: lengths in mm, angles in deg."""
+    """Return a calibration as the file has it: lengths in mm, angles in degrees."""
     camera = found.camera
     placed = [view.placed for view in found.views]
     return {

@@ -1,4 +1,4 @@
-"""What can be known to be wrong before a run starts anything: places, folders, options."""
+"""Checks before any work: folders, places on the table, sockets."""
 
 import os
 import shutil
@@ -16,7 +16,7 @@ Place = tuple[float, float, float]  # x [mm], y [mm], theta [deg]
 
 
 def check_writable_folder(folder: Path, option: str, least_free_bytes: int = 0) -> None:
-    """Check that a folder is there or can be made, takes files, and has room; make nothing.
+    """Check that a folder is writable, or can be made, and has free space; create nothing.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def check_writable_folder(folder: Path, option: str, least_free_bytes: int = 0) 
 
     Raises
     ------
-    ConfigError : and which of these it is
+    ConfigError : one of these does not hold; the message says which
     """
     try:
         there = _nearest(folder.absolute())
@@ -49,7 +49,7 @@ def check_writable_folder(folder: Path, option: str, least_free_bytes: int = 0) 
 
 
 def _nearest(folder: Path) -> Path:
-    """Return the folder, or the first above it that is there."""
+    """Return the folder, or its nearest parent that exists."""
     for there in (folder, *folder.parents):
         if os.path.lexists(there):
             return there
@@ -61,9 +61,9 @@ def parse_place(at: str | None, cell: Cell, *, is_on_table: bool = True) -> Plac
 
     Parameters
     ----------
-    at : the words of the command line, None for the middle of the drop area
+    at : "X,Y,THETA_DEG", None for the middle of the drop area
     cell : gives the drop area and the glowing area
-    is_on_table : it must lie there, for something is laid down at it
+    is_on_table : require a position on the table, since a part is put there
 
     Raises
     ------
@@ -94,8 +94,7 @@ def check_control(control: Path | None) -> None:
 
     Raises
     ------
-    ConfigError : the name is too long for a socket, its folder is missing, or it is a folder
-        itself
+    ConfigError : the name is too long for a socket or names a folder, or its folder is missing
     """
     if control is None:
         return

@@ -1,4 +1,4 @@
-"""Which part is planned in which cell with which figures: from a recipe, or from options."""
+"""Recipes and options -> CAD files, how each is compiled, and the cell they are planned in."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,11 +26,10 @@ class PartFile:
 def part_files(
     parts: list[Path], recipe_paths: list[Path], unit: str | None, cell_path: Path | None
 ) -> tuple[list[PartFile], Path]:
-    """Return the parts a command line names, and the cell file.
+    """Return the parts that a command line names, and the cell file.
 
-    CAD files without a recipe are planned with the figures of a recipe that says nothing; with one
-    recipe, with its figures. Several recipes name their parts themselves. Without either it is the
-    recipe of the working directory.
+    CAD files alone are planned with a recipe's defaults; with one recipe, with its values. Several
+    recipes name their own parts. With neither, recipe.yaml of the working directory is used.
 
     Parameters
     ----------

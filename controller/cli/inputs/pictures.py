@@ -1,7 +1,7 @@
-"""Stored pictures as recognition wants them: grey, 8 bits, of the calibration's size; or why not.
+"""Stored pictures as recognition needs them: grey, 8 bits, of the calibration's size; or why not.
 
-What a file holds is read as it is stored: nothing is turned by a tag that a viewer would follow,
-since the calibration is of the sensor's pixels.
+Pixels are read as stored. Orientation tags, which a viewer would follow, are ignored: the
+calibration holds for the sensor's pixels.
 """
 
 import zlib
@@ -22,9 +22,9 @@ from ._picture_header import JPEG_BEGIN, PNG_BEGIN, size_in_header
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".webp")
 CAMERA_BITS = (8, 10, 12, 14, 16)  # what sensors deliver
-UNIT_RANGE = 2.0  # levels of 0..255 of which none is brighter would be black: these are 0..1
-NOISE_BELOW_ZERO = 0.02  # of the brightest level: what filters leave under black
-MOST_PIXELS = 64_000_000  # the largest sensors of machine vision have some more than half of it
+UNIT_RANGE = 2.0  # decimals up to here are 0..1: as levels of 0..255 they would all be black
+NOISE_BELOW_ZERO = 0.02  # of the brightest level: filters leave a little below black
+MOST_PIXELS = 64_000_000  # the largest machine-vision sensors have a little over half of it
 MOST_PICTURE_BYTES = 128 * 2**20
 JPEG_END = b"\xff\xd9"
 
@@ -36,7 +36,7 @@ class StoredPicture:
     Attributes
     ----------
     grey : (height, width)
-    notes : what was done to it so that it is grey and has 8 bits, in words
+    notes : in words, what was done to make it grey with 8 bits
     """
 
     grey: Grey
@@ -44,13 +44,13 @@ class StoredPicture:
 
 
 def pictures_among(paths: Iterable[Path]) -> tuple[list[Path], list[str]]:
-    """Return the pictures a command line names, folders' in their order, and remarks on it.
+    """Return the pictures that a command line names, those of a folder sorted, and remarks.
 
-    A picture that is named twice is one.
+    A picture named twice counts once.
 
     Raises
     ------
-    ConfigError : a folder without pictures, or one that cannot be read
+    ConfigError : a folder has no pictures or cannot be read
     """
     found: list[Path] = []
     for path in paths:
@@ -83,7 +83,7 @@ def read_picture(path: Path, size_px: tuple[int, int]) -> StoredPicture:
 
     Raises
     ------
-    ConfigError : there is none, it cannot be read, or is not of the camera's size
+    ConfigError : it is missing, cannot be read, or has not the camera's size
     """
     data = read_whole(path)
     width, height = size_of(path, data)
@@ -98,11 +98,11 @@ def read_picture(path: Path, size_px: tuple[int, int]) -> StoredPicture:
 
 
 def read_whole(path: Path) -> bytes:
-    """Return the bytes of a picture that is all there.
+    """Return the bytes of a complete picture file.
 
     Raises
     ------
-    ConfigError : no such file, too large, empty, or cut off
+    ConfigError : the file is missing, too large, empty or cut off
     """
     data = read_bytes(path, MOST_PICTURE_BYTES, "a picture")
     if not data:
@@ -117,7 +117,7 @@ def size_of(path: Path, data: bytes) -> tuple[int, int]:
 
     Raises
     ------
-    ConfigError : no picture, one without pixels, or one larger than any camera's
+    ConfigError : it is no picture, has no pixels, or is larger than any camera's
     """
     size = size_in_header(data)
     if size is None:
@@ -144,11 +144,11 @@ def decoded(path: Path, data: bytes, flags: int) -> NDArray[Any]:
 
     Raises
     ------
-    ConfigError : what the file holds is no picture, or not of the size of its header
+    ConfigError : OpenCV cannot decode it
     """
     logging = cv2.utils.logging
     level = logging.getLogLevel()
-    # what decoders say of a bad file is said below, in words
+    # of a bad file, decoders print complaints of their own; the message below is enough
     logging.setLogLevel(logging.LOG_LEVEL_SILENT)
     try:
         stored = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
@@ -162,16 +162,16 @@ def decoded(path: Path, data: bytes, flags: int) -> NDArray[Any]:
 
 
 def _is_whole(data: bytes) -> bool:
-    """Return whether a PNG or JPEG file is all there: decoders fill up what is missing."""
+    """Return whether a PNG or JPEG file is complete; decoders would fill in what is missing."""
     if data.startswith(PNG_BEGIN):
         return _is_whole_png(data)
     if data.startswith(JPEG_BEGIN):
-        return JPEG_END in data[-1024:]  # some programs write a little behind it
+        return JPEG_END in data[-1024:]  # some programs append a few bytes
     return True
 
 
 def _is_whole_png(data: bytes) -> bool:
-    """Return whether all pieces of a PNG file up to its end are there, with their checksums."""
+    """Return whether all chunks of a PNG file are there, with correct checksums."""
     at = len(PNG_BEGIN)
     while at + 12 <= len(data):
         length = int.from_bytes(data[at : at + 4], "big")
@@ -200,7 +200,7 @@ def _single(stored: NDArray[Any], notes: list[str]) -> NDArray[Any]:
     ):
         return first
     notes.append("colour is turned to grey")
-    # by brightness as the eye has it (ITU-R BT.601), OpenCV's order of colours
+    # weights of perceived brightness (ITU-R BT.601), in OpenCV's order: blue, green, red
     weights = np.array([0.114, 0.587, 0.299])
     grey = stored[..., :3].astype(np.float64) @ weights
     return np.asarray(grey if stored.dtype.kind == "f" else np.round(grey).astype(stored.dtype))
@@ -227,11 +227,11 @@ def _eight_bits(path: Path, levels: NDArray[Any], notes: list[str]) -> Grey:
 
 
 def _range_of(levels: NDArray[Any], high: int) -> tuple[float, str]:
-    """Return the brightest level there can be, and in words where it comes from.
+    """Return the brightest possible level, and in words where it comes from.
 
-    Cameras of 10, 12 or 14 bits are stored in 16, either at the lower end, so that no level is
-    beyond their range, or at the upper end, with the bits below left empty. What is too dark to
-    fill its range is brightened by a power of two, which recognition does not mind.
+    Pictures of 10, 12 or 14 bits are stored in 16: at the lower end, so that no level exceeds their
+    range, or at the upper end, with the lowest bits empty. A picture too dark to fill its range is
+    brightened by a power of two, which does not affect recognition.
     """
     if levels.dtype.kind in "iu":
         empty = _empty_bits(levels)
@@ -242,7 +242,7 @@ def _range_of(levels: NDArray[Any], high: int) -> tuple[float, str]:
 
 
 def _empty_bits(levels: NDArray[Any]) -> int:
-    """Return how many of the lowest bits no level has."""
+    """Return how many of the lowest bits are 0 in every level."""
     used = int(np.bitwise_or.reduce(levels, axis=None))
     return (used & -used).bit_length() - 1 if used else 0
 
@@ -252,14 +252,14 @@ def _scaled(levels: NDArray[Any], full: float) -> Grey:
 
 
 class SaidOnce:
-    """Tells of each kind of remark once a run, of the first picture it holds for."""
+    """Passes each kind of remark once per run: for the first picture that has it."""
 
     def __init__(self) -> None:
         self._told: set[str] = set()
 
     def fresh(self, notes: Sequence[str]) -> list[str]:
-        """Return those notes that were not told yet."""
-        # the brightest level differs from picture to picture, the range does not
+        """Return the notes of a kind not seen before."""
+        # the brackets hold what differs from picture to picture
         kinds = {note.split(" (")[0]: note for note in notes}
         new = [note for kind, note in kinds.items() if kind not in self._told]
         self._told.update(kinds)

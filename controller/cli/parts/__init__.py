@@ -1,4 +1,4 @@
-"""What follows from a CAD file alone."""
+"""`compile`: what follows from a CAD file alone."""
 
 from .commands import compile_
 

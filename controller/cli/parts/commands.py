@@ -1,4 +1,4 @@
-"""`cellctl compile`: what it takes."""
+"""Arguments and help of `cellctl compile`."""
 
 from pathlib import Path
 from typing import Annotated
@@ -40,7 +40,7 @@ def compile_(
         Path | None, typer.Option("--report", help="HTML page to write, with every stable pose")
     ] = None,
     no_cache: Annotated[
-        bool, typer.Option("--no-cache", help="compile anew, and keep nothing")
+        bool, typer.Option("--no-cache", help="compile again; do not use the cache")
     ] = False,
     json: JsonOption = False,
 ) -> None:

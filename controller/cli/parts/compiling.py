@@ -39,14 +39,14 @@ def compile_parts(
     use_cache: bool,
     as_json: bool,
 ) -> int:
-    """Report what follows from CAD files; 2 if one is wrong, the others are reported all the same.
+    """Report what follows from CAD files; return 2 if one is wrong, after reporting the others.
 
     Parameters
     ----------
     files : CAD files, with the recipe of each
-    density_g_cm3 : of all parts; the recipe's, the file's, or aluminium's otherwise
+    density_g_cm3 : of all parts; None for the recipe's, else the file's, else aluminium's
     report : HTML page to write, None for none
-    cell : cell file; with it come the grasps of each part there, and a plan for each stable pose
+    cell : cell file, to report grasps and a plan for each stable pose as well; None for neither
     use_cache : read and keep compiled parts and plans
     as_json : print one JSON object a part
 

@@ -1,4 +1,4 @@
-"""A compiled part as JSON has it, and what each of its stable poses comes to."""
+"""A compiled part, and the certificates of its stable poses, as JSON."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -17,7 +17,7 @@ from ..planning.plan_json import certificate_json
 
 
 def part_json(part: CompiledPart, density_g_cm3: float | None) -> dict[str, Any]:
-    """Return a compiled part as conventions.md 7 promises it; R are nested row-major lists."""
+    """Return a compiled part as conventions.md 7 defines it; R are nested row-major lists."""
     solid, boundary = part.solid, part.solid.boundary
     density = part.density_g_cm3(density_g_cm3)
     return {
@@ -63,7 +63,7 @@ def part_json(part: CompiledPart, density_g_cm3: float | None) -> dict[str, Any]
 
 
 def certified_json(certified: Sequence[Certified]) -> dict[str, Any]:
-    """Return how many ways there are to hold a part, and what each stable pose comes to."""
+    """Return the number of grasps, and the certificate of each stable pose."""
     return {
         "grasps": {
             "arm": max((c.arm_grasp_count for c in certified), default=0),

@@ -1,4 +1,4 @@
-"""Plans, and what is known to be wrong before a run: nothing moves."""
+"""`check` and `plan`: what is known before anything moves."""
 
 from .commands import check, plan
 

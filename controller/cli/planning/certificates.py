@@ -1,4 +1,4 @@
-"""What is proven of a plan, and what each stable pose comes to, in words."""
+"""The proof of a plan, and the certificates of stable poses, in words."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ from ..terminal.output import stdout
 
 
 def proof_words(plan: Plan) -> str:
-    """Return what is proven of a plan, and among what, as a sentence."""
+    """Return how near to the optimum a plan is proven to be, and among which plans."""
     proof = plan.proof
     if proof.cost_s <= 0:
         return "not proven: no exact search was made"
@@ -22,7 +22,7 @@ def proof_words(plan: Plan) -> str:
 
 
 def certificate_words(certificate: Certificate) -> str:
-    """Return what a pose comes to, in words."""
+    """Return a certificate in words."""
     plan = certificate.plan
     if plan is None:
         return certificate.reason
@@ -34,7 +34,7 @@ def certificate_words(certificate: Certificate) -> str:
 
 
 def print_certificates(certificates: Sequence[Certificate]) -> None:
-    """Print what each pose comes to as a table; nothing where none was asked for."""
+    """Print certificates as a table; print nothing if there are none."""
     if not certificates:
         return
     table = Table(box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))

@@ -1,4 +1,4 @@
-"""`cellctl check` and `plan`: what they take."""
+"""Arguments and help of `cellctl check` and `plan`."""
 
 from pathlib import Path
 from typing import Annotated
@@ -63,13 +63,13 @@ def plan(
         ),
     ] = False,
     no_cache: Annotated[
-        bool, typer.Option("--no-cache", help="plan anew, and keep nothing")
+        bool, typer.Option("--no-cache", help="plan again; do not use the cache")
     ] = False,
     json: JsonOption = False,
 ) -> None:
     """Plan how to show a part to the inspection camera.
 
-    Prints steps, forecast and coverage, and for the rest of the surface why not.
+    Prints steps, forecast and coverage, and why the rest of the surface is not shown.
     """
     from controller.config import ConfigError
 

@@ -1,4 +1,4 @@
-"""`cellctl plan`: how a part would be shown, at what cost, and why not the rest; nothing moves."""
+"""`cellctl plan`: how to show a part, at what cost, and why not the rest; nothing moves."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -32,7 +32,7 @@ def plan_part_file(
     use_cache: bool,
     as_json: bool,
 ) -> int:
-    """Plan one part at one position; without a stable pose, from each of them.
+    """Plan a part at one position, from one stable pose or from each.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def plan_part_file(
 
     Returns
     -------
-    exit code: 0 with a plan; 1 without, the reason being printed
+    exit code: 0 with a plan; 1 without, after printing the reason
 
     Raises
     ------
@@ -97,13 +97,13 @@ def plan_part_file(
 
 
 def _say_coarse(part: CompiledPart, setup: PlannerSetup, pose: StablePose, place: Place) -> None:
-    """Print what a plan from few candidates comes to: seconds before the full one is there."""
+    """Print an estimate from few candidates, seconds before the full plan is ready."""
     started = time.monotonic()
     x_mm, y_mm, theta_deg = place
     quick = Planning(part, setup.layout, setup.options.coarse(), use_cache=False)
     plan = quick.plan_at(pose, x_mm, y_mm, float(np.radians(theta_deg))).plan
     if plan is None:
-        return  # few candidates prove nothing: the full plan tells why not
+        return  # few candidates prove nothing; the full plan has the reason
     print_line(
         f"first estimate, after {time.monotonic() - started:.1f} s: {view_count(plan)} views, "
         f"{plan.regrasp_count} x regrasp, {plan.forecast_s:.0f} s, {plan.covered_fraction:.1%} of "
@@ -131,12 +131,12 @@ def _plan_all(
     *,
     is_one: bool,
 ) -> tuple[KeptPlan, tuple[Certificate, ...]]:
-    """Return the plan from the likeliest pose that has one, and what each pose comes to.
+    """Return the plan from the likeliest pose that has one, and the certificate of each pose.
 
     Parameters
     ----------
-    report_plan : called with the plan once it is there, while the other poses are still worked at
-    is_one : one pose was asked for, and nothing is said of the others
+    report_plan : called with the plan when it is ready, before the other poses are done
+    is_one : one pose was requested, so there are no certificates
     """
     x_mm, y_mm, theta_deg = place
     theta_rad = float(np.radians(theta_deg))
@@ -170,7 +170,7 @@ def _head(part: CompiledPart, cell: Cell, kept: KeptPlan, place: Place) -> dict[
 
 
 def _no_plan(part: CompiledPart, kept: KeptPlan, certificates: Sequence[Certificate]) -> str:
-    """Return one sentence; where the poses fail for several reasons, all of them."""
+    """Return why there is no plan; where the reasons differ, one for each pose."""
     if len({c.reason for c in certificates}) <= 1 or any(c.plan for c in certificates):
         return kept.reason
     reasons = "; ".join(f"from pose {c.pose_index}: {c.reason}" for c in certificates)

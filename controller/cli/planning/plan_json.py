@@ -1,4 +1,4 @@
-"""A plan as conventions.md 7 promises it: one JSON object; poses are nested row-major lists."""
+"""A plan as conventions.md 7 defines it: one JSON object; poses are nested row-major lists."""
 
 from typing import Any
 
@@ -15,9 +15,9 @@ def plan_json(
 ) -> dict[str, Any]:
     """Return all keys of a plan.
 
-    Per step, `q` and `T_world_part` are those of the moment that counts: while the jaws close, the
-    picture is taken, or the part is let go. `seen_fraction` is the share of all surface that a step
-    shows, `new_fraction` what no step before it has shown.
+    A step's `q` and `T_world_part` are those of the moment that counts: when the jaws close, the
+    picture is taken, or the part is released. `seen_fraction` is the share of the whole surface
+    that a step shows, `new_fraction` the share that no earlier step has shown.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def _step_json(moment: Moment, weights: FloatArray, seen_before: BoolArray) -> d
 
 
 def certificate_json(certificate: Certificate) -> dict[str, Any]:
-    """Return what a stable pose comes to; `pickable` is the share of places it can be taken at."""
+    """Return a certificate; `pickable` is the share of positions where the part can be grasped."""
     body: dict[str, Any] = {
         "pose": certificate.pose_index,
         "probability": certificate.probability,

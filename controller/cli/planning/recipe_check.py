@@ -13,7 +13,7 @@ from .plan_json import certificate_json
 
 
 def check_recipe(recipe_path: Path, cell_path: Path | None, *, as_json: bool) -> int:
-    """Check files, CAD, and whether every likely pose can be taken and shown.
+    """Check files and CAD, and that every likely stable pose can be grasped and shown.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ def check_recipe(recipe_path: Path, cell_path: Path | None, *, as_json: bool) ->
 
     Returns
     -------
-    exit code: 1 if the recipe cannot be run on this cell, each reason being printed; else 0
+    exit code: 0 if the recipe can be run on this cell; else 1, after printing each reason
     """
     started = time.monotonic()
     recipe = load_recipe(recipe_path)

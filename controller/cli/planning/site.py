@@ -23,13 +23,13 @@ from ..terminal.output import emit, print_line, stderr, stdout
 def site_parts(
     files: Sequence[PartFile], cell_path: Path, *, use_cache: bool, as_json: bool
 ) -> int:
-    """Search places for camera and fixed gripper and tell what came out.
+    """Search and report where camera and fixed gripper should stand.
 
     Parameters
     ----------
-    files : the parts that are to be shown, each with its recipe
+    files : the parts to show, each with its recipe
     cell_path : cell file; its camera and fixed gripper are where the search begins
-    use_cache : read and keep compiled parts and what is prepared of each
+    use_cache : read and keep compiled and prepared parts
     as_json : print one JSON object instead of sentences
 
     Raises
@@ -71,7 +71,7 @@ def site_parts(
 
 
 def site_json(report: SiteReport) -> dict[str, Any]:
-    """Return the answer; poses are nested row-major lists in the world."""
+    """Return the report as JSON; poses are nested row-major lists in world coordinates."""
     return {
         "stay": report.stay,
         "sentences": list(report.sentences),
@@ -126,7 +126,7 @@ def _site_json(site: Site) -> dict[str, Any]:
 
 
 def _number(value: float) -> float | None:
-    """Return a number as JSON has it, which knows no NaN."""
+    """Return a number; None for NaN and infinity, which JSON lacks."""
     return value if isfinite(value) else None
 
 

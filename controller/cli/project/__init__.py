@@ -1,4 +1,4 @@
-"""A new project: recipe, cell file, part, script."""
+"""`init`: a new project with recipe, cell file, part and script."""
 
 from .commands import init
 

@@ -1,4 +1,4 @@
-"""`cellctl init`: what it takes."""
+"""Arguments and help of `cellctl init`."""
 
 from pathlib import Path
 from typing import Annotated
@@ -14,7 +14,7 @@ def init(
 ) -> None:
     """Lay out a new project: recipe, cell file, part, script.
 
-    It runs as it is, in the emulated cell.
+    It runs as it stands, in the emulated cell.
     """
     from .starter_project import lay_out_project
 

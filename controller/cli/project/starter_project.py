@@ -1,4 +1,4 @@
-"""`cellctl init`: a new project from what comes with cellctl."""
+"""`cellctl init`: a new project from files that come with cellctl."""
 
 import shutil
 from pathlib import Path
@@ -32,7 +32,7 @@ def lay_out_project(folder: Path, *, as_json: bool) -> int:
 
     Raises
     ------
-    ConfigError : the folder has files in it, is none, or cannot be written to
+    ConfigError : the folder is not empty, is no folder, or cannot be written to
     """
     if folder.is_dir():
         if any(folder.iterdir()):

@@ -1,4 +1,4 @@
-"""Stored pictures of the table: what lies there."""
+"""`recognise`: which parts are in stored pictures of the table."""
 
 from .commands import recognise
 

@@ -20,7 +20,7 @@ TEXT_COLUMNS = 200  # of a line in a file
 
 
 class ExplainFolder:
-    """A folder of explanations, three files a picture at most.
+    """A folder of explanations: at most three files per picture.
 
     Raises
     ------
@@ -36,7 +36,7 @@ class ExplainFolder:
             raise ConfigError(f"--explain {folder}: {error.strerror}") from error
 
     def write(self, image: Path, explanation: Explanation, *, with_json: bool) -> Path:
-        """Write what explains the answer to a picture; return where the drawing is.
+        """Write what explains an answer; return the path of the drawing.
 
         Parameters
         ----------
@@ -67,7 +67,7 @@ class ExplainFolder:
         return drawing
 
     def _name(self, image: Path) -> str:
-        """Return a name no other picture of the run has."""
+        """Return a name that no other picture of this call has."""
         name, count = image.stem, 1
         while name in self._taken:
             count += 1
@@ -77,7 +77,7 @@ class ExplainFolder:
 
 
 def show_tables(tables: Sequence[StageTable]) -> None:
-    """Print tables to the terminal, or as wide as they are where there is none."""
+    """Print tables as wide as the terminal; where there is none, as wide as they are."""
     if not stdout.is_terminal:
         stdout.print(tables_text(tables), end="", markup=False)
         return
@@ -107,7 +107,7 @@ def _drawn(table: StageTable) -> Table:
     for heading, numeric in zip(table.columns, is_number, strict=True):
         drawn.add_column(Text(heading), justify="right" if numeric else "left", overflow="fold")
     for row in table.text_rows():
-        drawn.add_row(*(Text(cell) for cell in row))  # as they are: brackets are no marks of rich
+        drawn.add_row(*(Text(cell) for cell in row))  # as Text: rich would read brackets as markup
     if not table.rows:
         drawn.add_row(*("-" for _ in table.columns))
     return drawn

@@ -1,4 +1,4 @@
-"""`cellctl recognise`: stored pictures of the table, one answer per object."""
+"""`cellctl recognise`: what is in stored pictures of the table, one answer per object."""
 
 import time
 from collections.abc import Iterator
@@ -33,7 +33,7 @@ def recognise_images(
     as_json: bool,
     explain_in: Path | None = None,
 ) -> int:
-    """Recognise what lies in each picture.
+    """Recognise the objects in each picture.
 
     Parameters
     ----------
@@ -47,8 +47,8 @@ def recognise_images(
 
     Returns
     -------
-    exit code: 2 if a picture could not be read, the others being answered all the same; 1 if no
-    picture shows a known part
+    exit code: 2 if a picture cannot be read, after answering for the others; 1 if no picture shows
+    a known part; else 0
     """
     camera = load_calibration(calibration)
     files = _cad_files(parts)
@@ -66,7 +66,7 @@ def recognise_images(
             warn(f"cellctl: {error}")
             unread += 1
             continue
-        if library is None:  # compiling takes longer than to say that there is no picture
+        if library is None:  # compiling takes long; a missing picture is reported first
             library = open_library([(p, options_among(p, unit)) for p in files], camera)
         for note in once.fresh(picture.notes):
             warn(f"{path.name}: {note}; reported once for all such pictures")
@@ -118,7 +118,7 @@ def _cad_files(parts: list[Path]) -> list[Path]:
 
 
 def _parts_in(folder: Path) -> list[Path]:
-    """Return a folder's CAD files, one a part: the quickest to read where it is there twice."""
+    """Return a folder's CAD files, one per part: of several formats, the quickest to read."""
     files = sorted(
         (file for file in folder.iterdir() if is_cad_file(file)),
         key=lambda file: (part_name(file), CAD_FORMATS.index(file.suffix.lower())),
@@ -129,7 +129,7 @@ def _parts_in(folder: Path) -> list[Path]:
 def _bodies(
     path: Path, picture: StoredPicture, seen: Recognition, seconds: float
 ) -> Iterator[dict[str, Any]]:
-    """Give each object as JSON has it."""
+    """Yield each object, ready for JSON."""
     about = {
         "lighting": seen.segmentation.lighting,
         "remarks": [*picture.notes, *seen.segmentation.remarks],

@@ -1,4 +1,4 @@
-"""`cellctl recognise`: what it takes."""
+"""Arguments and help of `cellctl recognise`."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -26,7 +26,7 @@ def recognise(
     ] = Lighting.AUTO,
     explain: Annotated[
         Path | None,
-        typer.Option("--explain", help="folder to write a drawing and tables of each answer into"),
+        typer.Option("--explain", help="folder for a drawing and tables that explain each answer"),
     ] = None,
     unit: UnitOption = None,
     json: JsonOption = False,

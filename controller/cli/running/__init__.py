@@ -1,4 +1,4 @@
-"""The main job, and what comes after it: a run, its end, its report, a recovery."""
+"""`run`, the main job, and what follows it: `recover` and `report`."""
 
 from .commands import recover, report, run
 

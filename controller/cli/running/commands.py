@@ -1,4 +1,4 @@
-"""`cellctl run`, `recover` and `report`: what they take."""
+"""Arguments and help of `cellctl run`, `recover` and `report`."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -19,7 +19,7 @@ from ..options import (
     SpeedOption,
 )
 
-MAX_PART_COUNT = 100_000  # of one run, as in a recipe
+MAX_PART_COUNT = 100_000  # in one run; the limit of a recipe, too
 
 
 def run(
@@ -85,7 +85,7 @@ def run(
 
 
 class Gripper(StrEnum):
-    """Which gripper."""
+    """The gripper to open."""
 
     ARM = "arm"
     FIXED = "fixed"
@@ -105,7 +105,7 @@ def recover(
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
-    """Report what the grippers may hold after a crash; open one of them."""
+    """Report what the grippers may hold after a crash; open one."""
     from controller.cell.custody import GripperName
 
     from ..inputs.part_files import cell_of_this_folder
@@ -119,7 +119,7 @@ def recover(
 
 
 class Form(StrEnum):
-    """What a report is written as."""
+    """Format of a report."""
 
     HTML = "html"
     JSON = "json"

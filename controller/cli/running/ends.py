@@ -1,8 +1,8 @@
-"""Every end is a stop: what would end a run halts the arm first and leaves a report.
+"""Whatever would end a run stops it instead: the arm halts first, and there is a report.
 
-Signals (Ctrl-C, Ctrl-Z, a closed terminal, `kill`), a parent that has died, a reader that has left,
-a worker process or an emulated cell that is gone. Only SIGKILL and a power cut are not heard; the
-next start learns of them from the journal.
+That is a signal (Ctrl-C, Ctrl-Z, a closed terminal, `kill`), or the end of the parent process, of
+the output's reader, of a worker process or of the emulated cell. SIGKILL and a power cut cannot be
+caught; the next start finds them in the journal.
 """
 
 import asyncio
@@ -27,27 +27,27 @@ ENDS: Final = {
     signal.SIGTSTP: ("stopped by the operator (Ctrl-Z: a cell cannot be suspended)", "stop"),
     signal.SIGHUP: ("the terminal is gone (SIGHUP)", "terminal_gone"),
 }
-# a run in the background may use a terminal that would suspend it for that
+# these would suspend a run in the background when it uses the terminal
 UNHEARD: Final = (signal.SIGTTIN, signal.SIGTTOU)
 
 
 class Ends:
-    """Hears what would end a command, from its first line to its last.
+    """Catches what would end a command, from beginning to end.
 
-    Until a run is under way, a signal ends the command at once. Then it asks the run to stop. Once
-    the run has ended, nobody hears it: the report is being written.
+    Before the run, a signal ends the command at once; during the run, it requests a stop; after it,
+    while the report is written, it is ignored.
     """
 
     def __init__(self) -> None:
         self._parent = os.getppid()
-        # nohup, or a service: whoever has SIGHUP ignored wants the run to outlive its parent
+        # SIGHUP is ignored under nohup or in a service: then the run is to outlive its parent
         self._is_detached = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
         self._on_end: Callable[[signal.Signals], None] | None = None
         self._is_over = False
 
     @contextmanager
     def heard(self) -> Iterator["Ends"]:
-        """Listen; afterwards signals do what they did before."""
+        """Catch signals; restore their former handlers at the end."""
         before = {number: signal.getsignal(number) for number in (*ENDS, *UNHEARD)}
         for number in ENDS:
             if number is not signal.SIGHUP or not self._is_detached:
@@ -69,13 +69,13 @@ class Ends:
 
     @contextmanager
     def stopping(self, dispatcher: Dispatcher, emulator: int | None) -> Iterator[None]:
-        """Turn every end into a stop of this dispatcher; a second Ctrl-C gives up waiting for it.
+        """Turn every end into a stop of this dispatcher; a second Ctrl-C no longer waits for it.
 
-        Inside a task, which is the one that is given up.
+        Enter it inside a task: the second Ctrl-C cancels that task.
 
         Parameters
         ----------
-        emulator : process of the emulated cell that this command has started
+        emulator : process id of the emulated cell, None if this command has started none
         """
         loop, task = asyncio.get_running_loop(), asyncio.current_task()
         assert task is not None
@@ -101,7 +101,7 @@ class Ends:
             watch.cancel()
 
     async def _watch(self, dispatcher: Dispatcher, emulator: int | None) -> None:
-        """Look for those ends that no signal tells of."""
+        """Watch for the ends that no signal announces."""
         workers = {child.pid for child in active_children()}
         while True:
             await asyncio.sleep(LOOK_WALL_S)
@@ -120,7 +120,7 @@ class Ends:
 
 
 def _has_ended(child: int) -> bool:
-    """Return whether a child process has ended; whoever started it still learns how."""
+    """Return whether a child process has ended; leave its exit status to whoever started it."""
     with suppress(ChildProcessError):
         return os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
     return True

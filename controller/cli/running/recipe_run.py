@@ -1,4 +1,4 @@
-"""`cellctl run`: the main job, with live progress and an orderly stop."""
+"""`cellctl run`: check everything, start the emulated cell if any, run, write the report."""
 
 import asyncio
 import logging
@@ -51,7 +51,7 @@ def run_recipe(
     is_part_removed: bool,
     as_json: bool,
 ) -> int:
-    """Run a recipe and return the exit code: 0 all passed, 1 the cell or a part said no.
+    """Run a recipe; return the exit code: 0 if all parts passed, else 1.
 
     Parameters
     ----------
@@ -71,15 +71,14 @@ def run_recipe(
 
     Raises
     ------
-    ConfigError : a file or an option is wrong, or ``speed`` asked of a cell that cannot run so
-        fast
-    KeyboardInterrupt : the operator pressed Ctrl-C a second time; what was done is reported first
+    ConfigError : a file or an option is wrong, or the cell cannot run at this ``speed``
+    KeyboardInterrupt : the operator pressed Ctrl-C twice; the report is written first
     """
     recipe = load_recipe(recipe_path)
     cell_file = cell_path or recipe.cell
     cell = load_cell(cell_file)
     require_drivers(cell_file, cell)
-    # before anything starts: what is wrong is the command line's fault, the quick checks first
+    # all checks come before anything starts, the quick ones first
     check_writable_folder(runs_dir, "--runs", LEAST_FREE_BYTES)
     require_free_cell(runs_dir, cell)
     check_control(control)
@@ -157,7 +156,7 @@ def run_recipe(
 
 
 def _report_if_any(runs_dir: Path, run_id: str) -> None:
-    """Write the report of a run that broke off, unless that had not even begun."""
+    """Write the report of a run that broke off; there is none if it had not begun."""
     try:
         report = write_html(load_run(runs_dir, run_id), runs_dir / run_id / "report.html")
     except (ResultsError, OSError) as error:
@@ -177,7 +176,7 @@ def _why_not_so_fast(speed: float, cell: Cell, clock: FoundClock) -> str:
 
 
 def _for_emulator(path: Path, part: CompiledPart, folder: Path) -> Path:
-    """Return a CAD file the emulated cell reads, which knows triangles in millimetres only."""
+    """Return a CAD file that the emulated cell can read: triangles in millimetres."""
     if path.suffix.lower() in EMULATOR_READS and part.solid.unit == "mm":
         return path
     folder.mkdir(parents=True, exist_ok=True)
@@ -209,7 +208,7 @@ async def _drive(
 
 
 def quiet_logs(*, verbose: bool) -> None:
-    """Send logs to stderr: warnings, or everything."""
+    """Send logs to stderr: errors alone, or with ``verbose`` all but debugging."""
     logging.basicConfig(
         level=logging.INFO if verbose else logging.ERROR,
         stream=sys.stderr,

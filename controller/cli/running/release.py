@@ -1,4 +1,4 @@
-"""`cellctl recover`: what a cell at rest may hold, and a gripper opened for who holds the part."""
+"""`cellctl recover`: what the grippers may hold; opens one while the operator holds the part."""
 
 import asyncio
 import sys
@@ -26,20 +26,20 @@ def recover_cell(
     is_confirmed: bool,
     as_json: bool,
 ) -> int:
-    """Report what the grippers may hold, open one if asked; 0 if nothing is held, 1 otherwise.
+    """Report what the grippers may hold, open one on request; return 1 if a part may still be held.
 
     Parameters
     ----------
     cell_path : cell file
     runs_dir : folder of all runs, whose journals say what was held last
     gripper : the one to open, None to report only
-    is_confirmed : the operator has stated on the command line that he holds the part
+    is_confirmed : the operator has stated on the command line that they hold the part
     as_json : print one JSON object instead of sentences
 
     Raises
     ------
-    ConfigError : the grippers of this cell are emulated by each run, so that nothing is left to
-        recover; or a confirmation is required and standard input is no terminal
+    ConfigError : each run emulates this cell's grippers, so there is nothing to recover; or a
+        confirmation is required and standard input is no terminal
     """
     cell = load_cell(cell_path)
     require_drivers(cell_path, cell)

@@ -1,4 +1,4 @@
-"""What `cellctl run` prints: how it goes, and what came of it; JSON lines or for people."""
+"""What `cellctl run` prints: progress and result, as JSON lines or for people."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -18,7 +18,7 @@ from ..terminal.output import emit, print_line, stderr, warn
 
 @contextmanager
 def display(*, as_json: bool) -> Iterator[Callable[[Progress], None]]:
-    """Yield what shows progress: JSON lines, a live table, or plain lines."""
+    """Yield a function that shows progress: as JSON lines, a live table, or plain lines."""
     if as_json:
         yield _json_progress
     elif stderr.is_terminal:
@@ -78,7 +78,7 @@ def _table(progress: Progress, elapsed_s: float) -> Table:
 
 
 def print_result(result: RunResult, run_id: str, report: Path | None, *, as_json: bool) -> int:
-    """Print what came of a run; return the exit code, 0 if all parts passed.
+    """Print the result of a run; return the exit code, 0 if all parts passed.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What commands print, and how what ended one becomes a sentence and an exit code.
+"""What commands print; how an error becomes a sentence and an exit code.
 
-Imported module by module: `failure` knows all rooms, and the version must not load them.
+Imported module by module: `failure` loads all rooms, which `--version` must not.
 """

@@ -1,4 +1,4 @@
-"""The last resort: an error nobody expected becomes a sentence and a file for who mends it."""
+"""The last resort: an unexpected error becomes a sentence, and a file for whoever fixes it."""
 
 import platform
 import sys

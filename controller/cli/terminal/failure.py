@@ -1,6 +1,6 @@
-"""From what ended a command to one sentence and an exit code.
+"""Turns what ended a command into one sentence and an exit code.
 
-Knows the errors of all rooms, and so imports them all: it is imported when something has failed.
+Knows the errors of all rooms and so imports them all; it is imported only after a failure.
 """
 
 import os

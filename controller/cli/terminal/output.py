@@ -1,9 +1,8 @@
-"""What the commands print: JSON lines for machines on stdout, sentences for people.
+"""What commands print: JSON lines for machines on stdout, sentences for people.
 
-A terminal may be closed, and the reader of a pipe may leave: what is printed afterwards is lost,
-and nothing fails for it, least of all the stop of an arm.
-Names of files may be no text, and may hold what turns a terminal's colours round. So what is
-printed is made printable first.
+Once the terminal is closed or the reader of a pipe has left, output is lost and nothing fails,
+least of all the stop of an arm. File names may hold bytes that are no text, or that control a
+terminal, so all output is made printable first.
 """
 
 import json
@@ -17,7 +16,7 @@ from rich.console import Console
 
 
 class _Door:
-    """A standard stream, looked up anew each time, that turns to nothing once nobody reads it."""
+    """A standard stream, looked up on each use; drops what is written once nobody reads it."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -28,15 +27,15 @@ class _Door:
         return cast(IO[str], getattr(sys, self._name))
 
     def write(self, text: str) -> int:
-        """Write, or lose what nobody can read any more."""
+        """Write; drop the text once nobody reads it."""
         try:
             return self._stream.write(text)
-        except (OSError, ValueError):  # the latter: a stream that was closed
+        except (OSError, ValueError):  # ValueError: the stream was closed
             self._give_up()
             return len(text)
 
     def flush(self) -> None:
-        """Flush, or lose what nobody can read any more."""
+        """Flush; drop the text once nobody reads it."""
         try:
             self._stream.flush()
         except (OSError, ValueError):
@@ -44,7 +43,7 @@ class _Door:
 
     def _give_up(self) -> None:
         self.is_gone = True
-        # what the stream still holds must not fail again at the end of the process
+        # what is still buffered must not fail again when the process ends
         with suppress(OSError, ValueError):
             nothing = os.open(os.devnull, os.O_WRONLY)
             try:
@@ -62,7 +61,7 @@ stderr = Console(file=cast(IO[str], _err), highlight=False, soft_wrap=True)
 
 
 def is_output_gone() -> bool:
-    """Return whether somebody who read what is printed has left."""
+    """Return whether a reader of the output has left."""
     return _out.is_gone or _err.is_gone
 
 
@@ -84,7 +83,7 @@ def warn(text: str) -> None:
 
 
 def printable(text: str, encoding: str | None = "utf-8") -> str:
-    """Return a text with what no terminal should get spelt out, as an escape."""
+    """Return a text with unprintable characters spelt out as escapes."""
     shown = "".join(
         c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text
     )

@@ -1,10 +1,10 @@
-"""Which cellctl this is."""
+"""The installed version of cellctl."""
 
 from importlib.metadata import PackageNotFoundError, version
 
 
 def installed_version() -> str:
-    """Return the version that is installed."""
+    """Return the installed version; cellctl may run without being installed."""
     try:
         return version("cellctl")
     except PackageNotFoundError:
