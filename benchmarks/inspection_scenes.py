@@ -26,16 +26,15 @@ from numpy.typing import NDArray  # noqa: E402
 from controller.cad import Solid, SurfaceSamples, load_solid, sample_surface  # noqa: E402
 from controller.cell.lamps import STATION_LAMPS  # noqa: E402
 from controller.config import load_cell  # noqa: E402
-from controller.imaging import RayCaster  # noqa: E402
 from controller.inspection import (  # noqa: E402
     Limits,
+    PosedPart,
     ViewPictures,
     ViewResult,
     ViewTask,
     WorldBox,
     inspect_view,
 )
-from controller.recognition import PosedPart  # noqa: E402
 from controller.setup.layout import build_layout  # noqa: E402
 from controller.setup.optics import build_lamps, panel_corners  # noqa: E402
 from emulators import world as emulated  # noqa: E402
@@ -66,7 +65,7 @@ class Held:
 
     @classmethod
     def of(cls, solid: Solid) -> "Held":
-        return cls(solid, sample_surface(solid), PosedPart(solid, RayCaster(solid.mesh)))
+        return cls(solid, sample_surface(solid), PosedPart(solid))
 
 
 def rotation(axis: Array, angle_rad: float) -> Array:

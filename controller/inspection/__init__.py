@@ -4,6 +4,7 @@ Arrays in, dataclasses out (cell-facts.md 3).
 """
 
 from ._judge import FaceVerdict, PartVerdict, judge
+from ._pose import PosedPart
 from ._types import (
     OUTLINE,
     Check,
@@ -28,6 +29,7 @@ __all__ = [
     "Kind",
     "Limits",
     "PartVerdict",
+    "PosedPart",
     "Unjudged",
     "Verdict",
     "ViewPictures",

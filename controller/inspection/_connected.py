@@ -5,8 +5,8 @@ import numpy as np
 
 from controller.arrays import BoolArray, Float32Array, FloatArray
 from controller.imaging import Camera, ViewMaps, inverse_pose, transform
-from controller.recognition import PosedPart
 
+from ._pose import PosedPart
 from ._types import Finding, Kind
 
 

@@ -15,9 +15,9 @@ from scipy.spatial import cKDTree
 from controller.arrays import BoolArray, FloatArray
 from controller.cad import SurfaceSamples
 from controller.imaging import ViewMaps, transform
-from controller.recognition import PosedPart, PoseFit
 
 from ._connected import connected_findings, grow
+from ._pose import PosedPart, PoseFit
 from ._types import OUTLINE, Check, Finding, Kind, ViewTask
 
 MARGIN_PX: Final = 40  # beyond the outline, where material may stick out

@@ -6,19 +6,48 @@ and not against the other tells nothing of the part.
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray
-from controller.imaging import Contour, inverse_pose, rotation_angle, transform
-from controller.recognition import PosedPart, PoseFit, edge_jacobian, fit_pose, twist
+from controller.arrays import FloatArray
+from controller.cad import Solid
+from controller.imaging import (
+    RayCaster,
+    ViewMaps,
+    inverse_pose,
+    meet_part,
+    render_maps,
+    rotation_angle,
+    transform,
+    view_roi,
+)
+from controller.recognition.fitting import (
+    EdgeModel,
+    FitOptions,
+    OutlineMeasure,
+    Prior,
+    edge_jacobian,
+    edge_model,
+    fit_edges,
+    predict_outline,
+    sample_information,
+    twist,
+)
 
 from ._types import ViewTask
 
 PLANNED_HOLD: Final = (1.5, 0.03)  # [mm, rad] how far a fresh grip may be from the planned one
 SEEN_HOLD: Final = (0.3, 0.005)  # the same once a view has measured it
 AS_PLACED: Final = (0.05, 0.001)  # a pose that is tried is fitted on by no more
+REACH_PX: Final = (25.0, 12.5, 8.0)  # a round of fitting for each: how far off the outline may be
+COMPARED_PX: Final = 6.25  # the observed outline is looked for so far from the fitted one
+CLEAR_PX: Final = 1.0  # light through a slit narrower than this is not compared
+PAIRED_PX: Final = 2.0  # nearer than this a point of the outline is found
+SIGMA_PX: Final = 0.4  # of an outline point: before a panel nothing moves a whole outline
+LEAST_POINTS: Final = 20  # of an outline, observed or predicted
 HELD_BACK_PX: Final = 0.12  # a pose that its prior does not hold back fits better than this
 OFF_PX: Final = 0.5  # an outline point that the fit has not brought to the picture's outline
 OFF_SHARE: Final = 0.03  # of them; good fits leave one in a hundred
@@ -26,34 +55,73 @@ MOST_FITS: Final = 4
 OPEN_COUNT: Final = 2  # directions that an outline may leave open: a turn, and a tilt
 TRIED: Final = (0.5, -0.5, 1.0, -1.0, 2.0, -2.0)  # standard deviations
 SHOWS_PX: Final = 1.0  # a pose nearer than this in the picture is the same one
-SIGMA_PX: Final = 0.5  # of an outline point
-INDEPENDENT: Final = 0.1  # outline points are many and correlated: one in ten counts
 RESIDUAL_PLAY_PX: Final = 0.02  # between fits that are as good
 
 
-def measure_pose(
-    part: PosedPart, task: ViewTask, outline: Contour, judged: BoolArray
-) -> PoseFit | None:
+@dataclass(frozen=True, eq=False)
+class PosedPart:
+    """A part that is looked for in the gripper: the solid, and what predicts its pictures."""
+
+    solid: Solid
+
+    @cached_property
+    def edges(self) -> EdgeModel:
+        """What of it shows as an edge."""
+        return edge_model(self.solid)
+
+    @property
+    def caster(self) -> RayCaster:
+        """Rays against it, CAD frame."""
+        return self.edges.caster
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PoseFit:
+    """A pose, and the outline there against the observed one.
+
+    Attributes
+    ----------
+    T_world_part : (4, 4)
+    residual_px : median distance of predicted outline points from the observed outline
+    paired : share of predicted outline points that found the observed outline within 2 px
+    maps : the prediction at the pose
+    edge_px, edge_normals : (n, 2) the predicted outline where it is judged, one point a pixel, and
+        its normals, from part to ground
+    edge_points_mm : (n, 3) the part's points there, world
+    gap_px : (n,) how far beyond it the observed outline is; nan where there is none near
+    step_mm : between these points
+    """
+
+    T_world_part: FloatArray
+    residual_px: float
+    paired: float
+    maps: ViewMaps
+    edge_px: FloatArray
+    edge_normals: FloatArray
+    edge_points_mm: FloatArray
+    gap_px: FloatArray
+    step_mm: float
+
+
+def measure_pose(part: PosedPart, task: ViewTask, outline: OutlineMeasure) -> PoseFit | None:
     """Return the pose fitted to an outline, begun where the task expects the part; None if none.
 
     Parameters
     ----------
-    part : the solid, with rays against it
+    part : the part
     task : the view, with its camera and the pose expected
     outline : observed
-    judged : (height, width) pixels whose outline is the part's own
     """
+    expected = task.T_world_part
     prior = SEEN_HOLD if task.is_hold_seen else PLANNED_HOLD
-    fit = _fit(part, task, task.T_world_part, outline, judged, prior)
+    fit = _fit(part, task, expected, outline, expected, prior)
     for _ in range(MOST_FITS):
         if fit is None or (fit.residual_px <= HELD_BACK_PX and _off_share(fit) <= OFF_SHARE):
             break
         # the view that measured the hold may have known it badly, and a fresh grip may be further
         # off than three rounds go: on from there, as for a fresh grip, whose prior stays where it
         # is, or what the outline leaves open would drift
-        again = _fit(
-            part, task, fit.T_world_part, outline, judged, PLANNED_HOLD, expected=task.T_world_part
-        )
+        again = _fit(part, task, fit.T_world_part, outline, expected, PLANNED_HOLD)
         if again is None or _badness(again) >= _badness(fit):
             break
         fit = again
@@ -61,24 +129,23 @@ def measure_pose(
 
 
 def poses_as_good(
-    part: PosedPart, task: ViewTask, fit: PoseFit, outline: Contour, judged: BoolArray
+    part: PosedPart, task: ViewTask, fit: PoseFit, outline: OutlineMeasure
 ) -> Iterator[PoseFit]:
     """Yield other poses that the outline allows as well as the fitted one, nearest first.
 
     Parameters
     ----------
-    part : the solid, with rays against it
+    part : the part
     task : the view, with its camera and the pose expected
     fit : of `measure_pose`
     outline : observed
-    judged : (height, width) pixels whose outline is the part's own
     """
     T, camera = fit.T_world_part, task.camera
     pivot = transform(T, part.solid.centroid_mm[None])[0]
-    paired = ~np.isnan(fit.gap_px)
-    jacobian = edge_jacobian(fit.edge_points_mm[paired], fit.edge_normals[paired], pivot, camera)
+    found = ~np.isnan(fit.gap_px)
+    jacobian = edge_jacobian(fit.edge_points_mm[found], fit.edge_normals[found], pivot, camera)
     scale = np.array([PLANNED_HOLD[0]] * 3 + [PLANNED_HOLD[1]] * 3)
-    information = INDEPENDENT / SIGMA_PX**2 * jacobian.T @ jacobian
+    information = sample_information(fit.step_mm, SIGMA_PX) * jacobian.T @ jacobian
     # in units of the prior, so that lengths and angles compare; the least certain come first
     values, directions = np.linalg.eigh(information * np.outer(scale, scale) + np.eye(6))
     points = transform(T, np.asarray(part.solid.mesh.vertices))
@@ -90,7 +157,8 @@ def poses_as_good(
             moved_px = camera.project(transform(T_step, points)) - before_px
             if np.linalg.norm(moved_px, axis=1).max() < SHOWS_PX:
                 continue
-            other = _fit(part, task, T_step @ T, outline, judged, AS_PLACED, steps_px=(1,))
+            T_tried = T_step @ T
+            other = _fit(part, task, T_tried, outline, T_tried, AS_PLACED, REACH_PX[:1])
             if other is not None and _is_as_good(other, fit):
                 yield other
 
@@ -114,22 +182,58 @@ def _fit(
     part: PosedPart,
     task: ViewTask,
     T_start: FloatArray,
-    outline: Contour,
-    judged: BoolArray,
+    outline: OutlineMeasure,
+    T_expected: FloatArray,
     prior: tuple[float, float],
-    steps_px: tuple[int, ...] = (2, 2, 1),
-    expected: FloatArray | None = None,
+    reach_px: tuple[float, ...] = REACH_PX,
 ) -> PoseFit | None:
-    return fit_pose(
-        part,
-        T_start,
-        task.camera,
-        outline,
-        ignore=~judged,
-        steps_px=steps_px,
-        prior_mm=prior[0],
-        prior_rad=prior[1],
-        T_expected=expected,
+    """Return all six freedoms fitted to an outline, None where it is not found.
+
+    The prior draws them towards the pose expected: depth and tilt hardly show in one view.
+
+    Parameters
+    ----------
+    part, task : the part, and the view with its camera
+    T_start : (4, 4) where to begin
+    outline : observed
+    T_expected : (4, 4) what the prior draws towards
+    prior : standard deviations of that pose [mm, rad]
+    reach_px : see `REACH_PX`
+    """
+    if len(outline.points) < LEAST_POINTS:
+        return None
+    mm, rad = prior
+    expected = Prior((mm, mm, mm), (rad, rad, rad), T_expected)
+    options = FitOptions(reach_px, prior=expected, noise=SIGMA_PX)
+    found = fit_edges(part.edges, T_start, task.camera, outline, options)
+    return None if found is None else _compared(part, task, found.T_world_part, outline)
+
+
+def _compared(
+    part: PosedPart, task: ViewTask, T: FloatArray, outline: OutlineMeasure
+) -> PoseFit | None:
+    """Return a pose with its outline, one point a pixel, None where it is out of the picture."""
+    camera = task.camera
+    roi = view_roi(part.solid.mesh.vertices, T, camera)
+    if roi is None:
+        return None
+    pixel_mm = camera.mm_per_px(transform(T, part.solid.centroid_mm[None])[0])
+    rim = predict_outline(part.edges, T, camera, np.inf, pixel_mm)
+    beside = camera.sight_lines(rim.pixels + CLEAR_PX * rim.normals)
+    mine = outline.is_judged(rim.pixels) & (meet_part(part.caster, T, camera, beside)[0] < 0)
+    gap = outline.gaps(rim.pixels, rim.normals, rim, COMPARED_PX).gap_px[mine]
+    if np.isfinite(gap).sum() < LEAST_POINTS:
+        return None
+    return PoseFit(
+        T_world_part=T,
+        residual_px=float(np.nanmedian(np.abs(gap))),
+        paired=float(np.mean(np.abs(gap) < PAIRED_PX)),
+        maps=render_maps(part.caster, T, camera, roi),
+        edge_px=rim.pixels[mine],
+        edge_normals=rim.normals[mine],
+        edge_points_mm=rim.points_mm[mine],
+        gap_px=gap,
+        step_mm=rim.step_mm,
     )
 
 

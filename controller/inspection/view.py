@@ -20,7 +20,6 @@ from controller.arrays import BoolArray, Float32Array, FloatArray, Grey, IntArra
 from controller.cad import SurfaceSamples
 from controller.imaging import (
     Camera,
-    Contour,
     RayCaster,
     ViewMaps,
     inverse_pose,
@@ -30,11 +29,11 @@ from controller.imaging import (
     threshold_levels,
     transform,
 )
-from controller.recognition import PosedPart, PoseFit
+from controller.recognition.fitting import OutlineMeasure
 
 from ._connected import connected_findings, grow
 from ._outline import compare_outline
-from ._pose import measure_pose, moved, poses_as_good
+from ._pose import PosedPart, PoseFit, measure_pose, moved, poses_as_good
 from ._register import Registration, register
 from ._shading import BURNT_GREY, Compared, compare
 from ._types import (
@@ -106,9 +105,8 @@ def inspect_view(
         )
     dark = (pictures.backlit < level) & scene.panel
     judged = scene.panel & ~scene.holder_mask
-    contour = subpixel_contour(pictures.backlit, dark, level)
-    contour = _outside(contour, ~judged)
-    fit = measure_pose(part, task, contour, judged)
+    outline = OutlineMeasure(subpixel_contour(pictures.backlit, dark, level), judged)
+    fit = measure_pose(part, task, outline)
     if fit is None:
         return _not_evaluated(task, samples, "no outline of the part where it should be")
     trouble = _pose_trouble(fit, *moved(part, task, fit), limits)
@@ -128,7 +126,7 @@ def inspect_view(
         return best
     # what a lit picture shows against one pose, and not against another that the outline allows as
     # well, speaks of the pose and not of the part
-    for other in poses_as_good(part, task, fit, contour, judged):
+    for other in poses_as_good(part, task, fit, outline):
         if _pose_trouble(other, *moved(part, task, other), limits):
             continue
         result = view.compare_at(other)
@@ -269,14 +267,6 @@ def _make_scene(task: ViewTask) -> _Scene:
     cv2.fillPoly(panel, [np.round(outline).astype(np.int32)], 1)
     inner = cv2.erode(panel, np.ones((9, 9), np.uint8), borderValue=1)
     return _Scene(holder, holder_mask, inner > 0)
-
-
-def _outside(contour: Contour, forbidden: BoolArray) -> Contour:
-    height, width = forbidden.shape
-    x = np.clip(np.round(contour.points_px[:, 0]).astype(int), 0, width - 1)
-    y = np.clip(np.round(contour.points_px[:, 1]).astype(int), 0, height - 1)
-    keep = ~forbidden[y, x]
-    return Contour(contour.points_px[keep], contour.normals[keep])
 
 
 class _Shading:

@@ -3,8 +3,6 @@
 Arrays in, dataclasses out (references.md P3.0).
 """
 
-from ._pose_fit import PosedPart, PoseFit, fit_pose, twist
-from .fitting import edge_jacobian
 from .identification.hypotheses import Hypothesis, SearchLimits
 from .identification.recognise import Limits, recognise
 from .identification.sighting import Alternative, Recognition, Sighting, Trace
@@ -16,16 +14,11 @@ __all__ = [
     "Hypothesis",
     "Library",
     "Limits",
-    "PoseFit",
-    "PosedPart",
     "Recognition",
     "SearchLimits",
     "Sighting",
     "Trace",
-    "edge_jacobian",
-    "fit_pose",
     "make_library",
     "pose_on_table",
     "recognise",
-    "twist",
 ]

@@ -12,9 +12,8 @@ from lit_pictures import Renderer, Scene, placed
 from numpy.typing import NDArray
 
 from controller.cad import Solid, SurfaceSamples, sample_surface
-from controller.imaging import Camera, PointLamp, RayCaster
-from controller.inspection import Limits, ViewPictures, ViewTask, WorldBox
-from controller.recognition import PosedPart
+from controller.imaging import Camera, PointLamp
+from controller.inspection import Limits, PosedPart, ViewPictures, ViewTask, WorldBox
 
 Array = NDArray[np.float64]
 LIMITS = Limits()
@@ -65,7 +64,7 @@ def solid() -> Solid:
 
 @cache
 def part() -> PosedPart:
-    return PosedPart(solid(), RayCaster(solid().mesh))
+    return PosedPart(solid())
 
 
 @cache

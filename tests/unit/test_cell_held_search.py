@@ -11,8 +11,8 @@ from controller import inspection as inspecting
 from controller.cad import load_solid, sample_surface
 from controller.cell.compute.held_search import find_hold
 from controller.config import load_cell
-from controller.imaging import RayCaster, inverse_pose, render_maps, transform
-from controller.recognition import PosedPart
+from controller.imaging import inverse_pose, render_maps, transform
+from controller.inspection import PosedPart
 from controller.setup.layout import build_layout
 from controller.setup.optics import panel_corners
 
@@ -24,7 +24,7 @@ LAYOUT = build_layout(CELL)
 @pytest.fixture(scope="module")
 def part() -> PosedPart:
     solid = load_solid(ROOT / "recipes/parts/idler_riser.stl")
-    return PosedPart(solid, RayCaster(solid.mesh))
+    return PosedPart(solid)
 
 
 def slip(along: float, across: float, turn_deg: float) -> np.ndarray:
@@ -86,5 +86,5 @@ def test_another_part_in_the_hand_is_not_taken_for_this_one(part: PosedPart) -> 
     other = load_solid(ROOT / "recipes/parts/holder.stl")
     T = task.T_world_part.copy()
     T[:3, 3] = LAYOUT.station_mm - T[:3, :3] @ other.centroid_mm
-    strange = picture(PosedPart(other, RayCaster(other.mesh)), T, task)
+    strange = picture(PosedPart(other), T, task)
     assert find_hold(part, sample_surface(part.solid), task, HAND, strange) is None

@@ -22,7 +22,7 @@ from controller.recognition.fitting import (
     FitOptions,
     GreyMeasure,
     ImageEdges,
-    LoopMeasure,
+    OutlineMeasure,
     fit_edges,
     grey_evidence,
     outline_evidence,
@@ -182,7 +182,7 @@ def test_a_fit_to_edges_under_lamps_finds_the_pose(side: bool) -> None:
 
 
 def fitted(name: str, T: Array, loops: tuple[Array, ...]) -> tuple[EdgeFit, Evidence]:
-    measure = LoopMeasure(loops)
+    measure = OutlineMeasure.of_loops(loops)
     found = fit_edges(model(name), T, CAMERA, measure)
     assert found is not None
     return found, outline_evidence(found, measure, 0.28)
@@ -293,7 +293,7 @@ def test_an_even_patch_explains_nothing_and_claims_nothing() -> None:
 def test_a_pose_beside_the_truth_is_less_likely_by_every_measure(name: str) -> None:
     pose = stable_poses(solid(name))[0]
     T = resting(solid(name), pose.R, 5.0, 5.0, 0.3)
-    loops = LoopMeasure(seen_loops(name, T, CAMERA))
+    loops = OutlineMeasure.of_loops(seen_loops(name, T, CAMERA))
     held = FitOptions(reach_px=(3.0,), steps=0)
     right = fit_edges(model(name), T, CAMERA, loops, held)
     assert right is not None

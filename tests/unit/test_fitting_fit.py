@@ -15,9 +15,12 @@ from controller.imaging import transform
 from controller.recognition.fitting import (
     EdgeFit,
     FitOptions,
-    LoopMeasure,
+    OutlineMeasure,
+    Prior,
+    at_rest,
     edge_model,
     fit_edges,
+    twist,
 )
 
 Array = NDArray[np.float64]
@@ -34,7 +37,7 @@ def rest(name: str, pose: int, x: float, y: float, theta: float) -> Array:
 def fit(
     name: str, start: Array, loops: tuple[Array, ...], options: FitOptions | None = None
 ) -> EdgeFit:
-    found = fit_edges(model(name), start, CAMERA, LoopMeasure(loops), options)
+    found = fit_edges(model(name), start, CAMERA, OutlineMeasure.of_loops(loops), options)
     assert found is not None
     return found
 
@@ -94,7 +97,7 @@ def test_of_a_round_parts_turn_nothing_is_known(facets: int) -> None:
         trembling(dense(loop.points, 0.7), rng, 0.1, 10.0)
         for loop in outline(round_one, T, CAMERA).loops
     )
-    found = fit_edges(edge_model(rough), T, CAMERA, LoopMeasure(loops))
+    found = fit_edges(edge_model(rough), T, CAMERA, OutlineMeasure.of_loops(loops))
     assert found is not None
     assert np.sqrt(found.covariance[2, 2]) > 0.5
 
@@ -103,7 +106,7 @@ def test_the_fits_edges_are_those_of_its_pose() -> None:
     T = rest("elbow", 0, 20.0, -10.0, 0.8)
     found = fit("elbow", disturbed("elbow", T, 0.5, 0.5, 0.02), seen_loops("elbow", T, CAMERA))
     assert CAMERA.project(found.edges.points_mm) == pytest.approx(found.edges.pixels)
-    measure = LoopMeasure(seen_loops("elbow", found.T_world_part, CAMERA, 0.3))
+    measure = OutlineMeasure.of_loops(seen_loops("elbow", found.T_world_part, CAMERA, 0.3))
     on_own = measure.gaps(found.edges.pixels, found.edges.normals, found.edges, 2.0).gap_px
     assert np.nanquantile(np.abs(on_own), 0.99) < 0.05
 
@@ -215,7 +218,7 @@ def test_a_tilted_table_is_told_by_a_fit_that_may_tilt(
     T = rotation_matrix(tilt, np.array(about), np.array([35.0, 28.0, 0.0])) @ level
     loops = seen_loops(name, T, CAMERA)
     stiff = fit(name, level, loops).T_world_part
-    free = fit(name, level, loops, FitOptions(tilt_rad=tilt)).T_world_part
+    free = fit(name, level, loops, FitOptions(prior=at_rest(tilt))).T_world_part
     assert lean(stiff, T) == pytest.approx(tilt, rel=0.01)
     assert lean(free, T) < 0.95 * tilt
     assert off_mm(name, free, T) < 0.95 * off_mm(name, stiff, T)
@@ -230,10 +233,36 @@ def test_a_fit_that_may_tilt_leaves_a_level_part_level() -> None:
             name,
             disturbed(name, T, 0.6, -0.3, 0.02),
             seen_loops(name, T, CAMERA),
-            FitOptions(tilt_rad=0.0015),
+            FitOptions(prior=at_rest(0.0015)),
         )
         assert np.abs(motion(name, found.T_world_part, T)[:2]).max() < 0.015
         assert found.T_world_part[2, :3] == pytest.approx(T[2, :3], abs=5e-4)
+
+
+def test_a_held_parts_six_freedoms_are_fitted_and_what_no_outline_shows_stays_as_expected() -> None:
+    expected = rotation_matrix(0.4, (0.3, 1.0, 0.2), (0.0, 0.0, 40.0)) @ rest("elbow", 0, 0, 0, 0)
+    expected[2, 3] += 60.0
+    pivot = transform(expected, solid("elbow").centroid_mm[None])[0]
+    true = twist(np.array([0.01, -0.008, 0.03]), np.array([0.8, -0.6, 0.5]), pivot) @ expected
+    loops = seen_loops("elbow", true, CAMERA)
+
+    def held(mm: float, rad: float) -> Array:
+        prior = Prior((mm, mm, mm), (rad, rad, rad), expected)
+        return fit(
+            "elbow", expected, loops, FitOptions((25.0, 12.0, 8.0), prior=prior, noise=0.4)
+        ).T_world_part
+
+    assert off_mm("elbow", held(1.5, 0.03), true) < 0.1 * off_mm("elbow", expected, true)
+    # depth hardly shows: what is sure of it stays, what is not is found
+    assert abs(motion_along_sight(held(0.02, 0.03), expected)) < 0.02
+    # and a pose that is known to a micrometre is not moved
+    assert off_mm("elbow", held(1e-5, 1e-6), expected) < 1e-2
+
+
+def motion_along_sight(T: Array, T_before: Array) -> float:
+    """How much nearer to the overhead camera a part's centre of mass came [mm]."""
+    com = solid("elbow").centroid_mm[None]
+    return float((transform(T, com) - transform(T_before, com))[0, 2])
 
 
 def test_without_a_tilt_a_part_stays_as_level_and_as_high_as_it_was() -> None:
@@ -247,7 +276,7 @@ def test_where_there_are_too_few_edges_there_is_no_fit() -> None:
     loops = seen_loops("elbow", T, CAMERA)
 
     def tried(start: Array, seen: tuple[Array, ...]) -> EdgeFit | None:
-        return fit_edges(model("elbow"), start, CAMERA, LoopMeasure(seen))
+        return fit_edges(model("elbow"), start, CAMERA, OutlineMeasure.of_loops(seen))
 
     assert tried(T, loops) is not None
     # 40 mm off nothing is within reach; neither of a speck
@@ -268,7 +297,7 @@ def test_which_way_round_loops_run_does_not_matter(is_reversed: bool) -> None:
 def test_an_edge_is_found_only_by_a_prediction_with_the_part_on_the_same_side() -> None:
     # a predicted edge 6 px outside its own is drawn back to it; turned round it finds nothing
     T = rest("plate", 0, 0.0, 0.0, 0.0)
-    measure = LoopMeasure(seen_loops("plate", T, CAMERA))
+    measure = OutlineMeasure.of_loops(seen_loops("plate", T, CAMERA))
     edges = fit("plate", T, seen_loops("plate", T, CAMERA)).edges
     shifted = edges.pixels + 6.0 * edges.normals
     gaps = measure.gaps(shifted, edges.normals, edges, 9.0).gap_px

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from shown_part import FRONT, photograph, task
 
 from controller.cad import SurfaceSamples, sample_surface
-from controller.imaging import RayCaster
-from controller.inspection import Kind, ViewResult, inspect_view
+from controller.inspection import Kind, PosedPart, ViewResult, inspect_view
 from controller.inspection import view as _view
-from controller.recognition import PosedPart, twist
+from controller.recognition.fitting import twist
 
 Array = NDArray[np.float64]
 TILT = twist(np.radians([12.0, 0.0, 7.0]), np.zeros(3), np.zeros(3))
@@ -32,7 +31,7 @@ def pockets() -> Body:
 @cache
 def part() -> PosedPart:
     solid = solid_of(disc() - pockets(), "disc")
-    return PosedPart(solid, RayCaster(solid.mesh))
+    return PosedPart(solid)
 
 
 @cache
@@ -78,3 +77,16 @@ def test_no_turn_explains_a_pocket_that_is_missing() -> None:
     assert found
     at = np.array([17.0, 0.0, 7.0])
     assert min(float(np.linalg.norm(f.p_part_mm - at)) for f in found) < 7.0
+
+
+def test_light_through_a_slit_narrower_than_a_pixel_is_not_missed() -> None:
+    body = box(44, 30, 12) - box(0.06, 24, 40)
+    solid = solid_of(body, "slit")
+    slit = PosedPart(solid)
+    T = np.eye(4)
+    T[:3, :3] = FRONT
+    T[:3, 3] = -T[:3, :3] @ solid.centroid_mm
+    pictures = photograph(body, T, ())
+    result = inspect_view(slit, sample_surface(solid), task(T, holder=()), pictures)
+    assert result.evaluated, result.reason
+    assert result.findings == ()

@@ -15,7 +15,6 @@ from controller import inspection as inspecting
 from controller.arrays import BoolArray, FloatArray, Grey
 from controller.cad import SurfaceSamples
 from controller.imaging import RayCaster, inverse_pose, render_maps, threshold_levels
-from controller.recognition import PosedPart
 
 ALONG_MM: Final = (0.0, 5.0, -5.0, 10.0, -10.0, 15.0)
 ACROSS_MM: Final = (0.0, 4.0, -4.0)
@@ -26,7 +25,7 @@ LEAST_OVERLAP: Final = 0.7  # of the shadows; less is no part in the hand, or an
 
 
 def find_hold(
-    part: PosedPart,
+    part: inspecting.PosedPart,
     samples: SurfaceSamples,
     task: inspecting.ViewTask,
     T_part_tcp: FloatArray,

@@ -19,7 +19,7 @@ from controller.cad.compiled import (
     options_among,
 )
 from controller.config import Cell, Recipe, load_cell, load_recipe
-from controller.imaging import Camera, RayCaster
+from controller.imaging import Camera
 from controller.planning.model import CellLayout
 from controller.recognition.stored import open_library
 from controller.setup.faces import faces_left_out
@@ -43,7 +43,7 @@ class Context:
     cell: Cell
     setup: PlannerSetup
     part: CompiledPart
-    posed: recognising.PosedPart
+    posed: inspecting.PosedPart
     library: recognising.Library
     glowing: BoolArray
     not_inspected: Mapping[int, str]
@@ -99,7 +99,7 @@ def context(job: Job) -> Context:
         cell=cell,
         setup=setup,
         part=part,
-        posed=recognising.PosedPart(part.solid, RayCaster(part.solid.mesh)),
+        posed=inspecting.PosedPart(part.solid),
         library=open_library(files, layout.overhead),
         glowing=glowing_mask(layout.overhead, table_corners(cell)),
         not_inspected=faces_left_out(job.recipe_path, recipe, part.solid.faces),

@@ -1,8 +1,17 @@
 """A posed part's visible edges, the fit of a pose to a picture, and what speaks for it."""
 
 from ._evidence import Evidence, ImageEdges, grey_evidence, outline_evidence, with_inside
-from ._fit import EdgeFit, FitOptions, edge_jacobian, fit_edges
-from ._measure import Gaps, GreyMeasure, LoopMeasure, Measure
+from ._fit import (
+    EdgeFit,
+    FitOptions,
+    Prior,
+    at_rest,
+    edge_jacobian,
+    fit_edges,
+    sample_information,
+    twist,
+)
+from ._measure import Gaps, GreyMeasure, Measure, OutlineMeasure
 from ._model import EdgeModel, EdgeShape, edge_model, edge_shape
 from ._predict import EdgePoints, predict_edges, predict_outline
 from ._shade import Shading, shading_fit
@@ -17,9 +26,11 @@ __all__ = [
     "Gaps",
     "GreyMeasure",
     "ImageEdges",
-    "LoopMeasure",
     "Measure",
+    "OutlineMeasure",
+    "Prior",
     "Shading",
+    "at_rest",
     "edge_jacobian",
     "edge_model",
     "edge_shape",
@@ -28,6 +39,8 @@ __all__ = [
     "outline_evidence",
     "predict_edges",
     "predict_outline",
+    "sample_information",
     "shading_fit",
+    "twist",
     "with_inside",
 ]

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from controller.arrays import BoolArray, FloatArray
 
 from ._fit import EdgeFit
-from ._measure import GreyMeasure, LoopMeasure, visibility
+from ._measure import GreyMeasure, OutlineMeasure, visibility
 from ._predict import EdgePoints
 from ._shade import Shading
 
@@ -103,18 +103,18 @@ class Evidence:
     area_mm2: float
 
 
-def outline_evidence(fit: EdgeFit, loops: LoopMeasure, mm_per_px: float) -> Evidence:
+def outline_evidence(fit: EdgeFit, outline: OutlineMeasure, mm_per_px: float) -> Evidence:
     """Return the evidence of a known outline for a fit; it holds nothing of the inside.
 
     Parameters
     ----------
     fit : of the outline's predicted edges alone
-    loops : the observed outline
+    outline : observed
     mm_per_px : at the object
     """
     off = np.fmin(np.abs(fit.gaps.gap_px), FAR_PX)
     step_px = fit.edges.step_mm / mm_per_px
-    points = loops.points[:: max(1, len(loops.points) // MOST_POINTS)]
+    points = outline.points[:: max(1, len(outline.points) // MOST_POINTS)]
     return Evidence(
         outline=_share(off < NEAR_PX),
         explained=_share(is_predicted(points, fit.edges, step_px)),

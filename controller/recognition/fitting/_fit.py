@@ -5,7 +5,7 @@ predicted anew when the part has moved, since what is seen of it changes with wh
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -21,10 +21,37 @@ HUBER_PX = 1.0
 LEAST_POINTS = 12
 LEAST_REACH_PX = 2.5
 LEAST_SIGMA_PX = 0.02
-ON_TABLE = (0, 1, 5, 3, 4)  # freedoms of a part at rest: x, y, turn, tilts about x and y
+ON_TABLE = np.array([0, 1, 5])  # freedoms of a part at rest: x, y, turn about z
+DAMPED = 1e-9  # of what is known of a freedom, so that one of which nothing is known stays
 SETTLED_PX = 0.004  # a step that moves no edge farther is the last one
 CORRELATED_MM = 3.0  # errors of edge points nearer than this are one error: blur, pixels, facets
 CALIBRATION_MM = 0.02  # what the camera's own calibration leaves, whatever the edges say
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Prior:
+    """What is known of a pose before the picture.
+
+    Attributes
+    ----------
+    shift_mm, rotation_rad : (3,) standard deviations along and about the world's axes; 0 holds a
+        freedom where it is, inf leaves it to the picture
+    T_world_part : (4, 4) the pose expected; None for where each round of a fit begins
+    """
+
+    shift_mm: tuple[float, float, float]
+    rotation_rad: tuple[float, float, float]
+    T_world_part: FloatArray | None = None
+
+
+def at_rest(tilt_rad: float = 0.0) -> Prior:
+    """Return the prior of a part on the table: x, y and turn are free.
+
+    Parameters
+    ----------
+    tilt_rad : standard deviation of the table's tilt about x and y; 0 to hold the part level
+    """
+    return Prior((np.inf, np.inf, 0.0), (tilt_rad, tilt_rad, np.inf))
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,13 +62,17 @@ class FitOptions:
     ----------
     reach_px : one round for each: how far from the prediction an edge is looked for
     steps : Gauss-Newton steps in each round
-    tilt_rad : standard deviation of the table's tilt about x and y; 0 to hold the part level
+    prior : what may move, and by how much
+    noise : how far off an edge may be when it is weighed against the prior, as a share of what
+        Huber's weights take for much. On a table edges err by whole pixels together, by a wall's
+        dark foot or by light that leaks; before a glowing panel they do not
     most : edge samples looked at
     """
 
     reach_px: Sequence[float] = (10.0, 4.0)
     steps: int = 3
-    tilt_rad: float = 0.0
+    prior: Prior = field(default_factory=at_rest)
+    noise: float = 1.0
     most: int = 900
 
 
@@ -56,7 +87,8 @@ class EdgeFit:
         outline, that alone
     gaps : what the picture shows beside them
     sigma_px : robust standard deviation of the gaps
-    covariance : (3, 3) of x [mm], y [mm] and the turn about z [rad] of the centre of mass
+    covariance : (3, 3) of x [mm], y [mm] and the turn about z [rad] of the centre of mass, where
+        nothing else is to be known
     """
 
     T_world_part: FloatArray
@@ -73,7 +105,7 @@ def fit_edges(
     measure: Measure,
     options: FitOptions | None = None,
 ) -> EdgeFit | None:
-    """Fit x, y and the turn about z, and if asked a small tilt, to a picture's edges.
+    """Fit a pose to a picture's edges, as far as the prior lets it move.
 
     Parameters
     ----------
@@ -81,7 +113,7 @@ def fit_edges(
     T_world_part : (4, 4) where to begin; within about ``reach_px`` of the truth
     camera : calibrated, in the world's frame
     measure : how edges are found in the picture
-    options : how far and how often; None for the defaults
+    options : how far and how often, and what may move; None for a part that lies level
 
     Returns
     -------
@@ -95,11 +127,12 @@ def fit_edges(
         if len(edges.pixels) < LEAST_POINTS:
             return None
         pivot = transform(T, model.centroid_mm[None])[0]
-        jacobian = edge_jacobian(edges.points_mm, edges.normals, pivot, camera)[:, ON_TABLE]
-        total = _descend(edges, jacobian, pivot, camera, measure, reach, options)
-        if total is None:
+        jacobian = edge_jacobian(edges.points_mm, edges.normals, pivot, camera)
+        done = _away(T, options.prior, model.centroid_mm)
+        step = _descend(edges, jacobian, pivot, done, camera, measure, reach, options)
+        if step is None:
             return None
-        moved = _moved(total, pivot)
+        moved = twist(step[3:], step[:3], pivot)
         T = moved @ T
     # the part has hardly moved in the last round: its edges are still the ones predicted
     edges = replace(edges, points_mm=transform(moved, edges.points_mm))
@@ -111,22 +144,45 @@ def fit_edges(
     residual = gaps.gap_px[found]
     sigma = max(1.48 * float(np.median(np.abs(residual))), LEAST_SIGMA_PX)
     weight = gaps.weight[found] / np.maximum(1.0, np.abs(residual) / max(HUBER_PX, 2 * sigma))
-    covariance = _covariance(jacobian[found], weight, sigma, edges.step_mm)
+    covariance = _covariance(jacobian[found][:, ON_TABLE], weight, sigma, edges.step_mm)
     return EdgeFit(T, edges, gaps, sigma, covariance)
+
+
+def _away(T_world_part: FloatArray, prior: Prior, centroid_mm: FloatArray) -> FloatArray:
+    """Return how far a pose is from the one expected, (6,): centre of mass, rotation vector."""
+    if prior.T_world_part is None:
+        return np.zeros(6)
+    before = transform(prior.T_world_part, centroid_mm[None])[0]
+    shift = transform(T_world_part, centroid_mm[None])[0] - before
+    turn, _ = cv2.Rodrigues(T_world_part[:3, :3] @ prior.T_world_part[:3, :3].T)
+    return np.concatenate([shift, turn.ravel()])
 
 
 def _descend(
     edges: EdgePoints,
     jacobian: FloatArray,
     pivot: FloatArray,
+    done: FloatArray,
     camera: Camera,
     measure: Measure,
     reach_px: float,
     options: FitOptions,
 ) -> FloatArray | None:
-    """Return the motion (5,) that some steps with one set of edges come to, None for too few."""
-    total = np.zeros(5)
-    columns = 5 if options.tilt_rad > 0 else 3
+    """Return the motion (6,) that some steps with one set of edges come to, None for too few.
+
+    Parameters
+    ----------
+    edges, jacobian : predicted, and how they move with the part (n, 6)
+    pivot : (3,) what rotations leave where it is
+    done : (6,) how far the part is from where the prior has it
+    camera, measure : where edges are found
+    reach_px : how far they are looked for in the first step
+    options : how many steps, and what may move
+    """
+    total = np.zeros(6)
+    prior = np.array([*options.prior.shift_mm, *options.prior.rotation_rad])
+    free = np.flatnonzero(prior > 0)
+    stiffness = 1.0 / prior[free] ** 2
     pixels = edges.pixels
     for step in range(options.steps):
         reach = max(reach_px / (1 + step), LEAST_REACH_PX)
@@ -134,30 +190,35 @@ def _descend(
         found = np.isfinite(gaps.gap_px)
         if found.sum() < LEAST_POINTS:
             return None
-        gap, slopes = gaps.gap_px[found], jacobian[found, :columns]
+        gap, slopes = gaps.gap_px[found], jacobian[np.ix_(found, free)]
         spread = max(HUBER_PX, 1.48 * float(np.median(np.abs(gap))))
         weight = gaps.weight[found] / np.maximum(1.0, np.abs(gap) / spread)
-        normal = (slopes * weight[:, None]).T @ slopes
-        pull = (slopes * weight[:, None]).T @ gap
-        normal[np.diag_indices(3)] += 1e-9 * np.diag(normal)[:3] + 1e-12
-        if columns == 5:
-            stiff = _per_point(edges.step_mm) ** -1 * spread**2 / options.tilt_rad**2
-            normal[[3, 4], [3, 4]] += stiff
-            pull[3:] -= stiff * total[3:5]
-        change = np.linalg.solve(normal, pull)
-        total[:columns] += change
-        pixels = camera.project(transform(_moved(total, pivot), edges.points_mm))
+        weight *= sample_information(edges.step_mm, options.noise * spread)
+        weighted = slopes * weight[:, None]
+        information, pull = weighted.T @ slopes, weighted.T @ gap
+        at = np.diag_indices(len(free))
+        information[at] += DAMPED * information[at] + 1e-12 + stiffness
+        change = np.linalg.solve(information, pull - stiffness * (done + total)[free])
+        total[free] += change
+        pixels = camera.project(transform(twist(total[3:], total[:3], pivot), edges.points_mm))
         if np.abs(slopes @ change).max() < SETTLED_PX:
             break
     return total
 
 
-def _moved(step: FloatArray, pivot: FloatArray) -> FloatArray:
-    """Return the motion (4, 4) of x, y, the turn about z, and tilts about x and y."""
-    R, _ = cv2.Rodrigues(np.array([step[3], step[4], step[2]]))
+def twist(rotation: FloatArray, shift: FloatArray, pivot: FloatArray) -> FloatArray:
+    """Return the motion (4, 4) that turns about a point by a rotation vector and then shifts.
+
+    Parameters
+    ----------
+    rotation : (3,) along the axis, as long as the angle [rad]
+    shift : (3,) [mm]
+    pivot : (3,) point that only the shift moves [mm]; all three in one frame
+    """
+    R, _ = cv2.Rodrigues(rotation.reshape(3, 1))
     T = np.eye(4)
     T[:3, :3] = R
-    T[:3, 3] = pivot + np.array([step[0], step[1], 0.0]) - R @ pivot
+    T[:3, 3] = pivot + shift - R @ pivot
     return T
 
 
@@ -187,16 +248,22 @@ def edge_jacobian(
     return np.hstack([along, np.cross(points_mm - pivot, along)])
 
 
-def _per_point(step_mm: float) -> float:
-    """Return how many independent measurements a sample counts for, at most 1."""
-    return min(1.0, step_mm / CORRELATED_MM)
+def sample_information(step_mm: float, sigma_px: float) -> float:
+    """Return what one edge sample says of where its edge is [1 / px²].
+
+    Parameters
+    ----------
+    step_mm : between samples; nearer ones than errors are correlated count for less
+    sigma_px : standard deviation of an edge
+    """
+    return min(1.0, step_mm / CORRELATED_MM) / sigma_px**2
 
 
 def _covariance(
     jacobian: FloatArray, weight: FloatArray, sigma_px: float, step_mm: float
 ) -> FloatArray:
-    information = (jacobian[:, :3] * weight[:, None]).T @ jacobian[:, :3]
-    information *= _per_point(step_mm) / sigma_px**2
+    information = (jacobian * weight[:, None]).T @ jacobian
+    information *= sample_information(step_mm, sigma_px)
     # a round part says nothing of its turn: half a turn is what is known then
     information[2, 2] += 1.0 / np.pi**2
     spread = np.linalg.inv(information + 1e-9 * np.eye(3))

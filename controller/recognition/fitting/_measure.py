@@ -1,7 +1,7 @@
 """Where in the picture the edge is that a prediction puts at a place: two ways of looking.
 
-On a glowing table the outline is known whole, as loops. Elsewhere an edge is looked for in the
-grey levels, along the normal of the predicted one.
+Before what glows the outline is known whole. Elsewhere an edge is looked for in the grey
+levels, along the normal of the predicted one.
 """
 
 from dataclasses import dataclass
@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from controller.arrays import BoolArray, Float32Array, FloatArray, Grey
+from controller.imaging import Contour
 
 from ._predict import EdgePoints
 
@@ -66,41 +67,68 @@ class Measure(Protocol):
         ...
 
 
-class LoopMeasure:
-    """Edges are the sub-pixel loops of an outline; edges inside it are not seen.
+class OutlineMeasure:
+    """Edges are the points of an outline that is known whole; edges inside it are not seen.
 
     Parameters
     ----------
-    loops_px : closed loops (n, 2), ordered, either way round; the largest is the outer one
+    outline : observed, to a fraction of a pixel
+    judged : (height, width) pixels of the picture where the outline is the part's own; None for
+        all
     """
 
     sees_inside = False
 
-    def __init__(self, loops_px: tuple[FloatArray, ...]) -> None:
+    def __init__(self, outline: Contour, judged: BoolArray | None = None) -> None:
+        self._judged = judged
+        own = self.is_judged(outline.points_px)
+        self.points, self.normals = outline.points_px[own], outline.normals[own]
+        self._tree = cKDTree(np.hstack([self.points, TURN_PX * self.normals]))
+
+    @classmethod
+    def of_loops(cls, loops_px: tuple[FloatArray, ...]) -> "OutlineMeasure":
+        """Return the measure of closed loops (n, 2), ordered, either way round.
+
+        The largest is the outer one.
+        """
         areas = [_signed_area(loop) for loop in loops_px]
         outer = int(np.argmax(np.abs(areas))) if areas else -1
         normals = [
             _loop_normals(loop) * np.sign(area) * (1.0 if i == outer else -1.0)
             for i, (loop, area) in enumerate(zip(loops_px, areas, strict=True))
         ]
-        self.points = np.concatenate(loops_px) if loops_px else np.zeros((0, 2))
-        self.normals = np.concatenate(normals) if normals else np.zeros((0, 2))
-        self._tree = cKDTree(np.hstack([self.points, TURN_PX * self.normals]))
+        nothing = np.zeros((0, 2))
+        return cls(
+            Contour(
+                np.concatenate(loops_px) if loops_px else nothing,
+                np.concatenate(normals) if normals else nothing,
+            )
+        )
+
+    def is_judged(self, pixels: FloatArray) -> BoolArray:
+        """Return which points (n, 2) of the picture lie where the outline is the part's own."""
+        if self._judged is None:
+            return np.ones(len(pixels), dtype=np.bool_)
+        height, width = self._judged.shape
+        x, y = np.round(pixels).astype(np.int64).T
+        inside = (x > 1) & (y > 1) & (x < width - 2) & (y < height - 2)
+        inside[inside] = self._judged[y[inside], x[inside]]
+        return np.asarray(inside)
 
     def gaps(
         self, pixels: FloatArray, normals: FloatArray, edges: EdgePoints, reach_px: float
     ) -> Gaps:
-        """Return the distances to the nearest loop that runs the same way; as `Measure.gaps`.
+        """Return the distances to the nearest outline that runs the same way; as `Measure.gaps`.
 
         Parameters
         ----------
         pixels, normals : (n, 2) of the predicted points by now; normals away from the part
-        edges : not asked: all of a loop is outline
+        edges : not asked: all of it is outline
         reach_px : beyond which nothing is found
         """
         asked = np.hstack([pixels, TURN_PX * normals])
         distance, nearest = self._tree.query(asked, distance_upper_bound=reach_px + TURN_PX)
-        near = np.isfinite(distance)
+        near = np.isfinite(distance) & self.is_judged(pixels)
         nearest = np.where(near, nearest, 0)
         away = self.points[nearest] - pixels
         agrees = (self.normals[nearest] * normals).sum(axis=1)

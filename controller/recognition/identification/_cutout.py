@@ -8,7 +8,7 @@ import numpy as np
 
 from controller.arrays import BoolArray, Grey
 
-from ..fitting import GreyMeasure, ImageEdges, LoopMeasure, Measure
+from ..fitting import GreyMeasure, ImageEdges, Measure, OutlineMeasure
 from ..segmentation import Region
 
 RIM_MM = 0.8  # of a part's grey levels that are blurred with what lies beside it
@@ -47,9 +47,9 @@ class ObjectCutout:
         return tuple(np.ascontiguousarray(picture[y0:y1, x0:x1]) for picture in self._pictures)
 
     @cached_property
-    def loops(self) -> LoopMeasure:
+    def outline(self) -> OutlineMeasure:
         """Its outline."""
-        return LoopMeasure(self.region.loops_px)
+        return OutlineMeasure.of_loops(self.region.loops_px)
 
     @cached_property
     def greys(self) -> tuple[GreyMeasure, ...]:
@@ -63,7 +63,7 @@ class ObjectCutout:
     @property
     def measure(self) -> Measure:
         """What poses are fitted to."""
-        return self.loops if self.is_backlit else self.greys[0]
+        return self.outline if self.is_backlit else self.greys[0]
 
     @cached_property
     def inside(self) -> BoolArray:

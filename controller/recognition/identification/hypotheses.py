@@ -19,6 +19,7 @@ from ..fitting import (
     Evidence,
     FitOptions,
     Shading,
+    at_rest,
     fit_edges,
     grey_evidence,
     outline_evidence,
@@ -293,7 +294,7 @@ def _refine(
     options = FitOptions(
         reach_px=(_reach_px(1.5, cutout), _reach_px(0.8, cutout)),
         steps=3,
-        tilt_rad=tilt,
+        prior=at_rest(tilt),
         most=limits.fine_outline if cutout.is_backlit else limits.fine_samples,
     )
     start = coarse.T_world_part
@@ -303,7 +304,7 @@ def _refine(
     if fit is None:
         return None
     if cutout.is_backlit:
-        evidence = outline_evidence(fit, cutout.loops, cutout.mm_per_px)
+        evidence = outline_evidence(fit, cutout.outline, cutout.mm_per_px)
     else:
         evidence = grey_evidence(
             fit.edges,
