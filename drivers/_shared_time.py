@@ -81,7 +81,7 @@ class SharedTime:
 
     @property
     def speed(self) -> float:
-        """Cell seconds asked for in a second of the wall clock."""
+        """Cell seconds wanted per second of the wall clock."""
         return self._words[_SPEED] / _SPEED_UNIT
 
     @property

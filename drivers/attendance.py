@@ -1,4 +1,4 @@
-"""How late this process's event loop is: what it missed is not the devices' fault."""
+"""How late this process's event loop is: a device is not blamed for what the loop missed."""
 
 import asyncio
 import time

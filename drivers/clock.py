@@ -39,7 +39,7 @@ class CellClock:
 
     Attributes
     ----------
-    speed : cell seconds asked for in one second of the wall clock; 1 on real devices
+    speed : cell seconds wanted per second of the wall clock; 1 on real devices
     min_timeout_wall_s : no time-out is shorter than this on the wall clock, where an emulated
         device shares the host without sharing a clock [s]
     shared : the clock of an emulated cell; None: the wall clock, times ``speed``

@@ -9,7 +9,7 @@ class DeviceError(Exception):
 
 
 class LinkError(DeviceError):
-    """No bytes get through: reconnect, re-reference if power was lost, ask again."""
+    """No bytes get through: reconnect, re-reference if power was lost, repeat."""
 
 
 class UnpluggedError(LinkError):

@@ -29,7 +29,8 @@ class Holdable(Protocol):
 class Patience:
     """`asyncio.timeout` by another clock.
 
-    Expiry, cancellation and nesting are `asyncio.Timeout`'s own: it is told "now" when time is up.
+    Expiry, cancellation and nesting are `asyncio.Timeout`'s own: it is rescheduled to now when
+    time is up.
 
     Parameters
     ----------

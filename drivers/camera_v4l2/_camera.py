@@ -55,7 +55,7 @@ class Camera:
     ----------
     config : how to find and set it
     clock : the cell's clock; all durations and instants here are its seconds
-    calls : system calls; by default those the address asks for
+    calls : system calls; by default those that fit the address
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Camera:
     async def connect(self) -> None:
         """Find and open the camera, agree on a format, lock the automatics, start the frames.
 
-        Controls that could not be set are told in ``settings``; they do not prevent a picture.
+        Controls that could not be set are listed in ``settings``; they do not prevent a picture.
 
         Raises
         ------
@@ -170,7 +170,7 @@ class Camera:
 
     @property
     def exposure_s(self) -> float | None:
-        """Exposure the camera has [cell s]; None if it does not tell or its automatic is on."""
+        """Exposure the camera has [cell s]; None if unknown or automatic."""
         return self._open().exposure_s
 
     @property
@@ -184,11 +184,11 @@ class Camera:
         return dataclasses.replace(self._stats)
 
     def identity(self) -> CameraIdentity:
-        """Return who the camera says it is."""
+        """Return what the camera reports about itself."""
         return self._open().identity()
 
     async def controls(self) -> tuple[ControlInfo, ...]:
-        """Return every control with its range and value; one that fails says why."""
+        """Return every control with its range and value; one that fails has the reason."""
         async with self._lock:
             return await self._call(self._open().controls)
 
@@ -330,7 +330,7 @@ class Camera:
     async def _run(self, verb: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> _R:
         if self._worker is None:
             raise LinkError(f"camera {self._config.device}: not connected")
-        # the thread is this process, too: what it is late by is no time of an emulated cell
+        # the thread is part of this process: an emulated cell must not count its delay
         with self._clock.held():
             return await asyncio.wrap_future(self._worker.submit(verb, *args, **kwargs))
 

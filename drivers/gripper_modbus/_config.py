@@ -21,14 +21,14 @@ class GripperConfig:
     over_travel_mm : how much further than the expected width the jaws are sent, so that the part
         and not the target stops them [mm]
     arrival_tolerance_mm : contact this near to the target is arrival, not an obstacle [mm]
-    match_tolerance_mm : a part whose contact was not noticed is believed within this of the
+    match_tolerance_mm : a part whose contact was not noticed is assumed within this of the
         expected width [mm]
     slip_tolerance_mm : jaws that move more than this while holding have lost the part or slipped
     keep_alive_s : longest pause between two messages; fault 09 comes after 1 s [cell s]
     hold_poll_s : the same while a part is held, so that its loss is noticed soon [cell s]
     move_poll_s : the same while the jaws move [cell s]
     activation_timeout_s : for one activation; modbus_devices.md 2.6 [cell s]
-    spacing_s : registers are refreshed at 200 Hz, so nothing is asked sooner [cell s]
+    spacing_s : least pause between requests; registers are refreshed at 200 Hz [cell s]
     """
 
     unit: int = 9

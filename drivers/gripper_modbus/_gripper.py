@@ -1,7 +1,7 @@
 """The verbs of a Robotiq 2F gripper: open, grip, stop, in millimetres and newtons.
 
 Sequences after modbus_devices.md 2.6. It does not know which part it holds, and it never decides
-to drop one: activating, which moves the jaws, happens only when asked for.
+to drop one: activating, which moves the jaws, happens only on request.
 
 Sections (§) are those of modbus_devices.md.
 """
@@ -166,7 +166,7 @@ class Gripper:
 
         Raises
         ------
-        FaultError : activation failed; says why and what to do
+        FaultError : activation failed; the message has the reason and what to do
         """
         async with self._verb:
             status = await self.status()
@@ -393,14 +393,14 @@ class Gripper:
         self._monitor.lost.clear()
 
     async def _on_the_way_out(self, action: Callable[[], Awaitable[object]]) -> None:
-        """Stop before a cancellation leaves; a second one does not keep it from being sent."""
+        """Send a stop before a cancellation passes on; a second cancellation cannot prevent it."""
         task = asyncio.ensure_future(self._quietly(action))
         self._stopping.add(task)
         task.add_done_callback(self._stopping.discard)
         await asyncio.shield(task)
 
     async def _quietly(self, action: Callable[[], Awaitable[object]]) -> None:
-        """Stop on the way out of a verb: another error is already on its way."""
+        """Run a stop while another error is already being raised: log its failure only."""
         try:
             await action()
         except DeviceError as error:

@@ -23,7 +23,7 @@ from ._status import GraspResult, GripperStatus, judge_hold
 
 log = logging.getLogger(__name__)
 
-# An emulated cell that runs fast shares the host: asking more often costs it more than it learns.
+# A fast emulated cell shares the host: polling more often would slow it down.
 MIN_MOVE_POLL_WALL_S: Final = 0.004
 MIN_HOLD_POLL_WALL_S: Final = 0.02
 
@@ -55,7 +55,7 @@ class GripperMonitor:
         self._keeper: asyncio.Task[None] | None = None
 
     def keep_awake(self) -> None:
-        """Start asking it often enough for fault 09 to stay away."""
+        """Start reading often enough to avoid fault 09 (no message for 1 s)."""
         if self._keeper is None:
             self._keeper = asyncio.create_task(self._keep_alive(), name=f"{self._name} keep-alive")
 
@@ -97,7 +97,7 @@ class GripperMonitor:
         Parameters
         ----------
         claim : what must become true of the status
-        limit_s : how long to keep asking [cell s of attended time]
+        limit_s : how long to keep reading [cell s of attended time]
         what : the action under way, for the message of an error
         stop_at_major : raise at once when the gripper reports a major fault
 

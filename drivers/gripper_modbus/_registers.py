@@ -35,7 +35,7 @@ class ActivationState(IntEnum):
 
 
 class ObjectState(IntEnum):
-    """gOBJ, §2.3; means nothing while the gripper is not told to go anywhere."""
+    """gOBJ, §2.3; without meaning unless gGTO is set."""
 
     MOVING = 0
     CONTACT_OPENING = 1

@@ -1,4 +1,4 @@
-"""What the gripper said at an instant, in millimetres, and what that means for a part.
+"""One reading of the gripper, in millimetres, and what it means for a part.
 
 Sections (§) are those of modbus_devices.md.
 """
@@ -25,9 +25,9 @@ class GripperStatus:
 
     Attributes
     ----------
-    at_s : cell instant just before it was asked: the reading is not older than this [s]
+    at_s : cell instant just before the request: the reading is not older [s]
     is_powered_on : gACT, false after a power loss until the next activation
-    is_going : gGTO, whether it is told to go to ``requested_counts``
+    is_going : gGTO, whether it has an order to go to ``requested_counts``
     activation : gSTA
     object : gOBJ; no meaning unless ``is_going``
     fault, controller_fault : gFLT and kFLT; 0 is none
@@ -79,9 +79,9 @@ class GripperStatus:
 
     @property
     def has_fault(self) -> bool:
-        """Whether a fault stands in the way.
+        """Whether a fault prevents a move.
 
-        09 does not: it is read back after an idle second, by the very message that ends it.
+        09 does not: it shows after an idle second, and the message that reads it ends it.
         """
         return fault_of(self.fault).kind is not FaultClass.NONE and self.fault != NO_MESSAGE_FAULT
 
@@ -109,7 +109,7 @@ class GripperStatus:
 
 
 class GraspEvidence(Enum):
-    """Why a part is believed to be between the jaws."""
+    """What shows that a part is between the jaws."""
 
     NONE = "none"
     CONTACT = "contact"  # gOBJ reported it
@@ -142,7 +142,7 @@ def judge_grasp(
     Parameters
     ----------
     status : the reading at the end of the move
-    contact : what gOBJ says when the part stops the jaws in this direction
+    contact : gOBJ when the part stops the jaws in this direction
     expected_mm : width of the part; 0 when unknown [mm]
     config : calibration, and tolerances of the width
     """

@@ -1,4 +1,4 @@
-"""Which signal is on which channel of the I/O block, and how its changes are believed."""
+"""Which signal is on which channel of the I/O block, and how it is debounced."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -9,7 +9,7 @@ RELAY_COUNT: Final = 6
 
 
 class Debounce(Enum):
-    """Which changes need two equal polls before they are believed."""
+    """Which changes need two equal polls before they count."""
 
     NONE = "none"
     RISING = "rising"  # bad news at once, good news twice: safety copies
@@ -72,7 +72,7 @@ class IoConfig:
     model : text that the block's own model name must contain
     inputs, outputs : named channels, numbered from 0 as on the block
     poll_s : from one reading of the inputs to the next, 20 to 50 ms [cell s]
-    stale_s : a reading older than this says nothing any more [cell s]
+    stale_s : a reading older than this counts as unknown [cell s]
     """
 
     unit: int = 1

@@ -54,7 +54,7 @@ class Watch(AsyncIterator[Change]):
     async def __anext__(self) -> Change:
         change = await self._queue.get()
         if change is None:
-            self.put(None)  # for whoever asks again
+            self.put(None)  # the next caller must end, too
             raise StopAsyncIteration
         return change
 
@@ -106,11 +106,6 @@ class CellIo:
     async def __aexit__(self, *_: object) -> None:
         await self.aclose()
 
-    @property
-    def model(self) -> str:
-        """What messages and the journal call it."""
-        return f"Moxa {self.config.model}"
-
     async def connect(self) -> str:
         """Check the model, start polling, return the model name. Switches nothing.
 
@@ -122,6 +117,11 @@ class CellIo:
         if self._poller is None:
             self._poller = asyncio.create_task(self._poll(), name=f"{self.name} poll")
         return model
+
+    @property
+    def model(self) -> str:
+        """What messages and the journal call it."""
+        return f"Moxa {self.config.model}"
 
     async def aclose(self) -> None:
         """End polling; relays stay as they are, signals become unknown."""
@@ -141,7 +141,7 @@ class CellIo:
 
         Raises
         ------
-        WrongDeviceError : it is not the expected model, or something that tells none
+        WrongDeviceError : it is another model, or something that names none
         """
         advice = "check address and unit id, or which device is connected there"
         try:
@@ -209,7 +209,7 @@ class CellIo:
         Raises
         ------
         ValueError : no such output; nothing has been sent
-        LinkError : done or not; the next call asks first
+        LinkError : done or not; the next call reads the relays first
         """
         unknown = [name for name in outputs if name not in self._relay_of]
         if unknown:
@@ -239,7 +239,7 @@ class CellIo:
         return (await self._unit.read_coils(WATCHDOG_COIL, 1))[0]
 
     async def clear_watchdog(self) -> None:
-        """Clear that flag; the relays are then asked for before they are next switched."""
+        """Clear that flag; the relays are then read before they are next switched."""
         async with self._switching:
             self._relays = None
             await self._unit.write_coil(WATCHDOG_COIL, True)

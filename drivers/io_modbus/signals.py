@@ -33,7 +33,7 @@ class Believer:
         self.signals = {channel.name: Signal.UNKNOWN for channel in inputs}
 
     def take(self, bits: tuple[bool, ...], at_s: float) -> list[Change]:
-        """Take a reading of all channels; return what is believed to have changed."""
+        """Take a reading of all channels; return the changes that count."""
         changes: list[Change] = []
         for channel in self._inputs:
             bit = bits[channel.channel]

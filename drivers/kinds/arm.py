@@ -21,7 +21,7 @@ class Stop(Enum):
 
 @dataclass(frozen=True, slots=True)
 class JawReading:
-    """How the jaws stand, asked without homing.
+    """How the jaws stand, read without homing.
 
     Attributes
     ----------

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True)
 class Capture:
-    """How a camera of the cell is run, as the cell file says.
+    """How a camera is run, from the cell file.
 
     Attributes
     ----------

@@ -17,7 +17,7 @@ from .camera import Capture
 from .io_block import Polling
 from .lights import Lamp
 
-if TYPE_CHECKING:  # who drives no Modbus device does not load its library
+if TYPE_CHECKING:  # a program without Modbus devices does not load pymodbus
     import numpy as np
     from numpy.typing import NDArray
 

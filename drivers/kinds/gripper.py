@@ -28,7 +28,7 @@ class GripperReading(Protocol):
 
     @property
     def has_fault(self) -> bool:
-        """Whether a fault stands in the way of a move."""
+        """Whether a fault prevents a move."""
         ...
 
     @property

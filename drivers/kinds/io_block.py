@@ -22,7 +22,7 @@ class Signal(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """An input is believed to have changed.
+    """An input has changed, after debouncing.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A lamp unit: makes lamps as bright as wanted, and says from when on the light is so."""
+"""A lamp unit: sets how bright lamps are, and returns from when on the light is so."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -2,7 +2,7 @@
 
 Dark needs both: below their lowest dimming voltage LED drivers are not off for certain, and a
 broken dimming wire makes a lamp brighter (modbus_devices.md 6.4). Knows nothing of pictures; it
-says from which instant on the light is as asked.
+returns from which instant on the light is as required.
 """
 
 from ..kinds import Driver, LampUnit, NoSettings, Site

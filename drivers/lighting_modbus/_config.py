@@ -1,4 +1,4 @@
-"""Which lamp hangs on which channels, and how a level becomes millivolts.
+"""Which lamp is on which channels, and how a level becomes millivolts.
 
 Sections (§) are those of modbus_devices.md.
 """

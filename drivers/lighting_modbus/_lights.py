@@ -33,7 +33,7 @@ class LampState:
 
 @dataclass(frozen=True, slots=True)
 class LightsReading:
-    """All lamps as read back; ``at_s`` is the cell instant just before it was asked [s]."""
+    """All lamps as read back; ``at_s`` is the cell instant just before the request [s]."""
 
     at_s: float
     lamps: Mapping[str, LampState]
@@ -111,7 +111,7 @@ class Lights:
     async def set(
         self, levels: Mapping[str, float], *, settle: bool = False, force: bool = False
     ) -> float:
-        """Make lamps as bright as told; lamps that are not named stay as they are.
+        """Set the brightness of lamps; lamps that are not named stay as they are.
 
         Parameters
         ----------
@@ -121,14 +121,14 @@ class Lights:
 
         Returns
         -------
-        The cell instant from which on it is as told [s]: the last acknowledge, or with ``settle``
+        The cell instant from which on the light is so [s]: the last acknowledge, or with ``settle``
         the end of the wait. A picture of this light is exposed wholly after it. When nothing had
         to be sent, it lies in the past.
 
         Raises
         ------
         ValueError : no such lamp or level; nothing has been sent
-        LinkError : lamps may be in between; the next `set` asks the modules how they are first
+        LinkError : lamps may be half-way; the next `set` first reads both modules
         """
         unknown = [name for name in levels if name not in self._lamps]
         if unknown:

@@ -59,7 +59,7 @@ class AnalogModule:
         return self._known_mv
 
     async def known(self) -> tuple[int, ...]:
-        """Return all outputs [mV], asking only when they are not known."""
+        """Return all outputs [mV]; read them only if they are not known."""
         return await self.read() if self._known_mv is None else self._known_mv
 
     async def write(self, wanted_mv: Sequence[int], *, force: bool) -> bool:
@@ -107,7 +107,7 @@ class RelayModule:
         return self._known
 
     async def known(self) -> tuple[bool, ...]:
-        """Return the relays, asking only when they are not known."""
+        """Return the relays; read them only if they are not known."""
         return await self.read() if self._known is None else self._known
 
     async def write(self, wanted: Sequence[bool], *, force: bool) -> bool:

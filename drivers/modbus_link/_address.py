@@ -115,7 +115,7 @@ class RtuAddress:
         )
 
     async def why_not(self) -> str:
-        """Return why the device node cannot be opened, as far as looking at it tells."""
+        """Return why the device node cannot be opened, as far as it shows."""
         try:
             mode = Path(self.device).stat().st_mode  # noqa: ASYNC240  a stat of /dev does not block
         except OSError as error:
@@ -147,7 +147,7 @@ def _tcp_client(host: str, port: int, framer: FramerType, hooks: Hooks) -> Modbu
 
 
 async def _why_no_connection(host: str, port: int) -> str:
-    # pymodbus answers a bare False; a second try by hand is the public way to the reason.
+    # pymodbus returns a bare False; only a second attempt by hand shows the reason.
     try:
         async with asyncio.timeout(CONNECT_TIMEOUT_WALL_S):
             _reader, writer = await asyncio.open_connection(host, port)

@@ -1,7 +1,7 @@
 """One open connection: pymodbus' client with its silences, losses and late replies made visible.
 
-Raises pymodbus' troubles as three plain outcomes and decides nothing about them: that is the
-link's. A connection is used once; a new try is a new one.
+Turns pymodbus' errors into two outcomes, `NoAnswer` and `Lost`; what follows from them is the
+link's decision. A connection is used once: to reconnect, make a new one.
 """
 
 import asyncio
@@ -36,7 +36,7 @@ class Lost(Exception):  # noqa: N818  an outcome between two private files, neve
 
 
 class Connection:
-    """A connection that is opened once, asked many things one after the other, and closed."""
+    """A connection: opened once, used for one request after the other, closed."""
 
     def __init__(self, address: Address, trace: Trace | None) -> None:
         pymodbus_log = logging.getLogger("pymodbus.logging")

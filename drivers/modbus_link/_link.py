@@ -1,4 +1,4 @@
-"""The policy of a Modbus line: who may speak when, and what silence means.
+"""The policy of a Modbus line: whose turn it is, and what silence means.
 
 Rules (modbus_devices.md 8.1, 8.7, 9): one request at a time; a pause between requests to one
 device; reads are repeated once, writes never; after a time-out on RTU nothing is commanded until
@@ -114,7 +114,7 @@ class ModbusLink:
         probes: tuple[Request, ...] = (),
         check: str = "its power, its unit id and its wiring",
     ) -> ModbusUnit:
-        """Return the way to one device.
+        """Return the handle of one device.
 
         Parameters
         ----------
@@ -122,7 +122,7 @@ class ModbusLink:
         name : what messages call the device
         spacing_s : least pause between two exchanges with it [cell s]
         probes : harmless reads with answers of different shape, to resynchronise RTU with
-        check : what the message says to check when it is silent
+        check : what a message advises to check when it is silent
         """
         return ModbusUnit(self, unit, name, spacing_s, probes, check)
 
@@ -136,7 +136,7 @@ class ModbusLink:
 
         Raises
         ------
-        LinkError : it cannot be opened; says where, why and what to check
+        LinkError : it cannot be opened; the message has where, why and what to check
         """
         async with self._lock:
             self._next_try_at_s = 0.0
@@ -157,7 +157,7 @@ class ModbusLink:
         ------
         LinkError : not connected, and it cannot be reached now
         UnpluggedError : the connection ended while the answer was due
-        ReplyTimeoutError : the unit is silent, or its gateway says so
+        ReplyTimeoutError : the unit is silent, or its gateway reports it so
         BadReplyError : something answered that is no answer to this
         RefusedError : the unit answered with a Modbus exception, which is its ``code``
         """

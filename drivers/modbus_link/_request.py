@@ -1,6 +1,6 @@
 """One Modbus request and the only reply that answers it. No link, no clock, no log.
 
-RTU has no transaction number: a late reply looks like the answer to whatever was asked last, even
+RTU has no transaction number: a late reply looks like the answer to the last request, even
 with another function code (modbus_devices.md 8.7). Everything that a reply repeats of its request
 is therefore compared.
 """
@@ -32,11 +32,11 @@ _MAX_REGISTERS = 125  # the same, 6.3
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What is asked of a unit.
+    """One request to a unit.
 
     Attributes
     ----------
-    function : how it is asked
+    function : its function code
     address : first register or bit, zero based as on the wire
     count : registers or bits
     values : what a write writes; empty for a read

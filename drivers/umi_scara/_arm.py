@@ -1,8 +1,8 @@
 """The UMI RTX arm as the cell uses it: connect, power, home, move, grip, stop.
 
-Sections (§) are those of umi_rtx.md. It does not know what it holds, plans no
-path and avoids no obstacle. Targets are checked against the joint limits of §5.2 before any byte
-goes out. Soak tests, built-in INIT and interpolation exist in the codec alone.
+It does not know what it holds, plans no path and avoids no obstacle. Targets are checked against
+the joint limits of §5.2 before any byte goes out. Soak tests, built-in INIT and interpolation exist
+in the codec alone. Sections (§) are those of umi_rtx.md.
 """
 
 import logging
@@ -52,7 +52,7 @@ class UmiScara(ArmSession):
     Parameters
     ----------
     port : device node of the serial line, or a function that opens a transport
-    trace : hears of every exchange on the wire, as does the logger ``cellctl.wire.arm``
+    trace : called with every exchange on the wire; the logger ``cellctl.wire.arm`` has them, too
     """
 
     async def home(self) -> None:
@@ -96,7 +96,7 @@ class UmiScara(ArmSession):
             counts = await self._axes.read_actuals(Axis)
         else:
             counts = await self._read_all()
-        self._require_homed()  # it may have been lost to somebody else's request meanwhile
+        self._require_homed()  # another request may have found the position lost meanwhile
         return counts
 
     async def read_q(self) -> NDArray[np.float64]:
@@ -231,7 +231,9 @@ class UmiScara(ArmSession):
         """Return how the jaws stand, homed or not; nothing moves."""
         self._require_connected()
         bits = await self._axes.status(Axis.GRIPPER)
-        bits |= await self._axes.status(Axis.GRIPPER)  # no checksum: what is seen once counts
+        bits |= await self._axes.status(
+            Axis.GRIPPER
+        )  # a status has no checksum: a bit seen once counts
         counts = await self._axes.read_actual_twice(Axis.GRIPPER)
         return JawReading(bool(bits & StatusBits.STALLED), self._config.gripper.width_mm(counts))
 
@@ -286,8 +288,8 @@ class UmiScara(ArmSession):
     ) -> dict[Axis, int]:
         """Move as `move_counts` does, with speeds that follow from the distances [counts].
 
-        A move that ended in doubt about the line is begun once more from where the arm stands,
-        if its counters can be believed.
+        A move that ended because a request may have been garbled is started once more from where
+        the arm stands, if its counters can be trusted.
         """
         wanted = {axis: int(counts) for axis, counts in targets.items()}
         try:
@@ -354,7 +356,7 @@ class UmiScara(ArmSession):
             asked = counts[Axis.GRIPPER]
             if not low <= asked <= high:
                 raise OutOfRangeError("gripper", asked, low if asked < low else high)
-        # an axis that is not part of the move has no limit in common with one that is
+        # axes outside the move share no limit with it: any value does for them
         check_limits([counts.get(axis, 0) for axis in COUNTS_ORDER], changed)
 
     async def _arrive(self, targets: Mapping[Axis, int]) -> dict[Axis, int]:

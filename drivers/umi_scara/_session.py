@@ -108,7 +108,7 @@ def check_speeds(speeds: Mapping[Axis, int]) -> None:
 
 
 class ArmSession:
-    """Everything about an arm but its moves; `UmiScara` adds those and tells the whole story.
+    """Everything about an arm but its moves; `UmiScara` adds those.
 
     Parameters
     ----------
@@ -134,12 +134,12 @@ class ArmSession:
         self._identity: ArmIdentity | None = None
         self._is_powered = False
         self._is_homed = False
-        self._rest_counts: dict[Axis, int] = {}  # targets that axes were seen to rest at
+        self._rest_counts: dict[Axis, int] = {}  # where axes were read to rest, at their targets
         self._dead_bands: dict[Axis, int] = {}
         self._known: Known = {}
-        self._is_sure = False  # that targets are where axes stand, and parameters what was written
-        self._may_be_relabelled = False  # counters must be compared with where axes were
-        self._may_be_zeroed = False  # ... and may have been made zero
+        self._is_sure = False  # every target is where its axis stands, every parameter as written
+        self._may_be_relabelled = False  # counters must be compared with `_known`
+        self._may_be_zeroed = False  # counters may have been set to zero
         self._grips = False
         self._stop_count = 0
         self._one_motion = asyncio.Lock()
@@ -309,7 +309,7 @@ class ArmSession:
 
         Raises
         ------
-        LinkError, PositionLostError : one IP may not have heard it; the other one was told
+        LinkError, PositionLostError : one IP may not have got the stop; the other one has
         """
         self._stop_count += 1
         self._rest_counts.clear()
@@ -318,12 +318,12 @@ class ArmSession:
             self._is_powered = False
             self._known.clear()  # axes may be moved by hand
         if kind is Stop.RAMP:
-            self._may_be_relabelled = True  # one bit makes `21` of `25`
+            self._may_be_relabelled = True  # one wrong bit turns `25` into `21`, define home
         await run_to_end(self._axes.halt(_STOP_COMMANDS[kind]))
 
     @asynccontextmanager
     async def _motion(self, *, needs_home: bool = True) -> AsyncIterator[Guard]:
-        """Hold the arm for one motion; whatever ends it but success or a stop stops both IPs.
+        """Hold the arm for one motion; if it fails or is cancelled, both IPs are stopped.
 
         A refusal before any byte has gone out needs no stop. Yields a guard that raises once `stop`
         has been called, which also ends those motions that were still waiting for the arm.
@@ -344,7 +344,7 @@ class ArmSession:
             try:
                 yield guard
             except OutOfRangeError:
-                raise  # has sent nothing
+                raise  # nothing has been sent
             except (
                 MotionStoppedError,
                 AxisStalledError,
@@ -352,14 +352,14 @@ class ArmSession:
                 SilentLineError,
             ) as error:
                 self._unsettle(error)
-                raise  # these have had their stop
+                raise  # both IPs have been stopped already
             except BaseException as error:
                 self._unsettle(error)
                 await run_to_end(self._halt_quietly())
                 raise
 
     def _unsettle(self, error: BaseException) -> None:
-        """Trust no register from now on until it has been read."""
+        """Trust no register until it has been read again."""
         self._is_sure = False
         self._rest_counts.clear()
         if isinstance(error, LineUncertainError):
@@ -367,9 +367,9 @@ class ArmSession:
             self._may_be_zeroed = self._may_be_zeroed or error.may_have_zeroed
 
     async def _make_sure(self, guard: Guard) -> None:
-        """Read what the registers of an arm at rest are, and make every target where its axis is.
+        """Read the registers of an arm at rest, and set every target to where its axis is.
 
-        From then on a go that reaches an axis which nobody has asked to move leaves it in place.
+        From then on, a go that reaches the wrong axis leaves that axis where it is.
 
         Raises
         ------
@@ -409,7 +409,7 @@ class ArmSession:
         return counts
 
     async def _halt_quietly(self) -> None:
-        """Dead-stop both IPs on the way out; what failed before is what the caller must hear."""
+        """Dead-stop both IPs while an earlier error is being raised: log a failure only."""
         try:
             await self._axes.halt(Simple.DEAD_STOP)
         except DeviceError as error:

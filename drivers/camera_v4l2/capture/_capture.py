@@ -59,7 +59,7 @@ class Look:
 
     Attributes
     ----------
-    frame : the frame asked for, if it was there
+    frame : the frame that was wanted, if it was there
     dequeued_count : buffers seen
     is_empty : whether nothing is left, so that waiting makes sense
     """
@@ -134,7 +134,7 @@ class Capture:
         return self._open_device().readiness_fd()
 
     def identity(self) -> CameraIdentity:
-        """Return who the camera says it is."""
+        """Return what the camera reports about itself."""
         caps, version = self._caps, self._caps.version
         number = f"{version >> 16}.{version >> 8 & 0xFF}.{version & 0xFF}"
         node = self._open_device().path

@@ -1,4 +1,4 @@
-"""Locking what a camera would else change by itself, and listing what it lets be changed.
+"""Locks what a camera would otherwise change by itself, and lists its controls.
 
 An automatic is switched to manual before its value is set, since a camera refuses the value
 (EACCES) or ignores it otherwise; values out of range are clamped without a word, so each is read
@@ -31,7 +31,7 @@ class ControlSetting:
     Attributes
     ----------
     control, name : which
-    wanted : what was asked for
+    wanted : the value to be set
     got : what was read back, None if there is no such control or it cannot be read
     problem : why ``got`` is not ``wanted``; empty if it is, or if there was nothing to lock
     code : the errno behind ``problem``, 0 if there is none
@@ -84,7 +84,7 @@ def exposure_counts(exposure_s: float) -> int:
 def lock_controls(
     device: Device, exposure_s: float | None, gain: int | None, white_balance_k: int | None
 ) -> tuple[ControlSetting, ...]:
-    """Switch the automatics off and set what is asked for; None leaves a value as it is.
+    """Switch the automatics off and set the values given; None leaves a value as it is.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def lock_controls(
 
     Raises
     ------
-    OSError : the camera is gone; everything else is told in the settings returned
+    OSError : the camera is gone; any other failure is in the settings returned
     """
     values = {
         ControlId.AUTO_EXPOSURE: abi.EXPOSURE_MANUAL,
@@ -163,7 +163,7 @@ def set_and_compare(
 
 
 def list_controls(device: Device) -> tuple[ControlInfo, ...]:
-    """Return every control with its value; one that cannot be read says why.
+    """Return every control with its value; one that cannot be read has the reason.
 
     Raises
     ------

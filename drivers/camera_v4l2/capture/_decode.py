@@ -1,6 +1,6 @@
 """Bytes of one buffer into a grey picture. Arrays in, arrays out: no device, no clock.
 
-A measuring camera is asked for the format that says most about the light: GREY and Y10..Y16
+The format preferred is the one that says most about the light: GREY and Y10..Y16
 are the sensor's numbers, YUYV's luma went through the camera's colour matrix, MJPG lost detail.
 """
 
@@ -73,7 +73,7 @@ def check_complete(data: bytes, pixel_format: PixFormat) -> None:
     Raises
     ------
     BrokenPictureError : a JPEG without its first or last marker, or a raw picture of another size;
-        the message says which
+        the message names which
     """
     if pixel_format.pixelformat in (fourcc("MJPG"), fourcc("JPEG")):
         if not data.startswith(_START_OF_IMAGE):

@@ -1,4 +1,4 @@
-"""What is settled once, when a camera is opened: what it is, its pictures, its frame rate."""
+"""Agreed once, when a camera is opened: what it is, its picture format, its frame rate."""
 
 import errno
 import logging
@@ -14,7 +14,7 @@ log = logging.getLogger(__name__)
 
 
 def check_kind(device: Device) -> abi.Capability:
-    """Return who is there.
+    """Return what the node is.
 
     Raises
     ------

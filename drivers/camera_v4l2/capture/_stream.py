@@ -19,7 +19,7 @@ class Stream:
     Parameters
     ----------
     device : the open camera, its format set
-    buffer_count : how many buffers to ask for
+    buffer_count : how many buffers to request
     """
 
     def __init__(self, device: Device, buffer_count: int) -> None:
@@ -86,7 +86,7 @@ class Stream:
             self._maps.pop().close()
 
     def abandon(self) -> None:
-        """Stop and unmap whatever the camera says; it may be gone."""
+        """Stop and unmap, whatever fails on the way: the camera may be gone."""
         with contextlib.suppress(OSError):
             self._device.stream_off()
         self.unmap()

@@ -16,10 +16,10 @@ class CameraConfig:
     Attributes
     ----------
     device : node path, ``unix:/path.sock``, ``serial:<USB serial>`` or ``usb:<port path>``
-    width, height : picture asked for [px]; the camera's answer counts (``Camera.shape``)
+    width, height : picture requested [px]; what the camera grants is ``Camera.shape``
     pixel_formats : in the order of preference
-    fps : frames a second asked for
-    exposure_s : exposure asked for; None keeps what the camera has, switched to manual
+    fps : frames a second requested
+    exposure_s : exposure to set; None keeps the camera's own, switched to manual
     gain : in the camera's own units; None keeps it
     white_balance_k : colour temperature [K]; None keeps it
     buffer_count : pictures the kernel may hold
@@ -69,10 +69,10 @@ class Frame:
     ----------
     image : (height, width) uint8 or uint16, read-only
     white : the largest value a pixel can have
-    timestamp_s : the camera's stamp, or when it was dequeued; ``stamp_source`` says which [cell s]
+    timestamp_s : the camera's stamp, or when it was dequeued; see ``stamp_source`` [cell s]
     earliest_light_s : no light before this instant is in the picture [cell s]
     sequence : the camera's frame number, 32 bit
-    exposure_s : None if the camera does not tell or its automatic is on [s]
+    exposure_s : None if unknown or automatic [s]
     pixel_format : FourCC it travelled in
     flags : of the buffer, ``V4L2_BUF_FLAG_*``
     stamp_source : what ``timestamp_s`` marks
@@ -91,7 +91,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class CameraIdentity:
-    """Who the camera says it is.
+    """What the camera reports about itself.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ class CameraStats:
     ----------
     delivered_count : frames handed over
     dequeued_count : buffers taken from the queue, for whatever end
-    stale_count : exposed, in part or wholly, before the instant asked for
+    stale_count : exposed, in part or wholly, before the instant required
     adapting_count : passed over after a change of exposure
     error_count : flagged ERROR by the camera's driver
     short_count : of the wrong number of bytes

@@ -111,7 +111,7 @@ def sequence_gap(previous: int, current: int) -> int:
 
 @dataclass(slots=True)
 class ExposureChange:
-    """Frames to let pass after a change of exposure: no buffer says which setting it has.
+    """Frames to let pass after a change of exposure: no buffer names its setting.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Which of the driver's errors an errno of V4L2 is, said so that the reader knows what to do."""
+"""Turns an errno of V4L2 into one of the drivers' errors, with what to do about it."""
 
 import errno
 import os

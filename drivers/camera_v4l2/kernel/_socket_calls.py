@@ -49,7 +49,7 @@ class SocketCalls:
         self._lines: dict[int, _Line] = {}
 
     def open(self, path: str) -> int:
-        """Dial the camera and ask for its events; the socket's number stands for the camera."""
+        """Connect, subscribe to the camera's events, and return the socket's descriptor."""
         line = _Line(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM), events_fd=-1)
         try:
             line.socket.settimeout(self._reply_timeout_wall_s)

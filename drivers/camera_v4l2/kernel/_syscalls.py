@@ -12,7 +12,7 @@ from typing import Protocol
 
 
 class SysCalls(Protocol):
-    """What a capture driver asks of the operating system; every method may raise ``OSError``."""
+    """The system calls that a capture driver needs; every method may raise ``OSError``."""
 
     def open(self, path: str) -> int:
         """Open a camera, non-blocking, and return its descriptor."""

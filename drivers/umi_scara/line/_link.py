@@ -53,10 +53,10 @@ _STAY_AWAY: Final = (
     "target. Press the emergency stop if anything moves, then"
 )
 _STRAY_STOP_COUNT: Final = 12  # 0.1 s
-_DEAD_STOP_LIMIT_S: Final = 0.1  # by then a board that was told to stop shows that it has
+_DEAD_STOP_LIMIT_S: Final = 0.1  # by then a stopped board shows that it stands still
 _RAMP_LIMIT_S: Final = 0.6  # 7: a ramp takes 0.25 s
-_DRAIN_LIMIT_S: Final = 2.0  # a line that talks longer than that is no arm's
-# A host that is busy delivers what has arrived a little late, however fast the cell's clock runs.
+_DRAIN_LIMIT_S: Final = 2.0  # no arm sends for longer than that
+# A busy host delivers bytes a little late, however fast the cell's clock runs.
 _MIN_SILENCE_WALL_S: Final = 0.02
 
 
@@ -67,7 +67,7 @@ class WireExchange:
     Attributes
     ----------
     at_s : instant of the request [cell s]
-    ip : the IP that the link believes to listen; None where it does not know
+    ip : the IP that is taken to listen; None where that is unknown
     reply : all bytes received, in error too; empty when none came
     """
 
@@ -105,7 +105,7 @@ Guard = Callable[[], None]
 class LineUncertainError(DeviceError):
     """A request may have reached the arm as another command; both IPs have had a dead stop.
 
-    Registers and counters may have changed: they count for nothing until they have been read.
+    Registers and counters may have changed: trust none until it has been read.
 
     Attributes
     ----------
@@ -118,9 +118,10 @@ class LineUncertainError(DeviceError):
 
 
 def breaks_step(error: DeviceError) -> bool:
-    """Return whether an error leaves it open what the arm and the host have heard (§2.9).
+    """Return whether host and arm may be out of step after an error (§2.9).
 
-    A refusal does too: this driver sends nothing that an arm refuses, but for a go while it moves.
+    They may after a refusal, too: an arm refuses nothing that this driver sends, but a go while it
+    moves.
     """
     if isinstance(error, RefusedError):
         return error.code != c.AXIS_BUSY
@@ -128,16 +129,15 @@ def breaks_step(error: DeviceError) -> bool:
 
 
 def _heals(error: DeviceError) -> bool:
-    """Return whether asking anew who listens is the way on."""
+    """Return whether the link can go on by finding out anew which IP listens."""
     return breaks_step(error) or isinstance(error, LineUncertainError)
 
 
 def may_be_another_command(request: bytes, received: bytes) -> bool:
-    """Return whether bytes that came back allow that something else was carried out (ADR 15).
+    """Return whether, by the bytes that came back, another command may have run (ADR 15).
 
-    A request of three bytes may have lost its first one, and its data are then commands. One that
-    asks can only have become one that does if it is acknowledged. One that does is checked by
-    what it has done.
+    A request of three bytes may have lost its first one, and its data are then commands. A query
+    has become a command only if it is acknowledged. A command is checked by its effect.
     """
     if not received:
         return False
@@ -145,7 +145,7 @@ def may_be_another_command(request: bytes, received: bytes) -> bool:
 
 
 def may_be_define_home(request: bytes) -> bool:
-    """Return whether one wrong, lost or late byte makes `21` of a request: all counters zero."""
+    """Return whether one wrong, lost or late byte turns a request into `21`: all counters zero."""
     if len(request) == 3:  # its data are commands once its first byte is lost
         return Simple.DEFINE_HOME in request[1:]
     return bool(request) and (request[0] ^ Simple.DEFINE_HOME).bit_count() == 1
@@ -177,12 +177,12 @@ class Link:
         self._listening: Ip | None = None
         self._last_start_s = float("-inf")
         self._last_request = b""
-        self._owes_reply = False  # a reply that was given up may still come
+        self._owes_reply = False  # a reply that timed out may still come
         self._mute_since_s: float | None = None
-        self._has_given_go = False  # to the IP that is being met
-        self._is_silent = False  # the last thing asked for ended in silence
+        self._has_given_go = False  # to the IP that is being greeted
+        self._is_silent = False  # the last transaction ended in silence
         self._heard_nothing = False
-        self._suspect = b""  # what a reply that made no sense consisted of
+        self._suspect = b""  # the bytes of the last reply that made no sense
 
     @property
     def listening(self) -> Ip | None:
@@ -216,8 +216,8 @@ class Link:
         ip : the board; the line is handed over first where another one listens
         frames : the requests, in order; each is answered before the next goes out
         repeats : the frames only read, so that they may be sent again after a resync
-        guard : called right before each request; what it raises keeps the request from going out
-        proves : the IP is asked who it is right before the frames, though no hand-over was needed
+        guard : called right before each request; if it raises, the request is not sent
+        proves : check which IP listens right before the frames, even if no hand-over was needed
 
         Raises
         ------
@@ -240,7 +240,7 @@ class Link:
 
         Parameters
         ----------
-        verifies : both IPs are asked whether anything still moves, and stopped again if so
+        verifies : check that nothing moves on either IP, and stop it again if it does
         """
         async with self._turns.take(urgent=True):
             self._listen_anew()
@@ -252,12 +252,12 @@ class Link:
 
     # ---- one exchange --------------------------------------------------------------------------
     def _listen_anew(self) -> None:
-        """Begin to count silence; a line that was silent before gets one more try, not three."""
+        """Start timing silence; a line that was silent before gets one more try, not three."""
         self._mute_since_s = None
         self._heard_nothing, self._is_silent = self._is_silent, False
 
     async def _exchange(self, request: bytes) -> Reply:
-        """Send one request and read its reply; questions are patient with 01, 02 and 04 (§2.9)."""
+        """Send one request and read its reply; repeat a query after 01, 02 or 04 (§2.9)."""
         for _ in range(_ATTEMPT_COUNT):
             try:
                 return await self._exchange_once(request)
@@ -307,10 +307,10 @@ class Link:
             await self._stop_stray(self._last_request, stale)
 
     async def _stop_stray(self, request: bytes, received: bytes) -> NoReturn:
-        """Dead-stop whoever listens, before anything else is found out; raise LineUncertainError.
+        """Dead-stop the listening IP before anything else; raise LineUncertainError.
 
-        The stop is sent many times, because a byte that is late may still come, take the next two
-        for its data and move something by a step (§2.7).
+        The stop is sent many times: a late byte may still arrive, take the next two for its data
+        and move something by a step (§2.7).
         """
         self._listening = None
         for _ in range(_STRAY_STOP_COUNT):
@@ -341,7 +341,7 @@ class Link:
             left_s = until_s - clock.attended_s()
             if left_s > 0:
                 data = await self._transport.read(clock.to_wall_s(left_s))
-            else:  # what is on its way through the kernel came in time
+            else:  # bytes on their way through the kernel count as in time
                 with clock.held() as look_wall_s:
                     data = await self._transport.read(look_wall_s)
             if data:
@@ -366,7 +366,7 @@ class Link:
         )
 
     def _silence_limit_s(self) -> float:
-        """Return how long a line may be mute [cell s]; two tries fit in, whatever the host is."""
+        """Return how long a line may be mute [cell s]; two tries fit in on any host."""
         reply_s = self._clock.patience_s(self._config.reply_timeout_s)
         return self._config.silence_s if 1.6 * reply_s <= self._config.silence_s else 2 * reply_s
 
@@ -377,7 +377,7 @@ class Link:
         return reply.ip
 
     async def _who(self) -> Ip:
-        """Return who listens, by the one question that no single bit turns into harm (ADR 15)."""
+        """Return which IP listens, by the one query that no single bit turns into harm (ADR 15)."""
         for _ in range(_ATTEMPT_COUNT):
             try:
                 reply = await self._exchange(encode_simple(Simple.VERSION))
@@ -391,7 +391,7 @@ class Link:
         raise last
 
     async def _select(self, ip: Ip) -> None:
-        """Have `ip` listen; a hand-over is never repeated without asking who listens (§1.7)."""
+        """Make `ip` listen; a hand-over is not repeated before checking which IP listens (§1.7)."""
         if self._listening is None:
             await self._resync()
         for _ in range(_ATTEMPT_COUNT):
@@ -401,7 +401,7 @@ class Link:
         raise BadReplyError(f"arm: IP{ip:d} does not take the line")
 
     async def _hand_over(self, to: Ip) -> None:
-        """Hand the line over once, and ask who has it: the acknowledgement proves nothing.
+        """Hand the line over once, and check who has it: the acknowledgement proves nothing.
 
         Raises
         ------
@@ -437,7 +437,7 @@ class Link:
         """Meet the listening IP, hand over, meet the other one (§1.6, steps 2-6)."""
         self._listening = None
         first, first_restarted = await self._meet(allow_restart, "neither IP")
-        for _ in range(2):  # a second time only if the first hand-over turns out not to have been
+        for _ in range(2):  # a second time only if the first hand-over did not take place
             try:
                 await self._exchange(encode_simple(Simple.TOGGLE_ONCE))
             except DeviceError as error:
@@ -453,7 +453,7 @@ class Link:
         raise WrongDeviceError(f"arm: both boards answer as IP{first:d}")
 
     async def _meet(self, allow_restart: bool, who: str) -> tuple[Ip, bool]:
-        """Switch off automatic toggling in whoever listens; return who it is and if it restarted.
+        """Switch off automatic toggling in the listening IP; return it and whether it restarted.
 
         A restarted IP is given GO where that is allowed (§1.5).
         """
@@ -491,7 +491,7 @@ class Link:
         return ip
 
     async def _expect_rest(self) -> None:
-        """Stop what moves on its own while the line is opened: nobody has asked for it yet."""
+        """Stop what moves while the line is opened: no motion has been commanded yet."""
         request = encode_simple(Simple.GENERAL_STATUS)
         reply = await self._exchange(request)
         assert isinstance(reply, Status)
@@ -499,16 +499,16 @@ class Link:
             await self._stop_stray(request, bytes([Simple.GENERAL_STATUS, reply.bits]))
 
     async def _drain(self) -> None:
-        """Discard input until the line is silent; text in it means a strange ROM (§8.7).
+        """Discard input until the line is silent; text in it means an unknown ROM (§8.7).
 
         Silence is longer than the 8 ms after which an IP gives up on a broken request (§2.9).
         """
         clock = self._clock
-        if self._owes_reply:  # it has been silent for much longer than that already
+        if self._owes_reply:  # the line has been silent for much longer than that already
             if not (data := await self._transport.read(0)):
                 return
             self._suspect += data
-        # every opening waits this long: it is no time-out, to be generous with
+        # every opening waits this long, so it is kept short
         silence_s = max(c.SILENCE_S, _MIN_SILENCE_WALL_S * clock.speed)
         until_s = clock.attended_s() + max(_DRAIN_LIMIT_S, 10 * silence_s)
         silent_at_s = clock.attended_s() + silence_s
@@ -525,7 +525,7 @@ class Link:
         self._suspect = b""
 
     async def _resync(self) -> None:
-        """Find out who listens and that both IPs still run (§1.7); moves nothing."""
+        """Find out which IP listens and that both still run (§1.7); moves nothing."""
         self._listening = None
         for _ in range(_ATTEMPT_COUNT):
             await self._drain()
@@ -573,7 +573,7 @@ class Link:
                     await self._halt_blindly(encode_simple(Simple.DEAD_STOP))
                 if isinstance(error, LineUncertainError):
                     log.warning("in doubt: %s", error)
-                    await self._end_doubt()
+                    await self._end_uncertainty()
                     raise
                 if not breaks_step(error):
                     raise
@@ -585,14 +585,14 @@ class Link:
         raise last
 
     async def _settle(self) -> None:
-        """Make sure that nothing is left on the line of what was asked before."""
+        """Make sure that no late reply to an earlier request is left on the line."""
         await self._pace()
         if stale := await self._transport.read(0):
             await self._judge_stale(stale)
             await self._resync()
 
-    async def _end_doubt(self) -> None:
-        """Find out who listens, and see both IPs at rest; whoever listened was stopped before."""
+    async def _end_uncertainty(self) -> None:
+        """Find out which IP listens, and wait until both rest; that IP has been stopped before."""
         await self._resync()
         await self._halt(encode_simple(Simple.DEAD_STOP), verifies=True)
 
@@ -611,7 +611,7 @@ class Link:
         if verifies and not failures:
             for ip in (first.other, first):
                 await self._see_at_rest(ip, request)
-        # a lost position outlasts any trouble of the line, so it is what the caller must hear
+        # a lost position matters longer than a line error, so it is raised first
         failures.sort(key=lambda error: not isinstance(error, PositionLostError))
         if failures:
             raise failures[0]
@@ -631,7 +631,7 @@ class Link:
             raise lost
 
     async def _ask_to_halt(self, ip: Ip, request: bytes) -> None:
-        """Send a stop to one IP; a doubt about the way there is no reason to leave it moving."""
+        """Send a stop to one IP; uncertainty on the way is no reason to leave it moving."""
         for _ in range(_ATTEMPT_COUNT):
             try:
                 await self._settle()
@@ -647,7 +647,7 @@ class Link:
         raise last
 
     async def _see_at_rest(self, ip: Ip, request: bytes) -> None:
-        """Wait until nothing of an IP moves; what has not understood its stop gets a dead one."""
+        """Wait until nothing of an IP moves; if a stop had no effect, send a dead stop."""
         is_ramp = request == encode_simple(Simple.RAMP_STOP)
         limit_s = self._clock.patience_s(_RAMP_LIMIT_S if is_ramp else _DEAD_STOP_LIMIT_S)
         general_status = encode_simple(Simple.GENERAL_STATUS)
@@ -669,7 +669,7 @@ class Link:
         raise BadReplyError(f"arm: IP{ip:d} moves after its stop: press the emergency stop")
 
     async def _halt_blindly(self, request: bytes) -> None:
-        """Send a stop to whoever listens, hand over, and send it again, without an answer."""
+        """Send a stop to the listening IP, hand over, and send it again; read no answer."""
         self._listening = None
         for blind in (request, encode_simple(Simple.TOGGLE_ONCE), request):
             await self._pace()

@@ -1,4 +1,4 @@
-"""What must not be interrupted half-way, and what may overtake: a request, its reply, a stop."""
+"""A request and its reply are not interrupted half-way; a stop overtakes what waits."""
 
 import asyncio
 from collections.abc import AsyncIterator, Coroutine
@@ -27,13 +27,13 @@ async def run_to_end(work: Coroutine[Any, Any, T]) -> T:
             was_cancelled = True
     if was_cancelled:
         if not task.cancelled():
-            task.exception()  # looked at, so that asyncio does not report it as forgotten
+            task.exception()  # retrieved, so that asyncio does not warn about it
         raise asyncio.CancelledError
     return task.result()
 
 
 class Turns:
-    """A lock that hands the line to whoever is urgent before anyone who is not."""
+    """A lock that serves urgent callers before all others."""
 
     def __init__(self) -> None:
         self._lock = asyncio.Lock()

@@ -25,7 +25,7 @@ class Transport(Protocol):
     async def read(self, timeout_wall_s: float) -> bytes:
         """Return what has arrived, after waiting [wall s] for a first byte; b"" if none came.
 
-        A timeout of 0 asks for what is there already. A cancelled read loses no byte.
+        A timeout of 0 returns what is there already. A cancelled read loses no byte.
         """
 
     async def aclose(self) -> None:
@@ -82,11 +82,11 @@ class SerialTransport:
     def _has_hung_up(self) -> bool:
         """Return whether a read that brought nothing means that the other end is gone.
 
-        A line with VMIN and VTIME 0 also reads as empty where another look has just taken what made
-        it readable.
+        A line with VMIN and VTIME 0 also reads as empty where another read has just taken
+        the bytes.
         """
         poll = select.poll()
-        poll.register(self._fd, 0)  # hang-up and error are told unasked
+        poll.register(self._fd, 0)  # hang-up and error are always reported
         return bool(poll.poll(0))
 
     def _fail(self, why: str) -> None:

@@ -1,7 +1,7 @@
-"""The arm as those see it who plan its motions: kinematics, limits, links, timing; no I/O.
+"""The arm without the device: kinematics, limits, jaws, links, timing; no I/O.
 
-Planning asks the same of every arm, in terms of its own (`controller.planning.model.arm`). This
-model fits them without knowing them. Facts are those of umi_rtx.md.
+Planning requires the same of every arm, by a protocol of its own (`controller.planning.model.arm`).
+`UmiModel` fits it without importing it. Facts are those of umi_rtx.md.
 """
 
 from . import kinematics, limits

@@ -1,4 +1,4 @@
-"""Joint paths round what stands in the arm's way, as this arm gets round things: over the top.
+"""Joint paths round obstacles. This arm goes over the top.
 
 Zed lifts arm and part above most of what a cell has; there the hand may hang straight down, or the
 elbow draw the arm in.

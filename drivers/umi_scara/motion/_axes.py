@@ -22,8 +22,8 @@ from ..protocol.constants import ADDRESSES, Axis, Drive, Ip, Mode, Parameter, Si
 log = logging.getLogger(__name__)
 R = TypeVar("R", Status, Value, Version)
 
-BUSY_LIMIT_S = 10.0  # a go that is refused as busy (§2.9 code 03) for longer is stuck
-# An emulated cell that runs fast shares the host: asking more often costs it more than it learns.
+BUSY_LIMIT_S = 10.0  # a motor that is busy (§2.9 code 03) for longer is stuck
+# A fast emulated cell shares the host: polling more often would slow it down.
 MIN_POLL_WALL_S = 0.004
 _DITHER_COUNTS = 2
 _READ_COUNT = 8  # reads until two agree; an arm at rest needs one
@@ -54,16 +54,16 @@ class Axes:
 
     # ---- time ----------------------------------------------------------------------------------
     async def pause(self) -> None:
-        """Wait as long as between two polls of the same thing."""
+        """Wait for the time between two polls."""
         await self.clock.sleep(max(c.POLL_S, MIN_POLL_WALL_S * self.clock.speed))
 
     def deadline_s(self, patience_s: float) -> float:
-        """Return the attended instant at which a patience that begins now ends [cell s]."""
+        """Return the attended instant at which ``patience_s`` from now is over [cell s]."""
         return self.clock.attended_s() + self.clock.patience_s(patience_s)
 
     # ---- the line ------------------------------------------------------------------------------
     def ips(self, axes: Iterable[Axis] = Axis) -> list[Ip]:
-        """Return the IPs that axes hang on, the listening one first: it needs no hand-over."""
+        """Return the IPs of axes, the listening one first: it needs no hand-over."""
         found = {ADDRESSES[axis].ip for axis in axes}
         return sorted(found, key=lambda ip: (ip is not self.link.listening, ip))
 
@@ -98,7 +98,7 @@ class Axes:
         raise LineUncertainError(f"arm: {why}; both boards were stopped")
 
     def forget(self) -> None:
-        """Take no parameter to be what it was set to."""
+        """Forget all parameter values: each is read again before it is trusted."""
         self._written.clear()
 
     def _lose(self) -> None:
@@ -106,7 +106,7 @@ class Axes:
         self._on_position_lost()
 
     async def send(self, ip: Ip, request: bytes, guard: Guard | None = None) -> None:
-        """Send a command that says what should be so, and may therefore be said twice.
+        """Send an absolute command, which may be repeated after a lost reply.
 
         Not for hand-overs, relative moves and interpolation.
 
@@ -125,7 +125,7 @@ class Axes:
             await self._exchange(ip, request, guard=guard)
 
     async def send_both(self, command: Simple, guard: Guard | None = None) -> None:
-        """Send such a command to both IPs, the listening one first."""
+        """Send an absolute command to both IPs, the listening one first."""
         if command is Simple.LOAD_DEFAULTS:
             for axis, parameter in list(self._written):
                 if parameter in c.RELOADED:
@@ -135,9 +135,9 @@ class Axes:
             await self.expect_rest(ip)
 
     async def expect_rest(self, ip: Ip) -> None:
-        """Make sure that a command to an arm at rest, acknowledged, has set nothing moving.
+        """Make sure that an acknowledged command to an arm at rest has started no motion.
 
-        One wrong bit makes a go of it (`22` and `A2`, `24` and `A4`).
+        One wrong bit turns it into a go (`22` and `A2`, `24` and `A4`).
         """
         if await self.general_status(ip) & StatusBits.MOVING:
             await self.halt_uncertain(f"IP{ip:d} moves without an order")
@@ -201,7 +201,7 @@ class Axes:
     ) -> None:
         """Set a deferred parameter to a value that it does not have yet, and read it back.
 
-        What it has already is not written: read back, a write that went elsewhere would look well.
+        A value it has already is not written: reading back would not show that it went astray.
 
         Parameters
         ----------
@@ -288,7 +288,7 @@ class Axes:
         if not drives:
             await self.expect_rest(ip)
             return
-        # what is asked first: a go that was not heard as one may have nudged others (§2.7)
+        # these first: a go that was misread as another command may have nudged others (§2.7)
         for axis in drives:
             if not await self.status(axis) & (StatusBits.MOVING | c.FAULT_BITS):
                 if guard is not None:
@@ -303,8 +303,8 @@ class Axes:
     async def numeric_go(self, ip: Ip, axes: Iterable[Axis], guard: Guard) -> None:
         """Start motors of one IP towards their NEW_POSITION (§2.7).
 
-        Waits while one is still busy (code 03). After a lost reply the motors themselves are
-        asked whether they have started.
+        Waits while one is still busy (code 03). After a lost reply, the motors' status
+        shows whether they have started.
 
         Parameters
         ----------
@@ -318,8 +318,8 @@ class Axes:
         BadReplyError : no go got through within BUSY_LIMIT_S, and none of the motors has started
         """
         started = list(axes)
-        # A1 is one bit from 21, which makes every counter of the IP zero; the shoulder, whose
-        # target is where it stands, makes A3 of it
+        # A1 is one bit away from 21, which sets every counter of the IP to zero. With the shoulder,
+        # whose target is where it stands, the request is A3
         company = [Axis.SHOULDER] if started == [Axis.ELBOW] else []
         request = codec.encode_numeric_go(ADDRESSES[axis].ctl for axis in started + company)
         until_s = self.deadline_s(BUSY_LIMIT_S)
@@ -349,7 +349,7 @@ class Axes:
                 return
 
     async def prove(self, ip: Ip) -> None:
-        """Make sure that it is this IP that answers."""
+        """Make sure that this IP is the one that answers."""
         await self._exchange(
             ip, codec.encode_simple(Simple.GENERAL_STATUS), repeats=True, proves=True
         )
@@ -357,7 +357,7 @@ class Axes:
     async def read_actual_twice(self, axis: Axis) -> int:
         """Return where a motor at rest truly is [counts], from reads that agree.
 
-        A read tells neither which parameter nor which motor it is of (§2.2).
+        A reply names neither its parameter nor its motor (§2.2).
         """
         commanded = await self.read_twice(axis, Parameter.CURRENT_POSITION)
         return commanded - await self.read_twice(axis, Parameter.CP_ERROR)

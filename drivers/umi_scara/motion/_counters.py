@@ -1,4 +1,4 @@
-"""Whether counters still mean what they meant, after a request that may have changed them.
+"""Judges whether counters can still be trusted after a request that may have changed them.
 
 Define home (`21`, umi_rtx.md 2.3) makes all counters of an IP zero, and it is one wrong bit away
 from other commands. The arm has no other memory of where it is, so the counters themselves are the
@@ -12,13 +12,13 @@ from ..protocol.constants import ADDRESSES, Axis, Ip
 Known = dict[Axis, tuple[int, int]]
 """Range that each axis must be found in [counts]; both ends are equal where it rests."""
 
-_SLACK_COUNTS = 8  # DEAD_BAND, arrival slack, and a stop that comes a little late
+_SLACK_COUNTS = 8  # DEAD_BAND, arrival slack, and the counts of a late stop
 
 
 def judge_counters(
     known: Mapping[Axis, tuple[int, int]], counts: Mapping[Axis, int], may_be_zeroed: bool
 ) -> str:
-    """Return why counters cannot be believed, or "" if they can.
+    """Return why counters cannot be trusted, or "" if they can.
 
     Parameters
     ----------

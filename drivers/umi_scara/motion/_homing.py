@@ -21,8 +21,8 @@ from ._moves import Watch, on_ip, start
 log = logging.getLogger(__name__)
 
 _STILL_POLL_COUNT = 3  # §9.17
-_ORIGIN_COUNTS = 4  # DEAD_BAND, and two of reading
-_NEAR_ORIGIN = 1  # less than DEAD_BAND, and not the 0 of the park, so that writing that is seen
+_ORIGIN_COUNTS = 4  # DEAD_BAND, and two counts of reading
+_NEAR_ORIGIN = 1  # below DEAD_BAND, but not the park's 0: a write of 0 must show when read back
 _DITHER_COUNTS = 1  # a motor that leans on its stop may flicker between two encoder counts
 
 
@@ -32,7 +32,7 @@ class HomingError(DeviceError):
 
 @dataclass(frozen=True, slots=True)
 class HomingConfig:
-    """What an owner may have to adjust (§4.2 says that the stops are factory values).
+    """What may have to be adjusted on one arm (by §4.2 the stops are factory values).
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class Homing:
         await watch.until_rest(in_turn=True)
 
     async def _clear(self) -> None:
-        """Make every target the place where its axis stands: a go that nobody sent moves nothing.
+        """Set every target to where its axis stands: a go sent by mistake moves nothing.
 
         Homing keeps it so: counters are 0 and targets near it whenever no axis is under way.
         """
@@ -99,7 +99,7 @@ class Homing:
                 await self._write(axis, Parameter.NEW_POSITION, _NEAR_ORIGIN)
 
     async def _ensure_modes(self) -> None:
-        """Undo relative and force mode, which a predecessor may have left behind (§2.4, §2.8)."""
+        """Undo relative and force mode, which an earlier program may have left (§2.4, §2.8)."""
         for ip in self._axes.ips():
             for axis in on_ip(Axis, ip):
                 bits = await self._axes.status(axis)
@@ -163,7 +163,7 @@ class Homing:
                 await self._verify_label(axis)
 
     async def _verify_label(self, axis: Axis) -> None:
-        """Read a label back: the answer to it does not say which motor has got it (§2.2)."""
+        """Read a label back: its reply does not name the motor that got it (§2.2)."""
         wanted = self._config.stop_counts[axis]
         for _ in range(2):
             got = await self._axes.read_twice(axis, Parameter.CURRENT_POSITION)
@@ -251,6 +251,6 @@ class Homing:
             raise HomingError(f"arm: {axis.name.lower()} was sent to {counts} and is at {got}")
 
     async def _origin_after(self, axis: Axis) -> None:
-        """Make where a creep has ended the origin, and the target with it."""
+        """Set origin and target to where a creep has ended."""
         await self._origin()
         await self._write(axis, Parameter.NEW_POSITION, _NEAR_ORIGIN)

@@ -1,4 +1,4 @@
-"""Moves that end where they should, or say which axis did not (umi_rtx.md 2.7, 2.8, 6.7).
+"""Moves that reach their targets, or raise which axis did not (umi_rtx.md 2.7, 2.8, 6.7).
 
 Sections (§) are those of umi_rtx.md.
 """
@@ -15,11 +15,11 @@ from ._axes import Axes
 
 
 class MotionStoppedError(DeviceError):
-    """A motion ended because a stop was asked for; the stop itself has been sent."""
+    """A motion was ended by a stop; the stop itself has been sent."""
 
 
 class AxisStalledError(ArmStalledError):
-    """An axis ended elsewhere than asked; both IPs have had their dead stop.
+    """An axis did not reach its target; both IPs have had a dead stop.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ def synchronised_speeds(
 def forecast_s(
     distances: Mapping[Axis, int], speeds: Mapping[Axis, int], nominal: Mapping[Axis, float]
 ) -> float:
-    """Return how long a move takes [s], by nominal speeds that no source vouches for (§5.7, 7).
+    """Return how long a move takes [s], by nominal speeds, which no source confirms (§5.7, 7).
 
     Parameters
     ----------
@@ -109,12 +109,12 @@ async def start(
             await axes.numeric_go(ip, mine, guard)
     if not in_turn:
         on_go()
-        for ip in reversed(order):  # the last one told is the one that listens
+        for ip in reversed(order):  # the IP set last is the one that listens
             await axes.numeric_go(ip, on_ip(targets, ip), guard)
 
 
 def on_ip(axes: Iterable[Axis], ip: Ip) -> list[Axis]:
-    """Return those axes that hang on an IP, by controller number."""
+    """Return the axes of one IP, by controller number."""
     mine = [axis for axis in axes if ADDRESSES[axis].ip is ip]
     return sorted(mine, key=lambda axis: ADDRESSES[axis].ctl)
 
@@ -122,7 +122,7 @@ def on_ip(axes: Iterable[Axis], ip: Ip) -> list[Axis]:
 class Watch:
     """Watches started axes until all rest.
 
-    One axis of an IP is asked for its own status (§3.5); several by the IP's general status (§3.4),
+    Of one axis on an IP its own status is read (§3.5), of several the IP's general status (§3.4),
     which shows them all in one request. But a motor that is not part of the move may have left its
     mark in that, as a gripper that holds something does (§5.5): from then on the axes of that IP
     are asked one by one.
@@ -189,9 +189,9 @@ class Watch:
         return not any_moving
 
     async def _stalled(self, axis: Axis, bits: StatusBits) -> None:
-        self._guard()  # after a stop that somebody asked for, these bits mean nothing
+        self._guard()  # after a requested stop these bits mean nothing
         await self._axes.halt(Simple.DEAD_STOP)
-        error = await self._axes.read(axis, Parameter.CP_ERROR)  # first of all, as in §3.6
+        error = await self._axes.read(axis, Parameter.CP_ERROR)  # read first, as in §3.6
         got = await self._axes.read(axis, Parameter.CURRENT_POSITION) - error
         if bits & StatusBits.STALLED:
             why = "stalled"

@@ -1,7 +1,7 @@
 """Bytes of the UMI RTX line: every request of the reference, and a reader of the replies.
 
 Requests go out as bytes, replies come in as bytes and leave as values: no link, no clock, no log.
-Which IP hears a request is not the codec's business. Sections (§) are those of umi_rtx.md.
+Which IP gets a request is the line's business. Sections (§) are those of umi_rtx.md.
 """
 
 from collections.abc import Iterable, Mapping
@@ -151,7 +151,7 @@ def is_go(request: bytes) -> bool:
 
 
 def is_query(request: bytes) -> bool:
-    """Return whether a request of one byte only asks, and may be sent again (§2.3, §2.5)."""
+    """Return whether a one-byte request only reads, and may be sent again (§2.3, §2.5)."""
     opcode = request[0]
     return len(request) == 1 and (
         opcode in (Simple.IDENTIFY, Simple.VERSION)
@@ -176,7 +176,7 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class Version:
-    """ROM of an IP (§2.3); the order of the two bytes is two sources' guess (§9.4)."""
+    """ROM of an IP (§2.3); two sources guess the order of the two bytes (§9.4)."""
 
     ip: Ip
     revision: int

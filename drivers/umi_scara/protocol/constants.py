@@ -42,7 +42,7 @@ class Axis(IntEnum):
 
 
 class Address(NamedTuple):
-    """Where a motor sits: its IP, and its controller number 0-4 inside it (§1.3)."""
+    """Address of a motor: its IP, and its controller number 0-4 there (§1.3)."""
 
     ip: Ip
     ctl: int
@@ -142,7 +142,7 @@ RELOADED: Final = frozenset(Parameter) - {  # 7, on `22`: parameters 2, 4-10 and
 
 
 class Drive(IntEnum):
-    """What a manual go tells one controller, two bits each (§2.6)."""
+    """Order of a manual go to one controller, two bits each (§2.6)."""
 
     HOLD = 0b00
     FORWARD = 0b01
