@@ -1,7 +1,7 @@
 """Joint paths round obstacles. This arm goes over the top.
 
-Zed lifts arm and part above most of what a cell has; there the hand may hang straight down, or the
-elbow draw the arm in.
+Zed lifts arm and part above most of what a cell has; there the gripper may hang straight down, or
+the elbow may draw the arm in.
 """
 
 from collections.abc import Iterator, Sequence
@@ -55,7 +55,7 @@ def _over_one_point(a: Floats, b: Floats) -> list[JointPath]:
 def _over_the_top(a: Floats, b: Floats) -> list[JointPath]:
     """Return paths that rise, turn and come down.
 
-    With the hand hanging down, which at the top is above everything that stands in the cell, and
+    With the gripper hanging down, which at the top is above everything that stands in the cell, and
     with the arm drawn in.
     """
     paths: list[JointPath] = []
@@ -84,7 +84,7 @@ def _hanging(q: Floats) -> Floats:
 
 
 def _drawn_in(q: Floats, elbow_rad: float) -> Floats:
-    """Return `q` with another elbow, the hand keeping its place on the forearm."""
+    """Return `q` with another elbow, the gripper keeping its orientation to the forearm."""
     out = q.copy()
     out[_YAW] += (elbow_rad - q[_ELBOW]) / 2
     out[_ELBOW] = elbow_rad

@@ -16,9 +16,9 @@ __all__ = ["LinkBox", "UmiModel"]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-# where the hand points straight down the heading is free: these are tried
+# where the gripper points straight down, the heading is free: these are tried
 HEADINGS_RAD: Final = np.radians(np.arange(-180.0, 180.0, 30.0))
-# a hand this close to straight down is taken as straight down: its heading would be noise
+# a gripper this close to straight down counts as straight down: its heading would be noise
 VERTICAL: Final = 2e-3
 # what random joints are drawn from, low and high; no limits, those are `kinematics.JOINT_RANGES`.
 # It leaves out the folded elbow and the last degrees, which lead nowhere
@@ -100,7 +100,7 @@ class UmiModel:
 
     @property
     def tool_mm(self) -> float:
-        """From the wrist's centre to the tip, along the approach axis."""
+        """From the wrist's centre to the TCP, along the approach axis."""
         return self.geometry.tool_mm
 
     @property
@@ -125,7 +125,7 @@ class UmiModel:
         return {"carriage's travel": LinkBox("carriage", T, (high - low) / 2)}
 
     def forward(self, q: Floats) -> Floats:
-        """Return T_arm_tip (..., 4, 4) of joints (..., 6); limits are not checked."""
+        """Return T_arm_tcp (..., 4, 4) of joints (..., 6); limits are not checked."""
         return kinematics.forward(q, self.geometry)
 
     def link_frames(self, q: Floats) -> tuple[Floats, Floats]:
@@ -133,7 +133,7 @@ class UmiModel:
         return kinematics.link_frames(q, self.geometry)
 
     def inverse(self, T_arm_tcp: Floats) -> tuple[Ints, Ints, Floats]:
-        """Return all joints within limits that bring the tip to poses (n, 4, 4).
+        """Return all joints within limits that bring the TCP to poses (n, 4, 4).
 
         The branch number means the same for all poses of one orientation (elbow sign, wrist branch
         or heading), so that a straight line keeps its branch.
@@ -169,12 +169,12 @@ class UmiModel:
         return np.asarray(q)
 
     def radii_mm(self, q_from: Floats, q_to: Floats, far_mm: float, beside_mm: float) -> Floats:
-        """Return by how much more than any point of arm, hand or part moves with each joint.
+        """Return by how much more than any point of arm, gripper or part moves with each joint.
 
         Parameters
         ----------
         q_from, q_to : (6,) ends of a joint line, on which it holds
-        far_mm, beside_mm : how far hand and part reach from the wrist's centre, and from the
+        far_mm, beside_mm : how far gripper and part reach from the wrist's centre, and from the
             approach axis
 
         Returns
@@ -186,7 +186,7 @@ class UmiModel:
         # the wrist is farthest from the shoulder where the elbow is straightest
         bent = 0.0 if elbows.min() <= 0.0 <= elbows.max() else float(np.abs(elbows).min())
         wrist = np.hypot(arm.upper_mm + arm.fore_mm * np.cos(bent), arm.fore_mm * np.sin(bent))
-        # half of the elbow's turn is taken back from the hand (umi_rtx.md 5.4)
+        # half of the elbow's turn is taken back from the gripper (umi_rtx.md 5.4)
         return np.array([wrist + far_mm, arm.fore_mm + far_mm / 2, far_mm, 1.0, far_mm, beside_mm])
 
     def detours(self, q_from: Floats, q_to: Floats) -> Iterator[Sequence[Sequence[Floats]]]:

@@ -1,9 +1,9 @@
-"""Where the hand is for given joints, and which joints bring it somewhere: closed form, no I/O.
+"""Forward and inverse kinematics of the arm: closed form, no I/O.
 
 Joints are rows q = [shoulder, elbow, yaw, zed, pitch, roll]: shoulder, elbow and the yaw MOTOR's
 angle, pitch and roll in rad, zed in mm (0 at the top stop, negative downwards). Frames (§6.2):
 `arm` has its origin on the table plane under the shoulder axis, x straight ahead, y left, z up;
-`tip` has its origin at the gripper tip, x along the approach axis, and the jaws open along y.
+`tcp` has its origin between the finger tips, x along the approach axis, and the jaws open along y.
 Everything is vectorised over leading dimensions. Sections (§) are those of umi_rtx.md.
 """
 
@@ -56,7 +56,7 @@ _HAND_YAW_RAD: Final = np.array(c.YAW_LESS_ELBOW_RANGE) / np.rad2deg(c.YAW_COUNT
 _PITCH_RAD: Final = np.array(c.WRIST_SUM_RANGE) / _WRIST_PER_RAD
 _ROLL_RAD: Final = np.array(c.WRIST_DIFFERENCE_RANGE) / _WRIST_PER_RAD
 _ZED_MM: Final = np.array(c.ZED_RANGE) / c.ZED_COUNTS_PER_MM
-# the motor's yaw holds the hand's to the forearm and what the belt takes back of the elbow (§5.4)
+# the yaw motor's angle is the gripper's to the forearm plus the elbow's share by the belt (§5.4)
 _YAW_RAD: Final = (
     np.array(c.YAW_LESS_ELBOW_RANGE) + float(c.YAW_ELBOW_RATIO) * np.array(c.ELBOW_RANGE)
 ) / np.rad2deg(c.YAW_COUNTS_PER_DEG)
@@ -83,7 +83,7 @@ class ArmGeometry:
     Attributes
     ----------
     upper_mm, fore_mm : shoulder axis to elbow axis, elbow axis to wrist centre
-    tool_mm : wrist centre to gripper tip
+    tool_mm : wrist centre to TCP
     wrist_height_mm : wrist centre above the table at zed 0
     """
 
@@ -151,7 +151,7 @@ def limit_report(q: ArrayLike) -> str:
 
 # ---- forward -----------------------------------------------------------------------------------
 def forward(q: ArrayLike, geometry: ArmGeometry = _DEFAULT) -> Floats:
-    """Return T_arm_tip of joints (§6.4).
+    """Return T_arm_tcp of joints (§6.4).
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def forward(q: ArrayLike, geometry: ArmGeometry = _DEFAULT) -> Floats:
 
     Returns
     -------
-    (..., 4, 4) pose of the tip in the arm's frame [mm]
+    (..., 4, 4) pose of the TCP in the arm's frame [mm]
     """
     joints = np.asarray(q, dtype=np.float64)
     shoulder, elbow, yaw, zed, pitch, roll = np.moveaxis(joints, -1, 0)
@@ -225,18 +225,18 @@ def inverse(
     *,
     heading_rad: ArrayLike | None = None,
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return all joints that bring the tip to a pose (§6.5), and which of them the arm accepts.
+    """Return all joints that bring the TCP to a pose (§6.5), and which of them the arm accepts.
 
-    Branches are both elbow signs times the ways to hold the hand. Where the heading follows from
+    Branches are both elbow signs times the wrist's orientations. Where the heading follows from
     the pose, these are two: pitch p, and 180 deg - p with heading and roll half a turn further.
-    Where the hand points straight up or down it does not: then each of `heading_rad` is one
+    Where the gripper points straight up or down it does not: then each of `heading_rad` is one
     branch, and roll makes up for it.
 
     Parameters
     ----------
     T_arm_tcp : (..., 4, 4) [mm], proper rotations
     geometry : lengths of the arm
-    heading_rad : (k,) or scalar headings of the hand [rad] to try at pitch +-90 deg;
+    heading_rad : (k,) or scalar headings of the gripper [rad] to try at pitch +-90 deg;
         HEADINGS_RAD if None
 
     Returns
@@ -391,10 +391,10 @@ def _row(
     hand: Floats,
     is_folded: NDArray[np.bool_],
 ) -> Floats:
-    """Return joints (..., 6) of hands (..., 3) on arms whose shape broadcasts to (...)."""
+    """Return joints (..., 6) of orientations (..., 3) on arms whose shape broadcasts to (...)."""
     psi = hand[..., 0]
     if is_folded.any():
-        # the shoulder angle that keeps the hand nearest to straight ahead of the forearm
+        # the shoulder angle that keeps the gripper nearest to straight ahead of the forearm
         ahead = np.clip(_wrap(psi - elbow), -np.pi / 2, np.pi / 2)
         folded = is_folded if is_folded.ndim == psi.ndim else is_folded[..., None]
         shoulder = np.where(folded, ahead, shoulder)

@@ -127,7 +127,7 @@ class Homing:
         await self._reload()
 
     async def _home_wrist(self) -> None:
-        # the elbow swings the hand clear of the column while a limp yaw lets itself be dragged
+        # the elbow swings the gripper clear of the column while a limp yaw lets itself be dragged
         await self._write(Axis.YAW, Parameter.MAX_FORCE, 0)
         await self._creep(Axis.ELBOW, 440)
         await self._origin_after(Axis.ELBOW)
