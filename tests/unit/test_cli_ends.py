@@ -22,10 +22,10 @@ ROOT = Path(__file__).resolve().parents[2]
 
 PRINTER = """
 import sys
-from controller.cli.terminal.output import emit, is_output_gone, say, warn
+from controller.cli.terminal.output import emit, is_output_gone, print_line, warn
 sys.stdin.read()
 for i in range(20000):
-    emit({"line": i}); say("to people"); warn("more")
+    emit({"line": i}); print_line("to people"); warn("more")
 assert is_output_gone()
 open(sys.argv[1], "w").write("done")
 """
