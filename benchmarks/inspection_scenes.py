@@ -24,7 +24,7 @@ import trimesh  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
 from controller.cad import Solid, SurfaceSamples, load_solid, sample_surface  # noqa: E402
-from controller.cell.lamps import STATION_LAMPS  # noqa: E402
+from controller.cell.devices.lamps import STATION_LAMPS  # noqa: E402
 from controller.config import load_cell  # noqa: E402
 from controller.inspection import (  # noqa: E402
     Limits,

@@ -13,13 +13,11 @@ from runs_record import Job, Ran, read_journal, read_world
 from runs_stand_ins import Noise, StandIns, TruthCamera, World
 
 from controller.cell import compute
-from controller.cell.assembly import Batch, assemble
+from controller.cell.batch import Batch, Outcome, PartRecord, Progress, assemble
 from controller.cell.devices import Devices, resolve
 from controller.cell.devices.clocks import find_clock
-from controller.cell.dispatcher import Outcome
 from controller.cell.journal import Journal, read_rows
-from controller.cell.records import PartRecord, Progress
-from controller.cell.recovery import PartFault
+from controller.cell.machine import PartFault
 from controller.planning import Pick, ReceiveStep, resting_pose
 from controller.setup.layout import build_layout
 from drivers.clock import CellClock

@@ -1,6 +1,6 @@
 """What goes wrong at the level of the cell; driver and room errors are turned into these words."""
 
-from .recovery import PartFault
+from .machine import PartFault
 
 
 class CellError(Exception):

@@ -4,10 +4,8 @@
 signs, `report_json` the same for machines.
 """
 
-from ._json import SCHEMA_VERSION, report_json
-from ._model import ResultsError, RunRecord
-from .html import write_html
-from .load import RunSummary, list_runs, load_run
+from .report import SCHEMA_VERSION, report_json, write_html
+from .run import ResultsError, RunRecord, RunSummary, list_runs, load_run
 
 __all__ = [
     "SCHEMA_VERSION",

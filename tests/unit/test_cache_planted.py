@@ -22,8 +22,8 @@ from controller.cache import DiskCache
 from controller.cache.file import DIGEST_BYTES, MAX_BYTES, pack, sealed, unpack
 from controller.cad.compiled import CompileOptions, load_part
 from controller.cad.compiled.cache import part_cache
-from controller.cell.kept_plans import Kept
 from controller.cell.plans import Planning
+from controller.cell.plans.stored import Kept
 from controller.config import load_cell
 from controller.planning import GraspRules, PlanOptions
 from controller.recognition.stored import entry_cache, open_library, shape_cache

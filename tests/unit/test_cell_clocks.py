@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from controller.cell.batch import RunOrder, who_and_what
 from controller.cell.devices import resolve
 from controller.cell.devices.clocks import FoundClock, Speed, find_clock
-from controller.cell.run import RunOrder, who_and_what
 from controller.config import Cell, ConfigError, load_cell, load_recipe
 from drivers.clock import CellClock
 

@@ -14,11 +14,11 @@ import pytest
 import six_axis_arm
 from acme_device import acme_device
 
+from controller.cell.batch import Dispatcher
 from controller.cell.custody.openings import Finding, judge_fixed
 from controller.cell.devices import DeviceBuilder, resolve
-from controller.cell.dispatcher import Dispatcher
 from controller.cell.machine import Effect
-from controller.cell.plans import model_hash
+from controller.cell.plans.planning import model_hash
 from controller.cli import main
 from controller.config import EMULATED_CELL, ConfigError, load_cell
 from controller.planning.motion import tcp_pose

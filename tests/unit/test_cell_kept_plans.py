@@ -15,8 +15,8 @@ from same_values import assert_same
 
 from controller.cache.file import pack, read_file, unpack
 from controller.cad.compiled import CompiledPart, load_part
-from controller.cell.kept_plans import Kept, KeptPlan, check_prepared, is_pose
-from controller.cell.plans import Planning
+from controller.cell.plans import KeptPlan, Planning
+from controller.cell.plans.stored import Kept, check_prepared, is_pose
 from controller.config import load_cell
 from controller.planning import GraspRules, PlanOptions, PreparedPart, Present
 from controller.setup.layout import build_layout
@@ -178,7 +178,7 @@ def test_a_mirror_is_no_pose() -> None:
 def test_the_oldest_plans_go_when_there_are_too_many(
     part: CompiledPart, file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("controller.cell.kept_plans.MAX_PLAN_COUNT", 5)
+    monkeypatch.setattr("controller.cell.plans.stored.MAX_PLAN_COUNT", 5)
     kept = Kept(part)
     refused = KeptPlan(part.poses[0].index, np.eye(4), None, "no")
     for i in range(9):

@@ -24,7 +24,7 @@ from controller.cell.machine import (
     Effect,
     Event,
 )
-from controller.cell.machine_diagram import mermaid, page, stages_mermaid
+from controller.cell.machine.diagram import mermaid, page, stages_mermaid
 
 ROOT = Path(__file__).parents[2]
 # what the cell does, state by state, written down by hand: event>state it leads to
@@ -376,13 +376,13 @@ def test_the_diagram_shows_exactly_what_is_listed() -> None:
 
 def test_the_page_on_the_states_is_what_the_machine_draws() -> None:
     drawn = (ROOT / "docs" / "state-machine.md").read_text(encoding="utf-8")
-    assert drawn == page(), "run: python -m controller.cell.machine_diagram > docs/state-machine.md"
+    assert drawn == page(), "run: python -m controller.cell.machine.diagram > docs/state-machine.md"
 
 
 def test_the_manual_shows_the_stages_as_the_machine_has_them() -> None:
     manual = ROOT / "docs" / "operating.md"
     (drawn,) = re.findall(r"```mermaid\n(.*?)```", manual.read_text(), re.DOTALL)
-    assert drawn == stages_mermaid(), "paste: python -m controller.cell.machine_diagram --stages"
+    assert drawn == stages_mermaid(), "paste: python -m controller.cell.machine.diagram --stages"
 
 
 class Walk(RuleBasedStateMachine):

@@ -19,17 +19,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controller.cell.assembly import assemble
+from controller.cell.batch import PartRecord, Progress, assemble
 from controller.cell.custody import Custody
 from controller.cell.custody.release_guard import ReleaseGuard
 from controller.cell.errors import PartFaultError, PartProblemError, ReleaseRefusedError
 from controller.cell.journal import Journal, read_rows
-from controller.cell.machine import ENTRY, CellMachine, Effect, Event
-from controller.cell.records import PartRecord, Progress
-from controller.cell.recovery import (
+from controller.cell.machine import (
+    ENTRY,
     RECOVERY_ACTIONS,
     TRIES_IN_ALL,
     TRIES_PER_KIND,
+    CellMachine,
+    Effect,
+    Event,
     PartFault,
     Recovery,
     recovery_for,

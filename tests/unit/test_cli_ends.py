@@ -12,9 +12,9 @@ from typing import Any, cast
 
 import pytest
 
+from controller.cell.batch import Dispatcher
 from controller.cell.compute import worker_pool
 from controller.cell.custody import Custody
-from controller.cell.dispatcher import Dispatcher
 from controller.cell.journal import Journal, read_rows
 from controller.cli.running.ends import Ends
 

@@ -14,7 +14,7 @@ from cad_solids import box, mesh_of, rod
 
 from controller.cache import digest_of
 from controller.cad.compiled import load_part
-from controller.cell import plans
+from controller.cell.plans import planning as plans
 from controller.cli import main
 from controller.cli.planning import site
 from controller.commissioning.siting import PartScore, SiteReport, SiteScore, site_of

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from controller.cell.records import PartRecord
-from controller.cell.recovery import PartFault, Recovery
+from controller.cell.batch import PartRecord
+from controller.cell.machine import PartFault, Recovery
 from controller.cli.running.run_output import part_json
 
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from results_bench import STEPS, RunWriter, bad_run, good_run, sighting, verdict, view
 
-from controller.cell import run as cell_run
+from controller.cell.batch import run as cell_run
 from controller.cell.custody import Custody
 from controller.cell.journal import rows
 from controller.results import ResultsError, list_runs, load_run, write_html
-from controller.results.load import JOURNAL_NAME
+from controller.results.run.load import JOURNAL_NAME
 
 
 def test_the_journal_is_where_the_cell_writes_it() -> None:

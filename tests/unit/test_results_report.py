@@ -20,9 +20,9 @@ from results_bench import PART_PX, RunWriter, bad_run, good_run, sighting, verdi
 from controller.cell.journal import rows
 from controller.inspection import Verdict
 from controller.results import load_run, report_json, write_html
-from controller.results.html import render
-from controller.results.ledger import rounded_to_whole
-from controller.results.pictures import outline_path, window_round
+from controller.results.report.html import render
+from controller.results.report.ledger import rounded_to_whole
+from controller.results.report.pictures import outline_path, window_round
 
 VOID = {"meta", "img", "br", "hr", "link", "input"}
 NASTY = "<script>alert('x')</script>&\"' {{ 7 * 7 }}"

@@ -30,7 +30,7 @@ from controller.planning import (
 from controller.planning.motion import Scene, connect
 from controller.setup.optics import build_lamps, panel_corners, table_corners
 
-from ..lamps import TABLE_LAMPS
+from ..devices.lamps import TABLE_LAMPS
 from ..plans import Planning
 from . import held_search
 from .job import Job, context, inspection_limits, part_files

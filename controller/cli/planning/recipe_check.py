@@ -4,8 +4,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from controller.cell.checking import Checked, CheckedPose, check_job
 from controller.cell.compute import Job
+from controller.cell.compute.checking import Checked, CheckedPose, check_job
 from controller.config import load_recipe
 
 from ..terminal.output import emit, print_line, warn

@@ -14,7 +14,7 @@ from multiprocessing import active_children
 from types import FrameType
 from typing import Final
 
-from controller.cell.dispatcher import WORKER_GONE, Dispatcher
+from controller.cell.batch import WORKER_GONE, Dispatcher
 
 from ..terminal.output import is_output_gone, warn
 

@@ -12,14 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from controller.cad.compiled import CompiledPart, load_part, options_among
-from controller.cell.checking import check_plans, check_sizes
+from controller.cell.batch import Dispatcher, Progress, RunOrder, RunResult, new_run_id, run_batch
 from controller.cell.compute import Job, context, load_parts, worker_pool
+from controller.cell.compute.checking import check_plans, check_sizes
 from controller.cell.devices.clocks import FoundClock, find_clock
 from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
 from controller.cell.devices.lock import hold_cell, require_free_cell
-from controller.cell.dispatcher import Dispatcher
-from controller.cell.records import Progress
-from controller.cell.run import RunOrder, RunResult, new_run_id, run_batch
 from controller.config import Cell, ConfigError, load_cell, load_recipe
 from controller.results import ResultsError, load_run, write_html
 from controller.setup.drivers import require_drivers

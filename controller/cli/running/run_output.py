@@ -10,8 +10,7 @@ import numpy as np
 from rich.live import Live
 from rich.table import Table
 
-from controller.cell.records import PartRecord, Progress
-from controller.cell.run import RunResult
+from controller.cell.batch import PartRecord, Progress, RunResult
 
 from ..terminal.output import emit, print_line, stderr, warn
 

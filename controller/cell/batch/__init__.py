@@ -1,0 +1,26 @@
+"""One batch: what the cell does from connecting its devices to rest.
+
+`run.py` runs it, `assembly.py` puts it together, `dispatcher.py` takes events and runs effects,
+`watchers.py` reports what no action does. An effect is an action (`actions/`); actions work with
+`services/` and keep what they find in `records/`.
+"""
+
+from .assembly import Batch, assemble
+from .dispatcher import WORKER_GONE, Dispatcher, Outcome
+from .records import PartRecord, Progress
+from .run import RunOrder, RunResult, new_run_id, run_batch, who_and_what
+
+__all__ = [
+    "WORKER_GONE",
+    "Batch",
+    "Dispatcher",
+    "Outcome",
+    "PartRecord",
+    "Progress",
+    "RunOrder",
+    "RunResult",
+    "assemble",
+    "new_run_id",
+    "run_batch",
+    "who_and_what",
+]

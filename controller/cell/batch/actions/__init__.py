@@ -1,0 +1,36 @@
+"""What the cell does in each state: an action per effect of the table, each ending in one event.
+
+An action is a small object with the services it needs in its constructor; `run` reads like a page.
+Which services there are: `controller.cell.batch.services`. Who puts them together:
+`controller.cell.batch.assembly`. The stages of a part stand in `perception` and `manipulation`.
+"""
+
+from .action import Action, Actions
+from .complete import CompleteAction
+from .home import HomeAction
+from .manipulation import GraspAction, HandOffAction, PlaceAction, SetDownAction, WithdrawAction
+from .perception import AcquireAction, InspectAction, PresentAction, RecogniseAction, lamps_for
+from .plan import PlanAction
+from .stop import AbortMotionAction, ClearFaultAction, HoldAction, StopMotionAction
+
+__all__ = [
+    "AbortMotionAction",
+    "AcquireAction",
+    "Action",
+    "Actions",
+    "ClearFaultAction",
+    "CompleteAction",
+    "GraspAction",
+    "HandOffAction",
+    "HoldAction",
+    "HomeAction",
+    "InspectAction",
+    "PlaceAction",
+    "PlanAction",
+    "PresentAction",
+    "RecogniseAction",
+    "SetDownAction",
+    "StopMotionAction",
+    "WithdrawAction",
+    "lamps_for",
+]

@@ -1,0 +1,50 @@
+"""What an action of the cell is, and how one is run."""
+
+from collections.abc import Mapping
+from typing import Protocol
+
+from controller.cell.errors import PartFaultError
+from controller.cell.machine import Effect, Event
+
+from ..services import Recoveries
+
+
+class Action(Protocol):
+    """What the cell does in one state; ends in one event."""
+
+    async def run(self) -> Event:
+        """Do it; return what came of it.
+
+        Raises
+        ------
+        PartFaultError : something is wrong with the part that the cell may recover from
+        PartProblemError : something is wrong with the part that a person has to look at
+        """
+        ...
+
+
+class Actions:
+    """An action for each effect of the table.
+
+    Raises
+    ------
+    ValueError : an effect has none
+    """
+
+    def __init__(self, by_effect: Mapping[Effect, Action], recoveries: Recoveries) -> None:
+        if missing := set(Effect) - set(by_effect):
+            raise ValueError(f"no action for {', '.join(sorted(missing))}")
+        self._by_effect = by_effect
+        self._recoveries = recoveries
+
+    async def perform(self, effect: Effect) -> Event:
+        """Run one effect to its end; return what came of it, or what leads to its recovery.
+
+        Raises
+        ------
+        PartProblemError : a person has to look at the part
+        """
+        try:
+            return await self._by_effect[effect].run()
+        except PartFaultError as error:
+            return self._recoveries.book(error).event

@@ -1,0 +1,34 @@
+"""Completing: the part is booked; the next one follows, or the batch ends."""
+
+from dataclasses import dataclass
+
+from controller.cell.journal.rows import PartDone
+from controller.cell.machine import Event
+
+from ..records import BatchRecord
+from ..services import Imaging
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CompleteAction:
+    """Counts the part among those done."""
+
+    record: BatchRecord
+    imaging: Imaging
+
+    async def run(self) -> Event:
+        """Book the part; switch the lamps off after the last one."""
+        self.record.finish_part()
+        part = self.record.part
+        assert part.verdict is not None
+        self.record.note(
+            PartDone(
+                verdict=part.verdict.verdict.value,
+                tray=part.tray,
+                recoveries=tuple(one.fault.value for one in part.recoveries),
+            )
+        )
+        if self.record.parts_left > 0:
+            return Event.PART_DONE
+        await self.imaging.all_dark()
+        return Event.BATCH_DONE

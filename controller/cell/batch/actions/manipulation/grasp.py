@@ -1,0 +1,95 @@
+"""Grasping: the part is judged where it rests, if the plan says so, and taken off the table."""
+
+from dataclasses import dataclass
+
+from controller.cell.batch.records import BatchRecord, Hold
+from controller.cell.batch.services import Grippers, Motion, PlanSteps, Views
+from controller.cell.custody import Custody
+from controller.cell.custody.release_guard import NOTHING_MM
+from controller.cell.devices.lamps import TABLE_LAMPS
+from controller.cell.errors import PartFaultError
+from controller.cell.journal.rows import GraspMissed, Once
+from controller.cell.machine import Event, PartFault
+from controller.planning import Look, Pick
+from controller.planning.model import CellLayout
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GraspAction:
+    """Takes the part off the table and proves that it is held.
+
+    Attributes
+    ----------
+    steps, motion, grippers, views, record : services
+    layout : where the arm is in nobody's way
+    """
+
+    steps: PlanSteps
+    motion: Motion
+    grippers: Grippers
+    views: Views
+    record: BatchRecord
+    layout: CellLayout
+
+    async def run(self) -> Event:
+        """Go to the part, close on it, lift it.
+
+        Raises
+        ------
+        PartFaultError : the jaws closed on nothing, or on something else
+        """
+        self._judge_on_table()
+        step = self.steps.next(Pick)
+        assert step is not None
+        started_s = self.steps.begin(step)
+        await self.grippers.open_arm(step.pre_open_mm)
+        await self.motion.follow(step.motion_in)
+        await self.motion.follow(step.motion_down)
+        opening_mm = await self.grippers.close_arm(Once.GRASP, step.expected_opening_mm)
+        await self._check_opening(step, opening_mm)
+        self.record.part.hold = Hold(step.grasp, step.grasp.T_part_tcp, opening_mm)
+        await self.record.set_custody(Custody.IN_ARM, f"jaws at {opening_mm:.1f} mm")
+        await self.motion.follow(step.motion_up)
+        await self.grippers.require_arm_holds()
+        self.steps.end(
+            step, started_s, jaw_mm=round(opening_mm, 2), expected_mm=step.expected_opening_mm
+        )
+        return Event.GRASPED
+
+    def _judge_on_table(self) -> None:
+        """Have the pictures that were just taken of the table judged as views, beside the grasp."""
+        part = self.record.part
+        while (look := self.steps.next(Look)) is not None:
+            started_s = self.steps.begin(look)
+            view = self.views.name(look)
+            self.views.announce(look, part.picture_names)
+            # what stands about the table throws shadows by the side lamp that no prediction knows
+            lit = {lamp: part.pictures[lamp] for lamp in TABLE_LAMPS[:1]}
+            self.views.judge_on_table(view, look, part.pictures["table_backlight"], lit)
+            self.steps.end(look, started_s, view=view)
+
+    async def _check_opening(self, step: Pick, opening_mm: float) -> None:
+        """Leave the part where it is unless the jaws stopped about where the plan expects."""
+        expected = f"{step.expected_opening_mm:.1f} mm was expected"
+        if opening_mm < step.expected_opening_mm - self.grippers.tolerance_mm:
+            found = "on nothing" if opening_mm < NOTHING_MM else f"to {opening_mm:.1f} mm"
+            message = f"the jaws closed {found}, {expected}"
+            self.record.note(GraspMissed(message=message))
+            await self._leave(step)
+            raise PartFaultError(PartFault.GRASP_MISSED, message)
+        if opening_mm > step.expected_opening_mm + self.grippers.tolerance_mm:
+            await self._leave(step)
+            raise PartFaultError(
+                PartFault.GRASP_WRONG,
+                f"the jaws stopped at {opening_mm:.1f} mm, {expected}: they held other faces, or "
+                "something else",
+            )
+
+    async def _leave(self, step: Pick) -> None:
+        """Open above what is there, and go back the way it came: that way is free."""
+        await self.grippers.open_arm(step.pre_open_mm)
+        await self.record.set_custody(Custody.ON_TABLE)
+        await self.motion.follow(step.motion_up)
+        self.motion.mark_free()
+        await self.motion.follow((*reversed(step.motion_in[:-1]), self.layout.park_q))
+        self.motion.mark_free()

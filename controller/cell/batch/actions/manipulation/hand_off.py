@@ -1,0 +1,133 @@
+"""Handing off: the fixed gripper takes the part, the arm gripper takes it back with another grasp.
+
+Two-phase, both ways: the receiver's opening is confirmed before the giver opens.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NoReturn
+
+from controller.cell.batch.records import BatchRecord, Hold
+from controller.cell.batch.services import Grippers, Motion, PlanSteps
+from controller.cell.custody import Custody
+from controller.cell.errors import PartFaultError
+from controller.cell.journal import Once
+from controller.cell.machine import Event, PartFault
+from controller.imaging import inverse_pose
+from controller.planning import GiveStep, ReceiveStep, shown_pose
+from controller.planning.model import CellLayout
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandOffAction:
+    """Changes the grasp by way of the fixed gripper.
+
+    Attributes
+    ----------
+    steps, motion, grippers, record : services
+    layout : where the fixed gripper stands
+    """
+
+    steps: PlanSteps
+    motion: Motion
+    grippers: Grippers
+    record: BatchRecord
+    layout: CellLayout
+
+    async def run(self) -> Event:
+        """Give, then receive; a plan that begins in the fixed gripper begins with the second half.
+
+        Raises
+        ------
+        PartFaultError : the part is lost, or one of the grippers did not get it
+        """
+        give = self.steps.next(GiveStep)
+        if give is not None:
+            await self._give(give)
+        receive = self.steps.next(ReceiveStep)
+        if receive is not None:
+            await self._receive(receive)
+        return Event.HANDED_OFF
+
+    async def _give(self, step: GiveStep) -> None:
+        started_s, record = self.steps.begin(step), self.record
+        await self.grippers.open_fixed(step.fixed_pre_open_mm)
+        await self.motion.follow(step.motion)
+        await self.grippers.require_arm_holds()
+        await self._close_fixed(step)
+        await record.set_custody(Custody.IN_BOTH)
+        if not await self.grippers.does_fixed_hold():
+            await self._keep_in_arm(step, "the fixed gripper lost the part at once")
+        hold = record.held()
+        T_world_part = shown_pose(self.layout, await self.motion.read_q(), hold.T_part_tcp)
+        await self.grippers.release_to_fixed(step.arm_open_mm)
+        record.part.fixed_grasp = replace(
+            step.fixed_grasp,
+            T_part_tcp=inverse_pose(T_world_part) @ self.layout.T_world_fixed_tcp,
+        )
+        await record.set_custody(Custody.IN_FIXED)
+        await self.grippers.require_fixed_holds()
+        await self.motion.follow(step.retreat)
+        self.steps.end(step, started_s)
+
+    async def _close_fixed(self, step: GiveStep) -> None:
+        expected_mm = step.fixed_expected_opening_mm
+        result = await self.grippers.close_fixed(expected_mm)
+        off_mm = abs(result.width_mm - expected_mm)
+        if not result.object_detected or off_mm > self.grippers.tolerance_mm:
+            await self._keep_in_arm(
+                step,
+                f"the fixed gripper closed to {result.width_mm:.1f} mm, {expected_mm:.1f} mm was "
+                "expected",
+            )
+
+    async def _keep_in_arm(self, step: GiveStep, why: str) -> NoReturn:
+        """Keep the part in the arm gripper and go back to where the step began."""
+        part, hold = self.record.part, self.record.held()
+        await self.record.set_custody(Custody.IN_ARM, "the fixed gripper did not get it")
+        await self.grippers.open_fixed()
+        await self.grippers.require_arm_holds()
+        # jaws that closed on the wrong faces may have turned it
+        hold.is_seen = False
+        await self.motion.go_back(len(step.motion))
+        if part.has_had(PartFault.HAND_OFF_FAILED):
+            part.avoid.add(step.fixed_grasp.id)
+        raise PartFaultError(
+            PartFault.HAND_OFF_FAILED, f"hand-off: {why}; the arm still holds the part"
+        )
+
+    async def _receive(self, step: ReceiveStep) -> None:
+        started_s, record = self.steps.begin(step), self.record
+        await self.motion.follow(step.motion_in)
+        await self.grippers.open_arm(step.pre_open_mm)
+        await self.motion.follow(step.approach)
+        await self.grippers.require_fixed_holds()
+        opening_mm = await self.grippers.close_arm(Once.RECEIVE, step.expected_opening_mm)
+        if abs(opening_mm - step.expected_opening_mm) > self.grippers.tolerance_mm:
+            await self._leave_in_fixed(step, opening_mm)
+        record.part.hold = Hold(step.grasp, step.grasp.T_part_tcp, opening_mm)
+        await record.set_custody(Custody.IN_BOTH)
+        await self.grippers.release_to_arm(step.fixed_open_mm)
+        await record.set_custody(Custody.IN_ARM, f"jaws at {opening_mm:.1f} mm")
+        await self.grippers.require_arm_holds()
+        await self.motion.follow(step.motion_out)
+        # paths after this one are planned past an empty fixed gripper that stands wide open
+        await self.grippers.open_fixed()
+        await self.grippers.require_arm_holds()
+        self.steps.end(
+            step, started_s, jaw_mm=round(opening_mm, 2), expected_mm=step.expected_opening_mm
+        )
+
+    async def _leave_in_fixed(self, step: ReceiveStep, opening_mm: float) -> NoReturn:
+        """Leave the part in the fixed gripper and go back to where the step began."""
+        await self.grippers.open_arm(step.pre_open_mm)
+        await self.record.set_custody(Custody.IN_FIXED, "the arm gripper did not get it")
+        await self.motion.go_back(len(step.approach))
+        await self.grippers.require_fixed_holds()
+        await self.motion.go_back(len(step.motion_in))
+        # nothing sees the part in the fixed gripper: what failed once would fail again
+        self.record.part.avoid.add(step.grasp.id)
+        raise PartFaultError(
+            PartFault.RECEIVE_FAILED,
+            f"hand-off back: the arm gripper's jaws stopped at {opening_mm:.1f} mm, "
+            f"{step.expected_opening_mm:.1f} mm was expected; the fixed gripper still holds it",
+        )

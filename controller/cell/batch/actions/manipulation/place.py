@@ -1,0 +1,54 @@
+"""Placing: the part goes into the tray that its verdict names."""
+
+from dataclasses import dataclass
+
+from controller.cell.batch.records import BatchRecord
+from controller.cell.batch.services import Grippers, Motion, PlanSteps
+from controller.cell.custody import Custody
+from controller.cell.journal.rows import Intent, Once
+from controller.cell.machine import Event
+from controller.inspection import Verdict
+
+TRAYS = {Verdict.PASS: "accept", Verdict.FAIL: "reject"}
+QUARANTINE = "quarantine"  # for every other verdict
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlaceAction:
+    """Sorts the part.
+
+    Attributes
+    ----------
+    steps, motion, grippers, record : services
+    """
+
+    steps: PlanSteps
+    motion: Motion
+    grippers: Grippers
+    record: BatchRecord
+
+    async def run(self) -> Event:
+        """Go over the tray, let go, go where the arm is in nobody's way.
+
+        Raises
+        ------
+        PartFaultError : the part was lost on the way
+        """
+        part = self.record.part
+        plan, verdict = part.plan, part.verdict
+        assert plan is not None
+        assert verdict is not None
+        tray = TRAYS.get(verdict.verdict, QUARANTINE)
+        step = plan.place[tray]
+        started_s = self.steps.begin(step)
+        await self.motion.follow(step.motion)
+        await self.motion.follow(step.motion_down)
+        await self.grippers.require_arm_holds()
+        await self.grippers.let_go(Intent(name=Once.SORT, tray=tray), step.open_mm)
+        part.tray = tray
+        await self.record.set_custody(Custody.PLACED, tray)
+        await self.motion.follow(step.motion_up)
+        self.steps.end(step, started_s, tray=tray)
+        await self.motion.follow(plan.park[tray].motion)
+        self.motion.mark_free()
+        return Event.PLACED

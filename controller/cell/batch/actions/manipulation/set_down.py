@@ -1,0 +1,45 @@
+"""Setting down: the part goes on the table, to be looked at and taken with another grasp."""
+
+from dataclasses import dataclass
+
+from controller.cell.batch.records import BatchRecord
+from controller.cell.batch.services import Grippers, Motion, PlanSteps
+from controller.cell.custody import Custody
+from controller.cell.journal.rows import Intent, Once
+from controller.cell.machine import Event
+from controller.planning import SetDown
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SetDownAction:
+    """Puts the part on the table.
+
+    Attributes
+    ----------
+    steps, motion, grippers, record : services
+    """
+
+    steps: PlanSteps
+    motion: Motion
+    grippers: Grippers
+    record: BatchRecord
+
+    async def run(self) -> Event:
+        """Go there, let go, rise.
+
+        Raises
+        ------
+        PartFaultError : the part was lost on the way
+        """
+        step = self.steps.next(SetDown)
+        assert step is not None
+        started_s = self.steps.begin(step)
+        await self.motion.follow(step.motion)
+        await self.motion.follow(step.motion_down)
+        await self.grippers.require_arm_holds()
+        intent = Intent(name=Once.SET_DOWN, pose_index=step.pose_index)
+        await self.grippers.let_go(intent, step.open_mm)
+        await self.record.set_custody(Custody.ON_TABLE, "set down")
+        await self.motion.follow(step.motion_up)
+        self.steps.end(step, started_s)
+        return Event.SET_DOWN

@@ -1,0 +1,62 @@
+"""Withdrawing: the arm leaves the camera's sight, so that the table can be looked at."""
+
+from contextlib import suppress
+from dataclasses import dataclass
+
+from controller.cell.batch.records import BatchRecord
+from controller.cell.batch.services import Grippers, Motion, Recoveries
+from controller.cell.compute import Compute
+from controller.cell.custody import Custody
+from controller.cell.errors import PartProblemError
+from controller.cell.machine import Event
+from controller.planning import NoMotionError
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WithdrawAction:
+    """Drives the arm to where it is in nobody's way, from wherever it stands.
+
+    Attributes
+    ----------
+    compute : finds a path
+    motion, grippers, recoveries, record : services
+    """
+
+    compute: Compute
+    motion: Motion
+    grippers: Grippers
+    recoveries: Recoveries
+    record: BatchRecord
+
+    async def run(self) -> Event:
+        """Go back the way the arm came until a path home is found, and follow that.
+
+        Raises
+        ------
+        PartProblemError : there is no such path, or a lost part hangs in the fixed gripper
+        """
+        self.record.show("taking the arm out of the way")
+        self.recoveries.forget_drop()
+        part = self.record.part
+        T_part_tcp = part.hold.T_part_tcp if part.hold is not None else None
+        while True:
+            arm_mm, fixed_mm = await self.grippers.openings_mm()
+            q = await self.motion.read_q()
+            with suppress(NoMotionError):
+                path = await self.compute.path_home(q, arm_mm, fixed_mm, T_part_tcp)
+                break
+            if not self.motion.can_go_back:
+                raise PartProblemError(
+                    "no_way_home",
+                    "no way free of contact leads the arm out of the camera's sight; jog it there",
+                )
+            await self.motion.go_back(1)
+        await self.motion.follow(path)
+        self.motion.mark_free()
+        if part.custody is Custody.LOST:
+            if self.grippers.is_something_in_fixed:
+                raise PartProblemError(
+                    "part_lost", "the part hangs in the fixed gripper, not held well; take it out"
+                )
+            await self.grippers.open_fixed()
+        return Event.WITHDRAWN

@@ -1,0 +1,60 @@
+"""Acquiring: the pictures of the table."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.arrays import Grey
+from controller.cell.batch.records import BatchRecord
+from controller.cell.batch.services import Imaging
+from controller.cell.devices.lamps import TABLE_LAMPS
+from controller.cell.errors import CellError
+from controller.cell.journal.rows import TablePictures
+from controller.cell.machine import Event
+
+LEAST_GLOW = 60  # of 255; a glowing table shows 150 and more
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AcquireAction:
+    """Takes the pictures of the table: glowing, then under each of its lamps."""
+
+    imaging: Imaging
+    record: BatchRecord
+
+    async def run(self) -> Event:
+        """Begin the next part, or look at the present one again.
+
+        Raises
+        ------
+        CellError : the table does not glow
+        """
+        self.record.begin_look()
+        self.record.show("taking pictures of the table", step=0, step_count=0, remaining_s=None)
+        part = self.record.part
+        try:
+            glowing = await self.imaging.shoot("overhead", {"table_backlight": 1.0})
+            _require_glow(glowing)
+            part.pictures = {"table_backlight": glowing}
+            for lamp in TABLE_LAMPS:
+                part.pictures[lamp] = await self.imaging.shoot("overhead", {lamp: 1.0})
+        finally:
+            await self.imaging.pause("overhead")
+        part.look_count += 1
+        again = f"_look{part.look_count}" if part.look_count > 1 else ""
+        part.picture_names = {
+            lamp: await self.imaging.save(part.number, lamp + again, image)
+            for lamp, image in part.pictures.items()
+        }
+        self.record.note(TablePictures(part.picture_names))
+        return Event.PICTURE_TAKEN
+
+
+def _require_glow(picture: Grey) -> None:
+    """Raise CellError where the table does not glow: that is no empty table."""
+    level = float(np.quantile(picture[::8, ::8], 0.9))
+    if level < LEAST_GLOW:
+        raise CellError(
+            f"the table does not glow (grey level {level:.0f}, {LEAST_GLOW} is the least): "
+            "check the lamp table_backlight, its relay and its supply, and the lens cap"
+        )

@@ -1,0 +1,91 @@
+"""Presenting: views of the held part before the inspection camera."""
+
+from dataclasses import dataclass
+
+from controller.cell.batch.records import BatchRecord, Hold
+from controller.cell.batch.services import (
+    Disambiguation,
+    Grippers,
+    Imaging,
+    Motion,
+    PlanSteps,
+    Views,
+)
+from controller.cell.devices.lamps import STATION_LAMPS
+from controller.cell.machine import Event
+from controller.planning import Present
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PresentAction:
+    """Shows views to the inspection camera until something must be judged first.
+
+    Attributes
+    ----------
+    steps, motion, grippers, imaging, views, record : services
+    disambiguation : finds out what is held, by a view that the plan has for that
+    """
+
+    steps: PlanSteps
+    motion: Motion
+    grippers: Grippers
+    imaging: Imaging
+    views: Views
+    disambiguation: Disambiguation
+    record: BatchRecord
+
+    async def run(self) -> Event:
+        """Show one view after another.
+
+        After each new grasp one view is judged before the next: the hold is verified by sight. In
+        a plan made after a recovery, a view that would show nothing new is passed by.
+
+        Raises
+        ------
+        PartFaultError : the part is gone, or rests in the gripper in another stable pose
+        PartProblemError : it is another part
+        """
+        try:
+            while (step := self.steps.next(Present)) is not None:
+                started_s = self.steps.begin(step)
+                await self.motion.follow(step.motion)
+                await self.grippers.require_arm_holds()
+                hold = self.record.held()
+                if hold.is_seen and not await self.views.is_worth_showing(step):
+                    self.steps.end(step, started_s, passed_by=step.view_id)
+                    continue
+                view = await self._show(step, hold)
+                self.steps.end(step, started_s, view=view)
+                if not hold.is_seen or self.views.is_hold_questioned():
+                    break
+        finally:
+            await self.imaging.pause("inspection")
+        return Event.SHOWN
+
+    async def _show(self, step: Present, hold: Hold) -> str:
+        """Take the pictures of a view and have them judged meanwhile; return what it is called."""
+        await self.motion.ring_down()
+        view = self.views.name(step)
+        backlit = await self.imaging.shoot("inspection", {"station_backlight": 1.0})
+        lit = {
+            lamp: await self.imaging.shoot("inspection", {lamp: 1.0}) for lamp in lamps_for(step)
+        }
+        q = await self.motion.read_q()
+        files = {
+            lamp: await self.imaging.save(self.record.part.number, f"{view}_{lamp}", image)
+            for lamp, image in {"station_backlight": backlit, **lit}.items()
+        }
+        self.views.announce(step, files, q)
+        if step.ambiguity is not None:
+            await self.disambiguation.resolve(step.ambiguity, hold, q, backlit, tuple(lit.values()))
+        self.views.judge_held(view, hold, q, backlit, lit)
+        return view
+
+
+def lamps_for(step: Present) -> tuple[str, ...]:
+    """Return the lamps a view is lit with.
+
+    The side lamp's shadows show pockets and steps on a plane that is looked at squarely; on
+    slanting views they fall mostly where the prediction is not trusted.
+    """
+    return STATION_LAMPS if step.square_to >= 0 else STATION_LAMPS[:1]

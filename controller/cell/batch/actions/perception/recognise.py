@@ -1,0 +1,99 @@
+"""Recognising: which part it is, which way up it is, and where."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.cad.compiled import part_name
+from controller.cell.batch.records import BatchRecord, sightings_row
+from controller.cell.compute import Compute
+from controller.cell.custody import Custody
+from controller.cell.devices.lamps import TABLE_LAMPS
+from controller.cell.errors import PartProblemError
+from controller.cell.machine import Event
+from controller.config import Recipe
+from controller.recognition import Sighting
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecogniseAction:
+    """Finds the recipe's part, and it alone, on the table.
+
+    Parameters
+    ----------
+    compute : the compute service, which recognises
+    recipe : says which part is wanted
+    record : of the batch; gets what was recognised
+    """
+
+    compute: Compute
+    recipe: Recipe
+    record: BatchRecord
+
+    async def run(self) -> Event:
+        """Recognise what the pictures of the table show.
+
+        Raises
+        ------
+        PartProblemError : nothing, too much, or something else is on the table
+        """
+        self.record.show("recognising")
+        part = self.record.part
+        lit = {lamp: part.pictures[lamp] for lamp in TABLE_LAMPS}
+        sightings = await self.compute.recognise(part.pictures["table_backlight"], lit)
+        self.record.note(sightings_row(sightings))
+        part.sighting = s = self._choose(sightings)
+        part.candidates = s.ambiguous_with
+        if part.custody is not Custody.ON_TABLE:
+            part.hold = None
+            await self.record.set_custody(Custody.ON_TABLE, "found again")
+        self.record.show(
+            "recognised",
+            part_pose=f"{s.part}, pose {s.pose_index}, x {s.x_mm:.1f} y {s.y_mm:.1f} mm, "
+            f"{np.degrees(s.theta_rad):.1f} deg",
+        )
+        return Event.PART_RECOGNISED
+
+    def _choose(self, sightings: tuple[Sighting, ...]) -> Sighting:
+        """Return the one sighting of the recipe's part."""
+        if not sightings:
+            raise self._nothing_found()
+        if len(sightings) > 1:
+            where = "; ".join(
+                f"{s.part or 'unknown object'} at x {s.x_mm:.0f}, y {s.y_mm:.0f} mm"
+                for s in sightings
+            )
+            raise PartProblemError(
+                "many_parts", f"{len(sightings)} objects on the table, one is allowed: {where}"
+            )
+        (seen,) = sightings
+        expected = part_name(self.recipe.part)
+        if seen.part is None:
+            raise PartProblemError(
+                "unknown_object",
+                f"the object at x {seen.x_mm:.0f}, y {seen.y_mm:.0f} mm: {seen.reason}",
+            )
+        if seen.part != expected:
+            raise PartProblemError(
+                "wrong_part",
+                f"{seen.part} is at x {seen.x_mm:.0f}, y {seen.y_mm:.0f} mm, the recipe is for "
+                f"{expected}",
+            )
+        return seen
+
+    def _nothing_found(self) -> PartProblemError:
+        part = self.record.part
+        if part.custody is Custody.ON_TABLE:
+            return PartProblemError(
+                "no_part", "no part on the table: lay one on the glowing area and start again"
+            )
+        lost = part.recoveries[-1]
+        return PartProblemError(
+            lost.fault.value,
+            f"{lost.reason}; the camera over the table does not see it: look "
+            + (
+                "below the arm's last path, and at the fixed gripper"
+                if part.custody is Custody.LOST
+                else "at what the arm gripper holds"
+            ),
+        )

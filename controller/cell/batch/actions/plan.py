@@ -1,0 +1,112 @@
+"""Planning: what to do next, from whichever gripper or table has the part, as it is measured."""
+
+import logging
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from controller.arrays import BoolArray
+from controller.cell.compute import Compute
+from controller.cell.custody import Custody
+from controller.cell.errors import PartProblemError
+from controller.cell.journal.rows import PlanKept
+from controller.cell.machine import WORTH_SHARE, Event, PartFault, merged
+from controller.planning import (
+    InArm,
+    InFixedGripper,
+    Look,
+    NoPlanError,
+    OnTable,
+    Plan,
+    Present,
+    Start,
+)
+
+from ..records import BatchRecord, plan_row
+from ..services import HeldPose, Motion, Preparation, Views
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanAction:
+    """Plans how to go on, leaving out what has been seen.
+
+    Attributes
+    ----------
+    compute, preparation : plan
+    views : still being judged; what they show need not be shown again
+    held_pose : measures how the part is held
+    motion : where the arm stands
+    record : what is known of the part
+    """
+
+    compute: Compute
+    preparation: Preparation
+    views: Views
+    held_pose: HeldPose
+    motion: Motion
+    record: BatchRecord
+
+    async def run(self) -> Event:
+        """Take in all views, measure the hold if need be, and plan.
+
+        Raises
+        ------
+        PartFaultError : the part is not seen in the arm gripper
+        PartProblemError : no plan, and none to go on with
+        """
+        self.record.show("planning")
+        part, before = self.record.part, self.record.part.plan
+        while await self.views.take_next() is not None:
+            pass  # how the part is held is measured here, not learnt from views of an earlier plan
+        await self.held_pose.measure_again()
+        start = await self._start()
+        try:
+            await self.preparation.wait()
+            plan = await self.compute.plan(start, part.seen, frozenset(part.avoid), part.candidates)
+        except NoPlanError as error:
+            return self._keep_plan(error, start, before)
+        is_more = part.recoveries and part.recoveries[-1].fault is PartFault.SEEN_TOO_LITTLE
+        if is_more and await self.compute.surface_share(_new(plan, part.seen)) < WORTH_SHARE:
+            return Event.PLANNED_ON  # nothing to be gained: the plan there was goes on to its end
+        part.plan, part.next_step = plan, 0
+        part.plan_count += 1
+        self.record.note(plan_row(plan))
+        return Event.PLANNED if isinstance(start, OnTable) else Event.PLANNED_ON
+
+    async def _start(self) -> Start:
+        """Return which gripper or table has the part, as measured."""
+        part = self.record.part
+        match part.custody:
+            case Custody.ON_TABLE:
+                sighting = part.sighting
+                assert sighting is not None
+                assert sighting.T_world_part is not None
+                return OnTable(sighting.pose_index, sighting.T_world_part)
+            case Custody.IN_ARM:
+                hold = self.record.held()
+                grasp = replace(hold.grasp, T_part_tcp=hold.T_part_tcp, opening_mm=hold.width_mm)
+                return InArm(grasp, await self.motion.read_q())
+            case Custody.IN_FIXED if part.fixed_grasp is not None:
+                return InFixedGripper(part.fixed_grasp, await self.motion.read_q())
+        raise PartProblemError("no_plan", f"the part is {part.custody.value}: nothing to plan from")
+
+    def _keep_plan(self, error: NoPlanError, start: Start, before: Plan | None) -> Event:
+        """Go on with the plan there was, where the part is still held; ask a person otherwise.
+
+        A failed hand-off left the arm where that step began, so that it may be tried once more.
+        """
+        if isinstance(start, OnTable) or before is None:
+            raise PartProblemError("no_plan", str(error)) from error
+        log.info("no new plan (%s): on with the one there was", error)
+        self.record.note(PlanKept(reason=str(error)))
+        return Event.PLANNED_ON
+
+
+def _new(plan: Plan, seen: BoolArray | None) -> BoolArray:
+    """Return which samples (n,) a plan shows that have not been seen."""
+    promised = merged([s.seen for s in plan.steps if isinstance(s, Present | Look)])
+    if promised is None:
+        return np.zeros(0 if seen is None else len(seen), dtype=bool)
+    return promised if seen is None else promised & ~seen

@@ -1,0 +1,93 @@
+"""Holding, stopping, aborting, clearing: the cell comes to rest and leaves it; no jaw opens."""
+
+import logging
+from contextlib import suppress
+from dataclasses import dataclass
+
+from controller.cell.devices.interlocks import check_interlocks
+from controller.cell.devices.stopping import Stopping
+from controller.cell.journal import Journal, JournalError
+from controller.cell.journal.rows import StopNotConfirmed, Stopped
+from controller.cell.machine import Event
+from drivers.kinds import IoBlock, Stop
+
+from ..services import Views
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HoldAction:
+    """Stands still and keeps holding."""
+
+    stopping: Stopping
+    views: Views
+
+    async def run(self) -> Event:
+        """Stop the arm on a ramp."""
+        self.views.drop_pending()
+        await self.stopping.stop_arm(Stop.RAMP)
+        return Event.HOLD_DONE
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StopMotionAction:
+    """Stops on request."""
+
+    stopping: Stopping
+    views: Views
+
+    async def run(self) -> Event:
+        """Stop every device; raise what the first one raised that did not confirm."""
+        self.views.drop_pending()
+        failures = await self.stopping.stop_all(Stop.RAMP)
+        for error in failures.values():
+            raise error
+        return Event.STOP_DONE
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AbortMotionAction:
+    """Stops at once whatever still answers.
+
+    Parameters
+    ----------
+    stopping : stops the devices
+    views : the views of the part; those still being judged are given up
+    journal : gets what stopped and what did not answer
+    """
+
+    stopping: Stopping
+    views: Views
+    journal: Journal
+
+    async def run(self) -> Event:
+        """Stop every device; write down which confirmed it."""
+        self.views.drop_pending()
+        failures = await self.stopping.stop_all(Stop.DEAD)
+        for name in self.stopping.names:
+            error = failures.get(name)
+            if error is None:
+                self.journal.write(Stopped(device=name))
+                continue
+            log.warning("%s did not confirm the stop: %s", name, error)
+            with suppress(JournalError):
+                self.journal.write(StopNotConfirmed(device=name, error=str(error)))
+        return Event.ABORT_DONE
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClearFaultAction:
+    """Checks that what stopped the cell is gone."""
+
+    io: IoBlock
+
+    async def run(self) -> Event:
+        """Check the interlocks.
+
+        Raises
+        ------
+        InterlockError : one is still not healthy
+        """
+        check_interlocks(self.io)
+        return Event.CLEAR_DONE

@@ -1,0 +1,145 @@
+"""Puts a cell together for one batch: services, the action of each effect, the dispatcher."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from controller.config import Cell, Recipe
+from controller.planning.model import CellLayout
+from drivers.clock import CellClock
+from drivers.kinds import Camera
+
+from ..compute import Compute
+from ..devices import Devices
+from ..devices.stopping import Stopping
+from ..journal import Journal
+from ..machine import Effect
+from .actions import (
+    AbortMotionAction,
+    AcquireAction,
+    Action,
+    Actions,
+    ClearFaultAction,
+    CompleteAction,
+    GraspAction,
+    HandOffAction,
+    HoldAction,
+    HomeAction,
+    InspectAction,
+    PlaceAction,
+    PlanAction,
+    PresentAction,
+    RecogniseAction,
+    SetDownAction,
+    StopMotionAction,
+    WithdrawAction,
+)
+from .dispatcher import Dispatcher
+from .records import BatchRecord, Progress
+from .services import (
+    CameraName,
+    Disambiguation,
+    Grippers,
+    HeldPose,
+    Imaging,
+    Motion,
+    PlanSteps,
+    Preparation,
+    Recoveries,
+    Views,
+)
+from .watchers import FixedGripperWatcher, InterlockWatcher
+
+CAMERAS: tuple[CameraName, ...] = ("overhead", "inspection")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Batch:
+    """A cell that is ready for one batch.
+
+    Attributes
+    ----------
+    record : the part at hand and those done
+    motion : the arm
+    actions : what the table sets going
+    dispatcher : runs the batch
+    """
+
+    record: BatchRecord
+    motion: Motion
+    actions: Actions
+    dispatcher: Dispatcher
+
+
+def assemble(
+    compute: Compute,
+    recipe: Recipe,
+    cell: Cell,
+    layout: CellLayout,
+    devices: Devices,
+    clock: CellClock,
+    journal: Journal,
+    folder: Path,
+    progress: Progress,
+    on_progress: Callable[[], None],
+) -> Batch:
+    """Return a cell that is ready for one batch; nothing moves and nothing is asked.
+
+    Parameters
+    ----------
+    compute : answers what takes seconds
+    recipe, cell : as their files say
+    layout : the cell as planning sees it
+    devices : the drivers, connected or not
+    clock : the one the devices keep
+    journal : of the run
+    folder : of the run, for its pictures
+    progress, on_progress : what the operator sees; called after each change of it
+    """
+    arm, gripper, lights, io = devices.arm, devices.gripper, devices.lights, devices.io
+    quick = frozenset(name for name in CAMERAS if getattr(cell.cameras, name).settle_frames == 0)
+    cameras: dict[CameraName, Camera] = {
+        "overhead": devices.overhead,
+        "inspection": devices.inspection,
+    }
+
+    record = BatchRecord(journal, progress, on_progress)
+    motion = Motion(arm, io, clock)
+    steps = PlanSteps(record, motion, clock)
+    grippers = Grippers(arm, gripper, io, record, recipe)
+    imaging = Imaging(lights, cameras, quick, folder)
+    recoveries = Recoveries(record)
+    views = Views(record, compute, layout)
+    held_pose = HeldPose(record, views, motion, imaging, compute, recoveries, layout)
+    preparation = Preparation(compute)
+    stopping = Stopping(arm, gripper, lights, clock)
+
+    by_effect: dict[Effect, Action] = {
+        Effect.HOME: HomeAction(
+            arm, gripper, io, layout, motion, grippers, imaging, preparation, record, journal
+        ),
+        Effect.ACQUIRE: AcquireAction(imaging, record),
+        Effect.RECOGNISE: RecogniseAction(compute, recipe, record),
+        Effect.PLAN: PlanAction(compute, preparation, views, held_pose, motion, record),
+        Effect.GRASP: GraspAction(steps, motion, grippers, views, record, layout),
+        Effect.PRESENT: PresentAction(
+            steps, motion, grippers, imaging, views, Disambiguation(compute, record), record
+        ),
+        Effect.INSPECT: InspectAction(compute, steps, views, held_pose, record),
+        Effect.HAND_OFF: HandOffAction(steps, motion, grippers, record, layout),
+        Effect.SET_DOWN: SetDownAction(steps, motion, grippers, record),
+        Effect.WITHDRAW: WithdrawAction(compute, motion, grippers, recoveries, record),
+        Effect.PLACE: PlaceAction(steps, motion, grippers, record),
+        Effect.COMPLETE: CompleteAction(record, imaging),
+        Effect.HOLD: HoldAction(stopping, views),
+        Effect.STOP_MOTION: StopMotionAction(stopping, views),
+        Effect.ABORT_MOTION: AbortMotionAction(stopping, views, journal),
+        Effect.CLEAR_FAULT: ClearFaultAction(io),
+    }
+    actions = Actions(by_effect, recoveries)
+    watchers = (
+        InterlockWatcher(io),
+        FixedGripperWatcher(gripper, grippers, recoveries, record, clock),
+    )
+    dispatcher = Dispatcher(actions, record, stopping, watchers, journal)
+    return Batch(record, motion, actions, dispatcher)

@@ -1,0 +1,21 @@
+"""What is known of the part at hand and of the batch, and the rows of the journal made of it.
+
+`part.py` is the part, `batch.py` all parts with their journal and the operator's view of them,
+`describe.py` turns results into rows.
+"""
+
+from .batch import BatchRecord
+from .describe import plan_row, sightings_row, verdict_row, view_row
+from .part import Hold, PartRecord, Progress, Shown
+
+__all__ = [
+    "BatchRecord",
+    "Hold",
+    "PartRecord",
+    "Progress",
+    "Shown",
+    "plan_row",
+    "sightings_row",
+    "verdict_row",
+    "view_row",
+]

@@ -1,0 +1,92 @@
+"""Keeps what is known of the part at hand, and reports it: to the journal and to the operator.
+
+*Once* actions (grip, release, hand-off, sort) are on the disk before their bytes leave and are
+never repeated without a look at the jaws (cell-facts.md 2).
+"""
+
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+
+from controller.cell.custody import Custody
+from controller.cell.journal import Body, Journal, rows
+
+from .part import Hold, PartRecord, Progress
+
+
+class BatchRecord:
+    """The part at hand, the parts done, and who is told of them.
+
+    Parameters
+    ----------
+    journal : of the run
+    progress, on_progress : what the operator sees; called after each change of it
+    """
+
+    def __init__(
+        self, journal: Journal, progress: Progress, on_progress: Callable[[], None]
+    ) -> None:
+        self._journal = journal
+        self._progress = progress
+        self._on_progress = on_progress
+        self._finished: list[PartRecord] = []
+        self.part = PartRecord(number=0)
+        self.parts_left = 0
+
+    @property
+    def finished(self) -> tuple[PartRecord, ...]:
+        """The parts that are done, in order."""
+        return tuple(self._finished)
+
+    @property
+    def parts(self) -> tuple[PartRecord, ...]:
+        """All parts begun, the one at hand last."""
+        is_begun = self.part.number > 0 and self.part not in self._finished
+        return (*self._finished, *([self.part] if is_begun else []))
+
+    def begin_look(self) -> None:
+        """Begin the next part where the last one is done; forget the plan made for another look."""
+        if self.part.tray is not None or self.part.number == 0:
+            self.part = PartRecord(number=self.part.number + 1)
+        self.part.plan, self.part.next_step = None, 0
+
+    def finish_part(self) -> None:
+        """Count the part at hand among those done."""
+        self._finished.append(self.part)
+        self.parts_left -= 1
+
+    def held(self) -> Hold:
+        """Return how the arm gripper has the part; it must have it."""
+        hold = self.part.hold
+        assert hold is not None, "the arm gripper is empty"
+        return hold
+
+    def show(self, label: str, **more: object) -> None:
+        """Show the operator what the cell does now; ``more`` are fields of `Progress`."""
+        self._progress.label = label
+        self._progress.custody = self.part.custody
+        for name, value in more.items():
+            setattr(self._progress, name, value)
+        self._on_progress()
+
+    def show_state(self, state: str) -> None:
+        """Show the operator which state the cell has entered."""
+        self._progress.state = state
+        self._on_progress()
+
+    def note(self, row: Body) -> None:
+        """Write a row on the part at hand."""
+        self._journal.write(row, self.part.number)
+
+    async def set_custody(self, custody: Custody, detail: str = "") -> None:
+        """Change which gripper, tray or table has the part; on the disk when this returns."""
+        self.part.custody = custody
+        self._progress.custody = custody
+        row = rows.CustodyChanged(name=custody.key, detail=detail)
+        await self._journal.write_secured(row, self.part.number)
+
+    @asynccontextmanager
+    async def once(self, intent: rows.Intent) -> AsyncIterator[None]:
+        """Do in the block what must never be repeated blindly; its intent is on the disk before."""
+        await self._journal.write_secured(intent, self.part.number)
+        yield
+        self._journal.write(rows.OnceDone(name=intent.name), self.part.number)

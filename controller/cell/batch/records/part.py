@@ -1,0 +1,124 @@
+"""What is known of the part at hand and of the run."""
+
+import asyncio
+from dataclasses import dataclass, field
+
+from controller import inspection as inspecting
+from controller.arrays import BoolArray, FloatArray, Grey
+from controller.cell.custody import Custody
+from controller.cell.devices.clocks import Speed
+from controller.cell.machine import PartFault, Recovery, merged
+from controller.planning import Grasp, Look, Plan, Present
+from controller.recognition import Alternative, Sighting
+
+
+@dataclass(slots=True)
+class Progress:
+    """What the operator sees of the run at a moment."""
+
+    state: str = "stopped"
+    step: int = 0
+    step_count: int = 0
+    label: str = ""
+    part_pose: str = ""
+    remaining_s: float | None = None
+    custody: Custody = Custody.NONE
+    speed: Speed | None = None
+
+
+@dataclass(slots=True, eq=False)
+class Hold:
+    """How the hand has the part, from one closing of its jaws to their next opening.
+
+    Attributes
+    ----------
+    grasp : as planned
+    T_part_tcp : (4, 4) as planned, or as measured once `is_seen`
+    width_mm : of the jaws on the part
+    is_seen : a view has confirmed it
+    unconfirmed_count : views in a row that could not
+    """
+
+    grasp: Grasp
+    T_part_tcp: FloatArray
+    width_mm: float
+    is_seen: bool = False
+    unconfirmed_count: int = 0
+
+
+@dataclass(slots=True, eq=False)
+class Shown:
+    """A view that is being judged.
+
+    Attributes
+    ----------
+    hold : under which it was taken, None where it lay on the table
+    q : (6,) where the arm stood; expected : (4, 4) where the part should have been
+    backlit : its picture before the glowing panel
+    """
+
+    view: str
+    hold: Hold | None
+    q: FloatArray
+    expected: FloatArray
+    holder: tuple[inspecting.WorldBox, ...]
+    backlit: Grey
+    task: asyncio.Task[inspecting.ViewResult]
+
+
+@dataclass(slots=True)
+class PartRecord:
+    """All that is known of the part at hand.
+
+    Attributes
+    ----------
+    pictures, picture_names, look_count : of the last look at the table, and how many there were
+    candidates : what else it may be, as far as the pictures of the table tell
+    plan, plan_count, next_step : the plan in work, how many were made, where it stands
+    hold : of the hand, None where it is empty
+    fixed_grasp : how the fixed gripper has the part, as measured; None where it is empty
+    results : of all views, whatever plan they were part of: they are facts
+    planned : by view, which samples (n,) it was meant to show
+    recoveries : what the cell has set out to get over by itself
+    avoid : ids of grips that have failed
+    """
+
+    number: int
+    custody: Custody = Custody.ON_TABLE
+    pictures: dict[str, Grey] = field(default_factory=dict)
+    picture_names: dict[str, str] = field(default_factory=dict)
+    look_count: int = 0
+    sighting: Sighting | None = None
+    candidates: tuple[Alternative, ...] = ()
+    plan: Plan | None = None
+    plan_count: int = 0
+    next_step: int = 0
+    hold: Hold | None = None
+    fixed_grasp: Grasp | None = None
+    pending: list[Shown] = field(default_factory=list)
+    results: list[inspecting.ViewResult] = field(default_factory=list)
+    planned: dict[str, BoolArray] = field(default_factory=dict)
+    recoveries: list[Recovery] = field(default_factory=list)
+    avoid: set[str] = field(default_factory=set)
+    verdict: inspecting.PartVerdict | None = None
+    tray: str | None = None
+
+    @property
+    def seen(self) -> BoolArray | None:
+        """Return which samples (n,) views have truly shown; None before the first view.
+
+        Shown, not compared: what no check can compare, another view like it cannot either.
+        """
+        return merged([result.shown for result in self.results if result.evaluated])
+
+    @property
+    def promised(self) -> BoolArray | None:
+        """Return what the views of the present plan were to show (n,)."""
+        plan = self.plan
+        if plan is None:
+            return None
+        return merged([s.seen for s in plan.steps if isinstance(s, Present | Look)])
+
+    def has_had(self, fault: PartFault) -> bool:
+        """Return whether the part has had a fault before."""
+        return any(one.fault is fault for one in self.recoveries)

@@ -1,0 +1,253 @@
+"""One batch, from connecting to rest: builds the cell, runs the dispatcher, cleans up."""
+
+import asyncio
+import hashlib
+import platform
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from controller.config import Cell, Recipe
+from controller.setup.layout import build_layout
+
+from ..compute import Compute, Job
+from ..custody import CellIdentity, Held, fold_custody, where_it_is
+from ..custody.known_journals import note_journal, rows_of_all_journals
+from ..custody.openings import presses_on_something, read_openings
+from ..custody.start_check import PartMayBeHeldError, require_empty_grippers
+from ..devices import Devices, resolve
+from ..devices.clocks import FoundClock, Speed
+from ..journal import JOURNAL_NAME, Journal, Row, is_of, open_cell_journal, rows
+from .assembly import assemble
+from .dispatcher import Dispatcher, Outcome
+from .records import PartRecord, Progress
+
+
+@dataclass(frozen=True, slots=True)
+class RunOrder:
+    """What to run, and where its traces go.
+
+    Attributes
+    ----------
+    emulated : what the emulator said of itself, empty on a real cell
+    clock : the one the devices keep
+    runs_dir : folder of all runs; the cell's journal stands in it
+    is_part_removed : the operator states that no gripper holds anything
+    """
+
+    recipe_path: Path
+    cell_path: Path
+    recipe: Recipe
+    cell: Cell
+    count: int
+    speed: float
+    emulated: Mapping[str, Any]
+    clock: FoundClock
+    runs_dir: Path
+    run_id: str
+    is_part_removed: bool = False
+
+    @property
+    def folder(self) -> Path:
+        """The run's own folder."""
+        return self.runs_dir / self.run_id
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """How the run ended, what became of each part, how fast the cell's time ran."""
+
+    outcome: Outcome
+    parts: tuple[PartRecord, ...]
+    speed: Speed
+
+
+def new_run_id(recipe: Recipe) -> str:
+    """Return a name for a run that sorts by time."""
+    now = datetime.now(UTC)
+    return f"{now:%Y%m%d-%H%M%S}-{now.microsecond // 1000:03d}-{recipe.name}"
+
+
+async def run_batch(
+    order: RunOrder,
+    pool: ProcessPoolExecutor,
+    on_progress: Callable[[Progress], None],
+    on_dispatcher: Callable[[Dispatcher], None],
+    on_notice: Callable[[str], None] = lambda text: None,
+) -> RunResult:
+    """Run a batch to rest; everything from here on is in the journal.
+
+    Parameters
+    ----------
+    order : what to run, and where its files go
+    pool : the processes that compute
+    on_progress : called on the event loop with every change; must return at once
+    on_dispatcher : called once, before devices are connected; gives the caller what stops the run
+    on_notice : called with sentences that the operator should read
+
+    Raises
+    ------
+    JournalError : nothing may move without a journal
+    DeviceError : a device is not there, before anything moved
+    """
+    order.folder.mkdir(parents=True, exist_ok=True)
+    # a long journal takes a second to check
+    opened = await asyncio.to_thread(open_cell_journal, order.runs_dir / JOURNAL_NAME, order.run_id)
+    journal = opened.journal
+    if opened.notice:
+        on_notice(opened.notice)
+    try:
+        where = resolve(order.cell, order.emulated.get("devices", {}))
+        began = who_and_what(order, where)
+        journal.write(began)
+        known, left = await asyncio.to_thread(_left_by_runs, journal, began)
+        for notice in left:
+            journal.write(rows.EmulatedCellEnded(message=notice))
+            on_notice(notice)
+        clock = order.clock.open()
+        devices = Devices.build(order.cell, where, clock)
+        progress = Progress()
+        speed = Speed(clock.speed)
+
+        def show() -> None:
+            if notice := speed.look(clock):
+                on_notice(notice)
+            progress.speed = speed
+            on_progress(progress)
+
+        batch = assemble(
+            Compute(Job(order.recipe_path, order.cell_path), pool),
+            order.recipe,
+            order.cell,
+            build_layout(order.cell),
+            devices,
+            clock,
+            journal,
+            order.folder,
+            progress,
+            show,
+        )
+        dispatcher = batch.dispatcher
+        on_dispatcher(dispatcher)
+        try:
+            async with clock.attending():
+                try:
+                    progress.label = "connecting"
+                    show()
+                    who = await devices.connect()
+                    journal.write(rows.Connected(who))
+                    outcome = await _refused(order, devices, journal, known)
+                    if outcome is None:
+                        outcome = await dispatcher.run(order.count)
+                    show()
+                finally:
+                    await devices.aclose()
+        except BaseException as error:
+            journal.write(
+                rows.RunBrokeOff(
+                    error=str(error) or type(error).__name__,
+                    where=where_it_is(batch.record.part.custody),
+                )
+            )
+            raise
+        finally:
+            clock.close()
+        parts = batch.record.parts
+        journal.write(
+            rows.RunEnded(
+                end=outcome.end,
+                message=outcome.message,
+                parts=len(parts),
+                speed=rows.SpeedReached(**speed.as_json()),
+            )
+        )
+        return RunResult(outcome, parts, speed)
+    finally:
+        await asyncio.to_thread(journal.close)
+
+
+def _left_by_runs(journal: Journal, began: rows.RunBegan) -> tuple[tuple[Held, ...], list[str]]:
+    """Return what all journals say of a cell's grippers, and what went with an emulated cell."""
+    note_journal(journal.path, began)
+    here = CellIdentity.of(began)
+    found = rows_of_all_journals(journal.path, began)
+    return fold_custody(found, here), _gone_with_its_emulator(found, here, journal.run)
+
+
+def _gone_with_its_emulator(found: Sequence[Row], here: CellIdentity, run: str) -> list[str]:
+    began = [row for row in found if row.run != run and is_of(row, rows.RunBegan)]
+    if not began:
+        return []
+    last = CellIdentity.of(rows.RunBegan.model_validate(began[-1].body))
+    return [
+        f"Run {one.run} may have left a part in the {one.gripper.value} of an emulated cell. That "
+        "cell has ended, and the part with it; on a real cell this start would be refused."
+        for one in fold_custody(found, last)
+        if one.gripper in last.emulated and not here.shares(one.gripper, last)
+    ]
+
+
+async def _refused(
+    order: RunOrder, devices: Devices, journal: Journal, known: Sequence[Held]
+) -> Outcome | None:
+    """Return why nothing may move, or None."""
+    openings = await read_openings(devices)
+    try:
+        await require_empty_grippers(
+            known,
+            openings,
+            journal,
+            lambda: presses_on_something(devices),
+            is_part_removed=order.is_part_removed,
+        )
+    except PartMayBeHeldError as error:
+        where = where_it_is(error.custody)
+        outcome = Outcome("refused", str(error), "part_may_be_held", where)
+        journal.write(
+            rows.AtRest(
+                state=outcome.end,
+                message=outcome.message,
+                code=outcome.code,
+                custody=error.custody.key.upper(),
+                where=where,
+            )
+        )
+        return outcome
+    return None
+
+
+def who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> rows.RunBegan:
+    """Return what is run on what, as a run's first row says it.
+
+    Parameters
+    ----------
+    order : what to run
+    where : the devices' settings, as `resolve` found them
+    """
+    # whatever keeps an emulator's clock is emulated, also where its address was given by hand
+    emulated_names = where if order.clock.path is not None else order.cell.emulated_devices
+    files = (order.recipe_path, order.cell_path, order.recipe.part, *order.recipe.others)
+    return rows.RunBegan(
+        recipe=order.recipe.model_dump(mode="json", by_alias=True),
+        files={str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in files},
+        cell=order.cell.model_dump(mode="json", by_alias=True),
+        devices={
+            name: dict(settings) | {"emulated": name in emulated_names}
+            for name, settings in where.items()
+        },
+        emulated_devices=tuple(emulated_names),
+        emulator={k: v for k, v in order.emulated.items() if k != "devices"},
+        speed=order.speed,
+        clock=None if order.clock.path is None else str(order.clock.path),
+        count=order.count,
+        software={
+            "cellctl": version("cellctl"),
+            "python": sys.version.split()[0],
+            "system": platform.platform(terse=True),
+        },
+    )

@@ -1,0 +1,156 @@
+"""Opens and closes both grippers, checks that they hold, and books the part that they lose."""
+
+from controller.cell.custody import Custody
+from controller.cell.custody.release_guard import LOST_MM, NOTHING_MM, ReleaseGuard
+from controller.cell.errors import PartFaultError
+from controller.cell.journal.rows import Intent, Once
+from controller.cell.machine import PartFault
+from controller.config import Recipe
+from drivers.kinds import Arm, FixedGripper, GraspReading, Hold, IoBlock
+
+from ..records import BatchRecord
+
+
+class Grippers:
+    """The arm gripper and the fixed gripper.
+
+    Parameters
+    ----------
+    arm, fixed, io : the devices; the light barrier of the fixed gripper is an input of ``io``
+    record : who has the part
+    recipe : how hard to grip, and how far an opening may be off
+    """
+
+    def __init__(
+        self, arm: Arm, fixed: FixedGripper, io: IoBlock, record: BatchRecord, recipe: Recipe
+    ) -> None:
+        self._arm = arm
+        self._fixed = fixed
+        self._record = record
+        self._guard = ReleaseGuard(arm, fixed, io)
+        self._force_n = recipe.grasp.force_n
+        # MAX_FORCE has no unit of its own; 20 to 60 have been used (umi_rtx.md 5.6)
+        self._arm_force = max(20, min(60, round(recipe.grasp.force_n)))
+        self.tolerance_mm = recipe.grasp.width_tolerance_mm
+
+    async def open_arm(self, opening_mm: float) -> None:
+        """Open the arm gripper; it must not be the only one to hold the part.
+
+        Raises
+        ------
+        ReleaseRefusedError : nobody else is known to hold what it holds
+        """
+        await self._guard.open_arm(opening_mm, self._record.part.custody)
+
+    async def release_to_fixed(self, opening_mm: float) -> None:
+        """Open the arm gripper once the fixed gripper has the part, too.
+
+        Raises
+        ------
+        ReleaseRefusedError : the fixed gripper does not confirm that it holds the part
+        """
+        async with self._record.once(Intent(name=Once.RELEASE_ARM, open_mm=opening_mm)):
+            await self.open_arm(opening_mm)
+        self._record.part.hold = None
+
+    async def let_go(self, intent: Intent, opening_mm: float) -> None:
+        """Open the arm gripper where the part is meant to stay: on the table, over its tray."""
+        async with self._record.once(intent):
+            await self._guard.open_arm(opening_mm, self._record.part.custody, lets_go=True)
+        self._record.part.hold = None
+
+    async def open_fixed(self, opening_mm: float | None = None) -> None:
+        """Open the fixed gripper; as wide as it goes where no opening is named.
+
+        Raises
+        ------
+        ReleaseRefusedError : nobody else is known to hold what it holds
+        """
+        part = self._record.part
+        gripped_mm = 0.0 if part.hold is None else part.hold.width_mm
+        if opening_mm is None:
+            opening_mm = self._fixed.max_opening_mm
+        await self._guard.open_fixed(opening_mm, part.custody, gripped_mm)
+
+    async def release_to_arm(self, opening_mm: float) -> None:
+        """Open the fixed gripper once the arm gripper has the part, too.
+
+        Raises
+        ------
+        ReleaseRefusedError : the jaws of the arm gripper do not stand on the part
+        """
+        async with self._record.once(Intent(name=Once.RELEASE_FIXED, open_mm=opening_mm)):
+            await self.open_fixed(opening_mm)
+        self._record.part.fixed_grasp = None
+
+    async def close_arm(self, action: Once, expected_mm: float) -> float:
+        """Close the arm gripper on the part; return the opening reached [mm].
+
+        Parameters
+        ----------
+        action : to take it off the table, or back from the fixed gripper
+        expected_mm : the opening the plan expects
+        """
+        async with self._record.once(Intent(name=action, expected_mm=expected_mm)):
+            return await self._arm.grasp(self._arm_force)
+
+    async def close_fixed(self, expected_mm: float) -> GraspReading:
+        """Close the fixed gripper on the part that the arm gripper holds."""
+        async with self._record.once(Intent(name=Once.HAND_OFF, expected_mm=expected_mm)):
+            return await self._fixed.close_on(expected_mm, force_n=self._force_n)
+
+    async def require_arm_holds(self) -> None:
+        """Press once more and look at the jaws: with nothing between them they close.
+
+        A jaw that stalled on the part stands where it stalled even when the part has gone
+        (umi_rtx.md 7), so that its opening alone proves nothing.
+
+        Raises
+        ------
+        PartFaultError : the part is gone; custody says where it may be
+        """
+        hold = self._record.held()
+        opening_mm = await self._arm.grasp(self._arm_force)
+        if opening_mm >= hold.width_mm - LOST_MM and opening_mm >= NOTHING_MM:
+            return
+        self._record.part.hold = None
+        message = (
+            f"the part is gone from the arm gripper: jaws at {opening_mm:.1f} mm, "
+            f"{hold.width_mm:.1f} mm while it was held"
+        )
+        if self._record.part.custody is Custody.IN_BOTH:
+            await self._record.set_custody(
+                Custody.IN_FIXED, f"jaws of the arm gripper at {opening_mm:.1f} mm"
+            )
+            raise PartFaultError(PartFault.RECEIVE_FAILED, message)
+        await self._record.set_custody(Custody.LOST, f"jaws at {opening_mm:.1f} mm")
+        raise PartFaultError(PartFault.DROPPED, message)
+
+    async def does_fixed_hold(self) -> bool:
+        """Return whether the fixed gripper itself confirms that it holds something."""
+        return (await self._fixed.hold()) is Hold.HELD
+
+    async def require_fixed_holds(self) -> None:
+        """Check that the fixed gripper, which alone has the part, still holds it.
+
+        Raises
+        ------
+        PartFaultError : the part has left it
+        """
+        if not await self.does_fixed_hold():
+            raise await self.lose_from_fixed()
+
+    async def lose_from_fixed(self) -> PartFaultError:
+        """Book a part that has left the fixed gripper while nobody else had it."""
+        self._record.part.fixed_grasp = None
+        await self._record.set_custody(Custody.LOST, "at the fixed gripper")
+        return PartFaultError(PartFault.DROPPED, "the part left the fixed gripper")
+
+    async def openings_mm(self) -> tuple[float, float]:
+        """Return how wide the jaws stand: of the arm gripper, of the fixed gripper [mm]."""
+        return await self._arm.read_opening_mm(), (await self._fixed.status()).width_mm
+
+    @property
+    def is_something_in_fixed(self) -> bool:
+        """Whether the light barrier of the fixed gripper sees something between its jaws."""
+        return self._guard.is_something_in_fixed

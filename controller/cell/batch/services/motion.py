@@ -1,0 +1,77 @@
+"""Moves the arm along checked paths, and remembers how it came, so that it can go back."""
+
+from controller.arrays import FloatArray
+from controller.cell.devices.interlocks import check_interlocks
+from drivers.clock import CellClock
+from drivers.kinds import Arm, IoBlock
+
+JointPath = tuple[FloatArray, ...]
+
+RINGING_S = 0.3  # a long arm rings after it stops
+
+
+class Motion:
+    """The arm, as the actions move it.
+
+    Parameters
+    ----------
+    arm : the device
+    io : where the interlocks are read, before each path
+    clock : of the cell
+    """
+
+    def __init__(self, arm: Arm, io: IoBlock, clock: CellClock) -> None:
+        self._arm = arm
+        self._io = io
+        self._clock = clock
+        # where the arm has been since it last stood free of everything: the way back is free too
+        self._trail: list[FloatArray] = []
+
+    async def start_from(self, q: FloatArray) -> None:
+        """Drive to a configuration (6,) that is free of everything; ways back end there."""
+        await self._arm.move_joints(q)
+        self._trail = [q]
+
+    async def follow(self, path: JointPath) -> None:
+        """Drive along a joint path, each waypoint (6,).
+
+        Raises
+        ------
+        InterlockError : a safety copy is not healthy
+        DeviceError : the arm does not get there
+        """
+        check_interlocks(self._io)
+        for q in path:
+            self._trail.append(q)
+            await self._arm.move_joints(q)
+
+    def mark_free(self) -> None:
+        """Note that the arm stands free of everything: nothing before this needs a way back."""
+        del self._trail[:-1]
+
+    @property
+    def can_go_back(self) -> bool:
+        """Whether a waypoint is known that the arm came from."""
+        return len(self._trail) > 1
+
+    async def go_back(self, count: int) -> None:
+        """Drive the last ``count`` waypoints backwards, to where the arm stood before them.
+
+        Raises
+        ------
+        InterlockError : a safety copy is not healthy
+        DeviceError : the arm does not get there
+        """
+        path = [self._trail[-2 - i] for i in range(count)]
+        del self._trail[-count:]
+        check_interlocks(self._io)
+        for q in path:
+            await self._arm.move_joints(q)
+
+    async def ring_down(self) -> None:
+        """Wait until the arm, which has stopped, stands still enough for a picture."""
+        await self._clock.sleep(RINGING_S)
+
+    async def read_q(self) -> FloatArray:
+        """Return where the arm stands: its joints (6,)."""
+        return await self._arm.read_q()

@@ -1,0 +1,22 @@
+"""The planner's long work that depends on no picture: begun early, waited for when it is needed."""
+
+import asyncio
+
+from controller.cell.compute import Compute
+
+
+class Preparation:
+    """Planning ahead of the first look at the table."""
+
+    def __init__(self, compute: Compute) -> None:
+        self._compute = compute
+        self._task: asyncio.Future[float] | None = None
+
+    def begin(self) -> None:
+        """Begin in the worker process; returns at once."""
+        self._task = asyncio.ensure_future(self._compute.prepare())
+
+    async def wait(self) -> None:
+        """Wait until it is done, if it was begun; raise what it raised."""
+        if self._task is not None:
+            await self._task

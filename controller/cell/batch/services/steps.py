@@ -1,0 +1,82 @@
+"""Goes through the plan in work step by step; says when each began and how long it took."""
+
+from dataclasses import dataclass
+from typing import TypedDict, TypeVar, Unpack
+
+from controller.cell.journal.rows import StepDone
+from controller.planning import Step
+from drivers.clock import CellClock
+
+from ..records import BatchRecord
+from .motion import Motion
+
+SomeStep = TypeVar("SomeStep", bound=Step)
+
+
+class StepFields(TypedDict, total=False):
+    """What a step's row may say beside its label and its times; see `StepDone`."""
+
+    view: str
+    passed_by: str
+    tray: str
+    jaw_mm: float
+    expected_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanSteps:
+    """The plan of the part at hand, and where it stands.
+
+    Attributes
+    ----------
+    record : has the plan
+    motion : learns that the arm stands free after each step
+    clock : times the steps [cell s]
+    """
+
+    record: BatchRecord
+    motion: Motion
+    clock: CellClock
+
+    def next(self, kind: type[SomeStep]) -> SomeStep | None:
+        """Return the step that comes next if it is of this kind, None otherwise."""
+        part = self.record.part
+        if part.plan is None or part.next_step >= len(part.plan.steps):
+            return None
+        step = part.plan.steps[part.next_step]
+        return step if isinstance(step, kind) else None
+
+    def begin(self, step: Step) -> float:
+        """Show that a step begins; return when [cell s]."""
+        part, plan = self.record.part, self.record.part.plan
+        remaining = None
+        if plan is not None:
+            done = sum(s.seconds for s in plan.steps[: part.next_step])
+            remaining = max(0.0, plan.forecast_s - done)
+        self.record.show(
+            step.label,
+            step=part.next_step + 1,
+            step_count=len(plan.steps) + 1 if plan else 0,
+            remaining_s=remaining,
+        )
+        return self.clock.now_s()
+
+    def end(self, step: Step, started_s: float, **more: Unpack[StepFields]) -> None:
+        """Write down that a step is done; every step ends where the arm stands free.
+
+        Parameters
+        ----------
+        step : which
+        started_s : when it began, as `begin` returned it [cell s]
+        more : what else its row says
+        """
+        self.record.note(
+            StepDone(
+                label=step.label,
+                forecast_s=round(step.seconds, 2),
+                seconds=round(self.clock.now_s() - started_s, 2),
+                **more,
+            )
+        )
+        self.record.part.next_step += 1
+        self.motion.mark_free()

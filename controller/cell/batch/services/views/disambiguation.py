@@ -1,0 +1,67 @@
+"""Finds out what the arm gripper holds, by the view that decides between the hypotheses."""
+
+from dataclasses import dataclass
+
+from controller.arrays import FloatArray, Grey
+from controller.cell.batch.records import BatchRecord, Hold
+from controller.cell.compute import Compute
+from controller.cell.errors import PartFaultError, PartProblemError
+from controller.cell.journal.rows import AmbiguityResolved
+from controller.cell.machine import PartFault
+from controller.imaging import inverse_pose
+from controller.planning import Ambiguity
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Disambiguation:
+    """Compares a view with every hypothesis of what is held."""
+
+    compute: Compute
+    record: BatchRecord
+
+    async def resolve(
+        self, ambiguity: Ambiguity, hold: Hold, q: FloatArray, backlit: Grey, lit: tuple[Grey, ...]
+    ) -> None:
+        """Return if the view leaves the hypothesis that the plan was made for, and it alone.
+
+        Parameters
+        ----------
+        ambiguity : the hypotheses
+        hold : is corrected where another one is true
+        q : (6,) where the arm stands
+        backlit, lit : pictures of the view
+
+        Raises
+        ------
+        PartFaultError : the part, but in another stable pose than was planned with
+        PartProblemError : another part, or more than one hypothesis is left
+        """
+        part, names = self.record.part, [c.name for c in ambiguity.candidates]
+        left = await self.compute.identify(ambiguity, q, hold.width_mm, backlit, lit)
+        part.candidates = ()
+        self.record.note(
+            AmbiguityResolved(
+                between=tuple(names), left=tuple(names[k] for k in left), light=ambiguity.light
+            )
+        )
+        if left == (0,):
+            return
+        if not left:
+            raise PartProblemError(
+                "unknown_object", f"the part in the gripper looks like none of {', '.join(names)}"
+            )
+        if len(left) > 1:
+            raise PartProblemError(
+                "ambiguous",
+                f"it may still be {' or '.join(names[k] for k in left)}; look at what "
+                "the arm gripper holds",
+            )
+        found = ambiguity.candidates[left[0]]
+        if found.name != names[0]:
+            raise PartProblemError(
+                "wrong_part", f"the view shows {found.name}, the recipe is for {names[0]}"
+            )
+        hold.T_part_tcp = inverse_pose(found.T_tcp_part)
+        raise PartFaultError(
+            PartFault.HELD_OTHERWISE, "the view shows another stable pose than it seemed"
+        )

@@ -1,0 +1,151 @@
+"""Views of the part that were shown: judged in the worker process while the arm goes on."""
+
+import asyncio
+import logging
+from collections.abc import Mapping
+
+import numpy as np
+
+from controller import inspection as inspecting
+from controller.arrays import FloatArray, Grey
+from controller.cell.batch.records import BatchRecord, Hold, Shown, view_row
+from controller.cell.compute import Compute
+from controller.cell.journal.rows import ViewPictures
+from controller.cell.machine import merged
+from controller.planning import Look, Present, shown_pose
+from controller.planning.model import CellLayout
+
+from .holder import holder_boxes
+
+log = logging.getLogger(__name__)
+
+
+class Views:
+    """What was shown to the cameras, and what inspection makes of it.
+
+    Parameters
+    ----------
+    record : keeps the results with the part
+    compute : judges the pictures
+    layout : where camera, arm and fixed gripper stand
+    """
+
+    def __init__(self, record: BatchRecord, compute: Compute, layout: CellLayout) -> None:
+        self._record = record
+        self._compute = compute
+        self._layout = layout
+        self._last_held: Shown | None = None
+
+    @property
+    def last_held(self) -> Shown | None:
+        """The view of the held part that was shown last, judged or not."""
+        return self._last_held
+
+    def name(self, step: Present | Look) -> str:
+        """Return what a view is called: plans after the first one begin to count anew."""
+        plan_count = self._record.part.plan_count
+        return step.view_id if plan_count < 2 else f"{step.view_id}~{plan_count}"
+
+    def announce(
+        self, step: Present | Look, files: Mapping[str, str], q: FloatArray | None = None
+    ) -> None:
+        """Write down the pictures of a view, and what it is meant to show.
+
+        Parameters
+        ----------
+        step : that shows it
+        files : by lamp
+        q : (6,) where the arm stands; None for a part on the table
+        """
+        view = self.name(step)
+        self._record.note(
+            ViewPictures(view=view, pictures=files, q=() if q is None else tuple(q.tolist()))
+        )
+        self._record.part.planned[view] = step.seen
+
+    def judge_held(
+        self, view: str, hold: Hold, q: FloatArray, backlit: Grey, lit: Mapping[str, Grey]
+    ) -> None:
+        """Begin to judge a view of the held part.
+
+        Parameters
+        ----------
+        view : its name
+        hold : under which it was taken
+        q : (6,) where the arm stood
+        backlit, lit : pictures before the glowing panel, and by lamp
+        """
+        expected = shown_pose(self._layout, q, hold.T_part_tcp)
+        holder = holder_boxes(self._layout, q, hold.width_mm)
+        task = asyncio.ensure_future(
+            self._compute.inspect(view, expected, holder, backlit, lit, hold.is_seen)
+        )
+        self._last_held = Shown(view, hold, q, expected, holder, backlit, task)
+        self._record.part.pending.append(self._last_held)
+
+    def judge_on_table(self, view: str, step: Look, backlit: Grey, lit: Mapping[str, Grey]) -> None:
+        """Begin to judge pictures of the table as a view of the part that lies there.
+
+        It counts for what the plan says it resolves.
+
+        Parameters
+        ----------
+        view : its name
+        step : of the plan
+        backlit, lit : pictures of the glowing table, and by lamp
+        """
+        sighting = self._record.part.sighting
+        assert sighting is not None
+        T = sighting.T_world_part
+        assert T is not None
+
+        async def counted() -> inspecting.ViewResult:
+            return (await self._compute.inspect_on_table(view, T, backlit, lit)).within(step.seen)
+
+        task = asyncio.ensure_future(counted())
+        self._record.part.pending.append(Shown(view, None, np.zeros(6), T, (), backlit, task))
+
+    async def take_next(self) -> tuple[Shown, inspecting.ViewResult] | None:
+        """Wait for the oldest view that is still being judged; return it, None if there is none."""
+        part = self._record.part
+        if not part.pending:
+            return None
+        shown = part.pending[0]
+        result = await asyncio.shield(shown.task)
+        part.pending.pop(0)
+        part.results.append(result)
+        self._record.note(view_row(result))
+        log.info(
+            "view %s: %s",
+            result.view_id,
+            f"{len(result.findings)} findings" if result.evaluated else result.reason,
+        )
+        return shown, result
+
+    async def is_worth_showing(self, step: Present) -> bool:
+        """Return whether a view was meant to show what none has truly shown yet.
+
+        Without a recovery before, the plan is driven as it is. After one, the views still being
+        judged are waited for.
+        """
+        part = self._record.part
+        if not part.recoveries:
+            return True
+        tasks = [shown.task for shown in part.pending]
+        if tasks:
+            await asyncio.wait(tasks)  # which, cancelled, leaves them be: what they tell are facts
+        judged = [t.result() for t in tasks if not t.cancelled() and t.exception() is None]
+        seen = merged([r.shown for r in (*part.results, *judged) if r.evaluated])
+        return seen is None or bool((step.seen & ~seen).any())
+
+    def is_hold_questioned(self) -> bool:
+        """Return whether a view judged meanwhile says the part is not where it should be."""
+        pending = self._record.part.pending
+        judged = [s.task for s in pending if s.task.done() and not s.task.cancelled()]
+        return any(t.exception() is not None or not t.result().evaluated for t in judged)
+
+    def drop_pending(self) -> None:
+        """Give up the views that are still being judged."""
+        for shown in self._record.part.pending:
+            shown.task.cancel()
+        self._record.part.pending.clear()

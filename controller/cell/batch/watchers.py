@@ -1,0 +1,102 @@
+"""Watches what no action reports: the safety copies, and a part that leaves the fixed gripper."""
+
+from contextlib import suppress
+from typing import Protocol
+
+from drivers.clock import CellClock
+from drivers.errors import DeviceError
+from drivers.kinds import FixedGripper, Hold, IoBlock, Signal
+
+from ..custody import Custody
+from ..devices.interlocks import REQUIRED_SIGNALS
+from ..errors import PartProblemError
+from ..machine import Event
+from .records import BatchRecord
+from .services import Grippers, Recoveries
+
+LOSS_POLL_S = 0.5
+
+
+class Report(Protocol):
+    """Takes an event, with a message and a code for the operator."""
+
+    def __call__(self, event: Event, message: str = "", code: str = "") -> None:
+        """Take it."""
+        ...
+
+
+class Watcher(Protocol):
+    """Something that is watched from the start of a batch to its end."""
+
+    async def run(self, report: Report) -> None:
+        """Watch until cancelled."""
+        ...
+
+
+class InterlockWatcher:
+    """Turns a safety copy that is not healthy into a fault, at once."""
+
+    def __init__(self, io: IoBlock) -> None:
+        self._io = io
+
+    async def run(self, report: Report) -> None:
+        """Watch until cancelled."""
+        with self._io.watch() as changes:
+            async for change in changes:
+                if change.name in REQUIRED_SIGNALS and change.signal is not Signal.OK:
+                    remedy = REQUIRED_SIGNALS[change.name]
+                    if change.signal is Signal.UNKNOWN:
+                        remedy = "the I/O block gives no fresh reading; check its cable and power"
+                    report(Event.FAULT, f"{change.name}: {remedy}", change.name.removesuffix("_ok"))
+
+
+class FixedGripperWatcher:
+    """Turns a part that leaves the fixed gripper into an event, at once.
+
+    Parameters
+    ----------
+    gripper : the device
+    grippers, recoveries, record : services
+    clock : of the cell
+    """
+
+    def __init__(
+        self,
+        gripper: FixedGripper,
+        grippers: Grippers,
+        recoveries: Recoveries,
+        record: BatchRecord,
+        clock: CellClock,
+    ) -> None:
+        self._gripper = gripper
+        self._grippers = grippers
+        self._recoveries = recoveries
+        self._record = record
+        self._clock = clock
+
+    async def run(self, report: Report) -> None:
+        """Watch until cancelled, or until a person has to look at the part."""
+        while True:
+            await self._gripper.wait_lost()
+            try:
+                is_lost = await self._book_loss()
+            except PartProblemError as problem:
+                report(Event.PART_PROBLEM, str(problem), problem.code)
+                return
+            if is_lost:
+                report(Event.PART_DROPPED)
+            # the loss stands until the jaws are sent somewhere again
+            with suppress(DeviceError):
+                while (await self._gripper.hold()) is Hold.LOST:
+                    await self._clock.sleep(LOSS_POLL_S)
+            await self._clock.sleep(LOSS_POLL_S)
+
+    async def _book_loss(self) -> bool:
+        """Book what the fixed gripper has lost, if it alone had the part; return whether it had.
+
+        While the arm gripper has it too, or already, that gripper's own look decides.
+        """
+        if self._record.part.custody is not Custody.IN_FIXED:
+            return False
+        self._recoveries.book(await self._grippers.lose_from_fixed())
+        return True

@@ -1,0 +1,132 @@
+"""Whether a recipe can be run in a cell: what follows from files alone, before anything moves.
+
+`cellctl check` prints it; `cellctl run` asks the same before it starts anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from controller.cad import Solid, StablePose, load_solid
+from controller.cad.compiled import UNITLESS, CompileOptions, cached_part, load_part
+from controller.config import Cell, ConfigError, Recipe, line_in, load_cell, load_recipe
+from controller.setup.drivers import require_drivers
+from controller.setup.planner import PlannerSetup
+
+from ..plans import Certified, Planning
+from . import Job, context, part_files
+
+LIKELY = 0.03  # poses rarer than this are no reason to refuse a recipe
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CheckedPose:
+    """A stable pose that parts are likely to lie in, and what can be promised of it."""
+
+    pose: StablePose
+    certified: Certified
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Checked:
+    """What a recipe comes to in a cell.
+
+    Attributes
+    ----------
+    problems : why it cannot be run, a sentence each; none where it can
+    """
+
+    setup: PlannerSetup
+    poses: tuple[CheckedPose, ...]
+    problems: tuple[str, ...]
+
+
+def check_sizes(recipe_path: Path, recipe: Recipe, cell: Cell) -> None:
+    """Check that each part would find room on the table, whichever way it lies.
+
+    Before anything is compiled: a part in the wrong unit may have millions of samples.
+
+    Parameters
+    ----------
+    recipe_path : recipe file, for the message
+    recipe : its parts are read, and their meshes measured
+    cell : its glowing area is the room there is
+
+    Raises
+    ------
+    ConfigError : it would not; the unit that the recipe declares may be wrong
+    CadError : a CAD file is wrong
+    """
+    area = cell.table.glowing_area
+    room_mm = sorted((area.x[1] - area.x[0], area.y[1] - area.y[0]))
+    for path, options in part_files(recipe):
+        solid = _solid(path, options)
+        size_mm = sorted(solid.mesh.extents.tolist())
+        if size_mm[0] <= room_mm[0] and size_mm[1] <= room_mm[1]:
+            continue
+        line = line_in(recipe_path, ("unit",))
+        where = recipe_path if line is None else f"{recipe_path}:{line}"
+        size = " x ".join(f"{side:.0f}" for side in reversed(size_mm))
+        raise ConfigError(
+            f"{where}: {solid.name} is {size} mm in `unit: {solid.unit}` and finds no room on the "
+            f"table of {room_mm[1]:.0f} x {room_mm[0]:.0f} mm; is the unit right?"
+        )
+
+
+def _solid(path: Path, options: CompileOptions) -> Solid:
+    """Return a part's solid, compiled only where reading alone takes as long."""
+    kept = cached_part(path, options)
+    if kept is not None:
+        return kept.solid
+    is_quick = path.suffix.lower() in UNITLESS
+    return load_solid(path, unit=options.unit) if is_quick else load_part(path, options).solid
+
+
+def check_job(job: Job) -> Checked:
+    """Check files, CAD, and whether the part can be taken and shown from every likely pose.
+
+    Raises
+    ------
+    ConfigError, CadError : a file is wrong
+    """
+    cell = load_cell(job.cell_path)
+    require_drivers(job.cell_path, cell)
+    check_sizes(job.recipe_path, load_recipe(job.recipe_path), cell)
+    return check_plans(job)
+
+
+def check_plans(job: Job, progress: Callable[[str], None] | None = None) -> Checked:
+    """Check whether the part, whose files are known to be sound, can be taken and shown.
+
+    Parameters
+    ----------
+    progress : called with what is being done, before it is done
+
+    Raises
+    ------
+    ConfigError, CadError : a file is wrong
+    """
+    c = context(job)
+    planning = Planning(c.part, c.layout, c.setup.options)
+    wanted = c.recipe.inspection.min_coverage
+    poses, problems = [], []
+    for pose in c.poses:
+        if pose.rolling or pose.marginal or pose.probability < LIKELY:
+            continue
+        if progress is not None:
+            progress(f"planning from pose {pose.index} ({pose.probability:.0%})")
+        certified = planning.certified(pose)
+        poses.append(CheckedPose(pose, certified))
+        plan, where = certified.certificate.plan, f"in stable pose {pose.index}"
+        if plan is None:
+            problems.append(f"{where} ({pose.probability:.0%}): {certified.certificate.reason}")
+        elif plan.covered_fraction < wanted:
+            problems.append(
+                f"{where}: {plan.covered_fraction:.1%} of the surface can be shown, the recipe "
+                f"requires {wanted:.1%}"
+            )
+    if not poses:
+        problems.append("there is no pose in which the part is likely to rest")
+    return Checked(c.setup, tuple(poses), tuple(problems))

@@ -1,0 +1,63 @@
+"""What the cell decides, without I/O: its states, and which part faults it recovers from.
+
+`machine.py` is the table of states, events and effects; `recovery.py` the recovery policy;
+`diagram.py` draws docs/state-machine.md.
+"""
+
+from .machine import (
+    COMMANDS,
+    ENTRY,
+    EXECUTE,
+    IGNORED,
+    RESTING,
+    SEPARATOR,
+    STAGES,
+    STATES,
+    TABLE,
+    CellMachine,
+    Decision,
+    Effect,
+    Event,
+    Transition,
+)
+from .recovery import (
+    LEARNT,
+    RECOVERY_ACTIONS,
+    TRIES_IN_ALL,
+    TRIES_PER_KIND,
+    WORTH_SHARE,
+    PartFault,
+    Recovery,
+    RecoveryAction,
+    is_held_otherwise,
+    merged,
+    recovery_for,
+)
+
+__all__ = [
+    "COMMANDS",
+    "ENTRY",
+    "EXECUTE",
+    "IGNORED",
+    "LEARNT",
+    "RECOVERY_ACTIONS",
+    "RESTING",
+    "SEPARATOR",
+    "STAGES",
+    "STATES",
+    "TABLE",
+    "TRIES_IN_ALL",
+    "TRIES_PER_KIND",
+    "WORTH_SHARE",
+    "CellMachine",
+    "Decision",
+    "Effect",
+    "Event",
+    "PartFault",
+    "Recovery",
+    "RecoveryAction",
+    "Transition",
+    "is_held_otherwise",
+    "merged",
+    "recovery_for",
+]

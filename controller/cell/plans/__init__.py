@@ -1,0 +1,15 @@
+"""Plans, certificates and prepared parts, from the cache where they are there.
+
+`planning.py` plans what the cache does not have; `stored.py` is how all three are stored, and
+checked when they are read.
+"""
+
+from .planning import Planning, planner_hash
+from .stored import Certified, KeptPlan
+
+__all__ = [
+    "Certified",
+    "KeptPlan",
+    "Planning",
+    "planner_hash",
+]

@@ -1,0 +1,199 @@
+"""A run as JSON, for machines: schema ``cellctl.report``, version 1.
+
+The schema's number rises when a key changes its meaning or goes; new keys may come without it.
+Lengths are mm, angles degrees, areas mm2, `*_fraction` 0..1, times ISO 8601 UTC; `*_s` of steps
+are cell seconds, `wall_s` is wall seconds. Unknown is null, never a made-up number.
+
+| key | what |
+|---|---|
+| `schema`, `schema_version` | ``cellctl.report``, 1 |
+| `run`, `start`, `end`, `wall_s`, `speed`, `speed_reached` | id, times, cell seconds per wall second: asked for, and reached (null: cut off) |
+| `recipe`, `cell` | as they were read, whole |
+| `emulated`, `emulated_devices` | true if any device was not real: not a production result |
+| `devices[]` | `name`, `address`, `emulated`, `identity` (null if it never answered) |
+| `software` | versions by name |
+| `outcome` | `end` (complete, held, stopped, aborted, broke_off, cut_off), `message`, `code`, `custody`, `where` |
+| `verdict` | of the run: the worst of its parts; `no verdict` if one was not judged, `incomplete` if all passed that were begun and not all were |
+| `ordered`, `parts[]` | parts asked for; what became of those begun |
+| `parts[].verdict` | `pass`, `fail`, `indeterminate` or null; with `reasons`, `covered_fraction` (of all surface, compared with the CAD), `in_sight_fraction` (in sight, compared or not), `claim` (what was looked for on the compared surface), `tray`, `custody`, `unconfirmed` (null, or what was begun and never confirmed) |
+| `parts[].faces[]` | `face`, `label`, `area_mm2`, `area_fraction` (they add up to 1), `seen_fraction` (compared with the CAD), `by_check` (the same by check), `rest` (not compared, by reason), `verdict`, `views`, `reason` |
+| `parts[].findings[]` | `number`, `view`, `kind`, `lamp`, `size_mm`, `area_mm2`, `at_px`, `box_px`, `p_part_mm`, `faces` |
+| `parts[].views[]` | `view`, `evaluated` (null: never judged), `reason`, `shift_mm`, `turn_deg`, `residual_px`, `checks` (`check`, `reason` why it was not made, `compared_samples`, `size_mm`, `length_mm`), `findings` (numbers), `pictures` |
+| `parts[].steps[]` | `label`, `forecast_s`, `seconds` (null: not finished), `view`, `tray` |
+| `parts[].sightings[]`, `looks`, `grips_missed`, `forecast_s`, `table_pictures` | the way there |
+| `pictures.<lamp>` | `file` (in the run's folder), `sha256` (null: the file is missing) |
+| `stages[]` | `state`, `visits`, `wall_s` |
+| `cautions[]` | what to know before trusting the rest |
+| `journal` | `first_seq`, `last_seq`, `first_broken_row` (null: the chain of hashes is whole) |
+"""  # noqa: E501 - a table row is one line
+
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from ..run import FindingReport, PartReport, RunRecord, ViewReport
+from ._words import cautions, headline, why
+from .pictures import inside
+
+SCHEMA = "cellctl.report"
+SCHEMA_VERSION = 1
+
+
+def report_json(record: RunRecord) -> dict[str, Any]:
+    """Return a run as plain JSON values; see the module's table for the schema."""
+    word, sentence = headline(record)
+    body = {
+        "schema": SCHEMA,
+        "schema_version": SCHEMA_VERSION,
+        "run": record.run_id,
+        "start": record.start.isoformat(),
+        "end": record.end.isoformat(),
+        "wall_s": round(record.wall_s, 3),
+        "speed": record.speed,
+        "speed_reached": record.speed_reached,
+        "recipe": record.recipe,
+        "cell": record.cell,
+        "emulated": bool(record.emulated_devices),
+        "emulated_devices": list(record.emulated_devices),
+        "emulator": record.emulator,
+        "devices": [
+            {
+                "name": device.name,
+                "address": device.address,
+                "emulated": device.is_emulated,
+                "identity": device.identity or None,
+            }
+            for device in record.devices
+        ],
+        "software": record.software,
+        "outcome": {
+            "end": record.outcome.end,
+            "message": record.outcome.message,
+            "code": record.outcome.code,
+            "custody": record.outcome.custody.key,
+            "where": record.outcome.where,
+        },
+        "verdict": word,
+        "why": sentence,
+        "cautions": cautions(record),
+        "ordered": record.ordered,
+        "parts": [_part(record, part) for part in record.parts],
+        "stages": [asdict(stage) for stage in record.stages],
+        "journal": {
+            "first_seq": record.log[0].seq,
+            "last_seq": record.log[-1].seq,
+            "first_broken_row": record.first_broken_row,
+        },
+    }
+    plain: dict[str, Any] = _plain(body)
+    return plain
+
+
+def _part(record: RunRecord, part: PartReport) -> dict[str, Any]:
+    verdict = part.verdict
+    faces = verdict.faces if verdict else ()
+    total = sum(face.area_mm2 for face in faces) or 1.0
+    return {
+        "part": part.number,
+        "verdict": verdict.verdict if verdict else None,
+        "why": why(record, part),
+        "reasons": verdict.reasons if verdict else (),
+        "covered_fraction": verdict.covered_fraction if verdict else None,
+        "in_sight_fraction": verdict.in_sight_fraction if verdict else None,
+        "claim": verdict.claim if verdict else None,
+        "tray": part.tray,
+        "custody": part.custody.key,
+        "in_doubt": part.unconfirmed or None,
+        "looks": part.looks,
+        "grips_missed": part.grasps_missed,
+        "table_pictures": _pictures(record.folder, part.table_pictures),
+        "sightings": [asdict(sighting) for sighting in part.sightings],
+        "forecast_s": part.plan.forecast_s if part.plan else None,
+        "plan": asdict(part.plan) if part.plan else None,
+        "steps": [
+            {
+                "label": step.label,
+                "forecast_s": step.forecast_s,
+                "seconds": step.actual_s,
+                "view": step.view or None,
+                "tray": step.tray or None,
+                "jaw_mm": step.jaw_mm,
+                "expected_mm": step.expected_mm,
+            }
+            for step in part.steps
+        ],
+        "views": [_view(record.folder, view) for view in part.views],
+        "findings": [_finding(finding) for finding in part.findings],
+        "faces": [
+            {
+                "face": face.face_id,
+                "label": face.label,
+                "area_mm2": face.area_mm2,
+                "area_fraction": face.area_mm2 / total,
+                "seen_fraction": face.seen_fraction,
+                "by_check": face.by_check,
+                "rest": face.rest,
+                "verdict": face.verdict,
+                "views": face.views,
+                "reason": face.reason,
+            }
+            for face in faces
+        ],
+    }
+
+
+def _view(folder: Path, view: ViewReport) -> dict[str, Any]:
+    return {
+        "view": view.view_id,
+        "evaluated": view.evaluated,
+        "reason": view.reason,
+        "shift_mm": view.shift_mm,
+        "turn_deg": view.turn_deg,
+        "residual_px": view.residual_px,
+        "checks": [asdict(check) for check in view.checks],
+        "findings": [finding.number for finding in view.findings],
+        "pictures": _pictures(folder, view.pictures),
+    }
+
+
+def _finding(finding: FindingReport) -> dict[str, Any]:
+    return {
+        "number": finding.number,
+        "view": finding.view_id,
+        "kind": finding.kind,
+        "lamp": finding.lamp,
+        "size_mm": finding.size_mm,
+        "area_mm2": finding.area_mm2,
+        "at_px": finding.at_px,
+        "box_px": finding.box_px,
+        "p_part_mm": finding.p_part_mm,
+        "faces": finding.face_ids,
+    }
+
+
+def _pictures(folder: Path, names: Mapping[str, str]) -> dict[str, Any]:
+    return {lamp: {"file": name, "sha256": _sha256(folder, name)} for lamp, name in names.items()}
+
+
+def _sha256(folder: Path, name: str) -> str | None:
+    path = inside(folder, name)
+    if path is None:
+        return None
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:
+        return None
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401 - any JSON value
+    """Return a value as JSON knows it: no tuples, and no NaN, which JSON has no word for."""
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,211 @@
+"""What the page shows of one part, ready for the template: cut-outs, overlays, ledger, times."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ..run import Box, FindingReport, PartReport, RunRecord, SightingReport, ViewReport
+from ._optics import Optics
+from ._words import verdict_word, why
+from .ledger import Ledger, Timing, make_ledger, make_timing
+from .pictures import Pictures, Shot, bounds, outline_path, window_round
+
+VIEW_MARGIN, VIEW_LEAST_PX = 0.18, 260
+TABLE_MARGIN, TABLE_LEAST_PX = 0.35, 400
+CROP_MARGIN, CROP_LEAST_PX = 0.9, 110
+SCALE_BAR_MM = 10.0
+LAMP_WORDS = {"backlit": "backlight"}
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A numbered box on a picture, x0, y0, x1, y1 [px]."""
+
+    number: int
+    box: Box
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """A picture with what is drawn over it.
+
+    Attributes
+    ----------
+    marks : findings to box
+    bar_px : length of the scale bar, None where the scale is not known
+    arrow : x0, y0, x1, y1 of a sighting's place and direction
+    """
+
+    lamp: str
+    shot: Shot
+    marks: tuple[Mark, ...] = ()
+    bar_px: float | None = None
+    arrow: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class ViewPanel:
+    """A view: its pictures side by side; `outline` is the SVG path drawn over each."""
+
+    view: ViewReport
+    key: str
+    outline: str
+    panels: tuple[Panel, ...]
+
+    @property
+    def first(self) -> int | None:
+        """Return which panel holds the outline; the others only refer to it."""
+        return next((i for i, panel in enumerate(self.panels) if not panel.shot.why_missing), None)
+
+
+@dataclass(frozen=True, slots=True)
+class FindingRow:
+    """A finding with the names of its faces and a cut-out of the place."""
+
+    finding: FindingReport
+    lamp: str
+    faces: str
+    panel: Panel | None
+
+
+@dataclass(frozen=True, slots=True)
+class PartPage:
+    """All that the page shows of a part."""
+
+    part: PartReport
+    word: str
+    why: str
+    table: tuple[Panel, ...]
+    findings: tuple[FindingRow, ...]
+    views: tuple[ViewPanel, ...]
+    ledger: Ledger | None
+    timing: Timing
+    bar_mm: float
+
+    @property
+    def evaluated(self) -> int:
+        """Return how many views could be judged."""
+        return sum(view.evaluated is True for view in self.part.views)
+
+
+def lamp_words(lamp: str) -> str:
+    """Return a lamp as people call it: ``station_ring`` is the ring."""
+    short = lamp.removeprefix("station_").removeprefix("table_")
+    return LAMP_WORDS.get(short, short.replace("_", " "))
+
+
+def css_class(verdict: str) -> str:
+    """Return the class that colours a verdict; the verdict itself always stands beside it."""
+    return {"pass": "pass", "fail": "fail", "indeterminate": "doubt"}.get(verdict, "none")
+
+
+def make_part_page(
+    record: RunRecord, part: PartReport, pictures: Pictures, optics: Optics | None
+) -> PartPage:
+    """Return what the page shows of a part.
+
+    Parameters
+    ----------
+    record : the run it belongs to
+    part : what the journal has of the part
+    pictures : the run's pictures
+    optics : calibrated cameras of the run; without them no arrow and no scale bars
+    """
+    return PartPage(
+        part=part,
+        word=verdict_word(part),
+        why=why(record, part),
+        table=_table(part, pictures, optics),
+        findings=tuple(
+            _finding(part, view, finding, pictures, optics)
+            for view in part.views
+            for finding in view.findings
+        ),
+        views=tuple(
+            _view(f"p{part.number}v{i}", view, pictures, optics)
+            for i, view in enumerate(part.views)
+        ),
+        ledger=make_ledger(part),
+        timing=make_timing(part.steps),
+        bar_mm=SCALE_BAR_MM,
+    )
+
+
+def _table(part: PartReport, pictures: Pictures, optics: Optics | None) -> tuple[Panel, ...]:
+    marks = tuple(Mark(i, s.box_px) for i, s in enumerate(part.sightings, start=1))
+    bar = SCALE_BAR_MM / optics.table_mm_per_px if optics else None
+    arrow: tuple[float, ...] = ()
+    if optics and len(part.sightings) == 1:
+        arrow = _arrow(part.sightings[0], optics)
+    panels: list[Panel] = []
+    for lamp, name in part.table_pictures.items():
+        # one picture shows where on the table, the others what lies there
+        size = pictures.size_px(name)
+        boxes = [s.box_px for s in part.sightings]
+        window = window_round(boxes, size, TABLE_MARGIN, TABLE_LEAST_PX) if size else None
+        shot = pictures.view(name, window if panels else None)
+        panels.append(Panel(lamp_words(lamp), shot, marks, bar, arrow))
+    return tuple(panels)
+
+
+def _arrow(sighting: SightingReport, optics: Optics) -> tuple[float, ...]:
+    if sighting.part is None:
+        return ()
+    return optics.arrow_px(sighting.x_mm, sighting.y_mm, sighting.theta_deg)
+
+
+def _view(key: str, view: ViewReport, pictures: Pictures, optics: Optics | None) -> ViewPanel:
+    boxes = [f.box_px for f in view.findings]
+    around = bounds(view.outline_px)
+    if around is not None:
+        boxes.append(around)
+    is_lying = any(lamp.startswith("table_") for lamp in view.pictures)
+    bar = None
+    if optics:
+        bar = SCALE_BAR_MM / (optics.table_mm_per_px if is_lying else optics.station_mm_per_px)
+    panels = []
+    for lamp, name in view.pictures.items():
+        size = pictures.size_px(name)
+        window = window_round(boxes, size, VIEW_MARGIN, VIEW_LEAST_PX) if size else None
+        marks = tuple(
+            Mark(f.number, f.box_px) for f in view.findings if _picture_of(view, f.lamp) == name
+        )
+        panels.append(Panel(lamp_words(lamp), pictures.view(name, window), marks, bar))
+    return ViewPanel(view, key, outline_path(view.outline_px), tuple(panels))
+
+
+def _picture_of(view: ViewReport, lamp: str) -> str | None:
+    """Return the picture a finding was made in; ``backlit`` is the one before the panel."""
+    if lamp in view.pictures:
+        return view.pictures[lamp]
+    if lamp == "backlit":
+        return next((n for key, n in view.pictures.items() if key.endswith("backlight")), None)
+    return None
+
+
+def _finding(
+    part: PartReport,
+    view: ViewReport,
+    finding: FindingReport,
+    pictures: Pictures,
+    optics: Optics | None,
+) -> FindingRow:
+    name = _picture_of(view, finding.lamp)
+    panel = None
+    if name is not None:
+        size = pictures.size_px(name)
+        window = (
+            window_round([finding.box_px], size, CROP_MARGIN, CROP_LEAST_PX)
+            if size
+            else finding.box_px
+        )
+        shot = pictures.crop(name, window)
+        bar = SCALE_BAR_MM / optics.station_mm_per_px if optics else None
+        marks = (Mark(finding.number, finding.box_px),)
+        panel = Panel(lamp_words(finding.lamp), shot, marks, bar)
+    labels = _labels(part)
+    faces = ", ".join(labels.get(i, f"F{i}") for i in finding.face_ids)
+    return FindingRow(finding, lamp_words(finding.lamp), faces, panel)
+
+
+def _labels(part: PartReport) -> Mapping[int, str]:
+    return {f.face_id: f.label for f in part.verdict.faces} if part.verdict else {}

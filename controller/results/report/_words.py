@@ -1,0 +1,83 @@
+"""The report's sentences: how a run ended, why a part got its verdict, what to know first."""
+
+from ..run import PartReport, RunRecord
+from ..wording import count_of
+
+END_WORDS = {
+    "complete": "complete: all parts worked through",
+    "held": "held: the cell stopped where it was safe and waits for a person",
+    "stopped": "stopped on request",
+    "aborted": "aborted: a fault stopped the cell",
+    "refused": "refused: a gripper may hold a part, so that nothing was moved",
+    "broke_off": "broke off: the run could not be brought to rest",
+    "cut_off": "cut off: the run has no end in the journal",
+}
+TRAY_OF_VERDICT = {"pass": "accept", "fail": "reject"}
+
+
+def verdict_word(part: PartReport) -> str:
+    """Return the verdict on a part, or that there is none."""
+    return part.verdict.verdict if part.verdict is not None else "no verdict"
+
+
+def why(record: RunRecord, part: PartReport) -> str:
+    """Return in one sentence why a part has the verdict it has."""
+    verdict = part.verdict
+    if verdict is None:
+        if record.outcome.message and part is record.parts[-1]:
+            return f"The part was not judged: {_sentence(record.outcome.message, upper=False)}"
+        return "The part was not judged: the run ended before its last view."
+    reason = verdict.reasons[0] if verdict.reasons else "the journal gives no reason"
+    more = len(verdict.reasons) - 1
+    also = f" (and {count_of(more, 'more reason')}, below)" if more else ""
+    return f"{reason[:1].upper()}{reason[1:]}{also}."
+
+
+def headline(record: RunRecord) -> tuple[str, str]:
+    """Return the run's verdict in a word or two, and why in a sentence."""
+    if not record.parts:
+        return "no verdict", _sentence(record.outcome.message or "no part was looked at")
+    if len(record.parts) == 1 and record.ordered <= 1:
+        return verdict_word(record.parts[0]), why(record, record.parts[0])
+    words = [verdict_word(part) for part in record.parts]
+    tally = ", ".join(f"{words.count(word)} {word}" for word in dict.fromkeys(words))
+    missing = record.ordered - len(record.parts)
+    unstarted = f"; {missing} not begun" if missing > 0 else ""
+    worst = next((w for w in ("fail", "no verdict", "indeterminate") if w in words), words[0])
+    if worst == "pass" and missing > 0:
+        worst = "incomplete"  # nobody shall read "pass" over parts that were never looked at
+    sentence = f"{count_of(len(words), 'part')} of {record.ordered} ordered: {tally}{unstarted}."
+    return worst, sentence
+
+
+def cautions(record: RunRecord) -> list[str]:
+    """Return what a reader must know before trusting the rest."""
+    found = []
+    if record.first_broken_row is not None:
+        found.append(
+            f"The journal's chain of hashes breaks at row {record.first_broken_row} (this run has "
+            f"rows {record.log[0].seq} to {record.log[-1].seq}): rows were changed or taken out "
+            "after they were written. This report may be wrong."
+        )
+    message = record.outcome.message
+    if message and record.outcome.end != "complete" and message not in headline(record)[1]:
+        found.append(_sentence(message))
+    for part in record.parts:
+        if part.unconfirmed:
+            found.append(f"Part {part.number}: {part.unconfirmed}")
+        found += [f"Part {part.number}: {message}." for message in part.grasps_missed]
+        expected = part.verdict and TRAY_OF_VERDICT.get(part.verdict.verdict, "quarantine")
+        if part.tray and expected and part.tray != expected:
+            found.append(
+                f"Part {part.number}: the verdict requires the tray {expected}, the part was put "
+                f"into {part.tray}."
+            )
+        if part.verdict and not part.tray:
+            found.append(f"Part {part.number} was judged, but not put into a tray.")
+    return found
+
+
+def _sentence(text: str, *, upper: bool = True) -> str:
+    if upper:
+        text = text[:1].upper() + text[1:]
+    return text if text.endswith((".", "!", "?")) else text + "."

@@ -1,0 +1,129 @@
+"""The coverage ledger: every square millimetre of surface, compared or not, and why not.
+
+Also the time line's sums. Plain numbers from a `PartReport`; shares are in percent.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ..run import FaceReport, PartReport, StepReport
+
+NO_REASON = "planned to be shown, but no evaluated view compared it"
+DECIMALS = 2
+
+
+@dataclass(frozen=True, slots=True)
+class LedgerRow:
+    """One surface and its share of all area [%]."""
+
+    face: FaceReport
+    share_percent: float
+
+
+@dataclass(frozen=True, slots=True)
+class Ledger:
+    """All surfaces; the shares as shown add up to 100 %, and so do the classes.
+
+    Attributes
+    ----------
+    classes : share of all area by what is known of it, in words
+    unseen : share of all area by why it was not compared, largest first
+    """
+
+    rows: tuple[LedgerRow, ...]
+    area_mm2: float
+    share_percent: float
+    seen_percent: float
+    classes: tuple[tuple[str, str, float], ...]
+    unseen: tuple[tuple[str, float], ...]
+
+
+def rounded_to_whole(shares: Sequence[float], whole: float = 100.0) -> list[float]:
+    """Round shares so that they add up to ``whole`` exactly: the largest remainders go up."""
+    unit = 10**DECIMALS
+    lower_bounds = [int(share * unit) for share in shares]
+    missing = round(whole * unit) - sum(lower_bounds)
+    order = sorted(range(len(shares)), key=lambda i: lower_bounds[i] - shares[i] * unit)
+    for i in order[: max(missing, 0)]:
+        lower_bounds[i] += 1
+    return [floor / unit for floor in lower_bounds]
+
+
+def make_ledger(part: PartReport) -> Ledger | None:
+    """Return the ledger of a judged part, None for one without a verdict."""
+    if part.verdict is None or not part.verdict.faces:
+        return None
+    faces = part.verdict.faces
+    total = sum(face.area_mm2 for face in faces)
+    if total <= 0:
+        return None
+    exact = [100 * face.area_mm2 / total for face in faces]
+    shares = rounded_to_whole(exact)
+    rows = []
+    classes = dict.fromkeys(("pass", "fail", "seen", "unseen"), 0.0)
+    unseen: dict[str, float] = {}
+    for face, share, whole in zip(faces, shares, exact, strict=True):
+        seen = whole * face.seen_fraction
+        rows.append(LedgerRow(face, share))
+        classes[face.verdict if face.verdict in classes else "seen"] += seen
+        classes["unseen"] += whole - seen
+        if face.seen_fraction < 1:
+            for reason, share in (face.rest or {_why_unseen(part, face): 1.0}).items():
+                part_of = share / (sum(face.rest.values()) or 1.0)
+                unseen[reason] = unseen.get(reason, 0.0) + (whole - seen) * part_of
+    words = {
+        "pass": "compared, agrees with the CAD",
+        "fail": "compared, on a surface that differs from the CAD",
+        "seen": "compared, too little of the surface to judge it, or unconfirmed",
+        "unseen": "not compared",
+    }
+    class_shares = rounded_to_whole(list(classes.values()))
+    return Ledger(
+        rows=tuple(rows),
+        area_mm2=total,
+        share_percent=sum(shares),
+        seen_percent=100 - class_shares[3],
+        classes=tuple(
+            (name, words[name], share) for name, share in zip(classes, class_shares, strict=True)
+        ),
+        unseen=tuple(sorted(unseen.items(), key=lambda item: -item[1])),
+    )
+
+
+def _why_unseen(part: PartReport, face: FaceReport) -> str:
+    planned = [u for u in (part.plan.unseen if part.plan else ()) if u.face_id == face.face_id]
+    if planned:
+        return max(planned, key=lambda u: u.area_fraction).reason or NO_REASON
+    return face.reason if face.reason and face.verdict != "fail" else NO_REASON
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """The time line's sums over the steps done [cell s], and the step that was worst."""
+
+    done: int
+    forecast_s: float
+    actual_s: float
+    longest_s: float
+    worst: int | None
+    sentence: str
+
+
+def make_timing(steps: Sequence[StepReport]) -> Timing:
+    """Return the sums; the worst step is the one that took most longer than its forecast."""
+    done = [
+        (i, s.forecast_s, s.actual_s)
+        for i, s in enumerate(steps)
+        if s.actual_s is not None and s.forecast_s is not None
+    ]
+    longest = max([s for step in steps for s in (step.forecast_s, step.actual_s) if s] or [1.0])
+    forecast, actual = sum(f for _, f, _ in done), sum(a for _, _, a in done)
+    if not done:
+        return Timing(0, 0.0, 0.0, longest, None, "No step was finished.")
+    worst, f, a = max(done, key=lambda item: item[2] - item[1])
+    what = f"step {worst + 1}, {steps[worst].label}: {a:.1f} s, forecast {f:.1f} s ({a - f:+.1f} s)"
+    if a > f:
+        sentence = f"Worst against its forecast: {what}."
+    else:
+        sentence = f"No step took longer than its forecast; the closest was {what}."
+    return Timing(len(done), forecast, actual, longest, worst, sentence)

@@ -1,0 +1,205 @@
+"""The pictures of a run, cut, made smaller and put into the page as data.
+
+The page must stay small enough to mail, so a `Quality` says how large pictures may be; the page
+is made again with the next one when it gets too large.
+"""
+
+import base64
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import cv2
+import numpy as np
+
+from controller.arrays import Grey
+
+from ..run import Box, Points
+
+ASPECT: Final = 1.25  # width over height of every cut-out, as of the cameras
+OUTLINE_GAP_PX: Final = 6.0  # neighbours on an outline are at most 3 * sqrt(2) px apart
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """How large pictures may be.
+
+    Attributes
+    ----------
+    view_px, crop_px : longer side of views and of crops; 0 leaves pictures out
+    jpeg : quality, 0..100
+    typical_bytes : what one picture adds to the page, to begin with a quality that will do
+    """
+
+    view_px: int
+    crop_px: int
+    jpeg: int
+    typical_bytes: int
+
+
+QUALITIES: Final = (
+    Quality(640, 320, 82, 40_000),
+    Quality(420, 240, 72, 18_000),
+    Quality(280, 180, 60, 9_000),
+    Quality(160, 120, 45, 3_500),
+    Quality(0, 0, 0, 0),
+)
+KEPT = 4  # decoded pictures kept: a picture is asked for by its view and by each of its findings
+# one lamp lights a dull part poorly; what a screen cannot show is brightened, and the page says so
+BRIGHT_PERCENTILE: Final = 99.5
+BRIGHT_LEVEL: Final = 215.0
+LEAST_GAIN, MAX_GAIN = 1.2, 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """A picture ready for the page.
+
+    Attributes
+    ----------
+    uri : data URI, empty where the picture is missing
+    why_missing : why it is missing
+    window : x0, y0, x1, y1 of the cut-out in the picture as taken [px]
+    gain : how many times brighter than taken it is shown
+    """
+
+    uri: str
+    why_missing: str
+    window: Box
+    gain: float = 1.0
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the cut-out [px]."""
+        return self.window[2] - self.window[0], self.window[3] - self.window[1]
+
+
+class Pictures:
+    """Reads a run's pictures; a missing or broken file is told on the page, not raised."""
+
+    def __init__(self, folder: Path, quality: Quality) -> None:
+        self._folder = folder
+        self._quality = quality
+        self._decoded: dict[str, Grey | None] = {}
+
+    def view(self, name: str, window: Box | None = None) -> Shot:
+        """Return a picture, or a cut-out of it."""
+        return self._shot(name, window, self._quality.view_px)
+
+    def crop(self, name: str, window: Box) -> Shot:
+        """Return a small cut-out."""
+        return self._shot(name, window, self._quality.crop_px)
+
+    def size_px(self, name: str) -> tuple[int, int] | None:
+        """Return width and height of a picture, None if it cannot be read."""
+        image = self._read(name)
+        return None if image is None else (image.shape[1], image.shape[0])
+
+    def _shot(self, name: str, window: Box | None, longest_px: int) -> Shot:
+        fallback = window or (0, 0, 5, 4)
+        if longest_px == 0:
+            return Shot("", f"{name}: left out to keep this page small", fallback)
+        image = self._read(name)
+        if image is None:
+            state = "cannot be read" if (self._folder / name).is_file() else "is missing"
+            return Shot("", f"picture {name} {state}", fallback)
+        height, width = image.shape[:2]
+        x0, y0, x1, y1 = window or (0, 0, width, height)
+        x0, y0, x1, y1 = max(x0, 0), max(y0, 0), min(x1, width), min(y1, height)
+        if x1 <= x0 or y1 <= y0:
+            return Shot("", f"picture {name} does not reach to this place", fallback)
+        part = image[y0:y1, x0:x1]
+        scale = longest_px / max(part.shape[:2])
+        if scale < 1:
+            smaller = cv2.resize(part, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+            part = np.asarray(smaller, dtype=np.uint8)
+        gain = _gain(part)
+        if gain > 1:
+            part = np.clip(part.astype(np.float32) * gain, 0, 255).astype(np.uint8)
+        return Shot(_data_uri(part, self._quality.jpeg), "", (x0, y0, x1, y1), gain)
+
+    def _read(self, name: str) -> Grey | None:
+        if name not in self._decoded:
+            while len(self._decoded) >= KEPT:
+                del self._decoded[next(iter(self._decoded))]
+            self._decoded[name] = _decode(self._folder, name)
+        return self._decoded[name]
+
+
+def inside(folder: Path, name: str) -> Path | None:
+    """Return a picture's path, None if its name leads out of the run's folder."""
+    path = (folder / name).resolve()
+    return path if path.is_relative_to(folder.resolve()) else None
+
+
+def _decode(folder: Path, name: str) -> Grey | None:
+    path = inside(folder, name)
+    if path is None or not path.is_file():
+        return None
+    data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
+    return None if image is None else np.asarray(image, dtype=np.uint8)
+
+
+def _gain(image: Grey) -> float:
+    """Return by how much a dark picture is brightened for the eye, 1 to `MAX_GAIN`."""
+    bright = float(np.percentile(image, BRIGHT_PERCENTILE))
+    gain = round(float(np.clip(BRIGHT_LEVEL / max(bright, 1.0), 1.0, MAX_GAIN)), 1)
+    return gain if gain >= LEAST_GAIN else 1.0
+
+
+def _data_uri(image: Grey, jpeg: int) -> str:
+    _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, jpeg])
+    return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii")
+
+
+def window_round(boxes: Iterable[Box], size: tuple[int, int], margin: float, least_px: int) -> Box:
+    """Return a cut-out of the picture's proportions round boxes.
+
+    Parameters
+    ----------
+    boxes : x0, y0, x1, y1 of each [px]; none gives the whole picture
+    size : width and height of the picture [px]
+    margin : left free on every side, as a share of the boxes' extent
+    least_px : smallest width of the cut-out
+    """
+    width, height = size
+    corners = np.array(list(boxes), dtype=float).reshape(-1, 4)
+    if len(corners) == 0:
+        return 0, 0, width, height
+    x0, y0 = corners[:, 0].min(), corners[:, 1].min()
+    x1, y1 = corners[:, 2].max(), corners[:, 3].max()
+    wide = max((x1 - x0) * (1 + 2 * margin), (y1 - y0) * (1 + 2 * margin) * ASPECT, least_px)
+    wide = min(wide, width, height * ASPECT)
+    tall = wide / ASPECT
+    left = np.clip((x0 + x1 - wide) / 2, 0, width - wide)
+    top = np.clip((y0 + y1 - tall) / 2, 0, height - tall)
+    return round(left), round(top), round(left + wide), round(top + tall)
+
+
+def bounds(points: Points) -> Box | None:
+    """Return the box round points, None for none."""
+    if not points:
+        return None
+    xs, ys = zip(*points, strict=True)
+    return round(min(xs)), round(min(ys)), round(max(xs)) + 1, round(max(ys)) + 1
+
+
+def outline_path(points: Points) -> str:
+    """Return an outline as the ``d`` of an SVG path, in picture coordinates.
+
+    The points are those of all borders of the part, outer and inner, one after the other; a jump
+    tells where the next one begins. A pixel's centre is half a pixel inside it.
+    """
+    parts: list[list[tuple[float, float]]] = []
+    for point in points:
+        if not parts or np.hypot(*np.subtract(point, parts[-1][-1])) > OUTLINE_GAP_PX:
+            parts.append([])
+        parts[-1].append(point)
+    path = []
+    for part in parts:
+        path.append("M" + "L".join(f"{x + 0.5:g} {y + 0.5:g}" for x, y in part))
+        if len(part) > 2 and np.hypot(*np.subtract(part[0], part[-1])) <= OUTLINE_GAP_PX:
+            path.append("Z")
+    return "".join(path)

@@ -1,0 +1,54 @@
+"""What became of a run: folded from the journal's rows, never in the control path.
+
+`load.py` finds runs, `_fold.py` and `_parts.py` fold their rows into the `RunRecord` of `model.py`,
+`log_words.py` puts a row in words.
+"""
+
+from .load import RunSummary, list_runs, load_run
+from .log_words import row_words, stage_words
+from .model import (
+    Box,
+    CheckReport,
+    DeviceReport,
+    FaceReport,
+    FindingReport,
+    LogEntry,
+    Outcome,
+    PartReport,
+    PlanReport,
+    Points,
+    ResultsError,
+    RunRecord,
+    SightingReport,
+    StageReport,
+    StepReport,
+    UnseenReport,
+    VerdictReport,
+    ViewReport,
+)
+
+__all__ = [
+    "Box",
+    "CheckReport",
+    "DeviceReport",
+    "FaceReport",
+    "FindingReport",
+    "LogEntry",
+    "Outcome",
+    "PartReport",
+    "PlanReport",
+    "Points",
+    "ResultsError",
+    "RunRecord",
+    "RunSummary",
+    "SightingReport",
+    "StageReport",
+    "StepReport",
+    "UnseenReport",
+    "VerdictReport",
+    "ViewReport",
+    "list_runs",
+    "load_run",
+    "row_words",
+    "stage_words",
+]

@@ -1,0 +1,204 @@
+"""Folds a run's journal rows into a `RunRecord`; also a run that nobody ended."""
+
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Final, TypeVar, cast
+
+from pydantic import ValidationError
+
+from controller.cell.custody import Custody, where_it_is
+from controller.cell.journal import Body, Row, read_row, rows
+
+from ._parts import PartFold
+from .log_words import row_words
+from .model import (
+    DeviceReport,
+    End,
+    LogEntry,
+    Outcome,
+    PartReport,
+    ResultsError,
+    RunRecord,
+    StageReport,
+)
+
+SomeBody = TypeVar("SomeBody", bound=Body)
+
+ENDS: Final = ("complete", "held", "stopped", "aborted", "refused")
+
+
+def fold(run_id: str, folder: Path, found: Sequence[Row], broken: int | None) -> RunRecord:
+    """Return a run as its rows tell it.
+
+    Parameters
+    ----------
+    run_id : of the run
+    folder : its own
+    found : its rows in order, at least one
+    broken : number of the journal's first row whose hash does not fit
+
+    Raises
+    ------
+    ResultsError : a row is not what this version of cellctl writes
+    """
+    log = tuple(_entry(row, found[0].t_mono_s) for row in found)
+    began = _last(log, rows.RunBegan) or rows.RunBegan()
+    ended = _last(log, rows.RunEnded)
+    at_rest, broke_off = _last(log, rows.AtRest), _last(log, rows.RunBrokeOff)
+    is_cut_off = at_rest is None and broke_off is None
+    parts = _parts(log, is_cut_off=is_cut_off)
+    # a row after this run's last one says nothing against it
+    is_touched = broken is not None and broken <= found[-1].seq
+    return RunRecord(
+        run_id=run_id,
+        folder=folder,
+        recipe=began.recipe,
+        cell=began.cell,
+        devices=_devices(began, _last(log, rows.Connected)),
+        emulator=began.emulator,
+        software=began.software,
+        speed=began.speed,
+        speed_reached=None if ended is None else ended.speed.reached,
+        ordered=len(parts) if began.count is None else began.count,
+        start=log[0].at,
+        end=log[-1].at,
+        wall_s=log[-1].t_s,
+        outcome=_outcome(log, parts, at_rest, broke_off),
+        parts=parts,
+        stages=_stages(log),
+        log=log,
+        first_broken_row=broken if is_touched else None,
+    )
+
+
+def _entry(row: Row, t0_s: float) -> LogEntry:
+    said, flaw = None, ""
+    try:
+        said = read_row(row.kind, row.name, row.body)
+    except ValueError as error:
+        flaw = _first_line(error)
+    return LogEntry(
+        seq=row.seq,
+        at=datetime.fromisoformat(row.t_utc),
+        t_s=row.t_mono_s - t0_s,
+        part=row.part,
+        kind=row.kind,
+        name=row.name,
+        body=row.body,
+        row=said,
+        flaw=flaw,
+    )
+
+
+def _first_line(error: ValueError) -> str:
+    if isinstance(error, ValidationError):
+        first = error.errors()[0]
+        return f"{'.'.join(str(key) for key in first['loc'])}: {first['msg']}"
+    return str(error)
+
+
+def _last(log: Sequence[LogEntry], model: type[SomeBody]) -> SomeBody | None:
+    """Return the last row of a model.
+
+    Raises
+    ------
+    ResultsError : it cannot be read
+    """
+    for entry in reversed(log):
+        if isinstance(entry.row, model):
+            return entry.row
+        if entry.flaw and (entry.kind, entry.name) == (model.kind, model.row_name):
+            raise _unreadable(entry)
+    return None
+
+
+def _unreadable(entry: LogEntry) -> ResultsError:
+    return ResultsError(
+        f"journal row {entry.seq} ({entry.kind} {entry.name}) is not what this version of "
+        f"cellctl writes: {entry.flaw}; report it with the version that wrote it"
+    )
+
+
+def _parts(log: Sequence[LogEntry], *, is_cut_off: bool) -> tuple[PartReport, ...]:
+    folds: dict[int, PartFold] = {}
+    for entry in log:
+        if not entry.part:
+            continue  # number 0 stands for no part yet
+        if entry.flaw:
+            raise _unreadable(entry)
+        folds.setdefault(entry.part, PartFold(entry.part)).take(entry.row)
+    return tuple(folds[number].report(is_cut_off=is_cut_off) for number in sorted(folds))
+
+
+def _devices(began: rows.RunBegan, connected: rows.Connected | None) -> tuple[DeviceReport, ...]:
+    said = {} if connected is None else connected.root
+    return tuple(
+        DeviceReport(
+            name=name,
+            address=str(settings.get("address", "")),
+            is_emulated=bool(settings.get("emulated", name in began.emulated_devices)),
+            identity=said.get(name, ""),
+        )
+        for name, settings in began.devices.items()
+    )
+
+
+def _outcome(
+    log: Sequence[LogEntry],
+    parts: Sequence[PartReport],
+    at_rest: rows.AtRest | None,
+    broke_off: rows.RunBrokeOff | None,
+) -> Outcome:
+    last = parts[-1] if parts else None
+    custody = last.custody if last else Custody.NONE
+    where = _where(last)
+    # a run may come to rest and still break off while it ends; the later word counts
+    if broke_off is not None:
+        return Outcome("broke_off", broke_off.error, "broke_off", custody, where)
+    if at_rest is not None:
+        if at_rest.state not in ENDS:
+            raise ResultsError(
+                f"the journal has the run end as {at_rest.state!r}, which is not a state"
+            )
+        return Outcome(
+            cast(End, at_rest.state),
+            at_rest.message,
+            at_rest.code,
+            next((c for c in Custody if c.key.upper() == at_rest.custody), custody),
+            at_rest.where or where,
+        )
+    then = f"part {last.number} then was {_held(last)}" if last else "no part was at hand"
+    message = (
+        f"the run has no end in the journal: it was cut off after “{row_words(log[-1])}” at "
+        f"{log[-1].at:%H:%M:%S} UTC (unless it is still running); {then}"
+    )
+    return Outcome("cut_off", message, "cut_off", custody, where)
+
+
+def _held(part: PartReport) -> str:
+    detail = f" ({part.custody_detail})" if part.custody_detail else ""
+    return f"{part.custody.value}{detail}" + (", or no longer" if part.unconfirmed else "")
+
+
+def _where(part: PartReport | None) -> str:
+    if part is None:
+        return where_it_is(Custody.NONE)
+    if part.unconfirmed:
+        return where_it_is(Custody.UNKNOWN, f"last known: {part.custody.value}")
+    return where_it_is(part.custody, part.custody_detail)
+
+
+def _stages(log: Sequence[LogEntry]) -> tuple[StageReport, ...]:
+    """Return how long the cell was in each state, in the order of first entry."""
+    spent: dict[str, list[float]] = {}
+    state, since = "", 0.0
+    for entry in log:
+        if not isinstance(entry.row, rows.CellEvent) or entry.row.answer != "handled":
+            continue
+        if state:
+            spent.setdefault(state, []).append(entry.t_s - since)
+        state, since = entry.row.target, entry.t_s
+    if state not in {"", *ENDS}:
+        spent.setdefault(state, []).append(log[-1].t_s - since)
+    return tuple(StageReport(name, len(times), sum(times)) for name, times in spent.items())

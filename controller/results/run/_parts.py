@@ -1,0 +1,233 @@
+"""Folds the journal rows of one part: looks, plan, steps, views, verdict, custody."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from controller.cell.custody import Custody
+from controller.cell.journal import Body, Once, rows
+
+from .model import (
+    CheckReport,
+    FaceReport,
+    FindingReport,
+    PartReport,
+    PlanReport,
+    SightingReport,
+    StepReport,
+    UnseenReport,
+    VerdictReport,
+    ViewReport,
+)
+
+# what is never repeated blindly, in the words of somebody who has to look where the part is
+ONCE_WORDS: Mapping[str, str] = {
+    Once.GRASP: "closing the arm gripper on the part on the table",
+    Once.HAND_OFF: "closing the fixed gripper on the part",
+    Once.RELEASE_ARM: "opening the arm gripper while the fixed gripper holds the part",
+    Once.RECEIVE: "closing the arm gripper on the part in the fixed gripper",
+    Once.RELEASE_FIXED: "opening the fixed gripper while the arm gripper holds the part",
+    Once.SORT: "releasing the part over its tray",
+}
+
+
+@dataclass(slots=True)
+class PartFold:
+    """Takes the rows of one part in order; `report` tells what they add up to."""
+
+    number: int
+    looks: int = 0
+    table_pictures: Mapping[str, str] = field(default_factory=dict)
+    sightings: tuple[SightingReport, ...] = ()
+    plan: PlanReport | None = None
+    steps: list[StepReport] = field(default_factory=list)
+    grasps_missed: list[str] = field(default_factory=list)
+    views: list[ViewReport] = field(default_factory=list)
+    verdict: VerdictReport | None = None
+    tray: str | None = None
+    custody: Custody = Custody.ON_TABLE
+    custody_detail: str = ""
+    # intents since the last word on custody, and whether an outcome followed
+    pending: dict[str, bool] = field(default_factory=dict)
+
+    def take(self, row: Body | None) -> None:
+        """Take one row; one that says nothing of a part's way is passed over."""
+        match row:
+            case rows.TablePictures():
+                self.looks += 1
+                self.table_pictures = row.root
+            case rows.Sightings():
+                self.sightings = tuple(_sighting(s) for s in row.sightings)
+            case rows.PlanMade():
+                self.plan, self.steps = _plan(row), []
+            case rows.StepDone():
+                self.steps.append(_step(row))
+            case rows.GraspMissed():
+                self.grasps_missed.append(row.message)
+            case rows.ViewPictures():
+                self.views.append(ViewReport(row.view, row.pictures, None))
+            case rows.ViewJudged():
+                self._judged(row)
+            case rows.PartJudged():
+                self.verdict = _verdict(row)
+            case rows.CustodyChanged():
+                self.custody = Custody.of_key(row.name)
+                self.custody_detail = row.detail
+                self.pending.clear()
+                if self.custody is Custody.PLACED:
+                    self.tray = row.detail
+            case rows.Intent():
+                self.pending[row.name] = False
+            case rows.OnceDone() if row.name in self.pending:
+                self.pending[row.name] = True
+
+    def _judged(self, row: rows.ViewJudged) -> None:
+        first = 1 + sum(len(view.findings) for view in self.views)
+        judged = _view(row, first)
+        for i, view in enumerate(self.views):
+            if view.view_id == judged.view_id and view.evaluated is None:
+                self.views[i] = replace(judged, pictures=view.pictures)
+                return
+        self.views.append(judged)
+
+    def report(self, *, is_cut_off: bool) -> PartReport:
+        """Return all that is known of the part.
+
+        Parameters
+        ----------
+        is_cut_off : the journal just stops, so that an outcome without its change of custody
+            proves nothing either
+        """
+        ambiguity = [
+            name for name, has_outcome in self.pending.items() if is_cut_off or not has_outcome
+        ]
+        return PartReport(
+            number=self.number,
+            looks=self.looks,
+            table_pictures=self.table_pictures,
+            sightings=self.sightings,
+            plan=self.plan,
+            steps=self._all_steps(),
+            grasps_missed=tuple(self.grasps_missed),
+            views=tuple(self.views),
+            verdict=self.verdict,
+            tray=self.tray,
+            custody=self.custody,
+            custody_detail=self.custody_detail,
+            unconfirmed=_doubt(ambiguity[-1], self.custody) if ambiguity else "",
+        )
+
+    def _all_steps(self) -> tuple[StepReport, ...]:
+        """Return the steps done, then those the plan still had."""
+        if self.plan is None:
+            return tuple(self.steps)
+        # the plan's last entry is the way to the parking place, which is not timed as a step
+        planned = zip(self.plan.labels[:-1], self.plan.seconds[:-1], strict=True)
+        rest = tuple(StepReport(label, seconds, None) for label, seconds in planned)
+        return (*self.steps, *rest[len(self.steps) :])
+
+
+def _doubt(name: str, custody: Custody) -> str:
+    doing = ONCE_WORDS.get(name, name.replace("_", " "))
+    return (
+        f"{doing} was begun, and the journal does not say what came of it; the last certain entry "
+        f"is “{custody.value}”. Look before anything moves."
+    )
+
+
+def _sighting(s: rows.Sighting) -> SightingReport:
+    return SightingReport(
+        part=s.part,
+        pose_index=s.pose_index,
+        x_mm=s.x_mm,
+        y_mm=s.y_mm,
+        theta_deg=s.theta_deg,
+        score=s.score,
+        sigma_mm=s.sigma_mm,
+        sigma_deg=s.sigma_deg,
+        residual_px=s.residual_px,
+        box_px=s.box_px,
+        ambiguous_with=tuple(
+            f"{a.part}, pose {a.pose_index}, {a.theta_deg:.1f} deg" for a in s.ambiguous_with
+        ),
+        reason=s.reason,
+    )
+
+
+def _plan(row: rows.PlanMade) -> PlanReport:
+    return PlanReport(
+        labels=row.steps,
+        seconds=row.seconds,
+        forecast_s=row.forecast_s,
+        covered_fraction=row.covered_fraction,
+        reachable_fraction=row.reachable_fraction,
+        unseen=tuple(UnseenReport(u.face, u.area_fraction, u.reason) for u in row.unseen),
+    )
+
+
+def _step(row: rows.StepDone) -> StepReport:
+    return StepReport(
+        label=row.label,
+        forecast_s=row.forecast_s,
+        actual_s=row.seconds,
+        view=row.view,
+        tray=row.tray,
+        jaw_mm=row.jaw_mm,
+        expected_mm=row.expected_mm,
+    )
+
+
+def _view(row: rows.ViewJudged, first: int) -> ViewReport:
+    return ViewReport(
+        view_id=row.view,
+        pictures={},
+        evaluated=row.evaluated,
+        reason=row.reason,
+        # a view that is not evaluated has no measured pose; its zeros mean nothing
+        shift_mm=row.shift_mm if row.evaluated else None,
+        turn_deg=row.turn_deg if row.evaluated else None,
+        residual_px=row.residual_px,
+        outline_px=row.outline_px,
+        findings=tuple(
+            FindingReport(
+                number=number,
+                view_id=row.view,
+                kind=f.kind,
+                lamp=f.lamp,
+                area_mm2=f.area_mm2,
+                size_mm=f.size_mm,
+                at_px=f.at_px,
+                box_px=f.box_px,
+                p_part_mm=f.p_part_mm,
+                face_ids=f.faces,
+            )
+            for number, f in enumerate(row.findings, start=first)
+        ),
+        checks=tuple(
+            CheckReport(c.check, c.reason, c.compared_samples, c.size_mm, c.length_mm)
+            for c in row.checks
+        ),
+    )
+
+
+def _verdict(row: rows.PartJudged) -> VerdictReport:
+    return VerdictReport(
+        verdict=row.verdict,
+        reasons=row.reasons,
+        covered_fraction=row.covered_fraction,
+        faces=tuple(
+            FaceReport(
+                face_id=f.face,
+                label=f.label,
+                area_mm2=f.area_mm2,
+                seen_fraction=f.seen_fraction,
+                verdict=f.verdict,
+                views=f.views,
+                reason=f.reason,
+                by_check=f.by_check,
+                rest=f.rest,
+            )
+            for f in row.faces
+        ),
+        in_sight_fraction=row.in_sight_fraction,
+        claim=row.claim,
+    )

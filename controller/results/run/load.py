@@ -1,0 +1,94 @@
+"""Finds runs in a folder of runs and reads them; never writes."""
+
+import sqlite3
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from controller.cell.journal import JOURNAL_NAME, JournalError, first_broken_row, read_rows
+
+from ._fold import fold
+from .model import ResultsError, RunRecord
+
+NAMED_COUNT = 12  # how many runs an error names, newest first
+
+
+@dataclass(frozen=True, slots=True)
+class RunSummary:
+    """A run in the journal; `rows` tells how much there is of it."""
+
+    run_id: str
+    start: datetime
+    rows: int
+
+
+def list_runs(runs_dir: Path) -> tuple[RunSummary, ...]:
+    """Return the runs of a folder, newest first.
+
+    Raises
+    ------
+    ResultsError : no journal there, or it cannot be read
+    """
+    path = runs_dir / JOURNAL_NAME
+    if not path.is_file():
+        raise ResultsError(
+            f"no journal at {path}: nothing ran here yet, or it is not the folder of runs"
+        )
+    try:
+        # the bodies of a long journal are not worth reading for its table of contents
+        db = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
+        try:
+            rows = db.execute(
+                "SELECT run, MIN(seq), MIN(t_utc), COUNT(*) FROM journal GROUP BY run "
+                "ORDER BY MIN(seq) DESC"
+            ).fetchall()
+        finally:
+            db.close()
+    except sqlite3.Error as error:
+        raise ResultsError(f"journal {path}: {error}") from error
+    return tuple(RunSummary(run, datetime.fromisoformat(t), count) for run, _, t, count in rows)
+
+
+def load_run(runs_dir: Path, run: str | None = None) -> RunRecord:
+    """Return a run as its journal tells it.
+
+    Parameters
+    ----------
+    runs_dir : folder with the journal and the runs' own folders
+    run : a run's id, the beginning of one that no other run shares, or the path of its folder;
+        None for the newest
+
+    Raises
+    ------
+    ResultsError : no such run (the message names those there are), or an unreadable journal
+    """
+    if run is not None and (Path(run).parent / JOURNAL_NAME).is_file() and Path(run).is_dir():
+        runs_dir, run = Path(run).parent, Path(run).resolve().name
+    run_id = _choose(runs_dir, run)
+    path = runs_dir / JOURNAL_NAME
+    try:
+        rows = tuple(read_rows(path, run_id))
+        broken = first_broken_row(path)
+    except (JournalError, sqlite3.Error) as error:
+        raise ResultsError(f"journal {path}: {error}") from error
+    except ValueError as error:
+        raise ResultsError(f"journal {path}: a row of {run_id} is no JSON: {error}") from error
+    return fold(run_id, runs_dir / run_id, rows, broken)
+
+
+def _choose(runs_dir: Path, run: str | None) -> str:
+    runs = [summary.run_id for summary in list_runs(runs_dir)]
+    if not runs:
+        raise ResultsError(f"the journal in {runs_dir} is empty: nothing ran here yet")
+    if run is None:
+        return runs[0]
+    if run in runs:
+        return run
+    fitting = [name for name in runs if run and name.startswith(run)]
+    if len(fitting) == 1:
+        return fitting[0]
+    what = f"{len(fitting)} runs begin with {run!r}" if fitting else f"no run {run!r}"
+    named = fitting or runs
+    shown = ", ".join(named[:NAMED_COUNT])
+    more = f" and {len(named) - NAMED_COUNT} more" if len(named) > NAMED_COUNT else ""
+    raise ResultsError(f"{what} in {runs_dir}; there are: {shown}{more}")

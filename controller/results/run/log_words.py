@@ -1,0 +1,71 @@
+"""What a row of the journal means, in words."""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from controller.cell.custody import Custody
+from controller.cell.journal import rows
+
+from ..wording import count_of
+from .model import LogEntry
+
+DETAIL_LENGTH = 240
+
+
+def row_words(entry: LogEntry) -> str:
+    """Return a row of the journal in words."""
+    name = entry.name.replace("_", " ")
+    match entry.row:
+        case rows.CellEvent() as row:
+            return _transition(row)
+        case rows.StepDone() as row:
+            return f"step “{row.label}” done in {row.seconds} s, forecast {row.forecast_s} s"
+        case rows.GraspMissed() as row:
+            return f"grasp failed: {row.message}"
+        case rows.CustodyChanged() as row:
+            where = Custody.of_key(entry.name)
+            return f"custody: {where.value}" + (f" ({row.detail})" if row.detail else "")
+        case rows.Intent():
+            return f"about to {name}{_rest(entry.body)}"
+        case rows.ViewJudged() as row:
+            return _view(row)
+        case rows.RecoveryBegun() as row:
+            return f"{row.reason}; {row.action}"
+        case rows.PartJudged() as row:
+            return f"verdict: {row.verdict}"
+        case rows.RunBegan():
+            return "run began"
+        case rows.AtRest() as row:
+            return f"at rest: {row.state}"
+    done = ": done" if entry.kind == "outcome" else ""
+    return f"{name}{done}{_rest(entry.body)}"
+
+
+def _transition(row: rows.CellEvent) -> str:
+    if row.answer != "handled":
+        return f"{row.name}: {row.answer} in {row.source}; {row.reason}"
+    message = f": {row.message}" if row.message else ""
+    return f"{row.name}: {stage_words(row.source)} → {stage_words(row.target)}{message}"
+
+
+def _view(row: rows.ViewJudged) -> str:
+    if not row.evaluated:
+        return f"view {row.view}: not evaluated, {row.reason}"
+    count = len(row.findings)
+    return f"view {row.view}: {count_of(count, 'finding') if count else 'no finding'}"
+
+
+def _rest(body: Mapping[str, Any]) -> str:
+    if not body:
+        return ""
+    text = ", ".join(
+        f"{key} {value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)}"
+        for key, value in body.items()
+    )
+    return ": " + (text if len(text) <= DETAIL_LENGTH else text[: DETAIL_LENGTH - 1] + "…")
+
+
+def stage_words(state: str) -> str:
+    """Return a state of the cell as people read it."""
+    return state.removeprefix("execute_")
