@@ -76,10 +76,10 @@ def _nearest_on_part(
     maps: ViewMaps,
     camera: Camera,
     T: FloatArray,
-    blob: BoolArray,
+    marked: BoolArray,
     corner: tuple[int, int],
 ) -> tuple[FloatArray, tuple[int, ...]]:
-    ys, xs = np.nonzero(grow(blob, 5))
+    ys, xs = np.nonzero(grow(marked, 5))
     u = xs + corner[0] - maps.roi[0]
     v = ys + corner[1] - maps.roi[1]
     height, width = maps.mask.shape

@@ -118,8 +118,8 @@ def judge(
     covered, sighted = (
         float(samples.areas_mm2[mask].sum() / samples.areas_mm2.sum()) for mask in (seen, in_sight)
     )
-    confirmed, doubtful = _confirm(evaluated, limits)
-    found = dict.fromkeys((i for _, f in doubtful for i in f.face_ids), Verdict.INDETERMINATE)
+    confirmed, unconfirmed = _confirm(evaluated, limits)
+    found = dict.fromkeys((i for _, f in unconfirmed for i in f.face_ids), Verdict.INDETERMINATE)
     found |= dict.fromkeys((i for _, f in confirmed for i in f.face_ids), Verdict.FAIL)
     excuses = _unjudged(samples, evaluated)
     faces = tuple(
@@ -149,9 +149,9 @@ def judge(
     ]
     if confirmed:
         verdict = Verdict.FAIL
-    elif doubtful or stops:
+    elif unconfirmed or stops:
         verdict = Verdict.INDETERMINATE
-        reasons += [f"unconfirmed: {_sentence(solid, view_id, f)}" for view_id, f in doubtful]
+        reasons += [f"unconfirmed: {_sentence(solid, view_id, f)}" for view_id, f in unconfirmed]
         reasons += stops
     else:
         verdict = Verdict.PASS
@@ -203,7 +203,7 @@ def _confirm(
     """Split findings into those that decide and those that one error could explain."""
     every = [(view, f) for view in views for f in view.findings]
     sure: list[tuple[str, Finding]] = []
-    doubtful: list[tuple[str, Finding]] = []
+    unconfirmed: list[tuple[str, Finding]] = []
     for view, finding in every:
         seconded = any(
             other is not finding
@@ -211,9 +211,9 @@ def _confirm(
             and _is_same_place(finding, other)
             for other_view, other in every
         )
-        (sure if seconded else doubtful).append((view.view_id, finding))
+        (sure if seconded else unconfirmed).append((view.view_id, finding))
     sure.sort(key=lambda item: -item[1].area_mm2)
-    return sure, doubtful
+    return sure, unconfirmed
 
 
 def _is_other_look(

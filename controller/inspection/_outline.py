@@ -168,12 +168,12 @@ def _runs(
             if any(_touches(f.box_px, low, high) for f in known):
                 continue
             each = np.where(labels == i, np.float32(mm**2), np.float32(0))
-            blob = connected_findings(
+            region = connected_findings(
                 labels == i, kind, "backlit", part, fit.maps, task.camera,
                 fit.T_world_part, (x0, y0), each, 0.0,
             )  # fmt: skip
             area = float(width[here].sum()) * mm**2
-            found += [_with_area(f, area) for f in blob[:1]]
+            found += [_with_area(f, area) for f in region[:1]]
     return found
 
 

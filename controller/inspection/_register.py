@@ -60,15 +60,15 @@ def register(
         edge_px, normals = edge_px[chosen], normals[chosen]
     if len(edge_px) < LEAST_PROFILES:
         return None
-    tells, place, width = _steps(picture, edge_px, normals)
+    is_clear, place, width = _steps(picture, edge_px, normals)
     growth = np.zeros_like(width)
     if expected is not None:
-        told_too, expected_place, expected_width = _steps(expected, edge_px, normals)
-        tells &= told_too
+        is_expected, expected_place, expected_width = _steps(expected, edge_px, normals)
+        is_clear &= is_expected
         place, growth = place - expected_place, width - expected_width
-    if tells.sum() < LEAST_PROFILES:
+    if is_clear.sum() < LEAST_PROFILES:
         return None
-    place, normals = place[tells], normals[tells]
+    place, normals = place[is_clear], normals[is_clear]
     # a lit rim or a dark one moves all steps outwards alike: that is no shift, but it is small, and
     # where the outline is seen on few sides the two are hard to tell apart
     design = np.column_stack([normals, np.ones(len(place))])
@@ -81,8 +81,8 @@ def register(
         solution = np.linalg.solve(normal, (design * trust[:, None]).T @ place)
     return Registration(
         shift_px=solution[:2],
-        width_px=float(np.median(width[tells])),
-        growth_px=float(np.median(growth[tells])),
+        width_px=float(np.median(width[is_clear])),
+        growth_px=float(np.median(growth[is_clear])),
     )
 
 
@@ -106,8 +106,8 @@ def _steps(
     near = np.abs(middles[None, :] - peak[:, None]) <= NEAR_PX
     change = np.where(near, slope, 0.0).sum(axis=1)
     signed = np.abs(np.where(near, rise, 0.0).sum(axis=1))
-    tells = (signed > LEAST_STEP_GREY) & (signed > 0.7 * change)
-    tells &= np.abs(peak) < REACH_PX - NEAR_PX / 2
+    is_clear = (signed > LEAST_STEP_GREY) & (signed > 0.7 * change)
+    is_clear &= np.abs(peak) < REACH_PX - NEAR_PX / 2
     weight = np.where(near, slope, 0.0)
     weight = np.maximum(weight - FLOOR * weight.max(axis=1, keepdims=True), 0.0)
     total = np.maximum(weight.sum(axis=1), 1e-9)
@@ -117,4 +117,4 @@ def _steps(
     total = np.maximum(wide.sum(axis=1), 1e-9)
     middle = (wide * middles).sum(axis=1) / total
     width = np.sqrt((wide * (middles - middle[:, None]) ** 2).sum(axis=1) / total)
-    return tells, place, width
+    return is_clear, place, width

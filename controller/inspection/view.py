@@ -69,7 +69,7 @@ class _Scene:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _Sight:
+class _Visibility:
     """Which samples are in sight, and where; (n,) each, pixels (n, 2)."""
 
     free: BoolArray
@@ -109,15 +109,15 @@ def inspect_view(
     fit = measure_pose(part, task, outline)
     if fit is None:
         return _not_evaluated(task, samples, "no outline of the part where it should be")
-    trouble = _pose_trouble(fit, *moved(part, task, fit), limits)
-    sharp = None if trouble else register(pictures.backlit, fit.edge_px, fit.edge_normals)
-    if not trouble and sharp is not None and sharp.width_px > limits.max_edge_px:
-        trouble = (
+    refusal = _pose_refusal(fit, *moved(part, task, fit), limits)
+    sharp = None if refusal else register(pictures.backlit, fit.edge_px, fit.edge_normals)
+    if not refusal and sharp is not None and sharp.width_px > limits.max_edge_px:
+        refusal = (
             f"edges are {sharp.width_px:.1f} px wide, {limits.max_edge_px:.1f} px is allowed: out "
             "of focus, or moved"
         )
-    if trouble:
-        return _not_evaluated(task, samples, trouble)
+    if refusal:
+        return _not_evaluated(task, samples, refusal)
     if missing := [lamp.name for lamp in task.lamps if lamp.name not in pictures.lit]:
         return _not_evaluated(task, samples, f"no picture under {missing[0]}")
     view = _View(part, samples, task, pictures, scene, dark, judged, sharp)
@@ -127,7 +127,7 @@ def inspect_view(
     # what a lit picture shows against one pose, and not against another that the outline allows as
     # well, speaks of the pose and not of the part
     for other in poses_as_good(part, task, fit, outline):
-        if _pose_trouble(other, *moved(part, task, other), limits):
+        if _pose_refusal(other, *moved(part, task, other), limits):
             continue
         result = view.compare_at(other)
         if _explains_more(result, best):
@@ -162,20 +162,20 @@ class _View:
         """Return what the pictures tell of the part if this is its pose."""
         part, samples, task, scene = self.part, self.samples, self.task, self.scene
         shift, turn = moved(part, task, fit)
-        sight = _in_sight(part, samples, task.camera, fit.T_world_part, scene)
+        visible = _in_sight(part, samples, task.camera, fit.T_world_part, scene)
         outline = compare_outline(part, fit, self.dark, self.judged, task, samples)
         findings = outline.findings
         checks = [outline.check]
         codes: list[NDArray[np.uint8]] = []
         if task.lamps:
-            shading = _Shading(part, samples, task, scene, fit, sight, self.sharp)
+            shading = _Shading(part, samples, task, scene, fit, visible, self.sharp)
             for lamp in task.lamps:
                 picture = self.pictures.lit[lamp.name]
                 check, differing, code = shading.check(lamp.name, picture)
                 checks.append(check)
                 codes.append(code)
                 findings = findings + differing
-        free = sight.free & ~sight.beside_gripper
+        free = visible.free & ~visible.beside_gripper
         checks = [replace(c, compared=c.compared & free) for c in checks]
         seen = np.logical_or.reduce([c.compared for c in checks])
         x0, y0, _, _ = fit.maps.roi
@@ -190,14 +190,14 @@ class _View:
             findings=tuple(findings),
             seen=seen,
             outline_px=mask_contour(fit.maps.mask) + np.array([x0, y0]),
-            beside_gripper=sight.beside_gripper,
+            beside_gripper=visible.beside_gripper,
             in_sight=free,
             checks=tuple(checks),
             unjudged=_best_excuse(codes, free & ~seen),
         )
 
 
-def _pose_trouble(fit: PoseFit, shift: float, turn: float, limits: Limits) -> str:
+def _pose_refusal(fit: PoseFit, shift: float, turn: float, limits: Limits) -> str:
     """Return what speaks against a fitted pose, empty if nothing does."""
     if fit.paired < limits.min_outline_share:
         return (
@@ -279,11 +279,11 @@ class _Shading:
         task: ViewTask,
         scene: _Scene,
         fit: PoseFit,
-        sight: _Sight,
+        visible: _Visibility,
         sharp: Registration | None,
     ) -> None:
         self._part, self._samples, self._task, self._scene = part, samples, task, scene
-        self._fit, self._sight, self._sharp = fit, sight, sharp
+        self._fit, self._visibility, self._sharp = fit, visible, sharp
         step = SHADING_STEP_PX
         whole = fit.maps
         x0, y0, x1, y1 = whole.roi
@@ -315,7 +315,7 @@ class _Shading:
         outcome = self._misfit(picture, light) or self._compare(picture, light)
         if isinstance(outcome, str):
             nothing = np.zeros(len(self._samples.points_mm), dtype=bool)
-            code = np.where(self._sight.free, Unjudged.LAMP.number, 0)
+            code = np.where(self._visibility.free, Unjudged.LAMP.number, 0)
             return Check(lamp_name, outcome, nothing), [], code.astype(np.uint8)
         compared, code = self._per_sample(outcome)
         check = Check(lamp_name, "", compared, limits.smallest_defect_mm, misfit=outcome.misfit)
@@ -397,9 +397,9 @@ class _Shading:
         size = max(1, round(disc_px)) | 1
         share = cv2.blur(outcome.compared.astype(np.float32), (size, size))
         x0, y0, _, _ = self._fit.maps.roi
-        u, v = ((self._sight.pixels - [x0, y0]) // SHADING_STEP_PX).T
+        u, v = ((self._visibility.pixels - [x0, y0]) // SHADING_STEP_PX).T
         height, width = outcome.compared.shape
-        inside = self._sight.free & (u >= 0) & (v >= 0) & (u < width) & (v < height)
+        inside = self._visibility.free & (u >= 0) & (v >= 0) & (u < width) & (v < height)
         compared = np.zeros(len(u), dtype=bool)
         code = np.zeros(len(u), dtype=np.uint8)
         v, u = v[inside], u[inside]
@@ -422,7 +422,7 @@ def _ground_level(picture: Grey, maps: ViewMaps, scene: _Scene) -> float:
 
 def _in_sight(
     part: PosedPart, samples: SurfaceSamples, camera: Camera, T: FloatArray, scene: _Scene
-) -> _Sight:
+) -> _Visibility:
     """Return which surface samples are in sight, and which of them beside the gripper."""
     points = transform(T, samples.points_mm)
     normals = samples.normals @ T[:3, :3].T
@@ -442,4 +442,4 @@ def _in_sight(
         hidden |= scene.holder.blocked(start[index], unit[index])
     seen[index[hidden]] = False
     x, y = np.clip(pixels, 0, [width - 1, height - 1]).T
-    return _Sight(seen, seen & scene.holder_mask[y, x], pixels)
+    return _Visibility(seen, seen & scene.holder_mask[y, x], pixels)

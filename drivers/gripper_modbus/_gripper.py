@@ -174,7 +174,7 @@ class Gripper:
                 status.has_fault and fault_of(status.fault).kind is FaultClass.MAJOR
             ):
                 return status
-            self._forget_grip()
+            self._forget_grasp()
             try:
                 return await self._activate(status)
             except asyncio.CancelledError:
@@ -305,7 +305,7 @@ class Gripper:
         async with self._verb:
             before = await self.status()
             self._require_ready(before)
-            self._forget_grip()
+            self._forget_grasp()
             distance_mm = abs(before.width_mm - config.counts_to_width_mm(target))
             limit_s = MOVE_MARGIN * distance_mm / speed_mm_s + MOVE_MARGIN_S
             was_asked = before.is_going and before.requested_counts == target
@@ -388,7 +388,7 @@ class Gripper:
                 "will move"
             )
 
-    def _forget_grip(self) -> None:
+    def _forget_grasp(self) -> None:
         self._monitor.grasp = None
         self._monitor.lost.clear()
 

@@ -80,7 +80,7 @@ class UmiScara(ArmSession):
             guard()
             self._rest_counts.update(self._config.homing.park_counts)
             self._known = {axis: (n, n) for axis, n in self._config.homing.park_counts.items()}
-            self._may_be_relabelled = self._may_be_zeroed = self._grips = False
+            self._may_be_relabelled = self._may_be_zeroed = self._grasps = False
             self._is_homed = self._is_sure = True
         log.info("arm homed")
 
@@ -206,7 +206,7 @@ class UmiScara(ArmSession):
         async with self._motion() as guard:
             await self._make_sure(guard)
             self._rest_counts.pop(gripper, None)
-            self._grips = True
+            self._grasps = True
             await self._axes.write(gripper, Parameter.SPEED, self._config.grasp_speed, guard)
             await self._axes.write(gripper, Parameter.MAX_FORCE, force, guard)
             await self._axes.write(gripper, Parameter.NEW_POSITION, c.GRASP_COUNTS, guard)
@@ -257,7 +257,7 @@ class UmiScara(ArmSession):
         async with self._motion(needs_home=False) as guard:
             self._rest_counts.pop(gripper, None)
             self._known.pop(gripper, None)
-            self._is_sure = self._grips = False
+            self._is_sure = self._grasps = False
             before = await self._axes.read_actual(gripper)
             await self._axes.write(gripper, Parameter.SPEED, self._config.grasp_speed, guard)
             await self._axes.write(gripper, Parameter.MAX_FORCE, self._config.gripper_force, guard)
@@ -321,7 +321,7 @@ class UmiScara(ArmSession):
             for axis in moved:
                 self._rest_counts.pop(axis, None)
             if Axis.GRIPPER in moved:
-                self._grips = False
+                self._grasps = False
             for axis, force in (forces or {}).items():
                 await self._axes.write(axis, Parameter.MAX_FORCE, force, guard)
 

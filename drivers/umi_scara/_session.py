@@ -140,7 +140,7 @@ class ArmSession:
         self._is_sure = False  # every target is where its axis stands, every parameter as written
         self._may_be_relabelled = False  # counters must be compared with `_known`
         self._may_be_zeroed = False  # counters may have been set to zero
-        self._grips = False
+        self._grasps = False
         self._stop_count = 0
         self._one_motion = asyncio.Lock()
 
@@ -385,7 +385,7 @@ class ArmSession:
                 await self._axes.write(Axis.GRIPPER, Parameter.MAX_FORCE, force, guard)
         counts = await self._read_all()
         for axis in self._in_turn():
-            if not (axis is Axis.GRIPPER and self._grips):
+            if not (axis is Axis.GRIPPER and self._grasps):
                 await self._axes.write(axis, Parameter.NEW_POSITION, counts[axis], guard)
         self._rest_counts.update(counts)
         self._known = {axis: (n, n) for axis, n in counts.items()}

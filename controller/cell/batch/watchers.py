@@ -44,10 +44,10 @@ class InterlockWatcher:
         with self._io.watch() as changes:
             async for change in changes:
                 if change.name in REQUIRED_SIGNALS and change.signal is not Signal.OK:
-                    remedy = REQUIRED_SIGNALS[change.name]
+                    advice = REQUIRED_SIGNALS[change.name]
                     if change.signal is Signal.UNKNOWN:
-                        remedy = "the I/O block gives no fresh reading; check its cable and power"
-                    report(Event.FAULT, f"{change.name}: {remedy}", change.name.removesuffix("_ok"))
+                        advice = "the I/O block gives no fresh reading; check its cable and power"
+                    report(Event.FAULT, f"{change.name}: {advice}", change.name.removesuffix("_ok"))
 
 
 class FixedGripperWatcher:

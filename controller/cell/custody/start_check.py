@@ -63,13 +63,13 @@ async def require_empty_grippers(
 
     journal.write(openings_row(openings))
     holding = [one for one in openings if one.finding is Finding.HOLDS]
-    doubtful = [one for one in openings if one.finding is Finding.MAY_HOLD]
-    if holding or ((known or doubtful) and not is_part_removed):
-        await refuse(holding or doubtful)
-    if any(one.gripper is GripperName.ARM for one in doubtful) and await press():
+    uncertain = [one for one in openings if one.finding is Finding.MAY_HOLD]
+    if holding or ((known or uncertain) and not is_part_removed):
+        await refuse(holding or uncertain)
+    if any(one.gripper is GripperName.ARM for one in uncertain) and await press():
         stopped = Opening(GripperName.ARM, Finding.HOLDS, "its jaws, pressed once more, stay open")
         await refuse([stopped])
-    if known or doubtful:
+    if known or uncertain:
         said = "stated with --part-removed"
         before = "; ".join(known_words(one) for one in known)
         await journal.write_secured(

@@ -47,12 +47,12 @@ def check_interlocks(io: IoBlock, *, is_person_inside: bool = False) -> None:
     ------
     InterlockError : one is not, or gives no fresh reading; the message says which and what to do
     """
-    for name, remedy in REQUIRED_SIGNALS.items():
+    for name, advice in REQUIRED_SIGNALS.items():
         if is_person_inside and name == GUARD:
             continue
         signal = io.signal(name)
         if signal is Signal.NOT_OK:
-            raise InterlockError(f"{name}: {remedy}")
+            raise InterlockError(f"{name}: {advice}")
         if signal is Signal.UNKNOWN:
             raise InterlockError(
                 f"{name}: the I/O block gives no fresh reading, which counts as not healthy; "

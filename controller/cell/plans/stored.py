@@ -193,8 +193,8 @@ def check_prepared(part: PreparedPart) -> None:
             _require(meeting.q.shape == (6,), "a meeting of other joints")
     for rest in part.rests:
         _require(is_pose(rest.T_world_part), "T_world_part is no pose")
-    for grip_row in (*part.arm_grasps, *part.fixed_grasps):
-        _check_fields(grip_row, samples, "grip")
+    for held in (*part.arm_grasps, *part.fixed_grasps):
+        _check_fields(held, samples, "grip")
 
 
 def is_pose(T: FloatArray) -> bool:

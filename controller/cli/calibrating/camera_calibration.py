@@ -81,7 +81,7 @@ def calibrate_camera(images: list[Path], target_file: Path, output: Path, *, as_
     if as_json:
         emit({"file": str(output), **body})
     else:
-        _tell(found, missed, len(pictures), output)
+        _report(found, missed, len(pictures), output)
     return 0
 
 
@@ -178,7 +178,9 @@ def _board_body(board: Target) -> dict[str, Any]:
 # -- what the operator reads --------------------------------------------------------------------
 
 
-def _tell(found: Calibration, missed: Mapping[str, str], picture_count: int, output: Path) -> None:
+def _report(
+    found: Calibration, missed: Mapping[str, str], picture_count: int, output: Path
+) -> None:
     flat = sum(view.placed is Placed.FLAT for view in found.views)
     print_line(
         f"boards found in {len(found.views)} of {picture_count} pictures: {flat} flat, "

@@ -29,8 +29,8 @@ def certificate_words(certificate: Certificate) -> str:
     shown = plan.covered_fraction / plan.reachable_fraction if plan.reachable_fraction else 1.0
     count = view_count(plan)
     views = f"{count} view{'' if count == 1 else 's'}"
-    regrips = f"{plan.regrasp_count} regrasp{'' if plan.regrasp_count == 1 else 's'}"
-    return f"{views}, {regrips}, {plan.forecast_s:.0f} s, {shown:.1%} of what can be shown"
+    regrasps = f"{plan.regrasp_count} regrasp{'' if plan.regrasp_count == 1 else 's'}"
+    return f"{views}, {regrasps}, {plan.forecast_s:.0f} s, {shown:.1%} of what can be shown"
 
 
 def print_certificates(certificates: Sequence[Certificate]) -> None:

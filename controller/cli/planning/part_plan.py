@@ -65,7 +65,7 @@ def plan_part_file(
     if not as_json:
         print_line(setup.sentence)
     if report_plan is not None and not planning.is_prepared:
-        _say_coarse(compiled, setup, poses[0], place)
+        _report_coarse(compiled, setup, poses[0], place)
     kept, certificates = _plan_all(
         planning, poses, place, report_plan, is_one=pose_index is not None
     )
@@ -96,7 +96,7 @@ def plan_part_file(
     return 0 if kept.plan is not None else 1
 
 
-def _say_coarse(part: CompiledPart, setup: PlannerSetup, pose: StablePose, place: Place) -> None:
+def _report_coarse(part: CompiledPart, setup: PlannerSetup, pose: StablePose, place: Place) -> None:
     """Print an estimate from few candidates, seconds before the full plan is ready."""
     started = time.monotonic()
     x_mm, y_mm, theta_deg = place

@@ -119,7 +119,7 @@ def run_recipe(
             emulated_cell(command, folder / "emulator.log") if emulated else nullcontext({})
         )
         with cell_beside as ready:
-            _say_transport(ready)
+            _report_transport(ready)
             order = RunOrder(
                 recipe_path=recipe_path,
                 cell_path=cell_file,
@@ -183,7 +183,7 @@ def _for_emulator(path: Path, part: CompiledPart, folder: Path) -> Path:
     return copy
 
 
-def _say_transport(ready: dict[str, Any]) -> None:
+def _report_transport(ready: dict[str, Any]) -> None:
     if ready.get("camera_transport") == "socket":
         warn(
             "cameras: the emulated cameras speak V4L2 over unix sockets, since FUSE cannot be "

@@ -75,7 +75,7 @@ def _unscaled(pixels: FloatArray, scaled: Grey, grey: Grey) -> FloatArray:
 
 def _chessboard(grey: Grey, target: Chessboard) -> FoundBoard:
     columns, rows = target.inner_corners
-    grid = _right_way(grey, _search(grey, columns, rows), target)
+    grid = _right_way_up(grey, _search(grey, columns, rows), target)
     axes = np.stack([np.gradient(grid, axis=1), np.gradient(grid, axis=0)], axis=2)
     x, y = np.meshgrid(np.arange(columns), np.arange(rows))
     board_mm = target.square_mm * np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
@@ -98,7 +98,7 @@ def _search(grey: Grey, columns: int, rows: int) -> FloatArray:
     )
 
 
-def _right_way(grey: Grey, grid: FloatArray, target: Chessboard) -> FloatArray:
+def _right_way_up(grey: Grey, grid: FloatArray, target: Chessboard) -> FloatArray:
     """Return the corners in the target's order: Z out of the print, the first square black."""
     columns, rows = target.inner_corners
     x = (grid[:, -1] - grid[:, 0]).mean(axis=0)

@@ -77,16 +77,16 @@ def survey(
     if not parts:
         raise ValueError("siting needs at least one part")
     options = options or SiteOptions()
-    tell = progress or _quiet
+    progressed = progress or _quiet
     members = []
     for k, part in enumerate(parts):
-        tell("parts", k, len(parts))
+        progressed("parts", k, len(parts))
         members.append(
             family_member(
                 part, layout, options.arm_grasps, options.fixed_grasps, options.directions
             )
         )
-    return Survey(layout, tuple(members), options, fellows_of(layout), tell)
+    return Survey(layout, tuple(members), options, fellows_of(layout), progressed)
 
 
 def site_key(site: Site) -> tuple[int, ...]:

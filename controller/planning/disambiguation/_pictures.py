@@ -189,14 +189,14 @@ def stance_of(
     rules : how well the hold is known
     """
     axis = camera.T_world_cam[:3, 2]
-    tip = T_world_tcp[:3, 3]
+    tcp_mm = T_world_tcp[:3, 3]
     depths = np.concatenate(
-        [(transform(T, p) - tip) @ axis for p, T in zip(outer_mm, T_world_part, strict=True)]
+        [(transform(T, p) - tcp_mm) @ axis for p, T in zip(outer_mm, T_world_part, strict=True)]
     )
     middle, half = (depths.max() + depths.min()) / 2, (depths.max() - depths.min()) / 2
-    px_per_mm = float(camera.K[0, 0]) / float((tip - camera.position_mm) @ axis + middle)
+    px_per_mm = float(camera.K[0, 0]) / float((tcp_mm - camera.position_mm) @ axis + middle)
     return Stance(
-        camera.project(tip[None])[0] - np.array(roi[:2]),
+        camera.project(tcp_mm[None])[0] - np.array(roi[:2]),
         px_per_mm * (rules.shift_mm + rules.turn_rad * abs(float(middle))),
         rules.turn_rad,
         px_per_mm * rules.turn_rad * float(half) + rules.edge_px,

@@ -97,11 +97,11 @@ def _shown(
     T = tcp_pose(layout, q) @ c.T_tcp_part
     eye = transform(inverse_pose(T), layout.inspection.position_mm[None])[0]
     points, normals = samples.points_mm[members], samples.normals[members]
-    sight = eye - points
-    cosine = np.einsum("ij,ij->i", sight, normals) / np.linalg.norm(sight, axis=1)
+    ray = eye - points
+    cosine = np.einsum("ij,ij->i", ray, normals) / np.linalg.norm(ray, axis=1)
     start = points + 0.02 * normals
     free = cosine > FLATTEST_COSINE
-    free &= ~RayCaster(c.solid.mesh).blocked(start, sight, 1.0)
+    free &= ~RayCaster(c.solid.mesh).blocked(start, ray, 1.0)
     boxes = Scene(layout, opening_mm, 0.0).arm_boxes(q)
     free &= ~segments_hit(transform(T, points), layout.inspection.position_mm, boxes)
     return bool(free.any())

@@ -148,8 +148,8 @@ def separations(
         for light in range(len(LIGHTS)):
             column = margins[:, light, pair]
             (hopeful,) = np.nonzero(column > HOPEFUL)
-            price = cost_s(seconds[hopeful], column[hopeful])
-            again += hopeful[np.argsort(price, kind="stable")[: rules.fine_n]].tolist()
+            cost = cost_s(seconds[hopeful], column[hopeful])
+            again += hopeful[np.argsort(cost, kind="stable")[: rules.fine_n]].tolist()
             again += hopeful[np.argsort(-column[hopeful], kind="stable")[: rules.fine_n]].tolist()
     for k in looked[np.isin(looked, again)]:
         margins[k] = _margins(

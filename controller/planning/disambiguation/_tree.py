@@ -109,9 +109,9 @@ def separating_views(
     rules = rules or DisambiguationRules()
     found = separations(candidates, layout, q, seconds, opening_mm, rules)
     best = found.margins.max(axis=(0, 1), initial=0.0)
-    doubtful = [(pair, float(best[p])) for p, pair in enumerate(found.pairs) if best[p] < 1.0]
+    ambiguous = [(pair, float(best[p])) for p, pair in enumerate(found.pairs) if best[p] < 1.0]
     indistinguishable = []
-    for (i, j), margin in doubtful:
+    for (i, j), margin in ambiguous:
         a, b = candidates[i], candidates[j]
         reason = why_alike(a, b, layout, q, opening_mm, margin)
         indistinguishable.append(Indistinguishable((i, j), margin, reason))
@@ -156,12 +156,12 @@ def cheapest_tree(
                 if group not in groups:
                     groups.append(group)
             rest = [best(g, (tried | view.parts) & pairs_of(g)) for g in groups]
-            price = view.cost_s + max(r[0] for r in rest)
-            if price < chosen[0] - SAME_COST_S:
+            cost = view.cost_s + max(r[0] for r in rest)
+            if cost < chosen[0] - SAME_COST_S:
                 margins = found.margins[view.row, LIGHTS.index(view.light)]
                 margin = min(float(margins[p]) for p in pairs_of(left) & view.parts)
                 then = tuple(r[1] for r in rest)
-                chosen = price, DecidingView(view.row, view.light, margin, tuple(groups), then)
+                chosen = cost, DecidingView(view.row, view.light, margin, tuple(groups), then)
         return chosen if chosen[1] is not None else (0.0, None)
 
     _, first = best(tuple(range(candidates_n)), frozenset())
@@ -188,9 +188,9 @@ def _worth_asking(found: Separations, seconds: FloatArray) -> list[_View]:
             if not parts:
                 continue
             weakest = min(float(margins[p]) for p in parts)
-            price = float(cost_s(seconds[k : k + 1], np.array([weakest]))[0])
-            if parts not in kept or price < kept[parts].cost_s - SAME_COST_S:
-                kept[parts] = _View(k, light, parts, price)
+            cost = float(cost_s(seconds[k : k + 1], np.array([weakest]))[0])
+            if parts not in kept or cost < kept[parts].cost_s - SAME_COST_S:
+                kept[parts] = _View(k, light, parts, cost)
     return sorted(kept.values(), key=lambda v: (v.cost_s, v.row, v.light))
 
 

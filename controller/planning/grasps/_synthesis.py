@@ -221,8 +221,8 @@ class _Measured:
         )
 
     def picks(self, judge: Judge, downs: FloatArray) -> BoolArray:
-        hands = Candidates(self.contacts.T, self.contacts.opening, self.inner)
-        return _picks(judge, hands, downs)
+        taken = Candidates(self.contacts.T, self.contacts.opening, self.inner)
+        return _picks(judge, taken, downs)
 
 
 def _cover_of(
@@ -319,8 +319,8 @@ def _measured(
     )
 
 
-def _picks(judge: Judge, hands: Candidates, downs: FloatArray) -> BoolArray:
+def _picks(judge: Judge, taken: Candidates, downs: FloatArray) -> BoolArray:
     """Return for each stable pose which hands take the part from above (k, n)."""
-    wide = open_gap(hands.gap, hands.inner, judge.jaw, judge.rules)
-    picks = [lifts_off_table(hands.T, wide, judge.jaw, judge.hull, down) for down in downs]
-    return np.array(picks, dtype=bool).reshape(len(downs), len(hands.T))
+    wide = open_gap(taken.gap, taken.inner, judge.jaw, judge.rules)
+    picks = [lifts_off_table(taken.T, wide, judge.jaw, judge.hull, down) for down in downs]
+    return np.array(picks, dtype=bool).reshape(len(downs), len(taken.T))

@@ -73,8 +73,8 @@ def loads(
     if gravities is None:
         twist = per_pad * np.linalg.norm(in_plane, axis=1) / r
         holds = np.hypot(per_pad + contacts.slope, twist) / rules.friction
-        tip = (2 * per_pad * _farthest_pressure(in_plane, along) / room).max(axis=1)
-        return np.asarray(np.maximum(np.maximum(holds, tip), per_pad))
+        toppling = (2 * per_pad * _farthest_pressure(in_plane, along) / room).max(axis=1)
+        return np.asarray(np.maximum(np.maximum(holds, toppling), per_pad))
     worst = np.zeros(len(d))
     for g in gravities:
         g_t, g_y = g[[0, 2]], float(g[1])
@@ -82,8 +82,8 @@ def loads(
         slip = per_pad * float(np.linalg.norm(g_t)) + contacts.slope
         holds = np.hypot(slip, twist) / rules.friction
         moved = 2 * per_pad * (in_plane * g_y - np.outer(along, g_t)) @ EDGE_DIRECTIONS.T
-        tip = (moved / room).max(axis=1)
-        worst = np.maximum(worst, np.maximum(np.maximum(holds, tip), per_pad * abs(g_y)))
+        toppling = (moved / room).max(axis=1)
+        worst = np.maximum(worst, np.maximum(np.maximum(holds, toppling), per_pad * abs(g_y)))
     return worst
 
 

@@ -190,8 +190,8 @@ class Scene:
         else:
             T_tcp_box, half_gripper = arm_gripper
         of_links = placed_boxes(R_link, origins, T_link)
-        of_hand = placed_boxes(T_tcp[:, None, :3, :3], T_tcp[:, None, :3, 3], T_tcp_box)
-        turns, centres = [of_links[0], of_hand[0]], [of_links[1], of_hand[1]]
+        of_gripper = placed_boxes(T_tcp[:, None, :3, :3], T_tcp[:, None, :3, 3], T_tcp_box)
+        turns, centres = [of_links[0], of_gripper[0]], [of_links[1], of_gripper[1]]
         m = T_tcp_box.shape[-3]
         halves = [
             np.broadcast_to(half_link, (n, *half_link.shape)),

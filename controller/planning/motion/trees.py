@@ -41,11 +41,11 @@ class _Tree:
 
     def trace(self, k: int) -> list[FloatArray]:
         """Return the way from node `k` back to the root."""
-        way = []
+        chain = []
         while k >= 0:
-            way.append(self.nodes[k])
+            chain.append(self.nodes[k])
             k = self.parents[k]
-        return way
+        return chain
 
 
 def rrt_connect(

@@ -89,7 +89,7 @@ class Builder:
         self._part = part
         self._layout = layout
         self._seed = seed
-        self._leg_s = partial(segment_seconds, layout)
+        self._segment_s = partial(segment_seconds, layout)
         self._tray_paths: dict[tuple[int, str], list[PlacePath]] = {}
 
     def _connect(self, build: Build, q: FloatArray, scene: Scene, what: str) -> Motion:
@@ -122,16 +122,16 @@ class Builder:
         """
         part, layout = self._part, self._layout
         grasp = part.arm_grasps[paths[0].grasp]
-        lying = PlacedShape(part.shape, T_world_part)
-        scene = Scene(layout, grasp.pre_open_mm, layout.fixed_open_mm, standing_meshes=(lying,))
+        resting = PlacedShape(part.shape, T_world_part)
+        scene = Scene(layout, grasp.pre_open_mm, layout.fixed_open_mm, standing_meshes=(resting,))
         failure: NoPlanError | None = None
-        for way in paths:
+        for path in paths:
             try:
-                motion_in = self._connect(build, way.down[0], scene, "path to the pick")
+                motion_in = self._connect(build, path.down[0], scene, "path to the pick")
             except NoMotionError as error:
                 failure = failure or error
                 continue
-            down, up = tuple(way.down[1:]), tuple(way.up[1:])
+            down, up = tuple(path.down[1:]), tuple(path.up[1:])
             build.steps.append(
                 Pick(
                     seconds=self._seconds(build.q, motion_in, down, up) + layout.cell_times.grasp_s,
@@ -144,7 +144,7 @@ class Builder:
                     motion_up=up,
                 )
             )
-            build.q = way.up[-1]
+            build.q = path.up[-1]
             return
         assert failure is not None
         raise RefutedError(failure, firsts=[paths[0].grasp])
@@ -173,20 +173,20 @@ class Builder:
         # the jaws stay as they let go until the straight way in begins: wide ones may pass on both
         # sides of a part that narrower ones run into
         scene = Scene(layout, opening, held.opening_mm, standing_meshes=(standing,))
-        way = tuple(fewest_waypoints(layout, take.retreat[::-1]))
-        motion_in = self._connect(build, way[0], scene, "path round the fixed gripper")
+        path = tuple(fewest_waypoints(layout, take.retreat[::-1]))
+        motion_in = self._connect(build, path[0], scene, "path round the fixed gripper")
         motion_out = tuple(fewest_waypoints(layout, take.entry[::-1])[1:])
         build.steps.append(
             ReceiveStep(
-                seconds=self._seconds(build.q, motion_in, way[1:])
-                + self._seconds(way[-1], motion_out)
+                seconds=self._seconds(build.q, motion_in, path[1:])
+                + self._seconds(path[-1], motion_out)
                 + layout.cell_times.receive_s,
                 label=f"receive back with grasp {grasp.id}, {grasp.opening_mm:.1f} mm",
                 grasp=grasp,
                 fixed_grasp=held,
                 motion_in=motion_in,
                 pre_open_mm=grasp.pre_open_mm,
-                approach=tuple(way[1:]),
+                approach=tuple(path[1:]),
                 expected_opening_mm=grasp.opening_mm,
                 fixed_open_mm=held.pre_open_mm,
                 motion_out=motion_out,
@@ -295,7 +295,7 @@ class Builder:
         tries = 0
         while todo:
             names = list(todo)
-            order = best_order(build.q, [todo[v] for v in names], end, self._leg_s)
+            order = best_order(build.q, [todo[v] for v in names], end, self._segment_s)
             i, k = order[0]
             v = names[i]
             q = todo[v][k]
@@ -380,9 +380,9 @@ class Builder:
             failure: NoPlanError | None = None
             paths = self._tray_paths[g, name]
             # every place is tried with the plain ways before any is searched for
-            for way, search in [(w, False) for w in paths] + [(w, True) for w in paths[:2]]:
+            for path, search in [(w, False) for w in paths] + [(w, True) for w in paths[:2]]:
                 try:
-                    place[name], park[name] = self._let_go(build.q, grasp, name, way, search)
+                    place[name], park[name] = self._let_go(build.q, grasp, name, path, search)
                 except NoMotionError as error:
                     failure = failure or error
                     continue
@@ -393,20 +393,20 @@ class Builder:
         return place, park
 
     def _let_go(
-        self, start: FloatArray, grasp: Grasp, tray: str, way: PlacePath, search: bool
+        self, start: FloatArray, grasp: Grasp, tray: str, path: PlacePath, search: bool
     ) -> tuple[Place, Park]:
         layout, name = self._layout, self._part.solid.name
         motion = connect(
             start,
-            way.down[0],
+            path.down[0],
             self._carrying(grasp),
             f"{name}: path to tray {tray}",
             self._seed,
             search,
         )
         empty = Scene(layout, grasp.pre_open_mm, layout.fixed_open_mm)
-        home = connect(way.up[-1], layout.park_q, empty, f"{name}: path home", self._seed, search)
-        down, up = tuple(way.down[1:]), tuple(way.up[1:])
+        home = connect(path.up[-1], layout.park_q, empty, f"{name}: path home", self._seed, search)
+        down, up = tuple(path.down[1:]), tuple(path.up[1:])
         place = Place(
             seconds=self._seconds(start, motion, down, up) + layout.cell_times.release_s,
             label=f"place in tray {tray}",
@@ -416,10 +416,10 @@ class Builder:
             motion_down=down,
             open_mm=grasp.pre_open_mm,
             motion_up=up,
-            T_world_part=way.T_world_part,
-            tilt_rad=way.tilt_rad,
+            T_world_part=path.T_world_part,
+            tilt_rad=path.tilt_rad,
         )
-        return place, Park(seconds=self._seconds(way.up[-1], home), label="park", motion=home)
+        return place, Park(seconds=self._seconds(path.up[-1], home), label="park", motion=home)
 
 
 def tray_distance_mm(layout: CellLayout, tray: Tray) -> float:

@@ -114,10 +114,10 @@ def take_seconds(
     site : the fixed gripper's grasp, or the table; inf for grasps that do not meet it
     """
     seconds = np.full(len(part.arm_grasps), np.inf)
-    for g, way in site.paths.items():
+    for g, path in site.paths.items():
         seconds[g] = (
-            move_seconds(layout, [q, *way.retreat[::-1]])
-            + move_seconds(layout, [*way.entry[::-1], part.home_q[g]])
+            move_seconds(layout, [q, *path.retreat[::-1]])
+            + move_seconds(layout, [*path.entry[::-1], part.home_q[g]])
             + layout.cell_times.receive_s
             + risk_s(part.arm_grasps[g])
         )
@@ -196,11 +196,11 @@ def make_edge_costs(
     site_s = np.stack(table) if table else np.full((0, len(part.home_q), len(part.home_q)), np.inf)
     regrasp_s = site_s.min(axis=0, initial=np.inf)
     regrasp_s[~usable], regrasp_s[:, ~usable] = np.inf, np.inf
-    price = layout.cell_times.look_s + TRAVEL_S
+    cost = layout.cell_times.look_s + TRAVEL_S
     problem = Problem(
         shows=shows,
         weights=np.concatenate([part.weights, np.zeros(len(faces))]),
-        view_s=tuple(np.full(len(s), price) for s in shows),
+        view_s=tuple(np.full(len(s), cost) for s in shows),
         first_s=np.where(usable, first_s, np.inf),
         regrasp_s=regrasp_s,
         last_s=np.full(len(part.home_q), FINISH_S),

@@ -97,9 +97,9 @@ def plan_under_ambiguity(
     """
     failure: NoPlanError | None = None
     alike: DisambiguationTree | None = None
-    for way in _common_paths(part, layout, start, others, avoid):
+    for path in _common_paths(part, layout, start, others, avoid):
         try:
-            found = _up_to_deciding_view(part, layout, start, others, way, rng_seed)
+            found = _up_to_deciding_view(part, layout, start, others, path, rng_seed)
         except NoPlanError as error:
             failure = failure or error
             continue
@@ -181,9 +181,9 @@ def _common_paths(
     casters = [RayCaster(o.solid.mesh) for o in others]
     own = RayCaster(part.solid.mesh)
     found: dict[int, PickPath] = {}
-    for way in paths:
-        grasp = part.arm_grasps[way.grasp]
-        if way.grasp in found or grasp.id in avoid or grasp.is_inner:
+    for path in paths:
+        grasp = part.arm_grasps[path.grasp]
+        if path.grasp in found or grasp.id in avoid or grasp.is_inner:
             continue
         T_world_tcp = start.T_world_part @ grasp.T_part_tcp
         own_area, _ = _closed(own, grasp.T_part_tcp, layout.arm_gripper, grasp.pre_open_mm)
@@ -198,7 +198,7 @@ def _common_paths(
             )
             for c, o in zip(casters, others, strict=True)
         ):
-            found[way.grasp] = way
+            found[path.grasp] = path
         if len(found) == GRASP_COUNT:
             break
     return list(found.values())
@@ -244,7 +244,7 @@ def _up_to_deciding_view(
     layout: CellLayout,
     start: OnTable,
     others: Sequence[Reading],
-    way: PickPath,
+    path: PickPath,
     rng_seed: int,
 ) -> tuple[tuple[Step, ...], InArm] | DisambiguationTree:
     """Return the steps up to the view that tells and how the part is held then.
@@ -255,13 +255,13 @@ def _up_to_deciding_view(
     ------
     NoPlanError : it cannot be picked, or the view not be driven to
     """
-    grasp = part.arm_grasps[way.grasp]
+    grasp = part.arm_grasps[path.grasp]
     T_world_tcp = start.T_world_part @ grasp.T_part_tcp
     candidates = [
         Candidate.taken(part.solid.name, part.solid, start.T_world_part, T_world_tcp),
         *(Candidate.taken(o.name, o.solid, o.T_world_part, T_world_tcp) for o in others),
     ]
-    q, seconds = offered_views(candidates, layout, grasp.opening_mm, way.up[-1])
+    q, seconds = offered_views(candidates, layout, grasp.opening_mm, path.up[-1])
     tree = separating_views(candidates, layout, q, seconds, grasp.opening_mm)
     first = tree.first
     if first is None:
@@ -269,7 +269,7 @@ def _up_to_deciding_view(
     parked = layout.park_q if start.q is None else start.q
     build = Build(parked, np.zeros(len(part.samples.points_mm), dtype=bool))
     try:
-        Builder(part, layout, rng_seed).pick(build, [way], start.T_world_part)
+        Builder(part, layout, rng_seed).pick(build, [path], start.T_world_part)
     except RefutedError as error:
         raise error.reason from error
     scene = Scene(layout, grasp.opening_mm, layout.fixed_open_mm, carried_mesh=part.carried(grasp))

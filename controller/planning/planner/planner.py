@@ -111,7 +111,7 @@ def plan_from(
             held = with_grasps(part, layout, [start.grasp])
             return _FromArm(held, layout, start, done, avoid, rng_seed).plan()
         case InFixedGripper():
-            return _FromFixture(part, layout, start, done, avoid, rng_seed).plan()
+            return _FromFixedGripper(part, layout, start, done, avoid, rng_seed).plan()
 
 
 class _Planner(ABC):
@@ -312,14 +312,14 @@ class _Planner(ABC):
     def _scope(self, costs: EdgeCosts) -> str:
         part = self._part
         fixed = sum(s.fixed_grasp_index >= 0 for s in costs.sites)
-        laid = len(costs.sites) - fixed
+        set_down_count = len(costs.sites) - fixed
         gain = part.options.least_gain
         left_out = f"; views that add less than {gain:.2%} of the surface left out" if gain else ""
         return (
             "seconds of regrasps with their risk, and "
             f"{self._layout.cell_times.look_s:.1f} s a view "
             f"with the path to it, among {len(part.arm_grasps)} grasps of the arm gripper, "
-            f"{fixed} of the fixed gripper, {laid} poses on the table and "
+            f"{fixed} of the fixed gripper, {set_down_count} poses on the table and "
             f"{len(part.directions.vectors)} directions{left_out}"
         )
 
@@ -365,9 +365,9 @@ class _Planner(ABC):
             return
         rest = part.rests[site.rest]
         builder.set_down(build, g, leave, rest.T_world_part, rest.pose_index)
-        way = PickPath(h, take.retreat[::-1], take.entry[::-1])
+        path = PickPath(h, take.retreat[::-1], take.entry[::-1])
         try:
-            builder.pick(build, [way], rest.T_world_part)
+            builder.pick(build, [path], rest.T_world_part)
         except RefutedError as error:
             raise NoMotionError(str(error)) from error
 
@@ -390,8 +390,8 @@ class _FromTable(_Planner):
 
     def first_s(self) -> FloatArray:
         part, layout = self._part, self._layout
-        for way in pick_paths(part, layout, self._T):
-            self._picks.setdefault(way.grasp, []).append(way)
+        for path in pick_paths(part, layout, self._T):
+            self._picks.setdefault(path.grasp, []).append(path)
         for paths in self._picks.values():
             paths.sort(key=lambda w: float(segment_seconds(layout, self._q, w.down[0])))
             del paths[PICKS_N:]
@@ -459,7 +459,7 @@ class _FromArm(_Planner):
         return "in the arm gripper"
 
 
-class _FromFixture(_Planner):
+class _FromFixedGripper(_Planner):
     def __init__(
         self,
         part: PreparedPart,
@@ -470,17 +470,17 @@ class _FromFixture(_Planner):
         seed: int,
     ) -> None:
         super().__init__(part, layout, start.q, done, avoid - {start.grasp.id}, seed)
-        self._grip = start.grasp
+        self._grasp = start.grasp
         paths: Mapping[int, HandOff] = hand_offs(layout, part.shape, start.grasp, part.arm_grasps)
-        self._support = RegraspSite(-1, -1, paths)
+        self._site = RegraspSite(-1, -1, paths)
 
     def first_s(self) -> FloatArray:
-        return take_seconds(self._part, self._layout, self._q, self._support)
+        return take_seconds(self._part, self._layout, self._q, self._site)
 
     def begin(self, build: Build, g: int) -> None:
-        T = self._layout.T_world_fixed_tcp @ inverse_pose(self._grip.T_part_tcp)
+        T = self._layout.T_world_fixed_tcp @ inverse_pose(self._grasp.T_part_tcp)
         try:
-            self._builder.receive(build, g, self._support.paths[g], self._grip, T)
+            self._builder.receive(build, g, self._site.paths[g], self._grasp, T)
         except NoMotionError as error:
             raise RefutedError(error, firsts=[g]) from error
 

@@ -156,7 +156,7 @@ def with_grasps(part: PreparedPart, layout: CellLayout, grasps: Sequence[Grasp])
     first = len(part.arm_grasps)
 
     def joined(old: Mapping[int, HandOff], found: Mapping[int, HandOff]) -> Mapping[int, HandOff]:
-        return {**old, **{first + k: way for k, way in found.items()}}
+        return {**old, **{first + k: path for k, path in found.items()}}
 
     return replace(
         part,
@@ -164,7 +164,7 @@ def with_grasps(part: PreparedPart, layout: CellLayout, grasps: Sequence[Grasp])
         shown=(*part.shown, *shown),
         view_q=(*part.view_q, *view_q),
         covered=np.vstack([part.covered, np.reshape(covered, (len(grasps), -1))]),
-        home_q=np.vstack([part.home_q, *(_hub(layout, q) for q in view_q)]),
+        home_q=np.vstack([part.home_q, *(_home_q_of(layout, q) for q in view_q)]),
         hand_offs=tuple(
             joined(old, hand_offs(layout, part.shape, f, grasps))
             for old, f in zip(part.hand_offs, part.fixed_grasps, strict=True)
@@ -176,7 +176,7 @@ def with_grasps(part: PreparedPart, layout: CellLayout, grasps: Sequence[Grasp])
     )
 
 
-def _hub(layout: CellLayout, views: Mapping[int, FloatArray]) -> FloatArray:
+def _home_q_of(layout: CellLayout, views: Mapping[int, FloatArray]) -> FloatArray:
     """Return the configuration (1, 6) nearest to all views of a grip; parked where it has none."""
     if not views:
         return layout.park_q[None]

@@ -82,7 +82,7 @@ def unseen_pieces(
                 reason, advice = why_hidden(part.solid, part.visibility_table, piece, limit)
             elif missing.kind is Reason.FINGERS:
                 weak = weak_grasps(part, layout) if weak is None else weak
-                load = _load_of_a_grip_that_shows(part, layout, piece, weak)
+                load = _load_of_a_grasp_that_shows(part, layout, piece, weak)
                 if load is None:
                     reason, advice = _fingers(part, layout, piece)
                 else:
@@ -158,7 +158,7 @@ def weak_grasps(part: PreparedPart, layout: CellLayout) -> tuple[Grasp, ...]:
     return tuple(weak[k] for k in spread(weak, range(len(weak)), ASKED_GRASP_COUNT))
 
 
-def _load_of_a_grip_that_shows(
+def _load_of_a_grasp_that_shows(
     part: PreparedPart, layout: CellLayout, piece: BoolArray, weak: Sequence[Grasp]
 ) -> float | None:
     """Return the least load among weak grips that leave most of a piece in sight."""

@@ -53,16 +53,16 @@ def hand_offs(
     gripper = Scene(layout, 0.0, fixed_grasp.pre_open_mm)
     closed = Scene(layout, 0.0, fixed_grasp.opening_mm)
 
-    def ok(rows_q: FloatArray, rows_grip: IntArray) -> BoolArray:
+    def ok(rows_q: FloatArray, rows_grasp: IntArray) -> BoolArray:
         """Free with both jaws at any opening they have here, the part clear of all but them."""
-        arm_gripper = gripper_only[0][rows_grip], gripper_only[1][rows_grip]
+        arm_gripper = gripper_only[0][rows_grasp], gripper_only[1][rows_grasp]
         free = gripper.free(rows_q, CLOSE_MARGIN_MM, arm_gripper=arm_gripper)
         rest = np.flatnonzero(free)
         free[rest] = closed.free(
             rows_q[rest], CLOSE_MARGIN_MM, arm_gripper=(arm_gripper[0][rest], arm_gripper[1][rest])
         )
         rest = np.flatnonzero(free)
-        q_rest, of_rest = rows_q[rest], rows_grip[rest]
+        q_rest, of_rest = rows_q[rest], rows_grasp[rest]
         free[rest] = around.free(
             q_rest,
             PART_MARGIN_MM,

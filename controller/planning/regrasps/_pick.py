@@ -55,7 +55,7 @@ def pick_paths(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray)
     where = f"{part.solid.name} on the table at ({x:.0f}, {y:.0f})"
     members = np.flatnonzero(clear_of_table(T_world_part, grasps, layout.arm_gripper))
     if len(members) == 0:
-        raise NotGraspableError(f"{where}: {_no_grip_from_above(part, layout, T_world_part)}")
+        raise NotGraspableError(f"{where}: {_no_grasp_from_above(part, layout, T_world_part)}")
     T_hold = T_world_part @ np.stack([grasps[k].T_part_tcp for k in members])
     index, branch, q = inverse_rows(layout, T_hold)
     if len(index) == 0:
@@ -74,9 +74,9 @@ def pick_paths(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray)
     open_scene = Scene(layout, 0.0, layout.fixed_open_mm)
     touched = np.hstack(
         [
-            _contacts(open_scene, down, _open_hands(layout, held), TABLE_MARGIN_MM),
+            _contacts(open_scene, down, _open_grippers(layout, held), TABLE_MARGIN_MM),
             _contacts(
-                open_scene, lift, _full_hands(layout, held), -1.0, PART_MARGIN_MM, (part, held)
+                open_scene, lift, _full_grippers(layout, held), -1.0, PART_MARGIN_MM, (part, held)
             ),
         ]
     )
@@ -102,7 +102,7 @@ def pick_paths(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray)
 def _contacts(
     scene: Scene,
     q: FloatArray,
-    hands: tuple[FloatArray, FloatArray],
+    grippers: tuple[FloatArray, FloatArray],
     table_margin_mm: float,
     margin_mm: float = CLOSE_MARGIN_MM,
     held: tuple[PreparedPart, Sequence[Grasp]] | None = None,
@@ -114,7 +114,7 @@ def _contacts(
     held : the part in the hand, and each way's grip
     """
     n, k = q.shape[:2]
-    T, half = (np.repeat(h, k, axis=0) for h in hands)
+    T, half = (np.repeat(h, k, axis=0) for h in grippers)
     carried = None
     if held is not None and n:
         T_tcp_part = np.stack([inverse_pose(g.T_part_tcp) for g in held[1]])
@@ -125,29 +125,29 @@ def _contacts(
     return found.reshape(n, k)
 
 
-def _open_hands(layout: CellLayout, grasps: Sequence[Grasp]) -> tuple[FloatArray, FloatArray]:
+def _open_grippers(layout: CellLayout, grasps: Sequence[Grasp]) -> tuple[FloatArray, FloatArray]:
     return _stacked(
         [[*layout.arm_gripper.body, *layout.arm_gripper.fingers(g.pre_open_mm)] for g in grasps],
         layout,
     )
 
 
-def _full_hands(layout: CellLayout, grasps: Sequence[Grasp]) -> tuple[FloatArray, FloatArray]:
+def _full_grippers(layout: CellLayout, grasps: Sequence[Grasp]) -> tuple[FloatArray, FloatArray]:
     return _stacked(
         [[*layout.arm_gripper.body, *layout.arm_gripper.fingers(g.opening_mm)] for g in grasps],
         layout,
     )
 
 
-def _stacked(hands: Sequence[list[Box]], layout: CellLayout) -> tuple[FloatArray, FloatArray]:
-    if not hands:
+def _stacked(grippers: Sequence[list[Box]], layout: CellLayout) -> tuple[FloatArray, FloatArray]:
+    if not grippers:
         m = len(layout.arm_gripper.body) + 2
         return np.zeros((0, m, 4, 4)), np.zeros((0, m, 3))
-    pairs = [stack(boxes) for boxes in hands]
+    pairs = [stack(boxes) for boxes in grippers]
     return np.stack([p[0] for p in pairs]), np.stack([p[1] for p in pairs])
 
 
-def _no_grip_from_above(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) -> str:
+def _no_grasp_from_above(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) -> str:
     """Say why nothing is there to be gripped, and which other ways to lie would do."""
     hull = np.asarray(part.solid.mesh.convex_hull.vertices)
     high = float((hull @ T_world_part[2, :3]).max() + T_world_part[2, 3])

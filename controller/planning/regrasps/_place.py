@@ -96,13 +96,13 @@ def place_paths(
         risen &= _all_free(open_, layout.arm.retreats(up[batch, -1], RISEN_N), margin_mm=10.0)
         for place, is_rising in zip(batch, risen, strict=True):
             row = order[place]
-            way = PlacePath(
+            path = PlacePath(
                 fewest_waypoints(layout, np.vstack([down[place][::-1], q[row]])),
                 fewest_waypoints(layout, np.vstack([q[row], up[place]])),
                 T_hold[index[row]] @ inverse_pose(grasp.T_part_tcp),
                 float(tilts[index[row]]),
             )
-            (rising if is_rising else trapped).append(way)
+            (rising if is_rising else trapped).append(path)
             if len(rising) == count:
                 return rising
     return (rising + trapped)[:count]

@@ -104,8 +104,8 @@ def _is_free(
         layout.fixed_open_mm,
         carried_mesh=PlacedShape(part, inverse_pose(grasp.T_part_tcp)),
     )
-    way = np.vstack([q[None], entry])
-    if not shut.free(way, PART_MARGIN_MM, PART_TABLE_MARGIN_MM).all():
+    path = np.vstack([q[None], entry])
+    if not shut.free(path, PART_MARGIN_MM, PART_TABLE_MARGIN_MM).all():
         return False
     open_ = Scene(layout, grasp.pre_open_mm, layout.fixed_open_mm)
     T_box, half = stack(
@@ -114,9 +114,9 @@ def _is_free(
             *layout.arm_gripper.fingers(grasp.opening_mm, until_mm=grasp.pre_open_mm),
         ]
     )
-    way = np.vstack([q[None], retreat])
+    path = np.vstack([q[None], retreat])
     arm_gripper = (
-        np.broadcast_to(T_box, (len(way), *T_box.shape)),
-        np.broadcast_to(half, (len(way), *half.shape)),
+        np.broadcast_to(T_box, (len(path), *T_box.shape)),
+        np.broadcast_to(half, (len(path), *half.shape)),
     )
-    return bool(open_.free(way, CLOSE_MARGIN_MM, TABLE_MARGIN_MM, arm_gripper=arm_gripper).all())
+    return bool(open_.free(path, CLOSE_MARGIN_MM, TABLE_MARGIN_MM, arm_gripper=arm_gripper).all())

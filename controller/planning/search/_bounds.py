@@ -167,10 +167,10 @@ class _Saddle:
         n, widest = len(core.rows), max((len(r) for r in core.rows), default=0)
         self._x = np.zeros((*sets.shape, widest), dtype=np.float32)
         height = np.zeros((n + 1, u.shape[1]), dtype=np.float32)
-        self._pace: list[Float32Array] = []
+        self._step_size: list[Float32Array] = []
         for g, rows in enumerate(core.rows):
             height[g] = rows.sum(axis=0)
-            self._pace.append(np.float32(_LEAN) / np.maximum(rows.sum(axis=1), 1.0))
+            self._step_size.append(np.float32(_LEAN) / np.maximum(rows.sum(axis=1), 1.0))
         total = height[sets].sum(axis=1)
         self._climb = (1.0 / (np.float32(_LEAN) * np.maximum(total, 1.0))).astype(np.float32)
 
@@ -202,7 +202,7 @@ class _Saddle:
                 rows = self._core.rows[g]
                 left = self._core.units[g][None] - self.u[at] @ rows.T
                 old = self._x[at, slot, : len(rows)]
-                moved = np.clip(old - self._pace[g][None] * left, 0.0, 1.0)
+                moved = np.clip(old - self._step_size[g][None] * left, 0.0, 1.0)
                 new: Float32Array = (np.round(moved * _X_STEPS) / _X_STEPS).astype(np.float32)
                 lack[at] -= (2.0 * new - old) @ rows
                 self._x[at, slot, : len(rows)] = new

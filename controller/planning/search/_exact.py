@@ -158,9 +158,9 @@ def _reduced(
     bits = table[:, cols].astype(np.float32)
     size = bits.sum(axis=1)
     inside = (bits @ bits.T) >= size[:, None]
-    price = costs_s[keep]
-    no_dearer = price[None] <= price[:, None]
-    equal = inside & inside.T & (price[None] == price[:, None])
+    grasp_cost = costs_s[keep]
+    no_dearer = grasp_cost[None] <= grasp_cost[:, None]
+    equal = inside & inside.T & (grasp_cost[None] == grasp_cost[:, None])
     first = np.arange(len(keep))[None] < np.arange(len(keep))[:, None]
     dominated = inside & no_dearer & (~equal | first)
     np.fill_diagonal(dominated, False)

@@ -35,10 +35,10 @@ def greedy(problem: Problem, max_grasps: int = MAX_GRASP_COUNT) -> Solution | No
         ends.append(np.minimum(ends[-1], (regrasp + ends[-1][None]).min(axis=1)))
     sequence: list[int] = []
     left = needed.copy()
-    price = problem.first_s[live]
+    cost = problem.first_s[live]
     while True:
         room = max_grasps - len(sequence) - 1
-        can = np.isfinite(price) & np.isfinite(ends[room]) if room >= 0 else np.zeros(0, bool)
+        can = np.isfinite(cost) & np.isfinite(ends[room]) if room >= 0 else np.zeros(0, bool)
         if not can.any():
             break
         gain = np.where(can, (shown & left).sum(axis=1), -1)
@@ -46,18 +46,18 @@ def greedy(problem: Problem, max_grasps: int = MAX_GRASP_COUNT) -> Solution | No
             beyond = (shown & left).sum(axis=1)
             # nothing new within a hop: towards what shows something, if there is room
             step = regrasp + np.where(beyond > 0, 0.0, np.inf)[None]
-            detour = np.where(can & (room >= 1), price + step.min(axis=1), np.inf)
+            detour = np.where(can & (room >= 1), cost + step.min(axis=1), np.inf)
             if not np.isfinite(detour).any():
                 break
             k = int(np.argmin(detour))
         else:
             best = np.flatnonzero(gain == gain.max())
-            k = int(best[np.argmin((price + ends[room])[best])])
+            k = int(best[np.argmin((cost + ends[room])[best])])
         sequence.append(k)
         left &= ~shown[k]
         if not left.any():
             break
-        price = regrasp[k]
+        cost = regrasp[k]
     if not sequence:
         return None
     _finish(sequence, problem, live, regrasp, ends, max_grasps)
@@ -93,11 +93,11 @@ def _with_views(
     chosen: list[int] = []
     if candidates:
         table = np.stack([problem.shows[grasps[k]][v] & needed for k, v in candidates])
-        price = np.array([problem.view_s[grasps[k]][v] for k, v in candidates])
+        cost = np.array([problem.view_s[grasps[k]][v] for k, v in candidates])
         bits = table.astype(np.float32)
         left = needed & table.any(axis=0)
         while left.any():
-            best = int(np.argmax((bits @ left.astype(np.float32)) / np.maximum(price, 1e-9)))
+            best = int(np.argmax((bits @ left.astype(np.float32)) / np.maximum(cost, 1e-9)))
             chosen.append(best)
             left &= ~table[best]
         for best in list(chosen):

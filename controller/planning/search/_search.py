@@ -189,24 +189,24 @@ class Search:
         good = total < self.best_s - SAME_S
         at, units, total = at[good], units[good], total[good]
         for k in np.argsort(whole[at], kind="stable"):
-            way, n = at[k], len(tables.grasps)
-            members = sequences.sets[way][sequences.sets[way] < n]
+            path, n = at[k], len(tables.grasps)
+            members = sequences.sets[path][sequences.sets[path] < n]
             kinds, first = np.unique(tables.kinds[members], return_index=True)
             key = tuple(int(x) for x in kinds)
             known = pool.at.get(key)
-            if known is not None and pool.path_s[known] <= whole[way] + SAME_S:
+            if known is not None and pool.path_s[known] <= whole[path] + SAME_S:
                 continue
-            entry = (tuple(int(g) for g in sequences.grasps[way]), np.sort(members[first]))
+            entry = (tuple(int(g) for g in sequences.grasps[path]), np.sort(members[first]))
             if known is None:
                 pool.at[key] = len(pool.grasps)
                 pool.grasps.append(entry[0])
                 pool.sets.append(entry[1])
-                pool.path_s.append(float(whole[way]))
+                pool.path_s.append(float(whole[path]))
                 pool.bound_s.append(float(total[k]))
                 pool.units.append(float(units[k]))
                 pool.stage.append(0)
             else:  # the same views, had more cheaply by a longer way
-                saved = pool.path_s[known] - float(whole[way])
+                saved = pool.path_s[known] - float(whole[path])
                 pool.grasps[known], pool.sets[known] = entry
                 pool.path_s[known] -= saved
                 pool.bound_s[known] -= saved
@@ -239,13 +239,13 @@ class Search:
         sets = np.full((len(which), width), n)
         for row, k in enumerate(which):
             sets[row, : len(pool.sets[k])] = pool.sets[k]
-        way = np.array([pool.path_s[k] for k in which])
+        path = np.array([pool.path_s[k] for k in which])
         start = self.union.u[-1]
         if not np.isfinite(self.best_s):
             for row in range(min(_TRIES, len(which))):
                 self._try(which[row], start)
-        units, u = raise_lower_bounds(self.core, sets, start, self._goals(way), _STEPS)
-        floor = way + tables.views_bound_s(units)
+        units, u = raise_lower_bounds(self.core, sets, start, self._goals(path), _STEPS)
+        floor = path + tables.views_bound_s(units)
         self.floored += len(which)
         for row, k in enumerate(which):
             pool.stage[k] = 1

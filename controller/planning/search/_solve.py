@@ -54,14 +54,14 @@ def solve(
             search.offer(*good)
     bound_s = search.run()
     if search.best is None:
-        way, part = search.most_shown()
+        path, part = search.most_shown()
         rest = replace(problem, seen=problem.seen | ~part)
-        views = tuple(_plain_views(rest, way))
+        views = tuple(_plain_views(rest, path))
         least = solve(
             rest,
             max_grasps=max_grasps,
             effort=effort,
-            incumbent=priced(rest, way, views, 0.0, max_grasps),
+            incumbent=priced(rest, path, views, 0.0, max_grasps),
         )
         if least is None:
             raise AssertionError("a way was found that is none")
@@ -71,10 +71,10 @@ def solve(
     return priced(problem, grasps, views, min(bound_s, cost_s), max_grasps, search.covers)
 
 
-def _plain_views(problem: Problem, way: Sequence[int]) -> Iterator[tuple[int, ...]]:
+def _plain_views(problem: Problem, path: Sequence[int]) -> Iterator[tuple[int, ...]]:
     """Yield per grip of a way views that show all it can and that others before do not."""
     left = ~problem.seen
-    for g in way:
+    for g in path:
         can = np.flatnonzero(np.isfinite(problem.view_s[g]))
         table = problem.shows[g][can] & left
         open_ = table.any(axis=0)

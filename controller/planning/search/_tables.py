@@ -179,11 +179,11 @@ def quick_cover(
     ValueError : an element is shown by no row
     """
     open_ = np.ones(rows.shape[1], dtype=np.float32) if worth is None else worth.copy()
-    price = np.maximum(costs_s, 1e-9)
+    cost = np.maximum(costs_s, 1e-9)
     chosen: list[int] = []
     while open_.any():
         gain = rows @ open_
-        k = int(np.argmax(gain / price))
+        k = int(np.argmax(gain / cost))
         if gain[k] <= 0.0:
             raise ValueError("an element is shown by no view")
         chosen.append(k)

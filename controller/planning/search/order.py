@@ -97,12 +97,12 @@ def exact_order(
                 cost[target, k] = (cost[without] + segments[:, k]).min(axis=1)
     mask = (1 << n) - 1
     at = int(np.argmin(cost[mask] + last))
-    way = [at]
-    while len(way) < n:
+    path = [at]
+    while len(path) < n:
         mask ^= 1 << int(stop_of[at])
         at = int(np.argmin(cost[mask] + segments[:, at]))
-        way.append(at)
-    return way[::-1]
+        path.append(at)
+    return path[::-1]
 
 
 def improved_order(
@@ -126,39 +126,39 @@ def improved_order(
     )  # the first stop: the nearest ones in turn
     best: tuple[float, list[int]] | None = None
     for begin in starts[: max(2, min(8, _START_WORK // n**2))]:
-        way = _nearest(int(begin), first, segments, stop_of)
+        path = _nearest(int(begin), first, segments, stop_of)
         seconds = np.inf
         for _ in range(_ROUNDS):
-            way = _with_configurations(way, first, segments, last, stop_of)
-            way, now = _moved(np.array(way), first, segments, last, moves)
+            path = _with_configurations(path, first, segments, last, stop_of)
+            path, now = _moved(np.array(path), first, segments, last, moves)
             if now >= seconds - 1e-9:
                 break
             seconds = now
         if best is None or seconds < best[0] - 1e-9:
-            best = seconds, list(map(int, way))
+            best = seconds, list(map(int, path))
     assert best is not None
     return best[1]
 
 
 def _nearest(begin: int, first: FloatArray, segments: FloatArray, stop_of: IndexArray) -> list[int]:
     mine = np.flatnonzero(stop_of == begin)
-    way = [int(mine[np.argmin(first[mine])])]
+    path = [int(mine[np.argmin(first[mine])])]
     open_ = stop_of != begin
     while open_.any():
-        way.append(int(np.argmin(np.where(open_, segments[way[-1]], np.inf))))
-        open_ &= stop_of != stop_of[way[-1]]
-    return way
+        path.append(int(np.argmin(np.where(open_, segments[path[-1]], np.inf))))
+        open_ &= stop_of != stop_of[path[-1]]
+    return path
 
 
 def _with_configurations(
-    way: Sequence[int],
+    path: Sequence[int],
     first: FloatArray,
     segments: FloatArray,
     last: FloatArray,
     stop_of: IndexArray,
 ) -> list[int]:
     """Keep the order of stops, choose the best configurations along it (Viterbi)."""
-    own = [np.flatnonzero(stop_of == stop_of[k]) for k in way]
+    own = [np.flatnonzero(stop_of == stop_of[k]) for k in path]
     cost = first[own[0]]
     back: list[IndexArray] = []
     for a, b in pairwise(own):
@@ -190,12 +190,12 @@ def _moves(n: int) -> IndexArray:
 
 
 def _moved(
-    way: IndexArray, first: FloatArray, segments: FloatArray, last: FloatArray, moves: IndexArray
+    path: IndexArray, first: FloatArray, segments: FloatArray, last: FloatArray, moves: IndexArray
 ) -> tuple[list[int], float]:
     """Take the best move again and again until none helps."""
     seconds = np.inf
     while True:
-        paths = way[moves]
+        paths = path[moves]
         total = (
             first[paths[:, 0]]
             + segments[paths[:, :-1], paths[:, 1:]].sum(axis=1)
@@ -203,5 +203,5 @@ def _moved(
         )
         k = int(np.argmin(total))
         if total[k] >= seconds - 1e-9:
-            return [int(x) for x in way], float(seconds)
-        way, seconds = paths[k], float(total[k])
+            return [int(x) for x in path], float(seconds)
+        path, seconds = paths[k], float(total[k])

@@ -227,11 +227,11 @@ def _correlated(
         except ValueError:  # a sliver without an outline
             out.append(None)
             continue
-        out.append(_as_laid(correlate(string, [model], limits)))
+        out.append(_as_aligned(correlate(string, [model], limits)))
     return tuple(out)
 
 
-def _as_laid(matches: Sequence[StringMatch]) -> StringMatch | None:
+def _as_aligned(matches: Sequence[StringMatch]) -> StringMatch | None:
     """Return the match that turns a view least, of those about as good as the best."""
     if not matches:
         return None

@@ -158,10 +158,10 @@ def _view(key: str, view: ViewReport, pictures: Pictures, optics: Optics | None)
     around = bounds(view.outline_px)
     if around is not None:
         boxes.append(around)
-    is_lying = any(lamp.startswith("table_") for lamp in view.pictures)
+    is_on_table = any(lamp.startswith("table_") for lamp in view.pictures)
     bar = None
     if optics:
-        bar = SCALE_BAR_MM / (optics.table_mm_per_px if is_lying else optics.station_mm_per_px)
+        bar = SCALE_BAR_MM / (optics.table_mm_per_px if is_on_table else optics.station_mm_per_px)
     panels = []
     for lamp, name in view.pictures.items():
         size = pictures.size_px(name)

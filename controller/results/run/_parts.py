@@ -113,7 +113,7 @@ class PartFold:
             tray=self.tray,
             custody=self.custody,
             custody_detail=self.custody_detail,
-            unconfirmed=_doubt(ambiguity[-1], self.custody) if ambiguity else "",
+            unconfirmed=_unconfirmed(ambiguity[-1], self.custody) if ambiguity else "",
         )
 
     def _all_steps(self) -> tuple[StepReport, ...]:
@@ -126,7 +126,7 @@ class PartFold:
         return (*self.steps, *rest[len(self.steps) :])
 
 
-def _doubt(name: str, custody: Custody) -> str:
+def _unconfirmed(name: str, custody: Custody) -> str:
     doing = ONCE_WORDS.get(name, name.replace("_", " "))
     return (
         f"{doing} was begun, and the journal does not say what came of it; the last certain entry "

@@ -52,7 +52,7 @@ _ROUGH_MM: Final = 1.0
 _WRIST_PER_RAD: Final = np.rad2deg(2 * c.WRIST_COUNTS_PER_DEG)
 _SHOULDER_RAD: Final = np.array(c.SHOULDER_RANGE) / np.rad2deg(c.SHOULDER_COUNTS_PER_DEG)
 _ELBOW_RAD: Final = np.array(c.ELBOW_RANGE) / np.rad2deg(c.ELBOW_COUNTS_PER_DEG)
-_HAND_YAW_RAD: Final = np.array(c.YAW_LESS_ELBOW_RANGE) / np.rad2deg(c.YAW_COUNTS_PER_DEG)
+_WRIST_YAW_RAD: Final = np.array(c.YAW_LESS_ELBOW_RANGE) / np.rad2deg(c.YAW_COUNTS_PER_DEG)
 _PITCH_RAD: Final = np.array(c.WRIST_SUM_RANGE) / _WRIST_PER_RAD
 _ROLL_RAD: Final = np.array(c.WRIST_DIFFERENCE_RANGE) / _WRIST_PER_RAD
 _ZED_MM: Final = np.array(c.ZED_RANGE) / c.ZED_COUNTS_PER_MM
@@ -247,11 +247,11 @@ def inverse(
     """
     pose = np.asarray(T_arm_tcp, dtype=np.float64)
     free_headings = _headings(heading_rad)
-    hand = _hand_branches(pose[..., :3, :3], free_headings)  # (..., H, 3)
+    wrist_rad = _wrist_branches(pose[..., :3, :3], free_headings)  # (..., H, 3)
     elbow, shoulder, is_folded = _elbows(pose, geometry)  # (2, ...), elbow-positive first
     height = pose[..., 2, 3] - geometry.tool_mm * pose[..., 2, 0] - geometry.wrist_height_mm
     halves = [
-        _row(shoulder[k][..., None], elbow[k][..., None], height[..., None], hand, is_folded)
+        _row(shoulder[k][..., None], elbow[k][..., None], height[..., None], wrist_rad, is_folded)
         for k in range(2)
     ]
     q = np.concatenate(halves, axis=-2)
@@ -306,18 +306,18 @@ def _legal_rows(
     What a limit of one joint shuts out is dropped before the other joints are worked out, a little
     beyond the limit; `within_limits` has the last word.
     """
-    hand = _hand_branches(pose[:, :3, :3], free_headings)[:, :slot_count]
+    wrist_rad = _wrist_branches(pose[:, :3, :3], free_headings)[:, :slot_count]
     elbow, shoulder, is_folded = _elbows(pose, geometry)
     height = pose[:, 2, 3] - geometry.tool_mm * pose[:, 2, 0] - geometry.wrist_height_mm
     arm_ok = _roughly(elbow, _ELBOW_RAD) & (_roughly(shoulder, _SHOULDER_RAD) | is_folded)
     arm_ok &= _roughly(height, _ZED_MM, _ROUGH_MM)
-    hand_ok = _roughly(hand[..., 1], _PITCH_RAD) & _roughly(hand[..., 2], _ROLL_RAD)
-    ok = arm_ok.T[:, :, None] & hand_ok[:, None]
-    hand_yaw = _wrap(hand[:, None, :, 0] - (shoulder + elbow).T[:, :, None])
-    ok &= _roughly(hand_yaw, _HAND_YAW_RAD) | is_folded[:, None, None]
+    wrist_ok = _roughly(wrist_rad[..., 1], _PITCH_RAD) & _roughly(wrist_rad[..., 2], _ROLL_RAD)
+    ok = arm_ok.T[:, :, None] & wrist_ok[:, None]
+    wrist_yaw = _wrap(wrist_rad[:, None, :, 0] - (shoulder + elbow).T[:, :, None])
+    ok &= _roughly(wrist_yaw, _WRIST_YAW_RAD) | is_folded[:, None, None]
     index, half, slot = np.nonzero(ok)
     arm = half, index
-    q = _row(shoulder[arm], elbow[arm], height[index], hand[index, slot], is_folded[index])
+    q = _row(shoulder[arm], elbow[arm], height[index], wrist_rad[index, slot], is_folded[index])
     legal = within_limits(q)
     return index[legal], half[legal], slot[legal], q[legal]
 
@@ -332,7 +332,7 @@ def _headings(heading_rad: ArrayLike | None) -> Floats:
     )
 
 
-def _hand_branches(R: Floats, free_headings: Floats) -> Floats:
+def _wrist_branches(R: Floats, free_headings: Floats) -> Floats:
     """Return (..., H, 3) heading, pitch, roll that give rotations (..., 3, 3); NaN fills up."""
     slot_count = max(2, len(free_headings))
     level = np.hypot(R[..., 0, 0], R[..., 1, 0])
@@ -388,11 +388,11 @@ def _row(
     shoulder: Floats,
     elbow: Floats,
     height: Floats,
-    hand: Floats,
+    wrist_rad: Floats,
     is_folded: NDArray[np.bool_],
 ) -> Floats:
     """Return joints (..., 6) of orientations (..., 3) on arms whose shape broadcasts to (...)."""
-    psi = hand[..., 0]
+    psi = wrist_rad[..., 0]
     if is_folded.any():
         # the shoulder angle that keeps the gripper nearest to straight ahead of the forearm
         ahead = np.clip(_wrap(psi - elbow), -np.pi / 2, np.pi / 2)
@@ -403,6 +403,6 @@ def _row(
     q[..., _ELBOW] = elbow
     q[..., _YAW] = _wrap(psi - shoulder - elbow) + elbow / 2  # relative to the forearm (§5.4)
     q[..., _ZED] = height
-    q[..., _PITCH:] = hand[..., 1:]
+    q[..., _PITCH:] = wrist_rad[..., 1:]
     q[np.isnan(q).any(axis=-1)] = np.nan
     return q

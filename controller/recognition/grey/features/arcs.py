@@ -64,11 +64,11 @@ def find_circles(
     x, y = (np.ascontiguousarray(c) for c in points.T)
     nx, ny = (np.ascontiguousarray(c) for c in normals.T)
     seeds = _seeds(pieces, bent)
-    on, sign, support = _support(seeds, pieces)
+    on, sign, inliers = _inliers(seeds, pieces)
     free = np.ones(len(pieces.sums), dtype=bool)
     length = np.linalg.norm(pieces.ends[:, 1] - pieces.ends[:, 0], axis=1)
     found: list[tuple[float, ...]] = []
-    for seed in np.argsort(-support, kind="stable").tolist():
+    for seed in np.argsort(-inliers, kind="stable").tolist():
         mine = on[seed] & free
         if mine @ length < SEED_COVER * tol.circle_cover * 2 * np.pi * seeds[seed, 2]:
             continue
@@ -109,7 +109,7 @@ def find_circles(
     )
 
 
-def _support(seeds: FloatArray, pieces: Moments) -> tuple[BoolArray, FloatArray, FloatArray]:
+def _inliers(seeds: FloatArray, pieces: Moments) -> tuple[BoolArray, FloatArray, FloatArray]:
     """Return which pieces (s, n) lie on which seed, its sign, and how much of its turn they are.
 
     The sign is 1 where it is bright outside.

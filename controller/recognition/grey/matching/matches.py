@@ -47,18 +47,18 @@ def matches(
     cos, sin = np.cos(turn_rad), np.sin(turn_rad)
     R = np.array([[cos, -sin], [sin, cos]])
 
-    def laid(points: FloatArray, spread: FloatArray) -> FloatArray:
+    def aligned(points: FloatArray, spread: FloatArray) -> FloatArray:
         return np.asarray(points @ R.T + spread[:, None] * away + foot)
 
     reach = 2 * tol.match_mm
-    ends = laid(model.lines_mm[:MOST].reshape(-1, 2), model.line_spread[:MOST].ravel())
+    ends = aligned(model.lines_mm[:MOST].reshape(-1, 2), model.line_spread[:MOST].ravel())
     lines = nearest_pairs(_beside(image.lines_mm[:MOST], ends.reshape(-1, 4)), reach)
     at = model.corners
     k = model.line_spread[at.lines[:MOST, 0], at.ends[:MOST, 0]]
     corners = nearest_pairs(
-        _gaps(image.corners.positions[:MOST], laid(at.positions[:MOST], k)), 2 * reach
+        _gaps(image.corners.positions[:MOST], aligned(at.positions[:MOST], k)), 2 * reach
     )
-    centres = laid(model.circles_mm[:MOST, :2], model.circle_spread[:MOST])
+    centres = aligned(model.circles_mm[:MOST, :2], model.circle_spread[:MOST])
     circles = nearest_pairs(
         _gaps(image.circles.centres[:MOST], centres)
         + np.abs(image.circles.radii[:MOST, None] - model.circles_mm[None, :MOST, 2]),
