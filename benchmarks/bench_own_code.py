@@ -31,7 +31,7 @@ PIECES = {
     "calibration": ["controller/commissioning/calibration"],
     "siting": ["controller/commissioning/siting"],
     "journal": ["controller/cell/journal"],
-    "state machine": ["controller/cell/machine/machine.py"],
+    "state machine": ["controller/cell/machine/machine.py", "controller/cell/machine/table.py"],
     "plan page and part sheet": ["controller/results/plan_page", "controller/results/sheet"],
     "arm driver": ["drivers/umi_scara"],
     "Robotiq driver": ["drivers/gripper_modbus"],

@@ -1,25 +1,10 @@
 """What the cell decides, without I/O: its states, and which part faults it recovers from.
 
-`machine.py` is the table of states, events and effects; `recovery.py` the recovery policy;
-`diagram.py` draws docs/state-machine.md.
+`table.py` has states, events and effects; `machine.py` decides by it; `recovery.py` is the recovery
+policy; `diagram.py` draws docs/state-machine.md.
 """
 
-from .machine import (
-    COMMANDS,
-    ENTRY,
-    EXECUTE,
-    IGNORED,
-    RESTING,
-    SEPARATOR,
-    STAGES,
-    STATES,
-    TABLE,
-    CellMachine,
-    Decision,
-    Effect,
-    Event,
-    Transition,
-)
+from .machine import CellMachine, Decision, Transition
 from .recovery import (
     LEARNT,
     RECOVERY_ACTIONS,
@@ -30,8 +15,20 @@ from .recovery import (
     Recovery,
     RecoveryAction,
     is_held_otherwise,
-    merged,
     recovery_for,
+)
+from .table import (
+    COMMANDS,
+    ENTRY,
+    EXECUTE,
+    IGNORED,
+    RESTING,
+    SEPARATOR,
+    STAGES,
+    STATES,
+    TABLE,
+    Effect,
+    Event,
 )
 
 __all__ = [
@@ -58,6 +55,5 @@ __all__ = [
     "RecoveryAction",
     "Transition",
     "is_held_otherwise",
-    "merged",
     "recovery_for",
 ]

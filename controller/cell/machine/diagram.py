@@ -7,17 +7,8 @@ fails when either is out of date.
 import sys
 from collections.abc import Iterable, Sequence
 
-from .machine import (
-    COMMANDS,
-    ENTRY,
-    EXECUTE,
-    IGNORED,
-    SEPARATOR,
-    STATES,
-    CellMachine,
-    Event,
-    Transition,
-)
+from .machine import CellMachine, Transition
+from .table import COMMANDS, ENTRY, EXECUTE, IGNORED, SEPARATOR, STATES, Event
 
 PREFIX = EXECUTE + SEPARATOR
 LONG_COUNT = 8  # events in a row of the table; more are outcomes, and named by what is missing

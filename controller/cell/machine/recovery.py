@@ -12,9 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from controller.arrays import BoolArray
-
-from .machine import Event
+from .table import Event
 
 TRIES_PER_KIND: Final = 2
 TRIES_IN_ALL: Final = 6
@@ -102,9 +100,3 @@ def recovery_for(fault: PartFault, past: Sequence[Recovery]) -> RecoveryAction |
 def is_held_otherwise(shift_mm: float, turn_rad: float) -> bool:
     """Return whether a measured grasp is too far from the one that was planned with."""
     return shift_mm > HOLD_MM or turn_rad > HOLD_RAD
-
-
-def merged(masks: Sequence[BoolArray]) -> BoolArray | None:
-    """Return which samples any of the views (n,) has shown; None where there was none."""
-    whole = [mask for mask in masks if len(mask)]
-    return np.logical_or.reduce(whole) if whole else None

@@ -10,7 +10,7 @@ from controller.cell.compute import Compute
 from controller.cell.custody import Custody
 from controller.cell.errors import PartProblemError
 from controller.cell.journal.rows import PlanKept
-from controller.cell.machine import WORTH_SHARE, Event, PartFault, merged
+from controller.cell.machine import WORTH_SHARE, Event, PartFault
 from controller.planning import (
     InArm,
     InFixedGripper,
@@ -22,7 +22,7 @@ from controller.planning import (
     Start,
 )
 
-from ..records import BatchRecord, plan_row
+from ..records import BatchRecord, merged, plan_row
 from ..services import HeldPose, Motion, Preparation, Views
 
 log = logging.getLogger(__name__)

@@ -1,12 +1,13 @@
 """What is known of the part at hand and of the batch, and the rows of the journal made of it.
 
-`part.py` is the part, `batch.py` all parts with their journal and the operator's view of them,
-`describe.py` turns results into rows.
+`part.py` is the part, `batch.py` all parts with their journal, `progress.py` what the operator sees
+of it, `describe.py` turns results into rows.
 """
 
 from .batch import BatchRecord
 from .describe import plan_row, sightings_row, verdict_row, view_row
-from .part import Hold, PartRecord, Progress, Shown
+from .part import Hold, PartRecord, Shown, merged
+from .progress import Progress
 
 __all__ = [
     "BatchRecord",
@@ -14,6 +15,7 @@ __all__ = [
     "PartRecord",
     "Progress",
     "Shown",
+    "merged",
     "plan_row",
     "sightings_row",
     "verdict_row",

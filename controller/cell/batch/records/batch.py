@@ -10,7 +10,8 @@ from contextlib import asynccontextmanager
 from controller.cell.custody import Custody
 from controller.cell.journal import Body, Journal, rows
 
-from .part import Hold, PartRecord, Progress
+from .part import Hold, PartRecord
+from .progress import Progress
 
 
 class BatchRecord:

@@ -1,29 +1,17 @@
-"""What is known of the part at hand and of the run."""
+"""What is known of the part at hand."""
 
 import asyncio
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from controller import inspection as inspecting
 from controller.arrays import BoolArray, FloatArray, Grey
 from controller.cell.custody import Custody
-from controller.cell.devices.clocks import Speed
-from controller.cell.machine import PartFault, Recovery, merged
+from controller.cell.machine import PartFault, Recovery
 from controller.planning import Grasp, Look, Plan, Present
 from controller.recognition import Alternative, Sighting
-
-
-@dataclass(slots=True)
-class Progress:
-    """What the operator sees of the run at a moment."""
-
-    state: str = "stopped"
-    step: int = 0
-    step_count: int = 0
-    label: str = ""
-    part_pose: str = ""
-    remaining_s: float | None = None
-    custody: Custody = Custody.NONE
-    speed: Speed | None = None
 
 
 @dataclass(slots=True, eq=False)
@@ -122,3 +110,9 @@ class PartRecord:
     def has_had(self, fault: PartFault) -> bool:
         """Return whether the part has had a fault before."""
         return any(one.fault is fault for one in self.recoveries)
+
+
+def merged(masks: Sequence[BoolArray]) -> BoolArray | None:
+    """Return which samples any of the views (n,) has shown; None where there was none."""
+    whole = [mask for mask in masks if len(mask)]
+    return np.logical_or.reduce(whole) if whole else None
