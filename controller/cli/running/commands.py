@@ -60,15 +60,15 @@ def run(
     from controller.config import find_recipe
 
     from ..terminal.output import warn
-    from .recipe_run import quiet_logs, run_recipe
+    from .recipe_run import RunOptions, quiet_logs, run_recipe
 
     quiet_logs(verbose=verbose)
     recipe_file = find_recipe(recipe)
     if recipe is None:
         warn(f"recipe: {recipe_file}")
-    code = run_recipe(
-        recipe_file,
-        cell,
+    options = RunOptions(
+        recipe_path=recipe_file,
+        cell_path=cell,
         count=count,
         speed=speed,
         seed=seed,
@@ -81,7 +81,7 @@ def run(
         is_part_removed=part_removed,
         as_json=json,
     )
-    raise typer.Exit(code)
+    raise typer.Exit(run_recipe(options))
 
 
 class Gripper(StrEnum):

@@ -4,10 +4,10 @@ import asyncio
 import logging
 import secrets
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack, nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,25 +33,11 @@ EMULATOR_READS = (".stl", ".obj", ".ply", ".off")
 log = logging.getLogger(__name__)
 
 
-def run_recipe(
-    recipe_path: Path,
-    cell_path: Path | None,
-    *,
-    count: int | None,
-    speed: float,
-    seed: int | None,
-    lay: tuple[Path, ...],
-    empty: bool,
-    pose: int | None,
-    at: str | None,
-    control: Path | None,
-    runs_dir: Path,
-    is_part_removed: bool,
-    as_json: bool,
-) -> int:
-    """Run a recipe; return the exit code: 0 if all parts passed, else 1.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunOptions:
+    """The command line of `cellctl run`.
 
-    Parameters
+    Attributes
     ----------
     recipe_path : recipe file
     cell_path : cell file, None for the recipe's
@@ -66,55 +52,60 @@ def run_recipe(
     runs_dir : folder of all runs and of the journal
     is_part_removed : the operator states that no gripper holds a part
     as_json : print one JSON object a line instead of the live display
+    """
+
+    recipe_path: Path
+    cell_path: Path | None
+    count: int | None
+    speed: float
+    seed: int | None
+    lay: tuple[Path, ...]
+    empty: bool
+    pose: int | None
+    at: str | None
+    control: Path | None
+    runs_dir: Path
+    is_part_removed: bool
+    as_json: bool
+
+
+def run_recipe(options: RunOptions) -> int:
+    """Run a recipe; return the exit code: 0 if all parts passed, else 1.
 
     Raises
     ------
-    ConfigError : a file or an option is wrong, or the cell cannot run at this ``speed``
+    ConfigError : a file or an option is wrong, or the cell cannot run at this speed
     KeyboardInterrupt : the operator pressed Ctrl-C twice; the report is written first
     """
+    recipe_path, runs_dir, as_json = options.recipe_path, options.runs_dir, options.as_json
     recipe = load_recipe(recipe_path)
-    cell_file = cell_path or recipe.cell
+    cell_file = options.cell_path or recipe.cell
     cell = load_cell(cell_file)
     require_drivers(cell_file, cell)
     # all checks come before anything starts, the quick ones first
-    check_writable_folder(runs_dir, "--runs", LEAST_FREE_BYTES)
-    require_free_cell(runs_dir, cell)
-    check_control(control)
-    if at is not None:
-        parse_place(at, cell)
-    emulated = cell.emulated_devices
-    clock = find_clock(cell, {})
-    if emulated and not clock.is_mixed:
-        clock = replace(clock, speed=speed)
-    if speed not in (1, clock.speed):
-        raise ConfigError(_why_not_so_fast(speed, cell, clock))
+    clock = _check_options(options, cell)
     check_sizes(recipe_path, recipe, cell)
     first, *_ = load_parts(recipe)
-    laid = [(path, load_part(path, options_among(path, recipe.unit))) for path in lay]
-    checked = check_plans(Job(recipe_path, cell_file), None if as_json else warn)
+    laid = [(path, load_part(path, options_among(path, recipe.unit))) for path in options.lay]
+    job = Job(recipe_path, cell_file)
+    checked = check_plans(job, None if as_json else warn)
     if checked.problems:
         warn_of(recipe_path, checked)
         return 1
-    if seed is None:
-        seed = secrets.randbelow(1_000_000)
+    seed = secrets.randbelow(1_000_000) if options.seed is None else options.seed
     run_id = new_run_id(recipe)
     folder = runs_dir / run_id
-    if emulated:
-        warn(f"EMULATED: {', '.join(emulated)} ({speed:g} x real time, --seed {seed} repeats it)")
-    elif clock.path is not None:
-        warn(f"EMULATED: the devices share an emulator's clock ({clock.speed:g} x real time)")
-    if clock.is_mixed:
-        warn("MIXED: emulated devices beside real ones keep real time, however busy the machine is")
-    on_table = [] if empty else laid or [(recipe.part, first)]
+    emulated = cell.emulated_devices
+    _warn_of_emulation(emulated, clock, options.speed, seed)
+    on_table = [] if options.empty else laid or [(recipe.part, first)]
     parts = tuple(_for_emulator(path, part, folder) for path, part in on_table if emulated)
-    pieces = count or recipe.count
-    fed = ("--feed", str(pieces - 1)) if pieces > 1 and parts else ()
-    command = emulator_command(
-        cell_file, parts, speed=speed, seed=seed, more=(*emulator_args(pose, at, control), *fed)
-    )
+    part_count = options.count or recipe.count
+    fed = ("--feed", str(part_count - 1)) if part_count > 1 and parts else ()
+    more = (*emulator_args(options.pose, options.at, options.control), *fed)
+    command = emulator_command(cell_file, parts, speed=options.speed, seed=seed, more=more)
     with Ends().heard() as ends, hold_cell(runs_dir, cell, run_id), worker_pool() as pool:
         # the worker reads the CAD while the emulated cell comes up
-        pool.submit(context, Job(recipe_path, cell_file))
+        pool.submit(context, job)
         cell_beside: Any = (
             emulated_cell(command, folder / "emulator.log") if emulated else nullcontext({})
         )
@@ -125,32 +116,67 @@ def run_recipe(
                 cell_path=cell_file,
                 recipe=recipe,
                 cell=cell,
-                count=pieces,
+                count=part_count,
                 speed=clock.speed,
                 emulated=ready,
                 clock=find_clock(cell, ready),
                 runs_dir=runs_dir,
                 run_id=run_id,
-                is_part_removed=is_part_removed,
+                is_part_removed=options.is_part_removed,
             )
-            with display(as_json=as_json) as on_progress:
-                try:
-                    result = asyncio.run(_drive(order, pool, ends, on_progress))
-                except BaseException as error:
-                    _report_if_any(runs_dir, run_id)
-                    if isinstance(error, asyncio.CancelledError):  # a second Ctrl-C
-                        raise KeyboardInterrupt from error
-                    raise
+            result = _run(order, pool, ends, as_json=as_json)
+        return _report(result, runs_dir, run_id, as_json=as_json)
+
+
+def _check_options(options: RunOptions, cell: Cell) -> FoundClock:
+    """Check what can be checked without the part; return the clock the cell will run by."""
+    check_writable_folder(options.runs_dir, "--runs", LEAST_FREE_BYTES)
+    require_free_cell(options.runs_dir, cell)
+    check_control(options.control)
+    if options.at is not None:
+        parse_place(options.at, cell)
+    clock = find_clock(cell, {})
+    if cell.emulated_devices and not clock.is_mixed:
+        clock = replace(clock, speed=options.speed)
+    if options.speed not in (1, clock.speed):
+        raise ConfigError(_why_not_so_fast(options.speed, cell, clock))
+    return clock
+
+
+def _warn_of_emulation(emulated: Sequence[str], clock: FoundClock, speed: float, seed: int) -> None:
+    if emulated:
+        warn(f"EMULATED: {', '.join(emulated)} ({speed:g} x real time, --seed {seed} repeats it)")
+    elif clock.path is not None:
+        warn(f"EMULATED: the devices share an emulator's clock ({clock.speed:g} x real time)")
+    if clock.is_mixed:
+        warn("MIXED: emulated devices beside real ones keep real time, however busy the machine is")
+
+
+def _run(order: RunOrder, pool: ProcessPoolExecutor, ends: Ends, *, as_json: bool) -> RunResult:
+    """Run to the end, shown as it goes; a run that breaks off leaves a report all the same."""
+    with display(as_json=as_json) as on_progress:
         try:
-            report = write_html(load_run(runs_dir, run_id), folder / "report.html")
-        except OSError as error:
-            print_result(result, run_id, None, as_json=as_json)
-            warn(
-                f"cellctl: {folder / 'report.html'}: {error.strerror or error}; make room, then "
-                f"`cellctl report {run_id} --runs {runs_dir}` writes it"
-            )
-            return 1
-        return print_result(result, run_id, report, as_json=as_json)
+            return asyncio.run(_drive(order, pool, ends, on_progress))
+        except BaseException as error:
+            _report_if_any(order.runs_dir, order.run_id)
+            if isinstance(error, asyncio.CancelledError):  # a second Ctrl-C
+                raise KeyboardInterrupt from error
+            raise
+
+
+def _report(result: RunResult, runs_dir: Path, run_id: str, *, as_json: bool) -> int:
+    """Write the report and print the result; return the exit code."""
+    path = runs_dir / run_id / "report.html"
+    try:
+        report = write_html(load_run(runs_dir, run_id), path)
+    except OSError as error:
+        print_result(result, run_id, None, as_json=as_json)
+        warn(
+            f"cellctl: {path}: {error.strerror or error}; make room, then "
+            f"`cellctl report {run_id} --runs {runs_dir}` writes it"
+        )
+        return 1
+    return print_result(result, run_id, report, as_json=as_json)
 
 
 def _report_if_any(runs_dir: Path, run_id: str) -> None:
