@@ -8,7 +8,7 @@ from .camera import Camera, inverse_pose, rotation_angle, transform
 from .contours import Contour, mask_contour, subpixel_contour, threshold_levels
 from .lamp import PointLamp
 from .levels import Ground, Levels, fit_ground
-from .loops import evenly, polygon_area, trace_loops
+from .loops import evenly, loop_normals, signed_area, trace_loops
 from .maps import Roi, ViewMaps, meet_part, render_maps, view_roi
 from .rays import RayCaster
 
@@ -24,11 +24,12 @@ __all__ = [
     "evenly",
     "fit_ground",
     "inverse_pose",
+    "loop_normals",
     "mask_contour",
     "meet_part",
-    "polygon_area",
     "render_maps",
     "rotation_angle",
+    "signed_area",
     "subpixel_contour",
     "threshold_levels",
     "trace_loops",

@@ -1,7 +1,6 @@
 """Outlines of dark objects before a bright ground, to a fraction of a pixel.
 
-The half level between ground and object is where the edge of an anti-aliased picture lies; each
-contour pixel slides along the grey-level gradient to where the picture crosses that level.
+The half level between ground and object is where the edge of an anti-aliased picture lies.
 """
 
 from dataclasses import dataclass
@@ -10,10 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.arrays import BoolArray, FloatArray
+from controller.arrays import BoolArray, FloatArray, Grey
 
-REACH_PX = 2.5  # how far along the gradient a crossing is looked for
-STEP_PX = 0.25
+from .loops import evenly, loop_normals, trace_loops
+
+LEAST_CHAIN_PX = 8  # a shorter outline is a speck's
 DARK_SHARE = 0.6  # of the ground's level: no glowing plate fades by more, no object glows so much
 
 
@@ -58,43 +58,21 @@ def mask_contour(mask: BoolArray) -> FloatArray:
     return np.vstack([c.reshape(-1, 2) for c in found]).astype(np.float64)
 
 
-def subpixel_contour(image: NDArray[np.uint8], mask: BoolArray, level: float) -> Contour:
-    """Return the outline of a dark object at a grey level.
+def subpixel_contour(image: Grey, level: float) -> Contour:
+    """Return the outlines of all that is darker than a grey level, about a point a pixel.
 
     Parameters
     ----------
     image : (height, width) grey
-    mask : (height, width) the object, to a pixel
     level : grey level of the edge
     """
-    start = mask_contour(mask)
-    if len(start) == 0:
+    mask = (image < level).astype(np.uint8)
+    found, _ = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    chains = [np.asarray(chain, np.int32) for chain in found if len(chain) >= LEAST_CHAIN_PX]
+    if not chains:
         return Contour(np.zeros((0, 2)), np.zeros((0, 2)))
-    smooth = cv2.GaussianBlur(image, (0, 0), 1.0).astype(np.float32)
-    gx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0)
-    gy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1)
-    xi, yi = start[:, 0].astype(int), start[:, 1].astype(int)
-    gradient = np.column_stack([gx[yi, xi], gy[yi, xi]]).astype(np.float64)
-    strength = np.linalg.norm(gradient, axis=1)
-    keep = strength > 1.0
-    start, gradient = start[keep], gradient[keep] / strength[keep][:, None]
-    offsets = np.arange(-REACH_PX, REACH_PX + STEP_PX / 2, STEP_PX)
-    where = start[:, None, :] + offsets[None, :, None] * gradient[:, None, :]
-    profile = cv2.remap(
-        image,
-        where[..., 0].astype(np.float32),
-        where[..., 1].astype(np.float32),
-        cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_REPLICATE,
-    ).astype(np.float64)
-    rises = (profile[:, :-1] < level) & (profile[:, 1:] >= level)
-    # of several crossings the one nearest to the pixel it began at
-    cost = np.where(rises, np.abs(offsets[:-1] + STEP_PX / 2), np.inf)
-    first = np.argmin(cost, axis=1)
-    rows = np.arange(len(start))
-    good = np.isfinite(cost[rows, first])
-    low, high = profile[rows, first], profile[rows, first + 1]
-    fraction = np.where(high > low, (level - low) / np.maximum(high - low, 1e-9), 0.5)
-    along = offsets[first] + fraction * STEP_PX
-    points = start + along[:, None] * gradient
-    return Contour(points[good], gradient[good])
+    field = np.float32(level) - image.astype(np.float32)
+    loops = [evenly(loop) for loop in trace_loops(chains, mask.shape, field, (0, 0))]
+    # OpenCV runs round things against their area's sign, round holes the other way
+    normals = [-loop_normals(loop) for loop in loops]
+    return Contour(np.concatenate(loops), np.concatenate(normals))

@@ -91,10 +91,17 @@ def _crossings(
     return np.column_stack([x + part * dx, y + part * dy])
 
 
-def polygon_area(points: FloatArray) -> float:
-    """Return the area inside a closed polygon (n, 2)."""
+def signed_area(points: FloatArray) -> float:
+    """Return the area inside a closed polygon (n, 2), positive if it runs from x to y."""
     x, y = points[:, 0] - points[0, 0], points[:, 1] - points[0, 1]
-    return 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+
+
+def loop_normals(loop: FloatArray) -> FloatArray:
+    """Return unit normals (n, 2) of a dense closed loop, to the outside if its area is positive."""
+    tangent = np.roll(loop, -2, axis=0) - np.roll(loop, 2, axis=0)
+    normal = np.column_stack([tangent[:, 1], -tangent[:, 0]])
+    return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9))
 
 
 def evenly(points: FloatArray) -> FloatArray:

@@ -105,7 +105,7 @@ def inspect_view(
         )
     dark = (pictures.backlit < level) & scene.panel
     judged = scene.panel & ~scene.holder_mask
-    outline = OutlineMeasure(subpixel_contour(pictures.backlit, dark, level), judged)
+    outline = OutlineMeasure(subpixel_contour(pictures.backlit, level), judged)
     fit = measure_pose(part, task, outline)
     if fit is None:
         return _not_evaluated(task, samples, "no outline of the part where it should be")

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from controller.arrays import BoolArray, Float32Array, FloatArray, Grey
-from controller.imaging import Contour
+from controller.imaging import Contour, loop_normals, signed_area
 
 from ._predict import EdgePoints
 
@@ -91,10 +91,10 @@ class OutlineMeasure:
 
         The largest is the outer one.
         """
-        areas = [_signed_area(loop) for loop in loops_px]
+        areas = [signed_area(loop) for loop in loops_px]
         outer = int(np.argmax(np.abs(areas))) if areas else -1
         normals = [
-            _loop_normals(loop) * np.sign(area) * (1.0 if i == outer else -1.0)
+            loop_normals(loop) * np.sign(area) * (1.0 if i == outer else -1.0)
             for i, (loop, area) in enumerate(zip(loops_px, areas, strict=True))
         ]
         nothing = np.zeros((0, 2))
@@ -135,18 +135,6 @@ class OutlineMeasure:
         along = (away * self.normals[nearest]).sum(axis=1)
         good = near & (agrees > 0.5) & (np.abs(along) < reach_px)
         return Gaps(np.where(good, along, np.nan), np.ones(len(pixels)))
-
-
-def _loop_normals(loop: FloatArray) -> FloatArray:
-    """Return unit normals (n, 2), to the outside of a loop of positive area."""
-    tangent = np.roll(loop, -2, axis=0) - np.roll(loop, 2, axis=0)
-    normal = np.column_stack([tangent[:, 1], -tangent[:, 0]])
-    return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9))
-
-
-def _signed_area(loop: FloatArray) -> float:
-    x, y = (loop - loop[0]).T
-    return float(x @ np.roll(y, -1) - np.roll(x, -1) @ y) / 2
 
 
 class GreyMeasure:

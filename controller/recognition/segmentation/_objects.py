@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.arrays import BoolArray, Float32Array, Grey, IndexArray, Int32Array
-from controller.imaging.loops import evenly, polygon_area, trace_loops
+from controller.imaging import evenly, signed_area, trace_loops
 
 from ._types import Region
 
@@ -137,7 +137,7 @@ def regions_of(
             continue
         own = [chains[i]] + [c for c, parent in zip(chains, parents, strict=True) if parent == i]
         fine = trace_loops(own, mask.shape, field, crop.box_px[:2])
-        area_px = polygon_area(fine[0]) - sum(polygon_area(loop) for loop in fine[1:])
+        area_px = abs(signed_area(fine[0])) - sum(abs(signed_area(loop)) for loop in fine[1:])
         kept.append(
             Region(
                 box_px=box,
