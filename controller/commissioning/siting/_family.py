@@ -24,12 +24,12 @@ from controller.planning.views import hidden_by_gripper, holding_boxes, view_pos
 
 from .site import standoff_mm
 
-PER_POSE_N = 4  # grips kept for taking each stable pose up
+PER_POSE_N = 4  # grasps kept for taking each stable pose up
 PICK_TURNS_N = 6
 PICK_LIFT_MM = 85.0
-PICK_PATH_COUNT = 2  # branches of the arm per grip and place
+PICK_PATH_COUNT = 2  # branches of the arm per grasp and place
 BRANCHES_N = 1000  # more than the kinematics number
-SHOWS_ALL = 0.99  # of what a pair of grips could show together: then they complement each other
+SHOWS_ALL = 0.99  # of what a pair of grasps could show together: then they complement each other
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,8 +38,8 @@ class Picks:
 
     Attributes
     ----------
-    pose, place, grasp : (k,) of the way: which lying pose, which place and turn, which grip
-    q_hold, q_above : (k, 6) where the hand closes, and where it comes from
+    pose, place, grasp : (k,) of the path: which stable pose, which place and turn, which grasp
+    q_hold, q_above : (k, 6) where the arm gripper closes, and where it comes from
     """
 
     places_n: int
@@ -52,19 +52,19 @@ class Picks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FamilyMember:
-    """One part as siting sees it; grips k and k + base_n are the same, the hand turned over.
+    """One part as siting sees it; grasps k and k + base_n are the same, the gripper turned over.
 
     Attributes
     ----------
     weights : (n,) share of the surface each sample stands for
     vectors : (v, 3) directions from the part to the camera
-    shown : (base_n, v, n) what the hand leaves in sight
+    shown : (base_n, v, n) what the arm gripper leaves in sight
     bits : the same packed eight samples to a byte
     T_view, inside : (v, r, 4, 4), (v, r) of `views.view_poses` in the cell as given
     start_poses : stable poses from which some grasp picks, wherever things stand
-    from_pose : (p, 2 base_n) which grips clear the table in each, from above
+    from_pose : (p, 2 base_n) which grasps clear the table in each, from above
     probabilities : (p,) of these poses, adding to 1
-    completes : (base_n, base_n) the second grip shows what the first one hides
+    completes : (base_n, base_n) the second grasp shows what the first one hides
     radius_mm : of the ball about the centre of mass that holds the part
     """
 
@@ -114,7 +114,7 @@ def family_member(
     ----------
     part : prepared in this cell
     layout : the cell
-    grasp_count, fixed_count : grips of either holder beside those that take resting parts up
+    grasp_count, fixed_count : grasps of either holder beside those that take resting parts up
     directions_n : square views first, as the part has them
     """
     solid = part.solid
@@ -211,11 +211,11 @@ def _picks(
 
 
 def completing(shown_by_grasp: BoolArray, weights: FloatArray) -> BoolArray:
-    """Return of each pair of grips (g, g) whether the second shows what the first one hides.
+    """Return of each pair of grasps (g, g) whether the second shows what the first one hides.
 
     Parameters
     ----------
-    shown_by_grasp : (g, n) samples each grip shows from some side
+    shown_by_grasp : (g, n) samples each grasp shows from some side
     """
     total = float(weights[shown_by_grasp.any(axis=0)].sum())
     both = shown_by_grasp[:, None] | shown_by_grasp[None]

@@ -35,7 +35,7 @@ class SiteReport:
     sites_tried, sites_checked : how many of the grid, and how many with everything checked
     T_camera : (4, 4) pose of the camera at the best site
     move : (4, 4) that takes there whatever belongs to the camera, its lamps too
-    boxes : obstacles that move with camera or fixture, as they stand then
+    boxes : obstacles that move with camera or fixed gripper, as they stand then
     sentences : the answer in words
     """
 

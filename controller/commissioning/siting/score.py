@@ -34,9 +34,9 @@ class SiteOptions:
     checked_cameras: int = 12  # camera sites that get the collision checks
     checked_fixed_poses: int = 10
     local_steps: int = 2  # rounds of the search about the best
-    worth_moving: float = 0.005  # of the surface: less is lost in grips and directions not tried
+    worth_moving: float = 0.005  # of the surface: less is lost in grasps and directions not tried
     worth_moving_s: float = 0.15  # of the seconds a part takes; these are estimates
-    worth_moving_hand_offs: float = 0.2  # of the grips, or of the ways over a tray: a few are luck
+    worth_moving_hand_offs: float = 0.2  # of the grasps, or of the ways over a tray: a few are luck
     as_good: float = 0.002
     keep_free_mm: tuple[tuple[float, float], tuple[float, float]] | None = None
     move_camera: bool = True
@@ -51,14 +51,14 @@ class PartScore:
     Attributes
     ----------
     shown : over the stable poses it may start in, by their odds; shown_worst : of the worst pose
-    joints_allow : by kinematics alone at this site, every grip being reachable
-    views_share : of the (grip, direction) pairs that show anything, what is reachable
-    partners_share : of the grips that take it up and have others showing what they hide, those
+    joints_allow : by kinematics alone at this site, every grasp being reachable
+    views_share : of the (grasp, direction) pairs that show anything, what is reachable
+    partners_share : of the grasps that take it up and have others showing what they hide, those
         from which one hand-off leads to such another
-    hand_offs_share : of all pairs of grips that complete each other, what one hand-off joins
-    picks_share : of the places and turns tried on the table, where some grip takes the part up
-    view_s, regrasp_s : seconds of the views that show all, and of the re-grip between (estimates);
-        NaN where there is no view, or no way to re-grip
+    hand_offs_share : of all pairs of grasps that complete each other, what one hand-off joins
+    picks_share : of the places and turns tried on the table, where some grasp takes the part up
+    view_s, regrasp_s : seconds of the views that show all, and of the regrasp between (estimates);
+        NaN where there is no view, or no way to regrasp
     """
 
     name: str
@@ -83,7 +83,8 @@ class SiteScore:
     stage : "joints", by kinematics alone, or "checked", with collisions and hand-offs
     forbidden : why nothing may stand there; None otherwise
     value : what sites are ranked by, see `value_of`
-    trays : per tray the share of the hand's ways to be over it that touch nothing; 0 is unserved
+    trays : per tray the share of the arm gripper's ways to be over it that touch nothing; 0 is
+        unserved
     """
 
     site: Site
@@ -116,12 +117,12 @@ class SiteScore:
 
 
 # What a full range of each figure is worth beside the share shown (1.0). Seeing comes first: a plan
-# needs a few views and one hand-off only, so more of either is comfort. A grip from which no
+# needs a few views and one hand-off only, so more of either is comfort. A grasp from which no
 # hand-off shows the rest costs every part held so a longer way round, and is worth most of these.
 VIEWS_WEIGHT = 0.01
 PARTNERS_WEIGHT = 0.04
 HAND_OFFS_WEIGHT = 0.02
-TRAYS_WEIGHT = 0.02  # a hand that comes down straight sets parts down flat
+TRAYS_WEIGHT = 0.02  # a gripper that comes down straight sets parts down flat
 SECOND_WEIGHT = 0.03 / 60.0
 # a part that cannot be picked up somewhere on the table is worse than a face not shown
 PICKS_WEIGHT = 1.0

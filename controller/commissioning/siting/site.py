@@ -17,7 +17,7 @@ from controller.planning.geometry import Box, overlap, segments_hit
 from controller.planning.model import CellLayout
 
 STEEP = 0.9  # |z| of the way it looks beyond which the world's z no longer says what up is
-POST_REACH_MM = 25.0  # a post that carries the fixture stands this close to its body at most
+POST_REACH_MM = 25.0  # a post that carries the fixed gripper stands this close to its body at most
 BEHIND_MM = 150.0  # the camera's box reaches at least this far back from the lens, if it is its own
 SAME_MM = 1e-6
 
@@ -30,7 +30,7 @@ class Site:
     ----------
     station_mm : (3,) world
     towards : (3,) unit vector from the station to the camera
-    T_world_fixed_tcp : (4, 4) of its tip frame; None where the cell has no fixed gripper
+    T_world_fixed_tcp : (4, 4) of its TCP frame; None where the cell has no fixed gripper
     """
 
     station_mm: FloatArray
@@ -67,7 +67,7 @@ def standoff_mm(layout: CellLayout) -> float:
 
 
 def fellows_of(layout: CellLayout) -> Fellows:
-    """Return which obstacles belong to the camera and which to the fixture, by where they stand.
+    """Return the obstacles of the camera and of the fixed gripper, by where they stand.
 
     The optical axis runs through the camera's own box and through the panel behind the station; a
     post touches, or nearly, the body it carries.
@@ -138,12 +138,12 @@ def carried(layout: CellLayout, site: Site) -> FloatArray:
 
 
 def placed_at(layout: CellLayout, site: Site, fellows: Fellows | None = None) -> CellLayout:
-    """Return the cell with camera, its boxes, station, fixture and post put where a site says.
+    """Return the cell with camera, boxes, station, fixed gripper and post where a site says.
 
     Parameters
     ----------
     layout : the cell as it stands; left as it is
-    site : where to put them; without a fixture's pose the fixture stays
+    site : where to put them; without a fixed gripper's pose the fixed gripper stays
     fellows : obstacles that move along; None for those `fellows_of` finds
     """
     fellows = fellows or fellows_of(layout)
@@ -167,13 +167,13 @@ def placed_at(layout: CellLayout, site: Site, fellows: Fellows | None = None) ->
 
 
 def moved_post(post: Box, T_old: FloatArray, T_new: FloatArray) -> Box:
-    """Return the post under a fixture put elsewhere: it stays upright and stands on the table.
+    """Return the post under a fixed gripper put elsewhere: it stays upright on the table.
 
-    Level fixtures turn it with them about z; one that points up stands on it.
+    Level fixed grippers turn it with them about z; one that points up stands on it.
 
     Parameters
     ----------
-    post : box under the fixture, in the world
+    post : box under the fixed gripper, in the world
     T_old, T_new : (4, 4) pose of the fixed gripper's TCP in the world, before and after
     """
     if np.abs(T_old - T_new).max() < SAME_MM:

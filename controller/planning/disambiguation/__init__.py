@@ -1,8 +1,8 @@
-"""Views that settle a doubt: which of several candidates is in the hand.
+"""Views that resolve an ambiguity: which of several candidates is in the arm gripper.
 
 Recognition may leave a part in doubt with its mirror twin, or with a pose that looks alike from
-above. Pictures of all candidates are predicted for the views a common grip can reach; the cheapest
-views whose pictures differ, however the part may sit in the hand, settle it.
+above. Pictures of all candidates are predicted for the views a common grasp can reach; the cheapest
+views whose pictures differ, however the part may sit in the arm gripper, settle it.
 """
 
 from ..model import LIGHTS, Candidate, Light

@@ -28,7 +28,7 @@ def difference(a: Picture, b: Picture, stance: Stance, light: Light) -> float:
     One is moved over the other as far as the hold is uncertain, to where they agree best. Against
     the backlight the answer is the area of what one has and the other has not, farther from it
     than the tolerance; under the lamps the length of edges that have no edge of the other as near.
-    What the hand covers in either does not count.
+    What the arm gripper covers in either does not count.
 
     Parameters
     ----------

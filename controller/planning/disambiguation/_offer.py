@@ -29,8 +29,8 @@ def offered_views(
     """Return configurations (k, 6) before the inspection camera, and what each costs [s] (k,).
 
     One per direction, evenly spread about the first candidate: the nearest to `q_from` that the
-    arm can reach free of contact with any of them in the hand, with nothing standing before it
-    if that can be had.
+    arm can reach free of contact with any of them in the arm gripper, with nothing standing before
+    it if that can be had.
 
     Parameters
     ----------

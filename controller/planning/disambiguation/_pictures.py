@@ -38,7 +38,8 @@ class Picture:
     Attributes
     ----------
     mask : where the part is; edges : its outline and the edges inside it that show
-    behind, before : what the hand or the arm covers from the light behind, and of the part's face
+    behind, before : what the arm gripper or the arm covers from the light behind, and of the part's
+        face
     """
 
     step_px: int
@@ -54,7 +55,7 @@ class Stance:
 
     Attributes
     ----------
-    pivot_px : (2,) the hand's tip in the grid's region, about which the part may turn
+    pivot_px : (2,) the TCP in the grid's region, about which the part may turn
     shift_px : it may be off so far each way, the tilt of what lies before or behind the tip
         included
     turn_rad : and turned about the sight line

@@ -31,8 +31,8 @@ class Separations:
     Attributes
     ----------
     pairs : (i, j) candidates, i < j
-    margins : (k, 2, p) pixels that differ at least, however the part sits in the hand, over the
-        pixels it takes; 1 and more tells them apart. Per configuration, light (`LIGHTS`), pair
+    margins : (k, 2, p) pixels that differ at least, however the part sits in the arm gripper, over
+        the pixels it takes; 1 and more tells them apart. Per configuration, light (`LIGHTS`), pair
     is_fine : (k,) looked at on the finer grid; what is not decides nothing and counts 0
     """
 
@@ -81,7 +81,7 @@ def predict_view(
     models : of `model_of`, one per candidate
     layout : the cell
     q : (6,) row of joints
-    opening_mm : of the hand that holds it
+    opening_mm : of the arm gripper that holds it
     step_px : distance of the grid's pixels
     rules : how well the hold is known, and which edges show
     camera : the inspection camera unless given
@@ -112,7 +112,7 @@ def separations(
     opening_mm: float,
     rules: DisambiguationRules | None = None,
 ) -> Separations:
-    """Return how well configurations (k, 6) of a hand that holds all candidates tell them apart.
+    """Return how well configurations (k, 6) of a gripper that holds all candidates tell them apart.
 
     They are looked at in thinned pictures, the cheapest ones first, until a dearer one cannot
     begin a cheaper way; the cheapest and the clearest of each pair again on a finer grid.

@@ -103,7 +103,7 @@ def separating_views(
     layout : the cell
     q : (k, 6) reachable configurations, free of contact whichever candidate it is
     seconds : (k,) what each costs
-    opening_mm : of the hand, the same for all
+    opening_mm : of the arm gripper, the same for all
     rules : how well the hold is known and how much must differ; None for the defaults
     """
     rules = rules or DisambiguationRules()

@@ -1,6 +1,6 @@
 """Boxes: against boxes, and segments against boxes, many at a time.
 
-Links, hands, obstacles and (away from the fingers) the part are boxes, so the separating-axis
+Links, grippers, obstacles and (away from the fingers) the part are boxes, so the separating-axis
 test is exact and, vectorised, cheaper per configuration than one call into a collision library.
 """
 

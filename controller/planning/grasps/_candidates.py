@@ -1,4 +1,4 @@
-"""Hands round each seed, and quick looks that spare the hopeless ones their rays."""
+"""Candidates round each seed, and quick looks that spare the hopeless ones their rays."""
 
 from __future__ import annotations
 
@@ -143,9 +143,9 @@ def approach_seems_free(found: Candidates, seeds: Seeds, jaw: Jaw, rules: GraspR
 
 
 def pre_open(opening: FloatArray, inner: BoolArray, jaw: Jaw, rules: GraspRules) -> FloatArray:
-    """Return the width of the open jaw (n,) [mm]: wider than the grip, for an inner one narrower.
+    """Return the width of the open jaw (n,) [mm]: wider than the grasp, for an inner one narrower.
 
-    As `Grasp.pre_open_mm`: of an inner grip the distance of the fingers' backs.
+    As `Grasp.pre_open_mm`: of an inner grasp the distance of the fingers' backs.
 
     Parameters
     ----------

@@ -245,7 +245,7 @@ def _bore_seeds(
 
 
 def _spread_out(rows: FloatArray, count: int) -> list[int]:
-    # a grip seen from the other side is the same grip
+    # a grasp seen from the other side is the same grasp
     sign = np.where((rows[:, 3:6] @ np.array([0.9511, 0.2839, 0.1213])) < 0, -1.0, 1.0)
     features = np.hstack([rows[:, :3] / 15.0, rows[:, 3:6] * sign[:, None], rows[:, 6:] / 20.0])
     return farthest(features, count)

@@ -55,7 +55,7 @@ def synthesise_grasps(
     rules: GraspRules,
     gravities: Sequence[FloatArray] | None = None,
 ) -> tuple[Grasp, ...]:
-    """Return grips of one jaw that hold the part, clear of it, from all round and from above.
+    """Return grasps of one jaw that hold the part, clear of it, from all round and from above.
 
     Parameters
     ----------
@@ -66,11 +66,11 @@ def synthesise_grasps(
     holder : which gripper it is; only the arm's takes parts from the table
     downs : (k, 3) which way is down, in the part frame, in each stable pose
     rules : what a grasp must keep
-    gravities : unit vectors (3,) in the tip frame, of a jaw that does not turn; None: of the arm's
+    gravities : unit vectors (3,) in the TCP frame, of a jaw that does not turn; None: of the arm's
 
     Raises
     ------
-    NotGraspableError : no grip holds; says which stage left none, and the number that failed
+    NotGraspableError : no grasp holds; says which stage left none, and the number that failed
     """
     found = judge_grasps(solid, seeds, caster, jaw, holder, downs, rules, gravities)
     if not found.grasps:
@@ -170,7 +170,7 @@ def judge_grasps(
     )
     rows = _cover_of(np.flatnonzero(firm), able, score, picks, rules.fine_n, 2 * rules.picks_n)
     found = _measured(judge, able, rows)
-    # a pose that few grips take from above: there the table gives height and tilt, and what
+    # a pose that few grasps take from above: there the table gives height and tilt, and what
     # contact the rim of a flat part offers is all there is
     scarce = found.picks(judge, tables).sum(axis=1) < rules.picks_n // 2
     for pose in np.flatnonzero(scarce):

@@ -1,7 +1,7 @@
-"""Whether an open hand comes straight in, and closes, without touching the part elsewhere.
+"""Whether an open gripper comes straight in, and closes, without touching the part elsewhere.
 
 On the exact triangles of the part (python-fcl); boxes are those of the jaw. Source:
-planning-facts.md 2.2, step 5. Clearance of the table is asked of many grips at once.
+planning-facts.md 2.2, step 5. Clearance of the table is asked of many grasps at once.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ def clear_of_part(
     jaw: Jaw,
     rules: GraspRules,
 ) -> BoolArray:
-    """Return which hands (n, 4, 4), open, come straight in and close on nothing but their contact.
+    """Return which open grippers (n, 4, 4) come straight in and close on nothing but their contact.
 
     Parameters
     ----------
     part : its triangles
     T : (n, 4, 4) T_part_tcp
-    opening : (n,) between the surfaces held, of inner grips between the fingers' backs
+    opening : (n,) between the surfaces held, of inner grasps between the fingers' backs
     inner : (n,) the jaw spreads between the surfaces
     jaw : the gripper, with fingers and body
     rules : clearance while open, length of the approach, and what the pads give
@@ -102,11 +102,11 @@ def _swept(box: Box, behind_mm: float) -> Box:
 def lifts_off_table(
     T: FloatArray, gap_open: FloatArray, jaw: Jaw, hull: FloatArray, down: FloatArray
 ) -> BoolArray:
-    """Return which open hands come from above and stay off the table the part lies on (n,).
+    """Return which open grippers come from above and stay off the table the part lies on (n,).
 
     Parameters
     ----------
-    T : (n, 4, 4) tip poses in the part frame
+    T : (n, 4, 4) TCP poses in the part frame
     gap_open : (n,) between the pads while open
     jaw : the gripper, with fingers and body
     hull : (h, 3) corners of the part; down : (3,) which way is down, both in the part frame

@@ -17,13 +17,13 @@ from ._seeds import narrowest_inner, widest_inner
 from .pads import Contacts, PadGrid, close_pads
 from .strength import GRAVITY_N_PER_KG, loads
 
-FULL_CONTACT_MM2 = 120.0  # more contact does not make a grip surer
-NO_OFFSET_MM = 12.0  # contacts this far apart leave nothing of a grip's score
+FULL_CONTACT_MM2 = 120.0  # more contact does not make a grasp surer
+NO_OFFSET_MM = 12.0  # contacts this far apart leave nothing of a grasp's score
 
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """What one demand left: how many grips, and the best value it saw of what it asks for.
+    """What one demand left: how many grasps, and the best value it saw of what it asks for.
 
     `best` and `limit` are nan for a demand without a number.
     """

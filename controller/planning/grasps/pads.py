@@ -30,7 +30,7 @@ class PadGrid:
 
     Attributes
     ----------
-    points : (m, 2) x and z in the tip frame
+    points : (m, 2) x and z in the TCP frame
     area : (m,) mm2 each stands for; they add up to the pad
     step_x : mm between them along the approach
     order : per edge direction (EDGES_N, m), the points that reach farthest in it first
@@ -59,11 +59,11 @@ class PadGrid:
 
 @dataclass(slots=True)
 class Contacts:
-    """What n closed jaws touch; tip frames, mm.
+    """What n closed jaws touch; TCP frames, mm.
 
     Attributes
     ----------
-    T : (n, 4, 4) tip poses, moved along the jaws' axis to midway between both first touches
+    T : (n, 4, 4) TCP poses, moved along the jaws' axis to midway between both first touches
     touched : (n,) both pads meet the part and neither starts inside it
     opening : (n,) between the two surfaces that touch
     area : (n,) mm2 of the smaller contact
@@ -145,7 +145,7 @@ def close_pads(
     ----------
     caster : rays against the part's mesh
     face_normals : (t, 3) float32, of the mesh the caster casts on
-    T : (n, 4, 4) tip poses in the part frame; the pads start symmetrically about them
+    T : (n, 4, 4) TCP poses in the part frame; the pads start symmetrically about them
     gap : (n,) between the surfaces expected to touch
     inner : (n,) the pads are the fingers' backs and move apart
     grid : the rays of a pad

@@ -1,7 +1,8 @@
-"""How often a grip still holds when the part does not lie quite where it was seen.
+"""How often a grasp still holds when the part does not lie quite where it was seen.
 
 Flat pads turn a part until its walls lie against them, so a wrong pose is first closed on, then
-turned by what the walls' normals ask, and judged as any grip is (planning-facts.md 2.2, step 6; 5).
+turned by what the walls' normals ask, and judged as any grasp is (planning-facts.md 2.2, step 6;
+5).
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ def wrong_poses(rules: GraspRules, down: FloatArray | None = None) -> FloatArray
 def margins(
     judge: Judge, found: Contacts, inner: BoolArray, down: FloatArray | None = None
 ) -> FloatArray:
-    """Return for each grip the share of wrong poses in which it holds (n,).
+    """Return for each grasp the share of wrong poses in which it holds (n,).
 
     The part is turned about its centre of mass, by which its pose is measured. Of the contact a
     little more than half is enough: what the pads touch at a wrong pose still holds. Flat walls
@@ -116,7 +117,7 @@ def flattened(touched: Contacts, inner: BoolArray, jaw: Jaw, grid: PadGrid) -> F
     turned[:, 2], turned[:, 0] = slope[:, 0] * sense, -slope[:, 1] * sense
     pivot = T[:, :3, 3] - T[:, :3, 0] * jaw.pad_centre_mm
     out = T.copy()
-    # the part turns in the hand, so the hand turns the other way in the part
+    # the part turns in the gripper, so the gripper turns the other way in the part
     out[:, :3, :3] = T[:, :3, :3] @ Rotation.from_rotvec(-turned).as_matrix()
     out[:, :3, 3] = pivot + out[:, :3, 0] * jaw.pad_centre_mm
     return out

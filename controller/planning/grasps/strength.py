@@ -1,4 +1,4 @@
-"""Whether friction and the pads' width hold a part against its weight, however the hand turns.
+"""Whether friction and the pads' width hold a part against its weight, however the gripper turns.
 
 Two soft contacts of a known force: slip and twist together within the ellipse of the limit
 surface, tipping within the pads' edges (planning-facts.md 2.2, step 4).
@@ -31,7 +31,7 @@ def loads(
     rules: GraspRules,
     gravities: Sequence[FloatArray] | None = None,
 ) -> FloatArray:
-    """Return the share of what each grip can hold that the weight uses, worst attitude (n,).
+    """Return the share of what each grasp can hold that the weight uses, worst attitude (n,).
 
     With ``d`` the centre of mass seen from the middle of both contacts, weight ``W``, pad force
     ``N``, friction ``m``, mean contact radius ``r`` and wall slope ``t``, the largest of
@@ -51,7 +51,7 @@ def loads(
     force_n : with which the pads press
     inner : (n,) the pads are the fingers' backs
     rules : friction
-    gravities : unit vectors (3,) in the tip frame it may point along; None: whatever the arm's
+    gravities : unit vectors (3,) in the TCP frame it may point along; None: whatever the arm's
         joints allow, the exact worst of each term
     """
     R = contacts.T[:, :3, :3]
@@ -88,9 +88,9 @@ def loads(
 
 
 def still_gravities(T_world_tcp: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return where down is in the tip frame of a jaw that does not turn: unit vectors (3,).
+    """Return where down is in the TCP frame of a jaw that does not turn: unit vectors (3,).
 
-    And once more for the same grip turned over, half a turn about the approach.
+    And once more for the same grasp turned over, half a turn about the approach.
     """
     down = T_world_tcp[:3, :3].T @ np.array([0.0, 0.0, -1.0])
     return down, down * np.array([1.0, -1.0, -1.0])

@@ -1,4 +1,4 @@
-"""What planning speaks of: the cell, grips, visibility, steps and plans, and why there is none.
+"""What planning speaks of: the cell, grasps, visibility, steps and plans, and why there is none.
 
 Dataclasses and names; nothing here plans. mm, rad and seconds; poses in the world frame.
 """

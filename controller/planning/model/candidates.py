@@ -16,12 +16,12 @@ LIGHTS: tuple[Light, ...] = ("backlight", "front")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """One thing the part in the hand may be, and how it then lies in the hand.
+    """One thing the part in the arm gripper may be, and how it then lies in the arm gripper.
 
     Attributes
     ----------
     name : for people
-    T_tcp_part : (4, 4) pose of its CAD frame in the tip frame
+    T_tcp_part : (4, 4) pose of its CAD frame in the TCP frame
     """
 
     name: str

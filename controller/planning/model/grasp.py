@@ -10,7 +10,7 @@ from controller.arrays import FloatArray
 from .layout import Jaw
 
 Holder = Literal["arm", "fixture"]
-TABLE_MARGIN_MM = 1.5  # between an open hand and the table it takes a part from
+TABLE_MARGIN_MM = 1.5  # between an open gripper and the table it takes a part from
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +28,8 @@ class GraspRules:
     max_offset_mm: float = 4.0  # between the two contacts along the pads: more tips the part
     clearance_mm: float = 4.0  # per finger while open, for 1-2 mm of pose error
     bore_clearance_mm: float = 1.5  # per finger that goes into a bore: at least; rather the above
-    jaw_reserve_mm: float = 5.0  # of the full opening, so that the open hand gets over the part
-    approach_mm: float = 90.0  # straight way in and out
+    jaw_reserve_mm: float = 5.0  # of the full opening, so that the open gripper gets over the part
+    approach_mm: float = 90.0  # straight path in and out
     # the pose a part is picked at is known this well, each way on each axis (planning-facts.md 6)
     wrong_mm: float = 1.0
     wrong_deg: float = 2.0
@@ -38,10 +38,10 @@ class GraspRules:
     fine_step_mm: float = 1.0  # and to measure what is left
     seeds_n: int = 150  # of opposed planes, as many of other walls, as many again of inner walls
     spin_n: int = 12  # approaches round each
-    enough_n: int = 500  # grips by coarse rays are enough; until then every candidate is tried
+    enough_n: int = 500  # grasps by coarse rays are enough; until then every candidate is tried
     fine_n: int = 150  # most of them that are measured finely and tried at wrong poses
     wrong_n: int = 20  # wrong poses tried
-    keep_n: int = 120  # most grips of a jaw
+    keep_n: int = 120  # most grasps of a jaw
     picks_n: int = 20  # of them, from above for each way the part lies
 
     def coarse(self) -> GraspRules:
@@ -57,8 +57,8 @@ class Grasp:
 
     Attributes
     ----------
-    T_part_tcp : (4, 4) tip frame of the jaw in the part's CAD frame while it holds
-    opening_mm, pre_open_mm : jaw width holding, and before and after
+    T_part_tcp : (4, 4) TCP frame of the jaw in the part's CAD frame while it holds
+    opening_mm, pre_open_mm : opening holding, and before and after
     contact_mm2 : of the smaller of both contacts; load : share of the friction limit in use
     score : 0..1, larger is surer
     margin : share of the poses about the planned one (+-1 mm, +-2 deg) in which it still holds

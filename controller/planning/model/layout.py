@@ -20,7 +20,7 @@ from .arm import ArmModel
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Jaw:
-    """A parallel gripper; tip frame: x = approach, y = the jaws' axis, origin between tips.
+    """A parallel gripper; TCP frame: x = approach, y = the jaws' axis, origin between tips.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Jaw:
         Parameters
         ----------
         opening_mm : between the pads
-        behind_mm : by which they are longer backwards, for the straight way in
+        behind_mm : by which they are longer backwards, for the straight path in
         until_mm : a second, wider opening: the boxes hold all openings between; None for one alone
         """
         x0, z = -self.finger_length_mm - behind_mm, self.finger_width_mm / 2
@@ -75,7 +75,7 @@ class Tray:
 class CellTimes:
     """The fixed times of a cycle; how long moves take, the arm's own timing model says.
 
-    Grips and releases are medians of what runs of the emulated cell journalled.
+    Grasps and releases are medians of what runs of the emulated cell journalled.
 
     Attributes
     ----------
@@ -116,8 +116,8 @@ class CellLayout:
     ----------
     arm : with the shapes of its links
     column : what of the arm stands still, a box in the world
-    T_world_fixed_tcp : pose of the fixed gripper's tip frame
-    obstacles : world boxes by name, the fixture's post among them
+    T_world_fixed_tcp : pose of the fixed gripper's TCP frame
+    obstacles : world boxes by name, the fixed gripper's post among them
     station_mm : (3,) where the part's centre of mass is shown to the `inspection` camera
     fixed_gripper : None where the cell has none (then its pose says nothing)
     inspection_sharp_mm, overhead_sharp_mm : depths along the optical axis between which the

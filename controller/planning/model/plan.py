@@ -107,7 +107,7 @@ class ReceiveStep(Step):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SetDown(Step):
-    """Put the part back on the table, to be looked at and taken with another grip.
+    """Put the part back on the table, to be looked at and taken with another grasp.
 
     Where it comes to rest is known to a millimetre only, so a plan drives no further than this: the
     cell looks at the table again and plans on from what it sees. The steps after it are forecast.
@@ -186,7 +186,7 @@ class Unseen:
     ----------
     area_fraction : share of all surface
     reason : a sentence for people, with the evidence
-    kind : which of the five; remedy : the smallest change found that would show it, or ""
+    kind : which of the five; advice : the smallest change found that would show it, or ""
     samples : which samples it is
     """
 
@@ -202,7 +202,7 @@ class Unseen:
 class Proof:
     """How good a plan is proven to be, and among what.
 
-    The cost is that of re-grips (seconds and risk) and of views at a fixed price each; in which
+    The cost is that of regrasps (seconds and risk) and of views at a fixed cost each; in which
     order views are driven is not in it.
 
     Attributes
@@ -236,7 +236,7 @@ class Plan:
     place, park : per tray, what comes then
     forecast_s : all steps and the slowest tray
     covered_fraction : of the surface, in sight at least once
-    reachable_fraction : what any grip and any view of this cell could show, re-grips aside
+    reachable_fraction : what any grasp and any view of this cell could show, regrasps aside
     """
 
     steps: tuple[Step, ...]

@@ -24,7 +24,7 @@ class HandOff:
     ----------
     q : (6,) both hold
     entry : (k, 6) from the far end of the part's way in up to `q`
-    retreat : (k, 6) from `q` to where the empty hand is clear
+    retreat : (k, 6) from `q` to where the empty gripper is clear
     """
 
     q: FloatArray
@@ -57,7 +57,7 @@ class PlanOptions:
     table_views: bool = True
     # the first answer of the search is taken, and its gap stated
     is_coarse: bool = False
-    # the cell takes jaws that stop further off than this for another grip (recipe's grip section)
+    # the cell takes jaws that stop further off than this for another grasp (recipe's grasp section)
     width_tolerance_mm: float = 2.0
     square_share: float = 0.5  # of a face must show for a view to count as its square view
     rules: GraspRules = field(default_factory=GraspRules)
@@ -82,15 +82,16 @@ class PreparedPart:
     Attributes
     ----------
     shape : the part's triangles, to be asked what they touch
-    arm_grasps : each base grip, then each once more with the hand turned over, then measured ones
+    arm_grasps : each base grasp, then each once more with the arm gripper turned over, then
+        measured ones
     visible : (v, n) samples the bare part shows in each direction
     visibility_table : with the evidence for what none of them shows
-    shown : per arm grip (v, n), what of it hand and arm leave in sight
-    view_q : per arm grip, direction -> (k, 6) collision-free configurations
-    hand_offs : per fixture grip, arm grip -> how they meet
-    covered : (g, n) samples some reachable view of an arm grip shows
-    home_q : (g, 6) one configuration of each arm grip, in the midst of its views
-    rests, set_downs : places on the table to put the part down at, and how arm grips do it; empty
+    shown : per arm grasp (v, n), what of it gripper and arm leave in sight
+    view_q : per arm grasp, direction -> (k, 6) collision-free configurations
+    hand_offs : per grasp of the fixed gripper, arm grasp -> how they meet
+    covered : (g, n) samples some reachable view of an arm grasp shows
+    home_q : (g, 6) one configuration of each arm grasp, in the midst of its views
+    rests, set_downs : places on the table to put the part down at, and how arm grasps do it; empty
         where no plan has needed them
     """
 

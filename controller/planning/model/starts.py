@@ -30,7 +30,7 @@ class InArm:
 
     Attributes
     ----------
-    grasp : with `T_part_tcp` and opening as measured; its id may be that of a planned grip
+    grasp : with `T_part_tcp` and opening as measured; its id may be that of a planned grasp
     q : (6,) where the arm stands, free of contact with all but the part
     """
 
@@ -44,7 +44,7 @@ class InFixedGripper:
 
     Attributes
     ----------
-    grasp : of the fixture, as measured; q : (6,) where the empty arm stands
+    grasp : of the fixed gripper, as measured; q : (6,) where the empty arm stands
     """
 
     grasp: Grasp

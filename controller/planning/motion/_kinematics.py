@@ -14,7 +14,7 @@ from ..model import CellLayout
 def inverse_rows(
     layout: CellLayout, T_world_tcp: FloatArray
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """Return all legal configurations of tip poses (n, 4, 4): index (m,), branch (m,), q (m, 6).
+    """Return all legal configurations of TCP poses (n, 4, 4): index (m,), branch (m,), q (m, 6).
 
     A straight line of the tip keeps its branch.
     """

@@ -1,7 +1,8 @@
 """Collision-free ways between configurations, as few whole joint moves as will do.
 
 Tried in turn: one joint line, the arm's own detours, two random trees. Whatever is answered has
-been checked leg by leg against the tube of where the arm will really be (planning-facts.md 3.3).
+been checked segment by segment against the tube of where the arm will really be (planning-facts.md
+3.3).
 """
 
 from __future__ import annotations
@@ -84,9 +85,9 @@ def _key(a: FloatArray, b: FloatArray) -> bytes:
 def _promising(
     scene: Scene, paths: Sequence[Sequence[FloatArray]], ends: Ends
 ) -> list[Sequence[FloatArray]]:
-    """Return those paths that a look at a few states of each leg leaves over, quickest first.
+    """Return those paths that a look at a few states of each segment leaves over, quickest first.
 
-    Most detours are closed, and many share their legs: one question about all of them
+    Most detours are closed, and many share their segments: one question about all of them
     costs little more than one about one.
     """
     segments: dict[bytes, int] = {}

@@ -1,6 +1,6 @@
 """The arm among its surroundings: which configurations are free of contact.
 
-Two stages. Links, hands and obstacles are boxes, and so is the part at first: the test of boxes
+Two stages. Links, grippers and obstacles are boxes, and so is the part at first: the test of boxes
 is vectorised, 0.02 ms a configuration, and what it finds free is free. Where nothing but the
 part's box touches something and the part's triangles are known, they decide.
 """
@@ -35,12 +35,13 @@ class Scene:
     Attributes
     ----------
     arm_opening_mm, fixed_opening_mm : of the two jaws
-    carried : the part as a box in the tip frame, or None
-    standing : boxes in the world beside the layout's own, for instance the part in the fixture
+    carried : the part as a box in the TCP frame, or None
+    standing : boxes in the world beside the layout's own, for instance the part in the fixed
+        gripper
     ignore : names of world boxes that may be touched
-    carried_mesh : the part's triangles in the tip frame; decides where `carried` touches, which
+    carried_mesh : the part's triangles in the TCP frame; decides where `carried` touches, which
         follows from it if None
-    standing_meshes : triangles in the world that the empty hand or another part may not touch
+    standing_meshes : triangles in the world that the empty gripper or another part may not touch
     """
 
     layout: CellLayout
@@ -128,8 +129,8 @@ class Scene:
         q : (n, 6) rows of joints
         margin_mm, table_margin_mm : one for all, or (n,); the table's is the same if None
         arm_gripper : replaces body, fingers and `carried` by boxes per row, in the TCP frame:
-            poses (n, m, 4, 4) and half edges (n, m, 3), the hand's body first
-        part : replaces `carried_mesh` by triangles at a pose of its own per row, in the tip frame
+            poses (n, m, 4, 4) and half edges (n, m, 3), the arm gripper's body first
+        part : replaces `carried_mesh` by triangles at a pose of its own per row, in the TCP frame
             (n, 4, 4); the box that bounds them is added to `arm_gripper`
         """
         n = len(q)
@@ -335,7 +336,7 @@ class _Still:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Moving:
-    """Boxes that move, per row: the arm's links, hand, part.
+    """Boxes that move, per row: the arm's links, gripper, part.
 
     Attributes
     ----------

@@ -18,8 +18,8 @@ from ._kinematics import tcp_pose
 from .scene import Scene
 from .timing import segment_tube, tube_bound_mm
 
-MARGIN_MM = 5.0  # beside the tube: calibration, backlash, the part's place in the hand
-END_MARGIN_MM = 2.0  # next to a hold or the fixture, which the straight ways keep as well
+MARGIN_MM = 5.0  # beside the tube: calibration, backlash, the part's place in the arm gripper
+END_MARGIN_MM = 2.0  # next to a hold or the fixed gripper, which the straight paths keep as well
 END_LENGTH_MM = 60.0
 PIECE_MM = 64.0  # first cut; each further one is a quarter
 LEAST_PIECE_MM = 4.0  # half of it is the end margin
@@ -41,7 +41,7 @@ class Ends:
         Parameters
         ----------
         layout : the cell
-        q_from, q_to : (6,) rows of joints, where the whole way begins and ends
+        q_from, q_to : (6,) rows of joints, where the whole path begins and ends
         """
         return cls(tcp_pose(layout, np.stack([q_from, q_to]))[:, :3, 3])
 
@@ -58,7 +58,7 @@ def segment_free(scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends)
     ----------
     scene : what the arm carries, and may not touch
     q_from, q_to : (6,) rows of joints
-    ends : of the whole way the move is part of; near them the margin is the thin one
+    ends : of the whole path the move is part of; near them the margin is the thin one
     """
     layout, step = scene.layout, q_to - q_from
     # linear, so all between are as well
@@ -69,7 +69,8 @@ def segment_free(scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends)
     bound_mm = tube_bound_mm(layout, step, radii)
     pieces = max(1, int(np.ceil(travel_mm / PIECE_MM)))
     middles = (np.arange(pieces) + 0.5) / pieces
-    tube_mm = None  # most legs do without: they are free with its bound, or hit something at once
+    # most segments do without: they are free with its bound, or hit something at once
+    tube_mm = None
     while True:
         q = q_from + middles[:, None] * step
         half_mm = travel_mm / pieces / 2
@@ -104,7 +105,7 @@ def segment_seems_free(
     ----------
     scene : what the arm carries, and may not touch
     q_from, q_to : (6,) rows of joints
-    ends : of the whole way the move is part of
+    ends : of the whole path the move is part of
     tube_mm : added to the margin away from the ends
     """
     if not scene.layout.arm.within_limits(np.stack([q_from, q_to])).all():

@@ -1,4 +1,4 @@
-"""How long joint moves take, and how far from the joint line hand and part stray meanwhile.
+"""How long joint moves take, and how far from the joint line gripper and part stray meanwhile.
 
 How long, and where the joints are meanwhile, the arm's timing model says (planning-facts.md 3.3).
 """
@@ -14,7 +14,8 @@ from controller.arrays import FloatArray
 from ..model import CellLayout
 from ._kinematics import tcp_pose
 
-# of hand and part, in the tip frame [mm]: how far out they may be, for the stray of a turning wrist
+# of gripper and part, in the TCP frame [mm]: how far out they may be, for the stray of a turning
+# wrist
 _OUT_MM = np.array(
     [[0.0, 0.0, 0.0], [40.0, 60.0, 0.0], [40.0, -60.0, 0.0], [40.0, 0.0, 60.0], [40.0, 0.0, -60.0]]
 )
@@ -55,7 +56,7 @@ def move_seconds(layout: CellLayout, path: Sequence[FloatArray] | FloatArray) ->
 def segment_tube(
     layout: CellLayout, q_from: FloatArray, q_to: FloatArray, at: FloatArray
 ) -> FloatArray:
-    """Return how far hand and part will be from where the joint line has them (k,) [mm].
+    """Return how far gripper and part will be from where the joint line has them (k,) [mm].
 
     Parameters
     ----------
@@ -79,13 +80,13 @@ def segment_tube(
 
 
 def tube_bound_mm(layout: CellLayout, step: FloatArray, radii_mm: FloatArray) -> float:
-    """Return more than `segment_tube` of a move by `step` (6,), at a fraction of its price.
+    """Return more than `segment_tube` of a move by `step` (6,), at a fraction of its cost.
 
     Parameters
     ----------
     layout : the cell; its arm has the timing model
     step : (6,) by which the joints change
-    radii_mm : (6,) by which a joint's change moves hand and part at most
+    radii_mm : (6,) by which a joint's change moves gripper and part at most
     """
     return float(layout.arm.timing.stray(step) @ radii_mm)
 

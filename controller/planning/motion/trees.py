@@ -1,4 +1,4 @@
-"""Two random trees that grow towards each other, and the way between them made short.
+"""Two random trees that grow towards each other, and the path between them made short.
 
 RRT-Connect (Kuffner and LaValle, 2000) in joint space, with seconds of the slowest motor for a
 distance. Work is counted in nodes, never in time: the same seed gives the same way.
@@ -119,7 +119,7 @@ def shortened(
     ----------
     path : (6,) each, free all along, both ends included
     scene : what the arm carries, and may not touch
-    ends : of the whole way
+    ends : of the whole path
     rng : where corners are cut
     """
     layout = scene.layout

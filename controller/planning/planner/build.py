@@ -1,6 +1,6 @@
-"""A sequence of grips and views worked out to the last waypoint, or what of it cannot be driven.
+"""A sequence of grasps and views worked out to the last waypoint, or what of it cannot be driven.
 
-What has no way is named, so that the search can go on without it and without anything else
+What has no path is named, so that the search can go on without it and without anything else
 (planning-facts.md 1.3, lazy verification).
 """
 
@@ -42,7 +42,7 @@ MOTION_TRIES = 12
 
 
 class RefutedError(Exception):
-    """A part of the sequence has no way; `what` is a refutation for `search.refuted`.
+    """A part of the sequence has no path; `what` is a refutation for `search.refuted`.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ class Builder:
         grasp = part.arm_grasps[g]
         standing = PlacedShape(part.shape, T_world_part)
         opening = _standing_opening(build, layout)
-        # the jaws stay as they let go until the straight way in begins: wide ones may pass on both
+        # the jaws stay as they let go until the straight path in begins: wide ones may pass on both
         # sides of a part that narrower ones run into
         scene = Scene(layout, opening, held.opening_mm, standing_meshes=(standing,))
         path = tuple(fewest_waypoints(layout, take.retreat[::-1]))
@@ -275,7 +275,7 @@ class Builder:
 
     # ---- showing -------------------------------------------------------------------------------
     def show(self, build: Build, g: int, views: Sequence[int], end: FloatArray | None) -> None:
-        """Add the views (directions) of one grip, in the quickest order.
+        """Add the views (directions) of one grasp, in the quickest order.
 
         Parameters
         ----------
@@ -339,7 +339,7 @@ class Builder:
 
     # ---- putting away --------------------------------------------------------------------------
     def check_trays(self, g: int) -> None:
-        """See that a grip can let the part go over every tray, before anything is worked out.
+        """See that a grasp can let the part go over every tray, before anything is worked out.
 
         Raises
         ------
@@ -370,7 +370,7 @@ class Builder:
 
         Raises
         ------
-        RefutedError : a tray cannot be served with this grip
+        RefutedError : a tray cannot be served with this grasp
         """
         self.check_trays(g)
         grasp = self._part.arm_grasps[g]
@@ -429,7 +429,7 @@ def tray_distance_mm(layout: CellLayout, tray: Tray) -> float:
 
 
 def check_trays_in_reach(name: str, layout: CellLayout) -> None:
-    """See that the hand gets as far as every tray, whatever it holds.
+    """See that the arm gripper gets as far as every tray, whatever it holds.
 
     Raises
     ------

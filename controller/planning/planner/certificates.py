@@ -55,7 +55,7 @@ def certify(
     ----------
     part : prepared
     layout : the cell
-    poses : all ways to lie, those that roll among them: a part may start so
+    poses : all stable poses, those that roll among them: a part may start so
     rng_seed : of the random trees; the same one gives the same plans
     """
     return tuple(_certificate(part, layout, pose, rng_seed) for pose in poses)

@@ -1,6 +1,6 @@
-"""What it costs to get the part into a grip, from grip to grip, and what each grip can show.
+"""What it costs to get the part into a grasp, from grasp to grasp, and what each grasp can show.
 
-Prices are seconds between hubs (one configuration per grip, in the midst of its views) plus the
+Costs are seconds between home configurations (one per grasp, in the midst of its views) plus the
 seconds a failure would cost times how likely it is (planning-facts.md 1.3, "Cost").
 """
 
@@ -18,21 +18,21 @@ from ..motion import move_seconds, segment_seconds
 from ..regrasps import PickPath
 from ..search import Problem
 
-# a failed grip is looked for, seen anew and taken again: about a minute
+# a failed grasp is looked for, seen anew and taken again: about a minute
 RECOVERY_S = 60.0
-LEAST_SURE = 0.9  # of a grip whose score is 0; a score of 1 does not fail
+LEAST_SURE = 0.9  # of a grasp whose score is 0; a score of 1 does not fail
 TRAVEL_S = 2.0  # from one view to the next, on the average; their order is settled afterwards
-FINISH_S = 10.0  # sorting; much the same from every grip
+FINISH_S = 10.0  # sorting; much the same from every grasp
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegraspSite:
-    """What holds the part while the hand changes its grip.
+    """What holds the part while the arm gripper changes its grasp.
 
     Attributes
     ----------
     fixed_grasp_index : of the fixed gripper, -1 on the table; rest : index of the place, -1 if none
-    paths : arm grip -> how it meets the support
+    paths : arm grasp -> how it meets the site
     """
 
     fixed_grasp_index: int
@@ -49,9 +49,9 @@ class EdgeCosts:
 
     Attributes
     ----------
-    views : per arm grip, the direction of each row of `problem.shows`
+    views : per arm grasp, the direction of each row of `problem.shows`
     square_faces : (f,) the faces whose square view is an element after the samples
-    site_s : (k, g, g) price of each hop over each support; supports : (k,)
+    site_s : (k, g, g) cost of each regrasp over each site; sites : (k,)
     """
 
     problem: Problem
@@ -153,7 +153,7 @@ def regrasp_seconds(part: PreparedPart, layout: CellLayout, site: RegraspSite) -
     between = segment_seconds(layout, away[:, None], away[None])
     own = np.array([risk_s(part.arm_grasps[int(g)]) for g in members])
     if site.fixed_grasp_index >= 0:
-        # either hand closes once and lets go once
+        # either gripper closes once and lets go once
         fixed = cell_times.hand_off_s + risk_s(part.fixed_grasps[site.fixed_grasp_index])
     else:
         fixed = cell_times.release_s + cell_times.relook_s + cell_times.grasp_s
@@ -171,7 +171,7 @@ def make_edge_costs(
     squared: frozenset[int],
     avoid: frozenset[str],
 ) -> EdgeCosts:
-    """Return the problem of showing everything, from grips that can be had at `first_s` (g,).
+    """Return the problem of showing everything, from grasps that can be had at `first_s` (g,).
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def make_edge_costs(
     first_s : (g,) what having the part in each grasp costs [s], inf where it cannot be had
     seen : (n,) samples that need not be shown again
     squared : ids of faces that need not be shown squarely again
-    avoid : ids of grips not to use
+    avoid : ids of grasps not to use
     """
     usable = np.array([g.id not in avoid for g in part.arm_grasps])
     views = tuple(np.array(sorted(v), dtype=np.int64) for v in part.view_q)

@@ -1,10 +1,10 @@
-"""A plan that begins with the view which tells what is in the hand.
+"""A plan that begins with the view which tells what the arm gripper holds.
 
 Recognition may leave a part in doubt with a mirror twin or with a pose that looks alike from above.
-The part is taken with a grip that holds whichever it is; the cheapest view that parts the
+The part is taken with a grasp that holds whichever it is; the cheapest view that separates the
 candidates comes first, and the plan goes on by its answer: for the part that was planned for it
-just goes on, for another reading of it a new plan starts from the hand, and another part is put by
-(ADR 12).
+just goes on, for another reading of it a new plan starts from the arm gripper, and another part is
+set down (ADR 12).
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ def identify(
     ----------
     ambiguity : of the view
     layout : the cell
-    q : (6,) where the arm stood; opening_mm : of the hand
+    q : (6,) where the arm stood; opening_mm : of the arm gripper
     backlit, lit : (h, w) pictures of the inspection camera, for
         `disambiguation.measured_picture`
     """
@@ -249,7 +249,7 @@ def _up_to_deciding_view(
 ) -> tuple[tuple[Step, ...], InArm] | DisambiguationTree:
     """Return the steps up to the view that tells and how the part is held then.
 
-    A `DisambiguationTree` without a first view where none of the views with this grip tells.
+    A `DisambiguationTree` without a first view where none of the views with this grasp tells.
 
     Raises
     ------

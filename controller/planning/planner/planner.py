@@ -1,6 +1,6 @@
 """From where the part is to the steps that show all of it that can be shown, and sort it.
 
-The search (planning-facts.md 1.3) settles in which grips to hold the part and which views to take;
+The search (planning-facts.md 1.3) settles in which grasps to hold the part and which views to take;
 its answer is worked out with all motions, and what turns out to have no way is taken out of the
 search. Same input, same plan.
 """
@@ -44,7 +44,7 @@ from .prepare import prepare_part, with_grasps, with_rests
 from .why import unseen_pieces
 
 REBUILDS_N = 40  # answers of the search worked out before giving up
-SITE_COUNT = 4  # ways over which one change of grip is tried
+SITE_COUNT = 4  # ways over which one regrasp is tried
 PICKS_N = 3
 SQUARE_COS = float(np.cos(np.radians(10.0)))  # the table is looked at nearly from above
 
@@ -96,7 +96,7 @@ def plan_from(
     layout : the cell
     start : where the part is: on the table, in the arm gripper or in the fixed one
     seen : (n,) samples inspected before, which no view is spent on again; none if None
-    avoid : ids of grips of either holder that are not to be used
+    avoid : ids of grasps of either holder that are not to be used
     rng_seed : of the random trees; the same one gives the same plan
 
     Raises
@@ -178,12 +178,12 @@ class _Planner(ABC):
             self._squared |= {f for f in faces if part.solid.faces[f].normal @ above > SQUARE_COS}
         costs = self._prices(first_s)
         problem = costs.problem
-        # which grips it comes to is enough to know what is worth a view; then it is asked in full
+        # which grasps it comes to is enough to know what is worth a view; then it is asked in full
         narrows = self._part.options.least_gain > 0.0
         effort = COARSE if self._part.options.is_coarse else FULL
         solution = solve(problem, effort=COARSE if narrows else effort)
         if not self._shows_all(solution) and not self._part.rests:
-            # the table is the dearer way to change a grip, so that it is asked last
+            # the table is the dearer way to change a grasp, so that it is asked last
             self._part = with_rests(self._part, self._layout)
             self._builder = Builder(self._part, self._layout, self._seed)
             costs = self._prices(first_s)
@@ -331,11 +331,11 @@ class _Planner(ABC):
         h: int,
         views: Sequence[int],
     ) -> RegraspSite:
-        """Show the views of one grip, then change to the next; return over what.
+        """Show the views of one grasp, then change to the next; return over what.
 
         Raises
         ------
-        RefutedError : no support serves
+        RefutedError : no site serves
         """
         by_cost = np.argsort(costs.site_s[:, g, h], kind="stable")[:SITE_COUNT]
         failure: NoPlanError | None = None

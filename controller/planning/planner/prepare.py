@@ -35,7 +35,7 @@ from ..views import (
     reachable_views,
 )
 
-TURNED = "'"  # ends the ids of grips with the hand turned over
+TURNED = "'"  # ends the ids of grasps with the arm gripper turned over
 
 
 def prepare_part(
@@ -44,7 +44,7 @@ def prepare_part(
     layout: CellLayout,
     options: PlanOptions | None = None,
 ) -> PreparedPart:
-    """Work out grips of both holders, what they leave in sight and how they pass the part.
+    """Work out grasps of both holders, what they leave in sight and how they pass the part.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def with_grasps(part: PreparedPart, layout: CellLayout, grasps: Sequence[Grasp])
     by_gripper: dict[str, BoolArray] = {}
     for grasp in grasps:
         base = grasp.id.removesuffix(TURNED)
-        if base not in by_gripper:  # turned over, a hand hides the same
+        if base not in by_gripper:  # turned over, a gripper hides the same
             by_gripper[base] = part.visible & ~hidden_by_gripper(
                 part.solid,
                 part.samples,
@@ -208,7 +208,7 @@ def _is_joined(part: PreparedPart, layout: CellLayout) -> bool:
     for pose in part.poses:
         T = resting_pose(part.solid, pose, float(x), float(y))
         had = np.asarray(clear_of_table(T, part.arm_grasps, layout.arm_gripper), dtype=bool)
-        # the part comes up in one grip only: one of them has to lead on to everything
+        # the part comes up in one grasp only: one of them has to lead on to everything
         firsts = (np.arange(count) == g for g in np.flatnonzero(had))
         if had.any() and not any(
             part.covered[_reached(first, can)][:, able].any(axis=0).all() for first in firsts

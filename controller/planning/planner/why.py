@@ -1,7 +1,7 @@
 """Why a piece of surface is not shown: one limit lifted at a time, the first that helps named.
 
 The order of the questions is that of planning-facts.md 1.3: hidden by the part itself, by the
-fingers, out of reach, no way from this start, too weak a grip. With each answer goes the evidence,
+fingers, out of reach, no way from this start, too weak a grasp. With each answer goes the evidence,
 and the smallest change that was found to help.
 """
 
@@ -22,7 +22,7 @@ from ..views import hidden_by_gripper, view_poses, why_hidden
 
 LEAST_SHARE = 2e-4  # of the surface; less than this is single samples on edges
 THINNER = (0.75, 0.5, 0.25)  # of the fingers' width and thickness
-WEAKEST = 20.0  # of the friction limit; a grip weaker than this is none to speak of
+WEAKEST = 20.0  # of the friction limit; a grasp weaker than this is none to speak of
 MOSTLY_HIDDEN = 0.5  # of a piece
 ASKED_GRASP_COUNT = 12  # the most promising ones are asked what stands in their way
 # where a camera may stand, seen from the part: along the reach line and square to it
@@ -63,8 +63,8 @@ def unseen_pieces(
     part : prepared
     layout : the cell
     seen : (n,) samples that the plan shows or that were seen before
-    within_reach : arm grips any change of grip from here leads to
-    apart : (n,) samples that a grip shows which can be had, but not one after the plan's
+    within_reach : arm grasps any regrasp from here leads to
+    apart : (n,) samples that a grasp shows which can be had, but not one after the plan's
     dropped : (n,) samples that a view each would have been too little for
     lies_in : index of the stable pose the part starts in, -1 if it is held
     """

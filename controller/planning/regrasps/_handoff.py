@@ -1,8 +1,8 @@
-"""Passing the part between the hand and the fixed gripper: which pairs of grips can do it.
+"""Passing the part between the arm gripper and the fixed gripper: which pairs of grasps can do it.
 
-The part stands where the fixture's grip puts it. It comes in along the fixture's approach, the
-hand leaves along its own; both ways are straight lines on one elbow branch. Taking back is the
-same two lines the other way round, so one table serves both.
+The part stands where the fixed gripper's grasp puts it. It comes in along the fixed gripper's
+approach, the arm gripper leaves along its own; both paths are straight lines on one elbow branch.
+Receiving is the same two lines the other way round, so one table serves both.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from ..motion import Scene, inverse_rows, same_branch
 
 APPROACH_MM = 80.0  # straight in and out
 STEP_MM = 10.0
-CLOSE_MARGIN_MM = 2.0  # between two hands at one part, where both stand still or creep
+CLOSE_MARGIN_MM = 2.0  # between two grippers at one part, where both stand still or creep
 PART_MARGIN_MM = 5.0
 
 
 def hand_offs(
     layout: CellLayout, part: PartShape, fixed_grasp: Grasp, arm_gripper_grasps: Sequence[Grasp]
 ) -> dict[int, HandOff]:
-    """Return how each arm grip (by its place in the sequence) can meet one grip of the fixture.
+    """Return how each arm grasp (by its place in the sequence) meets one of the fixed gripper.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def hand_offs(
 
     keep = np.flatnonzero(ok(q, grasp))
     found: dict[int, HandOff] = {}
-    # at most a few branches per grip are followed along their lines
+    # at most a few branches per grasp are followed along their lines
     tried: dict[int, int] = {}
     chosen = []
     for row in keep:

@@ -38,7 +38,7 @@ class PickPath:
 
 
 def pick_paths(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) -> list[PickPath]:
-    """Return how each arm grip that can takes the part where it lies.
+    """Return how each arm grasp that can takes the part where it lies.
 
     Parameters
     ----------
@@ -107,11 +107,11 @@ def _contacts(
     margin_mm: float = CLOSE_MARGIN_MM,
     held: tuple[PreparedPart, Sequence[Grasp]] | None = None,
 ) -> IntArray:
-    """Return the contacts (n, k) along ways (n, k, 6), each with a hand of its own.
+    """Return the contacts (n, k) along ways (n, k, 6), each with a gripper of its own.
 
     Parameters
     ----------
-    held : the part in the hand, and each way's grip
+    held : the part in the arm gripper, and each way's grasp
     """
     n, k = q.shape[:2]
     T, half = (np.repeat(h, k, axis=0) for h in grippers)

@@ -56,7 +56,8 @@ def place_paths(
     tilts = np.arccos(
         np.clip(np.stack([T_part[:, 2, :3] @ p.R[2] for p in part.poses], axis=1), -1, 1)
     ).min(axis=1)
-    # part axes to world axes of a resting pose exactly, where the hand comes nearly like that
+    # part axes to world axes of a resting pose exactly, where the arm gripper comes nearly like
+    # that
     for leaning in np.flatnonzero((tilts > 1e-6) & (tilts < np.radians(3.0))):
         T_part[leaning, :3, :3] = _flattened(T_part[leaning, :3, :3], part)
         tilts[leaning] = 0.0

@@ -1,7 +1,8 @@
-"""Putting the part down on the table to take it up with another grip.
+"""Putting the part down on the table to take it up with another grasp.
 
-The part comes straight down and the hand leaves along its approach; taking it up again is the same
-two lines the other way round, so that a place on the table serves as the fixed gripper does.
+The part comes straight down and the arm gripper leaves along its approach; taking it up again is
+the same two lines the other way round, so that a place on the table serves as the fixed gripper
+does.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ def rests(solid: Solid, poses: Sequence[StablePose], layout: CellLayout) -> tupl
 def set_downs(
     layout: CellLayout, part: PartShape, rest: Rest, arm_gripper_grasps: Sequence[Grasp]
 ) -> dict[int, HandOff]:
-    """Return how each arm grip (by its place in the sequence) puts the part down at one place.
+    """Return how each arm grasp (by its place in the sequence) puts the part down at one place.
 
     Parameters
     ----------

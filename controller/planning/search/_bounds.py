@@ -1,8 +1,8 @@
-"""What showing everything costs at least under a set of grips, without solving the cover.
+"""What showing everything costs at least under a set of grasps, without solving the cover.
 
-Prices u >= 0 put on elements give, for any views, the floor ``sum(u) + sum over views of min(0,
-price - u of what the view shows)`` (Lagrange). It is a sum over grips, so one u bounds all sets of
-grips at once; and u can be improved for many sets together by subgradient steps, which are matrix
+Costs u >= 0 put on elements give, for any views, the floor ``sum(u) + sum over views of min(0,
+price - u of what the view shows)`` (Lagrange). It is a sum over grasps, so one u bounds all sets of
+grasps at once; and u can be improved for many sets together by subgradient steps, which are matrix
 products. u is kept to multiples of 2**-14: then float32 sums are exact in whatever order they are
 done, and the same problem gives the same bytes on every machine.
 """
@@ -23,19 +23,19 @@ _LP_ROUNDS = 12
 _LP_GROW = 120
 _SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)
 _LOOK = 16  # turns between looks at what has been reached
-_LEAN = 4.0  # fractions move this much more than prices: prices have few and large values
-_U_STEPS = np.float32(1 << 14)  # prices on elements are multiples of this part of a unit
+_LEAN = 4.0  # fractions move this much more than costs: costs have few and large values
+_U_STEPS = np.float32(1 << 14)  # costs on elements are multiples of this part of a unit
 _X_STEPS = np.float32(1 << 12)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LowerBounds:
-    """Prices on elements, and what they say about each grip.
+    """Costs on elements, and what they say about each grasp.
 
     Attributes
     ----------
-    u : (k, m) prices; sums : (k,) their sums
-    below : (k, n) what each grip's views take off the sum, <= 0
+    u : (k, m) costs; sums : (k,) their sums
+    below : (k, n) what each grasp's views take off the sum, <= 0
     """
 
     u: Float32Array
@@ -70,11 +70,11 @@ def lower_bounds(core: Core, u: Float32Array) -> LowerBounds:
 
 
 def union_costs(core: Core) -> tuple[Float32Array, float]:
-    """Solve the cover by fractions of views over all grips.
+    """Solve the cover by fractions of views over all grasps.
 
     Returns
     -------
-    u : (m,) prices; floor : of the unit prices of any cover by any grips
+    u : (m,) costs; floor : of the unit costs of any cover by any grasps
     """
     m = len(core.elements)
     if m == 0:
@@ -125,21 +125,21 @@ def spread_scales(u: Float32Array, factor: float) -> Float32Array:
 def raise_lower_bounds(
     core: Core, sets: IndexArray, u: Float32Array, goals: FloatArray, steps: int
 ) -> tuple[FloatArray, Float32Array]:
-    """Improve prices for many sets of grips at once.
+    """Improve costs for many sets of grasps at once.
 
-    The cover by fractions of views is a saddle point of the Lagrangian; prices and fractions move
+    The cover by fractions of views is a saddle point of the Lagrangian; costs and fractions move
     towards it by turns (primal-dual hybrid gradient with a step per row and column, restarted at
     the average), which comes within a hundredth in a hundred turns where subgradients crawl.
 
     Parameters
     ----------
     core : the elements that matter, and the views that show them
-    sets : (s, w) grips, padded with n; u : (m,) prices to start from
+    sets : (s, w) grasps, padded with n; u : (m,) costs to start from
     goals : (s,) a floor of so many units is enough; steps : how many at most
 
     Returns
     -------
-    floor : (s,) units; u : (s, m) the prices that give it
+    floor : (s,) units; u : (s, m) the costs that give it
     """
     saddle = _Saddle(core, sets, np.repeat(rounded(u)[None], len(sets), axis=0))
     best, best_u = saddle.values(saddle.u), saddle.u.copy()

@@ -18,12 +18,12 @@ MILP_NODES = 20_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stacked:
-    """The views of a set of grips in one table.
+    """The views of a set of grasps in one table.
 
     Attributes
     ----------
     rows : (v, m); prices_s : (v,); units : (v,)
-    owner : (v,) grip; index : (v,) row of the grip's own table
+    owner : (v,) grasp; index : (v,) row of the grasp's own table
     """
 
     rows: BoolArray

@@ -12,10 +12,10 @@ from ._problem import MAX_GRASP_COUNT, Problem, Solution, live_grasps, needed_of
 def greedy(problem: Problem, max_grasps: int = MAX_GRASP_COUNT) -> Solution | None:
     """Show everything by taking at each turn what adds most.
 
-    The first grip is the one that can be had at the start and shows most; then, from the grip in
-    hand, the one within a hop that shows most of what is left, through another grip where none
-    does; of equal ones the cheapest. Views under these grips by most new elements for their price,
-    those made needless by later ones left out.
+    The first grasp is the one that can be had at the start and shows most; then, from the present
+    grasp, the one within a regrasp that shows most of what is left, through another grasp where
+    none does; of equal ones the cheapest. Views under these grasps by most new elements for their
+    cost, those made needless by later ones left out.
 
     Returns
     -------
@@ -30,7 +30,7 @@ def greedy(problem: Problem, max_grasps: int = MAX_GRASP_COUNT) -> Solution | No
     )
     regrasp = problem.regrasp_s[np.ix_(live, live)].copy()
     np.fill_diagonal(regrasp, np.inf)
-    ends = [problem.last_s[live]]  # ends[k]: cheapest finish by k hops or fewer
+    ends = [problem.last_s[live]]  # ends[k]: cheapest finish by k regrasps or fewer
     for _ in range(max_grasps):
         ends.append(np.minimum(ends[-1], (regrasp + ends[-1][None]).min(axis=1)))
     sequence: list[int] = []
@@ -44,7 +44,7 @@ def greedy(problem: Problem, max_grasps: int = MAX_GRASP_COUNT) -> Solution | No
         gain = np.where(can, (shown & left).sum(axis=1), -1)
         if gain.max() <= 0 and sequence:
             beyond = (shown & left).sum(axis=1)
-            # nothing new within a hop: towards what shows something, if there is room
+            # nothing new within a regrasp: towards what shows something, if there is room
             step = regrasp + np.where(beyond > 0, 0.0, np.inf)[None]
             detour = np.where(can & (room >= 1), cost + step.min(axis=1), np.inf)
             if not np.isfinite(detour).any():

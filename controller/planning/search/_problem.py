@@ -1,6 +1,6 @@
-"""What the search is asked and what it answers: tables of who shows what, and prices; no geometry.
+"""What the search is asked and what it answers: tables of who shows what, and costs; no geometry.
 
-A *grip* is a way to hold the part, an *element* a thing to be shown (a surface sample, or a
+A *grasp* is a way to hold the part, an *element* a thing to be shown (a surface sample, or a
 feature such as "face 7 seen square"). planning-facts.md 1.3.
 """
 
@@ -14,29 +14,28 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, IndexArray
 
-MAX_GRASP_COUNT = (
-    5  # planning-facts.md 1.3: a fourth re-grip's bound exceeded every optimum measured
-)
+# planning-facts.md 1.3: a fourth regrasp's bound exceeded every optimum measured
+MAX_GRASP_COUNT = 5
 SAME_S = 1e-7  # costs closer than this [s] are one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """Which grips show what by which views, and what everything costs.
+    """Which grasps show what by which views, and what everything costs.
 
     Attributes
     ----------
-    shows : per grip (v_g, m): which of the m elements each of its views shows
+    shows : per grasp (v_g, m): which of the m elements each of its views shows
     weights : (m,) share of surface of each element, only to report what is covered
-    view_s : per grip (v_g,) price of each view [s], inf = not possible
-    first_s : (g,) price of having the part in that grip at the start [s], inf = not possible
-    regrasp_s : (g, g) price of the cheapest change of grip over any support [s], inf = none
-    last_s : (g,) price of finishing from that grip [s], inf = cannot
+    view_s : per grasp (v_g,) cost of each view [s], inf = not possible
+    first_s : (g,) cost of having the part in that grasp at the start [s], inf = not possible
+    regrasp_s : (g, g) cost of the cheapest regrasp over any site [s], inf = none
+    last_s : (g,) cost of finishing from that grasp [s], inf = cannot
     seen : (m,) elements already seen, which need not be shown again
 
     Raises
     ------
-    ValueError : shapes do not fit together, or a price is negative or not a number
+    ValueError : shapes do not fit together, or a cost is negative or not a number
     """
 
     shows: tuple[BoolArray, ...]
@@ -72,14 +71,14 @@ class Problem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """Grips to hold the part with in turn, and the views to take under each.
+    """Grasps to hold the part with in turn, and the views to take under each.
 
     Attributes
     ----------
     grasps : in order; one may come twice, and one without views is mere transit
     views : per entry of `grasps` the views to take, ascending
-    cost_s : first, hops, views and last together
-    bound_s : no way to show all of `needed` with the grips allowed costs less; inf = there is none
+    cost_s : first, regrasps, views and last together
+    bound_s : no way to show all of `needed` with the grasps allowed costs less; inf = there is none
     covered : (m,) what the chosen views show
     needed : (m,) what some view that can be had at all shows, without what is seen already
     covers_count : set cover problems solved exactly, a measure of work
@@ -205,9 +204,9 @@ def refuted(
     Parameters
     ----------
     problem : left as it is
-    regrasps : (from, to) grips between which no motion was found
-    views : (grip, view) that cannot be taken
-    firsts, lasts : grips that cannot be had at the start, or be finished from
+    regrasps : (from, to) grasps between which no motion was found
+    views : (grasp, view) that cannot be taken
+    firsts, lasts : grasps that cannot be had at the start, or be finished from
     """
     first_s, regrasp_s, last_s = (
         problem.first_s.copy(),

@@ -1,8 +1,8 @@
-"""The cheapest grips and views that show all that can be shown, with proof: branch and bound.
+"""The cheapest grasps and views that show all that can be shown, with proof: branch and bound.
 
-Ways through the grips are listed cheapest first, one grip longer at a time, as long as they could
-still lead to something better than the best known. Each *set* of grips that shows everything gets a
-floor of what views it needs: first from prices good for all sets at once, then from prices of its
+Ways through the grasps are listed cheapest first, one grasp longer at a time, as long as they could
+still lead to something better than the best known. Each *set* of grasps that shows everything gets
+a floor of what views it needs: first from costs good for all sets at once, then from costs of its
 own, last the exact cover; always the set of the lowest floor next, so that the exact cover is done
 only where the proof needs it. planning-facts.md 1.3.
 """
@@ -32,7 +32,7 @@ class Effort:
 
     Attributes
     ----------
-    lower_bounds : sets of grips whose floor may be raised; covers : exact covers
+    lower_bounds : sets of grasps whose floor may be raised; covers : exact covers
     nodes : of branch and bound within one cover
     paths : of equal length kept at most
     """
@@ -51,7 +51,7 @@ _DIVES = 6  # covers by the likeliest views only, for a good solution early
 _DIVE_VIEWS = 40
 _STEPS = 128
 _TRIES = 6  # quick covers per batch, for an early good solution
-_LESSONS = 20  # sets of grips the deciding elements are learned from
+_LESSONS = 20  # sets of grasps the deciding elements are learned from
 _MISSED = 8  # elements added where a cover of the core leaves some out
 
 
@@ -70,7 +70,7 @@ class Pool:
 
 
 class Search:
-    """One run; `best` is what has been found, as the problem numbers grips and views.
+    """One run; `best` is what has been found, as the problem numbers grasps and views.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class Search:
         self.covers = self.floored = self.dives = 0
         self.pool = Pool()
         self.levels: list[GraspSequences] = []
-        self.all_s = 0.0  # what views cost at least, whatever the grips
+        self.all_s = 0.0  # what views cost at least, whatever the grasps
         self.extra: list[int] = []  # elements that covers of the core left out
 
     def offer(self, grasps: tuple[int, ...], views: tuple[tuple[int, ...], ...]) -> None:

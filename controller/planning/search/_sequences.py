@@ -13,13 +13,13 @@ from ._problem import SAME_S, Problem
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GraspSequences:
-    """Ways of equally many grips from the start.
+    """Ways of equally many grasps from the start.
 
     Attributes
     ----------
     grasps : (k, length) in order
-    sets : (k, length) the same grips ascending, each once, padded with n
-    cost_s : (k,) first and hops
+    sets : (k, length) the same grasps ascending, each once, padded with n
+    cost_s : (k,) first and regrasps
     left_out_s : the least that ways dropped for want of room could have cost altogether
     """
 
@@ -61,16 +61,16 @@ def longer(
     most: int,
     covered: BoolArray | None = None,
 ) -> GraspSequences:
-    """Return the ways of one grip more that are worth a look.
+    """Return the ways of one grasp more that are worth a look.
 
     Parameters
     ----------
     sequences : all of one length
     regrasp_s : (n, n); tail_s : (n,) to the finish
     room_s : ways that cost as much with their tail cannot be part of anything better
-    known : shorter ways; a longer one to the same set and last grip must be cheaper
+    known : shorter ways; a longer one to the same set and last grasp must be cheaper
     most : so many are kept, the cheapest; `left_out_s` is what the others cost at least
-    covered : (n, m) what each grip shows; where given, those that show most are kept instead
+    covered : (n, m) what each grasp shows; where given, those that show most are kept instead
     """
     n, length = len(regrasp_s), sequences.grasps.shape[1]
     last = sequences.grasps[:, -1]

@@ -15,7 +15,7 @@ from controller.arrays import BoolArray, Float32Array, FloatArray, IndexArray
 
 from ._problem import Problem, live_grasps
 
-COST_STEPS = 1024.0  # prices in units of the dearest, rounded down: sums of them stay exact
+COST_STEPS = 1024.0  # costs in units of the dearest, rounded down: sums of them stay exact
 CORE_MOST = 640  # elements
 _LEARN_ROUNDS = 4
 _LEARN_PICKS = 10
@@ -23,18 +23,18 @@ _LEARN_PICKS = 10
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tables:
-    """What matters of a problem: live grips, views to be had, elements needed.
+    """What matters of a problem: live grasps, views to be had, elements needed.
 
     Attributes
     ----------
-    grasps : (n,) the live grips, as the problem numbers them; below they are 0..n-1
+    grasps : (n,) the live grasps, as the problem numbers them; below they are 0..n-1
     elements : (m,) the elements needed, as the problem numbers them; below they are 0..m-1
-    rows : per grip (v, m) what its views show; view_ids : per grip (v,) which views these are
-    costs_s : per grip (v,) price [s]
-    units : per grip (v,) price over the dearest view's, rounded down to 1/1024
-    covered : (n, m) what each grip shows at all
-    kinds : (n,) grips of one kind have equal rows and prices
-    least_s, dearest_s : price of the cheapest and the dearest view [s]
+    rows : per grasp (v, m) what its views show; view_ids : per grasp (v,) which views these are
+    costs_s : per grasp (v,) cost [s]
+    units : per grasp (v,) cost over the dearest view's, rounded down to 1/1024
+    covered : (n, m) what each grasp shows at all
+    kinds : (n,) grasps of one kind have equal rows and costs
+    least_s, dearest_s : cost of the cheapest and the dearest view [s]
     """
 
     grasps: IndexArray
@@ -50,18 +50,18 @@ class Tables:
 
     def views_bound_s(self, units: FloatArray) -> FloatArray:
         """Return what views cost at least [s] if their unit prices sum to at least `units`."""
-        whole = np.ceil(np.maximum(units, 0.0) - 1e-6)  # no unit price exceeds 1: as many views
+        whole = np.ceil(np.maximum(units, 0.0) - 1e-6)  # no unit cost exceeds 1: as many views
         return np.maximum(np.maximum(units, 0.0) * self.dearest_s, whole * self.least_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Core:
-    """The tables of a few elements, with only the views that no other of the grip outdoes there.
+    """The tables of a few elements, with only the views that no other of the grasp outdoes there.
 
     Attributes
     ----------
     elements : (c,) of the tables' elements
-    rows : per grip (v, c) 0/1; units : per grip (v,)
+    rows : per grasp (v, c) 0/1; units : per grasp (v,)
     """
 
     elements: IndexArray
@@ -166,7 +166,7 @@ def make_core(tables: Tables, elements: Sequence[int]) -> Core:
 def quick_cover(
     rows: Float32Array, costs_s: FloatArray, worth: Float32Array | None = None
 ) -> IndexArray:
-    """Return rows that show every element, most for their price first, none in vain.
+    """Return rows that show every element, most for their cost first, none in vain.
 
     Parameters
     ----------

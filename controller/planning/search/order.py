@@ -2,7 +2,7 @@
 
 Exact for a dozen stops (Held and Karp's recursion over what has been visited and in which
 configuration one stands), beyond that the best of several starts improved by turning stretches
-round and moving stretches elsewhere. What a leg takes is the caller's: any time model will do.
+round and moving stretches elsewhere. What a segment takes is the caller's: any time model will do.
 """
 
 from __future__ import annotations
@@ -74,11 +74,11 @@ def best_order(
 def exact_order(
     first: FloatArray, segments: FloatArray, last: FloatArray, stop_of: IndexArray
 ) -> list[int]:
-    """Return configurations in order, one of each stop, of the least sum of legs.
+    """Return configurations in order, one of each stop, of the least sum of segments.
 
     Parameters
     ----------
-    first, last : (c,) leg from the start to each configuration, and to the end
+    first, last : (c,) segment from the start to each configuration, and to the end
     segments : (c, c); stop_of : (c,) ascending, whose configuration it is
     """
     n, c = int(stop_of[-1]) + 1, len(stop_of)

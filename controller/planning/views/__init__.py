@@ -1,4 +1,4 @@
-"""What can be seen of a part: what itself, the hand and the arm leave in sight, and from where.
+"""What can be seen of a part, and from where: what itself, gripper and arm leave in sight.
 
 Directions are unit vectors in the part frame from its centre of mass to the camera.
 """

@@ -23,7 +23,7 @@ RIM_N = 72
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Showing:
-    """How the part is held up for each direction and roll, whatever the grip.
+    """How the part is held up for each direction and roll, whatever the grasp.
 
     Attributes
     ----------

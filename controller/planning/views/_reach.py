@@ -16,7 +16,7 @@ from ..motion import Scene, inverse_rows, link_boxes
 from ._arm import hidden_by_boxes, may_cover, standing_between
 from ._poses import Showing
 
-KEPT_Q = 4  # configurations kept per view and grip
+KEPT_Q = 4  # configurations kept per view and grasp
 # nearly every one the joints allow is free (planning-facts.md 1.3), so few are checked at first
 FIRST_TRIED_N = 4
 # which of them the arm hides least in shows only when it is looked at
@@ -25,13 +25,13 @@ FIRST_TRIED_BETWEEN_N = 12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GraspViews:
-    """What one grip can show.
+    """What one grasp can show.
 
     Attributes
     ----------
     q : direction -> (k, 6) configurations free of contact, the handiest first
     shown : (v, n) samples in sight in every one of them; of directions without any
-        configuration, what the hand would leave in sight
+        configuration, what the arm gripper would leave in sight
     """
 
     q: Mapping[int, FloatArray]
@@ -47,7 +47,7 @@ def reachable_views(
     T_part_tcp: FloatArray,
     q_liked: FloatArray,
 ) -> GraspViews:
-    """Return the configurations in which one grip can show each direction, and what they show.
+    """Return the configurations in which one grasp can show each direction, and what they show.
 
     Configurations in which neither the arm nor a post stands before the part come first, those
     near `q_liked` (6,) first among them. Where there are none, those stay in which the arm hides
@@ -59,7 +59,8 @@ def reachable_views(
     scene : the arm with the part in this grasp
     samples : n, of the part's surface
     showing : of `hold_up`, for v directions
-    left_by_gripper : (v, n) samples the hand leaves in sight; directions without any are not tried
+    left_by_gripper : (v, n) samples the arm gripper leaves in sight; directions without any are not
+        tried
     T_part_tcp : (4, 4) T_part_tcp of the grasp
     q_liked : (6,) row of joints
     """

@@ -13,14 +13,14 @@ from controller.imaging import inverse_pose, transform
 from ..geometry import Box
 from ..model import Grasp, Jaw
 
-# Inspection compares nothing within nine pixels of the hand (inspection/view.py), 1.7 mm at the
-# station; a plan that counts what lies there as shown leaves it unseen
+# Inspection compares nothing within nine pixels of the arm gripper (inspection/view.py), 1.7 mm at
+# the station; a plan that counts what lies there as shown leaves it unseen
 FINGER_SHADOW_MM = 2.0
 _LEAST_STEP_MM = np.float32(1e-5)
 
 
 def holding_boxes(jaw: Jaw, grasp: Grasp) -> list[Box]:
-    """Return body and fingers of a jaw while it holds, in its tip frame.
+    """Return body and fingers of a jaw while it holds, in its TCP frame.
 
     Fingers that spread inside a bore stand between the two contacts, not beside them.
     """

@@ -1,4 +1,4 @@
-"""What a site costs in seconds: the views that show all, and one re-grip. Estimates for ranking.
+"""What a site costs in seconds: the views that show all, and one regrasp. Estimates for ranking.
 
 A greedy plan in the free: moves are joint lines, no way round anything is looked for.
 """
@@ -16,7 +16,7 @@ from controller.planning.motion import move_seconds
 from .._family import FamilyMember
 
 LEAST_GAIN = 0.002  # of the surface that one more view must add
-PAIRS_N = 24  # of the pairs of grips that show all, timed
+PAIRS_N = 24  # of the pairs of grasps that show all, timed
 SET_DOWN_S = 16.0  # two times down to the table and up, zed being the slowest axis
 
 
@@ -29,15 +29,15 @@ def forecast(
     met: BoolArray,
     tables: Sequence[dict[int, HandOff]],
 ) -> tuple[float, float]:
-    """Return seconds of the views under two grips and of the re-grip between; NaN where none is.
+    """Return seconds of the views under two grasps and of the regrasp between; NaN where none is.
 
     Parameters
     ----------
-    layout : with camera and fixture at the site
+    layout : with camera and fixed gripper at the site
     member : a part of the family
-    views, q : (g, v), (g, v, 6) of the site; by_pose : (p, g) grips that take each pose up
-    met : (f, g) grips that meet
-    tables : of each fixture grip, how an arm grip meets it
+    views, q : (g, v), (g, v, 6) of the site; by_pose : (p, g) grasps that take each pose up
+    met : (f, g) grasps that meet
+    tables : of each grasp of the fixed gripper, how an arm grasp meets it
     """
     nan = float("nan")
     if not len(by_pose) or not by_pose.any():
@@ -48,7 +48,7 @@ def forecast(
     weights = member.weights
     seen_by = np.stack([_sees(member, views, k) for k in range(len(views))])
     passed = (met.T.astype(int) @ met.astype(int)) > 0
-    # a second way to re-grip: put it down and take it up otherwise, which needs a new look at it
+    # a second way to regrasp: put it down and take it up otherwise, which needs a new look at it
     pairs = passed | (start[:, None] & start[None])
     np.fill_diagonal(pairs, True)
     together = (seen_by[:, None] | seen_by[None]) @ weights * (pairs & start[:, None])

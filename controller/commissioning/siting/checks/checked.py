@@ -20,8 +20,8 @@ from ._seconds import forecast
 from .reach import covered_bits, hand_off_shares, shown_share
 from .visibility import links_in_sight
 
-TRIED_Q = 5  # configurations per grip and direction that get a collision check
-PICK_MARGIN_MM = 2.0  # an empty hand creeping down to the part
+TRIED_Q = 5  # configurations per grasp and direction that get a collision check
+PICK_MARGIN_MM = 2.0  # an empty gripper creeping down to the part
 TRAY_Z_MM = (60.0, 160.0)
 TRAY_TURNS_N = 12
 TRAY_PITCHES_DEG = (-90.0, -60.0, -30.0)
@@ -30,7 +30,7 @@ TRAY_MARGIN_MM = 5.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shows:
-    """What one part's grips show at a site.
+    """What one part's grasps show at a site.
 
     Attributes
     ----------
@@ -45,11 +45,11 @@ class Shows:
 
 
 def checked_views(site_layout: CellLayout, member: FamilyMember, move: FloatArray) -> Shows:
-    """Return which (grip, view) pairs are free of contact with the arm out of the picture.
+    """Return which (grasp, view) pairs are free of contact with the arm out of the picture.
 
     Parameters
     ----------
-    site_layout : with camera and fixture at the site
+    site_layout : with camera and fixed gripper at the site
     member : a part of the family
     move : (4, 4) of `carried`: from where the member's views were worked out to this site
     """
@@ -60,8 +60,8 @@ def checked_views(site_layout: CellLayout, member: FamilyMember, move: FloatArra
     rolls = np.arange(member.inside.shape[1])
     for base in range(half):
         left = member.shown[base].any(axis=1)
-        # half the rolls, the others, the same with the hand turned over: most directions are free
-        # at the first try, and only what is left goes on to the next
+        # half the rolls, the others, the same with the arm gripper turned over: most directions are
+        # free at the first try, and only what is left goes on to the next
         for grasp in (member.arm_grasps[base], member.arm_grasps[base + half]):
             for some in (rolls % 2 == 0, rolls % 2 == 1):
                 view, roll = np.nonzero(member.inside & left[:, None] & some)
@@ -112,7 +112,8 @@ def free_picks(site_layout: CellLayout, member: FamilyMember) -> BoolArray:
     found = np.zeros((len(member.start_poses), picks.places_n, len(member.arm_grasps)), dtype=bool)
     if len(picks.q_hold) == 0:
         return found
-    # with the hand wide open: a grip that needs it narrower by a pose's place is not lost by that
+    # with the arm gripper wide open: a grasp that needs it narrower by a pose's place is not lost
+    # by that
     scene = Scene(site_layout, site_layout.arm_gripper.max_mm, site_layout.fixed_open_mm)
     q = np.concatenate([picks.q_hold, picks.q_above])
     free = ~_touches(scene, q).reshape(2, -1).any(axis=0)
@@ -123,14 +124,14 @@ def free_picks(site_layout: CellLayout, member: FamilyMember) -> BoolArray:
 def _touches(scene: Scene, q: FloatArray) -> BoolArray:
     """Return which configurations (n, 6) touch something that stands in the cell, the table apart.
 
-    Whether the hand clears the table was settled when the picks were listed.
+    Whether the arm gripper clears the table was settled when the picks were listed.
     """
     contacts = scene.contacts(q, PICK_MARGIN_MM, table_margin_mm=-1e6)
     return np.asarray(contacts >= 0)
 
 
 def tray_freedom(site_layout: CellLayout) -> dict[str, float]:
-    """Return per tray the share of the hand's ways to be over it that touch nothing.
+    """Return per tray the share of the arm gripper's ways to be over it that touch nothing.
 
     Straight down and leaning, low over the tray's floor and where the part comes in. Nothing free
     is 0.0: the tray cannot be served.
@@ -203,7 +204,7 @@ def score_site(
     ----------
     layout : the cell the members were made for
     site : to be scored
-    fellows : obstacles that move with camera and fixture
+    fellows : obstacles that move with camera and fixed gripper
     members : the family
     """
     here = placed_at(layout, site, fellows)

@@ -55,12 +55,12 @@ def why_not_here(
     keep_free_mm: FloatArray | None = None,
     look: bool = True,
 ) -> str | None:
-    """Return what forbids camera and fixture of this layout where they stand, None if nothing.
+    """Return what forbids camera and fixed gripper where they stand, None if nothing.
 
     Parameters
     ----------
-    layout : with camera and fixture where they are to stand
-    fellows : obstacles that move with camera and fixture
+    layout : with camera and fixed gripper where they are to stand
+    fellows : obstacles that move with camera and fixed gripper
     keep_free_mm : (2, 2) rows x and y of the table's glowing area; what the overhead camera sees
         of the table if None
     look : whether the inspection camera's picture counts

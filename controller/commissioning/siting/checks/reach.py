@@ -1,8 +1,9 @@
 """What the joints allow at a site, by closed-form kinematics alone: no collision, no motion.
 
-How the hand can turn at the station depends on the part only through where its centre of mass lies
-in the hand, so one table a site, over directions in the hand's frame, serves every grip of every
-part (planning-facts.md 3.1). The exact form, grip by grip, follows for the sites worth it.
+How the arm gripper can turn at the station depends on the part only through where its centre of
+mass lies in the arm gripper, so one table a site, over directions in the arm gripper's frame,
+serves every grasp of every part (planning-facts.md 3.1). The exact form, grasp by grasp, follows
+for the sites worth it.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from ..site import Site, camera_frame, standoff_mm
 
 TCP_DIRECTION_COUNT = 200  # 7 degrees apart, half of what a view direction is from the next
 ROLLS_N = 12
-ENTRY_MM = 80.0  # straight way of the part into the fixture and of the hand away from it
+# straight path of the part into the fixed gripper and of the arm gripper away from it
+ENTRY_MM = 80.0
 
 
 def sphere(count: int) -> FloatArray:
@@ -42,14 +44,14 @@ def _frames(vectors: FloatArray) -> FloatArray:
 def shown_directions(
     layout: CellLayout, site: Site, to_camera: FloatArray, centre_mm: FloatArray
 ) -> BoolArray:
-    """Return which directions of the hand's frame (h, 3) the arm can turn to the camera: (h,) bool.
+    """Return which directions of the TCP frame (h, 3) the arm can turn to the camera: (h,) bool.
 
     Parameters
     ----------
     layout : the cell; its arm is asked
     site : station, and the side the camera is on
     to_camera : (h, 3) unit, from the part to the camera, TCP frame
-    centre_mm : (3,) of the part in the hand's frame, what is brought to the station
+    centre_mm : (3,) of the part in the arm gripper's frame, what is brought to the station
     """
     towards = camera_frame(site.station_mm, site.towards, standoff_mm(layout))[:3, :3]
     at_station = np.column_stack([towards[:, 0], -towards[:, 1], -towards[:, 2]])
@@ -95,7 +97,7 @@ def shown_share(member: FamilyMember, views: BoolArray) -> float:
 
 
 def meetings(member: FamilyMember, fixed_count: int) -> FloatArray:
-    """Return where the hand is in the fixture's frame for pairs of grips (f, g, 4, 4).
+    """Return the arm's TCP in the fixed TCP frame for pairs of grasps (f, g, 4, 4).
 
     Parameters
     ----------
@@ -113,9 +115,9 @@ def meetings(member: FamilyMember, fixed_count: int) -> FloatArray:
 def met_grasps(
     layout: CellLayout, T_world_fixed_tcp: FloatArray, T_fixed_tcp: FloatArray
 ) -> BoolArray:
-    """Return which arm grips can meet which of the fixture's, by the joints alone: (f, g) bool.
+    """Return which arm grasps can meet which fixed ones, by the joints alone: (f, g) bool.
 
-    Where both hold, where the part's way in begins and where the hand's way out ends.
+    Where both hold, where the part's way in begins and where the arm gripper's way out ends.
 
     Parameters
     ----------
@@ -142,7 +144,7 @@ def hand_off_shares(member: FamilyMember, met: BoolArray) -> tuple[float, float]
 
     Parameters
     ----------
-    met : (f, base_n) which grips can meet which of the fixture's
+    met : (f, base_n) which grasps can meet which of the fixed gripper's
     """
     pairs = (met.T.astype(int) @ met.astype(int)) > 0
     half, wanted = member.base_n, int(member.completes.sum())

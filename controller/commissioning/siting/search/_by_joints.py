@@ -29,8 +29,8 @@ from ..survey import Survey, site_key
 from .grids import camera_grid, fixed_gripper_grid
 
 APART_MM, APART_DEG = 60.0, 20.0  # sites nearer than both to a better one are left to small steps
-MET_N = 5  # of the fixture's grips, with which its poses are ranked
-PAIRED_N = 60  # fixture poses tried with each camera site
+MET_N = 5  # of the fixed gripper's grasps, with which its poses are ranked
+PAIRED_N = 60  # fixed gripper poses tried with each camera site
 
 
 def cameras_by_joints(search: Survey) -> list[SiteScore]:
@@ -111,7 +111,7 @@ def fixed_grippers_by_joints(search: Survey) -> list[FixedGripperScore]:
     for k, T in enumerate(poses):
         if k % 100 == 0:
             search.progress("fixture poses", k, len(poses))
-        # a camera that moves has its picture looked at later, with each fixture
+        # a camera that moves has its picture looked at later, with each fixed gripper
         why = why_not_here(
             placed_at(bare, replace(now, T_world_fixed_tcp=T), fellows),
             fellows,
@@ -137,7 +137,7 @@ def fixed_grippers_by_joints(search: Survey) -> list[FixedGripperScore]:
 def joined(
     search: Survey, cameras: Sequence[SiteScore], fixed_scores: Sequence[FixedGripperScore]
 ) -> list[SiteScore]:
-    """Return camera sites, each with the best fixture pose that goes with it, best first.
+    """Return camera sites, each with the best fixed gripper pose that goes with it, best first.
 
     By the joints alone. The present site is among them; forbidden ones stand last.
 

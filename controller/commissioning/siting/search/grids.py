@@ -116,7 +116,7 @@ def camera_steps(site: Site, step_mm: float, step_deg: float) -> Iterator[Site]:
 
 
 def fixed_gripper_steps(site: Site, step_mm: float, step_deg: float) -> Iterator[Site]:
-    """Yield sites with the fixture a small step or turn away; none without a fixture.
+    """Yield sites with the fixed gripper a small step or turn away; none without a fixed gripper.
 
     Parameters
     ----------

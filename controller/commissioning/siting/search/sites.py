@@ -16,7 +16,7 @@ from ._by_joints import cameras_by_joints, fixed_grippers_by_joints, joined, unl
 from .grids import camera_steps, fixed_gripper_steps
 
 STEP_MM, STEP_DEG = 40.0, 15.0  # of the first round; each later one is half as wide
-FIXED_ROUNDS = 2  # camera sites with which every fixture pose is tried
+FIXED_ROUNDS = 2  # camera sites with which every fixed gripper pose is tried
 BETTER = 2e-4  # less is no improvement: steps would wander about a plateau
 
 
