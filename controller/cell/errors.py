@@ -1,4 +1,4 @@
-"""What goes wrong at the level of the cell; driver and room errors are turned into these words."""
+"""Errors of the cell: what stops it, and what is wrong with one part."""
 
 from .machine import PartFault
 
@@ -8,15 +8,15 @@ class CellError(Exception):
 
 
 class InterlockError(CellError):
-    """A safety copy is not healthy: emergency stop, door, supply."""
+    """An interlock is not healthy: emergency stop, door or supply."""
 
 
 class ReleaseRefusedError(CellError):
-    """A gripper was told to open that is the only one to hold the part: a bug, caught in time."""
+    """A gripper was to open that alone holds the part: a bug, caught in time."""
 
 
 class PartProblemError(Exception):
-    """The part, not the cell, is the trouble: hold where it is safe and say so.
+    """Something is wrong with the part, not the cell: hold where it is safe; a person has to look.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class PartProblemError(Exception):
 
 
 class PartFaultError(PartProblemError):
-    """A fault of the part that the cell may recover from by itself.
+    """A part fault that the cell may recover from by itself.
 
     Attributes
     ----------

@@ -1,8 +1,8 @@
 """One batch: what the cell does from connecting its devices to rest.
 
 `run.py` runs it, `assembly.py` puts it together, `dispatcher.py` takes events and runs effects,
-`watchers.py` reports what no action does. An effect is an action (`actions/`); actions work with
-`services/` and keep what they find in `records/`.
+`watchers.py` reports what no action reports. Each effect is run by an action (`actions/`); actions
+work with `services/` and keep what they find in `records/`.
 """
 
 from .assembly import Batch, assemble

@@ -61,7 +61,7 @@ class Batch:
     ----------
     record : the part at hand and those done
     motion : the arm
-    actions : what the table sets going
+    actions : one for each effect of the table
     dispatcher : runs the batch
     """
 
@@ -83,15 +83,15 @@ def assemble(
     progress: Progress,
     on_progress: Callable[[], None],
 ) -> Batch:
-    """Return a cell that is ready for one batch; nothing moves and nothing is asked.
+    """Return a cell that is ready for one batch; no device is moved or read.
 
     Parameters
     ----------
-    compute : answers what takes seconds
-    recipe, cell : as their files say
+    compute : the compute service
+    recipe, cell : as read from their files
     layout : the cell as planning sees it
     devices : the drivers, connected or not
-    clock : the one the devices keep
+    clock : of the cell
     journal : of the run
     folder : of the run, for its pictures
     progress, on_progress : what the operator sees; called after each change of it

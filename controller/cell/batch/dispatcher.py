@@ -1,7 +1,7 @@
-"""The one task that owns all state: events in, decisions by the table, effects as supervised tasks.
+"""The one task that owns the state: takes events, decides by the table, runs effects as tasks.
 
-A stop halts metal first and cancels the task afterwards; what an overtaken task still reports is
-ignored by the table on purpose.
+A stop halts the arm first and cancels the task afterwards. The table ignores what a task reports
+that a stop or a fault has overtaken.
 """
 
 import asyncio
@@ -36,7 +36,7 @@ class Outcome:
     ----------
     end : state it came to rest in; refused where nothing was allowed to move
     message : what happened, for the operator; empty when all went well
-    code : stable short name of the trouble
+    code : stable short name of what happened, as in the manual
     where : where the part is
     """
 
@@ -48,7 +48,7 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class _Note:
-    """An event with what goes with it; `of` is the effect it reports on."""
+    """An event with its message and code; `of` is the effect that ended in it."""
 
     event: Event
     of: Effect | None = None
@@ -61,9 +61,9 @@ class Dispatcher:
 
     Parameters
     ----------
-    actions : do what the table sets going
-    record : where the part is, for the outcome
-    stopping : halts metal before a task is cancelled
+    actions : one for each effect
+    record : has where the part is, for the outcome
+    stopping : halts the arm before a task is cancelled
     watchers : report what no action reports
     journal : of the run
     """
@@ -95,11 +95,11 @@ class Dispatcher:
         return self._machine.state
 
     def request_stop(self, message: str = "stopped by the operator", code: str = "stop") -> None:
-        """Request a stop that releases nothing; before the run it keeps that from beginning."""
+        """Request a stop; no gripper opens. Before `run`, nothing will be started."""
         self._request(_Note(Event.STOP, message=message, code=code))
 
     def request_abort(self, message: str, code: str) -> None:
-        """Report a fault that no effect can tell of."""
+        """Report a fault that no effect can report."""
         self._request(_Note(Event.FAULT, message=message, code=code))
 
     def _request(self, note: _Note) -> None:
@@ -138,8 +138,8 @@ class Dispatcher:
             for watcher in watchers:
                 watcher.cancel()
             await asyncio.gather(*watchers, return_exceptions=True)
-            # at rest nothing runs any more; left by an error (a journal that cannot be written),
-            # the arm must not go on
+            # at rest nothing runs; after an error (no journal can be written) a task may still
+            # be moving the arm
             await self._end_running(halt=True)
 
     def _outcome(self, end: End) -> Outcome:
@@ -171,7 +171,7 @@ class Dispatcher:
             self._running = (effect, task)
 
     async def _end_running(self, *, halt: bool) -> None:
-        """End the task at work; metal first, since a cancelled task stops nothing by itself."""
+        """End the running task; halt the arm first, since cancelling a task stops no motor."""
         if self._running is None:
             return
         _, task = self._running
@@ -179,8 +179,8 @@ class Dispatcher:
         if task.done():
             return
         if halt:
-            # the effect of the state now entered stops everything properly and says so; here the
-            # arm is only kept from going on while the task unwinds
+            # the effect of the new state stops every device and journals it; this only keeps the
+            # arm from moving on while the task unwinds
             await self._stopping.halt_arm()
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
@@ -188,7 +188,7 @@ class Dispatcher:
     async def _act(self, effect: Effect) -> None:
         note = await self._outcome_of(effect)
         if self._running is None or self._running[1] is not asyncio.current_task():
-            # overtaken: what it says now is about a stop that somebody else has ordered
+            # overtaken: the stop itself may be what made it fail
             self._journal.write(rows.Overtaken(effect=effect.value, message=note.message))
             return
         self._inbox.put_nowait(note)
@@ -211,7 +211,7 @@ class Dispatcher:
             step = f"in step {effect.value}: " if isinstance(first, SilentLineError) else ""
             return _Note(Event.FAULT, effect, f"{step}{first}", _code_of(first))
         except Exception as error:
-            # a bug of ours must stop the cell like any fault, and be seen as a bug
+            # a bug stops the cell like any fault, and is logged with its traceback
             log.exception("effect %s failed", effect.value)
             return _Note(
                 Event.FAULT, effect, f"internal error in {effect.value}: {error!r}", "internal"

@@ -1,4 +1,4 @@
-"""One batch, from connecting to rest: builds the cell, runs the dispatcher, cleans up."""
+"""Runs one batch from connecting to rest: builds the cell, runs the dispatcher, cleans up."""
 
 import asyncio
 import hashlib
@@ -30,12 +30,12 @@ from .records import PartRecord, Progress
 
 @dataclass(frozen=True, slots=True)
 class RunOrder:
-    """What to run, and where its traces go.
+    """What to run, and where its journal and pictures go.
 
     Attributes
     ----------
-    emulated : what the emulator said of itself, empty on a real cell
-    clock : the one the devices keep
+    emulated : what the emulator reported of itself, empty on a real cell
+    clock : of the cell
     runs_dir : folder of all runs; the cell's journal stands in it
     is_part_removed : the operator states that no gripper holds anything
     """
@@ -85,18 +85,18 @@ async def run_batch(
     Parameters
     ----------
     order : what to run, and where its files go
-    pool : the processes that compute
+    pool : the worker process
     on_progress : called on the event loop with every change; must return at once
-    on_dispatcher : called once, before devices are connected; gives the caller what stops the run
+    on_dispatcher : called once before devices are connected, with what can stop the run
     on_notice : called with sentences that the operator should read
 
     Raises
     ------
-    JournalError : nothing may move without a journal
-    DeviceError : a device is not there, before anything moved
+    JournalError : the journal cannot be written, and nothing may move without it
+    DeviceError : a device does not answer; nothing has moved
     """
     order.folder.mkdir(parents=True, exist_ok=True)
-    # a long journal takes a second to check
+    # in a thread, since a long journal takes a second to check
     opened = await asyncio.to_thread(open_cell_journal, order.runs_dir / JOURNAL_NAME, order.run_id)
     journal = opened.journal
     if opened.notice:
@@ -172,7 +172,7 @@ async def run_batch(
 
 
 def _left_by_runs(journal: Journal, began: rows.RunBegan) -> tuple[tuple[Held, ...], list[str]]:
-    """Return what all journals say of a cell's grippers, and what went with an emulated cell."""
+    """Return which grippers may hold a part, and notices of parts gone with an emulated cell."""
     note_journal(journal.path, began)
     here = CellIdentity.of(began)
     found = rows_of_all_journals(journal.path, began)
@@ -195,7 +195,7 @@ def _gone_with_its_emulator(found: Sequence[Row], here: CellIdentity, run: str) 
 async def _refused(
     order: RunOrder, devices: Devices, journal: Journal, known: Sequence[Held]
 ) -> Outcome | None:
-    """Return why nothing may move, or None."""
+    """Return the outcome of a start that is refused since a gripper may hold a part, else None."""
     openings = await read_openings(devices)
     try:
         await require_empty_grippers(
@@ -222,14 +222,14 @@ async def _refused(
 
 
 def who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> rows.RunBegan:
-    """Return what is run on what, as a run's first row says it.
+    """Return the first row of a run: recipe, cell, devices, software.
 
     Parameters
     ----------
     order : what to run
     where : the devices' settings, as `resolve` found them
     """
-    # whatever keeps an emulator's clock is emulated, also where its address was given by hand
+    # all devices on an emulator's clock are emulated, also those whose address was given by hand
     emulated_names = where if order.clock.path is not None else order.cell.emulated_devices
     files = (order.recipe_path, order.cell_path, order.recipe.part, *order.recipe.others)
     return rows.RunBegan(

@@ -1,4 +1,4 @@
-"""Watches what no action reports: the safety copies, and a part that leaves the fixed gripper."""
+"""Watches what no action reports: interlocks, and a part that leaves the fixed gripper."""
 
 from contextlib import suppress
 from typing import Protocol
@@ -26,7 +26,7 @@ class Report(Protocol):
 
 
 class Watcher(Protocol):
-    """Something that is watched from the start of a batch to its end."""
+    """Watches something from the start of a batch to its end."""
 
     async def run(self, report: Report) -> None:
         """Watch until cancelled."""
@@ -34,7 +34,7 @@ class Watcher(Protocol):
 
 
 class InterlockWatcher:
-    """Turns a safety copy that is not healthy into a fault, at once."""
+    """Turns an interlock that is not healthy into a fault, at once."""
 
     def __init__(self, io: IoBlock) -> None:
         self._io = io
@@ -85,16 +85,16 @@ class FixedGripperWatcher:
                 return
             if is_lost:
                 report(Event.PART_DROPPED)
-            # the loss stands until the jaws are sent somewhere again
+            # the gripper reports the loss until its jaws are moved again
             with suppress(DeviceError):
                 while (await self._gripper.hold()) is Hold.LOST:
                     await self._clock.sleep(LOSS_POLL_S)
             await self._clock.sleep(LOSS_POLL_S)
 
     async def _book_loss(self) -> bool:
-        """Book what the fixed gripper has lost, if it alone had the part; return whether it had.
+        """Record a loss if the fixed gripper alone had the part; return whether it had.
 
-        While the arm gripper has it too, or already, that gripper's own look decides.
+        While the arm gripper has it too, or already, its own check decides.
         """
         if self._record.part.custody is not Custody.IN_FIXED:
             return False

@@ -1,6 +1,6 @@
-"""Whether a recipe can be run in a cell: what follows from files alone, before anything moves.
+"""Checks from files alone whether a recipe can be run in a cell, before anything moves.
 
-`cellctl check` prints it; `cellctl run` asks the same before it starts anything.
+`cellctl check` prints the result; `cellctl run` makes the same checks before it starts.
 """
 
 from __future__ import annotations
@@ -18,12 +18,13 @@ from controller.setup.planner import PlannerSetup
 from ..plans import Certified, Planning
 from . import Job, context, part_files
 
-LIKELY = 0.03  # poses rarer than this are no reason to refuse a recipe
+# A stable pose less probable than this is no reason to refuse a recipe.
+LIKELY = 0.03
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CheckedPose:
-    """A stable pose that parts are likely to lie in, and what can be promised of it."""
+    """A likely stable pose, and its plan or why there is none."""
 
     pose: StablePose
     certified: Certified
@@ -31,11 +32,11 @@ class CheckedPose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Checked:
-    """What a recipe comes to in a cell.
+    """Whether a recipe can be run in a cell.
 
     Attributes
     ----------
-    problems : why it cannot be run, a sentence each; none where it can
+    problems : why not, a sentence each; empty where it can
     """
 
     setup: PlannerSetup
@@ -44,19 +45,19 @@ class Checked:
 
 
 def check_sizes(recipe_path: Path, recipe: Recipe, cell: Cell) -> None:
-    """Check that each part would find room on the table, whichever way it lies.
+    """Check that each part fits on the table in any stable pose.
 
-    Before anything is compiled: a part in the wrong unit may have millions of samples.
+    Made before parts are compiled: one in the wrong unit may have millions of samples.
 
     Parameters
     ----------
     recipe_path : recipe file, for the message
     recipe : its parts are read, and their meshes measured
-    cell : its glowing area is the room there is
+    cell : its glowing area has to hold them
 
     Raises
     ------
-    ConfigError : it would not; the unit that the recipe declares may be wrong
+    ConfigError : one does not fit; the unit in the recipe may be wrong
     CadError : a CAD file is wrong
     """
     area = cell.table.glowing_area
@@ -76,7 +77,7 @@ def check_sizes(recipe_path: Path, recipe: Recipe, cell: Cell) -> None:
 
 
 def _solid(path: Path, options: CompileOptions) -> Solid:
-    """Return a part's solid, compiled only where reading alone takes as long."""
+    """Return a part's solid; compile it only where reading alone would take as long."""
     kept = cached_part(path, options)
     if kept is not None:
         return kept.solid
@@ -85,7 +86,7 @@ def _solid(path: Path, options: CompileOptions) -> Solid:
 
 
 def check_job(job: Job) -> Checked:
-    """Check files, CAD, and whether the part can be taken and shown from every likely pose.
+    """Check files and CAD, and that every likely stable pose has a plan.
 
     Raises
     ------
@@ -98,7 +99,7 @@ def check_job(job: Job) -> Checked:
 
 
 def check_plans(job: Job, progress: Callable[[str], None] | None = None) -> Checked:
-    """Check whether the part, whose files are known to be sound, can be taken and shown.
+    """Check that every likely stable pose has a plan; files are known to be sound.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What the cell decides, without I/O: its states, and which part faults it recovers from.
+"""What the cell decides, without I/O: its next state, and which part faults it recovers from.
 
 `table.py` has states, events and effects; `machine.py` decides by it; `recovery.py` is the recovery
 policy; `diagram.py` draws docs/state-machine.md.

@@ -11,7 +11,8 @@ from .machine import CellMachine, Transition
 from .table import COMMANDS, ENTRY, EXECUTE, IGNORED, SEPARATOR, STATES, Event
 
 PREFIX = EXECUTE + SEPARATOR
-LONG_COUNT = 8  # events in a row of the table; more are outcomes, and named by what is missing
+# A row of more events than this names the outcomes that it leaves out instead.
+LONG_COUNT = 8
 HEAD = """# The states of the cell
 
 Drawn from the machine by `python -m controller.cell.machine.diagram > docs/state-machine.md`; a
@@ -47,7 +48,7 @@ def _events_words(events: Sequence[Event]) -> str:
 
 
 def mermaid() -> str:
-    """Return every transition; the stages of one part stand in a box of their own."""
+    """Return every transition as mermaid; the stages of one part stand in a box of their own."""
     stages = [state for state in STATES if state.startswith(PREFIX)]
     lines = ["stateDiagram-v2", f"    [*] --> {CellMachine().state}", f"    state {EXECUTE} {{"]
     lines += [f"        {s} : {s.removeprefix(PREFIX)} / {ENTRY[s].value}" for s in stages]
@@ -66,7 +67,7 @@ def mermaid() -> str:
 
 
 def stages_mermaid() -> str:
-    """Return one part's way through the stages, recoveries among them; as the manual shows it."""
+    """Return the transitions between the stages of one part, as docs/operating.md shows them."""
     lines = ["stateDiagram-v2"]
     for arrow in _arrows():
         source, target = arrow.source, str(arrow.target)

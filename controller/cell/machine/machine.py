@@ -27,7 +27,7 @@ class Decision:
     ----------
     answer : handled, ignored or refused
     source, target : state before and after
-    effects : what to set going now
+    effects : what to start now
     reason : why it was refused or ignored
     """
 
@@ -48,7 +48,7 @@ class Transition:
 
 
 class CellMachine:
-    """The table with a present state."""
+    """A present state, and the table that leads on from it."""
 
     def __init__(self, initial: str = "stopped") -> None:
         self._effects: list[Effect] = []
@@ -71,7 +71,7 @@ class CellMachine:
                 self._machine.add_transition(event.value, list(sources), None, after=note)
 
     def _described(self, name: str, state: str) -> dict[str, Any]:
-        """Return a state as `transitions` takes it: its name, and what is noted on entering it."""
+        """Return a state as `transitions` requires it: its name, and the note made on entering."""
         effect = ENTRY.get(state)
         return {"name": name, "on_enter": [] if effect is None else partial(self._note, effect)}
 
@@ -82,7 +82,7 @@ class CellMachine:
         self._ignored_because = reason
 
     def dispatch(self, event: Event) -> Decision:
-        """Take one event; never raises for a pair the table does not know."""
+        """Take one event; a pair that the table does not have is refused, not raised."""
         source, self._effects, self._ignored_because = self.state, [], ""
         try:
             self.trigger(event.value)  # type: ignore[attr-defined]  # added by transitions
@@ -97,7 +97,7 @@ class CellMachine:
         return Decision("handled", source, self.state, tuple(self._effects))
 
     def transitions(self) -> tuple[Transition, ...]:
-        """Return what the machine was built of, in its own order."""
+        """Return all transitions, in the machine's own order."""
         return tuple(
             Transition(Event(event.name), one.source, one.dest)
             for event in self._machine.events.values()

@@ -1,8 +1,8 @@
 """The recovery policy: which faults of a part the cell recovers from by itself, and how often.
 
-Plain decisions, no device. Each part fault leads back into the table by one event; planning then
-starts from whoever has the part, with what has been seen left out (planning-facts.md 5). After too
-many tries a person is asked.
+Plain decisions, no device. The recovery action of a part fault is one event of the table; planning
+then starts from the gripper or table that has the part, and leaves out what has been seen
+(planning-facts.md 5). After too many tries the cell holds for a person.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,15 +16,17 @@ from .table import Event
 
 TRIES_PER_KIND: Final = 2
 TRIES_IN_ALL: Final = 6
-# of what one grip lets a part be off: beyond it ways and hand-offs are planned anew. A planned grip
-# bears 1 mm and 2 degrees (planning-facts.md 2.2); beyond 4 mm the inspection calls it a slip
+# How far a part may be from its planned grasp before paths and hand-offs are planned anew. A
+# planned grasp tolerates 1 mm and 2 degrees (planning-facts.md 2.2); inspection takes more than
+# 4 mm for a slip.
 HOLD_MM: Final = 1.5
 HOLD_RAD: Final = float(np.radians(2.0))
-WORTH_SHARE: Final = 0.01  # of the surface that a further plan must promise
+# A further plan must promise to show this share of the surface.
+WORTH_SHARE: Final = 0.01
 
 
 class PartFault(StrEnum):
-    """What may go wrong with a part and be put right without a person; also its code."""
+    """What may go wrong with a part and may be recovered from; the value is its code."""
 
     GRASP_MISSED = "grip_missed"
     GRASP_WRONG = "grip_wrong"
@@ -38,7 +40,7 @@ class PartFault(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class RecoveryAction:
-    """What the cell does about a part fault.
+    """A recovery action: what leads back to the work after a part fault.
 
     Attributes
     ----------
@@ -69,24 +71,24 @@ RECOVERY_ACTIONS: Final[Mapping[PartFault, RecoveryAction]] = {
     ),
 }
 
-# learnt, rather than gone wrong: these use up nothing of what is allowed in all
+# These are measurements rather than failures: they do not count towards TRIES_IN_ALL.
 LEARNT: Final = frozenset({PartFault.HELD_OTHERWISE, PartFault.SEEN_TOO_LITTLE})
 
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """One part fault that the cell set out to recover from."""
+    """A part fault that the cell set out to recover from."""
 
     fault: PartFault
     reason: str
 
 
 def recovery_for(fault: PartFault, past: Sequence[Recovery]) -> RecoveryAction | None:
-    """Return what to do about a part fault; None where it has been tried often enough.
+    """Return the recovery action for a part fault; None where the tries are used up.
 
     Parameters
     ----------
-    fault : which
+    fault : to recover from
     past : recoveries of the same part
     """
     action = RECOVERY_ACTIONS[fault]
@@ -98,5 +100,5 @@ def recovery_for(fault: PartFault, past: Sequence[Recovery]) -> RecoveryAction |
 
 
 def is_held_otherwise(shift_mm: float, turn_rad: float) -> bool:
-    """Return whether a measured grasp is too far from the one that was planned with."""
+    """Return whether a measured grasp is too far from the planned one."""
     return shift_mm > HOLD_MM or turn_rad > HOLD_RAD

@@ -1,4 +1,4 @@
-"""The table of the cell: its states, what can happen in each, and what is then to be done.
+"""The table of the cell: states, events, and the effect of entering each state.
 
 States carry PackML's names; within Execute stand the stages of one part. A pair of state and event
 that is neither in `TABLE` nor in `IGNORED` is refused.
@@ -10,7 +10,7 @@ from typing import Final
 
 
 class Event(StrEnum):
-    """What can happen to the cell."""
+    """What can happen to the cell; the value is its name in the journal."""
 
     RESET = "reset"
     RESET_DONE = "reset_done"
@@ -45,7 +45,7 @@ class Event(StrEnum):
 
 
 class Effect(StrEnum):
-    """What the dispatcher has to set going."""
+    """What the dispatcher is to start."""
 
     HOME = "home"
     ACQUIRE = "acquire"
@@ -68,7 +68,7 @@ class Effect(StrEnum):
 SEPARATOR: Final = "_"
 EXECUTE: Final = "execute"
 
-# state -> effect on entering it
+# The effect of entering a stage.
 STAGES: Final[Mapping[str, Effect]] = {
     "acquiring": Effect.ACQUIRE,
     "recognising": Effect.RECOGNISE,
@@ -104,15 +104,15 @@ def state_of_stage(name: str) -> str:
 
 
 _IN_EXECUTE: Final = tuple(state_of_stage(name) for name in STAGES)
-# stages in which some gripper has the part, or is about to
+# Stages in which a gripper has the part, or is about to take it.
 _HOLDING: Final = tuple(
     state_of_stage(name)
     for name in ("planning", "grasping", "presenting", "inspecting", "handing", "lowering",
                  "placing")
 )  # fmt: skip
-# Stop is obeyed wherever something may move; from `held` too, where a part may hang in the arm
+# Stop is taken wherever something may move; in `held` too, where the arm may hold a part.
 _STOPPABLE: Final = ("resetting", "completing", "holding", "held", "idle", *_IN_EXECUTE)
-# A fault is taken even at rest: a door that opens or a device that leaves is known at once
+# A fault is taken even at rest: an open door or a lost device is reported at once.
 _FAULTABLE: Final = (*_STOPPABLE, "stopping", "clearing")
 
 TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
@@ -122,10 +122,10 @@ TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
     (Event.PICTURE_TAKEN, (state_of_stage("acquiring"),), state_of_stage("recognising")),
     (Event.PART_RECOGNISED, (state_of_stage("recognising"),), state_of_stage("planning")),
     (Event.PLANNED, (state_of_stage("planning"),), state_of_stage("grasping")),
-    # a plan made while a gripper has the part
+    # The plan was made while a gripper has the part.
     (Event.PLANNED_ON, (state_of_stage("planning"),), state_of_stage("presenting")),
     (Event.GRASPED, (state_of_stage("grasping"),), state_of_stage("presenting")),
-    # a missed grip may have pushed the part: look again, never close again blindly
+    # A missed grasp may have pushed the part: take pictures before the next one.
     (Event.GRASP_MISSED, (state_of_stage("grasping"),), state_of_stage("acquiring")),
     (Event.SHOWN, (state_of_stage("presenting"),), state_of_stage("inspecting")),
     (Event.INSPECTED, (state_of_stage("inspecting"),), state_of_stage("presenting")),
@@ -133,12 +133,12 @@ TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
     (Event.HANDED_OFF, (state_of_stage("handing"),), state_of_stage("presenting")),
     (Event.SET_DOWN_DUE, (state_of_stage("inspecting"),), state_of_stage("lowering")),
     (Event.SET_DOWN, (state_of_stage("lowering"),), state_of_stage("withdrawing")),
-    # nobody holds it any more: away from above the table, look again, plan from where it lies
+    # No gripper has the part: withdraw the arm, take pictures, plan from where the part is.
     (Event.PART_DROPPED, _HOLDING, state_of_stage("withdrawing")),
-    # outside of these a loss means that a person was at it, or that the books are wrong
+    # In these states no gripper should have a part: a person took it, or custody is wrong.
     (Event.PART_DROPPED, ("resetting", "completing"), "holding"),
     (Event.WITHDRAWN, (state_of_stage("withdrawing"),), state_of_stage("acquiring")),
-    # it is held, but not as the plan has it, or the plan has shown less than it meant to
+    # The part is held otherwise than planned, or less of it was in sight than planned.
     (
         Event.PLAN_VOID,
         (state_of_stage("presenting"), state_of_stage("inspecting"), state_of_stage("handing")),
@@ -148,8 +148,8 @@ TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
     (Event.PLACED, (state_of_stage("placing"),), "completing"),
     (Event.PART_DONE, ("completing",), state_of_stage("acquiring")),
     (Event.BATCH_DONE, ("completing",), "complete"),
-    # the part, not the cell, is the trouble: stop where it is safe and ask a person; homing finds
-    # a fixture that still holds something, and a part may slip out of it until the batch rests
+    # Something is wrong with the part, not the cell: hold for a person. Homing may find a part in
+    # the fixed gripper, and one may slip out of it until the batch is complete.
     (Event.PART_PROBLEM, ("resetting", "completing", *_IN_EXECUTE), "holding"),
     (Event.HOLD_DONE, ("holding",), "held"),
     (Event.STOP, _STOPPABLE, "stopping"),
@@ -160,10 +160,10 @@ TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
     (Event.CLEAR_DONE, ("clearing",), "stopped"),
 )
 
-# What people and interlocks send; all other events are outcomes of effects
+# Sent by people and interlocks; all other events are outcomes of effects.
 COMMANDS: Final = (Event.RESET, Event.START, Event.STOP, Event.CLEAR, Event.FAULT)
 _OUTCOMES: Final = tuple(event for event in Event if event not in COMMANDS)
-# Where an effect was overtaken by a stop or a fault, with the outcome that is waited for there
+# States entered by overtaking an effect, with the outcome that is awaited in them.
 _OVERTAKEN: Final[Mapping[str, Event | None]] = {
     "stopping": Event.STOP_DONE,
     "stopped": None,
@@ -174,7 +174,7 @@ _OVERTAKEN: Final[Mapping[str, Event | None]] = {
     "clearing": Event.CLEAR_DONE,
 }
 
-# Pairs that are no mistake and change nothing: events, states, why
+# Pairs that are expected and change nothing: events, states, reason.
 IGNORED: Final[tuple[tuple[tuple[Event, ...], tuple[str, ...], str], ...]] = (
     (
         (Event.FAULT,),
@@ -186,7 +186,7 @@ IGNORED: Final[tuple[tuple[tuple[Event, ...], tuple[str, ...], str], ...]] = (
         ("stopped", "stopping", "aborting", "aborted", "complete", "clearing"),
         "nothing moves any more",
     ),
-    # the fixed gripper's keep-alive may notice late what the arm gripper's own look has shown
+    # The fixed gripper may report late what the arm gripper has already found.
     (
         (Event.PART_DROPPED,),
         tuple(state_of_stage(name) for name in ("acquiring", "recognising", "withdrawing")),

@@ -1,7 +1,7 @@
 """Plans, certificates and prepared parts, from the cache where they are there.
 
-`planning.py` plans what the cache does not have; `stored.py` is how all three are stored, and
-checked when they are read.
+`planning.py` makes what the cache does not have; `stored.py` stores all three, and checks them
+when they are read.
 """
 
 from .planning import Planning, planner_hash

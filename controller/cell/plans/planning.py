@@ -1,8 +1,8 @@
-"""Plans and certificates kept between runs, each in a file of the cache.
+"""Plans and certificates of a part in a cell, each in a file of the cache.
 
-A file is named by all that decides what is in it: the part, the cell as planning sees it, the
-planner's options and source, the libraries it computes with, and where the part lies. So nothing
-has to be found out about an old file: another key is another file.
+A file's key covers all that decides what is in it: the part, the cell as planning sees it, the
+planner's options and source, the libraries it computes with, and the pose of the part. So a file
+cannot be out of date: a change of any of them is another file.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Planning:
     part : the compiled part
     layout : the cell
     options : of the planner
-    use_cache : False to make everything anew and keep nothing
+    use_cache : False to make everything anew and store nothing
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Planning:
             FORMAT,
             part.solid.content_hash,
             part.solid.unit,
-            part.samples,  # what coverage is counted by; compiling may be asked for more of them
+            part.samples,  # coverage is counted by them; their density is an option
             layout,
             self._options,
             planner_hash(),
@@ -78,12 +78,12 @@ class Planning:
 
     @property
     def is_from_cache(self) -> bool:
-        """Return whether all that was asked so far was there already."""
+        """Return whether the cache had everything so far."""
         return self._made == 0
 
     @property
     def is_prepared(self) -> bool:
-        """Return whether the long work has been done before."""
+        """Return whether the long work is already done."""
         if self._prepared is not None:
             return True
         return (
@@ -111,7 +111,7 @@ class Planning:
         return self._prepared
 
     def plan_at(self, pose: StablePose, x_mm: float, y_mm: float, theta_rad: float) -> KeptPlan:
-        """Return the plan for the part at rest at a place, or why there is none.
+        """Return the plan for the part at rest in a pose on the table, or why there is none.
 
         Parameters
         ----------
@@ -137,7 +137,7 @@ class Planning:
         return found
 
     def certified(self, pose: StablePose) -> Certified:
-        """Return what a pose comes to, lying in the middle of where parts may lie."""
+        """Return the certificate of a stable pose, in the middle of where parts may rest."""
         name = self._part.solid.name
         file = self._kept.certificates.file(name, digest_of(self._key, "certificate", pose.index))
         found = self._kept.certificates.load(file) if self._use_cache else None
@@ -155,7 +155,7 @@ class Planning:
     def _certify(self, pose: StablePose) -> Certified:
         try:
             part = self.prepared()
-        except NoPlanError as error:  # nothing can hold it, whichever way it lies
+        except NoPlanError as error:  # nothing can hold it, in any stable pose
             certificate = Certificate(pose.index, pose.probability, None, str(error), 0.0)
             return Certified(certificate, 0, 0)
         (certificate,) = certify(part, self._layout, (pose,))
@@ -169,7 +169,7 @@ class Planning:
 
 @lru_cache(maxsize=1)
 def planner_hash() -> str:
-    """Return a hash of all source that decides a plan, and of the libraries it computes with."""
+    """Return a hash of all source that decides a plan, and of the libraries' versions."""
     root = Path(__file__).parents[3]
     return digest_of(source_hash(*(root / room for room in SOURCES)), versions(*DECIDING))
 

@@ -1,8 +1,8 @@
 """Plans, certificates and prepared parts as files of the cache: how they are stored and checked.
 
-They are stored by `controller.cache`: JSON and arrays, read by the types alone, so that a file can
-hold nothing that runs. What is read is then held against what a plan has to be: a file that was
-planted or damaged under a right digest moves no arm.
+`controller.cache` stores them as JSON and arrays and reads them by type alone, so that a file
+cannot hold code. What was read is then checked against what a plan has to be: a file that was
+planted, or damaged under a valid digest, moves no arm.
 """
 
 from __future__ import annotations
@@ -32,11 +32,13 @@ from controller.planning import (
 )
 from controller.planning.geometry import PartShape
 
-FORMAT = 3  # raised when the meaning of kept plans changes
-MAX_PLAN_COUNT, MAX_PREPARED_COUNT = 500, 30  # the oldest ones go first; each can be made again
+# To be raised when the meaning of stored plans changes.
+FORMAT = 3
+# The oldest files are deleted first; each can be made again.
+MAX_PLAN_COUNT, MAX_PREPARED_COUNT = 500, 30
 STEPS = (Pick, Present, GiveStep, ReceiveStep, SetDown, Look)
 ROTATION_TOLERANCE = 1e-6
-# fields that hold one array each, and its shape; the others are looked into
+# Fields of one array, whose shape is checked; other fields are searched for such fields.
 POSES = ("T_world_part", "T_part_tcp", "T_tcp_part")
 VECTORS = {"q": 6, "direction_part": 3}
 PATHS = (
@@ -52,11 +54,11 @@ PATHS = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeptPlan:
-    """A plan from one place, or why there is none.
+    """A plan from one pose on the table, or why there is none.
 
     Attributes
     ----------
-    T_world_part : (4, 4) where the part lies
+    T_world_part : (4, 4) pose of the part
     plan : None where `reason` says why
     """
 
@@ -68,11 +70,11 @@ class KeptPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Certified:
-    """What a stable pose of a part comes to in a cell.
+    """The certificate of a stable pose in a cell.
 
     Attributes
     ----------
-    arm_grasp_count, fixed_grasp_count : how many ways of holding it plans choose from
+    arm_grasp_count, fixed_grasp_count : how many grasps plans choose from
     """
 
     certificate: Certificate
@@ -105,7 +107,7 @@ class Kept:
 
     @cached_property
     def prepared(self) -> DiskCache[PreparedPart]:
-        """The cache of what is prepared of the part; the part itself is not stored once more."""
+        """The cache of the prepared part; it refers to the part, which is not stored again."""
         solid, samples, shape = self._part.solid, self._part.samples, PartShape.of(self._part.solid)
         return DiskCache(
             PreparedPart,
@@ -149,7 +151,7 @@ def check_plan(plan: Plan, sample_count: int, face_count: int) -> None:
 
     Raises
     ------
-    ValueError : it cannot; the message names what contradicts the part or itself
+    ValueError : it cannot; the message names the contradiction
     """
     _require(bool(plan.place), "a plan that ends nowhere")
     _require(plan.place.keys() == plan.park.keys(), "trays without a way to park, or the reverse")

@@ -1,8 +1,8 @@
 """What the cell does in each state: an action per effect of the table, each ending in one event.
 
 An action is a small object with the services it needs in its constructor; `run` reads like a page.
-Which services there are: `controller.cell.batch.services`. Who puts them together:
-`controller.cell.batch.assembly`. The stages of a part stand in `perception` and `manipulation`.
+The stages that look at the part are in `perception`, those that move it in `manipulation`. The
+services are in `controller.cell.batch.services`; `controller.cell.batch.assembly` hands them out.
 """
 
 from .action import Action, Actions

@@ -13,12 +13,12 @@ class Action(Protocol):
     """What the cell does in one state; ends in one event."""
 
     async def run(self) -> Event:
-        """Do it; return what came of it.
+        """Do it; return the event it ends in.
 
         Raises
         ------
-        PartFaultError : something is wrong with the part that the cell may recover from
-        PartProblemError : something is wrong with the part that a person has to look at
+        PartFaultError : the part has a fault that the cell may recover from
+        PartProblemError : a person has to look at the part
         """
         ...
 
@@ -38,7 +38,7 @@ class Actions:
         self._recoveries = recoveries
 
     async def perform(self, effect: Effect) -> Event:
-        """Run one effect to its end; return what came of it, or what leads to its recovery.
+        """Run one effect to its end; return its event, or the event of the recovery action.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Completing: the part is booked; the next one follows, or the batch ends."""
+"""Completing: the part is counted as done; the next one follows, or the batch ends."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ class CompleteAction:
     imaging: Imaging
 
     async def run(self) -> Event:
-        """Book the part; switch the lamps off after the last one."""
+        """Count the part as done; switch the lamps off after the last one."""
         self.record.finish_part()
         part = self.record.part
         assert part.verdict is not None

@@ -17,12 +17,12 @@ from ..services import Grippers, Imaging, Motion, Preparation
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HomeAction:
-    """Makes every device ready and drives the arm to where it is in nobody's way.
+    """Makes every device ready and moves the arm out of the way of cameras and grippers.
 
     Attributes
     ----------
     arm, gripper, io : devices that have to be powered, homed, activated, healthy
-    layout : where the arm is in nobody's way
+    layout : has the configuration to park in, and how wide the arm gripper opens
     motion, grippers, imaging, preparation, record, journal : services
     """
 

@@ -1,4 +1,4 @@
-"""Planning: what to do next, from whichever gripper or table has the part, as it is measured."""
+"""Planning: what to do next, from the gripper or table that has the part, as measured."""
 
 import logging
 from dataclasses import dataclass, replace
@@ -30,12 +30,12 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanAction:
-    """Plans how to go on, leaving out what has been seen.
+    """Plans what is still to do; what has been seen is left out.
 
     Attributes
     ----------
-    compute, preparation : plan
-    views : still being judged; what they show need not be shown again
+    compute, preparation : make the plan
+    views : collected first, so that nothing is shown twice
     held_pose : measures how the part is held
     motion : where the arm stands
     record : what is known of the part
@@ -49,7 +49,7 @@ class PlanAction:
     record: BatchRecord
 
     async def run(self) -> Event:
-        """Take in all views, measure the hold if need be, and plan.
+        """Collect all views, measure how the part is held where unknown, and plan.
 
         Raises
         ------
@@ -59,7 +59,7 @@ class PlanAction:
         self.record.show("planning")
         part, before = self.record.part, self.record.part.plan
         while await self.views.take_next() is not None:
-            pass  # how the part is held is measured here, not learnt from views of an earlier plan
+            pass  # these views are of an earlier plan: below, the hold is measured anew
         await self.held_pose.measure_again()
         start = await self._start()
         try:
@@ -69,7 +69,7 @@ class PlanAction:
             return self._keep_plan(error, start, before)
         is_more = part.recoveries and part.recoveries[-1].fault is PartFault.SEEN_TOO_LITTLE
         if is_more and await self.compute.surface_share(_new(plan, part.seen)) < WORTH_SHARE:
-            return Event.PLANNED_ON  # nothing to be gained: the plan there was goes on to its end
+            return Event.PLANNED_ON  # the new plan would gain too little: finish the old one
         part.plan, part.next_step = plan, 0
         part.plan_count += 1
         self.record.note(plan_row(plan))
@@ -93,9 +93,9 @@ class PlanAction:
         raise PartProblemError("no_plan", f"the part is {part.custody.value}: nothing to plan from")
 
     def _keep_plan(self, error: NoPlanError, start: Start, before: Plan | None) -> Event:
-        """Go on with the plan there was, where the part is still held; ask a person otherwise.
+        """Keep the old plan while a gripper has the part; otherwise call for a person.
 
-        A failed hand-off left the arm where that step began, so that it may be tried once more.
+        After a failed hand-off the arm stands where that step began, so it can be tried again.
         """
         if isinstance(start, OnTable) or before is None:
             raise PartProblemError("no_plan", str(error)) from error
@@ -105,7 +105,7 @@ class PlanAction:
 
 
 def _new(plan: Plan, seen: BoolArray | None) -> BoolArray:
-    """Return which samples (n,) a plan shows that have not been seen."""
+    """Return which samples (n,) a plan would show for the first time."""
     promised = merged([s.seen for s in plan.steps if isinstance(s, Present | Look)])
     if promised is None:
         return np.zeros(0 if seen is None else len(seen), dtype=bool)

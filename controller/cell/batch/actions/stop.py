@@ -1,4 +1,4 @@
-"""Holding, stopping, aborting, clearing: the cell comes to rest and leaves it; no jaw opens."""
+"""Holding, stopping, aborting, clearing: come to rest, and leave rest. No gripper opens."""
 
 import logging
 from contextlib import suppress
@@ -18,7 +18,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HoldAction:
-    """Stands still and keeps holding."""
+    """Stops the arm; grippers keep their grasp."""
 
     stopping: Stopping
     views: Views
@@ -32,13 +32,13 @@ class HoldAction:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StopMotionAction:
-    """Stops on request."""
+    """Stops every device on request."""
 
     stopping: Stopping
     views: Views
 
     async def run(self) -> Event:
-        """Stop every device; raise what the first one raised that did not confirm."""
+        """Stop every device; raise the error of the first that did not confirm."""
         self.views.drop_pending()
         failures = await self.stopping.stop_all(Stop.RAMP)
         for error in failures.values():
@@ -48,13 +48,13 @@ class StopMotionAction:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AbortMotionAction:
-    """Stops at once whatever still answers.
+    """Stops at once every device that still answers.
 
     Parameters
     ----------
     stopping : stops the devices
-    views : the views of the part; those still being judged are given up
-    journal : gets what stopped and what did not answer
+    views : of the part; those still being judged are dropped
+    journal : gets which devices stopped and which did not
     """
 
     stopping: Stopping
@@ -62,7 +62,7 @@ class AbortMotionAction:
     journal: Journal
 
     async def run(self) -> Event:
-        """Stop every device; write down which confirmed it."""
+        """Stop every device; journal which ones confirmed it."""
         self.views.drop_pending()
         failures = await self.stopping.stop_all(Stop.DEAD)
         for name in self.stopping.names:

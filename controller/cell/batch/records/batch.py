@@ -1,7 +1,7 @@
-"""Keeps what is known of the part at hand, and reports it: to the journal and to the operator.
+"""Keeps what is known of the batch, and reports it to the journal and to the operator.
 
-*Once* actions (grip, release, hand-off, sort) are on the disk before their bytes leave and are
-never repeated without a look at the jaws (cell-facts.md 2).
+*Once* actions (grasp, release, hand-off, sort) are on the disk before their bytes leave, and are
+never repeated before the jaws have been checked (cell-facts.md 2).
 """
 
 from collections.abc import AsyncIterator, Callable
@@ -15,7 +15,7 @@ from .progress import Progress
 
 
 class BatchRecord:
-    """The part at hand, the parts done, and who is told of them.
+    """The part at hand, the parts done, and where both are reported.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class BatchRecord:
         return (*self._finished, *([self.part] if is_begun else []))
 
     def begin_look(self) -> None:
-        """Begin the next part where the last one is done; forget the plan made for another look."""
+        """Begin the next part if the last one is done; drop a plan made from earlier pictures."""
         if self.part.tray is not None or self.part.number == 0:
             self.part = PartRecord(number=self.part.number + 1)
         self.part.plan, self.part.next_step = None, 0
@@ -56,7 +56,7 @@ class BatchRecord:
         self.parts_left -= 1
 
     def held(self) -> Hold:
-        """Return how the arm gripper has the part; it must have it."""
+        """Return how the arm gripper holds the part; it must hold it."""
         hold = self.part.hold
         assert hold is not None, "the arm gripper is empty"
         return hold
@@ -87,7 +87,7 @@ class BatchRecord:
 
     @asynccontextmanager
     async def once(self, intent: rows.Intent) -> AsyncIterator[None]:
-        """Do in the block what must never be repeated blindly; its intent is on the disk before."""
+        """Enter a block that must never be repeated blindly, once its intent is on the disk."""
         await self._journal.write_secured(intent, self.part.number)
         yield
         self._journal.write(rows.OnceDone(name=intent.name), self.part.number)

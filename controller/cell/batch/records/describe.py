@@ -1,4 +1,4 @@
-"""Turns what the rooms answered into rows of the journal."""
+"""Turns plans, sightings, view results and verdicts into rows of the journal."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from controller.recognition import Sighting
 
 
 def plan_row(plan: Plan) -> rows.PlanMade:
-    """Return a plan as the journal keeps it."""
+    """Return the row of a plan."""
     return rows.PlanMade(
         steps=tuple(label for label, _ in plan.seconds_by_step),
         seconds=tuple(round(seconds, 2) for _, seconds in plan.seconds_by_step),
@@ -24,7 +24,7 @@ def plan_row(plan: Plan) -> rows.PlanMade:
 
 
 def sightings_row(sightings: tuple[Sighting, ...]) -> rows.Sightings:
-    """Return what lies on the table as the journal keeps it."""
+    """Return the row of all sightings of a look at the table."""
     return rows.Sightings(sightings=tuple(_sighting(s) for s in sightings))
 
 
@@ -53,7 +53,7 @@ def _sighting(s: Sighting) -> rows.Sighting:
 
 
 def view_row(r: inspecting.ViewResult) -> rows.ViewJudged:
-    """Return a view's result as the journal keeps it."""
+    """Return the row of a view's result."""
     return rows.ViewJudged(
         view=r.view_id,
         evaluated=r.evaluated,
@@ -93,7 +93,7 @@ def view_row(r: inspecting.ViewResult) -> rows.ViewJudged:
 
 
 def verdict_row(v: inspecting.PartVerdict) -> rows.PartJudged:
-    """Return a verdict as the journal keeps it."""
+    """Return the row of a verdict."""
     return rows.PartJudged(
         verdict=v.verdict.value,
         reasons=v.reasons,

@@ -16,15 +16,15 @@ from controller.recognition import Alternative, Sighting
 
 @dataclass(slots=True, eq=False)
 class Hold:
-    """How the hand has the part, from one closing of its jaws to their next opening.
+    """How the arm gripper holds the part, from one grasp to its release.
 
     Attributes
     ----------
     grasp : as planned
     T_part_tcp : (4, 4) as planned, or as measured once `is_seen`
-    width_mm : of the jaws on the part
-    is_seen : a view has confirmed it
-    unconfirmed_count : views in a row that could not
+    width_mm : opening of the jaws on the part
+    is_seen : whether a view has confirmed it
+    unconfirmed_count : how many views in a row could not confirm it
     """
 
     grasp: Grasp
@@ -40,7 +40,7 @@ class Shown:
 
     Attributes
     ----------
-    hold : under which it was taken, None where it lay on the table
+    hold : in which it was taken, None for a part on the table
     q : (6,) where the arm stood; expected : (4, 4) where the part should have been
     backlit : its picture before the glowing panel
     """
@@ -60,15 +60,17 @@ class PartRecord:
 
     Attributes
     ----------
-    pictures, picture_names, look_count : of the last look at the table, and how many there were
-    candidates : what else it may be, as far as the pictures of the table tell
-    plan, plan_count, next_step : the plan in work, how many were made, where it stands
-    hold : of the hand, None where it is empty
-    fixed_grasp : how the fixed gripper has the part, as measured; None where it is empty
-    results : of all views, whatever plan they were part of: they are facts
-    planned : by view, which samples (n,) it was meant to show
-    recoveries : what the cell has set out to get over by itself
-    avoid : ids of grips that have failed
+    pictures, picture_names : of the last look at the table
+    look_count : how often the table was looked at
+    candidates : what else it may be, by the pictures of the table
+    plan, next_step : the plan being followed, and the number of its next step
+    plan_count : how many plans were made
+    hold : how the arm gripper holds it, None where that is empty
+    fixed_grasp : how the fixed gripper holds it, as measured; None where that is empty
+    results : of all views, of earlier plans too
+    planned : by view, which samples (n,) it was planned to show
+    recoveries : part faults that the cell has set out to recover from
+    avoid : ids of grasps that have failed
     """
 
     number: int
@@ -93,15 +95,15 @@ class PartRecord:
 
     @property
     def seen(self) -> BoolArray | None:
-        """Return which samples (n,) views have truly shown; None before the first view.
+        """Return which samples (n,) were in sight of views; None before the first view.
 
-        Shown, not compared: what no check can compare, another view like it cannot either.
+        In sight, compared or not: where no check could compare, another such view could not either.
         """
         return merged([result.shown for result in self.results if result.evaluated])
 
     @property
     def promised(self) -> BoolArray | None:
-        """Return what the views of the present plan were to show (n,)."""
+        """Return which samples (n,) the views of the present plan are to show."""
         plan = self.plan
         if plan is None:
             return None
@@ -113,6 +115,6 @@ class PartRecord:
 
 
 def merged(masks: Sequence[BoolArray]) -> BoolArray | None:
-    """Return which samples any of the views (n,) has shown; None where there was none."""
+    """Return the union of masks (n,); None where there is none that has samples."""
     whole = [mask for mask in masks if len(mask)]
     return np.logical_or.reduce(whole) if whole else None

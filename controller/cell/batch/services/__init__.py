@@ -1,7 +1,7 @@
-"""What the actions of the cell work with: one small service for each thing there is to do.
+"""What actions work with: one small service each for motion, grippers, imaging, views and so on.
 
-A service is handed to an action by its constructor and is used through its public names only. None
-of them decides what comes next; that is for the actions and for the table.
+An action gets its services in its constructor and uses their public names only. No service decides
+what comes next; actions and the table do.
 """
 
 from .grippers import Grippers

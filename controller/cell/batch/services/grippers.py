@@ -1,4 +1,4 @@
-"""Opens and closes both grippers, checks that they hold, and books the part that they lose."""
+"""Opens and closes both grippers, checks that they hold, and records a part that they lose."""
 
 from controller.cell.custody import Custody
 from controller.cell.custody.release_guard import LOST_MM, NOTHING_MM, ReleaseGuard
@@ -17,8 +17,8 @@ class Grippers:
     Parameters
     ----------
     arm, fixed, io : the devices; the light barrier of the fixed gripper is an input of ``io``
-    record : who has the part
-    recipe : how hard to grip, and how far an opening may be off
+    record : has the custody of the part
+    recipe : has the force, and the tolerance of an opening
     """
 
     def __init__(
@@ -29,7 +29,7 @@ class Grippers:
         self._record = record
         self._guard = ReleaseGuard(arm, fixed, io)
         self._force_n = recipe.grasp.force_n
-        # MAX_FORCE has no unit of its own; 20 to 60 have been used (umi_rtx.md 5.6)
+        # MAX_FORCE has no unit; values from 20 to 60 have been used (umi_rtx.md 5.6)
         self._arm_force = max(20, min(60, round(recipe.grasp.force_n)))
         self.tolerance_mm = recipe.grasp.width_tolerance_mm
 
@@ -38,12 +38,12 @@ class Grippers:
 
         Raises
         ------
-        ReleaseRefusedError : nobody else is known to hold what it holds
+        ReleaseRefusedError : no other gripper is known to hold what it holds
         """
         await self._guard.open_arm(opening_mm, self._record.part.custody)
 
     async def release_to_fixed(self, opening_mm: float) -> None:
-        """Open the arm gripper once the fixed gripper has the part, too.
+        """Open the arm gripper once the fixed gripper has the part too.
 
         Raises
         ------
@@ -60,11 +60,11 @@ class Grippers:
         self._record.part.hold = None
 
     async def open_fixed(self, opening_mm: float | None = None) -> None:
-        """Open the fixed gripper; as wide as it goes where no opening is named.
+        """Open the fixed gripper; by default as wide as it goes.
 
         Raises
         ------
-        ReleaseRefusedError : nobody else is known to hold what it holds
+        ReleaseRefusedError : no other gripper is known to hold what it holds
         """
         part = self._record.part
         gripped_mm = 0.0 if part.hold is None else part.hold.width_mm
@@ -73,11 +73,11 @@ class Grippers:
         await self._guard.open_fixed(opening_mm, part.custody, gripped_mm)
 
     async def release_to_arm(self, opening_mm: float) -> None:
-        """Open the fixed gripper once the arm gripper has the part, too.
+        """Open the fixed gripper once the arm gripper has the part too.
 
         Raises
         ------
-        ReleaseRefusedError : the jaws of the arm gripper do not stand on the part
+        ReleaseRefusedError : the arm gripper's jaws do not stand on the part
         """
         async with self._record.once(Intent(name=Once.RELEASE_FIXED, open_mm=opening_mm)):
             await self.open_fixed(opening_mm)
@@ -88,7 +88,7 @@ class Grippers:
 
         Parameters
         ----------
-        action : to take it off the table, or back from the fixed gripper
+        action : off the table, or out of the fixed gripper
         expected_mm : the opening the plan expects
         """
         async with self._record.once(Intent(name=action, expected_mm=expected_mm)):
@@ -100,14 +100,14 @@ class Grippers:
             return await self._fixed.close_on(expected_mm, force_n=self._force_n)
 
     async def require_arm_holds(self) -> None:
-        """Press once more and look at the jaws: with nothing between them they close.
+        """Check that the arm gripper holds the part: press once more, and read the opening.
 
-        A jaw that stalled on the part stands where it stalled even when the part has gone
-        (umi_rtx.md 7), so that its opening alone proves nothing.
+        The opening alone proves nothing: a jaw that stalled on the part stays where it stalled even
+        when the part is gone (umi_rtx.md 7). Pressed again with nothing between, the jaws close.
 
         Raises
         ------
-        PartFaultError : the part is gone; custody says where it may be
+        PartFaultError : the part is gone; custody has where it may be
         """
         hold = self._record.held()
         opening_mm = await self._arm.grasp(self._arm_force)
@@ -141,13 +141,13 @@ class Grippers:
             raise await self.lose_from_fixed()
 
     async def lose_from_fixed(self) -> PartFaultError:
-        """Book a part that has left the fixed gripper while nobody else had it."""
+        """Record that the part left the fixed gripper, which alone had it; return the fault."""
         self._record.part.fixed_grasp = None
         await self._record.set_custody(Custody.LOST, "at the fixed gripper")
         return PartFaultError(PartFault.DROPPED, "the part left the fixed gripper")
 
     async def openings_mm(self) -> tuple[float, float]:
-        """Return how wide the jaws stand: of the arm gripper, of the fixed gripper [mm]."""
+        """Return the openings of the arm gripper and of the fixed gripper [mm]."""
         return await self._arm.read_opening_mm(), (await self._fixed.status()).width_mm
 
     @property

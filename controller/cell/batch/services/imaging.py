@@ -1,4 +1,4 @@
-"""Takes pictures, each exposed wholly after the lamps were as wanted, and stores them."""
+"""Takes pictures, each exposed wholly after the lamps had settled, and stores them."""
 
 import asyncio
 from collections.abc import Mapping
@@ -13,7 +13,8 @@ from drivers.kinds import Camera, LampUnit
 
 CameraName = Literal["overhead", "inspection"]
 
-LOOK_TIMEOUT_S = 30.0  # a camera that stalls is a fault, a slow one is not
+# Long enough for a slow camera; one that stalls is a fault.
+LOOK_TIMEOUT_S = 30.0
 
 
 class Imaging:
@@ -23,7 +24,7 @@ class Imaging:
     ----------
     lights : all lamps of the cell
     cameras : the driver of each
-    quick : cameras whose stream starts at once, so that it need not run while nobody looks
+    quick : cameras whose stream starts at once, so that it is paused between pictures
     folder : of the run; pictures go to its ``pictures``
     """
 
@@ -40,7 +41,7 @@ class Imaging:
         self._folder = folder
 
     async def shoot(self, camera: CameraName, lamps: Mapping[str, float]) -> Grey:
-        """Return a picture (height, width), exposed after the lamps were as wanted.
+        """Return a picture (height, width), exposed after the lamps had settled.
 
         Parameters
         ----------

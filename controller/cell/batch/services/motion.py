@@ -1,4 +1,4 @@
-"""Moves the arm along checked paths, and remembers how it came, so that it can go back."""
+"""Moves the arm along checked paths, and remembers them, so that it can move back."""
 
 from controller.arrays import FloatArray
 from controller.cell.devices.interlocks import check_interlocks
@@ -7,7 +7,8 @@ from drivers.kinds import Arm, IoBlock
 
 JointPath = tuple[FloatArray, ...]
 
-RINGING_S = 0.3  # a long arm rings after it stops
+# How long the arm vibrates after it stops.
+RINGING_S = 0.3
 
 
 class Motion:
@@ -24,16 +25,16 @@ class Motion:
         self._arm = arm
         self._io = io
         self._clock = clock
-        # where the arm has been since it last stood free of everything: the way back is free too
+        # waypoints since the arm last stood free of everything: moving back along them is free too
         self._trail: list[FloatArray] = []
 
     async def start_from(self, q: FloatArray) -> None:
-        """Drive to a configuration (6,) that is free of everything; ways back end there."""
+        """Move to a configuration (6,) that is free of everything; moving back ends there."""
         await self._arm.move_joints(q)
         self._trail = [q]
 
     async def follow(self, path: JointPath) -> None:
-        """Drive along a joint path, each waypoint (6,).
+        """Move along a joint path, each waypoint (6,).
 
         Raises
         ------
@@ -46,16 +47,16 @@ class Motion:
             await self._arm.move_joints(q)
 
     def mark_free(self) -> None:
-        """Note that the arm stands free of everything: nothing before this needs a way back."""
+        """Mark that the arm stands free of everything: moving back ends here from now on."""
         del self._trail[:-1]
 
     @property
     def can_go_back(self) -> bool:
-        """Whether a waypoint is known that the arm came from."""
+        """Whether the arm can be moved back by a waypoint."""
         return len(self._trail) > 1
 
     async def go_back(self, count: int) -> None:
-        """Drive the last ``count`` waypoints backwards, to where the arm stood before them.
+        """Move back along the last ``count`` waypoints, to where the arm stood before them.
 
         Raises
         ------
@@ -69,7 +70,7 @@ class Motion:
             await self._arm.move_joints(q)
 
     async def ring_down(self) -> None:
-        """Wait until the arm, which has stopped, stands still enough for a picture."""
+        """Wait until the stopped arm stands still enough for a picture."""
         await self._clock.sleep(RINGING_S)
 
     async def read_q(self) -> FloatArray:

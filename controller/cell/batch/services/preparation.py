@@ -1,4 +1,4 @@
-"""The planner's long work that depends on no picture: begun early, waited for when it is needed."""
+"""The planner's long work that needs no picture: begun early, waited for before a plan is made."""
 
 import asyncio
 

@@ -1,4 +1,4 @@
-"""Decides whether a part fault is recovered from once more, and writes that down."""
+"""Decides whether the cell recovers from a part fault once more, and journals that."""
 
 from controller.cell.errors import PartFaultError, PartProblemError
 from controller.cell.journal.rows import RecoveryBegun
@@ -25,7 +25,7 @@ class Recoveries:
         return recovery_for(fault, self._record.part.recoveries) is not None
 
     def book(self, error: PartFaultError) -> RecoveryAction:
-        """Return what the cell does about a fault, and write it down.
+        """Return the recovery action for a fault, and journal it.
 
         Raises
         ------
@@ -33,7 +33,7 @@ class Recoveries:
         """
         part = self._record.part
         if error.fault is PartFault.DROPPED and self._is_drop_booked:
-            return RECOVERY_ACTIONS[error.fault]  # noticed twice: by the jaws and by the keep-alive
+            return RECOVERY_ACTIONS[error.fault]  # both grippers may report the same drop
         action = recovery_for(error.fault, part.recoveries)
         if action is None:
             raise PartProblemError(
@@ -56,5 +56,5 @@ class Recoveries:
         return action
 
     def forget_drop(self) -> None:
-        """Take a part that falls from now on for another fall."""
+        """Count a part that is dropped from now on as another drop."""
         self._is_drop_booked = False

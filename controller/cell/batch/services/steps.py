@@ -1,4 +1,4 @@
-"""Goes through the plan in work step by step; says when each began and how long it took."""
+"""Goes through the plan step by step; shows when each begins and journals how long it took."""
 
 from dataclasses import dataclass
 from typing import TypedDict, TypeVar, Unpack
@@ -14,7 +14,7 @@ SomeStep = TypeVar("SomeStep", bound=Step)
 
 
 class StepFields(TypedDict, total=False):
-    """What a step's row may say beside its label and its times; see `StepDone`."""
+    """What a step's row may have beside its label and times; see `StepDone`."""
 
     view: str
     passed_by: str
@@ -25,12 +25,12 @@ class StepFields(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanSteps:
-    """The plan of the part at hand, and where it stands.
+    """The plan of the part at hand, and its next step.
 
     Attributes
     ----------
     record : has the plan
-    motion : learns that the arm stands free after each step
+    motion : is marked as free after each step
     clock : times the steps [cell s]
     """
 
@@ -62,13 +62,13 @@ class PlanSteps:
         return self.clock.now_s()
 
     def end(self, step: Step, started_s: float, **more: Unpack[StepFields]) -> None:
-        """Write down that a step is done; every step ends where the arm stands free.
+        """Journal that a step is done; every step ends where the arm stands free.
 
         Parameters
         ----------
         step : which
         started_s : when it began, as `begin` returned it [cell s]
-        more : what else its row says
+        more : what else its row has
         """
         self.record.note(
             StepDone(

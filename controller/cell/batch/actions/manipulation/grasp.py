@@ -21,7 +21,7 @@ class GraspAction:
     Attributes
     ----------
     steps, motion, grippers, views, record : services
-    layout : where the arm is in nobody's way
+    layout : has the configuration to park in
     """
 
     steps: PlanSteps
@@ -57,19 +57,20 @@ class GraspAction:
         return Event.GRASPED
 
     def _judge_on_table(self) -> None:
-        """Have the pictures that were just taken of the table judged as views, beside the grasp."""
+        """Have the latest pictures of the table judged as views while the arm grasps."""
         part = self.record.part
         while (look := self.steps.next(Look)) is not None:
             started_s = self.steps.begin(look)
             view = self.views.name(look)
             self.views.announce(look, part.picture_names)
-            # what stands about the table throws shadows by the side lamp that no prediction knows
+            # only the ring: things around the table cast shadows in the side lamp's light, and no
+            # prediction has them
             lit = {lamp: part.pictures[lamp] for lamp in TABLE_LAMPS[:1]}
             self.views.judge_on_table(view, look, part.pictures["table_backlight"], lit)
             self.steps.end(look, started_s, view=view)
 
     async def _check_opening(self, step: Pick, opening_mm: float) -> None:
-        """Leave the part where it is unless the jaws stopped about where the plan expects."""
+        """Leave the part where it is unless the jaws stopped where the plan expects them to."""
         expected = f"{step.expected_opening_mm:.1f} mm was expected"
         if opening_mm < step.expected_opening_mm - self.grippers.tolerance_mm:
             found = "on nothing" if opening_mm < NOTHING_MM else f"to {opening_mm:.1f} mm"
@@ -86,7 +87,7 @@ class GraspAction:
             )
 
     async def _leave(self, step: Pick) -> None:
-        """Open above what is there, and go back the way it came: that way is free."""
+        """Open, and go back along the path the arm came by: it is free of contact."""
         await self.grippers.open_arm(step.pre_open_mm)
         await self.record.set_custody(Custody.ON_TABLE)
         await self.motion.follow(step.motion_up)

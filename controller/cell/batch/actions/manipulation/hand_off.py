@@ -1,6 +1,6 @@
-"""Handing off: the fixed gripper takes the part, the arm gripper takes it back with another grasp.
+"""Handing off: the part goes to the fixed gripper and back to the arm gripper, in another grasp.
 
-Two-phase, both ways: the receiver's opening is confirmed before the giver opens.
+Each hand-off has two phases: the receiver's opening is confirmed before the giver opens.
 """
 
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ from controller.planning.model import CellLayout
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandOffAction:
-    """Changes the grasp by way of the fixed gripper.
+    """Changes the grasp by two hand-offs, to the fixed gripper and back.
 
     Attributes
     ----------
@@ -34,11 +34,11 @@ class HandOffAction:
     layout: CellLayout
 
     async def run(self) -> Event:
-        """Give, then receive; a plan that begins in the fixed gripper begins with the second half.
+        """Give, then receive; a plan that starts in the fixed gripper only receives.
 
         Raises
         ------
-        PartFaultError : the part is lost, or one of the grippers did not get it
+        PartFaultError : the part is lost, or the receiver did not get it
         """
         give = self.steps.next(GiveStep)
         if give is not None:
@@ -86,7 +86,7 @@ class HandOffAction:
         await self.record.set_custody(Custody.IN_ARM, "the fixed gripper did not get it")
         await self.grippers.open_fixed()
         await self.grippers.require_arm_holds()
-        # jaws that closed on the wrong faces may have turned it
+        # the fixed gripper may have turned the part by closing on the wrong faces
         hold.is_seen = False
         await self.motion.go_back(len(step.motion))
         if part.has_had(PartFault.HAND_OFF_FAILED):
@@ -124,7 +124,7 @@ class HandOffAction:
         await self.motion.go_back(len(step.approach))
         await self.grippers.require_fixed_holds()
         await self.motion.go_back(len(step.motion_in))
-        # nothing sees the part in the fixed gripper: what failed once would fail again
+        # no camera sees the part in the fixed gripper: a grasp that failed once would fail again
         self.record.part.avoid.add(step.grasp.id)
         raise PartFaultError(
             PartFault.RECEIVE_FAILED,

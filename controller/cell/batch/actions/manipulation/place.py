@@ -10,12 +10,13 @@ from controller.cell.machine import Event
 from controller.inspection import Verdict
 
 TRAYS = {Verdict.PASS: "accept", Verdict.FAIL: "reject"}
-QUARANTINE = "quarantine"  # for every other verdict
+# The tray of every other verdict.
+QUARANTINE = "quarantine"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaceAction:
-    """Sorts the part.
+    """Puts the part into the tray of its verdict.
 
     Attributes
     ----------
@@ -28,7 +29,7 @@ class PlaceAction:
     record: BatchRecord
 
     async def run(self) -> Event:
-        """Go over the tray, let go, go where the arm is in nobody's way.
+        """Move over the tray, release, park the arm.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Setting down: the part goes on the table, to be looked at and taken with another grasp."""
+"""Setting down: the part goes on the table, to be recognised again and regrasped."""
 
 from dataclasses import dataclass
 
@@ -25,7 +25,7 @@ class SetDownAction:
     record: BatchRecord
 
     async def run(self) -> Event:
-        """Go there, let go, rise.
+        """Move to the table, release, rise.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Withdrawing: the arm leaves the camera's sight, so that the table can be looked at."""
+"""Withdrawing: the arm leaves the overhead camera's sight, so that the table can be seen."""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from controller.planning import NoMotionError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WithdrawAction:
-    """Drives the arm to where it is in nobody's way, from wherever it stands.
+    """Parks the arm, from wherever it stands.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class WithdrawAction:
     record: BatchRecord
 
     async def run(self) -> Event:
-        """Go back the way the arm came until a path home is found, and follow that.
+        """Move back along the arm's own path until a path home is found; follow that.
 
         Raises
         ------

@@ -12,7 +12,8 @@ from controller.cell.errors import CellError
 from controller.cell.journal.rows import TablePictures
 from controller.cell.machine import Event
 
-LEAST_GLOW = 60  # of 255; a glowing table shows 150 and more
+# Grey level, 0..255; a glowing table is at 150 and more.
+LEAST_GLOW = 60
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,7 +24,7 @@ class AcquireAction:
     record: BatchRecord
 
     async def run(self) -> Event:
-        """Begin the next part, or look at the present one again.
+        """Take the pictures of the next part, or of the present one again.
 
         Raises
         ------
@@ -51,7 +52,7 @@ class AcquireAction:
 
 
 def _require_glow(picture: Grey) -> None:
-    """Raise CellError where the table does not glow: that is no empty table."""
+    """Raise CellError where the table does not glow: a dark table is not an empty one."""
     level = float(np.quantile(picture[::8, ::8], 0.9))
     if level < LEAST_GLOW:
         raise CellError(

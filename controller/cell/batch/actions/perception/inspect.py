@@ -1,4 +1,4 @@
-"""Inspecting: the views shown so far are taken in, and what comes next is decided."""
+"""Inspecting: collect the results of the views so far, and decide what comes next."""
 
 from dataclasses import dataclass
 
@@ -13,11 +13,11 @@ from controller.planning import GiveStep, Present, ReceiveStep, SetDown
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InspectAction:
-    """Waits for the views shown so far; judges the part once all are in.
+    """Collects the results of the views so far; judges the part after the last one.
 
     Attributes
     ----------
-    compute : weighs the views
+    compute : judges the part from its views
     steps, views, held_pose, record : services
     """
 
@@ -28,11 +28,11 @@ class InspectAction:
     record: BatchRecord
 
     async def run(self) -> Event:
-        """Take in the views; return what the plan has next, or that all is seen.
+        """Collect results; return what the plan has next, or that all is seen.
 
         Raises
         ------
-        PartFaultError : the part is not held as planned, or too little of it was seen
+        PartFaultError : the part is not held as planned, or too little of it was in sight
         """
         self.record.show("judging what was shown")
         await self._collect()
@@ -49,12 +49,12 @@ class InspectAction:
     async def _collect(self) -> None:
         while (judged := await self.views.take_next()) is not None:
             shown, result = judged
-            # of a hold that has been given up since nothing more need be known
+            # a view of an earlier grasp says nothing about the present one
             if shown.hold is not None and shown.hold is self.record.part.hold:
                 await self.held_pose.learn(shown, shown.hold, result)
 
     async def _require_enough(self) -> None:
-        """Plan once more where the views of the plan have truly shown less than they were to."""
+        """Raise PartFaultError, once for a part, where views showed less than the plan promised."""
         part = self.record.part
         promised, seen = part.promised, part.seen
         if promised is None or part.custody is not Custody.IN_ARM:

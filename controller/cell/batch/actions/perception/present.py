@@ -18,12 +18,12 @@ from controller.planning import Present
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PresentAction:
-    """Shows views to the inspection camera until something must be judged first.
+    """Presents views to the inspection camera until one has to be judged first.
 
     Attributes
     ----------
     steps, motion, grippers, imaging, views, record : services
-    disambiguation : finds out what is held, by a view that the plan has for that
+    disambiguation : decides which hypothesis is held, by the view planned for it
     """
 
     steps: PlanSteps
@@ -35,10 +35,10 @@ class PresentAction:
     record: BatchRecord
 
     async def run(self) -> Event:
-        """Show one view after another.
+        """Present one view after another.
 
-        After each new grasp one view is judged before the next: the hold is verified by sight. In
-        a plan made after a recovery, a view that would show nothing new is passed by.
+        After each new grasp the first view is judged before the second: it verifies the grasp. In
+        a plan made after a recovery, views that would show nothing new are skipped.
 
         Raises
         ------
@@ -63,7 +63,7 @@ class PresentAction:
         return Event.SHOWN
 
     async def _show(self, step: Present, hold: Hold) -> str:
-        """Take the pictures of a view and have them judged meanwhile; return what it is called."""
+        """Take the pictures of a view, have them judged in the background, return its name."""
         await self.motion.ring_down()
         view = self.views.name(step)
         backlit = await self.imaging.shoot("inspection", {"station_backlight": 1.0})
@@ -85,7 +85,7 @@ class PresentAction:
 def lamps_for(step: Present) -> tuple[str, ...]:
     """Return the lamps a view is lit with.
 
-    The side lamp's shadows show pockets and steps on a plane that is looked at squarely; on
-    slanting views they fall mostly where the prediction is not trusted.
+    On a plane seen squarely, the side lamp's shadows reveal pockets and steps. In slanting views
+    they fall mostly where the prediction is not trusted.
     """
     return STATION_LAMPS if step.square_to >= 0 else STATION_LAMPS[:1]

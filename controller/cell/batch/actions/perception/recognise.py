@@ -1,4 +1,4 @@
-"""Recognising: which part it is, which way up it is, and where."""
+"""Recognising: which part is on the table, in which stable pose, and where."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ class RecogniseAction:
 
     Parameters
     ----------
-    compute : the compute service, which recognises
+    compute : recognises, in the worker process
     recipe : says which part is wanted
     record : of the batch; gets what was recognised
     """

@@ -1,7 +1,8 @@
 """What the cameras see of the part: views and their results, how it is held, what it is.
 
-`views.py` has views judged, `held_pose.py` measures how the arm gripper holds the part,
-`disambiguation.py` decides between hypotheses, `holder.py` is what of the cell is in the picture.
+`views.py` has views judged in the worker process, `held_pose.py` measures how the arm gripper holds
+the part, `disambiguation.py` decides between hypotheses, `holder.py` has the boxes of arm and
+grippers that may hide the part.
 """
 
 from .disambiguation import Disambiguation

@@ -1,4 +1,4 @@
-"""Finds out what the arm gripper holds, by the view that decides between the hypotheses."""
+"""Decides what the arm gripper holds, by a disambiguation view."""
 
 from dataclasses import dataclass
 
@@ -22,19 +22,19 @@ class Disambiguation:
     async def resolve(
         self, ambiguity: Ambiguity, hold: Hold, q: FloatArray, backlit: Grey, lit: tuple[Grey, ...]
     ) -> None:
-        """Return if the view leaves the hypothesis that the plan was made for, and it alone.
+        """Check that the view leaves one hypothesis, the one that the plan was made for.
 
         Parameters
         ----------
         ambiguity : the hypotheses
-        hold : is corrected where another one is true
+        hold : corrected where another hypothesis is left
         q : (6,) where the arm stands
         backlit, lit : pictures of the view
 
         Raises
         ------
-        PartFaultError : the part, but in another stable pose than was planned with
-        PartProblemError : another part, or more than one hypothesis is left
+        PartFaultError : the part, in another stable pose than the plan's
+        PartProblemError : another part, or not exactly one hypothesis is left
         """
         part, names = self.record.part, [c.name for c in ambiguity.candidates]
         left = await self.compute.identify(ambiguity, q, hold.width_mm, backlit, lit)

@@ -1,4 +1,4 @@
-"""How the part truly sits in the arm gripper, as the inspection camera sees it."""
+"""Measures how the part sits in the arm gripper, by the inspection camera."""
 
 from dataclasses import dataclass
 
@@ -21,13 +21,15 @@ from ..recoveries import Recoveries
 from .holder import holder_boxes
 from .views import Views
 
-BAD_VIEW_COUNT = 2  # in a row, after which a hold that was seen is no longer trusted
-SAME_CONFIGURATION = np.array([0.01, 0.01, 0.01, 0.5, 0.01, 0.01])  # [rad, mm] servo and counts
+# After so many views in a row that do not confirm a hold, it is no longer trusted.
+BAD_VIEW_COUNT = 2
+# How far joints may be from a configuration and still be in it: servo error and counts [rad, mm].
+SAME_CONFIGURATION = np.array([0.01, 0.01, 0.01, 0.5, 0.01, 0.01])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeldPose:
-    """Confirms by sight how the part is held, and measures it.
+    """Confirms how the part is held, and measures it.
 
     Attributes
     ----------
@@ -36,7 +38,7 @@ class HeldPose:
     motion : where the arm stands
     imaging : takes one more picture
     compute : looks for the part in it
-    recoveries : whether a hold that differs from the planned one would be planned anew
+    recoveries : whether the cell would still make a new plan for another hold
     layout : where camera, arm and fixed gripper stand
     """
 
@@ -49,7 +51,7 @@ class HeldPose:
     layout: CellLayout
 
     async def measure_again(self) -> None:
-        """Look how the part is held, if the arm still stands before the camera.
+        """Measure how the part is held, if the arm still stands before the camera.
 
         Raises
         ------
@@ -74,17 +76,17 @@ class HeldPose:
         hold.is_seen = True
 
     async def learn(self, shown: Shown, hold: Hold, result: inspecting.ViewResult) -> None:
-        """Take a view as proof of the hold, and its pose as the true one.
+        """Take a view as proof of the hold, and its pose as the measured one.
 
         Parameters
         ----------
         shown : the view
-        hold : under which it was taken
-        result : what inspection made of it
+        hold : in which it was taken
+        result : its result by inspection
 
         Raises
         ------
-        PartFaultError : the part is held otherwise than planned with, or not seen in the gripper
+        PartFaultError : the part is held otherwise than planned, or not seen in the gripper
         """
         T_world_part, was_seen = result.T_world_part, hold.is_seen
         if not result.evaluated:
@@ -98,7 +100,7 @@ class HeldPose:
         if was_seen and not is_held_otherwise(shift_mm, turn_rad):
             return
         hold.T_part_tcp, hold.is_seen = measured, True
-        # what inspection still takes for the planned grasp can be lived with
+        # inspection accepted the view, and no further plan is allowed: go on as it is
         is_bearable = result.evaluated and not self.recoveries.may_recover(PartFault.HELD_OTHERWISE)
         if is_held_otherwise(shift_mm, turn_rad) and not is_bearable:
             raise PartFaultError(
@@ -108,12 +110,12 @@ class HeldPose:
             )
 
     async def _search(self, shown: Shown, hold: Hold, reason: str) -> FloatArray | None:
-        """Return T_world_part of a part that a view missed; None where one bad view is excused."""
+        """Search for the part that a view missed; return T_world_part, or None for one bad view."""
         found = await self.compute.find_hold(
             shown.expected, hold.T_part_tcp, shown.holder, shown.backlit
         )
         hold.unconfirmed_count += 1
-        # one bad view is a view less where others have confirmed the hold
+        # where other views have confirmed the hold, a single bad one is only left out
         if found is None and not (hold.is_seen and hold.unconfirmed_count < BAD_VIEW_COUNT):
             raise PartFaultError(
                 PartFault.HOLD_NOT_SEEN,
@@ -123,6 +125,6 @@ class HeldPose:
 
 
 def _difference(T_part_tcp: FloatArray, T_other: FloatArray) -> tuple[float, float]:
-    """Return how two holds differ: where the gripper is on the part [mm], and its turn [rad]."""
+    """Return how far apart two T_part_tcp are [mm, rad]."""
     shift_mm = float(np.linalg.norm(T_part_tcp[:3, 3] - T_other[:3, 3]))
     return shift_mm, rotation_angle(T_part_tcp[:3, :3].T @ T_other[:3, :3])

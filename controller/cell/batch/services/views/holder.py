@@ -1,4 +1,4 @@
-"""What of the cell itself may stand in the inspection picture: hand, arm, fixture, as boxes."""
+"""Boxes of the cell itself that may be in the inspection picture: arm and both grippers."""
 
 from controller.arrays import FloatArray
 from controller.inspection import WorldBox
@@ -8,7 +8,7 @@ from controller.planning.motion import Scene
 
 
 def holder_boxes(layout: CellLayout, q: FloatArray, opening_mm: float) -> tuple[WorldBox, ...]:
-    """Return every box of arm, hand and fixture in the world, jaws at ``opening_mm``.
+    """Return every box of arm, arm gripper, fixed gripper and obstacles in the world.
 
     Parameters
     ----------
@@ -21,7 +21,7 @@ def holder_boxes(layout: CellLayout, q: FloatArray, opening_mm: float) -> tuple[
         *fixed_gripper_boxes(layout),
         *layout.obstacles.values(),
     ]
-    # the panel's own housing stands behind the part and glows: it hides nothing
+    # the panel stands behind the part and glows: it hides nothing; the camera does not see itself
     panel = layout.obstacles.get("station_panel")
     camera = layout.obstacles.get("inspection_camera")
     return tuple(

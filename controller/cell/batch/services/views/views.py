@@ -1,4 +1,4 @@
-"""Views of the part that were shown: judged in the worker process while the arm goes on."""
+"""Views of the part: judged in the worker process while the arm moves on."""
 
 import asyncio
 import logging
@@ -20,7 +20,7 @@ log = logging.getLogger(__name__)
 
 
 class Views:
-    """What was shown to the cameras, and what inspection makes of it.
+    """The views shown to the cameras, and their results.
 
     Parameters
     ----------
@@ -37,22 +37,22 @@ class Views:
 
     @property
     def last_held(self) -> Shown | None:
-        """The view of the held part that was shown last, judged or not."""
+        """The last view of the held part, judged or not."""
         return self._last_held
 
     def name(self, step: Present | Look) -> str:
-        """Return what a view is called: plans after the first one begin to count anew."""
+        """Return a view's name; from the second plan on it ends in the number of the plan."""
         plan_count = self._record.part.plan_count
         return step.view_id if plan_count < 2 else f"{step.view_id}~{plan_count}"
 
     def announce(
         self, step: Present | Look, files: Mapping[str, str], q: FloatArray | None = None
     ) -> None:
-        """Write down the pictures of a view, and what it is meant to show.
+        """Journal the pictures of a view, and keep what it is planned to show.
 
         Parameters
         ----------
-        step : that shows it
+        step : that presents it
         files : by lamp
         q : (6,) where the arm stands; None for a part on the table
         """
@@ -65,12 +65,12 @@ class Views:
     def judge_held(
         self, view: str, hold: Hold, q: FloatArray, backlit: Grey, lit: Mapping[str, Grey]
     ) -> None:
-        """Begin to judge a view of the held part.
+        """Start judging a view of the held part.
 
         Parameters
         ----------
         view : its name
-        hold : under which it was taken
+        hold : in which it was taken
         q : (6,) where the arm stood
         backlit, lit : pictures before the glowing panel, and by lamp
         """
@@ -83,9 +83,9 @@ class Views:
         self._record.part.pending.append(self._last_held)
 
     def judge_on_table(self, view: str, step: Look, backlit: Grey, lit: Mapping[str, Grey]) -> None:
-        """Begin to judge pictures of the table as a view of the part that lies there.
+        """Start judging pictures of the table as a view of the part at rest on it.
 
-        It counts for what the plan says it resolves.
+        Only samples count that the plan has this view resolve.
 
         Parameters
         ----------
@@ -105,7 +105,7 @@ class Views:
         self._record.part.pending.append(Shown(view, None, np.zeros(6), T, (), backlit, task))
 
     async def take_next(self) -> tuple[Shown, inspecting.ViewResult] | None:
-        """Wait for the oldest view that is still being judged; return it, None if there is none."""
+        """Wait for the oldest view still being judged; return it, None if there is none."""
         part = self._record.part
         if not part.pending:
             return None
@@ -122,29 +122,29 @@ class Views:
         return shown, result
 
     async def is_worth_showing(self, step: Present) -> bool:
-        """Return whether a view was meant to show what none has truly shown yet.
+        """Return whether a view is planned to show samples that none has shown yet.
 
-        Without a recovery before, the plan is driven as it is. After one, the views still being
-        judged are waited for.
+        Before the first recovery every view is. After one, this waits for the views still being
+        judged.
         """
         part = self._record.part
         if not part.recoveries:
             return True
         tasks = [shown.task for shown in part.pending]
         if tasks:
-            await asyncio.wait(tasks)  # which, cancelled, leaves them be: what they tell are facts
+            await asyncio.wait(tasks)  # a stop cancels this wait, not the tasks
         judged = [t.result() for t in tasks if not t.cancelled() and t.exception() is None]
         seen = merged([r.shown for r in (*part.results, *judged) if r.evaluated])
         return seen is None or bool((step.seen & ~seen).any())
 
     def is_hold_questioned(self) -> bool:
-        """Return whether a view judged meanwhile says the part is not where it should be."""
+        """Return whether a view judged meanwhile does not confirm how the part is held."""
         pending = self._record.part.pending
         judged = [s.task for s in pending if s.task.done() and not s.task.cancelled()]
         return any(t.exception() is not None or not t.result().evaluated for t in judged)
 
     def drop_pending(self) -> None:
-        """Give up the views that are still being judged."""
+        """Drop the views that are still being judged."""
         for shown in self._record.part.pending:
             shown.task.cancel()
         self._record.part.pending.clear()
