@@ -1,6 +1,7 @@
 """What a calibrated camera sees of a posed mesh: which triangle in which pixel, and how far.
 
-The one picture predictor of the controller; recognition and inspection compare against it.
+The one picture predictor of the controller: what recognition, planning and inspection compare
+against.
 """
 
 from dataclasses import dataclass
@@ -57,21 +58,21 @@ def view_roi(
 
 
 def meet_part(
-    caster: RayCaster, T_world_part: FloatArray, camera: Camera, lines: FloatArray
+    caster: RayCaster, T_world_part: FloatArray, eye_mm: FloatArray, lines: FloatArray
 ) -> tuple[Int32Array, FloatArray]:
-    """Return the triangle (n,) each sight line meets first, -1 for none, and its depth [mm] (n,).
+    """Return the triangle (n,) each sight line meets first, -1 for none, and how far off (n,).
 
     Parameters
     ----------
     caster : rays against the part's mesh, CAD frame
     T_world_part : (4, 4) [mm]
-    camera : where the lines begin
-    lines : (n, 3) directions in the world, scaled to depth 1, as a camera gives them
+    eye_mm : (3,) where the lines begin, in the world
+    lines : (n, 3) directions in the world; distances are in units of their length, so that of
+        those a camera gives, scaled to depth 1, they are depths
     """
     T_part_world = inverse_pose(T_world_part)
     directions = lines @ T_part_world[:3, :3].T
-    origin = transform(T_part_world, camera.position_mm[None])[0]
-    return caster.first_hit(np.broadcast_to(origin, directions.shape), directions)
+    return caster.first_hit(transform(T_part_world, eye_mm[None])[0], directions)
 
 
 def render_maps(
@@ -90,5 +91,5 @@ def render_maps(
     x0, y0, x1, y1 = roi
     lines = camera.sight_line_table[y0:y1:step_px, x0:x1:step_px].astype(np.float64)
     shape = lines.shape[:2]
-    triangle, depth = meet_part(caster, T_world_part, camera, lines.reshape(-1, 3))
+    triangle, depth = meet_part(caster, T_world_part, camera.position_mm, lines.reshape(-1, 3))
     return ViewMaps(roi, triangle.reshape(shape), depth.reshape(shape))

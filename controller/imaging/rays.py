@@ -30,7 +30,8 @@ class RayCaster:
 
         Parameters
         ----------
-        origins_mm, directions : (n, 3); directions need not have unit length
+        origins_mm, directions : (n, 3), or (3,) where all rays begin at one point or are parallel;
+            directions need not have unit length
         within : (n,) where each ray ends, in units of its direction's length; a short ray is cheap
 
         Returns
@@ -38,9 +39,10 @@ class RayCaster:
         triangle : (n,) int, -1 where the ray meets nothing
         distance_mm : (n,) in units of the direction's length, inf where nothing is met
         """
+        shape = np.broadcast_shapes(origins_mm.shape, directions.shape)
         hits = self._scene.run(
-            np.ascontiguousarray(origins_mm, dtype=np.float32),
-            np.ascontiguousarray(directions, dtype=np.float32),
+            np.ascontiguousarray(np.broadcast_to(origins_mm, shape), dtype=np.float32),
+            np.ascontiguousarray(np.broadcast_to(directions, shape), dtype=np.float32),
             dists=None if within is None else np.ascontiguousarray(within, dtype=np.float32),
             output=1,
         )
@@ -58,7 +60,7 @@ class RayCaster:
 
         Parameters
         ----------
-        origins_mm, directions : (n, 3) in the mesh's frame
+        origins_mm, directions : as `first_hit`
         max_distance_mm : (n,) or one for all, how far the way goes, in units of the direction's
             length; None for ever
         """

@@ -220,7 +220,8 @@ def _compared(
     pixel_mm = camera.mm_per_px(transform(T, part.solid.centroid_mm[None])[0])
     rim = predict_outline(part.edges, T, camera, np.inf, pixel_mm)
     beside = camera.sight_lines(rim.pixels + CLEAR_PX * rim.normals)
-    mine = outline.is_judged(rim.pixels) & (meet_part(part.caster, T, camera, beside)[0] < 0)
+    met, _ = meet_part(part.caster, T, camera.position_mm, beside)
+    mine = outline.is_judged(rim.pixels) & (met < 0)
     gap = outline.gaps(rim.pixels, rim.normals, rim, COMPARED_PX).gap_px[mine]
     if np.isfinite(gap).sum() < LEAST_POINTS:
         return None

@@ -35,10 +35,7 @@ def cast(
     triangle : (height, width)
     distance_mm : (height, width) in units of the direction's length, inf where nothing is met
     """
-    shape = np.broadcast_shapes(origins_mm.shape, directions.shape)
-    triangle, distance = caster.first_hit(
-        np.broadcast_to(origins_mm, shape), np.broadcast_to(directions, shape)
-    )
+    triangle, distance = caster.first_hit(origins_mm, directions)
     return triangle.reshape(size[::-1]), distance.reshape(size[::-1])
 
 

@@ -170,7 +170,7 @@ def _sample(
 
 
 def _look(model: EdgeModel, eye: FloatArray, looks: FloatArray) -> tuple[Int32Array, FloatArray]:
-    return model.caster.first_hit(np.broadcast_to(eye, looks.shape), looks)
+    return model.caster.first_hit(eye, looks)
 
 
 def _seen(

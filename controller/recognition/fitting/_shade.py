@@ -67,7 +67,7 @@ def shading_fit(
     level = smooth[v, u].astype(np.float64)
     pixels = np.column_stack([u + corner_px[0], v + corner_px[1]]).astype(np.float64)
     lines = camera.sight_lines(pixels)
-    triangle, _ = meet_part(model.caster, T_world_part, camera, lines)
+    triangle, _ = meet_part(model.caster, T_world_part, camera.position_mm, lines)
     normals = model.normals[triangle] @ T_world_part[:3, :3].T
     missed = triangle < 0
     x, y, z = normals.T

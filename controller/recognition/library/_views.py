@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from controller.arrays import FloatArray, Int32Array
 from controller.cad import Solid, StablePose
-from controller.imaging import Camera, RayCaster, inverse_pose, transform
+from controller.imaging import Camera, RayCaster, meet_part, transform
 
 from .polar import HALF, from_raster, shape_of
 
@@ -195,10 +195,7 @@ def _shadow(
     low = low - (EMPTY_PX - 0.5) * step
     x, y = np.meshgrid(low[0] + step * np.arange(count[0]), low[1] + step * np.arange(count[1]))
     ground = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
-    T_part_world = inverse_pose(T_world_part)
-    directions = (ground - eye) @ T_part_world[:3, :3].T
-    origin = transform(T_part_world, eye[None])[0]
-    triangle, _ = caster.first_hit(np.broadcast_to(origin, directions.shape), directions)
+    triangle, _ = meet_part(caster, T_world_part, eye, ground - eye)
     raster = np.where(triangle >= 0, np.uint8(255), np.uint8(0)).reshape(x.shape)
     moments = cv2.moments(raster, binaryImage=True)
     pixels = max(moments["m00"], 1.0)

@@ -106,7 +106,7 @@ def _shadowed(stage: Stage, hits: RayHits, key: FloatArray, is_turned: BoolArray
     asked = (coarse >= 0) & is_turned[coarse]
     start = hits.points_mm[::FINER, ::FINER][asked]
     start = start + LIFT_MM * stage.normals[coarse[asked]] + 4 * LIFT_MM * key
-    shaded[asked] = stage.caster.blocked(start, np.broadcast_to(key, start.shape))
+    shaded[asked] = stage.caster.blocked(start, key)
     return np.asarray(shaded.repeat(FINER, axis=0).repeat(FINER, axis=1)[:height, :width])
 
 

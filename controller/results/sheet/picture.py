@@ -93,7 +93,7 @@ def _is_shaded(
     near = np.linalg.norm(spots - solid.centroid_mm, axis=1) < 2 * size_mm
     shaded = np.zeros(len(origins), dtype=bool)
     spots = spots[near] + LIFT_MM * size_mm * R[2]
-    shaded[near] = caster.blocked(spots, np.broadcast_to(KEY_LIGHT @ R, spots.shape))
+    shaded[near] = caster.blocked(spots, KEY_LIGHT @ R)
     return shaded
 
 

@@ -136,11 +136,10 @@ def _nearest(
 ) -> Int32Array:
     """Return the triangle (n,) the eye sees where points (n, 3) are, -1 where it sees none."""
     if view.is_central:
-        origins = np.broadcast_to(view.eye, p_cad_mm.shape)
-        return model.caster.first_hit(origins, p_cad_mm - view.eye)[0]
+        return model.caster.first_hit(view.eye, p_cad_mm - view.eye)[0]
     above = view.nearness.max() + 1.0 - nearness
     origins = p_cad_mm + above[:, None] * view.eye
-    return model.caster.first_hit(origins, np.broadcast_to(-view.eye, origins.shape))[0]
+    return model.caster.first_hit(origins, -view.eye)[0]
 
 
 def _within(
