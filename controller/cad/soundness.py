@@ -305,7 +305,7 @@ def _hits(
 
     ``step`` (n,) is how far a ray starts behind its origin and goes on behind each hit, ``limit``
     (n,) where it ends, both in units of its direction's length. A ray within a triangle's plane
-    meets it again and again: it is told once, and the steps grow until the ray is past it.
+    meets it again and again: it is reported once, and the steps grow until the ray is past it.
     """
     ray = np.arange(len(origins))
     reached, stride = step.copy(), step.copy()

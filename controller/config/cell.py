@@ -16,7 +16,7 @@ Number = Annotated[float, Field(ge=-50_000, le=50_000)]  # no cell is 50 m wide
 Vec2 = tuple[Number, Number]
 Vec3 = tuple[Number, Number, Number]
 Length = Annotated[float, Field(ge=10, le=5000)]  # of a link [mm]; in metres it would be below 1
-Width = Annotated[float, Field(ge=0.5, le=1000)]  # of what grips [mm]
+Width = Annotated[float, Field(ge=0.5, le=1000)]  # of a gripper [mm]
 # between a camera and the table or the station it looks at [mm]; in metres it would be below 20
 LEAST_HEIGHT_MM, MOST_HEIGHT_MM = 50.0, 20_000.0
 MOST_SIZE_PX = 20_000  # of a picture, each way

@@ -61,7 +61,7 @@ class Recipe(Section):
     others : CAD files of other parts that may turn up on the table
     unit : of the lengths in those CAD files that name none, as STL; it contradicts no part that
         does
-    density_g_cm3 : of the material, for the load on the grips; what the CAD file says, or
+    density_g_cm3 : of the material, for the load on the grasps; what the CAD file says, or
         aluminium's, if nothing is said
     cell : cell file, relative to the recipe; if nothing is said, `DEFAULT_CELL` beside the recipe,
         else the emulated cell that comes with cellctl

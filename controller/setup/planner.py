@@ -1,4 +1,4 @@
-"""What the planner is told of a part in a cell: one function for every command that plans.
+"""What the planner is given of a part in a cell: one function for every command that plans.
 
 `run`, `check`, `plan`, `plan --site` and `compile --cell` all build it here, so that one recipe has
 one plan, and what nobody has said is assumed alike and printed.
@@ -34,7 +34,7 @@ _DENSITY_WORDS: dict[DensityFrom, str] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannerSetup:
-    """What the planner is told.
+    """What the planner is given.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ def planner_setup(
     part: CompiledPart,
     density_g_cm3: float | None = None,
 ) -> PlannerSetup:
-    """Return what the planner is told of a part in a cell.
+    """Return what the planner is given of a part in a cell.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ USUAL_DENSITY_G_CM3 = 2.7  # aluminium, as in a recipe that does not say
 class CompileOptions:
     """What a part is compiled with, beside its file.
 
-    Density is none of them: the ways to lie depend on its ratios only, and a part is of one.
+    Density is none of them: the stable poses depend on its ratios only, and a part is of one.
 
     Attributes
     ----------
@@ -182,7 +182,7 @@ def compile_solid(
     ----------
     solid : checked, as `load_solid` returns it
     options : what it is compiled with; None for the defaults
-    tolerances, warnings : what its file told beside the solid
+    tolerances, warnings : what its file states beside the solid
     """
     options = options or CompileOptions()
     symmetry = part_symmetries(solid)

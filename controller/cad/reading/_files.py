@@ -40,7 +40,7 @@ def load_solid(path: Path, *, unit: str | None = None) -> Solid:
 
     Raises
     ------
-    CadError : as its classes say; each names the file, the trouble and what to do about it
+    CadError : as its classes say; each names the file, the fault and what to do about it
     """
     ending = path.suffix.lower()
     if ending not in CAD_FORMATS:

@@ -1,4 +1,4 @@
-"""Which ways to lie look the same from above: pairs of views that coincide under some turn.
+"""Which stable poses look the same from above: pairs of views that coincide under some turn.
 
 A camera above sees a pose up to a turn and a shift on the table. Most pairs differ in area or
 moments already. For the rest, turns are guessed by correlating how the lines lie round the middle,
@@ -28,7 +28,9 @@ TURN_BINS, RING_BINS = 720, 24
 GUESS_COUNT = 5
 FIT_COUNT = 200
 FIT_ROUNDS = 6
-EDGE_SHARE = 0.995  # of the edges' length that must coincide: hidden lines end with a little doubt
+EDGE_SHARE = (
+    0.995  # of the edges' length that must coincide: where hidden lines end is a little uncertain
+)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

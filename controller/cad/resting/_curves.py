@@ -1,4 +1,4 @@
-"""Curved walls told from planes on a tessellated hull: strips, and the hollows they cannot hold.
+"""Curved walls, as against planes, on a tessellated hull: strips, and hollows they cannot hold.
 
 A curve in triangles has hollows the curve has not: every strip of a rod holds the rod, and a strip
 half-way round a rounded corner may hold the part in balance ("impossible" stable orientations 10
@@ -22,7 +22,7 @@ PLANE_RATIO = 4.0  # a plane is this many times larger than the strips it runs i
 WIDE_RATIO = 25.0  # and this many, if a curve over it would hardly bulge: strips differ in width
 FINE_SHARE = 3e-4  # of the greatest height: a bulge so small that it tells no plane from a strip
 BULGE_MARGIN = 1.5  # tessellations are uneven
-BULGE_CAP_MM = 0.5  # a deeper hollow is told as a pose, whatever it may be a part of
+BULGE_CAP_MM = 0.5  # a deeper hollow counts as a pose, whatever it may be a part of
 LARGE_MM = 100.0  # a part reaching further is tessellated, and rolls, in proportion
 NARROW_RAD = np.radians(10.0)  # strips that hold the part this near to the lowest are one balance
 ROLLING_LIFT_MM = 0.15  # on one curve a climb of less is no rest: the part rolls over it
@@ -91,7 +91,7 @@ def find_strips(hull: Hull) -> Strips:
 def _bulges(hull: Hull, angle: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Return how far a curve would stand out over both facets of each edge, and along which (e, 2).
 
-    Along the sides of a facet, not across its ends, is where a strip is told.
+    Along the sides of a facet, not across its ends, is where a strip is recognised.
     """
     start, end = hull.corners_mm[hull.edge_ends[:, 0]], hull.corners_mm[hull.edge_ends[:, 1]]
     length = np.linalg.norm(end - start, axis=1)[:, None]
@@ -102,7 +102,7 @@ def _bulges(hull: Hull, angle: FloatArray) -> tuple[FloatArray, BoolArray]:
 
 
 def merge_hollows(hull: Hull, land: Landscape, strips: Strips) -> tuple[IntArray, FloatArray]:
-    """Return each facet's bottom of its hollow (f,), false ones filled, and the bottoms' odds (f,).
+    """Return each facet's bottom of its hollow (f,), false ones filled, and its probability (f,).
 
     Passes are gone through from the lowest up. Where two hollows meet, the shallower one ends; it
     was never one if it is a strip's and the climb out of it is no more than the strip's bulge.

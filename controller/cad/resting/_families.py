@@ -30,7 +30,7 @@ ROUND_MM = 0.01  # a curve of constant radius is met this well
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RollingFamily:
-    """Strips of one curve on which a part rolls: one way to lie, not many.
+    """Strips of one curve on which a part rolls: one stable pose, not many.
 
     Attributes
     ----------
@@ -231,7 +231,7 @@ def _ring_of(normals: FloatArray) -> tuple[FloatArray, float, float]:
     if axis[np.argmax(np.abs(axis))] < 0:
         axis = -axis  # the same axis from the same part, whatever the solver's sign
     if (normals @ axis).mean() < -1e-6:
-        axis = -axis  # towards the strips' side, as a cone's axis towards its tip
+        axis = -axis  # towards the strips' side, as a cone's axis towards its apex
     tilts = np.arccos(np.clip(normals @ axis, -1, 1))
     return axis, float(tilts.mean()), float(np.ptp(tilts))
 

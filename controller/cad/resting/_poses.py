@@ -1,9 +1,9 @@
 """How a solid can lie: hull facets over which its centre of mass stands (references.md P2.1).
 
-Two odds are told. The quasi-static ones follow from geometry alone: where a part ends that topples
-without a bounce. Parts that drop and bounce follow the product of those and the energy to tip over
-(planning-facts.md 4: nearest to 300 drops of eight parts each). Curves lie as one family, and
-strips that are an artefact of the tessellation are no pose at all.
+Each pose has two probabilities. The quasi-static one follows from geometry alone: where a part ends
+that topples without a bounce. Parts that drop and bounce follow the product of that and the energy
+to tip over (planning-facts.md 4: nearest to 300 drops of eight parts each). Curves lie as one
+family, and strips that are an artefact of the tessellation are no pose at all.
 """
 
 from dataclasses import dataclass, field
@@ -33,7 +33,7 @@ class StablePose:
     probability : quasi-static, of a part laid down at random; of a rolling family all of it
     tip_energy_mj_per_kg : work to tip it over its easiest edge, and on over what is round behind
         that edge; for a part that rolls or rocks, work to leave the curve; 0 for a ball, which
-        has no other way to lie
+        has no other stable pose
     com_height_mm : height of the centre of mass above the table
     rolling : True where it rests on a curve and would roll on; `RollingFamily` has the rest
     drop_probability : of a part that is dropped and bounces: solid angle times tip energy
@@ -68,8 +68,8 @@ class Resting:
     families : the rolling ones
     centre_of_mass_mm : (3,) CAD frame
     facet_downs : (n, 3) directions to the table of every hull facet that holds the centre, CAD
-        frame, likeliest first: the poses before curves are told from planes
-    facet_probabilities : (n,) their quasi-static odds, which sum to 1
+        frame, likeliest first: the poses before curves are told apart from planes
+    facet_probabilities : (n,) of them, quasi-static; they sum to 1
     facet_pose : (n,) pose each belongs to, -1 where it is rarer than asked
     """
 
@@ -187,7 +187,7 @@ def upright_rotation(down: FloatArray) -> FloatArray:
 def _hollows(
     hull: Hull, land: Landscape, hollow: IntArray, probabilities: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray, IntArray]:
-    """Return the hollows' bottoms (k,), odds, climbs to the lowest pass [mm], and its edge (k,)."""
+    """Return the hollows' bottoms (k,), probabilities, climbs to the lowest pass [mm], its edge."""
     a, b = hollow[hull.edge_facets[:, 0]], hollow[hull.edge_facets[:, 1]]
     apart = np.flatnonzero(a != b)
     bottoms = np.flatnonzero(probabilities > 0)

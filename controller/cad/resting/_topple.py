@@ -1,4 +1,4 @@
-"""Where a dropped part ends, when it falls without a bounce: the quasi-static odds, and the passes.
+"""Where a dropped part ends that does not bounce: the quasi-static probabilities, and the passes.
 
 Goldberg and others, "Part pose statistics" (references.md L1): a part lands on
 a hull facet as often as that facet fills the sphere round the centre of mass, and topples on from
@@ -105,7 +105,8 @@ def _settle(hull: Hull, stays: BoolArray) -> IntArray:
         sinks = lowest[facet] >= hull.heights_mm[facet]
         step = np.where(lost, np.where(sinks, np.arange(len(facet)), beside[facet]), step)
         last = _follow(step)
-        # all of a facet that holds a part ends on one triangle's facet, so no odds are split
+        # all of a facet that holds a part ends on one triangle's facet, so that no
+        # probability is split
     return last
 
 

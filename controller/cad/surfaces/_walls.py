@@ -214,9 +214,9 @@ class End:
     Attributes
     ----------
     point_mm : (3,) on the axis
-    radius_mm : of the rim there, 0 at a tip
+    radius_mm : of the rim there, 0 at an apex
     is_open : True where the wall ends in a convex edge: at a mouth, or at the free end of a boss
-    beyond : face that closes it, or round its mouth; None at a tip
+    beyond : face that closes it, or round its mouth; None at an apex
     """
 
     point_mm: FloatArray
@@ -269,7 +269,7 @@ def _end(solid: Solid, wall: Wall, rim: Rim, axis: FloatArray) -> End:
 
 
 def _tip(wall: Wall) -> End | None:
-    """Return the tip of a cone with one rim only."""
+    """Return the apex of a cone with one rim only."""
     face = wall.face
     if face.kind != "cone" or len(wall.rims) != 1:
         return None

@@ -1,4 +1,4 @@
-"""Board pictures -> the camera, its lens and its place over the table, and how sure that is.
+"""Board pictures -> the camera, its lens and its place over the table, and their uncertainty.
 
 Arrays in, dataclasses out: `find_board` for each picture, `calibrate` for all of them.
 """

@@ -1,4 +1,4 @@
-"""Boards seen -> camera: which distortion the views show, how sure it is, when it is refused."""
+"""Boards seen -> camera: which distortion the views show, its uncertainty, when it is refused."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -31,7 +31,7 @@ class Chessboard:
     """A chessboard: inner corners along X and along Y, and the side of a square.
 
     The axis with the odd count runs from the side whose two outer corner squares are black to the
-    side whose two are white; with two odd or two even counts half a turn cannot be told.
+    side whose two are white; with two odd or two even counts half a turn makes no difference.
     """
 
     inner_corners: tuple[int, int]
@@ -124,7 +124,7 @@ class Limits:
     focal_std_max: float = 0.01  # relative
     table_std_max_mm: float = 0.25  # at z = 0, where there were boards
     table_std_max_px: float = 0.25  # or this, where pixels are coarser than parts are gauged
-    beyond_ratio_max: float = 20.0  # in the corners, where nobody measured: told, not refused
+    beyond_ratio_max: float = 20.0  # in the corners, where nobody measured: reported, not refused
     condition_max: float = 1e6  # of the scaled Jacobian
 
 

@@ -1,4 +1,4 @@
-"""How sure the fit is: of each parameter, of the camera's place, and of positions on the table.
+"""The uncertainty of the fit: of each parameter, the camera's pose, and positions on the table.
 
 What the pictures' noise does is the inverse of the normal matrix. A distortion term the views do
 not show is held at 0, which is not the same as knowing that it is 0: it is taken as of no more than

@@ -1,4 +1,4 @@
-"""What siting needs of each part, none of which depends on where camera and fixture stand."""
+"""What siting needs of each part, none of which depends on where camera and fixed gripper stand."""
 
 from __future__ import annotations
 
@@ -91,12 +91,12 @@ class FamilyMember:
 
     @property
     def base_n(self) -> int:
-        """Return how many grips there are, turned-over ones left out."""
+        """Return how many grasps there are, turned-over ones left out."""
         return len(self.shown)
 
     @property
     def showable(self) -> float:
-        """Return the share of the surface that some grip and some direction show."""
+        """Return the share of the surface that some grasp and some direction show."""
         return float(self.weights[self.shown.any(axis=(0, 1))].sum())
 
     def share(self, packed: NDArray[np.uint8]) -> FloatArray:
@@ -234,7 +234,7 @@ def _some_directions(square_to: IntArray, count: int) -> IntArray:
 
 
 def tcp_offsets_mm(members: Sequence[FamilyMember]) -> FloatArray:
-    """Return where the centre of mass is in the hand, over all members' grips (k, 3)."""
+    """Return where the centre of mass is in the arm gripper, over all members' grasps (k, 3)."""
     found = [
         inverse_pose(g.T_part_tcp)[:3, :3] @ m.prepared.solid.centroid_mm
         + inverse_pose(g.T_part_tcp)[:3, 3]

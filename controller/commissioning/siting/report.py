@@ -141,7 +141,7 @@ def reasons_to_move(present: SiteScore, best: SiteScore, options: SiteOptions) -
 
 
 def seconds_of(score: SiteScore) -> float:
-    """Return the mean estimate of views and re-grip [s]; NaN where no part can be shown."""
+    """Return the mean estimate of views and regrasp [s]; NaN where no part can be shown."""
     regrasp = score.mean("regrasp_s")
     return score.mean("view_s") + (regrasp if np.isfinite(regrasp) else 0.0)
 
@@ -162,7 +162,7 @@ def least_moved(found: Sequence[SiteScore], present: SiteScore, as_good: float) 
 
 
 def moved_mm(a: Site, b: Site) -> float:
-    """Return by how much station, camera and fixture move, turns counted 5 mm a degree."""
+    """Return by how much station, camera and fixed gripper move, turns counted 5 mm a degree."""
     moved = float(np.linalg.norm(a.station_mm - b.station_mm))
     moved += TURN_MM * _angle_deg(float(a.towards @ b.towards))
     if a.T_world_fixed_tcp is not None and b.T_world_fixed_tcp is not None:
@@ -204,7 +204,7 @@ def camera_words(site: Site) -> str:
 
 
 def fixed_gripper_words(T: FloatArray) -> str:
-    """Return in words where the fixed gripper's tips stand and which way they point."""
+    """Return in words where the fixed gripper's fingertips stand and which way they point."""
     return (
         f"stand with its tips at {_at(T[:3, 3])}, pointing along {along(T[:3, 0])}, "
         f"its jaws closing along {along(T[:3, 1])}"

@@ -50,7 +50,8 @@ class PartScore:
 
     Attributes
     ----------
-    shown : over the stable poses it may start in, by their odds; shown_worst : of the worst pose
+    shown : over the stable poses it may start in, by their probabilities; shown_worst : of the
+        worst pose
     joints_allow : by kinematics alone at this site, every grasp being reachable
     views_share : of the (grasp, direction) pairs that show anything, what is reachable
     partners_share : of the grasps that take it up and have others showing what they hide, those

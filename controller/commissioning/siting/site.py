@@ -45,14 +45,14 @@ class Site:
 
 @dataclass(frozen=True, slots=True)
 class Fellows:
-    """Names of the layout's obstacles that move with the camera and with the fixture."""
+    """Names of the layout's obstacles that move with the camera and with the fixed gripper."""
 
     camera: tuple[str, ...]
     fixed_gripper: tuple[str, ...]
 
 
 def site_of(layout: CellLayout) -> Site:
-    """Return where camera and fixture of a layout stand."""
+    """Return where camera and fixed gripper of a layout stand."""
     towards = layout.inspection.position_mm - layout.station_mm
     return Site(
         np.asarray(layout.station_mm, dtype=float),

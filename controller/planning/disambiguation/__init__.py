@@ -1,6 +1,6 @@
 """Views that resolve an ambiguity: which of several candidates is in the arm gripper.
 
-Recognition may leave a part in doubt with its mirror twin, or with a pose that looks alike from
+Recognition may leave a part ambiguous with its mirror twin, or with a pose that looks alike from
 above. Pictures of all candidates are predicted for the views a common grasp can reach; the cheapest
 views whose pictures differ, however the part may sit in the arm gripper, settle it.
 """

@@ -1,4 +1,4 @@
-"""How many pixels of two pictures differ, however the part may sit in the hand."""
+"""How many pixels of two pictures differ, however the part may sit in the arm gripper."""
 
 from __future__ import annotations
 

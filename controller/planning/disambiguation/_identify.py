@@ -1,4 +1,4 @@
-"""Which candidate a picture shows, or that the doubt stays."""
+"""Which candidate a picture shows, or that the ambiguity stays."""
 
 from __future__ import annotations
 
@@ -106,5 +106,5 @@ def apart(predicted: Predicted, light: Light) -> FloatArray:
 
 
 def edges_shown(predicted: Predicted) -> FloatArray:
-    """Return the length [px] of edges each prediction shows clear of the hand (n,)."""
+    """Return the length [px] of edges each prediction shows clear of the arm gripper (n,)."""
     return np.array([float((p.edges & ~p.before).sum()) * p.step_px for p in predicted.pictures])

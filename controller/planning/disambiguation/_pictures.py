@@ -1,4 +1,4 @@
-"""What a camera would see of each candidate: outline, edges that show, and where the hand is."""
+"""What a camera would see of each candidate: outline, edges that show, the arm gripper."""
 
 from __future__ import annotations
 

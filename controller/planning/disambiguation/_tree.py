@@ -1,4 +1,4 @@
-"""The cheapest views that settle a doubt: usually one, a tree of them for three or more."""
+"""The cheapest views that resolve an ambiguity: usually one, a tree of them for three or more."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class DecidingView:
     view : row of the configurations offered; light : how to light it
     margin : the least of the pairs it parts, 1 being just enough
     groups : the candidates that it leaves, one group per answer; they may overlap
-    then : per group the next view, None where the doubt is over or stays
+    then : per group the next view, None where the ambiguity is over or stays
     """
 
     view: int
@@ -45,7 +45,7 @@ class DecidingView:
     def after(self, left: Sequence[int]) -> tuple[tuple[int, ...], DecidingView | None] | None:
         """Return the group and the view that follow when `left` is what the view left.
 
-        The smallest group that holds them all; None if there is none, which a view that told less
+        The smallest group that holds them all; None if there is none, which a view that said less
         than it should may lead to.
         """
         fitting = [k for k, g in enumerate(self.groups) if set(left) <= set(g)]
@@ -75,9 +75,9 @@ class DisambiguationTree:
 
     Attributes
     ----------
-    first : None where no view parts any two
-    worst_s : the dearest way through the tree
-    indistinguishable : pairs that stay in doubt
+    first : None where no view tells any two apart
+    worst_s : the dearest path through the tree
+    indistinguishable : pairs that stay ambiguous
     separations : what it was chosen by
     """
 
@@ -95,7 +95,7 @@ def separating_views(
     opening_mm: float,
     rules: DisambiguationRules | None = None,
 ) -> DisambiguationTree:
-    """Return the views that part all candidates that can be parted, the cheapest in the worst case.
+    """Return the views that tell apart all candidates that can be, the cheapest in the worst case.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def cheapest_tree(
 
     @cache
     def best(left: tuple[int, ...], tried: frozenset[int]) -> tuple[float, DecidingView | None]:
-        """Return price and first view of the cheapest way on; a pair tried told nothing."""
+        """Return cost and first view of the cheapest path on; a pair tried decided nothing."""
         open_pairs = pairs_of(left) - tried
         chosen: tuple[float, DecidingView | None] = (np.inf, None)
         for view in views:
@@ -170,7 +170,7 @@ def cheapest_tree(
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """A configuration and a light, the pairs it parts, and its price with the chance of failing."""
+    """A configuration and a light, the pairs it separates, its cost with the chance of failing."""
 
     row: int
     light: Light

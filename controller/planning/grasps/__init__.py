@@ -1,4 +1,4 @@
-"""Where a jaw can hold a part, and which of many grips to plan with."""
+"""Where a jaw can hold a part, and which of many grasps to plan with."""
 
 from ._faces import FacePair, opposed_faces
 from ._seeds import Seeds, find_seeds, needed_friction

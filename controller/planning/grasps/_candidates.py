@@ -13,7 +13,7 @@ from ..model import GraspRules, Jaw
 from ._faces import across
 from ._seeds import Seeds, narrowest_inner, widest_inner
 
-SHALLOWER_MM = 7.0  # the second depth tried: tips stand out less far behind the seed
+SHALLOWER_MM = 7.0  # the second depth tried: fingertips stand out less far behind the seed
 TABLE_GAP_MM = 3.0  # from the tips to the far end of the part, where that is the table
 LOOK_N = 200  # surface points looked for in the way in
 SLACK_MM = 0.5  # a surface point this far inside a box is in the way
@@ -21,7 +21,7 @@ SLACK_MM = 0.5  # a surface point this far inside a box is in the way
 
 @dataclass(slots=True)
 class Candidates:
-    """Tip poses (n, 4, 4) in the part frame, gaps expected (n,), and which are inner (n,)."""
+    """TCP poses (n, 4, 4) in the part frame, gaps expected (n,), and which are inner (n,)."""
 
     T: FloatArray
     gap: FloatArray

@@ -1,4 +1,4 @@
-"""Which of many grips to plan with: few, sure, unlike each other; planning-facts.md 2.2, step 7."""
+"""Which of many grasps to plan with: few, sure, different; planning-facts.md 2.2, step 7."""
 
 from __future__ import annotations
 
@@ -155,6 +155,6 @@ def select_arm_grasps(
 
 
 def turned_over(grasp: Grasp) -> Grasp:
-    """Return the same grip with the hand turned half a turn about its approach."""
+    """Return the same grasp with the gripper turned half a turn about its approach."""
     T = grasp.T_part_tcp @ np.diag([1.0, -1.0, -1.0, 1.0])
     return replace(grasp, id=f"{grasp.id}'", T_part_tcp=T)

@@ -39,7 +39,7 @@ GOLDEN = 0.6180339887498949
 
 @dataclass(frozen=True, slots=True)
 class Synthesis:
-    """Every grip of a jaw on a part, and what each stage left."""
+    """Every grasp of a jaw on a part, and what each stage left."""
 
     grasps: tuple[Grasp, ...]
     stages: tuple[Stage, ...]
@@ -87,7 +87,7 @@ def _refusal(
     rules: GraspRules,
     stages: Sequence[Stage],
 ) -> str:
-    """Say which stage left no grip, with the number that fails."""
+    """Return which stage left no grasp, with the number that fails."""
     last = next(s for s in stages if s.left == 0)
     name = f"{solid.name}: the {holder} cannot hold it"
     need, width = needed_friction(solid, seeds, caster)
@@ -201,7 +201,7 @@ def judge_grasps(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Measured:
-    """Grips (n) that hold by fine rays and at wrong poses; `numbers` tells which candidates."""
+    """Grasps (n) that hold by fine rays and at wrong poses; `numbers` are the candidates'."""
 
     numbers: IntArray
     contacts: Contacts
@@ -320,7 +320,7 @@ def _measured(
 
 
 def _picks(judge: Judge, taken: Candidates, downs: FloatArray) -> BoolArray:
-    """Return for each stable pose which hands take the part from above (k, n)."""
+    """Return for each stable pose which candidates take the part from above (k, n)."""
     wide = open_gap(taken.gap, taken.inner, judge.jaw, judge.rules)
     picks = [lifts_off_table(taken.T, wide, judge.jaw, judge.hull, down) for down in downs]
     return np.array(picks, dtype=bool).reshape(len(downs), len(taken.T))

@@ -206,7 +206,7 @@ class Judge:
 
 
 def score_of(found: Contacts) -> FloatArray:
-    """Return how sure each grip is, by contact and offset alone (n,), 0..1."""
+    """Return the score of each grasp, by contact and offset alone (n,), 0..1."""
     area = np.minimum(1.0, found.area / FULL_CONTACT_MM2)
     return np.asarray(area * np.maximum(0.05, 1.0 - found.offset / NO_OFFSET_MM))
 

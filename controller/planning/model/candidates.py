@@ -1,4 +1,4 @@
-"""What the part in the hand may be, and the light under which that is decided."""
+"""What the part in the arm gripper may be, and the light under which that is decided."""
 
 from __future__ import annotations
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 
 class NoPlanError(Exception):
-    """Root: this part, lying like this in this cell, cannot be handled."""
+    """Root: this part, in this stable pose in this cell, cannot be handled."""
 
 
 class NotGraspableError(NoPlanError):
-    """No grip holds: another gripper or finger is needed, or another start pose."""
+    """No grasp holds: another gripper or finger is needed, or another start pose."""
 
 
 class OutOfReachError(NoPlanError):
@@ -38,7 +38,7 @@ class OutOfReachError(NoPlanError):
 
 
 class NoMotionError(NoPlanError):
-    """Both ends can be held, but no collision-free way between them was found."""
+    """Both ends can be held, but no collision-free path between them was found."""
 
 
 def _out_of_reach(message: str, reach_mm: float, limit_mm: float, where: str) -> OutOfReachError:

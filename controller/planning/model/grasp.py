@@ -15,7 +15,7 @@ TABLE_MARGIN_MM = 1.5  # between an open gripper and the table it takes a part f
 
 @dataclass(frozen=True, slots=True)
 class GraspRules:
-    """What counts as a grip, and how hard to look for one; each with its reason."""
+    """What counts as a grasp, and how hard to look for one; each with its reason."""
 
     friction: float = 0.6  # rubber pads on machined aluminium, dry
     density_kg_mm3: float = 2.7e-6  # aluminium

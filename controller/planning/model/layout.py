@@ -20,7 +20,7 @@ from .arm import ArmModel
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Jaw:
-    """A parallel gripper; TCP frame: x = approach, y = the jaws' axis, origin between tips.
+    """A parallel gripper; TCP frame: x = approach, y = the jaws' axis, origin between fingertips.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Jaw:
 
     @property
     def pad_centre_mm(self) -> float:
-        """How far behind the tips the middle of the pads is."""
+        """How far behind the fingertips the middle of the pads is."""
         return self.pad_length_mm / 2
 
 
@@ -104,7 +104,7 @@ class CellTimes:
 
     @property
     def hand_off_s(self) -> float:
-        """Return the time the jaws take for a change of grip over the fixed gripper."""
+        """Return the time the jaws take for a regrasp over the fixed gripper."""
         return self.give_step_s + self.receive_s
 
 

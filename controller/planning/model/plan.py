@@ -80,7 +80,7 @@ class Present(Step):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class GiveStep(Step):
-    """Give the part to the fixed gripper: open it, bring the part in, close it, open the hand."""
+    """Give the part to the fixed gripper: open it, bring the part in, close it, open the arm's."""
 
     grasp: Grasp
     fixed_grasp: Grasp
@@ -93,7 +93,7 @@ class GiveStep(Step):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ReceiveStep(Step):
-    """Take the part from the fixed gripper with another grip."""
+    """Take the part from the fixed gripper with another grasp."""
 
     grasp: Grasp
     fixed_grasp: Grasp
@@ -263,5 +263,5 @@ class Plan:
 
     @property
     def regrasp_count(self) -> int:
-        """Return how often the part changes grip."""
+        """Return how often the part changes grasp."""
         return sum(isinstance(s, ReceiveStep | SetDown) for s in self.steps)

@@ -120,7 +120,7 @@ class PreparedPart:
         return np.asarray(areas / areas.sum())
 
     def shown_by(self, grasp: int) -> BoolArray:
-        """Return what arm grip `grasp` leaves in sight (v, n)."""
+        """Return what arm grasp `grasp` leaves in sight (v, n)."""
         return self.shown[grasp]
 
     @property
@@ -129,9 +129,9 @@ class PreparedPart:
         return self.shape.box
 
     def carried(self, grasp: Grasp) -> PlacedShape:
-        """Return the part in the tip frame of the hand that holds it."""
+        """Return the part in the TCP frame of the arm gripper that holds it."""
         return PlacedShape(self.shape, inverse_pose(grasp.T_part_tcp))
 
     def carried_box(self, grasp: Grasp) -> Box:
-        """Return the part as a box in the tip frame of the hand that holds it."""
+        """Return the part as a box in the TCP frame of the arm gripper that holds it."""
         return self.part_box.placed(inverse_pose(grasp.T_part_tcp))

@@ -1,4 +1,4 @@
-"""Where the arm's tip and links are in the world, and which joints bring the tip to a pose."""
+"""Where the TCP and links are in the world, and which joints bring the TCP to a pose."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ def inverse_rows(
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Return all legal configurations of TCP poses (n, 4, 4): index (m,), branch (m,), q (m, 6).
 
-    A straight line of the tip keeps its branch.
+    A straight line of the TCP keeps its branch.
     """
     return layout.arm.inverse(inverse_pose(layout.T_world_arm) @ T_world_tcp)
 
 
 def passed_limit(layout: CellLayout, T_world_tcp: FloatArray) -> str:
-    """Return which joint limit tip poses (n, 4, 4) pass, in words; empty where no branch exists."""
+    """Return which joint limit TCP poses (n, 4, 4) pass, in words; empty where no branch exists."""
     q = layout.arm.branches(np.linalg.inv(layout.T_world_arm) @ T_world_tcp).reshape(-1, 6)
     q = q[np.isfinite(q).all(axis=1)]
     return layout.arm.limit_report(q[0]) if len(q) else ""

@@ -80,7 +80,7 @@ class Scene:
         ]
 
     def reach_mm(self) -> tuple[float, float]:
-        """Return how far hand and part reach from the wrist's centre and from the approach axis."""
+        """Return how far gripper and part reach from the wrist's centre and the approach axis."""
         boxes = [
             *self.layout.arm_gripper.body,
             *self.layout.arm_gripper.fingers(self.arm_opening_mm),
@@ -173,7 +173,7 @@ class Scene:
         arm_gripper: GripperBoxes | None,
         part: tuple[PartShape, FloatArray] | None,
     ) -> _Moving:
-        """Return world places of links, hand and part, and the part's triangles."""
+        """Return world places of links, gripper and part, and the part's triangles."""
         n, links = len(q), self.layout.arm.links
         R_link, origins = link_frames(self.layout, q)
         T_tcp = tcp_pose(self.layout, q)
@@ -273,7 +273,7 @@ class Scene:
         return _pairs(kept_from, tuple(arm.link_pairs), moving, len(self.layout.arm_gripper.body))
 
     def arm_boxes(self, q: FloatArray) -> list[Box]:
-        """Return the world boxes of the links and the open or closed hand at one q (6,)."""
+        """Return the world boxes of the links and the open or closed gripper at one q (6,)."""
         T_link, half_mm = link_boxes(self.layout, q[None])
         T_tcp = tcp_pose(self.layout, q)
         arm_gripper = [

@@ -30,7 +30,7 @@ _TUBE_AT = np.linspace(0.0, 1.0, 49)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ends:
-    """Tips [mm] at the two ends of a whole way: near them the margin is the thin one."""
+    """TCP positions [mm] at the two ends of a whole path: near them the margin is the thin one."""
 
     tcps_mm: FloatArray
 
@@ -46,7 +46,7 @@ class Ends:
         return cls(tcp_pose(layout, np.stack([q_from, q_to]))[:, :3, 3])
 
     def near(self, tcps_mm: FloatArray) -> BoolArray:
-        """Return which tips (n, 3) are near one of the ends."""
+        """Return which TCP positions (n, 3) are near one of the ends."""
         away = np.linalg.norm(tcps_mm[:, None] - self.tcps_mm[None], axis=2)
         return np.asarray(away.min(axis=1) < END_LENGTH_MM)
 

@@ -450,6 +450,6 @@ def check_trays_in_reach(name: str, layout: CellLayout) -> None:
 
 
 def _standing_opening(build: Build, layout: CellLayout) -> float:
-    """Return how wide the empty hand stands: as it let go last, else as wide as it gets."""
+    """Return how wide the empty gripper stands: as it let go last, else as wide as it gets."""
     last = build.steps[-1] if build.steps else None
     return last.arm_open_mm if isinstance(last, GiveStep) else layout.arm_gripper.max_mm

@@ -1,4 +1,4 @@
-"""For each way the part may start lying: a complete plan, or the reason why there is none.
+"""For each stable pose the part may start in: a complete plan, or the reason why there is none.
 
 Worked out before the first part arrives, so that nobody learns at the cell that a part which fell
 on its side cannot be picked (planning-facts.md 9).
@@ -41,7 +41,7 @@ class Certificate:
 
     @property
     def is_complete(self) -> bool:
-        """Return whether all is shown that any grip and any view of this cell could show."""
+        """Return whether all is shown that any grasp and any view of this cell could show."""
         plan = self.plan
         return plan is not None and plan.covered_fraction >= plan.reachable_fraction - 1e-9
 

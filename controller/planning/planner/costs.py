@@ -62,12 +62,12 @@ class EdgeCosts:
 
 
 def risk_s(grasp: Grasp) -> float:
-    """Return what the chance that a grip fails is worth [s]."""
+    """Return what the chance that a grasp fails is worth [s]."""
     return RECOVERY_S * (1.0 - LEAST_SURE) * (1.0 - grasp.score)
 
 
 def regrasp_sites_of(part: PreparedPart, avoid: frozenset[str]) -> tuple[RegraspSite, ...]:
-    """Return the fixture's grips and the places on the table, but for those to be avoided."""
+    """Return the fixed gripper's grasps and the places on the table, save those to avoid."""
     held = [
         RegraspSite(f, -1, paths)
         for f, paths in enumerate(part.hand_offs)
@@ -240,7 +240,7 @@ def worthwhile(costs: EdgeCosts, part: PreparedPart, grasps: Sequence[int]) -> B
 def _squares(
     part: PreparedPart, views: Sequence[IntArray]
 ) -> tuple[IntArray, tuple[BoolArray, ...]]:
-    """Return the main planar faces (f,), and per grip which of its views shows which squarely."""
+    """Return the main planar faces (f,), and per grasp which of its views shows which squarely."""
     square_to = part.directions.square_to
     main = [
         (v, int(f))

@@ -1,6 +1,6 @@
 """A plan that begins with the view which tells what the arm gripper holds.
 
-Recognition may leave a part in doubt with a mirror twin or with a pose that looks alike from above.
+A part may be ambiguous to recognition: its mirror twin, or a pose that looks alike from above.
 The part is taken with a grasp that holds whichever it is; the cheapest view that separates the
 candidates comes first, and the plan goes on by its answer: for the part that was planned for it
 just goes on, for another reading of it a new plan starts from the arm gripper, and another part is
@@ -172,7 +172,7 @@ def _common_paths(
     others: Sequence[Reading],
     avoid: frozenset[str],
 ) -> list[PickPath]:
-    """Return ways to pick with grips that hold whichever it is, the quickest first."""
+    """Return pick paths with grasps that hold whichever it is, the quickest first."""
     q = layout.park_q if start.q is None else start.q
     paths = sorted(
         pick_paths(part, layout, start.T_world_part),

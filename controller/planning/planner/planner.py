@@ -115,7 +115,7 @@ def plan_from(
 
 
 class _Planner(ABC):
-    """Searches, works out, searches again without what had no way."""
+    """Searches, works out, searches again without what had no path."""
 
     def __init__(
         self,
@@ -138,7 +138,7 @@ class _Planner(ABC):
 
     @abstractmethod
     def first_s(self) -> FloatArray:
-        """Return what it costs to have the part in each arm grip (g,)."""
+        """Return what it costs to have the part in each arm grasp (g,)."""
 
     def look(self) -> Look | None:
         """Return what the pictures of the table show already, None if nothing new."""
@@ -146,7 +146,7 @@ class _Planner(ABC):
 
     @abstractmethod
     def begin(self, build: Build, g: int) -> None:
-        """Add the steps that bring the part into the first grip."""
+        """Add the steps that bring the part into the first grasp."""
 
     @abstractmethod
     def where(self) -> str:
@@ -216,7 +216,7 @@ class _Planner(ABC):
         )
 
     def _shows_all(self, solution: Solution | None) -> bool:
-        """Return whether a solution shows what any grip shows, even one that nothing leads to."""
+        """Return whether a solution shows what any grasp shows, even one that nothing leads to."""
         if solution is None:
             return False
         able = self._part.covered.any(axis=0) & ~self._done
@@ -434,7 +434,7 @@ class _FromTable(_Planner):
 
 
 class _FromArm(_Planner):
-    """The last of the part's arm grips is the measured one that holds it."""
+    """The last of the part's arm grasps is the measured one that holds it."""
 
     def __init__(
         self,
@@ -489,12 +489,12 @@ class _FromFixedGripper(_Planner):
 
 
 def _rows(costs: EdgeCosts, views: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Return (grip, row) of (grip, direction)."""
+    """Return (grasp, row) of (grasp, direction)."""
     return [(g, int(np.flatnonzero(costs.views[g] == v)[0])) for g, v in views]
 
 
 def _closure(problem: Problem) -> list[int]:
-    """Return the grips that can be had from the start, by any number of changes."""
+    """Return the grasps that can be had from the start, by any number of changes."""
     had = np.isfinite(problem.first_s)
     can = np.isfinite(problem.regrasp_s)
     while True:

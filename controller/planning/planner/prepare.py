@@ -177,7 +177,7 @@ def with_grasps(part: PreparedPart, layout: CellLayout, grasps: Sequence[Grasp])
 
 
 def _home_q_of(layout: CellLayout, views: Mapping[int, FloatArray]) -> FloatArray:
-    """Return the configuration (1, 6) nearest to all views of a grip; parked where it has none."""
+    """Return the configuration (1, 6) nearest to all views of a grasp; parked where it has none."""
     if not views:
         return layout.park_q[None]
     q = np.stack([views[v][0] for v in sorted(views)])
@@ -187,7 +187,7 @@ def _home_q_of(layout: CellLayout, views: Mapping[int, FloatArray]) -> FloatArra
 
 
 def with_rests(part: PreparedPart, layout: CellLayout) -> PreparedPart:
-    """Return the part with places on the table to change the grip at."""
+    """Return the part with places on the table to change the grasp at."""
     places = rests(part.solid, part.poses, layout)
     return replace(
         part,

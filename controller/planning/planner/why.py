@@ -146,7 +146,7 @@ def _left_out(part: PreparedPart, rest: BoolArray, dropped: BoolArray) -> Missin
 
 
 def weak_grasps(part: PreparedPart, layout: CellLayout) -> tuple[Grasp, ...]:
-    """Return grips of the hand that would do but for the weight, from all round."""
+    """Return grasps of the arm gripper that would do but for the weight, from all round."""
     rules = replace(part.options.rules.coarse(), max_load=WEAKEST)
     solid = part.solid
     caster = RayCaster(solid.mesh)
@@ -161,7 +161,7 @@ def weak_grasps(part: PreparedPart, layout: CellLayout) -> tuple[Grasp, ...]:
 def _load_of_a_grasp_that_shows(
     part: PreparedPart, layout: CellLayout, piece: BoolArray, weak: Sequence[Grasp]
 ) -> float | None:
-    """Return the least load among weak grips that leave most of a piece in sight."""
+    """Return the least load among weak grasps that leave most of a piece in sight."""
     loads = [
         g.load
         for g in weak
@@ -180,7 +180,7 @@ def _too_weak(part: PreparedPart, load: float) -> tuple[str, str]:
 
 
 def _fingers(part: PreparedPart, layout: CellLayout, piece: BoolArray) -> tuple[str, str]:
-    """Name the grips nearest to showing a piece, and thinner fingers that would."""
+    """Name the grasps nearest to showing a piece, and thinner fingers that would."""
     hides = np.stack([part.visible & ~shown for shown in part.shown[: _distinct(part)]])
     left = (part.visible[None] & ~hides)[:, :, piece].any(axis=1).mean(axis=1)
     order = np.argsort(-left, kind="stable")[:ASKED_GRASP_COUNT]
@@ -199,7 +199,7 @@ def _fingers(part: PreparedPart, layout: CellLayout, piece: BoolArray) -> tuple[
 
 
 def _distinct(part: PreparedPart) -> int:
-    """Return how many arm grips come before the first one turned over."""
+    """Return how many arm grasps come before the first one turned over."""
     for k, grasp in enumerate(part.arm_grasps):
         if grasp.id.endswith("'"):
             return max(k, 1)
@@ -217,7 +217,7 @@ def _thinner(arm_gripper: Jaw, share: float) -> Jaw:
 def _still_hidden(
     part: PreparedPart, layout: CellLayout, grasp: Grasp, arm_gripper: Jaw, piece: BoolArray
 ) -> float:
-    """Return the share of a piece that a hand with other fingers leaves hidden."""
+    """Return the share of a piece that a gripper with other fingers leaves hidden."""
     visible = part.visible & piece
     hidden = hidden_by_gripper(
         part.solid,
@@ -312,7 +312,7 @@ def _poses_towards(
 def _no_path(
     part: PreparedPart, layout: CellLayout, cut: BoolArray, lies_in: int
 ) -> tuple[str, str]:
-    """Say what is missing between the grips that can be had here and those that show a piece."""
+    """Say what is missing between the grasps that can be had here and those that show a piece."""
     wanted = [g for g in range(len(part.arm_grasps)) if part.covered[g][cut].any()]
     names = ", ".join(part.arm_grasps[g].id for g in wanted[:4])
     others = [
@@ -348,7 +348,7 @@ def _no_path(
 
 
 def _starts(part: PreparedPart, layout: CellLayout, pose_index: int, wanted: Sequence[int]) -> bool:
-    """Return whether one of some grips picks the part as it lies in a stable pose."""
+    """Return whether one of some grasps picks the part as it lies in a stable pose."""
     pose = next(p for p in part.poses if p.index == pose_index)
     x, y = layout.set_down_mm.mean(axis=1)
     T = resting_pose(part.solid, pose, float(x), float(y))

@@ -30,7 +30,7 @@ STEP_MM = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PickPath:
-    """How one arm grip takes the part: joints down (k, 6) to the hold and up (k, 6) from it."""
+    """How one arm grasp takes the part: joints down (k, 6) to the hold and up (k, 6) from it."""
 
     grasp: int
     down: FloatArray
@@ -148,7 +148,7 @@ def _stacked(grippers: Sequence[list[Box]], layout: CellLayout) -> tuple[FloatAr
 
 
 def _no_grasp_from_above(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) -> str:
-    """Say why nothing is there to be gripped, and which other ways to lie would do."""
+    """Return why there is nothing to grasp, and which other stable poses would do."""
     hull = np.asarray(part.solid.mesh.convex_hull.vertices)
     high = float((hull @ T_world_part[2, :3]).max() + T_world_part[2, 3])
     text = (

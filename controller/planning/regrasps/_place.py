@@ -1,4 +1,4 @@
-"""Putting the part into a tray: set down flat if the last grip allows, else let go leaning."""
+"""Putting the part into a tray: set down flat if the last grasp allows, else let go leaning."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def _all_free(
 
 @cache
 def _gripper_orientations() -> FloatArray:
-    """Return hand rotations (n, 3, 3) over pitch, heading and roll, straight down first."""
+    """Return gripper rotations (n, 3, 3) over pitch, heading and roll, straight down first."""
     found = []
     for pitch in np.radians([-90.0, -75.0, -60.0, -45.0, -30.0, -15.0, 0.0]):
         headings = [0.0] if pitch < np.radians(-89) else np.radians(np.arange(-180, 180, 20.0))

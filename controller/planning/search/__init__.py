@@ -1,4 +1,4 @@
-"""Which grips to hold the part with in turn, and which views to take under each."""
+"""Which grasps to hold the part with in turn, and which views to take under each."""
 
 from ._greedy import greedy
 from ._problem import MAX_GRASP_COUNT, Problem, Solution, live_grasps, needed_of, priced, refuted

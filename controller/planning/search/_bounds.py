@@ -55,13 +55,13 @@ class LowerBounds:
 
 
 def rounded(u: NDArray[np.floating]) -> Float32Array:
-    """Return prices as multiples of what keeps sums of them exact."""
+    """Return costs as multiples of what keeps sums of them exact."""
     whole: Float32Array = (np.floor(u * _U_STEPS) / _U_STEPS).astype(np.float32)
     return whole
 
 
 def lower_bounds(core: Core, u: Float32Array) -> LowerBounds:
-    """Work out what prices (k, m) say about each grip."""
+    """Work out what costs (k, m) say about each grasp."""
     below = np.zeros((len(u), len(core.rows)))
     for g, (rows, costs) in enumerate(zip(core.rows, core.units, strict=True)):
         left = costs[None] - u @ rows.T
@@ -118,7 +118,7 @@ def union_costs(core: Core) -> tuple[Float32Array, float]:
 
 
 def spread_scales(u: Float32Array, factor: float) -> Float32Array:
-    """Return the prices (m,) scaled up in steps: what suits all grips is too low for few."""
+    """Return the costs (m,) scaled up in steps: what suits all grasps is too low for few."""
     return rounded(np.stack([u * np.float32(factor * s) for s in _SCALES] + [u]))
 
 
@@ -160,7 +160,7 @@ def raise_lower_bounds(
 
 
 class _Saddle:
-    """Prices u on elements and fractions x of views for many sets of grips, padded per grip."""
+    """Costs u on elements and fractions x of views for many sets of grasps, padded per grasp."""
 
     def __init__(self, core: Core, sets: IndexArray, u: Float32Array) -> None:
         self._core, self._sets, self.u = core, sets, u
@@ -183,7 +183,7 @@ class _Saddle:
         return found
 
     def values(self, u: Float32Array, active: IndexArray | None = None) -> FloatArray:
-        """Return the floor (s,) that prices (s, m) give, for the active sets."""
+        """Return the floor (s,) that costs (s, m) give, for the active sets."""
         active = np.arange(len(u)) if active is None else active
         value = np.zeros(len(u))
         value[active] = u[active].sum(axis=1, dtype=np.float64)
@@ -193,7 +193,7 @@ class _Saddle:
         return value
 
     def turn(self, active: IndexArray, count: int) -> Float32Array:
-        """Move prices and fractions so many times; return the mean prices (s, m)."""
+        """Move costs and fractions so many times; return the mean costs (s, m)."""
         members = self._members(active)
         total = np.zeros_like(self.u)
         for _ in range(count):

@@ -1,4 +1,4 @@
-"""The cheapest views that show everything under one set of grips, exactly."""
+"""The cheapest views that show everything under one set of grasps, exactly."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Stacked:
 
 
 def stack(tables: Tables, grasps: IndexArray) -> Stacked:
-    """Put the tables of grips under each other."""
+    """Put the tables of grasps under each other."""
     sizes = [len(tables.rows[g]) for g in grasps]
     return Stacked(
         rows=np.concatenate([tables.rows[g] for g in grasps]),

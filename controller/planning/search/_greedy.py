@@ -1,4 +1,4 @@
-"""The baseline: the grip that shows most, then whichever adds most; views the same way."""
+"""The baseline: the grasp that shows most, then whichever adds most; views the same way."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def _finish(
     ends: list[FloatArray],
     max_grasps: int,
 ) -> None:
-    """Go on to a grip that can be finished from, the cheapest way."""
+    """Go on to a grasp that can be finished from, the cheapest way."""
     last = problem.last_s[live]
     while True:
         room, here = max_grasps - len(sequence), sequence[-1]

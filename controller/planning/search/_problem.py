@@ -65,7 +65,7 @@ class Problem:
 
     @property
     def grasp_count(self) -> int:
-        """Return the number of grips."""
+        """Return the number of grasps."""
         return len(self.shows)
 
 
@@ -114,7 +114,7 @@ class Solution:
 
 
 def live_grasps(problem: Problem, max_grasps: int = MAX_GRASP_COUNT) -> IndexArray:
-    """Return, ascending, the grips that lie on some way from start to finish."""
+    """Return, ascending, the grasps that lie on some way from start to finish."""
     regrasp = np.isfinite(problem.regrasp_s)
     to = _steps(np.isfinite(problem.first_s), regrasp)
     back = _steps(np.isfinite(problem.last_s), regrasp.T)
@@ -122,7 +122,7 @@ def live_grasps(problem: Problem, max_grasps: int = MAX_GRASP_COUNT) -> IndexArr
 
 
 def _steps(sources: BoolArray, regrasp: BoolArray) -> FloatArray:
-    """Return how many hops each grip is from the sources, inf = out of reach."""
+    """Return how many regrasps each grasp is from the sources, inf = out of reach."""
     steps = np.where(sources, 0.0, np.inf)
     reached, front, k = sources.copy(), sources, 0
     while front.any():
@@ -134,7 +134,7 @@ def _steps(sources: BoolArray, regrasp: BoolArray) -> FloatArray:
 
 
 def needed_of(problem: Problem, max_grasps: int = MAX_GRASP_COUNT) -> BoolArray:
-    """Return (m,) what some view under some live grip shows and is not seen yet."""
+    """Return (m,) what some view under some live grasp shows and is not seen yet."""
     needed = np.zeros(len(problem.weights), dtype=bool)
     for g in live_grasps(problem, max_grasps):
         needed |= problem.shows[g][np.isfinite(problem.view_s[g])].any(axis=0)

@@ -57,7 +57,7 @@ _MISSED = 8  # elements added where a cover of the core leaves some out
 
 @dataclass(slots=True, eq=False)
 class Pool:
-    """Sets of grips that show everything, and how far each has been looked into."""
+    """Sets of grasps that show everything, and how far each has been looked into."""
 
     grasps: list[tuple[int, ...]] = field(default_factory=list)  # the cheapest way, in order
     sets: list[IndexArray] = field(default_factory=list)
@@ -127,7 +127,7 @@ class Search:
         return min([self.best_s, open_s, *pending])
 
     def _learn(self, sequences: GraspSequences, regrasp: FloatArray, tail: FloatArray) -> None:
-        """Find the elements that decide from the cheapest ways, and prices for all grips."""
+        """Find the elements that decide from the cheapest ways, and costs for all grasps."""
         tables, n = self.tables, len(self.tables.grasps)
         pairs = longer(sequences, regrasp, tail, np.inf, [sequences], self.effort.paths)
         some: list[IndexArray] = []
@@ -271,7 +271,7 @@ class Search:
         return goal + 0.002
 
     def _try(self, k: int, u: Float32Array) -> None:
-        """Cover the set quickly, by prices and by numbers."""
+        """Cover the set quickly, by costs and by numbers."""
         stacked = stack(self.tables, self.pool.sets[k])
         rows = stacked.rows.astype(np.float32)
         worth = np.full(rows.shape[1], 1.0 / 64.0, dtype=np.float32)
@@ -281,7 +281,7 @@ class Search:
             self._offer_rows(k, stacked.owner[chosen], stacked.index[chosen])
 
     def _dive(self, k: int) -> None:
-        """Cover the set by the views that its prices favour most."""
+        """Cover the set by the views that its costs favour most."""
         self.dives += 1
         stacked = stack(self.tables, self.pool.sets[k])
         core = self.core.elements
@@ -335,7 +335,7 @@ class Search:
             pool.stage[k] = 3  # nodes ran out: its floor stands
 
     def _offer_rows(self, k: int, owner: IndexArray, index: IndexArray) -> None:
-        """Offer views of the set's grips as a solution."""
+        """Offer views of the set's grasps as a solution."""
         tables, grasps = self.tables, self.pool.grasps[k]
         kind_of = tables.kinds
         views: list[tuple[int, ...]] = []

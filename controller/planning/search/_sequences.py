@@ -1,4 +1,4 @@
-"""Orders in which grips may follow each other, cheapest first per set of grips and last grip."""
+"""Orders in which grasps may follow each other, cheapest first per set of grasps and last grasp."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def tails(problem: Problem, grasps: IndexArray, max_grasps: int) -> FloatArray:
 
 
 def first_sequences(problem: Problem, grasps: IndexArray) -> GraspSequences:
-    """Return the ways of one grip."""
+    """Return the ways of one grasp."""
     first = problem.first_s[grasps]
     at = np.flatnonzero(np.isfinite(first))
     return GraspSequences(at[:, None], at[:, None], first[at])
@@ -120,7 +120,7 @@ def longer(
 
 
 def _keys(sets: IndexArray, last: IndexArray, n: int) -> IndexArray:
-    """Return one number per set and last grip."""
+    """Return one number per set and last grasp."""
     if (sets.shape[1] + 1) * np.log2(n + 1) >= 63:
         raise ValueError(f"{n} grips in ways of {sets.shape[1]}: more than can be numbered")
     key: IndexArray = last.astype(np.int64)
@@ -130,7 +130,7 @@ def _keys(sets: IndexArray, last: IndexArray, n: int) -> IndexArray:
 
 
 def showing_all(covered: BoolArray, sets: IndexArray) -> BoolArray:
-    """Return which sets (k, w) of grips show every element; covered is (n, m)."""
+    """Return which sets (k, w) of grasps show every element; covered is (n, m)."""
     n, m = covered.shape
     bits = np.packbits(np.concatenate([covered, np.zeros((1, m), dtype=bool)]), axis=1)
     full = np.packbits(np.ones(m, dtype=bool))

@@ -72,7 +72,7 @@ def solve(
 
 
 def _plain_views(problem: Problem, path: Sequence[int]) -> Iterator[tuple[int, ...]]:
-    """Yield per grip of a way views that show all it can and that others before do not."""
+    """Yield per grasp of a way views that show all it can and that others before do not."""
     left = ~problem.seen
     for g in path:
         can = np.flatnonzero(np.isfinite(problem.view_s[g]))

@@ -49,7 +49,7 @@ class Tables:
     dearest_s: float
 
     def views_bound_s(self, units: FloatArray) -> FloatArray:
-        """Return what views cost at least [s] if their unit prices sum to at least `units`."""
+        """Return what views cost at least [s] if their unit costs sum to at least `units`."""
         whole = np.ceil(np.maximum(units, 0.0) - 1e-6)  # no unit cost exceeds 1: as many views
         return np.maximum(np.maximum(units, 0.0) * self.dearest_s, whole * self.least_s)
 
@@ -133,7 +133,7 @@ def hard_elements(rows: BoolArray, missing: BoolArray, most: int) -> list[int]:
 
 
 def learn_core(tables: Tables, sets: Sequence[IndexArray]) -> list[int]:
-    """Find the elements that decide, by covering some sets of grips until nothing is left out."""
+    """Find the elements that decide, by covering some sets of grasps until nothing is left out."""
     core: list[int] = []
     for members in sets:
         rows = np.concatenate([tables.rows[g] for g in members])
@@ -197,7 +197,7 @@ def quick_cover(
 
 
 def _undominated(table: BoolArray, costs: Float32Array) -> IndexArray:
-    """Return the views that no other one of the same grip outdoes at no higher price."""
+    """Return the views that no other one of the same grasp outdoes at no higher cost."""
     unique: dict[bytes, int] = {}
     size = table.sum(axis=1)
     packed = np.packbits(table, axis=1)

@@ -1,4 +1,4 @@
-"""In which configurations a grip can show a direction, and what the arm leaves in sight there."""
+"""In which configurations a grasp can show a direction, and what the arm leaves in sight there."""
 
 from __future__ import annotations
 

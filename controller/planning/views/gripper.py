@@ -1,4 +1,4 @@
-"""What the hand that holds the part hides of it."""
+"""What the arm gripper that holds the part hides of it."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ corner of like sign and size, corners at about equal distance along the perimete
 the count of matches and their error rank the candidates. What that leaves to chance where corners
 are few is helped by the same idea at every point of the outline (its samples correlated with the
 model's at all starting points at once, by Fourier transform) and by the holes, seen from the
-outline's centroid. Every candidate is then laid onto the object and fitted.
+outline's centroid. Every candidate is then placed onto the object and fitted.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ PER_SOURCE = 4  # candidates each of the three ways may name for a model
 
 @dataclass(frozen=True, eq=False, slots=True)
 class StringMatch:
-    """A model view laid onto an observed object: observed = R(turn) model + shift.
+    """A model view placed onto an observed object: observed = R(turn) model + shift.
 
     Attributes
     ----------

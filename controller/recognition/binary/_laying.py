@@ -1,4 +1,4 @@
-"""Model outlines laid onto an object: rigid motions that bring them closest, many at once.
+"""Model outlines placed onto an object: rigid motions that bring them closest, many at once.
 
 Point to line as Chen and Medioni (1992) have it: each sample of the model asks for the nearest
 sample of the object and is pulled along that one's normal. Which is nearest is looked up in a map

@@ -3,7 +3,7 @@
 All runs between two knots are fitted at once from running sums: the line by the smaller principal
 moment, the arc by the algebraic fit of Kasa, whose residuals are divided by 2 R to be distances.
 The best partition is found by dynamic programming over the knots (Bellman 1961; for plane curves
-Perez and Vidal 1994), with a price for each primitive, so that neighbours which are one primitive
+Perez and Vidal 1994), with a cost for each primitive, so that neighbours which are one primitive
 are never left apart.
 """
 

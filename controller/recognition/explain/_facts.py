@@ -1,4 +1,4 @@
-"""What is told of one object: the stages of its recognition, worked out once for picture and table.
+"""What is reported of an object: the stages of its recognition, once for picture and table.
 
 Recognition keeps what its search needs; what a reader wants besides, the paper's corner list, the
 primitives, the grey features, is computed here from what was kept, by the same functions.
@@ -54,7 +54,7 @@ class EdgeState:
     Attributes
     ----------
     edges : their samples
-    which : (n,) those that are told of
+    which : (n,) those that are reported
     found : (n,) where they should be
     need_not_show : (n,) they may be there though they are not seen
     """
@@ -75,7 +75,7 @@ class Other:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ObjectFacts:
-    """One object with all that is told of it.
+    """One object with all that is reported of it.
 
     Attributes
     ----------

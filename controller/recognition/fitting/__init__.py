@@ -1,4 +1,4 @@
-"""A posed part's visible edges, the fit of a pose to a picture, and what speaks for it."""
+"""A posed part's visible edges, the fit of a pose to a picture, and its evidence."""
 
 from ._evidence import Evidence, ImageEdges, grey_evidence, outline_evidence, with_inside
 from ._fit import (

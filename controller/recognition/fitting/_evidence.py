@@ -1,4 +1,4 @@
-"""What speaks for a fitted pose and what against it, as numbers a decision can be made on.
+"""The evidence for a fitted pose and against it, as numbers a decision can be made on.
 
 Two questions, each asked both ways: is what the pose predicts in the picture, and is what the
 picture shows predicted?

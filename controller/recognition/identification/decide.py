@@ -17,7 +17,7 @@ SHOWN_JUMP_MM = 1.5  # a step that does, by its shadow
 # nine in ten: a part with its end cut off is another part
 MOST_MISFIT_PX = 0.65
 KNOWN = 0.5  # an answer less likely than not is no answer
-LOG_ODDS_SCALE = 3.0  # benchmarks/fit_scores.py: odds are told too surely by about so much
+LOG_ODDS_SCALE = 3.0  # benchmarks/fit_scores.py: probabilities come out too sure by about so much
 CONVINCING = 0.9
 CONVINCING_PX = 0.6  # with a worse fit another reading may lie near by
 DECIDES = 3.0  # log-odds from which a reading is ruled out: 20 to 1
@@ -65,7 +65,7 @@ def decide(hypotheses: Sequence[Hypothesis], *, is_backlit: bool) -> Decision:
 
 
 def _claims(best: Hypothesis, others: Sequence[Hypothesis]) -> float:
-    """Return what other readings claim of the best one's score: all of it at equal odds."""
+    """Return what other readings claim of the best one's score: all of it where equally likely."""
     was_looked_into = best.evidence.area_mm2 > 0
     gaps = [
         best.log_odds - h.log_odds for h in others if (h.evidence.area_mm2 > 0) == was_looked_into

@@ -87,7 +87,7 @@ class Hypothesis:
     part, pose : indices
     theta_rad : turn about z from the pose's ``R``
     place_mm : (2,) of the centre of mass
-    fit, evidence : how it lies, and what speaks for it
+    fit, evidence : its pose, and the evidence for it
     probability : that it is right, by itself
     log_odds : up to a constant, to compare it with other readings of the same object
     overlap : of the silhouettes it was found by, or score of the lines
@@ -157,7 +157,7 @@ def weigh(
         open_ones = [h for h in fine if h.log_odds > fine[0].log_odds - OUTLINE_DECIDES]
         if len(open_ones) > 1:
             looked_at = [_look_inside(h, cutout, camera, library, limits) for h in open_ones]
-            # with and without what lies inside, odds have different constants
+            # with and without what lies inside, log-odds have different constants
             fine = [*without_repeats(looked_at, library), *fine[len(open_ones) :]]
     return fine
 

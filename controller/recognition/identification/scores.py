@@ -55,7 +55,7 @@ def probability(evidence: Evidence, weights: Weights) -> float:
 
 
 def log_odds(evidence: Evidence, *, is_lit: bool) -> float:
-    """Return what speaks for a reading, up to a constant of the object's; to compare readings."""
+    """Return the evidence for a reading, up to a constant of the object's; to compare readings."""
     stretches = evidence.inner_mm / STRETCH_MM
     absent = ABSENT_LIT if is_lit else ABSENT_DARK
     edges = stretches * (FOUND * evidence.inner + absent * (1.0 - evidence.inner))

@@ -113,7 +113,7 @@ class ViewIndex:
 
     def _point(self, shape: Float32Array, area: FloatArray, perimeter: FloatArray) -> FloatArray:
         size = SIZE_WEIGHT * np.log(area)
-        # how much longer the outline is than a disc's: the area is told already
+        # how much longer the outline is than a disc's: the area is known already
         ragged = PERIMETER_WEIGHT * np.log(perimeter / np.sqrt(4 * np.pi * area))
         return np.column_stack([shape, size, ragged]).astype(np.float64)
 

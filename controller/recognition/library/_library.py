@@ -33,7 +33,7 @@ class Entry:
     Attributes
     ----------
     name : of the part
-    poses : the ways it may be found lying; of those that a symmetry makes the same, the first
+    poses : the stable poses it may be found in; of those that a symmetry makes the same, the first
     turns_rad : of each pose, the turns about the vertical that leave it as it is, 0 first; empty
         where any turn does
     centroid_mm : (3,) centre of mass, CAD frame
@@ -162,7 +162,7 @@ def _features(solid: Solid, pose: StablePose, station: Station) -> ModelFeatures
 def _distinct_poses(poses: Sequence[StablePose], least: float) -> tuple[StablePose, ...]:
     """Return the poses that may be met, one of those that look alike by symmetry.
 
-    Symmetric ways to lie share their odds out, so that the sum of them counts.
+    Symmetric stable poses share one probability, so that the sum of theirs counts.
     """
     probability: dict[int, float] = {}
     for pose in poses:

@@ -1,4 +1,4 @@
-"""How each way to lie looks from the camera's place: silhouettes cast as shadows on the table.
+"""How each stable pose looks from the camera's place: silhouettes cast as shadows on the table.
 
 A shadow cast from the camera's centre onto z = 0 is what the picture's outline becomes when its
 pixels are taken to the table plane. It depends on the camera's place alone, not on its lens, and

@@ -19,7 +19,7 @@ from ._types import Region
 MARGIN_PX = 24  # of a crop: its rim is table, beyond most of a contact shadow
 LEAST_BRIGHT = 0.15  # brighter than the table by this share and more than its texture: a thing
 TEXTURE_FACTOR = 5.0  # of the table's own scatter
-SLOPE_PX = 9  # over which a slope is told from a step
+SLOPE_PX = 9  # over which a slope is distinguished from a step
 SLOPE_SHARE = 1.3  # a step's slope over that window is a third of its own
 SOBEL_GAIN = 128.0  # of the 5 x 5 filter for a slope of 1; half as much again askew, |x| + |y|
 NOISE_FACTOR = 0.8  # of the noise: four deviations of the gradient, which averages over 5 x 5

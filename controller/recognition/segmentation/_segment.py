@@ -24,7 +24,7 @@ from ._types import Lighting, Segmentation
 
 LEVEL_ROWS = 64  # as many tell which levels are in use
 LEAST_AREA = 2e-4  # of the picture: 16 x 16 px of 1280 x 1024, a part of 3.5 mm seen from 860
-DARK_TABLE = 8  # grey levels under which nothing can be told
+DARK_TABLE = 8  # grey levels under which nothing can be recognised
 BRIGHT_TABLE = 128  # an empty table is a glowing one from here on
 MOST_FADE = 0.4  # of the table's level from its brightest to its darkest place
 DARK_THING = 0.35  # of the ground's level: darker are things before a glow, and deep holes

@@ -1,1 +1,1 @@
-"""What is checked of a site: keep-outs, reach, sights, collisions, hand-offs, seconds."""
+"""What is checked of a site: keep-outs, reach, visibility, collisions, hand-offs, seconds."""

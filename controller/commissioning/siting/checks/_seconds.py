@@ -121,7 +121,7 @@ def _regrasp(
     start: FloatArray,
     by_table: bool,
 ) -> tuple[float, FloatArray]:
-    """Return the quickest way to pass the part from one base grip to another, and where it ends."""
+    """Return the quickest regrasp from one base grasp to another, and where it ends."""
     best, end = np.inf, start
     for table in tables:
         for a in (first, first + half):

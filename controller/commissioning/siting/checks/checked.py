@@ -1,4 +1,4 @@
-"""A site with everything checked that a plan needs: collisions, sights, picks, hand-offs, trays."""
+"""A site with all checked that a plan needs: collisions, visibility, picks, hand-offs, trays."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def _first_free(
 
 
 def free_picks(site_layout: CellLayout, member: FamilyMember) -> BoolArray:
-    """Return which grips take the part up where: (p poses, places, 2 base_n) bool."""
+    """Return which grasps take the part up where: (p poses, places, 2 base_n) bool."""
     picks = member.picks
     found = np.zeros((len(member.start_poses), picks.places_n, len(member.arm_grasps)), dtype=bool)
     if len(picks.q_hold) == 0:
@@ -152,7 +152,7 @@ def tray_freedom(site_layout: CellLayout) -> dict[str, float]:
 
 
 def _gripper_turns() -> FloatArray:
-    """Return hand rotations (n, 3, 3) straight down and leaning, jaws level."""
+    """Return gripper rotations (n, 3, 3) straight down and leaning, jaws level."""
     found = []
     for pitch in np.radians(TRAY_PITCHES_DEG):
         for heading in 2 * np.pi * np.arange(TRAY_TURNS_N) / TRAY_TURNS_N:
@@ -167,7 +167,7 @@ def _gripper_turns() -> FloatArray:
 def checked_hand_offs(
     site_layout: CellLayout, member: FamilyMember
 ) -> tuple[BoolArray, list[dict[int, HandOff]]]:
-    """Return which base grips can meet which of the fixture's (f, base_n), and how."""
+    """Return which base grasps can meet which of the fixed gripper's (f, base_n), and how."""
     half = member.base_n
     if site_layout.fixed_gripper is None or not member.fixed_grasps:
         return np.zeros((0, half), dtype=bool), []
@@ -183,7 +183,7 @@ def checked_hand_offs(
 
 
 def passed_on(start: BoolArray, met: BoolArray) -> BoolArray:
-    """Return which grips (g,) can be come by from some (g,), over any number of hand-offs."""
+    """Return which grasps (g,) can be come by from some (g,), over any number of hand-offs."""
     held = start.copy()
     while True:
         through = met[(met & held).any(axis=1)].any(axis=0) | held

@@ -69,21 +69,21 @@ def shown_directions(
 
 
 def nearest_directions(member: FamilyMember, to_camera: FloatArray) -> IntArray:
-    """Return the nearest direction of a table for each grip, turned ones too, and view (2g, v)."""
+    """Return the nearest direction of a table for each grasp, turned ones too, and view (2g, v)."""
     R = np.stack([g.T_part_tcp[:3, :3] for g in member.arm_grasps])
     own = np.einsum("gki,vk->gvi", R, member.vectors)
     return np.asarray(np.argmax(own @ to_camera.T, axis=2))
 
 
 def table_views(nearest: IntArray, reached: BoolArray) -> BoolArray:
-    """Return which (grip, view) pairs a table of reached hand directions allows: (g, v) bool."""
+    """Return which (grasp, view) pairs a table of reached directions allows: (g, v) bool."""
     each = reached[nearest]
     half = len(each) // 2
     return np.asarray(each[:half] | each[half:])
 
 
 def covered_bits(member: FamilyMember, views: BoolArray) -> NDArray[np.uint8]:
-    """Return what each grip shows in its views, packed: (g, bytes)."""
+    """Return what each grasp shows in its views, packed: (g, bytes)."""
     out = np.zeros((len(views), member.bits.shape[2]), dtype=np.uint8)
     for k, row in enumerate(views):
         if row.any():
@@ -92,7 +92,7 @@ def covered_bits(member: FamilyMember, views: BoolArray) -> NDArray[np.uint8]:
 
 
 def shown_share(member: FamilyMember, views: BoolArray) -> float:
-    """Return the share of the surface that all grips together show in their views."""
+    """Return the share of the surface that all grasps together show in their views."""
     return float(member.share(np.bitwise_or.reduce(covered_bits(member, views), axis=0)))
 
 

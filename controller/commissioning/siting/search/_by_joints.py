@@ -222,7 +222,7 @@ def unlike(sites: Sequence[Site], count: int) -> list[Site]:
 
 
 def unlike_poses(poses: Sequence[FloatArray], count: int) -> list[FloatArray]:
-    """Return the first fixture poses that are not near to one before them."""
+    """Return the first fixed gripper poses that are not near to one before them."""
     kept: list[FloatArray] = []
     for T in poses:
         if len(kept) >= count:

@@ -29,7 +29,7 @@ def find_sites(
     """Return sites of camera and fixed gripper for a family of parts, best first.
 
     The present site is among them. Three stages: a grid by the joints alone; its best with
-    collisions, sights, picks and hand-offs; small steps about the best of these. All work is
+    collisions, visibility, picks and hand-offs; small steps about the best of these. All work is
     counted, so the same cell and parts give the same sites.
 
     Parameters

@@ -35,7 +35,7 @@ TURNS_OF_A_CIRCLE = 24  # tried where nothing says which way
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Hypothesis:
-    """A view laid on the picture.
+    """A view placed on the picture.
 
     Attributes
     ----------

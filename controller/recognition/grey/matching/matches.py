@@ -1,4 +1,4 @@
-"""Which feature of the picture is which of a view laid on it: one to one, the nearest first."""
+"""Which feature of the picture is which of a view placed on it: one to one, the nearest first."""
 
 from dataclasses import dataclass
 
@@ -31,12 +31,12 @@ def matches(
     foot_mm: tuple[float, float] = (0.0, 0.0),
     tol: GreyTolerances | None = None,
 ) -> Matches:
-    """Return which features are which once a view is laid on the picture; references.md P3.2.
+    """Return which features are which once a view is placed on the picture; references.md P3.2.
 
     Parameters
     ----------
     image : features in the table plane
-    model : the view that is laid on them
+    model : the view that is placed on them
     turn_rad, shift_mm : as of a `Hypothesis`, on the table
     foot_mm : the point of the table plane below the camera
     tol : how near features have to agree; None for the defaults
