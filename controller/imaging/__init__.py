@@ -5,7 +5,7 @@ centre of the first pixel; millimetres and radians.
 """
 
 from .camera import Camera, inverse_pose, rotation_angle, transform
-from .contours import Contour, mask_contour, subpixel_contour, threshold_levels
+from .contours import Contour, mask_contour, mask_rim, subpixel_contour, threshold_levels
 from .lamp import PointLamp
 from .levels import Ground, Levels, fit_ground
 from .loops import evenly, loop_normals, signed_area, trace_loops
@@ -26,6 +26,7 @@ __all__ = [
     "inverse_pose",
     "loop_normals",
     "mask_contour",
+    "mask_rim",
     "meet_part",
     "render_maps",
     "rotation_angle",

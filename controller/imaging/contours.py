@@ -50,6 +50,12 @@ def threshold_levels(image: NDArray[np.uint8], inside: BoolArray) -> tuple[float
     return low, 0.5 * (low + high), high
 
 
+def mask_rim(mask: BoolArray) -> BoolArray:
+    """Return which pixels of a mask (height, width) have a neighbour outside, or the border."""
+    inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0)
+    return np.asarray(mask & (inner == 0))
+
+
 def mask_contour(mask: BoolArray) -> FloatArray:
     """Return all border pixels of a mask, outer and inner, (n, 2) x before y."""
     found, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from controller.arrays import BoolArray, Float32Array, FloatArray
+from controller.imaging import mask_rim
 
 from ..model import Light
 from ._pictures import Picture, Stance
@@ -39,7 +40,7 @@ def difference(a: Picture, b: Picture, stance: Stance, light: Light) -> float:
     step = a.step_px
     tolerance = stance.tolerance_px / step + 0.5  # half a cell is lost in drawing
     ignore = (a.behind | b.behind) if light == "backlight" else (a.before | b.before)
-    lines = (_outline(a.mask), _outline(b.mask)) if light == "backlight" else (a.edges, b.edges)
+    lines = (mask_rim(a.mask), mask_rim(b.mask)) if light == "backlight" else (a.edges, b.edges)
     own = (_points(lines[0] & ~ignore), _points(lines[1] & ~ignore))
     pair = _Pair(own, (_distance_to(lines[0]), _distance_to(lines[1])), stance.pivot_px / step)
 
@@ -166,11 +167,6 @@ def _distance_to(mask: BoolArray) -> Float32Array:
     if not mask.any():
         return np.full(mask.shape, 1e3, np.float32)
     return np.asarray(cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5))
-
-
-def _outline(mask: BoolArray) -> BoolArray:
-    inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0)
-    return np.asarray(mask & (inner == 0))
 
 
 def _points(mask: BoolArray) -> FloatArray:

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from controller.arrays import BoolArray, Grey
+from controller.imaging import mask_rim
 
 from ._pictures import Picture
 from ._separate import Predicted
@@ -40,8 +41,7 @@ def measured_picture(predicted: Predicted, backlit: Grey, lit: Sequence[Grey] = 
     edges = np.zeros_like(mask)
     for grey in lit:
         edges |= _steps(grey[y0:y1, x0:x1])
-    inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0)
-    edges |= mask & (inner == 0)
+    edges |= mask_rim(mask)
     known = np.any([p.edges for p in predicted.pictures], axis=0)
     near = predicted.stance.shift_px + predicted.stance.tolerance_px
     away = cv2.distanceTransform((~known).astype(np.uint8), cv2.DIST_L2, 5)

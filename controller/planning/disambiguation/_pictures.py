@@ -11,7 +11,16 @@ import trimesh
 
 from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid
-from controller.imaging import Camera, RayCaster, Roi, ViewMaps, render_maps, transform, view_roi
+from controller.imaging import (
+    Camera,
+    RayCaster,
+    Roi,
+    ViewMaps,
+    mask_rim,
+    render_maps,
+    transform,
+    view_roi,
+)
 
 from ..geometry import Box
 from ..views import even_sphere
@@ -125,7 +134,7 @@ def predict(
     seen = np.maximum(maps.triangle, 0)
     normals = np.asarray(solid.mesh.face_normals)[seen]
     faces = np.where(mask, solid.face_of_triangle[seen], -1)
-    edges = _rim(mask)
+    edges = mask_rim(mask)
     for ahead in ((slice(None), slice(1, None)), (slice(1, None), slice(None))):
         back = tuple(slice(None, -1) if s.start == 1 else s for s in ahead)
         both = mask[ahead] & mask[back]
@@ -202,11 +211,6 @@ def stance_of(
         rules.turn_rad,
         px_per_mm * rules.turn_rad * float(half) + rules.edge_px,
     )
-
-
-def _rim(mask: BoolArray) -> BoolArray:
-    inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0)
-    return np.asarray(mask & (inner == 0))
 
 
 def _grown(mask: BoolArray, kernel: np.ndarray) -> BoolArray:
