@@ -278,7 +278,7 @@ class Follower:
 def follow(
     plan: Plan, layout: CellLayout, solid: Solid, start: Start | Array, arm: ArmReading = UMI
 ) -> Walk:
-    """Follow a plan from `start`: a pose (4, 4) on the table, OnTable, InArm or InFixture."""
+    """Follow a plan from `start`: a pose (4, 4) on the table, OnTable, InArm or InFixedGripper."""
     f = Follower(layout, solid, start, arm)
     for step in plan.steps:
         f.follow(step)

@@ -319,7 +319,7 @@ def test_the_search_answers_the_same_each_time_and_never_below_the_present(
     ]
     assert len(present) == 1
     assert first[0].value >= present[0].value
-    assert {what for what, _, _ in steps} >= {"camera sites", "fixture poses"}
+    assert {what for what, _, _ in steps} >= {"camera sites", "fixed gripper poses"}
     assert all(0 <= done <= total for _, done, total in steps)
 
 

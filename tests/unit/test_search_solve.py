@@ -368,7 +368,7 @@ def test_a_grip_taken_up_again_only_to_finish_is_found() -> None:
 
 def test_tables_that_do_not_fit_together_are_refused() -> None:
     problem = pair_problem(1.0)
-    with pytest.raises(ValueError, match="one price each"):
+    with pytest.raises(ValueError, match="one cost each"):
         Problem(
             shows=problem.shows,
             weights=problem.weights,

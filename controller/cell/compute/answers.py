@@ -148,7 +148,7 @@ def path_home(
         box = Box.from_bounds(*np.column_stack([low, high]).ravel())
         carried = box.placed(inverse_pose(T_part_tcp))
     scene = Scene(c.layout, arm_opening_mm, fixed_opening_mm, carried)
-    return connect(q, c.layout.park_q, scene, f"{c.solid.name}: way home")
+    return connect(q, c.layout.park_q, scene, f"{c.solid.name}: path home")
 
 
 def surface_share(job: Job, samples: BoolArray) -> float:

@@ -154,7 +154,7 @@ def check_plan(plan: Plan, sample_count: int, face_count: int) -> None:
     ValueError : it cannot; the message names the contradiction
     """
     _require(bool(plan.place), "a plan that ends nowhere")
-    _require(plan.place.keys() == plan.park.keys(), "trays without a way to park, or the reverse")
+    _require(plan.place.keys() == plan.park.keys(), "trays without a path to park, or the reverse")
     for name, place in plan.place.items():
         _require(place.tray == name, "a tray under another name")
     for share in (plan.covered_fraction, plan.reachable_fraction):
@@ -177,26 +177,26 @@ def check_prepared(part: PreparedPart) -> None:
     look = part.visibility_table
     for row in (look.best_incidence_rad, look.blocker, look.too_coarse, look.blurred):
         _require(row.shape == (samples,), "evidence of another number of samples")
-    _require(part.covered.shape == (grasps, samples), "coverage of another number of grips")
-    _require(part.home_q.shape == (grasps, 6), "configurations of another number of grips")
+    _require(part.covered.shape == (grasps, samples), "coverage of another number of grasps")
+    _require(part.home_q.shape == (grasps, 6), "configurations of another number of grasps")
     for per_grasp in (part.shown, part.view_q):
-        _require(len(per_grasp) == grasps, "views of another number of grips")
+        _require(len(per_grasp) == grasps, "views of another number of grasps")
     for by_direction in part.view_q:
         for direction, q in by_direction.items():
             _require(0 <= direction < views, "no such direction")
             _require(q.ndim == 2 and q.shape[1] == 6, "configurations of other joints")
-    _require(len(part.hand_offs) == len(part.fixed_grasps), "hand-offs of other grips")
-    _require(len(part.set_downs) == len(part.rests), "ways to set down at other places")
+    _require(len(part.hand_offs) == len(part.fixed_grasps), "hand-offs of other grasps")
+    _require(len(part.set_downs) == len(part.rests), "paths to set down at other places")
     for partners in (*part.hand_offs, *part.set_downs):
         for grasp, meeting in partners.items():
-            _require(0 <= grasp < grasps, "no such grip")
+            _require(0 <= grasp < grasps, "no such grasp")
             for path in (meeting.entry, meeting.retreat):
                 _require(path.ndim == 2 and path.shape[1] == 6, "a path of other joints")
             _require(meeting.q.shape == (6,), "a meeting of other joints")
     for rest in part.rests:
         _require(is_pose(rest.T_world_part), "T_world_part is no pose")
     for held in (*part.arm_grasps, *part.fixed_grasps):
-        _check_fields(held, samples, "grip")
+        _check_fields(held, samples, "grasp")
 
 
 def is_pose(T: FloatArray) -> bool:

@@ -125,7 +125,7 @@ def reasons_to_move(present: SiteScore, best: SiteScore, options: SiteOptions) -
     if partners >= options.worth_moving_hand_offs:
         why.append(
             f"one hand-off shows the rest from {100 * best.mean('partners_share'):.0f} % of the "
-            f"grips instead of {100 * present.mean('partners_share'):.0f} %"
+            f"grasps instead of {100 * present.mean('partners_share'):.0f} %"
         )
     for name, free in present.trays.items():
         more = best.trays.get(name, 0.0) - free
@@ -233,7 +233,7 @@ def _figures(score: SiteScore) -> str:
     if any(np.isfinite(p.regrasp_s) for p in score.parts):
         text += (
             f", one hand-off shows the rest from {100 * score.mean('partners_share'):.0f} % of the "
-            f"grips, views and regrasp take about {seconds_of(score):.0f} s"
+            f"grasps, views and regrasp take about {seconds_of(score):.0f} s"
         )
     return text
 

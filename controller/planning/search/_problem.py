@@ -49,19 +49,19 @@ class Problem:
     def __post_init__(self) -> None:
         n, m = len(self.shows), len(self.weights)
         if len(self.view_s) != n or self.seen.shape != (m,):
-            raise ValueError("prices of views per grip, what is seen per element")
+            raise ValueError("costs of views per grasp, what is seen per element")
         if (
             self.first_s.shape != (n,)
             or self.last_s.shape != (n,)
             or self.regrasp_s.shape != (n, n)
         ):
-            raise ValueError(f"first (g,), hops (g, g) and last (g,) of {n} grips")
+            raise ValueError(f"first (g,), regrasps (g, g) and last (g,) of {n} grasps")
         for g, (table, costs) in enumerate(zip(self.shows, self.view_s, strict=True)):
             if table.shape != (len(costs), m) or table.dtype != np.bool_:
-                raise ValueError(f"grip {g}: views (v, {m}) bool and one price each")
+                raise ValueError(f"grasp {g}: views (v, {m}) bool and one cost each")
         for costs in (self.first_s, self.regrasp_s, self.last_s, *self.view_s):
             if not (costs >= 0.0).all():
-                raise ValueError("prices are seconds from 0 up")
+                raise ValueError("costs are seconds from 0 up")
 
     @property
     def grasp_count(self) -> int:

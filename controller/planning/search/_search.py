@@ -173,7 +173,7 @@ class Search:
                 if best is None or value > best[0] + 1e-12:
                     best = value, sequences.grasps[k], union
         if best is None:
-            raise AssertionError("live grips, but no way through them")
+            raise AssertionError("live grasps, but no path through them")
         return tuple(int(grasps[g]) for g in best[1]), best[2]
 
     def _enter(self, sequences: GraspSequences) -> None:

@@ -122,7 +122,7 @@ def longer(
 def _keys(sets: IndexArray, last: IndexArray, n: int) -> IndexArray:
     """Return one number per set and last grasp."""
     if (sets.shape[1] + 1) * np.log2(n + 1) >= 63:
-        raise ValueError(f"{n} grips in ways of {sets.shape[1]}: more than can be numbered")
+        raise ValueError(f"{n} grasps in sequences of {sets.shape[1]}: more than can be numbered")
     key: IndexArray = last.astype(np.int64)
     for k in range(sets.shape[1]):
         key = key * (n + 1) + sets[:, k]

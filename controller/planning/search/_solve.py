@@ -64,7 +64,7 @@ def solve(
             incumbent=priced(rest, path, views, 0.0, max_grasps),
         )
         if least is None:
-            raise AssertionError("a way was found that is none")
+            raise AssertionError("a sequence was found that is none")
         covers = search.covers + least.covers_count
         return priced(problem, least.grasps, least.views, bound_s, max_grasps, covers)
     grasps, views, cost_s = search.best

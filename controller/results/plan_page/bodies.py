@@ -188,7 +188,7 @@ def arm_bodies(layout: CellLayout, q: FloatArray, opening_mm: float) -> list[Bod
         box_body(names[0], ARM, _thinner(first)),
         *(box_body(name, ARM, box) for name, box in zip(names[1:], links, strict=True)),
         *(
-            box_body("hand", ARM_GRIPPER, box)
+            box_body("arm gripper", ARM_GRIPPER, box)
             for box in arm_gripper[: len(layout.arm_gripper.body)]
         ),
         *(box_body("finger", FINGER, box) for box in arm_gripper[len(layout.arm_gripper.body) :]),
@@ -258,7 +258,7 @@ def moment_stage(
     with_palm : draw the body of the arm gripper
     """
     hidden = {"carriage", "upper", "fore"} if not with_links else set()
-    hidden |= {"hand"} if not with_palm else set()
+    hidden |= {"arm gripper"} if not with_palm else set()
     arm = arm_bodies(layout, moment.q, moment.arm_opening_mm)
     bodies = [
         *standing,

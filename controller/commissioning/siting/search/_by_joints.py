@@ -110,7 +110,7 @@ def fixed_grippers_by_joints(search: Survey) -> list[FixedGripperScore]:
     found: list[FixedGripperScore] = []
     for k, T in enumerate(poses):
         if k % 100 == 0:
-            search.progress("fixture poses", k, len(poses))
+            search.progress("fixed gripper poses", k, len(poses))
         # a camera that moves has its picture looked at later, with each fixed gripper
         why = why_not_here(
             placed_at(bare, replace(now, T_world_fixed_tcp=T), fellows),

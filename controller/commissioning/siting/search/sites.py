@@ -67,7 +67,7 @@ def search_sites(search: Survey) -> tuple[SiteScore, ...]:
     ranked = unlike([s.site for s in _ranked(search)], FIXED_ROUNDS)
     for k, camera in enumerate(ranked):
         for i, T in enumerate(few):
-            search.progress("fixture poses checked", k * len(few) + i, len(few) * len(ranked))
+            search.progress("fixed gripper poses checked", k * len(few) + i, len(few) * len(ranked))
             site = replace(camera, T_world_fixed_tcp=T)
             if search.forbidden(site) is None:
                 best = _better(best, search.check(site))
