@@ -1,7 +1,7 @@
-"""What became of a run: read from the journal, never in the control path.
+"""Results: runs folded from the journal, and pages of runs, plans and parts. Controls nothing.
 
 `load_run` folds a run's journal into a `RunRecord`, `write_html` makes the page that an inspector
-signs, `report_json` the same for machines.
+signs, `report_json` the same for machines. `plan_page` and `sheet` draw a plan and compiled parts.
 """
 
 from .report import SCHEMA_VERSION, report_json, write_html

@@ -1,4 +1,4 @@
-"""The moment of each step that counts: who holds the part, where it is, how the arm stands."""
+"""The moment of each step worth drawing: where the part is, what holds it, how the arm stands."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -36,24 +36,24 @@ class Kind(StrEnum):
 
 
 class Seat(StrEnum):
-    """From where the page draws a step near by."""
+    """From where a step is drawn in close-up."""
 
     INSPECTION = "inspection camera"
     OVERHEAD = "overhead camera"
-    BESIDE = "beside the part"  # where no camera of the cell looks
+    BESIDE = "beside the part"  # no camera of the cell sees it there
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moment:
-    """A step while the jaws close, the picture is taken, or the part is let go.
+    """A step as a gripper closes, the picture is taken, or the part is released.
 
     Attributes
     ----------
-    q : (6,) where the arm stands
-    arm_opening_mm, fixed_opening_mm : of both jaws
-    T_world_part : (4, 4) where the part is
-    grasp, fixed_grasp : that hold it, None where they do not
-    seen : (n,) bool, samples a view shows, None where nothing is looked at
+    q : (6,) joints of the arm
+    arm_opening_mm, fixed_opening_mm : of both grippers
+    T_world_part : (4, 4) pose of the part
+    grasp, fixed_grasp : of the arm gripper and the fixed gripper, None where it does not hold
+    seen : (n,) bool, samples that a view shows; None for a step without a view
     """
 
     step: Step
@@ -70,7 +70,7 @@ class Moment:
 
 
 def moments(plan: Plan, layout: CellLayout) -> tuple[Moment, ...]:
-    """Return a plan's moments in order, the way to the slowest tray and home at the end."""
+    """Return a plan's moments in order; placing in the slowest tray and parking come last."""
     return tuple(_moments(plan, layout))
 
 
@@ -154,11 +154,11 @@ def _moments(plan: Plan, layout: CellLayout) -> Iterator[Moment]:
 
 
 def view_count(plan: Plan) -> int:
-    """Return how many times the part is looked at, in the hand or on the table."""
+    """Return how many views a plan has, in the arm gripper or on the table."""
     return sum(isinstance(step, Present | Look) for step in plan.steps)
 
 
 def slowest_tray(plan: Plan) -> tuple[Place, Park]:
-    """Return the steps to the tray that the forecast counts on."""
+    """Return the steps of placing in the slowest tray, which the forecast includes."""
     tray = max(plan.place, key=lambda t: plan.place[t].seconds + plan.park[t].seconds)
     return plan.place[tray], plan.park[tray]

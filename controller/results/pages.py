@@ -18,7 +18,7 @@ STYLE = "page.css"
 
 
 def write_page(text: str, path: Path) -> Path:
-    """Write a page beside its place, move it into it, and return its path.
+    """Write a page to a temporary file, move it to its path, and return that.
 
     Raises
     ------
@@ -30,7 +30,7 @@ def write_page(text: str, path: Path) -> Path:
     ) as file:
         file.write(text)
     part = Path(file.name)
-    # a temporary file is private to its owner; a report is for everybody who may read the runs
+    # a temporary file is private to its owner; a page is for everybody who may read the folder
     umask = os.umask(0)
     os.umask(umask)
     part.chmod(0o666 & ~umask)
@@ -40,13 +40,13 @@ def write_page(text: str, path: Path) -> Path:
 def make_environment(
     package: str, names: Sequence[str], filters: Mapping[str, Callable[..., str]] | None = None
 ) -> Environment:
-    """Return an engine with a package's templates, the house's style sheet and filters.
+    """Return an engine with a package's templates, the common style sheet and filters.
 
     Parameters
     ----------
     package : whose files the templates are
     names : of the templates
-    filters : what only these templates write: by name, from a value to its text
+    filters : more filters for these templates, by name
     """
     folder = resources.files(package)
     texts = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in names}

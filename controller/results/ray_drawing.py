@@ -1,4 +1,4 @@
-"""Drawings for people by casting rays, several to a pixel: what the plan page and the sheet share.
+"""Drawings for people, by casting several rays per pixel: shared by plan page and part sheet.
 
 What a calibrated camera sees is predicted in `controller.imaging.maps`; nothing is measured here.
 """
@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from controller.arrays import Float32Array, FloatArray, Int32Array
 from controller.imaging import RayCaster
 
-Pixels = tuple[NDArray[np.int64], NDArray[np.int64]]  # rows and columns, (n,) each
+# Rows and columns, (n,) each.
+Pixels = tuple[NDArray[np.int64], NDArray[np.int64]]
 
-FINER = 2  # rays a pixel, each way
+# Rays per pixel, each way.
+FINER = 2
 
 
 def cast(

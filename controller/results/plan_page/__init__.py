@@ -1,4 +1,4 @@
-"""A plan as one HTML page for the process engineer: each step drawn, coverage, time, reasons."""
+"""A plan as one HTML page for the process engineer: steps, coverage, times, reasons."""
 
 from ._page import PlanFacts, render_plan, write_plan_page
 

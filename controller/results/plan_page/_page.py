@@ -1,4 +1,4 @@
-"""A plan as one HTML page that needs nothing else: no network, no script, pictures inside."""
+"""Puts the page of a plan together: strip, time line, coverage map, reasons."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,13 +22,13 @@ TEMPLATES = ("plan.html.j2", "plan.css")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanFacts:
-    """What the page is about.
+    """What the page shows.
 
     Attributes
     ----------
     cell : its name
-    certificates : what each stable pose comes to; empty where only one was asked for
-    place : x [mm], y [mm], theta [deg] where the part lies
+    certificates : of all stable poses; empty where only one was planned from
+    place : planar pose of the part: x [mm], y [mm], theta [deg]
     """
 
     part: CompiledPart
@@ -40,13 +40,13 @@ class PlanFacts:
 
     @property
     def pose(self) -> StablePose:
-        """The pose that is planned from."""
+        """The stable pose that is planned from."""
         return next(p for p in self.part.poses if p.index == self.kept.pose_index)
 
 
 @dataclass(frozen=True, slots=True)
 class ReasonRow:
-    """A piece of a face that is not shown."""
+    """A piece of a face that no view shows."""
 
     face: str
     share: float

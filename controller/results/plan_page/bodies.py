@@ -15,12 +15,15 @@ from controller.planning.motion import Scene
 
 from ..moments import Moment
 
-Colour = tuple[float, float, float]  # red, green, blue, 0..255
+# Red, green, blue, 0..255.
+Colour = tuple[float, float, float]
 
-TABLE_MM = 18.0  # thickness of the plate that stands for the table
-TABLE_ROOM_MM = 60.0  # beyond everything that stands on it
+# The table is drawn as a plate of this thickness, this much larger than what stands on it.
+TABLE_MM = 18.0
+TABLE_ROOM_MM = 60.0
 THINNER_MM = 0.5
-RIM_MM = 4.0  # trays and what the overhead camera sees, drawn as thin plates on the table
+# Trays, and what the overhead camera sees, are drawn as plates of this thickness.
+RIM_MM = 4.0
 
 TABLE: Colour = (214, 209, 200)
 SEEN_TABLE: Colour = (244, 242, 234)
@@ -42,7 +45,7 @@ TRAY: Colour = (200, 200, 205)
 
 GLOWING = (PANEL, SEEN_TABLE)
 
-# corners of a box as signs, and its twelve triangles, outward
+# Corners of a box as signs, and its twelve triangles, outwards.
 _CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 _TRIANGLES = np.array(
     [
@@ -54,7 +57,7 @@ _TRIANGLES = np.array(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """One thing of one colour, in the world; what glows is evenly bright."""
+    """A body of one colour, in the world; a glowing one is evenly bright."""
 
     name: str
     colour: Colour
@@ -65,7 +68,7 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """All bodies of a moment as one mesh to cast rays at.
+    """All bodies of a moment, as one mesh to cast rays at.
 
     Attributes
     ----------
@@ -82,7 +85,7 @@ class Stage:
 
     @cached_property
     def caster(self) -> RayCaster:
-        """Rays against everything, in the world."""
+        """Casts rays at all bodies, in the world."""
         return RayCaster(self.mesh)
 
 
@@ -91,8 +94,8 @@ def box_body(name: str, colour: Colour, box: Box) -> Body:
 
     Parameters
     ----------
-    name : what the body is a piece of
-    colour : one of `GLOWING` makes it glow
+    name : of the thing that the body is a piece of
+    colour : a colour of `GLOWING` makes it glow
     box : in the world [mm]
     """
     corners = (_CORNERS * box.half_mm) @ box.T[:3, :3].T + box.T[:3, 3]
@@ -100,7 +103,7 @@ def box_body(name: str, colour: Colour, box: Box) -> Body:
 
 
 def part_body(solid: Solid, T_world_part: FloatArray) -> Body:
-    """Return the part where it is."""
+    """Return the part in its pose."""
     vertices = np.asarray(solid.mesh.vertices) @ T_world_part[:3, :3].T + T_world_part[:3, 3]
     return Body("part", PART, vertices, np.asarray(solid.mesh.faces))
 
@@ -131,7 +134,7 @@ def standing_bodies(layout: CellLayout) -> list[Body]:
 
 
 def table_window(layout: CellLayout) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return low and high x, y of the table that the overhead camera has in its picture."""
+    """Return low and high x, y of what the overhead camera sees of the table."""
     width, height = layout.overhead.size_px
     corners = np.array([[0, 0], [width, 0], [0, height], [width, height]], dtype=float)
     points = layout.overhead.on_plane(corners)[:, :2]
@@ -172,7 +175,7 @@ def fixed_gripper_bodies(layout: CellLayout, opening_mm: float) -> list[Body]:
 
 
 def arm_bodies(layout: CellLayout, q: FloatArray, opening_mm: float) -> list[Body]:
-    """Return the arm as collisions are checked with: links, the hand, two fingers.
+    """Return the arm as the boxes of collision checks: links, arm gripper, two fingers.
 
     Parameters
     ----------
@@ -196,12 +199,12 @@ def arm_bodies(layout: CellLayout, q: FloatArray, opening_mm: float) -> list[Bod
 
 
 def _thinner(box: Box) -> Box:
-    """Return a box a little smaller: its sides are not to lie in those of its neighbour."""
+    """Return a box a little smaller, so that its sides are not in those of its neighbour."""
     return Box(box.T, box.half_mm - THINNER_MM)
 
 
 def not_round(bodies: Sequence[Body], point_mm: FloatArray) -> list[Body]:
-    """Return the bodies that a point (3,) is outside of: a camera sees no housing of its own."""
+    """Return the bodies that a point (3,) is outside of: a camera does not see its own housing."""
     kept = []
     for body in bodies:
         low, high = body.vertices_mm.min(axis=0) - 1.0, body.vertices_mm.max(axis=0) + 1.0
@@ -217,7 +220,7 @@ def make_stage(bodies: Sequence[Body], part: Body | None, T_world_part: FloatArr
     ----------
     bodies : all but the part, in the world [mm]
     part : the part, in the world; None where none is shown
-    T_world_part : (4, 4) its pose [mm], kept for looking up its samples
+    T_world_part : (4, 4) its pose [mm], for finding its samples
     """
     every = (*bodies, *([part] if part else []))
     starts = np.cumsum([0, *(len(b.vertices_mm) for b in every)])
@@ -246,7 +249,7 @@ def moment_stage(
     with_links: bool = True,
     with_palm: bool = True,
 ) -> Stage:
-    """Return the cell at a moment; without the arm's links, or the palm, to look through them.
+    """Return the cell at a moment; links or palm of the arm may be left out, to see behind them.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Which places of the surface the plan shows, how often, and why not the rest: on the part."""
+"""The coverage map: what of the surface the plan shows, how often, and why not the rest."""
 
 from dataclasses import dataclass
 
@@ -19,10 +19,13 @@ Colour = tuple[float, float, float]
 SIZE_PX = (270, 216)
 ELEVATION_RAD = float(np.radians(32.0))
 AZIMUTHS_DEG = (-60, 30, 120, 210)
-RELIEF = 0.45  # colours are to be read, not light
-FAR_SIZES = 3.0  # of the part's size: where rays start
+# How much light and shadow change the colours, which have to be compared with the key.
+RELIEF = 0.45
+# Rays start this many sizes of the part away.
+FAR_SIZES = 3.0
 
-OFTEN = (  # by how many views, and the colour
+# From how many views on, in words, and the colour.
+OFTEN = (
     (1, "seen in 1 view", (168.0, 206.0, 238.0)),
     (2, "seen in 2 views", (92.0, 158.0, 214.0)),
     (3, "seen in 3 views or more", (28.0, 98.0, 168.0)),
@@ -63,7 +66,7 @@ class Side:
 
 @dataclass(frozen=True, slots=True)
 class CoverageMap:
-    """The part from all sides, and what its colours say."""
+    """The part from all sides, and the key of its colours."""
 
     sides: tuple[Side, ...]
     keys: tuple[Key, ...]
@@ -83,9 +86,9 @@ def coverage_map(
     ----------
     solid : the part
     samples : its surface samples; their areas are the weights
-    plan : says which sample is shown by which view, and why not
+    plan : has which view shows which samples, and why others are not shown
     painter : colours of the part by its samples
-    R_world_part : (3, 3) which way up it is drawn
+    R_world_part : (3, 3) in which it is drawn
     """
     weights = samples.areas_mm2 / samples.areas_mm2.sum()
     words, colours = states(samples, plan)
@@ -101,7 +104,7 @@ def coverage_map(
 
 
 def states(samples: SurfaceSamples, plan: Plan) -> tuple[IntArray, Float32Array]:
-    """Return what each sample's state is (n,), as numbered in the key, and its colour (n, 3)."""
+    """Return each sample's number in the key (n,), and its colour (n, 3)."""
     counts = np.zeros(len(samples.points_mm), dtype=np.int64)
     for step in plan.steps:
         seen = getattr(step, "seen", None)

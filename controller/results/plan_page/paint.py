@@ -1,4 +1,4 @@
-"""What colour a place on the part has: that of the nearest sample on the same face."""
+"""Colours the part's surface: each point like the nearest sample on the same face."""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -11,7 +11,8 @@ from ..ray_drawing import FINER
 from .bodies import Stage
 from .render import Paint, RayHits
 
-APART_MM = 1e4  # between two faces, so that no sample speaks for a place on another face
+# Faces are moved this far apart, so that the nearest sample is on the same face.
+APART_MM = 1e4
 
 
 class Painter:
@@ -24,7 +25,7 @@ class Painter:
         self._count = len(samples.points_mm)
 
     def sample_at(self, stage: Stage, hits: RayHits) -> IntArray:
-        """Return the sample that speaks for each ray (height, width), -1 off the part."""
+        """Return the nearest sample of each ray (height, width), -1 off the part."""
         out = np.full(hits.triangle.shape, -1, dtype=np.int64)
         on_part = hits.triangle >= stage.first_of_part
         if on_part.any():
@@ -35,7 +36,7 @@ class Painter:
         return out
 
     def paint(self, stage: Stage, hits: RayHits, colours: Float32Array) -> Paint:
-        """Return what colours a picture's rays meet, (n, 3) of the samples; asked once a pixel.
+        """Return the colour of each ray's nearest sample; found once per pixel.
 
         Parameters
         ----------

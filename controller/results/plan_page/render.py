@@ -1,4 +1,4 @@
-"""Pictures of bodies of triangles by casting a ray a pixel: shaded, with shadows and ink lines."""
+"""Renders bodies of triangles by casting rays: shaded, with shadows and ink lines."""
 
 from dataclasses import dataclass
 
@@ -11,12 +11,16 @@ from .bodies import Stage
 from .views import Eye
 
 PAPER = (250.0, 250.0, 249.0)
-INK_SHARE = 0.38  # of a surface's brightness, along its edges
+# Edges are drawn with this share of the surface's brightness.
+INK_SHARE = 0.38
 AMBIENT, KEY, FILL = 0.46, 0.50, 0.16
-SHADE = 0.62  # of the key light's share is gone in a shadow
+# A shadow takes away this share of the key light.
+SHADE = 0.62
 CREASE = float(np.cos(np.radians(24.0)))
-LIFT_MM = 0.05  # off a surface, so that it does not shadow itself
-COLOURS_STEP = 3  # levels between two colours of the file: neither seen nor stored
+# Rays to the light start this far off a surface, so that it does not shadow itself.
+LIFT_MM = 0.05
+# Levels are rounded to multiples of this: nobody sees it, and the file is smaller.
+COLOURS_STEP = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,7 +30,7 @@ class RayHits:
     Attributes
     ----------
     triangle : (height, width) int, -1 where nothing is
-    points_mm : (height, width, 3) where, in the world
+    points_mm : (height, width, 3) in the world
     """
 
     triangle: Int32Array
@@ -35,7 +39,7 @@ class RayHits:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Paint:
-    """Colours of the part that stand for its own.
+    """Colours of the part in place of its own.
 
     Attributes
     ----------
@@ -63,10 +67,10 @@ def shade(
     Parameters
     ----------
     stage : the cell at the moment of the picture
-    eye : where its rays come from
+    eye : its rays
     hits : what they meet, (height, width)
     paint : what colours the part instead of its own; None for nothing
-    relief : how much light and shadow change the colours, 0 for not at all
+    relief : how much light and shadow change the colours, from 0
     """
     triangle = hits.triangle
     key = eye.back * 0.55 - eye.right * 0.45 + eye.up * 0.65
@@ -94,7 +98,7 @@ def shade(
 
 
 def _shadowed(stage: Stage, hits: RayHits, key: FloatArray, is_turned: BoolArray) -> BoolArray:
-    """Return which rays meet what the key light does not reach, asked once a pixel.
+    """Return which rays meet a point in shadow of the key light; found once per pixel.
 
     Parameters
     ----------

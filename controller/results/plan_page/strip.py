@@ -1,4 +1,4 @@
-"""The strip: every step drawn from near by, mostly by a camera of the cell, and from outside."""
+"""The strip: every step in close-up, mostly as a camera of the cell sees it, and from outside."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,15 +19,18 @@ from .paint import Painter
 from .render import data_uri, look, shade
 from .views import Eye, Slant, camera_eye, slant_over, slanting_eye, window_about
 
-WIDTHS_PX = (320, 240, 180)  # of a picture; narrower ones where there are many steps
+# Widths of a picture, and from how many steps on the next narrower one is used.
+WIDTHS_PX = (320, 240, 180)
 MANY_STEPS = (24, 48)
 ASPECT = 1.25
 AZIMUTH_RAD, ELEVATION_RAD = float(np.radians(-38.0)), float(np.radians(26.0))
 BESIDE_RAD = tuple(float(np.radians(a)) for a in (-38.0, 52.0, 142.0, 232.0))
-BESIDE_ROOM = 0.8  # about the part, as a share of its size
+# Border around the part in close-up, as a share of its size.
+BESIDE_ROOM = 0.8
 TABLE_ROOM = 1.2
 FAR_MM = 4000.0
-GHOST = 0.22  # how much of the arm's links is seen where one looks through them
+# Opacity of links and palm where they are in front of the part.
+GHOST = 0.22
 
 NEW = (38.0, 166.0, 91.0)
 AGAIN = (142.0, 208.0, 160.0)
@@ -42,7 +45,7 @@ class Frame:
     Attributes
     ----------
     near, outside : data URIs
-    near_words : from where the near picture is taken
+    near_words : from where the close-up is taken
     """
 
     moment: Moment
@@ -108,7 +111,7 @@ class Strip:
 
     @cached_property
     def _slant(self) -> Slant:
-        """Over everything that stands: the same in each step."""
+        """A slanting view of the whole cell, the same in each step."""
         corners = np.vstack([body.vertices_mm for body in self._standing])
         return slant_over(corners, AZIMUTH_RAD, ELEVATION_RAD, 1.0, 0.01)
 
@@ -118,7 +121,7 @@ class Strip:
 
     def _outside(self, stage: Stage, colours: Float32Array) -> Float32Array:
         image = smaller(self._drawn(stage, self._outside_eye, colours))
-        # the part is small from here, and often behind the arm: its outline is drawn over all
+        # the part is small here, and often behind the arm: its outline is drawn over everything
         corners = np.asarray(stage.bodies[-1].vertices_mm)
         pixels = self._slant.project(corners, self._square[0])
         hull = cv2.convexHull(np.round(16 * (pixels - 0.5)).astype(np.int32))
@@ -149,7 +152,7 @@ class Strip:
         return self._through_links(moment, standing, stage, eye, colours), words
 
     def _beside(self, moment: Moment, stage: Stage, colours: Float32Array) -> Float32Array:
-        """Look from that side from which most of the part is seen."""
+        """Return the picture from the side that shows most of the part."""
         corners = stage.bodies[-1].vertices_mm
         bare = moment_stage(self._layout, self._solid, moment, self._standing, with_links=False)
         slants = [
@@ -172,7 +175,7 @@ class Strip:
         eye: Eye,
         colours: Float32Array,
     ) -> Float32Array:
-        # from above the palm is over the part; from beside it shows how the part is held
+        # seen from above the palm hides the part; from the side it shows how the part is held
         bare = moment_stage(
             self._layout,
             self._solid,
@@ -197,7 +200,7 @@ class Strip:
 
     @cached_property
     def _full(self) -> dict[Seat, Eye]:
-        """The cameras' whole pictures."""
+        """The rays of the cameras' whole pictures."""
         eyes = {}
         for seat in (Seat.INSPECTION, Seat.OVERHEAD):
             camera = self._camera(seat)

@@ -1,4 +1,4 @@
-"""The forecast as bars along one axis of seconds, a row a step."""
+"""The forecast as bars along one axis of seconds, one row per step."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,14 +27,15 @@ WORDS: dict[Kind, str] = {
     Kind.PARK: "park",
 }
 WIDTH, ROW, LEFT, RIGHT, TOP = 1080.0, 19.0, 300.0, 96.0, 26.0
-LETTER = 6.4  # width of one, about
+# Mean width of a letter [px].
+LETTER = 6.4
 GAPS_S = (1, 2, 5, 10, 20, 30, 60, 120, 300, 600)
 MOST_TICKS = 12
 
 
 @dataclass(frozen=True, slots=True)
 class Bar:
-    """One step: where its bar is [px], and what stands beside it."""
+    """One step: its bar [px], and the text beside it."""
 
     x: float
     y: float
@@ -47,11 +48,11 @@ class Bar:
 
 @dataclass(frozen=True, slots=True)
 class Timeline:
-    """All bars, the axis, and which colour is what.
+    """All bars, the axis, and the key of colours.
 
     Attributes
     ----------
-    ticks : x [px] and the seconds written there
+    ticks : x [px] and its label
     totals : words, colour, seconds of each kind
     """
 

@@ -1,4 +1,4 @@
-"""Where pictures are taken from: the cell's cameras, and eyes of our own that see in parallel."""
+"""Where pictures are taken from: the cell's cameras, and parallel projections."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,8 @@ import numpy as np
 from controller.arrays import FloatArray
 from controller.imaging import Camera
 
-Window = tuple[float, float, float, float]  # x0, y0, x1, y1 [px] of a camera's picture
+# x0, y0, x1, y1 [px] in a camera's picture.
+Window = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +90,7 @@ def slant_over(
     aspect: float,
     room: float = 0.04,
 ) -> Slant:
-    """Return the slant that has all points (n, 3) in a picture of an aspect.
+    """Return the slant whose picture holds all points (n, 3).
 
     Parameters
     ----------
@@ -109,7 +110,7 @@ def slant_over(
 
 
 def camera_eye(camera: Camera, window: Window, size: tuple[int, int]) -> Eye:
-    """Return the rays of a window of a camera's picture, its lens distortion included.
+    """Return the rays of a window of a camera's picture, with lens distortion.
 
     Parameters
     ----------
@@ -134,7 +135,7 @@ def camera_eye(camera: Camera, window: Window, size: tuple[int, int]) -> Eye:
 
 
 def window_about(camera: Camera, points_mm: FloatArray, room: float, aspect: float) -> Window:
-    """Return the window of a camera's picture that shows some points (n, 3) with room about them.
+    """Return the window of a camera's picture that shows points (n, 3) with a border.
 
     It is never larger than the picture, and stays inside it where the points are inside.
 

@@ -7,20 +7,20 @@ are cell seconds, `wall_s` is wall seconds. Unknown is null, never a made-up num
 | key | what |
 |---|---|
 | `schema`, `schema_version` | ``cellctl.report``, 1 |
-| `run`, `start`, `end`, `wall_s`, `speed`, `speed_reached` | id, times, cell seconds per wall second: asked for, and reached (null: cut off) |
+| `run`, `start`, `end`, `wall_s`, `speed`, `speed_reached` | id, times, cell seconds per wall second: requested, and reached (null: cut off) |
 | `recipe`, `cell` | as they were read, whole |
 | `emulated`, `emulated_devices` | true if any device was not real: not a production result |
 | `devices[]` | `name`, `address`, `emulated`, `identity` (null if it never answered) |
 | `software` | versions by name |
 | `outcome` | `end` (complete, held, stopped, aborted, broke_off, cut_off), `message`, `code`, `custody`, `where` |
 | `verdict` | of the run: the worst of its parts; `no verdict` if one was not judged, `incomplete` if all passed that were begun and not all were |
-| `ordered`, `parts[]` | parts asked for; what became of those begun |
+| `ordered`, `parts[]` | how many parts were ordered; what became of those begun |
 | `parts[].verdict` | `pass`, `fail`, `indeterminate` or null; with `reasons`, `covered_fraction` (of all surface, compared with the CAD), `in_sight_fraction` (in sight, compared or not), `claim` (what was looked for on the compared surface), `tray`, `custody`, `unconfirmed` (null, or what was begun and never confirmed) |
 | `parts[].faces[]` | `face`, `label`, `area_mm2`, `area_fraction` (they add up to 1), `seen_fraction` (compared with the CAD), `by_check` (the same by check), `rest` (not compared, by reason), `verdict`, `views`, `reason` |
 | `parts[].findings[]` | `number`, `view`, `kind`, `lamp`, `size_mm`, `area_mm2`, `at_px`, `box_px`, `p_part_mm`, `faces` |
 | `parts[].views[]` | `view`, `evaluated` (null: never judged), `reason`, `shift_mm`, `turn_deg`, `residual_px`, `checks` (`check`, `reason` why it was not made, `compared_samples`, `size_mm`, `length_mm`), `findings` (numbers), `pictures` |
 | `parts[].steps[]` | `label`, `forecast_s`, `seconds` (null: not finished), `view`, `tray` |
-| `parts[].sightings[]`, `looks`, `grips_missed`, `forecast_s`, `table_pictures` | the way there |
+| `parts[].sightings[]`, `looks`, `grips_missed`, `forecast_s`, `table_pictures` | what led to the grasp |
 | `pictures.<lamp>` | `file` (in the run's folder), `sha256` (null: the file is missing) |
 | `stages[]` | `state`, `visits`, `wall_s` |
 | `cautions[]` | what to know before trusting the rest |
@@ -189,7 +189,7 @@ def _sha256(folder: Path, name: str) -> str | None:
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - any JSON value
-    """Return a value as JSON knows it: no tuples, and no NaN, which JSON has no word for."""
+    """Return a value as plain JSON: lists for tuples, null for NaN."""
     if isinstance(value, Mapping):
         return {str(k): _plain(v) for k, v in value.items()}
     if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""How large a pixel is and where a place on the table stands in the picture, from the cell data."""
+"""The size of a pixel, and where a position on the table is in the picture, from the cell data."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -17,7 +17,7 @@ class Optics:
 
     Attributes
     ----------
-    table_mm_per_px, station_mm_per_px : at the height of the table, and where the part is shown
+    table_mm_per_px, station_mm_per_px : on the table, and at the station
     """
 
     def __init__(self, cell: Cell) -> None:
@@ -39,12 +39,12 @@ class Optics:
     def arrow_px(self, x_mm: float, y_mm: float, theta_deg: float) -> tuple[float, ...]:
         """Return x0, y0, x1, y1 in the overhead picture of an arrow on the table.
 
-        It begins at the sighting's place and points where the part's turned x axis points.
+        It begins at the sighting's position and points along the part's x axis, turned by theta.
 
         Parameters
         ----------
-        x_mm, y_mm : where the sighting stands on the table, in the world
-        theta_deg : its turn about +z
+        x_mm, y_mm : position of the sighting on the table, in the world
+        theta_deg : its rotation about +z
         """
         theta = np.radians(theta_deg)
         tip = (x_mm + ARROW_MM * np.cos(theta), y_mm + ARROW_MM * np.sin(theta))

@@ -32,7 +32,7 @@ class Panel:
     ----------
     marks : findings to box
     bar_px : length of the scale bar, None where the scale is not known
-    arrow : x0, y0, x1, y1 of a sighting's place and direction
+    arrow : x0, y0, x1, y1, from a sighting's position in its direction
     """
 
     lamp: str
@@ -44,7 +44,7 @@ class Panel:
 
 @dataclass(frozen=True, slots=True)
 class ViewPanel:
-    """A view: its pictures side by side; `outline` is the SVG path drawn over each."""
+    """A view: its pictures side by side, and the SVG path of the outline drawn over each."""
 
     view: ViewReport
     key: str
@@ -53,7 +53,7 @@ class ViewPanel:
 
     @property
     def first(self) -> int | None:
-        """Return which panel holds the outline; the others only refer to it."""
+        """Return the panel that defines the outline; the others refer to it."""
         return next((i for i, panel in enumerate(self.panels) if not panel.shot.why_missing), None)
 
 
@@ -83,18 +83,18 @@ class PartPage:
 
     @property
     def evaluated(self) -> int:
-        """Return how many views could be judged."""
+        """Return how many views were evaluated."""
         return sum(view.evaluated is True for view in self.part.views)
 
 
 def lamp_words(lamp: str) -> str:
-    """Return a lamp as people call it: ``station_ring`` is the ring."""
+    """Return a lamp's everyday name: ``station_ring`` is the ring."""
     short = lamp.removeprefix("station_").removeprefix("table_")
     return LAMP_WORDS.get(short, short.replace("_", " "))
 
 
 def css_class(verdict: str) -> str:
-    """Return the class that colours a verdict; the verdict itself always stands beside it."""
+    """Return the CSS class of a verdict; its colour never stands without the word."""
     return {"pass": "pass", "fail": "fail", "indeterminate": "doubt"}.get(verdict, "none")
 
 
@@ -138,7 +138,7 @@ def _table(part: PartReport, pictures: Pictures, optics: Optics | None) -> tuple
         arrow = _arrow(part.sightings[0], optics)
     panels: list[Panel] = []
     for lamp, name in part.table_pictures.items():
-        # one picture shows where on the table, the others what lies there
+        # the first picture shows the whole table, the others what is on it
         size = pictures.size_px(name)
         boxes = [s.box_px for s in part.sightings]
         window = window_round(boxes, size, TABLE_MARGIN, TABLE_LEAST_PX) if size else None
@@ -174,7 +174,7 @@ def _view(key: str, view: ViewReport, pictures: Pictures, optics: Optics | None)
 
 
 def _picture_of(view: ViewReport, lamp: str) -> str | None:
-    """Return the picture a finding was made in; ``backlit`` is the one before the panel."""
+    """Return the picture of a finding; ``backlit`` is the one before the glowing panel."""
     if lamp in view.pictures:
         return view.pictures[lamp]
     if lamp == "backlit":

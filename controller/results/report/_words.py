@@ -21,7 +21,7 @@ def verdict_word(part: PartReport) -> str:
 
 
 def why(record: RunRecord, part: PartReport) -> str:
-    """Return in one sentence why a part has the verdict it has."""
+    """Return in one sentence why a part has its verdict."""
     verdict = part.verdict
     if verdict is None:
         if record.outcome.message and part is record.parts[-1]:
@@ -45,7 +45,7 @@ def headline(record: RunRecord) -> tuple[str, str]:
     unstarted = f"; {missing} not begun" if missing > 0 else ""
     worst = next((w for w in ("fail", "no verdict", "indeterminate") if w in words), words[0])
     if worst == "pass" and missing > 0:
-        worst = "incomplete"  # nobody shall read "pass" over parts that were never looked at
+        worst = "incomplete"  # no report may read "pass" that has parts never inspected
     sentence = f"{count_of(len(words), 'part')} of {record.ordered} ordered: {tally}{unstarted}."
     return worst, sentence
 

@@ -12,8 +12,9 @@ from ._page import css_class, lamp_words, make_part_page
 from ._words import END_WORDS, cautions, headline
 from .pictures import QUALITIES, Pictures, Quality
 
-MAX_BYTES = 10_000_000  # what still goes through a mail gateway
-PICTURE_BYTES = 8_000_000  # the share of it that pictures may take
+# A page must pass mail gateways; pictures may take this much of it.
+MAX_BYTES = 10_000_000
+PICTURE_BYTES = 8_000_000
 LOG_ROWS = 3000
 TEMPLATES = ("report.html.j2", "part.html.j2")
 FILTERS: Final[Mapping[str, Callable[..., str]]] = {
@@ -28,7 +29,7 @@ FILTERS: Final[Mapping[str, Callable[..., str]]] = {
 def write_html(record: RunRecord, path: Path) -> Path:
     """Write the report of a run and return its path.
 
-    The file is whole or not there: it is written beside its place and moved into it.
+    The file is whole or not there.
 
     Raises
     ------

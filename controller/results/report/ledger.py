@@ -1,6 +1,6 @@
 """The coverage ledger: every square millimetre of surface, compared or not, and why not.
 
-Also the time line's sums. Plain numbers from a `PartReport`; shares are in percent.
+Also the sums of the time line. Plain numbers from a `PartReport`; shares are in percent.
 """
 
 from collections.abc import Sequence
@@ -22,11 +22,11 @@ class LedgerRow:
 
 @dataclass(frozen=True, slots=True)
 class Ledger:
-    """All surfaces; the shares as shown add up to 100 %, and so do the classes.
+    """All surfaces; their rounded shares add up to 100 %, and so do the classes.
 
     Attributes
     ----------
-    classes : share of all area by what is known of it, in words
+    classes : name, words and share of all area by what is known of it
     unseen : share of all area by why it was not compared, largest first
     """
 
@@ -99,7 +99,7 @@ def _why_unseen(part: PartReport, face: FaceReport) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """The time line's sums over the steps done [cell s], and the step that was worst."""
+    """Sums over the steps done [cell s], and the step that exceeded its forecast most."""
 
     done: int
     forecast_s: float
@@ -110,7 +110,7 @@ class Timing:
 
 
 def make_timing(steps: Sequence[StepReport]) -> Timing:
-    """Return the sums; the worst step is the one that took most longer than its forecast."""
+    """Return the sums; the worst step is the one that exceeded its forecast most."""
     done = [
         (i, s.forecast_s, s.actual_s)
         for i, s in enumerate(steps)

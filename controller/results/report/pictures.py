@@ -1,7 +1,7 @@
 """The pictures of a run, cut, made smaller and put into the page as data.
 
-The page must stay small enough to mail, so a `Quality` says how large pictures may be; the page
-is made again with the next one when it gets too large.
+The page must stay small enough to mail: a `Quality` limits the pictures, and a page that is too
+large is made again with the next lower one.
 """
 
 import base64
@@ -17,8 +17,10 @@ from controller.arrays import Grey
 
 from ..run import Box, Points
 
-ASPECT: Final = 1.25  # width over height of every cut-out, as of the cameras
-OUTLINE_GAP_PX: Final = 6.0  # neighbours on an outline are at most 3 * sqrt(2) px apart
+# Width over height of every cut-out, as of the cameras.
+ASPECT: Final = 1.25
+# Points further apart are on two loops: neighbours on one are at most 3 * sqrt(2) px apart.
+OUTLINE_GAP_PX: Final = 6.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +31,7 @@ class Quality:
     ----------
     view_px, crop_px : longer side of views and of crops; 0 leaves pictures out
     jpeg : quality, 0..100
-    typical_bytes : what one picture adds to the page, to begin with a quality that will do
+    typical_bytes : about what one picture adds to the page; a quality that cannot fit is skipped
     """
 
     view_px: int
@@ -45,8 +47,9 @@ QUALITIES: Final = (
     Quality(160, 120, 45, 3_500),
     Quality(0, 0, 0, 0),
 )
-KEPT = 4  # decoded pictures kept: a picture is asked for by its view and by each of its findings
-# one lamp lights a dull part poorly; what a screen cannot show is brightened, and the page says so
+# Decoded pictures that are held: a view and each of its findings need the same ones.
+KEPT = 4
+# One lamp lights a dull part poorly: dark pictures are brightened, and the page says by how much.
 BRIGHT_PERCENTILE: Final = 99.5
 BRIGHT_LEVEL: Final = 215.0
 LEAST_GAIN, MAX_GAIN = 1.2, 4.0
@@ -61,7 +64,7 @@ class Shot:
     uri : data URI, empty where the picture is missing
     why_missing : why it is missing
     window : x0, y0, x1, y1 of the cut-out in the picture as taken [px]
-    gain : how many times brighter than taken it is shown
+    gain : by how much it was brightened
     """
 
     uri: str
@@ -76,7 +79,7 @@ class Shot:
 
 
 class Pictures:
-    """Reads a run's pictures; a missing or broken file is told on the page, not raised."""
+    """Reads a run's pictures; a missing or broken file is reported on the page, not raised."""
 
     def __init__(self, folder: Path, quality: Quality) -> None:
         self._folder = folder
@@ -143,7 +146,7 @@ def _decode(folder: Path, name: str) -> Grey | None:
 
 
 def _gain(image: Grey) -> float:
-    """Return by how much a dark picture is brightened for the eye, 1 to `MAX_GAIN`."""
+    """Return the factor by which a dark picture is brightened, 1 to `MAX_GAIN`."""
     bright = float(np.percentile(image, BRIGHT_PERCENTILE))
     gain = round(float(np.clip(BRIGHT_LEVEL / max(bright, 1.0), 1.0, MAX_GAIN)), 1)
     return gain if gain >= LEAST_GAIN else 1.0
@@ -155,13 +158,13 @@ def _data_uri(image: Grey, jpeg: int) -> str:
 
 
 def window_round(boxes: Iterable[Box], size: tuple[int, int], margin: float, least_px: int) -> Box:
-    """Return a cut-out of the picture's proportions round boxes.
+    """Return the cut-out around boxes, in the proportions of the picture.
 
     Parameters
     ----------
-    boxes : x0, y0, x1, y1 of each [px]; none gives the whole picture
+    boxes : x0, y0, x1, y1 of each [px]; without any, the whole picture is returned
     size : width and height of the picture [px]
-    margin : left free on every side, as a share of the boxes' extent
+    margin : border on every side, as a share of the boxes' extent
     least_px : smallest width of the cut-out
     """
     width, height = size
@@ -179,7 +182,7 @@ def window_round(boxes: Iterable[Box], size: tuple[int, int], margin: float, lea
 
 
 def bounds(points: Points) -> Box | None:
-    """Return the box round points, None for none."""
+    """Return the box around points, None for none."""
     if not points:
         return None
     xs, ys = zip(*points, strict=True)
@@ -189,8 +192,8 @@ def bounds(points: Points) -> Box | None:
 def outline_path(points: Points) -> str:
     """Return an outline as the ``d`` of an SVG path, in picture coordinates.
 
-    The points are those of all borders of the part, outer and inner, one after the other; a jump
-    tells where the next one begins. A pixel's centre is half a pixel inside it.
+    The points are those of all loops, outer and inner, one after the other; a jump is where the
+    next loop begins. A pixel's centre is half a pixel inside it.
     """
     parts: list[list[tuple[float, float]]] = []
     for point in points:

@@ -1,4 +1,4 @@
-"""What became of a run: folded from the journal's rows, never in the control path.
+"""A run, folded from the rows of its journal.
 
 `load.py` finds runs, `_fold.py` and `_parts.py` fold their rows into the `RunRecord` of `model.py`,
 `log_words.py` puts a row in words.

@@ -1,4 +1,4 @@
-"""Folds a run's journal rows into a `RunRecord`; also a run that nobody ended."""
+"""Folds a run's journal rows into a `RunRecord`, whether or not the run came to an end."""
 
 from collections.abc import Sequence
 from datetime import datetime
@@ -29,12 +29,12 @@ ENDS: Final = ("complete", "held", "stopped", "aborted", "refused")
 
 
 def fold(run_id: str, folder: Path, found: Sequence[Row], broken: int | None) -> RunRecord:
-    """Return a run as its rows tell it.
+    """Return the record of a run, folded from its rows.
 
     Parameters
     ----------
     run_id : of the run
-    folder : its own
+    folder : of the run
     found : its rows in order, at least one
     broken : number of the journal's first row whose hash does not fit
 
@@ -48,7 +48,7 @@ def fold(run_id: str, folder: Path, found: Sequence[Row], broken: int | None) ->
     at_rest, broke_off = _last(log, rows.AtRest), _last(log, rows.RunBrokeOff)
     is_cut_off = at_rest is None and broke_off is None
     parts = _parts(log, is_cut_off=is_cut_off)
-    # a row after this run's last one says nothing against it
+    # a broken row after this run's last one does not affect it
     is_touched = broken is not None and broken <= found[-1].seq
     return RunRecord(
         run_id=run_id,
@@ -124,7 +124,7 @@ def _parts(log: Sequence[LogEntry], *, is_cut_off: bool) -> tuple[PartReport, ..
     folds: dict[int, PartFold] = {}
     for entry in log:
         if not entry.part:
-            continue  # number 0 stands for no part yet
+            continue  # rows from before the first part have number 0
         if entry.flaw:
             raise _unreadable(entry)
         folds.setdefault(entry.part, PartFold(entry.part)).take(entry.row)
@@ -153,7 +153,7 @@ def _outcome(
     last = parts[-1] if parts else None
     custody = last.custody if last else Custody.NONE
     where = _where(last)
-    # a run may come to rest and still break off while it ends; the later word counts
+    # a run may come to rest and still break off while it ends: then the later row counts
     if broke_off is not None:
         return Outcome("broke_off", broke_off.error, "broke_off", custody, where)
     if at_rest is not None:

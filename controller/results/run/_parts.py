@@ -19,7 +19,7 @@ from .model import (
     ViewReport,
 )
 
-# what is never repeated blindly, in the words of somebody who has to look where the part is
+# Once actions, in words for a person who has to find where the part is.
 ONCE_WORDS: Mapping[str, str] = {
     Once.GRASP: "closing the arm gripper on the part on the table",
     Once.HAND_OFF: "closing the fixed gripper on the part",
@@ -32,7 +32,7 @@ ONCE_WORDS: Mapping[str, str] = {
 
 @dataclass(slots=True)
 class PartFold:
-    """Takes the rows of one part in order; `report` tells what they add up to."""
+    """Takes the rows of one part in order; `report` returns what they add up to."""
 
     number: int
     looks: int = 0
@@ -46,11 +46,11 @@ class PartFold:
     tray: str | None = None
     custody: Custody = Custody.ON_TABLE
     custody_detail: str = ""
-    # intents since the last word on custody, and whether an outcome followed
+    # Intents since the last change of custody, and whether an outcome followed.
     pending: dict[str, bool] = field(default_factory=dict)
 
     def take(self, row: Body | None) -> None:
-        """Take one row; one that says nothing of a part's way is passed over."""
+        """Take one row; rows of other kinds are skipped."""
         match row:
             case rows.TablePictures():
                 self.looks += 1
@@ -94,8 +94,8 @@ class PartFold:
 
         Parameters
         ----------
-        is_cut_off : the journal just stops, so that an outcome without its change of custody
-            proves nothing either
+        is_cut_off : the journal just stops, so that an outcome proves nothing without the change
+            of custody after it
         """
         ambiguity = [
             name for name, has_outcome in self.pending.items() if is_cut_off or not has_outcome
@@ -117,10 +117,10 @@ class PartFold:
         )
 
     def _all_steps(self) -> tuple[StepReport, ...]:
-        """Return the steps done, then those the plan still had."""
+        """Return the steps done, then the rest of the plan."""
         if self.plan is None:
             return tuple(self.steps)
-        # the plan's last entry is the way to the parking place, which is not timed as a step
+        # the plan's last entry is parking, which is not timed as a step
         planned = zip(self.plan.labels[:-1], self.plan.seconds[:-1], strict=True)
         rest = tuple(StepReport(label, seconds, None) for label, seconds in planned)
         return (*self.steps, *rest[len(self.steps) :])
@@ -182,7 +182,7 @@ def _view(row: rows.ViewJudged, first: int) -> ViewReport:
         pictures={},
         evaluated=row.evaluated,
         reason=row.reason,
-        # a view that is not evaluated has no measured pose; its zeros mean nothing
+        # a view that was not evaluated has no measured pose, only zeros
         shift_mm=row.shift_mm if row.evaluated else None,
         turn_deg=row.turn_deg if row.evaluated else None,
         residual_px=row.residual_px,

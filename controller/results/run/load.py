@@ -10,12 +10,13 @@ from controller.cell.journal import JOURNAL_NAME, JournalError, first_broken_row
 from ._fold import fold
 from .model import ResultsError, RunRecord
 
-NAMED_COUNT = 12  # how many runs an error names, newest first
+# How many runs an error names, newest first.
+NAMED_COUNT = 12
 
 
 @dataclass(frozen=True, slots=True)
 class RunSummary:
-    """A run in the journal; `rows` tells how much there is of it."""
+    """A run in the journal, and how many rows it has."""
 
     run_id: str
     start: datetime
@@ -35,7 +36,7 @@ def list_runs(runs_dir: Path) -> tuple[RunSummary, ...]:
             f"no journal at {path}: nothing ran here yet, or it is not the folder of runs"
         )
     try:
-        # the bodies of a long journal are not worth reading for its table of contents
+        # without the bodies of the rows, which a list of runs does not need
         db = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
         try:
             rows = db.execute(
@@ -50,17 +51,16 @@ def list_runs(runs_dir: Path) -> tuple[RunSummary, ...]:
 
 
 def load_run(runs_dir: Path, run: str | None = None) -> RunRecord:
-    """Return a run as its journal tells it.
+    """Return the record of a run.
 
     Parameters
     ----------
     runs_dir : folder with the journal and the runs' own folders
-    run : a run's id, the beginning of one that no other run shares, or the path of its folder;
-        None for the newest
+    run : a run's id, an unambiguous beginning of it, or the path of its folder; None for the newest
 
     Raises
     ------
-    ResultsError : no such run (the message names those there are), or an unreadable journal
+    ResultsError : no such run (the message names the runs there are), or an unreadable journal
     """
     if run is not None and (Path(run).parent / JOURNAL_NAME).is_file() and Path(run).is_dir():
         runs_dir, run = Path(run).parent, Path(run).resolve().name

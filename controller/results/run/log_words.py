@@ -1,4 +1,4 @@
-"""What a row of the journal means, in words."""
+"""Rows of the journal in words."""
 
 import json
 from collections.abc import Mapping

@@ -1,8 +1,7 @@
-"""A run as the report tells it: frozen, complete, and free of everything that moves.
+"""The record of a run: plain frozen data, folded from the journal by `_fold`.
 
-All of it is folded from the journal (`_fold`); nothing here touches a file. Seconds of steps are
-*cell* seconds (an emulated cell may run faster than the wall); all other durations are wall
-seconds, and say so in their names.
+Steps are timed in *cell* seconds (an emulated cell may run faster than the wall); all other
+durations are wall seconds, with `wall` in their names.
 """
 
 from collections.abc import Mapping
@@ -20,7 +19,7 @@ Points = tuple[tuple[float, float], ...]
 
 
 class ResultsError(Exception):
-    """There is no such run, or its journal cannot be read; the message names what there is."""
+    """There is no such run, or its journal cannot be read; the message names what was found."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +29,7 @@ class DeviceReport:
     Attributes
     ----------
     address : where it was, as resolved at the start
-    identity : what it said of itself; empty if it never answered
+    identity : what it reported of itself; empty if it never answered
     """
 
     name: str
@@ -47,10 +46,10 @@ class SightingReport:
     ----------
     part : name, None for an unknown object
     score : how likely part and pose are right, 0..1; of an unknown object, that it is one
-    sigma_mm, sigma_deg : standard deviations of place and turn, None if unknown or not written
+    sigma_mm, sigma_deg : standard deviations of position and theta; None if unknown
     residual_px : standard deviation of the edges from their predictions, None if unknown
     box_px : x0, y0, x1, y1 in the overhead picture
-    ambiguous_with : other readings that fit as well, in words
+    ambiguous_with : other hypotheses that fit as well, in words
     """
 
     part: str | None
@@ -78,7 +77,7 @@ class UnseenReport:
 
 @dataclass(frozen=True, slots=True)
 class PlanReport:
-    """What was going to be done; the last two steps are forecast for the slowest tray."""
+    """A plan; its last two steps are forecast for the slowest tray."""
 
     labels: tuple[str, ...]
     seconds: tuple[float, ...]
@@ -90,12 +89,12 @@ class PlanReport:
 
 @dataclass(frozen=True, slots=True)
 class StepReport:
-    """One step [cell s]; `actual_s` is None for a step that was not finished (or is not timed).
+    """One step [cell s]; `actual_s` is None where it was not finished or is not timed.
 
     Attributes
     ----------
-    view : id of the view it showed, empty otherwise
-    jaw_mm, expected_mm : opening of the jaws after a grip, measured and planned
+    view : id of the view it presented, empty for other steps
+    jaw_mm, expected_mm : opening after a grasp, measured and planned
     """
 
     label: str
@@ -109,7 +108,7 @@ class StepReport:
 
 @dataclass(frozen=True, slots=True)
 class FindingReport:
-    """One place where picture and CAD disagree; see `controller.inspection.Finding`.
+    """A finding: where picture and CAD disagree; see `controller.inspection.Finding`.
 
     Attributes
     ----------
@@ -130,15 +129,15 @@ class FindingReport:
 
 @dataclass(frozen=True, slots=True)
 class ViewReport:
-    """One view shown to the inspection camera.
+    """One view of the part.
 
     Attributes
     ----------
     pictures : file by lamp, relative to the run's folder
     evaluated : None where the run ended before the view was judged
     reason : why it was not evaluated
-    shift_mm, turn_deg, residual_px : measured pose against the expected one; None if unknown
-    outline_px : border pixels of the prediction, every third
+    shift_mm, turn_deg, residual_px : measured pose from the expected one; None if unknown
+    outline_px : every third border pixel of the prediction
     """
 
     view_id: str
@@ -207,17 +206,17 @@ class VerdictReport:
 
 @dataclass(frozen=True, slots=True)
 class PartReport:
-    """One part's way through the cell.
+    """What became of one part.
 
     Attributes
     ----------
-    looks : how often the table was looked at; more than once after a missed grip
+    looks : how often the table was looked at; more than once after a missed grasp
     table_pictures : of the last look, file by lamp
     sightings : of the last look
     steps : of the last plan, done or not
-    custody : where the journal last knew it
-    unconfirmed : what was begun and never confirmed, so that `custody` may be out of date; or empty
-    tray : where it was put, None if it was not
+    custody : the last one in the journal
+    unconfirmed : what was begun and never confirmed; where not empty, `custody` may be out of date
+    tray : the one it was placed in; None if it was not placed
     """
 
     number: int
@@ -247,7 +246,7 @@ class LogEntry:
     Attributes
     ----------
     body : as the journal keeps it
-    row : what it says; None where this version does not know such a row or cannot read it
+    row : its model; None where this version does not know or cannot read such a row
     flaw : why it cannot be read; empty otherwise
     """
 
@@ -280,7 +279,7 @@ class Outcome:
     end : the state of rest; ``broke_off`` where it could not come to rest, ``cut_off`` where the
         journal just stops
     message : what happened; empty when all went well
-    code : stable short name of the trouble
+    code : stable short name of what happened
     where : where the part is, as a sentence
     """
 
@@ -299,10 +298,10 @@ class RunRecord:
     ----------
     folder : the run's own folder, where its pictures are
     recipe, cell : as they were read, whole
-    emulator : what the emulator said of itself, empty on a real cell
-    speed, speed_reached : cell seconds per wall second, asked for and reached on average; None
+    emulator : what the emulator reported of itself, empty on a real cell
+    speed, speed_reached : cell seconds per wall second, requested and reached on average; None
         where the run did not come to its end
-    ordered : how many parts were asked for
+    ordered : how many parts were ordered
     first_broken_row : number of the first journal row whose hash does not fit; None if all fit
     """
 
@@ -327,7 +326,7 @@ class RunRecord:
 
     @property
     def recipe_name(self) -> str:
-        """Return how people call the recipe."""
+        """Return the recipe's name."""
         return str(self.recipe.get("name", "unknown"))
 
     @property

@@ -1,4 +1,4 @@
-"""How numbers are written on the page."""
+"""Directions and positions in words."""
 
 import numpy as np
 
@@ -6,5 +6,5 @@ from controller.arrays import FloatArray
 
 
 def vector(direction: FloatArray, decimals: int = 4) -> str:
-    """Return a direction as people write it; no needless zeros, no minus before one."""
+    """Return a direction in brackets, without trailing zeros and without -0."""
     return "(" + ", ".join(f"{v + 0.0:g}" for v in np.round(direction, decimals)) + ")"

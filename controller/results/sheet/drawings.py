@@ -1,6 +1,6 @@
 """Line views as SVG: the outline with its arcs as arcs, and the visible edges.
 
-A view's y runs up, a drawing's down; so y changes its sign here, and with it every turn.
+A view's y points up, a drawing's down: y changes its sign here, and with it every rotation.
 """
 
 from collections.abc import Sequence
@@ -11,10 +11,13 @@ import numpy as np
 from controller.arrays import FloatArray
 from controller.cad.views import DrawnEdge, LineView, Loop, Stroke
 
-ASPECT = 4 / 3  # of every drawing and picture on the page
-MARGIN = 0.06  # left free on every side, as a share of the larger extent
+# Width over height of every drawing and picture on the page.
+ASPECT = 4 / 3
+# Border on every side, as a share of the larger extent.
+MARGIN = 0.06
 FULL_TURN = 2 * np.pi - 1e-6
-ARROW_AT = 0.12  # of the loop's length: how far from its start the arrow stands
+# Where on a loop its arrow is, as a share of its length.
+ARROW_AT = 0.12
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +40,7 @@ class Frame:
 
     @property
     def view_box(self) -> str:
-        """As SVG asks for it; the template does."""
+        """The viewBox attribute of an SVG element."""
         return f"{self.x:.2f} {self.y:.2f} {self.width:.2f} {self.height:.2f}"
 
 
@@ -47,8 +50,8 @@ class Drawing:
 
     Attributes
     ----------
-    outline : path of all loops, to be filled by the even-odd rule
-    arrows : path of the arrow heads that show which way the loops run
+    outline : path of all loops, for the even-odd rule
+    arrows : path of the arrow heads that show the direction of the loops
     starts : where each loop starts, (x, y)
     sharp, smooth, silhouette : paths of the visible edges inside the outline
     rim : path of the visible edges on the outline
@@ -93,7 +96,7 @@ def _round_length(length_mm: float) -> float:
 
 
 def draw(view: LineView, unit: float) -> Drawing:
-    """Return a view's drawing; ``unit`` is the frame's."""
+    """Return the drawing of a view; ``unit`` is the frame's."""
     inside = [edge for edge in view.edges if not edge.on_outline]
     phantoms = [
         end
@@ -117,7 +120,7 @@ def draw(view: LineView, unit: float) -> Drawing:
 
 
 def loop_path(loop: Loop) -> str:
-    """Return a closed loop as the ``d`` of a path, of lines and arcs where it knows them."""
+    """Return a closed loop as the ``d`` of an SVG path of lines and arcs."""
     if not loop.strokes:
         return _polyline(loop.points) + "Z"
     x, y = loop.strokes[0].start
@@ -127,7 +130,7 @@ def loop_path(loop: Loop) -> str:
 def _stroke(stroke: Stroke) -> str:
     if stroke.centre is None or stroke.axes is None:
         return f"L{stroke.end[0]:.3f} {-stroke.end[1]:.3f}"
-    if abs(stroke.sweep_rad) >= FULL_TURN:  # an arc that ends where it starts is none in SVG
+    if abs(stroke.sweep_rad) >= FULL_TURN:  # SVG draws no arc that ends where it starts
         middle = 2 * stroke.centre - stroke.start
         half = stroke.sweep_rad / 2
         return _arc(stroke.axes, half, middle) + _arc(stroke.axes, half, stroke.end)
@@ -135,7 +138,7 @@ def _stroke(stroke: Stroke) -> str:
 
 
 def _arc(axes: FloatArray, sweep_rad: float, end: FloatArray) -> str:
-    # half axes that are no right angle to each other would draw another ellipse
+    # SVG takes half axes at a right angle alone
     radii = np.linalg.norm(axes, axis=1)
     turn_deg = -float(np.degrees(np.arctan2(axes[0, 1], axes[0, 0])))
     is_anticlockwise = sweep_rad * float(axes[0, 0] * axes[1, 1] - axes[0, 1] * axes[1, 0]) > 0
@@ -154,7 +157,7 @@ def _edge_paths(edges: Sequence[DrawnEdge]) -> str:
 
 
 def _arrow(loop: Loop, unit: float) -> str:
-    """Return an arrow head on a loop, nothing where the loop is smaller than the head."""
+    """Return an arrow head on a loop; nothing where the loop is smaller than the head."""
     closed = np.vstack([loop.points, loop.points[:1]])
     steps = np.diff(closed, axis=0)
     lengths = np.linalg.norm(steps, axis=1)

@@ -8,13 +8,15 @@ from controller.imaging import RayCaster
 
 from ..ray_drawing import FINER, cast, jumps, png_uri, smaller
 
-SIZE_PX = (420, 315)  # as wide as it is shown, in the proportion of the frame it stands in
+# As wide as the page shows it, with the aspect of the drawings.
+SIZE_PX = (420, 315)
 AZIMUTH_RAD, ELEVATION_RAD = np.radians(-65.0), np.radians(30.0)
 KEY_LIGHT = np.array([-0.35, -0.55, 0.76])
 FILL_LIGHT = np.array([0.8, -0.45, 0.4])
 PAPER, INK, SHADOW = 255.0, 40.0, 206.0
 CREASE_RAD = np.radians(20.0)
-LIFT_MM = 1e-3  # rays towards the light start this far from the surface, relative to its size
+# Rays to the light start this far off the surface, as a share of the part's size.
+LIFT_MM = 1e-3
 
 
 def rest_picture(solid: Solid, caster: RayCaster, R: FloatArray) -> str:
@@ -38,13 +40,13 @@ def shade(solid: Solid, caster: RayCaster, R: FloatArray) -> Grey:
     caster : rays at its mesh, in the part frame
     R : (3, 3) its stable pose: CAD axes to upright
     """
-    # everything in the CAD frame's axes, where the rays are cast, round the centre of mass
+    # all in the axes of the CAD frame, where rays are cast, about the centre of mass
     right, up, back = (axis @ R for axis in _axes())
     corners = np.asarray(solid.mesh.vertices) - solid.centroid_mm
     u, v = corners @ right, corners @ up
     width, height = (FINER * px for px in SIZE_PX)
     mm_per_px = 1.2 * max(np.ptp(u) / width, np.ptp(v) / height)
-    # a little room to the right, where the shadow falls
+    # room to the right, where the shadow falls
     x = (np.arange(width) - 0.48 * width) * mm_per_px + (u.min() + u.max()) / 2
     y = (0.5 * height - np.arange(height)) * mm_per_px + (v.min() + v.max()) / 2
     size_mm = float(np.linalg.norm(np.ptp(corners, axis=0)))
@@ -87,7 +89,7 @@ def _is_shaded(
     table_mm: float,
     size_mm: float,
 ) -> BoolArray:
-    """Return which rays that pass the part meet its shadow on the table, (n,)."""
+    """Return which rays that miss the part meet its shadow on the table, (n,)."""
     heights = (origins - solid.centroid_mm) @ R[2] - table_mm
     spots = origins + (heights / -(direction @ R[2]))[:, None] * direction
     near = np.linalg.norm(spots - solid.centroid_mm, axis=1) < 2 * size_mm

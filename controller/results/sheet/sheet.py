@@ -1,4 +1,4 @@
-"""The page of compiled parts: one file, no network, no script, pictures inside."""
+"""Puts the page of compiled parts together: stable poses, features, tolerances."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class PoseSheet:
     Attributes
     ----------
     pose, view : as compiled
-    up : direction it is seen from, CAD frame, as in Table 1 of the paper
+    up : direction it is seen from in the CAD frame, as in Table 1 of the paper
     picture : data URI
     drawing : its view from above
     remarks : what else is known of it, in words
@@ -49,10 +49,10 @@ class PartSheet:
     Attributes
     ----------
     part : as compiled
-    mass_g, density_g_cm3 : its mass, and what it was reckoned with
+    mass_g, density_g_cm3 : its mass, and the density assumed
     frame : of all its drawings
     poses : one sheet each
-    edges_in_words : how many of which kind
+    edges_in_words : how many edges of each kind
     features, tolerances : rows of their tables
     """
 
@@ -67,12 +67,12 @@ class PartSheet:
 
 
 def write_sheet(parts: Sequence[CompiledPart], density_g_cm3: float | None, path: Path) -> Path:
-    """Write the page of some parts and return its path; the file is whole or not there.
+    """Write the page of parts and return its path; the file is whole or not there.
 
     Parameters
     ----------
     parts : the parts, in the order of the page
-    density_g_cm3 : of all parts; None for what each file says, or aluminium's
+    density_g_cm3 : of all parts; None for the one in each file, or else of aluminium
     path : HTML file to write
 
     Raises

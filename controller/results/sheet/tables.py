@@ -13,7 +13,7 @@ Row = tuple[str, str, str, str]
 
 
 def feature_rows(part: CompiledPart) -> tuple[Row, ...]:
-    """Return what each feature is, where it is, its axis and its surfaces."""
+    """Return of each feature its label, position, axis and surfaces."""
     return tuple(
         (
             feature.label,
@@ -26,7 +26,7 @@ def feature_rows(part: CompiledPart) -> tuple[Row, ...]:
 
 
 def tolerance_rows(part: CompiledPart) -> tuple[Row, ...]:
-    """Return what each tolerance is, what it demands, its datums and its surfaces."""
+    """Return of each tolerance its kind, limits, datums and surfaces."""
     return tuple(_tolerance_row(tolerance) for tolerance in part.tolerances)
 
 
