@@ -21,7 +21,7 @@ ACROSS_MM: Final = (0.0, 4.0, -4.0)
 TURN_RAD: Final = tuple(float(np.radians(d)) for d in (0.0, 8.0, -8.0, 16.0, -16.0, 30.0, -30.0))
 STEP_PX: Final = 8
 FITTED_N: Final = 3
-LEAST_OVERLAP: Final = 0.7  # of the shadows; less is no part in the hand, or another one
+LEAST_OVERLAP: Final = 0.7  # of the shadows; less is no part in the arm gripper, or another one
 
 
 def find_hold(
@@ -38,7 +38,7 @@ def find_hold(
     part : the part, with its ray caster
     samples : its surface samples, in the part frame
     task : the view, with the pose the part should have
-    T_part_tcp : (4, 4) how the hand should hold it
+    T_part_tcp : (4, 4) how the arm gripper should hold it
     backlit : picture before the glowing panel
     """
     width, height = task.camera.size_px
@@ -70,7 +70,7 @@ def find_hold(
 
 
 def _move(along_mm: float, across_mm: float, turn_rad: float) -> FloatArray:
-    """Return a slip in the tip frame: along the fingers, across them, about the pads' line."""
+    """Return a slip in the TCP frame: along the fingers, across them, about the pads' line."""
     T = np.eye(4)
     c, s = np.cos(turn_rad), np.sin(turn_rad)
     T[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]

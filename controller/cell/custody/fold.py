@@ -139,7 +139,7 @@ class Held:
 def fold_custody(found: Iterable[Row], here: CellIdentity) -> tuple[Held, ...]:
     """Return which of a cell's grippers may hold a part, by the rows of all its runs.
 
-    An action that is never repeated blindly (grip, release, hand-off, sort) leaves custody unknown
+    An action that is never repeated blindly (grasp, release, hand-off, sort) leaves custody unknown
     from its intent on until the next row on custody, whether its outcome was written or not.
 
     Parameters

@@ -1,6 +1,6 @@
 """Writes the journal.
 
-Two grades of safety (cell-facts.md 2): what may never be repeated without looking (grip,
+Two grades of safety (cell-facts.md 2): what may never be repeated without looking (grasp,
 release, hand-off, sort) and every change of custody is on the disk before the bytes leave
 (``synchronous = FULL``); all else survives the death of the process, and may lose its last rows
 when the power fails.

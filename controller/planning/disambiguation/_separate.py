@@ -133,7 +133,7 @@ def separations(
     looked = np.arange(len(q))
     if len(q) > rules.most_views:
         looked = np.unique(np.linspace(0, len(q) - 1, rules.most_views).round().astype(int))
-    enough_s = np.inf  # what one view that parts all of them costs
+    enough_s = np.inf  # what one view that separates all of them costs
     for k in looked[np.argsort(seconds[looked], kind="stable")]:
         if seconds[k] >= enough_s:
             break  # no dearer view can begin a cheaper way
