@@ -1,7 +1,7 @@
 """One view against the CAD: measure the pose, then look for what should not be or is not there.
 
 Two kinds of comparison: the silhouette before the glowing panel (`_outline`), and the brightness
-under each lamp (`_shading`, within the bounds of `_light`). Each tells which surface samples it
+under each lamp (`lit`). Each tells which surface samples it
 compared, so that a defect of the smallest size there would have been a finding; samples in sight
 that none compared keep the reason. A picture that does not lie where the pose says, or is not
 sharp (`_register`), proves nothing and is not evaluated.
@@ -35,7 +35,6 @@ from ._connected import connected_findings, grow
 from ._outline import compare_outline
 from ._pose import PosedPart, PoseFit, measure_pose, moved, poses_as_good
 from ._register import Registration, register
-from ._shading import BURNT_GREY, Compared, compare
 from ._types import (
     Check,
     Finding,
@@ -47,7 +46,7 @@ from ._types import (
     ViewTask,
     WorldBox,
 )
-from .light import Light, Surface, bound_light, find_surface
+from .lit import BURNT_GREY, Compared, Light, Surface, bound_light, compare, find_surface
 
 HOLDER_MARGIN_PX: Final = 9  # the gripper's shape and place are known to about a millimetre
 SHADING_STEP_PX: Final = 2  # shading is compared on every second pixel: defects are many px large

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shown_part import CAMERA, FRONT
 
 from controller.imaging import Camera, PointLamp, RayCaster, ViewMaps, render_maps, view_roi
-from controller.inspection.light import (
+from controller.inspection.lit.light import (
     ALBEDO,
     HIGHLIGHT_WIDTHS_RAD,
     Light,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from controller.arrays import BoolArray, Float32Array, Int32Array
 from controller.cad import Face
 
-from ._types import Limits, Unjudged
+from .._types import Limits, Unjudged
 from .light import Light, Surface
 
 STRENGTHS: Final = (0.0, 0.1, 0.2, 0.3, 0.45, 0.7, 1.0)  # of a highlight, in lit matt surfaces
