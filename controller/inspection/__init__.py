@@ -5,6 +5,7 @@ Arrays in, dataclasses out (cell-facts.md 3).
 
 from ._judge import FaceVerdict, PartVerdict, judge
 from ._pose import PosedPart
+from ._scene import box_mesh
 from ._types import (
     OUTLINE,
     Check,
@@ -18,7 +19,8 @@ from ._types import (
     ViewTask,
     WorldBox,
 )
-from .view import LEAST_WIDTH_PX, box_mesh, inspect_view
+from .lit import LEAST_WIDTH_PX
+from .view import inspect_view
 
 __all__ = [
     "LEAST_WIDTH_PX",

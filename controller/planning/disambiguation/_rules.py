@@ -16,7 +16,9 @@ class DisambiguationRules:
     edge_px: float = 1.5  # where lit edges and outlines are found, either way
     least_area_px: float = 100.0  # ten pixels square; dust and glare make smaller patches
     least_edge_px: float = 40.0  # a lit edge a quarter as long may be a scratch or a reflection
-    gripper_px: float = 9.0  # nothing is compared this near to the arm gripper (inspection/view.py)
+    gripper_px: float = (
+        9.0  # nothing is compared this near to the arm gripper (inspection/_scene.py)
+    )
     crease_rad: float = float(np.radians(20.0))  # a blunter edge may not show under a ring lamp
     step_mm: float = 0.5  # nor may a lower step whose wall is not seen
     coarse_px: int = 4  # pictures of all views are predicted on every fourth pixel

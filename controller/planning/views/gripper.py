@@ -13,8 +13,8 @@ from controller.imaging import inverse_pose, transform
 from ..geometry import Box
 from ..model import Grasp, Jaw
 
-# Inspection compares nothing within nine pixels of the arm gripper (inspection/view.py), 1.7 mm at
-# the station; a plan that counts what lies there as shown leaves it unseen
+# Inspection compares nothing within nine pixels of the arm gripper (inspection/_scene.py), 1.7 mm
+# at the station; a plan that counts what lies there as shown leaves it unseen
 FINGER_SHADOW_MM = 2.0
 _LEAST_STEP_MM = np.float32(1e-5)
 

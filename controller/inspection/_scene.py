@@ -1,0 +1,100 @@
+"""What stands in a view besides the part, and which surface samples are in sight."""
+
+from dataclasses import dataclass
+from typing import Final, cast
+
+import cv2
+import numpy as np
+import trimesh
+
+from controller.arrays import BoolArray, FloatArray, IntArray
+from controller.cad import SurfaceSamples
+from controller.imaging import Camera, RayCaster, inverse_pose, render_maps, transform
+
+from ._connected import grow
+from ._pose import PosedPart
+from ._types import ViewTask, WorldBox
+
+HOLDER_MARGIN_PX: Final = 9  # the gripper's shape and place are known to about a millimetre
+MAX_INCIDENCE_COS: Final = float(np.cos(np.radians(75.0)))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Scene:
+    """What the prediction needs besides the part."""
+
+    holder: RayCaster | None
+    holder_mask: BoolArray  # (height, width), grown
+    panel: BoolArray  # (height, width), where the panel glows, shrunk
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Visibility:
+    """Which samples are in sight, and where; (n,) each, pixels (n, 2)."""
+
+    free: BoolArray
+    beside_gripper: BoolArray
+    pixels: IntArray
+
+
+def box_mesh(boxes: tuple[WorldBox, ...]) -> trimesh.Trimesh:
+    """Return the triangles of boxes, one box at least, in the world."""
+    meshes = [trimesh.creation.box(extents=2 * box.half_mm, transform=box.T) for box in boxes]
+    return cast("trimesh.Trimesh", trimesh.util.concatenate(meshes))
+
+
+def make_scene(task: ViewTask) -> Scene:
+    width, height = task.camera.size_px
+    holder: RayCaster | None = None
+    holder_mask = np.zeros((height, width), dtype=bool)
+    if task.holder:
+        mesh = box_mesh(task.holder)
+        holder = RayCaster(mesh)
+        # every fourth pixel is enough under a margin of nine
+        maps = render_maps(holder, np.eye(4), task.camera, (0, 0, width, height), step_px=4)
+        coarse = np.repeat(np.repeat(maps.mask, 4, axis=0), 4, axis=1)[:height, :width]
+        holder_mask = grow(coarse, HOLDER_MARGIN_PX)
+    panel = np.zeros((height, width), dtype=np.uint8)
+    edges = [
+        task.panel_mm[i] + t * (task.panel_mm[(i + 1) % 4] - task.panel_mm[i])
+        for i in range(4)
+        for t in np.linspace(0, 1, 20, endpoint=False)
+    ]
+    outline = task.camera.project(np.array(edges))
+    cv2.fillPoly(panel, [np.round(outline).astype(np.int32)], 1)
+    inner = cv2.erode(panel, np.ones((9, 9), np.uint8), borderValue=1)
+    return Scene(holder, holder_mask, inner > 0)
+
+
+def samples_in_sight(
+    part: PosedPart, samples: SurfaceSamples, camera: Camera, T: FloatArray, scene: Scene
+) -> Visibility:
+    """Return which surface samples are in sight, and which of them beside the gripper.
+
+    Parameters
+    ----------
+    part : with rays against it
+    samples : of its surface, CAD frame
+    camera : of the view
+    T : (4, 4) pose of the part in the world
+    scene : what else stands there
+    """
+    points = transform(T, samples.points_mm)
+    normals = samples.normals @ T[:3, :3].T
+    towards = camera.position_mm - points
+    distance = np.linalg.norm(towards, axis=1)
+    unit = towards / distance[:, None]
+    seen: BoolArray = (unit * normals).sum(axis=1) > MAX_INCIDENCE_COS
+    pixels = np.round(camera.project(points)).astype(int)
+    width, height = camera.size_px
+    seen &= (pixels[:, 0] >= 0) & (pixels[:, 0] < width)
+    seen &= (pixels[:, 1] >= 0) & (pixels[:, 1] < height)
+    start = points + 0.05 * normals
+    T_part_world = inverse_pose(T)
+    index = np.nonzero(seen)[0]
+    hidden = part.caster.blocked(transform(T_part_world, start[index]), unit[index] @ T[:3, :3])
+    if scene.holder is not None:
+        hidden |= scene.holder.blocked(start[index], unit[index])
+    seen[index[hidden]] = False
+    x, y = np.clip(pixels, 0, [width - 1, height - 1]).T
+    return Visibility(seen, seen & scene.holder_mask[y, x], pixels)
