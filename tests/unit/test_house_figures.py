@@ -204,6 +204,14 @@ def test_planning_is_no_mesh() -> None:
     assert figures["both_ways"] == []
 
 
+def test_a_room_of_cell_and_results_can_be_looked_over() -> None:
+    sources = house.read_sources(ROOT, ("controller",))
+    rooms = {s.package for s in sources if s.is_package}
+    large = house.large_packages(sources)
+    assert {"controller.cell.batch.actions.perception", "controller.results.report"} <= rooms
+    assert [p for p in large if p.startswith(("controller.cell", "controller.results"))] == []
+
+
 def test_every_public_function_says_what_it_takes_and_raises() -> None:
     sources = house.read_sources(ROOT, house.PRODUCTION)
     parameters = house.parameters_documented(sources)
