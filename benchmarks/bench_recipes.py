@@ -27,10 +27,10 @@ from inspection_scenes import (
 )
 
 from controller.cell import compute
-from controller.cell.batch.actions import lamps_for
-from controller.cell.batch.services.views import holder_boxes
+from controller.cell.actions import lamps_for
 from controller.cell.compute import answers
 from controller.cell.devices.lamps import TABLE_LAMPS
+from controller.cell.services.views import holder_boxes
 from controller.imaging import inverse_pose
 from controller.inspection import (
     Verdict,

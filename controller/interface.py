@@ -15,13 +15,13 @@ from typing import Literal
 
 from controller.arrays import Grey
 from controller.cad.compiled import CompileOptions, load_part, options_among
-from controller.cell.batch.services import CameraName, Imaging
 from controller.cell.devices import DeviceBuilder, resolve
 from controller.cell.devices.clocks import find_clock
 from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
 from controller.cell.devices.interlocks import REQUIRED_SIGNALS, check_interlocks, settled_signal
 from controller.cell.devices.lock import hold_cell
 from controller.cell.plans import Planning
+from controller.cell.services import CameraName, Imaging
 from controller.config import EMULATED_CELL, SHIPPED, Cell, ConfigError, load_cell, load_recipe
 from controller.imaging import Camera as CameraModel
 from controller.planning import NoPlanError, Plan

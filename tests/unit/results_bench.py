@@ -12,12 +12,12 @@ import numpy as np
 
 from controller import inspection as inspecting
 from controller.cell.batch import RunOrder, who_and_what
-from controller.cell.batch.records import sightings_row, verdict_row, view_row
 from controller.cell.batch.run import JOURNAL_NAME
 from controller.cell.custody import Custody
 from controller.cell.devices import resolve
 from controller.cell.devices.clocks import FoundClock, Speed
 from controller.cell.journal import Body, Journal, rows
+from controller.cell.services.records import sightings_row, verdict_row, view_row
 from controller.config import load_cell, load_recipe
 from controller.recognition import Sighting
 

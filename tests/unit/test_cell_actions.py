@@ -9,22 +9,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controller.cell.batch import Progress
-from controller.cell.batch.actions import (
+from controller.cell.actions import (
     AbortMotionAction,
     Actions,
     CompleteAction,
     PlaceAction,
     WithdrawAction,
 )
-from controller.cell.batch.records import BatchRecord
-from controller.cell.batch.services import Motion, Recoveries
+from controller.cell.batch import Progress
 from controller.cell.custody import Custody
 from controller.cell.devices.stopping import Stopping
 from controller.cell.errors import InterlockError, PartFaultError, PartProblemError
 from controller.cell.journal import Journal, read_rows
 from controller.cell.journal.rows import Intent
 from controller.cell.machine import Effect, Event, PartFault
+from controller.cell.services import Motion, Recoveries
+from controller.cell.services.records import BatchRecord
 from controller.inspection import PartVerdict, Verdict
 from controller.planning import NoMotionError
 from drivers.clock import CellClock

@@ -1,13 +1,13 @@
 """One batch: what the cell does from connecting its devices to rest.
 
 `run.py` runs it, `assembly.py` puts it together, `dispatcher.py` takes events and runs effects,
-`watchers.py` reports what no action reports. Each effect is run by an action (`actions/`); actions
-work with `services/` and keep what they find in `records/`.
+`watchers.py` reports what no action reports. Each effect is run by an action
+(`controller.cell.actions`), with services (`controller.cell.services`).
 """
 
+from ..services.records import PartRecord, Progress
 from .assembly import Batch, assemble
 from .dispatcher import WORKER_GONE, Dispatcher, Outcome
-from .records import PartRecord, Progress
 from .run import RunOrder, RunResult, new_run_id, run_batch, who_and_what
 
 __all__ = [

@@ -9,12 +9,7 @@ from controller.planning.model import CellLayout
 from drivers.clock import CellClock
 from drivers.kinds import Camera
 
-from ..compute import Compute
-from ..devices import Devices
-from ..devices.stopping import Stopping
-from ..journal import Journal
-from ..machine import Effect
-from .actions import (
+from ..actions import (
     AbortMotionAction,
     AcquireAction,
     Action,
@@ -34,9 +29,12 @@ from .actions import (
     StopMotionAction,
     WithdrawAction,
 )
-from .dispatcher import Dispatcher
-from .records import BatchRecord, Progress
-from .services import (
+from ..compute import Compute
+from ..devices import Devices
+from ..devices.stopping import Stopping
+from ..journal import Journal
+from ..machine import Effect
+from ..services import (
     CameraName,
     Disambiguation,
     Grippers,
@@ -48,6 +46,8 @@ from .services import (
     Recoveries,
     Views,
 )
+from ..services.records import BatchRecord, Progress
+from .dispatcher import Dispatcher
 from .watchers import FixedGripperWatcher, InterlockWatcher
 
 CAMERAS: tuple[CameraName, ...] = ("overhead", "inspection")

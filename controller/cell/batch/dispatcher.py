@@ -13,13 +13,13 @@ from typing import Literal
 
 from drivers.errors import ArmStalledError, DeviceError, SilentLineError
 
+from ..actions import Actions
 from ..custody import where_it_is
 from ..devices.stopping import Stopping
 from ..errors import CellError, PartProblemError
 from ..journal import Journal, JournalError, rows
 from ..machine import CellMachine, Decision, Effect, Event
-from .actions import Actions
-from .records import BatchRecord
+from ..services.records import BatchRecord
 from .watchers import Watcher
 
 log = logging.getLogger(__name__)

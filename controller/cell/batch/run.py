@@ -23,9 +23,9 @@ from ..custody.start_check import PartMayBeHeldError, require_empty_grippers
 from ..devices import Devices, resolve
 from ..devices.clocks import FoundClock, Speed
 from ..journal import JOURNAL_NAME, Journal, Row, is_of, open_cell_journal, rows
+from ..services.records import PartRecord, Progress
 from .assembly import assemble
 from .dispatcher import Dispatcher, Outcome
-from .records import PartRecord, Progress
 
 
 @dataclass(frozen=True, slots=True)

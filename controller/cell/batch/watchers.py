@@ -11,8 +11,8 @@ from ..custody import Custody
 from ..devices.interlocks import REQUIRED_SIGNALS
 from ..errors import PartProblemError
 from ..machine import Event
-from .records import BatchRecord
-from .services import Grippers, Recoveries
+from ..services import Grippers, Recoveries
+from ..services.records import BatchRecord
 
 LOSS_POLL_S = 0.5
 

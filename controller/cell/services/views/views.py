@@ -8,9 +8,9 @@ import numpy as np
 
 from controller import inspection as inspecting
 from controller.arrays import FloatArray, Grey
-from controller.cell.batch.records import BatchRecord, Hold, Shown, merged, view_row
 from controller.cell.compute import Compute
 from controller.cell.journal.rows import ViewPictures
+from controller.cell.services.records import BatchRecord, Hold, Shown, merged, view_row
 from controller.planning import Look, Present, shown_pose
 from controller.planning.model import CellLayout
 

@@ -10,7 +10,7 @@ from controller.cell.machine import (
     recovery_for,
 )
 
-from ..records import BatchRecord
+from .records import BatchRecord
 
 
 class Recoveries:

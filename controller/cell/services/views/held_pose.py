@@ -6,10 +6,10 @@ import numpy as np
 
 from controller import inspection as inspecting
 from controller.arrays import FloatArray
-from controller.cell.batch.records import BatchRecord, Hold, Shown
 from controller.cell.compute import Compute
 from controller.cell.errors import PartFaultError
 from controller.cell.machine import PartFault, is_held_otherwise
+from controller.cell.services.records import BatchRecord, Hold, Shown
 from controller.imaging import inverse_pose, rotation_angle
 from controller.planning import shown_pose
 from controller.planning.model import CellLayout

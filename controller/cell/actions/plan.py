@@ -22,8 +22,8 @@ from controller.planning import (
     Start,
 )
 
-from ..records import BatchRecord, merged, plan_row
 from ..services import HeldPose, Motion, Preparation, Views
+from ..services.records import BatchRecord, merged, plan_row
 
 log = logging.getLogger(__name__)
 

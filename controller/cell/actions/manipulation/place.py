@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-from controller.cell.batch.records import BatchRecord
-from controller.cell.batch.services import Grippers, Motion, PlanSteps
 from controller.cell.custody import Custody
 from controller.cell.journal.rows import Intent, Once
 from controller.cell.machine import Event
+from controller.cell.services import Grippers, Motion, PlanSteps
+from controller.cell.services.records import BatchRecord
 from controller.inspection import Verdict
 
 TRAYS = {Verdict.PASS: "accept", Verdict.FAIL: "reject"}

@@ -3,12 +3,12 @@
 from contextlib import suppress
 from dataclasses import dataclass
 
-from controller.cell.batch.records import BatchRecord
-from controller.cell.batch.services import Grippers, Motion, Recoveries
 from controller.cell.compute import Compute
 from controller.cell.custody import Custody
 from controller.cell.errors import PartProblemError
 from controller.cell.machine import Event
+from controller.cell.services import Grippers, Motion, Recoveries
+from controller.cell.services.records import BatchRecord
 from controller.planning import NoMotionError
 
 

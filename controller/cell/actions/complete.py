@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from controller.cell.journal.rows import PartDone
 from controller.cell.machine import Event
 
-from ..records import BatchRecord
 from ..services import Imaging
+from ..services.records import BatchRecord
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from controller.arrays import Grey
-from controller.cell.batch.records import BatchRecord
-from controller.cell.batch.services import Imaging
 from controller.cell.devices.lamps import TABLE_LAMPS
 from controller.cell.errors import CellError
 from controller.cell.journal.rows import TablePictures
 from controller.cell.machine import Event
+from controller.cell.services import Imaging
+from controller.cell.services.records import BatchRecord
 
 # Grey level, 0..255; a glowing table is at 150 and more.
 LEAST_GLOW = 60

@@ -7,8 +7,8 @@ from controller.cell.journal.rows import StepDone
 from controller.planning import Step
 from drivers.clock import CellClock
 
-from ..records import BatchRecord
 from .motion import Motion
+from .records import BatchRecord
 
 SomeStep = TypeVar("SomeStep", bound=Step)
 

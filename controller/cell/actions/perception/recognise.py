@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from controller.cad.compiled import part_name
-from controller.cell.batch.records import BatchRecord, sightings_row
 from controller.cell.compute import Compute
 from controller.cell.custody import Custody
 from controller.cell.devices.lamps import TABLE_LAMPS
 from controller.cell.errors import PartProblemError
 from controller.cell.machine import Event
+from controller.cell.services.records import BatchRecord, sightings_row
 from controller.config import Recipe
 from controller.recognition import Sighting
 

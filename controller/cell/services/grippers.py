@@ -8,7 +8,7 @@ from controller.cell.machine import PartFault
 from controller.config import Recipe
 from drivers.kinds import Arm, FixedGripper, GraspReading, Hold, IoBlock
 
-from ..records import BatchRecord
+from .records import BatchRecord
 
 
 class Grippers:

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 from controller.arrays import FloatArray, Grey
-from controller.cell.batch.records import BatchRecord, Hold
 from controller.cell.compute import Compute
 from controller.cell.errors import PartFaultError, PartProblemError
 from controller.cell.journal.rows import AmbiguityResolved
 from controller.cell.machine import PartFault
+from controller.cell.services.records import BatchRecord, Hold
 from controller.imaging import inverse_pose
 from controller.planning import Ambiguity
 

@@ -2,7 +2,7 @@
 
 An action is a small object with the services it needs in its constructor; `run` reads like a page.
 The stages that look at the part are in `perception`, those that move it in `manipulation`. The
-services are in `controller.cell.batch.services`; `controller.cell.batch.assembly` hands them out.
+services are in `controller.cell.services`; `controller.cell.batch.assembly` hands them out.
 """
 
 from .action import Action, Actions

@@ -6,12 +6,12 @@ Each hand-off has two phases: the receiver's opening is confirmed before the giv
 from dataclasses import dataclass, replace
 from typing import NoReturn
 
-from controller.cell.batch.records import BatchRecord, Hold
-from controller.cell.batch.services import Grippers, Motion, PlanSteps
 from controller.cell.custody import Custody
 from controller.cell.errors import PartFaultError
 from controller.cell.journal import Once
 from controller.cell.machine import Event, PartFault
+from controller.cell.services import Grippers, Motion, PlanSteps
+from controller.cell.services.records import BatchRecord, Hold
 from controller.imaging import inverse_pose
 from controller.planning import GiveStep, ReceiveStep, shown_pose
 from controller.planning.model import CellLayout

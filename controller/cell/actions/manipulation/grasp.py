@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass
 
-from controller.cell.batch.records import BatchRecord, Hold
-from controller.cell.batch.services import Grippers, Motion, PlanSteps, Views
 from controller.cell.custody import Custody
 from controller.cell.custody.release_guard import NOTHING_MM
 from controller.cell.devices.lamps import TABLE_LAMPS
 from controller.cell.errors import PartFaultError
 from controller.cell.journal.rows import GraspMissed, Once
 from controller.cell.machine import Event, PartFault
+from controller.cell.services import Grippers, Motion, PlanSteps, Views
+from controller.cell.services.records import BatchRecord, Hold
 from controller.planning import Look, Pick
 from controller.planning.model import CellLayout
 

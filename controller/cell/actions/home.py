@@ -11,8 +11,8 @@ from controller.cell.machine import Event
 from controller.planning.model import CellLayout
 from drivers.kinds import Arm, FixedGripper, IoBlock
 
-from ..records import BatchRecord
 from ..services import Grippers, Imaging, Motion, Preparation
+from ..services.records import BatchRecord
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 
-from controller.cell.batch.records import BatchRecord, Hold
-from controller.cell.batch.services import (
+from controller.cell.devices.lamps import STATION_LAMPS
+from controller.cell.machine import Event
+from controller.cell.services import (
     Disambiguation,
     Grippers,
     Imaging,
@@ -11,8 +12,7 @@ from controller.cell.batch.services import (
     PlanSteps,
     Views,
 )
-from controller.cell.devices.lamps import STATION_LAMPS
-from controller.cell.machine import Event
+from controller.cell.services.records import BatchRecord, Hold
 from controller.planning import Present
 
 

@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 
-from controller.cell.batch.records import BatchRecord, verdict_row
-from controller.cell.batch.services import HeldPose, PlanSteps, Views
 from controller.cell.compute import Compute
 from controller.cell.custody import Custody
 from controller.cell.errors import PartFaultError
 from controller.cell.machine import WORTH_SHARE, Event, PartFault
+from controller.cell.services import HeldPose, PlanSteps, Views
+from controller.cell.services.records import BatchRecord, verdict_row
 from controller.planning import GiveStep, Present, ReceiveStep, SetDown
 
 
