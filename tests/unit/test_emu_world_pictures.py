@@ -310,6 +310,19 @@ def test_a_picture_is_made_anew_when_and_only_when_something_in_it_moves(scene: 
     assert maker.radiance(0, {"part 0": at_rest(0.41)}, {BACKLIGHT: 1.0}) is not first
 
 
+def test_a_lamp_that_droops_casts_no_ray_again_and_gives_the_same_picture(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    poses, bright = {"part 0": at_rest(0.4)}, {BACKLIGHT: 1.0, SIDE: 0.8}
+    dim = {BACKLIGHT: 0.9, SIDE: 0.7}
+    maker = PictureMaker(scene)
+    maker.radiance(0, poses, bright)
+    with monkeypatch.context() as patch:
+        patch.setattr(Eye, "changes", None)  # whoever calls it fails
+        found = maker.radiance(0, poses, dim)
+    assert np.array_equal(found, PictureMaker(scene).radiance(0, poses, dim))
+
+
 def test_normals_are_smooth_round_a_cylinder_and_not_over_its_rim() -> None:
     cylinder = trimesh.creation.cylinder(radius=10.0, height=20.0, sections=48)
     faces = np.asarray(cylinder.faces, dtype=np.int32)

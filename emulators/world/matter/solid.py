@@ -14,18 +14,19 @@ import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-import trimesh
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
-from shapely.geometry import MultiPoint, Polygon
 
 from ..layout import MM_PER_M, Array, LayoutError
 from ..poses import invert, transform, turn_z
 from . import _decompose
+
+if TYPE_CHECKING:  # slow to load, and the picture process reads no part
+    import trimesh
 
 log = logging.getLogger(__name__)
 
@@ -148,6 +149,8 @@ def load_solid(path: Path, density_kg_per_mm3: float = ALUMINIUM_KG_PER_MM3) -> 
     ------
     LayoutError : no such file, not a mesh, empty, or not watertight (it then has no mass)
     """
+    import trimesh
+
     try:
         mesh = trimesh.load_mesh(path)
     except OSError as error:
@@ -163,7 +166,7 @@ def load_solid(path: Path, density_kg_per_mm3: float = ALUMINIUM_KG_PER_MM3) -> 
 
 
 def solid_of(
-    mesh: trimesh.Trimesh, name: str, density_kg_per_mm3: float = ALUMINIUM_KG_PER_MM3
+    mesh: "trimesh.Trimesh", name: str, density_kg_per_mm3: float = ALUMINIUM_KG_PER_MM3
 ) -> Solid:
     """Return the body of a watertight mesh [mm].
 
@@ -200,7 +203,7 @@ def solid_of(
 # --- rests -----------------------------------------------------------------------------------
 
 
-def _rests(hull: trimesh.Trimesh, centre_mm: Array) -> tuple[Rest, ...]:
+def _rests(hull: "trimesh.Trimesh", centre_mm: Array) -> tuple[Rest, ...]:
     rests: list[Rest] = []
     normals, areas = np.asarray(hull.face_normals), np.asarray(hull.area_faces)
     triangles = np.asarray(hull.triangles)
@@ -234,6 +237,8 @@ def _is_stable(rest: Rest) -> bool:
 
 def _margin(points_mm: Array, down: Array, centre_mm: Array) -> tuple[float, float]:
     """Return how far inside the facet's outline the centre of mass is, and how high above [mm]."""
+    from shapely.geometry import MultiPoint, Polygon
+
     R = upright(down)
     flat = points_mm @ R.T
     centre = R @ centre_mm
@@ -275,7 +280,9 @@ def _solid_angle(triangles_mm: Array) -> float:
 # --- convex pieces ---------------------------------------------------------------------------
 
 
-def _pieces(mesh: trimesh.Trimesh, T_part_body: Array) -> Path:
+def _pieces(mesh: "trimesh.Trimesh", T_part_body: Array) -> Path:
+    from trimesh.exchange.obj import export_obj
+
     digest = hashlib.sha256()
     digest.update(np.ascontiguousarray(mesh.vertices, dtype=np.float64).tobytes())
     digest.update(np.ascontiguousarray(mesh.faces, dtype=np.int64).tobytes())
@@ -288,7 +295,7 @@ def _pieces(mesh: trimesh.Trimesh, T_part_body: Array) -> Path:
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         raw = Path(folder) / "pieces.obj"
         mesh_path = Path(folder) / "mesh.obj"
-        mesh_path.write_text(trimesh.exchange.obj.export_obj(mesh, include_normals=False))
+        mesh_path.write_text(export_obj(mesh, include_normals=False))
         arguments = (str(mesh_path), str(raw), str(Path(folder) / "log.txt"))
         command = (sys.executable, "-m", _decompose.__name__, *arguments)
         log.info("decomposing a part of %d triangles into convex pieces", len(mesh.faces))
@@ -311,19 +318,23 @@ def read_pieces(path: Path) -> list[Array]:
     return [np.array(piece) for piece in pieces if len(piece) > 3]
 
 
-def _snap(mesh: trimesh.Trimesh, corners_mm: Array) -> Array:
+def _snap(mesh: "trimesh.Trimesh", corners_mm: Array) -> Array:
     """Pull corners that stick out by about a voxel back onto the surface they stand for."""
+    from trimesh.proximity import closest_point
+
     voxel_mm = float(np.prod(mesh.extents) / _decompose.RESOLUTION) ** (1.0 / 3.0)
-    nearest, distance_mm, _ = trimesh.proximity.closest_point(mesh, corners_mm)
+    nearest, distance_mm, _ = closest_point(mesh, corners_mm)
     near = distance_mm < _SNAP_VOXELS * voxel_mm
     return np.where(near[:, None], nearest, corners_mm)
 
 
 def _write_pieces(path: Path, pieces: list[Array]) -> None:
+    from trimesh.convex import convex_hull
+
     lines: list[str] = []
     first = 1
     for number, corners in enumerate(pieces):
-        hull = trimesh.convex.convex_hull(corners)
+        hull = convex_hull(corners)
         lines.append(f"o piece{number}")
         lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in hull.vertices]
         lines += ["f " + " ".join(str(first + i) for i in face) for face in hull.faces]

@@ -88,7 +88,7 @@ class PictureDesk:
         return None if self._process is None else self._process.pid
 
     def start(self) -> None:
-        """Start the worker; returns when it can take pictures.
+        """Start the worker; return when it takes orders.
 
         Raises
         ------

@@ -30,7 +30,6 @@ from .geometry import (
     Scene,
     any_in_blocks,
     fine_blocks,
-    project,
     spread,
     without_own_box,
 )
@@ -97,6 +96,20 @@ class _Seen:
     is_near: Mask
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Changes:
+    """What moving things and their shadows change in a picture.
+
+    Attributes
+    ----------
+    pixels : (n,) where it may be another than that of the fixed things, row by row
+    light : (n,) there, of each lit lamp at level 1
+    """
+
+    pixels: Index
+    light: dict[int, Array32]
+
+
 class Eye:
     """One camera: its rays, what it sees of what stands still, and the picture it gets."""
 
@@ -105,7 +118,6 @@ class Eye:
         self.rays = RayTable(self.camera)
         self.lamps = Lamps(scene)
         self._reach = Reach(self.camera, self.lamps)
-        self._aims_mm = scene.aims_mm
         self._fixed = without_own_box(scene, self.camera.T_world_cam[:3, 3])
         self._movers = {surface.name: Mover(surface) for surface in scene.moving}
         self._shape = (self.camera.height_px, self.camera.width_px)
@@ -127,14 +139,6 @@ class Eye:
             self._layers[lamp] = self._cast(assembly, (still,), everywhere, dark)[lamp]
         return self._layers[lamp]
 
-    def warm_up(self) -> None:
-        """Make what the first picture would wait for: the layers of lamps that face its view."""
-        pixels, depth = project(self.camera, self._aims_mm)
-        inside = (pixels >= 0.0).all(axis=1) & (pixels[:, 0] < self._shape[1])
-        inside &= (pixels[:, 1] < self._shape[0]) & (depth > 0.0)
-        for lamp in np.flatnonzero(inside):
-            self.layer(int(lamp))
-
     # --- pictures -------------------------------------------------------------------------------
 
     def picture(self, poses: Mapping[str, Array], levels: Mapping[int, float]) -> Array32:
@@ -145,23 +149,43 @@ class Eye:
         poses : T_world_* of everything that moves and is there
         levels : level of each lamp that is lit, by its number
         """
-        picture = np.zeros(self._shape, np.float32)
         lit = [lamp for lamp, level in levels.items() if level > 0.0]
-        for lamp in lit:
-            picture += np.float32(levels[lamp]) * self.layer(lamp)
+        return self.mix(self.changes(poses, lit), levels)
+
+    def changes(self, poses: Mapping[str, Array], lit: Sequence[int]) -> Changes:
+        """Return what differs from the layers because of what moves: all the rays of a picture.
+
+        Parameters
+        ----------
+        poses : T_world_* of everything that moves and is there
+        lit : numbers of the lamps that are lit, at whatever level
+        """
         movers = self._place(poses)
         wanted = self._wanted(movers, lit)
-        if not wanted.any():
-            return picture
+        pixels = np.flatnonzero(wanted)
+        if len(pixels) == 0:
+            return Changes(pixels, {lamp: np.zeros(0, np.float32) for lamp in lit})
         in_play = self._in_play(movers, lit)
         assembly = Assembly(self._fixed, in_play)
         before = {lamp: self.layer(lamp).copy() for lamp in lit}
         layers = self._cast(assembly, in_play, wanted, before)
-        changed = np.flatnonzero(wanted)
-        total = np.zeros(len(changed), np.float32)
-        for lamp in lit:
-            total += np.float32(levels[lamp]) * layers[lamp].reshape(-1)[changed]
-        picture.reshape(-1)[changed] = total
+        return Changes(pixels, {lamp: layer.reshape(-1)[pixels] for lamp, layer in layers.items()})
+
+    def mix(self, changes: Changes, levels: Mapping[int, float]) -> Array32:
+        """Return the picture, (h, w), of its changes under lamps at some levels.
+
+        Parameters
+        ----------
+        changes : what `changes` returned for these lamps
+        levels : level of each lamp that is lit, by its number
+        """
+        picture = np.zeros(self._shape, np.float32)
+        total = np.zeros(len(changes.pixels), np.float32)
+        for lamp, light in changes.light.items():
+            level = np.float32(levels[lamp])
+            picture += level * self.layer(lamp)
+            total += level * light
+        picture.reshape(-1)[changes.pixels] = total
         return picture
 
     def _wanted(self, movers: Mapping[str, Mover], lit: Sequence[int]) -> Mask:

@@ -1,7 +1,8 @@
 """What the picture process runs: it takes orders and makes pictures of them.
 
-It keeps what does not change: what stands still, and the last picture of each camera if nothing
-in it moved. A test may run `PictureMaker` in its own process.
+It keeps what does not change: what stands still under each lamp, made when that lamp is first
+lit, and the last picture of each camera if nothing in it moved. A test may run `PictureMaker` in
+its own process.
 """
 
 import signal
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..layout import Array
 from .geometry import Array32, Scene
-from .picture import Eye
+from .picture import Changes, Eye
 from .sensor import Exposure, blurred, develop
 
 Picture = NDArray[np.uint8] | NDArray[np.uint16]
@@ -42,18 +43,23 @@ class Order:
     exposure: Exposure
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Kept:
+    """The last picture of a camera; ``key`` holds all that its rays depend on."""
+
+    key: bytes
+    changes: Changes
+    levels: dict[int, float]
+    picture: Array32
+
+
 class PictureMaker:
     """Makes pictures, one camera after another, and keeps what can serve again."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
         self._eyes: dict[int, Eye] = {}
-        self._last: dict[int, tuple[bytes, Array32]] = {}
-
-    def warm_up(self) -> None:
-        """Make what the first pictures would wait for, seconds of work."""
-        for camera in range(len(self._scene.cameras)):
-            self._eye(camera).warm_up()
+        self._last: dict[int, _Kept] = {}
 
     def _eye(self, camera: int) -> Eye:
         if camera not in self._eyes:
@@ -73,12 +79,17 @@ class PictureMaker:
         """
         eye = self._eye(camera)
         lit = {lamp: level for lamp, level in sorted(levels.items()) if level > 0.0}
-        key = repr(lit).encode() + eye.depends_on(poses, list(lit))
+        key = repr(list(lit)).encode() + eye.depends_on(poses, list(lit))
         last = self._last.get(camera)
-        if last is None or last[0] != key:
-            last = (key, blurred(eye.picture(poses, lit)))
-            self._last[camera] = last
-        return last[1]
+        if last is None or last.key != key:
+            changes = eye.changes(poses, list(lit))
+        elif last.levels == lit:
+            return last.picture
+        else:  # a lamp grows brighter or droops as it warms: no ray is cast again
+            changes = last.changes
+        kept = _Kept(key, changes, lit, blurred(eye.mix(changes, lit)))
+        self._last[camera] = kept
+        return kept.picture
 
     def take(self, order: Order) -> Picture:
         """Return a finished picture, (h, w)."""
@@ -99,7 +110,6 @@ def work(connection: Connection, memory_name: str, slot_bytes: int, scene: Scene
     memory = SharedMemory(memory_name)
     maker = PictureMaker(scene)
     try:
-        maker.warm_up()
         connection.send(("ready", -1, (0, 0), ""))
         while True:
             order = connection.recv()
