@@ -138,6 +138,86 @@ def cost_of(row: Row, folder: Path) -> Cost:
     return Cost(code, seconds, cpu_s, peak_bytes, "\n".join((*said, done.stdout)).strip())
 
 
+# imports once all that any command line imports, and forks for each it is asked
+FORKER = """
+import gc, importlib, json, os, pkgutil, resource, sys, time
+import controller.cli
+
+def resident():
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * resource.getpagesize()
+
+for module in pkgutil.walk_packages(controller.cli.__path__, "controller.cli."):
+    if not module.name.endswith("__main__"):
+        importlib.import_module(module.name)
+gc.collect()
+gc.freeze()  # a fork that collects would copy what it only looks at
+for line in sys.stdin:
+    folder, cache, output, command = json.loads(line)
+    started = time.monotonic()
+    reading, writing = os.pipe()
+    child = os.fork()
+    if not child:
+        os.write(writing, str(resident()).encode())
+        os.chdir(folder)
+        os.environ["XDG_CACHE_HOME"] = cache
+        said = os.open(output, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+        os.dup2(said, 1)
+        os.dup2(said, 2)
+        sys.argv = ["cellctl", *command]
+        sys.exit(controller.cli.main())
+    _, status, used = os.wait4(child, 0)
+    at_first = int(os.read(reading, 64))
+    os.close(reading)
+    os.close(writing)
+    print(json.dumps([os.waitstatus_to_exitcode(status), time.monotonic() - started,
+                      used.ru_utime + used.ru_stime, used.ru_maxrss * 1024 - at_first]), flush=True)
+"""
+
+
+class Forker:
+    """Command lines, each in a process of its own that has imported everything already.
+
+    The peak told is `imports_bytes` and, on top, what the process came to hold beyond what it was
+    forked with.
+
+    Parameters
+    ----------
+    scratch : an empty folder
+    imports_bytes : of memory a process of its own holds at once that does little but import
+    """
+
+    def __init__(self, scratch: Path, imports_bytes: int) -> None:
+        self._output = scratch / "said"
+        self._imports_bytes = imports_bytes
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", FORKER],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
+            text=True,
+        )
+
+    def cost_of(self, row: Row, folder: Path, cache: Path) -> Cost:
+        """Ask a row's command line in the folder it is laid out in."""
+        asked, told = self._process.stdin, self._process.stdout
+        assert asked is not None
+        assert told is not None
+        print(
+            json.dumps([str(folder), str(cache), str(self._output), row.command]),
+            file=asked,
+            flush=True,
+        )
+        code, seconds, cpu_s, more_bytes = json.loads(told.readline())
+        said = self._output.read_text(errors="replace").strip()
+        return Cost(code, seconds, cpu_s, self._imports_bytes + more_bytes, said)
+
+    def close(self) -> None:
+        """End it."""
+        self._process.communicate()
+
+
 # --- what files hold ----------------------------------------------------------------------------
 
 
