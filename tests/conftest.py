@@ -20,6 +20,11 @@ settings.register_profile("gate", derandomize=True, database=None, **UNHURRIED)
 settings.register_profile("explore", derandomize=False, **UNHURRIED)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "gate"))
 
+# a worker and a program it starts have a processor each: threads of numerical libraries, one for
+# each processor, would wait for one another (numpy reads this when it is imported)
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
 # no test notes its journals in the home of whoever runs it
 os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="cellctl-tests-")
 

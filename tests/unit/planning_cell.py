@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -77,5 +78,7 @@ def layout_of(cell: Any) -> CellLayout:
     )
 
 
+@cache
 def emulated_layout() -> CellLayout:
+    """Return the emulated cell's layout; nobody changes it, so all modules have the same one."""
     return layout_of(read_cell())
