@@ -7,7 +7,8 @@ listens, one request at a time), `motion` (the motors in counts); beside them, w
 
 from ..kinds import Arm, Driver, JawReading, NoSettings, Site, Stop
 from ._arm import UmiScara
-from ._session import ArmConfig, ArmIdentity, PowerOffError
+from ._config import ArmConfig
+from ._session import ArmIdentity, PowerOffError
 from .line import LineUncertainError, LinkConfig, SerialTransport, Trace, Transport, WireExchange
 from .model import (
     ArmGeometry,

@@ -7,27 +7,32 @@ in the codec alone. Sections (§) are those of umi_rtx.md.
 
 import logging
 from collections.abc import Callable, Iterable, Mapping
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..kinds import JawReading
-from ._session import ArmSession, check_speeds
-from .line import Guard, LineUncertainError
+from drivers.clock import REAL_TIME, CellClock
+from drivers.kinds import JawReading, Stop
+
+from ._config import ArmConfig, check_speeds
+from ._session import ArmIdentity, ArmSession
+from .line import Guard, LineUncertainError, Trace, Transport
 from .model import OutOfRangeError, kinematics
 from .model.limits import COUNTS_ORDER, check_limits
 from .motion import (
+    Axes,
     AxisStalledError,
     Homing,
     Watch,
+    axes_in_turn,
     forecast_s,
-    on_ip,
     start,
     synchronised_speeds,
     verify_arrival,
 )
 from .protocol import constants as c
-from .protocol.constants import ADDRESSES, Axis, Drive, Parameter, StatusBits
+from .protocol.constants import ADDRESSES, Axis, Drive, Ip, Parameter, StatusBits
 
 log = logging.getLogger(__name__)
 
@@ -41,7 +46,7 @@ _PARTNERS = {
 _STILL_POLL_COUNT = 3  # §9.17
 
 
-class UmiScara(ArmSession):
+class UmiScara:
     """One arm on one line. All verbs are coroutines of one event loop.
 
     A moving verb that is cancelled or fails sends a dead stop to both IPs before it ends. Any
@@ -52,9 +57,156 @@ class UmiScara(ArmSession):
     Parameters
     ----------
     port : device node of the serial line, or a function that opens a transport
+    config : settings of the arm, its line, homing and gripper
+    clock : the cell's clock
     trace : called with every exchange on the wire; the logger ``cellctl.wire.arm`` has them, too
+
+    Attributes
+    ----------
+    positions : what is known of where the axes are
     """
 
+    def __init__(
+        self,
+        port: str | Callable[[], Transport],
+        *,
+        config: ArmConfig | None = None,
+        clock: CellClock = REAL_TIME,
+        trace: Trace | None = None,
+    ) -> None:
+        self._config = config or ArmConfig()
+        self._session = ArmSession(port, self._config.link, clock, trace)
+        self.positions = self._session.positions
+
+    # ---- connection and power ------------------------------------------------------------------
+    async def connect(self) -> ArmIdentity:
+        """Open the line and bring both IPs to running (§1.6, steps 1-7); nothing moves.
+
+        Raises
+        ------
+        LinkError : no port, or silence on it ("check power, cable, boards")
+        WrongDeviceError : text instead of the protocol (§8.7), or not two different IPs
+        BadReplyError : bytes that make no sense
+        """
+        return await self._session.connect()
+
+    async def aclose(self) -> None:
+        """Dead-stop both IPs (§8.20) and let go of the line; motors keep holding."""
+        await self._session.aclose()
+
+    async def __aenter__(self) -> Self:
+        await self.connect()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.aclose()
+
+    async def enable_power(self) -> None:
+        """Allow motor power on both IPs (`27`, §1.6 step 9): only once people agree to motion."""
+        await self._session.enable_power()
+
+    async def stop(self, kind: Stop = Stop.DEAD) -> None:
+        """Stop both IPs (§2.3), ahead of all other traffic; a running verb ends with an error.
+
+        Motions that were waiting for their turn end too, before they begin.
+
+        Raises
+        ------
+        LinkError, PositionLostError : one IP may not have got the stop; the other one has
+        """
+        await self._session.stop(kind)
+
+    @property
+    def identity(self) -> ArmIdentity | None:
+        """What `connect` found; None when not connected or after a restart of an IP."""
+        return self._session.identity
+
+    @property
+    def model(self) -> str:
+        """What messages and the journal call it: the ROM of each IP, once connected."""
+        if self.identity is None:
+            return "UMI RTX"
+        versions = self.identity.rom_versions.items()
+        roms = ", ".join(f"{ip.name} ROM {version[1]}.{version[0]}" for ip, version in versions)
+        return f"UMI RTX, {roms}"
+
+    @property
+    def max_opening_mm(self) -> float:
+        """How far the jaws open [mm]."""
+        return self._config.gripper.max_width_mm
+
+    @property
+    def is_homed(self) -> bool:
+        """Whether counts mean positions."""
+        return self.positions.is_homed
+
+    @property
+    def is_powered(self) -> bool:
+        """Whether motor power has been enabled and nothing is known to have taken it away."""
+        return self._session.is_powered
+
+    @property
+    def config(self) -> ArmConfig:
+        """The settings this arm was built with."""
+        return self._config
+
+    @property
+    def axes(self) -> Axes:
+        """The motors; what is sent to them here is checked by nobody.
+
+        Raises
+        ------
+        LinkError : not connected
+        """
+        return self._session.axes
+
+    # ---- settings and raw registers ------------------------------------------------------------
+    async def read_parameter(self, axis: Axis, parameter: Parameter) -> int:
+        """Return any parameter of a motor (§2.5); a raw register, valid as a position or not."""
+        return await self.axes.read(axis, parameter)
+
+    async def write_parameter(self, axis: Axis, parameter: Parameter, value: int) -> None:
+        """Set a parameter of a motor (§2.5).
+
+        Parameters
+        ----------
+        axis : the motor
+        parameter : which of its parameters
+        value : in the parameter's own units, a signed word
+
+        Raises
+        ------
+        ValueError : read-only, or CURRENT_POSITION, which only homing may label
+        """
+        if parameter in c.READ_ONLY or parameter is Parameter.CURRENT_POSITION:
+            raise ValueError(f"{parameter.name} is not for writing")
+        await self.axes.write(axis, parameter, value)
+
+    async def set_speed(self, axis: Axis, speed: int) -> None:
+        """Set SPEED of an axis: 1 to 160, 100 is "top speed" (§2.5, §5.6)."""
+        check_speeds({axis: speed})
+        await self.axes.write(axis, Parameter.SPEED, speed)
+
+    async def set_force(self, axis: Axis, force: int) -> None:
+        """Set MAX_FORCE of an axis; 0 makes the motor limp (§2.5), 20 to 60 have been used.
+
+        Raises
+        ------
+        ValueError : the force is outside 0 to 100
+        """
+        if not 0 <= force <= 100:
+            raise ValueError(f"{axis.name}: MAX_FORCE is 0 to 100, not {force}")
+        await self.axes.write(axis, Parameter.MAX_FORCE, force)
+
+    async def status(self, axis: Axis) -> StatusBits:
+        """Return the status of one controller (§2.8)."""
+        return await self.axes.status(axis)
+
+    async def general_status(self) -> dict[Ip, StatusBits]:
+        """Return the status of both IPs (§2.8)."""
+        return {ip: await self.axes.general_status(ip) for ip in self.axes.ips()}
+
+    # ---- homing, and where the arm is ----------------------------------------------------------
     async def home(self) -> None:
         """Find all end stops, label them and park (§4.1, §4.2); sweeps the whole workspace.
 
@@ -67,21 +219,16 @@ class UmiScara(ArmSession):
         AxisStalledError : an axis stalled or stopped short on the way to the park
         MotionStoppedError : `stop` was called
         """
-        async with self._motion(needs_home=False) as guard:
-            self._is_homed = False
-            self._rest_counts.clear()
-            await Homing(self._axes, self._config.homing, guard).run()
-            self._dead_bands = {
-                axis: await self._axes.read_twice(axis, Parameter.DEAD_BAND)
-                for ip in self._axes.ips()
-                for axis in on_ip(Axis, ip)
+        async with self._session.motion(needs_home=False) as guard:
+            self.positions.begin_homing()
+            await Homing(self.axes, self._config.homing, guard).run()
+            self.positions.dead_bands = {
+                axis: await self.axes.read_twice(axis, Parameter.DEAD_BAND)
+                for axis in axes_in_turn(self.axes)
             }
             await self._arrive(self._config.homing.park_counts)
             guard()
-            self._rest_counts.update(self._config.homing.park_counts)
-            self._known = {axis: (n, n) for axis, n in self._config.homing.park_counts.items()}
-            self._may_be_relabelled = self._may_be_zeroed = self._grasps = False
-            self._is_homed = self._is_sure = True
+            self.positions.note_homed(self._config.homing.park_counts)
         log.info("arm homed")
 
     async def read_counts(self) -> dict[Axis, int]:
@@ -91,12 +238,12 @@ class UmiScara(ArmSession):
         ------
         PositionLostError : not homed, or an IP has restarted
         """
-        self._require_homed()
-        if self._one_motion.locked():
-            counts = await self._axes.read_actuals(Axis)
+        self._session.require_homed()
+        if self._session.is_moving:
+            counts = await self.axes.read_actuals(Axis)
         else:
-            counts = await self._read_all()
-        self._require_homed()  # another request may have found the position lost meanwhile
+            counts = await self.positions.read(self.axes)
+        self._session.require_homed()  # another request may have found the position lost meanwhile
         return counts
 
     async def read_q(self) -> NDArray[np.float64]:
@@ -203,38 +350,36 @@ class UmiScara(ArmSession):
         if force < 1:
             raise ValueError(f"a grasp needs a force above 0, not {force}")
         gripper = Axis.GRIPPER
-        async with self._motion() as guard:
-            await self._make_sure(guard)
-            self._rest_counts.pop(gripper, None)
-            self._grasps = True
-            await self._axes.write(gripper, Parameter.SPEED, self._config.grasp_speed, guard)
-            await self._axes.write(gripper, Parameter.MAX_FORCE, force, guard)
-            await self._axes.write(gripper, Parameter.NEW_POSITION, c.GRASP_COUNTS, guard)
-            if gripper in self._known:
-                self._known[gripper] = c.GRIPPER_RANGE[0], self._known[gripper][1]
-            await self._axes.numeric_go(ADDRESSES[gripper].ip, [gripper], guard)
+        async with self._session.motion() as guard:
+            await self.positions.make_sure(self.axes, guard)
+            self.positions.note_leaving([gripper])
+            self.positions.grasps = True
+            await self.axes.write(gripper, Parameter.SPEED, self._config.grasp_speed, guard)
+            await self.axes.write(gripper, Parameter.MAX_FORCE, force, guard)
+            await self.axes.write(gripper, Parameter.NEW_POSITION, c.GRASP_COUNTS, guard)
+            self.positions.note_closing(c.GRIPPER_RANGE[0])
+            await self.axes.numeric_go(ADDRESSES[gripper].ip, [gripper], guard)
             counts = await self._until_held(deadline_s, guard)
-            self._known[gripper] = (counts, counts)
+            self.positions.note_range(gripper, counts, counts)
         return self._config.gripper.width_mm(counts)
 
     async def read_opening_mm(self) -> float:
         """Return the jaw opening [mm] as it is now; raises as `read_counts`."""
-        self._require_homed()
-        if self._one_motion.locked():
-            counts = await self._axes.read_actual(Axis.GRIPPER)
+        self._session.require_homed()
+        if self._session.is_moving:
+            counts = await self.axes.read_actual(Axis.GRIPPER)
         else:
-            counts = await self._axes.read_actual_twice(Axis.GRIPPER)
-        self._require_homed()
+            counts = await self.axes.read_actual_twice(Axis.GRIPPER)
+        self._session.require_homed()
         return self._config.gripper.width_mm(counts)
 
     async def read_jaws(self) -> JawReading:
         """Return how the jaws stand, homed or not; nothing moves."""
-        self._require_connected()
-        bits = await self._axes.status(Axis.GRIPPER)
-        bits |= await self._axes.status(
-            Axis.GRIPPER
-        )  # a status has no checksum: a bit seen once counts
-        counts = await self._axes.read_actual_twice(Axis.GRIPPER)
+        self._session.require_connected()
+        bits = await self.axes.status(Axis.GRIPPER)
+        # a status has no checksum: a bit seen once counts
+        bits |= await self.axes.status(Axis.GRIPPER)
+        counts = await self.axes.read_actual_twice(Axis.GRIPPER)
         return JawReading(bool(bits & StatusBits.STALLED), self._config.gripper.width_mm(counts))
 
     async def drive_jaws(self, by_mm: float, deadline_s: float = 10.0) -> float:
@@ -254,28 +399,26 @@ class UmiScara(ArmSession):
         """
         gripper, ip = Axis.GRIPPER, ADDRESSES[Axis.GRIPPER].ip
         mm_per_count = self._config.gripper.linear_mm
-        async with self._motion(needs_home=False) as guard:
-            self._rest_counts.pop(gripper, None)
-            self._known.pop(gripper, None)
-            self._is_sure = self._grasps = False
-            before = await self._axes.read_actual(gripper)
-            await self._axes.write(gripper, Parameter.SPEED, self._config.grasp_speed, guard)
-            await self._axes.write(gripper, Parameter.MAX_FORCE, self._config.gripper_force, guard)
+        async with self._session.motion(needs_home=False) as guard:
+            self.positions.note_jaws_driven()
+            before = await self.axes.read_actual(gripper)
+            await self.axes.write(gripper, Parameter.SPEED, self._config.grasp_speed, guard)
+            await self.axes.write(gripper, Parameter.MAX_FORCE, self._config.gripper_force, guard)
             drive = Drive.FORWARD if by_mm > 0 else Drive.REVERSE
-            await self._axes.manual_go(ip, {gripper: drive}, guard)
-            until_s = self._axes.deadline_s(deadline_s)
+            await self.axes.manual_go(ip, {gripper: drive}, guard)
+            until_s = self.axes.deadline_s(deadline_s)
             while True:
                 guard()
-                bits = await self._axes.status(gripper)
-                counts = await self._axes.read_actual(gripper)
+                bits = await self.axes.status(gripper)
+                counts = await self.axes.read_actual(gripper)
                 went_mm = abs(counts - before) * mm_per_count
                 if went_mm >= abs(by_mm) or bits & c.FAULT_BITS:
                     break
-                if self._axes.clock.attended_s() > until_s:
-                    await self._halt_quietly()
+                if self.axes.clock.attended_s() > until_s:
+                    await self._session.halt_quietly()
                     raise AxisStalledError(gripper, before, counts, "does not come to rest")
-                await self._axes.pause()
-            await self._axes.manual_go(ip, {}, guard)
+                await self.axes.pause()
+            await self.axes.manual_go(ip, {}, guard)
         return went_mm
 
     # ---- parts of the verbs --------------------------------------------------------------------
@@ -305,10 +448,10 @@ class UmiScara(ArmSession):
         speeds_for: Callable[[Mapping[Axis, int]], Mapping[Axis, int]],
         forces: Mapping[Axis, int] | None,
     ) -> dict[Axis, int]:
-        async with self._motion() as guard:
-            await self._make_sure(guard)
+        async with self._session.motion() as guard:
+            await self.positions.make_sure(self.axes, guard)
             starts = await self._starts(wanted)
-            moved = {axis: n for axis, n in wanted.items() if self._rest_counts.get(axis) != n}
+            moved = {axis: n for axis, n in wanted.items() if self.positions.at_rest(axis) != n}
             self._check_targets(starts | moved, moved)
             if not moved:
                 return wanted
@@ -318,36 +461,36 @@ class UmiScara(ArmSession):
                 nominal = self._config.nominal_counts_per_s
                 speeds = {axis: self._speed(axis, new_speeds) for axis in moved}
                 deadline_s = 2 * forecast_s(distances, speeds, nominal) + 2.0
-            for axis in moved:
-                self._rest_counts.pop(axis, None)
+            self.positions.note_leaving(moved)
             if Axis.GRIPPER in moved:
-                self._grasps = False
+                self.positions.grasps = False
             for axis, force in (forces or {}).items():
-                await self._axes.write(axis, Parameter.MAX_FORCE, force, guard)
+                await self.axes.write(axis, Parameter.MAX_FORCE, force, guard)
 
             def on_go() -> None:
                 for axis, target in moved.items():
-                    self._known[axis] = min(starts[axis], target), max(starts[axis], target)
+                    self.positions.note_range(axis, starts[axis], target)
 
-            await start(self._axes, moved, new_speeds, guard, on_go=on_go)
-            await Watch(self._axes, moved, deadline_s, guard).until_rest()
+            await start(self.axes, moved, new_speeds, guard, on_go=on_go)
+            await Watch(self.axes, moved, deadline_s, guard).until_rest()
             guard()
             got = await self._arrive(moved)
             guard()
-            self._rest_counts.update(moved)
-            self._known.update({axis: (n, n) for axis, n in moved.items()})
+            self.positions.note_rest(moved)
         return {axis: got.get(axis, wanted[axis]) for axis in wanted}
 
     def _speed(self, axis: Axis, new_speeds: Mapping[Axis, int]) -> int:
-        known = new_speeds.get(axis) or self._axes.written(axis, Parameter.SPEED)
+        known = new_speeds.get(axis) or self.axes.written(axis, Parameter.SPEED)
         return known or c.NOMINAL_SPEED
 
     async def _starts(self, targets: Iterable[Axis]) -> dict[Axis, int]:
         """Return where the axes of a move are now, and those that share a limit with them."""
         needed = {*targets, *(_PARTNERS[axis] for axis in targets if axis in _PARTNERS)}
-        unknown = [axis for axis in Axis if axis in needed and axis not in self._rest_counts]
-        read = await self._axes.read_actuals(unknown)
-        return {axis: self._rest_counts.get(axis, read.get(axis, 0)) for axis in needed}
+        at_rest = {axis: self.positions.at_rest(axis) for axis in needed}
+        read = await self.axes.read_actuals(
+            axis for axis in Axis if axis in needed and at_rest[axis] is None
+        )
+        return {axis: read[axis] if counts is None else counts for axis, counts in at_rest.items()}
 
     def _check_targets(self, counts: Mapping[Axis, int], moved: Iterable[Axis]) -> None:
         changed = set(moved)
@@ -361,17 +504,17 @@ class UmiScara(ArmSession):
 
     async def _arrive(self, targets: Mapping[Axis, int]) -> dict[Axis, int]:
         slack = self._config.arrival_slack_counts
-        tolerances = {axis: self._dead_bands.get(axis, 0) + slack for axis in targets}
-        return await verify_arrival(self._axes, targets, tolerances, self._config.settle_s)
+        tolerances = {axis: self.positions.dead_bands.get(axis, 0) + slack for axis in targets}
+        return await verify_arrival(self.axes, targets, tolerances, self._config.settle_s)
 
     async def _until_held(self, deadline_s: float, guard: Guard) -> int:
         """Return the counts of the gripper once it rests against something (§2.8, §9.17)."""
-        until_s = self._axes.deadline_s(deadline_s)
+        until_s = self.axes.deadline_s(deadline_s)
         still_poll_count, before = 0, None
         while True:
             guard()
-            bits = await self._axes.status(Axis.GRIPPER)
-            counts = await self._axes.read_actual(Axis.GRIPPER)
+            bits = await self.axes.status(Axis.GRIPPER)
+            counts = await self.axes.read_actual(Axis.GRIPPER)
             still_poll_count = still_poll_count + 1 if counts == before else 0
             before = counts
             if still_poll_count >= _STILL_POLL_COUNT and not bits & StatusBits.MOVING:
@@ -379,9 +522,9 @@ class UmiScara(ArmSession):
                     return counts
                 why = "rests against nothing (is motor power on?)"
                 break
-            if self._axes.clock.attended_s() > until_s:
+            if self.axes.clock.attended_s() > until_s:
                 why = f"still closes after {deadline_s:.1f} s"
                 break
-            await self._axes.pause()
-        await self._halt_quietly()
+            await self.axes.pause()
+        await self._session.halt_quietly()
         raise AxisStalledError(Axis.GRIPPER, c.GRASP_COUNTS, counts, why)

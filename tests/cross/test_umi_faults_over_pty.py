@@ -275,7 +275,7 @@ async def test_a_reset_that_may_hand_the_line_over_loses_nobody(
 ) -> None:
     """§1.5: `20` may hand over or not; somebody below the verbs sends one."""
     homed.wire.faults.reset_toggles = hands_over
-    await homed.arm._axes.link.exchange(ip, b"\x20")
+    await homed.arm.axes.link.exchange(ip, b"\x20")
     with pytest.raises((PositionLostError, BadReplyError)):
         await homed.arm.read_counts()
     identity = await homed.arm.connect()

@@ -29,8 +29,8 @@ async def opened() -> Session:
     session.model.place({EMULATED[axis]: float(counts) for axis, counts in PARK.items()})
     await session._opened()
     session.model.reference()
-    session.arm._is_homed = True
-    session.arm._dead_bands = dict.fromkeys(Axis, 2)
+    session.arm.positions.is_homed = True
+    session.arm.positions.dead_bands = dict.fromkeys(Axis, 2)
     await session.arm.open_jaws()
     return session
 

@@ -91,8 +91,8 @@ class ArmBench:
         await self.arm.connect()
         await self.arm.enable_power()
         self.model.reference()
-        self.arm._is_homed = True
-        self.arm._dead_bands = dict.fromkeys(Axis, 2)
+        self.arm.positions.is_homed = True
+        self.arm.positions.dead_bands = dict.fromkeys(Axis, 2)
         self.trace.clear()
         return self
 

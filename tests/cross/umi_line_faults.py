@@ -16,8 +16,9 @@ from typing import Literal
 from umi_bench import EMULATED
 
 from drivers.clock import CellClock
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, LinkError
 from drivers.umi_scara import ArmConfig, Axis, HomingConfig, Stop, UmiScara
+from drivers.umi_scara.motion import Axes
 from emulators.umi_scara import ArmModel, ArmWire
 
 Way = Literal["to the arm", "from the arm"]
@@ -235,6 +236,13 @@ class Result:
         return bool(self.moved or self.false_done or self.runs_on) or self.end in ("bug", "hangs")
 
 
+def axes_of(arm: UmiScara) -> Axes | None:
+    try:
+        return arm.axes
+    except LinkError:
+        return None
+
+
 class Session:
     """The verbs of a session, each judged by the motors when it says that it is done."""
 
@@ -264,7 +272,7 @@ class Session:
                 self.stopping = asyncio.get_running_loop().create_task(
                     self.arm.stop(self.stop_kind)
                 )
-        axes = self.arm._axes_or_none
+        axes = axes_of(self.arm)
         if not self.is_homing or axes is None or axes.link.listening is None:
             return
         motors = MOTORS[int(axes.link.listening)]
@@ -297,7 +305,7 @@ class Session:
             said = await verb()
         except DeviceError as error:
             self.errors.append(f"{what}: {type(error).__name__}: {error}")
-            if self.arm._axes_or_none is not None and "connect" not in what:
+            if axes_of(self.arm) is not None and "connect" not in what:
                 try:
                     await self.arm.stop()
                 except DeviceError as second:
@@ -363,9 +371,10 @@ class Session:
         if not await self._opened():
             return
         self.model.reference()
-        self.arm._is_homed = True
-        self.arm._dead_bands = dict.fromkeys(Axis, 2)
-        self.arm._known = {axis: (counts, counts) for axis, counts in PARK.items()}
+        self.arm.positions.is_homed = True
+        self.arm.positions.dead_bands = dict.fromkeys(Axis, 2)
+        for axis, counts in PARK.items():
+            self.arm.positions.note_range(axis, counts, counts)
         for targets in (
             {Axis.SHOULDER: 150, Axis.ELBOW: -120},
             {Axis.ZED: -120},

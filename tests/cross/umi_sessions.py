@@ -206,7 +206,7 @@ async def _move(bench: ArmBench) -> Comparison:
     move = asyncio.create_task(bench.arm.move_counts({Axis.SHOULDER: 1000}))
     await bench.moving()
     try:  # below the driver's verbs, which never say go twice
-        await bench.arm._axes.link.exchange(Ip.ARM, b"\xa2")
+        await bench.arm.axes.link.exchange(Ip.ARM, b"\xa2")
     except RefusedError as refusal:
         assert refusal.code == 3  # noqa: PT017  (its code is what matters, and it may be refused)
     await _read_position(bench)
@@ -259,7 +259,7 @@ async def _warm(name: str, *, auto_toggle: bool) -> Comparison:
         await bench.arm.connect()
         if name == GO_RUNNING:
             await _let_ip1_listen(bench)
-            await bench.arm._axes.link.exchange(Ip.ARM, b"\x00")
+            await bench.arm.axes.link.exchange(Ip.ARM, b"\x00")
         return compare(name, bench.trace)
 
 

@@ -4,7 +4,7 @@ It knows counts, no joint angle and no limit.
 """
 
 from ._axes import Axes
-from ._counters import Known, judge_counters
+from ._counters import judge_counters
 from ._homing import Homing, HomingConfig, HomingError
 from ._moves import (
     AxisStalledError,
@@ -16,6 +16,7 @@ from ._moves import (
     synchronised_speeds,
     verify_arrival,
 )
+from ._positions import Positions, axes_in_turn
 
 __all__ = [
     "Axes",
@@ -23,9 +24,10 @@ __all__ = [
     "Homing",
     "HomingConfig",
     "HomingError",
-    "Known",
     "MotionStoppedError",
+    "Positions",
     "Watch",
+    "axes_in_turn",
     "forecast_s",
     "judge_counters",
     "on_ip",
