@@ -72,7 +72,7 @@ class CellOptions:
     feed: int = 0
 
 
-class _FixtureJaws:
+class _FixedJaws:
     """The fixed gripper for the world: its firmware moves the jaws."""
 
     def __init__(self, device: RobotiqDevice) -> None:
@@ -144,7 +144,7 @@ class Cell:
         self.io = E1214Device(self.signals, IO_UNIT)
         self._steppable: list[Steppable] = [self.relays, self.io]
         self._steppable += list(self.lamps.values())
-        jaws = _FixtureJaws(self.gripper)
+        jaws = _FixedJaws(self.gripper)
         self.world = World(self.layout, self.solids, self.arm, jaws, self._obstruct, seed)
         self._drop_parts(options)
         self.desk = PictureDesk(build_scene(self.layout, self.solids), self, seed)
@@ -171,7 +171,7 @@ class Cell:
             self._keep_apart(index)
 
     def _keep_apart(self, index: int) -> None:
-        """Drop a part elsewhere while it lies on another one."""
+        """Drop a part elsewhere for as long as it is on top of another one."""
         for _ in range(50):
             low, high = self.world.parts[index].bounds_mm
             others = [part.bounds_mm for part in self.world.parts[:index]]
@@ -183,9 +183,9 @@ class Cell:
     # --- wires ----------------------------------------------------------------------------------
 
     async def start(self) -> None:
-        """Open all wires and start the picture worker."""
+        """Open all wires and start the picture process."""
         self.desk.start()
-        # the clock starts when all that takes seconds is done, and the parts lie
+        # the clock starts once the slow work is done and the parts are at rest
         self.clock.begin()
         self._origin_s = self.world.time_s
         self.arm_server = ArmServer(self.arm_wire, self.clock)
@@ -234,7 +234,7 @@ class Cell:
             formats=formats,
             rates_hz=tuple(sorted({rate_hz, 5, 2, 1}, reverse=True)),
             default_rate_hz=rate_hz,
-            # a second picture in the making would only keep the one that is wanted waiting
+            # with a second picture in the making, the one that is wanted would have to wait
             in_flight_max=1,
         )
 
@@ -243,7 +243,7 @@ class Cell:
         await self.camera_server.run()
 
     async def aclose(self) -> None:
-        """Close all wires, end the worker; may be called half-way through `start`."""
+        """Close all wires, end the picture process; may be called half-way through `start`."""
         for server in reversed(self._open):
             await server.aclose()
         self._open.clear()
@@ -293,7 +293,7 @@ class Cell:
         return self.clock.now_s() - self.now_s
 
     def advance(self) -> None:
-        """Let one slice of time pass for everything, and have due pictures noted."""
+        """Let one slice of time pass for everything, and send off the pictures that fall due."""
         dt_s = self.step_s
         self.world.advance(dt_s)
         for device in self._steppable:
@@ -306,18 +306,18 @@ class Cell:
         self.desk.note(self.now_s)
 
     def _feed(self) -> None:
-        """Lay the next part once the last one lies in a tray and has been let go."""
+        """Drop the next part once the last one is in a tray and has been let go."""
         if self._feed_left and tray_of(self.world, 0) is not None:
             self._feed_left -= 1
             self.world.drop(0)
 
     def tick(self) -> None:
-        """Let the clock go on: as far as the world has come, and no picture is overdue."""
+        """Let the clock run on, up to where the world is, and not past an overdue picture."""
         self.clock.tick(self.now_s, self._picture_due_s())
 
     def _picture_due_s(self) -> float | None:
         if self.clock.participant_count == 0:
-            return None  # whoever only looks on through a camera does not hold the cell up
+            return None  # a client that only watches a camera does not hold the cell up
         ends = [camera.oldest_due_s for camera in self.cameras.values()]
         due = [end_s + PICTURE_S for end_s in ends if end_s is not None]
         return min(due, default=None)

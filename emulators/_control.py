@@ -1,4 +1,4 @@
-"""The control port: tests ask for the truth and cause faults. The controller has no such door.
+"""The control port: here tests read the truth and cause faults. The controller never uses it.
 
 JSON lines on a unix socket; each ``{"do": VERB, ...}`` is answered by one
 ``{"ok": true, ...}`` or ``{"ok": false, "error": ...}``.
@@ -59,7 +59,7 @@ class ControlPort:
         self._server = await asyncio.start_unix_server(self._serve, str(self._path))
 
     async def aclose(self) -> None:
-        """Close the socket and take it away."""
+        """Close the socket and delete it."""
         if self._server is None:
             return
         self._server.close()
@@ -83,7 +83,7 @@ class ControlPort:
             writer.close()
 
     def obey(self, line: bytes) -> Answer:
-        """Carry out one order; what is wrong with it is in the answer."""
+        """Carry out one order and return its answer, which names what is wrong with the order."""
         try:
             order = json.loads(line)
             verb = self._verbs[order.pop("do")]

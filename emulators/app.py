@@ -1,8 +1,8 @@
 """The emulated cell as one process: devices on their wires, one world behind them, pictures of it.
 
 Prints one JSON line on stdout when everything can be used, and nothing else there; see `main`.
-No truth about the world leaves it but through the devices, and through the control port that
-``--control`` opens for tests.
+The truth about the world stays inside: clients have the devices, and tests the control port that
+``--control`` opens.
 """
 
 import argparse
@@ -114,7 +114,7 @@ async def step_world(cell: Cell) -> None:
 
 
 async def serve(options: CellOptions, control: Path | None, ready: Any, stdin_ends: bool) -> None:  # noqa: ANN401  (a text stream)
-    """Run an emulated cell until it is to end.
+    """Run an emulated cell until a signal ends it.
 
     Parameters
     ----------

@@ -87,7 +87,7 @@ class SharedClock(WorldClock):
         self._looked_wall_s = 0.0
         self.begin()
         fcntl.fcntl(self._fd, fcntl.F_OFD_SETLK, _flock(fcntl.F_WRLCK, 0))
-        self._map[:8] = _MAGIC  # last: whoever finds it may read on
+        self._map[:8] = _MAGIC  # written last: a reader that finds it may read the rest
 
     def begin(self) -> None:
         """Let world time 0 be now; to be called before anybody else knows the clock."""

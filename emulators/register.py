@@ -1,6 +1,6 @@
 """Where an emulator writes down that it runs: its clock and its addresses, docs/shared-clock.md 5.
 
-Whoever is given an address by hand finds the clock that goes with it there.
+A client that is given an address by hand finds its clock there.
 """
 
 import json

@@ -1,8 +1,8 @@
 """Emulated V4L2 cameras: the ioctls, polls and mappings that unmodified clients expect, and faults.
 
-Time and pictures are handed in; how the bytes travel (a FUSE node, or a unix socket where FUSE
-cannot be mounted) is `CameraServer`'s matter. Read after the kernel's V4L2 documentation and
-`linux/videodev2.h`, never after the driver.
+Time and pictures come from outside. `CameraServer` decides how the bytes travel: over a FUSE node,
+or over a unix socket where FUSE cannot be mounted. Written from the kernel's V4L2
+documentation and `linux/videodev2.h`, never from the driver.
 """
 
 from ._pattern import ClockPattern, read_clock_pattern

@@ -1,6 +1,6 @@
 """A test pattern instead of a world: every picture shows when it was exposed, and how brightly.
 
-For whoever wants a camera without a cell around it: tests of clients, `v4l2-ctl` by hand.
+A camera without a cell around it: for tests of clients, and for `v4l2-ctl` by hand.
 """
 
 import asyncio
@@ -15,7 +15,7 @@ from .kernel import Picture
 
 _COLUMN_COUNT: Final = 80  # squares across the picture, whatever its size
 _BIT_COUNT: Final = 64
-NORMAL_EXPOSURE_S: Final = 0.0157  # that gives NORMAL_LEVEL at gain 1
+NORMAL_EXPOSURE_S: Final = 0.0157  # gives NORMAL_LEVEL at gain 1
 NORMAL_LEVEL: Final = 128.0
 
 

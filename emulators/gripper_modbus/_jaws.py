@@ -12,7 +12,7 @@ MIN_SPEED_MM_PER_S: Final = 20.0
 MAX_SPEED_MM_PER_S: Final = 150.0
 MIN_FORCE_N: Final = 20.0
 MAX_FORCE_N: Final = 235.0
-TOUCH_MM: Final = 0.01  # a gap that nothing can tell from contact
+TOUCH_MM: Final = 0.01  # a smaller gap counts as contact
 FORCE_RISE_S: Final = 0.03  # from touching to the force asked for (typical, not from the manual)
 
 

@@ -17,7 +17,7 @@ from ._jaws import (
 
 OUTPUT_START: Final = 0x03E8  # what the master writes; §2.2
 OUTPUT_COUNT: Final = 8
-INPUT_START: Final = 0x07D0  # what the gripper tells; §2.3
+INPUT_START: Final = 0x07D0  # what the gripper reports; §2.3
 INPUT_COUNT: Final = 3
 
 ACTIVATE: Final = 1 << 0  # rACT; §2.2

@@ -271,7 +271,7 @@ class RobotiqDevice:
             else:
                 self._status = GripperStatus.ACTIVE
                 self._priority_fault = Fault.NONE
-                self._go()  # what was asked meanwhile was only delayed
+                self._go()  # a request in the meantime was only delayed
 
     # --- the status registers -------------------------------------------------------------------
 

@@ -8,7 +8,7 @@ from typing import Final
 
 RESTARTED: Final = 0x0F  # umi_rtx.md 2.9; 0x0E means the same
 
-# The answer of a non-standard ROM; umi_rtx.md 8.7 tells what such an arm says, not the exact text
+# The answer of a non-standard ROM; umi_rtx.md 8.7 has its meaning, not the exact text
 MONITOR_BANNER: Final = b"\r\nMSP SYSTEM ROM  VERSION 01.00  JUN 1987\r\n(C) UMI 1987\r\nOK\r\n"
 MONITOR_ERROR: Final = b"ERROR\r\n"
 

@@ -239,7 +239,7 @@ class Motor:
         now = self.set_point
         if self.drive is Drive.HOLD and abs(now - self.position) < ARRIVED_COUNTS:
             return now
-        lag = (now - before) / dt_s * LAG_S  # of a ramp, once it has settled
+        lag = (now - before) / dt_s * LAG_S  # true of a ramp once it has settled
         wanted = now - lag + (self.position - before + lag) * decay
         reach = CATCH_UP_FACTOR * max(self.nominal_counts_per_s, self.speed_counts_per_s) * dt_s
         return max(self.position - reach, min(self.position + reach, wanted))

@@ -200,7 +200,7 @@ class Peripheral:
         kind, ctl = opcode & 0xF8, opcode & 7
         if kind == 0x50:
             return UNKNOWN
-        if kind == 0x60:  # frame 1: ctl bits and filler mean nothing, frame 2 tells the ctl
+        if kind == 0x60:  # frame 1: ctl bits and filler mean nothing, frame 2 names the ctl
             self._read_selection = request[1] if request[1] < Parameter.COUNT else None
             return OUT_OF_RANGE if self._read_selection is None else b"\xc0"
         if kind == 0x70:

@@ -129,6 +129,6 @@ class ArmServer:
                 log.warning("arm: %d reply bytes lost, nobody reads the line", len(data) - written)
         due_s = self._wire.next_due_s()
         if due_s is not None:
-            # time may stand still: what is due next is looked at again, but not without a pause
+            # time may stand still: look again, but after a pause
             wait_s = max(TIMER_GRAIN_WALL_S, (due_s - self._clock.now_s()) / self._clock.speed)
             self._timer = asyncio.get_running_loop().call_later(wait_s, self._send_due)

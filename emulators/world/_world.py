@@ -1,8 +1,8 @@
 """The emulated cell as matter: table, arm, two grippers and parts, with time handed in.
 
-Knows no wire. The arm and the jaws are models that somebody else commands; the world lets them
-advance, follows them, sets what blocks them, and lets parts lie, fall, slide and be
-held. What a test may know about it is at the end; nothing of that goes over a wire.
+Knows no wire. Arm and jaws are models that the devices command; the world lets them advance,
+follows them, sets what blocks them, and lets parts rest, fall, slide and be held. What only a test
+may know is at the end of the class; none of it goes over a wire.
 """
 
 import logging
@@ -27,7 +27,7 @@ log = logging.getLogger(__name__)
 QUIET_STEPS: Final = 4  # with nothing falling and no jaw moving, steps are this much longer
 _TABLE_MM: Final = 0.3
 _FIXED_FORCE_N: Final = 100.0
-_ARM_FORCE_N: Final = 150.0  # at MAX_FORCE 100; a choice, umi_rtx.md gives none
+_ARM_FORCE_N: Final = 150.0  # at MAX_FORCE 100; our choice, umi_rtx.md gives none
 _DEFAULT_FORCE_FRACTION: Final = 0.4
 
 
@@ -190,7 +190,7 @@ class World:
                 return
             upper_mm, lower_mm = felt.gaps_mm(gripper.opening_mm)
             if held and min(upper_mm, lower_mm) <= 0.0:
-                gripper.limit_mm = gripper.opening_mm  # one finger pushes at what cannot yield
+                gripper.limit_mm = gripper.opening_mm  # one finger pushes, the part cannot yield
                 gripper.must_open = True
                 return
             push = gripper.pads.push(felt, gripper.opening_mm)

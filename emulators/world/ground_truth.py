@@ -1,4 +1,4 @@
-"""What is so in the world. For tests and the control port only: no device may look in here."""
+"""The truth about the world, for tests and the control port only: no device may use it."""
 
 from typing import Any
 

@@ -1,7 +1,7 @@
 """The camera's sensor: which frames are exposed, and how their pictures reach the buffers.
 
-World time is handed in (`advance`), pictures are handed in (`deliver`): the world never waits for
-a picture, a frame that has no place to go is lost, and its number with it.
+World time comes in by `advance`, pictures come in by `deliver`: the world never waits for a
+picture. A frame without a buffer is lost, and its number with it.
 """
 
 import logging
@@ -135,7 +135,7 @@ class Sensor:
 
     @property
     def oldest_due_s(self) -> float | None:
-        """Do as `V4l2Device.oldest_due_s` says."""
+        """See `V4l2Device.oldest_due_s`."""
         with self._lock:
             return self._flights[0].end_s if self._flights else None
 
@@ -173,7 +173,7 @@ class Sensor:
             self._able()
 
     def advance(self, now_s: float) -> float | None:
-        """Do as `V4l2Device.advance` says."""
+        """See `V4l2Device.advance`."""
         with self._lock:
             if self._able_since_s is None:
                 return None
@@ -206,7 +206,7 @@ class Sensor:
         self._finish_flights()
 
     def abandon(self, ticket: Hashable) -> None:
-        """Do as `V4l2Device.abandon` says."""
+        """See `V4l2Device.abandon`."""
         with self._lock:
             flight = self._flight_of(ticket)
             if flight is None:

@@ -1,6 +1,6 @@
 """The queue of frame buffers, by videobuf2's rules: who owns it, what waits, what poll says.
 
-Knows buffers by number and place; their bytes are the transport's.
+Knows buffers by number and offset; a transport holds their bytes.
 """
 
 import errno
@@ -13,9 +13,8 @@ from . import abi
 from .abi import BufferFlag, Poll
 from .handle import Handle, NotYet, Refused
 
-SLOT_BYTES: Final = (
-    8 << 20
-)  # buffer i lies at i * SLOT_BYTES, whatever the format: offsets stay put
+# buffer i is at i * SLOT_BYTES, whatever the format, so that offsets never change
+SLOT_BYTES: Final = 8 << 20
 BUFFERS_MAX: Final = 8
 
 
@@ -47,7 +46,7 @@ class Buffer:
 
 
 class BufferQueue:
-    """Buffers from REQBUFS to REQBUFS.
+    """All buffers that one REQBUFS made, until the next.
 
     Attributes
     ----------
@@ -90,14 +89,14 @@ class BufferQueue:
         return buffer
 
     def give_back(self, buffer: Buffer) -> None:
-        """Queue a taken buffer again, first in line: its frame came to nothing."""
+        """Queue a taken buffer again, first in line: its frame is lost."""
         buffer.state = _State.QUEUED
         self._queued.appendleft(buffer)
 
     def finish(
         self, buffer: Buffer, used_bytes: int, flags: int, timestamp_us: int, sequence: int
     ) -> None:
-        """Hand a taken buffer, filled, to the client.
+        """Give a taken buffer, filled, to the client.
 
         Parameters
         ----------
@@ -113,7 +112,7 @@ class BufferQueue:
         self._done.append(buffer)
 
     def stop(self) -> None:
-        """End the stream: all buffers are the client's again, what was in them is void."""
+        """End the stream: all buffers are the client's again and their frames are lost."""
         self.is_streaming = self._was_fed = False
         self._queued.clear()
         self._done.clear()
@@ -121,7 +120,7 @@ class BufferQueue:
             buffer.state = _State.CLIENTS
 
     def release(self, handle: Handle | None) -> None:
-        """Free everything if it belongs to this open file (None: to whomever)."""
+        """Free all buffers if this open file owns them; None frees them in any case."""
         if handle is None or handle is self.owner:
             self.stop()
             self._buffers, self.owner = [], None

@@ -1,6 +1,6 @@
 """The camera's controls: their ranges, when a new value takes effect, who gets an event.
 
-Rules are uvcvideo's as observed: a value out of range is clamped without a word, a control that an
+Rules are uvcvideo's as observed: a value out of range is clamped silently, a control that an
 automatic drives is refused with EACCES, a menu item that does not exist with EINVAL.
 """
 
@@ -19,7 +19,7 @@ _WHICH_DEFAULT, _WHICH_REQUEST = 0x0F000000, 0x0F010000
 _EVENT_ALL, _EVENT_CTRL = 0, 3
 _SEND_INITIAL, _ALLOW_FEEDBACK = 1, 4
 _CHANGED_VALUE, _CHANGED_FLAGS = 1, 2
-_HISTORY_COUNT: Final = 32  # more changes than frames can wait for at any sensible delay
+_HISTORY_COUNT: Final = 32  # more changes than can be pending at any sensible delay
 
 
 @dataclass(slots=True)
@@ -42,7 +42,7 @@ class ControlBank:
         return cid in self._controls
 
     def value_set(self, cid: int, default: int = 0) -> int:
-        """Return what was asked for last, `default` where the camera has no such control."""
+        """Return what was set last, `default` where the camera has no such control."""
         control = self._controls.get(cid)
         return default if control is None else control.value
 
@@ -181,7 +181,7 @@ class ControlBank:
         )
         return min(spec.maximum, spec.minimum + steps * spec.step)
 
-    # -- ioctls that ask ------------------------------------------------------------------
+    # -- ioctls ---------------------------------------------------------------------------
 
     def queryctrl(self, data: bytearray) -> None:
         """Answer VIDIOC_QUERYCTRL."""

@@ -16,7 +16,7 @@ _KERNEL_VERSION: Final = 0x060100  # Linux 6.1, whose uvcvideo this camera was c
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraConfig:
-    """What leaves the camera's factory.
+    """How the camera's maker built it: names, sizes, formats, rates, controls.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class CameraConfig:
 
 
 class CaptureSettings:
-    """Format, size and rate, and the ioctls that ask for and change them."""
+    """Format, size and rate, and the ioctls that read and change them."""
 
     def __init__(self, config: CameraConfig) -> None:
         self._config = config

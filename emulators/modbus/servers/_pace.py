@@ -7,7 +7,7 @@ from typing import Final
 from emulators.clock import WorldClock
 
 TIMER_GRAIN_WALL_S: Final = 0.0005  # epoll rounds a wait up to whole milliseconds
-TURNS: Final = 4  # of the loop, from a byte in the kernel to whoever waits for it
+TURNS: Final = 4  # turns of the loop from a byte in the kernel to the task that waits for it
 JITTER_WALL_S: Final = 0.05  # a writer is not scheduled between two halves of one frame
 
 

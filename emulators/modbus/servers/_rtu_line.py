@@ -10,9 +10,8 @@ from ..bus import Bus, BusReply
 from ..framing import RtuReader, characters_s, encode_rtu, frame_gap_s
 from ._pace import Pacer
 
-DEFAULT_TURNAROUND_S: Final = (
-    0.001  # a device thinks before it answers (typical, not from a manual)
-)
+# a device takes its time before it answers (typical, not from a manual)
+DEFAULT_TURNAROUND_S: Final = 0.001
 
 
 class HangUp(Exception):  # noqa: N818 (an outcome asked for by a test, not an error of ours)

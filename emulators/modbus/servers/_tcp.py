@@ -1,4 +1,4 @@
-"""Modbus over TCP: the sockets. What a frame leads to is each server's own business."""
+"""Modbus over TCP: the sockets. Each server decides what becomes of a frame."""
 
 import asyncio
 import contextlib
@@ -183,7 +183,7 @@ class TcpGateway(_MbapListener):
         await self._pacer.until(sent_s)
         reply = self.bus.request(frame.unit, frame.pdu, self._clock.now_s())
         self._line_free_s = sent_s + self._gap_s
-        if frame.unit == BROADCAST_UNIT:  # nobody is to answer, so the gateway does not listen
+        if frame.unit == BROADCAST_UNIT:  # which has no answer: the gateway does not listen
             return None
         wait_s = self._turnaround_s + (reply.delay_s if reply is not None else 0.0)
         if reply is not None and reply.is_connection_dropped:

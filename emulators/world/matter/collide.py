@@ -12,7 +12,7 @@ from ..poses import MOTOR_EFFECT, Joints, JointValues, forward, invert
 BOX_MM: Final = 0.3  # boxes may overlap by this much: servo and rounding
 PIECE_MM: Final = 1.5  # convex pieces are fatter than the part by about this
 PUSH_MM: Final = 3.0  # a free part that cannot yield any more
-_STEP: Final = 1e-4  # for the velocity of a point with one motor [rad, mm]
+_STEP: Final = 1e-4  # step for the velocity of a point by one motor [rad, mm]
 
 Obstruct = Callable[[str, int, bool], None]
 

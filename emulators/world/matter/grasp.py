@@ -18,7 +18,7 @@ from .pads import Felt, Pads, Seat
 
 CAPTURE_MM: Final = 1.5  # both exact gaps below this: the pads are on the part
 COMPLIANCE_MM: Final = 2.5  # how far off-centre a part held elsewhere may be for both pads to bear
-TEAR_MM: Final = 4.0  # pads give no more than this when two grippers pull at one part
+TEAR_MM: Final = 4.0  # pads yield no more than this when two grippers pull at one part
 TEAR_RAD: Final = math.radians(5.0)
 _OPENED_MM: Final = 0.4  # jaws this much wider than the part no longer press
 _SEATED_MM: Final = 0.05
@@ -168,7 +168,7 @@ class Gripper:
         arm_mm = T[:3, :3].T @ (centre_mm - T[:3, 3]) - hold.seat.centre_mm
         down = -T[2, :3]  # world's -z in the TCP frame
         twist_nmm = weight_n * float(arm_mm[2] * down[0] - arm_mm[0] * down[2])
-        # of a round pad the friction acts at two thirds of the radius
+        # on a round pad friction acts at two thirds of the radius
         holds_nmm = friction_n * 2.0 / 3.0 * math.sqrt(hold.seat.area_mm2 / math.pi)
         if abs(twist_nmm) > holds_nmm:
             angle_rad = math.copysign(_SLIP_RAD_PER_S * dt_s, twist_nmm)

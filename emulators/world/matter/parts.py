@@ -1,4 +1,4 @@
-"""One part in the world: where it is, who has it, and whether it has come to rest."""
+"""One part in the world: its pose, which gripper has it, and whether it is at rest."""
 
 import math
 from typing import Any, Final
@@ -20,7 +20,7 @@ _CALM_RAD_PER_S: Final = 0.05
 _CALM_S: Final = 0.2
 _SNAP_RAD: Final = math.radians(4.0)  # convex pieces are a little off: they tilt a part at rest
 _SNAP_MM: Final = 2.5
-_FRICTION_RADIUS: Final = 0.27  # of friction about the middle, by the diagonal; a disc has 0.24
+_FRICTION_RADIUS: Final = 0.27  # of friction about the middle, in diagonals; a disc has 0.24
 
 
 class Part:
@@ -130,11 +130,11 @@ class Part:
 
     @property
     def is_calm(self) -> bool:
-        """Whether it has lain still long enough to be left alone."""
+        """Whether it has been still for long enough to count as at rest."""
         return self.calm_s >= _CALM_S
 
     def rest_on_table(self) -> Array | None:
-        """Return the exact pose of a part that lies on the table; None if something else bears it.
+        """Return the exact pose of a part at rest on the table; None if something else bears it.
 
         The facet that is nearly level is put level on z = 0, about the centre of mass.
         """

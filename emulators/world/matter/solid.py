@@ -32,13 +32,11 @@ log = logging.getLogger(__name__)
 
 ALUMINIUM_KG_PER_MM3: Final = 2700e-9
 _DECOMPOSE_TIMEOUT_S: Final = 120.0
-_SNAP_VOXELS: Final = (
-    2.0  # V-HACD puts vertices on voxel corners; nearer than this they are pulled in
-)
-MIN_TOPPLE_RAD: Final = math.radians(
-    5.0
-)  # below, a facet is a strip to roll over or to topple from
-MIN_SOLID_ANGLE: Final = 0.01  # smaller facets are where nothing comes to lie by itself
+# V-HACD puts vertices on voxel corners; those nearer to the surface than this are pulled in
+_SNAP_VOXELS: Final = 2.0
+# below, a facet is a strip to roll over or to topple from
+MIN_TOPPLE_RAD: Final = math.radians(5.0)
+MIN_SOLID_ANGLE: Final = 0.01  # no part comes to rest on a smaller facet by itself
 DROP_HEIGHT_MM: Final = 2.0
 _COPLANAR: Final = 1.0 - 0.5 * math.radians(0.3) ** 2
 

@@ -52,7 +52,7 @@ class _Wish:
 
 
 class PictureDesk:
-    """Between cameras, the world and the worker.
+    """Takes orders for pictures from cameras and has the picture process fill them.
 
     Parameters
     ----------
@@ -84,11 +84,11 @@ class PictureDesk:
 
     @property
     def worker_pid(self) -> int | None:
-        """The worker process, once started."""
+        """The picture process, once started."""
         return None if self._process is None else self._process.pid
 
     def start(self) -> None:
-        """Start the worker; return when it takes orders.
+        """Start the picture process; return when it takes orders.
 
         Raises
         ------
@@ -112,7 +112,7 @@ class PictureDesk:
             raise RuntimeError("the picture worker could not start")
 
     def close(self) -> None:
-        """End the worker and give the memory back; may be called twice."""
+        """End the picture process and free the memory; may be called twice."""
         connection, self._connection = self._connection, None
         if self._process is not None:
             # a half-open pipe would keep the receiving thread; the worker's end closes it

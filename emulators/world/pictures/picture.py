@@ -48,12 +48,12 @@ from .light import (
     wide_mask,
 )
 
-JUMP: Final = 0.012  # of radiance between neighbours: 2.5 grey at unit level
-STEEP: Final = 0.2  # of radiance between neighbours: a shadow's border of a few pixels
-GENTLE: Final = 0.04  # of radiance over a block of a shadow's border that is straight enough
+JUMP: Final = 0.012  # a difference in radiance between neighbours; 2.5 grey at unit level
+STEEP: Final = 0.2  # the same at the border of a shadow, some pixels wide
+GENTLE: Final = 0.04  # the same across a block in a border that is straight enough
 SAMPLE_COUNT: Final = 48
 _PIXEL_CORNERS: Final = np.array(((-1, -1), (-1, 1), (1, -1), (1, 1)), np.float32) / 2.0
-_CORNERS: Final = ((0, 0), (0, 1), (1, 0), (1, 1))  # of a block: down, right
+_CORNERS: Final = ((0, 0), (0, 1), (1, 0), (1, 1))  # down, right within a block
 
 
 def sample_offsets() -> Array32:
@@ -132,7 +132,7 @@ class Eye:
     def layer(self, lamp: int) -> Array32:
         """Return what the camera sees of the fixed things under one lamp at level 1, (h, w)."""
         if lamp not in self._layers:
-            still = Mover(self._fixed)  # which moves from nothing to where it stands
+            still = Mover(self._fixed)  # as if it had just appeared
             dark = {lamp: np.zeros(self._shape, np.float32)}
             everywhere = np.ones(self._shape, bool)
             assembly = Assembly(None, (still,))
@@ -153,7 +153,7 @@ class Eye:
         return self.mix(self.changes(poses, lit), levels)
 
     def changes(self, poses: Mapping[str, Array], lit: Sequence[int]) -> Changes:
-        """Return what differs from the layers because of what moves: all the rays of a picture.
+        """Return what moving things and their shadows change; casts all the rays of a picture.
 
         Parameters
         ----------

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from .geometry import Array32
 
 NOMINAL_EXPOSURE_S: Final = 0.010
-GREY_AT_UNIT: Final = 210.0  # of radiance 1 at nominal exposure and gain 1, above black
+GREY_AT_UNIT: Final = 210.0  # grey above black of radiance 1 at nominal exposure and gain 1
 BLACK_GREY: Final = 4.0
 BLUR_SIGMA_PX: Final = 0.6  # of the lens; a pixel's own area is in the samples already
 ELECTRONS_PER_GREY: Final = 60.0  # at gain 1: 15 300 electrons fill 255 grey
@@ -58,7 +58,7 @@ def develop(
     if noisy:
         rng = np.random.Generator(np.random.SFC64(exposure.seed))
         noise = rng.standard_normal(electrons.shape, dtype=np.float32)
-        # of light and of reading, which are independent, in one draw
+        # shot noise and read noise are independent: one draw for both
         noise *= np.sqrt(electrons + np.float32(READ_NOISE_ELECTRONS**2))
         electrons += noise
     grey = electrons

@@ -26,7 +26,7 @@ Picture = NDArray[np.uint8] | NDArray[np.uint16]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Order:
-    """What the worker needs for one picture.
+    """What the picture process needs for one picture.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class PictureMaker:
 
 
 def work(connection: Connection, memory_name: str, slot_bytes: int, scene: Scene) -> None:
-    """Take pictures until the other end hangs up; the picture process's main function.
+    """Make pictures until the other end hangs up; the picture process's main function.
 
     Parameters
     ----------

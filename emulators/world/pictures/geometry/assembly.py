@@ -24,7 +24,7 @@ class Mover:
         self.corners_mm: Array = self._bound
 
     def place(self, T_world: Array) -> None:
-        """Put it somewhere."""
+        """Move it to a pose."""
         self.T_world = T_world
         self.corners_mm = transform(T_world, self._bound)
 
@@ -45,7 +45,7 @@ class Assembly:
             vertices.append(transform(mover.T_world, mover.surface.vertices_mm))
             normals.append(mover.surface.normals @ mover.T_world[:3, :3].T.astype(np.float32))
         faces = [surface.faces + start for surface, start in zip(surfaces, starts, strict=False)]
-        # quick rays may slip through a seam; that is a jump of light, and many rays mend it
+        # quick rays may slip through a seam: a jump of light, which many rays then correct
         self.scene: Any = ray_scene(np.vstack(vertices), np.vstack(faces), robust=False)
         self._moving = (
             vertices[len(still) :],
@@ -60,7 +60,7 @@ class Assembly:
 
     @property
     def moving_scene(self) -> Any:  # noqa: ANN401  (embree has no types)
-        """What moves alone, for what may throw a new shadow; made at its first use."""
+        """Moving things alone, which may throw a new shadow; made at its first use."""
         if self._moving_scene is None:
             vertices, faces = self._moving
             starts = np.cumsum([0] + [len(one) for one in vertices])

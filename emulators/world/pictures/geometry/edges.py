@@ -1,8 +1,8 @@
 """Where in a picture light can jump: the edges of moving things, drawn as lines.
 
-Between edges a surface is smooth, so that few rays tell its light. Edges are where facets meet at
-an angle that shading shows, and where a curved surface turns away from the camera; hidden ones
-are drawn, too, and cost some rays.
+Between edges a surface is smooth, so that few rays are enough for its light. Edges are where facets
+meet at an angle that shading shows, and where a curved surface turns away from the camera; hidden
+ones are drawn, too, and cost some rays.
 """
 
 from typing import Final
@@ -17,7 +17,7 @@ from .optics import distort
 from .scene import CREASE_COS, Surface
 
 BLOCK_PX: Final = 4
-_LINE_PX: Final = 5  # of the lines: two pixels either side, more than a lens bends a short edge
+_LINE_PX: Final = 5  # width of a line: two pixels either side, more than a lens bends a short edge
 _LONG_PX: Final = 100.0  # edges longer than this are drawn in pieces
 _NEAR_MM: Final = 20.0
 _PIECES: Final = 64

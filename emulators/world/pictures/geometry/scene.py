@@ -1,6 +1,6 @@
 """What cameras look at: triangles with materials, some fixed to the world and some moving.
 
-A plain description that travels to the picture worker once; poses travel with every picture.
+The picture process gets this description once, and poses with every order.
 """
 
 import itertools
@@ -18,7 +18,7 @@ from ...matter.solid import Solid
 Faces = NDArray[np.int32]
 
 CREASE_COS: Final = 0.9  # facets of one curved face meet at less than 25 degrees
-_TABLE_MM: Final = (-700.0, 1100.0, -1100.0, 900.0)  # x, x, y, y of the plate
+_TABLE_MM: Final = (-700.0, 1100.0, -1100.0, 900.0)  # the plate: from x to x, from y to y
 _TRAY_HEIGHT_MM: Final = 0.5
 
 

@@ -80,13 +80,13 @@ class Source:
         square = self._inner_mm**2 + (v % 1.0) * (self._outer_mm**2 - self._inner_mm**2)
         phi = 2.0 * math.pi * u
         around = np.stack((np.cos(phi), np.sin(phi)), axis=-1) * np.sqrt(square)[..., None]
-        around -= around.mean(axis=1, keepdims=True)  # what is linear over a source has no grain
+        around -= around.mean(axis=1, keepdims=True)  # linear light over a source: no grain
         points: Array32 = (self._centre_mm + around @ self._axes).astype(np.float32)
         return points
 
 
 class Lamps:
-    """All lamps of a scene; shadows are the caller's matter.
+    """All lamps of a scene, without shadows: those are in `shadows`.
 
     Attributes
     ----------

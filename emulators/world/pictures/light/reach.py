@@ -1,6 +1,6 @@
 """Where in a camera's picture things and their shadows may be: outlines, no rays.
 
-A picture is cast anew only there. An outline may be too large, never too small.
+Only there is a picture cast anew. An outline may be too large, never too small.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ class Reach:
         height, width = (self._camera.height_px, self._camera.width_px)
         if np.all(depth < _NEAR_MM):
             return None
-        if np.any(depth < _NEAR_MM):  # it reaches behind the lens: anything is possible
+        if np.any(depth < _NEAR_MM):  # behind the lens: it may be anywhere in the picture
             return np.array(((0, 0), (width, 0), (width, height), (0, height)), np.int32)
         low, high = pixels.min(axis=0) - _MARGIN_PX, pixels.max(axis=0) + _MARGIN_PX
         if high[0] < 0 or high[1] < 0 or low[0] >= width or low[1] >= height:

@@ -1,4 +1,4 @@
-"""How much of a ring or a spot surfaces see: shadow rays, few where a few tell, many at a border.
+"""How much of a ring or a spot surfaces see: few shadow rays where few will do, many at borders.
 
 Knows lamps and what stands between, no camera: surfaces come one in each of some pixels, and only
 which are neighbours matters.
@@ -18,8 +18,8 @@ from .lamps import Lamps
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
-PROBE_COUNT: Final = 8  # points of a source that tell whether all of it is seen
-COARSE_COUNT: Final = 16  # where it is half seen, of each of some neighbours that share
+PROBE_COUNT: Final = 8  # points of a source, enough to know whether all of it is seen
+COARSE_COUNT: Final = 16  # where it is partly seen, for each of some neighbours that share
 PIXEL_COUNT: Final = 32  # for one pixel alone
 NODE_COUNT: Final = 64  # for a block's corner, whose light many pixels share
 DIFFER: Final = 0.25  # between neighbours' shares, too much for a mean
@@ -105,7 +105,7 @@ class Lit:
         return Lit(self.unshaded[which], self.light[which])
 
     def update(self, which: Index, better: "Lit") -> None:
-        """Take in what is known better of some surfaces."""
+        """Replace the light of some surfaces by a better estimate."""
         self.unshaded[which], self.light[which] = better.unshaded, better.light
 
 
@@ -275,7 +275,7 @@ def cast_shadows(
     seen: Mask,
     asked: Mask,
 ) -> None:
-    """Take away from ``seen``, (n, k), what a scene hides among the pairs that are asked for.
+    """Clear in ``seen``, (n, k), the pairs asked for that a scene hides from each other.
 
     Parameters
     ----------
@@ -315,7 +315,7 @@ def _from_neighbours(
     Returns
     -------
     (k,) share of the source that is seen, (k,) bool whether part of it is hidden,
-    (k,) bool whether neighbours do not tell
+    (k,) bool whether neighbours cannot decide
     """
     sample = np.full((shape[0] + 2, shape[1] + 2), -1, np.intp)
     sample[places[coarse, 0] // 2 + 1, places[coarse, 1] // 2 + 1] = np.arange(len(coarse))
