@@ -42,7 +42,8 @@ from ._types import ViewTask
 PLANNED_HOLD: Final = (1.5, 0.03)  # [mm, rad] how far a fresh grip may be from the planned one
 SEEN_HOLD: Final = (0.3, 0.005)  # the same once a view has measured it
 AS_PLACED: Final = (0.05, 0.001)  # a pose that is tried is fitted on by no more
-REACH_PX: Final = (25.0, 12.5, 8.0)  # a round of fitting for each: how far off the outline may be
+# how far off the outline may be; one step each, as what shows changes while a held part tilts
+REACH_PX: Final = (25.0, 12.5, 8.0, 6.0, 5.0)
 COMPARED_PX: Final = 6.25  # the observed outline is looked for so far from the fitted one
 CLEAR_PX: Final = 1.0  # light through a slit narrower than this is not compared
 PAIRED_PX: Final = 2.0  # nearer than this a point of the outline is found
@@ -119,7 +120,7 @@ def measure_pose(part: PosedPart, task: ViewTask, outline: OutlineMeasure) -> Po
         if fit is None or (fit.residual_px <= HELD_BACK_PX and _off_share(fit) <= OFF_SHARE):
             break
         # the view that measured the hold may have known it badly, and a fresh grip may be further
-        # off than three rounds go: on from there, as for a fresh grip, whose prior stays where it
+        # off than these steps go: on from there, as for a fresh grip, whose prior stays where it
         # is, or what the outline leaves open would drift
         again = _fit(part, task, fit.T_world_part, outline, expected, PLANNED_HOLD)
         if again is None or _badness(again) >= _badness(fit):
@@ -204,7 +205,7 @@ def _fit(
         return None
     mm, rad = prior
     expected = Prior((mm, mm, mm), (rad, rad, rad), T_expected)
-    options = FitOptions(reach_px, prior=expected, noise=SIGMA_PX)
+    options = FitOptions(reach_px, steps=1, prior=expected, noise=SIGMA_PX)
     found = fit_edges(part.edges, T_start, task.camera, outline, options)
     return None if found is None else _compared(part, task, found.T_world_part, outline)
 
