@@ -12,7 +12,7 @@ rays fall within a pixel each goes on to another point of the source.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import cv2
 import numpy as np
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from ..layout import Array
 from ..matter.solid import ray_scene
+from .caster import Caster
 from .geometry import (
     BLOCK_PX,
     PAINTED,
@@ -71,16 +72,6 @@ def sample_offsets() -> Array32:
 
 
 @dataclass(slots=True, eq=False)
-class _Hits:
-    """What some rays met: triangle (-1: nothing), distance in lengths of the ray, where in it."""
-
-    triangle: NDArray[np.int32]
-    far: Array32
-    u: Array32
-    v: Array32
-
-
-@dataclass(slots=True, eq=False)
 class _Seen:
     """The light of one lamp in the middle of some pixels, with and without shadows, (n,) each.
 
@@ -127,7 +118,7 @@ class Eye:
         self._body_materials = [i for i, one in enumerate(scene.materials) if one == PAINTED]
         self._offsets = sample_offsets()
         self._spread = spread()
-        self._origins = np.tile(self.rays.origin_mm, (CHUNK, 1))
+        self._caster = Caster(self.rays.origin_mm)
 
     def layer(self, lamp: int) -> Array32:
         """Return what the camera sees of the fixed things under one lamp at level 1, (h, w)."""
@@ -207,7 +198,7 @@ class Eye:
             scene = ray_scene(self._fixed.vertices_mm, self._fixed.faces, robust=False)
             bodies = np.zeros(len(self.rays.directions), bool)
             for part in chunks(len(bodies), CHUNK):
-                hits = self._meet(scene, self.rays.directions[part])
+                hits = self._caster.meet(scene, self.rays.directions[part])
                 bodies[part] = (hits.triangle >= 0) & is_body[hits.triangle]
             wide = cv2.dilate(bodies.reshape(self._shape).astype(np.uint8), np.ones((3, 3)))
             self._bodies = wide.astype(bool)
@@ -420,12 +411,12 @@ class Eye:
     def _spots_at(self, assembly: Assembly, pixels: Index, layers: Mapping[int, Array32]) -> Spots:
         """Return what moves in the middle of pixels, and what is fixed and may be shaded."""
         directions = self.rays.directions[pixels]
-        hits = self._meet(assembly.scene, directions)
+        hits = self._caster.meet(assembly.scene, directions)
         told = hits.triangle >= assembly.fixed_count
         for lamp, layer in layers.items():
             if self.lamps.sources[lamp] is not None:
                 told |= (hits.triangle >= 0) & (layer.reshape(-1)[pixels] > 0.0)
-        return self._spots(
+        return self._caster.spots(
             assembly, hits, directions, curved=self._any_source(layers), met=np.flatnonzero(told)
         )
 
@@ -439,8 +430,8 @@ class Eye:
         count = len(_PIXEL_CORNERS)
         for part in chunks(len(pixels), CHUNK // count):
             directions = self.rays.fractions(pixels[part], _PIXEL_CORNERS)
-            hits = self._meet(assembly.scene, directions)
-            spots = self._spots(assembly, hits, directions, curved=self._any_source(lit))
+            hits = self._caster.meet(assembly.scene, directions)
+            spots = self._caster.spots(assembly, hits, directions, curved=self._any_source(lit))
             for lamp in lit:
                 light = np.zeros(len(directions), np.float32)
                 if self.lamps.sources[lamp] is None:
@@ -473,8 +464,8 @@ class Eye:
         for part in chunks(len(pixels), CHUNK // count):
             some = pixels[part]
             directions = self.rays.fractions(some, self._offsets)
-            hits = self._meet(assembly.scene, directions)
-            spots = self._spots(assembly, hits, directions, curved=self._any_source(layers))
+            hits = self._caster.meet(assembly.scene, directions)
+            spots = self._caster.spots(assembly, hits, directions, curved=self._any_source(layers))
             rows, columns = np.divmod(some, self._shape[1])
             for lamp, layer in layers.items():
                 light = np.zeros(len(directions), np.float32)
@@ -490,62 +481,6 @@ class Eye:
                     cast_shadows(assembly.scene, starts, points_mm, seen, asked)
                     light[spots.ray] = (radiance * seen)[:, 0]
                 layer.reshape(-1)[some] = light.reshape(-1, count) @ mean
-
-    def _meet(self, scene: Any, directions: Array32) -> _Hits:  # noqa: ANN401  (embree has no types)
-        parts = []
-        for part in chunks(len(directions), CHUNK) or [slice(0)]:
-            some = directions[part]
-            parts.append(scene.run(self._origins[: len(some)], some, output=True))
-        if len(parts) == 1:
-            found = parts[0]
-            return _Hits(found["primID"], found["tfar"], found["u"], found["v"])
-        names = ("primID", "tfar", "u", "v")
-        return _Hits(*(np.concatenate([one[name] for one in parts]) for name in names))
-
-    def _spots(
-        self,
-        assembly: Assembly,
-        hits: _Hits,
-        directions: Array32,
-        *,
-        curved: bool,
-        met: Index | None = None,
-    ) -> Spots:
-        """Return the surfaces that rays met.
-
-        Parameters
-        ----------
-        curved : whether normals follow curved surfaces; otherwise they are the triangles'
-        met : numbers of the rays that matter; None: all that met anything
-        """
-        if met is None:
-            met = np.flatnonzero(hits.triangle >= 0)
-        triangle, views = hits.triangle[met], directions[met]
-        flat = _towards_camera(assembly.flat[triangle], views)
-        normals = flat
-        if curved:
-            corner = assembly.normals[triangle]
-            u, v = hits.u[met, None], hits.v[met, None]
-            normals = corner[:, 0] * (1.0 - u - v) + corner[:, 1] * u + corner[:, 2] * v
-            normals /= np.sqrt(np.einsum("ij,ij->i", normals, normals))[:, None] + np.float32(1e-9)
-            normals = _towards_camera(normals, views)
-        return Spots(
-            met,
-            self.rays.origin_mm + views * hits.far[met, None],
-            normals,
-            flat,
-            views,
-            assembly.material[triangle],
-            assembly.panel[triangle],
-            triangle >= assembly.fixed_count,
-        )
-
-
-def _towards_camera(normals: Array32, views: Array32) -> Array32:
-    """Return normals turned over where they point away."""
-    away = np.einsum("ij,ij->i", normals, views) > 0.0
-    normals[away] = -normals[away]
-    return normals
 
 
 def _with_neighbours(
