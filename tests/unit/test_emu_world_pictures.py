@@ -23,7 +23,8 @@ from emulators.world.pictures.geometry import (
     project,
     undistort,
 )
-from emulators.world.pictures.picture import Eye, sample_offsets
+from emulators.world.pictures.painter import sample_offsets
+from emulators.world.pictures.picture import Eye
 from emulators.world.pictures.sensor import (
     BLACK_GREY,
     ELECTRONS_PER_GREY,
@@ -349,7 +350,7 @@ def test_blocks_filled_from_their_corners_look_as_if_every_pixel_had_its_ray(
     levels = {RING: 1.0, SIDE: 1.0}
     quick = overhead.picture(poses, levels)
     everywhere = np.ones((1024, 1280), np.uint8)
-    monkeypatch.setattr(overhead, "_edges", lambda in_play: everywhere)
+    monkeypatch.setattr(overhead.painter, "edges", lambda in_play: everywhere)
     full = overhead.picture(poses, levels)
     off = np.abs(quick - full)
     assert (off > 0.003).sum() < 300  # 0.6 grey, but for the grain in shadows' borders

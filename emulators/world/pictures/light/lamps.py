@@ -6,6 +6,7 @@ highlight and shadow are means over the same points of the source.
 """
 
 import math
+from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
@@ -113,6 +114,10 @@ class Lamps:
         if layout.kind == "spot":
             return Source(layout.centre_mm, axis, 0.0, layout.diameter_mm / 2.0)
         return None
+
+    def any_source(self, lit: Iterable[int]) -> bool:
+        """Whether any of some lamps throws shadows."""
+        return any(self.sources[lamp] is not None for lamp in lit)
 
     def from_panel(
         self,
