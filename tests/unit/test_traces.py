@@ -1,4 +1,4 @@
-"""The walks in ARCHITECTURE.md can be followed: each name is there, each row leads to the next."""
+"""The traces in ARCHITECTURE.md can be followed: each name is there, each row leads to the next."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MOST_HOPS_OF_A_COMMAND = 5
 
 
 class Stop(NamedTuple):
-    """One row of a walk."""
+    """One row of a trace."""
 
     file: str
     name: str
@@ -31,9 +31,9 @@ class Stop(NamedTuple):
         return (ROOT / self.file).read_text(encoding="utf-8")
 
 
-def walks() -> dict[str, list[Stop]]:
+def traces() -> dict[str, list[Stop]]:
     text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
-    section = text.partition("## Three walks\n")[2].partition("\n## ")[0]
+    section = text.partition("## Three traces\n")[2].partition("\n## ")[0]
     parts = re.split(r"^### (.+)$", section, flags=re.M)[1:]
     return {
         title: [Stop(*row) for row in ROW.findall(body)]
@@ -64,28 +64,28 @@ def names_used(text: str) -> set[str]:
     }
 
 
-def test_there_are_three_walks_and_each_row_is_read() -> None:
-    found = walks()
+def test_there_are_three_traces_and_each_row_is_read() -> None:
+    found = traces()
     assert len(found) == 3
     text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
-    section = text.partition("## Three walks\n")[2].partition("\n## ")[0]
+    section = text.partition("## Three traces\n")[2].partition("\n## ")[0]
     rows = [line for line in section.splitlines() if line.startswith("| `")]
     assert sum(map(len, found.values())) == len(rows) > 20
 
 
-@pytest.mark.parametrize("title", walks())
+@pytest.mark.parametrize("title", traces())
 def test_each_name_is_in_its_file(title: str) -> None:
-    for stop in walks()[title]:
+    for stop in traces()[title]:
         assert stop.name in names_defined(stop.text), stop
 
 
-@pytest.mark.parametrize("title", walks())
+@pytest.mark.parametrize("title", traces())
 def test_each_row_leads_to_the_next(title: str) -> None:
     """A row calls the next, is called by it, or leaves behind what it quotes and the next reads.
 
     What was called returns: an earlier row may go on.
     """
-    stops = walks()[title]
+    stops = traces()[title]
     for number, (here, there) in enumerate(pairwise(stops)):
         read = names_used(there.text)
         calls = any(there.last in names_used(before.text) for before in stops[: number + 1])
@@ -94,7 +94,7 @@ def test_each_row_leads_to_the_next(title: str) -> None:
 
 
 def test_a_gripper_command_takes_few_hops() -> None:
-    (walk,) = (stops for title, stops in walks().items() if "gripper command" in title)
-    assert walk[0].file.startswith("controller/cell/actions/")
-    assert "pymodbus" in walk[-1].text
-    assert len({stop.file for stop in walk}) == len(walk) <= MOST_HOPS_OF_A_COMMAND
+    (trace,) = (stops for title, stops in traces().items() if "gripper command" in title)
+    assert trace[0].file.startswith("controller/cell/actions/")
+    assert "pymodbus" in trace[-1].text
+    assert len({stop.file for stop in trace}) == len(trace) <= MOST_HOPS_OF_A_COMMAND
