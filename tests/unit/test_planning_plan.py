@@ -29,6 +29,7 @@ from controller.planning import (
     resting_pose,
     shown_pose,
 )
+from controller.planning.regrasps import is_pickable, pick_paths
 from drivers.umi_scara.model.kinematics import within_limits
 
 LAYOUT = emulated_layout()
@@ -54,6 +55,19 @@ def test_a_resting_part_touches_the_table_with_its_centre_of_mass_over_the_place
     assert points[:, 2].min() == pytest.approx(0.0, abs=1e-6)
     com = T_START[:3, :3] @ SOLID.centroid_mm + T_START[:3, 3]
     np.testing.assert_allclose(com[:2], [350.0, 40.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("x_mm", [250.0, 350.0, 2000.0])
+def test_a_part_is_pickable_where_there_is_a_way_to_pick_it(
+    x_mm: float, prepared: PreparedPart
+) -> None:
+    T = resting_pose(SOLID, POSE, x_mm, 40.0, 0.7)
+    try:
+        found = bool(pick_paths(prepared, LAYOUT, T))
+    except NoPlanError:
+        found = False
+    assert is_pickable(prepared, LAYOUT, T) == found
+    assert found == (x_mm < 2000.0)
 
 
 def test_nothing_touches_anything_along_the_whole_plan(plan: Plan) -> None:

@@ -36,17 +36,19 @@ def fewest_waypoints(layout: CellLayout, q: FloatArray, sag_mm: float = 1.5) -> 
     q : (k, 6) joints along the path, dense; both ends are kept
     sag_mm : how far the TCP may leave the line
     """
+    tip_mm = tcp_pose(layout, q)[:, :3, 3]
     kept = [0]
     while kept[-1] < len(q) - 1:
         a = kept[-1]
         b = len(q) - 1
-        while b > a + 1 and _sag(layout, q[a : b + 1]) > sag_mm:
+        while b > a + 1 and _sag(layout, q[a], q[b], tip_mm[a : b + 1]) > sag_mm:
             b -= 1
         kept.append(b)
     return q[kept]
 
 
-def _sag(layout: CellLayout, q: FloatArray) -> float:
-    share = np.linspace(0, 1, len(q))[:, None]
-    straight = tcp_pose(layout, q[0] + share * (q[-1] - q[0]))[:, :3, 3]
-    return float(np.linalg.norm(straight - tcp_pose(layout, q)[:, :3, 3], axis=1).max())
+def _sag(layout: CellLayout, q_begin: FloatArray, q_end: FloatArray, tip_mm: FloatArray) -> float:
+    """Return how far the TCP leaves (k, 3) places when the joints go straight between the ends."""
+    share = np.linspace(0, 1, len(tip_mm))[:, None]
+    straight = tcp_pose(layout, q_begin + share * (q_end - q_begin))[:, :3, 3]
+    return float(np.linalg.norm(straight - tip_mm, axis=1).max())

@@ -15,7 +15,7 @@ from controller.cad import StablePose
 
 from ..grasps import resting_pose
 from ..model import CellLayout, NoPlanError, OnTable, Plan, PreparedPart
-from ..regrasps import pick_paths
+from ..regrasps import is_pickable
 from .planner import plan_from
 
 PLACES_N = 3  # per side of the area parts may lie in
@@ -83,8 +83,5 @@ def _pickable(part: PreparedPart, layout: CellLayout, pose: StablePose) -> float
             for k in range(TURNS_N):
                 turn = 2 * np.pi * k / TURNS_N
                 T = resting_pose(part.solid, pose, float(x), float(y), turn)
-                try:
-                    taken.append(bool(pick_paths(part, layout, T)))
-                except NoPlanError:
-                    taken.append(False)
+                taken.append(is_pickable(part, layout, T))
     return float(np.mean(taken))

@@ -1,8 +1,17 @@
 """Taking the part up, passing it over, putting it down."""
 
 from ._handoff import hand_offs
-from ._pick import PickPath, pick_paths
+from ._pick import PickPath, is_pickable, pick_paths
 from ._place import PlacePath, place_paths
 from ._table import rests, set_downs
 
-__all__ = ["PickPath", "PlacePath", "hand_offs", "pick_paths", "place_paths", "rests", "set_downs"]
+__all__ = [
+    "PickPath",
+    "PlacePath",
+    "hand_offs",
+    "is_pickable",
+    "pick_paths",
+    "place_paths",
+    "rests",
+    "set_downs",
+]

@@ -17,6 +17,7 @@ from ..model import (
     CellLayout,
     Grasp,
     NoMotionError,
+    NoPlanError,
     NotGraspableError,
     OutOfReachError,
     PreparedPart,
@@ -50,6 +51,34 @@ def pick_paths(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray)
     ------
     NotGraspableError, OutOfReachError, NoMotionError : none can, with the nearest reason
     """
+    return [
+        PickPath(grasp, fewest_waypoints(layout, down), fewest_waypoints(layout, lift))
+        for grasp, down, lift in _free_ways(part, layout, T_world_part)
+    ]
+
+
+def is_pickable(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) -> bool:
+    """Return whether any arm grasp can take the part where it lies.
+
+    Parameters
+    ----------
+    part : prepared
+    layout : the cell
+    T_world_part : (4, 4) of the part on the table [mm]
+    """
+    try:
+        return bool(_free_ways(part, layout, T_world_part))
+    except NoPlanError:
+        return False
+
+
+def _free_ways(
+    part: PreparedPart, layout: CellLayout, T_world_part: FloatArray
+) -> list[tuple[int, FloatArray, FloatArray]]:
+    """Return each arm grasp that takes the part, with its dense ways (k, 6) down and up.
+
+    Parameters and errors are those of `pick_paths`.
+    """
     grasps = part.arm_grasps
     x, y = (T_world_part[:3, :3] @ part.solid.centroid_mm + T_world_part[:3, 3])[:2]
     where = f"{part.solid.name} on the table at ({x:.0f}, {y:.0f})"
@@ -82,21 +111,14 @@ def pick_paths(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray)
     )
     names = open_scene.names()
     blocked = {names[k] for k in touched.max(axis=1, initial=-1) if k >= 0}
-    paths = [
-        PickPath(
-            int(members[index[rows[k]]]),
-            fewest_waypoints(layout, down[k]),
-            fewest_waypoints(layout, lift[k]),
-        )
-        for k in np.flatnonzero((touched < 0).all(axis=1))
-    ]
-    if not paths:
+    free = np.flatnonzero((touched < 0).all(axis=1))
+    if len(free) == 0:
         if blocked:
             raise NoMotionError(
                 f"{where}: every approach touches {', '.join(sorted(blocked))}; move the part away"
             )
         raise _out_of_reach(layout, T_up[:, -1], where)
-    return paths
+    return [(int(members[index[rows[k]]]), down[k], lift[k]) for k in free]
 
 
 def _contacts(
