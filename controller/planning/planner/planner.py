@@ -1,52 +1,46 @@
-"""From where the part is to the steps that show all of it that can be shown, and sort it.
+"""Plans: the steps from where the part is to all of it shown that can be, and to a tray.
 
-The search (planning-facts.md 1.3) settles in which grasps to hold the part and which views to take;
-its answer is worked out with all motions, and what turns out to have no way is taken out of the
-search. Same input, same plan.
+The search (planning-facts.md 1.3) decides in which grasps to hold the part and which views to take.
+Its solution is worked out with all motions; what turns out to have no path is taken out of the
+problem, and the search is repeated. The same input gives the same plan.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid, StablePose, SurfaceSamples
-from controller.imaging import RayCaster, inverse_pose
 
 from ..model import (
     CellLayout,
     Grasp,
-    HandOff,
     InArm,
     InFixedGripper,
     Look,
     NoMotionError,
     NoPlanError,
     OnTable,
-    OutOfReachError,
     Plan,
     PlanOptions,
     PreparedPart,
     Proof,
     Start,
 )
-from ..motion import segment_seconds
-from ..regrasps import PickPath, hand_offs, pick_paths
+from ..regrasps import PickPath
 from ..search import COARSE, FULL, Problem, Solution, refuted, solve
-from ..views import table_views
+from .beginning import Beginning, from_arm, from_fixed_gripper, from_table
 from .build import Build, Builder, RefutedError, check_trays_in_reach
-from .costs import EdgeCosts, RegraspSite, first_seconds, make_edge_costs, take_seconds, worthwhile
+from .costs import EdgeCosts, RegraspSite, make_edge_costs, worthwhile
 from .prepare import prepare_part, with_grasps, with_rests
-from .why import unseen_pieces
+from .why import nothing_shown, unseen_pieces
 
-REBUILDS_N = 40  # answers of the search worked out before giving up
-SITE_COUNT = 4  # ways over which one regrasp is tried
-PICKS_N = 3
-SQUARE_COS = float(np.cos(np.radians(10.0)))  # the table is looked at nearly from above
+REBUILD_COUNT = 40  # solutions of the search worked out before giving up
+SITE_COUNT = 4  # sites at which one regrasp is tried, the cheapest first
+SQUARE_COS = float(np.cos(np.radians(10.0)))  # a face this near to square to the overhead camera
 
 
 def plan_part(
@@ -59,13 +53,13 @@ def plan_part(
     options: PlanOptions | None = None,
     prepared: PreparedPart | None = None,
 ) -> Plan:
-    """Return the steps that pick, show, pass over, show and place a part.
+    """Return the plan for a part on the table: pick, show, regrasp, show and place.
 
     Parameters
     ----------
     solid : the part
     samples : of its surface
-    stable_pose : which way up it lies; T_world_part : (4, 4) where
+    stable_pose : of the part on the table; T_world_part : (4, 4)
     layout : the cell
     rng_seed : of the random trees; the same one gives the same plan
     options : what is asked of a plan; None for the defaults
@@ -88,7 +82,7 @@ def plan_from(
     avoid: frozenset[str] = frozenset(),
     rng_seed: int = 0,
 ) -> Plan:
-    """Return the steps that show what is left to be shown, from whoever has the part now.
+    """Return the plan that shows what is left to be shown, from wherever the part is now.
 
     Parameters
     ----------
@@ -96,194 +90,178 @@ def plan_from(
     layout : the cell
     start : where the part is: on the table, in the arm gripper or in the fixed one
     seen : (n,) samples inspected before, which no view is spent on again; none if None
-    avoid : ids of grasps of either holder that are not to be used
+    avoid : ids of grasps of either gripper that are not to be used
     rng_seed : of the random trees; the same one gives the same plan
 
     Raises
     ------
     NoPlanError : and its kinds, with one sentence: what, where, what to do
     """
-    done = np.zeros(len(part.samples.points_mm), dtype=bool) if seen is None else seen
+    check_trays_in_reach(part.solid.name, layout)
+    inspected = np.zeros(len(part.samples.points_mm), dtype=bool) if seen is None else seen
     match start:
         case OnTable():
-            return _FromTable(part, layout, start, done, avoid, rng_seed).plan()
+            beginning = from_table(part, layout, start, inspected)
         case InArm():
-            held = with_grasps(part, layout, [start.grasp])
-            return _FromArm(held, layout, start, done, avoid, rng_seed).plan()
+            part = with_grasps(part, layout, [start.grasp])
+            beginning = from_arm(part, layout, start)
+            avoid -= {start.grasp.id}
         case InFixedGripper():
-            return _FromFixedGripper(part, layout, start, done, avoid, rng_seed).plan()
+            beginning = from_fixed_gripper(part, layout, start)
+            avoid -= {start.grasp.id}
+    look = beginning.look
+    task = _Task(
+        part=part,
+        layout=layout,
+        beginning=beginning,
+        seen=inspected if look is None else inspected | look.seen,
+        squared=_squared_faces(part, inspected, look),
+        avoid=avoid,
+    )
+    return _plan(task, rng_seed)
 
 
-class _Planner(ABC):
-    """Searches, works out, searches again without what had no path."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Task:
+    """What one plan has to show, of which part, and from where.
 
-    def __init__(
-        self,
-        part: PreparedPart,
-        layout: CellLayout,
-        q: FloatArray,
-        done: BoolArray,
-        avoid: frozenset[str],
-        seed: int,
-    ) -> None:
-        self._part = part
-        self._layout = layout
-        self._q = q
-        self._done = done
-        self._avoid = avoid
-        self._seed = seed
-        self._builder = Builder(part, layout, seed)
-        self._look: Look | None = None
-        self._squared: frozenset[int] = frozenset()
+    Attributes
+    ----------
+    seen : (n,) samples inspected before or shown by the look at the table
+    squared : ids of faces that need not be shown squarely again
+    avoid : ids of grasps not to use
+    """
 
-    @abstractmethod
-    def first_s(self) -> FloatArray:
-        """Return what it costs to have the part in each arm grasp (g,)."""
+    part: PreparedPart
+    layout: CellLayout
+    beginning: Beginning
+    seen: BoolArray
+    squared: frozenset[int]
+    avoid: frozenset[str]
 
-    def look(self) -> Look | None:
-        """Return what the pictures of the table show already, None if nothing new."""
-        return None
-
-    @abstractmethod
-    def begin(self, build: Build, g: int) -> None:
-        """Add the steps that bring the part into the first grasp."""
-
-    @abstractmethod
-    def where(self) -> str:
-        """Say where the part is, for messages."""
-
-    def plan(self) -> Plan:
-        """Return the plan.
-
-        Raises
-        ------
-        NoPlanError : there is none
-        """
-        check_trays_in_reach(self._part.solid.name, self._layout)
-        first_s = self.first_s()
-        self._look = self.look()
-        # a face that was inspected before, for its most part, need not be shown squarely again
-        part = self._part
-        towards = part.directions.square_to.tolist()
-        faces = {f for f in towards if f >= 0 and part.solid.faces[f].kind == "plane"}
-        able = part.visible.any(axis=0)
-        self._squared = frozenset(
-            f
-            for f in faces
-            if self._done[able & (part.samples.face_ids == f)].mean() >= part.options.square_share
-        )
-        if self._look is not None:
-            self._done = self._done | self._look.seen
-            above = self._look.direction_part
-            self._squared |= {f for f in faces if part.solid.faces[f].normal @ above > SQUARE_COS}
-        costs = self._prices(first_s)
-        problem = costs.problem
-        # which grasps it comes to is enough to know what is worth a view; then it is asked in full
-        narrows = self._part.options.least_gain > 0.0
-        effort = COARSE if self._part.options.is_coarse else FULL
-        solution = solve(problem, effort=COARSE if narrows else effort)
-        if not self._shows_all(solution) and not self._part.rests:
-            # the table is the dearer way to change a grasp, so that it is asked last
-            self._part = with_rests(self._part, self._layout)
-            self._builder = Builder(self._part, self._layout, self._seed)
-            costs = self._prices(first_s)
-            problem = costs.problem
-            solution = solve(problem, effort=COARSE if narrows else effort)
-        if solution is not None and narrows:
-            kept = worthwhile(costs, self._part, solution.grasps)
-            problem = replace(problem, seen=problem.seen | ~kept)
-            solution = solve(problem, effort=effort, incumbent=solution)
-        failure: NoPlanError | None = None
-        for _ in range(REBUILDS_N):
-            if solution is None:
-                break
-            if not solution.needed.any() and not self._done.any():
-                raise self._nothing_shown()
-            try:
-                return self._work_out(costs, problem, solution)
-            except RefutedError as error:
-                failure = failure or error.reason
-                problem = refuted(
-                    problem,
-                    regrasps=error.regrasps,
-                    views=_rows(costs, error.views),
-                    firsts=error.firsts,
-                    lasts=error.lasts,
-                )
-                solution = solve(problem, effort=effort, incumbent=solution)
-        raise failure or NoMotionError(
-            f"{self._part.solid.name} {self.where()}: no grasp within reach leads to a tray"
+    def edge_costs(self) -> EdgeCosts:
+        """Return the search problem that the task is, and what its numbers stand for."""
+        return make_edge_costs(
+            self.part, self.layout, self.beginning.first_s, self.seen, self.squared, self.avoid
         )
 
-    def _shows_all(self, solution: Solution | None) -> bool:
+    def is_shown_by(self, solution: Solution | None) -> bool:
         """Return whether a solution shows what any grasp shows, even one that nothing leads to."""
         if solution is None:
             return False
-        able = self._part.covered.any(axis=0) & ~self._done
+        able = self.part.covered.any(axis=0) & ~self.seen
         return not bool((able & ~solution.covered[: len(able)]).any())
 
-    def _prices(self, first_s: FloatArray) -> EdgeCosts:
-        return make_edge_costs(
-            self._part, self._layout, first_s, self._done, self._squared, self._avoid
-        )
 
-    def _nothing_shown(self) -> NoPlanError:
-        """Say why not one view of the part can be had, with the number that fails."""
-        part, layout = self._part, self._layout
-        arm = layout.arm
-        x, y, z = layout.station_mm
-        away = float(np.hypot(*(layout.station_mm - layout.T_world_arm[:3, 3])[:2]))
-        limit = arm.reach_mm
-        where = f"the station at ({x:.0f}, {y:.0f}, {z:.0f})"
-        if away > limit + arm.tool_mm:
-            return OutOfReachError(
-                f"{part.solid.name}: {where} is {away:.0f} mm from the arm's axis, the "
-                f"outstretched arm with its gripper reaches {limit + arm.tool_mm:.0f} mm; move the "
-                "station nearer",
-                reach_mm=away,
-                limit_mm=limit,
-                where="station",
+def _squared_faces(part: PreparedPart, inspected: BoolArray, look: Look | None) -> frozenset[int]:
+    """Return the planar faces that need not be shown squarely again.
+
+    Those are the faces inspected for their most part, and those square to the overhead camera.
+    """
+    towards = part.directions.square_to.tolist()
+    faces = {f for f in towards if f >= 0 and part.solid.faces[f].kind == "plane"}
+    able = part.visible.any(axis=0)
+    squared = {
+        f
+        for f in faces
+        if inspected[able & (part.samples.face_ids == f)].mean() >= part.options.square_share
+    }
+    if look is not None:
+        above = look.direction_part
+        squared |= {f for f in faces if part.solid.faces[f].normal @ above > SQUARE_COS}
+    return frozenset(squared)
+
+
+def _plan(task: _Task, seed: int) -> Plan:
+    """Search, work the solution out, and search again without what has no path."""
+    options = task.part.options
+    narrows = options.least_gain > 0.0
+    effort = COARSE if options.is_coarse else FULL
+    # which grasps it comes to is enough to know which views are worth their seconds
+    first_effort = COARSE if narrows else effort
+    costs = task.edge_costs()
+    solution = solve(costs.problem, effort=first_effort)
+    if not task.is_shown_by(solution) and not task.part.rests:
+        # to regrasp over the table costs more: it is considered only where the rest does not do
+        task = replace(task, part=with_rests(task.part, task.layout))
+        costs = task.edge_costs()
+        solution = solve(costs.problem, effort=first_effort)
+    problem = costs.problem
+    if solution is not None and narrows:
+        kept = worthwhile(costs, task.part, solution.grasps)
+        problem = replace(problem, seen=problem.seen | ~kept)
+        solution = solve(problem, effort=effort, incumbent=solution)
+    builder = _SolutionBuilder(task, costs, seed)
+    failure: NoPlanError | None = None
+    for _ in range(REBUILD_COUNT):
+        if solution is None:
+            break
+        if not solution.needed.any() and not task.seen.any():
+            raise nothing_shown(task.part, task.layout, task.seen)
+        try:
+            return builder.plan(problem, solution)
+        except RefutedError as error:
+            failure = failure or error.reason
+            problem = refuted(
+                problem,
+                regrasps=error.regrasps,
+                views=_rows(costs, error.views),
+                firsts=error.firsts,
+                lasts=error.lasts,
             )
-        why = unseen_pieces(
-            part,
-            layout,
-            self._done,
-            range(len(part.arm_grasps)),
-            apart=np.zeros_like(self._done),
-            dropped=np.zeros_like(self._done),
-        )
-        reason = f"{why[0].reason}; {why[0].advice}" if why else "no view shows anything"
-        return OutOfReachError(
-            f"{part.solid.name}: nothing of it can be shown at {where}: {reason}",
-            reach_mm=away,
-            limit_mm=limit,
-            where="station",
-        )
+            solution = solve(problem, effort=effort, incumbent=solution)
+    raise failure or NoMotionError(
+        f"{task.part.solid.name} {task.beginning.where}: no grasp within reach leads to a tray"
+    )
 
-    def _lies_in(self) -> int:
-        """Return the index of the stable pose it lies in, -1 if it is held."""
-        return -1
 
-    def _work_out(self, costs: EdgeCosts, problem: Problem, solution: Solution) -> Plan:
-        part, layout, builder = self._part, self._layout, self._builder
+class _SolutionBuilder:
+    """Works solutions of the search out with all motions.
+
+    Parameters
+    ----------
+    task : what the plan has to show
+    costs : of the task: what the numbers of a solution stand for
+    seed : of the random trees
+    """
+
+    def __init__(self, task: _Task, costs: EdgeCosts, seed: int) -> None:
+        self._task = task
+        self._costs = costs
+        self._builder = Builder(task.part, task.layout, seed)
+
+    def plan(self, problem: Problem, solution: Solution) -> Plan:
+        """Return the plan that a solution stands for.
+
+        Parameters
+        ----------
+        problem : that was solved
+        solution : of it
+
+        Raises
+        ------
+        RefutedError : a part of the solution has no path
+        """
+        task, costs, builder = self._task, self._costs, self._builder
+        part, layout = task.part, task.layout
         count = len(part.samples.points_mm)
-        build = Build(self._q, self._done.copy(), [] if self._look is None else [self._look])
+        look = task.beginning.look
+        build = Build(task.beginning.q, task.seen.copy(), [] if look is None else [look])
         builder.check_trays(solution.grasps[-1])
-        self.begin(build, solution.grasps[0])
+        task.beginning.take(builder, build, solution.grasps[0])
         used: list[Grasp] = []
-        for place, g in enumerate(solution.grasps):
+        for turn, g in enumerate(solution.grasps):
             used.append(part.arm_grasps[g])
-            views = [int(costs.views[g][row]) for row in solution.views[place]]
-            if place + 1 == len(solution.grasps):
+            views = [int(costs.views[g][row]) for row in solution.views[turn]]
+            if turn + 1 == len(solution.grasps):
                 builder.show(build, g, views, None)
                 break
-            h = solution.grasps[place + 1]
-            site = self._regrasp(costs, build, g, h, views)
+            site = self._regrasp(build, g, solution.grasps[turn + 1], views)
             if site.fixed_grasp_index >= 0:
                 used.append(part.fixed_grasps[site.fixed_grasp_index])
         trays, home = builder.sort(build, solution.grasps[-1])
         slowest = max(trays[t].seconds + home[t].seconds for t in trays)
-        able = part.covered.any(axis=0) | self._done
+        able = part.covered.any(axis=0) | task.seen
         return Plan(
             steps=tuple(build.steps),
             place=trays,
@@ -297,46 +275,26 @@ class _Planner(ABC):
                 build.seen,
                 _closure(problem),
                 apart=(solution.needed & ~solution.covered)[:count],
-                dropped=problem.seen[:count] & ~self._done,
-                lies_in=self._lies_in(),
+                dropped=problem.seen[:count] & ~task.seen,
+                lies_in=task.beginning.pose_index,
             ),
             grasps=tuple(used),
             # of what shows less than could be shown one way or another nothing is claimed
             proof=Proof(
                 solution.cost_s,
                 solution.bound_s if solution.is_complete else 0.0,
-                self._scope(costs),
+                _scope(task, costs),
             ),
         )
 
-    def _scope(self, costs: EdgeCosts) -> str:
-        part = self._part
-        fixed = sum(s.fixed_grasp_index >= 0 for s in costs.sites)
-        set_down_count = len(costs.sites) - fixed
-        gain = part.options.least_gain
-        left_out = f"; views that add less than {gain:.2%} of the surface left out" if gain else ""
-        return (
-            "seconds of regrasps with their risk, and "
-            f"{self._layout.cell_times.look_s:.1f} s a view "
-            f"with the path to it, among {len(part.arm_grasps)} grasps of the arm gripper, "
-            f"{fixed} of the fixed gripper, {set_down_count} poses on the table and "
-            f"{len(part.directions.vectors)} directions{left_out}"
-        )
-
-    def _regrasp(
-        self,
-        costs: EdgeCosts,
-        build: Build,
-        g: int,
-        h: int,
-        views: Sequence[int],
-    ) -> RegraspSite:
-        """Show the views of one grasp, then change to the next; return over what.
+    def _regrasp(self, build: Build, g: int, h: int, views: Sequence[int]) -> RegraspSite:
+        """Show the views of one grasp, then regrasp to the next; return the site of it.
 
         Raises
         ------
         RefutedError : no site serves
         """
+        costs = self._costs
         by_cost = np.argsort(costs.site_s[:, g, h], kind="stable")[:SITE_COUNT]
         failure: NoPlanError | None = None
         for k in by_cost:
@@ -346,7 +304,7 @@ class _Planner(ABC):
             trial = Build(build.q, build.seen.copy(), list(build.steps))
             self._builder.show(trial, g, views, site.paths[g].entry[0])
             try:
-                self._change(trial, site, g, h)
+                self._regrasp_at(trial, site, g, h)
             except NoMotionError as error:
                 failure = failure or error
                 continue
@@ -355,8 +313,8 @@ class _Planner(ABC):
         assert failure is not None
         raise RefutedError(failure, regrasps=[(g, h)])
 
-    def _change(self, build: Build, site: RegraspSite, g: int, h: int) -> None:
-        part, builder = self._part, self._builder
+    def _regrasp_at(self, build: Build, site: RegraspSite, g: int, h: int) -> None:
+        part, builder = self._task.part, self._builder
         leave, take = site.paths[g], site.paths[h]
         if site.fixed_grasp_index >= 0:
             held = part.fixed_grasps[site.fixed_grasp_index]
@@ -372,120 +330,20 @@ class _Planner(ABC):
             raise NoMotionError(str(error)) from error
 
 
-class _FromTable(_Planner):
-    def __init__(
-        self,
-        part: PreparedPart,
-        layout: CellLayout,
-        start: OnTable,
-        done: BoolArray,
-        avoid: frozenset[str],
-        seed: int,
-    ) -> None:
-        q = layout.park_q if start.q is None else start.q
-        super().__init__(part, layout, q, done, avoid, seed)
-        self._T = start.T_world_part
-        self._pose_index = start.pose_index
-        self._picks: dict[int, list[PickPath]] = {}
-
-    def first_s(self) -> FloatArray:
-        part, layout = self._part, self._layout
-        for path in pick_paths(part, layout, self._T):
-            self._picks.setdefault(path.grasp, []).append(path)
-        for paths in self._picks.values():
-            paths.sort(key=lambda w: float(segment_seconds(layout, self._q, w.down[0])))
-            del paths[PICKS_N:]
-        return first_seconds(part, layout, self._q, self._picks)
-
-    def look(self) -> Look | None:
-        part, layout, options = self._part, self._layout, self._part.options
-        if not options.table_views:
-            return None
-        (seen,) = table_views(
-            part.samples,
-            RayCaster(part.solid.mesh),
-            self._T[None],
-            layout.overhead,
-            layout.overhead_sharp_mm,
-            float(np.radians(options.max_incidence_deg)),
-            options.min_px_per_mm,
-        )
-        if not (seen & ~self._done).any():
-            return None
-        eye = inverse_pose(self._T) @ np.append(layout.overhead.position_mm, 1.0)
-        towards = eye[:3] - part.solid.centroid_mm
-        return Look(
-            seconds=0.0,
-            label="view it on the table",
-            view_id="T0",
-            T_world_part=self._T,
-            direction_part=towards / np.linalg.norm(towards),
-            seen=seen,
-        )
-
-    def begin(self, build: Build, g: int) -> None:
-        self._builder.pick(build, self._picks[g], self._T)
-
-    def where(self) -> str:
-        return "on the table"
-
-    def _lies_in(self) -> int:
-        return self._pose_index
-
-
-class _FromArm(_Planner):
-    """The last of the part's arm grasps is the measured one that holds it."""
-
-    def __init__(
-        self,
-        part: PreparedPart,
-        layout: CellLayout,
-        start: InArm,
-        done: BoolArray,
-        avoid: frozenset[str],
-        seed: int,
-    ) -> None:
-        super().__init__(part, layout, start.q, done, avoid - {start.grasp.id}, seed)
-
-    def first_s(self) -> FloatArray:
-        seconds = np.full(len(self._part.arm_grasps), np.inf)
-        seconds[-1] = float(segment_seconds(self._layout, self._q, self._part.home_q[-1]))
-        return seconds
-
-    def begin(self, build: Build, g: int) -> None:
-        """Nothing is to be done: it is held already."""
-
-    def where(self) -> str:
-        return "in the arm gripper"
-
-
-class _FromFixedGripper(_Planner):
-    def __init__(
-        self,
-        part: PreparedPart,
-        layout: CellLayout,
-        start: InFixedGripper,
-        done: BoolArray,
-        avoid: frozenset[str],
-        seed: int,
-    ) -> None:
-        super().__init__(part, layout, start.q, done, avoid - {start.grasp.id}, seed)
-        self._grasp = start.grasp
-        paths: Mapping[int, HandOff] = hand_offs(layout, part.shape, start.grasp, part.arm_grasps)
-        self._site = RegraspSite(-1, -1, paths)
-
-    def first_s(self) -> FloatArray:
-        return take_seconds(self._part, self._layout, self._q, self._site)
-
-    def begin(self, build: Build, g: int) -> None:
-        T = self._layout.T_world_fixed_tcp @ inverse_pose(self._grasp.T_part_tcp)
-        try:
-            self._builder.receive(build, g, self._site.paths[g], self._grasp, T)
-        except NoMotionError as error:
-            raise RefutedError(error, firsts=[g]) from error
-
-    def where(self) -> str:
-        return "in the fixed gripper"
+def _scope(task: _Task, costs: EdgeCosts) -> str:
+    """Return over which sets a plan of the task is proven optimal."""
+    part = task.part
+    fixed = sum(s.fixed_grasp_index >= 0 for s in costs.sites)
+    set_down_count = len(costs.sites) - fixed
+    gain = part.options.least_gain
+    left_out = f"; views that add less than {gain:.2%} of the surface left out" if gain else ""
+    return (
+        "seconds of regrasps with their risk, and "
+        f"{task.layout.cell_times.look_s:.1f} s a view "
+        f"with the path to it, among {len(part.arm_grasps)} grasps of the arm gripper, "
+        f"{fixed} of the fixed gripper, {set_down_count} poses on the table and "
+        f"{len(part.directions.vectors)} directions{left_out}"
+    )
 
 
 def _rows(costs: EdgeCosts, views: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -494,7 +352,7 @@ def _rows(costs: EdgeCosts, views: Sequence[tuple[int, int]]) -> list[tuple[int,
 
 
 def _closure(problem: Problem) -> list[int]:
-    """Return the grasps that can be had from the start, by any number of changes."""
+    """Return the grasps that any number of regrasps lead to from the start."""
     had = np.isfinite(problem.first_s)
     can = np.isfinite(problem.regrasp_s)
     while True:

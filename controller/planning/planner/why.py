@@ -16,7 +16,7 @@ from controller.arrays import BoolArray, FloatArray
 from controller.imaging import RayCaster
 
 from ..grasps import clear_of_table, find_seeds, judge_grasps, resting_pose, spread
-from ..model import CellLayout, Grasp, Jaw, PreparedPart, Reason, Unseen
+from ..model import CellLayout, Grasp, Jaw, OutOfReachError, PreparedPart, Reason, Unseen
 from ..motion import Scene, inverse_rows, passed_limit
 from ..views import hidden_by_gripper, view_poses, why_hidden
 
@@ -93,6 +93,41 @@ def unseen_pieces(
             which = tuple(np.flatnonzero(piece).tolist())
             found.append(Unseen(int(face_id), share, reason, kind, advice, which))
     return tuple(sorted(found, key=lambda u: (-u.area_fraction, u.face_id, u.reason)))
+
+
+def nothing_shown(part: PreparedPart, layout: CellLayout, seen: BoolArray) -> OutOfReachError:
+    """Return why not one view of the part can be had, with the number that fails.
+
+    Parameters
+    ----------
+    part : prepared
+    layout : the cell
+    seen : (n,) samples that need not be shown again
+    """
+    arm = layout.arm
+    x, y, z = layout.station_mm
+    away = float(np.hypot(*(layout.station_mm - layout.T_world_arm[:3, 3])[:2]))
+    limit = arm.reach_mm
+    where = f"the station at ({x:.0f}, {y:.0f}, {z:.0f})"
+    if away > limit + arm.tool_mm:
+        return OutOfReachError(
+            f"{part.solid.name}: {where} is {away:.0f} mm from the arm's axis, the "
+            f"outstretched arm with its gripper reaches {limit + arm.tool_mm:.0f} mm; move the "
+            "station nearer",
+            reach_mm=away,
+            limit_mm=limit,
+            where="station",
+        )
+    none = np.zeros_like(seen)
+    every = range(len(part.arm_grasps))
+    why = unseen_pieces(part, layout, seen, every, apart=none, dropped=none)
+    reason = f"{why[0].reason}; {why[0].advice}" if why else "no view shows anything"
+    return OutOfReachError(
+        f"{part.solid.name}: nothing of it can be shown at {where}: {reason}",
+        reach_mm=away,
+        limit_mm=limit,
+        where="station",
+    )
 
 
 def _classes(
