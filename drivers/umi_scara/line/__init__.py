@@ -3,17 +3,10 @@
 It knows requests and replies, no motor.
 """
 
-from ._link import (
-    Guard,
-    LineUncertainError,
-    Link,
-    LinkConfig,
-    Trace,
-    WireExchange,
-    breaks_step,
-)
+from ._link import Guard, Link
 from ._tasks import run_to_end
 from ._transport import SerialTransport, Transport
+from ._wire import LineUncertainError, LinkConfig, Trace, WireExchange, breaks_step
 
 __all__ = [
     "Guard",
