@@ -1,4 +1,4 @@
-"""Which drivers are installed: entry points of the group `cellctl.drivers` (docs/drivers.md)."""
+"""Find the installed drivers: entry points of the group `cellctl.drivers` (docs/drivers.md)."""
 
 import dataclasses
 import difflib
@@ -59,7 +59,7 @@ def find_driver(kind: str, name: str) -> Driver[Any, Any]:
 
     Raises
     ------
-    ConfigError : it is not installed, cannot be loaded, or is none
+    ConfigError : it is not installed, cannot be loaded, or is not a driver
     """
     installed = installed_drivers(kind)
     if name not in installed:
@@ -70,7 +70,7 @@ def find_driver(kind: str, name: str) -> Driver[Any, Any]:
     entry = installed[name]
     try:
         driver = entry.load()
-    except Exception as error:  # whatever a package of somebody else's does when it is imported
+    except Exception as error:  # importing somebody else's package may raise anything
         raise ConfigError(
             f"{kind} driver `{name}`: {entry.value} cannot be loaded: {error!r:.200}"
         ) from error
@@ -84,13 +84,13 @@ def read_settings(driver: Driver[Any, Any], given: Mapping[str, Any], where: str
 
     Parameters
     ----------
-    driver : whose settings
-    given : what stands under ``settings:``
+    driver : the driver
+    given : the section ``settings:`` of the cell file
     where : for messages, such as ``devices.gripper``
 
     Raises
     ------
-    ConfigError : an unknown key, a missing one, or a value that it refuses
+    ConfigError : an unknown key, a missing key, or a value that the driver refuses
     """
     return _checked(driver.settings, given, f"{where}.settings")
 
@@ -101,11 +101,11 @@ def describe_arm(name: str, given: Mapping[str, Any]) -> ArmDescription[Any]:
     Parameters
     ----------
     name : of the driver
-    given : what stands under ``arm.shape``
+    given : the section ``arm.shape`` of the cell file
 
     Raises
     ------
-    ConfigError : the driver is not installed, knows no shape, or refuses this one
+    ConfigError : the driver is not installed, has no shape, or refuses this one
     """
     driver = find_driver("arm", name)
     if not isinstance(driver, ArmDriver):
@@ -128,11 +128,11 @@ def describe_arm(name: str, given: Mapping[str, Any]) -> ArmDescription[Any]:
 
 
 def _checked(model: type[Checked], given: Mapping[str, Any], where: str) -> Checked:
-    """Return a driver's dataclass of what a section gives.
+    """Return a driver's dataclass, filled from a section of the cell file.
 
     Raises
     ------
-    ConfigError : an unknown key, a missing one, or a value that it refuses
+    ConfigError : an unknown key, a missing key, or a value that the driver refuses
     """
     known = [field.name for field in dataclasses.fields(model)]  # type: ignore[arg-type]  # a dataclass
     for key in given:
@@ -158,11 +158,11 @@ def require_drivers(path: Path, cell: Cell) -> None:
     Parameters
     ----------
     path : of the cell file, for messages
-    cell : as it was read from there
+    cell : as read from that file
 
     Raises
     ------
-    ConfigError : with the line of the device
+    ConfigError : a driver is not installed or refuses its settings; names the device's line
     """
     for name, kind in KIND_OF.items():
         section = getattr(cell.devices, name)
@@ -175,7 +175,7 @@ def require_drivers(path: Path, cell: Cell) -> None:
 
 @contextmanager
 def _at_line(path: Path, location: Location) -> Iterator[None]:
-    """Name file and line in what is raised within."""
+    """Put file and line in front of the message of a ConfigError raised within."""
     try:
         yield
     except ConfigError as error:

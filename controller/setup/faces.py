@@ -1,4 +1,4 @@
-"""Which faces of a part its recipe leaves out of the inspection, found by their names."""
+"""Find the faces of a part that its recipe leaves out of the inspection, by their names."""
 
 import difflib
 import re
@@ -14,19 +14,19 @@ _RUN = re.compile(r"f(\d{1,6}) to f(\d{1,6})")
 def faces_left_out(path: Path, recipe: Recipe, faces: Sequence[Face]) -> dict[int, str]:
     """Return which faces of its part a recipe leaves out, by face id, each with the reason.
 
-    A name is a face's number (``F12``), a run of them (``F12 to F15``), a label (``F12 bore 8.0
-    mm``), or what a label says without the number, which means all such faces (``bore 8.0 mm``,
+    A name is a face's number (``F12``), a range of numbers (``F12 to F15``), a label (``F12 bore
+    8.0 mm``), or a label without its number, which means all such faces (``bore 8.0 mm``,
     ``torus``). Planes are named by number.
 
     Parameters
     ----------
     path : of the recipe, for the message
-    recipe : whose `inspection.not_inspected` has the names, each with its reason
+    recipe : its `inspection.not_inspected` has the names, each with its reason
     faces : of the recipe's part
 
     Raises
     ------
-    ConfigError : a name that no face has, with the nearest ones
+    ConfigError : no face has this name; the message lists the nearest names
     """
     names: dict[str, list[int]] = {}
     for face in faces:

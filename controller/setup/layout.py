@@ -1,4 +1,4 @@
-"""From the cell file to the layout that planning works on."""
+"""Build the layout that planning works on from the cell file."""
 
 from collections.abc import Iterable
 
@@ -23,7 +23,8 @@ def build_layout(cell: Cell) -> CellLayout:
 
     Raises
     ------
-    ConfigError : the driver of an arm of another make does not know its shape
+    ConfigError : the driver of an arm of another make refuses its shape, or the arm has another
+        number of joints
     """
     arm = cell.arm
     described: ArmDescription[ArmModel]

@@ -1,4 +1,4 @@
-"""From the cell file to what light does: cameras, lamps, areas that glow."""
+"""Build cameras, lamps and glowing areas from the cell file."""
 
 from collections.abc import Sequence
 
@@ -22,14 +22,14 @@ def build_camera(camera: CameraSection) -> Camera:
 
 
 def build_lamps(cell: Cell, names: Sequence[str]) -> tuple[PointLamp, ...]:
-    """Return lamps as the points their light comes from, in the order of ``names``."""
+    """Return lamps as the points where their light comes from, in the order of ``names``."""
     return tuple(_lamp(name, cell.lamps[name], cell) for name in names)
 
 
 def _lamp(name: str, lamp: LampSection, cell: Cell) -> PointLamp:
     centre = np.array(lamp.centre, dtype=float)
     if lamp.kind == "ring":
-        # a ring stands round the lens of the camera it is nearest to
+        # a ring sits round the lens of the nearest camera
         cameras = (cell.cameras.overhead, cell.cameras.inspection)
         nearest = min(cameras, key=lambda c: np.linalg.norm(np.array(c.pose.position) - centre))
         return PointLamp.ring(name, centre, nearest.pose.build()[:3, 2], lamp.radius or 50.0)

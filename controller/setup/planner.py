@@ -1,7 +1,7 @@
-"""What the planner is given of a part in a cell: one function for every command that plans.
+"""Return what the planner needs of a part in a cell: one function for every command that plans.
 
-`run`, `check`, `plan`, `plan --site` and `compile --cell` all build it here, so that one recipe has
-one plan, and what nobody has said is assumed alike and printed.
+`run`, `check`, `plan`, `plan --site` and `compile --cell` all call it, so that one recipe has one
+plan, and every command makes the same assumptions and prints them.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from controller.planning import CellLayout, PlanOptions
 
 from .layout import build_layout
 
-# the narrower extent of a defect in the picture: what inspection needs to compare a surface, and a
-# tenth more, since the part is held a little otherwise than planned
+# The narrower extent of a defect in the picture: as much as inspection needs to compare a surface,
+# and a tenth more, because the part is never held exactly as planned.
 DEFECT_PX = 1.1 * LEAST_WIDTH_PX
-# the arm's MAX_FORCE has no unit (umi_rtx.md 5.6): no more than this is counted on
+# The arm's MAX_FORCE has no unit (umi_rtx.md 5.6). Plans rely on no more force than this.
 ARM_COUNTED_N = 40.0
 
 DensityFrom = Literal["recipe", "command line", "CAD file", "assumed"]
@@ -34,14 +34,14 @@ _DENSITY_WORDS: dict[DensityFrom, str] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannerSetup:
-    """What the planner is given.
+    """What the planner needs of a part in a cell.
 
     Attributes
     ----------
-    layout : the cell, with the force its grippers press with
+    layout : the cell, with the force that its grippers press with
     options : what plans aim at
-    density_g_cm3, density_from : of the part, and who says so
-    has_recipe : the figures are a recipe's; otherwise those of a recipe that says nothing of them
+    density_g_cm3, density_from : of the part, and where the figure comes from
+    has_recipe : the figures are from a recipe; otherwise they are the defaults of a recipe
     """
 
     layout: CellLayout
@@ -54,7 +54,7 @@ class PlannerSetup:
     has_recipe: bool
 
     def as_json(self) -> dict[str, Any]:
-        """Return all that plans depend on beside part and cell file."""
+        """Return everything that plans depend on besides the part and the cell file."""
         fixed_gripper = self.layout.fixed_gripper
         return {
             "density_g_cm3": self.density_g_cm3,
@@ -72,7 +72,7 @@ class PlannerSetup:
 
     @property
     def sentence(self) -> str:
-        """What plans depend on, for people."""
+        """Return in one sentence what plans depend on."""
         density = _DENSITY_WORDS[self.density_from].format(f"{self.density_g_cm3:g}")
         fixed_gripper = self.layout.fixed_gripper
         fixed = (
@@ -96,14 +96,15 @@ def planner_setup(
     part: CompiledPart,
     density_g_cm3: float | None = None,
 ) -> PlannerSetup:
-    """Return what the planner is given of a part in a cell.
+    """Return what the planner needs of a part in a cell.
 
     Parameters
     ----------
-    recipe : None for the figures of a recipe that says nothing
+    recipe : None for a recipe's default figures
     cell : the cell file
     part : the compiled part
-    density_g_cm3 : of the command line; the recipe's, the file's, or aluminium's otherwise
+    density_g_cm3 : of the command line; without it the recipe's, else the CAD file's, else that of
+        aluminium
     """
     wanted = InspectionSection() if recipe is None else recipe.inspection
     grasp = GraspSection() if recipe is None else recipe.grasp

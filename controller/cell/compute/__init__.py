@@ -1,8 +1,8 @@
-"""Heavy computation, in a worker process, so that the event loop is never held.
+"""Heavy computation in a worker process, so that it never blocks the event loop.
 
-`service.py` has the questions and `answers.py` the functions that answer them; `job.py` has what a
-worker keeps of a job, `pool.py` the process, `held_search.py` the search for a part that slipped in
-the jaws. `checking.py` checks a recipe in a cell from files alone.
+`service.py` declares the questions and `answers.py` has the functions that answer them. `job.py`
+has what a worker keeps of a job, `pool.py` makes the worker process, and `held_search.py` finds a
+part that slipped in the jaws. `checking.py` checks a recipe in a cell from files alone.
 """
 
 from .answers import Holder

@@ -1,8 +1,8 @@
-"""The answers: one plain function for each question that the cell asks of its worker process.
+"""The answers: one plain function for each question that the cell puts to its worker process.
 
-A function's name, arguments and documentation are the question's: `Compute` is made of them. Each
-takes plain data and a `Job`, from which a worker builds, once, what cannot travel between processes
-(`job.context`). None of them moves anything.
+`Compute` is made from these functions, so that a question has the name, arguments and documentation
+of its function. Each function takes plain data and a `Job`, from which the worker builds, once,
+what cannot be sent between processes (`job.context`). None of them moves anything.
 """
 
 import time
@@ -56,7 +56,7 @@ def recognise(job: Job, backlit: Grey, lit: Mapping[str, Grey]) -> tuple[recogni
 
 
 def prepare(job: Job) -> float:
-    """Do all planning that does not depend on where the part lies; return its seconds."""
+    """Do all planning that does not depend on the part's pose; return how long it took [s]."""
     started = time.monotonic()
     _prepared(job)
     return time.monotonic() - started
@@ -69,7 +69,7 @@ def plan(
     avoid: frozenset[str],
     candidates: tuple[recognising.Alternative, ...],
 ) -> Plan:
-    """Return a plan from whichever gripper or table has the part.
+    """Return a plan for the part, which a gripper or the table has.
 
     Parameters
     ----------
@@ -77,11 +77,11 @@ def plan(
     start : where the part is
     seen : (n,) bool, samples that need not be shown again
     avoid : ids of grasps that have failed
-    candidates : what the part may be as well, as far as recognition can say
+    candidates : the other parts and poses that recognition has not excluded
 
     Raises
     ------
-    NoPlanError : there is none; says why
+    NoPlanError : there is no plan; the message gives the reason
     """
     prepared, layout = _prepared(job), context(job).layout
     if isinstance(start, OnTable) and candidates:
@@ -93,7 +93,7 @@ def plan(
 
 
 def _readings(job: Job, candidates: tuple[recognising.Alternative, ...]) -> list[Reading]:
-    """Return what else lies there, if it is that, with its solid."""
+    """Return each other reading of the picture, with the solid of its part."""
     c = context(job)
     others = (load_part(*file) for file in part_files(c.recipe)[1:])
     solids = {part.solid.name: part.solid for part in (*others, c.part)}
@@ -108,13 +108,13 @@ def identify(
     backlit: Grey,
     lit: tuple[Grey, ...],
 ) -> tuple[int, ...]:
-    """Return which hypotheses the pictures of the deciding view leave; () where none fits.
+    """Return which hypotheses agree with the pictures of the disambiguation view; () if none.
 
     Parameters
     ----------
     job : which recipe on which cell
     ambiguity : the hypotheses, and the view that decides between them
-    q : (6,) where the arm stands
+    q : (6,) configuration of the arm
     opening_mm : of the arm gripper
     backlit, lit : pictures of the view
     """
@@ -128,12 +128,12 @@ def path_home(
     fixed_opening_mm: float,
     T_part_tcp: FloatArray | None,
 ) -> Motion:
-    """Return a joint path from anywhere to where the arm is in nobody's way.
+    """Return a joint path from any configuration to the park position.
 
     Parameters
     ----------
     job : which recipe on which cell
-    q : (6,) where the arm stands
+    q : (6,) configuration of the arm
     arm_opening_mm, fixed_opening_mm : how wide both grippers are open
     T_part_tcp : (4, 4) of a part that may still be in the arm gripper, or None
 
@@ -152,7 +152,7 @@ def path_home(
 
 
 def surface_share(job: Job, samples: BoolArray) -> float:
-    """Return how much of the part's surface some of its samples (n,) stand for, 0..1."""
+    """Return the share of the part's surface that the given samples (n,) stand for, 0..1."""
     areas = context(job).samples.areas_mm2
     return float(areas[samples].sum() / areas.sum())
 
@@ -179,9 +179,9 @@ def inspect(
     job : which recipe on which cell
     view_id : what the view is called
     T_world_part : (4, 4) where the part should be
-    holder : what of the cell may stand in the picture
-    backlit, lit : pictures before the glowing panel, and by lamp
-    is_hold_seen : a view has confirmed before how the part is held
+    holder : what of the cell may be in the picture
+    backlit, lit : pictures in front of the glowing panel, and by lamp
+    is_hold_seen : an earlier view has confirmed how the part is held
     """
     c = context(job)
     task = inspecting.ViewTask(
@@ -202,7 +202,7 @@ def inspect(
 def inspect_on_table(
     job: Job, view_id: str, T_world_part: FloatArray, backlit: Grey, lit: Mapping[str, Grey]
 ) -> inspecting.ViewResult:
-    """Judge the pictures of the table as a view; nothing stands before the part there.
+    """Judge the pictures of the table as a view; nothing hides the part there.
 
     Parameters
     ----------
@@ -241,8 +241,8 @@ def find_hold(
     job : which recipe on which cell
     T_world_part : (4, 4) where it should be
     T_part_tcp : (4, 4) how it should be held
-    holder : what of the cell may stand in the picture
-    backlit : picture before the glowing panel
+    holder : what of the cell may be in the picture
+    backlit : picture in front of the glowing panel
     """
     c = context(job)
     task = inspecting.ViewTask(
@@ -263,13 +263,13 @@ def judge(
     unseen: Mapping[int, str],
     planned: Mapping[str, BoolArray],
 ) -> inspecting.PartVerdict:
-    """Weigh all views of a part.
+    """Return the verdict on a part from all its views.
 
     Parameters
     ----------
     job : which recipe on which cell
-    views : as they were judged
-    unseen : by face id, why the plan shows not all of it
+    views : results of all views
+    unseen : by face id, why the plan does not show all of it
     planned : by view id, which samples (n,) it was meant to show
     """
     c = context(job)

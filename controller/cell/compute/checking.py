@@ -1,6 +1,6 @@
-"""Checks from files alone whether a recipe can be run in a cell, before anything moves.
+"""Check from files alone whether a recipe can be run in a cell.
 
-`cellctl check` prints the result; `cellctl run` makes the same checks before it starts.
+`cellctl check` prints the result. `cellctl run` makes the same checks before anything moves.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ LIKELY = 0.03
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CheckedPose:
-    """A likely stable pose, and its plan or why there is none."""
+    """A likely stable pose, with its plan or the reason why there is none."""
 
     pose: StablePose
     certified: Certified
@@ -36,7 +36,7 @@ class Checked:
 
     Attributes
     ----------
-    problems : why not, a sentence each; empty where it can
+    problems : one sentence for each reason why it cannot; empty if it can
     """
 
     setup: PlannerSetup
@@ -47,17 +47,18 @@ class Checked:
 def check_sizes(recipe_path: Path, recipe: Recipe, cell: Cell) -> None:
     """Check that each part fits on the table in any stable pose.
 
-    Made before parts are compiled: one in the wrong unit may have millions of samples.
+    This comes before parts are compiled, since a part in the wrong unit may have millions of
+    samples.
 
     Parameters
     ----------
     recipe_path : recipe file, for the message
     recipe : its parts are read, and their meshes measured
-    cell : its glowing area has to hold them
+    cell : its glowing area must have room for them
 
     Raises
     ------
-    ConfigError : one does not fit; the unit in the recipe may be wrong
+    ConfigError : a part does not fit; the unit in the recipe may be wrong
     CadError : a CAD file is wrong
     """
     area = cell.table.glowing_area
@@ -77,7 +78,7 @@ def check_sizes(recipe_path: Path, recipe: Recipe, cell: Cell) -> None:
 
 
 def _solid(path: Path, options: CompileOptions) -> Solid:
-    """Return a part's solid; compile it only where reading alone would take as long."""
+    """Return a part's solid; compile the part only if reading it alone would take as long."""
     kept = cached_part(path, options)
     if kept is not None:
         return kept.solid
@@ -86,7 +87,7 @@ def _solid(path: Path, options: CompileOptions) -> Solid:
 
 
 def check_job(job: Job) -> Checked:
-    """Check files and CAD, and that every likely stable pose has a plan.
+    """Check files and CAD, and whether every likely stable pose has a plan.
 
     Raises
     ------
@@ -99,11 +100,11 @@ def check_job(job: Job) -> Checked:
 
 
 def check_plans(job: Job, progress: Callable[[str], None] | None = None) -> Checked:
-    """Check that every likely stable pose has a plan; files are known to be sound.
+    """Check whether every likely stable pose has a plan; the files were checked before.
 
     Parameters
     ----------
-    progress : called with what is being done, before it is done
+    progress : called before each step with what it does
 
     Raises
     ------

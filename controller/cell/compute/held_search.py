@@ -1,8 +1,8 @@
-"""Looks for a part that has slipped in the jaws: not where it should be, but still held.
+"""Find a part that has slipped in the jaws: not where it should be, but still held.
 
-Flat pads leave a part two ways to go, along the fingers and across them, and one turn, about the
-line between the pads. Poses on a grid of these are compared as shadows first, the best ones are
-fitted edge by edge as any view is.
+Between flat pads a part can slide along the fingers and across them, and turn about the line
+between the pads. The poses on a grid of these three are first compared by their shadows; then the
+best ones are fitted edge by edge, as in any view.
 """
 
 import itertools
@@ -21,7 +21,8 @@ ACROSS_MM: Final = (0.0, 4.0, -4.0)
 TURN_RAD: Final = tuple(float(np.radians(d)) for d in (0.0, 8.0, -8.0, 16.0, -16.0, 30.0, -30.0))
 STEP_PX: Final = 8
 FITTED_N: Final = 3
-LEAST_OVERLAP: Final = 0.7  # of the shadows; less is no part in the arm gripper, or another one
+# Shadows that overlap less are of another part, or the arm gripper is empty.
+LEAST_OVERLAP: Final = 0.7
 
 
 def find_hold(
@@ -31,7 +32,7 @@ def find_hold(
     T_part_tcp: FloatArray,
     backlit: Grey,
 ) -> FloatArray | None:
-    """Return T_world_part of a held part that slipped, None where it is not found.
+    """Return T_world_part of a held part that slipped, None if it is not found.
 
     Parameters
     ----------
@@ -39,7 +40,7 @@ def find_hold(
     samples : its surface samples, in the part frame
     task : the view, with the pose the part should have
     T_part_tcp : (4, 4) how the arm gripper should hold it
-    backlit : picture before the glowing panel
+    backlit : picture in front of the glowing panel
     """
     width, height = task.camera.size_px
     low, level, high = threshold_levels(backlit, np.ones(backlit.shape, dtype=bool))
@@ -85,7 +86,7 @@ def _shadow(
 
 
 def _overlap(expected: BoolArray, seen: BoolArray) -> float:
-    """Return intersection over union about the expected shadow; what is far from it is not it."""
+    """Return intersection over union near the expected shadow; what is far off is not counted."""
     rows, columns = np.nonzero(expected)
     if len(rows) == 0:
         return 0.0

@@ -1,4 +1,4 @@
-"""What a worker keeps of a job: all that cannot travel between processes, built once from files."""
+"""What a worker keeps of a job: what cannot be sent between processes, built once from files."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ from controller.setup.planner import PlannerSetup, planner_setup
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """Which recipe on which cell; small enough to travel with every call."""
+    """Which recipe on which cell; small enough to be sent with every call."""
 
     recipe_path: Path
     cell_path: Path
@@ -70,12 +70,12 @@ class Context:
 
     @property
     def samples(self) -> SurfaceSamples:
-        """Return the points its surface is counted by."""
+        """Return the points by which the part's surface is counted."""
         return self.part.samples
 
     @property
     def poses(self) -> tuple[StablePose, ...]:
-        """Return its stable poses."""
+        """Return the part's stable poses."""
         return self.part.poses
 
 
@@ -87,7 +87,7 @@ def context(job: Job) -> Context:
     ------
     ConfigError, CadError : recipe, cell or a CAD file is wrong
     """
-    cv2.setNumThreads(1)  # two cores, and an emulated cell beside us
+    cv2.setNumThreads(1)  # an emulated cell may need the other of two cores
     recipe = load_recipe(job.recipe_path)
     cell = load_cell(job.cell_path)
     files = part_files(recipe)
@@ -107,7 +107,7 @@ def context(job: Job) -> Context:
 
 
 def load_parts(recipe: Recipe) -> list[CompiledPart]:
-    """Return a recipe's part, then the others that may turn up.
+    """Return a recipe's part, then the other parts that may turn up.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def load_parts(recipe: Recipe) -> list[CompiledPart]:
 
 
 def part_files(recipe: Recipe) -> list[tuple[Path, CompileOptions]]:
-    """Return the CAD files of a recipe's part and of the others, with their options."""
+    """Return the CAD files of a recipe's part and of the other parts, with their options."""
     return [
         (recipe.part, CompileOptions(unit=recipe.unit)),
         *((other, options_among(other, recipe.unit)) for other in recipe.others),
@@ -125,7 +125,7 @@ def part_files(recipe: Recipe) -> list[tuple[Path, CompileOptions]]:
 
 
 def glowing_mask(camera: Camera, corners_mm: FloatArray) -> BoolArray:
-    """Return where in the picture a glowing rectangle (4, 3) is, a few pixels shrunk."""
+    """Return the mask of a glowing rectangle (4, 3) in the picture, shrunk by a few pixels."""
     width, height = camera.size_px
     mask = np.zeros((height, width), dtype=np.uint8)
     along = np.linspace(0, 1, 30, endpoint=False)
@@ -141,5 +141,5 @@ def glowing_mask(camera: Camera, corners_mm: FloatArray) -> BoolArray:
 
 
 def inspection_limits(recipe: Recipe) -> inspecting.Limits:
-    """Return inspection's tolerances a recipe asks for."""
+    """Return the tolerances that a recipe sets for inspection."""
     return inspecting.Limits(smallest_defect_mm=recipe.inspection.smallest_defect_mm)

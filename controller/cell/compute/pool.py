@@ -1,4 +1,4 @@
-"""The worker process: made fresh, ended with its parent, whatever ends that."""
+"""Make the worker process: a fresh one that ends with its parent, however the parent ends."""
 
 import ctypes
 import os
@@ -12,9 +12,9 @@ PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 def make_pool() -> ProcessPoolExecutor:
-    """Return the pool; fresh processes, since a fork would copy open devices into them.
+    """Return the pool. Its process is a fresh one, since a fork would copy open devices into it.
 
-    Its worker ends with this process, however that ends. To be used first from the main thread.
+    The worker ends with this process, however that ends. The first use must be in the main thread.
     """
     return ProcessPoolExecutor(
         max_workers=1,
@@ -26,7 +26,7 @@ def make_pool() -> ProcessPoolExecutor:
 
 @contextmanager
 def worker_pool() -> Iterator[ProcessPoolExecutor]:
-    """Yield the pool; what its worker is still at when it is no longer needed is thrown away."""
+    """Yield the pool; at the end, discard whatever its worker has not finished."""
     pool = make_pool()
     try:
         yield pool
@@ -37,9 +37,9 @@ def worker_pool() -> Iterator[ProcessPoolExecutor]:
 
 
 def _belong_to(parent: int) -> None:
-    """Tie a worker's life to its parent's, and leave the terminal's signals to that."""
+    """Make a worker end with its parent, and leave the terminal's signals to the parent."""
     for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP, signal.SIGTSTP):
         signal.signal(number, signal.SIG_IGN)
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:  # it has died before that
+    if os.getppid() != parent:  # the parent died before the line above
         os._exit(1)

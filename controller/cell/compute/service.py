@@ -1,7 +1,7 @@
-"""The compute service: what takes seconds, answered by a worker process and awaited by the cell.
+"""The compute service: functions that take seconds, run in a worker process, awaited by the cell.
 
-A question is declared once, by the function in `answers.py` that answers it: `Compute` has the same
-name and the same arguments, less the job, and mypy knows them.
+Each question is declared once, by the function in `answers.py` that answers it. `Compute` has a
+method of the same name with the same arguments except the job, and mypy knows their types.
 """
 
 import asyncio
@@ -37,7 +37,7 @@ class Question(Generic[Arguments, Answer]):
 
 
 class Compute:
-    """The questions; each may take seconds, and none of them moves anything."""
+    """All questions as methods; each may take seconds, and none of them moves anything."""
 
     def __init__(self, job: Job, pool: Executor) -> None:
         self.job = job

@@ -1,8 +1,9 @@
-"""Custody: which gripper, tray or table has the part, what a start makes of it, who may let go.
+"""Custody: which gripper, tray or table has the part, and which gripper may open.
 
-`fold.py` reads it from the rows of all runs, `known_journals.py` finds those, `openings.py` asks
-the grippers, `start_check.py` refuses a start, `releasing.py` opens a gripper for a person,
-`release_guard.py` is the only door through which jaws open in a run.
+`fold.py` works custody out from the rows of all runs, `known_journals.py` finds those rows,
+`openings.py` reads the grippers, `start_check.py` refuses a start while a gripper may hold a part,
+`releasing.py` opens a gripper for a person, and `release_guard.py` is the only module that opens
+jaws in a run.
 """
 
 from .fold import (

@@ -1,7 +1,7 @@
-"""Who holds the part. Said aloud whenever the cell stops, and never guessed.
+"""Which gripper, tray or table has the part. Reported whenever the cell stops, and never guessed.
 
-Custody belongs to the cell, not to the run: `fold_custody` reads it from the rows of all runs, so
-that a start knows what the last one left in a gripper, however that one ended.
+Custody belongs to the cell, not to the run. `fold_custody` reads it from the rows of all runs, so
+that a start knows what the run before left in a gripper, however that run ended.
 """
 
 from collections.abc import Iterable, Mapping
@@ -28,12 +28,12 @@ class Custody(StrEnum):
 
     @property
     def key(self) -> str:
-        """Return what journals and reports call it; their words stay when a name changes."""
+        """Return its word in journals and reports, which stays when the constant is renamed."""
         return "in_fixture" if self is Custody.IN_FIXED else self.name.lower()
 
     @classmethod
     def of_key(cls, key: str) -> "Custody":
-        """Return what a journal means, UNKNOWN where it says what no version wrote."""
+        """Return the custody for a journal's word; UNKNOWN if no version ever wrote that word."""
         return next((custody for custody in cls if custody.key == key.lower()), cls.UNKNOWN)
 
 
@@ -46,7 +46,7 @@ class GripperName(StrEnum):
 
 BOTH: Final = frozenset(GripperName)
 NEITHER: Final[frozenset[GripperName]] = frozenset()
-# a part that was lost may hang in a gripper that does not hold it well
+# A lost part may still hang loosely in either gripper.
 MAY_HOLD: Final[Mapping[Custody, frozenset[GripperName]]] = {
     Custody.NONE: NEITHER,
     Custody.ON_TABLE: NEITHER,
@@ -58,8 +58,8 @@ MAY_HOLD: Final[Mapping[Custody, frozenset[GripperName]]] = {
     Custody.LOST: BOTH,
     Custody.UNKNOWN: BOTH,
 }
-# which grippers an action that is never repeated blindly may leave a part in, until the row on
-# custody that follows it; what is not listed may leave it anywhere
+# Between its intent and the next custody row, an action that is never repeated blindly may have
+# left the part in these grippers. An action that is not listed may have left it in either.
 TOUCHED: Final[Mapping[str, frozenset[GripperName]]] = {
     Once.GRASP: frozenset({GripperName.ARM}),
     Once.SET_DOWN: frozenset({GripperName.ARM}),
@@ -67,7 +67,7 @@ TOUCHED: Final[Mapping[str, frozenset[GripperName]]] = {
     Once.OPEN_ARM_GRIPPER: frozenset({GripperName.ARM}),
     Once.OPEN_FIXED_GRIPPER: frozenset({GripperName.FIXED}),
 }
-# what `fold_custody` needs of a journal
+# The kinds of rows that `fold_custody` reads.
 FOLDED_KINDS: Final[tuple[Kind, ...]] = ("custody", "intent")
 _UNTRUSTED: Final = "the journal before this one cannot be trusted"
 FOLDED_EVENTS: Final = (rows.RunBegan.row_name, rows.JournalSetAside.row_name)
@@ -75,14 +75,13 @@ FOLDED_EVENTS: Final = (rows.RunBegan.row_name, rows.JournalSetAside.row_name)
 
 @dataclass(frozen=True, slots=True)
 class CellIdentity:
-    """Which grippers a run worked with.
+    """The cell and the grippers that a run worked with.
 
     Attributes
     ----------
     name : of the cell, as its file says
-    grippers : where each one is; an emulated one is where its emulator's process is, since it ends
-        with that
-    emulated : those that the run's own emulator brings along
+    grippers : where each one is; for an emulated one, its emulator's process, with which it ends
+    emulated : those that the run's own emulator provides
     """
 
     name: str
@@ -91,10 +90,10 @@ class CellIdentity:
 
     @classmethod
     def of(cls, began: rows.RunBegan) -> "CellIdentity":
-        """Return it from a run's first row."""
+        """Return the identity that a run's first row gives."""
         names = {"arm": GripperName.ARM, "gripper": GripperName.FIXED}
         emulator = began.emulator
-        # one whose addresses were given by hand outlives its runs, as a real one does
+        # An emulated cell with addresses given by hand outlives its runs, as a real cell does.
         listed = set(began.emulated_devices) if "pid" in emulator else set()
         emulated = frozenset(names[device] for device in listed if device in names)
         process = f"emulator {emulator.get('pid')} {emulator.get('started_wall_s')}"
@@ -106,10 +105,10 @@ class CellIdentity:
         return cls(str(began.cell.get("name")), where, emulated)
 
     def shares(self, gripper: GripperName, other: "CellIdentity") -> bool:
-        """Return whether a gripper is, or may be, the other cell's one too.
+        """Return whether a gripper is, or may be, the other cell's gripper as well.
 
-        A real gripper is the same one where either the cell's name or its address is: an address
-        changes with a cable, a name with an edit.
+        A real gripper counts as the same one if either the cell's name or its address is the same:
+        a new cable changes the address, an edit of the cell file changes the name.
         """
         if (gripper in self.emulated) != (gripper in other.emulated):
             return False
@@ -120,12 +119,12 @@ class CellIdentity:
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """What the journal knows of a gripper that may hold something.
+    """What the journal records of a gripper that may hold something.
 
     Attributes
     ----------
-    since : when the row was written that says so, UTC
-    detail : of that row, or which action was cut off
+    since : when that row was written, UTC
+    detail : of that row, or the action that was cut off
     """
 
     gripper: GripperName
@@ -137,21 +136,21 @@ class Held:
 
 
 def fold_custody(found: Iterable[Row], here: CellIdentity) -> tuple[Held, ...]:
-    """Return which of a cell's grippers may hold a part, by the rows of all its runs.
+    """Return which of a cell's grippers may hold a part, from the rows of all its runs.
 
-    An action that is never repeated blindly (grasp, release, hand-off, sort) leaves custody unknown
-    from its intent on until the next row on custody, whether its outcome was written or not.
+    An action that is never repeated blindly (grasp, release, hand-off, sort) makes custody unknown
+    from its intent until the next custody row, whether or not its outcome was written.
 
     Parameters
     ----------
     found : of `FOLDED_KINDS` and `FOLDED_EVENTS`, of all runs, in order
-    here : the cell that asks
+    here : the cell whose grippers are in question
     """
     cells: dict[str, CellIdentity] = {}
     held: dict[GripperName, Held] = {}
     for row in found:
         if is_of(row, rows.RunBegan):
-            with suppress(ValueError):  # unreadable, it says as little as one that is missing
+            with suppress(ValueError):  # an unreadable first row counts as a missing one
                 cells[row.run] = CellIdentity.of(rows.RunBegan.model_validate(row.body))
             continue
         for gripper in GripperName:
@@ -162,7 +161,7 @@ def fold_custody(found: Iterable[Row], here: CellIdentity) -> tuple[Held, ...]:
                     held[gripper] = _held(gripper, Custody.UNKNOWN, row, why)
                 continue
             cell = cells.get(row.run)
-            # a run without its first row may have been anywhere
+            # A run without its first row may have been in any cell.
             if cell is not None and not here.shares(gripper, cell):
                 continue
             if row.kind == "custody":

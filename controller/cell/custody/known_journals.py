@@ -1,8 +1,8 @@
-"""Which journals know of a cell's grippers, whatever folder each run was told to write to.
+"""Find all journals that record a cell's grippers, whatever folder each run wrote to.
 
-`--runs` names another folder, or a shell stands in another one: the part in a gripper is the same.
-So every journal of a cell whose grippers outlive the run is noted, in the user's own folder for
-state, with what the cell is. A start asks them all.
+With another `--runs`, or from another working directory, a run writes another journal, but the part
+in a gripper is the same. So the journal of every cell whose grippers outlive the run is noted,
+together with the cell's identity, in the user's folder for state. A start reads them all.
 """
 
 import json
@@ -27,7 +27,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class _Entry:
-    """A journal that knows of a cell; `began` is the first row's body of its latest run."""
+    """A journal that records a cell; `began` is the body of the first row of its latest run."""
 
     path: Path
     journal: Path
@@ -41,9 +41,9 @@ class _Entry:
 
 
 def note_journal(journal: Path, began: RunBegan) -> None:
-    """Note that a journal knows of a cell; done before anything moves.
+    """Note that a journal records a cell; done before anything moves.
 
-    Nothing is noted of a cell whose grippers end with the run.
+    A cell whose grippers end with the run is not noted.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def note_journal(journal: Path, began: RunBegan) -> None:
 
     Raises
     ------
-    JournalError : it cannot be noted
+    JournalError : the note cannot be written
     """
     if not _outlives_the_run(began):
         return
@@ -76,14 +76,15 @@ def note_journal(journal: Path, began: RunBegan) -> None:
 
 
 def rows_of_all_journals(own: Path, began: RunBegan) -> list[Row]:
-    """Return what `fold_custody` needs of all journals that know of a cell, in order of time.
+    """Return the rows that `fold_custody` needs, of all journals of a cell, in order of time.
 
-    A journal that is gone or damaged may have known of a part: a row says that it cannot be read.
+    A journal that is gone or damaged may have recorded a part, so a row stands for it that says it
+    cannot be read.
 
     Parameters
     ----------
-    own : the journal that is written now
-    began : the body of the first row of the run that asks
+    own : the journal of this run
+    began : the body of this run's first row
 
     Raises
     ------
@@ -106,7 +107,7 @@ def _others(own: Path, began: RunBegan) -> Sequence[_Entry]:
     found = []
     for entry in _entries():
         if entry.clock is not None and not Path(entry.clock).exists():
-            entry.path.unlink(missing_ok=True)  # that emulator has ended, its parts with it
+            entry.path.unlink(missing_ok=True)  # that emulator has ended, and its parts with it
         elif entry.journal != own.resolve() and entry.clock == clock:
             cell = CellIdentity.of(entry.began)
             if any(here.shares(gripper, cell) for gripper in here.grippers):

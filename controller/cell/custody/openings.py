@@ -1,7 +1,7 @@
-"""What both grippers say of themselves before anything moves: whether they hold something.
+"""Whether each gripper holds something, by its own readings, before anything moves.
 
-Asked of the devices as they stand, before activation and homing, both of which move jaws. What
-follows from it, `start_check` decides.
+The devices are read as they stand, before activation and homing, since both of these move jaws.
+`start_check` decides what follows.
 """
 
 from dataclasses import dataclass
@@ -15,11 +15,12 @@ from ..devices.interlocks import check_interlocks
 from .fold import GripperName
 from .release_guard import LOST_MM, NOTHING_MM
 
-SLACK_MM: Final = 2.0  # of a gripper that was told to stand wide open
+# Jaws this close to their widest opening count as wide open.
+SLACK_MM: Final = 2.0
 
 
 class Finding(StrEnum):
-    """What an opening says."""
+    """Whether a gripper holds something, judged by its opening."""
 
     HOLDS = "holds something"
     MAY_HOLD = "may hold something"
@@ -29,7 +30,7 @@ class Finding(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """What one gripper says of itself, and why."""
+    """Whether one gripper holds something, and the reading that shows it."""
 
     gripper: GripperName
     finding: Finding
@@ -37,7 +38,7 @@ class Opening:
 
 
 async def read_openings(devices: Devices) -> tuple[Opening, Opening]:
-    """Return what the arm gripper and the fixed gripper said when they were connected.
+    """Return what the first readings of the arm gripper and the fixed gripper mean.
 
     Nothing moves.
 
@@ -55,9 +56,9 @@ async def read_openings(devices: Devices) -> tuple[Opening, Opening]:
 
 
 async def presses_on_something(devices: Devices) -> bool:
-    """Return whether the arm gripper, closed a little further, is stopped by something at once.
+    """Close the arm gripper a little further; return whether something stops it at once.
 
-    Closing drops nothing. Only for jaws of which the operator has stated that they are empty.
+    Closing drops nothing. Call it only after the operator has stated that the jaws are empty.
 
     Raises
     ------
@@ -72,13 +73,13 @@ async def presses_on_something(devices: Devices) -> bool:
 def judge_arm(jaws: JawReading, identity: ArmIdentity, open_mm: float) -> Opening:
     """Return what the arm gripper's reading means.
 
-    Jaws that press on nothing prove nothing: a stop may have taken the pressure from a part. Jaws
-    that have stalled stand there, too, after the part was taken out (umi_rtx.md 7).
+    Jaws that press on nothing prove nothing: a stop may have taken the pressure off a part. Jaws
+    that stalled on a part stay where they are after it was taken out, too (umi_rtx.md 7).
 
     Parameters
     ----------
     jaws : opening of the arm gripper, and whether it presses
-    identity : says whether the arm has lost its positions
+    identity : whether the arm has lost its positions
     open_mm : its widest opening, where it stalls on its own end [mm]
     """
 

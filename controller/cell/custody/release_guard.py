@@ -1,8 +1,8 @@
-"""The only door through which the jaws of the cell open: a held part always has a holder.
+"""The only module that opens the jaws of the cell in a run: a held part always has a holder.
 
-Who lets go needs the other one's hold confirmed, asked of the device at that moment; a part that
-only one gripper has is let go on purpose (tray, table) or not at all. What is refused here is a
-bug somewhere else: the cell aborts with everything closed.
+A gripper lets go only after the other gripper's hold is confirmed by a reading taken at that
+moment. A part that only one gripper has is released on purpose (in a tray, on the table) or not at
+all. A refusal here means a bug somewhere else: the cell aborts with everything closed.
 """
 
 from typing import Final
@@ -13,7 +13,7 @@ from ..errors import ReleaseRefusedError
 from .fold import Custody
 
 LOST_MM: Final = 1.5  # jaws that close by more than this while carrying have lost the part
-NOTHING_MM: Final = 3.0  # jaws this near to each other hold nothing
+NOTHING_MM: Final = 3.0  # jaws this close to each other hold nothing
 
 
 class ReleaseGuard:
@@ -39,12 +39,12 @@ class ReleaseGuard:
         Parameters
         ----------
         opening_mm : how wide
-        custody : who has the part now
+        custody : where the part is now
         lets_go : the part is meant to stay where the jaws are: in its tray, on the table
 
         Raises
         ------
-        ReleaseRefusedError : nobody else is known to hold what the arm gripper holds
+        ReleaseRefusedError : nothing else is known to hold what the arm gripper holds
         """
         if custody is Custody.UNKNOWN:
             raise ReleaseRefusedError("the arm gripper stays closed: the part's custody is unknown")
@@ -63,12 +63,12 @@ class ReleaseGuard:
         Parameters
         ----------
         opening_mm : how wide
-        custody : who has the part now
+        custody : where the part is now
         gripped_mm : opening of the arm gripper since it closed on the part
 
         Raises
         ------
-        ReleaseRefusedError : nobody else is known to hold what the fixed gripper holds
+        ReleaseRefusedError : nothing else is known to hold what the fixed gripper holds
         """
         if custody in (Custody.UNKNOWN, Custody.IN_FIXED):
             raise ReleaseRefusedError(

@@ -1,7 +1,7 @@
-"""Recovery under guidance: what the cell's grippers may hold, and opening one of them for a person.
+"""Guided recovery: report what the grippers may hold, and open one of them for a person.
 
-For a cell whose last controller ended with a part in a gripper. The arm does not move. The person
-holds the part before a jaw opens; that they do is their word, which the journal keeps.
+For a cell whose last controller ended with a part in a gripper. The arm does not move. A person
+must hold the part before a jaw opens; the journal records their statement that they do.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,8 @@ from .known_journals import note_journal, rows_of_all_journals
 from .openings import Opening, read_openings
 from .start_check import openings_row
 
-OPEN_BY_MM: Final = 20.0  # enough to take a part out; the jaws meet nothing beside it
+# Enough to take a part out, and too little for the jaws to meet anything beside it.
+OPEN_BY_MM: Final = 20.0
 INTENTS: Final = {
     GripperName.ARM: Once.OPEN_ARM_GRIPPER,
     GripperName.FIXED: Once.OPEN_FIXED_GRIPPER,
@@ -31,7 +32,7 @@ INTENTS: Final = {
 
 
 class ReleaseImpossibleError(CellError):
-    """A gripper cannot be opened without moving more than it should; nothing has moved."""
+    """A gripper cannot be opened without another, unwanted motion; nothing has moved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +41,8 @@ class Standing:
 
     Attributes
     ----------
-    known : by the journal of all runs; openings : by the grippers themselves
+    known : from the journals of all runs
+    openings : from the grippers themselves
     notice : what was wrong with the journal; empty if nothing was
     """
 
@@ -103,7 +105,7 @@ class Recovery:
         )
 
     async def look(self) -> Standing:
-        """Return what may be in the grippers; nothing moves."""
+        """Return what the grippers may hold; nothing moves."""
         found = rows_of_all_journals(self._journal.path, self._began)
         known = fold_custody(found, CellIdentity.of(self._began))
         openings = await read_openings(self._devices)
@@ -111,7 +113,7 @@ class Recovery:
         return Standing(known, openings, self._notice)
 
     async def open(self, gripper: GripperName, known: Sequence[Held]) -> Custody:
-        """Open one gripper while a person holds the part; return who has it then.
+        """Open one gripper while a person holds the part; return the custody that follows.
 
         Parameters
         ----------
@@ -120,7 +122,7 @@ class Recovery:
         Raises
         ------
         InterlockError : emergency stop or supply are not healthy
-        ReleaseImpossibleError : the gripper would have to be activated first, which closes it
+        ReleaseImpossibleError : the gripper must first be activated, which would close it
         DeviceError : it does not open
         """
         check_interlocks(self._devices.io, is_person_inside=True)

@@ -1,8 +1,8 @@
-"""No jaw moves on an assumption: what must be so before anything of the cell moves.
+"""No jaw moves on an assumption: both grippers must be known to be empty before anything moves.
 
-The journal of all runs and both openings are asked. If one of them names a gripper, nothing moves
-until the operator has stated that the part is out; a gripper that reports an object is believed
-more than the operator.
+The journals of all runs and both openings are checked. If one of them names a gripper, nothing
+moves until the operator has stated that the part is out. A gripper that reports an object outweighs
+the operator's statement.
 """
 
 from collections.abc import Awaitable, Callable, Sequence
@@ -18,7 +18,7 @@ Press = Callable[[], Awaitable[bool]]
 
 
 class PartMayBeHeldError(CellError):
-    """A gripper holds a part, or may: nothing has moved.
+    """A gripper holds a part, or may hold one: nothing has moved.
 
     Attributes
     ----------
@@ -38,19 +38,19 @@ async def require_empty_grippers(
     *,
     is_part_removed: bool,
 ) -> None:
-    """Return once both grippers are known to be empty; journal what that rests on.
+    """Check that both grippers are known to be empty, and journal the evidence for it.
 
     Parameters
     ----------
-    known : what the journal of all runs says of the grippers
-    openings : what the grippers say of themselves
-    journal : gets the openings, and the operator's statement or the refusal
+    known : grippers that may hold a part by the journals of all runs
+    openings : readings of the grippers themselves
+    journal : records the openings, and the operator's statement or the refusal
     press : closes the arm gripper a little further and returns whether something is in it
     is_part_removed : the operator states that no gripper holds anything
 
     Raises
     ------
-    PartMayBeHeldError : a gripper holds something, or may
+    PartMayBeHeldError : a gripper holds something, or may hold something
     """
 
     async def refuse(against: Sequence[Opening]) -> NoReturn:
@@ -78,7 +78,7 @@ async def require_empty_grippers(
 
 
 def openings_row(openings: Sequence[Opening]) -> rows.Openings:
-    """Return what the grippers say of themselves as the journal keeps it."""
+    """Return the openings as the row that the journal keeps."""
     return rows.Openings(
         {one.gripper.value: f"{one.finding.value}: {one.reason}" for one in openings}
     )
@@ -96,7 +96,7 @@ def _custody_of(known: Sequence[Held], holding: Sequence[Opening]) -> Custody:
 
 
 def _refusal(known: Sequence[Held], openings: Sequence[Opening], *, is_part_removed: bool) -> str:
-    """Return three sentences: what is where since when, that nothing moved, what to do."""
+    """Return three sentences: what is where and since when; nothing has moved; what to do."""
     named = {one.gripper for one in known} | {one.gripper for one in openings}
     holders = " and ".join(f"the {name.value}" for name in GripperName if name in named)
     is_sure = any(one.finding is Finding.HOLDS for one in openings)
@@ -119,7 +119,7 @@ def _refusal(known: Sequence[Held], openings: Sequence[Opening], *, is_part_remo
 
 
 def known_words(one: Held) -> str:
-    """Return what the journal knows of a gripper in words: what, of which run, since when."""
+    """Return in words what the journal records of a gripper: what, of which run, since when."""
     part = f"part {one.part} of " if one.part else ""
     since = datetime.fromisoformat(one.since)
     detail = f" ({one.detail})" if one.detail else ""

@@ -1,4 +1,4 @@
-"""All devices of the cell behind the protocols of their kinds; nothing here decides anything."""
+"""Build and connect all devices of the cell. Each has its kind's protocol; no decisions here."""
 
 import asyncio
 from collections.abc import Mapping
@@ -33,7 +33,7 @@ from drivers.modbus_link import (
 
 Addresses = Mapping[str, Any]
 
-IO_POLL_WALL_S = 0.02  # an emulated block is not asked more often, however fast time runs
+IO_POLL_WALL_S = 0.02  # an emulated block is not polled more often, however fast its time runs
 STALE_POLLS = 5
 
 
@@ -49,11 +49,11 @@ def _modbus_address(device: str, address: str, transport: str, baudrate: int) ->
 
 
 def resolve(cell: Cell, emulated: Addresses) -> dict[str, dict[str, Any]]:
-    """Return where every device is: from the cell file, or from the emulator's own word.
+    """Return where every device is: from the cell file, or from what the emulator printed.
 
     Parameters
     ----------
-    emulated : what the emulator printed under ``devices``
+    emulated : the emulator's output under ``devices``
 
     Raises
     ------
@@ -84,9 +84,9 @@ class DeviceBuilder:
 
     Parameters
     ----------
-    cell : as its file says
-    where : of each device, as `resolve` returns it
-    clock : the one the devices keep
+    cell : as its file describes it
+    where : address of each device, as `resolve` returns it
+    clock : the clock of the devices
     """
 
     def __init__(self, cell: Cell, where: Mapping[str, dict[str, Any]], clock: CellClock) -> None:
@@ -97,7 +97,7 @@ class DeviceBuilder:
 
     @property
     def links(self) -> tuple[ModbusLink, ...]:
-        """Return the lines of the devices made so far; whoever closes those closes these, too."""
+        """Return the lines of the devices made so far; close them together with the devices."""
         return tuple(self._links.values())
 
     def arm(self) -> Arm:
@@ -121,7 +121,7 @@ class DeviceBuilder:
         return cast(Camera, self._build(name))
 
     def _build(self, name: str) -> object:
-        """Return a device, not opened yet.
+        """Return a device that is not open yet.
 
         Raises
         ------
@@ -137,7 +137,7 @@ class DeviceBuilder:
     def _site(self, name: str, kind: str, section: Mapping[str, Any]) -> Site:
         timing = self._cell.timing
         polling = Polling(
-            # the host's own pauses do not shrink with a faster clock
+            # a faster clock does not shorten the host's own pauses
             poll_s=max(timing.io_poll_s, IO_POLL_WALL_S * self._clock.speed),
             stale_s=max(timing.io_stale_s, STALE_POLLS * IO_POLL_WALL_S * self._clock.speed),
         )
@@ -198,13 +198,13 @@ class Devices:
 
     @classmethod
     def build(cls, cell: Cell, where: Mapping[str, dict[str, Any]], clock: CellClock) -> "Devices":
-        """Make the drivers; nothing is opened yet. Needs a running event loop.
+        """Return the drivers, none of them open yet. Needs a running event loop.
 
         Parameters
         ----------
-        cell : as its file says
-        where : of each device, as `resolve` returns it
-        clock : the one the devices keep
+        cell : as its file describes it
+        where : address of each device, as `resolve` returns it
+        clock : the clock of the devices
 
         Raises
         ------
@@ -223,11 +223,11 @@ class Devices:
         return devices
 
     async def connect(self) -> dict[str, str]:
-        """Open every device, halt what still moves; return who answered, by device.
+        """Open every device, halt what still moves; return what answered, by device.
 
         Raises
         ------
-        DeviceError : the first device that is not there or not what it should be
+        DeviceError : a device does not answer or is not what it should be; the first one is named
         """
         who = await self.connect_grippers()
         await self.lights.connect()
@@ -243,17 +243,17 @@ class Devices:
         }
 
     async def connect_grippers(self) -> dict[str, str]:
-        """Open what holds parts, and the I/O block; halt what still moves; return who answered.
+        """Open the arm, the fixed gripper and the I/O block; halt motion; return what answered.
 
-        A controller that was killed leaves the last motion it had ordered. A stop opens no jaw.
+        The last motion that a killed controller ordered goes on without it. A stop opens no jaw.
 
         Raises
         ------
-        DeviceError : the first device that is not there or not what it should be
+        DeviceError : a device does not answer or is not what it should be; the first one is named
         """
         await self.io.connect()
         await self.arm.connect()
-        # a stop may clear what the jaws say of themselves (umi_rtx.md 2.8)
+        # read before the stop, which may clear the jaws' status (umi_rtx.md 2.8)
         self.jaws_found = await self.arm.read_jaws()
         await self.arm.stop(Stop.DEAD)
         gripper = await self.gripper.connect()
@@ -275,6 +275,6 @@ class Devices:
             self.arm.aclose,
             *(one.aclose for one in self.links),
         ):
-            # a device that left cannot be closed politely, and the others still can
+            # a device that is gone fails to close; the others must still be closed
             with suppress(DeviceError, OSError, asyncio.TimeoutError):
                 await closing()

@@ -1,8 +1,8 @@
-"""Which clock a cell's devices keep, and how fast it runs on this machine.
+"""Find the clock of a cell's devices, and measure how fast it runs on this machine.
 
-Emulated devices share their emulator's clock, also where their addresses were given by hand: the
-emulators of this user stand in a register (docs/shared-clock.md 5). Real devices, and any
-mix of real and emulated ones, keep the wall clock.
+Emulated devices share their emulator's clock, even if their addresses were given by hand: each
+emulator of this user is listed in a register (docs/shared-clock.md 5). Real devices, and any mix of
+real and emulated ones, keep the wall clock.
 """
 
 import json
@@ -18,9 +18,9 @@ from drivers.clock import CellClock
 from drivers.errors import LinkError
 
 SLOW_SHARE = 0.8  # of the speed asked for; a machine below it is called slow
-SETTLED_S = 30.0  # of cell time; before that the speed reached says little
-MISSED_WALL_S = 0.5  # that a process which waits for real devices may be late in all
-# beside real devices an emulated one is not waited for, and shares the host
+SETTLED_S = 30.0  # of cell time; over a shorter time the speed reached means little
+MISSED_WALL_S = 0.5  # a process that waits for real devices may be late by this much in all
+# Next to real devices the clock does not wait for an emulated one, which shares the host.
 MIXED_TIMEOUT_WALL_S = 2.0
 
 
@@ -31,7 +31,7 @@ class FoundClock:
     Attributes
     ----------
     path : of an emulator's clock, None for the wall clock
-    speed : cell seconds asked for in a second
+    speed : cell seconds per second, as requested
     is_mixed : some devices are emulated and some are not
     """
 
@@ -56,11 +56,11 @@ def find_clock(cell: Cell, emulated: Mapping[str, Any]) -> FoundClock:
 
     Parameters
     ----------
-    emulated : what the emulator started beside the command said of itself, empty without one
+    emulated : output of the emulator that the command started; empty without one
 
     Raises
     ------
-    ConfigError : the cell file's ``clock`` is none
+    ConfigError : the cell file's ``clock`` is not a clock
     """
     names = set(type(cell.devices).model_fields)
     begun = set(cell.emulated_devices)
@@ -82,7 +82,7 @@ def find_clock(cell: Cell, emulated: Mapping[str, Any]) -> FoundClock:
         try:
             speed = _speed_of(Path(entry["clock"]))
         except LinkError:
-            continue  # left behind by one that was killed; its addresses are somebody else's now
+            continue  # left behind by a killed emulator; its addresses belong to others now
         if wanted <= offered:
             return FoundClock(Path(entry["clock"]), speed)
         is_mixed = True
@@ -100,7 +100,7 @@ def _plain(address: str) -> str:
 
 
 def _emulators() -> list[dict[str, Any]]:
-    """Return what this user's emulators have written down of themselves."""
+    """Return the entries that this user's emulators have made in the register."""
     folders = [Path(tempfile.gettempdir()) / f"cellctl-emulators-{os.getuid()}"]
     if runtime := os.environ.get("XDG_RUNTIME_DIR"):
         folders.insert(0, Path(runtime) / "cellctl-emulators")
@@ -114,17 +114,17 @@ def _emulators() -> list[dict[str, Any]]:
                 if isinstance(entry["addresses"], dict) and isinstance(entry["clock"], str):
                     found.append(entry)
             except (OSError, ValueError, KeyError, TypeError):
-                continue  # it is just going, or none of ours
+                continue  # it is just ending, or is not one of ours
     return found
 
 
 @dataclass(slots=True)
 class Speed:
-    """How fast the cell's time runs: asked for, and reached so far.
+    """How fast the cell's time runs: the speed requested, and the speed reached so far.
 
     Attributes
     ----------
-    asked, reached : cell seconds in a second
+    asked, reached : cell seconds per second
     missed_s : how long this process was late for real devices, in all [s]
     """
 
@@ -135,7 +135,7 @@ class Speed:
     _is_reported: bool = False
 
     def look(self, clock: CellClock) -> str | None:
-        """Take in how fast the clock runs; return the news that the machine is slow, once."""
+        """Measure how fast the clock runs; return a message if the machine is slow, once."""
         if self._begun_s is None:
             self._begun_s = clock.now_s()
         self.reached, self.missed_s = clock.speed_reached, clock.missed_wall_s
@@ -156,7 +156,7 @@ class Speed:
         return None
 
     def as_json(self) -> dict[str, float]:
-        """Return it as the journal and ``--json`` show it."""
+        """Return the figures as the journal and ``--json`` show them."""
         return {
             "asked": self.asked,
             "reached": round(self.reached, 2),

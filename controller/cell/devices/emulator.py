@@ -1,4 +1,4 @@
-"""The emulated cell as a process beside a command. Only its addresses come back."""
+"""Run the emulated cell as a process beside a command; only its addresses come back."""
 
 import json
 import os
@@ -14,11 +14,11 @@ from typing import IO, Any
 
 from controller.config import ConfigError
 
-# guards against a hang: a busy machine needs minutes for the first use of a part, which is
-# decomposed into convex pieces
+# Guards against a hang. The first use of a part takes minutes on a busy machine, because the part
+# is decomposed into convex pieces.
 READY_TIMEOUT_S = 900.0
 STOP_TIMEOUT_S = 60.0
-WRONG_COMMAND_LINE = 2  # the code with which it ends for a wrong option or cell file
+WRONG_COMMAND_LINE = 2  # the emulator's exit code for a wrong option or cell file
 
 
 class EmulatorError(Exception):
@@ -28,7 +28,7 @@ class EmulatorError(Exception):
 def emulator_command(
     cell: Path, parts: Sequence[Path], *, speed: float, seed: int | None, more: Sequence[str] = ()
 ) -> list[str]:
-    """Return the command line of the emulator; it is its own program on purpose.
+    """Return the command line of the emulator, which is a separate program on purpose.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def emulator_command(
 
 
 def emulator_args(pose: int | None, at: str | None, control: Path | None) -> tuple[str, ...]:
-    """Return the emulator's options for how the first part lies, and for causing faults.
+    """Return the emulator's options for the pose of the first part, and for causing faults.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def emulator_args(pose: int | None, at: str | None, control: Path | None) -> tup
     if pose is not None:
         more += ["--pose", str(pose)]
     if at is not None:
-        more += [f"--at={at}"]  # it may begin with a minus
+        more += [f"--at={at}"]  # in one word, since the value may begin with a minus
     if control is not None:
         more += ["--control", str(control)]
     return tuple(more)
@@ -78,7 +78,7 @@ def emulator_args(pose: int | None, at: str | None, control: Path | None) -> tup
 
 @contextmanager
 def emulated_cell(command: Sequence[str], log_path: Path | None = None) -> Iterator[dict[str, Any]]:
-    """Start the emulator, yield what it says of itself, end it.
+    """Start the emulator, yield what it prints about itself, end it.
 
     Parameters
     ----------
@@ -87,13 +87,14 @@ def emulated_cell(command: Sequence[str], log_path: Path | None = None) -> Itera
 
     Raises
     ------
-    ConfigError : it refuses an option or a file
+    ConfigError : the emulator refuses an option or a file
     EmulatorError : it did not become ready
     """
     if log_path is not None:
         log_path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryFile() if log_path is None else log_path.open("w+b") as log:
-        # a session of its own: Ctrl-C is for us, the cell must live until the arm has stopped
+        # Its own session, so that Ctrl-C reaches only us: the emulated cell must live until the
+        # arm has stopped.
         process = subprocess.Popen(
             [*command, "--die-with-parent"],
             stdin=subprocess.PIPE,

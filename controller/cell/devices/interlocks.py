@@ -1,6 +1,6 @@
-"""Safety copies: what must be known to be healthy before anything moves.
+"""Check the safety copies: each must be known to be healthy before anything moves.
 
-The emergency stop is hard-wired. What stands here may only stop work early.
+The emergency stop itself is hard-wired. The checks here can only stop the work early.
 """
 
 from contextlib import suppress
@@ -16,19 +16,19 @@ REQUIRED_SIGNALS = {
     GUARD: "the door is open; close it",
     "supply_ok": "the 24 V supply is missing; check the fuse",
 }
-FIRST_READINGS_S = 1.0  # for an input to be read twice [cell s]
+FIRST_READINGS_S = 1.0  # time in which an input is read twice [cell s]
 
 
 async def settled_signal(io: IoBlock, name: str, clock: CellClock) -> Signal:
-    """Return a safety copy once it was read twice, or what is known of it after a second.
+    """Return a safety copy once it was read twice, or its state after one second.
 
     Parameters
     ----------
-    io : where it is read; just connected
+    io : the I/O block that reads it; just connected
     name : of the signal
     clock : the cell's
     """
-    # one that is not healthy never comes
+    # the wait for an unhealthy signal times out
     with suppress(TimeoutError):
         async with clock.timeout(FIRST_READINGS_S):
             await io.wait_for(name, Signal.OK)
@@ -40,12 +40,13 @@ def check_interlocks(io: IoBlock, *, is_person_inside: bool = False) -> None:
 
     Parameters
     ----------
-    io : where the safety copies are read
-    is_person_inside : somebody holds the part by hand, so that the door may be open
+    io : the I/O block that reads the safety copies
+    is_person_inside : a person holds the part by hand, so the door may be open
 
     Raises
     ------
-    InterlockError : one is not, or gives no fresh reading; the message says which and what to do
+    InterlockError : a safety copy is not healthy, or has no fresh reading; the message names it
+        and says what to do
     """
     for name, advice in REQUIRED_SIGNALS.items():
         if is_person_inside and name == GUARD:

@@ -1,4 +1,4 @@
-"""Which lamps light the table and the part in the arm gripper, in the order they are used."""
+"""Name the lamps that light the table and the part in the arm gripper, in the order of use."""
 
 from typing import Final
 

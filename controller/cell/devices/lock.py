@@ -1,9 +1,9 @@
 """One controller at a time per cell: lock files held for the whole run.
 
-One stands beside the journal. One for each gripper whose address the cell file gives stands in the
-user's folder for state, so that a run with another folder of runs is kept out, too. The locks are
-the kernel's (`flock`): they go with their process, however that ends. What a file says serves the
-message alone.
+One lock file lies beside the journal. Another one, for each gripper whose address the cell file
+gives, lies in the user's folder for state: it keeps out a run with another folder of runs. The
+locks are the kernel's (`flock`), so they end with their process, however that ends. The content of
+a lock file is used only for the message.
 """
 
 import fcntl
@@ -35,7 +35,7 @@ def state_dir() -> Path:
 
 
 def lock_paths(runs_dir: Path, cell: Cell) -> tuple[Path, ...]:
-    """Return the files whose locks make a cell this process's own, in the order of locking."""
+    """Return the lock files that a process must hold to own a cell, in the order of locking."""
     folder = state_dir() / "locks"
     addresses = {
         f"{name} {getattr(cell.devices, name).address}"
@@ -47,7 +47,7 @@ def lock_paths(runs_dir: Path, cell: Cell) -> tuple[Path, ...]:
 
 
 def require_free_cell(runs_dir: Path, cell: Cell) -> None:
-    """Raise CellBusyError where another controller has the cell: said at once, before any work."""
+    """Raise CellBusyError if another controller has the cell, at once and before any work."""
     for path in lock_paths(runs_dir, cell):
         if path.exists():
             fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
@@ -59,17 +59,17 @@ def require_free_cell(runs_dir: Path, cell: Cell) -> None:
 
 @contextmanager
 def hold_cell(runs_dir: Path, cell: Cell, run_id: str) -> Iterator[None]:
-    """Hold a cell, or refuse and name who holds it.
+    """Hold a cell's locks, or raise an error that names who holds them.
 
     Parameters
     ----------
-    runs_dir : folder of the runs, which holds one of the locks
-    cell : its grippers' addresses name the others
-    run_id : who holds it, for the message of those who are refused
+    runs_dir : folder of the runs, which has one of the locks
+    cell : its grippers' addresses name the other locks
+    run_id : this run, named in the message to a run that is refused
 
     Raises
     ------
-    CellBusyError : another process has it
+    CellBusyError : another process has the cell
     JournalError : a folder for locks cannot be written
     """
     with ExitStack() as held:
@@ -82,7 +82,7 @@ def hold_cell(runs_dir: Path, cell: Cell, run_id: str) -> Iterator[None]:
 def _hold(path: Path, run_id: str) -> Iterator[None]:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        # not inherited by children (PEP 446): it must not outlive this process in one of them
+        # Not inherited by child processes (PEP 446): the lock must not outlive this process.
         fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     except OSError as error:
         raise JournalError(f"lock {path}: {error.strerror}; nothing moves without it") from error
@@ -115,4 +115,4 @@ def _holder(fd: int) -> str:
         body = json.loads(os.pread(fd, 4096, 0))
         return f"run {body['run']} (process {body['pid']}, since {body['since']})"
     except (ValueError, KeyError, TypeError):
-        return "another process"  # it has only just taken it
+        return "another process"  # it took the lock a moment ago and has not written its name yet

@@ -1,4 +1,4 @@
-"""Stopping several devices side by side: none waits for another, least of all for a silent one."""
+"""Stop several devices in parallel: none waits for another, and so not for a silent one."""
 
 import asyncio
 import logging
@@ -11,8 +11,10 @@ from drivers.kinds import Arm, FixedGripper, LampUnit, Stop
 
 log = logging.getLogger(__name__)
 
-HALT_LIMIT_S = 2.0  # for the arm to confirm that it stands, while its task is being ended
-STOP_LIMIT_S = 3.0  # a silent arm is known after 0.5 s; a Modbus device has its own retries
+# How long the arm may take to confirm that it has halted, while its task is being ended.
+HALT_LIMIT_S = 2.0
+# A silent arm is detected after 0.5 s; a Modbus device makes its own retries.
+STOP_LIMIT_S = 3.0
 
 
 async def stop_side_by_side(
@@ -20,20 +22,20 @@ async def stop_side_by_side(
     clock: CellClock,
     limit_s: float = STOP_LIMIT_S,
 ) -> dict[str, Exception]:
-    """Call all stops at once; return what each device raised that did not confirm.
+    """Call all stops at once; return the error of each device that did not confirm.
 
     Parameters
     ----------
-    stops : per device, what stops it
+    stops : the function that stops each device, by its name
     clock : of the cell
-    limit_s : patience with each [cell s]
+    limit_s : how long each may take [cell s]
     """
 
     async def one(stopping: Callable[[], Awaitable[object]]) -> Exception | None:
         try:
             async with clock.timeout(limit_s):
                 await stopping()
-        except Exception as error:  # noqa: BLE001 - the others must be stopped all the same
+        except Exception as error:  # noqa: BLE001 - the others must be stopped in any case
             return error
         return None
 
@@ -42,7 +44,7 @@ async def stop_side_by_side(
 
 
 class Stopping:
-    """Stops what can move and what shines; opens no jaw.
+    """Stops everything that moves and switches off the lamps; opens no jaw.
 
     Parameters
     ----------
@@ -63,23 +65,23 @@ class Stopping:
 
         Raises
         ------
-        DeviceError : it does not confirm
+        DeviceError : the arm does not confirm
         """
         await self._arm.stop(kind)
 
     async def stop_all(self, kind: Stop) -> dict[str, Exception]:
-        """Stop all devices side by side; return by name what each raised that did not confirm."""
+        """Stop all devices in parallel; return by name the error of each that did not confirm."""
         return await stop_side_by_side(
             {"arm": lambda: self._arm.stop(kind), **self._others()}, self._clock
         )
 
     async def stop_others(self) -> None:
-        """Stop what is not the arm; a device that does not confirm is logged."""
+        """Stop all devices but the arm; log each one that does not confirm."""
         for name, error in (await stop_side_by_side(self._others(), self._clock)).items():
             log.warning("%s did not confirm the stop: %s", name, error)
 
     async def halt_arm(self) -> None:
-        """Keep the arm from going on while a task unwinds; an answer is not insisted on."""
+        """Halt the arm while a task unwinds; no confirmation is required."""
         with suppress(DeviceError, TimeoutError):
             async with self._clock.timeout(HALT_LIMIT_S):
                 await self._arm.stop(Stop.DEAD)

@@ -1,9 +1,9 @@
 """The journal: what the cell did, append-only in SQLite, from the first event on.
 
-Rows are chained by hash, so that a changed row shows; a head beside the file (`_head.py`) names the
-last row known to be on the disk, so that rows taken off the end show. `open_cell_journal` checks
-all that before a run may write. What it can and cannot notice: ADR 16. What
-each row says stands in `rows.py`.
+Rows are chained by hash, so that a changed row is noticed. A head beside the file (`_head.py`)
+names the last row known to be on the disk, so that rows cut off the end are noticed.
+`open_cell_journal` checks both before a run may write. ADR 16 lists what it can and cannot notice.
+`rows.py` defines what each row says.
 """
 
 from ._care import CellJournal, first_flaw, open_cell_journal

@@ -1,8 +1,8 @@
-"""What a run does with the cell's journal before it writes: check it whole, or set it aside.
+"""Check the whole of the cell's journal before a run writes to it; set a damaged one aside.
 
-A damaged journal is never written on and never deleted: it gets another name, a new one begins
-beside it, and what the old one may have known of custody counts as unknown. What is no damage (a
-folder in the way, no permission, another version) is refused.
+A damaged journal is never written to and never deleted: it gets another name, a new one begins
+beside it, and the custody that the old one may have recorded counts as unknown. Other obstacles (a
+folder in its place, no permission, another version) raise an error.
 """
 
 import sqlite3
@@ -30,7 +30,7 @@ class CellJournal:
 
     Attributes
     ----------
-    notice : for the operator; empty where the journal was whole
+    notice : for the operator; empty if the journal was whole
     """
 
     journal: Journal
@@ -42,7 +42,7 @@ def open_cell_journal(path: Path, run: str) -> CellJournal:
 
     Raises
     ------
-    JournalError : it may not be written, or is of another version; nothing may move without it
+    JournalError : it cannot be written, or is of another version; nothing may move without it
     """
     try:
         flaw = first_flaw(path)
@@ -63,12 +63,12 @@ def open_cell_journal(path: Path, run: str) -> CellJournal:
 def first_flaw(path: Path) -> str | None:
     """Return what is wrong with a journal that was damaged, cut, emptied or changed; None if whole.
 
-    A journal that has not begun is whole. Rows taken off the end show against the head, as far as
-    it reaches: those after the last row that was secured may go unnoticed.
+    A journal that has not begun is whole. Rows cut off the end are noticed up to the row that the
+    head names; a loss of later rows, written after the last secured row, may go unnoticed.
 
     Raises
     ------
-    JournalError : no file, no journal of ours, not readable, or of another version
+    JournalError : not a file, not a journal of cellctl, not readable, or of another version
     OSError : the head cannot be read
     """
     try:
@@ -84,11 +84,11 @@ def first_flaw(path: Path) -> str | None:
     try:
         return _flaw_inside(path, head)
     except sqlite3.Error as error:
-        # text that cannot be decoded comes without a code
+        # SQLite gives no error code for text that cannot be decoded
         if getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF in _DAMAGE:
             return str(error)
         raise JournalError(f"journal {path}: {error}; nothing moves without it") from error
-    except UnicodeDecodeError as error:  # not even SQLite's own words can be read
+    except UnicodeDecodeError as error:  # SQLite returned text that cannot be decoded
         return f"the file is damaged ({error})"
 
 
@@ -127,7 +127,7 @@ def _flaw_at_the_end(db: sqlite3.Connection, head: Head | None, last: Head) -> s
         (secured,) = db.execute(
             "SELECT EXISTS (SELECT 1 FROM journal WHERE kind IN ('custody', 'intent'))"
         ).fetchone()
-        # one without a version was written before there were heads
+        # a journal without a version was written before there were heads
         return "its head is missing" if version and secured else None
     if head.seq > last.seq:
         return f"it ends with row {last.seq}, its head names row {head.seq}: rows were cut off"
@@ -136,10 +136,10 @@ def _flaw_at_the_end(db: sqlite3.Connection, head: Head | None, last: Head) -> s
 
 
 def _flaw_of_the_table(db: sqlite3.Connection) -> str | None:
-    """Return whether table, index and triggers are those that were made; None if they are."""
+    """Return what is wrong with the table, its index and its triggers; None if nothing is."""
     (version,) = db.execute("PRAGMA user_version").fetchone()
     if version != SCHEMA_VERSION:
-        return None  # what is missing is made when it is opened
+        return None  # opening the journal makes what is missing
     made = sqlite3.connect(":memory:")
     try:
         made.executescript(SCHEMA)
@@ -151,7 +151,7 @@ def _flaw_of_the_table(db: sqlite3.Connection) -> str | None:
 
 
 def _set_aside(path: Path) -> Path:
-    """Give a journal and what belongs to it another name; return where it is kept."""
+    """Rename a journal and the files that belong to it; return its new path."""
     stamp = f"{datetime.now(UTC):%Y%m%d-%H%M%S}"
     number, kept = 1, path
     while any(kept.with_name(kept.name + part).exists() for part in _PARTS):

@@ -1,4 +1,4 @@
-"""What a journal is made of: its table, its rows, the hash that chains them."""
+"""The form of a journal: its table, its rows, the hash that chains them."""
 
 import hashlib
 import json
@@ -43,7 +43,7 @@ class JournalError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One line of the journal; `t_mono_s` is of the machine's monotonic clock [wall s]."""
+    """One row of the journal; `t_mono_s` is a time of the machine's monotonic clock [wall s]."""
 
     seq: int
     t_utc: str

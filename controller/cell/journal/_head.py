@@ -1,8 +1,8 @@
 """The journal's head: number and hash of the last row known to be on the disk, in a file beside it.
 
-A chain of hashes shows a changed row and one missing in the middle, not one cut off the end. The
-head does. It is written after the rows it speaks of are synchronised, so that it is never ahead of
-an honest journal, whatever the power does.
+The chain of hashes reveals a changed row and a row missing in the middle, but not a row cut off the
+end; the head reveals that. It is written after the rows up to the one it names are on the disk, so
+that an untouched journal never ends before its head, even after a power failure.
 """
 
 import json
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-LENGTH: Final = 128  # one short line, always of one length: written in one piece
+LENGTH: Final = 128  # one short line of fixed length, so that it is written in one piece
 SUFFIX: Final = ".head"
 
 
@@ -25,20 +25,20 @@ class Head:
 
 
 class HeadError(ValueError):
-    """There is a head, and it cannot be read."""
+    """There is a head, but it cannot be read."""
 
 
 def head_path(journal: Path) -> Path:
-    """Return where a journal's head stands."""
+    """Return the path of a journal's head."""
     return journal.with_name(journal.name + SUFFIX)
 
 
 def read_head(journal: Path) -> Head | None:
-    """Return a journal's head; None where there is none.
+    """Return a journal's head; None if there is none.
 
     Raises
     ------
-    HeadError : it is no head
+    HeadError : the file is not a head
     OSError : the file cannot be read
     """
     path = head_path(journal)
@@ -58,7 +58,7 @@ def read_head(journal: Path) -> Head | None:
 
 
 class HeadFile:
-    """Writer of one journal's head; made with its first row, kept open."""
+    """Writer of one journal's head; the file is made with the first row and kept open."""
 
     def __init__(self, journal: Path) -> None:
         self._path = head_path(journal)
@@ -76,7 +76,7 @@ class HeadFile:
     def _open(self, line: bytes) -> int:
         with suppress(FileNotFoundError):
             return os.open(self._path, os.O_WRONLY | os.O_CLOEXEC)
-        # a new one appears whole or not at all
+        # renamed into place, so that a new head appears whole or not at all
         new = self._path.with_name(f"{self._path.name}.{os.getpid()}")
         new.write_bytes(line)
         new.replace(self._path)

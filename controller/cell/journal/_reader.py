@@ -1,4 +1,4 @@
-"""Reads journals; never writes."""
+"""Read journals; this module never writes."""
 
 import json
 import sqlite3
@@ -10,7 +10,7 @@ from ._writer import require_known_version
 
 
 def read_rows(path: Path, run: str | None = None) -> Iterator[Row]:
-    """Yield the rows of a journal in order, of one run or of all.
+    """Yield the rows of a journal in order, of one run or of all runs.
 
     Raises
     ------
@@ -26,7 +26,7 @@ def read_rows_of_kinds(path: Path, kinds: Sequence[Kind], events: Sequence[str])
     ----------
     path : the journal
     kinds : kinds of rows
-    events : names of events, whose kind need not be among `kinds`
+    events : names of events; "event" itself need not be among `kinds`
 
     Raises
     ------
@@ -57,14 +57,15 @@ def _rows(path: Path, where: str, values: Sequence[str]) -> Iterator[Row]:
 def first_broken_row(path: Path) -> int | None:
     """Return the number of the first row whose hash does not fit, None if the chain is whole.
 
-    Rows taken off the end leave a whole chain: only a copy of its last hash kept elsewhere tells.
+    Rows cut off the end leave the chain whole. Only a copy of its last hash, kept elsewhere, can
+    reveal that.
 
     Raises
     ------
     JournalError : no journal there
     """
     db = _open_to_read(path)
-    # a byte that is no text any more is a changed row like any other
+    # a byte that can no longer be decoded makes a changed row like any other
     db.text_factory = lambda raw: raw.decode("utf-8", "replace")
     try:
         prev = GENESIS
@@ -83,5 +84,5 @@ def first_broken_row(path: Path) -> int | None:
 def _open_to_read(path: Path) -> sqlite3.Connection:
     if not path.is_file():
         raise JournalError(f"no journal at {path}")
-    # as a URI, since a folder's name may hold # ? or %
+    # as a URI, quoted by pathlib, since a folder's name may have # ? or % in it
     return sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)

@@ -1,9 +1,8 @@
-"""Writes the journal.
+"""Write the journal, with two grades of safety (cell-facts.md 2).
 
-Two grades of safety (cell-facts.md 2): what may never be repeated without looking (grasp,
-release, hand-off, sort) and every change of custody is on the disk before the bytes leave
-(``synchronous = FULL``); all else survives the death of the process, and may lose its last rows
-when the power fails.
+Actions that may never be repeated without looking (grasp, release, hand-off, sort) and every change
+of custody are on the disk before any byte goes to a device (``synchronous = FULL``). All other rows
+survive the death of the process, but the last of them may be lost when the power fails.
 """
 
 import asyncio
@@ -21,11 +20,11 @@ from ._form import GENESIS, SCHEMA, SCHEMA_VERSION, JournalError, Kind, digest_o
 from ._head import Head, HeadFile
 from .rows import Body, name_of
 
-BUSY_WALL_S: Final = 10.0  # how long another writer is waited for
+BUSY_WALL_S: Final = 10.0  # how long to wait for another writer
 
 
 class Journal:
-    """Writer of one cell's journal. One instance a process; safe to call from its threads.
+    """Writer of one cell's journal. One instance per process; safe to call from all its threads.
 
     Raises
     ------
@@ -47,11 +46,11 @@ class Journal:
             raise JournalError(f"journal {path}: {error}; nothing moves without it") from error
 
     def _begin(self) -> None:
-        """Make the table where there is none. Two that begin one journal wait for each other."""
+        """Make the table if there is none. Two processes that begin a journal take turns."""
         until_s = time.monotonic() + BUSY_WALL_S
         while True:
             try:
-                # turning to WAL needs the file alone and does not wait for it by itself
+                # Switching to WAL needs exclusive use of the file and does not wait for it.
                 self._db.execute("PRAGMA journal_mode = WAL")
                 self._db.execute("PRAGMA synchronous = NORMAL")
                 if require_known_version(self._db, self.path) != SCHEMA_VERSION:
@@ -76,7 +75,7 @@ class Journal:
     def record(
         self, kind: Kind, name: str, body: Mapping[str, Any] | None = None, part: int | None = None
     ) -> int:
-        """Append any body as `write` does; of what it says nothing is known here.
+        """Append any body as `write` does; its content is not checked here.
 
         Parameters
         ----------
@@ -103,14 +102,14 @@ class Journal:
         self, kind: Kind, name: str, body: Mapping[str, Any], part: int | None, *, full: bool
     ) -> int:
         text = json.dumps(body, separators=(",", ":"), ensure_ascii=False)
-        # file names may hold bytes that are no text; the row matters more than their spelling
+        # File names may have bytes that are not text; the row matters more than their spelling.
         text = text.encode("utf-8", "backslashreplace").decode("utf-8")
         with self._lock:
             try:
                 if full:
                     self._db.execute("PRAGMA synchronous = FULL")
-                # IMMEDIATE: number, time and chain are read under the same lock they are written
-                # under, since another run may share the cell's journal
+                # Another run may share the cell's journal. IMMEDIATE makes one lock cover both
+                # reading and writing of number, time and chain.
                 self._db.execute("BEGIN IMMEDIATE")
                 try:
                     head = self._append(kind, name, text, part)
@@ -141,7 +140,7 @@ class Journal:
     def close(self) -> None:
         """Put everything on the disk, move the head to the last row, close the file."""
         with self._lock:
-            with suppress(sqlite3.Error, OSError):  # what was promised is on the disk already
+            with suppress(sqlite3.Error, OSError):  # every secured row is on the disk already
                 is_busy, *_ = self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
                 last = last_row(self._db)
                 if last is not None and not is_busy:
@@ -151,7 +150,7 @@ class Journal:
 
 
 def last_row(db: sqlite3.Connection) -> Head | None:
-    """Return number and hash of the last row, None of an empty journal."""
+    """Return number and hash of the last row, None if the journal is empty."""
     row = db.execute("SELECT seq, hash FROM journal ORDER BY seq DESC LIMIT 1").fetchone()
     return Head(*row) if row else None
 

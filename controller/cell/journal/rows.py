@@ -1,12 +1,13 @@
-"""What the rows of the journal say: one model for each, shared by who writes and who reads them.
+"""What the rows of the journal say: one model for each row, shared by writer and reader.
 
-A row has a kind, a name and a body; kind and name decide which model the body is of (`read_row`).
-Some models stand for a group of names, one for each action or event of the cell: there the name is
-part of the row, not of the body. What a writer leaves unset is not in the body, so that the bytes
-of a row, which its hash is made of, are those of the fields that were set, in the order below.
+A row has a kind, a name and a body; kind and name decide the model of the body (`read_row`). Some
+models stand for a group of names, one name for each action or event of the cell; there the name
+belongs to the row and not to the body. A field that the writer leaves unset is not in the body. So
+the bytes of a row, from which its hash is made, are those of the fields that were set, in the order
+below.
 
-`SCHEMA_VERSION` (_form.py) rises when a field changes its meaning or goes; new ones may come with a
-default. Fields that a model does not know are passed over.
+`SCHEMA_VERSION` (_form.py) rises when a field is removed or changes its meaning. A new field with a
+default does not change it. Fields that a model does not know are ignored.
 """
 
 from collections.abc import Mapping
@@ -23,7 +24,7 @@ Box = tuple[int, int, int, int]
 
 
 class Once(StrEnum):
-    """What is never repeated without looking: its intent is on the disk before it is done."""
+    """Actions never repeated without looking; the intent is on the disk before the action."""
 
     GRASP = "grip"
     HAND_OFF = "hand_off"
@@ -55,20 +56,20 @@ class Body(BaseModel):
 
 
 class NamedBody(Body):
-    """What a row of a group says; the name stands in the row, not in the body."""
+    """The body of a row of a group; the name stands in the row, not in the body."""
 
     name: str = Field(exclude=True)
 
 
 class TextByName(Body, RootModel[dict[str, str]]):
-    """Texts by the name of what they are about: lamp, device, gripper."""
+    """Texts by the name of their subject: lamp, device, gripper."""
 
 
 # --- the run: events ----------------------------------------------------------------------------
 
 
 class RunBegan(Body):
-    """What is run, on what; the first row of a run."""
+    """The first row of a run: the recipe, the cell and the options."""
 
     kind = "event"
     row_name = "run_began"
@@ -85,14 +86,14 @@ class RunBegan(Body):
 
 
 class Connected(TextByName):
-    """What each device said of itself."""
+    """How each device identified itself."""
 
     kind = "event"
     row_name = "connected"
 
 
 class EmulatedCellEnded(Body):
-    """A part of an earlier run went with its emulated cell."""
+    """A part of an earlier run is gone, because its emulated cell has ended."""
 
     kind = "event"
     row_name = "emulated_cell_ended"
@@ -142,7 +143,7 @@ class RunBrokeOff(Body):
 
 
 class SpeedReached(Fields):
-    """Cell seconds per second: asked for, and reached; how long this process was late [s]."""
+    """Cell seconds per second, requested and reached; how long this process was late [s]."""
 
     asked: float | None = None
     reached: float | None = None
@@ -170,7 +171,7 @@ class JournalSetAside(Body):
 
 
 class JournalNotReadable(Body):
-    """A journal in another folder knew of the cell and is gone or damaged."""
+    """A journal in another folder recorded the cell and is gone or damaged."""
 
     kind = "event"
     row_name = "journal_not_readable"
@@ -199,7 +200,7 @@ class OnceDone(NamedBody):
 
 
 class CustodyChanged(NamedBody):
-    """Which gripper, tray or table has the part; the row's name says it."""
+    """The row's name is the gripper, tray or table that has the part."""
 
     kind = "custody"
     by: str = ""
@@ -268,21 +269,21 @@ class StopNotConfirmed(Body):
 
 
 class Openings(TextByName):
-    """What each gripper says of itself."""
+    """What each gripper reports: whether it holds something, and by which reading."""
 
     kind = "observation"
     row_name = "openings"
 
 
 class TablePictures(TextByName):
-    """The pictures of a look at the table, file by lamp."""
+    """The pictures of the table, file by lamp."""
 
     kind = "observation"
     row_name = "table_pictures"
 
 
 class OtherReading(Fields):
-    """What an object on the table may be as well."""
+    """Another part or pose that an object on the table may be."""
 
     part: str
     pose_index: int
@@ -316,7 +317,7 @@ class Sightings(Body):
 
 
 class ViewPictures(Body):
-    """The pictures of a view, file by lamp, and the joints (6,) that the arm stood at."""
+    """The pictures of a view, file by lamp, and the arm's joint values (6,)."""
 
     kind = "observation"
     row_name = "view_pictures"
@@ -326,7 +327,7 @@ class ViewPictures(Body):
 
 
 class CheckMade(Fields):
-    """A comparison of a view with the CAD; `reason` says why it was not made."""
+    """A comparison of a view with the CAD; `reason` is why it was not made."""
 
     check: str
     reason: str
@@ -350,7 +351,7 @@ class Finding(Fields):
 
 
 class ViewJudged(Body):
-    """What inspection made of a view."""
+    """The result of inspecting a view."""
 
     kind = "observation"
     row_name = "view"
@@ -372,7 +373,7 @@ class ViewJudged(Body):
 
 
 class Unseen(Fields):
-    """A piece of a surface that the plan cannot show, as a share of all surface, and why."""
+    """What the plan cannot show of a surface: its share of all surface, and the reason."""
 
     face: int
     area_fraction: float
@@ -393,7 +394,7 @@ class PlanMade(Body):
 
 
 class PlanKept(Body):
-    """There is no new plan: the cell goes on with the one there was."""
+    """There is no new plan: the cell goes on with the plan it has."""
 
     kind = "decision"
     row_name = "plan_kept"
@@ -401,7 +402,7 @@ class PlanKept(Body):
 
 
 class RecoveryBegun(Body):
-    """A part fault, and what the cell does about it."""
+    """A part fault, and the recovery action that the cell takes."""
 
     kind = "decision"
     row_name = "recovery"
@@ -413,7 +414,7 @@ class RecoveryBegun(Body):
 
 
 class AmbiguityResolved(Body):
-    """Which hypotheses a view left."""
+    """Which hypotheses are left after a view."""
 
     kind = "decision"
     row_name = "doubt_settled"
@@ -423,7 +424,7 @@ class AmbiguityResolved(Body):
 
 
 class ConfirmedFinding(Fields):
-    """A finding that more than one picture shows."""
+    """A finding that shows in more than one picture."""
 
     view: str
     kind: str
@@ -479,7 +480,7 @@ ROWS: Final[Mapping[tuple[str, str], type[Body]]] = {
         PlanKept, RecoveryBegun, AmbiguityResolved, PartJudged, StartRefused,
     )
 }  # fmt: skip
-# by kind: models that stand for every other name
+# By kind: the model of every name that has no model of its own.
 GROUPS: Final[Mapping[str, type[NamedBody]]] = {
     "event": CellEvent,
     "intent": Intent,
@@ -489,7 +490,7 @@ GROUPS: Final[Mapping[str, type[NamedBody]]] = {
 
 
 def read_row(kind: str, name: str, body: Json) -> Body | None:
-    """Return what a row says; None for a row that no model is known of.
+    """Return the body of a row as its model; None for a row without a known model.
 
     Parameters
     ----------
@@ -498,7 +499,7 @@ def read_row(kind: str, name: str, body: Json) -> Body | None:
 
     Raises
     ------
-    ValueError : the body is not what this version writes
+    ValueError : the body is not as this version writes it
     """
     model = ROWS.get((kind, name))
     if model is not None:
@@ -512,10 +513,10 @@ def read_row(kind: str, name: str, body: Json) -> Body | None:
 
 
 def name_of(body: Body) -> str:
-    """Return the name of the row that a body belongs into."""
+    """Return the name of the row to which a body belongs."""
     return body.name if isinstance(body, NamedBody) else body.row_name
 
 
 def is_of(row: Row, model: type[Body]) -> bool:
-    """Return whether a row of the journal is of a model that has a name of its own."""
+    """Return whether a row of the journal is of a given model with a name of its own."""
     return (row.kind, row.name) == (model.kind, model.row_name)
