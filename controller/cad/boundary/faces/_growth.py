@@ -10,16 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray, IntArray
+from controller.arrays import BoolArray, IntArray
 
 from ..formulas.fits import Cloud, fits
 from ..formulas.primitives import Primitive
 from ..formulas.refine import refined
-from ._facets import Facets
 from ._neighbours import Neighbours
 from ._pieces import LEAST_FACETS, Pieces
 
-TIGHT_MM = 0.0002  # files keep 1e-4 mm or 7 digits; a guess from a few facets has to be this good
 LOOSE_MM = 0.02  # a scan, or a coarse export: a whole run that fits one surface this well
 LOOSE_SHARE = 0.02  # and of its radius never more
 LEAST_TURN_RAD = np.radians(4.0)  # a wall that turns less has no radius worth the name
@@ -46,42 +44,35 @@ class Found:
     tolerance_mm: float
 
 
-class Grower(Pieces):
-    """Finds surfaces among the facets of one part.
+class Grower:
+    """Finds surfaces among the facets of one part, and tallies the runs that had none.
 
     Parameters
     ----------
-    facets : the m facets of the part
-    corners : (t, 3, 3) of its triangles, CAD frame [mm]
-    is_corner : (t, 3) which of them lie on the surface that is tessellated
-    tight_mm : how near corners have to lie to a surface guessed from few facets; never less than
-        `TIGHT_MM`
+    pieces : of the part
     """
 
-    def __init__(
-        self, facets: Facets, corners: FloatArray, is_corner: BoolArray, tight_mm: float
-    ) -> None:
-        super().__init__(facets, corners, is_corner)
-        self.tight_mm = max(TIGHT_MM, tight_mm)
-        self._second = (SECOND_TRY * self.tight_mm, SECOND_TURN_RAD)
+    def __init__(self, pieces: Pieces) -> None:
+        self._pieces = pieces
+        self._second = (SECOND_TRY * self._pieces.tight_mm, SECOND_TURN_RAD)
         self._failed_runs = self._good_runs = 0
 
     def whole(self, facets: IntArray) -> Found | None:
         """Return the surface a whole run of facets is, if it is one."""
-        cloud = self.cloud(facets)
+        cloud = self._pieces.cloud(facets)
         some = cloud.thinned().points
         candidates = list(fits(cloud))
         for loose in (False, True):
             for primitive in candidates:
-                tolerance = self.tight_mm
+                tolerance = self._pieces.tight_mm
                 if loose:
                     size = primitive.minor_radius_mm or primitive.radius_mm
                     tolerance = LOOSE_MM if size == 0 else min(LOOSE_MM, LOOSE_SHARE * size)
-                    tolerance = max(tolerance, self.tight_mm)
+                    tolerance = max(tolerance, self._pieces.tight_mm)
                 if float(np.abs(primitive.distances(some)).max()) > tolerance:
                     continue
                 if self._is_sound(primitive, cloud) and bool(
-                    self.is_on(primitive, facets, tolerance).all()
+                    self._pieces.is_on(primitive, facets, tolerance).all()
                 ):
                     return Found(primitive, facets, tolerance)
         return None
@@ -119,7 +110,7 @@ class Grower(Pieces):
             self._good_runs += 1
             return [whole]
         found: list[Found] = []
-        for tolerance_mm, turn_rad in ((self.tight_mm, LEAST_GROWN_TURN_RAD), self._second):
+        for tolerance_mm, turn_rad in ((self._pieces.tight_mm, LEAST_GROWN_TURN_RAD), self._second):
             rest = facets[free[facets]]
             found += self._seeded(rest, links, strips, free, tolerance_mm, turn_rad)
         self._good_runs += bool(found)
@@ -136,11 +127,12 @@ class Grower(Pieces):
         turn_rad: float,
     ) -> list[Found]:
         found: list[Found] = []
+        areas = self._pieces.facets.areas
         failed, patience = 0, FAILED_SEEDS
         if self._failed_runs > CHANCE_RUNS * self._good_runs:
             # one run after the other has no formula: rather a scan than a drawn part
             patience = max(LEAST_SEEDS, FAILED_SEEDS // (1 + self._failed_runs // TIRING_RUNS))
-        by_area = facets[np.argsort(-self._facets.areas[facets], kind="stable")]
+        by_area = facets[np.argsort(-areas[facets], kind="stable")]
         spread = facets[np.argsort(np.arange(len(facets)) * GOLDEN % 1.0, kind="stable")]
         is_tried: dict[int, bool] = {}
         for seed in np.column_stack([by_area, spread]).ravel().tolist():
@@ -153,7 +145,7 @@ class Grower(Pieces):
             known: list[IntArray] = []
             for primitive, patch in self._guesses(seed, (strips, links), free, tolerance_mm, known):
                 grown = self._grown(primitive, patch, links, free, tolerance_mm, turn_rad)
-                area = 0.0 if grown is None else float(self._facets.areas[grown.facets].sum())
+                area = 0.0 if grown is None else float(areas[grown.facets].sum())
                 if grown is not None and area > 1.01 * best_area:
                     best, best_area = grown, area
                     known.append(grown.facets)
@@ -181,15 +173,17 @@ class Grower(Pieces):
         """
         tried: list[IntArray] = []
         for near in nearness:
-            patches = [self._patch(seed, wanted, near, free) for wanted in SEED_FACETS]
+            patches = [self._pieces.patch(seed, wanted, near, free) for wanted in SEED_FACETS]
             # what does not fit a few facets will not fit more of them
             few = self._guess(patches[1], tolerance_mm)
             if few is None and len(patches[1]) > LEAST_FACETS + 1:
                 continue
             for patch in patches:
-                if len(patch) < LEAST_FACETS or any(self._is_within(patch, p) for p in known):
+                if len(patch) < LEAST_FACETS or any(
+                    self._pieces.is_within(patch, p) for p in known
+                ):
                     continue
-                if any(len(patch) == len(p) and self._is_within(patch, p) for p in tried):
+                if any(len(patch) == len(p) and self._pieces.is_within(patch, p) for p in tried):
                     continue
                 tried.append(patch)
                 primitive = few if patch is patches[1] else self._guess(patch, tolerance_mm)
@@ -200,14 +194,14 @@ class Grower(Pieces):
         """Return the simplest kind of surface that fits a few facets."""
         if len(patch) < LEAST_FACETS:
             return None
-        cloud = self.cloud(patch)
+        cloud = self._pieces.cloud(patch)
         few = len(patch) <= LEAST_FACETS + 1
         for primitive in fits(cloud, tolerance_mm):
             if few and primitive.kind not in ("plane", "cylinder"):
                 return None  # so few facets fit anything
             if float(np.abs(primitive.distances(cloud.points)).max()) > tolerance_mm:
                 continue
-            if self.is_on(primitive, patch, tolerance_mm).all():
+            if self._pieces.is_on(primitive, patch, tolerance_mm).all():
                 return primitive
         return None
 
@@ -224,42 +218,23 @@ class Grower(Pieces):
         facets = patch
         for _ in range(GROWTH_ROUNDS):
             size = len(facets)
-            facets = self._spread(primitive, facets, links, free, tolerance_mm)
+            facets = self._pieces.spread(primitive, facets, links, free, tolerance_mm)
             if len(facets) == size:
                 break
             if primitive.kind != "plane":
-                primitive = refined(primitive, self.cloud(facets).thinned().points)
-                kept = self.is_on(primitive, facets, tolerance_mm)
+                primitive = refined(primitive, self._pieces.cloud(facets).thinned().points)
+                kept = self._pieces.is_on(primitive, facets, tolerance_mm)
                 if not kept[: len(patch)].all():
                     return None
                 facets = facets[kept]
-        cloud = self.cloud(facets)
+        cloud = self._pieces.cloud(facets)
         if primitive.kind == "plane":
             enough = len(facets) >= LEAST_FACETS
             return Found(primitive, facets, tolerance_mm) if enough else None
         if not self._is_sound(primitive, cloud, turn_rad):
             return None
         # a true arc ends where it ends; one that only osculates goes on with a wider tolerance
-        wider = self._spread(primitive, facets, links, free, 8 * tolerance_mm)
+        wider = self._pieces.spread(primitive, facets, links, free, 8 * tolerance_mm)
         if len(wider) > 1.3 * len(facets) + 2:
             return None
         return Found(primitive, facets, tolerance_mm)
-
-    def _spread(
-        self,
-        primitive: Primitive,
-        facets: IntArray,
-        links: Neighbours,
-        free: BoolArray,
-        tolerance_mm: float,
-    ) -> IntArray:
-        self._tick += 1
-        self._seen[facets] = self._tick
-        front, parts = facets, [facets]
-        while len(front):
-            ring = self._ring(front, links, free)
-            if len(ring) == 0:
-                break
-            front = ring[self.is_on(primitive, ring, tolerance_mm)]
-            parts.append(front)
-        return np.concatenate(parts)

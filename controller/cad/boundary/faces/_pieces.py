@@ -11,21 +11,27 @@ from ._neighbours import Neighbours, rows
 
 COS_HALF_STEP = np.cos(np.radians(11.6))  # half a segment of a 16-sided rod: 17 segments are a wall
 COS_FACET = np.cos(np.radians(16.0))  # a triangle of a ball or a ring, seen from its corners
+TIGHT_MM = 0.0002  # files keep 1e-4 mm or 7 digits; a guess from a few facets has to be this good
 LEAST_FACETS = 4  # three facets are a bevelled corner as well as a fillet
 
 
 class Pieces:
-    """The facets of one part.
+    """Pieces of one part, by the numbers of their facets.
 
     Parameters
     ----------
     facets : the m facets of the part
     corners : (t, 3, 3) of its triangles, CAD frame [mm]
     is_corner : (t, 3) which of them lie on the surface that is tessellated
+    tight_mm : how near corners have to lie to a surface guessed from few facets; never less than
+        `TIGHT_MM`
     """
 
-    def __init__(self, facets: Facets, corners: FloatArray, is_corner: BoolArray) -> None:
-        self._facets = facets
+    def __init__(
+        self, facets: Facets, corners: FloatArray, is_corner: BoolArray, tight_mm: float
+    ) -> None:
+        self.facets = facets
+        self.tight_mm = max(TIGHT_MM, tight_mm)
         # facet by facet, as their triangles are listed
         self._corners = corners[facets.triangles]
         self._is_corner = is_corner[facets.triangles]
@@ -34,7 +40,7 @@ class Pieces:
 
     def cloud(self, facets: IntArray) -> Cloud:
         """Return corners and facets of a piece."""
-        f = self._facets
+        f = self.facets
         at = rows(f.start, facets)
         points = self._corners[at][self._is_corner[at]]
         if len(points) == 0:
@@ -50,7 +56,7 @@ class Pieces:
         facets : (k,) numbers of the facets asked about
         tolerance_mm : how far a corner may be off the surface
         """
-        f = self._facets
+        f = self.facets
         at = rows(f.start, facets)
         sizes = f.start[facets + 1] - f.start[facets]
         first = sizes.cumsum() - sizes
@@ -70,8 +76,16 @@ class Pieces:
         # slivers may face anywhere; the facet's normal speaks for all its triangles
         return np.asarray(~(far | np.logical_or.reduceat(turned.any(axis=1), first)))
 
-    def _patch(self, seed: int, wanted: int, links: Neighbours, free: BoolArray) -> IntArray:
-        """Return a facet and the rings of facets round it, about as many as wanted."""
+    def patch(self, seed: int, wanted: int, links: Neighbours, free: BoolArray) -> IntArray:
+        """Return a facet and the rings of facets round it, about as many as wanted.
+
+        Parameters
+        ----------
+        seed : number of the facet in the middle
+        wanted : how many facets
+        links : neighbours of each facet of the part
+        free : (m,) of all facets, which may be taken
+        """
         patch = front = np.array([seed])
         self._tick += 1
         self._seen[patch] = self._tick
@@ -84,6 +98,35 @@ class Pieces:
             patch = np.concatenate([patch, front])
         return patch
 
+    def spread(
+        self,
+        primitive: Primitive,
+        facets: IntArray,
+        links: Neighbours,
+        free: BoolArray,
+        tolerance_mm: float,
+    ) -> IntArray:
+        """Return a piece with the free facets round it that lie on a surface, ring by ring.
+
+        Parameters
+        ----------
+        primitive : the surface, in the frame of the part
+        facets : (k,) numbers of the facets to begin with
+        links : neighbours of each facet of the part
+        free : (m,) of all facets, which may be taken
+        tolerance_mm : how far a corner may be off the surface
+        """
+        self._tick += 1
+        self._seen[facets] = self._tick
+        front, parts = facets, [facets]
+        while len(front):
+            ring = self._ring(front, links, free)
+            if len(ring) == 0:
+                break
+            front = ring[self.is_on(primitive, ring, tolerance_mm)]
+            parts.append(front)
+        return np.concatenate(parts)
+
     def _ring(self, front: IntArray, links: Neighbours, free: BoolArray) -> IntArray:
         """Return the free neighbours not seen since the last tick; now they are."""
         ring = links.of(front)
@@ -91,7 +134,8 @@ class Pieces:
         self._seen[ring] = self._tick
         return ring
 
-    def _is_within(self, patch: IntArray, other: IntArray) -> bool:
+    def is_within(self, patch: IntArray, other: IntArray) -> bool:
+        """Return whether all facets of one piece belong to another."""
         self._tick += 1
         self._seen[other] = self._tick
         return bool((self._seen[patch] == self._tick).all())

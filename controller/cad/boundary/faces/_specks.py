@@ -10,7 +10,8 @@ from controller.arrays import BoolArray, IntArray
 
 from ..formulas.primitives import Primitive
 from ._facets import Facets
-from ._growth import LOOSE_MM, LOOSE_SHARE, Grower
+from ._growth import LOOSE_MM, LOOSE_SHARE
+from ._pieces import Pieces
 
 SPECK = 4.0  # times a neighbour's mean facet: a larger plane is a plane
 ROUNDS = 3  # a few slivers side by side
@@ -18,7 +19,7 @@ SMOOTH_RIM = 0.8  # of the rim: a ledge or a chamfer has creases along at least 
 
 
 def specks_absorbed(
-    facets: Facets, grower: Grower, owner: IntArray, primitives: list[Primitive | None]
+    facets: Facets, pieces: Pieces, owner: IntArray, primitives: list[Primitive | None]
 ) -> IntArray:
     """Return owners (m,) with specks given to the curved surface they run into.
 
@@ -28,13 +29,13 @@ def specks_absorbed(
     Parameters
     ----------
     facets : the m facets of the part
-    grower : knows their corners
+    pieces : of the part
     owner : (m,) surface each facet is on, a number in ``primitives``; left as it is
     primitives : the surfaces, None for one without formula
     """
     is_plane = np.array([p is not None and p.kind == "plane" for p in primitives])
     for _ in range(ROUNDS):
-        given = _absorbed_once(facets, grower, owner, primitives, is_plane)
+        given = _absorbed_once(facets, pieces, owner, primitives, is_plane)
         if np.array_equal(given, owner):
             break
         owner = given
@@ -43,7 +44,7 @@ def specks_absorbed(
 
 def _absorbed_once(
     facets: Facets,
-    grower: Grower,
+    pieces: Pieces,
     owner: IntArray,
     primitives: list[Primitive | None],
     is_plane: BoolArray,
@@ -76,8 +77,8 @@ def _absorbed_once(
             fits = bool(bent[speck] >= SMOOTH_RIM * rims[speck])
         else:
             size = surface.minor_radius_mm or surface.radius_mm
-            tolerance_mm = max(grower.tight_mm, min(LOOSE_MM, LOOSE_SHARE * size))
-            fits = bool(grower.is_on(surface, mine, tolerance_mm).all())
+            tolerance_mm = max(pieces.tight_mm, min(LOOSE_MM, LOOSE_SHARE * size))
+            fits = bool(pieces.is_on(surface, mine, tolerance_mm).all())
         if fits:
             given[mine] = taker
             done.add(speck)

@@ -17,7 +17,7 @@ from ._describe import describe
 from ._facets import Facets, find_facets, rounding_mm, true_corners
 from ._growth import Found, Grower
 from ._neighbours import Neighbours, along_long_sides
-from ._pieces import LEAST_FACETS
+from ._pieces import LEAST_FACETS, Pieces
 from ._specks import specks_absorbed
 
 STRIP_RATIO = 4.0  # a plane is this many times larger than the strips round it
@@ -37,15 +37,15 @@ def find_faces(mesh: trimesh.Trimesh) -> tuple[tuple[Face, ...], Int32Array]:
     facets = find_facets(mesh)
     corners = np.asarray(mesh.triangles, dtype=np.float64)
     is_corner = true_corners(mesh, facets.of_triangle)
-    grower = Grower(facets, corners, is_corner, 10 * rounding_mm(mesh))
+    pieces = Pieces(facets, corners, is_corner, 10 * rounding_mm(mesh))
     curved = ~_planes(facets)
-    found = _surfaces(facets, grower, curved)
+    found = _surfaces(facets, Grower(pieces), curved)
     owner, primitives = _owners(facets, found)
-    tolerances_mm = [max(ABSORB * grower.tight_mm, surface.tolerance_mm) for surface in found]
-    _absorb(facets, grower, owner, primitives, tolerances_mm)
+    tolerances_mm = [max(ABSORB * pieces.tight_mm, surface.tolerance_mm) for surface in found]
+    _absorb(facets, pieces, owner, primitives, tolerances_mm)
     _leave_rest(facets, owner, primitives)
-    owner = _merged(facets, grower, owner, primitives)
-    owner = specks_absorbed(facets, grower, owner, primitives)
+    owner = _merged(facets, pieces, owner, primitives)
+    owner = specks_absorbed(facets, pieces, owner, primitives)
     return describe(mesh, owner[facets.of_triangle], primitives)
 
 
@@ -101,7 +101,7 @@ def _owners(facets: Facets, found: list[Found]) -> tuple[IntArray, list[Primitiv
 
 def _absorb(
     facets: Facets,
-    grower: Grower,
+    pieces: Pieces,
     owner: IntArray,
     primitives: list[Primitive | None],
     tolerances_mm: list[float],
@@ -123,7 +123,7 @@ def _absorb(
             single = single[owner[single] < 0]
             if primitive is None or len(single) == 0:
                 continue
-            fit = single[grower.is_on(primitive, single, tolerances_mm[surface])]
+            fit = single[pieces.is_on(primitive, single, tolerances_mm[surface])]
             owner[fit] = surface
             taken = taken or len(fit) > 0
         if not taken:
@@ -149,7 +149,7 @@ def _leave_rest(facets: Facets, owner: IntArray, primitives: list[Primitive | No
 
 
 def _merged(
-    facets: Facets, grower: Grower, owner: IntArray, primitives: list[Primitive | None]
+    facets: Facets, pieces: Pieces, owner: IntArray, primitives: list[Primitive | None]
 ) -> IntArray:
     """Return owners (m,) with neighbours made one that lie on one surface, as halves of a bore."""
     a, b = owner[facets.a], owner[facets.b]
@@ -178,7 +178,7 @@ def _merged(
         ],
         axis=0,
     )
-    pairs = pairs[~flat | (off <= NEAR * grower.tight_mm)]
+    pairs = pairs[~flat | (off <= NEAR * pieces.tight_mm)]
     joins = []
     for pair in pairs.tolist():
         small, large = sorted(pair, key=lambda i: areas[i])
@@ -187,9 +187,9 @@ def _merged(
             continue
         # the smaller may be of another kind: one row of a torus is a cone
         its, mine = order[start[small] : start[small + 1]], order[start[large] : start[large + 1]]
-        tolerance = 2 * grower.tight_mm
-        if bool(grower.is_on(second, its, tolerance).all()) or (
-            first.kind == second.kind and bool(grower.is_on(first, mine, tolerance).all())
+        tolerance = 2 * pieces.tight_mm
+        if bool(pieces.is_on(second, its, tolerance).all()) or (
+            first.kind == second.kind and bool(pieces.is_on(first, mine, tolerance).all())
         ):
             joins.append((small, large))
     if not joins:
