@@ -6,25 +6,16 @@ from dataclasses import dataclass
 from ..moments import Kind
 from .strip import Frame
 
-COLOURS: dict[Kind, str] = {
-    Kind.PICK: "#3f7fbf",
-    Kind.PRESENT: "#2a9d62",
-    Kind.GIVE: "#d98a1f",
-    Kind.RECEIVE: "#b8631b",
-    Kind.SET_DOWN: "#a05aa8",
-    Kind.LOOK: "#6abf8e",
-    Kind.PLACE: "#58728f",
-    Kind.PARK: "#9aa7b3",
-}
-WORDS: dict[Kind, str] = {
-    Kind.PICK: "pick",
-    Kind.PRESENT: "show",
-    Kind.GIVE: "hand off",
-    Kind.RECEIVE: "receive back",
-    Kind.SET_DOWN: "set down",
-    Kind.LOOK: "look at the table",
-    Kind.PLACE: "place",
-    Kind.PARK: "park",
+# The word and the colour of each kind of step, in the order of the key.
+KEY: dict[Kind, tuple[str, str]] = {
+    Kind.PICK: ("pick", "#3f7fbf"),
+    Kind.PRESENT: ("show", "#2a9d62"),
+    Kind.GIVE: ("hand off", "#d98a1f"),
+    Kind.RECEIVE: ("receive back", "#b8631b"),
+    Kind.SET_DOWN: ("set down", "#a05aa8"),
+    Kind.LOOK: ("look at the table", "#6abf8e"),
+    Kind.PLACE: ("place", "#58728f"),
+    Kind.PARK: ("park", "#9aa7b3"),
 }
 WIDTH, ROW, LEFT, RIGHT, TOP = 1080.0, 19.0, 300.0, 96.0, 26.0
 # Mean width of a letter [px].
@@ -75,7 +66,7 @@ def timeline(frames: Sequence[Frame]) -> Timeline:
             x=LEFT + frame.from_s * scale,
             y=TOP + ROW * i,
             width=max(1.0, (frame.to_s - frame.from_s) * scale),
-            colour=COLOURS[frame.moment.kind],
+            colour=KEY[frame.moment.kind][1],
             label=_short(f"{frame.number}  {frame.moment.step.label}"),
             seconds=f"{frame.to_s - frame.from_s:.1f} s",
             until=f"{frame.to_s:.0f}",
@@ -85,12 +76,8 @@ def timeline(frames: Sequence[Frame]) -> Timeline:
     gap = next((g for g in GAPS_S if total_s / g <= MOST_TICKS), 1200)
     ticks = tuple((LEFT + s * scale, f"{s} s") for s in range(0, int(total_s) + 1, gap))
     totals = tuple(
-        (
-            WORDS[kind],
-            colour,
-            sum(f.to_s - f.from_s for f in frames if f.moment.kind is kind),
-        )
-        for kind, colour in COLOURS.items()
+        (word, colour, sum(f.to_s - f.from_s for f in frames if f.moment.kind is kind))
+        for kind, (word, colour) in KEY.items()
         if any(f.moment.kind is kind for f in frames)
     )
     return Timeline(WIDTH, TOP + ROW * len(bars) + 6, LEFT, TOP, ROW, bars, ticks, totals)
