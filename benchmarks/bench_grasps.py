@@ -31,6 +31,7 @@ from controller.cad.compiled import CompiledPart, load_part  # noqa: E402
 from controller.imaging import RayCaster  # noqa: E402
 from controller.planning import Grasp, GraspRules, Jaw  # noqa: E402
 from controller.planning.grasps import (  # noqa: E402
+    GraspProblem,
     Seeds,
     Synthesis,
     find_seeds,
@@ -101,9 +102,10 @@ def measure(path: Path, rules: GraspRules) -> dict[str, Any]:
         "seeds_s": round(time.process_time() - started, 3),
         "jaws": {},
     }
+    problem = GraspProblem(solid, seeds, caster, downs, rules)
     for holder, (jaw, gravities) in jaws.items():
         begun = time.process_time()
-        found = judge_grasps(solid, seeds, caster, jaw, holder, downs, rules, gravities)
+        found = judge_grasps(problem, jaw, holder, gravities)
         row["jaws"][holder] = jaw_row(found, downs, time.process_time() - begun)
     row["seconds"] = round(time.process_time() - started, 3)
     return row
@@ -136,7 +138,8 @@ def materials(path: Path) -> dict[str, Any]:
     seeds: Seeds = find_seeds(
         part.solid, part.samples, caster, jaw.max_mm - BASE.jaw_reserve_mm, BASE
     )
-    grasps = judge_grasps(part.solid, seeds, caster, jaw, "arm", downs_of(part)[0], BASE).grasps
+    problem = GraspProblem(part.solid, seeds, caster, downs_of(part)[0], BASE)
+    grasps = judge_grasps(problem, jaw, "arm").grasps
     row: dict[str, Any] = {"part": path.name.split(".")[0], "grips": len(grasps)}
     for name, (density, friction, force) in MATERIALS.items():
         row[name] = round(holding(part, caster, jaw, grasps, density, friction, force), 2)

@@ -9,7 +9,7 @@ import numpy as np
 from controller.cad import Solid, SurfaceSamples, sample_surface, stable_poses
 from controller.imaging import RayCaster
 from controller.planning import Box, GraspRules, Jaw
-from controller.planning.grasps import Synthesis, find_seeds, judge_grasps
+from controller.planning.grasps import GraspProblem, Synthesis, find_seeds, judge_grasps
 
 # pads 12 x 24 mm on fingers 8 mm thick, as the arm's
 HAND = Jaw(
@@ -44,7 +44,7 @@ def judged(
     widest = jaw.max_mm - rules.jaw_reserve_mm
     points = sample_surface(solid, 5.0) if samples is None else samples
     seeds = find_seeds(solid, points, caster, widest, rules, [jaw])
-    return judge_grasps(solid, seeds, caster, jaw, "arm", downs, rules)
+    return judge_grasps(GraspProblem(solid, seeds, caster, downs, rules), jaw, "arm")
 
 
 def stood(

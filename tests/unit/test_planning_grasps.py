@@ -19,6 +19,7 @@ from controller.cad.compiled import load_part
 from controller.imaging import RayCaster
 from controller.planning import Grasp, GraspRules, NotGraspableError, PlanOptions
 from controller.planning.grasps import (
+    GraspProblem,
     clear_of_table,
     find_seeds,
     judge_grasps,
@@ -37,7 +38,7 @@ def solid_of(mesh: trimesh.Trimesh, name: str = "part") -> Solid:
 def grips_of(solid: Solid, rules: GraspRules = QUICK) -> tuple[Grasp, ...]:
     caster = RayCaster(solid.mesh)
     seeds = find_seeds(solid, sample_surface(solid, 5.0), caster, WIDEST_MM, rules)
-    return synthesise_grasps(solid, seeds, caster, HAND, "arm", DOWN, rules)
+    return synthesise_grasps(GraspProblem(solid, seeds, caster, DOWN, rules), HAND, "arm")
 
 
 def test_a_block_is_held_across_its_widths_and_nothing_else() -> None:
@@ -328,8 +329,9 @@ def test_a_fixture_that_does_not_turn_holds_what_its_own_gravity_allows() -> Non
     rules = replace(QUICK, density_kg_mm3=7.85e-6)
     seeds = find_seeds(solid, sample_surface(solid, 6.0), caster, WIDEST_MM, rules)
     fixed = [np.array([0.0, 0.0, 1.0])]
-    turning = judge_grasps(solid, seeds, caster, HAND, "arm", DOWN, rules).grasps
-    still = judge_grasps(solid, seeds, caster, HAND, "fixture", DOWN, rules, fixed).grasps
+    problem = GraspProblem(solid, seeds, caster, DOWN, rules)
+    turning = judge_grasps(problem, HAND, "arm").grasps
+    still = judge_grasps(problem, HAND, "fixture", fixed).grasps
 
     def farthest(grasps: Sequence[Grasp]) -> float:
         return max(abs(g.T_part_tcp[0, 3]) for g in grasps)
@@ -356,7 +358,7 @@ def test_a_heavy_part_leaves_only_grips_near_its_centre_of_mass() -> None:
     caster = RayCaster(solid.mesh)
     rules = replace(QUICK, density_kg_mm3=7.85e-6)
     seeds = find_seeds(solid, sample_surface(solid, 6.0), caster, WIDEST_MM, rules)
-    grasps = synthesise_grasps(solid, seeds, caster, HAND, "arm", DOWN, rules)
+    grasps = synthesise_grasps(GraspProblem(solid, seeds, caster, DOWN, rules), HAND, "arm")
     weight_n = 200 * 30 * 20 * 7.85e-6 * 9.81
     # the friction couple of two whole pads cannot exceed force x friction x half the diagonal
     most_nmm = 2 * 0.6 * 40.0 * np.hypot(12, 24) / 2

@@ -3,12 +3,13 @@
 from ._faces import FacePair, opposed_faces
 from ._seeds import Seeds, find_seeds, needed_friction
 from ._select import clear_of_table, resting_pose, select_arm_grasps, spread, turned_over
-from ._synthesis import Synthesis, judge_grasps, synthesise_grasps
+from ._synthesis import GraspProblem, Synthesis, judge_grasps, synthesise_grasps
 from .judge import Stage
 from .strength import still_gravities
 
 __all__ = [
     "FacePair",
+    "GraspProblem",
     "Seeds",
     "Stage",
     "Synthesis",

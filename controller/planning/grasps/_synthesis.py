@@ -37,6 +37,24 @@ BATCH_N = 400
 GOLDEN = 0.6180339887498949
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class GraspProblem:
+    """A part to be grasped, and what a grasp of it must keep, in whichever gripper.
+
+    Attributes
+    ----------
+    seeds : of `find_seeds`
+    caster : rays against the part's mesh
+    downs : (k, 3) unit, the way down in the CAD frame, of each stable pose
+    """
+
+    solid: Solid
+    seeds: Seeds
+    caster: RayCaster
+    downs: FloatArray
+    rules: GraspRules
+
+
 @dataclass(frozen=True, slots=True)
 class Synthesis:
     """Every grasp of a jaw on a part, and what each stage left."""
@@ -46,51 +64,33 @@ class Synthesis:
 
 
 def synthesise_grasps(
-    solid: Solid,
-    seeds: Seeds,
-    caster: RayCaster,
+    problem: GraspProblem,
     jaw: Jaw,
     holder: Holder,
-    downs: FloatArray,
-    rules: GraspRules,
     gravities: Sequence[FloatArray] | None = None,
 ) -> tuple[Grasp, ...]:
-    """Return grasps of one jaw that hold the part, clear of it, from all round and from above.
+    """Return grasps of one gripper that hold the part, clear of it, from all round and from above.
 
     Parameters
     ----------
-    solid : the part
-    seeds : of `find_seeds`
-    caster : rays against its mesh
-    jaw : the gripper
-    holder : which gripper it is; only the arm's takes parts from the table
-    downs : (k, 3) which way is down, in the part frame, in each stable pose
-    rules : what a grasp must keep
-    gravities : unit vectors (3,) in the TCP frame, of a jaw that does not turn; None: of the arm's
+    problem, jaw, holder, gravities : as for `judge_grasps`
 
     Raises
     ------
-    NotGraspableError : no grasp holds; says which stage left none, and the number that failed
+    NotGraspableError : no grasp holds; it names the stage that left none, and the number that fails
     """
-    found = judge_grasps(solid, seeds, caster, jaw, holder, downs, rules, gravities)
+    found = judge_grasps(problem, jaw, holder, gravities)
     if not found.grasps:
-        raise NotGraspableError(_refusal(solid, seeds, caster, jaw, holder, rules, found.stages))
+        raise NotGraspableError(_refusal(problem, jaw, holder, found.stages))
     return found.grasps
 
 
-def _refusal(
-    solid: Solid,
-    seeds: Seeds,
-    caster: RayCaster,
-    jaw: Jaw,
-    holder: Holder,
-    rules: GraspRules,
-    stages: Sequence[Stage],
-) -> str:
+def _refusal(problem: GraspProblem, jaw: Jaw, holder: Holder, stages: Sequence[Stage]) -> str:
     """Return which stage left no grasp, with the number that fails."""
+    solid, rules = problem.solid, problem.rules
     last = next(s for s in stages if s.left == 0)
     name = f"{solid.name}: the {holder} cannot hold it"
-    need, width = needed_friction(solid, seeds, caster)
+    need, width = needed_friction(solid, problem.seeds, problem.caster)
     have = float(np.degrees(np.arctan(rules.friction)))
     if last.name == "grasps round seeds":
         widest = jaw.max_mm - rules.jaw_reserve_mm
@@ -123,29 +123,23 @@ def _refusal(
 
 
 def judge_grasps(
-    solid: Solid,
-    seeds: Seeds,
-    caster: RayCaster,
+    problem: GraspProblem,
     jaw: Jaw,
     holder: Holder,
-    downs: FloatArray,
-    rules: GraspRules,
     gravities: Sequence[FloatArray] | None = None,
 ) -> Synthesis:
     """Return the grasps `synthesise_grasps` keeps, and the tally of every stage; none is no error.
 
     Parameters
     ----------
-    solid : the part
-    seeds : where to try
-    caster : rays against its mesh
+    problem : the part, and what a grasp must keep
     jaw : the gripper
     holder : which gripper it is; only the arm's takes parts from the table
-    downs : (k, 3) unit, the way down in the CAD frame, of each stable pose
-    rules : what a grasp must keep
-    gravities : (3,) each, directions of gravity in the TCP frame a grasp has to bear; None for all
+    gravities : unit vectors (3,) in the TCP frame, of a gripper that does not turn; None: of the
+        arm's
     """
-    judge = Judge(solid, caster, jaw, rules, gravities)
+    solid, seeds, downs, rules = problem.solid, problem.seeds, problem.downs, problem.rules
+    judge = Judge(solid, problem.caster, jaw, rules, gravities)
     # only the arm takes parts from the table
     tables = downs if holder == "arm" else downs[:0]
     tried = candidates(solid, seeds, jaw, downs, rules)

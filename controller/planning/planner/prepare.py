@@ -14,6 +14,7 @@ from controller.imaging import RayCaster
 
 from ..geometry import PartShape
 from ..grasps import (
+    GraspProblem,
     clear_of_table,
     find_seeds,
     resting_pose,
@@ -64,7 +65,8 @@ def prepare_part(
     widest = max(layout.arm_gripper.max_mm, layout.fixed_open_mm) - options.rules.jaw_reserve_mm
     jaws = [layout.arm_gripper, *([] if layout.fixed_gripper is None else [layout.fixed_gripper])]
     seeds = find_seeds(solid, samples, caster, widest, options.rules, spreading=jaws)
-    every = synthesise_grasps(solid, seeds, caster, layout.arm_gripper, "arm", downs, options.rules)
+    problem = GraspProblem(solid, seeds, caster, downs, options.rules)
+    every = synthesise_grasps(problem, layout.arm_gripper, "arm")
     base = select_arm_grasps(
         solid,
         poses,
@@ -77,13 +79,9 @@ def prepare_part(
     if layout.fixed_gripper is not None:
         with suppress(NotGraspableError):
             fixed = synthesise_grasps(
-                solid,
-                seeds,
-                caster,
+                problem,
                 layout.fixed_gripper,
                 "fixture",
-                downs,
-                options.rules,
                 still_gravities(layout.T_world_fixed_tcp),
             )
     fixed_base = [fixed[k] for k in spread(fixed, range(len(fixed)), options.fixed_grasps)]

@@ -15,7 +15,7 @@ import numpy as np
 from controller.arrays import BoolArray, FloatArray
 from controller.imaging import RayCaster
 
-from ..grasps import clear_of_table, find_seeds, judge_grasps, resting_pose, spread
+from ..grasps import GraspProblem, clear_of_table, find_seeds, judge_grasps, resting_pose, spread
 from ..model import CellLayout, Grasp, Jaw, OutOfReachError, PreparedPart, Reason, Unseen
 from ..motion import Scene, inverse_rows, passed_limit
 from ..views import hidden_by_gripper, view_poses, why_hidden
@@ -188,7 +188,8 @@ def weak_grasps(part: PreparedPart, layout: CellLayout) -> tuple[Grasp, ...]:
     downs = np.stack([-p.R[2] for p in part.poses]) if part.poses else np.zeros((0, 3))
     widest = layout.arm_gripper.max_mm - rules.jaw_reserve_mm
     seeds = find_seeds(solid, part.samples, caster, widest, rules)
-    found = judge_grasps(solid, seeds, caster, layout.arm_gripper, "arm", downs, rules).grasps
+    problem = GraspProblem(solid, seeds, caster, downs, rules)
+    found = judge_grasps(problem, layout.arm_gripper, "arm").grasps
     weak = [g for g in found if g.load > part.options.rules.max_load]
     return tuple(weak[k] for k in spread(weak, range(len(weak)), ASKED_GRASP_COUNT))
 
