@@ -33,7 +33,7 @@ from controller.planning import (
 from controller.planning.geometry import PartShape
 
 # To be raised when the meaning of stored plans changes.
-FORMAT = 3
+FORMAT = 4
 # The oldest files are deleted first; each can be made again.
 MAX_PLAN_COUNT, MAX_PREPARED_COUNT = 500, 30
 STEPS = (Pick, Present, GiveStep, ReceiveStep, SetDown, Look)
@@ -169,10 +169,9 @@ def check_prepared(part: PreparedPart) -> None:
     """Raise ValueError where tables of a prepared part do not fit together."""
     samples = len(part.samples.points_mm)
     grasps, views = len(part.arm_grasps), len(part.directions.vectors)
-    for directions in (part.directions, part.visibility_table.directions):
-        _require(directions.vectors.shape == (views, 3), "directions of another shape")
-        _require(directions.square_to.shape == (views,), "directions of another number")
-    for table in (part.visible, part.visibility_table.visible, *part.shown):
+    _require(part.directions.vectors.shape == (views, 3), "directions of another shape")
+    _require(part.directions.square_to.shape == (views,), "directions of another number")
+    for table in (part.visible, *part.shown):
         _require(table.shape == (views, samples), "views of another number of samples")
     look = part.visibility_table
     for row in (look.best_incidence_rad, look.blocker, look.too_coarse, look.blurred):

@@ -18,12 +18,12 @@ from .visibility import Directions, VisibilityTable
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandOff:
-    """One way to pass the part: joints while both hold, and along both lines.
+    """How an arm grasp meets what takes the part: the fixed gripper, or a place on the table.
 
     Attributes
     ----------
-    q : (6,) both hold
-    entry : (k, 6) from the far end of the part's way in up to `q`
+    q : (6,) where the part changes hold
+    entry : (k, 6) from the far end of the straight path in, up to `q`
     retreat : (k, 6) from `q` to where the empty gripper is clear
     """
 
@@ -34,7 +34,7 @@ class HandOff:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rest:
-    """A place on the table to put the part down at: which stable pose, and T_world_part (4, 4)."""
+    """Where on the table the part may be set down: its stable pose, and T_world_part (4, 4)."""
 
     pose_index: int
     T_world_part: FloatArray
@@ -77,22 +77,21 @@ class PlanOptions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedPart:
-    """Everything of one part in one cell that does not depend on where it lies.
+    """Everything of one part in one cell that does not depend on its pose on the table.
 
     Attributes
     ----------
     shape : the part's triangles, to be asked what they touch
     arm_grasps : each base grasp, then each once more with the arm gripper turned over, then
         measured ones
-    visible : (v, n) samples the bare part shows in each direction
-    visibility_table : with the evidence for what none of them shows
+    visibility_table : directions, and what the bare part shows in each
     shown : per arm grasp (v, n), what of it gripper and arm leave in sight
     view_q : per arm grasp, direction -> (k, 6) collision-free configurations
     hand_offs : per grasp of the fixed gripper, arm grasp -> how they meet
     covered : (g, n) samples some reachable view of an arm grasp shows
     home_q : (g, 6) one configuration of each arm grasp, in the midst of its views
-    rests, set_downs : places on the table to put the part down at, and how arm grasps do it; empty
-        where no plan has needed them
+    rests, set_downs : where the part may be set down, and per rest, arm grasp -> how; empty where
+        no plan has needed them
     """
 
     solid: Solid
@@ -102,8 +101,6 @@ class PreparedPart:
     poses: tuple[StablePose, ...]
     arm_grasps: tuple[Grasp, ...]
     fixed_grasps: tuple[Grasp, ...]
-    directions: Directions
-    visible: BoolArray
     visibility_table: VisibilityTable
     shown: tuple[BoolArray, ...]
     view_q: tuple[Mapping[int, FloatArray], ...]
@@ -119,9 +116,15 @@ class PreparedPart:
         areas = self.samples.areas_mm2
         return np.asarray(areas / areas.sum())
 
-    def shown_by(self, grasp: int) -> BoolArray:
-        """Return what arm grasp `grasp` leaves in sight (v, n)."""
-        return self.shown[grasp]
+    @property
+    def directions(self) -> Directions:
+        """Return the directions (v) from which the part may be looked at."""
+        return self.visibility_table.directions
+
+    @property
+    def visible(self) -> BoolArray:
+        """Return the samples that the bare part shows in each direction (v, n)."""
+        return self.visibility_table.visible
 
     @property
     def part_box(self) -> Box:

@@ -314,7 +314,7 @@ class Builder:
         part, layout = self._part, self._layout
         grasp = part.arm_grasps[g]
         # true of every configuration kept: what the arm hides in them has been taken off
-        seen = part.shown_by(g)[v]
+        seen = part.shown[g][v]
         build.seen |= seen
         face_id = int(part.directions.square_to[v])
         label = f"show with grasp {grasp.id}"

@@ -186,7 +186,7 @@ def make_edge_costs(
     views = tuple(np.array(sorted(v), dtype=np.int64) for v in part.view_q)
     faces, squares = _squares(part, views)
     shows = tuple(
-        np.hstack([part.shown_by(g)[v], squares[g]]) if usable[g] else np.zeros((0, 0), dtype=bool)
+        np.hstack([part.shown[g][v], squares[g]]) if usable[g] else np.zeros((0, 0), dtype=bool)
         for g, v in enumerate(views)
     )
     count = len(seen) + len(faces)
@@ -255,6 +255,6 @@ def _squares(
         for g, rows in enumerate(views):
             (row,) = np.nonzero(rows == v)
             if len(row):
-                share = float(part.shown_by(g)[v][of_face].mean())
+                share = float(part.shown[g][v][of_face].mean())
                 tables[g][row[0], column] = share >= part.options.square_share
     return np.array([f for _, f in main], dtype=np.int64), tuple(tables)

@@ -98,8 +98,6 @@ def prepare_part(
         poses=poses,
         arm_grasps=(),
         fixed_grasps=fixed_grasps,
-        directions=visibility_table.directions,
-        visible=visibility_table.visible,
         visibility_table=visibility_table,
         shown=(),
         view_q=(),
