@@ -1,8 +1,8 @@
 """The Python interface: what scripts may rely on (docs/python.md).
 
-`open_cell` opens the devices of a cell one by one, as a script asks for them; `recognise_picture`
-and `plan_part` need no device. Nothing here watches over a script: what `cellctl run` does before
-and during each motion, a script does itself or goes without.
+`open_cell` opens the devices of a cell one by one, when a script first uses them.
+`recognise_picture` and `plan_part` need no device. Nothing here watches over a script: it makes by
+itself, or goes without, the checks that `cellctl run` makes before and during each motion.
 """
 
 import tempfile
@@ -64,7 +64,7 @@ class Picture:
 class OpenCell:
     """A cell whose devices a script drives; see `open_cell`.
 
-    Each device is connected when it is first asked for, and closed at the end.
+    Each device is connected when it is first used, and closed at the end.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class OpenCell:
         Raises
         ------
         InterlockError : a safety copy is not healthy
-        DeviceError : it is not there
+        DeviceError : the arm does not answer
         """
         if self._arm is None:
             await self._require_interlocks()
@@ -109,11 +109,11 @@ class OpenCell:
         check_interlocks(io)
 
     async def gripper(self) -> FixedGripper:
-        """Return the fixed gripper, connected; it is left as it stands at the end.
+        """Return the fixed gripper, connected; at the end it stays as it is.
 
         Raises
         ------
-        DeviceError : it is not there
+        DeviceError : the gripper does not answer
         """
         if self._gripper is None:
             gripper = self._builder.gripper()
@@ -127,7 +127,7 @@ class OpenCell:
 
         Raises
         ------
-        DeviceError : it is not there
+        DeviceError : the block does not answer
         """
         if self._io is None:
             io = self._builder.io()
@@ -141,7 +141,7 @@ class OpenCell:
 
         Raises
         ------
-        DeviceError : it is not there
+        DeviceError : the lamp unit does not answer
         """
         if self._lights is None:
             lights = self._builder.lights()
@@ -155,7 +155,7 @@ class OpenCell:
 
         Raises
         ------
-        DeviceError : it is not there
+        DeviceError : the camera does not answer
         """
         if name not in self._cameras:
             camera = self._builder.camera(name)
@@ -165,7 +165,7 @@ class OpenCell:
         return self._cameras[name]
 
     async def take_picture(self, camera: CameraName, lamps: Mapping[str, float]) -> Picture:
-        """Return a picture that was exposed wholly after the lamps were as wanted.
+        """Set the lamps and return a picture that was exposed wholly after they had settled.
 
         Parameters
         ----------
@@ -193,13 +193,13 @@ async def open_cell(
 ) -> AsyncIterator[OpenCell]:
     """Open a cell; emulated devices start beside the script and end with it.
 
-    No other controller on this machine may use the cell meanwhile. Nothing moves.
+    Until it is closed, no other controller on this machine can use the cell. Nothing moves.
 
     Parameters
     ----------
     cell_file : cell file (default: the emulated cell)
     parts : CAD files of parts on the emulated table
-    at : pose of the first of them, ``X,Y,THETA_DEG`` (default: by the seed)
+    at : planar pose of the first of them, ``X,Y,THETA_DEG`` [mm, degrees] (default: by the seed)
     seed : of the emulated cell
     speed : of the emulated cell, in times real time; real devices keep real time
 
@@ -244,7 +244,7 @@ def shipped_file(name: str) -> Path:
 
     Raises
     ------
-    ConfigError : none of this name
+    ConfigError : no file of this name
     """
     path = SHIPPED / name
     if not path.is_file():
@@ -257,13 +257,14 @@ def recognise_picture(
     parts: Sequence[FileName],
     lighting: Literal["backlit", "front", "auto"] = "auto",
 ) -> tuple[Sighting, ...]:
-    """Return what is on the table, the largest object first; none where it is empty.
+    """Return what is on the table, the largest object first; () if it is empty.
 
     Parameters
     ----------
     picture : of the table
-    parts : CAD files that it may be; other objects are answered with ``part`` None
-    lighting : a glowing table, lamps above a matt one, or to be found out
+    parts : CAD files of the parts it may show; any other object has ``part`` None
+    lighting : ``backlit`` for a glowing table, ``front`` for lamps above a matt one, ``auto`` to
+        decide by the picture
 
     Raises
     ------
@@ -281,21 +282,21 @@ def plan_part(
     cell_file: FileName | None = None,
     pose_index: int | None = None,
 ) -> Plan:
-    """Return how to show a part that stands in the middle of the drop area.
+    """Return the plan to show a part that stands in the middle of the drop area.
 
-    Seconds to minutes for a part that is new; what was planned is kept in the cache.
+    A new part takes seconds to minutes; its plan is kept in the cache.
 
     Parameters
     ----------
     part : CAD file
-    recipe : recipe with density, grasp and views (default: those of a recipe that names none)
+    recipe : recipe with density, grasp and views (default: a recipe's default figures)
     cell_file : cell file (default: the recipe's, else the emulated cell)
-    pose_index : stable pose it stands in (default: the most likely one)
+    pose_index : stable pose in which it stands (default: the most likely one)
 
     Raises
     ------
     ConfigError, CadError : a file is wrong
-    NoPlanError : it cannot be taken or shown from this pose
+    NoPlanError : it cannot be grasped or shown from this pose
     """
     wanted = None if recipe is None else load_recipe(Path(recipe))
     beside = EMULATED_CELL if wanted is None else wanted.cell

@@ -1,8 +1,8 @@
-"""YAML texts with line numbers, read within bounds; pydantic's complaints in a writer's words.
+"""Read YAML texts with line numbers and within bounds; reword pydantic's errors for the writer.
 
-Read from the parser's events, so that nesting, size and aliases are bounded while reading: a text
-of a kilobyte must not unfold into gigabytes. What a kind of file may hold, and how its writer is
-spoken to, is a `Dialect`.
+The text is read from the parser's events, so that nesting, size and aliases are limited while
+reading: a kilobyte of text must not unfold into gigabytes. A `Dialect` defines what a kind of file
+may hold, and the messages to its writer.
 """
 
 import difflib
@@ -29,7 +29,7 @@ from ruamel.yaml.events import (
 
 Location = tuple[int | str, ...]
 
-MAX_PROBLEM_COUNT: Final = 10  # of one text reported at once
+MAX_PROBLEM_COUNT: Final = 10  # problems of one text that are reported at once
 
 
 class YamlTextError(ValueError):
@@ -37,7 +37,7 @@ class YamlTextError(ValueError):
 
 
 class WrongKeyError(ValueError):
-    """What a check over several keys finds wrong, with the key below its section to name."""
+    """A check over several keys failed; `location` is the key to name, below its section."""
 
     def __init__(self, location: Location, problem: str) -> None:
         super().__init__(problem)
@@ -46,20 +46,20 @@ class WrongKeyError(ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dialect:
-    """What a kind of YAML text may hold, and what its writer is told.
+    """What a kind of YAML text may hold, and the messages to its writer.
 
     Attributes
     ----------
-    scalar : value of a plain scalar's text; ValueError where there is none
-    max_depth, too_deep : mappings and lists within each other, and the message beyond
-    max_value_count, too_many : keys, values, mappings and lists, and the message beyond
-    not_valid : ends the message on what is no YAML: of a line, of the whole text
-    alias, twice, second_document, no_mapping : messages; ``{key}`` put in
-    words : messages by pydantic's type of error, ``{key}`` and ``{hint}`` put in; others follow
-        the key and are pydantic's own where they are not here
-    key : a location as the writer reads it
-    names_first_line : of what is said of the whole text
-    sorts_keys : where the known ones are listed
+    scalar : returns the value of a plain scalar's text; raises ValueError if it has none
+    max_depth, too_deep : depth of nested mappings and lists, and the message beyond it
+    max_value_count, too_many : count of keys, values, mappings and lists, and the message beyond it
+    not_valid : endings of the message on invalid YAML: for a line, for the whole text
+    alias, twice, second_document, no_mapping : messages; ``{key}`` is filled in
+    words : messages by pydantic's type of error; ``{key}`` and ``{hint}`` are filled in. For other
+        types the key is followed by pydantic's own message
+    key : returns a location in the writer's notation
+    names_first_line : whether a message on the whole text names its first line
+    sorts_keys : whether known keys are listed in alphabetical order
     """
 
     scalar: Callable[[str], Any]
@@ -80,7 +80,7 @@ class Dialect:
 
 @dataclass(frozen=True, slots=True)
 class YamlText:
-    """What a text holds, and on which line.
+    """The content of a text, and the line of each key.
 
     Attributes
     ----------
@@ -94,23 +94,23 @@ class YamlText:
     lines: dict[Location, int] = field(repr=False)
 
     def line(self, location: Location) -> int | None:
-        """Return the line of a key, of the nearest section around it where it is not there."""
+        """Return the line of a key, or of the nearest section around it if the key is missing."""
         while location and location not in self.lines:
             location = location[:-1]
         return self.lines.get(location)
 
     def sentence(self, location: Location, problem: str) -> str:
-        """Return a problem in words, with file, line and key."""
+        """Return a message with file, line, key and problem."""
         about = f"`{self.dialect.key(location)}`: " if location else ""
         return f"{self._at(location)}: {about}{problem}"
 
     def problems(self, model: type[BaseModel], errors: Sequence[Mapping[str, Any]]) -> str:
-        """Return pydantic's complaints, a line each, in the order of the text.
+        """Return one message line for each of pydantic's errors, in the order of the text.
 
         Parameters
         ----------
-        model : what the tree was validated against
-        errors : as `ValidationError.errors` has them
+        model : against which the tree was validated
+        errors : as `ValidationError.errors` returns them
         """
         found = sorted(errors, key=lambda error: self.line(tuple(error["loc"])) or 0)
         lines = [self._explain(model, error) for error in found[:MAX_PROBLEM_COUNT]]
@@ -136,7 +136,7 @@ class YamlText:
         elif kind == "missing" and isinstance(location[-1], int):
             # a list that is too short lacks an item, not a key
             kind, location = "too_few", location[:-1]
-        elif kind == "value_error":  # one of our own sentences
+        elif kind == "value_error":  # one of our own messages
             return self.sentence(location, str(own))
         if kind in ("extra_forbidden", "missing", "too_few"):
             message = words[kind].format(key=self.dialect.key(location), hint=hint)
@@ -150,11 +150,11 @@ def read_yaml(text: str, path: Path, dialect: Dialect) -> YamlText:
 
     Parameters
     ----------
-    path : the messages name
+    path : named in messages
 
     Raises
     ------
-    YamlTextError : not YAML, no mapping, too deep, too large, or with anchors, aliases or tags
+    YamlTextError : not YAML, not a mapping, too deep, too large, or with anchors, aliases or tags
     """
     try:
         return _Builder(path, dialect).build(YAML(typ="rt", pure=True).parse(text))
@@ -172,7 +172,7 @@ def read_yaml(text: str, path: Path, dialect: Dialect) -> YamlText:
         ) from error
     except YamlTextError:
         raise
-    except Exception as error:  # a parser in pure Python has its own surprises on garbage
+    except Exception as error:  # the parser may raise anything on garbage
         problem = " ".join(str(error).split())
         raise YamlTextError(
             f"{path}: not valid YAML: {problem:.200}; is it the right file?"
@@ -180,7 +180,7 @@ def read_yaml(text: str, path: Path, dialect: Dialect) -> YamlText:
 
 
 def keys_at(model: type[BaseModel], location: Location) -> list[str]:
-    """Return the keys a section may have, following the models along a location."""
+    """Return the keys that the section at a location may have, by the models on the way to it."""
     current: Any = model
     either: list[type[BaseModel]] = [model]
     for key in location:
@@ -200,12 +200,12 @@ def keys_at(model: type[BaseModel], location: Location) -> list[str]:
 
 
 def _fields(model: type[BaseModel]) -> dict[str, Any]:
-    """Return the annotations of a model's fields, by the names they have in a text."""
+    """Return the annotations of a model's fields, by their names in a text."""
     return {found.alias or name: found.annotation for name, found in model.model_fields.items()}
 
 
 def _section_in(annotation: Any) -> Any:  # noqa: ANN401 - an annotation is any value
-    """Return what an optional or annotated section is without its `None` and its limits."""
+    """Return the type of an optional or annotated section without its `None` and its limits."""
     if get_origin(annotation) in (Union, UnionType, Annotated):
         for inner in map(_section_in, get_args(annotation)):
             is_model = isinstance(inner, type) and issubclass(inner, BaseModel)
@@ -217,7 +217,7 @@ def _section_in(annotation: Any) -> Any:  # noqa: ANN401 - an annotation is any 
 
 
 def _models_in(annotation: Any) -> list[type[BaseModel]]:  # noqa: ANN401 - as above
-    """Return the models that a section may be, several where it is one kind or another."""
+    """Return the models that a section may be of; several for a union."""
     if get_origin(annotation) in (Union, UnionType, Annotated):
         return [model for inner in get_args(annotation) for model in _models_in(inner)]
     is_model = isinstance(annotation, type) and issubclass(annotation, BaseModel)
@@ -277,7 +277,7 @@ class _Builder:
         return YamlTextError(f"{self._path}:{event.start_mark.line + 1}: {problem}")
 
     def _take(self, event: NodeEvent) -> None:
-        """Put a node's value where it belongs, or note it as the key of the next one."""
+        """Put a node's value in its place, or note it as the key of the next value."""
         is_collection = isinstance(event, MappingStartEvent | SequenceStartEvent)
         if is_collection and len(self._open) >= self._dialect.max_depth:
             raise self._problem(event, self._dialect.too_deep)

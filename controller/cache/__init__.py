@@ -1,8 +1,8 @@
-"""Results on disk that can always be computed again, safe to read from a folder of anybody's.
+"""Results on disk that can always be computed again, safe to read from anybody's folder.
 
 A file of the cache is an ordinary ``.npz``: a tree in JSON, validated against the annotations of
-the type it was written from, and arrays of numbers beside it. Nothing in it can run. A file is
-named by what decides its content; a damaged, planted or foreign one is a miss.
+the type it was written from, and arrays of numbers beside it. Nothing in it can run. Its name comes
+from everything that decides its content. A damaged, planted or foreign file counts as a miss.
 """
 
 from ._keys import digest_of, source_hash, versions

@@ -1,4 +1,4 @@
-"""What decides a result, as one hash: values, source, versions of libraries."""
+"""Hash everything that decides a result: values, source, versions of libraries."""
 
 import hashlib
 import importlib.metadata
@@ -16,7 +16,7 @@ def digest_of(*values: object) -> str:
 
     Raises
     ------
-    TypeError : anything else, which might not say all that it is
+    TypeError : any other type, since its hash might leave out a part of its content
     """
     digest = hashlib.sha256()
     for piece in _pieces(values):
@@ -27,7 +27,7 @@ def digest_of(*values: object) -> str:
 
 @lru_cache(maxsize=16)
 def source_hash(*folders: Path) -> str:
-    """Return a hash of all source in some folders: what it computes changes with it."""
+    """Return a hash of all source in some folders, since results change with the source."""
     digest = hashlib.sha256()
     for folder in folders:
         for source in sorted(folder.rglob("*.py")):
@@ -38,7 +38,7 @@ def source_hash(*folders: Path) -> str:
 
 @lru_cache(maxsize=16)
 def versions(*packages: str) -> tuple[str, ...]:
-    """Return the versions of some installed packages, "none" of one that is not there."""
+    """Return the versions of some packages, "none" for one that is not installed."""
     return tuple(map(_version, packages))
 
 

@@ -1,8 +1,8 @@
-"""Values of annotated types as JSON and arrays, and back; knows types, not parts.
+"""Turn values of annotated types into JSON and arrays, and back.
 
-A codec is made from a type's own annotations. What an annotation does not allow is refused when it
-is written, and again when it is read: nothing is executed, and no class is named by a file but one
-of those the annotation allows.
+A codec is made from a type's own annotations. A value that an annotation does not allow is refused
+when it is written, and again when it is read. Nothing is executed, and a file can name only the
+classes that the annotation allows.
 """
 
 import collections.abc
@@ -17,7 +17,7 @@ import numpy as np
 
 from .file import AnyArray, ArrayReader, ArrayWriter, CacheError
 
-Json = Any  # a tree of what JSON has
+Json = Any  # a tree of JSON values
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,9 +27,9 @@ class Codec:
     Attributes
     ----------
     name : the type in words
-    accepts : whether a value may be of this type, as opposed to another one of a union
-    write : value to JSON, its arrays put aside; raises TypeError where it is not of the type
-    read : JSON to value; raises CacheError where it is not of the type
+    accepts : whether a value may be of this type, as opposed to another type of a union
+    write : value to JSON, its arrays put aside; raises TypeError if it is not of the type
+    read : JSON to value; raises CacheError if it is not of the type
     """
 
     name: str
@@ -45,22 +45,22 @@ def make_codec(kind: object, special: Mapping[Any, Codec] | None = None) -> Code
     ----------
     kind : dataclass, tuple, mapping, union, literal, enum, NDArray of a dtype, bool, int, float,
         str, None
-    special : codecs of types that have no annotations to go by
+    special : codecs of types without annotations
 
     Raises
     ------
-    TypeError : a type that cannot be stored, and where in the tree it stands
+    TypeError : a type cannot be stored; the message says where in the tree it stands
     """
     return _make(kind, special or {}, ())
 
 
 def one_of(kinds: Sequence[type], special: Mapping[Any, Codec] | None = None) -> Codec:
-    """Return the codec of a base class: a value is of one of these classes."""
+    """Return the codec of a base class whose values are of one of these classes."""
     return _union([make_codec(kind, special) for kind in kinds])
 
 
 def given(value: object) -> Codec:
-    """Return the codec of what the reader has already: not stored, every value read is this."""
+    """Return the codec of a value that the reader has already: not stored, and read as itself."""
     kind = type(value)
 
     def write(other: Any, to: ArrayWriter) -> Json:  # noqa: ANN401 - a codec takes any value
@@ -79,8 +79,7 @@ def converted(
     ----------
     kind : the class
     stored : codec of what is stored in its place
-    take, make : value to what is stored, and back; `make` raises CacheError where there is no such
-        value
+    take, make : value to what is stored, and back; `make` raises CacheError if no value fits
     """
 
     def write(value: Any, to: ArrayWriter) -> Json:  # noqa: ANN401 - a codec takes any value
@@ -188,7 +187,7 @@ _SCALARS: dict[Any, Codec] = {
 
 
 def _choice(name: str, choices: Mapping[Any, Any]) -> Codec:
-    """Return the codec of a few values known by the type: literals, members of an enum, None."""
+    """Return the codec of a type with a few known values: literals, members of an enum, None."""
     stored = {(type(value), value): key for key, value in choices.items()}
     values = {(type(key), key): value for key, value in choices.items()}
 
@@ -209,7 +208,7 @@ def _choice(name: str, choices: Mapping[Any, Any]) -> Codec:
 
 
 def _union(codecs: Sequence[Codec]) -> Codec:
-    """Return the codec of a union: which of its types a value is, and the value."""
+    """Return the codec of a union, which stores the type of a value and the value."""
     name = " | ".join(codec.name for codec in codecs)
 
     def write(value: Any, to: ArrayWriter) -> Json:  # noqa: ANN401 - a codec takes any value
@@ -300,7 +299,7 @@ def _record(kind: type, items: Mapping[str, Codec]) -> Codec:
 
 
 def _array(dtype: np.dtype[Any] | None) -> Codec:
-    """Return the codec of arrays of a dtype, of any dtype of numbers where it is None."""
+    """Return the codec of arrays of a dtype; None stands for any dtype of numbers."""
     name = f"array of {dtype or 'numbers'}"
 
     def write(value: Any, to: ArrayWriter) -> Json:  # noqa: ANN401 - a codec takes any value
@@ -318,7 +317,7 @@ def _array(dtype: np.dtype[Any] | None) -> Codec:
 
 
 def _widened(array: AnyArray, dtype: np.dtype[Any] | None) -> AnyArray:
-    """Return an array as one of the declared dtype; TypeError where that changes a value."""
+    """Return an array in the declared dtype; raise TypeError if that changes a value."""
     if dtype is None or array.dtype == dtype:
         return array
     cast = array.astype(dtype)

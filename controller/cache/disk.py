@@ -1,7 +1,8 @@
-"""Values of one type in files of one folder, trusted only as far as they prove themselves.
+"""Keep values of one type in files of one folder; trust a file only after checking it.
 
-A file repeats the key it is named by. It is whole, of that key and of the right types, or it is a
-miss and is made anew. A folder that cannot be written costs time, not correctness.
+A file contains the key from which its name is made. If it is damaged, of another key or of other
+types, it counts as a miss and is made again. A folder that cannot be written costs time, not
+correctness.
 """
 
 import gc
@@ -25,7 +26,8 @@ from .file import (
 )
 
 T = TypeVar("T")
-FORMAT = 2  # raised when the same annotations come to be stored otherwise; 1 was no .npz
+# Raise this number when the same annotations are stored in another way. Format 1 was not .npz.
+FORMAT = 2
 ENDING = ".npz"
 MAX_FOLDER_BYTES = 2**31  # of all files of one prefix
 
@@ -33,14 +35,14 @@ log = logging.getLogger(__name__)
 
 
 def cache_dir() -> Path:
-    """Return the folder for what can always be computed again."""
+    """Return the folder of the cache."""
     base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     return Path(base) / "cellctl"
 
 
 @contextmanager
 def _no_collection() -> Iterator[None]:
-    """Keep the collector from searching ten thousands of new objects, none of which is garbage."""
+    """Switch off garbage collection while tens of thousands of objects are made, none garbage."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:
@@ -57,15 +59,15 @@ class DiskCache(Generic[T]):
     ----------
     kind : dataclass of arrays, numbers, words, and of such dataclasses
     prefix : of the files' names
-    what : it is called in messages
-    special : codecs of types that have no annotations to go by
-    check : raises ValueError where a value read, of the right types, cannot be; no number of it
-        may then be infinite or NaN
-    max_count : the oldest files are removed where there are more; None limits their bytes alone
+    what : name of such a value in messages
+    special : codecs of types without annotations
+    check : raises ValueError for a value of the right types that cannot be right; with a check,
+        infinite numbers and NaN are refused, too
+    max_count : the oldest files above this count are removed; None limits only the bytes
 
     Raises
     ------
-    TypeError : a type that cannot be stored
+    TypeError : a type cannot be stored
     """
 
     def __init__(
@@ -92,7 +94,7 @@ class DiskCache(Generic[T]):
         ----------
         name : for people who look into the folder
         key : hash of all that decides the value
-        folder : `cache_dir` where None
+        folder : None for `cache_dir`
         """
         stem = name.encode()[:60].decode(errors="ignore")
         return (folder or cache_dir()) / f"{self._prefix}-{stem}-{key[:32]}{ENDING}"
@@ -103,7 +105,7 @@ class DiskCache(Generic[T]):
         Raises
         ------
         TypeError : it holds what its annotations do not allow
-        TooLargeError : it is larger than what is read again
+        TooLargeError : it is too large to be read again
         """
         to = ArrayWriter()
         tree = {"format": FORMAT, "key": key, "value": self._codec.write(value, to)}
@@ -136,7 +138,7 @@ class DiskCache(Generic[T]):
         return value
 
     def load(self, file: Path) -> T | None:
-        """Return a kept value, None where nothing sound is there."""
+        """Return a kept value, None if there is no file or an unsound one."""
         try:
             return self.decode(read_file(file), file.stem)
         except FileNotFoundError:
@@ -146,7 +148,7 @@ class DiskCache(Generic[T]):
             return None
 
     def save(self, file: Path, value: T) -> None:
-        """Keep a value, and remove what the folder has too much of.
+        """Keep a value, and remove the oldest files if the folder has too many.
 
         A full or read-only disk costs time at the next start, not correctness.
 
@@ -161,7 +163,7 @@ class DiskCache(Generic[T]):
             log.warning("%s: cannot be kept (%s); the next start works it out again", file, error)
 
     def _tidy(self, newest: Path) -> None:
-        """Remove the oldest files where there are too many, or too many bytes of them."""
+        """Remove the oldest files while there are too many, or too many bytes in them."""
         found = []
         for file in newest.parent.glob(f"{self._prefix}-*{ENDING}"):
             try:

@@ -1,8 +1,8 @@
-"""One file of the cache: a tree in JSON and arrays of numbers, whole or not believed.
+"""Read and write one file of the cache: a tree in JSON, arrays of numbers, and their hash.
 
-The file is an uncompressed ``.npz`` of numpy's. Its member ``tree`` is UTF-8 JSON; there is one
-more member per dtype, which holds all arrays of that dtype end to end, since a member per array
-would cost a hundred times the reading. The archive's comment is the SHA-256 [hex] of all bytes
+The file is an uncompressed ``.npz`` of numpy's. Its member ``tree`` is UTF-8 JSON. There is one
+more member per dtype, which holds all arrays of that dtype end to end, because one member per array
+would take a hundred times as long to read. The archive's comment is the SHA-256 [hex] of all bytes
 before it.
 """
 
@@ -23,18 +23,18 @@ from numpy.typing import NDArray
 AnyArray = NDArray[Any]
 
 DIGEST_BYTES = 64  # SHA-256 in hexadecimal
-MAX_BYTES = 2**30  # of a file; the largest parts come to a tenth of it
+MAX_BYTES = 2**30  # of a file; the largest parts take a tenth of it
 MAX_TREE_BYTES = 2**24  # JSON takes twenty times its length in memory
-MAX_EMPTY_ROWS = 2**20  # rows without content take no room in a file, but do once they are apart
+MAX_EMPTY_ROWS = 2**20  # rows without content take no room in a file, but they do in memory
 DTYPES = ("b1", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f2", "f4", "f8")
 
 
 class CacheError(Exception):
-    """A file does not hold what it should: damaged, foreign, planted, or of another key."""
+    """A file is damaged, foreign, planted, or of another key."""
 
 
 class TooLargeError(Exception):
-    """A value takes more room than is ever read again."""
+    """A value takes so much room that it would not be read again."""
 
 
 class ArrayWriter:
@@ -49,7 +49,7 @@ class ArrayWriter:
 
         Raises
         ------
-        TypeError : an array of something else than numbers and truth values
+        TypeError : an array of anything but numbers and truth values
         """
         name = array.dtype.str[1:]
         if name not in DTYPES or not array.dtype.isnative:
@@ -74,7 +74,7 @@ class ArrayReader:
 
     Raises
     ------
-    CacheError : an array is to be finite and is not
+    CacheError : an array must be finite and is not
     """
 
     def __init__(self, joined: dict[str, AnyArray], *, is_finite: bool = False) -> None:
@@ -85,16 +85,16 @@ class ArrayReader:
             raise CacheError("an array holds values that are not finite")
 
     def get(self, reference: Any) -> AnyArray:  # noqa: ANN401 - whatever JSON held
-        """Return the array of a reference, a view of what was read.
+        """Return the array of a reference, as a view of the joined array.
 
         Raises
         ------
-        CacheError : it is no reference, or ends outside the file
+        CacheError : it is not a reference, or it ends outside the file
         """
         try:
             name, start, shape = reference
             stop = start + prod(shape)
-            # slices and shapes below zero mean something to numpy
+            # numpy accepts negative slices and shapes, so they are refused here
             if not 0 <= start <= stop <= len(self._joined[name]) or min(shape, default=0) < 0:
                 raise ValueError("ends outside the file")
             if start == stop and max(shape) > MAX_EMPTY_ROWS:
@@ -109,7 +109,7 @@ def pack(tree: dict[str, Any], arrays: dict[str, AnyArray]) -> bytes:
 
     Raises
     ------
-    TooLargeError : tree or arrays are larger than what is read again
+    TooLargeError : tree or arrays are too large to be read again
     """
     text = json.dumps(tree, separators=(",", ":")).encode()
     array_bytes = sum(array.nbytes for array in arrays.values())
@@ -123,7 +123,7 @@ def pack(tree: dict[str, Any], arrays: dict[str, AnyArray]) -> bytes:
 
 
 def sealed(data: bytes) -> bytes:
-    """Return a file's bytes with the digest that belongs to them."""
+    """Return a file's bytes with their digest appended."""
     body = data[:-DIGEST_BYTES]
     return body + hashlib.sha256(body).hexdigest().encode()
 
@@ -142,7 +142,7 @@ def unpack(data: bytes) -> tuple[Any, dict[str, AnyArray]]:
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             members = archive.zip.infolist()
             if len(members) > 1 + len(DTYPES) or any(
-                # what is stored takes no more memory than the file; what is packed may
+                # a compressed member could unfold to more memory than the file takes
                 member.compress_type != zipfile.ZIP_STORED or member.file_size > len(data)
                 for member in members
             ):
@@ -157,7 +157,7 @@ def unpack(data: bytes) -> tuple[Any, dict[str, AnyArray]]:
         return json.loads(text.tobytes()), arrays
     except CacheError:
         raise
-    except Exception as error:  # parsers of zip, npy and JSON have their own surprises on garbage
+    except Exception as error:  # parsers of zip, npy and JSON may raise anything on garbage
         raise CacheError(f"cannot be read ({type(error).__name__}: {error!s:.200})") from error
 
 
@@ -167,7 +167,7 @@ def read_file(path: Path) -> bytes:
     Raises
     ------
     OSError : it cannot be read
-    CacheError : it is no regular file, or a larger one than is ever written
+    CacheError : it is not a regular file, or is larger than any file of the cache
     """
     # without O_NONBLOCK, a pipe in its place would block for ever
     with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:  # noqa: PTH123  (Path.open takes no descriptor)
@@ -178,7 +178,7 @@ def read_file(path: Path) -> bytes:
 
 
 def write_file(path: Path, data: bytes) -> None:
-    """Write a file so that others see the old one or the whole new one, never a half.
+    """Write a file so that others see the old one or the whole new one, never a fragment.
 
     Raises
     ------

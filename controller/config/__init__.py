@@ -1,4 +1,4 @@
-"""recipe.yaml and cell.yaml: read once, checked whole, wrong keys answered with the right ones."""
+"""Read recipe.yaml and cell.yaml once, check all of it, and suggest right keys for wrong ones."""
 
 from .cad_files import CAD_FORMATS, is_cad_file
 from .cell import EMULATED, Cell, load_cell

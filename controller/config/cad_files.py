@@ -1,4 +1,4 @@
-"""Which files are CAD files, by their names alone."""
+"""Find CAD files by their names alone."""
 
 from pathlib import Path
 from typing import Final
@@ -7,7 +7,7 @@ CAD_FORMATS: Final = (".stl", ".obj", ".ply", ".off", ".3mf", ".step", ".stp", "
 
 
 def is_cad_file(path: Path) -> bool:
-    """Return whether a file is one of CAD by its name; of YAML only what says that it is CSG."""
+    """Return whether a file is a CAD file by its name; YAML counts only if named as CSG."""
     ending = path.suffix.lower()
     if ending == ".yaml":
         return path.name.lower().endswith(".csg.yaml")

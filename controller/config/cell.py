@@ -15,17 +15,18 @@ from .yaml_models import Section, WrongKeyError, load_yaml
 Number = Annotated[float, Field(ge=-50_000, le=50_000)]  # no cell is 50 m wide
 Vec2 = tuple[Number, Number]
 Vec3 = tuple[Number, Number, Number]
-Length = Annotated[float, Field(ge=10, le=5000)]  # of a link [mm]; in metres it would be below 1
+Length = Annotated[float, Field(ge=10, le=5000)]  # of a link [mm]; given in metres it is below 1
 Width = Annotated[float, Field(ge=0.5, le=1000)]  # of a gripper [mm]
-# between a camera and the table or the station it looks at [mm]; in metres it would be below 20
+# Between a camera and the table or the station that it looks at [mm]. A value below 20 is likely to
+# be in metres.
 LEAST_HEIGHT_MM, MOST_HEIGHT_MM = 50.0, 20_000.0
 MOST_SIZE_PX = 20_000  # of a picture, each way
 IN_MM = "lengths are in millimetres; are these metres?"
-LEAST_AREA_MM = 10.0  # side of an area that parts lie in
+LEAST_AREA_MM = 10.0  # side of an area in which parts lie
 
 
 def _rising(bounds: tuple[float, ...]) -> tuple[float, ...]:
-    """Raise ValueError unless (low, high) pairs are in this order."""
+    """Return (low, high) pairs; raise ValueError unless they are in this order."""
     for low, high in zip(bounds[::2], bounds[1::2], strict=True):
         if low >= high:
             raise ValueError(f"bounds go from low to high, not from {low:g} to {high:g}")
@@ -45,7 +46,7 @@ def _positive(size: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def _all_different(what: str, values: Mapping[str, int]) -> None:
-    """Raise ValueError where two names have one number."""
+    """Raise ValueError if two names have the same number."""
     owner: dict[int, str] = {}
     for name, value in values.items():
         if value in owner:
@@ -83,13 +84,13 @@ class Pose(Section):
 
 
 class DeviceSection(Section):
-    """A device: where it is and which driver speaks to it.
+    """A device: its address and its driver.
 
     Attributes
     ----------
     address : device node, `host:port`, or whatever the driver takes
     driver : name of an installed driver of this kind of device (docs/drivers.md)
-    settings : what that driver wants to know besides
+    settings : further settings of that driver
     """
 
     address: str
@@ -146,7 +147,7 @@ class LightsSection(DeviceSection):
 
 
 class DevicesSection(Section):
-    """Where each device is; `emulated` asks the emulator started beside the run."""
+    """The address of each device; `emulated` takes the emulator started beside the run."""
 
     arm: ArmDevice
     gripper: GripperDevice
@@ -164,7 +165,7 @@ class Range2(Section):
 
 
 class TableSection(Section):
-    """The glowing plate, and where on it parts can be expected."""
+    """The glowing plate, and the area on it where parts can be expected."""
 
     glowing_area: Range2
     drop_area: Range2
@@ -179,7 +180,7 @@ class TableSection(Section):
 
 
 class CameraSection(Section):
-    """A camera: its calibration and how it is run."""
+    """A camera: its calibration and its settings."""
 
     size_px: Annotated[tuple[int, int], AfterValidator(_positive), AfterValidator(_of_a_camera)]
     focal_px: float = Field(ge=10, le=1_000_000)
@@ -189,11 +190,12 @@ class CameraSection(Section):
     exposure_s: float = Field(0.01, gt=0, le=1)
     fps: float = Field(10, gt=0, le=240)
     formats: tuple[Literal["GREY", "YUYV", "MJPG", "Y16"], ...] = ("GREY", "YUYV", "MJPG")
-    settle_frames: int = Field(3, ge=0, le=30)  # of a stream just started, before one is trusted
-    margin_s: float | None = Field(None, ge=0, le=1)  # a stamp's play; the driver's own otherwise
+    settle_frames: int = Field(3, ge=0, le=30)  # frames discarded after the stream starts
+    # how far a frame's time stamp may be off; None for the driver's own figure
+    margin_s: float | None = Field(None, ge=0, le=1)
 
     def sees(self, point_mm: FloatArray) -> bool:
-        """Return whether a point (3,) of the world is in the picture, the lens aside."""
+        """Return whether a point (3,) of the world is in the picture, lens distortion ignored."""
         T = self.pose.build()
         x, y, z = T[:3, :3].T @ (point_mm - T[:3, 3])
         if z < LEAST_HEIGHT_MM:
@@ -220,13 +222,13 @@ class CamerasSection(Section):
 
 
 class StationSection(Section):
-    """Where the arm shows the part."""
+    """The station: where the arm shows the part to the inspection camera."""
 
     position: Vec3
 
 
 class LampSection(Section):
-    """A lamp: its channels, and where its light comes from."""
+    """A lamp: its channels, and the place and shape of its light."""
 
     analog: int = Field(ge=0, le=7)
     relay: int = Field(ge=0, le=7)
@@ -236,8 +238,8 @@ class LampSection(Section):
     up: Vec3 | None = None
     size: Size | None = None
     radius: float | None = Field(None, gt=0)
-    width: float | None = Field(None, gt=0)  # of a ring's light, across its radius
-    diameter: float | None = Field(None, gt=0)  # of a spot's light
+    width: float | None = Field(None, gt=0)  # of a ring, measured along its radius
+    diameter: float | None = Field(None, gt=0)  # of a spot
 
     @model_validator(mode="after")
     def _panels_are_whole(self) -> "LampSection":
@@ -261,7 +263,7 @@ class FingersSection(Section):
 
 
 class ParkSection(Section):
-    """Where the arm waits, out of both cameras' sight."""
+    """The position where the arm waits, out of both cameras' sight."""
 
     shoulder: float
     elbow: float
@@ -271,7 +273,7 @@ class ParkSection(Section):
 
 
 class LinksSection(Section):
-    """What the arm's links take up, each in its own frame."""
+    """The boxes that the arm's links take up, each in its own frame."""
 
     column: Box
     carriage: Box
@@ -280,7 +282,7 @@ class LinksSection(Section):
 
 
 class ArmSection(Section):
-    """What the cell file says of any arm: where it stands, and the gripper on it."""
+    """The keys of any arm: its pose in the world, and the gripper on it."""
 
     pose: Pose
     jaw_max_mm: Width
@@ -304,8 +306,8 @@ class OtherArmSection(ArmSection):
 
     Attributes
     ----------
-    column : what of it stands still, a box in the world
-    shape : what its driver has to know of how it is built
+    column : the box in the world of what does not move
+    shape : the dimensions that its driver needs
     """
 
     column: Box
@@ -364,7 +366,7 @@ class InterlocksSection(Section):
 
 
 class TraysSection(Section):
-    """Where parts go, by verdict."""
+    """The trays for parts, by verdict."""
 
     accept: TraySection
     reject: TraySection
@@ -372,13 +374,13 @@ class TraysSection(Section):
 
 
 class TimingSection(Section):
-    """How patient the controller is with the devices, in seconds of cell time.
+    """How long the controller waits for the devices, in seconds of cell time.
 
     Attributes
     ----------
     io_poll_s : from one reading of the inputs to the next
     io_stale_s : an input read longer ago is unknown, and unknown is not healthy
-    modbus_reply_s : a Modbus device that has not answered by then is silent
+    modbus_reply_s : a Modbus device that takes longer to answer counts as silent
     frame_late_s : a frame may come this much later than rate and exposure explain
     """
 
@@ -402,7 +404,7 @@ class Cell(Section):
 
     name: str
     devices: DevicesSection
-    clock: Path | None = None  # of an emulator whose addresses stand in `devices`
+    clock: Path | None = None  # of the emulator whose addresses are given in `devices`
     timing: TimingSection = TimingSection()
     table: TableSection
     cameras: CamerasSection
@@ -439,7 +441,7 @@ class Cell(Section):
 
     @property
     def emulated_devices(self) -> tuple[str, ...]:
-        """Names of the devices that are to be emulated."""
+        """Return the names of the devices to be emulated."""
         devices = self.devices
         return tuple(
             name

@@ -1,5 +1,5 @@
-"""What is wrong with a file or a command line."""
+"""The error for a wrong file or command line."""
 
 
 class ConfigError(Exception):
-    """A file or a command line is wrong; the message names the file, the line and the mend."""
+    """A file or a command line is wrong; the message names file and line and what to do."""

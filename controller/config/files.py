@@ -1,4 +1,4 @@
-"""Files of text that a person or a program hands us: whole, of a sane size, and never a pipe."""
+"""Read files from a person or a program: plain files of limited size only, never a pipe."""
 
 import os
 import stat
@@ -6,25 +6,25 @@ from pathlib import Path
 
 from .errors import ConfigError
 
-MOST_TEXT_BYTES = 128 * 1024  # recipes and cells have a tenth of it
+MOST_TEXT_BYTES = 128 * 1024  # recipes and cell files have a tenth of it
 CHUNK_BYTES = 1 << 20
 
 
 def read_bytes(path: Path, most_bytes: int, what: str) -> bytes:
-    """Return what a plain file holds; no more than the limit is ever read.
+    """Return the bytes of a plain file; no more than the limit is ever read.
 
     Parameters
     ----------
     path : the file
     most_bytes : a larger file is refused
-    what : such a file is called
+    what : the kind of file, for the message
 
     Raises
     ------
-    ConfigError : no such file, a directory, a pipe, a device, too large, or not to be read
+    ConfigError : no such file, a directory, a pipe, a device, too large, or not readable
     """
     try:
-        # a pipe would keep us until somebody writes to it
+        # without O_NONBLOCK, opening a pipe would wait until somebody writes to it
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     except (OSError, ValueError) as error:
         raise ConfigError(f"{path}: {reason_of(error)}; check the path") from error
@@ -35,7 +35,7 @@ def read_bytes(path: Path, most_bytes: int, what: str) -> bytes:
         if not stat.S_ISREG(status.st_mode):
             raise ConfigError(f"{path}: is not a plain file; copy it to one")
         data = bytearray()
-        # to its end, whatever it says of its size: files of /proc say that they have no bytes
+        # read to the end, whatever size is reported: files in /proc report no bytes
         is_too_large = status.st_size > most_bytes
         while (
             not is_too_large and len(data) <= most_bytes and (chunk := os.read(handle, CHUNK_BYTES))
@@ -59,8 +59,8 @@ def read_text(path: Path, what: str, most_bytes: int = MOST_TEXT_BYTES) -> str:
     Parameters
     ----------
     path : the file
-    what : what it should be, for the message
-    most_bytes : size from which on it is refused
+    what : the kind of file, for the message
+    most_bytes : a larger file is refused
 
     Raises
     ------
@@ -73,6 +73,6 @@ def read_text(path: Path, what: str, most_bytes: int = MOST_TEXT_BYTES) -> str:
 
 
 def reason_of(error: Exception) -> str:
-    """Return what the system says of a file, in its words."""
+    """Return the system's own message about a file."""
     told = error.strerror if isinstance(error, OSError) else None
     return told or str(error)

@@ -1,4 +1,4 @@
-"""recipe.yaml: what to inspect and how sharply, in human units."""
+"""recipe.yaml: what to inspect and how strictly, in millimetres and degrees."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -12,7 +12,7 @@ from .shipped import EMULATED_CELL
 from .yaml_models import Section, load_with_lines
 
 DEFAULT_CELL = Path("cells/emulated.yaml")
-MOST_NAMED = 12  # files of a folder that a message lists
+MOST_NAMED = 12  # a message lists at most this many files of a folder
 
 Unit = Literal["mm", "cm", "m", "inch"]
 
@@ -22,19 +22,20 @@ Reason = Annotated[str, Field(min_length=4, max_length=200)]
 
 
 class InspectionSection(Section):
-    """How sharply the part is looked at.
+    """How strictly the part is inspected.
 
     Attributes
     ----------
     min_coverage : share of the surface that must have been compared for a pass, above 0
-    not_inspected : why a face need not be inspected, by its name; see `controller.setup.faces`
+    not_inspected : faces that need not be inspected, by name, each with the reason; see
+        `controller.setup.faces`
     """
 
     max_incidence_deg: float = Field(70.0, ge=20, le=85)
     min_coverage: float = Field(0.50, gt=0, le=1)
     not_inspected: dict[FaceName, Reason] = Field(default_factory=dict)
     smallest_defect_mm: float = Field(3.0, ge=0.5, le=50)
-    least_gain: float = Field(0.0, ge=0, le=0.1)  # of the surface, that a view must add
+    least_gain: float = Field(0.0, ge=0, le=0.1)  # share of the surface that each view must add
 
 
 class GraspSection(Section):
@@ -45,7 +46,7 @@ class GraspSection(Section):
 
 
 def _fit_for_a_folder(name: str) -> str:
-    """Raise ValueError where a name cannot be part of a run's folder."""
+    """Return a name; raise ValueError if a folder's name cannot contain it."""
     if not name.strip() or len(name) > 80 or any(c in "/\\" or not c.isprintable() for c in name):
         raise ValueError("1 to 80 characters without slashes: it becomes part of a folder's name")
     return name
@@ -56,15 +57,14 @@ class Recipe(Section):
 
     Attributes
     ----------
-    name : how people call it
+    name : of the product, for people
     part : CAD file, relative to the recipe
     others : CAD files of other parts that may turn up on the table
-    unit : of the lengths in those CAD files that name none, as STL; it contradicts no part that
-        does
-    density_g_cm3 : of the material, for the load on the grasps; what the CAD file says, or
-        aluminium's, if nothing is said
-    cell : cell file, relative to the recipe; if nothing is said, `DEFAULT_CELL` beside the recipe,
-        else the emulated cell that comes with cellctl
+    unit : of the lengths in CAD files that name no unit, such as STL; files that name one keep it
+    density_g_cm3 : of the material, for the load on the grasps (default: that of the CAD file, else
+        that of aluminium)
+    cell : cell file, relative to the recipe (default: `DEFAULT_CELL` beside the recipe, else the
+        emulated cell that comes with cellctl)
     """
 
     name: Annotated[str, AfterValidator(_fit_for_a_folder)]
@@ -79,11 +79,11 @@ class Recipe(Section):
 
 
 def load_recipe(path: Path) -> Recipe:
-    """Read a recipe; its file names come back relative to the working directory.
+    """Return a recipe, with its file names relative to the working directory.
 
-    A recipe and what it names travel together: part, others and cell lie in its folder or below,
-    also behind symbolic links, so that a recipe that came with a mail reads nothing else. A cell
-    somewhere else is named by the person at the machine, with ``--cell``.
+    Part, other parts and cell file must lie in the recipe's folder or below, with symbolic links
+    resolved. So a recipe that came by mail cannot read any other file. The person at the machine
+    names a cell file elsewhere with ``--cell``.
 
     Raises
     ------
@@ -112,11 +112,11 @@ def load_recipe(path: Path) -> Recipe:
 
 
 def _inside(recipe: Path, name: Path, where: str, location: tuple[int | str, ...]) -> Path:
-    """Return a file a recipe names, ConfigError where it is none of the recipe's folder."""
+    """Return a file that a recipe names; raise ConfigError if it is outside its folder."""
     file, key = recipe.parent / name, location[0]
     try:
         is_inside = file.resolve().is_relative_to(recipe.parent.resolve())
-    except (OSError, RuntimeError, ValueError) as error:  # no name for a file, links in a circle
+    except (OSError, RuntimeError, ValueError) as error:  # not a file name, or links in a circle
         raise ConfigError(f"{where}: `{key}`: {reason_of(error)} ({str(name)!r:.80})") from error
     if not is_inside:
         mend = "name the cell with --cell" if key == "cell" else "copy the file there"

@@ -1,6 +1,6 @@
-"""What comes with cellctl (recipes, parts, the emulated cell), and what a project's folder names.
+"""Find what comes with cellctl (recipes, parts, the emulated cell), and a project's recipe.
 
-The folder `recipes` stands beside the package `controller`, in a checkout as in site-packages
+The folder `recipes` lies beside the package `controller`, in a checkout as in site-packages
 (ADR 21), so that every command works in any folder.
 """
 
@@ -12,7 +12,7 @@ from .errors import ConfigError
 SHIPPED: Final = Path(__file__).resolve().parents[2] / "recipes"
 EMULATED_CELL: Final = SHIPPED / "cells" / "emulated.yaml"
 DEFAULT_RECIPE: Final = SHIPPED / "featuretype.yaml"
-PROJECT_RECIPE: Final = Path("recipe.yaml")  # what `cellctl init` calls it
+PROJECT_RECIPE: Final = Path("recipe.yaml")  # as `cellctl init` names it
 
 
 def shipped_recipes() -> list[str]:
@@ -21,21 +21,21 @@ def shipped_recipes() -> list[str]:
 
 
 def project_recipe() -> Path | None:
-    """Return the recipe of the working directory, None where there is none."""
+    """Return the recipe of the working directory, None if there is none."""
     return PROJECT_RECIPE if PROJECT_RECIPE.is_file() else None
 
 
 def find_recipe(name: Path | None) -> Path:
-    """Return the recipe file a command line means.
+    """Return the recipe file that a command line means.
 
     Parameters
     ----------
-    name : a file, or the bare name of a recipe that comes with cellctl; without one the project's
-        recipe, else the default one
+    name : a file, or the bare name of a recipe that comes with cellctl (default: the project's
+        recipe, else the default one)
 
     Raises
     ------
-    ConfigError : a bare name that is neither
+    ConfigError : a bare name of neither
     """
     if name is None:
         return project_recipe() or DEFAULT_RECIPE
@@ -51,7 +51,7 @@ def find_recipe(name: Path | None) -> Path:
 
 
 def _may_be_there(name: Path) -> bool:
-    """Return whether a name is for whoever reads the file, who reports what is wrong with it."""
+    """Return whether a name may be a file, so that reading it reports what is wrong with it."""
     try:
         return name.exists()
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""YAML files with line numbers, and errors a person can act on: file, line, nearest right key."""
+"""Read YAML files into models; errors name the file, the line and the nearest right key."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,8 +27,8 @@ __all__ = ["Loaded", "Section", "WrongKeyError", "line_in", "load_with_lines", "
 Model = TypeVar("Model", bound=BaseModel)
 
 MAX_DEPTH: Final = 12  # sections within sections; a cell file has four
-MAX_VALUE_COUNT: Final = 10_000  # and some hundreds of values
-# of a merge and a default, which need another key or a tag to mean anything
+MAX_VALUE_COUNT: Final = 10_000  # a cell file has some hundreds
+# The tags of merge (`<<`) and default (`=`), which mean nothing here and are read as text.
 NO_VALUES: Final = {"tag:yaml.org,2002:merge", "tag:yaml.org,2002:value"}
 
 
@@ -38,14 +38,14 @@ def _plain() -> YAML:
 
 
 def _scalar(text: str) -> Any:  # noqa: ANN401 - a YAML value is any value
-    """Return a plain scalar as YAML 1.2 has it: number, truth value, date, nothing or text."""
+    """Return a plain scalar by YAML 1.2's rules: number, truth value, date, null or text."""
     yaml = _plain()
     tag = yaml.resolver.resolve(ScalarNode, text, (True, False))
     if str(tag) in NO_VALUES:
         return text
     try:
         return yaml.constructor.construct_object(ScalarNode(tag, text))
-    except ValueError as error:  # what ruamel leaves to `datetime`
+    except ValueError as error:  # ruamel leaves the check of a date to `datetime`
         raise ValueError(f"{text!r:.40} is not a date ({error})") from error
 
 
@@ -60,7 +60,7 @@ DIALECT: Final = Dialect(
     twice='not valid YAML: found duplicate key "{key}"',
     second_document="not valid YAML: but found another document",
     no_mapping="is empty or not a list of `key: value` lines",
-    # pydantic speaks of Python's types, our readers write YAML
+    # pydantic's messages name Python's types, but our readers write YAML
     words={
         "extra_forbidden": "unknown key `{key}`; {hint}",
         "missing": "`{key}` is missing",
@@ -79,7 +79,7 @@ DIALECT: Final = Dialect(
 
 
 class Section(BaseModel):
-    """What every section of our files is: frozen, and closed to unknown keys."""
+    """The base of every section of our files: frozen, and closed to unknown keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -94,11 +94,11 @@ class Section(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class Loaded(Generic[Model]):
-    """What a file holds, and where.
+    """The model that a file holds, and the lines of its keys.
 
     Attributes
     ----------
-    line_of : of the key at a location, None where the file does not say it
+    line_of : the line of the key at a location, None if the file does not have the key
     """
 
     value: Model
@@ -106,18 +106,18 @@ class Loaded(Generic[Model]):
 
 
 def load_yaml(path: Path, model: type[Model]) -> Model:
-    """Read a YAML file into a model.
+    """Return a YAML file as a model.
 
     Raises
     ------
     ConfigError : unreadable, not YAML, unknown or missing keys, values out of range; all
-        problems of the file are told at once, each with its line
+        problems of the file are reported at once, each with its line
     """
     return load_with_lines(path, model).value
 
 
 def load_with_lines(path: Path, model: type[Model]) -> Loaded[Model]:
-    """Read a YAML file into a model, and keep the lines of its keys.
+    """Return a YAML file as a model, with the lines of its keys.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def load_with_lines(path: Path, model: type[Model]) -> Loaded[Model]:
 
 
 def line_in(path: Path, location: Location) -> int | None:
-    """Return the line of a key in a file that was read before, None where it is not said there."""
+    """Return the line of a key in a file that was read before, None if the key is not there."""
     return _text(path).line(location)
 
 
