@@ -1,5 +1,5 @@
-"""What makes a cell file true: what the cameras really are, and where things should stand.
+"""Find the figures of a cell file: the cameras as-built, and where things should stand.
 
-Each room has a door of its own: `calibration` turns pictures of a board into a camera, `siting`
-compares positions of the inspection camera and the fixed gripper.
+Import each room by itself: `calibration` turns pictures of a board into a camera, `siting` compares
+positions of the inspection camera and the fixed gripper.
 """

@@ -1,4 +1,4 @@
-"""target.json: the calibration board, how it was placed in each picture, what fixes the world."""
+"""target.json: the calibration board, how it was placed in each picture, and the world frame."""
 
 from math import radians
 from pathlib import Path
@@ -21,7 +21,7 @@ Corners = Annotated[int, Field(ge=3, le=100)]
 
 
 def _placed(text: str) -> str:
-    """Raise ValueError unless a board is said to be flat or tilted."""
+    """Return "flat" or "tilted"; raise ValueError for any other text."""
     if text not in {member.value for member in Placed}:
         raise ValueError(f"a board is placed flat (on the table) or tilted, not {text!r:.40}")
     return text
@@ -40,8 +40,8 @@ class WorldSection(Section):
 
     Attributes
     ----------
-    origin_mm : of the board's frame; its z is the height of the print over the table, and that of
-        every flat board
+    origin_mm : of the board's frame; its z is the height of the print over the table, for every
+        flat board
     """
 
     image: str
@@ -61,7 +61,7 @@ class CalibrationTarget(Section):
     ----------
     board_frame, note : for people
     images : how the board lies in each picture
-    world : what fixes the world frame; the first flat board does if nothing is said
+    world : what fixes the world frame (default: the first flat board)
     """
 
     inner_corners: tuple[Corners, Corners] | None = None
@@ -154,10 +154,10 @@ class CalibrationTarget(Section):
 
 
 def load_target(path: Path) -> CalibrationTarget:
-    """Read a calibration target file (JSON, or the same in YAML).
+    """Return a calibration target, read from its file (JSON, or the same in YAML).
 
     Raises
     ------
-    ConfigError : unreadable, not JSON, unknown or missing keys, a board that cannot be
+    ConfigError : unreadable, not JSON, unknown or missing keys, or an impossible board
     """
     return load_yaml(path, CalibrationTarget)

@@ -1,7 +1,7 @@
 """Pictures and rays, without a part: cameras, lamps, what a line of sight meets, levels, outlines.
 
-The ground floor of all that looks at a picture. Camera frames are OpenCV's; pixel (0, 0) is the
-centre of the first pixel; millimetres and radians.
+All rooms that look at a picture stand on this one. Camera frames are OpenCV's; pixel (0, 0) is the
+centre of the first pixel; lengths are in millimetres, angles in radians.
 """
 
 from .camera import Camera, inverse_pose, rotation_angle, transform

@@ -27,7 +27,7 @@ def inverse_pose(T: FloatArray) -> FloatArray:
 
 
 def rotation_angle(R: FloatArray) -> float:
-    """Return by how much a rotation (3, 3) turns, whichever its axis [rad]."""
+    """Return the angle of a rotation (3, 3) about its own axis [rad]."""
     return float(np.arccos(np.clip((np.trace(R) - 1) / 2, -1.0, 1.0)))
 
 
@@ -56,8 +56,8 @@ class Camera:
 
     def project(self, p_world_mm: FloatArray) -> FloatArray:
         """Return the pixels (n, 2) of world points (n, 3), lens distortion included."""
-        # posed here: OpenCV's rotation vectors round turns of less than 1e-5 rad to 0 or pi,
-        # which is 0.03 px for a camera that looks almost straight down
+        # Transformed here and not by OpenCV: its rotation vectors round angles within 1e-5 rad of 0
+        # or pi, which is 0.03 px for a camera that looks almost straight down.
         p_cam_mm = transform(inverse_pose(self.T_world_cam), np.asarray(p_world_mm, np.float64))
         pixels, _ = cv2.projectPoints(
             np.ascontiguousarray(p_cam_mm).reshape(-1, 1, 3),
@@ -70,7 +70,7 @@ class Camera:
 
     def sight_lines(self, pixels: FloatArray) -> FloatArray:
         """Return the directions (n, 3) in the world, scaled to depth 1, of pixels (n, 2)."""
-        # undistortPoints stops after 5 steps unless told otherwise: 1e-3 px are lost near a corner
+        # By default undistortPoints stops after 5 steps, which costs 1e-3 px near a corner.
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 1e-9)
         plane = cv2.undistortPoints(
             np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 1, 2),

@@ -1,6 +1,6 @@
-"""Outlines of dark objects before a bright ground, to a fraction of a pixel.
+"""Find outlines of dark objects in front of a bright ground, to a fraction of a pixel.
 
-The half level between ground and object is where the edge of an anti-aliased picture lies.
+In an anti-aliased picture the edge lies at the level halfway between ground and object.
 """
 
 from dataclasses import dataclass
@@ -13,8 +13,9 @@ from controller.arrays import BoolArray, FloatArray, Grey
 
 from .loops import evenly, loop_normals, trace_loops
 
-LEAST_CHAIN_PX = 8  # a shorter outline is a speck's
-DARK_SHARE = 0.6  # of the ground's level: no glowing plate fades by more, no object glows so much
+LEAST_CHAIN_PX = 8  # a shorter outline belongs to a speck
+# Share of the ground's level: a glowing plate stays above it at its rim, an object below it.
+DARK_SHARE = 0.6
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -34,9 +35,9 @@ class Contour:
 def threshold_levels(image: NDArray[np.uint8], inside: BoolArray) -> tuple[float, float, float]:
     """Return (object level, half level, ground level) of a backlit picture within a mask.
 
-    Otsu's cut first; the two levels are the medians on its sides. A small object on a ground that
-    fades to its rim makes Otsu cut the ground in two: then only what is much darker counts. Object
-    and ground level are one where nothing is.
+    Otsu's cut comes first; the two levels are the medians on its two sides. A small object on a
+    ground that fades towards its rim makes Otsu cut the ground in two: then only what is much
+    darker counts as object. Without an object, its level is that of the ground.
     """
     values = image[inside]
     cut, _ = cv2.threshold(values.reshape(1, -1), 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
@@ -51,7 +52,7 @@ def threshold_levels(image: NDArray[np.uint8], inside: BoolArray) -> tuple[float
 
 
 def mask_rim(mask: BoolArray) -> BoolArray:
-    """Return which pixels of a mask (height, width) have a neighbour outside, or the border."""
+    """Return which pixels of a mask (height, width) are next to one outside it, or to the edge."""
     inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0)
     return np.asarray(mask & (inner == 0))
 
@@ -65,7 +66,7 @@ def mask_contour(mask: BoolArray) -> FloatArray:
 
 
 def subpixel_contour(image: Grey, level: float) -> Contour:
-    """Return the outlines of all that is darker than a grey level, about a point a pixel.
+    """Return the outlines of all that is darker than a grey level, about one point per pixel.
 
     Parameters
     ----------
@@ -79,6 +80,6 @@ def subpixel_contour(image: Grey, level: float) -> Contour:
         return Contour(np.zeros((0, 2)), np.zeros((0, 2)))
     field = np.float32(level) - image.astype(np.float32)
     loops = [evenly(loop) for loop in trace_loops(chains, mask.shape, field, (0, 0))]
-    # OpenCV runs round things against their area's sign, round holes the other way
+    # OpenCV's outlines have negative signed area round objects and positive round holes
     normals = [-loop_normals(loop) for loop in loops]
     return Contour(np.concatenate(loops), np.concatenate(normals))

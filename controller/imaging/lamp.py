@@ -1,4 +1,4 @@
-"""Where the light of a cell's lamps comes from."""
+"""A lamp as the points where its light comes from."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from controller.arrays import FloatArray
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PointLamp:
-    """A lamp as the points its light comes from.
+    """A lamp as the points where its light comes from.
 
     Attributes
     ----------
@@ -30,9 +30,9 @@ class PointLamp:
         ----------
         name : as in the cell file
         centre_mm : (3,) in the world
-        axis : (3,) of the camera, at any length
+        axis : (3,) of the camera, of any length
         radius_mm : of the ring
-        count : points the ring's light is taken to come from
+        count : points that stand for the ring
         """
         helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
         e1 = np.cross(axis, helper)

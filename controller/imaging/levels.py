@@ -1,8 +1,8 @@
-"""Grey levels of a picture: how bright the table is from place to place, and whether two humps.
+"""Grey levels of a picture: the table's level at each point, and the two humps of the histogram.
 
-A glowing plate fades to its rim and a lens darkens the corners, so levels are told relative to the
-ground: a low polynomial over the picture, fitted to what belongs to the table. The histogram of
-the picture divided by it is what the threshold is taken from (references.md P3.1).
+A glowing plate fades towards its rim and a lens darkens the corners. So levels are taken relative
+to the ground: a polynomial of low degree over the picture, fitted to what belongs to the table. The
+threshold comes from the histogram of the picture divided by it (references.md P3.1).
 """
 
 from dataclasses import dataclass
@@ -13,35 +13,37 @@ import numpy as np
 from controller.arrays import BoolArray, Float32Array, FloatArray, Grey
 
 REDUCED_PX = 320  # side of the reduced picture: 5 mm parts are still 10 px wide there
-WHITE_LEVEL = 250  # from here on a pile-up at the top of the histogram is saturation
-LEAST_PILE = 0.002  # of the pixels
-LEAST_UNSATURATED = 0.01  # of the pixels, to tell the ground's level beyond white
-MOST_BEYOND_WHITE = 1.5  # an exposure that has more of it is told to be wrong
+WHITE_LEVEL = 250  # from this level up, a peak at the top of the histogram is saturation
+LEAST_PILE = 0.002  # share of the pixels in such a peak
+# With a smaller share of unsaturated pixels the ground's level beyond white cannot be estimated.
+LEAST_UNSATURATED = 0.01
+MOST_BEYOND_WHITE = 1.5  # of white; the level of a saturated ground is estimated up to this
 FITTED_PX = 2000
 NOISE_ROWS = 32
 ROUNDS = 5
-LEAST_SATURATED = 0.02  # of the table's pixels, to fit what is below white alone
-RIM_OF_WHITE = 0.7  # the table's rim is as bright as that where its middle saturates
+# With a larger share of the table saturated, only pixels below white are fitted.
+LEAST_SATURATED = 0.02
+RIM_OF_WHITE = 0.7  # of white; where the table's middle saturates, its rim is at least this bright
 BINS = 256
-GROUND_BIN = 160  # where the ground comes to lie in the histogram of relative levels
+GROUND_BIN = 160  # bin of the ground in the histogram of relative levels
 LEAST_SEPARATION = 4.0  # Ashman's D; the halves of a normal hump have 2.65, of a flat one 3.46
 MOST_VALLEY = 0.5  # of the lower hump's height
 
 
 @dataclass(frozen=True, slots=True)
 class Levels:
-    """What the histogram says; levels are grey values of the given picture.
+    """The levels and humps of a histogram; levels are grey values of the given picture.
 
     Attributes
     ----------
-    ground : typical level of the table, above 255 where a saturated one could be told from its rim
-    object : typical level of what lies on it; the ground's where there is nothing
+    ground : typical level of the table; above 255 if it is saturated and its rim gives the level
+    object : typical level of what lies on it; the ground's if there is nothing
     threshold : between the two
     separation : Ashman's D of the two classes: distance of means over their rms spread
     valley : height of the valley between the humps over that of the lower hump
     saturated_share : of the pixels
     step : distance of neighbouring levels, 1 with 8 bits, 4 with 6
-    noise : rms from pixel to pixel on the table, at least that of the levels' rounding
+    noise : rms from pixel to pixel on the table, at least the noise of rounding to levels
     """
 
     ground: float
@@ -56,7 +58,7 @@ class Levels:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Ground:
-    """The table's level as a polynomial of the place.
+    """The table's level as a polynomial of the position in the picture.
 
     Attributes
     ----------
@@ -84,7 +86,7 @@ class Ground:
 
 
 def level_step(counts: FloatArray | Float32Array) -> int:
-    """Return the distance of the levels in use: a power of two, 1 where they are not a raster."""
+    """Return the distance of the levels in use: a power of two, 1 if they are unevenly spaced."""
     used = np.flatnonzero(counts)
     for step in (16, 8, 4, 2):
         if len(used) > 2 and not np.any((used - used[0]) % step):
@@ -93,7 +95,7 @@ def level_step(counts: FloatArray | Float32Array) -> int:
 
 
 def white_level(picture: Grey, counts: FloatArray | Float32Array) -> int:
-    """Return the level that saturated pixels have, 256 where none are."""
+    """Return the level of saturated pixels, 256 if there are none."""
     used = np.flatnonzero(counts)
     top = int(used[-1]) if len(used) else 0
     piled = top >= WHITE_LEVEL and counts[top] >= LEAST_PILE * max(counts.sum(), 1)
@@ -109,8 +111,8 @@ def pixel_noise(picture: Grey, usable: BoolArray | None, step: int) -> float:
     Parameters
     ----------
     picture : (height, width)
-    usable : (height, width) pixels to ask; None for all
-    step : `level_step`; the answer is at least the noise of rounding to it
+    usable : (height, width) pixels to use; None for all
+    step : `level_step`; the result is at least the noise of rounding to it
     """
     rows = picture[:: max(1, len(picture) // NOISE_ROWS)].astype(np.int16)
     second = np.abs(2 * rows[:, 1:-1] - rows[:, :-2] - rows[:, 2:])
@@ -120,7 +122,7 @@ def pixel_noise(picture: Grey, usable: BoolArray | None, step: int) -> float:
     if not counts.any():
         return float(step / np.sqrt(12.0))
     median = int(np.searchsorted(np.cumsum(counts), 0.5 * counts.sum()))
-    # a median of whole numbers is coarse: the mean of what is below 4 of it says more
+    # A median of whole numbers is coarse; the mean of the values below 4 medians is finer.
     typical = counts[: max(4 * median, 2 * step) + 1]
     # mean of |normal| is 0.798 deviations
     mean = float(typical @ np.arange(len(typical)) / typical.sum())
@@ -135,7 +137,7 @@ def fit_ground(
     white: int,
     tolerance: float,
 ) -> Ground:
-    """Return the table's level, from a reduced picture; parts on it are left out.
+    """Return the table's level from a reduced picture, leaving out the parts on the table.
 
     Parameters
     ----------
@@ -143,9 +145,9 @@ def fit_ground(
     inside : (h, w) the usable area
     factor : by which the reduced picture is smaller
     size_px : (width, height) of the whole picture
-    white : level of saturated pixels, which say nothing but that it is more; 256 for none
-    tolerance : share of the level by which the table may differ at first sight; halved as the
-        fit gets better
+    white : level of saturated pixels, whose true level is higher; 256 for none
+    tolerance : share of the level by which the table may differ at first; halved as the fit gets
+        better
     """
     stride = max(1, round((reduced.size / FITTED_PX) ** 0.5))
     start = _rim_level(reduced, inside)
@@ -157,20 +159,20 @@ def fit_ground(
     y = ((v + 0.5) * factor - 0.5) * (2.0 / size_px[1]) - 1.0
     terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
     is_clipped = levels >= white - 3
-    # what is white before a table that is not lies on it
+    # if the table is darker than that, the white pixels belong to an object on it
     share = float(np.mean(is_clipped)) if len(levels) and start >= RIM_OF_WHITE * white else 0.0
     if share > 1.0 - LEAST_UNSATURATED:
         return Ground(weights, size_px, 0.0)
     is_rim = ~is_clipped
     if share > LEAST_SATURATED:
-        # a pixel that a thing's border shares is no rim
+        # a pixel near an object's border does not count as the table's rim
         calm = cv2.erode(reduced, np.ones((7, 7), np.uint8)) >= RIM_OF_WHITE * white
         is_rim &= calm[v, u]
     scatter = 0.0
     fitted = weights @ terms
     for _ in range(ROUNDS):
         near = np.abs(levels - fitted) <= tolerance * np.maximum(fitted, 1.0) + 1.0
-        if share > LEAST_SATURATED:  # the fit is of what lies below white alone
+        if share > LEAST_SATURATED:  # only pixels below white are fitted
             near = is_rim if scatter == 0.0 else is_rim & near
         if np.count_nonzero(near) < 60:
             break
@@ -183,7 +185,7 @@ def fit_ground(
 
 
 def _rim_level(reduced: Grey, inside: BoolArray) -> float:
-    """Return the median level along the picture's rim, of all of it where little is usable."""
+    """Return the median level along the picture's rim, or of all of it if little is usable."""
     band = max(2, len(reduced) // 12)
     strips = (np.s_[:band], np.s_[-band:], np.s_[band:-band, :band], np.s_[band:-band, -band:])
     seen = np.concatenate([reduced[strip][inside[strip]] for strip in strips])
@@ -193,7 +195,7 @@ def _rim_level(reduced: Grey, inside: BoolArray) -> float:
 
 
 def _solve(terms: FloatArray, levels: FloatArray, chosen: BoolArray, is_rim: bool) -> FloatArray:
-    """Return the weights; from the picture's rim alone only slopes and one bow are told."""
+    """Return the weights; the picture's rim alone determines only slopes and one bow."""
     if is_rim:
         few = np.concatenate([terms[:3], (terms[3] + terms[5])[None]])
         a, b, c, d = _least_squares(few, levels, chosen)
@@ -223,8 +225,9 @@ def two_humps(counts: FloatArray) -> tuple[float, float, float, float, bool]:
 
     Notes
     -----
-    Otsu's cut first (greatest variance between classes). A few hundred dark pixels before a
-    million bright ones do not move it, so half the ground is tried where it finds no two humps.
+    Otsu's cut comes first (greatest variance between classes). A few hundred dark pixels against a
+    million bright ones do not move it, so if it finds no two humps, half the ground's level is
+    tried.
     """
     best = (float(GROUND_BIN), 0.5 * GROUND_BIN, 0.0, 1.0, False)
     for cut in (_otsu(counts), GROUND_BIN // 2):

@@ -1,8 +1,8 @@
-"""Outlines to a fraction of a pixel: ordered crossings of the half level between both sides.
+"""Trace outlines to a fraction of a pixel: the ordered crossings of the half level.
 
-A field that is positive on the object is given at the pixels. Its zero line meets the raster's
-lines between an object pixel and a neighbour that is none; those crossings in the order of the
-pixel contour are the outline (marching squares, in arrays).
+The input is a field at the pixels, positive on the object. Its zero line crosses the raster's lines
+between a pixel on the object and a neighbour that is not on it. These crossings, in the order of
+the pixel contour, are the outline (marching squares, in arrays).
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ import numpy as np
 
 from controller.arrays import Float32Array, FloatArray, IndexArray, Int32Array
 
-# the eight neighbours anticlockwise to the eye, from the one on the right (Freeman)
+# The eight neighbours, anticlockwise as seen in the picture, from the right one on (Freeman).
 STEP_X = np.array([1, 1, 0, -1, -1, -1, 0, 1])
 STEP_Y = np.array([0, -1, -1, -1, 0, 1, 1, 1])
 CODE = np.zeros((3, 3), dtype=np.intp)
@@ -19,9 +19,9 @@ CODE[STEP_Y + 1, STEP_X + 1] = np.arange(8)
 
 
 def _swept() -> IndexArray:
-    """Return (64, 4) the neighbours beside a chain, by its ways back and ahead; -1 for none.
+    """Return (64, 4) the neighbours beside a chain, by its steps back and ahead; -1 for none.
 
-    The ground lies to the right of the way: between back and ahead, anticlockwise.
+    The ground lies to the right of the chain: between back and ahead, anticlockwise.
     """
     table = np.full((64, 4), -1, dtype=np.intp)
     for back in range(8):
@@ -33,7 +33,7 @@ def _swept() -> IndexArray:
 
 
 SWEPT = _swept()
-SWEPT_ALL = np.array([0, 2, 4, 6])  # by a pixel alone
+SWEPT_ALL = np.array([0, 2, 4, 6])  # the neighbours of a single pixel
 
 
 def trace_loops(
@@ -48,19 +48,19 @@ def trace_loops(
     ----------
     chains : (n, 1, 2) pixels along its borders as OpenCV finds them, the outer one first
     shape : (h, w) of the raster
-    field : (h, w) positive inside, negative outside, straight through zero near the border;
-        where its signs do not agree with the mask the border is half-way between the pixels
+    field : (h, w) positive inside, negative outside, linear near the border; where its signs
+        disagree with the mask, the border is half-way between the pixels
     origin_px : x, y of the raster's first pixel in the picture
 
     Returns
     -------
-    list of (n, 2), x before y, picture pixels, about one point a pixel, evenly spread
+    list of (n, 2), x before y, picture pixels, about one point per pixel, evenly spread
     """
     ordered = [chains[0], *sorted(chains[1:], key=lambda chain: -len(chain))]
     length = np.array([len(chain) for chain in ordered])
     ends = np.cumsum(length)
     x, y = np.concatenate(ordered).reshape(-1, 2).T.astype(np.intp)
-    # each chain is closed: the pixel after its last one is its first
+    # each chain is closed: its first pixel follows its last one
     after = np.arange(1, len(x) + 1)
     after[ends - 1] = ends - length
     ahead = CODE[y[after] - y + 1, x[after] - x + 1]
@@ -77,7 +77,7 @@ def trace_loops(
 def _crossings(
     x: IndexArray, y: IndexArray, code: IndexArray, shape: tuple[int, ...], field: Float32Array
 ) -> FloatArray:
-    """Return where the border crosses raster lines, from pixels to their neighbours."""
+    """Return where the border crosses the raster lines between pixels and their neighbours."""
     height, width = shape
     dx, dy = STEP_X[code], STEP_Y[code]
     nx, ny = x + dx, y + dy
@@ -105,7 +105,7 @@ def loop_normals(loop: FloatArray) -> FloatArray:
 
 
 def evenly(points: FloatArray) -> FloatArray:
-    """Return a closed outline at points one apart, or nearly, along it."""
+    """Return a closed outline resampled at points about 1 apart along it."""
     closed = np.concatenate([points, points[:1]])
     way = closed[1:] - closed[:-1]
     along = np.zeros(len(closed))

@@ -1,7 +1,7 @@
-"""What a calibrated camera sees of a posed mesh: which triangle in which pixel, and how far.
+"""What a calibrated camera sees of a posed mesh: the triangle in each pixel, and its depth.
 
-The one picture predictor of the controller: what recognition, planning and inspection compare
-against.
+This is the controller's only picture predictor: recognition, planning and inspection compare with
+its pictures.
 """
 
 from dataclasses import dataclass
@@ -23,8 +23,8 @@ class ViewMaps:
     Attributes
     ----------
     roi : the region in the picture
-    triangle : (height, width) int32 triangle seen, -1 where the part is not
-    depth_mm : (height, width) depth along the camera's axis, inf where the part is not
+    triangle : (height, width) int32 triangle seen, -1 beside the part
+    depth_mm : (height, width) depth along the camera's axis, inf beside the part
     """
 
     roi: Roi
@@ -40,14 +40,14 @@ class ViewMaps:
 def view_roi(
     vertices_mm: FloatArray, T_world_part: FloatArray, camera: Camera, margin_px: int = 4
 ) -> Roi | None:
-    """Return the picture region of a posed part, None where it is out of sight.
+    """Return the picture region of a posed part, None if it is out of sight.
 
     Parameters
     ----------
     vertices_mm : (n, 3) of the part, CAD frame; at least one
     T_world_part : (4, 4) [mm]
     camera : calibrated, in the world's frame
-    margin_px : kept free round the part, as far as the picture goes
+    margin_px : added round the part, within the picture
     """
     width, height = camera.size_px
     pixels = camera.project(transform(T_world_part, vertices_mm))
@@ -60,15 +60,15 @@ def view_roi(
 def meet_part(
     caster: RayCaster, T_world_part: FloatArray, eye_mm: FloatArray, lines: FloatArray
 ) -> tuple[Int32Array, FloatArray]:
-    """Return the triangle (n,) each sight line meets first, -1 for none, and how far off (n,).
+    """Return the triangle (n,) each sight line meets first, -1 for none, and its distance (n,).
 
     Parameters
     ----------
     caster : rays against the part's mesh, CAD frame
     T_world_part : (4, 4) [mm]
     eye_mm : (3,) where the lines begin, in the world
-    lines : (n, 3) directions in the world; distances are in units of their length, so that of
-        those a camera gives, scaled to depth 1, they are depths
+    lines : (n, 3) directions in the world; distances are in units of their length, which are
+        depths for the sight lines of a camera, scaled to depth 1
     """
     T_part_world = inverse_pose(T_world_part)
     directions = lines @ T_part_world[:3, :3].T
@@ -78,7 +78,7 @@ def meet_part(
 def render_maps(
     caster: RayCaster, T_world_part: FloatArray, camera: Camera, roi: Roi, step_px: int = 1
 ) -> ViewMaps:
-    """Cast the sight lines of every ``step_px``-th pixel of a region against a posed part.
+    """Return what every ``step_px``-th pixel of a region shows of a posed part.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def render_maps(
     T_world_part : (4, 4) pose of the CAD frame in the world [mm]
     camera : calibrated, in the world's frame
     roi : region of the picture
-    step_px : distance of the pixels asked for
+    step_px : distance between the pixels
     """
     x0, y0, x1, y1 = roi
     lines = camera.sight_line_table[y0:y1:step_px, x0:x1:step_px].astype(np.float64)

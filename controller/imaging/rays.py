@@ -1,8 +1,8 @@
-"""Ray casting on one mesh: what a straight line of sight meets first.
+"""Cast rays on one mesh: what a straight line of sight meets first.
 
-Embree works in single precision: with lengths in mm and a scene of a metre the hit distance is
-right to about 1e-4 mm. Rays that graze an edge shared by two triangles may miss both, so that
-callers never rely on one ray along an edge (planning-facts.md 3.2).
+Embree works in single precision: with lengths in mm and a scene of one metre, hit distances are
+right to about 1e-4 mm. A ray that grazes an edge shared by two triangles may miss both, so callers
+never rely on one ray along an edge (planning-facts.md 3.2).
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from controller.arrays import BoolArray, FloatArray, Int32Array
 
 
 class RayCaster:
-    """Rays against a fixed mesh; origins, directions and answers are in the mesh's frame."""
+    """Casts rays on a fixed mesh; origins, directions and results are in the mesh's frame."""
 
     def __init__(self, mesh: trimesh.Trimesh) -> None:
         self._scene = EmbreeScene()
@@ -26,7 +26,7 @@ class RayCaster:
     def first_hit(
         self, origins_mm: FloatArray, directions: FloatArray, within: FloatArray | None = None
     ) -> tuple[Int32Array, FloatArray]:
-        """Return what each ray meets first.
+        """Return the triangle that each ray meets first, and its distance.
 
         Parameters
         ----------
@@ -56,13 +56,13 @@ class RayCaster:
         directions: FloatArray,
         max_distance_mm: float | FloatArray | None = None,
     ) -> BoolArray:
-        """Return which rays (n,) meet anything on their way.
+        """Return which rays (n,) meet anything.
 
         Parameters
         ----------
         origins_mm, directions : as `first_hit`
-        max_distance_mm : (n,) or one for all, how far the way goes, in units of the direction's
-            length; None for ever
+        max_distance_mm : (n,) or one for all, where the ray ends, in units of the direction's
+            length; None for rays without end
         """
         _, distance = self.first_hit(origins_mm, directions)
         limit = np.inf if max_distance_mm is None else max_distance_mm

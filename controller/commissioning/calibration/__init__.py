@@ -1,6 +1,6 @@
-"""Board pictures -> the camera, its lens and its place over the table, and their uncertainty.
+"""Board pictures -> the camera: its lens and its pose over the table, with their uncertainty.
 
-Arrays in, dataclasses out: `find_board` for each picture, `calibrate` for all of them.
+Arrays in, dataclasses out: `find_board` for each picture, then `calibrate` for all of them.
 """
 
 from ._boards import NoBoardError, charuco_board, find_board

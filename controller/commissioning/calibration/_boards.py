@@ -1,7 +1,7 @@
-"""A board in a picture: found by OpenCV, turned the right way round, then each corner fitted.
+"""Find a board in a picture by OpenCV, turn it the right way round, then fit each corner.
 
-OpenCV finds boards best at some hundred to fifteen hundred pixels, so it is shown the picture
-enlarged or reduced; the corners are measured in the picture as it is.
+OpenCV finds boards best in pictures of several hundred to fifteen hundred pixels, so it gets the
+picture enlarged or reduced. The corners are measured in the picture as it is.
 """
 
 from collections.abc import Iterator
@@ -15,15 +15,16 @@ from controller.arrays import BoolArray, FloatArray, Grey
 from ._corners import refine_corners
 from ._types import Charuco, Chessboard, FoundBoard, Target
 
-_USUAL_PX: Final = (700, 1600)  # long sides that are searched as they are
+_USUAL_PX: Final = (700, 1600)  # a picture with a long side in this range is searched as it is
 _WANTED_PX: Final = 1100
-_CONTINUES: Final = 0.4  # a chess pattern's share in a row of squares beyond the board: it goes on
-_ALTERNATING_MIN: Final = (
-    0.9  # share of neighbours, one black, one white; some may have a reflection
-)
+# If a row of squares beyond the board has more than this share of the chess pattern's contrast, the
+# board goes on there.
+_CONTINUES: Final = 0.4
+# This share of neighbouring squares must be one black, one white; a few may have a reflection.
+_ALTERNATING_MIN: Final = 0.9
 _STRAY_SQUARES: Final = 0.25  # a ChArUco corner this far off the others' plane is a misread marker
-_STRAY_PX: Final = 4.0  # the same, while the plane is not yet known: lenses bend as much
-_CORNERS_MIN: Final = 4  # fix a plane's picture
+_STRAY_PX: Final = 4.0  # the same while the plane is not known yet: a lens bends it by as much
+_CORNERS_MIN: Final = 4  # this many points determine a homography
 
 
 class NoBoardError(Exception):
@@ -33,11 +34,11 @@ class NoBoardError(Exception):
 def find_board(grey: Grey, target: Target) -> FoundBoard:
     """Return the board in a picture (height, width).
 
-    A chessboard must be seen whole, of a ChArUco board any part with four corners will do.
+    A chessboard must be wholly in the picture. Of a ChArUco board, any four corners are enough.
 
     Raises
     ------
-    NoBoardError : none, too little of it, or another one than the target says
+    NoBoardError : no board, too little of it, or a board other than the target's
     """
     if isinstance(target, Chessboard):
         return _chessboard(grey, target)
@@ -45,7 +46,7 @@ def find_board(grey: Grey, target: Target) -> FoundBoard:
 
 
 def _sizes(grey: Grey) -> Iterator[Grey]:
-    """Yield the picture in several sizes, the likeliest to succeed first."""
+    """Yield the picture in several sizes, the most promising first."""
     longest = max(grey.shape)
     if longest < _USUAL_PX[0]:
         scales = (1.0, _USUAL_PX[0] / longest, 2 * _USUAL_PX[0] / longest)
@@ -91,7 +92,7 @@ def _search(grey: Grey, columns: int, rows: int) -> FloatArray:
                 pixels = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
                 return _unscaled(pixels, picture, grey).reshape(rows, columns, 2)
         if np.ptp(cv2.GaussianBlur(grey, (0, 0), 2)) < 12:
-            break  # an even grey: no use in looking harder
+            break  # an even grey has no board in any size
     raise NoBoardError(
         f"no chessboard with {columns} x {rows} inner corners; all of it must be in the picture, "
         "with a white border"
@@ -185,11 +186,11 @@ def charuco_board(target: Charuco) -> cv2.aruco.CharucoBoard:
 def _charuco(grey: Grey, target: Charuco) -> FoundBoard:
     board = charuco_board(target)
     likely = cv2.aruco.CharucoParameters()
-    likely.minMarkers = 1  # a corner beside one marker is seen well enough to start from
+    likely.minMarkers = 1  # a corner next to one marker is accurate enough as a start
     detector = cv2.aruco.CharucoDetector(board, likely)
     corner_count = len(board.getChessboardCorners())
     seen: dict[int, FloatArray] = {}
-    for picture in _sizes(grey):  # small markers are read in one size and not in another
+    for picture in _sizes(grey):  # OpenCV may read small markers in one size and not in another
         corners, ids, _, _ = detector.detectBoard(picture)
         if ids is not None:
             pixels = _unscaled(np.asarray(corners, np.float64).reshape(-1, 2), picture, grey)
@@ -221,7 +222,7 @@ def _charuco(grey: Grey, target: Charuco) -> FoundBoard:
 
 
 def _homography(board_mm: FloatArray, pixels: FloatArray) -> FloatArray | None:
-    """Return the homography (3, 3) most corners agree on, None where there is none."""
+    """Return the homography (3, 3) that most corners agree with, None if there is none."""
     found, _ = cv2.findHomography(board_mm, pixels, cv2.RANSAC, _STRAY_PX)
     return None if found is None else np.asarray(found, dtype=np.float64)
 

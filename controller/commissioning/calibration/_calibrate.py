@@ -1,4 +1,4 @@
-"""Boards seen -> camera: which distortion the views show, its uncertainty, when it is refused."""
+"""Boards found -> camera: choose the distortion terms, find the uncertainty, check both."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,12 +24,14 @@ from .solve import Fit, solve, start
 from .uncertainty import Spread, held_sizes, on_table, position_std_mm, spread, tilt_rad
 
 _TABLE_HEIGHTS_MM: Final = (0.0, 40.0)  # the table, and the top of a tall part
-_NOISE_FLOOR: Final = 0.5  # of the pictures' median noise: no picture counts more than four times
+# Share of the pictures' median noise that every picture has at least, so that none counts more than
+# four times.
+_NOISE_FLOOR: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Weights:
-    """Per view one over a corner's standard deviation (n,); 0 for an outlier."""
+    """Weights of corners (n,) per view: one over the standard deviation; 0 for an outlier."""
 
     of_views: tuple[FloatArray, ...]
     noise_px: float  # the pictures' median
@@ -43,15 +45,15 @@ def calibrate(
 ) -> Calibration:
     """Return the camera that agrees best with the boards of all views.
 
-    Which distortion terms are free is decided by the Bayesian information criterion: a term stays
-    where it explains more than as many observations of noise would; the others are 0.
+    The Bayesian information criterion decides which distortion terms are free: a term stays if it
+    explains more than fitting noise would. The other terms are 0.
 
     Parameters
     ----------
-    views : of one camera, with its focus and aperture as they are
+    views : of one camera, all with the same focus and aperture
     size_px : (width, height) of the pictures
-    world : of one of the flat ones
-    limits : what is asked of the views, and what is plausible
+    world : the frame that one of the flat views fixes
+    limits : what the views must show, and what is plausible
 
     Raises
     ------
@@ -88,7 +90,7 @@ def _even(views: Sequence[View]) -> tuple[FloatArray, ...]:
 
 
 def _weigh(fit: Fit, limits: Limits) -> _Weights:
-    """Return weights by each picture's own noise, corners far off left out."""
+    """Return weights by each picture's own noise; outliers have weight 0."""
     # of a two-dimensional normal distribution the median distance is 1.177 standard deviations
     distances = [np.linalg.norm(r, axis=1) for r in fit.residuals_px]
     noise = np.array([np.median(d) / 1.1774 for d in distances])

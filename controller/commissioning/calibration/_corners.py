@@ -1,11 +1,12 @@
-"""Corners of squares to a hundredth of a pixel: a picture of an X is fitted to the grey levels.
+"""Measure corners of squares to a hundredth of a pixel: fit a model of an X to the grey levels.
 
-About a corner two edges cross: grey = (mean + contrast e1 e2) light, where e1, e2 go from -1 to 1
-across two straight lines through the corner, as sharply as the lens's blur and the pixel's own
-size allow, and the light falls off evenly. The pattern changes sign across either line, so that
-brightness, over-exposure and blur move nothing. Because a pixel is a square and not a point, an
-edge along the rows is sharper than a slanting one, which would be 0.02 px in a sharp picture; and
-because light falls on white only, taking its slope as a sum would move corners towards the light.
+Two edges cross at a corner: grey = (mean + contrast e1 e2) light. Here e1 and e2 go from -1 to 1
+across two straight lines through the corner, as sharply as the lens's blur and the pixel's own size
+allow, and the light falls off evenly. The pattern changes sign across either line, so brightness,
+over-exposure and blur do not move the corner. Two details matter. A pixel is a square and not a
+point, so an edge along the rows is sharper than a slanting one; without that, corners would be off
+by 0.02 px in a sharp picture. And light shows on white only, so adding its slope instead of
+multiplying by it would move corners towards the light.
 """
 
 from typing import Final
@@ -16,11 +17,11 @@ from scipy.special import erf
 
 from controller.arrays import BoolArray, FloatArray
 
-REACH_SQUARES: Final = 0.42  # of the window: up to just short of the next edge
-REACH_MAX_PX: Final = 14  # more adds time, and bent edges
+REACH_SQUARES: Final = 0.42  # half side of the window, which ends just short of the next edge
+REACH_MAX_PX: Final = 14  # a larger window takes more time and has bent edges in it
 _STEPS_MAX: Final = 14
 _STILL_PX: Final = 2e-4  # a step this short was the last one
-_BLUR_MIN_PX: Final = 0.1  # of the lens; the pixel's own is known
+_BLUR_MIN_PX: Final = 0.1  # of the lens; the pixel's own blur is known
 _UNKNOWNS: Final = 9  # u, v, two directions, mean, light's two slopes, contrast, log blur
 
 
@@ -36,12 +37,12 @@ def refine_corners(
     Parameters
     ----------
     grey : (height, width)
-    pixels : (n, 2) where the corners are, to a pixel or so
+    pixels : (n, 2) where the corners are, to about a pixel
     axes_px : (n, 2, 2) the board's X and Y at each corner, one square long [px], as rows
-    marker_gap : where markers fill the white squares, the white border's share of a square
+    marker_gap : the white border's share of a square, if markers fill the white squares
     """
     first, _, there = _measure(grey, pixels, axes_px, marker_gap)
-    # the window is laid about what was found, so that nothing is left of where the search began
+    # the window is centred on the corner found and fitted again, so the start has no influence
     again, blur, sound = _measure(
         grey, np.where(there[:, None], first, pixels), axes_px, marker_gap
     )
@@ -53,7 +54,7 @@ def refine_corners(
 def _measure(
     grey: NDArray[np.uint8], pixels: FloatArray, axes_px: FloatArray, marker_gap: float | None
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Cut a window about each corner and fit it."""
+    """Fit each corner in a window around it; return what `refine_corners` returns."""
     height, width = grey.shape
     step_px = np.abs(axes_px).max(axis=(1, 2))
     wanted = np.ceil(REACH_SQUARES * np.median(step_px) * 1.3)
@@ -66,7 +67,7 @@ def _measure(
     squares = np.abs((at - pixels[:, None]) @ np.linalg.inv(axes_px))
     used = inside & (squares.max(axis=2) < REACH_SQUARES)
     if marker_gap is not None:
-        # a pixel and a half of the border are left to the blur of the marker's edge
+        # the blur of the marker's edge reaches a pixel and a half into the border
         clear = marker_gap - 1.5 / np.maximum(step_px, 1.0)
         used &= squares.min(axis=2) < clear[:, None]
     return _fit(values.astype(np.float64), used, at.astype(np.float64), pixels, axes_px)
@@ -79,7 +80,7 @@ def _fit(
     pixels: FloatArray,
     axes_px: FloatArray,
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Fit all corners at once: Gauss-Newton, each damped for itself."""
+    """Fit all corners at once by Gauss-Newton, each with its own damping."""
     count = np.maximum(used.sum(axis=1), 1)
     x = _first(values, used, at, pixels, axes_px)
     best, cost = x.copy(), np.full(len(x), np.inf)
@@ -111,7 +112,7 @@ def _fit(
     sound = (
         (count > 2 * _UNKNOWNS)
         & (far < np.maximum(1.5, 0.15 * square_px))
-        & (contrast > 3.0)  # grey levels: less cannot be told from a stain
+        & (contrast > 3.0)  # grey levels: anything fainter may be a stain
         & (noise < 0.4 * contrast)
         & (blur < 0.4 * square_px)
     )
@@ -169,10 +170,11 @@ def _model(x: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _edge(
     d: FloatArray, c: FloatArray, s: FloatArray, blur: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return an edge seen by pixels at distance d from it, and its derivatives by d and log blur.
+    """Return an edge as pixels at distance d see it, and its derivatives by d and log blur.
 
-    A square pixel seen along an edge of normal (c, s) is a box |c| wide smeared by one |s| wide:
-    the wider is averaged over exactly, the narrower counts as blur of its variance.
+    Along an edge of normal (c, s), a square pixel is a box of width |c| convolved with a box of
+    width |s|. The average over the wider box is exact; the narrower one counts as blur of the same
+    variance.
     """
     wide, narrow = np.maximum(np.abs(c), np.abs(s)), np.minimum(np.abs(c), np.abs(s))
     a = np.sqrt(2.0 * (blur**2 + narrow**2 / 12.0))

@@ -1,4 +1,4 @@
-"""Which distortion terms the views show: the Bayesian information criterion over plain lenses."""
+"""Choose the distortion terms that the views show, by the Bayesian information criterion."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -12,13 +12,14 @@ from .solve import Fit, solve
 from .uncertainty import Spread
 
 PINHOLE: Final = ("fx", "fy", "cx", "cy")
-# from the plainest on: radial terms in their order, with or without tangential ones
+# From the simplest lens up: radial terms in their order, with or without tangential terms.
 _LENSES: Final = tuple(
     tuple(name for name in PARAMETERS if name in (*PINHOLE, *radial, *tangential))
     for radial in ((), ("k1",), ("k1", "k2"), ("k1", "k2", "k3"))
     for tangential in ((), ("p1", "p2"))
 )
-_SLOPE_MIN: Final = 0.2  # of the radius in the picture by that of the ray: less is a fold
+# The least slope of the radius in the picture by the ray's; a smaller one folds the picture over.
+_SLOPE_MIN: Final = 0.2
 
 
 def likeliest(
@@ -31,9 +32,9 @@ def likeliest(
 ) -> Fit:
     """Return the fit of the lens with the least Bayesian information criterion.
 
-    What holding terms at 0 would cost follows from the fit with all of them free, as the squared
-    length of their values in their own covariance. Lenses that fold the picture over towards its
-    corners are none, however well they fit where there were boards.
+    The cost of holding terms at 0 follows from the fit with all of them free: it is the squared
+    length of their values in their own covariance. A lens that folds the picture over towards its
+    corners is excluded, however well it fits where there were boards.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ def likeliest(
 
 
 def _reaches_the_corners(intrinsics: FloatArray, size_px: tuple[int, int]) -> bool:
-    """Whether the lens takes each radius to one radius, out to the picture's furthest corner."""
+    """Return whether radii keep their order, out to the picture's furthest corner."""
     fx, fy, cx, cy, k1, k2, _, _, k3 = intrinsics
     corners = np.array([(0, 0), (1, 0), (0, 1), (1, 1)]) * size_px
     furthest = np.linalg.norm((corners - (cx, cy)) / (fx, fy), axis=1).max()

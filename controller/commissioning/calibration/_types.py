@@ -1,7 +1,7 @@
-"""What goes into a camera calibration and what comes out of it.
+"""The inputs and results of a camera calibration.
 
-Frames: *board* as the target says it (mm, Z out of the print, origin in an inner corner), *world*
-with the table at z = 0, *cam* OpenCV's. Pixels (n, 2), x before y.
+Frames: *board* as the target defines it (mm, Z out of the print, origin in an inner corner),
+*world* with the table at z = 0, *cam* OpenCV's. Pixels (n, 2), x before y.
 """
 
 from dataclasses import dataclass
@@ -23,15 +23,15 @@ class Placed(StrEnum):
     """How a board was put into a picture."""
 
     FLAT = "flat"  # on the table
-    TILTED = "tilted"  # held anyhow
+    TILTED = "tilted"  # in any other pose
 
 
 @dataclass(frozen=True, slots=True)
 class Chessboard:
     """A chessboard: inner corners along X and along Y, and the side of a square.
 
-    The axis with the odd count runs from the side whose two outer corner squares are black to the
-    side whose two are white; with two odd or two even counts half a turn makes no difference.
+    The axis with the odd count runs from the side with two black corner squares to the side with
+    two white ones. If both counts are odd or both are even, half a turn makes no difference.
     """
 
     inner_corners: tuple[int, int]
@@ -55,7 +55,7 @@ class Charuco:
     squares: tuple[int, int]
     square_mm: float
     marker_mm: float
-    dictionary: str  # OpenCV's name, as DICT_5X5_100
+    dictionary: str  # OpenCV's name, such as DICT_5X5_100
     legacy_pattern: bool = False  # as drawn by OpenCV before 4.6
 
     @property
@@ -96,9 +96,9 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class WorldFrame:
-    """What fixes the world: the pose of one flat board in it.
+    """The world frame, fixed by the pose of one flat board in it.
 
-    The height of ``origin_mm`` is that of the print of every flat board over the table.
+    The z of ``origin_mm`` is the height over the table of the print of every flat board.
     """
 
     name: str  # of its view
@@ -111,11 +111,11 @@ class Limits:
     """When a calibration is refused, each with its reason."""
 
     boards_min: int = 4  # fewer cannot contradict each other
-    tilted_min: int = 2  # one tilted board says f, a second one checks it in another direction
-    tilt_min_rad: float = np.radians(6.0)  # below it, f and height over the table are one number
+    tilted_min: int = 2  # one tilted board determines f, a second one, tilted elsewise, checks it
+    tilt_min_rad: float = np.radians(6.0)  # with less, f and height cannot be separated
     flat_max_rad: float = np.radians(4.0)  # one board's own tilt is known to about 1 deg
     corners_min: int = 8  # of one picture; four fix a pose, fewer than eight hardly check it
-    coverage_min: float = 0.3  # of the picture; distortion beyond the boards is a guess
+    coverage_min: float = 0.3  # share of the picture; beyond the boards, distortion is a guess
     rms_max_px: float = 0.6  # sharp pictures have 0.02 to 0.1 px
     rms_max_squares: float = 0.02  # as much, where squares are small
     picture_rms_ratio_max: float = 6.0  # one picture against the median of all
@@ -124,13 +124,15 @@ class Limits:
     focal_std_max: float = 0.01  # relative
     table_std_max_mm: float = 0.25  # at z = 0, where there were boards
     table_std_max_px: float = 0.25  # or this, where pixels are coarser than parts are gauged
-    beyond_ratio_max: float = 20.0  # in the corners, where nobody measured: reported, not refused
+    # Beyond the boards, the uncertainty on the table may be this many times as large; it is
+    # reported.
+    beyond_ratio_max: float = 20.0
     condition_max: float = 1e6  # of the scaled Jacobian
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewResidual:
-    """What is left of one picture after the fit."""
+    """The residuals of one picture after the fit."""
 
     name: str
     placed: Placed
@@ -143,10 +145,10 @@ class ViewResidual:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TableUncertainty:
-    """What the camera's uncertainty is on a plane over the table, over a grid of pixels.
+    """The uncertainty of positions on a plane over the table, over a grid of pixels.
 
-    Standard deviations [mm] of where a pixel's sight line meets the plane, in the direction in
-    which it is worst.
+    Each figure is the standard deviation [mm] of the point where a pixel's sight line meets the
+    plane, in the worst direction.
 
     Attributes
     ----------
@@ -168,12 +170,12 @@ class Calibration:
 
     Attributes
     ----------
-    free : names of the intrinsics the views show; the others of PARAMETERS are held at 0
+    free : names of the intrinsics that the views determine; the others of PARAMETERS are held at 0
     std : standard deviation of each free one
-    held_std : how far from 0 each held one may be all the same
+    held_std : how far from 0 each held one may really be, one standard deviation
     parameters_cov : covariance (15, 15) of PARAMETERS, then of the rotation (3) [rad, about the
         camera's axes] and translation (3) [mm] of the world in the camera
-    noise_cov : the part of it that is the corners' noise; the rest is what held terms may do
+    noise_cov : the share of it that comes from the corners' noise; held terms cause the rest
     rms_px : of the distance of all corners but outliers
     noise_px : standard deviation of a corner's u or v
     coverage : share of the picture within the hull of all corners

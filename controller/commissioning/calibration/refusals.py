@@ -1,4 +1,4 @@
-"""When views do not determine a camera: each case with what to do about it."""
+"""Refuse views that do not determine a camera, each case with what to do about it."""
 
 from collections.abc import Sequence
 
@@ -34,14 +34,14 @@ def area_px(hull_px: FloatArray) -> float:
 def check_views(
     views: Sequence[View], size_px: tuple[int, int], world: WorldFrame, limits: Limits
 ) -> None:
-    """Refuse what can be refused before anything is computed.
+    """Check before any fit that the boards are enough, flat and tilted, all over the picture.
 
     Parameters
     ----------
     views : boards found, one for each picture
     size_px : (width, height) of the pictures
     world : names the view that fixes the world's frame
-    limits : what is asked of the views
+    limits : what the views must show
 
     Raises
     ------
@@ -82,7 +82,7 @@ def check_views(
 
 
 def check_placed(views: Sequence[View], T_cam_boards: Sequence[FloatArray], limits: Limits) -> None:
-    """Refuse flat boards that do not lie flat, and tilted ones that do.
+    """Check that flat boards lie flat, and that tilted ones do not.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def check_placed(views: Sequence[View], T_cam_boards: Sequence[FloatArray], limi
 
     Raises
     ------
-    CalibrationError : as said
+    CalibrationError : a flat board is tilted, or too few of the tilted ones are
     """
     normals = np.array([T[:3, 2] for T in T_cam_boards])
     is_flat = np.array([view.placed is Placed.FLAT for view in views])
@@ -117,7 +117,7 @@ def check_placed(views: Sequence[View], T_cam_boards: Sequence[FloatArray], limi
 
 
 def check_fit(views: Sequence[View], residuals: Sequence[ViewResidual], limits: Limits) -> None:
-    """Refuse a camera the pictures do not agree with.
+    """Check that the pictures agree with the camera.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def check_fit(views: Sequence[View], residuals: Sequence[ViewResidual], limits: 
 
     Raises
     ------
-    CalibrationError : residuals too large, altogether or in one picture, or too many outliers
+    CalibrationError : residuals too large, in all or in one picture, or too many outliers
     """
     outliers = sum(r.outlier_count for r in residuals)
     corners = sum(r.corner_count for r in residuals)
@@ -155,11 +155,11 @@ def check_fit(views: Sequence[View], residuals: Sequence[ViewResidual], limits: 
 
 
 def check_uncertainty(calibration: Calibration, limits: Limits) -> None:
-    """Refuse a camera the pictures do not determine.
+    """Check that the pictures determine the camera.
 
     Raises
     ------
-    CalibrationError : focal length or places on the table too uncertain, or nearly undetermined
+    CalibrationError : focal length or positions on the table too uncertain, or nearly undetermined
     """
     fx, fy = calibration.camera.K[0, 0], calibration.camera.K[1, 1]
     relative = max(calibration.std["fx"] / fx, calibration.std["fy"] / fy)

@@ -1,10 +1,10 @@
-"""All boards of all pictures at once: camera, lens, and where every board was held.
+"""Fit all boards of all pictures at once: camera, lens, and the pose of every board.
 
-Unknown are the free intrinsics, the pose of the world in the camera, for a tilted board its pose in
-the camera, for a flat one its place and angle on the table; the board that fixes the world has no
-unknowns. So the flat boards together say how the camera stands over the table: the plane z = 0 is
-common to them. Least squares with analytic Jacobian: the derivatives by lens and by point are
-OpenCV's (`projectPoints`), the chain down to the poses is ours.
+The unknowns are the free intrinsics, the pose of the world in the camera, the pose in the camera of
+each tilted board, and position and angle on the table of each flat one. The board that fixes the
+world has no unknowns. So all flat boards together determine how the camera stands over the table:
+they share the plane z = 0. The fit is least squares with an analytic Jacobian: the derivatives by
+lens and by point are OpenCV's (`projectPoints`), the chain from there to the poses is ours.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,8 @@ from controller.imaging import inverse_pose
 
 from ._types import PARAMETERS, CalibrationError, Placed, View, WorldFrame
 
-_FIRST_STEP: Final = 1e4  # in weighted residuals: the start is near, so Gauss and Newton may go
+# In weighted residuals: the start is near the solution, so full Gauss-Newton steps are allowed.
+_FIRST_STEP: Final = 1e4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +43,7 @@ class Solution:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """A solution, its residuals and what they say about the unknowns.
+    """A solution, its residuals and their Jacobian.
 
     Attributes
     ----------
@@ -59,7 +60,7 @@ class Fit:
     cost: float
 
     def is_on_table(self, view: View) -> bool:
-        """Whether a view's board is posed in the world and not in the camera."""
+        """Return whether a view's board is posed in the world and not in the camera."""
         return view.placed is Placed.FLAT
 
 
@@ -85,7 +86,7 @@ def start(
 ) -> tuple[Solution, list[FloatArray]]:
     """Return a first solution, and the pose T_cam_board of each board fitted by itself.
 
-    It is OpenCV's calibration with one distortion term, which knows of no table.
+    The solution is OpenCV's calibration with one distortion term. It does not use the common table.
 
     Parameters
     ----------
@@ -159,7 +160,7 @@ def solve(
 
     def evaluated(x: FloatArray) -> tuple[FloatArray, FloatArray]:
         key = x.tobytes()
-        if key not in at_x:  # residuals and Jacobian are asked for one after the other
+        if key not in at_x:  # the solver calls for residuals and Jacobian one after the other
             at_x.clear()
             at_x[key] = layout.evaluate(x, first, weights)
         return at_x[key]
@@ -177,9 +178,9 @@ def solve(
         origin,
         jac=slopes,
         method="trf",
-        x_scale=_FIRST_STEP / steep,  # the first step is as long as this, and no longer
+        x_scale=_FIRST_STEP / steep,  # this limits the length of the first step
         xtol=1e-8,
-        ftol=1e-9,  # with 2000 residuals the rest is 0.002 standard deviations
+        ftol=1e-9,  # with 2000 residuals, stopping here leaves 0.002 standard deviations
         gtol=None,
         max_nfev=100,
     )
@@ -194,7 +195,7 @@ def solve(
 
 
 class _Layout:
-    """Which unknown stands where, and what the residuals are for given unknowns."""
+    """The order of the unknowns, and the residuals for given unknowns."""
 
     def __init__(self, views: Sequence[View], free: tuple[str, ...], world: WorldFrame) -> None:
         self._views = views
@@ -211,7 +212,7 @@ class _Layout:
         self.size = at
 
     def apply(self, x: FloatArray, origin: Solution) -> Solution:
-        """Return the solution that is x away from another."""
+        """Return the solution at the step x from another solution."""
         intrinsics = origin.intrinsics.copy()
         intrinsics[self._free] += x[: self._camera]
         placed = []
@@ -273,7 +274,7 @@ def by_turn(by_point: FloatArray, arm: FloatArray, w: FloatArray) -> FloatArray:
     Parameters
     ----------
     by_point : (n, 2, 3) derivatives of the pixels by the points exp(w) q
-    arm : (n, 3) exp(w) q, from the point that is turned about
+    arm : (n, 3) exp(w) q, from the centre of rotation
     w : (3,) [rad]
     """
     # d(exp(w) q) = -[exp(w) q]x Jl(w) dw, and v @ -[a]x = a x v for a row v
@@ -296,7 +297,7 @@ def _left_jacobian(w: FloatArray) -> FloatArray:
 
 
 def _moved(T: FloatArray, x: FloatArray) -> FloatArray:
-    """Return the pose turned by x[:3] from the left about its origin, which moves by x[3:]."""
+    """Return the pose rotated by x[:3] from the left about its origin, and moved by x[3:]."""
     out = T.copy()
     out[:3, :3] = Rotation.from_rotvec(x[:3]).as_matrix() @ T[:3, :3]
     out[:3, 3] += x[3:]

@@ -1,9 +1,9 @@
 """The uncertainty of the fit: of each parameter, the camera's pose, and positions on the table.
 
-What the pictures' noise does is the inverse of the normal matrix. A distortion term the views do
-not show is held at 0, which is not the same as knowing that it is 0: it is taken as of no more than
-a fifth of the term before it in the lens's series, or than the views would let pass, and what it
-would do to everything else is added ("consider parameters", Schmidt 1966).
+The effect of the pictures' noise is the inverse of the normal matrix. A distortion term that the
+views do not show is held at 0, but it is not known to be 0. Its standard deviation is taken as a
+fifth of the term before it in the lens's series, or as what the views would leave unnoticed, if
+that is less. Its effect on everything else is added ("consider parameters", Schmidt 1966).
 """
 
 from collections.abc import Mapping
@@ -19,7 +19,9 @@ from controller.imaging import Camera
 from ._types import PARAMETERS, TableUncertainty
 from .solve import Fit, by_turn, project
 
-_NEXT_TERM: Final = 0.2  # of the term before, at the picture's corners: the series converges
+# Each term of the lens's series is taken as this share of the term before, at the picture's
+# corners, since the series converges.
+_NEXT_TERM: Final = 0.2
 _GRID: Final = (33, 27)
 _POSE: Final = slice(len(PARAMETERS), len(PARAMETERS) + 6)
 
@@ -30,7 +32,7 @@ class Spread:
 
     Attributes
     ----------
-    cov : covariance (15, 15), the held parameters' part included
+    cov : covariance (15, 15), the effect of held parameters included
     noise_cov : covariance (15, 15) from the corners' noise alone; 0 for held parameters
     noise : standard deviation of a weighted residual; 1 where the weights are right
     condition : of the Jacobian with its columns scaled to length 1
@@ -45,7 +47,7 @@ class Spread:
 
 
 def free_columns(fit: Fit) -> FloatArray:
-    """Return the Jacobian's columns of what was free."""
+    """Return the Jacobian's columns of the free unknowns."""
     held = [i for i, name in enumerate(PARAMETERS) if name not in fit.free]
     return np.delete(fit.jac, held, axis=1)
 
@@ -59,11 +61,11 @@ def spread(fit: Fit, held_std: Mapping[str, float]) -> Spread:
 
     Raises
     ------
-    numpy.linalg.LinAlgError : the views leave something wholly open
+    numpy.linalg.LinAlgError : the views leave an unknown wholly open
     """
     count = len(PARAMETERS)
     jac = free_columns(fit)
-    used = int((np.abs(fit.jac).max(axis=1) > 0).sum())  # rows of weight 0 say nothing
+    used = int((np.abs(fit.jac).max(axis=1) > 0).sum())  # rows of weight 0 do not count
     noise = float(np.sqrt(fit.cost / max(1, used - jac.shape[1])))
     scale = np.linalg.norm(jac, axis=0)
     _, singular, right = np.linalg.svd(jac / scale, full_matrices=False)
@@ -80,7 +82,7 @@ def spread(fit: Fit, held_std: Mapping[str, float]) -> Spread:
         if name in fit.free:
             continue
         i = PARAMETERS.index(name)
-        # had it been 1, everything else would have come out by this much differently
+        # had it been 1, everything else would have come out different by this much
         moved = np.zeros(count + 6)
         moved[kept] = -(inverse @ (jac.T @ fit.jac[:, i]))[:m]
         moved[i] = 1.0
@@ -95,7 +97,7 @@ def held_sizes(fit: Fit, size_px: tuple[int, int], loose: Spread) -> dict[str, f
 
     Parameters
     ----------
-    fit : some terms held at 0
+    fit : with some terms held at 0
     size_px : (width, height) of the pictures
     loose : of the fit that holds nothing
     """
@@ -145,7 +147,7 @@ def tilt_rad(fit: Fit, found: Spread) -> tuple[float, float]:
 def on_table(
     camera: Camera, fit: Fit, found: Spread, hull_px: FloatArray, height_mm: float
 ) -> TableUncertainty:
-    """Return how surely pixels are taken to the plane z = height, over the whole picture.
+    """Return the uncertainty of pixels projected to the plane z = height, over the whole picture.
 
     Parameters
     ----------
@@ -164,7 +166,7 @@ def on_table(
     _, by_point, by_lens = project(p_cam, fit.solution.intrinsics)
     by_turning = by_turn(by_point, p_cam - T[:3, 3], np.zeros(3))
     by_all = np.concatenate([by_lens, by_turning, by_point], axis=2)
-    # the pixel stays, so the point on the plane moves against what the parameters do to it
+    # the pixel is fixed, so the point on the plane moves against the effect of the parameters
     moved = -np.linalg.solve((by_point @ T[:3, :3])[:, :, :2], by_all)
     cov = moved @ found.cov @ moved.transpose(0, 2, 1)
     std = np.sqrt(np.linalg.eigvalsh(cov)[:, -1])

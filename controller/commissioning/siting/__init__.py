@@ -1,6 +1,6 @@
-"""Where inspection camera and fixed gripper should stand for a family of parts.
+"""Find where inspection camera and fixed gripper should stand for a family of parts.
 
-Arm, table and overhead camera stay where they are; the camera keeps its distance from the part.
+Arm, table and overhead camera stay where they are; the camera keeps its distance from the part. See
 planning-facts.md 3.1 (which side to look from) and 1.3 (what a plan needs).
 """
 

@@ -1,4 +1,4 @@
-"""What siting needs of each part, none of which depends on where camera and fixed gripper stand."""
+"""What siting needs of each part; it does not depend on where camera and fixed gripper stand."""
 
 from __future__ import annotations
 
@@ -24,22 +24,24 @@ from controller.planning.views import hidden_by_gripper, holding_boxes, view_pos
 
 from .site import standoff_mm
 
-PER_POSE_N = 4  # grasps kept for taking each stable pose up
+PER_POSE_N = 4  # grasps kept for picking the part up from each stable pose
 PICK_TURNS_N = 6
 PICK_LIFT_MM = 85.0
 PICK_PATH_COUNT = 2  # branches of the arm per grasp and place
 BRANCHES_N = 1000  # more than the kinematics number
-SHOWS_ALL = 0.99  # of what a pair of grasps could show together: then they complement each other
+# Two grasps complete each other if together they show this share of what all grasps show.
+SHOWS_ALL = 0.99
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picks:
-    """Ways to take the part up all over the table, by the joints alone.
+    """Picks of the part all over the table that the joints allow.
 
     Attributes
     ----------
-    pose, place, grasp : (k,) of the path: which stable pose, which place and turn, which grasp
-    q_hold, q_above : (k, 6) where the arm gripper closes, and where it comes from
+    pose, place, grasp : (k,) of each pick: index of its stable pose, of its planar pose, of its
+        grasp
+    q_hold, q_above : (k, 6) configurations in which the arm gripper closes, and from which it comes
     """
 
     places_n: int
@@ -52,7 +54,7 @@ class Picks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FamilyMember:
-    """One part as siting sees it; grasps k and k + base_n are the same, the gripper turned over.
+    """A part as siting sees it; grasp k + base_n is grasp k with the arm gripper turned over.
 
     Attributes
     ----------
@@ -63,9 +65,9 @@ class FamilyMember:
     T_view, inside : (v, r, 4, 4), (v, r) of `views.view_poses` in the cell as given
     start_poses : stable poses from which some grasp picks, wherever things stand
     from_pose : (p, 2 base_n) which grasps clear the table in each, from above
-    probabilities : (p,) of these poses, adding to 1
+    probabilities : (p,) of these poses; their sum is 1
     completes : (base_n, base_n) the second grasp shows what the first one hides
-    radius_mm : of the ball about the centre of mass that holds the part
+    radius_mm : of the ball about the centre of mass that contains the part
     """
 
     prepared: PreparedPart
@@ -86,12 +88,12 @@ class FamilyMember:
 
     @property
     def name(self) -> str:
-        """Return what the part is called."""
+        """Return the part's name."""
         return self.prepared.solid.name
 
     @property
     def base_n(self) -> int:
-        """Return how many grasps there are, turned-over ones left out."""
+        """Return the count of grasps without the turned-over ones."""
         return len(self.shown)
 
     @property
@@ -108,14 +110,14 @@ class FamilyMember:
 def family_member(
     part: PreparedPart, layout: CellLayout, grasp_count: int, fixed_count: int, directions_n: int
 ) -> FamilyMember:
-    """Thin a prepared part to what a search over sites can afford.
+    """Return a prepared part, thinned to what a search over sites can afford.
 
     Parameters
     ----------
     part : prepared in this cell
     layout : the cell
-    grasp_count, fixed_count : grasps of either holder beside those that take resting parts up
-    directions_n : square views first, as the part has them
+    grasp_count, fixed_count : grasps of the arm gripper and of the fixed one, besides the picks
+    directions_n : count of directions; square views come first, as in the prepared part
     """
     solid = part.solid
     every = [g for g in part.arm_grasps if not g.id.endswith("'")]
@@ -181,7 +183,7 @@ def _picks(
     grasps: Sequence[Grasp],
     from_pose: BoolArray,
 ) -> Picks:
-    """List ways to take the part up at the middle and the corners of where parts may lie."""
+    """Return the picks at the middle and the corners of the area where parts may lie."""
     (x0, x1), (y0, y1) = layout.set_down_mm
     places = [((x0 + x1) / 2, (y0 + y1) / 2), (x0, y0), (x0, y1), (x1, y0), (x1, y1)]
     turns = 2 * np.pi * np.arange(PICK_TURNS_N) / PICK_TURNS_N
@@ -195,7 +197,7 @@ def _picks(
             T_above[:, :3, 3] -= PICK_LIFT_MM * T_hold[:, :3, 0]
             holds, branch, q_hold = inverse_rows(layout, T_hold)
             comes, other, q_above = inverse_rows(layout, T_above)
-            # the way down keeps its branch, so a pair of the same one is the same way
+            # the path down keeps its branch, so pair configurations of the same branch
             mine, its = holds * BRANCHES_N + branch, comes * BRANCHES_N + other
             both = np.intersect1d(mine, its)
             i, j = np.searchsorted(mine, both), np.searchsorted(its, both)
@@ -211,7 +213,7 @@ def _picks(
 
 
 def completing(shown_by_grasp: BoolArray, weights: FloatArray) -> BoolArray:
-    """Return of each pair of grasps (g, g) whether the second shows what the first one hides.
+    """Return for each pair of grasps (g, g) whether the second shows what the first one hides.
 
     Parameters
     ----------
@@ -223,7 +225,7 @@ def completing(shown_by_grasp: BoolArray, weights: FloatArray) -> BoolArray:
 
 
 def _some_directions(square_to: IntArray, count: int) -> IntArray:
-    """Return up to `count` of the directions: square ones, then evenly many of the sphere's."""
+    """Return up to `count` directions: square ones first, then an even choice of the sphere's."""
     square = np.flatnonzero(square_to >= 0)[:count]
     sphere = np.flatnonzero(square_to < 0)
     left = min(count - len(square), len(sphere))
@@ -234,7 +236,7 @@ def _some_directions(square_to: IntArray, count: int) -> IntArray:
 
 
 def tcp_offsets_mm(members: Sequence[FamilyMember]) -> FloatArray:
-    """Return where the centre of mass is in the arm gripper, over all members' grasps (k, 3)."""
+    """Return the centre of mass in the arm gripper's frame for all members' grasps (k, 3)."""
     found = [
         inverse_pose(g.T_part_tcp)[:3, :3] @ m.prepared.solid.centroid_mm
         + inverse_pose(g.T_part_tcp)[:3, 3]

@@ -1,4 +1,4 @@
-"""The answer in numbers and sentences, for the person who bolts the camera down."""
+"""Report the result in figures and sentences, for the person who bolts the camera down."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from .search.sites import search_sites
 from .site import Site, carried, fellows_of, placed_at, site_of
 from .survey import Progress, site_key, survey
 
-SAME_MM, SAME_DEG = 1.0, 0.5  # nobody places a camera or a gripper better by hand
-TURN_MM = 5.0  # what a degree of turning counts as, in mm of moving
-LEAST_PICKS = 0.01  # of the places on the table: fewer are noise
+SAME_MM, SAME_DEG = 1.0, 0.5  # nobody places a camera or a gripper more exactly by hand
+TURN_MM = 5.0  # a turn by one degree counts as a move by this much
+LEAST_PICKS = 0.01  # share of the places on the table; a smaller difference is noise
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SiteReport:
-    """Where camera and fixed gripper should stand, and whether that is worth moving them.
+    """Where camera and fixed gripper should stand, and whether moving them is worth it.
 
     Attributes
     ----------
-    present, best : of the same parts, all checked
-        `best` is, of the sites as good as the best, the one that needs the smallest moves
-    others : the next best sites, unlike it
+    present, best : scores for the same parts, all checked; `best` is, of the sites as good as the
+        best, the one that needs the smallest moves
+    others : the next best sites, far from the best one
     joints_allow : mean share of the surface that the joints alone allow, the camera anywhere
     stay : the present site is as good as the best found
-    sites_tried, sites_checked : how many of the grid, and how many with everything checked
+    sites_tried, sites_checked : count of sites of the grid, and of those with everything checked
     T_camera : (4, 4) pose of the camera at the best site
-    move : (4, 4) that takes there whatever belongs to the camera, its lamps too
-    boxes : obstacles that move with camera or fixed gripper, as they stand then
-    sentences : the answer in words
+    move : (4, 4) rigid motion there of all that belongs to the camera, its lamps included
+    boxes : obstacles that move with camera or fixed gripper, in their new place
+    sentences : the result in words
     """
 
     present: SiteScore
@@ -58,14 +58,14 @@ def site_report(
     options: SiteOptions | None = None,
     progress: Progress | None = None,
 ) -> SiteReport:
-    """Search sites for a family of parts and say what came out.
+    """Search sites for a family of parts and return the report.
 
     Parameters
     ----------
     parts : of `prepare_part` in this layout
     layout : the cell as it stands
     options : how much is tried, and what is noise; None for the defaults
-    progress : called with what is being done, steps done and steps in all
+    progress : called with the name of the step, steps done and steps in all
 
     Raises
     ------
@@ -96,11 +96,11 @@ def site_report(
 
 
 def reasons_to_move(present: SiteScore, best: SiteScore, options: SiteOptions) -> tuple[str, ...]:
-    """Return what the best site has over the present one that is more than noise; () if nothing.
+    """Return the advantages of the best site over the present one, noise left out; () if none.
 
     Parameters
     ----------
-    present : the site as it stands; the same object as ``best`` if nothing beats it
+    present : the present site; the same object as ``best`` if nothing is better
     best : the best site found
     options : how much is more than noise
     """
@@ -141,7 +141,7 @@ def reasons_to_move(present: SiteScore, best: SiteScore, options: SiteOptions) -
 
 
 def seconds_of(score: SiteScore) -> float:
-    """Return the mean estimate of views and regrasp [s]; NaN where no part can be shown."""
+    """Return the mean estimate of views and regrasp [s]; NaN if no part can be shown."""
     regrasp = score.mean("regrasp_s")
     return score.mean("view_s") + (regrasp if np.isfinite(regrasp) else 0.0)
 
@@ -152,8 +152,8 @@ def least_moved(found: Sequence[SiteScore], present: SiteScore, as_good: float) 
     Parameters
     ----------
     found : best first
-    present : the site as it stands
-    as_good : by which a site's value may be less than the best one's
+    present : the present site
+    as_good : a site's value may be this much less than the best one's
     """
     equals = [s for s in found if s.forbidden is None and s.value >= found[0].value - as_good] or [
         found[0]
@@ -162,7 +162,7 @@ def least_moved(found: Sequence[SiteScore], present: SiteScore, as_good: float) 
 
 
 def moved_mm(a: Site, b: Site) -> float:
-    """Return by how much station, camera and fixed gripper move, turns counted 5 mm a degree."""
+    """Return how far station, camera and fixed gripper move; a degree of turn counts as 5 mm."""
     moved = float(np.linalg.norm(a.station_mm - b.station_mm))
     moved += TURN_MM * _angle_deg(float(a.towards @ b.towards))
     if a.T_world_fixed_tcp is not None and b.T_world_fixed_tcp is not None:
@@ -199,7 +199,7 @@ def _close(a: Site, b: Site, mm: float = 100.0, deg: float = 30.0) -> bool:
 
 
 def camera_words(site: Site) -> str:
-    """Return in words how the camera looks at the station."""
+    """Return in words which way the camera looks, and at which point."""
     return f"look along {along(site.looks_along)} at {_at(site.station_mm)}"
 
 

@@ -1,4 +1,4 @@
-"""What a site is worth: how much of the parts it shows, how freely, and in how many seconds."""
+"""Score a site: how much of the parts it shows, how freely, and in how many seconds."""
 
 from __future__ import annotations
 
@@ -21,22 +21,23 @@ class SiteOptions:
 
     Attributes
     ----------
-    as_good : sites whose values differ by less are equals; of these the one that needs the
-        smallest moves is the answer
-    keep_free_mm : ((x, x), (y, y)) of the glowing area; what the overhead camera sees if None
-    move_camera, move_fixed_gripper : False where it is bolted down
-    joints_only : a coarse answer within a minute: nothing is checked for collisions
+    as_good : sites whose values differ by less are equally good; of these, the one that needs the
+        smallest moves is chosen
+    keep_free_mm : ((x, x), (y, y)) of the glowing area; None for what the overhead camera sees
+    move_camera, move_fixed_gripper : False if it is bolted down
+    joints_only : a coarse result within a minute, without any check for collisions
     """
 
-    arm_grasps: int = 14  # beside those that take each resting pose up
-    fixed_grasps: int = 12  # each counts twice, turned over; with 5, some parts found no partner
+    arm_grasps: int = 14  # besides those that pick the part up from each stable pose
+    fixed_grasps: int = 12  # each also turned over; with 5, some parts found no partner
     directions: int = 92
     checked_cameras: int = 12  # camera sites that get the collision checks
     checked_fixed_poses: int = 10
     local_steps: int = 2  # rounds of the search about the best
-    worth_moving: float = 0.005  # of the surface: less is lost in grasps and directions not tried
-    worth_moving_s: float = 0.15  # of the seconds a part takes; these are estimates
-    worth_moving_hand_offs: float = 0.2  # of the grasps, or of the ways over a tray: a few are luck
+    worth_moving: float = 0.005  # of the surface; grasps and directions not tried may hide less
+    worth_moving_s: float = 0.15  # of the seconds that a part takes, which are estimates
+    # Of the grasps, or of the gripper's poses over a tray; a smaller difference may be chance.
+    worth_moving_hand_offs: float = 0.2
     as_good: float = 0.002
     keep_free_mm: tuple[tuple[float, float], tuple[float, float]] | None = None
     move_camera: bool = True
@@ -46,20 +47,21 @@ class SiteOptions:
 
 @dataclass(frozen=True, slots=True)
 class PartScore:
-    """What a site does for one part; shares of its surface unless they say of what.
+    """The figures of a site for one part; shares are of its surface unless another base is named.
 
     Attributes
     ----------
-    shown : over the stable poses it may start in, by their probabilities; shown_worst : of the
-        worst pose
-    joints_allow : by kinematics alone at this site, every grasp being reachable
-    views_share : of the (grasp, direction) pairs that show anything, what is reachable
-    partners_share : of the grasps that take it up and have others showing what they hide, those
-        from which one hand-off leads to such another
-    hand_offs_share : of all pairs of grasps that complete each other, what one hand-off joins
-    picks_share : of the places and turns tried on the table, where some grasp takes the part up
+    shown : mean over the stable poses it may start in, weighted by their probabilities
+    shown_worst : in the worst of these poses
+    joints_allow : by kinematics alone at this site, as if every grasp were reachable
+    views_share : reachable share of the (grasp, direction) pairs that show anything
+    partners_share : of the grasps that pick the part up and have partners that show what they hide,
+        the share from which one hand-off leads to such a partner
+    hand_offs_share : of all pairs of grasps that complete each other, the share that one hand-off
+        joins
+    picks_share : share of the planar poses tried on the table from which some grasp picks it up
     view_s, regrasp_s : seconds of the views that show all, and of the regrasp between (estimates);
-        NaN where there is no view, or no way to regrasp
+        NaN if there is no view, or no regrasp
     """
 
     name: str
@@ -77,15 +79,15 @@ class PartScore:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SiteScore:
-    """A site and what it is worth over the family.
+    """A site with its figures over the family.
 
     Attributes
     ----------
     stage : "joints", by kinematics alone, or "checked", with collisions and hand-offs
-    forbidden : why nothing may stand there; None otherwise
-    value : what sites are ranked by, see `value_of`
-    trays : per tray the share of the arm gripper's ways to be over it that touch nothing; 0 is
-        unserved
+    forbidden : why camera and fixed gripper may not stand there; None if they may
+    value : figure by which sites are ranked, see `value_of`
+    trays : per tray the share of the arm gripper's poses over it that touch nothing; a tray with 0
+        cannot be served
     """
 
     site: Site
@@ -117,23 +119,24 @@ class SiteScore:
         return float(values.mean()) if len(values) else float("nan")
 
 
-# What a full range of each figure is worth beside the share shown (1.0). Seeing comes first: a plan
-# needs a few views and one hand-off only, so more of either is comfort. A grasp from which no
-# hand-off shows the rest costs every part held so a longer way round, and is worth most of these.
+# The weight of each figure's full range, compared with the share shown (1.0). The share shown comes
+# first: a plan needs only a few views and one hand-off, so more of either is comfort. Of these
+# figures the partners weigh most: a grasp from which no hand-off shows the rest costs every part
+# held in it a longer sequence.
 VIEWS_WEIGHT = 0.01
 PARTNERS_WEIGHT = 0.04
 HAND_OFFS_WEIGHT = 0.02
-TRAYS_WEIGHT = 0.02  # a gripper that comes down straight sets parts down flat
+TRAYS_WEIGHT = 0.02  # a gripper that can come straight down places parts flat
 SECOND_WEIGHT = 0.03 / 60.0
-# a part that cannot be picked up somewhere on the table is worse than a face not shown
+# A place on the table from which a part cannot be picked up is worse than a face not shown.
 PICKS_WEIGHT = 1.0
 TRAY_LOST = 1.0  # a tray that cannot be served at all
 
 
 def value_of(parts: Sequence[PartScore], trays: Mapping[str, float] | None = None) -> float:
-    """Return what a site is worth: larger is better.
+    """Return the value of a site; larger is better.
 
-    Half of it is the family's mean, half its worst part, so that no part is given up for others.
+    Half of it is the family's mean, half its worst part, so that no part is sacrificed for others.
     """
     if not parts:
         return float("-inf")

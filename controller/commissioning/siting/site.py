@@ -1,8 +1,8 @@
-"""A place for camera and fixed gripper, and the cell with both put there.
+"""A site for camera and fixed gripper, and the cell with both moved there.
 
-The camera keeps its distance from the station (its focal length, resolution and depth of field were
-chosen for it) and takes along what belongs to it: its own box and the backlight panel behind the
-station. The fixed gripper takes along the post that carries it down to the table.
+The camera keeps its distance from the station, for which its focal length, resolution and depth of
+field were chosen. Its own box and the backlight panel behind the station move with it. The post
+between fixed gripper and table moves with the fixed gripper.
 """
 
 from __future__ import annotations
@@ -16,21 +16,22 @@ from controller.imaging import Camera, inverse_pose
 from controller.planning.geometry import Box, overlap, segments_hit
 from controller.planning.model import CellLayout
 
-STEEP = 0.9  # |z| of the way it looks beyond which the world's z no longer says what up is
-POST_REACH_MM = 25.0  # a post that carries the fixed gripper stands this close to its body at most
-BEHIND_MM = 150.0  # the camera's box reaches at least this far back from the lens, if it is its own
+# |z| of the line of sight beyond which the world's z cannot define which way is up.
+STEEP = 0.9
+POST_REACH_MM = 25.0  # the fixed gripper's post is at most this far from its body
+BEHIND_MM = 150.0  # the camera's own box is one that reaches this far behind the lens
 SAME_MM = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Site:
-    """Where the part is shown, from which side, and where the second gripper stands.
+    """The station, the side of the camera, and the pose of the fixed gripper.
 
     Attributes
     ----------
     station_mm : (3,) world
     towards : (3,) unit vector from the station to the camera
-    T_world_fixed_tcp : (4, 4) of its TCP frame; None where the cell has no fixed gripper
+    T_world_fixed_tcp : (4, 4) of its TCP frame; None if the cell has no fixed gripper
     """
 
     station_mm: FloatArray
@@ -52,7 +53,7 @@ class Fellows:
 
 
 def site_of(layout: CellLayout) -> Site:
-    """Return where camera and fixed gripper of a layout stand."""
+    """Return the site of a layout's camera and fixed gripper."""
     towards = layout.inspection.position_mm - layout.station_mm
     return Site(
         np.asarray(layout.station_mm, dtype=float),
@@ -62,15 +63,15 @@ def site_of(layout: CellLayout) -> Site:
 
 
 def standoff_mm(layout: CellLayout) -> float:
-    """Return how far the camera stands from the station [mm]."""
+    """Return the distance from the camera to the station [mm]."""
     return float(np.linalg.norm(layout.inspection.position_mm - layout.station_mm))
 
 
 def fellows_of(layout: CellLayout) -> Fellows:
-    """Return the obstacles of the camera and of the fixed gripper, by where they stand.
+    """Return the obstacles that belong to the camera and to the fixed gripper, found by position.
 
-    The optical axis runs through the camera's own box and through the panel behind the station; a
-    post touches, or nearly, the body it carries.
+    The optical axis runs through the camera's own box and through the panel behind the station. A
+    post touches, or almost touches, the body that it carries.
     """
     post: list[str] = []
     if layout.fixed_gripper is not None:
@@ -101,7 +102,7 @@ def _segment_meets(start: FloatArray, end: FloatArray, box: Box) -> bool:
 def camera_frame(station_mm: FloatArray, towards: FloatArray, distance_mm: float) -> FloatArray:
     """Return the pose T_world_cam (4, 4) of an upright camera that looks at the station.
 
-    Its picture has the world's z up; looking steeply, what is away from the arm is up.
+    Its picture has the world's z up. If it looks steeply, the direction away from the arm is up.
 
     Parameters
     ----------
@@ -138,13 +139,13 @@ def carried(layout: CellLayout, site: Site) -> FloatArray:
 
 
 def placed_at(layout: CellLayout, site: Site, fellows: Fellows | None = None) -> CellLayout:
-    """Return the cell with camera, boxes, station, fixed gripper and post where a site says.
+    """Return the cell with camera, boxes, station, fixed gripper and post moved to a site.
 
     Parameters
     ----------
-    layout : the cell as it stands; left as it is
-    site : where to put them; without a fixed gripper's pose the fixed gripper stays
-    fellows : obstacles that move along; None for those `fellows_of` finds
+    layout : the cell as it stands; not changed
+    site : where to move them; without a pose for the fixed gripper, that gripper stays
+    fellows : obstacles that move along; None for those that `fellows_of` finds
     """
     fellows = fellows or fellows_of(layout)
     move = carried(layout, site)
@@ -167,9 +168,9 @@ def placed_at(layout: CellLayout, site: Site, fellows: Fellows | None = None) ->
 
 
 def moved_post(post: Box, T_old: FloatArray, T_new: FloatArray) -> Box:
-    """Return the post under a fixed gripper put elsewhere: it stays upright on the table.
+    """Return the post of a fixed gripper that was moved; the post stays upright on the table.
 
-    Level fixed grippers turn it with them about z; one that points up stands on it.
+    It turns about z with a level fixed gripper. A fixed gripper that points up stands on it.
 
     Parameters
     ----------
@@ -185,7 +186,7 @@ def moved_post(post: Box, T_old: FloatArray, T_new: FloatArray) -> Box:
     half = post.half_mm.copy()
     T = np.eye(4)
     if is_up:
-        # its top carries the palm from below, as far from the tips as it was behind them
+        # its top is under the palm, as far below the fingertips as it was behind them
         top = T_new[2, 3] - (back_mm - min(half[0], half[1]) if not was_up else T_old[2, 3] - high)
         yaw = float(np.arctan2(T_new[1, 1], T_new[0, 1]))
         T[:3, 3] = [T_new[0, 3], T_new[1, 3], (top + low) / 2]

@@ -1,4 +1,4 @@
-"""One search over sites: the cell, the family, and what has been checked of it."""
+"""One search over sites: the cell, the family, and the sites checked so far."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .checks.keepouts import why_not_here
 from .score import SiteOptions, SiteScore
 from .site import Fellows, Site, fellows_of, placed_at
 
-Progress = Callable[[str, int, int], None]  # what is being done, steps done, steps in all
+Progress = Callable[[str, int, int], None]  # name of the step, steps done, steps in all
 
 
 def _quiet(what: str, done: int, total: int) -> None:
@@ -26,7 +26,7 @@ def _quiet(what: str, done: int, total: int) -> None:
 class Survey:
     """One search: the cell, the family, and every site checked so far.
 
-    Kept as an object because all stages share the members and what has been checked already.
+    It is one object because all stages share the members and the sites checked so far.
     """
 
     layout: CellLayout
@@ -38,7 +38,7 @@ class Survey:
     tried_n: int = 0
 
     def forbidden(self, site: Site) -> str | None:
-        """Return what forbids a site, None if nothing."""
+        """Return why a site is forbidden, None if it is allowed."""
         keep = self.options.keep_free_mm
         return why_not_here(
             placed_at(self.layout, site, self.fellows),
@@ -47,7 +47,7 @@ class Survey:
         )
 
     def check(self, site: Site) -> SiteScore:
-        """Return the full score of a site, worked out once."""
+        """Return the full score of a site, computed once."""
         key = site_key(site)
         if key not in self.checked:
             score = score_site(self.layout, site, self.fellows, self.members)
@@ -68,7 +68,7 @@ def survey(
     parts : the family the cell is laid out for, at least one
     layout : the cell as it stands
     options : how much is tried; None for the defaults
-    progress : is called with what is being done, steps done and steps in all; None for nobody
+    progress : called with the name of the step, steps done and steps in all; None for no call
 
     Raises
     ------
@@ -90,7 +90,7 @@ def survey(
 
 
 def site_key(site: Site) -> tuple[int, ...]:
-    """Return whole numbers that are the same for the same site and for no other."""
+    """Return whole numbers that are equal for the same site and different for any other."""
     values = [*site.station_mm * 100.0, *site.towards * 1e5]
     if site.T_world_fixed_tcp is not None:
         values += [

@@ -1,1 +1,1 @@
-"""What is checked of a site: keep-outs, reach, visibility, collisions, hand-offs, seconds."""
+"""Check a site: keep-outs, reach, visibility, collisions, hand-offs, seconds."""

@@ -1,6 +1,6 @@
-"""What a site costs in seconds: the views that show all, and one regrasp. Estimates for ranking.
+"""Estimate what a site costs in seconds, for ranking: the views that show all, and one regrasp.
 
-A greedy plan in the free: moves are joint lines, no way round anything is looked for.
+The estimate is of a greedy plan without obstacles: moves are straight lines of the joints.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from controller.planning.motion import move_seconds
 
 from .._family import FamilyMember
 
-LEAST_GAIN = 0.002  # of the surface that one more view must add
-PAIRS_N = 24  # of the pairs of grasps that show all, timed
-SET_DOWN_S = 16.0  # two times down to the table and up, zed being the slowest axis
+LEAST_GAIN = 0.002  # share of the surface that one more view must add
+PAIRS_N = 24  # pairs of grasps that show all and are timed
+SET_DOWN_S = 16.0  # for going down to the table and up twice; zed is the slowest axis
 
 
 def forecast(
@@ -29,15 +29,16 @@ def forecast(
     met: BoolArray,
     tables: Sequence[dict[int, HandOff]],
 ) -> tuple[float, float]:
-    """Return seconds of the views under two grasps and of the regrasp between; NaN where none is.
+    """Return seconds of the views in two grasps and of the regrasp between; NaN if there is none.
 
     Parameters
     ----------
     layout : with camera and fixed gripper at the site
     member : a part of the family
-    views, q : (g, v), (g, v, 6) of the site; by_pose : (p, g) grasps that take each pose up
-    met : (f, g) grasps that meet
-    tables : of each grasp of the fixed gripper, how an arm grasp meets it
+    views, q : (g, v), (g, v, 6) of the site
+    by_pose : (p, g) grasps that pick the part up from each stable pose
+    met : (f, g) pairs of grasps that meet
+    tables : for each grasp of the fixed gripper, the hand-off from each arm grasp that meets it
     """
     nan = float("nan")
     if not len(by_pose) or not by_pose.any():
@@ -48,7 +49,7 @@ def forecast(
     weights = member.weights
     seen_by = np.stack([_sees(member, views, k) for k in range(len(views))])
     passed = (met.T.astype(int) @ met.astype(int)) > 0
-    # a second way to regrasp: put it down and take it up otherwise, which needs a new look at it
+    # The other kind of regrasp: set the part down, look at it again, and grasp it otherwise.
     pairs = passed | (start[:, None] & start[None])
     np.fill_diagonal(pairs, True)
     together = (seen_by[:, None] | seen_by[None]) @ weights * (pairs & start[:, None])
@@ -86,7 +87,7 @@ def _sees(member: FamilyMember, views: BoolArray, grasp: int) -> BoolArray:
 
 
 def _greedy(member: FamilyMember, views: BoolArray, grasp: int, seen: BoolArray) -> list[int]:
-    """Return directions, most new surface first; `seen` is added to."""
+    """Return directions, most new surface first; adds what they show to `seen`."""
     chosen: list[int] = []
     rows = np.flatnonzero(views)
     while len(rows):
@@ -102,7 +103,7 @@ def _greedy(member: FamilyMember, views: BoolArray, grasp: int, seen: BoolArray)
 def _tour(
     layout: CellLayout, q: FloatArray, chosen: Sequence[int], start: FloatArray
 ) -> tuple[float, FloatArray]:
-    """Return seconds of looking from each chosen view, the nearest next, and where it ends."""
+    """Return the seconds to visit all chosen views, each time the nearest next, and the last q."""
     at, left, seconds = start, list(chosen), 0.0
     while left:
         steps = [move_seconds(layout, np.stack([at, q[v]])) for v in left]
@@ -121,7 +122,7 @@ def _regrasp(
     start: FloatArray,
     by_table: bool,
 ) -> tuple[float, FloatArray]:
-    """Return the quickest regrasp from one base grasp to another, and where it ends."""
+    """Return the seconds of the quickest regrasp from one base grasp to another, and the last q."""
     best, end = np.inf, start
     for table in tables:
         for a in (first, first + half):
@@ -140,7 +141,7 @@ def _regrasp(
     cell_times = layout.cell_times
     best += cell_times.hand_off_s
     if by_table:
-        # down, away, a look from overhead, and up again: two ways of the arm as from park
+        # Down, away, a picture from overhead, and up again: the arm moves to park and back.
         set_down = 2 * move_seconds(layout, np.stack([start, layout.park_q])) + SET_DOWN_S
         set_down += cell_times.release_s + cell_times.grasp_s + cell_times.relook_s
         if set_down < best:

@@ -1,4 +1,4 @@
-"""A site with all checked that a plan needs: collisions, visibility, picks, hand-offs, trays."""
+"""Check all that a plan needs of a site: collisions, visibility, picks, hand-offs, trays."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .reach import covered_bits, hand_off_shares, shown_share
 from .visibility import links_in_sight
 
 TRIED_Q = 5  # configurations per grasp and direction that get a collision check
-PICK_MARGIN_MM = 2.0  # an empty gripper creeping down to the part
+PICK_MARGIN_MM = 2.0  # clearance of an empty gripper that moves down slowly to the part
 TRAY_Z_MM = (60.0, 160.0)
 TRAY_TURNS_N = 12
 TRAY_PITCHES_DEG = (-90.0, -60.0, -30.0)
@@ -35,8 +35,8 @@ class Shows:
     Attributes
     ----------
     reached : (base_n, v) bool, by the joints alone
-    views : (base_n, v) bool, free of contact too and with the arm out of the picture
-    q : (base_n, v, 6) one configuration each, NaN where there is none
+    views : (base_n, v) bool, also free of contact and with the arm out of the picture
+    q : (base_n, v, 6) one configuration each, NaN if there is none
     """
 
     reached: BoolArray
@@ -51,7 +51,7 @@ def checked_views(site_layout: CellLayout, member: FamilyMember, move: FloatArra
     ----------
     site_layout : with camera and fixed gripper at the site
     member : a part of the family
-    move : (4, 4) of `carried`: from where the member's views were worked out to this site
+    move : (4, 4) of `carried`: from the site for which the member's views were computed to this one
     """
     half = member.base_n
     q_free = np.full((half, len(member.vectors), 6), np.nan)
@@ -60,8 +60,8 @@ def checked_views(site_layout: CellLayout, member: FamilyMember, move: FloatArra
     rolls = np.arange(member.inside.shape[1])
     for base in range(half):
         left = member.shown[base].any(axis=1)
-        # half the rolls, the others, the same with the arm gripper turned over: most directions are
-        # free at the first try, and only what is left goes on to the next
+        # Half the rolls, then the other half, then both with the arm gripper turned over. Most
+        # directions are free at the first try; only the rest go on to the next one.
         for grasp in (member.arm_grasps[base], member.arm_grasps[base + half]):
             for some in (rolls % 2 == 0, rolls % 2 == 1):
                 view, roll = np.nonzero(member.inside & left[:, None] & some)
@@ -76,11 +76,11 @@ def checked_views(site_layout: CellLayout, member: FamilyMember, move: FloatArra
 def _first_free(
     layout: CellLayout, member: FamilyMember, grasp: Grasp, T_part: FloatArray, view: IntArray
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """Return views the joints reach, those of them that are free, and how: (a,), (b,), (b, 6).
+    """Return views that the joints reach, the free ones of these, and their q: (a,), (b,), (b, 6).
 
     Parameters
     ----------
-    T_part : (n, 4, 4) ways to hold the part up, of the views (n,)
+    T_part : (n, 4, 4) poses of the part in front of the camera, one for each of the views (n,)
     """
     index, _, q = inverse_rows(layout, T_part @ grasp.T_part_tcp)
     if len(index) == 0:
@@ -107,13 +107,12 @@ def _first_free(
 
 
 def free_picks(site_layout: CellLayout, member: FamilyMember) -> BoolArray:
-    """Return which grasps take the part up where: (p poses, places, 2 base_n) bool."""
+    """Return which grasps pick the part up where: (p poses, places, 2 base_n) bool."""
     picks = member.picks
     found = np.zeros((len(member.start_poses), picks.places_n, len(member.arm_grasps)), dtype=bool)
     if len(picks.q_hold) == 0:
         return found
-    # with the arm gripper wide open: a grasp that needs it narrower by a pose's place is not lost
-    # by that
+    # The arm gripper is taken as wide open. A grasp that must open less in some pose is not lost.
     scene = Scene(site_layout, site_layout.arm_gripper.max_mm, site_layout.fixed_open_mm)
     q = np.concatenate([picks.q_hold, picks.q_above])
     free = ~_touches(scene, q).reshape(2, -1).any(axis=0)
@@ -122,19 +121,19 @@ def free_picks(site_layout: CellLayout, member: FamilyMember) -> BoolArray:
 
 
 def _touches(scene: Scene, q: FloatArray) -> BoolArray:
-    """Return which configurations (n, 6) touch something that stands in the cell, the table apart.
+    """Return which configurations (n, 6) touch anything in the cell except the table.
 
-    Whether the arm gripper clears the table was settled when the picks were listed.
+    Clearance from the table was checked when the picks were listed.
     """
     contacts = scene.contacts(q, PICK_MARGIN_MM, table_margin_mm=-1e6)
     return np.asarray(contacts >= 0)
 
 
 def tray_freedom(site_layout: CellLayout) -> dict[str, float]:
-    """Return per tray the share of the arm gripper's ways to be over it that touch nothing.
+    """Return per tray the share of the arm gripper's poses over it that touch nothing.
 
-    Straight down and leaning, low over the tray's floor and where the part comes in. Nothing free
-    is 0.0: the tray cannot be served.
+    The poses point straight down and lean, low over the tray's floor and where the part comes in.
+    At 0.0 the tray cannot be served.
     """
     scene = Scene(site_layout, site_layout.arm_gripper.max_mm, site_layout.fixed_open_mm)
     R = _gripper_turns()
@@ -167,7 +166,7 @@ def _gripper_turns() -> FloatArray:
 def checked_hand_offs(
     site_layout: CellLayout, member: FamilyMember
 ) -> tuple[BoolArray, list[dict[int, HandOff]]]:
-    """Return which base grasps can meet which of the fixed gripper's (f, base_n), and how."""
+    """Return which base grasps can meet which fixed ones (f, base_n), and the hand-offs."""
     half = member.base_n
     if site_layout.fixed_gripper is None or not member.fixed_grasps:
         return np.zeros((0, half), dtype=bool), []
@@ -183,7 +182,7 @@ def checked_hand_offs(
 
 
 def passed_on(start: BoolArray, met: BoolArray) -> BoolArray:
-    """Return which grasps (g,) can be come by from some (g,), over any number of hand-offs."""
+    """Return which grasps (g,) can be reached from some (g,) by any number of hand-offs."""
     held = start.copy()
     while True:
         through = met[(met & held).any(axis=1)].any(axis=0) | held
@@ -198,7 +197,7 @@ def score_site(
     fellows: Fellows,
     members: Sequence[FamilyMember],
 ) -> SiteScore:
-    """Return the score of one site with everything checked.
+    """Return the score of a site with everything checked.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Where nothing may stand: over the glowing table, in a camera's sight, over a tray, in the arm."""
+"""Find where nothing may stand: over the table or a tray, in a camera's sight, against the arm."""
 
 from __future__ import annotations
 
@@ -18,15 +18,14 @@ TRAY_GAP_MM = 20.0
 COLUMN_GAP_MM = 20.0
 GAP_MM = 5.0  # between things bolted down
 ABOVE_TABLE_MM = 0.0
-GRID_SIDE_COUNT = 5  # points a side of what a camera has to see
-BEYOND = (
-    1.45  # of the standoff: how deep behind the camera the picture stays free, the panel's place
-)
+GRID_SIDE_COUNT = 5  # points on each side of an area that a camera must see
+# The picture must be free up to this distance from the camera [standoffs], where the panel stands.
+BEYOND = 1.45
 _CORNERS = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
 
 
 def glowing_area(layout: CellLayout) -> FloatArray:
-    """Return what the overhead camera sees of the table, as rows x and y (2, 2), low and high."""
+    """Return the area of the table that the overhead camera sees: rows x and y, low and high."""
     camera = layout.overhead
     width, height = camera.size_px
     corners = np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], float)
@@ -40,7 +39,7 @@ def glowing_area(layout: CellLayout) -> FloatArray:
 def standing_boxes(
     layout: CellLayout, fellows: Fellows
 ) -> tuple[list[tuple[str, Box]], list[tuple[str, Box]]]:
-    """Return named world boxes: what goes down to the table (camera, panel, post), and the jaws."""
+    """Return named boxes in the world: those down to the table (camera, panel, post), the jaws."""
     posts = [(n, layout.obstacles[n]) for n in (*fellows.camera, *fellows.fixed_gripper)]
     hanging: list[tuple[str, Box]] = []
     if (jaw := layout.fixed_gripper) is not None:
@@ -55,15 +54,15 @@ def why_not_here(
     keep_free_mm: FloatArray | None = None,
     look: bool = True,
 ) -> str | None:
-    """Return what forbids camera and fixed gripper where they stand, None if nothing.
+    """Return why camera and fixed gripper may not stand where they are, None if they may.
 
     Parameters
     ----------
     layout : with camera and fixed gripper where they are to stand
     fellows : obstacles that move with camera and fixed gripper
-    keep_free_mm : (2, 2) rows x and y of the table's glowing area; what the overhead camera sees
-        of the table if None
-    look : whether the inspection camera's picture counts
+    keep_free_mm : (2, 2) rows x and y of the table's glowing area; None for the area of the table
+        that the overhead camera sees
+    look : whether the inspection camera's picture must be free
     """
     area = glowing_area(layout) if keep_free_mm is None else np.asarray(keep_free_mm, float)
     posts, hanging = standing_boxes(layout, fellows)
@@ -189,7 +188,7 @@ def _touch(a: Box, b: Box, gap_mm: float) -> bool:
 
 
 def _shadow(b: Box) -> BaseGeometry:
-    """Return the outline of a box seen from above, widened by nothing."""
+    """Return the outline of a box seen from above."""
     corners = (_CORNERS * b.half_mm) @ b.T[:3, :3].T + b.T[:3, 3]
     return MultiPoint(corners[:, :2]).convex_hull
 

@@ -1,9 +1,9 @@
-"""What the joints allow at a site, by closed-form kinematics alone: no collision, no motion.
+"""Find what the joints allow at a site, by closed-form kinematics: no collisions, no motions.
 
-How the arm gripper can turn at the station depends on the part only through where its centre of
-mass lies in the arm gripper, so one table a site, over directions in the arm gripper's frame,
-serves every grasp of every part (planning-facts.md 3.1). The exact form, grasp by grasp, follows
-for the sites worth it.
+How the arm gripper can turn at the station depends on the part only through the position of its
+centre of mass in the arm gripper. So one table per site, over directions in the arm gripper's
+frame, serves every grasp of every part (planning-facts.md 3.1). The exact check, grasp by grasp,
+follows for the sites that are worth it.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from controller.planning.motion import inverse_rows
 from .._family import FamilyMember
 from ..site import Site, camera_frame, standoff_mm
 
-TCP_DIRECTION_COUNT = 200  # 7 degrees apart, half of what a view direction is from the next
+TCP_DIRECTION_COUNT = 200  # 7 degrees apart, half the angle between neighbouring view directions
 ROLLS_N = 12
-# straight path of the part into the fixed gripper and of the arm gripper away from it
+# Length of the part's straight path into the fixed gripper, and of the arm gripper's path away.
 ENTRY_MM = 80.0
 
 
@@ -48,10 +48,10 @@ def shown_directions(
 
     Parameters
     ----------
-    layout : the cell; its arm is asked
+    layout : the cell with its arm
     site : station, and the side the camera is on
     to_camera : (h, 3) unit, from the part to the camera, TCP frame
-    centre_mm : (3,) of the part in the arm gripper's frame, what is brought to the station
+    centre_mm : (3,) centre of the part in the arm gripper's frame, brought to the station
     """
     towards = camera_frame(site.station_mm, site.towards, standoff_mm(layout))[:3, :3]
     at_station = np.column_stack([towards[:, 0], -towards[:, 1], -towards[:, 2]])
@@ -69,14 +69,14 @@ def shown_directions(
 
 
 def nearest_directions(member: FamilyMember, to_camera: FloatArray) -> IntArray:
-    """Return the nearest direction of a table for each grasp, turned ones too, and view (2g, v)."""
+    """Return the nearest direction for each grasp, turned-over ones included, and view (2g, v)."""
     R = np.stack([g.T_part_tcp[:3, :3] for g in member.arm_grasps])
     own = np.einsum("gki,vk->gvi", R, member.vectors)
     return np.asarray(np.argmax(own @ to_camera.T, axis=2))
 
 
 def table_views(nearest: IntArray, reached: BoolArray) -> BoolArray:
-    """Return which (grasp, view) pairs a table of reached directions allows: (g, v) bool."""
+    """Return which (grasp, view) pairs the reached directions allow: (g, v) bool."""
     each = reached[nearest]
     half = len(each) // 2
     return np.asarray(each[:half] | each[half:])
@@ -101,7 +101,7 @@ def meetings(member: FamilyMember, fixed_count: int) -> FloatArray:
 
     Parameters
     ----------
-    fixed_count : grasps of the fixed gripper to take; the most unlike first, each turned over too
+    fixed_count : grasps of the fixed gripper to use; the most different first, each turned over too
     """
     if not member.fixed_grasps:
         return np.zeros((0, len(member.arm_grasps), 4, 4))
@@ -117,11 +117,12 @@ def met_grasps(
 ) -> BoolArray:
     """Return which arm grasps can meet which fixed ones, by the joints alone: (f, g) bool.
 
-    Where both hold, where the part's way in begins and where the arm gripper's way out ends.
+    Checked are the pose in which both hold, the start of the part's path in, and the end of the arm
+    gripper's path out.
 
     Parameters
     ----------
-    layout : the cell; its arm is asked
+    layout : the cell with its arm
     T_world_fixed_tcp : (4, 4) pose of the fixed gripper's TCP
     T_fixed_tcp : (f, g, 4, 4) of `meetings`
     """

@@ -1,4 +1,4 @@
-"""Whether the arm itself stands between the camera and the part it shows."""
+"""Check whether the arm itself is between the camera and the part that it shows."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from controller.planning.geometry import Box, segments_hit
 from controller.planning.model import CellLayout
 from controller.planning.motion import link_boxes
 
-AROUND_N = 8  # points round the part's outline that the camera has to see, beside its middle
+AROUND_N = 8  # points round the part's outline that the camera must see, besides its middle
 
 
 def links_in_sight(layout: CellLayout, q: FloatArray, radius_mm: float) -> BoolArray:
-    """Return in which configurations (n,) carriage or links hide the part.
+    """Return in which configurations (n,) the carriage or the links hide the part.
 
-    The part is taken as a ball about the station, so a link that only grazes a corner of it counts
+    The part is taken as a ball about the station, so a link that would hide only a corner counts,
     too: such a picture would be of little use.
 
     Parameters

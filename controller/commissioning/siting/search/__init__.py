@@ -1,1 +1,1 @@
-"""Which sites are worth checking: grids about the arm, ranked by its joints, then small steps."""
+"""Find sites worth checking: grids about the arm, ranked by its joints, then small steps."""

@@ -1,4 +1,4 @@
-"""The grids, ranked by the joints alone: which camera sites, which poses of the fixed gripper."""
+"""Rank the grids by the joints alone: camera sites, and poses of the fixed gripper."""
 
 from __future__ import annotations
 
@@ -28,13 +28,14 @@ from ..site import Fellows, Site, placed_at, site_of, standoff_mm
 from ..survey import Survey, site_key
 from .grids import camera_grid, fixed_gripper_grid
 
-APART_MM, APART_DEG = 60.0, 20.0  # sites nearer than both to a better one are left to small steps
-MET_N = 5  # of the fixed gripper's grasps, with which its poses are ranked
+# A site nearer than both to a better one is left to the small steps.
+APART_MM, APART_DEG = 60.0, 20.0
+MET_N = 5  # grasps of the fixed gripper by which its poses are ranked
 PAIRED_N = 60  # fixed gripper poses tried with each camera site
 
 
 def cameras_by_joints(search: Survey) -> list[SiteScore]:
-    """Return the camera sites of the grid that are allowed, best first by the joints alone."""
+    """Return the allowed camera sites of the grid, best first by the joints alone."""
     layout, members = search.layout, search.members
     now = site_of(layout)
     sites = list(camera_grid(layout)) if search.options.move_camera else []
@@ -72,7 +73,7 @@ def cameras_by_joints(search: Survey) -> list[SiteScore]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FixedGripperScore:
-    """A pose of the fixed gripper and what the joints alone let it take and give.
+    """A pose of the fixed gripper and the hand-offs that the joints alone allow there.
 
     Attributes
     ----------
@@ -85,7 +86,7 @@ class FixedGripperScore:
 
     @property
     def value(self) -> float:
-        """Return what it is worth: half its mean over the parts, half its worst."""
+        """Return its value: half the mean over the parts, half the worst part's."""
         each = 0.5 * (np.array(self.partners) + np.array(self.joined))
         return float(0.5 * each.mean() + 0.5 * each.min())
 
@@ -111,7 +112,7 @@ def fixed_grippers_by_joints(search: Survey) -> list[FixedGripperScore]:
     for k, T in enumerate(poses):
         if k % 100 == 0:
             search.progress("fixed gripper poses", k, len(poses))
-        # a camera that moves has its picture looked at later, with each fixed gripper
+        # if the camera moves, its picture is checked later, with each fixed gripper pose
         why = why_not_here(
             placed_at(bare, replace(now, T_world_fixed_tcp=T), fellows),
             fellows,
@@ -139,14 +140,14 @@ def joined(
 ) -> list[SiteScore]:
     """Return camera sites, each with the best fixed gripper pose that goes with it, best first.
 
-    By the joints alone. The present site is among them; forbidden ones stand last.
+    The ranking is by the joints alone. The present site is among them; forbidden ones come last.
 
     Parameters
     ----------
     search : the cell, and what may stand where
     cameras : scores of sites, the present one among them
-    fixed_scores : of poses of the fixed gripper, best first, the present one among them; none
-        where the cell has no fixed gripper
+    fixed_scores : of poses of the fixed gripper, best first, the present one among them; empty if
+        the cell has no fixed gripper
     """
     now = site_of(search.layout)
     kept = unlike([s.site for s in cameras], search.options.checked_cameras)
@@ -199,14 +200,14 @@ def _without_fixed_gripper(layout: CellLayout, fellows: Fellows) -> CellLayout:
 
 
 def _far_mm(layout: CellLayout, a: Site, b: Site) -> float:
-    """Return how far station and camera stand from another site's."""
+    """Return how far station and camera of a site are from those of another one."""
     far = standoff_mm(layout)
     apart = np.linalg.norm(a.station_mm - b.station_mm)
     return round(float(apart + far * np.linalg.norm(a.towards - b.towards)), 3)
 
 
 def unlike(sites: Sequence[Site], count: int) -> list[Site]:
-    """Return the first sites that are not near to one before them."""
+    """Return the first sites that are not near an earlier one."""
     kept: list[Site] = []
     for site in sites:
         if len(kept) >= count:
@@ -222,7 +223,7 @@ def unlike(sites: Sequence[Site], count: int) -> list[Site]:
 
 
 def unlike_poses(poses: Sequence[FloatArray], count: int) -> list[FloatArray]:
-    """Return the first fixed gripper poses that are not near to one before them."""
+    """Return the first fixed gripper poses that are not near an earlier one."""
     kept: list[FloatArray] = []
     for T in poses:
         if len(kept) >= count:

@@ -1,4 +1,4 @@
-"""Places worth trying: a grid about the arm, and small steps about a place that is good already."""
+"""Yield sites to try: a grid about the arm, and small steps from a good site."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ def camera_grid(layout: CellLayout) -> Iterator[Site]:
         for r in STATION_RADII_MM
         for a in STATION_AZIMUTHS_DEG
     ]
-    # sides are counted from the tangent at the station, so that a grid about a turned arm is the
-    # same grid, and the straight sideways look is in it everywhere
+    # Sides are counted from the tangent at the station. So a turned arm has the same grid about it,
+    # and every station has a view straight sideways.
     arm_mm = layout.T_world_arm[:3, 3]
     for k, station in enumerate(stations):
         out = station - arm_mm
@@ -55,7 +55,7 @@ def camera_grid(layout: CellLayout) -> Iterator[Site]:
                     now, station_mm=station, towards=direction(ahead + azimuth, elevation)
                 )
         yield replace(now, station_mm=station, towards=np.array([0.0, 0.0, 1.0]))
-        if k > 0:  # and square to the table's sides, as cells are bolted together
+        if k > 0:  # also square to the table's sides, as cells are built
             for azimuth in (90.0, -90.0):
                 yield replace(now, station_mm=station, towards=direction(azimuth, 0.0))
 
@@ -69,7 +69,7 @@ def fixed_gripper_frame(
     ----------
     position_mm : (3,) of its TCP in the world
     approach : (3,) unit, its x in the world
-    jaws : (3,) unit, its y: along which the pads open; square to the approach
+    jaws : (3,) unit, its y, along which the pads open; square to the approach
     """
     T = np.eye(4)
     T[:3, :3] = np.column_stack([approach, jaws, np.cross(approach, jaws)])
@@ -80,7 +80,7 @@ def fixed_gripper_frame(
 def fixed_gripper_grid(layout: CellLayout) -> Iterator[FloatArray]:
     """Yield poses (4, 4) of the fixed gripper, the present one first.
 
-    Level ones in eight directions with the jaws closing up and down or sideways, and upright ones.
+    They are level in eight directions, with jaws that close vertically or sideways, and upright.
     """
     yield layout.T_world_fixed_tcp
     up = np.array([0.0, 0.0, 1.0])
@@ -97,12 +97,12 @@ def fixed_gripper_grid(layout: CellLayout) -> Iterator[FloatArray]:
 
 
 def camera_steps(site: Site, step_mm: float, step_deg: float) -> Iterator[Site]:
-    """Yield sites a small step of station or side away.
+    """Yield sites with the station or the camera's side a small step away.
 
     Parameters
     ----------
     site : to step away from
-    step_mm : of the station, along each axis of the world both ways
+    step_mm : of the station, along each axis of the world, both ways
     step_deg : of the side the camera is on, in azimuth and elevation
     """
     for offset in np.vstack([np.eye(3), -np.eye(3)]) * step_mm:

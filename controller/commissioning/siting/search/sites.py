@@ -1,4 +1,4 @@
-"""The search: a grid by the joints alone, its best with everything checked, then small steps."""
+"""Search sites: a grid by the joints alone, its best with everything checked, then small steps."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .grids import camera_steps, fixed_gripper_steps
 
 STEP_MM, STEP_DEG = 40.0, 15.0  # of the first round; each later one is half as wide
 FIXED_ROUNDS = 2  # camera sites with which every fixed gripper pose is tried
-BETTER = 2e-4  # less is no improvement: steps would wander about a plateau
+BETTER = 2e-4  # least gain of a step; with less, steps would wander about a plateau
 
 
 def find_sites(
@@ -28,16 +28,16 @@ def find_sites(
 ) -> tuple[SiteScore, ...]:
     """Return sites of camera and fixed gripper for a family of parts, best first.
 
-    The present site is among them. Three stages: a grid by the joints alone; its best with
-    collisions, visibility, picks and hand-offs; small steps about the best of these. All work is
-    counted, so the same cell and parts give the same sites.
+    The present site is among them. There are three stages: a grid by the joints alone; its best
+    sites with collisions, visibility, picks and hand-offs; small steps about the best of these.
+    Work is limited by counts and not by time, so the same cell and parts give the same sites.
 
     Parameters
     ----------
     parts : of `prepare_part` in this layout
     layout : arm, table and overhead camera stay; the camera keeps its distance from the station
     options : how much is tried; None for the defaults
-    progress : called with what is being done, steps done and steps in all
+    progress : called with the name of the step, steps done and steps in all
 
     Raises
     ------
@@ -47,7 +47,7 @@ def find_sites(
 
 
 def search_sites(search: Survey) -> tuple[SiteScore, ...]:
-    """Run the stages of `find_sites`."""
+    """Return the sites that the stages of `find_sites` find."""
     options, now = search.options, site_of(search.layout)
     by_joints = cameras_by_joints(search)
     cameras = unlike([s.site for s in by_joints], options.checked_cameras)
@@ -77,7 +77,7 @@ def search_sites(search: Survey) -> tuple[SiteScore, ...]:
 
 
 def _ranked(search: Survey) -> list[SiteScore]:
-    """Return all checked sites, best first; a stable sort keeps the present one before equals."""
+    """Return all checked sites, best first; of equals the present one comes first."""
     return sorted(search.checked.values(), key=lambda s: (s.forbidden is not None, -s.value))
 
 
@@ -94,7 +94,7 @@ def _step_about(
         if search.forbidden(site) is None:
             best = _better(best, search.check(site))
     if best is not start and best.value > start.value + BETTER:
-        # once more the same way, as far as it pays
+        # repeat the step as long as it gains
         while True:
             onward = _onward(start.site, best.site)
             if onward is None or search.forbidden(onward) is not None:
@@ -107,7 +107,7 @@ def _step_about(
 
 
 def _onward(before: Site, after: Site) -> Site | None:
-    """Return the site one more equal shift along; None where it was a turn."""
+    """Return the site one more equal shift along; None if the step was a turn."""
     shift = after.station_mm - before.station_mm
     if np.linalg.norm(shift) > 1e-6:
         return replace(after, station_mm=after.station_mm + shift)
