@@ -1,8 +1,9 @@
 """How the tests share two cores, and which random examples they take.
 
-Whole cells run one after the other, everything else beside them. The gate takes the same examples
-every time, so that it fails for a change only; `HYPOTHESIS_PROFILE=explore pytest` looks for new
-ones, for whoever has the time to find out why one fails.
+Whole cells run one after the other, so do programs on wires; everything else runs beside them. The
+gate takes the same examples every time, so that it fails for a change only;
+`HYPOTHESIS_PROFILE=explore pytest` looks for new ones, for whoever has the time to find out why one
+fails.
 """
 
 from __future__ import annotations
@@ -29,11 +30,23 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="cellctl-tests-")
 
 HERE = Path(__file__).parent
-# each of these starts processes of its own that keep time: two of them at once would only wait
-WHOLE_CELLS = ("cell", "cross", "unit/test_emu_world_app.py", "unit/test_emu_camera")
+# Each of these starts processes of its own that keep time: two of them at once would only wait. A
+# file belongs to the first group that names the start of its path.
+GROUPS = {
+    "whole cells": (
+        "cell/",
+        "cross/test_emulated_cell",
+        "cross/test_python_page",
+        "unit/test_emu_world_app",
+    ),
+    "wires": ("cross/", "unit/test_emu_camera"),
+}
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
-        if item.path.relative_to(HERE).as_posix().startswith(WHOLE_CELLS):
-            item.add_marker(pytest.mark.xdist_group("whole cells"))
+        path = item.path.relative_to(HERE).as_posix()
+        for group, starts in GROUPS.items():
+            if path.startswith(starts):
+                item.add_marker(pytest.mark.xdist_group(group))
+                break

@@ -2,6 +2,8 @@
 
 import re
 import sys
+from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 
 import pytest
@@ -78,6 +80,15 @@ def checkout(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@lru_cache(maxsize=1)
+def all_ours() -> tuple[house.Source, ...]:
+    return tuple(house.read_sources(ROOT, (*house.PRODUCTION, *house.READERS)))
+
+
+def ours(packages: Sequence[str]) -> list[house.Source]:
+    return [source for source in all_ours() if source.module.split(".")[0] in packages]
+
+
 def sources_of(root: Path) -> list[house.Source]:
     return house.read_sources(root, (*house.PRODUCTION, *house.READERS))
 
@@ -140,7 +151,7 @@ def test_what_a_function_catches_itself_it_does_not_raise(
 
 
 def test_every_option_of_every_command_has_a_help_text() -> None:
-    sources = house.read_sources(ROOT, house.PRODUCTION)
+    sources = ours(house.PRODUCTION)
     shared = house.shared_options(sources)
     commands = {
         name: options
@@ -179,7 +190,7 @@ def test_a_private_name_is_noticed_however_it_is_imported(
 
 
 def test_tests_benchmarks_and_other_packages_import_public_names() -> None:
-    sources = house.read_sources(ROOT, (*house.PRODUCTION, *house.READERS))
+    sources = ours((*house.PRODUCTION, *house.READERS))
     assert house.underscores(sources)["where"] == []
 
 
@@ -205,7 +216,7 @@ def test_planning_is_no_mesh() -> None:
 
 
 def test_a_room_of_cell_and_results_can_be_looked_over() -> None:
-    sources = house.read_sources(ROOT, ("controller",))
+    sources = ours(("controller",))
     assert {"controller.cell.devices", "controller.results.report"} <= {s.package for s in sources}
     large = house.large_packages(sources)
     assert [
@@ -214,7 +225,7 @@ def test_a_room_of_cell_and_results_can_be_looked_over() -> None:
 
 
 def test_every_public_function_says_what_it_takes_and_raises() -> None:
-    sources = house.read_sources(ROOT, house.PRODUCTION)
+    sources = ours(house.PRODUCTION)
     parameters = house.parameters_documented(sources)
     raises = house.raises_documented(sources)
     assert parameters["with"] > 400  # a walk that found nothing would prove nothing
@@ -226,7 +237,7 @@ def test_every_public_function_says_what_it_takes_and_raises() -> None:
 def test_arrays_have_their_names_in_one_place() -> None:
     named = {
         (source.module, line.split(" = ")[0])
-        for source in house.read_sources(ROOT, ("controller",))
+        for source in ours(("controller",))
         for line in source.text.splitlines()
         if re.match(r"[A-Z]\w* = (?:npt\.)?NDArray\[np\.", line)
     }

@@ -143,9 +143,14 @@ FORKER = """
 import gc, importlib, json, os, pkgutil, resource, sys, time
 import controller.cli
 
-def resident():
+def pages():
+    # resident ones of its own, and those of files, which a fork maps anew as it goes
     with open("/proc/self/statm") as file:
-        return int(file.read().split()[1]) * resource.getpagesize()
+        resident, of_files = map(int, file.read().split()[1:3])
+    return resident - of_files, of_files
+
+def peak_pages():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 // resource.getpagesize()
 
 for module in pkgutil.walk_packages(controller.cli.__path__, "controller.cli."):
     if not module.name.endswith("__main__"):
@@ -158,7 +163,7 @@ for line in sys.stdin:
     reading, writing = os.pipe()
     child = os.fork()
     if not child:
-        os.write(writing, str(resident()).encode())
+        own_at_first, _ = pages()
         os.chdir(folder)
         os.environ["XDG_CACHE_HOME"] = cache
         said = os.open(output, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
@@ -166,21 +171,25 @@ for line in sys.stdin:
         os.dup2(said, 1)
         os.dup2(said, 2)
         sys.argv = ["cellctl", *command]
-        sys.exit(controller.cli.main())
+        try:
+            sys.exit(controller.cli.main())
+        finally:
+            more = peak_pages() - pages()[1] - own_at_first
+            os.write(writing, str(more * resource.getpagesize()).encode())
     _, status, used = os.wait4(child, 0)
-    at_first = int(os.read(reading, 64))
+    more = int(os.read(reading, 64))
     os.close(reading)
     os.close(writing)
     print(json.dumps([os.waitstatus_to_exitcode(status), time.monotonic() - started,
-                      used.ru_utime + used.ru_stime, used.ru_maxrss * 1024 - at_first]), flush=True)
+                      used.ru_utime + used.ru_stime, more]), flush=True)
 """
 
 
 class Forker:
     """Command lines, each in a process of its own that has imported everything already.
 
-    The peak told is `imports_bytes` and, on top, what the process came to hold beyond what it was
-    forked with.
+    The peak is `imports_bytes` and, on top, the memory of its own that the process came to hold
+    beyond what it was forked with.
 
     Parameters
     ----------
