@@ -112,7 +112,7 @@ def _costs(pair: _Pair, placings: FloatArray, tolerance: float) -> FloatArray:
 def _moved(
     points: FloatArray, pivot: FloatArray, placings: FloatArray, is_back: bool
 ) -> Float32Array:
-    """Return points (n, 2) turned about the pivot and shifted (m, n, 2); or the way back."""
+    """Return points (n, 2) turned about the pivot and shifted (m, n, 2); or moved back."""
     p = (points - pivot).astype(np.float32)
     turn = -placings[:, 0] if is_back else placings[:, 0]
     c, s = np.cos(turn).astype(np.float32)[:, None], np.sin(turn).astype(np.float32)[:, None]

@@ -112,10 +112,11 @@ def separations(
     opening_mm: float,
     rules: DisambiguationRules | None = None,
 ) -> Separations:
-    """Return how well configurations (k, 6) of a gripper that holds all candidates tell them apart.
+    """Return how well each of some configurations (k, 6) separates the candidates.
 
-    They are looked at in thinned pictures, the cheapest ones first, until a dearer one cannot
-    begin a cheaper way; the cheapest and the clearest of each pair again on a finer grid.
+    The gripper holds whichever it is. They are looked at in thinned pictures, the cheapest ones
+    first, until a dearer one cannot begin a cheaper tree; the cheapest and the clearest of each
+    pair again on a finer grid.
 
     Parameters
     ----------
@@ -136,7 +137,7 @@ def separations(
     enough_s = np.inf  # what one view that separates all of them costs
     for k in looked[np.argsort(seconds[looked], kind="stable")]:
         if seconds[k] >= enough_s:
-            break  # no dearer view can begin a cheaper way
+            break  # no dearer view can begin a cheaper tree
         margins[k] = _margins(
             candidates, models, layout, q[k], opening_mm, pairs, rules.coarse_px, rules
         )

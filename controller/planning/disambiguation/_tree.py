@@ -21,13 +21,13 @@ SAME_COST_S = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DecidingView:
-    """A view to take, and what to do by its answer.
+    """A view to take, and what to do by what it shows.
 
     Attributes
     ----------
     view : row of the configurations offered; light : how to light it
     margin : the least of the pairs it parts, 1 being just enough
-    groups : the candidates that it leaves, one group per answer; they may overlap
+    groups : the candidates that it leaves, one group per outcome; they may overlap
     then : per group the next view, None where the ambiguity is over or stays
     """
 

@@ -52,7 +52,7 @@ class PartShape:
 
     @property
     def model(self) -> fcl.BVHModel:
-        """FCL's tree over the triangles; the same one each time."""
+        """Return FCL's tree over the triangles; the same one each time."""
         if self._model is None:
             self._model = fcl.BVHModel()
             self._model.beginModel(len(self._vertices_mm), len(self._faces))
@@ -82,7 +82,7 @@ class PlacedShape:
 
     @property
     def box(self) -> Box:
-        """What bounds it, in that frame."""
+        """Return the box round the part, in that frame."""
         return self.shape.box.placed(self.T)
 
 

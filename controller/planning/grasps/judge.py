@@ -1,4 +1,4 @@
-"""What each stage of the synthesis asks of a part in a jaw, and the tally of what each left."""
+"""What each stage of the synthesis requires of a grasp, and the tally of what each left."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ NO_OFFSET_MM = 12.0  # contacts this far apart leave nothing of a grasp's score
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """What one demand left: how many grasps, and the best value it saw of what it asks for.
+    """What one requirement left: how many grasps, and the best value of what it measures.
 
-    `best` and `limit` are nan for a demand without a number.
+    `best` and `limit` are nan for a requirement without a limit.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Stage:
 
     @property
     def phrase(self) -> str:
-        """How people read it."""
+        """Return the stage as messages put it."""
         if not np.isfinite(self.limit):
             return f"{self.name} {self.left}"
         best = f"best {self.best:.3g}" if np.isfinite(self.best) else "none came so far"
@@ -50,7 +50,7 @@ class Tally:
         self._stages: dict[str, Stage] = {}
 
     def count(self, name: str, left: int) -> None:
-        """Add to a demand without a number."""
+        """Add to the tally of a stage that has no limit."""
         before = self._stages.get(name)
         self._stages[name] = Stage(name, left + (before.left if before else 0))
 
@@ -77,7 +77,7 @@ class Tally:
 
     @property
     def stages(self) -> tuple[Stage, ...]:
-        """All of them."""
+        """Return the stages so far, in the order they were first asked."""
         return tuple(self._stages.values())
 
 

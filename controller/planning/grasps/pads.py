@@ -139,7 +139,7 @@ def close_pads(
     rules: GraspRules,
     slopes: bool = False,
 ) -> Contacts:
-    """Move both pads straight on to the part, ray by ray.
+    """Return what both pads touch when they close straight on to the part, ray by ray.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""One way to hold a part, and what counts as one."""
+"""A grasp of a part, and what is required of one."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class GraspRules:
     fine_n: int = 150  # most of them that are measured finely and tried at wrong poses
     wrong_n: int = 20  # wrong poses tried
     keep_n: int = 120  # most grasps of a jaw
-    picks_n: int = 20  # of them, from above for each way the part lies
+    picks_n: int = 20  # of them, from above for each stable pose
 
     def coarse(self) -> GraspRules:
         """Return the same demands with a quick, less thorough look: for a first plan."""
@@ -53,7 +53,7 @@ class GraspRules:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Grasp:
-    """One way to hold the part.
+    """How a gripper holds the part.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the planner answers: steps to drive, their forecast, what gets seen and why not the rest.
+"""What a plan is: steps to drive, their forecast, what they show and why not the rest.
 
 A motion is a tuple of waypoints q (6,), the last one being where the arm shall stand; where it
 starts is where the step before ended. Joints are those of the layout's arm.
@@ -162,7 +162,7 @@ class Place(Step):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Park(Step):
-    """Go where the arm is in nobody's way."""
+    """Go to the park position, where the arm is in nobody's way."""
 
     motion: Motion
 
@@ -228,7 +228,7 @@ class Proof:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """One part's way through the cell.
+    """The steps of one part through the cell.
 
     Attributes
     ----------

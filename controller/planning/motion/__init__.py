@@ -1,4 +1,4 @@
-"""Where the arm can be, what it touches there, and its ways from one place to the other."""
+"""Where the arm can be, what it touches there, and its paths from one configuration to another."""
 
 from ..geometry import PartShape, PlacedShape
 from ._kinematics import inverse_rows, link_boxes, passed_limit, shown_pose, tcp_pose

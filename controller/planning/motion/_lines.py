@@ -1,4 +1,4 @@
-"""Straight Cartesian ways as joint waypoints."""
+"""Cartesian paths, straight lines of the TCP, as joint waypoints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Collision-free ways between configurations, as few whole joint moves as will do.
+"""Collision-free paths between configurations, as few whole joint moves as will do.
 
 Tried in turn: one joint line, the arm's own detours, two random trees. Whatever is answered has
 been checked segment by segment against the tube of where the arm will really be (planning-facts.md
@@ -45,13 +45,13 @@ def connect(
     ----------
     q_from, q_to : (6,) rows of joints
     scene : what the arm carries, and may not touch
-    what : the way is for, as a message begins
+    what : the path is for, as a message begins
     seed : of the random trees
     search : False: no trees, because the caller has another goal to try
 
     Raises
     ------
-    NoMotionError : no way found; `what` says what for
+    NoMotionError : no path was found; the message begins with `what`
     """
     ends = Ends.of(scene.layout, q_from, q_to)
     if segment_free(scene, q_from, q_to, ends):
@@ -72,7 +72,7 @@ def connect(
     found = rrt_connect(q_from, q_to, scene, seed) if search else None
     if found is None:
         raise NoMotionError(
-            f"{what}: no way free of contact found from {arm.describe(q_from)} to "
+            f"{what}: no path free of contact found from {arm.describe(q_from)} to "
             f"{arm.describe(q_to)}; clear the space between or move the part"
         )
     return tuple(found[1:])

@@ -36,7 +36,7 @@ class Ends:
 
     @classmethod
     def of(cls, layout: CellLayout, q_from: FloatArray, q_to: FloatArray) -> Ends:
-        """Return the ends of a way.
+        """Return the ends of a joint move.
 
         Parameters
         ----------

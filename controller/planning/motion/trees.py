@@ -1,7 +1,7 @@
 """Two random trees that grow towards each other, and the path between them made short.
 
 RRT-Connect (Kuffner and LaValle, 2000) in joint space, with seconds of the slowest motor for a
-distance. Work is counted in nodes, never in time: the same seed gives the same way.
+distance. Work is counted in nodes, never in time: the same seed gives the same path.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class _Tree:
         return len(self.parents) - 1
 
     def trace(self, k: int) -> list[FloatArray]:
-        """Return the way from node `k` back to the root."""
+        """Return the path from node `k` back to the root."""
         chain = []
         while k >= 0:
             chain.append(self.nodes[k])
@@ -51,7 +51,7 @@ class _Tree:
 def rrt_connect(
     start: FloatArray, goal: FloatArray, scene: Scene, seed: int
 ) -> list[FloatArray] | None:
-    """Return a way from start to goal, both included, or None where the trees do not meet.
+    """Return a path from start to goal, both included, or None where the trees do not meet.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def rrt_connect(
     trees = (_Tree(start[None]), _Tree(goal[None], forward=False))
 
     def extend(tree: _Tree, target: FloatArray) -> tuple[int, bool]:
-        """Grow one edge towards a target: the new node, -1 if none, and whether it is there."""
+        """Grow an edge towards a target; return the new node, -1 if none, and if it is there."""
         away_s = travel_seconds(layout, tree.nodes, target)
         k = int(np.argmin(away_s))
         arrives = bool(away_s[k] <= STEP_S)

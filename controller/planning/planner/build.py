@@ -108,7 +108,7 @@ class Builder:
 
     # ---- taking up -----------------------------------------------------------------------------
     def pick(self, build: Build, paths: Sequence[PickPath], T_world_part: FloatArray) -> None:
-        """Take the part off the table by the first of some ways that can be driven.
+        """Add the step that takes the part off the table, by the first path that can be driven.
 
         Parameters
         ----------
@@ -152,7 +152,7 @@ class Builder:
     def receive(
         self, build: Build, g: int, take: HandOff, held: Grasp, T_world_part: FloatArray
     ) -> None:
-        """Take the part from the fixed gripper.
+        """Add the step that takes the part from the fixed gripper.
 
         Parameters
         ----------
@@ -164,7 +164,7 @@ class Builder:
 
         Raises
         ------
-        NoMotionError : there is no way round it
+        NoMotionError : there is no path round it
         """
         part, layout = self._part, self._layout
         grasp = part.arm_grasps[g]
@@ -196,7 +196,7 @@ class Builder:
 
     # ---- passing on ----------------------------------------------------------------------------
     def give(self, build: Build, g: int, leave: HandOff, held: Grasp) -> FloatArray:
-        """Give the part to the fixed gripper; return T_world_part (4, 4) while that holds it.
+        """Add the step that gives the part to the fixed gripper; return T_world_part (4, 4) there.
 
         Parameters
         ----------
@@ -207,7 +207,7 @@ class Builder:
 
         Raises
         ------
-        NoMotionError : there is no way to it
+        NoMotionError : there is no path to it
         """
         part, layout = self._part, self._layout
         grasp = part.arm_grasps[g]
@@ -236,7 +236,7 @@ class Builder:
     def set_down(
         self, build: Build, g: int, leave: HandOff, T_world_part: FloatArray, pose_index: int
     ) -> None:
-        """Put the part down on the table.
+        """Add the step that sets the part down on the table.
 
         Parameters
         ----------
@@ -248,7 +248,7 @@ class Builder:
 
         Raises
         ------
-        NoMotionError : there is no way to there
+        NoMotionError : there is no path to it
         """
         part, layout = self._part, self._layout
         grasp = part.arm_grasps[g]
@@ -339,7 +339,7 @@ class Builder:
 
     # ---- putting away --------------------------------------------------------------------------
     def check_trays(self, g: int) -> None:
-        """See that a grasp can let the part go over every tray, before anything is worked out.
+        """Check that a grasp can release the part over every tray, before anything is worked out.
 
         Raises
         ------
@@ -379,7 +379,7 @@ class Builder:
         for name in self._layout.trays:
             failure: NoPlanError | None = None
             paths = self._tray_paths[g, name]
-            # every place is tried with the plain ways before any is searched for
+            # every place is tried with the joint line and detours before random trees are
             for path, search in [(w, False) for w in paths] + [(w, True) for w in paths[:2]]:
                 try:
                     place[name], park[name] = self._let_go(build.q, grasp, name, path, search)
@@ -429,7 +429,7 @@ def tray_distance_mm(layout: CellLayout, tray: Tray) -> float:
 
 
 def check_trays_in_reach(name: str, layout: CellLayout) -> None:
-    """See that the arm gripper gets as far as every tray, whatever it holds.
+    """Check that the arm gripper gets as far as every tray, whatever it holds.
 
     Raises
     ------

@@ -21,7 +21,7 @@ from ..search import Problem
 # a failed grasp is looked for, seen anew and taken again: about a minute
 RECOVERY_S = 60.0
 LEAST_SURE = 0.9  # of a grasp whose score is 0; a score of 1 does not fail
-TRAVEL_S = 2.0  # from one view to the next, on the average; their order is settled afterwards
+TRAVEL_S = 2.0  # from one view to the next, on the average; their order is decided afterwards
 FINISH_S = 10.0  # sorting; much the same from every grasp
 
 
@@ -89,7 +89,7 @@ def first_seconds(
     part : prepared
     layout : the cell
     q : (6,) where the arm stands
-    picks : of each grasp that can, the ways to take the part; at least one
+    picks : of each grasp that can, the paths to take the part; at least one
     """
     seconds = np.full(len(part.arm_grasps), np.inf)
     for g, paths in picks.items():

@@ -1,10 +1,10 @@
-"""A plan that begins with the view which tells what the arm gripper holds.
+"""A plan that begins with a disambiguation view: the one that decides what the arm gripper holds.
 
 A part may be ambiguous to recognition: its mirror twin, or a pose that looks alike from above.
 The part is taken with a grasp that holds whichever it is; the cheapest view that separates the
-candidates comes first, and the plan goes on by its answer: for the part that was planned for it
-just goes on, for another reading of it a new plan starts from the arm gripper, and another part is
-set down (ADR 12).
+candidates comes first, and the plan goes on by what it shows. If it is the part that was planned
+for, the plan just goes on; if it is that part in another pose, a new plan starts from the arm
+gripper; another part is set down (ADR 12).
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def plan_under_ambiguity(
         if isinstance(found, DisambiguationTree):
             alike = found
             if all(o.solid is part.solid for o in others):
-                break  # one part that looks the same whichever way it lies
+                break  # one part that looks the same in whichever pose
             continue
         opening, held = found
         rest = plan_from(part, layout, held, seen=seen, avoid=avoid, rng_seed=rng_seed)

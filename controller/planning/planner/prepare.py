@@ -1,4 +1,4 @@
-"""What can be worked out for a part in a cell before one lies there; cached by the caller."""
+"""What can be worked out for a part in a cell before one is on the table; the caller caches it."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def prepare_part(
     layout: CellLayout,
     options: PlanOptions | None = None,
 ) -> PreparedPart:
-    """Work out grasps of both holders, what they leave in sight and how they pass the part.
+    """Return the grasps of both grippers, what they leave in sight, and how they hand the part off.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def prepare_part(
 
     Raises
     ------
-    NotGraspableError : neither jaw can hold it, or no resting part can be picked
+    NotGraspableError : no grasp of the arm gripper holds it
     """
     options = options or PlanOptions()
     poses = tuple(p for p in stable_poses(solid) if not p.rolling)
@@ -183,7 +183,7 @@ def _home_q_of(layout: CellLayout, views: Mapping[int, FloatArray]) -> FloatArra
 
 
 def with_rests(part: PreparedPart, layout: CellLayout) -> PreparedPart:
-    """Return the part with places on the table to change the grasp at."""
+    """Return the part with poses on the table in which it can be set down to regrasp."""
     places = rests(part.solid, part.poses, layout)
     return replace(
         part,

@@ -1,8 +1,8 @@
 """Why a piece of surface is not shown: one limit lifted at a time, the first that helps named.
 
 The order of the questions is that of planning-facts.md 1.3: hidden by the part itself, by the
-fingers, out of reach, no way from this start, too weak a grasp. With each answer goes the evidence,
-and the smallest change that was found to help.
+fingers, out of reach, no path from this start, too weak a grasp. With each reason goes the
+evidence, and the smallest change that was found to help.
 """
 
 from __future__ import annotations

@@ -75,7 +75,7 @@ def is_pickable(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray
 def _free_ways(
     part: PreparedPart, layout: CellLayout, T_world_part: FloatArray
 ) -> list[tuple[int, FloatArray, FloatArray]]:
-    """Return each arm grasp that takes the part, with its dense ways (k, 6) down and up.
+    """Return each arm grasp that takes the part, with its dense paths (k, 6) down and up.
 
     Parameters and errors are those of `pick_paths`.
     """
@@ -129,11 +129,11 @@ def _contacts(
     margin_mm: float = CLOSE_MARGIN_MM,
     held: tuple[PreparedPart, Sequence[Grasp]] | None = None,
 ) -> IntArray:
-    """Return the contacts (n, k) along ways (n, k, 6), each with a gripper of its own.
+    """Return the contacts (n, k) along paths (n, k, 6), each with a gripper of its own.
 
     Parameters
     ----------
-    held : the part in the arm gripper, and each way's grasp
+    held : the part in the arm gripper, and the grasp of each path
     """
     n, k = q.shape[:2]
     T, half = (np.repeat(h, k, axis=0) for h in grippers)

@@ -35,7 +35,7 @@ class PlacePath:
 def place_paths(
     part: PreparedPart, layout: CellLayout, grasp: Grasp, tray: Tray, count: int = 4
 ) -> list[PlacePath]:
-    """Return ways to let the part go in a tray with one grasp, flattest first.
+    """Return the paths on which one grasp releases the part in a tray, the flattest first.
 
     Those from which the arm can rise come before those in which it may be trapped; none is a
     result.
@@ -115,7 +115,7 @@ def _all_free(
     margin_mm: float = MARGIN_MM,
     table_margin_mm: float | None = None,
 ) -> BoolArray:
-    """Return which ways (n, k, 6) are free all along (n,)."""
+    """Return which paths (n, k, 6) are free all along (n,)."""
     n, k = paths.shape[:2]
     free = scene.free(paths.reshape(-1, 6), margin_mm, table_margin_mm)
     return np.asarray(free.reshape(n, k).all(axis=1))

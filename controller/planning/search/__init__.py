@@ -1,7 +1,15 @@
 """Which grasps to hold the part with in turn, and which views to take under each."""
 
 from ._greedy import greedy
-from ._problem import MAX_GRASP_COUNT, Problem, Solution, live_grasps, needed_of, priced, refuted
+from ._problem import (
+    MAX_GRASP_COUNT,
+    Problem,
+    Solution,
+    live_grasps,
+    needed_of,
+    refuted,
+    solution_of,
+)
 from ._search import COARSE, FULL, Effort
 from ._solve import solve
 from .order import best_order
@@ -17,7 +25,7 @@ __all__ = [
     "greedy",
     "live_grasps",
     "needed_of",
-    "priced",
     "refuted",
+    "solution_of",
     "solve",
 ]

@@ -1,10 +1,10 @@
 """What showing everything costs at least under a set of grasps, without solving the cover.
 
-Costs u >= 0 put on elements give, for any views, the floor ``sum(u) + sum over views of min(0,
-price - u of what the view shows)`` (Lagrange). It is a sum over grasps, so one u bounds all sets of
-grasps at once; and u can be improved for many sets together by subgradient steps, which are matrix
-products. u is kept to multiples of 2**-14: then float32 sums are exact in whatever order they are
-done, and the same problem gives the same bytes on every machine.
+Costs u >= 0 put on elements give, for any views, the lower bound ``sum(u) + sum over views of
+min(0, cost - u of what the view shows)`` (Lagrange). It is a sum over grasps, so one u bounds all
+sets of grasps at once; and u can be improved for many sets together by subgradient steps, which are
+matrix products. u is kept to multiples of 2**-14: then float32 sums are exact in whatever order
+they are done, and the same problem gives the same bytes on every machine.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class LowerBounds:
     below: FloatArray
 
     def of_sets(self, sets: IndexArray) -> FloatArray:
-        """Return the floor of views in units for each set (s, w), padded with n."""
+        """Return the lower bound of views in units for each set (s, w), padded with n."""
         below = np.concatenate([self.below, np.zeros((len(self.sums), 1))], axis=1)
         best = np.zeros(len(sets))
         for total, row in zip(self.sums, below, strict=True):
@@ -61,7 +61,7 @@ def rounded(u: NDArray[np.floating]) -> Float32Array:
 
 
 def lower_bounds(core: Core, u: Float32Array) -> LowerBounds:
-    """Work out what costs (k, m) say about each grasp."""
+    """Return the lower bounds that costs of elements (k, m) give, grasp by grasp."""
     below = np.zeros((len(u), len(core.rows)))
     for g, (rows, costs) in enumerate(zip(core.rows, core.units, strict=True)):
         left = costs[None] - u @ rows.T
@@ -70,11 +70,11 @@ def lower_bounds(core: Core, u: Float32Array) -> LowerBounds:
 
 
 def union_costs(core: Core) -> tuple[Float32Array, float]:
-    """Solve the cover by fractions of views over all grasps.
+    """Return costs of elements by which fractions of views, of any grasps, cost least.
 
     Returns
     -------
-    u : (m,) costs; floor : of the unit costs of any cover by any grasps
+    u : (m,) costs; a lower bound on the units that any cover by any grasps costs
     """
     m = len(core.elements)
     if m == 0:
@@ -84,7 +84,7 @@ def union_costs(core: Core) -> tuple[Float32Array, float]:
     worth = rows.sum(axis=1) / np.maximum(costs, 1e-3)
     active = np.zeros(len(rows), dtype=bool)
     uncovered = np.ones(m, dtype=bool)
-    while uncovered.any():  # a first cover, so that the problem has an answer
+    while uncovered.any():  # a first cover, so that the problem has a solution
         v = int(np.argmax((rows @ uncovered.astype(np.float32)) / np.maximum(costs, 1e-3)))
         active[v] = True
         uncovered &= rows[v] == 0
@@ -125,7 +125,7 @@ def spread_scales(u: Float32Array, factor: float) -> Float32Array:
 def raise_lower_bounds(
     core: Core, sets: IndexArray, u: Float32Array, goals: FloatArray, steps: int
 ) -> tuple[FloatArray, Float32Array]:
-    """Improve costs for many sets of grasps at once.
+    """Return better lower bounds for many sets of grasps at once, and the costs that give them.
 
     The cover by fractions of views is a saddle point of the Lagrangian; costs and fractions move
     towards it by turns (primal-dual hybrid gradient with a step per row and column, restarted at
@@ -135,11 +135,11 @@ def raise_lower_bounds(
     ----------
     core : the elements that matter, and the views that show them
     sets : (s, w) grasps, padded with n; u : (m,) costs to start from
-    goals : (s,) a floor of so many units is enough; steps : how many at most
+    goals : (s,) a lower bound of so many units is enough; steps : how many at most
 
     Returns
     -------
-    floor : (s,) units; u : (s, m) the costs that give it
+    lower bounds (s,) in units; u : (s, m) the costs that give them
     """
     saddle = _Saddle(core, sets, np.repeat(rounded(u)[None], len(sets), axis=0))
     best, best_u = saddle.values(saddle.u), saddle.u.copy()
@@ -183,7 +183,7 @@ class _Saddle:
         return found
 
     def values(self, u: Float32Array, active: IndexArray | None = None) -> FloatArray:
-        """Return the floor (s,) that costs (s, m) give, for the active sets."""
+        """Return the lower bounds (s,) that costs (s, m) give, for the active sets."""
         active = np.arange(len(u)) if active is None else active
         value = np.zeros(len(u))
         value[active] = u[active].sum(axis=1, dtype=np.float64)

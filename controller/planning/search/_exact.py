@@ -22,7 +22,7 @@ class Stacked:
 
     Attributes
     ----------
-    rows : (v, m); prices_s : (v,); units : (v,)
+    rows : (v, m); costs_s : (v,); units : (v,)
     owner : (v,) grasp; index : (v,) row of the grasp's own table
     """
 
@@ -34,7 +34,7 @@ class Stacked:
 
 
 def stack(tables: Tables, grasps: IndexArray) -> Stacked:
-    """Put the tables of grasps under each other."""
+    """Return the tables of some grasps as one, each under the one before."""
     sizes = [len(tables.rows[g]) for g in grasps]
     return Stacked(
         rows=np.concatenate([tables.rows[g] for g in grasps]),
@@ -52,19 +52,19 @@ def exact_cover(
     reduced_s: FloatArray | None = None,
     nodes: int = MILP_NODES,
 ) -> tuple[IndexArray | None, float]:
-    """Find the cheapest rows that show every element for less than a limit.
+    """Return the cheapest rows that show every element for less than a limit.
 
     Parameters
     ----------
     rows : (v, m) which elements each row shows
     costs_s : (v,) of each row
     limit_s : only what is cheaper counts
-    reduced_s : (v,) a floor of every cover that has this row, to leave rows out
+    reduced_s : (v,) lower bound of every cover that has this row, to leave rows out
     nodes : of the branch-and-bound tree, at most
 
     Returns
     -------
-    rows chosen, None if none is cheaper; a floor [s] of all covers, `limit_s` if none is cheaper
+    rows chosen, None if none is cheaper; lower bound [s] of all covers, `limit_s` if none is
     """
     keep = np.arange(len(rows))
     if reduced_s is not None:
@@ -106,9 +106,9 @@ def exact_cover(
     )
     if answer.status == 2:
         return None, limit_s
-    floor = answer.mip_dual_bound if answer.mip_dual_bound is not None else 0.0
+    bound_s = answer.mip_dual_bound if answer.mip_dual_bound is not None else 0.0
     if answer.x is None:
-        return None, min(limit_s, fixed_s + max(0.0, float(floor)))
+        return None, min(limit_s, fixed_s + max(0.0, float(bound_s)))
     chosen = keep[answer.x > 0.5]
     cost = fixed_s + float(costs_s[chosen].sum())
     found = np.concatenate([np.array(fixed, dtype=np.intp), chosen])
@@ -116,7 +116,7 @@ def exact_cover(
         return None, fixed_s
     if answer.status == 0:
         return (found, cost) if cost < limit_s - SAME_S / 2 else (None, limit_s)
-    return found, min(cost, fixed_s + float(floor))
+    return found, min(cost, fixed_s + float(bound_s))
 
 
 def _different(table: BoolArray) -> BoolArray:

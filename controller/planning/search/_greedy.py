@@ -6,11 +6,11 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray
 
-from ._problem import MAX_GRASP_COUNT, Problem, Solution, live_grasps, needed_of, priced
+from ._problem import MAX_GRASP_COUNT, Problem, Solution, live_grasps, needed_of, solution_of
 
 
 def greedy(problem: Problem, max_grasps: int = MAX_GRASP_COUNT) -> Solution | None:
-    """Show everything by taking at each turn what adds most.
+    """Return a solution that at each turn takes what adds most.
 
     The first grasp is the one that can be had at the start and shows most; then, from the present
     grasp, the one within a regrasp that shows most of what is left, through another grasp where
@@ -19,7 +19,7 @@ def greedy(problem: Problem, max_grasps: int = MAX_GRASP_COUNT) -> Solution | No
 
     Returns
     -------
-    None where no way leads from start to finish; an incomplete solution where it loses its way
+    None where no sequence leads from start to finish; an incomplete solution where it cannot go on
     """
     live = live_grasps(problem, max_grasps)
     if not len(live):
@@ -72,7 +72,7 @@ def _finish(
     ends: list[FloatArray],
     max_grasps: int,
 ) -> None:
-    """Go on to a grasp that can be finished from, the cheapest way."""
+    """Go on to a grasp that can be finished from, by the cheapest regrasps."""
     last = problem.last_s[live]
     while True:
         room, here = max_grasps - len(sequence), sequence[-1]
@@ -107,4 +107,4 @@ def _with_views(
     views = [
         [int(candidates[c][1]) for c in chosen if candidates[c][0] == k] for k in range(len(grasps))
     ]
-    return priced(problem, grasps, views, 0.0, max_grasps)
+    return solution_of(problem, grasps, views, 0.0, max_grasps)

@@ -1,6 +1,6 @@
-"""What the search is asked and what it answers: tables of who shows what, and costs; no geometry.
+"""The problem and the solution of the search: tables of what shows what, and costs; no geometry.
 
-A *grasp* is a way to hold the part, an *element* a thing to be shown (a surface sample, or a
+A *grasp* is a number here, an *element* a thing to be shown (a surface sample, or a
 feature such as "face 7 seen square"). planning-facts.md 1.3.
 """
 
@@ -78,7 +78,7 @@ class Solution:
     grasps : in order; one may come twice, and one without views is mere transit
     views : per entry of `grasps` the views to take, ascending
     cost_s : first, regrasps, views and last together
-    bound_s : no way to show all of `needed` with the grasps allowed costs less; inf = there is none
+    bound_s : lower bound on what shows all of `needed` with the grasps allowed; inf = nothing does
     covered : (m,) what the chosen views show
     needed : (m,) what some view that can be had at all shows, without what is seen already
     covers_count : set cover problems solved exactly, a measure of work
@@ -114,7 +114,7 @@ class Solution:
 
 
 def live_grasps(problem: Problem, max_grasps: int = MAX_GRASP_COUNT) -> IndexArray:
-    """Return, ascending, the grasps that lie on some way from start to finish."""
+    """Return, ascending, the grasps that lie on some sequence from start to finish."""
     regrasp = np.isfinite(problem.regrasp_s)
     to = _steps(np.isfinite(problem.first_s), regrasp)
     back = _steps(np.isfinite(problem.last_s), regrasp.T)
@@ -158,7 +158,7 @@ def cost_of(problem: Problem, grasps: Sequence[int], views: Sequence[Sequence[in
     return cost
 
 
-def priced(
+def solution_of(
     problem: Problem,
     grasps: Sequence[int],
     views: Sequence[Sequence[int]],
@@ -175,7 +175,7 @@ def priced(
     views : under each of them, numbers of views
     bound_s : lower bound on the cost of any plan, for the record
     max_grasps : at most so many in a row, by which it is known what can be shown
-    covers_count : set cover problems solved on the way, for the record
+    covers_count : set cover problems solved so far, for the record
     """
     covered = np.zeros(len(problem.weights), dtype=bool)
     for g, chosen in zip(grasps, views, strict=True):

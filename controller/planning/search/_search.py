@@ -1,10 +1,10 @@
 """The cheapest grasps and views that show all that can be shown, with proof: branch and bound.
 
-Ways through the grasps are listed cheapest first, one grasp longer at a time, as long as they could
+Sequences of grasps are listed cheapest first, one grasp longer at a time, as long as they could
 still lead to something better than the best known. Each *set* of grasps that shows everything gets
-a floor of what views it needs: first from costs good for all sets at once, then from costs of its
-own, last the exact cover; always the set of the lowest floor next, so that the exact cover is done
-only where the proof needs it. planning-facts.md 1.3.
+a lower bound of what the views cost that it needs: first from costs good for all sets at once, then
+from costs of its own, last the exact cover. The set of the least lower bound is always next, so
+that the exact cover is done only where the proof needs it. planning-facts.md 1.3.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Effort:
 
     Attributes
     ----------
-    lower_bounds : sets of grasps whose floor may be raised; covers : exact covers
+    lower_bounds : sets of grasps whose lower bound may be raised; covers : exact covers
     nodes : of branch and bound within one cover
     paths : of equal length kept at most
     """
@@ -59,7 +59,7 @@ _MISSED = 8  # elements added where a cover of the core leaves some out
 class Pool:
     """Sets of grasps that show everything, and how far each has been looked into."""
 
-    grasps: list[tuple[int, ...]] = field(default_factory=list)  # the cheapest way, in order
+    grasps: list[tuple[int, ...]] = field(default_factory=list)  # the cheapest sequence
     sets: list[IndexArray] = field(default_factory=list)
     path_s: list[float] = field(default_factory=list)
     bound_s: list[float] = field(default_factory=list)  # of the whole
@@ -100,13 +100,13 @@ class Search:
             self.best, self.best_s = (tuple(grasps), views, cost), cost
 
     def run(self) -> float:
-        """Search; return the floor of all solutions."""
+        """Search; return the lower bound of all solutions."""
         tables, problem = self.tables, self.problem
         regrasp = problem.regrasp_s[np.ix_(tables.grasps, tables.grasps)]
         tail = tails(problem, tables.grasps, self.max_grasps)
         sequences = first_sequences(problem, tables.grasps)
         self._learn(sequences, regrasp, tail)
-        open_s = np.inf  # floor of all that was not looked into
+        open_s = np.inf  # lower bound of all that was not looked into
         for length in range(1, self.max_grasps + 1):
             self.levels.append(sequences)
             self._enter(sequences)
@@ -127,7 +127,7 @@ class Search:
         return min([self.best_s, open_s, *pending])
 
     def _learn(self, sequences: GraspSequences, regrasp: FloatArray, tail: FloatArray) -> None:
-        """Find the elements that decide from the cheapest ways, and costs for all grasps."""
+        """Find the elements that decide from the cheapest sequences, and costs for all grasps."""
         tables, n = self.tables, len(self.tables.grasps)
         pairs = longer(sequences, regrasp, tail, np.inf, [sequences], self.effort.paths)
         some: list[IndexArray] = []
@@ -177,7 +177,7 @@ class Search:
         return tuple(int(grasps[g]) for g in best[1]), best[2]
 
     def _enter(self, sequences: GraspSequences) -> None:
-        """Take up the sets of these ways that show all, may be finished from and could be best."""
+        """Take up the sets of sequences that show all, may be finished from and could be best."""
         tables, pool = self.tables, self.pool
         whole = sequences.cost_s + self.problem.last_s[tables.grasps[sequences.grasps[:, -1]]]
         at = np.flatnonzero(whole < self.best_s - SAME_S)
@@ -205,7 +205,7 @@ class Search:
                 pool.bound_s.append(float(total[k]))
                 pool.units.append(float(units[k]))
                 pool.stage.append(0)
-            else:  # the same views, had more cheaply by a longer way
+            else:  # the same views, had more cheaply by a longer sequence
                 saved = pool.path_s[known] - float(whole[path])
                 pool.grasps[known], pool.sets[known] = entry
                 pool.path_s[known] -= saved
@@ -213,15 +213,15 @@ class Search:
                 pool.stage[known] = min(pool.stage[known], 1 if known in pool.u else 0)
 
     def _settle(self) -> None:
-        """Look into sets, the lowest floor first, until none can be better or effort ends."""
+        """Look into sets, the least lower bound first, until none can be better or effort ends."""
         pool = self.pool
         while True:
-            floor = np.array(pool.bound_s)
+            bounds = np.array(pool.bound_s)
             stage = np.array(pool.stage, dtype=int)
-            pending = np.flatnonzero((floor < self.best_s - SAME_S) & (stage < 2))
+            pending = np.flatnonzero((bounds < self.best_s - SAME_S) & (stage < 2))
             if not len(pending):
                 return
-            order = pending[np.argsort(floor[pending], kind="stable")]
+            order = pending[np.argsort(bounds[pending], kind="stable")]
             if stage[order[0]] == 0:
                 if self.floored >= self.effort.lower_bounds and self.best is not None:
                     return
@@ -245,13 +245,13 @@ class Search:
             for row in range(min(_TRIES, len(which))):
                 self._try(which[row], start)
         units, u = raise_lower_bounds(self.core, sets, start, self._goals(path), _STEPS)
-        floor = path + tables.views_bound_s(units)
+        bounds = path + tables.views_bound_s(units)
         self.floored += len(which)
         for row, k in enumerate(which):
             pool.stage[k] = 1
             pool.u[k] = u[row]
             pool.units[k] = max(pool.units[k], float(units[row]))
-            pool.bound_s[k] = max(pool.bound_s[k], float(floor[row]))
+            pool.bound_s[k] = max(pool.bound_s[k], float(bounds[row]))
         lowest = sorted(which, key=lambda k: (pool.bound_s[k], k))[:_TRIES]
         for k in lowest:
             if pool.bound_s[k] < self.best_s - SAME_S:
@@ -260,7 +260,7 @@ class Search:
                     self._dive(k)
 
     def _goals(self, path_s: FloatArray) -> FloatArray:
-        """Return which floor in units would rule each set out."""
+        """Return which lower bound in units would rule each set out."""
         tables = self.tables
         if not np.isfinite(self.best_s) or tables.dearest_s <= 0.0:
             return np.full(len(path_s), np.inf if tables.dearest_s > 0.0 else 0.0)
@@ -317,7 +317,7 @@ class Search:
             limit = self.best_s - pool.path_s[k]
             if not np.isfinite(limit):
                 limit = float(stacked.costs_s.sum()) + 1.0
-            rows, floor = exact_cover(
+            rows, views_s = exact_cover(
                 stacked.rows[:, elements], stacked.costs_s, limit, reduced, self.effort.nodes
             )
             self.covers += 1
@@ -330,9 +330,9 @@ class Search:
             self.extra += new
             elements = sorted({*elements, *new})
         pool.stage[k] = 2
-        pool.bound_s[k] = max(pool.bound_s[k], pool.path_s[k] + floor)
+        pool.bound_s[k] = max(pool.bound_s[k], pool.path_s[k] + views_s)
         if pool.bound_s[k] < self.best_s - SAME_S:
-            pool.stage[k] = 3  # nodes ran out: its floor stands
+            pool.stage[k] = 3  # nodes ran out: its lower bound stands
 
     def _offer_rows(self, k: int, owner: IndexArray, index: IndexArray) -> None:
         """Offer views of the set's grasps as a solution."""

@@ -13,14 +13,14 @@ from ._problem import SAME_S, Problem
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GraspSequences:
-    """Ways of equally many grasps from the start.
+    """Sequences of equally many grasps from the start.
 
     Attributes
     ----------
     grasps : (k, length) in order
     sets : (k, length) the same grasps ascending, each once, padded with n
     cost_s : (k,) first and regrasps
-    left_out_s : the least that ways dropped for want of room could have cost altogether
+    left_out_s : the least that sequences dropped for want of room could have cost altogether
     """
 
     grasps: IndexArray
@@ -46,7 +46,7 @@ def tails(problem: Problem, grasps: IndexArray, max_grasps: int) -> FloatArray:
 
 
 def first_sequences(problem: Problem, grasps: IndexArray) -> GraspSequences:
-    """Return the ways of one grasp."""
+    """Return the sequences of a single grasp."""
     first = problem.first_s[grasps]
     at = np.flatnonzero(np.isfinite(first))
     return GraspSequences(at[:, None], at[:, None], first[at])
@@ -61,14 +61,14 @@ def longer(
     most: int,
     covered: BoolArray | None = None,
 ) -> GraspSequences:
-    """Return the ways of one grasp more that are worth a look.
+    """Return the sequences of one grasp more that may be part of a better solution.
 
     Parameters
     ----------
     sequences : all of one length
     regrasp_s : (n, n); tail_s : (n,) to the finish
-    room_s : ways that cost as much with their tail cannot be part of anything better
-    known : shorter ways; a longer one to the same set and last grasp must be cheaper
+    room_s : sequences that cost as much with their tail cannot be part of anything better
+    known : shorter sequences; a longer one to the same set and last grasp must be cheaper
     most : so many are kept, the cheapest; `left_out_s` is what the others cost at least
     covered : (n, m) what each grasp shows; where given, those that show most are kept instead
     """

@@ -1,4 +1,4 @@
-"""The cheapest way to show all that can be shown, or the most that one way can show."""
+"""The cheapest sequence of grasps and views that shows all, or the one that shows most."""
 
 from __future__ import annotations
 
@@ -10,7 +10,15 @@ import numpy as np
 from controller.arrays import BoolArray
 
 from ._greedy import greedy
-from ._problem import MAX_GRASP_COUNT, Problem, Solution, cost_of, live_grasps, needed_of, priced
+from ._problem import (
+    MAX_GRASP_COUNT,
+    Problem,
+    Solution,
+    cost_of,
+    live_grasps,
+    needed_of,
+    solution_of,
+)
 from ._search import FULL, Effort, Search
 from ._tables import make_tables, quick_cover
 
@@ -22,7 +30,7 @@ def solve(
     effort: Effort = FULL,
     incumbent: Solution | None = None,
 ) -> Solution | None:
-    """Show all of what is needed at the least cost.
+    """Return the grasps and views that show all of what is needed at the least cost.
 
     Parameters
     ----------
@@ -34,8 +42,8 @@ def solve(
 
     Returns
     -------
-    None where no way leads from start to finish. Where no single way shows all of what is needed,
-    the solution is that of the greatest share of surface one of the ways found can show, with
+    None where no sequence of grasps leads from start to finish. Where none shows all of what is
+    needed, the solution is that of the greatest share of surface one of those found can show, with
     `is_complete` False and `bound_s` inf, or less if the effort ended first.
 
     Raises
@@ -61,18 +69,18 @@ def solve(
             rest,
             max_grasps=max_grasps,
             effort=effort,
-            incumbent=priced(rest, path, views, 0.0, max_grasps),
+            incumbent=solution_of(rest, path, views, 0.0, max_grasps),
         )
         if least is None:
             raise AssertionError("a sequence was found that is none")
         covers = search.covers + least.covers_count
-        return priced(problem, least.grasps, least.views, bound_s, max_grasps, covers)
+        return solution_of(problem, least.grasps, least.views, bound_s, max_grasps, covers)
     grasps, views, cost_s = search.best
-    return priced(problem, grasps, views, min(bound_s, cost_s), max_grasps, search.covers)
+    return solution_of(problem, grasps, views, min(bound_s, cost_s), max_grasps, search.covers)
 
 
 def _plain_views(problem: Problem, path: Sequence[int]) -> Iterator[tuple[int, ...]]:
-    """Yield per grasp of a way views that show all it can and that others before do not."""
+    """Yield per grasp of a sequence the views of all it can show that others before do not."""
     left = ~problem.seen
     for g in path:
         can = np.flatnonzero(np.isfinite(problem.view_s[g]))
@@ -106,5 +114,5 @@ def _repaired(
     for mine, extra in zip(kept, more, strict=True):
         mine.extend(v for v in extra if v not in mine)
     whole = tuple(tuple(sorted(views)) for views in kept)
-    shown = priced(problem, known.grasps, whole, 0.0, max_grasps).covered
+    shown = solution_of(problem, known.grasps, whole, 0.0, max_grasps).covered
     return None if (needed & ~shown).any() else (known.grasps, whole)

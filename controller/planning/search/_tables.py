@@ -1,7 +1,8 @@
 """The problem's tables, and the few elements that decide: what else is to be shown comes along.
 
-Of thousands of surface samples some hundreds are hard to show. A floor for showing these is a floor
-for showing all, and views chosen for these mostly show all: where not, what they left out is added.
+Of thousands of surface samples some hundreds are hard to show. A lower bound for showing these is
+one for showing all, and views chosen for these mostly show all; where they do not, what they left
+out is added.
 """
 
 from __future__ import annotations
@@ -70,7 +71,7 @@ class Core:
 
 
 def make_tables(problem: Problem, max_grasps: int) -> Tables:
-    """Take from the problem what some way from start to finish can use."""
+    """Return what some sequence of grasps from start to finish can use of the problem."""
     grasps = live_grasps(problem, max_grasps)
     possible = [np.isfinite(problem.view_s[g]) for g in grasps]
     shown = np.zeros((len(grasps), len(problem.weights)), dtype=bool)
@@ -133,7 +134,7 @@ def hard_elements(rows: BoolArray, missing: BoolArray, most: int) -> list[int]:
 
 
 def learn_core(tables: Tables, sets: Sequence[IndexArray]) -> list[int]:
-    """Find the elements that decide, by covering some sets of grasps until nothing is left out."""
+    """Return the elements that decide: covers of these, by some sets of grasps, cover all."""
     core: list[int] = []
     for members in sets:
         rows = np.concatenate([tables.rows[g] for g in members])

@@ -27,7 +27,7 @@ def best_order(
     end: FloatArray | None,
     segment_seconds: SegmentSeconds | FloatArray,
 ) -> list[tuple[int, int]]:
-    """Order stops for short motion and pick one of the configurations of each.
+    """Return the order of stops that takes the arm least time, with one configuration of each.
 
     Parameters
     ----------
