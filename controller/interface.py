@@ -308,7 +308,9 @@ def plan_part(
     if pose_index is None:
         pose_index = max(poses.values(), key=lambda pose: pose.probability).index
     if pose_index not in poses:
-        raise ConfigError(f"{compiled.solid.name} has stable poses {sorted(poses)}")
+        raise ConfigError(
+            f"{compiled.solid.name} has no stable pose {pose_index}; it has {sorted(poses)}"
+        )
     setup = planner_setup(wanted, cell, compiled)
     certificate = (
         Planning(compiled, setup.layout, setup.options).certified(poses[pose_index]).certificate

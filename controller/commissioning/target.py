@@ -93,8 +93,8 @@ class CalibrationTarget(Section):
         lacking = [f"`{key}`" for key, value in charuco.items() if value is None]
         if len(lacking) == len(charuco):
             raise ValueError(
-                "required is `inner_corners` of a chessboard, or `squares`, `marker_mm` and "
-                "`dictionary` of a ChArUco board"
+                "either `inner_corners` of a chessboard or `squares`, `marker_mm` and "
+                "`dictionary` of a ChArUco board are required"
             )
         if lacking:
             raise ValueError(f"a ChArUco board needs {' and '.join(lacking)} as well")
@@ -110,22 +110,22 @@ class CalibrationTarget(Section):
         names = [picture.image for picture in self.images]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise ValueError(f"`images` names {twice[0]} twice")
+            raise ValueError(f"`images` names {twice[0]} twice; remove one")
         flat = [picture.image for picture in self.images if picture.placed == Placed.FLAT.value]
         if not flat:
             raise ValueError(
-                "`images` has no flat board, so the table plane is unknown; take one picture "
-                "at least with the board on the table"
+                "`images` has no flat board, so the table plane is unknown; take at least one "
+                "picture with the board on the table"
             )
         if self.world is None:
             return self
         if self.world.image not in flat:
             raise ValueError(
-                f"`world.image` {self.world.image} is none of the flat ones ({', '.join(flat)})"
+                f"`world.image` {self.world.image} is not one of the flat ones ({', '.join(flat)})"
             )
         if not self.build().has_one_way_up:
             raise ValueError(
-                "`world` needs a board that half a turn changes: one of its counts of inner "
+                "`world` needs a board that looks different after half a turn: one count of inner "
                 "corners odd, the other even"
             )
         return self

@@ -29,7 +29,7 @@ def _rising(bounds: tuple[float, ...]) -> tuple[float, ...]:
     """Return (low, high) pairs; raise ValueError unless they are in this order."""
     for low, high in zip(bounds[::2], bounds[1::2], strict=True):
         if low >= high:
-            raise ValueError(f"bounds go from low to high, not from {low:g} to {high:g}")
+            raise ValueError(f"bounds must go from low to high, not from {low:g} to {high:g}")
     return bounds
 
 
@@ -41,7 +41,7 @@ def _of_a_camera(size: tuple[int, int]) -> tuple[int, int]:
 
 def _positive(size: tuple[float, ...]) -> tuple[float, ...]:
     if min(size) <= 0:
-        raise ValueError(f"sizes are more than 0, not {min(size):g}")
+        raise ValueError(f"sizes must be more than 0, not {min(size):g}")
     return size
 
 
@@ -393,7 +393,7 @@ class TimingSection(Section):
     def _polls_before_it_is_stale(self) -> "TimingSection":
         if self.io_stale_s < 2 * self.io_poll_s:
             raise ValueError(
-                f"io_stale_s is at least twice io_poll_s ({self.io_poll_s:g} s), "
+                f"io_stale_s must be at least twice io_poll_s ({self.io_poll_s:g} s), "
                 f"not {self.io_stale_s:g} s: one late reading would stop the cell"
             )
         return self

@@ -47,7 +47,7 @@ def read_bytes(path: Path, most_bytes: int, what: str) -> bytes:
         os.close(handle)
     if is_too_large or len(data) > most_bytes:
         raise ConfigError(
-            f"{path}: has more than {most_bytes / 1024:,.0f} KiB; {what} is smaller, is it the "
+            f"{path}: has more than {most_bytes / 1024:,.0f} KiB; {what} is smaller. Is it the "
             "right file?"
         )
     return bytes(data)

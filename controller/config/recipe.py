@@ -48,7 +48,7 @@ class GraspSection(Section):
 def _fit_for_a_folder(name: str) -> str:
     """Return a name; raise ValueError if a folder's name cannot contain it."""
     if not name.strip() or len(name) > 80 or any(c in "/\\" or not c.isprintable() for c in name):
-        raise ValueError("1 to 80 characters without slashes: it becomes part of a folder's name")
+        raise ValueError("must be 1 to 80 characters without slashes: a folder is named after it")
     return name
 
 
@@ -138,5 +138,5 @@ def _unknown_part(recipe: Path, cad: Path, line: int | None) -> str:
     except OSError:
         known = []
     shown = ", ".join(known[:MOST_NAMED]) + (" ..." if len(known) > MOST_NAMED else "")
-    have = f"the folder has {shown}" if known else f"there is nothing in {folder}"
+    have = f"the folder has {shown}" if known else f"there is no CAD file in {folder}"
     return f"{recipe}:{line}: unknown part: no file {cad}; {have}"

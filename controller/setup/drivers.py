@@ -75,7 +75,7 @@ def find_driver(kind: str, name: str) -> Driver[Any, Any]:
             f"{kind} driver `{name}`: {entry.value} cannot be loaded: {error!r:.200}"
         ) from error
     if not isinstance(driver, Driver):
-        raise ConfigError(f"{kind} driver `{name}`: {entry.value} is no `drivers.kinds.Driver`")
+        raise ConfigError(f"{kind} driver `{name}`: {entry.value} is not a `drivers.kinds.Driver`")
     return driver
 
 
@@ -116,7 +116,7 @@ def describe_arm(name: str, given: Mapping[str, Any]) -> ArmDescription[Any]:
     except ValueError as error:
         raise ConfigError(f"`arm.shape`: {error}") from error
     if not isinstance(described, ArmDescription):
-        raise ConfigError(f"arm driver `{name}` describes its arm by no `ArmDescription`")
+        raise ConfigError(f"arm driver `{name}`: `describe` returns no `ArmDescription`")
     try:
         digest_of(described.model)
     except TypeError as error:

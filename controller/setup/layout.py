@@ -31,7 +31,10 @@ def build_layout(cell: Cell) -> CellLayout:
     if isinstance(arm, OtherArmSection):
         described, column = describe_arm(cell.devices.arm.driver, arm.shape), arm.column
         if described.park_q.shape != (JOINT_COUNT,):
-            raise ConfigError(f"`arm.shape`: planning knows arms of {JOINT_COUNT} joints alone")
+            raise ConfigError(
+                f"`arm.shape`: planning requires an arm of {JOINT_COUNT} joints, this one has "
+                f"{described.park_q.size}"
+            )
     else:
         described, column = _umi(arm), arm.links.column
     obstacles = {name: Box.from_bounds(*box) for name, box in cell.obstacles.items()}

@@ -287,7 +287,7 @@ def test_oblong_squares_are_refused() -> None:
 def test_too_uncertain_a_table_is_refused_with_the_place(usual: Calibration) -> None:
     check_uncertainty(usual, Limits())
     with pytest.raises(
-        CalibrationError, match=r"uncertain by .* mm at the .* limits; add pictures"
+        CalibrationError, match=r"uncertain by .* mm at the .* limits are .* Add pictures"
     ):
         check_uncertainty(usual, replace(Limits(), table_std_max_mm=0.01, table_std_max_px=0.01))
 
@@ -313,5 +313,5 @@ def test_a_few_corners_of_one_board_are_too_few() -> None:
 
 
 def test_the_world_cannot_be_fixed_by_a_tilted_board() -> None:
-    with pytest.raises(ValueError, match="no flat view"):
+    with pytest.raises(ValueError, match="not a flat view"):
         calibrate(_views(), CAMERA.size_px, replace(WORLD, name="tilted 0"))

@@ -153,7 +153,7 @@ def refusal(shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> C
         (_changed(square_m=0.014), "unknown key `square_m`; did you mean `square_mm`?"),
         (_changed(square_mm=None), "`square_mm` is missing"),
         (_changed(square_mm=-3), "`square_mm`: Input should be greater than 0"),
-        (_changed(inner_corners=None), "required is `inner_corners` of a chessboard, or `squares`"),
+        (_changed(inner_corners=None), "either `inner_corners` of a chessboard or `squares`"),
         (_changed(inner_corners=[7, 1]), "inner_corners.1"),
         (_changed(squares=[8, 5]), "keep one"),
         (_changed(inner_corners=None, squares=[8, 5]), "needs `marker_mm` and `dictionary`"),
@@ -171,14 +171,14 @@ def refusal(shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> C
         ),
         (
             _changed(images=TARGET["images"][3:], world=None),
-            "take one picture at least with the board on the table",
+            "take at least one picture with the board on the table",
         ),
         (_changed(images=TARGET["images"] * 2), "`images` names a_0.png twice"),
         (
             _changed(world={"image": "a_3.png"}),
-            "`world.image` a_3.png is none of the flat ones (a_0.png, a_1.png, a_2.png)",
+            "`world.image` a_3.png is not one of the flat ones (a_0.png, a_1.png, a_2.png)",
         ),
-        (_changed(inner_corners=[7, 5]), "one of its counts of inner corners odd, the other even"),
+        (_changed(inner_corners=[7, 5]), "one count of inner corners odd, the other even"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )

@@ -174,7 +174,7 @@ def test_a_rule_of_the_drivers_own_is_reported() -> None:
     [
         ("raise RuntimeError('no licence')", "cannot be loaded: RuntimeError('no licence')"),
         ("", "cannot be loaded: AttributeError"),
-        ("DRIVER = 3", "is no `drivers.kinds.Driver`"),
+        ("DRIVER = 3", "is not a `drivers.kinds.Driver`"),
     ],
 )
 def test_a_package_that_offers_no_driver_is_named(

@@ -140,7 +140,7 @@ def test_what_is_no_damage_is_refused_and_left_as_it_is(path: Path, tmp_path: Pa
     folder = path.with_name("folder.sqlite")
     folder.mkdir()
     before = newer.read_bytes(), other.read_bytes()
-    for place, words in ((newer, "version 2"), (other, "no journal of"), (folder, "no file")):
+    for place, words in ((newer, "version 2"), (other, "not a journal of"), (folder, "not a file")):
         with pytest.raises(JournalError, match=words) as caught:
             open_cell_journal(place, "run-2")
         assert str(place) in str(caught.value)

@@ -175,11 +175,15 @@ def test_a_value_of_the_wrong_kind_or_size_is_told_with_its_line(
     ("old", "new", "part"),
     [
         ("x_axis: [0, -1, 0]", "x_axis: [0, -1, 1]", "`cameras.overhead.pose`: x_axis and y_axis"),
-        ("x: [180, 540]", "x: [540, 180]", "`table.glowing_area.x`: bounds go from low to high"),
+        (
+            "x: [180, 540]",
+            "x: [540, 180]",
+            "`table.glowing_area.x`: bounds must go from low to high",
+        ),
         ("[-160, -67.5, -90, 90, 0, 1082]", "[-160, -67.5, 90, -90, 0, 1082]", "`arm.links.column"),
         ("[-160, -67.5, -90, 90, 0, 1082]", "[-160, -67.5, -90, 90, 0]", "has too few values"),
-        ("size_px: [1280, 1024]", "size_px: [1280, 0]", "`cameras.overhead.size_px`: sizes are"),
-        ("size: [150, 150]", "size: [150, -150]", "`trays.accept.size`: sizes are more than 0"),
+        ("size_px: [1280, 1024]", "size_px: [1280, 0]", "`cameras.overhead.size_px`: sizes must"),
+        ("size: [150, 150]", "size: [150, -150]", "`trays.accept.size`: sizes must be more than 0"),
         ("kind: ring", "kind: bulb", "`lamps.table_ring.kind`: Input should be 'panel', 'ring'"),
         ("normal: [0, 0, 1], ", "", "`lamps.table_backlight`: a panel needs normal, up and size"),
         (
@@ -302,7 +306,7 @@ def test_a_part_that_is_not_there_is_told_with_those_that_are(folder: Path) -> N
 
 def test_a_part_in_a_folder_that_is_not_there_is_told(folder: Path) -> None:
     (message,) = wrong_recipe(folder, "block.stl", "nowhere/block.stl")
-    assert "there is nothing in" in message
+    assert "there is no CAD file in" in message
 
 
 def test_another_part_that_is_not_there_is_told_too(folder: Path) -> None:

@@ -72,7 +72,7 @@ def check_sizes(recipe_path: Path, recipe: Recipe, cell: Cell) -> None:
         where = recipe_path if line is None else f"{recipe_path}:{line}"
         size = " x ".join(f"{side:.0f}" for side in reversed(size_mm))
         raise ConfigError(
-            f"{where}: {solid.name} is {size} mm in `unit: {solid.unit}` and finds no room on the "
+            f"{where}: {solid.name} is {size} mm in `unit: {solid.unit}` and does not fit on the "
             f"table of {room_mm[1]:.0f} x {room_mm[0]:.0f} mm; is the unit right?"
         )
 
@@ -126,9 +126,9 @@ def check_plans(job: Job, progress: Callable[[str], None] | None = None) -> Chec
             problems.append(f"{where} ({pose.probability:.0%}): {certified.certificate.reason}")
         elif plan.covered_fraction < wanted:
             problems.append(
-                f"{where}: {plan.covered_fraction:.1%} of the surface can be shown, the recipe "
-                f"requires {wanted:.1%}"
+                f"{where}: {plan.covered_fraction:.1%} of the surface can be shown, but the recipe "
+                f"requires {wanted:.1%} (`min_coverage`)"
             )
     if not poses:
-        problems.append("there is no pose in which the part is likely to rest")
+        problems.append("the part has no stable pose in which it is likely to rest")
     return Checked(c.setup, tuple(poses), tuple(problems))

@@ -70,8 +70,8 @@ def note_journal(journal: Path, began: RunBegan) -> None:
         new.replace(path)
     except OSError as error:
         raise JournalError(
-            f"{path}: {error.strerror}; the next start must find this run's journal. Nothing has "
-            "moved. Set XDG_STATE_HOME to a folder that can be written"
+            f"{path}: {error.strerror}. The next start needs this note to find this run's journal. "
+            "Nothing has moved. Set XDG_STATE_HOME to a folder that can be written"
         ) from error
 
 
@@ -142,4 +142,4 @@ def _entries() -> Iterator[_Entry]:
                 noted.isoformat(timespec="microseconds"),
             )
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            log.warning("%s names no journal (%s); it is passed over", path, error)
+            log.warning("%s is not the note of a journal (%s) and is ignored", path, error)

@@ -72,15 +72,14 @@ class ReleaseGuard:
         """
         if custody in (Custody.UNKNOWN, Custody.IN_FIXED):
             raise ReleaseRefusedError(
-                f"the fixed gripper stays closed: the part is {custody.value}"
+                f"the fixed gripper stays closed: custody of the part is: {custody.value}"
             )
         if custody is Custody.IN_BOTH:
             width = await self._arm.read_opening_mm()
             if width < max(NOTHING_MM, gripped_mm - LOST_MM):
                 raise ReleaseRefusedError(
                     f"the fixed gripper stays closed: the arm gripper's jaws stand at "
-                    f"{width:.1f} mm, "
-                    f"{gripped_mm:.1f} mm is the part's width"
+                    f"{width:.1f} mm, but the part is {gripped_mm:.1f} mm wide"
                 )
         if custody is Custody.LOST and self.is_something_in_fixed:
             raise ReleaseRefusedError(

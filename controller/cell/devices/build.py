@@ -65,7 +65,10 @@ def resolve(cell: Cell, emulated: Addresses) -> dict[str, dict[str, Any]]:
         settings = section.model_dump()
         if section.address == EMULATED:
             if name not in emulated:
-                raise ConfigError(f"devices.{name}: is emulated, but no emulator offers it")
+                raise ConfigError(
+                    f"devices.{name}: is `{EMULATED}`, but the emulator does not offer it; give "
+                    "its address"
+                )
             offered = emulated[name]
             if isinstance(offered, str):
                 settings["address"] = offered

@@ -125,7 +125,8 @@ def _ready(process: "subprocess.Popen[bytes]", log: IO[bytes], where: str) -> di
             line = lines.get(timeout=READY_TIMEOUT_S)
         except queue.Empty:
             raise EmulatorError(
-                f"the emulated cell was not ready within {READY_TIMEOUT_S:.0f} s{where}"
+                f"the emulated cell was not ready within {READY_TIMEOUT_S:.0f} s; close what else "
+                f"runs on this machine and start again{where}"
             ) from None
         if not line:
             code = process.wait()

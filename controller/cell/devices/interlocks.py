@@ -56,6 +56,6 @@ def check_interlocks(io: IoBlock, *, is_person_inside: bool = False) -> None:
             raise InterlockError(f"{name}: {advice}")
         if signal is Signal.UNKNOWN:
             raise InterlockError(
-                f"{name}: the I/O block gives no fresh reading, which counts as not healthy; "
+                f"{name}: the I/O block has no fresh reading, which counts as not healthy; "
                 "check its cable and power"
             )

@@ -85,7 +85,9 @@ def _hold(path: Path, run_id: str) -> Iterator[None]:
         # Not inherited by child processes (PEP 446): the lock must not outlive this process.
         fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     except OSError as error:
-        raise JournalError(f"lock {path}: {error.strerror}; nothing moves without it") from error
+        raise JournalError(
+            f"lock {path}: {error.strerror}; nothing moves without it. Make its folder writable"
+        ) from error
     try:
         _lock(fd, fcntl.LOCK_EX, path)
         now = datetime.now(UTC).isoformat(timespec="seconds")

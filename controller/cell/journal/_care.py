@@ -78,7 +78,9 @@ def first_flaw(path: Path) -> str | None:
     if not path.exists():
         return None if head is None else f"it is gone, its head names row {head.seq}"
     if not path.is_file():
-        raise JournalError(f"journal {path}: is no file; nothing moves without it")
+        raise JournalError(
+            f"journal {path}: is not a file; nothing moves without one. Move it away"
+        )
     if path.stat().st_size == 0:
         return "the file is empty"
     try:
@@ -102,7 +104,8 @@ def _flaw_inside(path: Path, head: Head | None) -> str | None:
             if count == 0:
                 return "it has no table"
             raise JournalError(
-                f"journal {path}: is no journal of cellctl; nothing moves without one"
+                f"journal {path}: is not a journal of cellctl; nothing moves without one. Move "
+                "the file away, or use another folder of runs (--runs)"
             )
         (state,) = db.execute("PRAGMA quick_check(1)").fetchone()
         if state != "ok":
@@ -115,7 +118,7 @@ def _flaw_inside(path: Path, head: Head | None) -> str | None:
         except JournalError as error:
             return str(error)
         if broken is not None:
-            return f"row {broken} was changed, or rows before it were taken out"
+            return f"row {broken} was changed, or rows before it were removed"
         return _flaw_at_the_end(db, head, last) or _flaw_of_the_table(db)
     finally:
         db.close()

@@ -49,7 +49,7 @@ def _rows(path: Path, where: str, values: Sequence[str]) -> Iterator[Row]:
         for seq, t_utc, t_mono, run_id, part, kind, name, body in rows:
             yield Row(seq, t_utc, t_mono, run_id, part, kind, name, json.loads(body))
     except (sqlite3.Error, ValueError) as error:  # no database, or a body that is no JSON
-        raise JournalError(f"journal {path}: {error}; it is damaged or no journal") from error
+        raise JournalError(f"journal {path}: {error}; it is damaged or not a journal") from error
     finally:
         db.close()
 
@@ -75,7 +75,7 @@ def first_broken_row(path: Path) -> int | None:
                 return int(fields[0])
             prev = digest
     except sqlite3.Error as error:
-        raise JournalError(f"journal {path}: {error}; it is damaged or no journal") from error
+        raise JournalError(f"journal {path}: {error}; it is damaged or not a journal") from error
     finally:
         db.close()
     return None

@@ -125,8 +125,8 @@ def _right_way_up(grey: Grey, grid: FloatArray, target: Chessboard) -> FloatArra
     contrast = _pattern(brightness[inner], sign[inner])
     if _alternating(brightness[inner], sign[inner]) < _ALTERNATING_MIN:
         raise NoBoardError(
-            f"what is there does not alternate as {columns} x {rows} inner corners would; check "
-            "inner_corners in the target file"
+            f"the pattern found does not alternate as {columns} x {rows} inner corners would; "
+            "check inner_corners in the target file"
         )
     for beyond in (np.s_[0, 1:-1], np.s_[-1, 1:-1], np.s_[1:-1, 0], np.s_[1:-1, -1]):
         more = _pattern(brightness[beyond], sign[beyond]) / contrast

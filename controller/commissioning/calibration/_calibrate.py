@@ -76,7 +76,7 @@ def calibrate(
         found = spread(fit, held)
     except np.linalg.LinAlgError as error:
         raise CalibrationError(
-            "the boards leave something about the camera wholly open; add pictures of the board "
+            "the boards do not determine the camera; add pictures of the board "
             "tilted by 15 to 30 deg in different directions, all over the picture"
         ) from error
     hull_px = hull_of(views)

@@ -49,26 +49,26 @@ def check_views(
     CalibrationError : too few boards, none tilted, or all in one part of the picture
     """
     if len({view.name for view in views}) < len(views):
-        raise ValueError("two views of one name")
+        raise ValueError("two views have the same name")
     flat = [view.name for view in views if view.placed is Placed.FLAT]
     if world.name not in flat:
-        raise ValueError(f"the world is fixed by {world.name}, which is no flat view")
+        raise ValueError(f"the world is fixed by {world.name}, which is not a flat view")
     for view in views:
         if len(view.board.pixels) < limits.corners_min:
             raise CalibrationError(
                 f"{view.name} shows {len(view.board.pixels)} corners of the board, "
-                f"{limits.corners_min} are needed; leave it out or take it again"
+                f"{limits.corners_min} are needed; take the picture again or leave it out"
             )
     if len(views) < limits.boards_min:
         raise CalibrationError(
-            f"boards found in {len(views)} pictures, {limits.boards_min} are needed at least and "
-            "ten are better; take more"
+            f"boards found in {len(views)} pictures, {limits.boards_min} are needed and ten are "
+            "better; take more"
         )
     tilted_count = len(views) - len(flat)
     if tilted_count < limits.tilted_min:
         raise CalibrationError(
-            f"{tilted_count} of the boards found are tilted, {limits.tilted_min} are required at "
-            f"least: flat boards alone fit a long lens and a high camera alike; "
+            f"{tilted_count} of the boards found are tilted, at least {limits.tilted_min} are "
+            "required: on flat boards alone, a long lens and a high camera look the same; "
             f"{_TILT_MORE}"
         )
     coverage = area_px(hull_of(views)) / (size_px[0] * size_px[1])
@@ -76,8 +76,8 @@ def check_views(
         u, v = np.vstack([view.board.pixels for view in views]).mean(axis=0) / size_px
         raise CalibrationError(
             f"the boards cover {100 * coverage:.0f} % of the picture, {_where(u, v)}; "
-            f"{100 * limits.coverage_min:.0f} % are needed, or the lens elsewhere is a guess; lay "
-            "boards into the empty parts"
+            f"{100 * limits.coverage_min:.0f} % are needed, since the lens is a guess elsewhere; "
+            "put boards into the empty areas"
         )
 
 
@@ -104,15 +104,16 @@ def check_placed(views: Sequence[View], T_cam_boards: Sequence[FloatArray], limi
             raise CalibrationError(
                 f"{view.name} is listed as flat, but is tilted {np.degrees(angle):.1f} deg off "
                 f"{others}; correct `placed` in the target file, or take the picture again "
-                "(squares that are not square look like it, too)"
+                "(squares that are not square look the same)"
             )
     steep = int((tilt[~is_flat] > limits.tilt_min_rad).sum())
     if steep < limits.tilted_min:
         most = np.degrees(tilt[~is_flat].max())
         raise CalibrationError(
-            f"the boards called tilted stand at most {most:.1f} deg off the table; {steep} of them "
-            f"stand more than {np.degrees(limits.tilt_min_rad):.0f} deg off, {limits.tilted_min} "
-            f"are required: less tilt fits a long lens and a high camera alike; {_TILT_MORE}"
+            f"the boards listed as tilted stand at most {most:.1f} deg off the table; {steep} of "
+            f"them stand more than {np.degrees(limits.tilt_min_rad):.0f} deg off, "
+            f"{limits.tilted_min} are required: with less tilt, a long lens and a high camera look "
+            f"the same; {_TILT_MORE}"
         )
 
 
@@ -138,19 +139,21 @@ def check_fit(views: Sequence[View], residuals: Sequence[ViewResidual], limits: 
     if worst.rms_px > limits.picture_rms_ratio_max * usual and worst.rms_px > limit_px / 4:
         raise CalibrationError(
             f"{worst.name} disagrees with the other pictures: its corners are "
-            f"{worst.rms_px:.2f} px off, those of the others {usual:.2f} px; was the board or "
-            "the camera moved, bent or not flat, or `placed` wrong? take it again or leave it out"
+            f"{worst.rms_px:.2f} px off, those of the others {usual:.2f} px. Did the board or "
+            "the camera move, was the board bent or not flat, or is `placed` wrong? Take the "
+            "picture again or leave it out"
         )
     if usual > limit_px:
         raise CalibrationError(
-            f"the corners are {usual:.2f} px off what any camera would show, {limit_px:.2f} px at "
-            "most are plausible; are the pictures sharp, the board plane, its squares square and "
-            "`inner_corners` or `squares` right, and were focus and zoom left alone?"
+            f"the corners are {usual:.2f} px off what any camera would show; at most "
+            f"{limit_px:.2f} px are plausible. Check that the pictures are sharp, the board plane "
+            "and its squares square, that `inner_corners` or `squares` is right, and that nobody "
+            "touched focus or zoom"
         )
     if outliers > limits.outliers_max * corners:
         raise CalibrationError(
-            f"{outliers} of {corners} corners do not agree with the rest; clean the board, light "
-            "it evenly and without reflections"
+            f"{outliers} of {corners} corners do not agree with the others; clean the board and "
+            "light it evenly, without reflections"
         )
 
 
@@ -166,7 +169,7 @@ def check_uncertainty(calibration: Calibration, limits: Limits) -> None:
     if not relative < limits.focal_std_max or not calibration.condition < limits.condition_max:
         raise CalibrationError(
             f"focal length and height over the table cannot be told apart (focal length known to "
-            f"{100 * relative:.1f} %, {100 * limits.focal_std_max:.0f} % is the limit); "
+            f"{100 * relative:.1f} %, the limit is {100 * limits.focal_std_max:.0f} %); "
             f"{_TILT_MORE}"
         )
     table = calibration.table[0]
@@ -179,8 +182,8 @@ def check_uncertainty(calibration: Calibration, limits: Limits) -> None:
         where = _where(table.worst_at_px[0] / width, table.worst_at_px[1] / height)
         raise CalibrationError(
             f"positions on the table would be uncertain by {table.covered_worst_mm:.2f} mm between "
-            f"the boards and by {table.worst_mm:.2f} mm {where}, {limit_mm:.2f} mm and "
-            f"{beyond_mm:.2f} mm are the limits; add pictures with the board there, flat and tilted"
+            f"the boards and by {table.worst_mm:.2f} mm {where}; the limits are {limit_mm:.2f} mm "
+            f"and {beyond_mm:.2f} mm. Add pictures with the board there, flat and tilted"
         )
 
 

@@ -117,7 +117,7 @@ def reasons_to_move(present: SiteScore, best: SiteScore, options: SiteOptions) -
         why.append(f"it shows {100 * worst:.1f} % more of the worst part in its worst pose")
     picks = best.mean("picks_share") - present.mean("picks_share")
     if picks >= LEAST_PICKS:
-        why.append(f"parts can be taken up in {100 * picks:.0f} % more of the places")
+        why.append(f"parts can be picked up in {100 * picks:.0f} % more of the places")
     for name, free in present.trays.items():
         if free == 0.0 and best.trays.get(name, 0.0) > 0.0:
             why.append(f"the tray {name} can be served")
@@ -250,8 +250,8 @@ def _sentences(
         ]
     if not why:
         said.append(
-            "Leave camera and fixed gripper where they are: nothing found is better by more than "
-            "the search resolves."
+            "Leave camera and fixed gripper where they are: no site found is better by more than "
+            "the search can resolve."
         )
         return tuple(said)
     camera_moves = np.linalg.norm(
