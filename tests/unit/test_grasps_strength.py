@@ -14,8 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from controller.cad import Solid
 from controller.imaging import RayCaster
-from controller.planning.grasps.pads import Contacts, PadGrid, close_pads
-from controller.planning.grasps.strength import loads
+from controller.planning.grasps.contact import Contacts, PadGrid, close_pads, loads
 
 GRID = PadGrid.of(HAND, 0.5)
 OUTER = np.array([False])

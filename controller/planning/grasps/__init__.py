@@ -1,11 +1,10 @@
 """Where a jaw can hold a part, and which of many grasps to plan with."""
 
-from ._faces import FacePair, opposed_faces
-from ._seeds import Seeds, find_seeds, needed_friction
 from ._select import clear_of_table, resting_pose, select_arm_grasps, spread, turned_over
 from ._synthesis import GraspProblem, Synthesis, judge_grasps, synthesise_grasps
+from .contact import still_gravities
 from .judge import Stage
-from .strength import still_gravities
+from .seeds import FacePair, Seeds, find_seeds, needed_friction, opposed_faces
 
 __all__ = [
     "FacePair",

@@ -16,21 +16,21 @@ from controller.cad import Solid
 from controller.imaging import RayCaster
 
 from ..model import Grasp, GraspRules, Holder, Jaw, NotGraspableError
-from ._candidates import (
+from ._select import cover
+from .clearance import PartTriangles, clear_of_part, lifts_off_table
+from .contact import Contacts, least_load
+from .judge import Judge, Stage, closed, score_of
+from .robust import margins
+from .seeds import (
     Candidates,
+    Seeds,
     approach_seems_free,
     axis_distance,
     candidates,
+    needed_friction,
     open_gap,
     pre_open,
 )
-from ._seeds import Seeds, needed_friction
-from ._select import cover
-from .clearance import PartTriangles, clear_of_part, lifts_off_table
-from .judge import Judge, Stage, closed, score_of
-from .pads import Contacts
-from .robust import margins
-from .strength import least_load
 
 SORTING_SHARE = 0.8  # of the contact asked for, that coarse rays must find
 BATCH_N = 400

@@ -14,7 +14,7 @@ from controller.cad import Solid
 
 from ..geometry import Box, stack
 from ..model import TABLE_MARGIN_MM, GraspRules, Jaw
-from ._candidates import open_gap
+from .seeds import open_gap
 
 STEEPEST = -0.5  # z of the approach direction at a pick: within 60 degrees of straight down
 

@@ -12,10 +12,8 @@ from controller.cad import Solid
 from controller.imaging import RayCaster
 
 from ..model import GraspRules, Jaw
-from ._candidates import Candidates
-from ._seeds import narrowest_inner, widest_inner
-from .pads import Contacts, PadGrid, close_pads
-from .strength import GRAVITY_N_PER_KG, loads
+from .contact import GRAVITY_N_PER_KG, Contacts, PadGrid, close_pads, loads
+from .seeds import Candidates, narrowest_inner, widest_inner
 
 FULL_CONTACT_MM2 = 120.0  # more contact does not make a grasp surer
 NO_OFFSET_MM = 12.0  # contacts this far apart leave nothing of a grasp's score

@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 from controller.arrays import BoolArray, FloatArray
 
 from ..model import GraspRules, Jaw
-from ._faces import across
+from .contact import Contacts, PadGrid
 from .judge import Judge
-from .pads import Contacts, PadGrid
+from .seeds import across
 
 COARSE_STEP_MM = 4.0  # of the first closing, which only tells how the part will turn
 MOST_TURN_RAD = float(np.radians(5.0))  # pads turn a part by little more than its pose was wrong

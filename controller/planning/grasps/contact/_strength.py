@@ -12,8 +12,8 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray
 
-from ..model import GraspRules
-from .pads import EDGE_DIRECTIONS, Contacts, PadGrid, edges
+from ...model import GraspRules
+from ._pads import EDGE_DIRECTIONS, Contacts, PadGrid, edges
 
 GRAVITY_N_PER_KG = 9.81
 # pitch -98..+4 deg with any roll and heading: gravity may come from anywhere but from more than

@@ -9,7 +9,7 @@ import numpy as np
 from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import Solid
 
-from ..model import GraspRules, Jaw
+from ...model import GraspRules, Jaw
 from ._faces import across
 from ._seeds import Seeds, narrowest_inner, widest_inner
 

@@ -15,7 +15,7 @@ from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import Solid, SurfaceSamples
 from controller.imaging import RayCaster
 
-from ..model import GraspRules, Jaw
+from ...model import GraspRules, Jaw
 from ._faces import opposed_faces, plane_seeds
 
 SKIN_MM = 0.02  # rays start this far off the surface they leave

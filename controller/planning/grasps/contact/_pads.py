@@ -15,7 +15,7 @@ import numpy as np
 from controller.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from controller.imaging import RayCaster
 
-from ..model import GraspRules, Jaw
+from ...model import GraspRules, Jaw
 
 SIDES = (1.0, -1.0)
 EDGES_N = 16  # directions in which the edge of a contact is looked for
