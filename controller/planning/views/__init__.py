@@ -4,14 +4,19 @@ Directions are unit vectors in the part frame from its centre of mass to the cam
 """
 
 from ..model import Directions, VisibilityTable
-from ._directions import candidate_directions, even_sphere, look_out
-from ._hidden import why_hidden
 from ._poses import Showing, hold_up, view_poses
 from ._reach import GraspViews, reachable_views
-from ._rules import VisibilityRules, in_picture
-from ._table import table_views
-from ._visible import visible_from
 from .gripper import hidden_by_gripper, holding_boxes
+from .visibility import (
+    VisibilityRules,
+    candidate_directions,
+    even_sphere,
+    in_picture,
+    look_out,
+    table_views,
+    visible_from,
+    why_hidden,
+)
 
 __all__ = [
     "Directions",

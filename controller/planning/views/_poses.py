@@ -13,8 +13,7 @@ from controller.imaging import Camera
 
 from ..model import CellLayout
 from ._arm import ViewCone, seen_extent
-from ._directions import even_sphere
-from ._rules import in_picture
+from .visibility import even_sphere, in_picture
 
 ROLLS_N = 12
 OUTER_N = 400

@@ -7,7 +7,7 @@ import numpy as np
 from controller.arrays import BoolArray
 from controller.cad import Solid
 
-from ..model import VisibilityTable
+from ...model import VisibilityTable
 
 MOST = 0.5  # of a piece's samples
 NEVER_RAD = np.radians(89.5)  # seen flatter than this is not seen

@@ -13,7 +13,7 @@ from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import Solid, SurfaceSamples
 from controller.imaging import RayCaster
 
-from ..model import Directions, VisibilityTable
+from ...model import Directions, VisibilityTable
 from ._rules import VisibilityRules
 from ._visible import (
     LIFT_MM,

@@ -10,7 +10,7 @@ import numpy as np
 from controller.arrays import BoolArray, FloatArray
 from controller.imaging import Camera
 
-from ..model import CellLayout
+from ...model import CellLayout
 
 PICTURE_MARGIN_PX = 12.0  # nearer to the border the hold's millimetre may carry it out
 

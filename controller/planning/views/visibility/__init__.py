@@ -1,0 +1,18 @@
+"""What a camera sees of the bare part from each direction, on the table, and why not the rest."""
+
+from ._directions import candidate_directions, even_sphere, look_out
+from ._hidden import why_hidden
+from ._rules import VisibilityRules, in_picture
+from ._table import table_views
+from ._visible import visible_from
+
+__all__ = [
+    "VisibilityRules",
+    "candidate_directions",
+    "even_sphere",
+    "in_picture",
+    "look_out",
+    "table_views",
+    "visible_from",
+    "why_hidden",
+]
