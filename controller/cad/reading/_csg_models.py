@@ -36,20 +36,22 @@ class Block(_Section):
         return self
 
 
-class _Round(_Section):
-    @model_validator(mode="after")
-    def _radius_or_diameter(self) -> Self:
-        if (getattr(self, "radius", None) is None) == (getattr(self, "diameter", None) is None):
-            raise ValueError("give either `radius` or `diameter`")
-        return self
+def _check_size(radius: object | None, diameter: object | None) -> None:
+    if (radius is None) == (diameter is None):
+        raise ValueError("give either `radius` or `diameter`")
 
 
-class Cylinder(_Round):
+class Cylinder(_Section):
     """A cylinder up the z axis from z = 0."""
 
     radius: Length | None = None
     diameter: Length | None = None
     height: Length
+
+    @model_validator(mode="after")
+    def _radius_or_diameter(self) -> Self:
+        _check_size(self.radius, self.diameter)
+        return self
 
     @property
     def radius_units(self) -> float:
@@ -57,12 +59,17 @@ class Cylinder(_Round):
         return self.radius if self.radius is not None else (self.diameter or 0.0) / 2
 
 
-class Cone(_Round):
+class Cone(_Section):
     """A cone or its frustum up the z axis from z = 0: bottom, then top."""
 
     radius: tuple[Radius, Radius] | None = None
     diameter: tuple[Radius, Radius] | None = None
     height: Length
+
+    @model_validator(mode="after")
+    def _radius_or_diameter(self) -> Self:
+        _check_size(self.radius, self.diameter)
+        return self
 
     @model_validator(mode="after")
     def _is_not_a_line(self) -> Self:
@@ -79,11 +86,16 @@ class Cone(_Round):
         return bottom / 2, top / 2
 
 
-class Sphere(_Round):
+class Sphere(_Section):
     """A ball round the origin."""
 
     radius: Length | None = None
     diameter: Length | None = None
+
+    @model_validator(mode="after")
+    def _radius_or_diameter(self) -> Self:
+        _check_size(self.radius, self.diameter)
+        return self
 
     @property
     def radius_units(self) -> float:
