@@ -51,7 +51,7 @@ MATERIALS = {  # name: density, friction, force
 }
 SHOWN = {  # stages that make the table's columns, and what heads them
     "tried": "tried",
-    "way in seems free": "way in",
+    "approach seems free": "approach",
     "enough contact": "contact",
     "strong enough": "strong",
     "clear of the part": "clear",

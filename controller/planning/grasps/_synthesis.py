@@ -247,7 +247,7 @@ def _sorted_out(
         batch = tried.take(rows)
         judge.tally.count("tried", len(rows))
         batch = batch.take(approach_seems_free(batch, seeds, jaw, rules))
-        judge.tally.count("way in seems free", len(batch.T))
+        judge.tally.count("approach seems free", len(batch.T))
         found = judge.close(batch.T, batch.gap, batch.inner, judge.coarse)
         good = judge.sort_out(found, batch.inner, judge.coarse, rules.least_contact_mm2)
         shut = closed(batch, found, good)

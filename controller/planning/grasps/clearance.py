@@ -68,7 +68,7 @@ def clear_of_part(
     T_body, half_body = stack([_swept(b, rules.approach_mm) for b in jaw.body])
     length, thick = jaw.finger_length_mm, jaw.finger_thickness_mm
     low, high = np.minimum(wide, shut), np.maximum(wide, shut)
-    # both fingers, open, along the way in; then each on its way to the part
+    # both fingers, open, along the approach; then each as it closes on the part
     centre = np.zeros((4, len(T), 3))
     half = np.full((4, len(T), 3), jaw.finger_width_mm / 2)
     centre[:2, :, 0], half[:2, :, 0] = (
@@ -112,12 +112,12 @@ def lifts_off_table(
     hull : (h, 3) corners of the part; down : (3,) which way is down, both in the part frame
     """
     table = float((hull @ down).max()) - TABLE_MARGIN_MM
-    sinks = np.einsum("j,njk->nk", down, T[:, :3, :3])  # of each tip axis, along down
+    sinks = np.einsum("j,njk->nk", down, T[:, :3, :3])  # of each axis of the TCP, along down
     lowest = np.full(len(T), -np.inf)
     for box in jaw.body:
         axes = sinks @ box.T[:3, :3]
         lowest = np.maximum(lowest, sinks @ box.T[:3, 3] + np.abs(axes) @ box.half_mm)
-    # fingers: from the tips back, out to the backs, both sides
+    # fingers: from the fingertips back, out to their backs, both sides
     ahead = np.maximum(0.0, -jaw.finger_length_mm * sinks[:, 0])
     out = np.abs(sinks[:, 1]) * (gap_open / 2 + jaw.finger_thickness_mm)
     wide = np.abs(sinks[:, 2]) * jaw.finger_width_mm / 2

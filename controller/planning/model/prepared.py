@@ -55,7 +55,7 @@ class PlanOptions:
     least_gain: float = 0.0
     # the overhead camera's pictures of the part where it lies are views, where they resolve enough
     table_views: bool = True
-    # the first answer of the search is taken, and its gap stated
+    # the first solution of the search is taken, with its gap
     is_coarse: bool = False
     # the cell takes jaws that stop further off than this for another grasp (recipe's grasp section)
     width_tolerance_mm: float = 2.0

@@ -106,7 +106,7 @@ class Builder:
             carried_mesh=self._part.carried(grasp),
         )
 
-    # ---- taking up -----------------------------------------------------------------------------
+    # ---- picking ------------------------------------------------------------------------------
     def pick(self, build: Build, paths: Sequence[PickPath], T_world_part: FloatArray) -> None:
         """Add the step that takes the part off the table, by the first path that can be driven.
 
@@ -194,7 +194,7 @@ class Builder:
         )
         build.q = take.entry[0]
 
-    # ---- passing on ----------------------------------------------------------------------------
+    # ---- regrasping ---------------------------------------------------------------------------
     def give(self, build: Build, g: int, leave: HandOff, held: Grasp) -> FloatArray:
         """Add the step that gives the part to the fixed gripper; return T_world_part (4, 4) there.
 
@@ -337,7 +337,7 @@ class Builder:
         )
         build.q = q
 
-    # ---- putting away --------------------------------------------------------------------------
+    # ---- placing ------------------------------------------------------------------------------
     def check_trays(self, g: int) -> None:
         """Check that a grasp can release the part over every tray, before anything is worked out.
 

@@ -53,7 +53,7 @@ def pick_paths(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray)
     """
     return [
         PickPath(grasp, fewest_waypoints(layout, down), fewest_waypoints(layout, lift))
-        for grasp, down, lift in _free_ways(part, layout, T_world_part)
+        for grasp, down, lift in _free_paths(part, layout, T_world_part)
     ]
 
 
@@ -67,12 +67,12 @@ def is_pickable(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray
     T_world_part : (4, 4) of the part on the table [mm]
     """
     try:
-        return bool(_free_ways(part, layout, T_world_part))
+        return bool(_free_paths(part, layout, T_world_part))
     except NoPlanError:
         return False
 
 
-def _free_ways(
+def _free_paths(
     part: PreparedPart, layout: CellLayout, T_world_part: FloatArray
 ) -> list[tuple[int, FloatArray, FloatArray]]:
     """Return each arm grasp that takes the part, with its dense paths (k, 6) down and up.

@@ -14,8 +14,8 @@ from ._faces import across
 from ._seeds import Seeds, narrowest_inner, widest_inner
 
 SHALLOWER_MM = 7.0  # the second depth tried: fingertips stand out less far behind the seed
-TABLE_GAP_MM = 3.0  # from the tips to the far end of the part, where that is the table
-LOOK_N = 200  # surface points looked for in the way in
+TABLE_GAP_MM = 3.0  # from the fingertips to the far end of the part, where that is the table
+LOOK_N = 200  # surface points looked for in the approach
 SLACK_MM = 0.5  # a surface point this far inside a box is in the way
 
 
@@ -67,7 +67,7 @@ def candidates(
         approach, farthest = round_axis[key]
         ahead = farthest - approach @ middle
         deep = np.repeat(jaw.pad_centre_mm, len(approach))
-        # flat parts on the table: as deep as the tips get without touching it
+        # flat parts on the table: as deep as the fingertips get without touching it
         table = (ahead > TABLE_GAP_MM) & (ahead - TABLE_GAP_MM < jaw.pad_centre_mm)
         approach = np.vstack([approach, approach, approach[table]])
         depth = np.concatenate([deep, deep - SHALLOWER_MM, ahead[table] - TABLE_GAP_MM])
