@@ -54,7 +54,7 @@ SHARED = ROOT.parent / "shared"
 RIGHT_DEG = 3.0
 NAMED = (1, 3, 10)
 SECOND_LOOK = 12
-LEAST_PROBABILITY = 0.005
+MIN_PROBABILITY = 0.005
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +123,7 @@ def models_of(paths: list[Path], turns: int) -> list[Model]:
         out += [
             Model(part_name(path), part, prepared, pose, 2 * math.pi * k / turns)
             for pose in part.poses
-            if pose.probability >= LEAST_PROBABILITY
+            if pose.probability >= MIN_PROBABILITY
             for k in range(turns)
         ]
     return out

@@ -24,7 +24,7 @@ from bench_readme import busy_loops
 
 ROOT = Path(__file__).parents[1]
 LIMIT_WALL_S = 5400.0  # a guard against a hang, far above what a slow machine needs
-SHORT_LEAST_GAIN = 0.08  # of the surface: a handful of views instead of twenty
+SHORT_MIN_GAIN = 0.08  # of the surface: a handful of views instead of twenty
 
 
 @dataclass
@@ -74,7 +74,7 @@ def short_recipe(folder: Path) -> Path:
     shutil.copytree(ROOT / "recipes", folder / "recipes")
     recipe = folder / "recipes" / "featuretype.yaml"
     lines = recipe.read_text().splitlines()
-    kept = [f"  least_gain: {SHORT_LEAST_GAIN}" if "least_gain:" in x else x for x in lines]
+    kept = [f"  least_gain: {SHORT_MIN_GAIN}" if "least_gain:" in x else x for x in lines]
     recipe.write_text("\n".join(kept) + "\n")
     return recipe
 

@@ -22,8 +22,8 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "unit"))
 from wrong_inputs import ROWS, Row, cost_of, lay_out
 
-MOST_S = 5.0
-MOST_MB = 200.0
+MAX_S = 5.0
+MAX_MB = 200.0
 
 
 def main() -> int:
@@ -68,7 +68,7 @@ def measure(row: Row) -> dict[str, Any]:
         wrong.append("a traceback")
     if row.says not in cost.said:
         wrong.append(f"{row.says!r} is not said")
-    if row.code == 2 and (cost.cpu_s > MOST_S or body["peak_mb"] > MOST_MB):
+    if row.code == 2 and (cost.cpu_s > MAX_S or body["peak_mb"] > MAX_MB):
         wrong.append("past the limits")
     return body | {"wrong": "; ".join(wrong)}
 

@@ -22,7 +22,7 @@ from controller.inspection import Limits, Unjudged, Verdict, judge
 TUNED = ("angle_bracket", "channel_jig", "slotted_plate", "fillet_bracket", "step_block")
 HELD_OUT = ("tee_bracket", "v_block", "corner_jig", "pocket_plate", "rib_bracket")
 FOLDER = ROOT / "benchmarks" / "corner_parts"
-LEAST_COVERAGE = 0.5
+MIN_COVERAGE = 0.5
 
 
 def run_one(path: Path, seed: int, held: Held, station: Station) -> dict[str, Any]:
@@ -34,13 +34,13 @@ def run_one(path: Path, seed: int, held: Held, station: Station) -> dict[str, An
         views.append(result)
         seconds.append(result)
     whole_s = time.process_time() - started
-    strict = judge(held.solid, held.samples, views, {}, LEAST_COVERAGE, limits)
+    strict = judge(held.solid, held.samples, views, {}, MIN_COVERAGE, limits)
     named = {
         f.face_id: "compared too little"
         for f in strict.faces
         if f.verdict is Verdict.NOT_EVALUATED and f.area_mm2 >= limits.min_area_mm2
     }
-    final = judge(held.solid, held.samples, views, {}, LEAST_COVERAGE, limits, named)
+    final = judge(held.solid, held.samples, views, {}, MIN_COVERAGE, limits, named)
     areas = held.samples.areas_mm2 / held.samples.areas_mm2.sum()
     rest: dict[str, float] = {}
     for face in strict.faces:

@@ -39,7 +39,7 @@ FOUND_IOU = 0.5
 NEAR_PX = 3.0  # loop points farther off are of another border
 REPEATS = 5
 LO_SCALE = np.array([5.0, 4.0])  # tests/data/README.md
-LEAST_HOLE_PX = 8.0  # smaller ones in the picture are not counted
+MIN_HOLE_PX = 8.0  # smaller ones in the picture are not counted
 PERIODS = 4
 
 
@@ -114,14 +114,14 @@ class TrueShape:
 
     def hole_count(self) -> int:
         areas = [_area(p) for p, hole in zip(self.loops, self.is_hole, strict=True) if hole]
-        return sum(area >= LEAST_HOLE_PX for area in areas)
+        return sum(area >= MIN_HOLE_PX for area in areas)
 
     def holes_found(self, region: Region) -> int:
         """Return how many holes have one of the region's whose middle lies in them."""
         found = 0
         middles = [loop.mean(axis=0) for loop in region.loops_px[1:]]
         for loop, hole in zip(self.loops, self.is_hole, strict=True):
-            if hole and _area(loop) >= LEAST_HOLE_PX:
+            if hole and _area(loop) >= MIN_HOLE_PX:
                 polygon = loop.astype(np.float32).reshape(-1, 1, 2)
                 found += any(
                     cv2.pointPolygonTest(polygon, (float(m[0]), float(m[1])), False) >= 0

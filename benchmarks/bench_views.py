@@ -37,7 +37,7 @@ FINE = 8  # samples to a pixel, each way
 MARGIN_PX = 12  # neighbourhood of an object
 LOCAL_PX = 4.0
 WHITE = 255.0
-LEAST_UNSATURATED_PX = 3000
+MIN_UNSATURATED_PX = 3000
 FALL_OFF = 0.1  # of the light at half the picture's width from its middle: the other pictures'
 REPEATS = 7
 TIMED = ("angle_block", "holder", "flange_xy", "featuretype", "cycloidal_gear", "nist_ftc06")
@@ -194,7 +194,7 @@ def _table_level(picture: Array, parts: Bools) -> tuple[Array, bool]:
     free &= cv2.GaussianBlur(picture, (0, 0), 2) < WHITE - 3
     v, u = np.nonzero(free)
     v_all, u_all = np.mgrid[0:height, 0:width]
-    if len(v) < LEAST_UNSATURATED_PX:
+    if len(v) < MIN_UNSATURATED_PX:
         worst = float(np.hypot(width, height) / width) ** 2
         fall = 1 - FALL_OFF * _radius2(u_all, v_all, width, height)
         return WHITE / (1 - FALL_OFF * worst) * fall, False

@@ -39,8 +39,8 @@ PRODUCTION = ("controller", "drivers", "emulators")
 READERS = ("tests", "benchmarks")
 PLANNING = "controller.planning"
 WINDOW_LINES = 8
-MOST_MODULES = 8
-LEAST_PARAMETERS = 3
+MAX_MODULES = 8
+MIN_PARAMETERS = 3
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -115,7 +115,7 @@ def large_packages(sources: list[Source]) -> dict[str, int]:
         if source.module.split(".")[0] in PRODUCTION and not source.is_package:
             members[source.module.rpartition(".")[0]].add(source.module)
     counts = {package: len(names) for package, names in members.items() if "." in package}
-    return {p: n for p, n in sorted(counts.items()) if n > MOST_MODULES}
+    return {p: n for p, n in sorted(counts.items()) if n > MAX_MODULES}
 
 
 # -- who imports whom
@@ -350,7 +350,7 @@ def parameters_documented(sources: list[Source]) -> dict[str, Any]:
             if "overload" in _decorators(function):
                 continue
             options = command_options(function, shared)
-            if options is None and _parameter_count(function, is_method) < LEAST_PARAMETERS:
+            if options is None and _parameter_count(function, is_method) < MIN_PARAMETERS:
                 continue
             if options is None:
                 has_section = _section(function, "Parameters") is not None
@@ -551,7 +551,7 @@ def print_table(figures: dict[str, Any]) -> None:
     print(f"longest file      {file['lines']:5} lines  {file['path']}")
     print(f"longest function  {function['lines']:5} lines  {function['where']}")
     large = figures["packages_of_more_than_eight"]
-    print(f"packages of more than {MOST_MODULES} modules: {len(large)}")
+    print(f"packages of more than {MAX_MODULES} modules: {len(large)}")
     for package, count in large.items():
         print(f"    {count:3} {package}")
     for what in ("rooms", "planning"):

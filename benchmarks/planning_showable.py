@@ -41,7 +41,7 @@ SHADOW_MM = 2.0  # inspection compares nothing this close to the hand's outline
 BORDER_PX = 12.0  # nor this close to the picture's border
 MARGIN_MM = 10.0  # between the arm and the world
 ROWS_PER_VIEW = 6
-MOST_VIEWS = 1500  # grip and direction whose joints are searched, per plan
+MAX_VIEWS = 1500  # grip and direction whose joints are searched, per plan
 
 
 class Class(Enum):
@@ -165,7 +165,7 @@ class Showable:
             g, d = divmod(flat, len(self.directions))
             if not (left[g, d] & todo).any():
                 continue
-            if views == MOST_VIEWS:
+            if views == MAX_VIEWS:
                 return found, False
             views += 1
             for k, q in self._try(grasps[g], self.directions[d], rows, left[g, d] & todo):

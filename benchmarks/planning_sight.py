@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
-MOST_PAIRS = 2_000_000  # sample and triangle, per pass
+MAX_PAIRS = 2_000_000  # sample and triangle, per pass
 NEAREST_MM = 1.0  # triangles that come closer to the camera's plane are tried on every sample
 LIFT_MM = 0.01  # a sample stands this far off the surface it lies on
 EDGE_MM = 0.3  # a sample this close to the rim of a shadow may be judged either way
@@ -133,7 +133,7 @@ def _candidates(corners: Array, points: Array) -> Iterator[tuple[Index, Index]]:
     begin = 0
     while begin < len(number):
         taken = ends[begin - 1] if begin else 0
-        stop = max(begin + 1, int(np.searchsorted(ends, taken + MOST_PAIRS, side="right")))
+        stop = max(begin + 1, int(np.searchsorted(ends, taken + MAX_PAIRS, side="right")))
         c = number[begin:stop]
         rows = np.repeat(np.arange(begin, stop), c)
         place = np.arange(c.sum()) - np.repeat(np.cumsum(c) - c, c) + first[rows]

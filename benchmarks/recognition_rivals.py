@@ -39,13 +39,13 @@ Grey = NDArray[np.uint8]
 
 GRID = 176  # cells of 1 mm each way: the largest shadow has 167 mm
 HALF = GRID / 2
-LEAST_AREA_MM2 = 80.0
-LEAST_PROBABILITY = 0.02
+MIN_AREA_MM2 = 80.0
+MIN_PROBABILITY = 0.02
 SAME_SIDE_RAD = np.radians(2.0)
 CAST_AGAIN = 8  # of the best overlaps
 APART_DEG = 4
-LEAST_OVERLAP = 0.90  # less is unknown
-MOST_UNLIKE = 0.10  # of cv2.matchShapes; more is unknown
+MIN_OVERLAP = 0.90  # less is unknown
+MAX_UNLIKE = 0.10  # of cv2.matchShapes; more is unknown
 AREA_RATIO = 1.15  # Hu's moments do not see size: outlines further apart in area are left out
 SUBPIXEL = 16
 FINE = 4  # cells to a millimetre each way where a shadow is cast
@@ -82,7 +82,7 @@ def read_camera(path: Path) -> Camera:
 
 def cast_shadows(part: str, mesh: trimesh.Trimesh, height_mm: float) -> list[Shadow]:
     """Return a part's shadows, one for each side it rests on, for a camera at a height."""
-    poses, odds = trimesh.poses.compute_stable_poses(mesh, threshold=LEAST_PROBABILITY)
+    poses, odds = trimesh.poses.compute_stable_poses(mesh, threshold=MIN_PROBABILITY)
     sides: list[Array] = []
     shadows = []
     for pose, _odds in zip(poses, odds, strict=True):
@@ -171,7 +171,7 @@ def find_outlines(picture: Grey, camera: Camera, lighting: str) -> list[list[Arr
             c for c, links in zip(contours, tree[0], strict=True) if links[3] == k and len(c) >= 8
         ]
         loops = [camera.on_plane(c.reshape(-1, 2).astype(np.float64))[:, :2] for c in mine]
-        if cv2.contourArea(loops[0].astype(np.float32)) >= LEAST_AREA_MM2:
+        if cv2.contourArea(loops[0].astype(np.float32)) >= MIN_AREA_MM2:
             found.append(loops)
     return found
 
@@ -223,10 +223,10 @@ class Masks:
             found.append(self._again(self._shadows[j], np.radians(k), mask, centroid, above_mm))
         best = max(found, key=lambda match: match.score)
         return Match(
-            best.shadow if best.score >= LEAST_OVERLAP else None,
+            best.shadow if best.score >= MIN_OVERLAP else None,
             best.turn_rad,
             best.score,
-            best.place_mm if best.score >= LEAST_OVERLAP else centroid,
+            best.place_mm if best.score >= MIN_OVERLAP else centroid,
         )
 
     def _again(
@@ -250,7 +250,7 @@ class Moments:
         """Return what fits loops [mm] best, seen by a camera above."""
         _, centroid, moments = drawn(loops)
         outer = loops[0].astype(np.float32)
-        best, least = None, MOST_UNLIKE
+        best, least = None, MAX_UNLIKE
         for shadow in self._shadows:
             ratio = moments["m00"] / shadow.area_mm2
             if not 1 / AREA_RATIO < ratio < AREA_RATIO:
@@ -261,7 +261,7 @@ class Moments:
         if best is None:
             return Match(None, 0.0, 0.0, centroid)
         turn = axis(moments) - best.axis_rad
-        score = 1.0 - least / MOST_UNLIKE
+        score = 1.0 - least / MAX_UNLIKE
         return Match(best, turn, score, place_of(best, turn, centroid, above_mm))
 
 

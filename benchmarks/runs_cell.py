@@ -24,7 +24,7 @@ from drivers.clock import CellClock
 
 RUN_LIMIT_WALL_S = 400.0
 SETTLE_LIMIT_S = 20.0  # [cell s] for a part that was laid down
-LEAST_PROBABILITY = 0.02  # of a way to lie that is tried
+MIN_PROBABILITY = 0.02  # of a way to lie that is tried
 NEW_SHARE = 0.002  # of the samples; a view that adds less has shown nothing new
 
 
@@ -121,7 +121,7 @@ class Bench:
         return [
             p.index
             for p in self.context.poses
-            if p.probability >= LEAST_PROBABILITY and not p.marginal and p.same_as in (-1, p.index)
+            if p.probability >= MIN_PROBABILITY and not p.marginal and p.same_as in (-1, p.index)
         ]
 
     async def run_group(

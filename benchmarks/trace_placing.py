@@ -21,11 +21,11 @@ from controller.imaging import Camera
 Array = NDArray[np.float64]
 Truth = dict[str, Any]
 
-LEAST_ODDS = 0.01  # of a stable pose to be drawn at all
+MIN_ODDS = 0.01  # of a stable pose to be drawn at all
 UNKNOWN_SHARE = 0.15
 GAP_MM = 4.0
 RIM_PX = 3.0
-MOST_TRIES = 300
+MAX_TRIES = 300
 DEFAULT_CAMERA: Truth = {
     "width": 1280,
     "height": 1024,
@@ -61,7 +61,7 @@ class Placed:
 def read_part(path: Path) -> Part:
     """Return a part with its stable poses."""
     solid = load_solid(path)
-    poses = tuple(p for p in stable_poses(solid) if p.probability >= LEAST_ODDS)
+    poses = tuple(p for p in stable_poses(solid) if p.probability >= MIN_ODDS)
     odds = np.sqrt([pose.probability for pose in poses])
     return Part(solid, poses, odds / odds.sum())
 
@@ -106,7 +106,7 @@ def drop(part: Part, is_known: bool, camera: Camera, rng: np.random.Generator) -
     """
     width, height = camera.size_px
     corners = camera.on_plane(np.array([[0, 0], [width, 0], [0, height], [width, height]], float))
-    for _ in range(MOST_TRIES):
+    for _ in range(MAX_TRIES):
         pose = part.poses[rng.choice(len(part.poses), p=part.odds)]
         x, y = rng.uniform(corners[:, :2].min(axis=0), corners[:, :2].max(axis=0))
         words: Truth = {
@@ -158,7 +158,7 @@ def put_down(
     if draw < 1.0 - multi:
         return "single", placed
     count = int(rng.integers(2, 6))
-    for _ in range(MOST_TRIES):
+    for _ in range(MAX_TRIES):
         if len(placed) == count:
             break
         one = drop(known[int(rng.integers(len(known)))], True, camera, rng)

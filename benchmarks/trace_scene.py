@@ -49,7 +49,7 @@ TABLE_MM = 800.0  # side of the table that is modelled; the picture shows 320 x 
 RING_Z_MM = 525.0  # a ring lamp of strength 1 at this height shows a white sheet as white
 SIDE_DISTANCE_MM = 600.0
 SIDE_RADIUS_MM = 45.0
-MOST_BOUNCES = 5
+MAX_BOUNCES = 5
 SHARES = {"glow": 1.0, "ring": 1.0, "side": 0.5, "env": 0.35}  # of the rays, by what light adds
 
 
@@ -167,7 +167,7 @@ def _trace(
     mi, drjit = tracer(), import_module("drjit")
     across = max(2, round(np.sqrt(spp)))
     spp = across**2
-    integrator = mi.load_dict({"type": "path", "max_depth": MOST_BOUNCES, "rr_depth": 99})
+    integrator = mi.load_dict({"type": "path", "max_depth": MAX_BOUNCES, "rr_depth": 99})
     sampler = mi.load_dict({"type": "multijitter", "sample_count": spp})
     sampler.set_samples_per_wavefront(spp)
     out = np.zeros(len(pixels))

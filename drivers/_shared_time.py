@@ -31,7 +31,7 @@ _SPEED_UNIT: Final = 1_000_000
 _NS: Final = 1e-9
 
 _BEATS_PER_WINDOW: Final = 4
-_LEAST_BEAT_WALL_S: Final = 0.001
+_MIN_BEAT_WALL_S: Final = 0.001
 _OWNER_LOOK_WALL_S: Final = 0.25
 _CREEP: Final = 0.2  # cell seconds in a second, while time is held
 _FLOCK: Final = "hhqqi"  # struct flock of Linux, 64 bit
@@ -177,7 +177,7 @@ class SharedTime:
 
     async def _beat(self, slot: int) -> None:
         speed = self.speed
-        pause_wall_s = max(self.window_s / speed / _BEATS_PER_WINDOW, _LEAST_BEAT_WALL_S)
+        pause_wall_s = max(self.window_s / speed / _BEATS_PER_WINDOW, _MIN_BEAT_WALL_S)
         look_wall_s = time.monotonic()
         while True:
             await asyncio.sleep(pause_wall_s)

@@ -29,7 +29,7 @@ from .patience import IN_TRANSIT_WALL_S, Patience
 
 _Future = TypeVar("_Future", bound="asyncio.Future[Any]")
 
-LEAST_WAIT_WALL_S: Final = 0.0005  # where time stands still, a shorter wait would only spin
+MIN_WAIT_WALL_S: Final = 0.0005  # where time stands still, a shorter wait would only spin
 WINDOWS_A_REPLY_MAY_TAKE: Final = 3  # request read, reply sent, reply read: each a window late
 
 
@@ -101,7 +101,7 @@ class CellClock:
         until_s = self.now_s() + duration_s
         await asyncio.sleep(max(0.0, duration_s) / self.speed)
         while (left_s := until_s - self.now_s()) > 0:  # noqa: ASYNC110  (time has no event)
-            await asyncio.sleep(max(left_s / self.speed, LEAST_WAIT_WALL_S))
+            await asyncio.sleep(max(left_s / self.speed, MIN_WAIT_WALL_S))
 
     def patience_s(self, duration_s: float) -> float:
         """Return how long a time-out of ``duration_s`` really is [cell s].

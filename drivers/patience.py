@@ -9,7 +9,7 @@ from typing import Final, Protocol
 # from the kernel to the waiting task leads through this many turns of the loop at most: reader,
 # future, wait_for, task, wait, task, shield, caller.
 TURNS: Final = 10
-LEAST_WAIT_WALL_S: Final = 0.001
+MIN_WAIT_WALL_S: Final = 0.001
 # A kernel that is busy keeps bytes of a pseudo-terminal back: 18 ms seen at a load of 9, more than
 # 50 ms at 18, against 0.1 ms on a socket. That is nobody's silence: where the clock can be held, it
 # is while a request may still arrive, and its reply.
@@ -80,7 +80,7 @@ class Patience:
         loop = asyncio.get_running_loop()
         left_s = self._until_s - self._now_s()
         if left_s > 0:
-            wait_wall_s = max(left_s / self._speed, LEAST_WAIT_WALL_S)
+            wait_wall_s = max(left_s / self._speed, MIN_WAIT_WALL_S)
             self._handle = loop.call_later(wait_wall_s, self._look)
         elif self._holding is not None and not self._is_held:
             self._is_held = True

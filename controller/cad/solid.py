@@ -19,7 +19,7 @@ SMALLEST_MM = 1.0  # below this no jaw holds it
 SENSIBLE_MM = (10.0, 2000.0)  # longest side of a part whose file names no unit
 FARTHEST_MM = 1e5  # single precision there is 0.01 mm, as coarse as what is inspected
 SENSELESS_MM = 1e7  # no unit makes a part of this
-MOST_TRIANGLES = 2_000_000
+MAX_TRIANGLES = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,11 +129,11 @@ def check_count(triangle_count: int, where: str) -> None:
 
     Raises
     ------
-    LargeCadError : more than `MOST_TRIANGLES`
+    LargeCadError : more than `MAX_TRIANGLES`
     """
-    if triangle_count > MOST_TRIANGLES:
+    if triangle_count > MAX_TRIANGLES:
         raise LargeCadError(
-            f"{where}: {triangle_count:,} triangles, the most is {MOST_TRIANGLES:,}; "
+            f"{where}: {triangle_count:,} triangles, the most is {MAX_TRIANGLES:,}; "
             "export it with a coarser chord error"
         )
 

@@ -19,10 +19,10 @@ Length = Annotated[float, Field(ge=10, le=5000)]  # of a link [mm]; given in met
 Width = Annotated[float, Field(ge=0.5, le=1000)]  # of a gripper [mm]
 # Between a camera and the table or the station that it looks at [mm]. A value below 20 is likely to
 # be in metres.
-LEAST_HEIGHT_MM, MOST_HEIGHT_MM = 50.0, 20_000.0
-MOST_SIZE_PX = 20_000  # of a picture, each way
+MIN_HEIGHT_MM, MAX_HEIGHT_MM = 50.0, 20_000.0
+MAX_SIZE_PX = 20_000  # of a picture, each way
 IN_MM = "lengths are in millimetres; are these metres?"
-LEAST_AREA_MM = 10.0  # side of an area in which parts lie
+MIN_AREA_MM = 10.0  # side of an area in which parts lie
 
 
 def _rising(bounds: tuple[float, ...]) -> tuple[float, ...]:
@@ -34,8 +34,8 @@ def _rising(bounds: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def _of_a_camera(size: tuple[int, int]) -> tuple[int, int]:
-    if max(size) > MOST_SIZE_PX:
-        raise ValueError(f"a camera has at most {MOST_SIZE_PX} px each side, not {max(size)}")
+    if max(size) > MAX_SIZE_PX:
+        raise ValueError(f"a camera has at most {MAX_SIZE_PX} px each side, not {max(size)}")
     return size
 
 
@@ -174,7 +174,7 @@ class TableSection(Section):
     def _areas_hold_a_part(self) -> "TableSection":
         for name, area in (("glowing_area", self.glowing_area), ("drop_area", self.drop_area)):
             side_mm = min(area.x[1] - area.x[0], area.y[1] - area.y[0])
-            if side_mm < LEAST_AREA_MM:
+            if side_mm < MIN_AREA_MM:
                 raise WrongKeyError((name,), f"a side of {side_mm:g} mm; {IN_MM}")
         return self
 
@@ -198,7 +198,7 @@ class CameraSection(Section):
         """Return whether a point (3,) of the world is in the picture, lens distortion ignored."""
         T = self.pose.build()
         x, y, z = T[:3, :3].T @ (point_mm - T[:3, 3])
-        if z < LEAST_HEIGHT_MM:
+        if z < MIN_HEIGHT_MM:
             return False
         u, v = self.focal_px * np.array([x, y]) / z + np.array(self.centre_px)
         return bool(0 <= u < self.size_px[0] and 0 <= v < self.size_px[1])
@@ -213,7 +213,7 @@ class CamerasSection(Section):
     @model_validator(mode="after")
     def _overhead_is_above_the_table(self) -> "CamerasSection":
         z_mm = self.overhead.pose.position[2]
-        if not LEAST_HEIGHT_MM <= z_mm <= MOST_HEIGHT_MM:
+        if not MIN_HEIGHT_MM <= z_mm <= MAX_HEIGHT_MM:
             raise WrongKeyError(
                 ("overhead", "pose", "position"),
                 f"the camera would stand {z_mm:g} mm above the table; {IN_MM}",

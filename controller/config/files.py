@@ -6,7 +6,7 @@ from pathlib import Path
 
 from .errors import ConfigError
 
-MOST_TEXT_BYTES = 128 * 1024  # recipes and cell files have a tenth of it
+MAX_TEXT_BYTES = 128 * 1024  # recipes and cell files have a tenth of it
 CHUNK_BYTES = 1 << 20
 
 
@@ -53,7 +53,7 @@ def read_bytes(path: Path, most_bytes: int, what: str) -> bytes:
     return bytes(data)
 
 
-def read_text(path: Path, what: str, most_bytes: int = MOST_TEXT_BYTES) -> str:
+def read_text(path: Path, what: str, most_bytes: int = MAX_TEXT_BYTES) -> str:
     """Return the text of a plain file.
 
     Parameters

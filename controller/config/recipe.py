@@ -12,7 +12,7 @@ from .shipped import EMULATED_CELL
 from .yaml_models import Section, load_with_lines
 
 DEFAULT_CELL = Path("cells/emulated.yaml")
-MOST_NAMED = 12  # a message lists at most this many files of a folder
+MAX_NAMED = 12  # a message lists at most this many files of a folder
 
 Unit = Literal["mm", "cm", "m", "inch"]
 
@@ -137,6 +137,6 @@ def _unknown_part(recipe: Path, cad: Path, line: int | None) -> str:
         known = sorted(p.name for p in folder.glob("*") if is_cad_file(p))
     except OSError:
         known = []
-    shown = ", ".join(known[:MOST_NAMED]) + (" ..." if len(known) > MOST_NAMED else "")
+    shown = ", ".join(known[:MAX_NAMED]) + (" ..." if len(known) > MAX_NAMED else "")
     have = f"the folder has {shown}" if known else f"there is no CAD file in {folder}"
     return f"{recipe}:{line}: unknown part: no file {cad}; {have}"

@@ -13,7 +13,7 @@ from controller.arrays import BoolArray, FloatArray, Grey
 
 from .loops import evenly, loop_normals, trace_loops
 
-LEAST_CHAIN_PX = 8  # a shorter outline belongs to a speck
+MIN_CHAIN_PX = 8  # a shorter outline belongs to a speck
 # Share of the ground's level: a glowing plate stays above it at its rim, an object below it.
 DARK_SHARE = 0.6
 
@@ -75,7 +75,7 @@ def subpixel_contour(image: Grey, level: float) -> Contour:
     """
     mask = (image < level).astype(np.uint8)
     found, _ = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    chains = [np.asarray(chain, np.int32) for chain in found if len(chain) >= LEAST_CHAIN_PX]
+    chains = [np.asarray(chain, np.int32) for chain in found if len(chain) >= MIN_CHAIN_PX]
     if not chains:
         return Contour(np.zeros((0, 2)), np.zeros((0, 2)))
     field = np.float32(level) - image.astype(np.float32)

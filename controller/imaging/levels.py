@@ -14,20 +14,20 @@ from controller.arrays import BoolArray, Float32Array, FloatArray, Grey
 
 REDUCED_PX = 320  # side of the reduced picture: 5 mm parts are still 10 px wide there
 WHITE_LEVEL = 250  # from this level up, a peak at the top of the histogram is saturation
-LEAST_PILE = 0.002  # share of the pixels in such a peak
+MIN_PILE = 0.002  # share of the pixels in such a peak
 # With a smaller share of unsaturated pixels the ground's level beyond white cannot be estimated.
-LEAST_UNSATURATED = 0.01
-MOST_BEYOND_WHITE = 1.5  # of white; the level of a saturated ground is estimated up to this
+MIN_UNSATURATED = 0.01
+MAX_BEYOND_WHITE = 1.5  # of white; the level of a saturated ground is estimated up to this
 FITTED_PX = 2000
 NOISE_ROWS = 32
 ROUNDS = 5
 # With a larger share of the table saturated, only pixels below white are fitted.
-LEAST_SATURATED = 0.02
+MIN_SATURATED = 0.02
 RIM_OF_WHITE = 0.7  # of white; where the table's middle saturates, its rim is at least this bright
 BINS = 256
 GROUND_BIN = 160  # bin of the ground in the histogram of relative levels
-LEAST_SEPARATION = 4.0  # Ashman's D; the halves of a normal hump have 2.65, of a flat one 3.46
-MOST_VALLEY = 0.5  # of the lower hump's height
+MIN_SEPARATION = 4.0  # Ashman's D; the halves of a normal hump have 2.65, of a flat one 3.46
+MAX_VALLEY = 0.5  # of the lower hump's height
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +98,7 @@ def white_level(picture: Grey, counts: FloatArray | Float32Array) -> int:
     """Return the level of saturated pixels, 256 if there are none."""
     used = np.flatnonzero(counts)
     top = int(used[-1]) if len(used) else 0
-    piled = top >= WHITE_LEVEL and counts[top] >= LEAST_PILE * max(counts.sum(), 1)
+    piled = top >= WHITE_LEVEL and counts[top] >= MIN_PILE * max(counts.sum(), 1)
     return top if piled else 256
 
 
@@ -161,10 +161,10 @@ def fit_ground(
     is_clipped = levels >= white - 3
     # if the table is darker than that, the white pixels belong to an object on it
     share = float(np.mean(is_clipped)) if len(levels) and start >= RIM_OF_WHITE * white else 0.0
-    if share > 1.0 - LEAST_UNSATURATED:
+    if share > 1.0 - MIN_UNSATURATED:
         return Ground(weights, size_px, 0.0)
     is_rim = ~is_clipped
-    if share > LEAST_SATURATED:
+    if share > MIN_SATURATED:
         # a pixel near an object's border does not count as the table's rim
         calm = cv2.erode(reduced, np.ones((7, 7), np.uint8)) >= RIM_OF_WHITE * white
         is_rim &= calm[v, u]
@@ -172,11 +172,11 @@ def fit_ground(
     fitted = weights @ terms
     for _ in range(ROUNDS):
         near = np.abs(levels - fitted) <= tolerance * np.maximum(fitted, 1.0) + 1.0
-        if share > LEAST_SATURATED:  # only pixels below white are fitted
+        if share > MIN_SATURATED:  # only pixels below white are fitted
             near = is_rim if scatter == 0.0 else is_rim & near
         if np.count_nonzero(near) < 60:
             break
-        weights = _solve(terms, levels, near, share > LEAST_SATURATED)
+        weights = _solve(terms, levels, near, share > MIN_SATURATED)
         fitted = weights @ terms
         off = (np.abs(levels - fitted) / np.maximum(fitted, 1.0))[near]
         scatter = 1.4826 * float(np.median(off))
@@ -232,7 +232,7 @@ def two_humps(counts: FloatArray) -> tuple[float, float, float, float, bool]:
     best = (float(GROUND_BIN), 0.5 * GROUND_BIN, 0.0, 1.0, False)
     for cut in (_otsu(counts), GROUND_BIN // 2):
         low, separation, valley = _judge(counts, cut)
-        is_bimodal = separation >= LEAST_SEPARATION and valley <= MOST_VALLEY
+        is_bimodal = separation >= MIN_SEPARATION and valley <= MAX_VALLEY
         if is_bimodal:
             return low, 0.5 * (low + GROUND_BIN), separation, valley, True
         if separation > best[2]:

@@ -19,11 +19,11 @@ from ._types import (
     ViewTask,
     WorldBox,
 )
-from .lit import LEAST_WIDTH_PX
+from .lit import MIN_WIDTH_PX
 from .view import inspect_view
 
 __all__ = [
-    "LEAST_WIDTH_PX",
+    "MIN_WIDTH_PX",
     "OUTLINE",
     "Check",
     "FaceVerdict",

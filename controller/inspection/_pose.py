@@ -48,11 +48,11 @@ COMPARED_PX: Final = 6.25  # the observed outline is looked for so far from the 
 CLEAR_PX: Final = 1.0  # light through a slit narrower than this is not compared
 PAIRED_PX: Final = 2.0  # nearer than this a point of the outline is found
 SIGMA_PX: Final = 0.4  # of an outline point: before a panel nothing moves a whole outline
-LEAST_POINTS: Final = 20  # of an outline, observed or predicted
+MIN_POINTS: Final = 20  # of an outline, observed or predicted
 HELD_BACK_PX: Final = 0.12  # a pose that its prior does not hold back fits better than this
 OFF_PX: Final = 0.5  # an outline point that the fit has not brought to the picture's outline
 OFF_SHARE: Final = 0.03  # of them; good fits leave one in a hundred
-MOST_FITS: Final = 4
+MAX_FITS: Final = 4
 OPEN_COUNT: Final = 2  # directions that an outline may leave open: a turn, and a tilt
 TRIED: Final = (0.5, -0.5, 1.0, -1.0, 2.0, -2.0)  # standard deviations
 SHOWS_PX: Final = 1.0  # a pose nearer than this in the picture is the same one
@@ -116,7 +116,7 @@ def measure_pose(part: PosedPart, task: ViewTask, outline: OutlineMeasure) -> Po
     expected = task.T_world_part
     prior = SEEN_HOLD if task.is_hold_seen else PLANNED_HOLD
     fit = _fit(part, task, expected, outline, expected, prior)
-    for _ in range(MOST_FITS):
+    for _ in range(MAX_FITS):
         if fit is None or (fit.residual_px <= HELD_BACK_PX and _off_share(fit) <= OFF_SHARE):
             break
         # the view that measured the hold may have known it badly, and a fresh grip may be further
@@ -201,7 +201,7 @@ def _fit(
     prior : standard deviations of that pose [mm, rad]
     reach_px : see `REACH_PX`
     """
-    if len(outline.points) < LEAST_POINTS:
+    if len(outline.points) < MIN_POINTS:
         return None
     mm, rad = prior
     expected = Prior((mm, mm, mm), (rad, rad, rad), T_expected)
@@ -224,7 +224,7 @@ def _compared(
     met, _ = meet_part(part.caster, T, camera.position_mm, beside)
     mine = outline.is_judged(rim.pixels) & (met < 0)
     gap = outline.gaps(rim.pixels, rim.normals, rim, COMPARED_PX).gap_px[mine]
-    if np.isfinite(gap).sum() < LEAST_POINTS:
+    if np.isfinite(gap).sum() < MIN_POINTS:
         return None
     return PoseFit(
         T_world_part=T,

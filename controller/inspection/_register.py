@@ -17,11 +17,11 @@ REACH_PX: Final = 9.0  # to either side: a picture may lie some pixels off
 STEP_PX: Final = 0.5
 NEAR_PX: Final = 2.0  # of a step's middle, what belongs to it
 WIDE_PX: Final = 4.5  # as far as a blurred one reaches
-LEAST_STEP_GREY: Final = 12.0
+MIN_STEP_GREY: Final = 12.0
 OUTERMOST: Final = 0.35  # of the steepest step in a profile: another one that counts
 FLOOR: Final = 0.2  # of a step's steepest part: less is noise
-MOST_PROFILES: Final = 1200
-LEAST_PROFILES: Final = 40
+MAX_PROFILES: Final = 1200
+MIN_PROFILES: Final = 40
 ROUNDS: Final = 6
 RIM_PRIOR: Final = 1.0  # weight of "no rim", in profiles
 
@@ -55,10 +55,10 @@ def register(
     expected : the same picture as predicted; where the strongest step is another one than the
         outline, as beside a dark wall, it is so there too. Without it steps lie on the outline
     """
-    if len(edge_px) > MOST_PROFILES:
-        chosen = np.linspace(0, len(edge_px) - 1, MOST_PROFILES).astype(np.intp)
+    if len(edge_px) > MAX_PROFILES:
+        chosen = np.linspace(0, len(edge_px) - 1, MAX_PROFILES).astype(np.intp)
         edge_px, normals = edge_px[chosen], normals[chosen]
-    if len(edge_px) < LEAST_PROFILES:
+    if len(edge_px) < MIN_PROFILES:
         return None
     is_clear, place, width = _steps(picture, edge_px, normals)
     growth = np.zeros_like(width)
@@ -66,7 +66,7 @@ def register(
         is_expected, expected_place, expected_width = _steps(expected, edge_px, normals)
         is_clear &= is_expected
         place, growth = place - expected_place, width - expected_width
-    if is_clear.sum() < LEAST_PROFILES:
+    if is_clear.sum() < MIN_PROFILES:
         return None
     place, normals = place[is_clear], normals[is_clear]
     # a lit rim or a dark one moves all steps outwards alike: that is no shift, but it is small, and
@@ -106,7 +106,7 @@ def _steps(
     near = np.abs(middles[None, :] - peak[:, None]) <= NEAR_PX
     change = np.where(near, slope, 0.0).sum(axis=1)
     signed = np.abs(np.where(near, rise, 0.0).sum(axis=1))
-    is_clear = (signed > LEAST_STEP_GREY) & (signed > 0.7 * change)
+    is_clear = (signed > MIN_STEP_GREY) & (signed > 0.7 * change)
     is_clear &= np.abs(peak) < REACH_PX - NEAR_PX / 2
     weight = np.where(near, slope, 0.0)
     weight = np.maximum(weight - FLOOR * weight.max(axis=1, keepdims=True), 0.0)

@@ -12,14 +12,14 @@ from typing import Any, Literal
 from controller.cad.compiled import CompiledPart
 from controller.config import Cell, Recipe
 from controller.config.recipe import GraspSection, InspectionSection
-from controller.inspection import LEAST_WIDTH_PX
+from controller.inspection import MIN_WIDTH_PX
 from controller.planning import CellLayout, PlanOptions
 
 from .layout import build_layout
 
 # The narrower extent of a defect in the picture: as much as inspection needs to compare a surface,
 # and a tenth more, because the part is never held exactly as planned.
-DEFECT_PX = 1.1 * LEAST_WIDTH_PX
+DEFECT_PX = 1.1 * MIN_WIDTH_PX
 # The arm's MAX_FORCE has no unit (umi_rtx.md 5.6). Plans rely on no more force than this.
 ARM_COUNTED_N = 40.0
 

@@ -25,7 +25,7 @@ Touches = Callable[[int], bool]
 STEP = np.array([0.012, 0.012, 0.04, 7.0, 0.04, 0.04])
 PAD_GIVE_MM = 0.5  # pads sink into what they hold, and it into them, by less
 OPENING_MM = 0.5  # what a jaw's encoder must tell apart
-LEAST_CONTACT_MM2 = 15.0
+MIN_CONTACT_MM2 = 15.0
 COUNTS = {"elbow": 14.611, "shoulder": 29.221, "zed": 3.750, "wrist": 13.487, "yaw": 9.740}
 
 
@@ -368,7 +368,7 @@ class Checker:
                 f"{what}: grip {grasp.id} is to stop at {grasp.opening_mm:.2f} mm, "
                 f"the walls between its pads are {width:.2f} mm apart"
             )
-        if contact < LEAST_CONTACT_MM2:
+        if contact < MIN_CONTACT_MM2:
             trouble.append(f"{what}: a pad of grip {grasp.id} touches {contact:.0f} mm2")
         sign = -1.0 if grasp.is_inner else 1.0
         aside = grasp.opening_mm + sign * 2 * PAD_GIVE_MM

@@ -18,7 +18,7 @@ from controller.cell.plans import Planning
 from controller.cli import main
 from controller.cli.planning.plan_json import certificate_json, plan_json
 from controller.config import load_cell, load_recipe
-from controller.inspection import LEAST_WIDTH_PX
+from controller.inspection import MIN_WIDTH_PX
 from controller.planning import GraspRules, OnTable, PlanOptions, resting_pose
 from controller.setup import planner as figures_module
 from controller.setup.planner import planner_setup
@@ -78,7 +78,7 @@ def test_all_figures_of_a_recipe_reach_the_planner(folder: Path) -> None:
     assert options.rules.density_kg_mm3 == pytest.approx(7.85e-6)
     assert (options.max_incidence_deg, options.least_gain) == (65.0, 0.01)
     # what is planned to be shown must be compared: a defect of 2.5 mm spans what inspection needs
-    assert LEAST_WIDTH_PX < 2.5 * options.min_px_per_mm < 1.3 * LEAST_WIDTH_PX
+    assert MIN_WIDTH_PX < 2.5 * options.min_px_per_mm < 1.3 * MIN_WIDTH_PX
     assert options.width_tolerance_mm == 0.5
     assert layout.fixed_gripper is not None
     assert (layout.arm_gripper.force_n, layout.fixed_gripper.force_n) == (30.0, 30.0)

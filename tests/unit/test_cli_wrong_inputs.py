@@ -18,7 +18,7 @@ from controller.cli import app as app_module
 from controller.cli import main
 
 ROOT = Path(__file__).parents[2]
-MOST_BYTES = 200 * 2**20
+MAX_BYTES = 200 * 2**20
 # one of each kind in a process of its own, forked after the imports, which take most of its time;
 # benchmarks/bench_inputs.py asks all of them in processes that begin with nothing
 OWN_PROCESS = (
@@ -93,7 +93,7 @@ def test_it_takes_little_memory(name: str, folder: Path, forker: Forker) -> None
     row.prepare(folder)
     cost = forker.cost_of(row, folder, folder.parent / "cache")
     require_one_sentence(row, cost.code, cost.said)
-    assert cost.peak_bytes < MOST_BYTES
+    assert cost.peak_bytes < MAX_BYTES
 
 
 def test_too_little_room_for_a_run_is_said_before_it_begins(

@@ -27,7 +27,7 @@ NEAR_PX = 0.06  # 0.015 mm, how close beside an edge it is asked whether there i
 # a sample is looked at from 0.06 mm outside, and hidden by what is 0.25 mm nearer: a crease that
 # goes behind a rim is drawn so much too far
 BARELY_HIDDEN_PX = 0.25
-LEAST_HIDDEN_PX = 1.2
+MIN_HIDDEN_PX = 1.2
 COVERED = 0.97
 BODIES = ["block", "elbow", "plate", "pocket", "nut", "stepped", "hand", "wedge"]
 PARTS = ["holder.stl", "angle_block.stl", "flange_xy.stl"]
@@ -99,7 +99,7 @@ def check_edges(body: Solid, prepared: EdgeModel, T: Array) -> None:
     # those inside lie on visible edges: none of the hidden ones is there
     drawn = lines_of([e.points for e in view.edges])
     off = off_px(edges.pixels[~on], drawn)
-    assert off.max() < LEAST_HIDDEN_PX
+    assert off.max() < MIN_HIDDEN_PX
     assert np.mean(off < BARELY_HIDDEN_PX) > 0.98
     assert np.mean(off < NEAR_PX) > 0.8
     step_px = edges.step_mm / mm_per_px(T, body)

@@ -19,7 +19,7 @@ COLUMN = {"end": 1}  # of the quotation; 0 otherwise
 COMPOSED = {  # sentences that the code puts together from pieces
     "The fixed gripper holds a part", "its journal knew of this cell, but it is gone",
 }  # fmt: skip
-LEAST_LENGTH = 5
+MIN_LENGTH = 5
 VALUE = r"\.\.\.|\bN\b|\d[\d,.]*| / "  # what a message fills in, and what parts two messages
 
 
@@ -57,7 +57,7 @@ def quotations(text: str) -> Iterator[str]:
 def pieces(quotation: str) -> list[str]:
     """Return what of a quotation stands in the code as it is."""
     found = (piece.strip(" ,.;:()%") for piece in re.split(rf"{VALUE}|[:;()]", quotation))
-    return [piece for piece in found if len(piece) >= LEAST_LENGTH]
+    return [piece for piece in found if len(piece) >= MIN_LENGTH]
 
 
 def unknown(text: str, known: list[str]) -> list[str]:

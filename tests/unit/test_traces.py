@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 ROW = re.compile(r"^\| `([^`]+\.py)` \| `([\w.]+)` \| (.+) \|$", re.M)
-MOST_HOPS_OF_A_COMMAND = 5
+MAX_HOPS_OF_A_COMMAND = 5
 
 
 class Stop(NamedTuple):
@@ -97,4 +97,4 @@ def test_a_gripper_command_takes_few_hops() -> None:
     (trace,) = (stops for title, stops in traces().items() if "gripper command" in title)
     assert trace[0].file.startswith("controller/cell/actions/")
     assert "pymodbus" in trace[-1].text
-    assert len({stop.file for stop in trace}) == len(trace) <= MOST_HOPS_OF_A_COMMAND
+    assert len({stop.file for stop in trace}) == len(trace) <= MAX_HOPS_OF_A_COMMAND

@@ -29,8 +29,8 @@ from ..views import LineView, line_view, prepare_views
 
 STEP = (".step", ".stp")
 UNITLESS = (".stl", ".obj", ".ply", ".off")  # formats that have no place for a unit
-MOST_SAMPLES = 200_000
-MOST_NAMED = 4  # poses named one by one in a remark
+MAX_SAMPLES = 200_000
+MAX_NAMED = 4  # poses named one by one in a remark
 USUAL_DENSITY_G_CM3 = 2.7  # aluminium, as in a recipe that does not say
 
 
@@ -153,9 +153,9 @@ class CompiledPart:
 def _few(poses: Sequence[int]) -> str:
     """Return the first few of some poses in words, and how many more there are."""
     ids = [str(pose) for pose in sorted(poses)]
-    if len(ids) <= MOST_NAMED + 1:  # "and 1 more" is no shorter
+    if len(ids) <= MAX_NAMED + 1:  # "and 1 more" is no shorter
         return ", ".join(ids)
-    return f"{', '.join(ids[:MOST_NAMED])} and {len(ids) - MOST_NAMED} more"
+    return f"{', '.join(ids[:MAX_NAMED])} and {len(ids) - MAX_NAMED} more"
 
 
 def compile_part(path: Path, options: CompileOptions | None = None) -> CompiledPart:
@@ -205,7 +205,7 @@ def compile_solid(
 
 def spacing_of(solid: Solid, asked_mm: float) -> float:
     """Return the spacing of samples: a part as large as a house has no more of them than any."""
-    return max(asked_mm, float(np.sqrt(solid.mesh.area / MOST_SAMPLES)))
+    return max(asked_mm, float(np.sqrt(solid.mesh.area / MAX_SAMPLES)))
 
 
 def _views(solid: Solid, poses: Sequence[StablePose]) -> tuple[LineView, ...]:

@@ -15,7 +15,7 @@ from ..solid import check_count
 
 STL_HEADER_BYTES: Final = 84  # 80 of text, then the count of triangles
 STL_TRIANGLE_BYTES: Final = 50
-MOST_BYTES: Final = 700_000_000  # two million triangles of text STL, generously written
+MAX_BYTES: Final = 700_000_000  # two million triangles of text STL, generously written
 CHUNK_BYTES: Final = 1 << 20
 HEADER_BYTES: Final = 1 << 16
 
@@ -76,9 +76,9 @@ def check_ahead(path: Path, ending: str, size: int) -> None:
                 raise EmptyCadError(f"{path}: the file is empty; export the part again")
             if ending == ".stl" and _is_binary_stl(head, size, path):
                 return
-            if size > MOST_BYTES:
+            if size > MAX_BYTES:
                 raise LargeCadError(
-                    f"{path}: {size / 1e6:,.0f} MB, the most is {MOST_BYTES / 1e6:,.0f} MB; "
+                    f"{path}: {size / 1e6:,.0f} MB, the most is {MAX_BYTES / 1e6:,.0f} MB; "
                     "export it with a coarser chord error"
                 )
             if ending in AHEAD:

@@ -11,8 +11,8 @@ from ..errors import LargeCadError, UnreadableCadError
 from ..solid import check_count
 from .units import read_unit
 
-MOST_BYTES: Final = 400_000_000  # two million triangles and their corners take 250 MB of XML
-MOST_COMPONENTS: Final = 16  # each may hold others twice: more of them unfold without end
+MAX_BYTES: Final = 400_000_000  # two million triangles and their corners take 250 MB of XML
+MAX_COMPONENTS: Final = 16  # each may hold others twice: more of them unfold without end
 CHUNK_BYTES: Final = 1 << 20
 DEFAULT_UNIT: Final = "millimeter"  # 3MF core specification 3.4
 
@@ -29,10 +29,10 @@ def check_3mf(data: bytes, path: Path) -> str:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as package:
             unpacked = sum(entry.file_size for entry in package.infolist())
-            if unpacked > MOST_BYTES:
+            if unpacked > MAX_BYTES:
                 raise LargeCadError(
                     f"{path}: unpacks to {unpacked / 1e6:,.0f} MB, the most is "
-                    f"{MOST_BYTES / 1e6:,.0f} MB; export it with a coarser chord error"
+                    f"{MAX_BYTES / 1e6:,.0f} MB; export it with a coarser chord error"
                 )
             models = [n for n in package.namelist() if n.lower().endswith(".model")]
             for name in models:
@@ -64,7 +64,7 @@ def _look_through(package: zipfile.ZipFile, name: str, path: Path) -> None:
             components += text.count(b"component ") - tail.count(b"component ")
             tail = text[-16:]
             check_count(triangles, str(path))
-    if components > MOST_COMPONENTS:
+    if components > MAX_COMPONENTS:
         raise UnreadableCadError(
             f"{path}: is an assembly of {components} components; export the part alone"
         )

@@ -26,10 +26,10 @@ from .units import read_unit
 
 Body = Any  # a manifold3d.Manifold, which comes without types
 
-MOST_SIDES: Final = 4096  # of a circle; more is a tolerance mistaken
-MOST_TRIANGLES: Final = 200_000  # of all shapes before they are joined
-MOST_SHAPES: Final = 2_000
-LEAST_SIDES: Final = 12
+MAX_SIDES: Final = 4096  # of a circle; more is a tolerance mistaken
+MAX_TRIANGLES: Final = 200_000  # of all shapes before they are joined
+MAX_SHAPES: Final = 2_000
+MIN_SIDES: Final = 12
 GLOBE_SIDES: Final = 1.65  # a globe's widest triangles stay as close as a circle's chords
 SET_OPERATIONS: Final = {
     "union": manifold3d.OpType.Add,
@@ -83,11 +83,11 @@ class _Builder:
     def build(self) -> Body:
         """Return the part [mm]; what it will cost is summed up first."""
         shapes, triangles = self._cost(self._said.part, ("part",), ())
-        if shapes > MOST_SHAPES or triangles > MOST_TRIANGLES:
+        if shapes > MAX_SHAPES or triangles > MAX_TRIANGLES:
             raise self._problem(
                 ("part",),
-                f"is {shapes:,} shapes of {triangles:,} triangles, the most is {MOST_SHAPES:,} of "
-                f"{MOST_TRIANGLES:,}; use fewer shapes or a coarser `tolerance_mm`",
+                f"is {shapes:,} shapes of {triangles:,} triangles, the most is {MAX_SHAPES:,} of "
+                f"{MAX_TRIANGLES:,}; use fewer shapes or a coarser `tolerance_mm`",
             )
         return self._make(self._said.part, ("part",))
 
@@ -138,14 +138,14 @@ class _Builder:
         else:
             raise ValueError(f"a {shape.kind} is not round")
         sagitta = min(self._said.tolerance_mm / max(radius * self._mm_per_unit, 1e-12), 1.0)
-        sides = max(float(np.pi / np.arccos(1.0 - sagitta)), LEAST_SIDES)
+        sides = max(float(np.pi / np.arccos(1.0 - sagitta)), MIN_SIDES)
         if shape.sphere is not None:
             sides *= GLOBE_SIDES
-        if sides > MOST_SIDES:
+        if sides > MAX_SIDES:
             raise self._problem(
                 (*at, shape.kind),
                 f"takes {sides:,.0f} sides at `tolerance_mm: {self._said.tolerance_mm:g}`, the "
-                f"most is {MOST_SIDES:,}; choose a coarser tolerance",
+                f"most is {MAX_SIDES:,}; choose a coarser tolerance",
             )
         return 4 * int(np.ceil(sides / 4))  # so that the points on the axes are corners
 

@@ -23,7 +23,7 @@ Evidence = Literal["outline", "edges"]
 
 TOLERANCE_MM = 0.1
 STEP_MM = 0.25  # between the points drawings are measured at
-MOST_POINTS = 3_000
+MAX_POINTS = 3_000
 TURN_BINS, RING_BINS = 720, 24
 GUESS_COUNT = 5
 FIT_COUNT = 200
@@ -144,7 +144,7 @@ def _points(lines: list[FloatArray], view: LineView, reach: float) -> _Drawing:
     start = np.concatenate([line[:-1] for line in lines]) if lines else empty
     end = np.concatenate([line[1:] for line in lines]) if lines else empty
     length = np.linalg.norm(end - start, axis=1)
-    step = max(STEP_MM, float(length.sum()) / MOST_POINTS)
+    step = max(STEP_MM, float(length.sum()) / MAX_POINTS)
     count = np.maximum(np.ceil(length / step), 1).astype(np.int64)
     ids = np.repeat(np.arange(len(count)), count)
     nth = np.arange(len(ids)) - np.repeat(np.cumsum(count) - count, count)

@@ -22,8 +22,8 @@ from ._surface import SAME, Surface, rotation_about
 TOLERANCE_MM = 0.15  # bores are drawn this far off the axis of parts meant to be symmetric
 EQUAL_MOMENTS = 2e-3  # of their sum; tessellation alone makes moments of a round part differ
 PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43, 47, 53, 59, 61)
-MOST_FOLD = 64
-MOST_ANCHORS = 48  # corners alike that are tried as images of one
+MAX_FOLD = 64
+MAX_ANCHORS = 48  # corners alike that are tried as images of one
 RETRY = 0.01
 SAME_POSE_RAD = np.radians(1.5)
 ODD_ANGLES_RAD = (0.7, 1.9, 2.6)  # no round part's divisions
@@ -171,7 +171,7 @@ def _many_fold(surface: Surface, axis: FloatArray) -> list[FloatArray]:
     order = 1
     for prime in PRIMES:
         power = prime
-        while power <= MOST_FOLD and _holds(surface, 2 * np.pi / power * axis):
+        while power <= MAX_FOLD and _holds(surface, 2 * np.pi / power * axis):
             power *= prime
         order *= power // prime
     return [rotation_about(2 * np.pi / order * axis)] if order > 1 else []
@@ -201,7 +201,7 @@ def _corner_turns(surface: Surface, axis: FloatArray, reach: float) -> Iterator[
         alike = np.abs(r - r[anchor]) < near
         for sense in (-1.0, 1.0):
             partners = np.flatnonzero(alike & (np.abs(z - sense * z[anchor]) < near))
-            for partner in partners[:MOST_ANCHORS]:
+            for partner in partners[:MAX_ANCHORS]:
                 half = (turn[anchor] + turn[partner]) / 2
                 side = np.cos(half) * e1 + np.sin(half) * e2
                 if sense < 0:
@@ -219,7 +219,7 @@ def _corner_pairs(surface: Surface, reach: float) -> Iterator[FloatArray]:
     r = np.linalg.norm(points, axis=1)
     near = surface.corner_mm
     for first in _rare(r[:, None], r > 0.5 * reach, near)[:1]:
-        alike = np.flatnonzero(np.abs(r - r[first]) < near)[:MOST_ANCHORS]
+        alike = np.flatnonzero(np.abs(r - r[first]) < near)[:MAX_ANCHORS]
         p = points[first]
         cosine = points[alike] @ p / (r[alike] * r[first])
         good = alike[np.abs(cosine) < 0.9]

@@ -11,7 +11,7 @@ from ..solid import Solid
 from ._walls import Wall
 
 PARALLEL = 1 - 1e-4
-LEAST_BEVEL_RAD = np.radians(15.0)  # a flatter slope is a slope
+MIN_BEVEL_RAD = np.radians(15.0)  # a flatter slope is a slope
 LARGEST_BEVEL_RAD = np.radians(75.0)
 NARROW = 0.35  # a chamfer's width, of the lesser extent of the planes beside it
 CONE_NARROW = 0.35  # and of the radius, round an axis
@@ -89,7 +89,7 @@ def _plane_chamfer(solid: Solid, face: Face, sides: list[int], lengths: FloatArr
     if abs(float(along @ second)) < PARALLEL * float(np.linalg.norm(second)):
         return None
     angles = b.angle_rad[[one // 2, other // 2]]
-    if not ((angles > LEAST_BEVEL_RAD) & (angles < LARGEST_BEVEL_RAD)).all():
+    if not ((angles > MIN_BEVEL_RAD) & (angles < LARGEST_BEVEL_RAD)).all():
         return None
     beside = [solid.faces[b.face[h ^ 1]] for h in (one, other)]
     if any(neighbour.kind != "plane" for neighbour in beside):

@@ -22,7 +22,7 @@ TURN_RAD: Final = tuple(float(np.radians(d)) for d in (0.0, 8.0, -8.0, 16.0, -16
 STEP_PX: Final = 8
 FITTED_N: Final = 3
 # Shadows that overlap less are of another part, or the arm gripper is empty.
-LEAST_OVERLAP: Final = 0.7
+MIN_OVERLAP: Final = 0.7
 
 
 def find_hold(
@@ -59,7 +59,7 @@ def find_hold(
         T = task.T_world_part @ T_part_tcp @ _move(along, across, turn)
         T = T @ inverse_pose(T_part_tcp)
         overlap = _overlap(_shadow(part.caster, T, task, roi) & ~hidden, dark & ~hidden)
-        if overlap >= LEAST_OVERLAP:
+        if overlap >= MIN_OVERLAP:
             ranked.append((-overlap, number, T))
     for _, _, T in sorted(ranked, key=lambda item: item[:2])[:FITTED_N]:
         near = replace(task, T_world_part=T, is_hold_seen=False)

@@ -24,7 +24,7 @@ from ..terminal.output import emit, print_line, stdout
 Check = dict[str, Any]
 
 PACKAGES = ("pymodbus", "pyserial", "opencv-python-headless", "numpy", "trimesh", "pybullet")
-LEAST_DISK_MB = 500
+MIN_DISK_MB = 500
 
 
 def examine(cell_path: Path, *, as_json: bool) -> int:
@@ -73,8 +73,8 @@ def _machine() -> list[Check]:
             checks.append(_check(package, "missing", ok=False, remedy=f"pip install {package}"))
     free_mb = shutil.disk_usage(Path.cwd()).free // 2**20
     checks.append(
-        _check("disk", f"{free_mb} MB free", ok=free_mb > LEAST_DISK_MB,
-               remedy=f"make room: runs need {LEAST_DISK_MB} MB and more")
+        _check("disk", f"{free_mb} MB free", ok=free_mb > MIN_DISK_MB,
+               remedy=f"make room: runs need {MIN_DISK_MB} MB and more")
     )  # fmt: skip
     return checks
 

@@ -14,13 +14,13 @@ import numpy as np
 from controller.arrays import FloatArray
 from controller.commissioning.calibration import PARAMETERS, Calibration, Placed
 from controller.config import ConfigError
-from controller.config.cell import LEAST_HEIGHT_MM, MOST_HEIGHT_MM
+from controller.config.cell import MAX_HEIGHT_MM, MIN_HEIGHT_MM
 from controller.config.files import read_text
 from controller.imaging import Camera
 
-from .pictures import MOST_PIXELS
+from .pictures import MAX_PIXELS
 
-MOST_BYTES = 16 * 2**20  # a calibration from hundreds of pictures lists each of them
+MAX_BYTES = 16 * 2**20  # a calibration from hundreds of pictures lists each of them
 
 
 def load_calibration(path: Path) -> Camera:
@@ -30,7 +30,7 @@ def load_calibration(path: Path) -> Camera:
     ------
     ConfigError : the file is missing or is no calibration
     """
-    text = read_text(path, "a calibration", MOST_BYTES)
+    text = read_text(path, "a calibration", MAX_BYTES)
     try:
         body = json.loads(text)
         width, height = (_count(number) for number in body["size_px"])
@@ -58,14 +58,14 @@ def _count(number: object) -> int:
 def _check(path: Path, size_px: tuple[int, int], K: FloatArray, T: FloatArray) -> None:
     """Raise ConfigError unless the numbers describe a camera above the table."""
     width, height = size_px
-    if not (width > 0 and height > 0 and width * height <= MOST_PIXELS):
+    if not (width > 0 and height > 0 and width * height <= MAX_PIXELS):
         raise ConfigError(f"{path}: `size_px`: no camera has {width} x {height} px")
     if min(K[0, 0], K[1, 1]) <= 0 or not np.array_equal(K[2], [0, 0, 1]):
         raise ConfigError(f"{path}: `K`: focal lengths are more than 0, its last row is 0 0 1")
     R = T[:3, :3]
     if not np.allclose(R @ R.T, np.eye(3), atol=1e-3) or np.linalg.det(R) < 0:
         raise ConfigError(f"{path}: `T_world_cam`: is not a pose: its axes are not square")
-    if not LEAST_HEIGHT_MM <= T[2, 3] <= MOST_HEIGHT_MM:
+    if not MIN_HEIGHT_MM <= T[2, 3] <= MAX_HEIGHT_MM:
         raise ConfigError(
             f"{path}: `T_world_cam`: the camera would stand {T[2, 3]:g} mm above the table; "
             "lengths are in millimetres"

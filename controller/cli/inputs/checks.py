@@ -8,10 +8,8 @@ from pathlib import Path
 
 from controller.config import Cell, ConfigError
 
-LEAST_FREE_BYTES = (
-    200_000_000  # pictures of a part with many views take 60 MB, and the journal grows
-)
-MOST_SOCKET_NAME_BYTES = 100  # of a unix socket's path; the system allows 107
+MIN_FREE_BYTES = 200_000_000  # pictures of a part with many views take 60 MB, and the journal grows
+MAX_SOCKET_NAME_BYTES = 100  # of a unix socket's path; the system allows 107
 Place = tuple[float, float, float]  # x [mm], y [mm], theta [deg]
 
 
@@ -98,7 +96,7 @@ def check_control(control: Path | None) -> None:
     """
     if control is None:
         return
-    if len(os.fsencode(control.absolute())) > MOST_SOCKET_NAME_BYTES:
+    if len(os.fsencode(control.absolute())) > MAX_SOCKET_NAME_BYTES:
         raise ConfigError(f"--control {control}: the name is too long for a socket")
     if not control.absolute().parent.is_dir():
         raise ConfigError(f"--control {control}: there is no folder {control.parent}")

@@ -24,8 +24,8 @@ ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".webp")
 CAMERA_BITS = (8, 10, 12, 14, 16)  # what sensors deliver
 UNIT_RANGE = 2.0  # decimals up to here are 0..1: as levels of 0..255 they would all be black
 NOISE_BELOW_ZERO = 0.02  # of the brightest level: filters leave a little below black
-MOST_PIXELS = 64_000_000  # the largest machine-vision sensors have a little over half of it
-MOST_PICTURE_BYTES = 128 * 2**20
+MAX_PIXELS = 64_000_000  # the largest machine-vision sensors have a little over half of it
+MAX_PICTURE_BYTES = 128 * 2**20
 JPEG_END = b"\xff\xd9"
 
 
@@ -104,7 +104,7 @@ def read_whole(path: Path) -> bytes:
     ------
     ConfigError : the file is missing, too large, empty or cut off
     """
-    data = read_bytes(path, MOST_PICTURE_BYTES, "a picture")
+    data = read_bytes(path, MAX_PICTURE_BYTES, "a picture")
     if not data:
         raise ConfigError(f"{path}: the file is empty")
     if not _is_whole(data):
@@ -125,10 +125,10 @@ def size_of(path: Path, data: bytes) -> tuple[int, int]:
     width, height = size
     if not width or not height:
         raise ConfigError(f"{path}: is not a readable picture: it has no pixels")
-    if width * height > MOST_PIXELS:
+    if width * height > MAX_PIXELS:
         raise ConfigError(
             f"{path}: {width} x {height} px; a camera's picture has at most "
-            f"{MOST_PIXELS / 1e6:.0f} million"
+            f"{MAX_PIXELS / 1e6:.0f} million"
         )
     return size
 

@@ -22,7 +22,7 @@ from controller.config import Cell, ConfigError, load_cell, load_recipe
 from controller.results import ResultsError, load_run, write_html
 from controller.setup.drivers import require_drivers
 
-from ..inputs.checks import LEAST_FREE_BYTES, check_control, check_writable_folder, parse_place
+from ..inputs.checks import MIN_FREE_BYTES, check_control, check_writable_folder, parse_place
 from ..planning.recipe_check import warn_of
 from ..terminal.output import warn
 from .ends import Ends
@@ -130,7 +130,7 @@ def run_recipe(options: RunOptions) -> int:
 
 def _check_options(options: RunOptions, cell: Cell) -> FoundClock:
     """Check what can be checked without the part; return the clock the cell will run by."""
-    check_writable_folder(options.runs_dir, "--runs", LEAST_FREE_BYTES)
+    check_writable_folder(options.runs_dir, "--runs", MIN_FREE_BYTES)
     require_free_cell(options.runs_dir, cell)
     check_control(options.control)
     if options.at is not None:

@@ -18,7 +18,7 @@ from .survey import Progress, site_key, survey
 
 SAME_MM, SAME_DEG = 1.0, 0.5  # nobody places a camera or a gripper more exactly by hand
 TURN_MM = 5.0  # a turn by one degree counts as a move by this much
-LEAST_PICKS = 0.01  # share of the places on the table; a smaller difference is noise
+MIN_PICKS = 0.01  # share of the places on the table; a smaller difference is noise
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,7 +116,7 @@ def reasons_to_move(present: SiteScore, best: SiteScore, options: SiteOptions) -
     if worst >= options.worth_moving:
         why.append(f"it shows {100 * worst:.1f} % more of the worst part in its worst pose")
     picks = best.mean("picks_share") - present.mean("picks_share")
-    if picks >= LEAST_PICKS:
+    if picks >= MIN_PICKS:
         why.append(f"parts can be picked up in {100 * picks:.0f} % more of the places")
     for name, free in present.trays.items():
         if free == 0.0 and best.trays.get(name, 0.0) > 0.0:

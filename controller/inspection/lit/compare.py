@@ -29,7 +29,7 @@ FIT_SAMPLE: Final = 4000
 # lens and the direction of a finish are known to make; more is another surface, or another finish
 FACE_PLAY: Final = 0.2
 FACE_COUNT: Final = 60
-LEAST_PLAY: Final = 0.16  # of the brightness, that no finish falls below
+MIN_PLAY: Final = 0.16  # of the brightness, that no finish falls below
 SCATTERS: Final = 4.0
 HALF: Final = 0.5  # what is found: half as bright as predicted, or
 TWICE: Final = 2.0
@@ -178,7 +178,7 @@ def _faces(
 ) -> tuple[Float32Array, Float32Array, BoolArray]:
     """Return per pixel its face's own tone, its scatter, and whether the tone is out of bounds."""
     tone = np.ones(count + 1, dtype=np.float32)
-    scatter = np.full(count + 1, LEAST_PLAY / SCATTERS, dtype=np.float32)
+    scatter = np.full(count + 1, MIN_PLAY / SCATTERS, dtype=np.float32)
     odd = np.zeros(count + 1, dtype=bool)
     ratio = observed / np.maximum(middle, 1.0)
     mine_all = face[fitting]
@@ -222,7 +222,7 @@ def _weigh(
     # the pose may be off by a node: what lies beside a pixel may lie in it
     brightest = cv2.dilate(np.where(seen, high, np.float32(ground)).astype(np.float32), kernel)
     darkest = cv2.erode(np.where(seen, low, np.float32(0)).astype(np.float32), kernel)
-    share = np.maximum(np.float32(SCATTERS) * scatter, np.float32(LEAST_PLAY))
+    share = np.maximum(np.float32(SCATTERS) * scatter, np.float32(MIN_PLAY))
     floor = np.float32(limits.grey_levels / 2)
     top = brightest + np.maximum(share * brightest, floor)
     bottom = darkest - np.maximum(share * darkest, floor)

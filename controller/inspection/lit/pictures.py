@@ -21,8 +21,8 @@ from .light import Light, Surface, bound_light, find_surface
 SHADING_STEP_PX: Final = 2  # shading is compared on every second pixel: defects are many px large
 LENS_PX: Final = 0.7  # about how a lens blurs
 LENS_WIDTH_PX: Final = 0.56  # as `register` measures that
-LEAST_NODES: Final = 3  # a difference in shading is at least as wide, on the grid
-LEAST_WIDTH_PX: Final = 7.0  # and leaves so much of a defect, the blur of its border taken off
+MIN_NODES: Final = 3  # a difference in shading is at least as wide, on the grid
+MIN_WIDTH_PX: Final = 7.0  # and leaves so much of a defect, the blur of its border taken off
 DISC_SHARE: Final = 0.6  # of a defect's disc that must lie on compared pixels
 
 
@@ -87,7 +87,7 @@ class LitPictures:
         compared, code = self._per_sample(outcome)
         check = Check(lamp_name, "", compared, limits.smallest_defect_mm, misfit=outcome.misfit)
         step = SHADING_STEP_PX
-        kernel = np.ones((LEAST_NODES, LEAST_NODES), np.uint8)
+        kernel = np.ones((MIN_NODES, MIN_NODES), np.uint8)
         opened = cv2.morphologyEx(outcome.wrong.astype(np.uint8), cv2.MORPH_OPEN, kernel)
         x0, y0, x1, y1 = self._fit.maps.roi
         area = np.where(self._surface.seen, self._surface.area_mm2, np.float32(self._mm**2))
@@ -156,7 +156,7 @@ class LitPictures:
     @property
     def _flattest(self) -> float:
         """Return the cosine below which the smallest defect is too narrow in the picture."""
-        return float(LEAST_WIDTH_PX * self._mm / self._task.limits.smallest_defect_mm)
+        return float(MIN_WIDTH_PX * self._mm / self._task.limits.smallest_defect_mm)
 
     def _per_sample(self, outcome: Compared) -> tuple[BoolArray, NDArray[np.uint8]]:
         """Return which samples a picture compared (n,), and why not the others (n,)."""

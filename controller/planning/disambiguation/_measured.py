@@ -15,7 +15,7 @@ from ._separate import Predicted
 
 SMOOTH_PX = 1.2
 EDGE_NOISES = 8.0  # a step so many times the picture's noise is an edge, half of it goes on as one
-LEAST_STEP_GREY = 8.0
+MIN_STEP_GREY = 8.0
 
 
 def measured_picture(predicted: Predicted, backlit: Grey, lit: Sequence[Grey] = ()) -> Picture:
@@ -64,5 +64,5 @@ def _steps(grey: Grey) -> BoolArray:
     rough = np.abs(grey.astype(np.float32) - smooth)
     noise = 1.5 * float(np.median(rough))
     # Sobel's kernel answers a step of one grey level with four
-    high = 4.0 * max(LEAST_STEP_GREY, EDGE_NOISES * noise / (2.0 * SMOOTH_PX))
+    high = 4.0 * max(MIN_STEP_GREY, EDGE_NOISES * noise / (2.0 * SMOOTH_PX))
     return np.asarray(cv2.Canny(smooth, high / 2, high) > 0)

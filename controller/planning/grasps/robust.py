@@ -18,8 +18,8 @@ from .judge import Judge
 from .seeds import across
 
 COARSE_STEP_MM = 4.0  # of the first closing, which only tells how the part will turn
-MOST_TURN_RAD = float(np.radians(5.0))  # pads turn a part by little more than its pose was wrong
-MOST_SLIDE_MM = 2.0
+MAX_TURN_RAD = float(np.radians(5.0))  # pads turn a part by little more than its pose was wrong
+MAX_SLIDE_MM = 2.0
 LATTICES_N = 3
 SIDES = np.array([1.0, -1.0])[:, None, None, None]  # what raises one pad's wall lowers the other's
 
@@ -96,7 +96,7 @@ def flattened(touched: Contacts, inner: BoolArray, jaw: Jaw, grid: PadGrid) -> F
     """Return T_part_tcp (n, 4, 4) as the closing pads turn the part: until they close no more.
 
     The part turns about the approach and about the pads' third axis as far as that brings the pads
-    nearer to each other, and no farther than `MOST_TURN_RAD`. For small turns a point of the wall
+    nearer to each other, and no farther than `MAX_TURN_RAD`. For small turns a point of the wall
     comes nearer in proportion to where on the pad it lies, and to how steep the wall is that the
     turn shifts along the pad.
 
@@ -112,7 +112,7 @@ def flattened(touched: Contacts, inner: BoolArray, jaw: Jaw, grid: PadGrid) -> F
     lever = (sense * touched.opening / 2)[:, None, None]
     points = grid.points + np.array([jaw.pad_centre_mm, 0.0])
     rise = points + lever * touched.gradient  # (2, n, m, 2)
-    slope = _least_width(touched, rise * SIDES, np.tan(MOST_TURN_RAD))
+    slope = _least_width(touched, rise * SIDES, np.tan(MAX_TURN_RAD))
     turned = np.zeros((n, 3))
     turned[:, 2], turned[:, 0] = slope[:, 0] * sense, -slope[:, 1] * sense
     pivot = T[:, :3, 3] - T[:, :3, 0] * jaw.pad_centre_mm
@@ -133,7 +133,7 @@ def slid_home(touched: Contacts, inner: BoolArray, jaw: Jaw, grid: PadGrid) -> F
     touched : n contacts, with their gradients
     inner, jaw, grid : as `flattened`; not asked here
     """
-    slide = _least_width(touched, -touched.gradient, MOST_SLIDE_MM)
+    slide = _least_width(touched, -touched.gradient, MAX_SLIDE_MM)
     out = touched.T.copy()
     out[:, :3, 3] -= out[:, :3, 0] * slide[:, :1] + out[:, :3, 2] * slide[:, 1:]
     return out

@@ -22,7 +22,7 @@ MARGIN_MM = 5.0  # beside the tube: calibration, backlash, the part's place in t
 END_MARGIN_MM = 2.0  # next to a hold or the fixed gripper, which the straight paths keep as well
 END_LENGTH_MM = 60.0
 PIECE_MM = 64.0  # first cut; each further one is a quarter
-LEAST_PIECE_MM = 4.0  # half of it is the end margin
+MIN_PIECE_MM = 4.0  # half of it is the end margin
 BROAD_PHASE_MM = 30.0
 BROAD_PHASE_TUBE_MM = 4.0  # what the tube of a short move mostly is
 _TUBE_AT = np.linspace(0.0, 1.0, 49)
@@ -90,7 +90,7 @@ def segment_free(scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends)
             return True
         if not scene.free(q[tight], margin[tight]).all():
             return False
-        if 2 * half_mm <= LEAST_PIECE_MM:
+        if 2 * half_mm <= MIN_PIECE_MM:
             return True
         middles = (middles[tight, None] + (np.arange(4) - 1.5) / (4 * pieces)).ravel()
         pieces *= 4

@@ -20,7 +20,7 @@ from ..search import Problem
 
 # a failed grasp is looked for, seen anew and taken again: about a minute
 RECOVERY_S = 60.0
-LEAST_SURE = 0.9  # of a grasp whose score is 0; a score of 1 does not fail
+MIN_SURE = 0.9  # of a grasp whose score is 0; a score of 1 does not fail
 TRAVEL_S = 2.0  # from one view to the next, on the average; their order is decided afterwards
 FINISH_S = 10.0  # sorting; much the same from every grasp
 
@@ -63,7 +63,7 @@ class EdgeCosts:
 
 def risk_s(grasp: Grasp) -> float:
     """Return what the chance that a grasp fails is worth [s]."""
-    return RECOVERY_S * (1.0 - LEAST_SURE) * (1.0 - grasp.score)
+    return RECOVERY_S * (1.0 - MIN_SURE) * (1.0 - grasp.score)
 
 
 def regrasp_sites_of(part: PreparedPart, avoid: frozenset[str]) -> tuple[RegraspSite, ...]:

@@ -53,7 +53,7 @@ from .planner import plan_from
 
 GRASP_COUNT = 6  # that hold every candidate, tried for a view that tells
 SAME_WIDTH_MM = 1.0  # jaws this alike could not tell what they hold
-LEAST_SHARE = 0.5  # of the pads' contact on the part planned for, that the others must give too
+MIN_SHARE = 0.5  # of the pads' contact on the part planned for, that the others must give too
 PAD_STEP_MM = 2.0
 PAD_GIVES_MM = 0.4
 
@@ -214,7 +214,7 @@ def _holds_too(
 ) -> bool:
     """Return whether jaws that close on another solid there stop as they would on the part."""
     other, width = _closed(caster, T_part_tcp, layout.arm_gripper, grasp.pre_open_mm)
-    return other >= LEAST_SHARE * area and abs(width - grasp.opening_mm) <= tolerance_mm
+    return other >= MIN_SHARE * area and abs(width - grasp.opening_mm) <= tolerance_mm
 
 
 def _closed(

@@ -20,7 +20,7 @@ from ..model import CellLayout, Grasp, Jaw, OutOfReachError, PreparedPart, Reaso
 from ..motion import Scene, inverse_rows, passed_limit
 from ..views import hidden_by_gripper, view_poses, why_hidden
 
-LEAST_SHARE = 2e-4  # of the surface; less than this is single samples on edges
+MIN_SHARE = 2e-4  # of the surface; less than this is single samples on edges
 THINNER = (0.75, 0.5, 0.25)  # of the fingers' width and thickness
 WEAKEST = 20.0  # of the friction limit; a grasp weaker than this is none to speak of
 MOSTLY_HIDDEN = 0.5  # of a piece
@@ -74,7 +74,7 @@ def unseen_pieces(
         for face_id in np.unique(part.samples.face_ids[missing.mask]):
             piece = missing.mask & (part.samples.face_ids == face_id)
             share = float(part.weights[piece].sum())
-            if share < LEAST_SHARE:
+            if share < MIN_SHARE:
                 continue
             kind, reason, advice = missing.kind, missing.reason, missing.advice
             if missing.kind is Reason.HIDDEN_BY_PART:

@@ -17,7 +17,7 @@ from controller.arrays import BoolArray, Float32Array, FloatArray, IndexArray
 from ._problem import Problem, live_grasps
 
 COST_STEPS = 1024.0  # costs in units of the dearest, rounded down: sums of them stay exact
-CORE_MOST = 640  # elements
+MAX_CORE_ELEMENTS = 640
 _LEARN_ROUNDS = 4
 _LEARN_PICKS = 10
 
@@ -146,7 +146,7 @@ def learn_core(tables: Tables, sets: Sequence[IndexArray]) -> list[int]:
             at = [e for e in core if can[e]]
             chosen = quick_cover(rows[:, at].astype(np.float32), costs)
             missing = can & ~np.asarray(rows[chosen].any(axis=0))
-            if not missing.any() or len(core) >= CORE_MOST:
+            if not missing.any() or len(core) >= MAX_CORE_ELEMENTS:
                 break
             core += hard_elements(rows, missing, _LEARN_PICKS)
     return core

@@ -19,7 +19,7 @@ from .gripper import FINGER_SHADOW_MM
 
 _PIECES_N = 4  # of the cone, each held by a box
 DIRECTION_COUNT = 12  # as many as there are rolls
-_LEAST_DEPTH_MM = 1.0
+_MIN_DEPTH_MM = 1.0
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 
 
@@ -81,7 +81,7 @@ def seen_extent(layout: CellLayout, points_mm: FloatArray) -> FloatArray:
     right = right / np.linalg.norm(right)
     offset = points_mm - eye
     depth = -(offset @ towards)
-    behind = depth < _LEAST_DEPTH_MM
+    behind = depth < _MIN_DEPTH_MM
     scale = 1.0 / np.where(behind, 1.0, depth)
     x, y = (offset @ right) * scale, (offset @ np.cross(towards, right)) * scale
     angle = 2 * np.pi * np.arange(DIRECTION_COUNT) / DIRECTION_COUNT

@@ -16,7 +16,7 @@ from ..model import Grasp, Jaw
 # Inspection compares nothing within nine pixels of the arm gripper (inspection/_scene.py), 1.7 mm
 # at the station; a plan that counts what lies there as shown leaves it unseen
 FINGER_SHADOW_MM = 2.0
-_LEAST_STEP_MM = np.float32(1e-5)
+_MIN_STEP_MM = np.float32(1e-5)
 
 
 def holding_boxes(jaw: Jaw, grasp: Grasp) -> list[Box]:
@@ -89,7 +89,7 @@ def _crossed(
     for axis in range(3):
         start = points[:, axis][sample]
         step = eyes[:, axis][view] - start
-        step[np.abs(step) < _LEAST_STEP_MM] = _LEAST_STEP_MM
+        step[np.abs(step) < _MIN_STEP_MM] = _MIN_STEP_MM
         per_mm = np.float32(1.0) / step
         for k, box in enumerate(boxes):
             half = float(box.half_mm[axis]) + FINGER_SHADOW_MM

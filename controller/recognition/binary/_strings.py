@@ -28,8 +28,8 @@ Number = TypeVar("Number", np.float64, np.complex128)
 
 OUTLINE_SAMPLES = 256  # of an outline of 400 mm one each 1.6 mm
 HOLE_SAMPLES = 32
-LEAST_AREA_MM2 = 1e-6  # what rounding leaves of a line there and back
-LEAST_CROSSING = 0.3  # sine of the angle of lines that are let meet in a corner
+MIN_AREA_MM2 = 1e-6  # what rounding leaves of a line there and back
+MIN_CROSSING = 0.3  # sine of the angle of lines that are let meet in a corner
 FARTHEST_CROSSING_MM = 1.5  # from the filter's peak, or it is another corner's
 DEFAULT = BinaryTolerances()
 
@@ -114,7 +114,7 @@ def boundary_string(
     if not outer:
         raise NoOutlineError(f"no outer loop of three points among {len(loops_mm)} loops")
     outline = max(outer, key=lambda p: abs(_area(p)))
-    if abs(_area(outline)) < LEAST_AREA_MM2:
+    if abs(_area(outline)) < MIN_AREA_MM2:
         raise NoOutlineError(f"the largest of {len(outer)} outer loops encloses nothing")
     coded = [_code_loop(_directed(outline, 1.0), limits)]
     coded += [
@@ -281,7 +281,7 @@ def _sharpened(points: FloatArray, corner: IntArray, fit: Fit) -> FloatArray:
     d, e = fit.direction[before], fit.direction[after]
     cross = d[:, 0] * e[:, 1] - d[:, 1] * e[:, 0]
     gap = fit.centre[after] - fit.centre[before]
-    clear = ~fit.is_arc[before] & ~fit.is_arc[after] & (np.abs(cross) > LEAST_CROSSING)
+    clear = ~fit.is_arc[before] & ~fit.is_arc[after] & (np.abs(cross) > MIN_CROSSING)
     run = (gap[:, 0] * e[:, 1] - gap[:, 1] * e[:, 0]) / np.where(clear, cross, 1.0)
     meet = fit.centre[before] + d * run[:, None]
     clear &= np.linalg.norm(meet - out, axis=1) < FARTHEST_CROSSING_MM

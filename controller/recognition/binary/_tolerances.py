@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 CORNER_BOX_PX = 4.0  # shorter chords turn by the stairs of pixels
 TRIM_PX = 1.0
-LEAST_HOLE_PX = 6.0  # fewer pixels have no shape
+MIN_HOLE_PX = 6.0  # fewer pixels have no shape
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +86,7 @@ class BinaryTolerances:
             line_noise_mm=usual.line_noise_mm * times,
             slit_mm=usual.slit_mm * times,
             corner_near_mm=usual.corner_near_mm * max(1.0, 0.5 * times),
-            min_hole_mm2=max(usual.min_hole_mm2, LEAST_HOLE_PX * mm_per_px**2),
+            min_hole_mm2=max(usual.min_hole_mm2, MIN_HOLE_PX * mm_per_px**2),
             point_near_mm=usual.point_near_mm * max(1.0, 0.5 * times),
             round_mm=usual.round_mm * times,
             keep_mm=usual.keep_mm * max(1.0, 0.5 * times),

@@ -37,9 +37,9 @@ from ..library import Candidate, Library, pose_on_table, shadow_camera
 
 BOX_CAR = 15  # of the paper's Table 2
 THRESHOLD = 10
-MOST_CANDIDATES = 8  # more say nothing more
+MAX_CANDIDATES = 8  # more say nothing more
 AS_GOOD, AS_GOOD_MM = 1.2, 0.05  # symmetric outlines match at several turns, noise apart
-MOST_OTHERS = 3  # drawn beside the one that was taken
+MAX_OTHERS = 3  # drawn beside the one that was taken
 NEAR_PX = 1.3  # an edge this near its prediction is where it should be
 LOOK_PX = 3  # so far off one is looked for
 STANDS_OUT = 2.0  # times the middling slope beside predicted edges
@@ -158,7 +158,7 @@ def _facts(
     code = curvature_code(chains[0]) if chains else np.zeros(0, dtype=np.int8)
     curvature = triangular(code, BOX_CAR)
     string = _string(region.loops_px, camera, limits)
-    candidates = tuple(distinct(trace.candidates, library)[:MOST_CANDIDATES])
+    candidates = tuple(distinct(trace.candidates, library)[:MAX_CANDIDATES])
     x0, y0, x1, y1 = region.box_px
     crop = np.ascontiguousarray(picture[y0:y1, x0:x1])
     features = None
@@ -263,9 +263,9 @@ def _others(
         Other(f"{name(h)}: score {scores[k]:.3f}", h.fit.edges)
         for k, h in enumerate(trace.hypotheses)
         if k != shown
-    ][:MOST_OTHERS]
+    ][:MAX_OTHERS]
     for c in candidates:
-        if len(out) == MOST_OTHERS:
+        if len(out) == MAX_OTHERS:
             break
         entry = library.entries[c.part]
         turns = entry.turns_of(c.pose)

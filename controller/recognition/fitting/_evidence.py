@@ -22,8 +22,8 @@ NEAR_PX = 1.3  # an edge this near its prediction is where it should be
 FAR_PX = 2.5
 STRONG_NOISES = 8.0
 STRONG_SHARE = 0.12  # of the picture's own strong edges, for pictures without noise
-MOST_EDGES = 1200
-MOST_POINTS = 700  # of an outline that are asked whether they were predicted
+MAX_EDGES = 1200
+MAX_POINTS = 700  # of an outline that are asked whether they were predicted
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -61,7 +61,7 @@ class ImageEdges:
         du, dv = np.rint(nx).astype(int), np.rint(ny).astype(int)
         ridge = (size[v, u] >= size[v + dv, u + du]) & (size[v, u] > size[v - dv, u - du])
         v, u, nx, ny = v[ridge], u[ridge], nx[ridge], ny[ridge]
-        every = max(1, len(v) // MOST_EDGES)
+        every = max(1, len(v) // MAX_EDGES)
         v, u, nx, ny = v[::every], u[::every], nx[::every], ny[::every]
         points = np.column_stack([u, v]).astype(np.float64) + measure.corner
         normals = np.column_stack([nx, ny]).astype(np.float64)
@@ -114,7 +114,7 @@ def outline_evidence(fit: EdgeFit, outline: OutlineMeasure, mm_per_px: float) ->
     """
     off = np.fmin(np.abs(fit.gaps.gap_px), FAR_PX)
     step_px = fit.edges.step_mm / mm_per_px
-    points = outline.points[:: max(1, len(outline.points) // MOST_POINTS)]
+    points = outline.points[:: max(1, len(outline.points) // MAX_POINTS)]
     return Evidence(
         outline=_share(off < NEAR_PX),
         explained=_share(is_predicted(points, fit.edges, step_px)),

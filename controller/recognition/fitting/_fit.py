@@ -18,9 +18,9 @@ from ._model import EdgeModel
 from ._predict import EdgePoints, predict_edges, predict_outline
 
 HUBER_PX = 1.0
-LEAST_POINTS = 12
-LEAST_REACH_PX = 2.5
-LEAST_SIGMA_PX = 0.02
+MIN_POINTS = 12
+MIN_REACH_PX = 2.5
+MIN_SIGMA_PX = 0.02
 ON_TABLE = np.array([0, 1, 5])  # freedoms of a part at rest: x, y, turn about z
 DAMPED = 1e-9  # of what is known of a freedom, so that one of which nothing is known stays
 SETTLED_PX = 0.004  # a step that moves no edge farther is the last one
@@ -124,7 +124,7 @@ def fit_edges(
     predict = predict_edges if measure.sees_inside else predict_outline
     for reach in options.reach_px:
         edges = predict(model, T, camera, options.most)
-        if len(edges.pixels) < LEAST_POINTS:
+        if len(edges.pixels) < MIN_POINTS:
             return None
         pivot = transform(T, model.centroid_mm[None])[0]
         jacobian = edge_jacobian(edges.points_mm, edges.normals, pivot, camera)
@@ -139,10 +139,10 @@ def fit_edges(
     edges = replace(edges, pixels=camera.project(edges.points_mm))
     gaps = measure.gaps(edges.pixels, edges.normals, edges, options.reach_px[-1])
     found = np.isfinite(gaps.gap_px)
-    if found.sum() < LEAST_POINTS:
+    if found.sum() < MIN_POINTS:
         return None
     residual = gaps.gap_px[found]
-    sigma = max(1.48 * float(np.median(np.abs(residual))), LEAST_SIGMA_PX)
+    sigma = max(1.48 * float(np.median(np.abs(residual))), MIN_SIGMA_PX)
     weight = gaps.weight[found] / np.maximum(1.0, np.abs(residual) / max(HUBER_PX, 2 * sigma))
     covariance = _covariance(jacobian[found][:, ON_TABLE], weight, sigma, edges.step_mm)
     return EdgeFit(T, edges, gaps, sigma, covariance)
@@ -185,10 +185,10 @@ def _descend(
     stiffness = 1.0 / prior[free] ** 2
     pixels = edges.pixels
     for step in range(options.steps):
-        reach = max(reach_px / (1 + step), LEAST_REACH_PX)
+        reach = max(reach_px / (1 + step), MIN_REACH_PX)
         gaps = measure.gaps(pixels, edges.normals, edges, reach)
         found = np.isfinite(gaps.gap_px)
-        if found.sum() < LEAST_POINTS:
+        if found.sum() < MIN_POINTS:
             return None
         gap, slopes = gaps.gap_px[found], jacobian[np.ix_(found, free)]
         spread = max(HUBER_PX, 1.48 * float(np.median(np.abs(gap))))

@@ -19,7 +19,7 @@ from ._model import EdgeModel
 OFF_SURFACE_MM = 0.06  # a sample is looked at from a hair outside, or its own facets would hide it
 HIDDEN_MM = 0.25  # something this much nearer than the sample hides it
 STEP_MM = 0.5  # a step this high shows, though its two sides may be turned the same way
-LEAST_STEP_MM = 0.25
+MIN_STEP_MM = 0.25
 CLOSE_MM = 0.015  # beside an edge of the outline there is nothing, however close one looks
 BESIDE_MM = 0.45  # beside an edge inside its two sides are probed: about 1.5 px
 CREASE_BEND = 0.2  # |n1 - n2| of what shows as a crease: 11 degrees
@@ -87,7 +87,7 @@ def predict_edges(
     eye = _eye(T_world_part, camera)
     is_rim, shows = _rims(model, eye)
     shows |= is_rim
-    samples, step = _sample(model, np.flatnonzero(shows), eye, most, LEAST_STEP_MM)
+    samples, step = _sample(model, np.flatnonzero(shows), eye, most, MIN_STEP_MM)
     looks = samples.points + OFF_SURFACE_MM * model.out[samples.edge] - eye
     _, depth = _look(model, eye, looks)
     samples = samples.at(depth > 1.0 - HIDDEN_MM / samples.distance)
@@ -116,7 +116,7 @@ def predict_outline(
     T_world_part: FloatArray,
     camera: Camera,
     most: float = 600,
-    least_step_mm: float = LEAST_STEP_MM,
+    least_step_mm: float = MIN_STEP_MM,
 ) -> EdgePoints:
     """Return the outline of a posed part alone: a part of `predict_edges` for a third of it.
 

@@ -15,7 +15,7 @@ from controller.imaging import Camera, meet_part
 
 from ._model import EdgeModel
 
-MOST_PIXELS = 1200
+MAX_PIXELS = 1200
 FLAT_VARIANCE = 4.0  # grey levels squared: below it a part is one even patch and says nothing
 RIDGE = 1e-3
 
@@ -61,7 +61,7 @@ def shading_fit(
     area_px = len(v)
     if area_px < 30:
         return Shading(0.0, 0.0, 0.0, area_px)
-    every = max(1, area_px // MOST_PIXELS)
+    every = max(1, area_px // MAX_PIXELS)
     v, u = v[::every], u[::every]
     smooth = cv2.GaussianBlur(crop, (0, 0), 1.0)
     level = smooth[v, u].astype(np.float64)

@@ -15,7 +15,7 @@ SHOWN_LIFT = 0.2  # of brightness (cosines) beside an edge inside that anyone se
 SHOWN_JUMP_MM = 1.5  # a step that does, by its shadow
 # of 596 right readings of path-traced silhouettes one was off by more, of wrong ones that come near
 # nine in ten: a part with its end cut off is another part
-MOST_MISFIT_PX = 0.65
+MAX_MISFIT_PX = 0.65
 KNOWN = 0.5  # an answer less likely than not is no answer
 LOG_ODDS_SCALE = 3.0  # benchmarks/fit_scores.py: probabilities come out too sure by about so much
 CONVINCING = 0.9
@@ -52,7 +52,7 @@ def decide(hypotheses: Sequence[Hypothesis], *, is_backlit: bool) -> Decision:
     if not hypotheses:
         return Decision(None, 1.0, (), None)
     best = hypotheses[0]
-    is_off = is_backlit and best.evidence.misfit_px > MOST_MISFIT_PX
+    is_off = is_backlit and best.evidence.misfit_px > MAX_MISFIT_PX
     if best.probability < KNOWN or is_off:
         return Decision(None, max(1.0 - best.probability, KNOWN), (), best)
     rivals = tuple(

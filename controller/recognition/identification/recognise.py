@@ -25,7 +25,7 @@ from .hypotheses import Hypothesis, SearchLimits, is_tried, weigh, without_repea
 from .sighting import Alternative, Recognition, Sighting, Trace
 
 FAR_BACKLIT = 0.6  # in the index: a whole silhouette finds its like nearby
-MOST_BY_LINES = 8
+MAX_BY_LINES = 8
 FAR_FRONT = 1.5  # one with shaded sides missing may be farther off
 
 
@@ -130,7 +130,7 @@ def _by_lines(cutout: ObjectCutout, camera: Camera, library: Library) -> list[Ca
     features = image_features(cutout.crops[0], lambda p: camera.on_plane(p + corner)[:, :2])
     foot = camera.position_mm
     found = propose(
-        features, library.grey_index, foot_mm=(float(foot[0]), float(foot[1])), most=MOST_BY_LINES
+        features, library.grey_index, foot_mm=(float(foot[0]), float(foot[1])), most=MAX_BY_LINES
     )
     proposed = []
     for h in found:

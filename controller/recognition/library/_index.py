@@ -20,7 +20,7 @@ from .polar import HALF, TURNS, shape_of, spectra, turn_scores
 DIMENSIONS = 12
 SIZE_WEIGHT = 1.0  # of a relative difference in area, beside that of the outline's shape
 PERIMETER_WEIGHT = 0.3  # it trembles with pixels and dirt, so it counts for less
-MOST_FOR_BASIS = 4000
+MAX_FOR_BASIS = 4000
 OTHER_SHAPE = 0.12  # of overlap: what falls so far short of the best view is not looked into
 
 
@@ -102,7 +102,7 @@ class ViewIndex:
 
     def _principal(self, views: Sequence[PartViews]) -> tuple[Float32Array, Float32Array]:
         """Return mean (f,) and the directions (f, d) in which the shapes differ most."""
-        every = max(1, sum(len(v.pose) for v in views) // MOST_FOR_BASIS)
+        every = max(1, sum(len(v.pose) for v in views) // MAX_FOR_BASIS)
         rows = np.concatenate([v.shapes[::every] for v in views]).astype(np.float32)
         mean = rows.mean(axis=0)
         _, _, directions = np.linalg.svd(rows - mean, full_matrices=False)

@@ -21,7 +21,7 @@ from ..grey import FeatureIndex, ModelFeatures, feature_index, model_features
 from ._index import ViewIndex
 from ._views import PartViews, Station, pose_on_table, shadow_camera, view_part
 
-LEAST_PROBABILITY = 0.01
+MIN_PROBABILITY = 0.01
 KEPT_MODELS = 32  # a part takes some megabytes with its search tree
 UPRIGHT_RAD = np.radians(1.0)
 
@@ -124,7 +124,7 @@ def station_of(camera: Camera) -> Station:
 
 
 def make_entry(
-    part: CompiledPart, station: Station, min_probability: float = LEAST_PROBABILITY
+    part: CompiledPart, station: Station, min_probability: float = MIN_PROBABILITY
 ) -> tuple[Entry, EdgeShape]:
     """Return what a library keeps of a part, and what its edges are made from.
 
@@ -202,7 +202,7 @@ def _turns_over(symmetry: PartSymmetry, up: FloatArray) -> bool:
 
 
 def make_library(
-    parts: Sequence[CompiledPart], camera: Camera, min_probability: float = LEAST_PROBABILITY
+    parts: Sequence[CompiledPart], camera: Camera, min_probability: float = MIN_PROBABILITY
 ) -> Library:
     """Prepare parts for a camera, all of them in memory; for a handful of parts.
 

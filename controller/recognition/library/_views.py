@@ -21,7 +21,7 @@ from controller.imaging import Camera, RayCaster, meet_part, transform
 from .polar import HALF, from_raster, shape_of
 
 EMPTY_PX = 5
-MOST_HEIGHT = 0.9  # of the camera's, that a part may stand tall
+MAX_HEIGHT = 0.9  # of the camera's, that a part may stand tall
 RASTER_PX = 128  # a shadow's longer side
 FLAT_SHARE = 0.05  # of the outline's size that perspective may move it before more views are made
 RING_SHARE = 0.65  # where the ring of views stands, between the middle and the farthest corner
@@ -133,7 +133,7 @@ def view_part(
     for pose in poses:
         extents = np.ptp(solid.mesh.vertices @ pose.R.T, axis=0)
         height = float(extents[2])
-        if height > MOST_HEIGHT * station.eye_mm:
+        if height > MAX_HEIGHT * station.eye_mm:
             raise ValueError(f"{solid.name}: {height:.0f} mm tall, up to the camera")
         lean = height / (station.eye_mm - height)
         for place, ring in _places(extents, station):

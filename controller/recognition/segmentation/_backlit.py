@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from controller.arrays import BoolArray, Float32Array, Grey
-from controller.imaging.levels import GROUND_BIN, MOST_BEYOND_WHITE, Ground
+from controller.imaging.levels import GROUND_BIN, MAX_BEYOND_WHITE, Ground
 
 from ._objects import Box, Crop, boxes_of, regions_of, sharpen
 from ._types import Region
@@ -82,5 +82,5 @@ def table_level(ground: Ground, box: Box, white: int) -> Float32Array:
     """
     level = ground.over(box)
     if white < 256:
-        np.clip(level, 1.0, MOST_BEYOND_WHITE * white, out=level)
+        np.clip(level, 1.0, MAX_BEYOND_WHITE * white, out=level)
     return level

@@ -17,23 +17,23 @@ from ._objects import Crop, boxes_of, regions_of, sharpen
 from ._types import Region
 
 MARGIN_PX = 24  # of a crop: its rim is table, beyond most of a contact shadow
-LEAST_BRIGHT = 0.15  # brighter than the table by this share and more than its texture: a thing
+MIN_BRIGHT = 0.15  # brighter than the table by this share and more than its texture: a thing
 TEXTURE_FACTOR = 5.0  # of the table's own scatter
 SLOPE_PX = 9  # over which a slope is distinguished from a step
 SLOPE_SHARE = 1.3  # a step's slope over that window is a third of its own
 SOBEL_GAIN = 128.0  # of the 5 x 5 filter for a slope of 1; half as much again askew, |x| + |y|
 NOISE_FACTOR = 0.8  # of the noise: four deviations of the gradient, which averages over 5 x 5
 STEP_FACTOR = 0.7  # of a level step: rounding of a slow slope is no border
-LEAST_EDGE = 0.012  # of the table's level per pixel, beyond its slope
+MIN_EDGE = 0.012  # of the table's level per pixel, beyond its slope
 BINOMIAL = np.array([1.0, 2.0, 1.0])
 RIDGE_PX = 5  # across a border
 STRONG_SHARE = 0.3  # of a border's pixels are of twice the least sharpness
-LEAST_BORDER = 8  # px
+MIN_BORDER = 8  # px
 GAP_PX = 3  # gaps in a border up to twice this are no way in
 WIDE_GAP_PX = 6  # of the reading that takes a border with wider gaps for closed
 FRINGE_PX = 7  # narrower ones may be wall or contact shadow
 RIM_LEVEL = 0.3
-LEAST_HOLE = 8  # px
+MIN_HOLE = 8  # px
 # a lens's blur, to either side of a border; 1 in pictures of few pixels, whose dim flanks are as
 # narrow as the neighbourhood that goes with 2
 MIXED_PX = 2
@@ -65,11 +65,11 @@ def find_front(
     min_area_px : of the picture's pixels, below which something is a speck
     """
     height, width = picture.shape
-    excess = max(LEAST_BRIGHT, TEXTURE_FACTOR * ground.scatter)
+    excess = max(MIN_BRIGHT, TEXTURE_FACTOR * ground.scatter)
     bright = relative > GROUND_BIN * (1.0 + excess)
     slope = cv2.morphologyEx(reduced, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
     table = float(np.median(reduced[::4, ::4]))
-    sharp = slope > max(3.0 * LEAST_EDGE * factor**0.5 * table, 6.0 * noise, 2.5 * step)
+    sharp = slope > max(3.0 * MIN_EDGE * factor**0.5 * table, 6.0 * noise, 2.5 * step)
     candidates = cv2.morphologyEx(
         (bright | sharp).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)
     )
@@ -99,7 +99,7 @@ def _within(
     bound = cv2.multiply(table, 1.0 + excess)  # type: ignore[call-overload]  # no scalars in stubs
     bright = (crop.grey > bound).view(np.uint8)
     level = float(table[::8, ::8].mean())
-    least = max(LEAST_EDGE * level, NOISE_FACTOR * noise, STEP_FACTOR * (step if step > 1 else 0))
+    least = max(MIN_EDGE * level, NOISE_FACTOR * noise, STEP_FACTOR * (step if step > 1 else 0))
     border = _borders(crop.grey, least)
     blocked = bright | border
     solid = 1 - _reached(blocked)
@@ -154,7 +154,7 @@ def _borders(grey: Grey, least: float) -> ByteArray:
     size = np.bincount(of)
     strong = of[sharp.ravel()[at] > 2.0 * SOBEL_GAIN * least]
     is_border = np.bincount(strong, minlength=len(size)) >= np.maximum(STRONG_SHARE * size, 4)
-    is_border &= size >= LEAST_BORDER
+    is_border &= size >= MIN_BORDER
     ridge.ravel()[at] = is_border[of]
     return ridge
 
@@ -230,7 +230,7 @@ def _holes(
     of = labels.ravel()[at]
     size = np.bincount(of)
     ratio = np.bincount(of, weights=grey.ravel()[at] / table.ravel()[at])
-    is_hole = (size >= LEAST_HOLE) & (ratio <= (1.0 + 0.5 * excess) * size)
+    is_hole = (size >= MIN_HOLE) & (ratio <= (1.0 + 0.5 * excess) * size)
     holes.ravel()[at] = is_hole[of]
     wide = np.asarray(cv2.dilate(holes, np.ones((3, 3), np.uint8)), np.uint8)
     return np.asarray(wide & (1 - bright))

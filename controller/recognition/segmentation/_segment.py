@@ -23,13 +23,13 @@ from ._front import find_front
 from ._types import Lighting, Segmentation
 
 LEVEL_ROWS = 64  # as many tell which levels are in use
-LEAST_AREA = 2e-4  # of the picture: 16 x 16 px of 1280 x 1024, a part of 3.5 mm seen from 860
+MIN_AREA = 2e-4  # of the picture: 16 x 16 px of 1280 x 1024, a part of 3.5 mm seen from 860
 DARK_TABLE = 8  # grey levels under which nothing can be recognised
 BRIGHT_TABLE = 128  # an empty table is a glowing one from here on
-MOST_FADE = 0.4  # of the table's level from its brightest to its darkest place
+MAX_FADE = 0.4  # of the table's level from its brightest to its darkest place
 DARK_THING = 0.35  # of the ground's level: darker are things before a glow, and deep holes
 BRIGHT_THING = 1.3
-LEAST_SHARE = 3e-4  # of the picture, to take the lighting from what lies there
+MIN_SHARE = 3e-4  # of the picture, to take the lighting from what lies there
 FAR_OFF = 0.35  # of the level: what the ground's first fit takes for a part
 
 
@@ -58,7 +58,7 @@ def segment(
         raise ValueError(f"usable area {usable.shape} of a picture {picture.shape}")
     height, width = picture.shape
     if min_area_px is None:
-        min_area_px = LEAST_AREA * height * width
+        min_area_px = MIN_AREA * height * width
     factor = max(1, round(max(width, height) / REDUCED_PX))
     reduced = _reduced(picture, factor)
     if usable is None:
@@ -141,7 +141,7 @@ def _lighting(shares: FloatArray, typical: float) -> Lighting:
     total = max(float(shares.sum()), 1.0)
     dark = float(shares[: int(DARK_THING * GROUND_BIN)].sum()) / total
     bright = float(shares[int(BRIGHT_THING * GROUND_BIN) + 1 :].sum()) / total
-    if max(dark, bright) >= LEAST_SHARE:
+    if max(dark, bright) >= MIN_SHARE:
         return "backlit" if dark > bright else "front"
     return "backlit" if typical >= BRIGHT_TABLE else "front"
 
@@ -167,7 +167,7 @@ def _remarks(
     if len(seen) and levels.saturated_share < 0.5:
         low, high = np.percentile(seen, (1, 99))
         fade = 1.0 - float(low / max(high, 1.0))
-        if fade > MOST_FADE:
+        if fade > MAX_FADE:
             out.append(f"the light is uneven: the table fades by {100 * fade:.0f} %")
     if lighting == "backlit" and levels.ground < 60:
         out.append(f"under-exposed: the table's level is {levels.ground:.0f} of 255")

@@ -21,7 +21,7 @@ WIDTH, ROW, LEFT, RIGHT, TOP = 1080.0, 19.0, 300.0, 96.0, 26.0
 # Mean width of a letter [px].
 LETTER = 6.4
 GAPS_S = (1, 2, 5, 10, 20, 30, 60, 120, 300, 600)
-MOST_TICKS = 12
+MAX_TICKS = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ def timeline(frames: Sequence[Frame]) -> Timeline:
         )
         for i, frame in enumerate(frames)
     )
-    gap = next((g for g in GAPS_S if total_s / g <= MOST_TICKS), 1200)
+    gap = next((g for g in GAPS_S if total_s / g <= MAX_TICKS), 1200)
     ticks = tuple((LEFT + s * scale, f"{s} s") for s in range(0, int(total_s) + 1, gap))
     totals = tuple(
         (word, colour, sum(f.to_s - f.from_s for f in frames if f.moment.kind is kind))

@@ -9,9 +9,9 @@ from ._words import verdict_word, why
 from .ledger import Ledger, Timing, make_ledger, make_timing
 from .pictures import Pictures, Shot, bounds, outline_path, window_round
 
-VIEW_MARGIN, VIEW_LEAST_PX = 0.18, 260
-TABLE_MARGIN, TABLE_LEAST_PX = 0.35, 400
-CROP_MARGIN, CROP_LEAST_PX = 0.9, 110
+VIEW_MARGIN, VIEW_MIN_PX = 0.18, 260
+TABLE_MARGIN, TABLE_MIN_PX = 0.35, 400
+CROP_MARGIN, CROP_MIN_PX = 0.9, 110
 SCALE_BAR_MM = 10.0
 LAMP_WORDS = {"backlit": "backlight"}
 
@@ -141,7 +141,7 @@ def _table(part: PartReport, pictures: Pictures, optics: Optics | None) -> tuple
         # the first picture shows the whole table, the others what is on it
         size = pictures.size_px(name)
         boxes = [s.box_px for s in part.sightings]
-        window = window_round(boxes, size, TABLE_MARGIN, TABLE_LEAST_PX) if size else None
+        window = window_round(boxes, size, TABLE_MARGIN, TABLE_MIN_PX) if size else None
         shot = pictures.view(name, window if panels else None)
         panels.append(Panel(lamp_words(lamp), shot, marks, bar, arrow))
     return tuple(panels)
@@ -165,7 +165,7 @@ def _view(key: str, view: ViewReport, pictures: Pictures, optics: Optics | None)
     panels = []
     for lamp, name in view.pictures.items():
         size = pictures.size_px(name)
-        window = window_round(boxes, size, VIEW_MARGIN, VIEW_LEAST_PX) if size else None
+        window = window_round(boxes, size, VIEW_MARGIN, VIEW_MIN_PX) if size else None
         marks = tuple(
             Mark(f.number, f.box_px) for f in view.findings if _picture_of(view, f.lamp) == name
         )
@@ -194,7 +194,7 @@ def _finding(
     if name is not None:
         size = pictures.size_px(name)
         window = (
-            window_round([finding.box_px], size, CROP_MARGIN, CROP_LEAST_PX)
+            window_round([finding.box_px], size, CROP_MARGIN, CROP_MIN_PX)
             if size
             else finding.box_px
         )

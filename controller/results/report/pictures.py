@@ -52,7 +52,7 @@ KEPT = 4
 # One lamp lights a dull part poorly: dark pictures are brightened, and the page says by how much.
 BRIGHT_PERCENTILE: Final = 99.5
 BRIGHT_LEVEL: Final = 215.0
-LEAST_GAIN, MAX_GAIN = 1.2, 4.0
+MIN_GAIN, MAX_GAIN = 1.2, 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +149,7 @@ def _gain(image: Grey) -> float:
     """Return the factor by which a dark picture is brightened, 1 to `MAX_GAIN`."""
     bright = float(np.percentile(image, BRIGHT_PERCENTILE))
     gain = round(float(np.clip(BRIGHT_LEVEL / max(bright, 1.0), 1.0, MAX_GAIN)), 1)
-    return gain if gain >= LEAST_GAIN else 1.0
+    return gain if gain >= MIN_GAIN else 1.0
 
 
 def _data_uri(image: Grey, jpeg: int) -> str:

@@ -18,7 +18,7 @@ from .._types import Curve, Face
 TOLERANCE_MM = 0.005  # files round corners to 1e-4 mm and 7 digits; a real kink is far larger
 TOLERANCE_SHARE = 0.01  # and of a short edge's length never more than this
 STRAIGHT = 0.002  # a turn of 0.1 degrees: a circle of 3600 segments
-LEAST_FIT_POINTS = 6  # a circle fits three points always, and four or five too easily
+MIN_FIT_POINTS = 6  # a circle fits three points always, and four or five too easily
 PARALLEL = 1 - 1e-5  # cosine of 0.26 degrees
 LARGEST_RADIUS = 50.0  # of an edge's length; a flatter arc cannot be told from a line
 
@@ -76,7 +76,7 @@ def fit_curves(
         todo &= ~good
     straight = todo & (runs.off_line() <= tolerance)
     curves.curve[straight] = Curve.LINE
-    todo &= ~straight & (runs.corner_counts >= LEAST_FIT_POINTS)
+    todo &= ~straight & (runs.corner_counts >= MIN_FIT_POINTS)
     if todo.any():
         normal = runs.plane_normals()
         guess = runs.circle_centres(normal)
@@ -125,7 +125,7 @@ class _Runs:
         turns[1:-1] = np.linalg.norm(np.diff(steps, axis=0), axis=1) > STRAIGHT
         turns[chain_start[:-1]] = turns[chain_start[1:] - 1] = True
         self.corner_counts = np.add.reduceat(turns.astype(np.int64), self.start)
-        keep_all = (self.corner_counts < LEAST_FIT_POINTS) & (self.sizes > self.corner_counts)
+        keep_all = (self.corner_counts < MIN_FIT_POINTS) & (self.sizes > self.corner_counts)
         return np.where(turns | keep_all[self.run], 1.0, 0.0)
 
     def _mean(self, values: FloatArray) -> FloatArray:

@@ -16,12 +16,12 @@ from ..formulas.fits import Cloud, fits
 from ..formulas.primitives import Primitive
 from ..formulas.refine import refined
 from ._neighbours import Neighbours
-from ._pieces import LEAST_FACETS, Pieces
+from ._pieces import MIN_FACETS, Pieces
 
 LOOSE_MM = 0.02  # a scan, or a coarse export: a whole run that fits one surface this well
 LOOSE_SHARE = 0.02  # and of its radius never more
-LEAST_TURN_RAD = np.radians(4.0)  # a wall that turns less has no radius worth the name
-LEAST_GROWN_TURN_RAD = np.radians(15.0)  # any spline has an arc that turns less
+MIN_TURN_RAD = np.radians(4.0)  # a wall that turns less has no radius worth the name
+MIN_GROWN_TURN_RAD = np.radians(15.0)  # any spline has an arc that turns less
 # where surfaces intersect, kernels put corners less exactly: such walls have to turn far
 SECOND_TRY = 5.0
 SECOND_TURN_RAD = np.radians(45.0)
@@ -29,7 +29,7 @@ SEED_FACETS = (14, 6)
 GROWTH_ROUNDS = 12
 GOLDEN = 0.6180339887498949  # its multiples spread evenly
 FAILED_SEEDS = 24  # in a row: then the rest of the run has no formula
-LEAST_SEEDS = 4  # if nearly all runs failed so far,
+MIN_SEEDS = 4  # if nearly all runs failed so far,
 TIRING_RUNS = 20  # halved after so many of them, and so on
 FAILED_RUNS = 200  # largest first: then the rest of the part is noise,
 CHANCE_RUNS = 3  # if so many failed for each that did not: by chance some noise fits a ball
@@ -77,12 +77,10 @@ class Grower:
                     return Found(primitive, facets, tolerance)
         return None
 
-    def _is_sound(
-        self, primitive: Primitive, cloud: Cloud, turn_rad: float = LEAST_TURN_RAD
-    ) -> bool:
+    def _is_sound(self, primitive: Primitive, cloud: Cloud, turn_rad: float = MIN_TURN_RAD) -> bool:
         if primitive.kind == "plane":
             return True
-        if len(cloud.normals) < LEAST_FACETS:
+        if len(cloud.normals) < MIN_FACETS:
             return False
         cosine = cloud.normals @ cloud.normals[int(np.argmax(cloud.areas))]
         return bool(cosine.min() < np.cos(turn_rad))
@@ -110,7 +108,7 @@ class Grower:
             self._good_runs += 1
             return [whole]
         found: list[Found] = []
-        for tolerance_mm, turn_rad in ((self._pieces.tight_mm, LEAST_GROWN_TURN_RAD), self._second):
+        for tolerance_mm, turn_rad in ((self._pieces.tight_mm, MIN_GROWN_TURN_RAD), self._second):
             rest = facets[free[facets]]
             found += self._seeded(rest, links, strips, free, tolerance_mm, turn_rad)
         self._good_runs += bool(found)
@@ -131,7 +129,7 @@ class Grower:
         failed, patience = 0, FAILED_SEEDS
         if self._failed_runs > CHANCE_RUNS * self._good_runs:
             # one run after the other has no formula: rather a scan than a drawn part
-            patience = max(LEAST_SEEDS, FAILED_SEEDS // (1 + self._failed_runs // TIRING_RUNS))
+            patience = max(MIN_SEEDS, FAILED_SEEDS // (1 + self._failed_runs // TIRING_RUNS))
         by_area = facets[np.argsort(-areas[facets], kind="stable")]
         spread = facets[np.argsort(np.arange(len(facets)) * GOLDEN % 1.0, kind="stable")]
         is_tried: dict[int, bool] = {}
@@ -176,12 +174,10 @@ class Grower:
             patches = [self._pieces.patch(seed, wanted, near, free) for wanted in SEED_FACETS]
             # what does not fit a few facets will not fit more of them
             few = self._guess(patches[1], tolerance_mm)
-            if few is None and len(patches[1]) > LEAST_FACETS + 1:
+            if few is None and len(patches[1]) > MIN_FACETS + 1:
                 continue
             for patch in patches:
-                if len(patch) < LEAST_FACETS or any(
-                    self._pieces.is_within(patch, p) for p in known
-                ):
+                if len(patch) < MIN_FACETS or any(self._pieces.is_within(patch, p) for p in known):
                     continue
                 if any(len(patch) == len(p) and self._pieces.is_within(patch, p) for p in tried):
                     continue
@@ -192,10 +188,10 @@ class Grower:
 
     def _guess(self, patch: IntArray, tolerance_mm: float) -> Primitive | None:
         """Return the simplest kind of surface that fits a few facets."""
-        if len(patch) < LEAST_FACETS:
+        if len(patch) < MIN_FACETS:
             return None
         cloud = self._pieces.cloud(patch)
-        few = len(patch) <= LEAST_FACETS + 1
+        few = len(patch) <= MIN_FACETS + 1
         for primitive in fits(cloud, tolerance_mm):
             if few and primitive.kind not in ("plane", "cylinder"):
                 return None  # so few facets fit anything
@@ -229,7 +225,7 @@ class Grower:
                 facets = facets[kept]
         cloud = self._pieces.cloud(facets)
         if primitive.kind == "plane":
-            enough = len(facets) >= LEAST_FACETS
+            enough = len(facets) >= MIN_FACETS
             return Found(primitive, facets, tolerance_mm) if enough else None
         if not self._is_sound(primitive, cloud, turn_rad):
             return None

@@ -12,7 +12,7 @@ from ._neighbours import Neighbours, rows
 COS_HALF_STEP = np.cos(np.radians(11.6))  # half a segment of a 16-sided rod: 17 segments are a wall
 COS_FACET = np.cos(np.radians(16.0))  # a triangle of a ball or a ring, seen from its corners
 TIGHT_MM = 0.0002  # files keep 1e-4 mm or 7 digits; a guess from a few facets has to be this good
-LEAST_FACETS = 4  # three facets are a bevelled corner as well as a fillet
+MIN_FACETS = 4  # three facets are a bevelled corner as well as a fillet
 
 
 class Pieces:
@@ -93,7 +93,7 @@ class Pieces:
             front = self._ring(front, links, free)
             if len(front) == 0:
                 break
-            if len(patch) + len(front) > 2 * wanted and len(patch) >= LEAST_FACETS:
+            if len(patch) + len(front) > 2 * wanted and len(patch) >= MIN_FACETS:
                 break
             patch = np.concatenate([patch, front])
         return patch

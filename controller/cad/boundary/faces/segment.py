@@ -17,7 +17,7 @@ from ._describe import describe
 from ._facets import Facets, find_facets, rounding_mm, true_corners
 from ._growth import Found, Grower
 from ._neighbours import Neighbours, along_long_sides
-from ._pieces import LEAST_FACETS, Pieces
+from ._pieces import MIN_FACETS, Pieces
 from ._specks import specks_absorbed
 
 STRIP_RATIO = 4.0  # a plane is this many times larger than the strips round it
@@ -72,7 +72,7 @@ def _surfaces(facets: Facets, grower: Grower, curved: BoolArray) -> list[Found]:
     free = curved.copy()
     areas = np.bincount(run, weights=facets.areas)
     found: list[Found] = []
-    candidates = np.nonzero(sizes >= LEAST_FACETS)[0]
+    candidates = np.nonzero(sizes >= MIN_FACETS)[0]
     for i in candidates[np.argsort(-areas[candidates], kind="stable")].tolist():
         found += grower.run(order[start[i] : start[i + 1]], links, strips, free)
     # what a run's surfaces leave over may be one surface now that it stands alone
@@ -84,7 +84,7 @@ def _surfaces(facets: Facets, grower: Grower, curved: BoolArray) -> list[Found]:
         touched[rest[links.of(piece.facets)]] = True
     order = np.argsort(rest, kind="stable")
     start = np.searchsorted(rest[order], np.arange(len(sizes) + 1))
-    for i in np.nonzero(touched & (sizes >= LEAST_FACETS))[0].tolist():
+    for i in np.nonzero(touched & (sizes >= MIN_FACETS))[0].tolist():
         piece_facets = order[start[i] : start[i + 1]]
         whole = grower.whole(piece_facets)
         if whole is not None:
@@ -138,7 +138,7 @@ def _leave_rest(facets: Facets, owner: IntArray, primitives: list[Primitive | No
     run = components(facets.count, facets.a[inner], facets.b[inner])
     sizes = np.bincount(run)
     # a roof or a slope is two planes or three, never a curve
-    plane |= left & (sizes[run] < LEAST_FACETS)
+    plane |= left & (sizes[run] < MIN_FACETS)
     for i in np.nonzero(plane)[0].tolist():
         owner[i] = len(primitives)
         primitives.append(Primitive("plane", facets.centres[i], facets.normals[i]))

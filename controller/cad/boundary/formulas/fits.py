@@ -18,8 +18,8 @@ from .refine import ball, basis, refined
 FIT_POINTS = 600  # more points tell a fit of seven numbers nothing new
 FLAT_SPREAD = 1e-5  # mean square of normals along an axis: below it all are square to the axis
 FAR_OFF = 0.05  # of a cloud's size: a guess so far off leads nowhere
-LEAST_HOLE = 0.05  # of its tube: a torus whose ring is smaller is a ball
-LEAST_HALF_ANGLE_RAD = np.radians(0.2)  # a slimmer cone is a cylinder
+MIN_HOLE = 0.05  # of its tube: a torus whose ring is smaller is a ball
+MIN_HALF_ANGLE_RAD = np.radians(0.2)  # a slimmer cone is a cylinder
 LARGEST_HALF_ANGLE_RAD = np.radians(89.0)
 
 
@@ -113,12 +113,12 @@ def _cone(cloud: Cloud, shares: FloatArray, aim_mm: float) -> Primitive | None:
         axis, height = -axis, -height
     away = np.linalg.norm(offset - height[:, None] * axis, axis=1)
     half = float(np.arctan2(away.mean(), height.mean()))
-    if not LEAST_HALF_ANGLE_RAD < half < LARGEST_HALF_ANGLE_RAD:
+    if not MIN_HALF_ANGLE_RAD < half < LARGEST_HALF_ANGLE_RAD:
         return None
     middle = apex + axis * float(height.mean())
     guess = Primitive("cone", middle, axis, float(away.mean()), 0.0, half)
     found = refined(guess, cloud.points, aim_mm)
-    if not LEAST_HALF_ANGLE_RAD < abs(found.half_angle_rad) < LARGEST_HALF_ANGLE_RAD:
+    if not MIN_HALF_ANGLE_RAD < abs(found.half_angle_rad) < LARGEST_HALF_ANGLE_RAD:
         return None
     if found.half_angle_rad < 0:
         found = replace(found, axis=-found.axis, half_angle_rad=-found.half_angle_rad)
@@ -163,7 +163,7 @@ def _torus(cloud: Cloud, aim_mm: float) -> Primitive | None:
             continue
         found = refined(guess, cloud.points, aim_mm)
         error = float(np.abs(found.distances(cloud.points)).max())
-        is_ring = found.radius_mm > LEAST_HOLE * found.minor_radius_mm > 0
+        is_ring = found.radius_mm > MIN_HOLE * found.minor_radius_mm > 0
         if is_ring and error < best_error:
             best, best_error = found, error
     return best

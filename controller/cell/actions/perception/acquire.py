@@ -13,7 +13,7 @@ from controller.cell.services import Imaging
 from controller.cell.services.records import BatchRecord
 
 # Grey level, 0..255; a glowing table is at 150 and more.
-LEAST_GLOW = 60
+MIN_GLOW = 60
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,8 +54,8 @@ class AcquireAction:
 def _require_glow(picture: Grey) -> None:
     """Raise CellError where the table does not glow: a dark table is not an empty one."""
     level = float(np.quantile(picture[::8, ::8], 0.9))
-    if level < LEAST_GLOW:
+    if level < MIN_GLOW:
         raise CellError(
-            f"the table does not glow (grey level {level:.0f}, {LEAST_GLOW} is the least): "
+            f"the table does not glow (grey level {level:.0f}, {MIN_GLOW} is the least): "
             "check the lamp table_backlight, its relay and its supply, and the lens cap"
         )

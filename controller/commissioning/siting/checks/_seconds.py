@@ -15,7 +15,7 @@ from controller.planning.motion import move_seconds
 
 from .._family import FamilyMember
 
-LEAST_GAIN = 0.002  # share of the surface that one more view must add
+MIN_GAIN = 0.002  # share of the surface that one more view must add
 PAIRS_N = 24  # pairs of grasps that show all and are timed
 SET_DOWN_S = 16.0  # for going down to the table and up twice; zed is the slowest axis
 
@@ -53,7 +53,7 @@ def forecast(
     pairs = passed | (start[:, None] & start[None])
     np.fill_diagonal(pairs, True)
     together = (seen_by[:, None] | seen_by[None]) @ weights * (pairs & start[:, None])
-    enough = together >= together.max() - LEAST_GAIN
+    enough = together >= together.max() - MIN_GAIN
     enough &= together > 0.0
     if np.diagonal(enough).any():
         first = second = int(np.argmax(np.diagonal(enough)))
@@ -93,7 +93,7 @@ def _greedy(member: FamilyMember, views: BoolArray, grasp: int, seen: BoolArray)
     while len(rows):
         gain = (member.shown[grasp, rows] & ~seen) @ member.weights
         k = int(np.argmax(gain))
-        if gain[k] < LEAST_GAIN:
+        if gain[k] < MIN_GAIN:
             break
         chosen.append(int(rows[k]))
         seen |= member.shown[grasp, rows[k]]

@@ -19,7 +19,7 @@ from ...model import GraspRules, Jaw
 
 SIDES = (1.0, -1.0)
 EDGES_N = 16  # directions in which the edge of a contact is looked for
-LEAST_FACING = 0.5  # a wall turned farther from its pad never carries
+MIN_FACING = 0.5  # a wall turned farther from its pad never carries
 _TURN = np.arange(EDGES_N) * 2 * np.pi / EDGES_N
 EDGE_DIRECTIONS = np.column_stack([np.cos(_TURN), np.sin(_TURN)])
 
@@ -193,7 +193,7 @@ def close_pads(
         touches.append(carries)
         heights.append((sense * start)[:, None] - distance)
         if slopes:
-            steep = np.minimum(facing, -LEAST_FACING)[:, :, None]
+            steep = np.minimum(facing, -MIN_FACING)[:, :, None]
             gradients.append(np.matmul(normal, in_plane.astype(np.float32)) / steep)
     shift = (reached[0] - reached[1]) / 2
     T = T.copy()

@@ -18,7 +18,7 @@ from ._pads import EDGE_DIRECTIONS, Contacts, PadGrid, edges
 GRAVITY_N_PER_KG = 9.81
 # pitch -98..+4 deg with any roll and heading: gravity may come from anywhere but from more than
 # 4 degrees ahead of the palm, so along the approach it is never less than this
-LEAST_ALONG_APPROACH = -float(np.sin(np.radians(4.0)))
+MIN_ALONG_APPROACH = -float(np.sin(np.radians(4.0)))
 
 
 def loads(
@@ -106,7 +106,7 @@ def _farthest_pressure(in_plane: FloatArray, along: FloatArray) -> FloatArray:
     g_z = -along[:, None] * EDGE_DIRECTIONS[:, 1]
     g_y = in_plane @ EDGE_DIRECTIONS.T
     length = np.sqrt(g_x**2 + g_y**2 + g_z**2)
-    least = LEAST_ALONG_APPROACH
+    least = MIN_ALONG_APPROACH
     rim = least * g_x + np.sqrt(1 - least**2) * np.hypot(g_y, g_z)
     return np.asarray(np.where(g_x >= least * length, length, rim))
 

@@ -31,12 +31,12 @@ SAME_RAD = np.radians(3.0)
 # 3 degrees apart: a spot shown only within a narrower cone than this could not be relied on, as
 # the hold is known to two degrees
 SEARCHED_N = 4096
-LEAST_SEARCHED_N = 512
+MIN_SEARCHED_COUNT = 512
 RAYS_N = 1_000_000
 # a spot with one direction is lost if a finger or a joint limit takes that one
 WANTED_N = 3
 FIRST_WORTH = 1e3  # of a first direction, beside a further one
-MOST_ADDED = 0.5  # of the even sphere's number, for spots that have a direction already
+MAX_ADDED = 0.5  # of the even sphere's number, for spots that have a direction already
 
 
 def even_sphere(count: int) -> FloatArray:
@@ -115,7 +115,7 @@ def look_out(
     near = (search.vectors @ base.vectors.T).max(axis=1) > np.cos(np.radians(0.5))
     useful = search.shows.any(axis=1) & ~near
     table = search.shows[useful]
-    added = search.vectors[useful][_chosen(table, short[hard], bare, int(MOST_ADDED * count))]
+    added = search.vectors[useful][_chosen(table, short[hard], bare, int(MAX_ADDED * count))]
     if len(added):
         visible = np.vstack([visible, visible_from(solid, samples, caster, added, rules)])
     directions = Directions(
@@ -155,7 +155,7 @@ def _search(
     """Look at hard spots from everywhere; at bare ones (n,), whatever the incidence."""
     n = len(samples.points_mm)
     # where whole parts are out of focus every sample is a hard one: fewer looks will do
-    even_n = int(np.clip(RAYS_N // n, LEAST_SEARCHED_N, SEARCHED_N))
+    even_n = int(np.clip(RAYS_N // n, MIN_SEARCHED_COUNT, SEARCHED_N))
     vectors = np.vstack([known, even_sphere(even_n), _straight_at(solid, samples, rules)])
     shows = np.zeros((len(vectors), n), dtype=bool)
     best = np.zeros(n)

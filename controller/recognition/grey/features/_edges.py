@@ -19,7 +19,7 @@ ToPlane = Callable[[FloatArray], FloatArray]
 SOBEL_OF_STEP = 2.1  # Sobel of a step of one level under blurs of 0.8 px of lens and here
 RAYLEIGH_30 = 0.845  # 30 % of a Rayleigh distribution of deviation 1 are below
 COARSEST = 4.0  # between two levels of a digitiser of 6 bits
-MOST_TIMES = 3  # more adds no detail
+MAX_TIMES = 3  # more adds no detail
 LEVEL_ROWS = 96  # as many tell which levels are in use
 PLAIN_SAMPLE = 1500  # edge points that tell how strong plain edges are
 ENLARGED = 2.0  # contours of a coarse digitiser are no softer for being enlarged
@@ -130,7 +130,7 @@ def _enlargement(shape: tuple[int, ...], to_plane: ToPlane, tol: GreyTolerances)
     at = np.asarray(to_plane(middle + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])))[:, :2]
     a, b = at[1] - at[0], at[2] - at[0]
     pitch = float(np.sqrt(abs(a[0] * b[1] - a[1] * b[0])))
-    return int(np.clip(round(pitch / tol.fine_mm), 1, MOST_TIMES))
+    return int(np.clip(round(pitch / tol.fine_mm), 1, MAX_TIMES))
 
 
 def _on_plane(

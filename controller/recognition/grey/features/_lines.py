@@ -14,9 +14,9 @@ from .._tolerances import GreyTolerances
 from ._cells import Moments, line_of, rms_of
 
 ROUNDS = 12  # pairs merge to twice the length in each: 4096 cells
-MOST_EXTENDED = 80  # of the longest lines
+MAX_EXTENDED = 80  # of the longest lines
 EXTENSION_GAP_PX = 2.5  # a point is missing on the ridge here and there
-MOST_BRIDGED = 80  # of the longest lines, gaps are looked for between
+MAX_BRIDGED = 80  # of the longest lines, gaps are looked for between
 
 
 def merge_lines(pieces: Moments, tol: GreyTolerances) -> tuple[Moments, IntArray]:
@@ -106,7 +106,7 @@ def extended(
     ends = lines.ends.copy()
     length = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
     long = np.flatnonzero(length > tol.line_px)
-    long = long[np.argsort(-length[long], kind="stable")][:MOST_EXTENDED]
+    long = long[np.argsort(-length[long], kind="stable")][:MAX_EXTENDED]
     if len(long) == 0 or len(points) == 0:
         return ends
     n = lines.normals[long]
@@ -143,7 +143,7 @@ def _bridges(lines: Moments, tol: GreyTolerances) -> IntArray:
     """Return pairs of long lines on one line with a gap between, shorter than the shorter one."""
     length = np.linalg.norm(lines.ends[:, 1] - lines.ends[:, 0], axis=1)
     long = np.flatnonzero(length > 1.5 * tol.cell_px)
-    long = long[np.argsort(-length[long], kind="stable")][:MOST_BRIDGED]
+    long = long[np.argsort(-length[long], kind="stable")][:MAX_BRIDGED]
     if len(long) < 2:
         return np.zeros((0, 2), dtype=np.int64)
     n, ends = lines.normals[long], lines.ends[long]

@@ -13,9 +13,9 @@ from controller.arrays import BoolArray, FloatArray, IntArray
 from .._tolerances import GreyTolerances
 from ._cells import Moments
 
-MOST_PIECES = 140  # short lines, the longest of them, whose normals are met pairwise
-MOST_PAIRS = 4000
-MOST_SEEDS = 32
+MAX_PIECES = 140  # short lines, the longest of them, whose normals are met pairwise
+MAX_PAIRS = 4000
+MAX_SEEDS = 32
 SECTORS = 36
 SEED_COVER = 0.6  # share of the turn asked of an arc that its pieces, with gaps between, cover
 VOTE_PX = 2.5  # bin of centre and radius, the error of a cell's line
@@ -150,7 +150,7 @@ def _seeds(pieces: Moments, bent: BoolArray) -> FloatArray:
     """Return (n, 3) centres and radii that most pairs of pieces agree on."""
     length = np.linalg.norm(pieces.ends[:, 1] - pieces.ends[:, 0], axis=1)
     pick = np.flatnonzero(bent)
-    pick = pick[np.argsort(-length[pick], kind="stable")[:MOST_PIECES]]
+    pick = pick[np.argsort(-length[pick], kind="stable")[:MAX_PIECES]]
     middle, normal, weight = pieces.ends[pick].mean(axis=1), pieces.normals[pick], length[pick]
     (mx, my), (nx, ny) = middle.T.astype(np.float32), normal.T.astype(np.float32)
     cross = nx[:, None] * ny - ny[:, None] * nx
@@ -166,8 +166,8 @@ def _seeds(pieces: Moments, bent: BoolArray) -> FloatArray:
     s, t = s[i, j].astype(np.float64), t[i, j].astype(np.float64)
     if len(i) == 0:
         return np.zeros((0, 3))
-    if len(i) > MOST_PAIRS:
-        keep = np.argsort(-(weight[i] * weight[j]), kind="stable")[:MOST_PAIRS]
+    if len(i) > MAX_PAIRS:
+        keep = np.argsort(-(weight[i] * weight[j]), kind="stable")[:MAX_PAIRS]
         i, j, s, t = i[keep], j[keep], s[keep], t[keep]
     centre = (middle[i] + s[:, None] * normal[i] + middle[j] + t[:, None] * normal[j]) / 2
     radius = (s + t) / 2  # negative where it is bright outside: a hole
@@ -190,7 +190,7 @@ def _seeds(pieces: Moments, bent: BoolArray) -> FloatArray:
         ],
         axis=1,
     )
-    best = mean[np.argsort(-total, kind="stable")[: 3 * MOST_SEEDS]]
+    best = mean[np.argsort(-total, kind="stable")[: 3 * MAX_SEEDS]]
     same = np.ones((len(best), len(best)), dtype=np.bool_)
     for column in best.T:
         same &= np.abs(column[:, None] - column) <= VOTE_PX
@@ -200,7 +200,7 @@ def _seeds(pieces: Moments, bent: BoolArray) -> FloatArray:
         if not is_taken[b]:
             kept.append(b)
             is_taken |= same[b]
-        if len(kept) == MOST_SEEDS:
+        if len(kept) == MAX_SEEDS:
             break
     return best[kept]
 

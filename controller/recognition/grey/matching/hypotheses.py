@@ -22,10 +22,10 @@ from .index import FeatureIndex, feature_index, near_keys
 from .keys import KINDS, Frames, frames_of
 from .model import ModelFeatures
 
-MOST_PAIRS = 20_000  # of features looked at, per kind
-MOST_COARSE = 240  # hypotheses scored coarsely
-MOST_OF_HULL = 200
-MOST_FITTED = 28
+MAX_PAIRS = 20_000  # of features looked at, per kind
+MAX_COARSE = 240  # hypotheses scored coarsely
+MAX_OF_HULL = 200
+MAX_FITTED = 28
 PLAIN_ENOUGH = 0.5  # edgelets that are the part's and not its shadow's
 BIN_RAD = np.pi / 30  # hypotheses nearer than this are one
 BIN_MM = 3.0
@@ -84,7 +84,7 @@ def propose(
         return ()
     votes = _votes(image, index, foot, tol)
     coarse = np.concatenate(
-        [_clusters(votes)[:MOST_COARSE], _of_hull(image, index, foot, tol)[:MOST_OF_HULL]]
+        [_clusters(votes)[:MAX_COARSE], _of_hull(image, index, foot, tol)[:MAX_OF_HULL]]
     )
     return _best(image, index, coarse, foot, most, tol)
 
@@ -126,7 +126,7 @@ def _best(
     if len(coarse) == 0:
         return ()
     seen = edge_map(image.edgelets, foot, tol)
-    coarse = coarse[quick_scores(seen, index, coarse, MOST_FITTED)]
+    coarse = coarse[quick_scores(seen, index, coarse, MAX_FITTED)]
     poses = fitted(seen, index, coarse, tol)
     scores = rated(seen, index, poses, tol)
     order = _distinct(poses, scores[:, 0], most)
@@ -191,7 +191,7 @@ def _votes(
 
 def _of_kind(seen: Frames, table: Frames, *, all_round: bool) -> FloatArray:
     order = np.argsort(-seen.weights, kind="stable")
-    row, at = near_keys(table, seen.keys[order], MOST_PAIRS)
+    row, at = near_keys(table, seen.keys[order], MAX_PAIRS)
     row = order[row]
     if all_round:
         row, at = np.repeat(row, TURNS_OF_A_CIRCLE), np.repeat(at, TURNS_OF_A_CIRCLE)

@@ -16,11 +16,11 @@ from .._tolerances import GreyTolerances
 from ..features.corners import Corners
 
 KINDS = ("edge", "corner", "pair", "flank", "line", "circle")
-MOST_LINES = 40  # of a picture or view, the longest
-MOST_CIRCLES = 16
-MOST_CORNERS = 60
-ALONE_MM, MOST_ALONE = 6.0, 14  # lines that may fix a pose by their length alone
-LEAST_APART_MM = 4.0  # of two points that give a direction: 0.3 mm on it is 4 deg
+MAX_LINES = 40  # of a picture or view, the longest
+MAX_CIRCLES = 16
+MAX_CORNERS = 60
+ALONE_MM, MAX_ALONE = 6.0, 14  # lines that may fix a pose by their length alone
+MIN_APART_MM = 4.0  # of two points that give a direction: 0.3 mm on it is 4 deg
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -71,20 +71,20 @@ def frames_of(
     both_directions : what has no direction of its own is listed for both; for one side of a
         comparison that is enough
     """
-    n = min(len(lines), MOST_LINES)
+    n = min(len(lines), MAX_LINES)
     lines, spread, line_weights = lines[:n], spread[:n], line_weights[:n]
     way = lines[:, 2:] - lines[:, :2]
     length = np.hypot(way[:, 0], way[:, 1])
     turn = np.arctan2(way[:, 1], way[:, 0])
     size = _scaled(length, tol.length_mm, tol.length_ratio)
     middle, k = (lines[:, :2] + lines[:, 2:]) / 2, spread.mean(axis=1) if n else np.zeros(0)
-    c = min(len(circles), MOST_CIRCLES)
+    c = min(len(circles), MAX_CIRCLES)
     circles, circle_spread, circle_weights = (
         circles[:c],
         circle_spread[:c],
         circle_weights[:c],
     )
-    alone = np.flatnonzero(length >= ALONE_MM)[:MOST_ALONE]
+    alone = np.flatnonzero(length >= ALONE_MM)[:MAX_ALONE]
     frames = {
         "line": _frames(
             [size[alone]], middle[alone], k[alone], turn[alone], (line_weights * length / 2)[alone]
@@ -128,10 +128,10 @@ def _cornered(
     n = len(lines)
     ok = (corners.lines < n).all(axis=1)
     at, line, end, angle = (
-        corners.positions[ok][:MOST_CORNERS],
-        corners.lines[ok][:MOST_CORNERS],
-        corners.ends[ok][:MOST_CORNERS],
-        corners.angles_rad[ok][:MOST_CORNERS],
+        corners.positions[ok][:MAX_CORNERS],
+        corners.lines[ok][:MAX_CORNERS],
+        corners.ends[ok][:MAX_CORNERS],
+        corners.angles_rad[ok][:MAX_CORNERS],
     )
     ends = lines.reshape(-1, 2, 2) if n else np.zeros((0, 2, 2))
     # corner-line-corner: corners at end 0 of a line with those at its end 1
@@ -146,7 +146,7 @@ def _cornered(
     a, b = at[number[i]], at[number[j]]
     d = b - a
     long = np.hypot(d[:, 0], d[:, 1])
-    far = long > LEAST_APART_MM
+    far = long > MIN_APART_MM
     i, j, a, d, long = i[far], j[far], a[far], d[far], long[far]
     of = flat_line[i]
 
@@ -196,7 +196,7 @@ def _pairs(
     i, j = i[ok], j[ok]
     d = circles[j, :2] - circles[i, :2]
     apart = np.hypot(d[:, 0], d[:, 1])
-    far = apart > LEAST_APART_MM
+    far = apart > MIN_APART_MM
     i, j, d, apart = i[far], j[far], d[far], apart[far]
     return _frames(
         [
@@ -222,7 +222,7 @@ def _flanks(
 ) -> Frames:
     """Return circles beside lines: the line runs so that the circle is to its left."""
     i, j = (g.ravel() for g in np.indices((len(circles), len(lines))))
-    ok = length[j] > 2 * LEAST_APART_MM
+    ok = length[j] > 2 * MIN_APART_MM
     i, j = i[ok], j[ok]
     d = circles[i, :2] - (lines[j, :2] + lines[j, 2:]) / 2
     cos, sin = np.cos(turn[j]), np.sin(turn[j])

@@ -20,9 +20,9 @@ from ..features.extract import EDGELET_MM
 BEND_MM = 0.15  # a drawn edge that stays this near to a chord is straight in a picture
 ROUND_MM = 0.12  # and to a circle, round: tessellated rims
 MEET_MM = 0.6  # edges of one corner, chamfers between them left out
-MOST_EDGELETS = 240  # of a view: more say nothing more
-LEAST_LINE_MM = 2.5
-LEAST_ARC_RAD = 1.0
+MAX_EDGELETS = 240  # of a view: more say nothing more
+MIN_LINE_MM = 2.5
+MIN_ARC_RAD = 1.0
 OUTLINE_WEIGHT = 1.5  # before a table of another grey an outline is seen surely
 
 
@@ -83,8 +83,8 @@ def model_features(
             lines.append((*points[a], *points[b], spread[a], spread[b], weight))
     table = np.array(lines, dtype=np.float64).reshape(-1, 7)
     length = np.hypot(table[:, 2] - table[:, 0], table[:, 3] - table[:, 1])
-    table = table[length >= LEAST_LINE_MM]
-    length = length[length >= LEAST_LINE_MM]
+    table = table[length >= MIN_LINE_MM]
+    length = length[length >= MIN_LINE_MM]
     table = table[np.argsort(-length, kind="stable")]
     return ModelFeatures(
         table[:, :4],
@@ -155,7 +155,7 @@ def _circles(runs: list[Run]) -> FloatArray:
         else:
             found.append([x, y, radius, float(spread.mean()), turn, weight])
     table = np.array(found, dtype=np.float64).reshape(-1, 6)
-    table = table[table[:, 4] >= LEAST_ARC_RAD]
+    table = table[table[:, 4] >= MIN_ARC_RAD]
     return table[np.argsort(-table[:, 4] * table[:, 2], kind="stable")]
 
 
@@ -173,9 +173,9 @@ def _bends(points: FloatArray) -> IntArray:
 
 
 def _edgelets(runs: list[Run]) -> Float32Array:
-    """Return up to `MOST_EDGELETS` pieces of the runs, evenly along them."""
+    """Return up to `MAX_EDGELETS` pieces of the runs, evenly along them."""
     total = sum(float(np.hypot(*np.diff(p, axis=0).T).sum()) for p, _, _, _ in runs)
-    step = max(EDGELET_MM, total / MOST_EDGELETS)
+    step = max(EDGELET_MM, total / MAX_EDGELETS)
     rows = []
     for points, spread, weight, _ in runs:
         way = np.diff(points, axis=0)
@@ -197,4 +197,4 @@ def _edgelets(runs: list[Run]) -> Float32Array:
     table = np.concatenate(rows)
     # any first part of the list is spread over the part: bounds close early
     table = table[np.argsort((np.arange(len(table)) * 0.6180339887) % 1.0, kind="stable")]
-    return table[:MOST_EDGELETS].astype(np.float32)
+    return table[:MAX_EDGELETS].astype(np.float32)
