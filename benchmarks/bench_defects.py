@@ -191,7 +191,7 @@ def run_one(held: Held, name: str, seed: int) -> dict[str, Any] | None:
             np.linalg.norm(held.samples.points_mm[:, None] - changed[None, ::7], axis=2), axis=1
         )
         gone |= tree < NEAR_MM
-    seen = np.logical_or.reduce([v.seen for v in views if v.evaluated] or [gone & False])
+    seen = np.logical_or.reduce([v.compared for v in views if v.evaluated] or [gone & False])
     lit = np.logical_or.reduce(
         [c.compared for v in views for c in v.checks if c.name != "outline"] or [gone & False]
     )

@@ -56,7 +56,7 @@ def run_one(path: Path, seed: int, held: Held, station: Station) -> dict[str, An
         "findings": sum(len(v.findings) for v in views),
         "views_failed": sum(not v.evaluated for v in views),
         "lamps_failed": sum(len(v.failures) for v in views if v.evaluated),
-        "covered": round(strict.covered_fraction, 4),
+        "covered": round(strict.compared_fraction, 4),
         "in_sight": round(strict.in_sight_fraction, 4),
         "faces_named": len(named),
         "faces": len(strict.faces),

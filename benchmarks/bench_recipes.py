@@ -144,7 +144,7 @@ def run_recipe(name: str, seeds: list[int], poses: list[int] | None = None) -> l
                 c.solid, c.samples, results, unseen, least, limits, c.not_inspected, planned
             )
             missing = {
-                f.label: [round(f.seen_fraction, 2), f.rest[0][0] if f.rest else ""]
+                f.label: [round(f.compared_fraction, 2), f.rest[0][0] if f.rest else ""]
                 for f in got.faces
                 if f.verdict is Verdict.NOT_EVALUATED and f.area_mm2 >= limits.min_area_mm2
             }
@@ -156,7 +156,7 @@ def run_recipe(name: str, seeds: list[int], poses: list[int] | None = None) -> l
                     "verdict": got.verdict.value,
                     "views": len(results),
                     "failures": [f for v in results for f in v.failures],
-                    "covered": round(got.covered_fraction, 4),
+                    "covered": round(got.compared_fraction, 4),
                     "in_sight": round(got.in_sight_fraction, 4),
                     "planned": round(plan.covered_fraction, 4),
                     "findings": [

@@ -81,7 +81,7 @@ def judge_set(folder: Path, held: Held) -> dict[str, Any]:
     return {
         "set": folder.name,
         "verdict": got.verdict.value,
-        "covered": round(got.covered_fraction, 3),
+        "covered": round(got.compared_fraction, 3),
         "in_sight": round(got.in_sight_fraction, 3),
         "views": len(views),
         "residual_px": [round(v.residual_px, 2) for v in views if v.evaluated],

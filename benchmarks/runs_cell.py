@@ -219,7 +219,7 @@ def _read_part(ran: Ran, part: PartRecord, minds: StandIns) -> None:
     ran.twice, ran.nothing_new = count_twice(minds)
     ran.views, ran.plans = len(part.results), part.plan_count
     ran.recoveries = [r.fault.value for r in part.recoveries]
-    seen = part.seen
+    seen = part.in_sight
     ran.covered = 0.0 if seen is None else round(float(weights[seen].sum()), 4)
     if part.plan is not None:
         ran.reachable = round(part.plan.reachable_fraction, 4)

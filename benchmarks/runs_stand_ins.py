@@ -260,7 +260,7 @@ class StandIns(Compute):
             turn_rad=0.0 if reason else turn,
             residual_px=0.1,
             findings=(),
-            seen=seen,
+            compared=seen,
             outline_px=np.zeros((0, 2)),
         )
 
@@ -285,7 +285,7 @@ class StandIns(Compute):
             turn_rad=0.0,
             residual_px=0.1,
             findings=(),
-            seen=seen,
+            compared=seen,
             outline_px=np.zeros((0, 2)),
         )
 

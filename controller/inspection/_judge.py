@@ -1,4 +1,4 @@
-"""From views to a verdict: per surface, per part. What no check compared has not been seen.
+"""From views to a verdict: per surface, per part. What no check compared has not been inspected.
 
 A pass needs every surface compared for the greater part, or named by the recipe as not inspected;
 every failed self-check made good by another view; and no finding. A fail needs two looks that one
@@ -25,7 +25,7 @@ SAME_PLACE_SHARE: Final = 0.25  # and this share of their sizes more
 OTHER_LOOK_RAD: Final = float(np.radians(15.0))  # the part turned by less: the same look again
 EVEN_MISFIT: Final = 0.03  # a lit picture so well predicted that its findings are no finish's doing
 MIN_FACE_SHARE: Final = 0.5  # of a face that must have been compared
-MADE_GOOD_SHARE: Final = 0.99  # of what a failed view was to show that others have shown
+MADE_GOOD_SHARE: Final = 0.99  # of what a failed view was to show that others had in sight
 NO_VIEW: Final = "in no view that was evaluated"
 TOO_SMALL: Final = "smaller than the smallest difference looked for, which cannot be on it alone"
 NOTHING: Final[Mapping[int, str]] = MappingProxyType({})
@@ -40,7 +40,7 @@ class FaceVerdict:
     ----------
     face_id, label : which
     area_mm2 : its area
-    seen_fraction : of its samples, compared by any check of any evaluated view
+    compared_fraction : of its samples, compared by any check of any evaluated view
     verdict : outcome
     views : views that compared any of it
     reason : why it failed or was not compared
@@ -51,7 +51,7 @@ class FaceVerdict:
     face_id: int
     label: str
     area_mm2: float
-    seen_fraction: float
+    compared_fraction: float
     verdict: Verdict
     views: tuple[str, ...]
     reason: str
@@ -68,7 +68,7 @@ class PartVerdict:
     verdict : outcome
     reasons : sentences, most important first
     faces : one entry per surface; their areas add up to the whole
-    covered_fraction : of the whole area, compared in evaluated views
+    compared_fraction : of the whole area, compared in evaluated views
     in_sight_fraction : of the whole area, in sight of them, compared or not
     confirmed : findings that decided
     claim : what was looked for on the compared surface, as a sentence without a subject
@@ -77,7 +77,7 @@ class PartVerdict:
     verdict: Verdict
     reasons: tuple[str, ...]
     faces: tuple[FaceVerdict, ...]
-    covered_fraction: float
+    compared_fraction: float
     confirmed: tuple[tuple[str, Finding], ...]
     in_sight_fraction: float = 0.0
     claim: str = ""
@@ -113,10 +113,11 @@ def judge(
     if not 0 < min_coverage <= 1:
         raise ValueError(f"min_coverage {min_coverage}: a pass must rest on something, up to 1")
     evaluated = [view for view in views if view.evaluated]
-    seen = _any(samples, (view.seen for view in evaluated))
-    in_sight = _any(samples, (view.shown for view in evaluated)) | seen
-    covered, sighted = (
-        float(samples.areas_mm2[mask].sum() / samples.areas_mm2.sum()) for mask in (seen, in_sight)
+    compared = _any(samples, (view.compared for view in evaluated))
+    in_sight = _any(samples, (view.in_sight for view in evaluated)) | compared
+    compared_share, in_sight_share = (
+        float(samples.areas_mm2[mask].sum() / samples.areas_mm2.sum())
+        for mask in (compared, in_sight)
     )
     confirmed, unconfirmed = _confirm(evaluated, limits)
     found = dict.fromkeys((i for _, f in unconfirmed for i in f.face_ids), Verdict.INDETERMINATE)
@@ -124,7 +125,7 @@ def judge(
     excuses = _unjudged(samples, evaluated)
     faces = tuple(
         _face(
-            solid, samples, i, seen, excuses, evaluated, found.get(i),
+            solid, samples, i, compared, excuses, evaluated, found.get(i),
             unseen_reasons.get(i, ""), not_inspected.get(i, ""), limits,
         )
         for i in range(len(solid.faces))
@@ -134,13 +135,14 @@ def judge(
     failures = [failure for view in views for failure in view.failures]
     missing = _not_made_good(samples, views, planned)
     stops: list[str] = []
-    if not evaluated or covered < min_coverage:
+    if not evaluated or compared_share < min_coverage:
         stops.append(
-            f"{100 * covered:.1f} % of the surface compared, {100 * min_coverage:.1f} % is required"
+            f"{100 * compared_share:.1f} % of the surface compared, "
+            f"{100 * min_coverage:.1f} % is required"
         )
     stops += [f"{view_id}: no other view made good what it was to show" for view_id in missing]
     stops += [
-        f"{f.label}: {100 * f.seen_fraction:.0f} % compared, "
+        f"{f.label}: {100 * f.compared_fraction:.0f} % compared, "
         f"{100 * MIN_FACE_SHARE:.0f} % is required; {f.reason}"
         for f in faces
         if f.verdict is Verdict.NOT_EVALUATED
@@ -156,7 +158,8 @@ def judge(
     else:
         verdict = Verdict.PASS
         reasons.append(
-            f"{100 * covered:.1f} % of the surface compared in {len(evaluated)} views: {claim}"
+            f"{100 * compared_share:.1f} % of the surface compared in "
+            f"{len(evaluated)} views: {claim}"
         )
     reasons += failures
     if not_inspected:
@@ -166,7 +169,9 @@ def judge(
             f"the recipe leaves out {len(not_inspected)} of {len(faces)} faces, "
             f"{100 * share:.1f} % of the surface"
         )
-    return PartVerdict(verdict, tuple(reasons), faces, covered, tuple(confirmed), sighted, claim)
+    return PartVerdict(
+        verdict, tuple(reasons), faces, compared_share, tuple(confirmed), in_sight_share, claim
+    )
 
 
 def _any(samples: SurfaceSamples, masks: Iterator[BoolArray]) -> BoolArray:
@@ -250,15 +255,15 @@ def _is_same_place(finding: Finding, other: Finding) -> bool:
 def _not_made_good(
     samples: SurfaceSamples, views: Sequence[ViewResult], planned: Mapping[str, BoolArray]
 ) -> list[str]:
-    """Return the views with failed checks whose surface no other view has shown."""
+    """Return the views with failed checks whose surface no other view had in sight."""
     out = []
     for view in views:
         if not view.failures:
             continue
-        others = _any(samples, (v.shown for v in views if v is not view))
+        others = _any(samples, (v.in_sight for v in views if v is not view))
         if view.evaluated:
-            others |= view.shown  # another lamp's picture of the same pose
-            wanted = view.in_sight if len(view.in_sight) else view.seen
+            others |= view.in_sight  # another lamp's picture of the same pose
+            wanted = view.unobstructed if len(view.unobstructed) else view.compared
         else:
             wanted = planned.get(view.view_id, np.ones(len(samples.points_mm), dtype=bool))
         whole = float(samples.areas_mm2[wanted].sum())
@@ -294,7 +299,7 @@ def _face(
     solid: Solid,
     samples: SurfaceSamples,
     face_id: int,
-    seen: BoolArray,
+    compared: BoolArray,
     excuses: NDArray[np.uint8],
     views: Sequence[ViewResult],
     found: Verdict | None,
@@ -304,9 +309,9 @@ def _face(
 ) -> FaceVerdict:
     face = solid.faces[face_id]
     mine = samples.face_ids == face_id
-    fraction = float(seen[mine].mean()) if mine.any() else 0.0
-    by = tuple(v.view_id for v in views if (v.seen & mine).any())
-    rest = _rest(mine & ~seen, int(mine.sum()), excuses, plan_reason or NO_VIEW)
+    fraction = float(compared[mine].mean()) if mine.any() else 0.0
+    by = tuple(v.view_id for v in views if (v.compared & mine).any())
+    rest = _rest(mine & ~compared, int(mine.sum()), excuses, plan_reason or NO_VIEW)
     reason = rest[0][0] if rest else ""
     verdict = Verdict.NOT_EVALUATED
     if found is Verdict.FAIL:

@@ -192,10 +192,10 @@ class ViewResult:
     shift_mm, turn_rad : from the expected pose to the measured one
     residual_px : of the outline fit
     findings : differences from the CAD
-    seen : (n,) surface samples that any check of this view compared
+    compared : (n,) surface samples that any check of this view compared
     beside_gripper : (n,) samples in sight, but too near to the gripper to be compared
-    in_sight : (n,) samples nothing stood before, the gripper's margin left out; empty where a view
-        says no more than `seen`
+    unobstructed : (n,) samples nothing stood before, the gripper's margin left out; empty where a
+        view says no more than `compared`
     checks : one by one, also those that failed
     unjudged : (n,) of a sample in sight that no check compared why not, as number of `Unjudged`
         counted from 1, else 0; may be empty
@@ -210,22 +210,22 @@ class ViewResult:
     turn_rad: float
     residual_px: float
     findings: tuple[Finding, ...]
-    seen: BoolArray
+    compared: BoolArray
     outline_px: FloatArray
     beside_gripper: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    in_sight: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    unobstructed: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
     checks: tuple[Check, ...] = ()
     unjudged: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, dtype=np.uint8))
 
     @property
-    def shown(self) -> BoolArray:
+    def in_sight(self) -> BoolArray:
         """Return which samples (n,) were in sight of this view in pictures that were judged."""
         if not self.evaluated:
-            return np.zeros_like(self.seen)
+            return np.zeros_like(self.compared)
         is_lit = any(not c.reason for c in self.checks if c.name != OUTLINE)
-        if len(self.in_sight) and is_lit:
-            return self.in_sight | self.seen
-        return self.seen
+        if len(self.unobstructed) and is_lit:
+            return self.unobstructed | self.compared
+        return self.compared
 
     @property
     def failures(self) -> tuple[str, ...]:
@@ -242,7 +242,9 @@ class ViewResult:
         """Return what this view says of some samples (n,) only."""
         return replace(
             self,
-            seen=self.seen & samples,
-            in_sight=self.in_sight & samples if len(self.in_sight) else self.in_sight,
+            compared=self.compared & samples,
+            unobstructed=self.unobstructed & samples
+            if len(self.unobstructed)
+            else self.unobstructed,
             checks=tuple(replace(c, compared=c.compared & samples) for c in self.checks),
         )

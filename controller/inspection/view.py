@@ -126,7 +126,7 @@ class _View:
                 findings = findings + differing
         free = visible.free & ~visible.beside_gripper
         checks = [replace(c, compared=c.compared & free) for c in checks]
-        seen = np.logical_or.reduce([c.compared for c in checks])
+        compared = np.logical_or.reduce([c.compared for c in checks])
         x0, y0, _, _ = fit.maps.roi
         return ViewResult(
             view_id=task.view_id,
@@ -137,12 +137,12 @@ class _View:
             turn_rad=turn,
             residual_px=fit.residual_px,
             findings=tuple(findings),
-            seen=seen,
+            compared=compared,
             outline_px=mask_contour(fit.maps.mask) + np.array([x0, y0]),
             beside_gripper=visible.beside_gripper,
-            in_sight=free,
+            unobstructed=free,
             checks=tuple(checks),
-            unjudged=_best_excuse(codes, free & ~seen),
+            unjudged=_best_excuse(codes, free & ~compared),
         )
 
 
@@ -184,6 +184,6 @@ def _not_evaluated(task: ViewTask, samples: SurfaceSamples, reason: str) -> View
         turn_rad=0.0,
         residual_px=float("inf"),
         findings=(),
-        seen=np.zeros(len(samples.points_mm), dtype=bool),
+        compared=np.zeros(len(samples.points_mm), dtype=bool),
         outline_px=np.zeros((0, 2)),
     )

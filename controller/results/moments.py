@@ -53,7 +53,7 @@ class Moment:
     arm_opening_mm, fixed_opening_mm : of both grippers
     T_world_part : (4, 4) pose of the part
     grasp, fixed_grasp : of the arm gripper and the fixed gripper, None where it does not hold
-    seen : (n,) bool, samples that a view shows; None for a step without a view
+    in_sight : (n,) bool, samples that a view shows; None for a step without a view
     """
 
     step: Step
@@ -66,7 +66,7 @@ class Moment:
     grasp: Grasp | None = None
     fixed_grasp: Grasp | None = None
     view_id: str | None = None
-    seen: BoolArray | None = None
+    in_sight: BoolArray | None = None
 
 
 def moments(plan: Plan, layout: CellLayout) -> tuple[Moment, ...]:
@@ -93,7 +93,7 @@ def _moments(plan: Plan, layout: CellLayout) -> Iterator[Moment]:
                 step.T_world_part,
                 grasp=step.grasp,
                 view_id=step.view_id,
-                seen=step.seen,
+                in_sight=step.seen,
             )
             q = step.q
         elif isinstance(step, GiveStep | ReceiveStep):
@@ -133,7 +133,7 @@ def _moments(plan: Plan, layout: CellLayout) -> Iterator[Moment]:
                 idle,
                 step.T_world_part,
                 view_id=step.view_id,
-                seen=step.seen,
+                in_sight=step.seen,
             )
         else:
             raise ValueError(f"no moment is known of a {type(step).__name__}")

@@ -79,7 +79,7 @@ def view(
         turn_rad=0.0 if reason else float(np.radians(0.41)),
         residual_px=float("inf") if reason else 0.187,
         findings=tuple(findings),
-        seen=np.arange(60) < seen,
+        compared=np.arange(60) < seen,
         outline_px=np.zeros((0, 2)) if reason else rectangle_border(PART_PX),
     )
 

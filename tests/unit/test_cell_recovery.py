@@ -313,7 +313,7 @@ class PaperCompute:
         return ViewResult(
             view_id=view, evaluated=in_hand, reason="" if in_hand else "no outline",
             T_world_part=T, shift_mm=0.0, turn_rad=0.0, residual_px=0.1, findings=(),
-            seen=self.by_view[name] if in_hand else mask(), outline_px=np.zeros((0, 2)),
+            compared=self.by_view[name] if in_hand else mask(), outline_px=np.zeros((0, 2)),
         )  # fmt: skip
 
     async def inspect_on_table(self, view: str, T: Any, glowing: Any, lit: Any) -> ViewResult:
@@ -639,11 +639,15 @@ def test_the_table_takes_each_recovery_wherever_its_trouble_comes_up(
 
 def test_only_views_that_were_truly_compared_are_remembered() -> None:
     part = PartRecord(1)
-    assert part.seen is None
+    assert part.in_sight is None
     good = ViewResult("a", True, "", EYE, 0, 0, 0, (), mask(1), np.zeros((0, 2)))
-    part.results = [good, replace(good, evaluated=False, seen=mask(5)), replace(good, seen=mask(2))]
-    assert part.seen is not None
-    assert (part.seen == mask(1, 2)).all()
+    part.results = [
+        good,
+        replace(good, evaluated=False, compared=mask(5)),
+        replace(good, compared=mask(2)),
+    ]
+    assert part.in_sight is not None
+    assert (part.in_sight == mask(1, 2)).all()
 
 
 # --- never both open ----------------------------------------------------------------------------

@@ -59,7 +59,7 @@ def turned(deg: float) -> Array:
 
 def view(
     name: str = "v1",
-    seen: NDArray[np.bool_] | None = None,
+    compared: NDArray[np.bool_] | None = None,
     findings: tuple[Finding, ...] = (),
     reason: str = "",
     turn_deg: float = 0.0,
@@ -73,7 +73,7 @@ def view(
         turn_rad=0.0,
         residual_px=0.3,
         findings=findings,
-        seen=everything() if seen is None else seen,
+        compared=everything() if compared is None else compared,
         outline_px=np.zeros((0, 2)),
     )
 
@@ -113,7 +113,7 @@ def bore_id() -> int:
 def test_a_part_seen_whole_without_findings_passes() -> None:
     got = verdict(view())
     assert got.verdict is Verdict.PASS
-    assert got.covered_fraction == pytest.approx(1.0)
+    assert got.compared_fraction == pytest.approx(1.0)
     assert {f.verdict for f in got.faces} == {Verdict.PASS}
     assert {f.reason for f in got.faces} == {""}
     assert got.confirmed == ()
@@ -138,27 +138,27 @@ def test_a_pass_claims_what_the_bluntest_check_could_have_found_and_no_more() ->
 
 
 def test_every_surface_is_in_the_ledger_and_the_areas_add_up_to_the_whole() -> None:
-    got = verdict(view(seen=all_but(0, 3)))
+    got = verdict(view(compared=all_but(0, 3)))
     assert [f.face_id for f in got.faces] == [f.id for f in plate().faces]
     assert [f.label for f in got.faces] == [f.label for f in plate().faces]
     assert sum(f.area_mm2 for f in got.faces) == pytest.approx(plate().mesh.area)
-    seen = sum(f.area_mm2 * f.seen_fraction for f in got.faces)
-    assert seen / plate().mesh.area == pytest.approx(got.covered_fraction)
+    compared = sum(f.area_mm2 * f.compared_fraction for f in got.faces)
+    assert compared / plate().mesh.area == pytest.approx(got.compared_fraction)
 
 
 def test_views_add_up_and_each_face_names_those_that_compared_it() -> None:
     one, two = samples().face_ids == 0, samples().face_ids == 1
-    got = verdict(view("a", seen=one), view("b", seen=one | two), coverage=0.1)
+    got = verdict(view("a", compared=one), view("b", compared=one | two), coverage=0.1)
     assert got.faces[0].views == ("a", "b")
     assert got.faces[1].views == ("b",)
     assert got.faces[2].views == ()
     area = plate().faces[0].area_mm2 + plate().faces[1].area_mm2
-    assert got.covered_fraction == pytest.approx(area / plate().mesh.area)
+    assert got.compared_fraction == pytest.approx(area / plate().mesh.area)
 
 
 def test_too_little_compared_is_indeterminate_and_says_how_much_is_asked() -> None:
     left_out = {0: "its finish is checked by hand"}
-    got = verdict(view(seen=all_but(0)), left_out=left_out, coverage=0.9)
+    got = verdict(view(compared=all_but(0)), left_out=left_out, coverage=0.9)
     assert got.verdict is Verdict.INDETERMINATE
     assert "90.0 % is required" in got.reasons[0]
 
@@ -175,7 +175,7 @@ def test_a_face_that_was_not_compared_forbids_a_pass_whatever_the_plan_says(
 ) -> None:
     hidden = bore_id()
     unseen = {hidden: plan_reason} if plan_reason else {}
-    got = verdict(view(seen=all_but(hidden)), unseen=unseen, coverage=0.5)
+    got = verdict(view(compared=all_but(hidden)), unseen=unseen, coverage=0.5)
     assert got.verdict is Verdict.INDETERMINATE
     assert got.faces[hidden].verdict is Verdict.NOT_EVALUATED
     (stop,) = got.reasons
@@ -185,9 +185,9 @@ def test_a_face_that_was_not_compared_forbids_a_pass_whatever_the_plan_says(
 
 def test_a_face_compared_to_less_than_half_forbids_a_pass() -> None:
     top = np.flatnonzero(samples().face_ids == 0)
-    seen = everything()
-    seen[top[: 1 + len(top) // 2]] = False
-    got = verdict(view(seen=seen), coverage=0.1)
+    compared = everything()
+    compared[top[: 1 + len(top) // 2]] = False
+    got = verdict(view(compared=compared), coverage=0.1)
     assert got.verdict is Verdict.INDETERMINATE
     assert got.faces[0].verdict is Verdict.NOT_EVALUATED
     assert "50 % is required" in got.reasons[0]
@@ -195,10 +195,10 @@ def test_a_face_compared_to_less_than_half_forbids_a_pass() -> None:
 
 def test_a_face_that_the_recipe_leaves_out_by_name_lets_the_part_pass_and_is_reported() -> None:
     hidden = bore_id()
-    got = verdict(view(seen=all_but(hidden)), left_out={hidden: "gauged by hand"}, coverage=0.5)
+    got = verdict(view(compared=all_but(hidden)), left_out={hidden: "gauged by hand"}, coverage=0.5)
     assert got.verdict is Verdict.PASS
     face = got.faces[hidden]
-    assert (face.verdict, face.seen_fraction) == (Verdict.NOT_EVALUATED, 0)
+    assert (face.verdict, face.compared_fraction) == (Verdict.NOT_EVALUATED, 0)
     assert face.reason == "left out by the recipe: gauged by hand"
     assert any("leaves out 1 of 7 faces" in reason for reason in got.reasons)
 
@@ -214,8 +214,8 @@ def test_a_face_too_small_for_the_smallest_difference_is_accounted_for_as_such()
     points = sample_surface(solid, 4.0)
     speck = solid.faces[-1]
     assert speck.area_mm2 < 0.5 * np.pi / 4 * 3.0**2  # of a difference 3 mm across
-    seen = points.face_ids != speck.id
-    got = judge(solid, points, (view(seen=seen),), {}, 0.5, LIMITS)
+    compared = points.face_ids != speck.id
+    got = judge(solid, points, (view(compared=compared),), {}, 0.5, LIMITS)
     assert got.verdict is Verdict.PASS
     assert got.faces[speck.id].verdict is Verdict.NOT_EVALUATED
     assert "smaller than the smallest difference" in got.faces[speck.id].reason
@@ -225,15 +225,15 @@ def test_what_was_in_sight_and_not_compared_is_told_apart_from_what_was_not_in_s
     hidden = bore_id()
     mine = samples().face_ids == hidden
     codes = np.where(mine, 1 + list(Unjudged).index(Unjudged.BOUNCE), 0).astype(np.uint8)
-    here = replace(view(seen=~mine), in_sight=everything(), unjudged=codes,
+    here = replace(view(compared=~mine), unobstructed=everything(), unjudged=codes,
                    checks=(check("ring", 3.0),))  # fmt: skip
     got = verdict(here, coverage=0.5)
     assert got.verdict is Verdict.INDETERMINATE
     assert got.faces[hidden].rest == ((Unjudged.BOUNCE.value, 1.0),)
     assert got.faces[hidden].reason == Unjudged.BOUNCE.value
     assert got.in_sight_fraction == pytest.approx(1.0)
-    assert got.covered_fraction < 1
-    beside = verdict(replace(view(seen=~mine), beside_gripper=mine), coverage=0.5)
+    assert got.compared_fraction < 1
+    beside = verdict(replace(view(compared=~mine), beside_gripper=mine), coverage=0.5)
     assert "gripper" in beside.faces[hidden].reason
 
 
@@ -251,13 +251,15 @@ def test_a_face_names_the_checks_that_compared_it_with_their_shares() -> None:
 
 def test_a_face_compared_in_part_says_what_became_of_the_rest() -> None:
     top = np.flatnonzero(samples().face_ids == 0)
-    seen = everything()
-    seen[top[: len(top) // 4]] = False
-    told = verdict(view(seen=seen), coverage=0.5).faces[0]
+    compared = everything()
+    compared[top[: len(top) // 4]] = False
+    told = verdict(view(compared=compared), coverage=0.5).faces[0]
     assert told.verdict is Verdict.PASS
     share = (len(top) // 4) / len(top)
     assert told.reason.startswith(f"{100 * share:.0f} % of it")
-    planned = verdict(view(seen=seen), unseen={0: "under the fingers"}, coverage=0.5).faces[0]
+    planned = verdict(view(compared=compared), unseen={0: "under the fingers"}, coverage=0.5).faces[
+        0
+    ]
     assert planned.reason.endswith("under the fingers")
     assert planned.rest == (("under the fingers", pytest.approx(share)),)
 
@@ -274,7 +276,7 @@ def test_a_failed_view_forbids_a_pass_until_others_have_shown_what_it_was_to_sho
     got = verdict(whole, broken)
     assert got.verdict is Verdict.PASS  # v1 has shown all there is
     assert got.reasons[-1] == told
-    less = view("v1", seen=all_but(0))
+    less = view("v1", compared=all_but(0))
     left_out = {0: "checked by hand"}
     got = verdict(less, broken, left_out=left_out, coverage=0.1)
     assert got.verdict is Verdict.INDETERMINATE
@@ -292,11 +294,11 @@ def test_a_failed_view_forbids_a_pass_until_others_have_shown_what_it_was_to_sho
 
 def test_a_lamp_that_failed_forbids_a_pass_unless_its_surface_was_judged_otherwise() -> None:
     dead = check("side", 3.0, reason="its picture lies 3.1 px beside the pose")
-    alone = replace(view(), in_sight=everything(), checks=(check(OUTLINE, 0.4, 2.0), dead))
+    alone = replace(view(), unobstructed=everything(), checks=(check(OUTLINE, 0.4, 2.0), dead))
     got = verdict(alone)
     assert got.verdict is Verdict.PASS  # every sample was compared all the same
     assert any("side not evaluated: its picture lies 3.1 px" in r for r in got.reasons)
-    dark = replace(alone, seen=all_but(0))
+    dark = replace(alone, compared=all_but(0))
     left_out = {0: "checked by hand"}
     assert verdict(dark, left_out=left_out, coverage=0.1).verdict is Verdict.INDETERMINATE
     other = replace(dark, checks=(*dark.checks, check("ring", 3.0)))
@@ -393,8 +395,8 @@ def test_a_fail_outweighs_doubt_and_poor_coverage() -> None:
     weak = finding(1.1 * SMALLEST_MM2, at=(25.0, 0, 5))
     one, two = everywhere(5.0)
     hidden = all_but(0, 1, 2)
-    one = replace(one, findings=(*one.findings, weak), seen=hidden)
-    assert verdict(one, replace(two, seen=hidden)).verdict is Verdict.FAIL
+    one = replace(one, findings=(*one.findings, weak), compared=hidden)
+    assert verdict(one, replace(two, compared=hidden)).verdict is Verdict.FAIL
 
 
 def test_the_smallest_area_is_half_the_disc_of_the_smallest_defect() -> None:
@@ -446,16 +448,16 @@ def test_a_pass_means_that_all_is_compared_or_left_out_by_name_and_nothing_was_f
     assert (got.verdict is Verdict.FAIL) == any(f.verdict is Verdict.FAIL for f in got.faces)
     for face in got.faces:
         rest = sum(share for _, share in face.rest)
-        assert face.seen_fraction + rest == pytest.approx(1.0)
+        assert face.compared_fraction + rest == pytest.approx(1.0)
     if got.verdict is Verdict.PASS:
         assert used
         assert not found
-        assert got.covered_fraction >= coverage
+        assert got.compared_fraction >= coverage
         for face in got.faces:
             assert face.verdict is Verdict.PASS or face.face_id in left_out
-            assert (face.verdict is Verdict.PASS) == (face.seen_fraction >= 0.5)
+            assert (face.verdict is Verdict.PASS) == (face.compared_fraction >= 0.5)
     if got.verdict is Verdict.FAIL:
         assert len(found) >= 2
     elif found:
         assert got.verdict is Verdict.INDETERMINATE
-    assert 0 <= got.covered_fraction <= 1 + 1e-9
+    assert 0 <= got.compared_fraction <= 1 + 1e-9

@@ -217,7 +217,7 @@ def assert_not_evaluated(result: ViewResult, reason: str) -> None:
     assert not result.evaluated
     assert reason in result.reason
     assert result.findings == ()
-    assert not result.seen.any()
+    assert not result.compared.any()
     assert np.isinf(result.residual_px)
 
 
@@ -355,9 +355,9 @@ def test_lamps_that_changed_places_do_not_go_unnoticed() -> None:
 
 def test_only_what_faces_the_camera_and_nothing_hides_is_in_sight_and_less_is_compared() -> None:
     result = right_view()
-    ids, seen = samples().face_ids, result.in_sight
+    ids, seen = samples().face_ids, result.unobstructed
     share = {f.id: float(seen[ids == f.id].mean()) for f in solid().faces}
-    compared = {f.id: float(result.seen[ids == f.id].mean()) for f in solid().faces}
+    compared = {f.id: float(result.compared[ids == f.id].mean()) for f in solid().faces}
     assert all(compared[i] <= share[i] for i in share)
     assert compared[face_id("plane", (12, 8, 18))] > 0.8
     assert compared[face_id("plane", (0, 0, 12))] > 0.6
@@ -378,14 +378,14 @@ def test_what_is_beside_the_hand_is_neither_judged_nor_counted_as_seen() -> None
         low, high = corners.min(axis=0), corners.max(axis=0)
         inside = ((pixels > low) & (pixels < high)).all(axis=1)
         assert inside.sum() > 10
-        assert not result.seen[inside].any()
+        assert not result.compared[inside].any()
     # the same view without a hand shows more
     T = FRONT
     bare = inspect_view(part(), samples(), task(T, ()), photograph(perfect(), T, ()))
     assert bare.evaluated
     assert bare.findings == ()
-    assert bare.seen.sum() > result.seen.sum()
-    assert not (result.seen & ~bare.seen).any()
+    assert bare.compared.sum() > result.compared.sum()
+    assert not (result.compared & ~bare.compared).any()
 
 
 def test_a_defect_behind_a_finger_is_not_judged_and_not_seen() -> None:
@@ -397,7 +397,7 @@ def test_a_defect_behind_a_finger_is_not_judged_and_not_seen() -> None:
     assert result.findings == ()
     under = np.linalg.norm(samples().points_mm - at, axis=1) < 4
     assert under.any()
-    assert not result.seen[under].any()
+    assert not result.compared[under].any()
     # the same dent lower down is in the open
     open_dent = inspect(perfect() - box(4, 6, 8).translate((-23, -4, 4)), T)
     assert any(away_mm(f, (-22, -4, 4)) < 8 for f in open_dent.findings)

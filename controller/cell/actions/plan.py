@@ -30,7 +30,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanAction:
-    """Plans what is still to do; what has been seen is left out.
+    """Plans what is still to do; what was in sight is left out.
 
     Attributes
     ----------
@@ -64,11 +64,13 @@ class PlanAction:
         start = await self._start()
         try:
             await self.preparation.wait()
-            plan = await self.compute.plan(start, part.seen, frozenset(part.avoid), part.candidates)
+            plan = await self.compute.plan(
+                start, part.in_sight, frozenset(part.avoid), part.candidates
+            )
         except NoPlanError as error:
             return self._keep_plan(error, start, before)
         is_more = part.recoveries and part.recoveries[-1].fault is PartFault.SEEN_TOO_LITTLE
-        if is_more and await self.compute.surface_share(_new(plan, part.seen)) < WORTH_SHARE:
+        if is_more and await self.compute.surface_share(_new(plan, part.in_sight)) < WORTH_SHARE:
             return Event.PLANNED_ON  # the new plan would gain too little: finish the old one
         part.plan, part.next_step = plan, 0
         part.plan_count += 1
@@ -104,9 +106,9 @@ class PlanAction:
         return Event.PLANNED_ON
 
 
-def _new(plan: Plan, seen: BoolArray | None) -> BoolArray:
+def _new(plan: Plan, in_sight: BoolArray | None) -> BoolArray:
     """Return which samples (n,) a plan would show for the first time."""
     promised = merged([s.seen for s in plan.steps if isinstance(s, Present | Look)])
     if promised is None:
-        return np.zeros(0 if seen is None else len(seen), dtype=bool)
-    return promised if seen is None else promised & ~seen
+        return np.zeros(0 if in_sight is None else len(in_sight), dtype=bool)
+    return promised if in_sight is None else promised & ~in_sight

@@ -362,7 +362,7 @@ class ViewJudged(Body):
     shift_mm: float | None = None
     turn_deg: float | None = None
     residual_px: float | None = None
-    seen_samples: int = 0
+    compared_samples: int = Field(default=0, alias="seen_samples")
     in_sight_samples: int = 0
     checks: tuple[CheckMade, ...] = ()
     outline_px: tuple[tuple[int, int], ...] = ()
@@ -438,7 +438,7 @@ class FaceJudged(Fields):
     face: int
     label: str
     area_mm2: float
-    seen_fraction: float
+    compared_fraction: float = Field(alias="seen_fraction")
     by_check: Mapping[str, float] = {}
     rest: Mapping[str, float] = {}
     verdict: str
@@ -453,7 +453,7 @@ class PartJudged(Body):
     row_name = "verdict"
     verdict: str
     reasons: tuple[str, ...]
-    covered_fraction: float
+    compared_fraction: float = Field(alias="covered_fraction")
     in_sight_fraction: float | None = None
     claim: str = ""
     confirmed: tuple[ConfirmedFinding, ...] = ()

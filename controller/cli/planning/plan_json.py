@@ -31,8 +31,8 @@ def plan_json(
     steps = []
     for moment in moments(plan, layout):
         steps.append(_step_json(moment, weights, seen))
-        if moment.seen is not None:
-            seen |= moment.seen
+        if moment.in_sight is not None:
+            seen |= moment.in_sight
     proof = plan.proof
     return {
         "steps": steps,
@@ -76,9 +76,9 @@ def _step_json(moment: Moment, weights: FloatArray, seen_before: BoolArray) -> d
         "fixture_grip": moment.fixed_grasp.id if moment.fixed_grasp else None,
         "view_id": moment.view_id,
     }
-    if moment.seen is not None:
-        body["seen_fraction"] = float(weights[moment.seen].sum())
-        body["new_fraction"] = float(weights[moment.seen & ~seen_before].sum())
+    if moment.in_sight is not None:
+        body["seen_fraction"] = float(weights[moment.in_sight].sum())
+        body["new_fraction"] = float(weights[moment.in_sight & ~seen_before].sum())
     return body
 
 

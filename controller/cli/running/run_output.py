@@ -129,7 +129,7 @@ def part_json(part: PartRecord) -> dict[str, Any]:
         "tray": part.tray,
         "verdict": None if part.verdict is None else part.verdict.verdict.value,
         "reasons": [] if part.verdict is None else list(part.verdict.reasons),
-        "covered_fraction": None if part.verdict is None else part.verdict.covered_fraction,
+        "covered_fraction": None if part.verdict is None else part.verdict.compared_fraction,
         "views": len(part.results),
         "views_evaluated": sum(r.evaluated for r in part.results),
         "recoveries": [one.fault.value for one in part.recoveries],

@@ -57,7 +57,7 @@ class Frame:
     outside: str
     size: tuple[int, int]
     outside_size: tuple[int, int]
-    seen_fraction: float
+    in_sight_fraction: float
     new_fraction: float
 
 
@@ -89,7 +89,7 @@ class Strip:
             colours = _colours(moment, seen)
             stage = moment_stage(self._layout, self._solid, moment, self._standing)
             near, words = self._near(moment, stage, colours)
-            new = np.zeros_like(seen) if moment.seen is None else moment.seen & ~seen
+            new = np.zeros_like(seen) if moment.in_sight is None else moment.in_sight & ~seen
             frames.append(
                 Frame(
                     moment=moment,
@@ -101,7 +101,9 @@ class Strip:
                     outside=data_uri(self._outside(stage, colours)),
                     size=(near.shape[1], near.shape[0]),
                     outside_size=self._square,
-                    seen_fraction=0.0 if moment.seen is None else float(weights[moment.seen].sum()),
+                    in_sight_fraction=0.0
+                    if moment.in_sight is None
+                    else float(weights[moment.in_sight].sum()),
                     new_fraction=float(weights[new].sum()),
                 )
             )
@@ -230,7 +232,7 @@ def _colours(moment: Moment, seen_before: BoolArray) -> Float32Array:
     """Return the colour of every sample (n, 3) at a moment."""
     colours = np.tile(np.array(PART, dtype=np.float32), (len(seen_before), 1))
     colours[seen_before] = BEFORE
-    if moment.seen is not None:
-        colours[moment.seen & seen_before] = AGAIN
-        colours[moment.seen & ~seen_before] = NEW
+    if moment.in_sight is not None:
+        colours[moment.in_sight & seen_before] = AGAIN
+        colours[moment.in_sight & ~seen_before] = NEW
     return colours

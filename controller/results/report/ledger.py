@@ -27,15 +27,15 @@ class Ledger:
     Attributes
     ----------
     classes : name, words and share of all area by what is known of it
-    unseen : share of all area by why it was not compared, largest first
+    not_compared : share of all area by why it was not compared, largest first
     """
 
     rows: tuple[LedgerRow, ...]
     area_mm2: float
     share_percent: float
-    seen_percent: float
+    compared_percent: float
     classes: tuple[tuple[str, str, float], ...]
-    unseen: tuple[tuple[str, float], ...]
+    not_compared: tuple[tuple[str, float], ...]
 
 
 def rounded_to_whole(shares: Sequence[float], whole: float = 100.0) -> list[float]:
@@ -60,37 +60,37 @@ def make_ledger(part: PartReport) -> Ledger | None:
     exact = [100 * face.area_mm2 / total for face in faces]
     shares = rounded_to_whole(exact)
     rows = []
-    classes = dict.fromkeys(("pass", "fail", "seen", "unseen"), 0.0)
-    unseen: dict[str, float] = {}
+    classes = dict.fromkeys(("pass", "fail", "compared", "not-compared"), 0.0)
+    not_compared: dict[str, float] = {}
     for face, share, whole in zip(faces, shares, exact, strict=True):
-        seen = whole * face.seen_fraction
+        compared = whole * face.compared_fraction
         rows.append(LedgerRow(face, share))
-        classes[face.verdict if face.verdict in classes else "seen"] += seen
-        classes["unseen"] += whole - seen
-        if face.seen_fraction < 1:
-            for reason, share in (face.rest or {_why_unseen(part, face): 1.0}).items():
+        classes[face.verdict if face.verdict in classes else "compared"] += compared
+        classes["not-compared"] += whole - compared
+        if face.compared_fraction < 1:
+            for reason, share in (face.rest or {_why_not_compared(part, face): 1.0}).items():
                 part_of = share / (sum(face.rest.values()) or 1.0)
-                unseen[reason] = unseen.get(reason, 0.0) + (whole - seen) * part_of
+                not_compared[reason] = not_compared.get(reason, 0.0) + (whole - compared) * part_of
     words = {
         "pass": "compared, agrees with the CAD",
         "fail": "compared, on a surface that differs from the CAD",
-        "seen": "compared, too little of the surface to judge it, or unconfirmed",
-        "unseen": "not compared",
+        "compared": "compared, too little of the surface to judge it, or unconfirmed",
+        "not-compared": "not compared",
     }
     class_shares = rounded_to_whole(list(classes.values()))
     return Ledger(
         rows=tuple(rows),
         area_mm2=total,
         share_percent=sum(shares),
-        seen_percent=100 - class_shares[3],
+        compared_percent=100 - class_shares[3],
         classes=tuple(
             (name, words[name], share) for name, share in zip(classes, class_shares, strict=True)
         ),
-        unseen=tuple(sorted(unseen.items(), key=lambda item: -item[1])),
+        not_compared=tuple(sorted(not_compared.items(), key=lambda item: -item[1])),
     )
 
 
-def _why_unseen(part: PartReport, face: FaceReport) -> str:
+def _why_not_compared(part: PartReport, face: FaceReport) -> str:
     planned = [u for u in (part.plan.unseen if part.plan else ()) if u.face_id == face.face_id]
     if planned:
         return max(planned, key=lambda u: u.area_fraction).reason or NO_REASON

@@ -213,13 +213,13 @@ def _verdict(row: rows.PartJudged) -> VerdictReport:
     return VerdictReport(
         verdict=row.verdict,
         reasons=row.reasons,
-        covered_fraction=row.covered_fraction,
+        compared_fraction=row.compared_fraction,
         faces=tuple(
             FaceReport(
                 face_id=f.face,
                 label=f.label,
                 area_mm2=f.area_mm2,
-                seen_fraction=f.seen_fraction,
+                compared_fraction=f.compared_fraction,
                 verdict=f.verdict,
                 views=f.views,
                 reason=f.reason,

@@ -158,7 +158,7 @@ class FaceReport:
 
     Attributes
     ----------
-    seen_fraction : compared with the CAD by any check
+    compared_fraction : compared with the CAD by any check
     by_check : the same by each check
     rest : what was not compared, by reason
     """
@@ -166,7 +166,7 @@ class FaceReport:
     face_id: int
     label: str
     area_mm2: float
-    seen_fraction: float
+    compared_fraction: float
     verdict: str
     views: tuple[str, ...]
     reason: str
@@ -192,13 +192,13 @@ class VerdictReport:
     Attributes
     ----------
     reasons : most important first
-    covered_fraction : of all surface, compared; in_sight_fraction : in sight, compared or not
+    compared_fraction : of all surface, compared; in_sight_fraction : in sight, compared or not
     claim : what was looked for on the compared surface
     """
 
     verdict: str
     reasons: tuple[str, ...]
-    covered_fraction: float
+    compared_fraction: float
     faces: tuple[FaceReport, ...]
     in_sight_fraction: float | None = None
     claim: str = ""

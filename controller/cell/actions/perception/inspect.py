@@ -56,12 +56,14 @@ class InspectAction:
     async def _require_enough(self) -> None:
         """Raise PartFaultError, once for a part, where views showed less than the plan promised."""
         part = self.record.part
-        promised, seen = part.promised, part.seen
+        promised, in_sight = part.promised, part.in_sight
         if promised is None or part.custody is not Custody.IN_ARM:
             return
         if part.has_had(PartFault.SEEN_TOO_LITTLE):
             return
-        missing = await self.compute.surface_share(promised if seen is None else promised & ~seen)
+        missing = await self.compute.surface_share(
+            promised if in_sight is None else promised & ~in_sight
+        )
         if missing >= WORTH_SHARE:
             raise PartFaultError(
                 PartFault.SEEN_TOO_LITTLE,

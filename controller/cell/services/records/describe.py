@@ -62,8 +62,8 @@ def view_row(r: inspecting.ViewResult) -> rows.ViewJudged:
         shift_mm=round(r.shift_mm, 3),
         turn_deg=round(float(np.degrees(r.turn_rad)), 3),
         residual_px=round(r.residual_px, 3) if np.isfinite(r.residual_px) else None,
-        seen_samples=int(r.seen.sum()),
-        in_sight_samples=int(r.shown.sum()),
+        compared_samples=int(r.compared.sum()),
+        in_sight_samples=int(r.in_sight.sum()),
         checks=tuple(
             rows.CheckMade(
                 check=c.name,
@@ -97,7 +97,7 @@ def verdict_row(v: inspecting.PartVerdict) -> rows.PartJudged:
     return rows.PartJudged(
         verdict=v.verdict.value,
         reasons=v.reasons,
-        covered_fraction=round(v.covered_fraction, 4),
+        compared_fraction=round(v.compared_fraction, 4),
         in_sight_fraction=round(v.in_sight_fraction, 4),
         claim=v.claim,
         confirmed=tuple(
@@ -109,7 +109,7 @@ def verdict_row(v: inspecting.PartVerdict) -> rows.PartJudged:
                 face=f.face_id,
                 label=f.label,
                 area_mm2=round(f.area_mm2, 2),
-                seen_fraction=round(f.seen_fraction, 4),
+                compared_fraction=round(f.compared_fraction, 4),
                 by_check={name: round(share, 4) for name, share in f.by_check},
                 rest={reason: round(share, 4) for reason, share in f.rest},
                 verdict=f.verdict.value,

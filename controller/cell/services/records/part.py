@@ -94,12 +94,12 @@ class PartRecord:
     tray: str | None = None
 
     @property
-    def seen(self) -> BoolArray | None:
+    def in_sight(self) -> BoolArray | None:
         """Return which samples (n,) were in sight of views; None before the first view.
 
         In sight, compared or not: where no check could compare, another such view could not either.
         """
-        return merged([result.shown for result in self.results if result.evaluated])
+        return merged([result.in_sight for result in self.results if result.evaluated])
 
     @property
     def promised(self) -> BoolArray | None:

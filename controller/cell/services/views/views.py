@@ -134,8 +134,8 @@ class Views:
         if tasks:
             await asyncio.wait(tasks)  # a stop cancels this wait, not the tasks
         judged = [t.result() for t in tasks if not t.cancelled() and t.exception() is None]
-        seen = merged([r.shown for r in (*part.results, *judged) if r.evaluated])
-        return seen is None or bool((step.seen & ~seen).any())
+        in_sight = merged([r.in_sight for r in (*part.results, *judged) if r.evaluated])
+        return in_sight is None or bool((step.seen & ~in_sight).any())
 
     def is_hold_questioned(self) -> bool:
         """Return whether a view judged meanwhile does not confirm how the part is held."""
