@@ -1,4 +1,4 @@
-"""`cellctl recover` after a kill: it reports, moves nothing unasked, opens what it is told to."""
+"""`cellctl recover` after a kill: it reports, opens the gripper it is given, moves nothing else."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A wheel, installed into an environment of its own, works in a folder that is no checkout."""
+"""A wheel, installed into a fresh environment, works in a folder that is no checkout."""
 
 from __future__ import annotations
 

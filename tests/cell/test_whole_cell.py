@@ -1,4 +1,4 @@
-"""One part's whole way, over the wires, and what is left of it on the disk."""
+"""One part's whole path through the cell, over the wires, and what it leaves on the disk."""
 
 import json
 import subprocess

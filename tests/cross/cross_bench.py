@@ -1,4 +1,4 @@
-"""What every meeting of a driver with its emulator needs: world time, and nothing left behind."""
+"""What every test of a driver with its emulator needs: world time, and a clean end."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable

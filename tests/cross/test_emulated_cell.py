@@ -1,4 +1,4 @@
-"""The drivers against the whole emulated cell: light, sight and a grip, over the real wires."""
+"""The drivers against the whole emulated cell: light, pictures and a grasp, over the real wires."""
 
 import asyncio
 import json

@@ -1,4 +1,4 @@
-"""Our solids, surfaces and line drawings against the STEP kernel's own, on parts of others.
+"""Our solids, surfaces and line drawings against the STEP kernel's, on parts made elsewhere.
 
 A reduced form of benchmarks/bench_step.py.
 """

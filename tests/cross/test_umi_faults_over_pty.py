@@ -1,4 +1,4 @@
-"""Every fault of umi_rtx.md 7 on a real line: nothing unintended moves, no position is made up.
+"""Every fault of umi_rtx.md 7 on a real line: no unintended motion, no invented position.
 
 "Acceptance for the driver: passes every one of those without moving anything unintended, and never
 reports a joint position as valid after 0E/0F."

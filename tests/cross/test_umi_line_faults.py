@@ -1,4 +1,4 @@
-"""One wrong byte in a whole session: no axis moves that was not asked, nothing false is done.
+"""One wrong byte in a whole session: no axis moves without an order, and no false success.
 
 benchmarks/bench_wire_faults.py goes through every place; here are those that used to go wrong, and
 a few drawn by a seed.

@@ -1,4 +1,4 @@
-"""A line on which nothing comes back: known after 0.5 s of cell time, wherever it happens."""
+"""A silent line is detected after 0.5 s of cell time, wherever it happens."""
 
 import asyncio
 from collections.abc import Awaitable, Callable

@@ -1,4 +1,4 @@
-"""Serves the scripted camera as a file whose ioctls, polls and pages the kernel brings here.
+"""Serves the scripted camera as a device file, whose ioctls, polls and pages the kernel forwards.
 
 Run as ``python camera_fuse_node.py MOUNTPOINT``: a process of its own, since a client's page fault
 that holds the interpreter lock would wait for this code. Commands on stdin, one answer each:

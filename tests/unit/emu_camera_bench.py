@@ -1,4 +1,4 @@
-"""An emulated camera on the bench: its time and its pictures are the test's."""
+"""An emulated camera whose time and pictures the test controls."""
 
 from dataclasses import dataclass, field
 

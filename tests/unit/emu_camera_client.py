@@ -1,4 +1,4 @@
-"""A V4L2 client for tests, written from the kernel's documentation: third reading of one header.
+"""A V4L2 client for tests, written independently from the kernel's documentation.
 
 Speaks through any function that carries an ioctl, so that the plain device, the FUSE node and the
 socket face the same questions.

@@ -1,4 +1,4 @@
-"""Emulated cameras in a process of their own, as in a cell: a client of FUSE must be another."""
+"""Emulated cameras in a separate process, as in a cell: FUSE needs its client in another one."""
 
 import contextlib
 import json

@@ -1,4 +1,4 @@
-"""Parts with known walls in a known jaw, for the tests of grips."""
+"""Parts with known walls in a known jaw, for the tests of grasps."""
 
 from __future__ import annotations
 

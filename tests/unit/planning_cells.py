@@ -1,4 +1,4 @@
-"""Parts and cells that cannot be, each for one reason; sizes are chosen so that paper says why."""
+"""Impossible parts and cells, each for one reason that their sizes make plain by hand."""
 
 from __future__ import annotations
 

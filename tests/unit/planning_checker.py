@@ -1,4 +1,4 @@
-"""A second opinion on plans: who holds the part, with what, and what touches what on the way.
+"""A second opinion on plans: who holds the part, with what grasp, and what touches what.
 
 Follows the part from hand to hand with `planning_contacts`, which shares no geometry with
 `controller.planning`; of the planner only its dataclasses are read.

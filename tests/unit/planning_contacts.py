@@ -1,4 +1,4 @@
-"""What the arm, the cell and a part touch, and what a grip truly holds: triangles and FCL.
+"""What the arm, the cell and a part touch, and how well a grasp holds: by triangles and FCL.
 
 Shares no geometry code with `controller.planning`: the arm's links are placed from the formulas
 of umi_rtx.md 6.4 and its limits read from 5.1 and 5.2 again, the part is its mesh.

@@ -1,4 +1,4 @@
-"""A block with bores, pocket and boss in a hand before an inspection camera, for the tests."""
+"""A block with bores, pocket and boss in a gripper before an inspection camera, for the tests."""
 
 from __future__ import annotations
 

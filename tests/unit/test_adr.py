@@ -1,4 +1,4 @@
-"""A record of a decision has four parts, so that a reader finds the reason at once."""
+"""Each record of a decision has its four parts, so that a reader finds the reason at once."""
 
 from __future__ import annotations
 

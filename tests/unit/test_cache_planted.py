@@ -1,4 +1,4 @@
-"""Damaged, planted and foreign files, for all that uses the cache: none is believed, none runs."""
+"""Damaged, planted and foreign files are never trusted and never run, by any user of the cache."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Edges behind walls: gone as far as they are hidden, no further, and at no great cost."""
+"""Edges behind walls: removed where they are hidden, no further, and at a small cost."""
 
 from __future__ import annotations
 

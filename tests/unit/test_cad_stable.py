@@ -1,4 +1,4 @@
-"""How a part can lie: odds, heights and tip energies against geometry done on paper."""
+"""Stable poses: probabilities, heights and tip energies against geometry done on paper."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The camera from boards: right without noise, as wrong as it says with noise, else refused."""
+"""The camera from boards: exact without noise, within its uncertainty with noise, else refused."""
 
 from __future__ import annotations
 

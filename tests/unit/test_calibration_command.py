@@ -1,4 +1,4 @@
-"""`cellctl calibrate camera`: the files it reads and writes, and what it tells of wrong ones."""
+"""`cellctl calibrate camera`: the files it reads and writes, and its messages on wrong ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The kernel's header is the referee for request numbers and struct layouts."""
+"""Request numbers and struct layouts agree with the kernel's header."""
 
 import shutil
 import struct

@@ -1,4 +1,4 @@
-"""What is settled when a camera is opened: what it is, its format and rate, its controls."""
+"""What opening a camera decides: its identity, format, rate and controls."""
 
 import errno
 from collections.abc import AsyncIterator, Awaitable, Callable

@@ -1,4 +1,4 @@
-"""What the cell passes to a driver of each kind: where its device is, what it needs to know."""
+"""What the cell passes to a driver of each kind: the device's address and settings."""
 
 from __future__ import annotations
 

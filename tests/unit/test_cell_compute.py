@@ -1,4 +1,4 @@
-"""The compute service asks what its answers answer: one declaration, the same arguments."""
+"""The compute service has one method per answer, with the same arguments."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The whole table: every state with every event, and what must hold on every way through it."""
+"""The whole transition table: every state with every event, and what every path must keep."""
 
 from __future__ import annotations
 

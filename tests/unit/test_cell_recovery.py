@@ -1,4 +1,4 @@
-"""What the cell does when a part slips, falls or is not passed over, against a cell of paper.
+"""What the cell does when a part slips, falls or fails to be handed off, with scripted devices.
 
 The table, the actions and the journal are the real ones; arm, fixed gripper, cameras and the
 compute service are fakes that keep one fact: who has the part. Plans are drawn by hand.

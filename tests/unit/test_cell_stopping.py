@@ -1,4 +1,4 @@
-"""Stopping side by side: a silent device keeps no other from being stopped."""
+"""Stopping in parallel: a silent device does not delay the stop of any other."""
 
 import asyncio
 

@@ -1,4 +1,4 @@
-"""The command line: what is wrong is said in a sentence and an exit code."""
+"""The command line: every mistake gives one sentence and an exit code."""
 
 import json
 from pathlib import Path

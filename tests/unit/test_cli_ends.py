@@ -1,4 +1,4 @@
-"""What is printed when nobody reads any more; a stop asked for before the cell is at work."""
+"""What is printed when nobody reads any more, and a stop before the cell is at work."""
 
 from __future__ import annotations
 

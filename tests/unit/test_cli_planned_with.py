@@ -1,4 +1,4 @@
-"""One recipe, one plan: every command that plans does so with the recipe's figures."""
+"""One recipe, one plan: every command that plans uses the recipe's figures."""
 
 from __future__ import annotations
 

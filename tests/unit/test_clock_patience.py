@@ -1,4 +1,4 @@
-"""Time-outs of the cell's clock: by another clock than asyncio's, and never for being late."""
+"""Time-outs follow the cell's clock, not asyncio's, and never expire because a process is late."""
 
 import asyncio
 import os

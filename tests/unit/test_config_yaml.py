@@ -1,4 +1,4 @@
-"""Wrong recipe and cell files: each trouble with file, line and mend, all of them at once."""
+"""Wrong recipe and cell files: every problem at once, each with file, line and correction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The emulated camera alive: its loop on the world's clock, and what becomes of a broken one."""
+"""The running emulated camera: its loop on the world's clock, and how it ends when broken."""
 
 import asyncio
 import contextlib

@@ -1,4 +1,4 @@
-"""When the emulated camera exposes, what pictures become, and what goes wrong on demand."""
+"""When the emulated camera exposes, what its pictures become, and faults on request."""
 
 from dataclasses import replace
 from itertools import pairwise

@@ -1,4 +1,4 @@
-"""Robotiq 2F-85 emulator: what modbus_devices.md 2.1 to 2.9 says, beyond its printed frames.
+"""Robotiq 2F-85 emulator: modbus_devices.md 2.1 to 2.9, beyond the frames printed there.
 
 Sections (§) are those of modbus_devices.md.
 """

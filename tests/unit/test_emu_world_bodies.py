@@ -1,4 +1,4 @@
-"""The emulated world as matter: arm, parts, grips and what runs into what."""
+"""The emulated world as matter: arm, parts, grasps and collisions."""
 
 import math
 from collections.abc import Callable, Iterator

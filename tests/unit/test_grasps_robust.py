@@ -1,4 +1,4 @@
-"""Wrong poses: how a closing jaw lays a part flat, and the share of poses in which a grip holds."""
+"""Wrong poses: how closing jaws align a part, and in what share of poses a grasp holds."""
 
 from __future__ import annotations
 

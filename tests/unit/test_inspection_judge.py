@@ -1,4 +1,4 @@
-"""From views to a verdict: no pass with a surface nobody can account for."""
+"""From views to a verdict: no pass while a surface is unaccounted for."""
 
 from __future__ import annotations
 

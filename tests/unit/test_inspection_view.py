@@ -1,4 +1,4 @@
-"""One shown view against the CAD, on pictures rendered by the tests' own renderer."""
+"""One view against the CAD, on pictures rendered by the tests' own renderer."""
 
 from __future__ import annotations
 

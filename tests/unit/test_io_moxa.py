@@ -1,4 +1,4 @@
-"""The I/O driver against an E1214 written from the manual's map; no reading is never good news."""
+"""The I/O driver against an E1214 written from the manual's map; no reading counts as not OK."""
 
 import asyncio
 from collections.abc import AsyncIterator

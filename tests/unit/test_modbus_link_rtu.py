@@ -1,4 +1,4 @@
-"""The link on RTU framing, where a late reply looks like the answer to whatever was asked last."""
+"""The link on RTU framing, where a late reply looks like the reply to the latest request."""
 
 import asyncio
 from collections.abc import AsyncIterator

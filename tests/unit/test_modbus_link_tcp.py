@@ -1,4 +1,4 @@
-"""The link over Modbus TCP: what the caller is told when a gateway or a unit misbehaves."""
+"""The link over Modbus TCP: which error the caller gets when a gateway or a unit misbehaves."""
 
 import asyncio
 import itertools

@@ -1,4 +1,4 @@
-"""A plan that begins with the view which tells what is in the hand."""
+"""A plan that begins with the view that decides what the arm gripper holds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Doubt about what is in the hand: which views settle it, and what a picture leaves of it."""
+"""Ambiguity about the held part: which views decide it, and which hypotheses a picture leaves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Grips of parts whose right answer is plain: blocks, balls, rings, wedges, a tetrahedron."""
+"""Grasps of parts with a plain right answer: blocks, balls, rings, wedges, a tetrahedron."""
 
 from __future__ import annotations
 

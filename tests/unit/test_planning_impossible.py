@@ -1,4 +1,4 @@
-"""Parts and cells that cannot be: each is refused, or left unseen, for the reason paper gives.
+"""Impossible parts and cells: each is refused, or left unseen, for the reason known by hand.
 
 Every sentence has to hold the number that fails, and name what to change. Sizes are those of
 `planning_cells`; numbers here are worked out from them, not read off the planner.

@@ -1,4 +1,4 @@
-"""Ways of the arm: straight where nothing stands, round what does, and refused where closed."""
+"""Paths of the arm: straight if nothing is in between, round obstacles, refused if closed in."""
 
 from __future__ import annotations
 

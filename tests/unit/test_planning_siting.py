@@ -1,4 +1,4 @@
-"""Where camera and fixed gripper may stand, and that the search puts them where they should."""
+"""Where camera and fixed gripper may stand, and that the search finds the right sites."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a part, a hand and an arm leave in sight, against formulas, brute force and slow rays."""
+"""What a part, a gripper and an arm leave in sight, against formulas, brute force and slow rays."""
 
 from __future__ import annotations
 

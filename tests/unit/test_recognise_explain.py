@@ -1,4 +1,4 @@
-"""What explains an answer: the stages' tables hold what is known on paper, the drawing shows it."""
+"""The explanation of an answer: its tables hold what is known on paper, its drawing shows it."""
 
 from __future__ import annotations
 

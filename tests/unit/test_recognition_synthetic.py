@@ -1,4 +1,4 @@
-"""Which part, which way up, where: on pictures made by exact area coverage in the test."""
+"""Which part, which stable pose, where: on pictures made by exact area coverage in the test."""
 
 from __future__ import annotations
 

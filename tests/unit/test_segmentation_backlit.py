@@ -1,4 +1,4 @@
-"""Dark things before a glowing table: areas, outlines, what is ignored, what is said."""
+"""Dark objects on a glowing table: areas, outlines, what is ignored, which remarks are made."""
 
 from __future__ import annotations
 

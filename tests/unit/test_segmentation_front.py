@@ -1,4 +1,4 @@
-"""Things under lamps on a matt table: bright tops, dark walls, shadows, holes."""
+"""Objects under lamps on a matt table: bright tops, dark walls, shadows, holes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The arm's verbs against a small arm on the other end: what moves, what is refused, what stops.
+"""The arm's methods against a small arm on the other end: what moves, is refused, and stops.
 
 Sections (§) are those of umi_rtx.md.
 """

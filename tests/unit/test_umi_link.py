@@ -1,4 +1,4 @@
-"""The arm's line: opening, pacing, handing over, and back in step after every kind of loss.
+"""The arm's line: opening, pacing, hand-over, and resynchronising after every kind of loss.
 
 Sections (§) are those of umi_rtx.md.
 """

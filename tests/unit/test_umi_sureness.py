@@ -1,4 +1,4 @@
-"""Counters are believed only if what is known of the axes excludes that they were changed."""
+"""Counters are trusted only if the known state of the axes excludes that they were changed."""
 
 from drivers.umi_scara import Axis
 from drivers.umi_scara.motion import judge_counters

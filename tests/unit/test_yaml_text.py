@@ -1,4 +1,4 @@
-"""YAML with line numbers: bounded, exact about lines, and plain about what is wrong."""
+"""YAML with line numbers: bounded, exact about lines, and with plain messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The other end of the arm's line for unit tests: a clock that jumps, a small arm, and mishaps.
+"""The other end of the arm's line for unit tests: a clock that jumps, a small arm, and faults.
 
 Written from umi_rtx.md with bytes as literals, so that it shares nothing with the driver. Motors
 run at a constant rate towards an end; the wrist's two share their stops (§5.3); there is no yaw
