@@ -3,6 +3,7 @@
 from .cad_files import CAD_FORMATS, is_cad_file
 from .cell import EMULATED, Cell, load_cell
 from .errors import ConfigError
+from .file_kinds import is_cell_file, is_recipe
 from .recipe import Recipe, load_recipe
 from .shipped import EMULATED_CELL, SHIPPED, find_recipe, project_recipe
 from .yaml_models import Section, line_in, load_yaml
@@ -18,6 +19,8 @@ __all__ = [
     "Section",
     "find_recipe",
     "is_cad_file",
+    "is_cell_file",
+    "is_recipe",
     "line_in",
     "load_cell",
     "load_recipe",

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from controller.arrays import FloatArray
 
 from .errors import ConfigError
+from .file_kinds import is_recipe
 from .yaml_models import Section, WrongKeyError, load_yaml
 
 Number = Annotated[float, Field(ge=-50_000, le=50_000)]  # no cell is 50 m wide
@@ -415,6 +416,13 @@ class Cell(Section):
     obstacles: dict[str, Box] = Field(default_factory=dict)
     trays: TraysSection
     interlocks: InterlocksSection = InterlocksSection()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _is_no_recipe(cls, tree: Any) -> Any:  # noqa: ANN401 - pydantic's signature
+        if is_recipe(tree):
+            raise ValueError("is a recipe, not a cell file; name the cell file of this cell")
+        return tree
 
     @model_validator(mode="after")
     def _lamps_are_all_there(self) -> "Cell":

@@ -1,12 +1,13 @@
 """recipe.yaml: what to inspect and how strictly, in millimetres and degrees."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from .cad_files import is_cad_file
 from .errors import ConfigError
+from .file_kinds import is_cell_file
 from .files import reason_of
 from .shipped import EMULATED_CELL
 from .yaml_models import Section, load_with_lines
@@ -76,6 +77,13 @@ class Recipe(Section):
     inspection: InspectionSection = InspectionSection()
     grasp: GraspSection = Field(GraspSection(), alias="grip")  # the key in the file
     count: Annotated[int, Field(ge=1, le=100_000)] = 1
+
+    @model_validator(mode="before")
+    @classmethod
+    def _is_no_cell_file(cls, tree: Any) -> Any:  # noqa: ANN401 - pydantic's signature
+        if is_cell_file(tree):
+            raise ValueError("is a cell file, not a recipe; name it with --cell")
+        return tree
 
 
 def load_recipe(path: Path) -> Recipe:

@@ -4,6 +4,8 @@ from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from controller.config import is_cell_file, is_recipe
+
 from .units import MM_PER_UNIT, SPELLINGS
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
@@ -185,6 +187,15 @@ class CsgText(_Section):
     tolerance_mm: Annotated[float, Field(ge=1e-4, le=10)] = 0.01
     shapes: dict[str, Shape] = {}
     part: Shape
+
+    @model_validator(mode="before")
+    @classmethod
+    def _is_no_other_file(cls, tree: Any) -> Any:  # noqa: ANN401 - pydantic's signature
+        if is_recipe(tree):
+            raise ValueError("is a recipe, not a CAD file; name it with --recipe, or name its part")
+        if is_cell_file(tree):
+            raise ValueError("is a cell file, not a CAD file; name it with --cell")
+        return tree
 
     @field_validator("unit")
     @classmethod
