@@ -14,12 +14,19 @@ from pathlib import Path
 from typing import Literal
 
 from controller.arrays import Grey
+from controller.cad import CadError
 from controller.cad.compiled import CompileOptions, load_part, options_among
 from controller.cell.devices import DeviceBuilder, resolve
 from controller.cell.devices.clocks import find_clock
-from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
+from controller.cell.devices.emulator import (
+    EmulatorError,
+    emulated_cell,
+    emulator_args,
+    emulator_command,
+)
 from controller.cell.devices.interlocks import REQUIRED_SIGNALS, check_interlocks, settled_signal
-from controller.cell.devices.lock import hold_cell
+from controller.cell.devices.lock import CellBusyError, hold_cell
+from controller.cell.errors import InterlockError
 from controller.cell.plans import Planning
 from controller.cell.services import CameraName, Imaging
 from controller.config import EMULATED_CELL, SHIPPED, Cell, ConfigError, load_cell, load_recipe
@@ -31,9 +38,17 @@ from controller.setup.drivers import require_drivers
 from controller.setup.optics import build_camera
 from controller.setup.planner import planner_setup
 from drivers.clock import CellClock
+from drivers.errors import DeviceError
 from drivers.kinds import Arm, Camera, FixedGripper, IoBlock, LampUnit
 
 __all__ = [
+    "CadError",
+    "CellBusyError",
+    "ConfigError",
+    "DeviceError",
+    "EmulatorError",
+    "InterlockError",
+    "NoPlanError",
     "OpenCell",
     "Picture",
     "Plan",
