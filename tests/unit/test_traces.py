@@ -42,7 +42,10 @@ def traces() -> dict[str, list[Stop]]:
 
 
 def names_defined(text: str) -> set[str]:
-    """Return functions and methods of a module, as ``function`` and ``Class.method``."""
+    """Return functions and methods of a module, as ``function`` and ``Class.method``.
+
+    A method may also be assigned: `Compute` names the function that answers.
+    """
     found = set()
     for node in ast.parse(text).body:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
@@ -52,6 +55,13 @@ def names_defined(text: str) -> set[str]:
                 f"{node.name}.{inner.name}"
                 for inner in node.body
                 if isinstance(inner, ast.FunctionDef | ast.AsyncFunctionDef)
+            }
+            found |= {
+                f"{node.name}.{target.id}"
+                for inner in node.body
+                if isinstance(inner, ast.Assign)
+                for target in inner.targets
+                if isinstance(target, ast.Name)
             }
     return found
 
