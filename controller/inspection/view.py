@@ -3,7 +3,7 @@
 Two kinds of comparison: the silhouette before the glowing panel (`_outline`), and the brightness
 under each lamp (`lit`). Each returns which surface samples it compared, so that a defect of the
 smallest size there would have been a finding; samples in sight that none compared keep the reason.
-A picture that does not lie where the pose says, or is not sharp (`_register`), proves nothing and
+A picture that does not lie where the pose says, or is not sharp (`registration`), proves nothing and
 is not evaluated.
 """
 
@@ -20,10 +20,10 @@ from controller.recognition.fitting import OutlineMeasure
 
 from ._outline import compare_outline
 from ._pose import PosedPart, PoseFit, measure_pose, moved, poses_as_good
-from ._register import Registration, register
 from ._scene import Scene, make_scene, samples_in_sight
 from ._types import Kind, Limits, ViewPictures, ViewResult, ViewTask
 from .lit import BURNT_GREY, LitPictures
+from .registration import Registration, register
 
 
 def inspect_view(

@@ -12,9 +12,9 @@ from controller.imaging import ViewMaps, transform
 
 from .._connected import connected_findings, grow
 from .._pose import PosedPart, PoseFit
-from .._register import Registration, register
 from .._scene import HOLDER_MARGIN_PX, Scene, Visibility
 from .._types import Check, Finding, Kind, Unjudged, ViewTask
+from ..registration import Registration, register
 from .compare import Compared, compare
 from .light import Light, Surface, bound_light, find_surface
 

@@ -23,7 +23,10 @@ FLOOR: Final = 0.2  # of a step's steepest part: less is noise
 MAX_PROFILES: Final = 1200
 MIN_PROFILES: Final = 40
 ROUNDS: Final = 6
-RIM_PRIOR: Final = 1.0  # weight of "no rim", in profiles
+RIM_PRIOR: Final = 1.0  # weight of "no rim", for each profile
+# Weight of "no shift", in profiles. Neighbouring profiles err together: where hardly more than
+# these few show a direction, another edge beside the outline would pass for a shift along it.
+SHIFT_PRIOR: Final = 20.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -73,11 +76,12 @@ def register(
     # where the outline is seen on few sides the two are hard to tell apart
     design = np.column_stack([normals, np.ones(len(place))])
     solution = np.array([0.0, 0.0, np.median(place)])
+    prior = np.diag([SHIFT_PRIOR, SHIFT_PRIOR, RIM_PRIOR * len(place)])
     for _ in range(ROUNDS):
         off = place - design @ solution
         scale = max(0.3, 1.5 * float(np.median(np.abs(off))))
         trust = 1.0 / np.maximum(1.0, np.abs(off) / scale)
-        normal = (design * trust[:, None]).T @ design + np.diag([1e-3, 1e-3, RIM_PRIOR * len(off)])
+        normal = (design * trust[:, None]).T @ design + prior
         solution = np.linalg.solve(normal, (design * trust[:, None]).T @ place)
     return Registration(
         shift_px=solution[:2],
