@@ -3,8 +3,8 @@
 Two kinds of comparison: the silhouette before the glowing panel (`_outline`), and the brightness
 under each lamp (`lit`). Each returns which surface samples it compared, so that a defect of the
 smallest size there would have been a finding; samples in sight that none compared keep the reason.
-A picture that does not lie where the pose says, or is not sharp (`registration`), proves nothing and
-is not evaluated.
+A picture that does not lie where the pose says, or is not sharp (`registration`), proves nothing
+and is not evaluated.
 """
 
 from collections.abc import Sequence
