@@ -244,10 +244,10 @@ def order_rows() -> list[dict[str, Any]]:
     return rows
 
 
-def problems(random_n: int, parts: list[str]) -> Iterator[tuple[str, str, Problem]]:
+def problems(random_count: int, parts: list[str]) -> Iterator[tuple[str, str, Problem]]:
     """Group, label and problem, one after the other."""
     for name, shape in SHAPES.items():
-        for seed in range(random_n):
+        for seed in range(random_count):
             yield name, f"{name} #{seed}", random_problem(seed, **shape)
     if not PARTS.is_dir():
         print("no parts: only random problems", file=sys.stderr)

@@ -39,7 +39,7 @@ from controller.planning.views import (  # noqa: E402
 )
 
 Array = NDArray[np.float64]
-SPINS_N = 8
+SPIN_COUNT = 8
 
 
 def opposed_grips(
@@ -57,7 +57,7 @@ def opposed_grips(
             continue
         helper = np.eye(3)[int(np.argmin(np.abs(n)))]
         side = np.cross(n, helper) / np.linalg.norm(np.cross(n, helper))
-        angle = 2 * np.pi * rng.integers(SPINS_N) / SPINS_N
+        angle = 2 * np.pi * rng.integers(SPIN_COUNT) / SPIN_COUNT
         x = np.cos(angle) * side + np.sin(angle) * np.cross(n, side)
         T = np.eye(4)
         T[:3, :3] = np.column_stack([x, n, np.cross(x, n)])
@@ -68,7 +68,7 @@ def opposed_grips(
     return grasps
 
 
-def bench(path: Path, layout: CellLayout, grasp_count: int, directions_n: int) -> dict[str, Any]:
+def bench(path: Path, layout: CellLayout, grasp_count: int, direction_count: int) -> dict[str, Any]:
     """Return one part's figures."""
     clock = time.process_time
     solid = load_solid(path)
@@ -76,10 +76,10 @@ def bench(path: Path, layout: CellLayout, grasp_count: int, directions_n: int) -
     caster = RayCaster(solid.mesh)
     rules = VisibilityRules.of_station(layout, 70.0, 1.0)
     at = [clock()]
-    base = candidate_directions(solid, directions_n)
+    base = candidate_directions(solid, direction_count)
     plain = visible_from(solid, samples, caster, base.vectors, rules)
     at.append(clock())
-    visibility_table = look_out(solid, samples, caster, rules, directions_n)
+    visibility_table = look_out(solid, samples, caster, rules, direction_count)
     at.append(clock())
     grasps = opposed_grips(solid, samples, caster, layout.arm_gripper.max_mm, grasp_count)
     vectors, visible = visibility_table.directions.vectors, visibility_table.visible

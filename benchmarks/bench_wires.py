@@ -112,19 +112,19 @@ async def camera(speed: float, transport: Transport, margin_s: float | None) -> 
         async with camera_bench(
             Path(folder), transport, speed=speed, frame_margin_s=margin_s
         ) as bench:
-            delays_n, exposed_n = [], []
+            delay_periods, exposed_periods = [], []
             for _ in range(30):
                 await bench.clock.sleep(PERIOD_S * 1.37)
                 changed_s = bench.clock.now_s()
                 frame = await bench.camera.frame_after(changed_s)
-                delays_n.append((bench.clock.now_s() - changed_s) / PERIOD_S)
-                exposed_n.append((frame.timestamp_s - changed_s) / PERIOD_S)
+                delay_periods.append((bench.clock.now_s() - changed_s) / PERIOD_S)
+                exposed_periods.append((frame.timestamp_s - changed_s) / PERIOD_S)
     return {
         "what": f"camera ({transport}), margin "
         f"{'of a period' if margin_s is None else f'{margin_s} s'}",
-        "in_hand_periods_mean": float(np.mean(delays_n)),
-        "in_hand_periods_max": float(np.max(delays_n)),
-        "exposed_periods_mean": float(np.mean(exposed_n)),
+        "in_hand_periods_mean": float(np.mean(delay_periods)),
+        "in_hand_periods_max": float(np.max(delay_periods)),
+        "exposed_periods_mean": float(np.mean(exposed_periods)),
         "ideal_periods_mean": 0.5 + EXPOSURE_S / PERIOD_S,
     }
 

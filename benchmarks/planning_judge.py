@@ -40,8 +40,8 @@ from controller.planning import (  # noqa: E402
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-SEARCHED_N = 80  # unseen samples that views are searched for, per plan
-PER_FACE_N = 10
+SEARCHED_COUNT = 80  # unseen samples that views are searched for, per plan
+PER_FACE_COUNT = 10
 KINDS = {
     Reason.HIDDEN_BY_PART: Class.HIDDEN,
     Reason.FINGERS: Class.FINGERS,
@@ -245,12 +245,12 @@ class Judge:
 
 
 def _spread(rows: NDArray[np.int64], faces: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Return up to SEARCHED_N samples, some of every face, evenly along their order."""
+    """Return up to SEARCHED_COUNT samples, some of every face, evenly along their order."""
     per_face = [rows[faces[rows] == f] for f in np.unique(faces[rows])]
-    most = PER_FACE_N
-    while most > 1 and sum(min(most, len(r)) for r in per_face) > SEARCHED_N:
+    most = PER_FACE_COUNT
+    while most > 1 and sum(min(most, len(r)) for r in per_face) > SEARCHED_COUNT:
         most -= 1
     picked = [
         r[np.linspace(0, len(r) - 1, min(most, len(r))).round().astype(int)] for r in per_face
     ]
-    return np.concatenate(picked)[:SEARCHED_N] if picked else np.zeros(0, dtype=np.int64)
+    return np.concatenate(picked)[:SEARCHED_COUNT] if picked else np.zeros(0, dtype=np.int64)

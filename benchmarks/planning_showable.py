@@ -35,8 +35,8 @@ from controller.planning import CellLayout, Grasp  # noqa: E402
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-DIRECTIONS_N = 400
-ROLLS_N = 24
+DIRECTION_COUNT = 400
+ROLL_COUNT = 24
 SHADOW_MM = 2.0  # inspection compares nothing this close to the hand's outline
 BORDER_PX = 12.0  # nor this close to the picture's border
 MARGIN_MM = 10.0  # between the arm and the world
@@ -72,13 +72,13 @@ class Showable:
     solid: Solid
     samples: SurfaceSamples
     rules: VisibilityRules
-    directions_n: int = DIRECTIONS_N
+    direction_count: int = DIRECTION_COUNT
     bare: dict[int, Mask] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.checker = Checker(self.layout, self.solid)
-        k = np.arange(self.directions_n) + 0.5
-        polar = np.arccos(1 - 2 * k / self.directions_n)
+        k = np.arange(self.direction_count) + 0.5
+        polar = np.arccos(1 - 2 * k / self.direction_count)
         turn = np.pi * (3 - 5**0.5) * k
         self.directions = np.column_stack(
             [np.cos(turn) * np.sin(polar), np.sin(turn) * np.sin(polar), np.cos(polar)]
@@ -191,7 +191,7 @@ class Showable:
             return []
         # few, and unlike each other: each roll's first before any roll's second
         nth = np.arange(len(index)) - np.searchsorted(index, index)
-        spread = np.argsort(nth * 1000 + (index * 7) % ROLLS_N, kind="stable")[:ROWS_PER_VIEW]
+        spread = np.argsort(nth * 1000 + (index * 7) % ROLL_COUNT, kind="stable")[:ROWS_PER_VIEW]
         q, T = q[spread], T_part[fit][index[spread]]
         jaw = self.layout.fixed_gripper
         free = self.checker.free(
@@ -220,9 +220,9 @@ class Showable:
             u = np.cross(side, np.eye(3)[int(np.argmin(np.abs(side)))])
             u = u / np.linalg.norm(u)
             out.append(np.column_stack([u, np.cross(side, u), side]))
-        T = np.tile(np.eye(4), (ROLLS_N, 1, 1))
-        for r in range(ROLLS_N):
-            c, s = np.cos(2 * np.pi * r / ROLLS_N), np.sin(2 * np.pi * r / ROLLS_N)
+        T = np.tile(np.eye(4), (ROLL_COUNT, 1, 1))
+        for r in range(ROLL_COUNT):
+            c, s = np.cos(2 * np.pi * r / ROLL_COUNT), np.sin(2 * np.pi * r / ROLL_COUNT)
             T[r, :3, :3] = out[1] @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ out[0].T
             T[r, :3, 3] = self.layout.station_mm - T[r, :3, :3] @ self.solid.centroid_mm
         return T

@@ -20,6 +20,7 @@ PAGE = ROOT / "docs" / "glossary.md"
 TO_RENAME = ROOT / "tests" / "data" / "names_to_rename.toml"
 PACKAGES = ("controller", "drivers", "emulators")
 ANY = "any"
+FORCES = {"force", "weight", "friction", "load", "per"}  # `_per_n` is a quotient
 
 NOTE = """\
 # Public names that hold a word `docs/glossary.md` replaces, by room. The list only gets
@@ -210,6 +211,22 @@ def _defined(body: list[ast.stmt]) -> Iterator[str]:
 def public_names(source: str) -> set[str]:
     """Return a module's public names: classes, functions, parameters, fields, constants."""
     return {name for name in _defined(ast.parse(source).body) if not name.startswith("_")}
+
+
+def unnamed_counts(source: str) -> set[str]:
+    """Return the names a module gives that end in `_n` and are no force: `_count` is for counts."""
+    given = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            given.add(node.name)
+        elif isinstance(node, ast.arg):
+            given.add(node.arg)
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            given.add(node.id)
+        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+            given.add(node.attr)
+    ending = {name for name in given if name.lower().endswith("_n")}
+    return {name for name in ending if not FORCES & set(tokens(name))}
 
 
 def names_found(root: Path, replaced: Iterable[Word]) -> dict[str, set[str]]:

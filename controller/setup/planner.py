@@ -21,7 +21,7 @@ from .layout import build_layout
 # and a tenth more, because the part is never held exactly as planned.
 DEFECT_PX = 1.1 * MIN_WIDTH_PX
 # The arm's MAX_FORCE has no unit (umi_rtx.md 5.6). Plans rely on no more force than this.
-ARM_COUNTED_N = 40.0
+ARM_COUNTED_FORCE_N = 40.0
 
 DensityFrom = Literal["recipe", "command line", "CAD file", "assumed"]
 _DENSITY_WORDS: dict[DensityFrom, str] = {
@@ -121,7 +121,7 @@ def planner_setup(
     fixed_gripper = layout.fixed_gripper
     layout = replace(
         layout,
-        arm_gripper=replace(layout.arm_gripper, force_n=min(grasp.force_n, ARM_COUNTED_N)),
+        arm_gripper=replace(layout.arm_gripper, force_n=min(grasp.force_n, ARM_COUNTED_FORCE_N)),
         fixed_gripper=None
         if fixed_gripper is None
         else replace(fixed_gripper, force_n=grasp.force_n),

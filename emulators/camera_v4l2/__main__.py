@@ -1,8 +1,8 @@
 """Test-pattern cameras for any V4L2 client: `python -m emulators.camera_v4l2 DIRECTORY`.
 
 Prints one JSON line that says where they are, then obeys JSON lines on stdin, each answered by one:
-`{"unplug": "video0"}`, `{"plug": "video0", "as": "video2"}`, `{"faults": "video0", "error_n": 1}`,
-`{"where": null}`. Ends with stdin.
+`{"unplug": "video0"}`, `{"plug": "video0", "as": "video2"}`,
+`{"faults": "video0", "error_count": 1}`, `{"where": null}`. Ends with stdin.
 """
 
 import argparse

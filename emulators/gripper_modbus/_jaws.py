@@ -127,8 +127,8 @@ class JawModel:
     def _press(self, dt_s: float, away_mm: float) -> None:
         if self.is_pressing:
             if self.force_n < self.force_limit_n:
-                rise_n = self.force_limit_n * dt_s / FORCE_RISE_S
-                self.force_n = min(self.force_n + rise_n, self.force_limit_n)
+                force_rise_n = self.force_limit_n * dt_s / FORCE_RISE_S
+                self.force_n = min(self.force_n + force_rise_n, self.force_limit_n)
                 self.current_ma = self.force_n * self.current_ma_per_n
             else:
                 self.force_n = self.force_limit_n

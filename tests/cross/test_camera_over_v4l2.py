@@ -217,11 +217,11 @@ async def test_a_light_that_changes_is_seen_within_so_many_frames(
             frame = await bench.camera.frame_after(changed_s)
             assert bench.is_wholly_after(frame, changed_s)
             delays.append((frame.timestamp_s - changed_s) / PERIOD_S)
-        margin_n = 1.0 if margin_s is None else 0.0  # an end stamp's default is one period
-        exposed_n = EXPOSURE_S / PERIOD_S
+        margin_periods = 1.0 if margin_s is None else 0.0  # an end stamp's default is one period
+        exposed_periods = EXPOSURE_S / PERIOD_S
         # a frame begins within one period of any instant; a busy host loses some, never all
-        assert min(delays) >= exposed_n + margin_n - 1e-3
-        assert min(delays) <= exposed_n + margin_n + 1.0 + 1e-3
+        assert min(delays) >= exposed_periods + margin_periods - 1e-3
+        assert min(delays) <= exposed_periods + margin_periods + 1.0 + 1e-3
 
 
 async def test_stamps_of_the_first_packet_are_not_taken_for_the_exposures(tmp_path: Path) -> None:
@@ -247,7 +247,7 @@ async def test_a_control_that_takes_effect_late_is_waited_for(
     processes: dict[str, CameraProcess],
 ) -> None:
     async with shared_bench(processes, "socket", settle_frame_count=5) as bench:
-        bench.cameras.tell(faults="video0", control_delay_n=3)
+        bench.cameras.tell(faults="video0", control_delay_frames=3)
         await bench.camera.set_exposure(0.004)
         frame = await bench.camera.frame_after(bench.clock.now_s())
         start_s, end_s = bench.exposure_of(frame)
@@ -267,10 +267,10 @@ async def test_paused_frames_come_anew_after_resuming(bench: Bench) -> None:
 
 # ---- faults --------------------------------------------------------------------------------------
 BAD_FRAMES = {  # fault: the tally that counts it
-    "error_n": "error_count",
-    "short_n": "short_count",
-    "lost_n": "lost_count",
-    "broken_jpeg_n": "broken_count",
+    "error_count": "error_count",
+    "short_count": "short_count",
+    "lost_count": "lost_count",
+    "broken_jpeg_count": "broken_count",
 }
 
 
@@ -278,7 +278,7 @@ BAD_FRAMES = {  # fault: the tally that counts it
 async def test_bad_frames_are_passed_over_and_counted(
     processes: dict[str, CameraProcess], fault: str
 ) -> None:
-    formats = ("MJPG",) if fault == "broken_jpeg_n" else ("GREY",)
+    formats = ("MJPG",) if fault == "broken_jpeg_count" else ("GREY",)
     async with shared_bench(processes, "socket", pixel_formats=formats) as bench:
         await bench.camera.frame_after(bench.clock.now_s())
         # a ring that is drained, and watched: a gap in the numbers is a loss and no idle gap

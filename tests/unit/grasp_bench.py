@@ -25,7 +25,7 @@ HAND = Jaw(
 )
 SPREADING = replace(HAND, can_spread=True)
 RULES = GraspRules()
-QUICK = replace(RULES.coarse(), seeds_n=40, enough_n=60, fine_n=24, keep_n=24)
+QUICK = replace(RULES.coarse(), seed_count=40, enough_count=60, fine_count=24, keep_count=24)
 DOWN = np.array([[0.0, 0.0, -1.0]])
 
 

@@ -45,7 +45,7 @@ def _coarse(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         arm_grasps_per_pose=3,
         arm_grasps_round=4,
         fixed_grasps=4,
-        directions_n=30,
+        direction_count=30,
         rules=GraspRules().coarse(),
     )
     monkeypatch.setattr(planner, "PlanOptions", lambda: few)
@@ -184,7 +184,7 @@ def test_without_a_pose_all_are_told_and_the_likeliest_with_a_plan_is_taken(
 
     monkeypatch.setattr(plans, "plan_from", only_pose_two)
     monkeypatch.setattr(certificates, "plan_from", only_pose_two)
-    monkeypatch.setattr(certificates, "PLACES_N", 1)
+    monkeypatch.setattr(certificates, "PLACE_COUNT", 1)
     words = ["plan", str(block), "--cell", str(CELL), "--at", "350,10,5"]
     assert main([*words, "--json"]) == 0
     body = json.loads(capsys.readouterr().out)
@@ -215,7 +215,7 @@ def test_compile_tells_how_a_part_is_held_and_shown_in_a_cell(
         raise NotGraspableError("not today")
 
     monkeypatch.setattr(certificates, "plan_from", never)
-    monkeypatch.setattr(certificates, "PLACES_N", 1)
+    monkeypatch.setattr(certificates, "PLACE_COUNT", 1)
     assert main(["compile", str(block), "--cell", str(CELL), "--json"]) == 0
     body = json.loads(capsys.readouterr().out)
     assert body["grasps"]["arm"] > 0

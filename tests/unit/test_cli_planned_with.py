@@ -29,7 +29,7 @@ FEW = PlanOptions(
     arm_grasps_per_pose=3,
     arm_grasps_round=4,
     fixed_grasps=4,
-    directions_n=30,
+    direction_count=30,
     rules=GraspRules().coarse(),
 )
 RECIPE = """

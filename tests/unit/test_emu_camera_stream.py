@@ -216,7 +216,7 @@ def test_an_exposure_set_during_a_frame_shows_in_the_next() -> None:
 
 def test_a_camera_may_take_frames_to_obey() -> None:
     bench = streaming()
-    bench.device.faults = Faults(control_delay_n=2)
+    bench.device.faults = Faults(control_delay_frames=2)
     bench.client.set(GAIN, 100)  # at the instant frame 0 begins
     gains = []
     for frame in range(4):
@@ -337,7 +337,7 @@ def frames_of(bench: Bench, count: int) -> list[tuple[int, int, bytes]]:
 
 def test_the_error_flag_comes_as_often_as_ordered() -> None:
     bench = streaming()
-    bench.device.faults = Faults(error_n=2)
+    bench.device.faults = Faults(error_count=2)
     assert [bool(flags & ERROR) for flags, _, _ in frames_of(bench, 4)] == [
         True,
         True,
@@ -349,7 +349,7 @@ def test_the_error_flag_comes_as_often_as_ordered() -> None:
 
 def test_a_short_frame_ends_half_way() -> None:
     bench = streaming()
-    bench.device.faults = Faults(short_n=1)
+    bench.device.faults = Faults(short_count=1)
     assert [used for _, used, _ in frames_of(bench, 2)] == [64 * 48 // 2, 64 * 48]
 
 
@@ -357,7 +357,7 @@ def test_a_broken_jpeg_lacks_its_end() -> None:
     bench = Bench()
     bench.client.set_format(64, 48, "MJPG")
     bench.client.start(4)
-    bench.device.faults = Faults(broken_jpeg_n=1)
+    bench.device.faults = Faults(broken_jpeg_count=1)
     broken, whole = (data for _, _, data in frames_of(bench, 2))
     assert broken[:2] == whole[:2] == b"\xff\xd8"
     assert (broken[-2:], whole[-2:]) == (b"\0\0", b"\xff\xd9")
@@ -365,7 +365,7 @@ def test_a_broken_jpeg_lacks_its_end() -> None:
 
 def test_a_lost_frame_leaves_a_gap_and_keeps_its_buffer() -> None:
     bench = streaming(buffer_count=1)
-    bench.device.faults = Faults(lost_n=2)
+    bench.device.faults = Faults(lost_count=2)
     for frame in range(3):
         bench.at(end_s(frame) + 0.001)
     bench.deliver(0)
@@ -404,8 +404,8 @@ def test_an_unknown_clock_is_not_flagged_as_monotonic() -> None:
 
 def test_faults_add_up_and_count_down_one_by_one() -> None:
     bench = streaming()
-    bench.device.faults = Faults(error_n=1, short_n=2)
+    bench.device.faults = Faults(error_count=1, short_count=2)
     found = [(bool(flags & ERROR), used) for flags, used, _ in frames_of(bench, 3)]
     assert found == [(True, 1536), (False, 1536), (False, 3072)]
-    bench.device.faults = replace(bench.device.faults, error_n=1)
+    bench.device.faults = replace(bench.device.faults, error_count=1)
     assert frames_of(bench, 1)[0][0] & ERROR

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import typer
 from glossary import (
+    PACKAGES,
     PAGE,
     TO_RENAME,
     Word,
@@ -22,6 +23,7 @@ from glossary import (
     public_names,
     replaced_in_name,
     shrunk,
+    unnamed_counts,
     words,
 )
 
@@ -220,6 +222,32 @@ def test_names_are_found_by_room(tmp_path: Path, planted: list[Word]) -> None:
     assert found["controller"] == {"grip"}
     assert found["drivers.arm"] == {"lying", "tips"}
     assert len(found) == 6
+
+
+def test_counts_end_in_count_and_n_is_newtons() -> None:
+    sources = [path for package in PACKAGES for path in (ROOT / package).rglob("*.py")]
+    assert len(sources) > 300
+    found = {
+        str(path.relative_to(ROOT)): names
+        for path in sources
+        if (names := unnamed_counts(path.read_text(encoding="utf-8")))
+    }
+    assert not found
+
+
+@pytest.mark.parametrize(
+    ("source", "found"),
+    [
+        ("TURNS_N = 3", {"TURNS_N"}),
+        ("_PIECES_N: Final = 3", {"_PIECES_N"}),
+        ("def f(seeds_n): wrong_n, n = 1, 2", {"seeds_n", "wrong_n"}),
+        ("class A:\n    def views_n(self): self.lost_n += 1", {"views_n", "lost_n"}),
+        ("MAX_FORCE_N = min_force_n = weight_n = ma_per_n = 1", set()),
+        ("turn_count = given.others_n", set()),
+    ],
+)
+def test_planted_counts_are_found(source: str, found: set[str]) -> None:
+    assert unnamed_counts(source) == found
 
 
 def test_the_list_only_gets_shorter() -> None:

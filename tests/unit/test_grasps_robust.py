@@ -33,7 +33,7 @@ def share_of(solid: Solid, T: np.ndarray, gap: float, rules: GraspRules) -> floa
 
 
 def test_wrong_poses_fill_the_box_they_are_taken_from() -> None:
-    rules = replace(RULES, wrong_n=400)
+    rules = replace(RULES, wrong_count=400)
     T = wrong_poses(rules)
     shift = T[:, :3, 3]
     turn = np.degrees(Rotation.from_matrix(T[:, :3, :3]).as_rotvec())
@@ -82,7 +82,7 @@ def test_the_share_of_wrong_poses_is_what_the_overlap_says() -> None:
     # tips 4 mm past the upper edge of a wall; half of that must stay: shifts of +-4 mm along the
     # approach leave enough in 3 of 4 poses, shifts square to it never matter
     rules = replace(
-        RULES, wrong_mm=4.0, wrong_deg=0.0, wrong_n=120, ray_step_mm=0.5, density_kg_mm3=1e-8
+        RULES, wrong_mm=4.0, wrong_deg=0.0, wrong_count=120, ray_step_mm=0.5, density_kg_mm3=1e-8
     )
     long_bar = solid_of(box(200, 40, 60), "bar")
     T = stood((0.0, 0.0, 30.0 - 4.0), (0, 0, -1), (0, 1, 0))
@@ -96,7 +96,7 @@ def test_a_ring_held_across_its_wall_turns_into_the_jaws() -> None:
     # one pad in the bore, 1 mm off: it touches with one edge until the ring has turned
     ring = solid_of(rod(58, 20, 128) - rod(16, 30, 96))
     T = stood((37.0, 1.0, -10.0), (0, 0, -1), (1, 0, 0))
-    judge = judge_of(ring, replace(RULES, wrong_n=0))
+    judge = judge_of(ring, replace(RULES, wrong_count=0))
     first = judge.close(T[None], np.array([42.0]), OUTER, judge.coarse, slopes=True)
     assert first.offset[0] > 5.0
     turned = flattened(first, OUTER, HAND, judge.coarse)

@@ -316,10 +316,10 @@ def test_one_dear_view_beats_two_cheap_ones_only_when_it_is_cheaper_than_both() 
     table = made_up((9, 9, 0), (0, 0, 9), (9, 9, 9))
     one, worst_s = cheapest_tree(3, table, np.array([5.0, 5.0, 9.0]))
     assert one is not None
-    assert (one.view, one.views_n, worst_s) == (2, 1, 9.0)
+    assert (one.view, one.view_count, worst_s) == (2, 1, 9.0)
     two, worst_s = cheapest_tree(3, table, np.array([5.0, 5.0, 12.0]))
     assert two is not None
-    assert (two.view, two.views_n, worst_s) == (0, 2, 10.0)
+    assert (two.view, two.view_count, worst_s) == (0, 2, 10.0)
     assert two.groups == ((0,), (1, 2))
     assert two.then[0] is None
 
@@ -329,7 +329,7 @@ def test_where_no_view_parts_the_middle_one_from_one_side_the_chain_is_still_wal
     found, worst_s = cheapest_tree(3, made_up((0, 9, 0), (9, 0, 0)), np.array([4.0, 6.0]))
     assert found is not None
     assert worst_s == 10.0
-    assert found.views_n == 2
+    assert found.view_count == 2
     nothing, worst_s = cheapest_tree(3, made_up((0.9, 0.5, 0.0)), np.array([4.0]))
     assert nothing is None
     assert worst_s == 0.0
@@ -349,7 +349,7 @@ def test_dear_views_are_left_unlooked_at_only_where_none_of_them_can_be_the_choi
         parting = margins.min(axis=2).max(axis=1)
         costs = [s * (1 + 0.5 / m) for s, m in zip(seconds, parting, strict=True) if m >= 1.0]
         chosen = seconds[found.first.view] * (1 + 0.5 / found.first.margin)
-        assert found.first.views_n > 1 or chosen <= min(costs) + 1e-6
+        assert found.first.view_count > 1 or chosen <= min(costs) + 1e-6
 
 
 @pytest.mark.slow

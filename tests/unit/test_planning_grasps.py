@@ -314,12 +314,12 @@ def test_chosen_grips_come_from_every_side_and_lift_every_pose() -> None:
     solid = cad_solid(box(60, 40, 30), "block")
     downs = np.array([[0, 0, -1.0], [0, -1.0, 0], [-1.0, 0, 0], [0, 0, 1.0]])
     grasps = judged(solid, RULES, HAND, downs).grasps
-    assert len(grasps) <= RULES.keep_n
+    assert len(grasps) <= RULES.keep_count
     approach = np.stack([g.T_part_tcp[:3, 0] for g in grasps])
     for side in np.vstack([np.eye(3), -np.eye(3)]):
         assert (approach @ side).max() > 0.99
     for down in downs:
-        assert (approach @ down > 0.5).sum() >= RULES.picks_n // 2
+        assert (approach @ down > 0.5).sum() >= RULES.pick_count // 2
 
 
 def test_a_fixture_that_does_not_turn_holds_what_its_own_gravity_allows() -> None:

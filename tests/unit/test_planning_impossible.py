@@ -55,7 +55,7 @@ from controller.planning import (
 
 # what lies on the table shows its top to the overhead camera, whatever the station is like
 OPTIONS = PlanOptions(
-    directions_n=60,
+    direction_count=60,
     arm_grasps_per_pose=6,
     arm_grasps_round=10,
     fixed_grasps=8,

@@ -65,7 +65,7 @@ def block(x: float, y: float, z: float) -> Solid:
 def prepared_block() -> PreparedPart:
     solid = block(60.0, 40.0, 30.0)
     options = PlanOptions(
-        directions_n=24, arm_grasps_per_pose=2, arm_grasps_round=4, fixed_grasps=3
+        direction_count=24, arm_grasps_per_pose=2, arm_grasps_round=4, fixed_grasps=3
     )
     return prepare_part(solid, sample_surface(solid, 8.0), LAYOUT, options)
 

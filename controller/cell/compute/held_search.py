@@ -20,7 +20,7 @@ ALONG_MM: Final = (0.0, 5.0, -5.0, 10.0, -10.0, 15.0)
 ACROSS_MM: Final = (0.0, 4.0, -4.0)
 TURN_RAD: Final = tuple(float(np.radians(d)) for d in (0.0, 8.0, -8.0, 16.0, -16.0, 30.0, -30.0))
 STEP_PX: Final = 8
-FITTED_N: Final = 3
+FITTED_COUNT: Final = 3
 # Shadows that overlap less are of another part, or the arm gripper is empty.
 MIN_OVERLAP: Final = 0.7
 
@@ -61,7 +61,7 @@ def find_hold(
         overlap = _overlap(_shadow(part.caster, T, task, roi) & ~hidden, dark & ~hidden)
         if overlap >= MIN_OVERLAP:
             ranked.append((-overlap, number, T))
-    for _, _, T in sorted(ranked, key=lambda item: item[:2])[:FITTED_N]:
+    for _, _, T in sorted(ranked, key=lambda item: item[:2])[:FITTED_COUNT]:
         near = replace(task, T_world_part=T, is_hold_seen=False)
         pictures = inspecting.ViewPictures(backlit=backlit, lit={})
         result = inspecting.inspect_view(part, samples, near, pictures)

@@ -24,11 +24,11 @@ from controller.planning.views import hidden_by_gripper, holding_boxes, view_pos
 
 from .site import standoff_mm
 
-PER_POSE_N = 4  # grasps kept for picking the part up from each stable pose
-PICK_TURNS_N = 6
+PER_POSE_COUNT = 4  # grasps kept for picking the part up from each stable pose
+PICK_TURN_COUNT = 6
 PICK_LIFT_MM = 85.0
 PICK_PATH_COUNT = 2  # branches of the arm per grasp and place
-BRANCHES_N = 1000  # more than the kinematics number
+MAX_BRANCH_COUNT = 1000  # more than the kinematics number
 # Two grasps complete each other if together they show this share of what all grasps show.
 SHOWS_ALL = 0.99
 
@@ -44,7 +44,7 @@ class Picks:
     q_hold, q_above : (k, 6) configurations in which the arm gripper closes, and from which it comes
     """
 
-    places_n: int
+    place_count: int
     pose: IntArray
     place: IntArray
     grasp: IntArray
@@ -54,19 +54,19 @@ class Picks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FamilyMember:
-    """A part as siting sees it; grasp k + base_n is grasp k with the arm gripper turned over.
+    """A part as siting sees it; grasp k + base_count is grasp k with the arm gripper turned over.
 
     Attributes
     ----------
     weights : (n,) share of the surface each sample stands for
     vectors : (v, 3) directions from the part to the camera
-    shown : (base_n, v, n) what the arm gripper leaves in sight
+    shown : (base_count, v, n) what the arm gripper leaves in sight
     bits : the same packed eight samples to a byte
     T_view, inside : (v, r, 4, 4), (v, r) of `views.view_poses` in the cell as given
     start_poses : stable poses from which some grasp picks, wherever things stand
-    from_pose : (p, 2 base_n) which grasps clear the table in each, from above
+    from_pose : (p, 2 base_count) which grasps clear the table in each, from above
     probabilities : (p,) of these poses; their sum is 1
-    completes : (base_n, base_n) the second grasp shows what the first one hides
+    completes : (base_count, base_count) the second grasp shows what the first one hides
     radius_mm : of the ball about the centre of mass that contains the part
     """
 
@@ -92,7 +92,7 @@ class FamilyMember:
         return self.prepared.solid.name
 
     @property
-    def base_n(self) -> int:
+    def base_count(self) -> int:
         """Return the count of grasps without the turned-over ones."""
         return len(self.shown)
 
@@ -108,7 +108,7 @@ class FamilyMember:
 
 
 def family_member(
-    part: PreparedPart, layout: CellLayout, grasp_count: int, fixed_count: int, directions_n: int
+    part: PreparedPart, layout: CellLayout, grasp_count: int, fixed_count: int, direction_count: int
 ) -> FamilyMember:
     """Return a prepared part, thinned to what a search over sites can afford.
 
@@ -117,14 +117,16 @@ def family_member(
     part : prepared in this cell
     layout : the cell
     grasp_count, fixed_count : grasps of the arm gripper and of the fixed one, besides the picks
-    directions_n : count of directions; square views come first, as in the prepared part
+    direction_count : count of directions; square views come first, as in the prepared part
     """
     solid = part.solid
     every = [g for g in part.arm_grasps if not g.id.endswith("'")]
-    base = select_arm_grasps(solid, part.poses, every, layout.arm_gripper, PER_POSE_N, grasp_count)
+    base = select_arm_grasps(
+        solid, part.poses, every, layout.arm_gripper, PER_POSE_COUNT, grasp_count
+    )
     fixed = [g for g in part.fixed_grasps if not g.id.endswith("'")]
     fixed = [fixed[k] for k in spread(fixed, range(len(fixed)), fixed_count)]
-    some = _some_directions(part.directions.square_to, directions_n)
+    some = _some_directions(part.directions.square_to, direction_count)
     vectors = part.directions.vectors[some]
     visible = part.visible[some]
     far = standoff_mm(layout)
@@ -186,7 +188,7 @@ def _picks(
     """Return the picks at the middle and the corners of the area where parts may lie."""
     (x0, x1), (y0, y1) = layout.set_down_mm
     places = [((x0 + x1) / 2, (y0 + y1) / 2), (x0, y0), (x0, y1), (x1, y0), (x1, y1)]
-    turns = 2 * np.pi * np.arange(PICK_TURNS_N) / PICK_TURNS_N
+    turns = 2 * np.pi * np.arange(PICK_TURN_COUNT) / PICK_TURN_COUNT
     rows: list[tuple[IntArray, IntArray, IntArray]] = []
     joints: list[tuple[FloatArray, FloatArray]] = []
     for p, pose in enumerate(start_poses):
@@ -198,7 +200,7 @@ def _picks(
             holds, branch, q_hold = inverse_rows(layout, T_hold)
             comes, other, q_above = inverse_rows(layout, T_above)
             # the path down keeps its branch, so pair configurations of the same branch
-            mine, its = holds * BRANCHES_N + branch, comes * BRANCHES_N + other
+            mine, its = holds * MAX_BRANCH_COUNT + branch, comes * MAX_BRANCH_COUNT + other
             both = np.intersect1d(mine, its)
             i, j = np.searchsorted(mine, both), np.searchsorted(its, both)
             place = holds[i]
@@ -241,6 +243,6 @@ def tcp_offsets_mm(members: Sequence[FamilyMember]) -> FloatArray:
         inverse_pose(g.T_part_tcp)[:3, :3] @ m.prepared.solid.centroid_mm
         + inverse_pose(g.T_part_tcp)[:3, 3]
         for m in members
-        for g in m.arm_grasps[: m.base_n]
+        for g in m.arm_grasps[: m.base_count]
     ]
     return np.stack(found)

@@ -86,7 +86,7 @@ def site_report(
         others=others,
         joints_allow=max(s.joints_allow for s in found),
         stay=not why,
-        sites_tried=search.tried_n,
+        sites_tried=search.tried_count,
         sites_checked=len(found),
         T_camera=here.inspection.T_world_cam,
         move=carried(layout, best.site),

@@ -35,7 +35,7 @@ class Survey:
     fellows: Fellows
     progress: Progress = _quiet
     checked: dict[tuple[int, ...], SiteScore] = field(default_factory=dict)
-    tried_n: int = 0
+    tried_count: int = 0
 
     def forbidden(self, site: Site) -> str | None:
         """Return why a site is forbidden, None if it is allowed."""

@@ -13,11 +13,11 @@ from controller.imaging import mask_rim
 from ..model import Light
 from ._pictures import Picture, Stance
 
-TURNS_N = 9
-SHIFTS_N = 9
-POINTS_N = 300  # of a line are moved about in the search; all are counted in the end
-FINISHED_N = 4  # placings that are looked at closely
-ROUNDS_N = 4
+TURN_COUNT = 9
+SHIFT_COUNT = 9
+POINT_COUNT = 300  # of a line are moved about in the search; all are counted in the end
+FINISHED_COUNT = 4  # placings that are looked at closely
+ROUND_COUNT = 4
 FAR_CELLS = 20.0
 NEARER_COUNTS = 20.0  # a point without a partner counts this much more than one far from it
 _NEAR = np.stack(np.meshgrid(*[[0.0, -1.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -67,7 +67,7 @@ class _Pair:
 
     def thinned(self) -> _Pair:
         """Return it with no more points than a search needs."""
-        first, second = (p[:: max(1, len(p) // POINTS_N)] for p in self.points)
+        first, second = (p[:: max(1, len(p) // POINT_COUNT)] for p in self.points)
         return _Pair((first, second), self.far, self.pivot)
 
 
@@ -78,14 +78,14 @@ def _placings(pair: _Pair, stance: Stance, step: int, tolerance: float) -> Float
     """
     few = pair.thinned()
     shift = stance.shift_px / step
-    shifts_n = min(SHIFTS_N, 2 * int(np.ceil(shift / tolerance)) + 1)
-    turns = np.linspace(-stance.turn_rad, stance.turn_rad, TURNS_N)
-    line = np.linspace(-shift, shift, shifts_n)
+    shift_count = min(SHIFT_COUNT, 2 * int(np.ceil(shift / tolerance)) + 1)
+    turns = np.linspace(-stance.turn_rad, stance.turn_rad, TURN_COUNT)
+    line = np.linspace(-shift, shift, shift_count)
     grid = np.stack(np.meshgrid(turns, line, line, indexing="ij"), axis=-1).reshape(-1, 3)
     limit = np.array([stance.turn_rad, shift, shift])
-    width = np.array([turns[1] - turns[0], *([2 * shift / max(shifts_n - 1, 1)] * 2)])
-    best = grid[np.argsort(_costs(few, grid, tolerance), kind="stable")[:FINISHED_N]]
-    for _ in range(ROUNDS_N):
+    width = np.array([turns[1] - turns[0], *([2 * shift / max(shift_count - 1, 1)] * 2)])
+    best = grid[np.argsort(_costs(few, grid, tolerance), kind="stable")[:FINISHED_COUNT]]
+    for _ in range(ROUND_COUNT):
         width = width / 2
         near = best[:, None] + _NEAR * width
         near = np.clip(near, -limit, limit)

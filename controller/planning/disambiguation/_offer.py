@@ -15,7 +15,7 @@ from ..model import Candidate, CellLayout
 from ..motion import Scene, segment_seconds
 from ..views import candidate_directions, hold_up, reachable_views
 
-DIRECTIONS_N = 50
+DIRECTION_COUNT = 50
 SPACING_MM = 6.0
 
 
@@ -24,7 +24,7 @@ def offered_views(
     layout: CellLayout,
     opening_mm: float,
     q_from: FloatArray,
-    directions_n: int = DIRECTIONS_N,
+    direction_count: int = DIRECTION_COUNT,
 ) -> tuple[FloatArray, FloatArray]:
     """Return configurations (k, 6) before the inspection camera, and what each costs [s] (k,).
 
@@ -38,10 +38,10 @@ def offered_views(
     layout : the cell
     opening_mm : between the inner sides of the fingers
     q_from : (6,) where the arm stands
-    directions_n : directions tried
+    direction_count : directions tried
     """
     first = candidates[0]
-    vectors = candidate_directions(first.solid, directions_n).vectors
+    vectors = candidate_directions(first.solid, direction_count).vectors
     samples = sample_surface(first.solid, SPACING_MM)
     scenes = [
         Scene(layout, opening_mm, layout.fixed_open_mm, _box_of(c.solid).placed(c.T_tcp_part))

@@ -26,7 +26,7 @@ from ..geometry import Box
 from ..views import even_sphere
 from ._rules import DisambiguationRules
 
-OUTER_N = 400
+OUTER_COUNT = 400
 SAME_FACE_STEP_MM = 3.0  # a surface that hides part of itself
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 _TRIANGLES = np.array(
@@ -80,7 +80,7 @@ class Stance:
 def outer_points(solid: Solid) -> FloatArray:
     """Return the points of a solid farthest out each way (n, 3), to a fraction of a pixel."""
     vertices = np.asarray(solid.mesh.vertices)
-    return np.asarray(vertices[np.unique(np.argmax(even_sphere(OUTER_N) @ vertices.T, axis=1))])
+    return np.asarray(vertices[np.unique(np.argmax(even_sphere(OUTER_COUNT) @ vertices.T, axis=1))])
 
 
 def region_of(

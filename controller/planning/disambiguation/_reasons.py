@@ -16,7 +16,7 @@ from ..motion import Scene, tcp_pose
 SAME_MM = 0.15  # as in cad/resting: bores are drawn this far off the axis of symmetric parts
 SPACING_MM = 3.0
 FLATTEST_COSINE = np.cos(np.radians(80.0))
-NAMED_N = 3
+NAMED_COUNT = 3
 
 
 def why_alike(
@@ -50,7 +50,7 @@ def why_alike(
         for c, s, d in zip((a, b), samples, differs, strict=True)
         for f in np.unique(s.face_ids[d])
     ]
-    where = ", ".join(names[:NAMED_N]) + (" and others" if len(names) > NAMED_N else "")
+    where = ", ".join(names[:NAMED_COUNT]) + (" and others" if len(names) > NAMED_COUNT else "")
     if len(q) == 0:
         return f"no view can be reached; they differ at {where}, by up to {most:.1f} mm"
     seen = any(

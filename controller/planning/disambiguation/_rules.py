@@ -23,5 +23,5 @@ class DisambiguationRules:
     step_mm: float = 0.5  # nor may a lower step whose wall is not seen
     coarse_px: int = 4  # pictures of all views are predicted on every fourth pixel
     fine_px: int = 2
-    fine_n: int = 3  # the cheapest and the clearest views of a pair, again on a finer grid
+    fine_count: int = 3  # the cheapest and the clearest views of a pair, again on a finer grid
     most_views: int = 60  # views looked at at all, spread evenly over those offered

@@ -150,8 +150,10 @@ def separations(
             column = margins[:, light, pair]
             (hopeful,) = np.nonzero(column > HOPEFUL)
             cost = cost_s(seconds[hopeful], column[hopeful])
-            again += hopeful[np.argsort(cost, kind="stable")[: rules.fine_n]].tolist()
-            again += hopeful[np.argsort(-column[hopeful], kind="stable")[: rules.fine_n]].tolist()
+            again += hopeful[np.argsort(cost, kind="stable")[: rules.fine_count]].tolist()
+            again += hopeful[
+                np.argsort(-column[hopeful], kind="stable")[: rules.fine_count]
+            ].tolist()
     for k in looked[np.isin(looked, again)]:
         margins[k] = _margins(
             candidates, models, layout, q[k], opening_mm, pairs, rules.fine_px, rules

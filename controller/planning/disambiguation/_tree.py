@@ -38,9 +38,9 @@ class DecidingView:
     then: tuple[DecidingView | None, ...]
 
     @property
-    def views_n(self) -> int:
+    def view_count(self) -> int:
         """Return how many views are taken at most."""
-        return 1 + max((t.views_n for t in self.then if t is not None), default=0)
+        return 1 + max((t.view_count for t in self.then if t is not None), default=0)
 
     def after(self, left: Sequence[int]) -> tuple[tuple[int, ...], DecidingView | None] | None:
         """Return the group and the view that follow when `left` is what the view left.
@@ -120,7 +120,7 @@ def separating_views(
 
 
 def cheapest_tree(
-    candidates_n: int, found: Separations, seconds: FloatArray
+    candidate_count: int, found: Separations, seconds: FloatArray
 ) -> tuple[DecidingView | None, float]:
     """Return the tree of views whose dearest branch is cheapest, and what that costs [s].
 
@@ -130,7 +130,7 @@ def cheapest_tree(
 
     Parameters
     ----------
-    candidates_n : how many; the pairs of ``found`` number them from 0
+    candidate_count : how many; the pairs of ``found`` number them from 0
     found : which views tell which pairs apart
     seconds : (k,) what each configuration costs [s]
     """
@@ -164,7 +164,7 @@ def cheapest_tree(
                 chosen = cost, DecidingView(view.row, view.light, margin, tuple(groups), then)
         return chosen if chosen[1] is not None else (0.0, None)
 
-    _, first = best(tuple(range(candidates_n)), frozenset())
+    _, first = best(tuple(range(candidate_count)), frozenset())
     return first, _worst_s(first, seconds)
 
 

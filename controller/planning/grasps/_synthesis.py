@@ -33,7 +33,7 @@ from .seeds import (
 )
 
 SORTING_SHARE = 0.8  # of the contact asked for, that coarse rays must find
-BATCH_N = 400
+BATCH_SIZE = 400
 GOLDEN = 0.6180339887498949
 
 
@@ -162,17 +162,21 @@ def judge_grasps(
     firm = judge.tally.require(
         "enough contact off the table", area, SORTING_SHARE * rules.min_contact_mm2, " mm2"
     )
-    rows = _cover_of(np.flatnonzero(firm), able, score, picks, rules.fine_n, 2 * rules.picks_n)
+    rows = _cover_of(
+        np.flatnonzero(firm), able, score, picks, rules.fine_count, 2 * rules.pick_count
+    )
     found = _measured(judge, able, rows)
     # a pose that few grasps take from above: there the table gives height and tilt, and what
     # contact the rim of a flat part offers is all there is
-    scarce = found.picks(judge, tables).sum(axis=1) < rules.picks_n // 2
+    scarce = found.picks(judge, tables).sum(axis=1) < rules.pick_count // 2
     for pose in np.flatnonzero(scarce):
         fresh = np.setdiff1d(np.flatnonzero(picks[pose]), found.numbers)
-        rows = _cover_of(fresh, able, score, picks[:0], rules.fine_n // 4, 0)
+        rows = _cover_of(fresh, able, score, picks[:0], rules.fine_count // 4, 0)
         found = found.joined(_measured(judge, able, rows, down=tables[pose]))
     score = score_of(found.contacts) * (1.0 - found.load) * found.margin
-    chosen = cover(found.contacts.T, score, found.picks(judge, tables), rules.keep_n, rules.picks_n)
+    chosen = cover(
+        found.contacts.T, score, found.picks(judge, tables), rules.keep_count, rules.pick_count
+    )
     wide = pre_open(found.contacts.opening, found.inner, jaw, rules)
     grasps = tuple(
         Grasp(
@@ -236,14 +240,15 @@ def _sorted_out(
 ) -> tuple[Candidates, FloatArray, FloatArray]:
     """Return the candidates that hold by coarse rays, clear of the part; their scores and contacts.
 
-    In batches that take from every pose's picks and from all in turn, until there are `enough_n`:
-    a part that is easy to hold is done soon, a hard one is looked at to the last candidate.
+    In batches that take from every pose's picks and from all in turn, until there are
+    `enough_count`: a part that is easy to hold is done soon, a hard one is looked at to the last
+    candidate.
     """
     rules, jaw = judge.rules, judge.jaw
     order = _in_turn([*picks, np.ones(len(tried.T), dtype=bool)])
     part = PartTriangles(judge.solid)
     kept, values, count = [tried.take(order[:0])], [np.zeros((2, 0))], 0
-    for rows in (order[k : k + BATCH_N] for k in range(0, len(order), BATCH_N)):
+    for rows in (order[k : k + BATCH_SIZE] for k in range(0, len(order), BATCH_SIZE)):
         batch = tried.take(rows)
         judge.tally.count("tried", len(rows))
         batch = batch.take(approach_seems_free(batch, seeds, jaw, rules))
@@ -256,7 +261,7 @@ def _sorted_out(
         kept.append(shut.take(clear))
         values.append(np.stack([score_of(found)[good][clear], found.area[good][clear]]))
         count += int((values[-1][1] >= SORTING_SHARE * rules.min_contact_mm2).sum())
-        if count >= rules.enough_n:
+        if count >= rules.enough_count:
             break
     return (
         Candidates(

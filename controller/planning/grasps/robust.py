@@ -20,12 +20,12 @@ from .seeds import across
 COARSE_STEP_MM = 4.0  # of the first closing, which only tells how the part will turn
 MAX_TURN_RAD = float(np.radians(5.0))  # pads turn a part by little more than its pose was wrong
 MAX_SLIDE_MM = 2.0
-LATTICES_N = 3
+LATTICE_COUNT = 3
 SIDES = np.array([1.0, -1.0])[:, None, None, None]  # what raises one pad's wall lowers the other's
 
 
 def wrong_poses(rules: GraspRules, down: FloatArray | None = None) -> FloatArray:
-    """Return `wrong_n` poses (n, 4, 4) near none, evenly over +-wrong_mm and +-wrong_deg.
+    """Return `wrong_count` poses (n, 4, 4) near none, evenly over +-wrong_mm and +-wrong_deg.
 
     An additive recurrence whose steps are powers of a generalised golden ratio: no random numbers,
     and any number of them fills the six dimensions evenly.
@@ -38,13 +38,13 @@ def wrong_poses(rules: GraspRules, down: FloatArray | None = None) -> FloatArray
     for _ in range(60):
         ratio = (1.0 + ratio) ** (1.0 / 7.0)
     step = ratio ** -np.arange(1.0, 7.0)
-    unit = 2 * ((0.5 + np.outer(np.arange(1, rules.wrong_n + 1), step)) % 1.0) - 1
+    unit = 2 * ((0.5 + np.outer(np.arange(1, rules.wrong_count + 1), step)) % 1.0) - 1
     shift, turn = unit[:, :3] * rules.wrong_mm, unit[:, 3:] * np.radians(rules.wrong_deg)
     if down is not None:
         u, v = across(down)
         shift = np.outer(shift[:, 0], u) + np.outer(shift[:, 1], v)
         turn = np.outer(turn[:, 2], down)
-    T = np.tile(np.eye(4), (rules.wrong_n, 1, 1))
+    T = np.tile(np.eye(4), (rules.wrong_count, 1, 1))
     T[:, :3, 3] = shift
     T[:, :3, :3] = Rotation.from_rotvec(turn).as_matrix()
     return T
@@ -153,7 +153,7 @@ def _least_width(touched: Contacts, rise: FloatArray, most: float) -> FloatArray
     lattice = np.array([(i, j) for i in range(-2, 3) for j in range(-2, 3)], dtype=float)
     # nothing first: where nothing brings them nearer, nothing moves
     lattice = lattice[np.argsort(np.abs(lattice).sum(axis=1), kind="stable")]
-    for _ in range(LATTICES_N):
+    for _ in range(LATTICE_COUNT):
         tried = best[:, None] + step * lattice
         width = np.empty(tried.shape[:2], dtype=np.float32)
         for k in range(len(lattice)):

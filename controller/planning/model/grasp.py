@@ -36,18 +36,25 @@ class GraspRules:
     min_margin: float = 0.9  # share of such poses in which it must hold as well
     ray_step_mm: float = 2.0  # between rays from a pad, to sort out
     fine_step_mm: float = 1.0  # and to measure what is left
-    seeds_n: int = 150  # of opposed planes, as many of other walls, as many again of inner walls
-    spin_n: int = 12  # approaches round each
-    enough_n: int = 500  # grasps by coarse rays are enough; until then every candidate is tried
-    fine_n: int = 150  # most of them that are measured finely and tried at wrong poses
-    wrong_n: int = 20  # wrong poses tried
-    keep_n: int = 120  # most grasps of a jaw
-    picks_n: int = 20  # of them, from above for each stable pose
+    seed_count: int = 150  # of opposed planes, as many of other walls, as many again of inner walls
+    spin_count: int = 12  # approaches round each
+    enough_count: int = 500  # grasps by coarse rays are enough; until then every candidate is tried
+    fine_count: int = 150  # most of them that are measured finely and tried at wrong poses
+    wrong_count: int = 20  # wrong poses tried
+    keep_count: int = 120  # most grasps of a jaw
+    pick_count: int = 20  # of them, from above for each stable pose
 
     def coarse(self) -> GraspRules:
         """Return the same demands with a quick, less thorough look: for a first plan."""
         return replace(
-            self, seeds_n=60, spin_n=8, enough_n=100, fine_n=40, wrong_n=10, keep_n=40, picks_n=8
+            self,
+            seed_count=60,
+            spin_count=8,
+            enough_count=100,
+            fine_count=40,
+            wrong_count=10,
+            keep_count=40,
+            pick_count=8,
         )
 
 

@@ -47,7 +47,7 @@ class PlanOptions:
     max_incidence_deg: float = 70.0  # a surface seen flatter than this shows too little
     # pixels per millimetre along the surface, foreshortening included, that a view must give
     min_px_per_mm: float = 1.0
-    directions_n: int = 90  # of the even sphere, beside square ones
+    direction_count: int = 90  # of the even sphere, beside square ones
     arm_grasps_per_pose: int = 8
     arm_grasps_round: int = 16
     fixed_grasps: int = 16
@@ -67,7 +67,7 @@ class PlanOptions:
         return replace(
             self,
             is_coarse=True,
-            directions_n=40,
+            direction_count=40,
             arm_grasps_per_pose=3,
             arm_grasps_round=6,
             fixed_grasps=6,

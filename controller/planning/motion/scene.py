@@ -22,7 +22,7 @@ from ._kinematics import link_boxes, link_frames, placed_boxes, tcp_pose
 
 STANDING = "the part standing there"
 _NONE = np.iinfo(np.int64).max
-_COLUMN_N = 1  # at the end of what stands, with an index in `names` of its own
+_COLUMN_COUNT = 1  # at the end of what stands, with an index in `names` of its own
 SELF_MARGIN_MM = 3.0  # links know each other's place better than the world's
 _SIGNS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
 GripperBoxes = tuple[FloatArray, FloatArray]
@@ -148,7 +148,7 @@ class Scene:
         if moving.shape is not None:
             loose |= body == moving.centres.shape[1] - 1
         if self.standing_meshes:
-            last = 1 + still - _COLUMN_N
+            last = 1 + still - _COLUMN_COUNT
             loose |= (name >= last - len(self.standing_meshes)) & (name < last)
         found = np.full(n, _NONE)
         np.minimum.at(found, row[~loose], name[~loose])

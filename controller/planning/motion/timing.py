@@ -19,7 +19,7 @@ from ._kinematics import tcp_pose
 _OUT_MM = np.array(
     [[0.0, 0.0, 0.0], [40.0, 60.0, 0.0], [40.0, -60.0, 0.0], [40.0, 0.0, 60.0], [40.0, 0.0, -60.0]]
 )
-_COURSE_N = 17  # points of a move's course in time
+_COURSE_POINT_COUNT = 17  # points of a move's course in time
 _BESIDE = np.linspace(-0.06, 0.06, 13)  # shares of the line
 
 
@@ -64,7 +64,7 @@ def segment_tube(
     q_from, q_to : (6,) ends of one move
     at : (k,) shares of the line, 0 to 1
     """
-    q, done = layout.arm.timing.courses(q_from, q_to, _COURSE_N)
+    q, done = layout.arm.timing.courses(q_from, q_to, _COURSE_POINT_COUNT)
     # the line's nearest point is a little before or behind that of the same instant
     share = np.clip(done[:, None] + _BESIDE, 0.0, 1.0)
     line = _corners(layout, q_from + share[..., None] * (q_to - q_from))
@@ -72,11 +72,11 @@ def segment_tube(
     away = np.sqrt(np.einsum("nsij,nsij->nsi", off, off).max(axis=2))
     best = away.argmin(axis=1)
     every = np.arange(len(q))
-    where = np.rint(share[every, best] * (_COURSE_N - 1)).astype(int)
-    tube = np.zeros(_COURSE_N)
+    where = np.rint(share[every, best] * (_COURSE_POINT_COUNT - 1)).astype(int)
+    tube = np.zeros(_COURSE_POINT_COUNT)
     for shift in (-1, 0, 1):  # between its points the course strays as far as at them
-        np.maximum.at(tube, np.clip(where + shift, 0, _COURSE_N - 1), away[every, best])
-    return np.asarray(np.interp(at, np.linspace(0.0, 1.0, _COURSE_N), tube))
+        np.maximum.at(tube, np.clip(where + shift, 0, _COURSE_POINT_COUNT - 1), away[every, best])
+    return np.asarray(np.interp(at, np.linspace(0.0, 1.0, _COURSE_POINT_COUNT), tube))
 
 
 def tube_bound_mm(layout: CellLayout, step: FloatArray, radii_mm: FloatArray) -> float:

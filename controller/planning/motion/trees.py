@@ -19,13 +19,13 @@ from .scene import Scene
 from .segments import BROAD_PHASE_TUBE_MM, MARGIN_MM, Ends, segment_free, segment_seems_free
 from .timing import move_seconds, travel_seconds
 
-TURNS_N = 400
-SHUT_IN_N = 80  # turns after which a tree that is still its root is shut in
+TURN_COUNT = 400
+SHUT_IN_COUNT = 80  # turns after which a tree that is still its root is shut in
 STEP_S = 0.8  # longest edge
-SHRINKS_N = 2  # a third of an edge may be free where the whole is not
+SHRINK_COUNT = 2  # a third of an edge may be free where the whole is not
 TOWARDS_ROOT = 0.1  # share of the turns
-SAMPLES_N = 96  # drawn at a time; few are within limits and free
-SHORTCUTS_N = 24
+SAMPLE_COUNT = 96  # drawn at a time; few are within limits and free
+SHORTCUT_COUNT = 24
 
 
 @dataclass(slots=True)
@@ -73,7 +73,7 @@ def rrt_connect(
             return k, True
         here = tree.nodes[k]
         new = target if arrives else here + (target - here) * STEP_S / away_s[k]
-        for _ in range(SHRINKS_N):
+        for _ in range(SHRINK_COUNT):
             a, b = (here, new) if tree.forward else (new, here)
             if segment_seems_free(scene, a, b, ends, BROAD_PHASE_TUBE_MM):
                 return tree.add(new, k), arrives
@@ -81,9 +81,9 @@ def rrt_connect(
         return -1, False
 
     pool: list[FloatArray] = []
-    for turn in range(TURNS_N):
+    for turn in range(TURN_COUNT):
         mine, other = trees[turn % 2], trees[1 - turn % 2]
-        if turn >= SHUT_IN_N and min(len(mine.parents), len(other.parents)) == 1:
+        if turn >= SHUT_IN_COUNT and min(len(mine.parents), len(other.parents)) == 1:
             return None
         if not pool:
             pool = _free_samples(scene, rng)
@@ -105,7 +105,7 @@ def rrt_connect(
 def _free_samples(scene: Scene, rng: np.random.Generator) -> list[FloatArray]:
     """Return random configurations that are free themselves."""
     arm = scene.layout.arm
-    q = arm.spread(rng.random((SAMPLES_N, JOINT_COUNT)))
+    q = arm.spread(rng.random((SAMPLE_COUNT, JOINT_COUNT)))
     q = q[arm.within_limits(q)]
     return list(q[scene.free(q, MARGIN_MM)])
 
@@ -136,7 +136,7 @@ def shortened(
                 path = path[: i + 1] + path[j:]
                 break
         i += 1
-    for _ in range(SHORTCUTS_N):
+    for _ in range(SHORTCUT_COUNT):
         if len(path) < 3:
             break
         segments = np.sort(rng.choice(len(path) - 1, 2, replace=False))

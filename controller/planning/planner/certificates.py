@@ -18,8 +18,8 @@ from ..model import CellLayout, NoPlanError, OnTable, Plan, PreparedPart
 from ..regrasps import is_pickable
 from .planner import plan_from
 
-PLACES_N = 3  # per side of the area parts may lie in
-TURNS_N = 4
+PLACE_COUNT = 3  # per side of the area parts may lie in
+TURN_COUNT = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,12 +76,12 @@ def _certificate(
 
 def _pickable(part: PreparedPart, layout: CellLayout, pose: StablePose) -> float:
     """Return the share of places and turns from which the part can be taken."""
-    x_mm, y_mm = (np.linspace(low, high, PLACES_N) for low, high in layout.set_down_mm)
+    x_mm, y_mm = (np.linspace(low, high, PLACE_COUNT) for low, high in layout.set_down_mm)
     taken = []
     for x in x_mm:
         for y in y_mm:
-            for k in range(TURNS_N):
-                turn = 2 * np.pi * k / TURNS_N
+            for k in range(TURN_COUNT):
+                turn = 2 * np.pi * k / TURN_COUNT
                 T = resting_pose(part.solid, pose, float(x), float(y), turn)
                 taken.append(is_pickable(part, layout, T))
     return float(np.mean(taken))

@@ -87,7 +87,7 @@ def prepare_part(
     fixed_base = [fixed[k] for k in spread(fixed, range(len(fixed)), options.fixed_grasps)]
 
     rules = VisibilityRules.of_station(layout, options.max_incidence_deg, options.min_px_per_mm)
-    visibility_table = look_out(solid, samples, caster, rules, options.directions_n)
+    visibility_table = look_out(solid, samples, caster, rules, options.direction_count)
     arm_grasps = (*base, *(turned_over(g) for g in base))
     fixed_grasps = (*fixed_base, *(turned_over(g) for g in fixed_base))
     bare = PreparedPart(

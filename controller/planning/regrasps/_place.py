@@ -17,9 +17,9 @@ RELEASE_MM = 3.0  # above the tray's floor
 UP_MM = 100.0
 STEP_MM = 10.0
 MARGIN_MM = 3.0
-TRIED_N = 60
-RISEN_N = 20
-BATCH_N = 8
+TRIED_COUNT = 60
+RISEN_COUNT = 20
+BATCH_SIZE = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +75,7 @@ def place_paths(
     open_ = Scene(layout, grasp.pre_open_mm, layout.fixed_open_mm)
     good = shut.free(q[order], MARGIN_MM, table_margin_mm=1.0)
     good &= open_.free(q[order], MARGIN_MM)
-    order = order[good][:TRIED_N]
+    order = order[good][:TRIED_COUNT]
     if len(order) == 0:
         return []
     k = np.arange(1, round(UP_MM / STEP_MM) + 1) * STEP_MM
@@ -88,13 +88,13 @@ def place_paths(
     trapped: list[PlacePath] = []
     whole = np.isfinite(down).all(axis=(1, 2)) & np.isfinite(up).all(axis=(1, 2))
     rows = np.flatnonzero(whole)
-    for begin in range(0, len(rows), BATCH_N):
-        batch = rows[begin : begin + BATCH_N]
+    for begin in range(0, len(rows), BATCH_SIZE):
+        batch = rows[begin : begin + BATCH_SIZE]
         clear = _all_free(shut, down[batch], table_margin_mm=1.0) & _all_free(open_, up[batch])
         batch = batch[clear]
         # an elbow under the station's panel can come down here, but hardly get there
-        risen = _all_free(shut, layout.arm.retreats(down[batch, -1], RISEN_N), margin_mm=10.0)
-        risen &= _all_free(open_, layout.arm.retreats(up[batch, -1], RISEN_N), margin_mm=10.0)
+        risen = _all_free(shut, layout.arm.retreats(down[batch, -1], RISEN_COUNT), margin_mm=10.0)
+        risen &= _all_free(open_, layout.arm.retreats(up[batch, -1], RISEN_COUNT), margin_mm=10.0)
         for place, is_rising in zip(batch, risen, strict=True):
             row = order[place]
             path = PlacePath(

@@ -21,8 +21,8 @@ from ..model import TABLE_MARGIN_MM, CellLayout, Grasp, HandOff, Rest
 from ..motion import Scene, inverse_rows, same_branch
 from ._handoff import APPROACH_MM, CLOSE_MARGIN_MM, PART_MARGIN_MM, STEP_MM
 
-TURNS_N = 8  # about the vertical, per stable pose
-KEPT_BRANCHES_N = 2
+TURN_COUNT = 8  # about the vertical, per stable pose
+KEPT_BRANCH_COUNT = 2
 # the part touches the table it is put on; what the bounding box adds below it is no contact
 PART_TABLE_MARGIN_MM = -1.0
 
@@ -41,10 +41,10 @@ def rests(solid: Solid, poses: Sequence[StablePose], layout: CellLayout) -> tupl
     """
     x, y = layout.set_down_mm.mean(axis=1)
     return tuple(
-        Rest(pose.index, resting_pose(solid, pose, float(x), float(y), 2 * np.pi * k / TURNS_N))
+        Rest(pose.index, resting_pose(solid, pose, float(x), float(y), 2 * np.pi * k / TURN_COUNT))
         for pose in poses
         if not (pose.rolling or pose.marginal or pose.rocking)
-        for k in range(TURNS_N)
+        for k in range(TURN_COUNT)
     )
 
 
@@ -81,7 +81,7 @@ def set_downs(
     tried = np.zeros(len(grasps), dtype=int)
     for row in np.flatnonzero(whole):
         k = int(index[row])
-        if int(members[k]) in found or tried[k] == KEPT_BRANCHES_N:
+        if int(members[k]) in found or tried[k] == KEPT_BRANCH_COUNT:
             continue
         tried[k] += 1
         if _is_free(layout, part, grasps[k], entry[row], retreat[row], q[row]):

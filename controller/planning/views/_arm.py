@@ -17,7 +17,7 @@ from ..geometry import Box, overlap, segments_hit, stack
 from ..model import CellLayout
 from .gripper import FINGER_SHADOW_MM
 
-_PIECES_N = 4  # of the cone, each held by a box
+_PIECE_COUNT = 4  # of the cone, each held by a box
 DIRECTION_COUNT = 12  # as many as there are rolls
 _MIN_DEPTH_MM = 1.0
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
@@ -46,10 +46,10 @@ class ViewCone:
         side = side / np.linalg.norm(side)
         sine = min(radius_mm / distance, 0.99)
         slope = sine / np.sqrt(1.0 - sine**2)
-        ends = np.linspace(0.0, distance + radius_mm, _PIECES_N + 1)
-        T = np.tile(np.eye(4), (_PIECES_N, 1, 1))
-        half = np.zeros((_PIECES_N, 3))
-        for k in range(_PIECES_N):
+        ends = np.linspace(0.0, distance + radius_mm, _PIECE_COUNT + 1)
+        T = np.tile(np.eye(4), (_PIECE_COUNT, 1, 1))
+        half = np.zeros((_PIECE_COUNT, 3))
+        for k in range(_PIECE_COUNT):
             low, high = ends[k], ends[k + 1]
             T[k, :3, :3] = np.column_stack([along, side, np.cross(along, side)])
             T[k, :3, 3] = eye + (low + high) / 2 * along
@@ -68,7 +68,7 @@ class ViewCone:
 
 
 def seen_extent(layout: CellLayout, points_mm: FloatArray) -> FloatArray:
-    """Return how far points (..., n, 3) reach in the picture each way: (..., WAYS_N).
+    """Return how far points (..., n, 3) reach in the picture each way: (..., DIRECTION_COUNT).
 
     Ways are directions square to the line from the camera to the station, evenly turned; lengths
     are tangents. Points beside or behind the camera reach infinitely far every way.

@@ -15,9 +15,9 @@ from ..model import CellLayout
 from ._arm import ViewCone, seen_extent
 from .visibility import even_sphere, in_picture
 
-ROLLS_N = 12
-OUTER_N = 400
-RIM_N = 72
+ROLL_COUNT = 12
+OUTER_COUNT = 400
+RIM_COUNT = 72
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,8 +63,8 @@ def view_poses(
     right = right - towards * (right @ towards)
     right = right / np.linalg.norm(right)
     at_station = np.column_stack([right, np.cross(towards, right), towards])
-    angle = 2 * np.pi * np.arange(ROLLS_N) / ROLLS_N
-    turn = np.zeros((ROLLS_N, 3, 3))
+    angle = 2 * np.pi * np.arange(ROLL_COUNT) / ROLL_COUNT
+    turn = np.zeros((ROLL_COUNT, 3, 3))
     turn[:, 0, 0] = turn[:, 1, 1] = np.cos(angle)
     turn[:, 1, 0], turn[:, 0, 1] = np.sin(angle), -np.sin(angle)
     turn[:, 2, 2] = 1.0
@@ -72,7 +72,7 @@ def view_poses(
     u = helper - vectors * np.einsum("vi,vi->v", helper, vectors)[:, None]
     u = u / np.linalg.norm(u, axis=1)[:, None]
     on_part = np.stack([u, np.cross(vectors, u), vectors], axis=2)
-    T = np.zeros((len(vectors), ROLLS_N, 4, 4))
+    T = np.zeros((len(vectors), ROLL_COUNT, 4, 4))
     T[..., 3, 3] = 1.0
     T[..., :3, :3] = np.einsum("ij,rjk,vlk->vril", at_station, turn, on_part)
     T[..., :3, 3] = layout.station_mm - T[..., :3, :3] @ solid.centroid_mm
@@ -87,7 +87,7 @@ def _whole(solid: Solid, camera: Camera, T: FloatArray) -> BoolArray:
     if in_picture(camera, _rim_of_ball(camera, centre, radius)).all():
         return np.ones(T.shape[:2], dtype=bool)  # whichever way it is turned
     # of a fine mesh the points farthest out, to less than a pixel
-    outer = hull[np.unique(np.argmax(even_sphere(OUTER_N) @ hull.T, axis=1))]
+    outer = hull[np.unique(np.argmax(even_sphere(OUTER_COUNT) @ hull.T, axis=1))]
     points = np.einsum("vrij,kj->vrki", T[..., :3, :3], outer) + centre
     return np.asarray(in_picture(camera, points).all(axis=2))
 
@@ -100,7 +100,7 @@ def _rim_of_ball(camera: Camera, centre: FloatArray, radius: float) -> FloatArra
     side = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
     side = side / np.linalg.norm(side)
     sine = min(radius / distance, 1.0)
-    angle = np.linspace(0.0, 2 * np.pi, RIM_N, endpoint=False)[:, None]
+    angle = np.linspace(0.0, 2 * np.pi, RIM_COUNT, endpoint=False)[:, None]
     out = np.cos(angle) * side + np.sin(angle) * np.cross(along, side)
     return np.asarray(centre - radius * sine * along + radius * np.sqrt(1.0 - sine**2) * out)
 
@@ -136,4 +136,4 @@ def _extent(samples: SurfaceSamples, layout: CellLayout, T: FloatArray) -> Float
     points = np.einsum("vij,nj->vni", flat[:, :3, :3], samples.points_mm) + flat[:, None, :3, 3]
     first = seen_extent(layout, points)
     # a roll of the part about the sight line turns its picture by as many ways
-    return np.stack([np.roll(first, r, axis=1) for r in range(ROLLS_N)], axis=1)
+    return np.stack([np.roll(first, r, axis=1) for r in range(ROLL_COUNT)], axis=1)

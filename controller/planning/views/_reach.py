@@ -18,9 +18,9 @@ from ._poses import Showing
 
 KEPT_Q = 4  # configurations kept per view and grasp
 # nearly every one the joints allow is free (planning-facts.md 1.3), so few are checked at first
-FIRST_TRIED_N = 4
+FIRST_TRIED_COUNT = 4
 # which of them the arm hides least in shows only when it is looked at
-FIRST_TRIED_BETWEEN_N = 12
+FIRST_TRIED_BETWEEN_COUNT = 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,7 +128,7 @@ def _free_rows(
     of_view = v_of[order]
     place = np.arange(len(order)) - np.searchsorted(of_view, of_view)
     free = np.zeros(len(order), dtype=bool)
-    tried = np.where(between[order], FIRST_TRIED_BETWEEN_N, FIRST_TRIED_N)
+    tried = np.where(between[order], FIRST_TRIED_BETWEEN_COUNT, FIRST_TRIED_COUNT)
     (first,) = np.nonzero(place < tried)
     free[first] = scene.free(q[order[first]])
     done = np.zeros(int(of_view.max()) + 1, dtype=bool)

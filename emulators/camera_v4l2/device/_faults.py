@@ -9,21 +9,23 @@ class Faults:
 
     Attributes
     ----------
-    error_n : so many frames to come carry the ERROR flag
-    short_n : so many frames to come end half-way (`bytesused`)
-    broken_jpeg_n : so many MJPG frames to come are zeros in their last third, end marker included
-    lost_n : so many frames to come are lost, their buffers stay queued, their numbers are used up
+    error_count : so many frames to come carry the ERROR flag
+    short_count : so many frames to come end half-way (`bytesused`)
+    broken_jpeg_count : so many MJPG frames to come are zeros in their last third, end marker
+        included
+    lost_count : so many frames to come are lost, their buffers stay queued, their numbers are
+        used up
     is_stalled : no frame comes at all until this is taken back; numbers run on
     is_frozen : frames come in time and numbered, with the same old picture in them
-    control_delay_n : a control's new value shows so many frames later than it could
+    control_delay_frames : a control's new value shows so many frames later than it could
     timestamp_unknown : buffers are stamped by a clock that is not CLOCK_MONOTONIC, and not flagged
     """
 
-    error_n: int = 0
-    short_n: int = 0
-    broken_jpeg_n: int = 0
-    lost_n: int = 0
+    error_count: int = 0
+    short_count: int = 0
+    broken_jpeg_count: int = 0
+    lost_count: int = 0
     is_stalled: bool = False
     is_frozen: bool = False
-    control_delay_n: int = 0
+    control_delay_frames: int = 0
     timestamp_unknown: bool = False

@@ -156,7 +156,7 @@ class Sensor:
         """Return the first frame that a control set now can still influence."""
         if not self._buffers.is_streaming:
             return 0
-        return self._grid.first_from(self._clock.now_s()) + self.faults.control_delay_n
+        return self._grid.first_from(self._clock.now_s()) + self.faults.control_delay_frames
 
     def review(self) -> None:
         """Note whether the next frame has a place to go, after anything that may change that."""
@@ -219,8 +219,8 @@ class Sensor:
 
     def _expose(self, frame: int) -> bool:
         """Order the picture of a frame; False if the frame is lost."""
-        if self.faults.lost_n > 0:
-            self.faults = replace(self.faults, lost_n=self.faults.lost_n - 1)
+        if self.faults.lost_count > 0:
+            self.faults = replace(self.faults, lost_count=self.faults.lost_count - 1)
             return False
         start_s, end_s = self._grid.start_s(frame), self._grid.end_s(frame)
         gain = 10.0 ** (self._controls.value_at(ctl.GAIN, frame) / GAIN_PER_DECADE)
@@ -308,14 +308,14 @@ class Sensor:
 def _damaged(frame: bytes, pixel_format: PixelFormat, faults: Faults) -> tuple[bytes, int, Faults]:
     """Return the frame as the faults leave it, its flags, and the faults that remain."""
     flags = 0
-    if faults.error_n > 0:
+    if faults.error_count > 0:
         flags = int(BufferFlag.ERROR)
-        faults = replace(faults, error_n=faults.error_n - 1)
-    if faults.short_n > 0:
+        faults = replace(faults, error_count=faults.error_count - 1)
+    if faults.short_count > 0:
         frame = frame[: len(frame) // 2]
-        faults = replace(faults, short_n=faults.short_n - 1)
-    if faults.broken_jpeg_n > 0 and pixel_format.is_compressed:
+        faults = replace(faults, short_count=faults.short_count - 1)
+    if faults.broken_jpeg_count > 0 and pixel_format.is_compressed:
         intact = 2 * len(frame) // 3
         frame = frame[:intact] + bytes(len(frame) - intact)
-        faults = replace(faults, broken_jpeg_n=faults.broken_jpeg_n - 1)
+        faults = replace(faults, broken_jpeg_count=faults.broken_jpeg_count - 1)
     return frame, flags, faults

@@ -16,7 +16,7 @@ from controller.planning.motion import move_seconds
 from .._family import FamilyMember
 
 MIN_GAIN = 0.002  # share of the surface that one more view must add
-PAIRS_N = 24  # pairs of grasps that show all and are timed
+PAIR_COUNT = 24  # pairs of grasps that show all and are timed
 SET_DOWN_S = 16.0  # for going down to the table and up twice; zed is the slowest axis
 
 
@@ -63,9 +63,9 @@ def forecast(
         by_hand_off = (
             np.argwhere(enough & passed) if (enough & passed).any() else np.argwhere(enough)
         )
-        for one, other in by_hand_off[:PAIRS_N].tolist():
+        for one, other in by_hand_off[:PAIR_COUNT].tolist():
             seconds, end = _regrasp(
-                layout, tables, one, other, member.base_n, layout.park_q, bool(start[other])
+                layout, tables, one, other, member.base_count, layout.park_q, bool(start[other])
             )
             if seconds < quickest[0]:
                 quickest = (seconds, one, other, end)

@@ -23,7 +23,7 @@ from .visibility import links_in_sight
 TRIED_Q = 5  # configurations per grasp and direction that get a collision check
 PICK_MARGIN_MM = 2.0  # clearance of an empty gripper that moves down slowly to the part
 TRAY_Z_MM = (60.0, 160.0)
-TRAY_TURNS_N = 12
+TRAY_TURN_COUNT = 12
 TRAY_PITCHES_DEG = (-90.0, -60.0, -30.0)
 TRAY_MARGIN_MM = 5.0
 
@@ -34,9 +34,9 @@ class Shows:
 
     Attributes
     ----------
-    reached : (base_n, v) bool, by the joints alone
-    views : (base_n, v) bool, also free of contact and with the arm out of the picture
-    q : (base_n, v, 6) one configuration each, NaN if there is none
+    reached : (base_count, v) bool, by the joints alone
+    views : (base_count, v) bool, also free of contact and with the arm out of the picture
+    q : (base_count, v, 6) one configuration each, NaN if there is none
     """
 
     reached: BoolArray
@@ -53,7 +53,7 @@ def checked_views(site_layout: CellLayout, member: FamilyMember, move: FloatArra
     member : a part of the family
     move : (4, 4) of `carried`: from the site for which the member's views were computed to this one
     """
-    half = member.base_n
+    half = member.base_count
     q_free = np.full((half, len(member.vectors), 6), np.nan)
     reached = np.zeros((half, len(member.vectors)), dtype=bool)
     T_view = move @ member.T_view
@@ -107,9 +107,11 @@ def _first_free(
 
 
 def free_picks(site_layout: CellLayout, member: FamilyMember) -> BoolArray:
-    """Return which grasps pick the part up where: (p poses, places, 2 base_n) bool."""
+    """Return which grasps pick the part up where: (p poses, places, 2 base_count) bool."""
     picks = member.picks
-    found = np.zeros((len(member.start_poses), picks.places_n, len(member.arm_grasps)), dtype=bool)
+    found = np.zeros(
+        (len(member.start_poses), picks.place_count, len(member.arm_grasps)), dtype=bool
+    )
     if len(picks.q_hold) == 0:
         return found
     # The arm gripper is taken as wide open. A grasp that must open less in some pose is not lost.
@@ -154,7 +156,7 @@ def _gripper_turns() -> FloatArray:
     """Return gripper rotations (n, 3, 3) straight down and leaning, jaws level."""
     found = []
     for pitch in np.radians(TRAY_PITCHES_DEG):
-        for heading in 2 * np.pi * np.arange(TRAY_TURNS_N) / TRAY_TURNS_N:
+        for heading in 2 * np.pi * np.arange(TRAY_TURN_COUNT) / TRAY_TURN_COUNT:
             ahead = np.array([np.cos(heading), np.sin(heading), 0.0])
             x = np.cos(pitch) * ahead + np.array([0.0, 0.0, np.sin(pitch)])
             y = np.array([-ahead[1], ahead[0], 0.0])
@@ -166,8 +168,8 @@ def _gripper_turns() -> FloatArray:
 def checked_hand_offs(
     site_layout: CellLayout, member: FamilyMember
 ) -> tuple[BoolArray, list[dict[int, HandOff]]]:
-    """Return which base grasps can meet which fixed ones (f, base_n), and the hand-offs."""
-    half = member.base_n
+    """Return which base grasps can meet which fixed ones (f, base_count), and the hand-offs."""
+    half = member.base_count
     if site_layout.fixed_gripper is None or not member.fixed_grasps:
         return np.zeros((0, half), dtype=bool), []
     tables = [
@@ -218,7 +220,7 @@ def _score_part(here: CellLayout, member: FamilyMember, move: FloatArray) -> Par
     covered = covered_bits(member, shows.views)
     met, tables = checked_hand_offs(here, member)
     picks = free_picks(here, member)
-    half = member.base_n
+    half = member.base_count
     by_pose: BoolArray = np.asarray(picks.any(axis=1))
     by_pose = by_pose[:, :half] | by_pose[:, half:]
     shown = np.zeros(len(by_pose))

@@ -20,7 +20,7 @@ from .._family import FamilyMember
 from ..site import Site, camera_frame, standoff_mm
 
 TCP_DIRECTION_COUNT = 200  # 7 degrees apart, half the angle between neighbouring view directions
-ROLLS_N = 12
+ROLL_COUNT = 12
 # Length of the part's straight path into the fixed gripper, and of the arm gripper's path away.
 ENTRY_MM = 80.0
 
@@ -55,17 +55,17 @@ def shown_directions(
     """
     towards = camera_frame(site.station_mm, site.towards, standoff_mm(layout))[:3, :3]
     at_station = np.column_stack([towards[:, 0], -towards[:, 1], -towards[:, 2]])
-    angle = 2 * np.pi * np.arange(ROLLS_N) / ROLLS_N
-    c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros(ROLLS_N), np.ones(ROLLS_N)
+    angle = 2 * np.pi * np.arange(ROLL_COUNT) / ROLL_COUNT
+    c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros(ROLL_COUNT), np.ones(ROLL_COUNT)
     rolls = np.array([[c, -s, zero], [s, c, zero], [zero, zero, one]]).transpose(2, 0, 1)
-    T = np.zeros((len(to_camera), ROLLS_N, 4, 4))
+    T = np.zeros((len(to_camera), ROLL_COUNT, 4, 4))
     T[..., 3, 3] = 1.0
     T[..., :3, :3] = (at_station @ rolls)[None] @ np.swapaxes(_frames(to_camera), 1, 2)[:, None]
     T[..., :3, 3] = site.station_mm - T[..., :3, :3] @ centre_mm
     index, _, _ = inverse_rows(layout, T.reshape(-1, 4, 4))
-    found = np.zeros(len(to_camera) * ROLLS_N, dtype=bool)
+    found = np.zeros(len(to_camera) * ROLL_COUNT, dtype=bool)
     found[index] = True
-    return np.asarray(found.reshape(len(to_camera), ROLLS_N).any(axis=1))
+    return np.asarray(found.reshape(len(to_camera), ROLL_COUNT).any(axis=1))
 
 
 def nearest_directions(member: FamilyMember, to_camera: FloatArray) -> IntArray:
@@ -145,10 +145,10 @@ def hand_off_shares(member: FamilyMember, met: BoolArray) -> tuple[float, float]
 
     Parameters
     ----------
-    met : (f, base_n) which grasps can meet which of the fixed gripper's
+    met : (f, base_count) which grasps can meet which of the fixed gripper's
     """
     pairs = (met.T.astype(int) @ met.astype(int)) > 0
-    half, wanted = member.base_n, int(member.completes.sum())
+    half, wanted = member.base_count, int(member.completes.sum())
     from_table: BoolArray = np.asarray(member.from_pose.any(axis=0))
     lonely = (from_table[:half] | from_table[half:]) & member.completes.any(axis=1)
     joined = (pairs & member.completes).any(axis=1)

@@ -9,7 +9,7 @@ from controller.planning.geometry import Box, segments_hit
 from controller.planning.model import CellLayout
 from controller.planning.motion import link_boxes
 
-AROUND_N = 8  # points round the part's outline that the camera must see, besides its middle
+AROUND_COUNT = 8  # points round the part's outline that the camera must see, besides its middle
 
 
 def links_in_sight(layout: CellLayout, q: FloatArray, radius_mm: float) -> BoolArray:
@@ -31,7 +31,7 @@ def links_in_sight(layout: CellLayout, q: FloatArray, radius_mm: float) -> BoolA
     right = np.cross(towards, np.eye(3)[int(np.argmin(np.abs(towards)))])
     right /= np.linalg.norm(right)
     over = np.cross(towards, right)
-    angle = 2 * np.pi * np.arange(AROUND_N) / AROUND_N
+    angle = 2 * np.pi * np.arange(AROUND_COUNT) / AROUND_COUNT
     ring = np.cos(angle)[:, None] * right + np.sin(angle)[:, None] * over
     points = np.vstack([station[None], station + radius_mm * ring])
     hidden = np.zeros(len(q), dtype=bool)

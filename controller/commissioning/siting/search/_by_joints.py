@@ -30,8 +30,8 @@ from .grids import camera_grid, fixed_gripper_grid
 
 # A site nearer than both to a better one is left to the small steps.
 APART_MM, APART_DEG = 60.0, 20.0
-MET_N = 5  # grasps of the fixed gripper by which its poses are ranked
-PAIRED_N = 60  # fixed gripper poses tried with each camera site
+MET_COUNT = 5  # grasps of the fixed gripper by which its poses are ranked
+PAIRED_COUNT = 60  # fixed gripper poses tried with each camera site
 
 
 def cameras_by_joints(search: Survey) -> list[SiteScore]:
@@ -67,7 +67,7 @@ def cameras_by_joints(search: Survey) -> list[SiteScore]:
             views = table_views(near, reached)
             scores.append(_by_joints(member, shown_share(member, views), float(views.mean())))
         found.append(SiteScore(site, tuple(scores), "joints", value_of(scores), why))
-    search.tried_n += len(sites)
+    search.tried_count += len(sites)
     return sorted(found, key=lambda s: (-round(s.value, 4), _far_mm(layout, s.site, now)))
 
 
@@ -107,7 +107,7 @@ def fixed_grippers_by_joints(search: Survey) -> list[FixedGripperScore]:
         bare = replace(layout, obstacles=kept)
     fellows = Fellows((), search.fellows.fixed_gripper)
     keep = search.options.keep_free_mm
-    together = [meetings(m, MET_N) for m in members]
+    together = [meetings(m, MET_COUNT) for m in members]
     found: list[FixedGripperScore] = []
     for k, T in enumerate(poses):
         if k % 100 == 0:
@@ -124,9 +124,9 @@ def fixed_grippers_by_joints(search: Survey) -> list[FixedGripperScore]:
         shares = []
         for m, T_meet in zip(members, together, strict=True):
             met = met_grasps(layout, T, T_meet)
-            shares.append(hand_off_shares(m, met[:, : m.base_n] | met[:, m.base_n :]))
+            shares.append(hand_off_shares(m, met[:, : m.base_count] | met[:, m.base_count :]))
         found.append(FixedGripperScore(T, tuple(s[0] for s in shares), tuple(s[1] for s in shares)))
-    search.tried_n += len(poses)
+    search.tried_count += len(poses)
     at = layout.T_world_fixed_tcp[:3, 3]
 
     def away_mm(score: FixedGripperScore) -> float:
@@ -164,7 +164,7 @@ def joined(
                 _with_fixed_gripper(score, next(f for f in fixed_scores if _stands(f, now)))
             )
             found[0] = replace(found[0], forbidden=search.forbidden(now))
-        for fixed_gripper in fixed_scores[:PAIRED_N]:
+        for fixed_gripper in fixed_scores[:PAIRED_COUNT]:
             pair = replace(site, T_world_fixed_tcp=fixed_gripper.T_world_fixed_tcp)
             if site_key(pair) != site_key(now) and search.forbidden(pair) is None:
                 found.append(_with_fixed_gripper(replace(score, forbidden=None), fixed_gripper))

@@ -18,9 +18,9 @@ from controller.imaging import RayCaster
 from ...model import GraspRules, Jaw
 
 SIDES = (1.0, -1.0)
-EDGES_N = 16  # directions in which the edge of a contact is looked for
+EDGE_COUNT = 16  # directions in which the edge of a contact is looked for
 MIN_FACING = 0.5  # a wall turned farther from its pad never carries
-_TURN = np.arange(EDGES_N) * 2 * np.pi / EDGES_N
+_TURN = np.arange(EDGE_COUNT) * 2 * np.pi / EDGE_COUNT
 EDGE_DIRECTIONS = np.column_stack([np.cos(_TURN), np.sin(_TURN)])
 
 
@@ -33,7 +33,7 @@ class PadGrid:
     points : (m, 2) x and z in the TCP frame
     area : (m,) mm2 each stands for; they add up to the pad
     step_x : mm between them along the approach
-    order : per edge direction (EDGES_N, m), the points that reach farthest in it first
+    order : per edge direction (EDGE_COUNT, m), the points that reach farthest in it first
     """
 
     points: FloatArray
@@ -219,14 +219,14 @@ def _slope(normal: FloatArray, axis: FloatArray) -> FloatArray:
 
 
 def edges(touch: BoolArray, grid: PadGrid) -> FloatArray:
-    """Return how far contacts reach in each edge direction (n, EDGES_N), from the pad's origin.
+    """Return how far contacts reach in each edge direction (n, EDGE_COUNT), from the pad's origin.
 
     -inf where a pad touches nothing.
     """
     reach = EDGE_DIRECTIONS @ grid.points.T
     half = np.abs(EDGE_DIRECTIONS[:, 0]) * grid.step_x / 2  # cells reach half a step farther
-    out = np.empty((len(touch), EDGES_N))
-    for k in range(EDGES_N):
+    out = np.empty((len(touch), EDGE_COUNT))
+    for k in range(EDGE_COUNT):
         first = np.argmax(touch[:, grid.order[k]], axis=1)
         out[:, k] = reach[k, grid.order[k][first]] + half[k]
     out[~touch.any(axis=1)] = -np.inf

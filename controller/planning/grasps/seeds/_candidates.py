@@ -15,7 +15,7 @@ from ._seeds import Seeds, narrowest_inner, widest_inner
 
 SHALLOWER_MM = 7.0  # the second depth tried: fingertips stand out less far behind the seed
 TABLE_GAP_MM = 3.0  # from the fingertips to the far end of the part, where that is the table
-LOOK_N = 200  # surface points looked for in the approach
+APPROACH_POINT_COUNT = 200  # surface points looked for in the approach
 SLACK_MM = 0.5  # a surface point this far inside a box is in the way
 
 
@@ -62,7 +62,7 @@ def candidates(
         middle, axis = seeds.middle[k], seeds.axis[k]
         key = axis.tobytes()
         if key not in round_axis:
-            approach = _approaches(axis, downs, rules.spin_n)
+            approach = _approaches(axis, downs, rules.spin_count)
             round_axis[key] = approach, (hull @ approach.T).max(axis=0)
         approach, farthest = round_axis[key]
         ahead = farthest - approach @ middle
@@ -84,9 +84,9 @@ def candidates(
     return Candidates(np.concatenate(poses), np.concatenate(gaps), np.concatenate(inner))
 
 
-def _approaches(axis: FloatArray, downs: FloatArray, spin_n: int) -> FloatArray:
+def _approaches(axis: FloatArray, downs: FloatArray, spin_count: int) -> FloatArray:
     """Return unit vectors (n, 3) square to the axis: evenly round it, and straight down if so."""
-    turn = np.arange(spin_n) * 2 * np.pi / spin_n
+    turn = np.arange(spin_count) * 2 * np.pi / spin_count
     u, v = across(axis)
     square = downs[np.abs(downs @ axis) < 0.02]
     square = square - np.outer(square @ axis, axis)
@@ -124,7 +124,7 @@ def approach_seems_free(found: Candidates, seeds: Seeds, jaw: Jaw, rules: GraspR
     gap = open_gap(found.gap, found.inner, jaw, rules)
     free = np.ones(len(found.T), dtype=bool)
     points = seeds.samples.points_mm
-    points = points[:: max(1, len(points) // LOOK_N)].astype(np.float32)
+    points = points[:: max(1, len(points) // APPROACH_POINT_COUNT)].astype(np.float32)
     for rows in np.array_split(np.arange(len(free)), 1 + len(free) // 1000):
         R = found.T[rows, :3, :3].astype(np.float32)
         local = points @ R - np.einsum("ni,nij->nj", found.T[rows, :3, 3], R)[:, None].astype(

@@ -67,7 +67,7 @@ def find_seeds(
     """
     low, high = _spread_widths(spreading, rules)
     pairs = opposed_faces(solid, widest_mm, low, high)
-    some, few = rules.seeds_n, rules.seeds_n // 3
+    some, few = rules.seed_count, rules.seed_count // 3
     kinds = [
         (plane_seeds([p for p in pairs if p.gap_mm > 0]), some, False),
         (_wall_seeds(solid, samples, caster, widest_mm, rules), some, False),

@@ -25,16 +25,16 @@ from ._visible import (
     visible_from,
 )
 
-SPHERE_N = 90
+SPHERE_COUNT = 90
 SQUARE_SHARE = 0.02  # of all area: a planar face at least this large deserves a square view
 SAME_RAD = np.radians(3.0)
 # 3 degrees apart: a spot shown only within a narrower cone than this could not be relied on, as
 # the hold is known to two degrees
-SEARCHED_N = 4096
+SEARCHED_COUNT = 4096
 MIN_SEARCHED_COUNT = 512
-RAYS_N = 1_000_000
+RAY_COUNT = 1_000_000
 # a spot with one direction is lost if a finger or a joint limit takes that one
-WANTED_N = 3
+WANTED_COUNT = 3
 FIRST_WORTH = 1e3  # of a first direction, beside a further one
 MAX_ADDED = 0.5  # of the even sphere's number, for spots that have a direction already
 
@@ -48,7 +48,7 @@ def even_sphere(count: int) -> FloatArray:
     )
 
 
-def candidate_directions(solid: Solid, count: int = SPHERE_N) -> Directions:
+def candidate_directions(solid: Solid, count: int = SPHERE_COUNT) -> Directions:
     """Return square directions first (large planes, axes of bores), then an even sphere."""
     total = sum(f.area_mm2 for f in solid.faces)
     vectors: list[FloatArray] = []
@@ -76,12 +76,13 @@ def look_out(
     samples: SurfaceSamples,
     caster: RayCaster,
     rules: VisibilityRules,
-    count: int = SPHERE_N,
+    count: int = SPHERE_COUNT,
 ) -> VisibilityTable:
     """Return candidate directions with what they show, hard spots looked for on purpose.
 
-    What fewer than `WANTED_N` of the first directions show is looked for among `SEARCHED_N`, and
-    straight at its normals, so that "hidden by the part" does not hang on `count`.
+    What fewer than `WANTED_COUNT` of the first directions show is looked for among
+    `SEARCHED_COUNT`, and straight at its normals, so that "hidden by the part" does not
+    hang on `count`.
 
     Parameters
     ----------
@@ -100,7 +101,7 @@ def look_out(
         best = np.maximum(best, np.where(visible[rows], cosine, 0.0).max(axis=0))
     blocker = np.full(n, -1, dtype=np.int64)
     coarse, blurred = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
-    short = WANTED_N - visible.sum(axis=0)
+    short = WANTED_COUNT - visible.sum(axis=0)
     (hard,) = np.nonzero(short > 0)
     if len(hard) == 0:
         return VisibilityTable(base, visible, np.arccos(best), blocker, coarse, blurred)
@@ -155,8 +156,8 @@ def _search(
     """Look at hard spots from everywhere; at bare ones (n,), whatever the incidence."""
     n = len(samples.points_mm)
     # where whole parts are out of focus every sample is a hard one: fewer looks will do
-    even_n = int(np.clip(RAYS_N // n, MIN_SEARCHED_COUNT, SEARCHED_N))
-    vectors = np.vstack([known, even_sphere(even_n), _straight_at(solid, samples, rules)])
+    even_count = int(np.clip(RAY_COUNT // n, MIN_SEARCHED_COUNT, SEARCHED_COUNT))
+    vectors = np.vstack([known, even_sphere(even_count), _straight_at(solid, samples, rules)])
     shows = np.zeros((len(vectors), n), dtype=bool)
     best = np.zeros(n)
     coarse, blurred = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
@@ -176,7 +177,7 @@ def _search(
 
 
 def _chosen(shows: BoolArray, short: IntArray, bare: BoolArray, most: int) -> list[int]:
-    """Return the directions that greedily help most spots to `WANTED_N`.
+    """Return the directions that greedily help most spots to `WANTED_COUNT`.
 
     Parameters
     ----------

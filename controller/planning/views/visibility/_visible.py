@@ -14,7 +14,7 @@ LIFT_MM = 0.02  # sight lines start this far off the surface, or they would meet
 # rays that pass exactly between two triangles may meet neither, and a face behind would look
 # visible (planning-facts.md 3.2): of three lines this far apart two must be free
 JITTER_MM = 0.03
-CHUNK_N = 200_000
+CHUNK_SIZE = 200_000
 
 
 def eyes_of(solid: Solid, vectors: FloatArray, rules: VisibilityRules) -> FloatArray:
@@ -60,7 +60,7 @@ def visible_from(
 
 def chunks(count: int, each: int) -> list[slice]:
     """Return runs of rows, of `each` elements, that fit the processor's cache."""
-    rows = max(1, CHUNK_N // max(1, each))
+    rows = max(1, CHUNK_SIZE // max(1, each))
     return [slice(k, min(k + rows, count)) for k in range(0, count, rows)]
 
 
