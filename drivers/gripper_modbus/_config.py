@@ -12,17 +12,17 @@ class GripperConfig:
     Attributes
     ----------
     unit : slave id
-    open_mm : width between the fingertips at ``counts_open`` [mm]
+    open_mm : opening between the fingertips at ``counts_open`` [mm]
     counts_open, counts_closed : what the encoder says fully open, and with the fingertips
         touching; modbus_devices.md 2.5
     min_speed_mm_s, max_speed_mm_s : jaw speed at rSP 0 and 255 [mm/s]
     min_force_n, max_force_n : grip force at rFR 0 and 255 [N]
     default_speed_mm_s, default_force_n : of a verb that names none
-    over_travel_mm : how much further than the expected width the jaws are sent, so that the part
+    over_travel_mm : how much further than the expected opening the jaws are sent, so that the part
         and not the target stops them [mm]
     arrival_tolerance_mm : contact this near to the target is arrival, not an obstacle [mm]
     match_tolerance_mm : a part whose contact was not noticed is assumed within this of the
-        expected width [mm]
+        expected opening [mm]
     slip_tolerance_mm : jaws that move more than this while holding have lost the part or slipped
     keep_alive_s : longest pause between two messages; fault 09 comes after 1 s [cell s]
     hold_poll_s : the same while a part is held, so that its loss is noticed soon [cell s]
@@ -68,27 +68,27 @@ class GripperConfig:
     def _mm_per_count(self) -> float:
         return self.open_mm / (self.counts_closed - self.counts_open)
 
-    def counts_to_width_mm(self, counts: Counts) -> float:
-        """Return the width [mm] at an encoder position; a little beyond the ends is possible."""
+    def counts_to_opening_mm(self, counts: Counts) -> float:
+        """Return the opening [mm] at an encoder position; a little beyond the ends is possible."""
         return (self.counts_closed - counts) * self._mm_per_count
 
-    def width_mm_to_counts(self, width_mm: float) -> Counts:
-        """Return the position to request for a width [mm].
+    def opening_mm_to_counts(self, opening_mm: float) -> Counts:
+        """Return the position to request for an opening [mm].
 
         The two ends are requested beyond the stops, as the manual's own examples do, so that a
         calibration that is a count off neither leaves a gap nor reports contact with the stop.
 
         Raises
         ------
-        ValueError : the jaws cannot be that wide
+        ValueError : the jaws cannot open so far
         """
-        if not 0 <= width_mm <= self.open_mm:
-            raise ValueError(f"the jaws open 0..{self.open_mm:g} mm, not {width_mm:g} mm")
-        if width_mm == self.open_mm:
+        if not 0 <= opening_mm <= self.open_mm:
+            raise ValueError(f"the jaws open 0..{self.open_mm:g} mm, not {opening_mm:g} mm")
+        if opening_mm == self.open_mm:
             return FULLY_OPEN
-        if width_mm == 0:
+        if opening_mm == 0:
             return FULLY_CLOSED
-        return Counts(round(self.counts_closed - width_mm / self._mm_per_count))
+        return Counts(round(self.counts_closed - opening_mm / self._mm_per_count))
 
     def speed_to_byte(self, speed_mm_s: float) -> int:
         """Return rSP for a speed [mm/s]; ValueError outside the gripper's range."""

@@ -182,13 +182,13 @@ class Gripper:
                 raise
 
     async def open_to(
-        self, width_mm: float, speed_mm_s: float | None = None, force_n: float | None = None
+        self, opening_mm: float, speed_mm_s: float | None = None, force_n: float | None = None
     ) -> GripperStatus:
-        """Move the jaws to a width, wider or narrower, with nothing between them.
+        """Move the jaws to an opening, wider or narrower, with nothing between them.
 
         Parameters
         ----------
-        width_mm : between the fingertips, 0..85 for a 2F-85 [mm]
+        opening_mm : between the fingertips, 0..85 for a 2F-85 [mm]
         speed_mm_s : 20..150 for a 2F-85 [mm/s]
         force_n : 20..235 for a 2F-85 [N]
 
@@ -199,23 +199,23 @@ class Gripper:
         PositionLostError : it is not activated, or lost its power meanwhile
         StoppedError : `stop` ended it
         """
-        status = await self._move(self.config.width_mm_to_counts(width_mm), speed_mm_s, force_n)
-        is_there = abs(status.width_mm - width_mm) <= self.config.arrival_tolerance_mm
+        status = await self._move(self.config.opening_mm_to_counts(opening_mm), speed_mm_s, force_n)
+        is_there = abs(status.opening_mm - opening_mm) <= self.config.arrival_tolerance_mm
         if status.object is not ObjectState.AT_POSITION and not is_there:
             raise StalledError(
-                f"{self.name}: the jaws met an obstacle at {status.width_mm:.1f} mm while moving "
-                f"to {width_mm:.1f} mm; see what is between or beside them"
+                f"{self.name}: the jaws met an obstacle at {status.opening_mm:.1f} mm while moving "
+                f"to {opening_mm:.1f} mm; see what is between or beside them"
             )
         return status
 
     async def close_on(
-        self, width_mm: float = 0.0, speed_mm_s: float | None = None, force_n: float | None = None
+        self, opening_mm: float = 0.0, speed_mm_s: float | None = None, force_n: float | None = None
     ) -> GraspResult:
         """Close on a part and hold it.
 
         Parameters
         ----------
-        width_mm : expected width of the part, 0 when unknown; the jaws are sent ``over_travel_mm``
+        opening_mm : expected on the part, 0 when unknown; the jaws are sent ``over_travel_mm``
             further, so a missing part does not close them altogether [mm]
         speed_mm_s : speed of the jaws [mm/s]; by default the configured one
         force_n : force on the part [N]; by default the configured one
@@ -224,26 +224,26 @@ class Gripper:
         ------
         What `open_to` raises, but contact is the aim here.
         """
-        target_mm = max(0.0, width_mm - self.config.over_travel_mm)
+        target_mm = max(0.0, opening_mm - self.config.over_travel_mm)
         return await self._take(
-            target_mm, width_mm, ObjectState.CONTACT_CLOSING, speed_mm_s, force_n
+            target_mm, opening_mm, ObjectState.CONTACT_CLOSING, speed_mm_s, force_n
         )
 
     async def open_on(
-        self, width_mm: float, speed_mm_s: float | None = None, force_n: float | None = None
+        self, opening_mm: float, speed_mm_s: float | None = None, force_n: float | None = None
     ) -> GraspResult:
         """Open inside a part, such as a ring, and hold it from within; else as `close_on`.
 
         Parameters
         ----------
-        width_mm : expected inner width of the part [mm]; the jaws are sent ``over_travel_mm``
+        opening_mm : expected inside the part [mm]; the jaws are sent ``over_travel_mm``
             further, to the widest opening at most
         speed_mm_s : speed of the jaws [mm/s]; by default the configured one
         force_n : force on the part [N]; by default the configured one
         """
-        target_mm = min(self.config.open_mm, width_mm + self.config.over_travel_mm)
+        target_mm = min(self.config.open_mm, opening_mm + self.config.over_travel_mm)
         return await self._take(
-            target_mm, width_mm, ObjectState.CONTACT_OPENING, speed_mm_s, force_n
+            target_mm, opening_mm, ObjectState.CONTACT_OPENING, speed_mm_s, force_n
         )
 
     async def stop(self) -> GripperStatus:
@@ -285,8 +285,8 @@ class Gripper:
         speed_mm_s: float | None,
         force_n: float | None,
     ) -> GraspResult:
-        self.config.width_mm_to_counts(expected_mm)  # the jaws must be able to be that wide
-        status = await self._move(self.config.width_mm_to_counts(target_mm), speed_mm_s, force_n)
+        self.config.opening_mm_to_counts(expected_mm)  # the jaws must be able to be that wide
+        status = await self._move(self.config.opening_mm_to_counts(target_mm), speed_mm_s, force_n)
         self._monitor.grasp = judge_grasp(status, contact, expected_mm, self.config)
         return self._monitor.grasp
 
@@ -306,7 +306,7 @@ class Gripper:
             before = await self.status()
             self._require_ready(before)
             self._forget_grasp()
-            distance_mm = abs(before.width_mm - config.counts_to_width_mm(target))
+            distance_mm = abs(before.opening_mm - config.counts_to_opening_mm(target))
             limit_s = MOVE_MARGIN * distance_mm / speed_mm_s + MOVE_MARGIN_S
             was_asked = before.is_going and before.requested_counts == target
             try:
@@ -330,12 +330,12 @@ class Gripper:
                 if status.object is not ObjectState.MOVING:
                     return status
             elif is_under_way:  # before that it is the old state: refreshed every 5 ms only
-                raise StoppedError(f"{self.name}: stopped at {status.width_mm:.1f} mm")
+                raise StoppedError(f"{self.name}: stopped at {status.opening_mm:.1f} mm")
             if self._clock.attended_s() > deadline_s:
                 await self._quietly(self.stop)
                 raise StalledError(
                     f"{self.name}: not arrived after {limit_s:.1f} s, stopped at "
-                    f"{status.width_mm:.1f} mm; look at the jaws"
+                    f"{status.opening_mm:.1f} mm; look at the jaws"
                 )
             await self._monitor.pause()
 

@@ -76,7 +76,7 @@ class GripperMonitor:
         status = GripperStatus.of(decode_inputs(registers), self._config, at_s)
         self.latest = status
         if judge_hold(self.grasp, status, self._config) is Hold.LOST and not self.lost.is_set():
-            log.warning("%s: part lost, jaws now at %.1f mm", self._name, status.width_mm)
+            log.warning("%s: part lost, jaws now at %.1f mm", self._name, status.opening_mm)
             self.lost.set()
         return status
 

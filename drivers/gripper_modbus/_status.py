@@ -32,7 +32,7 @@ class GripperStatus:
     object : gOBJ; no meaning unless ``is_going``
     fault, controller_fault : gFLT and kFLT; 0 is none
     requested_counts, position_counts : gPR and gPO
-    width_mm : between the fingertips [mm]
+    opening_mm : between the fingertips [mm]
     current_ma : of the motor [mA]
     """
 
@@ -45,7 +45,7 @@ class GripperStatus:
     controller_fault: int
     requested_counts: Counts
     position_counts: Counts
-    width_mm: float
+    opening_mm: float
     current_ma: int
 
     @classmethod
@@ -68,7 +68,7 @@ class GripperStatus:
             controller_fault=inputs.controller_fault,
             requested_counts=inputs.requested,
             position_counts=inputs.position,
-            width_mm=config.counts_to_width_mm(inputs.position),
+            opening_mm=config.counts_to_opening_mm(inputs.position),
             current_ma=inputs.current_ma,
         )
 
@@ -113,7 +113,7 @@ class GraspEvidence(Enum):
 
     NONE = "none"
     CONTACT = "contact"  # gOBJ reported it
-    WIDTH = "width"  # gOBJ missed it, but the jaws stand at the expected width
+    OPENING = "opening"  # gOBJ missed it, but the jaws stand at the expected opening
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,13 +123,13 @@ class GraspResult:
     Attributes
     ----------
     object_detected : whether something is between the jaws
-    width_mm : between the fingertips [mm]
+    opening_mm : between the fingertips [mm]
     evidence : what ``object_detected`` rests on
     status : the reading it was judged by
     """
 
     object_detected: bool
-    width_mm: float
+    opening_mm: float
     evidence: GraspEvidence
     status: GripperStatus
 
@@ -143,8 +143,8 @@ def judge_grasp(
     ----------
     status : the reading at the end of the move
     contact : gOBJ when the part stops the jaws in this direction
-    expected_mm : width of the part; 0 when unknown [mm]
-    config : calibration, and tolerances of the width
+    expected_mm : opening on the part; 0 when unknown [mm]
+    config : calibration, and tolerances of the opening
     """
     evidence = GraspEvidence.NONE
     if status.object is contact:
@@ -155,12 +155,12 @@ def judge_grasp(
         if not touch_each_other:
             evidence = GraspEvidence.CONTACT
     elif expected_mm > 0 and status.object is ObjectState.AT_POSITION:
-        requested_mm = config.counts_to_width_mm(status.requested_counts)
-        is_short_of_request = abs(status.width_mm - requested_mm) > config.over_travel_mm / 2
-        is_at_part = abs(status.width_mm - expected_mm) <= config.match_tolerance_mm
+        requested_mm = config.counts_to_opening_mm(status.requested_counts)
+        is_short_of_request = abs(status.opening_mm - requested_mm) > config.over_travel_mm / 2
+        is_at_part = abs(status.opening_mm - expected_mm) <= config.match_tolerance_mm
         if is_short_of_request and is_at_part:
-            evidence = GraspEvidence.WIDTH
-    return GraspResult(evidence is not GraspEvidence.NONE, status.width_mm, evidence, status)
+            evidence = GraspEvidence.OPENING
+    return GraspResult(evidence is not GraspEvidence.NONE, status.opening_mm, evidence, status)
 
 
 def judge_hold(grasp: GraspResult | None, status: GripperStatus, config: GripperConfig) -> Hold:
@@ -176,7 +176,7 @@ def judge_hold(grasp: GraspResult | None, status: GripperStatus, config: Gripper
         return Hold.NOTHING
     if not status.is_activated:
         return Hold.UNKNOWN
-    if abs(status.width_mm - grasp.width_mm) > config.slip_tolerance_mm:
+    if abs(status.opening_mm - grasp.opening_mm) > config.slip_tolerance_mm:
         return Hold.LOST
     if not status.is_going:
         return Hold.HELD  # stopped fingers hold; gOBJ means nothing now

@@ -26,11 +26,11 @@ class JawReading:
     Attributes
     ----------
     is_pressing : they have stalled and press, on something between them or on each other
-    width_mm : opening [mm]; means something only if the arm was homed and has not restarted since
+    opening_mm : [mm]; means something only if the arm was homed and has not restarted since
     """
 
     is_pressing: bool
-    width_mm: float
+    opening_mm: float
 
 
 class ArmIdentity(Protocol):
@@ -95,7 +95,7 @@ class Arm(Protocol):
         """Close the jaws until they stall; return the opening [mm]. ``force``: 20 to 60."""
         ...
 
-    async def move_gripper_mm(self, width_mm: float) -> float:
+    async def move_gripper_mm(self, opening_mm: float) -> float:
         """Move empty jaws to an opening [mm]; return the one reached."""
         ...
 

@@ -17,7 +17,7 @@ class GripperReading(Protocol):
     """How a gripper stands at an instant."""
 
     @property
-    def width_mm(self) -> float:
+    def opening_mm(self) -> float:
         """Opening between the pads [mm]."""
         ...
 
@@ -56,7 +56,7 @@ class GraspReading(Protocol):
         ...
 
     @property
-    def width_mm(self) -> float:
+    def opening_mm(self) -> float:
         """Opening between the pads [mm]."""
         ...
 
@@ -96,12 +96,12 @@ class FixedGripper(Protocol):
         """Make it ready to move; may move the jaws unless it is ready already."""
         ...
 
-    async def open_to(self, width_mm: float) -> object:
+    async def open_to(self, opening_mm: float) -> object:
         """Move the jaws to an opening, with nothing between them; return when they are there."""
         ...
 
-    async def close_on(self, width_mm: float, *, force_n: float) -> GraspReading:
-        """Close on a part of about this width with this force; return when they have stopped."""
+    async def close_on(self, opening_mm: float, *, force_n: float) -> GraspReading:
+        """Close on a part to about this opening with this force; return when they have stopped."""
         ...
 
     async def stop(self) -> object:

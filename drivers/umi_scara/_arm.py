@@ -133,7 +133,7 @@ class UmiScara:
     @property
     def max_opening_mm(self) -> float:
         """How far the jaws open [mm]."""
-        return self._config.gripper.max_width_mm
+        return self._config.gripper.max_opening_mm
 
     @property
     def is_homed(self) -> bool:
@@ -309,25 +309,25 @@ class UmiScara:
         await self._move(targets, deadline_s, lambda far: synchronised_speeds(far, nominal, speed))
 
     # ---- gripper -------------------------------------------------------------------------------
-    async def move_gripper_mm(self, width_mm: float) -> float:
-        """Open or close the jaws to a width [mm] in empty air; return the width reached (§5.5).
+    async def move_gripper_mm(self, opening_mm: float) -> float:
+        """Move the jaws to an opening [mm] in empty air; return the one reached (§5.5).
 
         Raises
         ------
         OutOfRangeError : the jaws do not open so far
         AxisStalledError : something is in the way; to hold it, use `grasp`
         """
-        counts = self._config.gripper.counts(width_mm)
+        counts = self._config.gripper.counts(opening_mm)
         forces = {Axis.GRIPPER: self._config.gripper_force}
         got = await self._move({Axis.GRIPPER: counts}, None, lambda _: {}, forces)
-        return self._config.gripper.width_mm(got[Axis.GRIPPER])
+        return self._config.gripper.opening_mm(got[Axis.GRIPPER])
 
     async def open_jaws(self) -> float:
-        """Open the jaws as far as they go; return the width [mm]."""
-        return await self.move_gripper_mm(self._config.gripper.max_width_mm)
+        """Open the jaws as far as they go; return the opening [mm]."""
+        return await self.move_gripper_mm(self._config.gripper.max_opening_mm)
 
     async def close_jaws(self) -> float:
-        """Close empty jaws; return the width [mm]. Raises AxisStalledError on anything held."""
+        """Close empty jaws; return the opening [mm]. Raises AxisStalledError on anything held."""
         return await self.move_gripper_mm(0.0)
 
     async def grasp(self, force: int, deadline_s: float = 10.0) -> float:
@@ -361,7 +361,7 @@ class UmiScara:
             await self.axes.numeric_go(ADDRESSES[gripper].ip, [gripper], guard)
             counts = await self._until_held(deadline_s, guard)
             self.positions.note_range(gripper, counts, counts)
-        return self._config.gripper.width_mm(counts)
+        return self._config.gripper.opening_mm(counts)
 
     async def read_opening_mm(self) -> float:
         """Return the jaw opening [mm] as it is now; raises as `read_counts`."""
@@ -371,7 +371,7 @@ class UmiScara:
         else:
             counts = await self.axes.read_actual_twice(Axis.GRIPPER)
         self._session.require_homed()
-        return self._config.gripper.width_mm(counts)
+        return self._config.gripper.opening_mm(counts)
 
     async def read_jaws(self) -> JawReading:
         """Return how the jaws stand, homed or not; nothing moves."""
@@ -380,7 +380,7 @@ class UmiScara:
         # a status has no checksum: a bit seen once counts
         bits |= await self.axes.status(Axis.GRIPPER)
         counts = await self.axes.read_actual_twice(Axis.GRIPPER)
-        return JawReading(bool(bits & StatusBits.STALLED), self._config.gripper.width_mm(counts))
+        return JawReading(bool(bits & StatusBits.STALLED), self._config.gripper.opening_mm(counts))
 
     async def drive_jaws(self, by_mm: float, deadline_s: float = 10.0) -> float:
         """Open (or, below 0, close) the jaws by about so much [mm]; no other axis moves.

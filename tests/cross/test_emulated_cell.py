@@ -191,11 +191,11 @@ async def test_the_arm_picks_a_part_up_over_its_serial_line(cell: Cell) -> None:
         await arm.move_counts({k: v for k, v in above.items() if k is not Axis.ZED})
         await arm.move_counts(above)
         await arm.move_counts(at)
-        width_mm = await arm.grasp(40)
+        opening_mm = await arm.grasp(40)
         await arm.move_counts(above)
-        assert await arm.read_opening_mm() == pytest.approx(width_mm, abs=0.2)
+        assert await arm.read_opening_mm() == pytest.approx(opening_mm, abs=0.2)
     # a count of the gripper is 0.06 to 0.08 mm wide
-    assert width_mm == pytest.approx(40.0, abs=0.2)
+    assert opening_mm == pytest.approx(40.0, abs=0.2)
     truth = await cell.ask("truth")
     (part,) = truth["parts"]
     assert part["custody"] == "arm"

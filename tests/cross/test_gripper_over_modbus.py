@@ -148,10 +148,10 @@ async def test_jaws_blocked_while_activating_are_a_fault_that_activating_again_c
 # ---- opening and closing -------------------------------------------------------------------------
 async def test_the_jaws_open_to_the_width_that_was_asked_for(bench: Bench) -> None:
     await bench.active()
-    for width_mm in (30.0, 85.0, 62.5, 0.0):
-        status = await bench.gripper.open_to(width_mm, speed_mm_s=150.0)
-        assert bench.jaws.opening_mm == pytest.approx(width_mm, abs=ONE_COUNT_MM)
-        assert status.width_mm == pytest.approx(width_mm, abs=ONE_COUNT_MM)
+    for opening_mm in (30.0, 85.0, 62.5, 0.0):
+        status = await bench.gripper.open_to(opening_mm, speed_mm_s=150.0)
+        assert bench.jaws.opening_mm == pytest.approx(opening_mm, abs=ONE_COUNT_MM)
+        assert status.opening_mm == pytest.approx(opening_mm, abs=ONE_COUNT_MM)
 
 
 async def test_speed_and_force_are_what_was_asked_for(by_gateway: Bench) -> None:
@@ -167,7 +167,7 @@ async def test_a_part_is_gripped_held_and_its_loss_is_noticed(bench: Bench) -> N
     bench.jaws.grasp_limit_mm = 41.3
     result = await bench.gripper.close_on(41.0, force_n=60.0)
     assert result.object_detected
-    assert result.width_mm == pytest.approx(41.3, abs=ONE_COUNT_MM)
+    assert result.opening_mm == pytest.approx(41.3, abs=ONE_COUNT_MM)
     assert bench.jaws.force_n == pytest.approx(60.0, abs=1.0)
     assert await bench.gripper.hold() is Hold.HELD
     asked_count = len(bench.line.sent())
@@ -196,7 +196,7 @@ async def test_a_ring_is_held_from_within(by_gateway: Bench) -> None:
     by_gateway.jaws.inner_limit_mm = 55.0
     result = await by_gateway.gripper.open_on(55.0)
     assert result.object_detected
-    assert result.width_mm == pytest.approx(55.0, abs=ONE_COUNT_MM)
+    assert result.opening_mm == pytest.approx(55.0, abs=ONE_COUNT_MM)
 
 
 async def test_something_in_the_way_of_an_empty_move_is_told(by_gateway: Bench) -> None:
@@ -337,12 +337,12 @@ async def test_a_reply_that_goes_wrong_once_is_got_over(impatient: Bench, fault:
                 setattr(faults, name, value)
             faults.requests_left = 1
 
-    for hit, width_mm in enumerate((50.0, 80.0, 40.0)):  # status before, the write, a poll
+    for hit, opening_mm in enumerate((50.0, 80.0, 40.0)):  # status before, the write, a poll
         request_count = itertools.count()
         bus.before_request = strike
-        await impatient.gripper.open_to(width_mm, speed_mm_s=150.0)
+        await impatient.gripper.open_to(opening_mm, speed_mm_s=150.0)
         assert next(request_count) > hit
-        assert impatient.jaws.opening_mm == pytest.approx(width_mm, abs=ONE_COUNT_MM)
+        assert impatient.jaws.opening_mm == pytest.approx(opening_mm, abs=ONE_COUNT_MM)
         bus.before_request = None
         bus.clear_faults()
 
@@ -355,11 +355,11 @@ async def test_late_answers_are_never_taken_for_others(impatient: Bench) -> None
         before_mm = impatient.jaws.opening_mm
         faults.reply_delay_s, faults.requests_left = impatient.line.patience_s * 1.2, 1
         status = await impatient.gripper.status()
-        assert status.width_mm == pytest.approx(before_mm, abs=ONE_COUNT_MM)
-        width_mm = (20.0, 70.0)[step % 2]
-        await impatient.gripper.open_to(width_mm, speed_mm_s=150.0)
-        assert (await impatient.gripper.status()).width_mm == pytest.approx(
-            width_mm, abs=ONE_COUNT_MM
+        assert status.opening_mm == pytest.approx(before_mm, abs=ONE_COUNT_MM)
+        opening_mm = (20.0, 70.0)[step % 2]
+        await impatient.gripper.open_to(opening_mm, speed_mm_s=150.0)
+        assert (await impatient.gripper.status()).opening_mm == pytest.approx(
+            opening_mm, abs=ONE_COUNT_MM
         )
 
 

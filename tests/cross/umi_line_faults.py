@@ -298,7 +298,7 @@ class Session:
         verb: Callable[[], Awaitable[object]],
         goal: dict[Axis, int] | None = None,
         near: float = NEAR_COUNTS,
-        width_mm: float | None = None,
+        opening_mm: float | None = None,
     ) -> bool:
         self.line.allow(asked)
         try:
@@ -317,8 +317,8 @@ class Session:
                 self.false_done.append(
                     f"{what}: {axis.name.lower()} at {self.line.true(axis):.1f} of {counts}"
                 )
-        if width_mm is not None and abs(float(str(said)) - width_mm) > WIDTH_MM:
-            self.false_done.append(f"{what}: {said} mm of {width_mm}")
+        if opening_mm is not None and abs(float(str(said)) - opening_mm) > WIDTH_MM:
+            self.false_done.append(f"{what}: {said} mm of {opening_mm}")
         return True
 
     async def _move(self, targets: dict[Axis, int]) -> bool:
@@ -384,21 +384,21 @@ class Session:
         ):
             await self._again(lambda t=targets: self._move(t))  # type: ignore[misc]
         gripper = {Axis.GRIPPER}
-        for width_mm, limit_mm in ((16.0, None), (8.0, 12.0)):
+        for opening_mm, limit_mm in ((16.0, None), (8.0, 12.0)):
             self.model.grasp_limit_mm = limit_mm
             if limit_mm is None:
                 await self._again(
-                    lambda w=width_mm: self._do(  # type: ignore[misc]
-                        "open", gripper, lambda: self.arm.move_gripper_mm(w), width_mm=w
+                    lambda w=opening_mm: self._do(  # type: ignore[misc]
+                        "open", gripper, lambda: self.arm.move_gripper_mm(w), opening_mm=w
                     )
                 )
             elif self.arm.is_homed and self.arm.is_powered:
                 is_held = await self._do(
-                    "grip", gripper, lambda: self.arm.grasp(force=30), width_mm=limit_mm
+                    "grip", gripper, lambda: self.arm.grasp(force=30), opening_mm=limit_mm
                 )
                 await self._again(lambda: self._move({Axis.SHOULDER: 0, Axis.YAW: 30}))
                 if is_held and self.arm.is_homed:
-                    await self._do("width", set(), self.arm.read_opening_mm, width_mm=limit_mm)
+                    await self._do("width", set(), self.arm.read_opening_mm, opening_mm=limit_mm)
         self.model.grasp_limit_mm = None
         if self.arm.is_homed:
             await self._stopped({Axis.SHOULDER: 900, Axis.WRIST1: -700}, Stop.DEAD, 5)

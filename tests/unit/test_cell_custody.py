@@ -174,14 +174,14 @@ KNOWN = ArmIdentity({Ip.ARM: (1, 1), Ip.WRIST: (1, 1)}, frozenset())
 @pytest.mark.parametrize(
     ("identity", "jaws", "expected"),
     [
-        (KNOWN, JawReading(is_pressing=True, width_mm=22.0), Finding.MAY_HOLD),
-        (KNOWN, JawReading(is_pressing=True, width_mm=0.4), Finding.EMPTY),
-        (KNOWN, JawReading(is_pressing=True, width_mm=85.3), Finding.EMPTY),  # its own end
+        (KNOWN, JawReading(is_pressing=True, opening_mm=22.0), Finding.MAY_HOLD),
+        (KNOWN, JawReading(is_pressing=True, opening_mm=0.4), Finding.EMPTY),
+        (KNOWN, JawReading(is_pressing=True, opening_mm=85.3), Finding.EMPTY),  # its own end
         # a stop may have taken the pressure: no proof
-        (KNOWN, JawReading(is_pressing=False, width_mm=22.0), Finding.UNREADABLE),
+        (KNOWN, JawReading(is_pressing=False, opening_mm=22.0), Finding.UNREADABLE),
         (
             ArmIdentity({}, frozenset({Ip.ARM})),
-            JawReading(is_pressing=True, width_mm=22.0),
+            JawReading(is_pressing=True, opening_mm=22.0),
             Finding.UNREADABLE,
         ),
     ],
@@ -192,7 +192,7 @@ def test_the_arm_gripper_says_what_it_can(
     assert judge_arm(jaws, identity, 85.5).finding is expected
 
 
-def status(width_mm: float, what: ObjectState, *, going: bool = True, active: bool = True) -> Any:
+def status(opening_mm: float, what: ObjectState, *, going: bool = True, active: bool = True) -> Any:
     return GripperStatus(
         at_s=0.0,
         is_powered_on=active,
@@ -203,7 +203,7 @@ def status(width_mm: float, what: ObjectState, *, going: bool = True, active: bo
         controller_fault=0,
         requested_counts=Counts(0),
         position_counts=Counts(0),
-        width_mm=width_mm,
+        opening_mm=opening_mm,
         current_ma=0,
     )
 

@@ -88,7 +88,7 @@ def test_a_gripper_of_somebody_else_is_opened_and_driven_by_the_cell(cell_file: 
             assert opening.finding is Finding.EMPTY
             device.part_mm = 30.0
             grasp = await gripper.close_on(30.0, force_n=40.0)
-            assert (grasp.object_detected, grasp.width_mm) == (True, 30.0)
+            assert (grasp.object_detected, grasp.opening_mm) == (True, 30.0)
             assert await gripper.hold() is Hold.HELD
             opening = judge_fixed(await gripper.status(), Signal.NOT_OK, gripper.max_opening_mm)
             assert opening.finding is Finding.HOLDS

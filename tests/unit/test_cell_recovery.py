@@ -168,13 +168,13 @@ class PaperCell:
     async def read_q(self) -> np.ndarray:
         return self.q
 
-    async def move_gripper_mm(self, width: float) -> float:
-        if width > self.hand_mm and self.has in ("arm", "both"):
+    async def move_gripper_mm(self, opening_mm: float) -> float:
+        if opening_mm > self.hand_mm and self.has in ("arm", "both"):
             if self.has == "arm":
                 self.opened_on_part.append("arm")
             self.has = "fixture" if self.has == "both" else "table"
-        self.hand_mm = width
-        return width
+        self.hand_mm = opening_mm
+        return opening_mm
 
     async def grasp(self, force: int) -> float:
         self.grasps += 1
@@ -211,23 +211,23 @@ class PaperFixture:
         return Hold.HELD if self.cell.has in ("fixture", "both") else Hold.LOST
 
     async def status(self) -> Any:
-        return SimpleNamespace(width_mm=self.cell.fixture_mm)
+        return SimpleNamespace(opening_mm=self.cell.fixture_mm)
 
-    async def open_to(self, width: float) -> None:
+    async def open_to(self, opening_mm: float) -> None:
         if self.cell.has == "fixture":
             self.cell.opened_on_part.append("fixture")
             self.cell.has = "table"
         if self.cell.has == "both":
             self.cell.has = "arm"
-        self.cell.fixture_mm = width
+        self.cell.fixture_mm = opening_mm
 
-    async def close_on(self, width: float, force_n: float) -> Any:
+    async def close_on(self, opening_mm: float, force_n: float) -> Any:
         if self.cell.fixture_takes and self.cell.has == "arm":
             self.cell.has = "both"
             self.cell.fixture_mm = FIXTURE_MM
-            return SimpleNamespace(width_mm=FIXTURE_MM, object_detected=True)
+            return SimpleNamespace(opening_mm=FIXTURE_MM, object_detected=True)
         self.cell.fixture_mm = 4.0
-        return SimpleNamespace(width_mm=4.0, object_detected=True)
+        return SimpleNamespace(opening_mm=4.0, object_detected=True)
 
 
 class PaperCamera:

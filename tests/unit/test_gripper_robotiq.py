@@ -328,7 +328,7 @@ async def test_width_speed_and_force_become_counts_at_the_calibrated_scales() ->
 
 
 @pytest.mark.parametrize(
-    ("width_mm", "speed_mm_s", "force_n", "words_of_it"),
+    ("opening_mm", "speed_mm_s", "force_n", "words_of_it"),
     [
         (86.0, 80.0, 60.0, "0..85 mm"),
         (-1.0, 80.0, 60.0, "0..85 mm"),
@@ -338,12 +338,12 @@ async def test_width_speed_and_force_become_counts_at_the_calibrated_scales() ->
     ],
 )
 async def test_what_the_gripper_cannot_do_is_refused_before_the_wire(
-    width_mm: float, speed_mm_s: float, force_n: float, words_of_it: str
+    opening_mm: float, speed_mm_s: float, force_n: float, words_of_it: str
 ) -> None:
     device = Robotiq()
     async with gripper_on(device) as gripper:
         with pytest.raises(ValueError, match=words_of_it):
-            await gripper.open_to(width_mm, speed_mm_s, force_n)
+            await gripper.open_to(opening_mm, speed_mm_s, force_n)
     assert device.writes == []
 
 
@@ -353,7 +353,7 @@ async def test_a_part_between_the_jaws_is_detected_with_its_width() -> None:
         grasp = await gripper.close_on(30.0)
     assert grasp.object_detected
     assert grasp.evidence is GraspEvidence.CONTACT
-    assert grasp.width_mm == pytest.approx(80 * 85 / 227)  # (230 - 150) counts
+    assert grasp.opening_mm == pytest.approx(80 * 85 / 227)  # (230 - 150) counts
     assert grasp.status.object is ObjectState.CONTACT_CLOSING
 
 
@@ -363,7 +363,7 @@ async def test_a_missing_part_is_a_result_and_the_jaws_stop_short_of_closing() -
         grasp = await gripper.close_on(30.0)
         assert not grasp.object_detected
         assert await gripper.hold() is Hold.NOTHING
-    assert grasp.width_mm == pytest.approx(22.0, abs=85 / 227)  # 8 mm beyond the part
+    assert grasp.opening_mm == pytest.approx(22.0, abs=85 / 227)  # 8 mm beyond the part
 
 
 async def test_closing_on_nothing_without_a_width_ends_at_the_closed_stop() -> None:
@@ -371,7 +371,7 @@ async def test_closing_on_nothing_without_a_width_ends_at_the_closed_stop() -> N
     async with gripper_on(device) as gripper:
         grasp = await gripper.close_on()
     assert not grasp.object_detected
-    assert grasp.width_mm == pytest.approx(0.0)
+    assert grasp.opening_mm == pytest.approx(0.0)
 
 
 async def test_fingers_that_touch_each_other_are_no_part() -> None:
@@ -383,7 +383,7 @@ async def test_fingers_that_touch_each_other_are_no_part() -> None:
 async def test_a_soft_part_that_contact_misses_is_found_by_its_width() -> None:
     device = Robotiq(part_outside=150, misses_contact=True)
     async with gripper_on(device) as gripper:
-        assert (await gripper.close_on(30.0)).evidence is GraspEvidence.WIDTH
+        assert (await gripper.close_on(30.0)).evidence is GraspEvidence.OPENING
 
 
 async def test_a_ring_is_held_from_within() -> None:
@@ -391,7 +391,7 @@ async def test_a_ring_is_held_from_within() -> None:
     async with gripper_on(device) as gripper:
         grasp = await gripper.open_on(52.0)
         assert grasp.object_detected
-        assert grasp.width_mm == pytest.approx(140 * 85 / 227)
+        assert grasp.opening_mm == pytest.approx(140 * 85 / 227)
         assert await gripper.hold() is Hold.HELD
 
 
@@ -417,7 +417,7 @@ async def test_the_old_object_state_is_not_believed_before_the_request_is_echoed
     async with link_to(Bus({9: answer})) as link, Gripper(link) as gripper:
         status = await gripper.open_to(85.0)
     assert status.object is ObjectState.AT_POSITION
-    assert status.width_mm == pytest.approx(85.0)
+    assert status.opening_mm == pytest.approx(85.0)
 
 
 async def test_jaws_that_never_arrive_are_stopped_and_reported() -> None:
@@ -550,7 +550,7 @@ async def test_what_the_host_missed_before_a_move_is_no_part_of_its_deadline() -
 
     clock = CellClock(speed=20.0, min_timeout_wall_s=1.0, _attendance=Late())
     async with link_to(Bus({9: Robotiq().answer}), clock=clock) as link, Gripper(link) as gripper:
-        assert (await gripper.open_to(20.0)).width_mm == pytest.approx(20.0, abs=0.5)
+        assert (await gripper.open_to(20.0)).opening_mm == pytest.approx(20.0, abs=0.5)
 
 
 # --- keeping awake, losing a part ---

@@ -676,7 +676,7 @@ async def test_jaws_on_a_part_are_read_by_the_next_controller_before_homing() ->
     bench.forget()
     reading = await bench.arm.read_jaws()
     assert reading.is_pressing
-    assert reading.width_mm == pytest.approx(38.9, abs=0.05)
+    assert reading.opening_mm == pytest.approx(38.9, abs=0.05)
     assert set(bench.does()) <= {b"\x29"}  # asked with reads alone, but for the hand-over
 
 
@@ -734,15 +734,15 @@ async def test_a_width_in_millimetres_is_reached() -> None:
 )
 def test_the_gripper_law_is_the_fit_of_the_reference(counts: int, mm: float) -> None:
     law = GripperLaw()
-    assert law.width_mm(counts) == pytest.approx(mm, abs=0.05)
-    assert law.counts(law.width_mm(counts)) == counts
+    assert law.opening_mm(counts) == pytest.approx(mm, abs=0.05)
+    assert law.counts(law.opening_mm(counts)) == counts
 
 
 def test_three_measured_widths_make_a_law() -> None:
     law = GripperLaw.through([(0, 1.0), (500, 34.0), (1100, 80.0)])
-    assert law.width_mm(0) == pytest.approx(1.0)
-    assert law.width_mm(500) == pytest.approx(34.0)
-    assert law.width_mm(1100) == pytest.approx(80.0)
+    assert law.opening_mm(0) == pytest.approx(1.0)
+    assert law.opening_mm(500) == pytest.approx(34.0)
+    assert law.opening_mm(1100) == pytest.approx(80.0)
     assert law.counts(34.0) == 500
     straight = GripperLaw.through([(0, 0.0), (500, 35.0), (1000, 70.0)])
     assert straight.counts(49.0) == 700

@@ -88,7 +88,7 @@ class PlanAction:
                 return OnTable(sighting.pose_index, sighting.T_world_part)
             case Custody.IN_ARM:
                 hold = self.record.held()
-                grasp = replace(hold.grasp, T_part_tcp=hold.T_part_tcp, opening_mm=hold.width_mm)
+                grasp = replace(hold.grasp, T_part_tcp=hold.T_part_tcp, opening_mm=hold.opening_mm)
                 return InArm(grasp, await self.motion.read_q())
             case Custody.IN_FIXED if part.fixed_grasp is not None:
                 return InFixedGripper(part.fixed_grasp, await self.motion.read_q())

@@ -90,11 +90,11 @@ def judge_arm(jaws: JawReading, identity: ArmIdentity, open_mm: float) -> Openin
         return opening(Finding.UNREADABLE, "the arm has lost its positions")
     if not jaws.is_pressing:
         return opening(Finding.UNREADABLE, "its jaws press on nothing")
-    if jaws.width_mm < NOTHING_MM:
+    if jaws.opening_mm < NOTHING_MM:
         return opening(Finding.EMPTY, "its jaws press on each other")
-    if jaws.width_mm > open_mm - SLACK_MM:
-        return opening(Finding.EMPTY, f"its jaws stand at {jaws.width_mm:.1f} mm")
-    return opening(Finding.MAY_HOLD, f"its jaws stalled at {jaws.width_mm:.1f} mm")
+    if jaws.opening_mm > open_mm - SLACK_MM:
+        return opening(Finding.EMPTY, f"its jaws stand at {jaws.opening_mm:.1f} mm")
+    return opening(Finding.MAY_HOLD, f"its jaws stalled at {jaws.opening_mm:.1f} mm")
 
 
 def judge_fixed(status: GripperReading, barrier: Signal, open_mm: float) -> Opening:
@@ -110,15 +110,15 @@ def judge_fixed(status: GripperReading, barrier: Signal, open_mm: float) -> Open
     def opening(finding: Finding, reason: str) -> Opening:
         return Opening(GripperName.FIXED, finding, reason)
 
-    width_mm = status.width_mm
+    opening_mm = status.opening_mm
     if barrier is Signal.OK:
         return opening(Finding.HOLDS, "its light barrier sees something between the jaws")
     if not status.is_activated:
         return opening(Finding.UNREADABLE, "it was switched off or never activated")
-    if status.has_contact and width_mm >= NOTHING_MM:
-        return opening(Finding.HOLDS, f"its jaws met something at {width_mm:.1f} mm")
-    if width_mm < NOTHING_MM or width_mm > open_mm - SLACK_MM:
-        return opening(Finding.EMPTY, f"its jaws stand at {width_mm:.1f} mm")
+    if status.has_contact and opening_mm >= NOTHING_MM:
+        return opening(Finding.HOLDS, f"its jaws met something at {opening_mm:.1f} mm")
+    if opening_mm < NOTHING_MM or opening_mm > open_mm - SLACK_MM:
+        return opening(Finding.EMPTY, f"its jaws stand at {opening_mm:.1f} mm")
     if status.has_arrived:
-        return opening(Finding.EMPTY, f"its jaws went to {width_mm:.1f} mm and met nothing")
-    return opening(Finding.MAY_HOLD, f"its jaws were stopped at {width_mm:.1f} mm")
+        return opening(Finding.EMPTY, f"its jaws went to {opening_mm:.1f} mm and met nothing")
+    return opening(Finding.MAY_HOLD, f"its jaws were stopped at {opening_mm:.1f} mm")

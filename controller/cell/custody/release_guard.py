@@ -75,11 +75,11 @@ class ReleaseGuard:
                 f"the fixed gripper stays closed: custody of the part is: {custody.value}"
             )
         if custody is Custody.IN_BOTH:
-            width = await self._arm.read_opening_mm()
-            if width < max(NOTHING_MM, gripped_mm - LOST_MM):
+            arm_mm = await self._arm.read_opening_mm()
+            if arm_mm < max(NOTHING_MM, gripped_mm - LOST_MM):
                 raise ReleaseRefusedError(
                     f"the fixed gripper stays closed: the arm gripper's jaws stand at "
-                    f"{width:.1f} mm, but the part is {gripped_mm:.1f} mm wide"
+                    f"{arm_mm:.1f} mm, but the part is {gripped_mm:.1f} mm wide"
                 )
         if custody is Custody.LOST and self.is_something_in_fixed:
             raise ReleaseRefusedError(

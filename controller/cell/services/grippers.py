@@ -67,7 +67,7 @@ class Grippers:
         ReleaseRefusedError : no other gripper is known to hold what it holds
         """
         part = self._record.part
-        gripped_mm = 0.0 if part.hold is None else part.hold.width_mm
+        gripped_mm = 0.0 if part.hold is None else part.hold.opening_mm
         if opening_mm is None:
             opening_mm = self._fixed.max_opening_mm
         await self._guard.open_fixed(opening_mm, part.custody, gripped_mm)
@@ -111,12 +111,12 @@ class Grippers:
         """
         hold = self._record.held()
         opening_mm = await self._arm.grasp(self._arm_force)
-        if opening_mm >= hold.width_mm - LOST_MM and opening_mm >= NOTHING_MM:
+        if opening_mm >= hold.opening_mm - LOST_MM and opening_mm >= NOTHING_MM:
             return
         self._record.part.hold = None
         message = (
             f"the part is gone from the arm gripper: jaws at {opening_mm:.1f} mm, "
-            f"{hold.width_mm:.1f} mm while it was held"
+            f"{hold.opening_mm:.1f} mm while it was held"
         )
         if self._record.part.custody is Custody.IN_BOTH:
             await self._record.set_custody(
@@ -148,7 +148,7 @@ class Grippers:
 
     async def openings_mm(self) -> tuple[float, float]:
         """Return the openings of the arm gripper and of the fixed gripper [mm]."""
-        return await self._arm.read_opening_mm(), (await self._fixed.status()).width_mm
+        return await self._arm.read_opening_mm(), (await self._fixed.status()).opening_mm
 
     @property
     def is_something_in_fixed(self) -> bool:

@@ -138,7 +138,7 @@ async def _devices(cell: Cell, ready: dict[str, Any]) -> list[Check]:
     async def gripper() -> str:
         status = await devices.gripper.connect()
         active = "active" if status.is_activated else "not activated"
-        return f"{devices.gripper.model}, {active}, {status.width_mm:.0f} mm"
+        return f"{devices.gripper.model}, {active}, {status.opening_mm:.0f} mm"
 
     async with clock.attending():
         try:

@@ -13,9 +13,9 @@ from .limits import OutOfRangeError
 
 @dataclass(frozen=True, slots=True)
 class GripperLaw:
-    """Quadratic law of the pincer linkage: width = offset + linear n + quadratic n^2 [mm].
+    """Quadratic law of the pincer linkage: opening = offset + linear n + quadratic n^2 [mm].
 
-    The default is London Hackspace's fit, which §5.5 recommends until three widths have been
+    The default is London Hackspace's fit, which §5.5 recommends until three openings have been
     measured on the arm itself.
     """
 
@@ -30,7 +30,7 @@ class GripperLaw:
 
     @classmethod
     def through(cls, points: Sequence[tuple[int, float]]) -> "GripperLaw":
-        """Return the law through three measured pairs of counts and width [mm].
+        """Return the law through three measured pairs of counts and opening [mm].
 
         Raises
         ------
@@ -44,35 +44,35 @@ class GripperLaw:
         linear = slope_01 - quadratic * (n0 + n1)
         return cls(w0 - linear * n0 - quadratic * n0 * n0, linear, quadratic)
 
-    def width_mm(self, counts: float) -> float:
+    def opening_mm(self, counts: float) -> float:
         """Return the opening [mm]; counts below the closed end read as 0, not as less."""
         return max(
             0.0, self.offset_mm + self.linear_mm * counts + self.quadratic_mm * counts * counts
         )
 
     @property
-    def max_width_mm(self) -> float:
+    def max_opening_mm(self) -> float:
         """Opening at the last count of the range [mm]."""
-        return self.width_mm(c.GRIPPER_RANGE[1])
+        return self.opening_mm(c.GRIPPER_RANGE[1])
 
-    def counts(self, width_mm: float) -> int:
+    def counts(self, opening_mm: float) -> int:
         """Return the whole counts nearest to an opening [mm].
 
         Raises
         ------
         OutOfRangeError : the jaws do not open so far
         """
-        if not 0 <= width_mm <= self.max_width_mm + 1e-9:
+        if not 0 <= opening_mm <= self.max_opening_mm + 1e-9:
             raise OutOfRangeError(
-                f"gripper ({width_mm:.1f} mm of 0 to {self.max_width_mm:.1f} mm)",
-                self._inverse(max(width_mm, 0.0)),
-                c.GRIPPER_RANGE[0 if width_mm < 0 else 1],
+                f"gripper ({opening_mm:.1f} mm of 0 to {self.max_opening_mm:.1f} mm)",
+                self._inverse(max(opening_mm, 0.0)),
+                c.GRIPPER_RANGE[0 if opening_mm < 0 else 1],
             )
         low, high = c.GRIPPER_RANGE
-        return min(max(round(self._inverse(width_mm)), low), high)
+        return min(max(round(self._inverse(opening_mm)), low), high)
 
-    def _inverse(self, width_mm: float) -> float:
-        rise_mm = width_mm - self.offset_mm
+    def _inverse(self, opening_mm: float) -> float:
+        rise_mm = opening_mm - self.offset_mm
         if self.quadratic_mm == 0:
             return rise_mm / self.linear_mm
         root = sqrt(max(0.0, self.linear_mm**2 + 4 * self.quadratic_mm * rise_mm))

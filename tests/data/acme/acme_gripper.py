@@ -31,7 +31,7 @@ class Settings:
 class Reading:
     """How the gripper stands."""
 
-    width_mm: float
+    opening_mm: float
     is_moving: bool
     has_contact: bool
     is_activated: bool
@@ -48,7 +48,7 @@ class Grasp:
     """How a grip ended."""
 
     object_detected: bool
-    width_mm: float
+    opening_mm: float
 
 
 class AcmeGripper:
@@ -99,7 +99,7 @@ class AcmeGripper:
             return Hold.NOTHING
         if not status.is_activated or status.is_moving:
             return Hold.UNKNOWN
-        is_there = status.has_contact and abs(status.width_mm - self._gripped_mm) < SLIP_MM
+        is_there = status.has_contact and abs(status.opening_mm - self._gripped_mm) < SLIP_MM
         return Hold.HELD if is_there else Hold.LOST
 
     async def wait_lost(self) -> None:
@@ -111,20 +111,20 @@ class AcmeGripper:
         """Make it ready to move."""
         await self._ask("ON")
 
-    async def open_to(self, width_mm: float) -> None:
+    async def open_to(self, opening_mm: float) -> None:
         """Move the jaws to an opening."""
         self._gripped_mm = None
-        await self._ask(f"MOVE {width_mm:.2f}")
+        await self._ask(f"MOVE {opening_mm:.2f}")
         status = await self._at_rest()
         if status.has_contact:
-            raise StalledError(f"ACME gripper: met something at {status.width_mm:.1f} mm")
+            raise StalledError(f"ACME gripper: met something at {status.opening_mm:.1f} mm")
 
-    async def close_on(self, width_mm: float, *, force_n: float) -> Grasp:
+    async def close_on(self, opening_mm: float, *, force_n: float) -> Grasp:
         """Close on a part."""
-        await self._ask(f"GRIP {max(0.0, width_mm - 5.0):.2f} {force_n:.0f}")
+        await self._ask(f"GRIP {max(0.0, opening_mm - 5.0):.2f} {force_n:.0f}")
         status = await self._at_rest()
-        self._gripped_mm = status.width_mm if status.has_contact else None
-        return Grasp(status.has_contact, status.width_mm)
+        self._gripped_mm = status.opening_mm if status.has_contact else None
+        return Grasp(status.has_contact, status.opening_mm)
 
     async def stop(self) -> None:
         """Stop the jaws where they are."""

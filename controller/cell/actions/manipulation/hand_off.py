@@ -72,11 +72,11 @@ class HandOffAction:
     async def _close_fixed(self, step: GiveStep) -> None:
         expected_mm = step.fixed_expected_opening_mm
         result = await self.grippers.close_fixed(expected_mm)
-        off_mm = abs(result.width_mm - expected_mm)
+        off_mm = abs(result.opening_mm - expected_mm)
         if not result.object_detected or off_mm > self.grippers.tolerance_mm:
             await self._keep_in_arm(
                 step,
-                f"the fixed gripper closed to {result.width_mm:.1f} mm, {expected_mm:.1f} mm was "
+                f"the fixed gripper closed to {result.opening_mm:.1f} mm, {expected_mm:.1f} mm was "
                 "expected",
             )
 

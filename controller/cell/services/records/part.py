@@ -22,14 +22,14 @@ class Hold:
     ----------
     grasp : as planned
     T_part_tcp : (4, 4) as planned, or as measured once `is_seen`
-    width_mm : opening of the jaws on the part
+    opening_mm : opening of the jaws on the part
     is_seen : whether a view has confirmed it
     unconfirmed_count : how many views in a row could not confirm it
     """
 
     grasp: Grasp
     T_part_tcp: FloatArray
-    width_mm: float
+    opening_mm: float
     is_seen: bool = False
     unconfirmed_count: int = 0
 

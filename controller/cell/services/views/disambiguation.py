@@ -37,7 +37,7 @@ class Disambiguation:
         PartProblemError : another part, or not exactly one hypothesis is left
         """
         part, names = self.record.part, [c.name for c in ambiguity.candidates]
-        left = await self.compute.identify(ambiguity, q, hold.width_mm, backlit, lit)
+        left = await self.compute.identify(ambiguity, q, hold.opening_mm, backlit, lit)
         part.candidates = ()
         self.record.note(
             AmbiguityResolved(

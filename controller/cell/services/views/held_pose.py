@@ -66,7 +66,7 @@ class HeldPose:
         await self.motion.ring_down()
         backlit = await self.imaging.shoot("inspection", {"station_backlight": 1.0})
         expected = shown_pose(self.layout, q, hold.T_part_tcp)
-        holder = holder_boxes(self.layout, q, hold.width_mm)
+        holder = holder_boxes(self.layout, q, hold.opening_mm)
         found = await self.compute.find_hold(expected, hold.T_part_tcp, holder, backlit)
         if found is None:
             raise PartFaultError(

@@ -75,7 +75,7 @@ class Views:
         backlit, lit : pictures before the glowing panel, and by lamp
         """
         expected = shown_pose(self._layout, q, hold.T_part_tcp)
-        holder = holder_boxes(self._layout, q, hold.width_mm)
+        holder = holder_boxes(self._layout, q, hold.opening_mm)
         task = asyncio.ensure_future(
             self._compute.inspect(view, expected, holder, backlit, lit, hold.is_seen)
         )
