@@ -39,7 +39,7 @@ def child(asked: dict[str, Any]) -> dict[str, float]:
     # what the other revision does not have must not be taken from an editable install
     sys.meta_path[:] = [f for f in sys.meta_path if "__editable__" not in repr(f)]
     from controller.cad.compiled import load_part, options_among
-    from controller.cell.plans import Planning
+    from controller.cell.plans import PlanCache
     from controller.config import load_cell
     from controller.recognition.stored import open_library
 
@@ -69,7 +69,7 @@ def child(asked: dict[str, Any]) -> dict[str, float]:
     for name in parts:
         if name.split(".")[0] in PLANNED:
             part = load_part(*parts[name])
-            planning = Planning(part, layout)
+            planning = PlanCache(part, layout)
             timed(f"plan {name}", lambda p=part, q=planning: q.plan_at(p.poses[0], 360.0, 0.0, 0.0))
             timed(f"prepared {name}", planning.prepared)
     return taken

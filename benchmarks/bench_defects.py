@@ -21,7 +21,7 @@ from inspection_scenes import ROOT, Held, Station, judged_views
 from numpy.typing import NDArray
 
 from controller.cad import Face
-from controller.inspection import Limits, Verdict, judge
+from controller.inspection import InspectionLimits, Verdict, judge
 
 Array = NDArray[np.float64]
 Body = manifold3d.Manifold
@@ -170,7 +170,7 @@ def run_one(held: Held, name: str, seed: int) -> dict[str, Any] | None:
     if ("bore" in name or "hole" in name) and not bores(held):
         return None
     spoilt = as_mesh(DEFECTS[name](held, as_body(held.solid.mesh), rng))
-    limits = Limits()
+    limits = InspectionLimits()
     views = [v for v, _, _ in judged_views(held, Station(spoilt), seed, limits)]
     strict = judge(held.solid, held.samples, views, {}, 0.3, limits)
     named = {

@@ -33,7 +33,7 @@ from controller.imaging import Camera  # noqa: E402
 from controller.recognition import pose_on_table  # noqa: E402
 from controller.recognition.grey import (  # noqa: E402
     FeatureIndex,
-    Hypothesis,
+    ViewHypothesis,
     feature_index,
     image_features,
     model_features,
@@ -163,7 +163,7 @@ def objects(folder: Path, parts: dict[str, CompiledPart], *, small: bool) -> Ite
             )
 
 
-def is_right(seen: Seen, view: View, found: Hypothesis) -> bool:
+def is_right(seen: Seen, view: View, found: ViewHypothesis) -> bool:
     """Tell whether a hypothesis is the truth up to the part's symmetry."""
     if view.solid.name != seen.part or np.abs(found.shift_mm - seen.xy_mm).max() > 20:
         return False

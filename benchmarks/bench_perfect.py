@@ -17,7 +17,7 @@ from typing import Any
 
 from inspection_scenes import ROOT, Held, Station, judged_views
 
-from controller.inspection import Limits, Unjudged, Verdict, judge
+from controller.inspection import InspectionLimits, Unjudged, Verdict, judge
 
 TUNED = ("angle_bracket", "channel_jig", "slotted_plate", "fillet_bracket", "step_block")
 HELD_OUT = ("tee_bracket", "v_block", "corner_jig", "pocket_plate", "rib_bracket")
@@ -27,7 +27,7 @@ MIN_COVERAGE = 0.5
 
 def run_one(path: Path, seed: int, held: Held, station: Station) -> dict[str, Any]:
     """Return what 14 views of one perfect part come to."""
-    limits = Limits()
+    limits = InspectionLimits()
     views, seconds = [], []
     started = time.process_time()
     for result, _, _ in judged_views(held, station, seed, limits):

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from controller.imaging import Camera, PointLamp
 from controller.inspection import (
-    Limits,
+    InspectionLimits,
     Verdict,
     ViewPictures,
     ViewTask,
@@ -63,7 +63,7 @@ def judge_set(folder: Path, held: Held) -> dict[str, Any]:
         ),
         "side": PointLamp("side", np.array([lamps["side"]["centre"]])),
     }  # fmt: skip
-    limits = Limits()
+    limits = InspectionLimits()
     views = []
     for view in body["views"]:
         boxes = tuple(

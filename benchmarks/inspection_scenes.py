@@ -27,7 +27,7 @@ from controller.cad import Solid, SurfaceSamples, load_solid, sample_surface  # 
 from controller.cell.devices.lamps import STATION_LAMPS  # noqa: E402
 from controller.config import load_cell  # noqa: E402
 from controller.inspection import (  # noqa: E402
-    Limits,
+    InspectionLimits,
     PosedPart,
     ViewPictures,
     ViewResult,
@@ -184,7 +184,7 @@ class Station:
         T_tcp: Array,
         opening_mm: float,
         lamps: tuple[str, ...],
-        limits: Limits,
+        limits: InspectionLimits,
         is_hold_seen: bool,
     ) -> ViewTask:
         """Return the view as the controller expects it."""
@@ -206,7 +206,7 @@ class Station:
 
 
 def judged_views(
-    nominal: Held, station: Station, seed: int, limits: Limits, view_count: int = 14
+    nominal: Held, station: Station, seed: int, limits: InspectionLimits, view_count: int = 14
 ) -> Iterator[tuple[ViewResult, ViewPictures, ViewTask]]:
     """Yield the views of a held part as they are judged, with their pictures.
 

@@ -27,7 +27,7 @@ from controller.cell.devices.emulator import (
 from controller.cell.devices.interlocks import REQUIRED_SIGNALS, check_interlocks, settled_signal
 from controller.cell.devices.lock import CellBusyError, hold_cell
 from controller.cell.errors import InterlockError
-from controller.cell.plans import Planning
+from controller.cell.plans import PlanCache
 from controller.cell.services import CameraName, Imaging
 from controller.config import EMULATED_CELL, SHIPPED, Cell, ConfigError, load_cell, load_recipe
 from controller.imaging import Camera as CameraModel
@@ -328,7 +328,7 @@ def plan_part(
         )
     setup = planner_setup(wanted, cell, compiled)
     certificate = (
-        Planning(compiled, setup.layout, setup.options).certified(poses[pose_index]).certificate
+        PlanCache(compiled, setup.layout, setup.options).certified(poses[pose_index]).certificate
     )
     if certificate.plan is None:
         raise NoPlanError(certificate.reason)

@@ -7,7 +7,7 @@ from controller.arrays import BoolArray, Float32Array, FloatArray
 from controller.imaging import Camera, ViewMaps, inverse_pose, transform
 
 from ._pose import PosedPart
-from ._types import Finding, Kind
+from ._types import Finding, FindingKind
 
 
 def grow(mask: BoolArray, px: int) -> BoolArray:
@@ -19,7 +19,7 @@ def grow(mask: BoolArray, px: int) -> BoolArray:
 
 def connected_findings(
     wrong: BoolArray,
-    kind: Kind,
+    kind: FindingKind,
     lamp: str,
     part: PosedPart,
     maps: ViewMaps,

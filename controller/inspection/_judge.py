@@ -17,7 +17,7 @@ from controller.arrays import BoolArray
 from controller.cad import Solid, SurfaceSamples
 from controller.imaging import rotation_angle
 
-from ._types import OUTLINE, Finding, Kind, Limits, Unjudged, Verdict, ViewResult
+from ._types import OUTLINE, Finding, FindingKind, InspectionLimits, Unjudged, Verdict, ViewResult
 
 SURE_AREA: Final = 2.5  # times the smallest area: no noise at a border grows so large
 SAME_PLACE_MM: Final = 6.0  # findings of two views whose middles are this close are one thing
@@ -89,7 +89,7 @@ def judge(
     views: Sequence[ViewResult],
     unseen_reasons: Mapping[int, str],
     min_coverage: float,
-    limits: Limits,
+    limits: InspectionLimits,
     not_inspected: Mapping[int, str] = NOTHING,
     planned: Mapping[str, BoolArray] = NO_PLAN,
 ) -> PartVerdict:
@@ -203,7 +203,7 @@ def _claim(views: Sequence[ViewResult]) -> str:
 
 
 def _confirm(
-    views: Sequence[ViewResult], limits: Limits
+    views: Sequence[ViewResult], limits: InspectionLimits
 ) -> tuple[list[tuple[str, Finding]], list[tuple[str, Finding]]]:
     """Split findings into those that decide and those that one error could explain."""
     every = [(view, f) for view in views for f in view.findings]
@@ -222,7 +222,11 @@ def _confirm(
 
 
 def _is_other_look(
-    view: ViewResult, finding: Finding, other_view: ViewResult, other: Finding, limits: Limits
+    view: ViewResult,
+    finding: Finding,
+    other_view: ViewResult,
+    other: Finding,
+    limits: InspectionLimits,
 ) -> bool:
     """Return whether no one error explains two findings.
 
@@ -233,13 +237,13 @@ def _is_other_look(
     within these limits makes.
     """
     angle = rotation_angle(view.T_world_part[:3, :3] @ other_view.T_world_part[:3, :3].T)
-    is_lit = finding.kind is Kind.SURFACE and other.kind is Kind.SURFACE
+    is_lit = finding.kind is FindingKind.SURFACE and other.kind is FindingKind.SURFACE
     if is_lit and max(_misfit(view, finding), _misfit(other_view, other)) > EVEN_MISFIT:
         return False  # what the finish does in one view it may do in the other
     if view.view_id != other_view.view_id and angle >= OTHER_LOOK_RAD:
         return True
     least = SURE_AREA * limits.min_area_mm2
-    is_both = (finding.kind is Kind.SURFACE) != (other.kind is Kind.SURFACE)
+    is_both = (finding.kind is FindingKind.SURFACE) != (other.kind is FindingKind.SURFACE)
     return is_both and min(finding.area_mm2, other.area_mm2) >= least
 
 
@@ -305,7 +309,7 @@ def _face(
     found: Verdict | None,
     plan_reason: str,
     recipe_reason: str,
-    limits: Limits,
+    limits: InspectionLimits,
 ) -> FaceVerdict:
     face = solid.faces[face_id]
     mine = samples.face_ids == face_id

@@ -18,7 +18,7 @@ from controller.imaging import ViewMaps, transform
 
 from ._connected import connected_findings, grow
 from ._pose import PosedPart, PoseFit
-from ._types import OUTLINE, Check, Finding, Kind, ViewTask
+from ._types import OUTLINE, Check, Finding, FindingKind, ViewTask
 
 MARGIN_PX: Final = 40  # beyond the outline, where material may stick out
 KERNEL_PX: Final = 3  # a difference is at least as wide
@@ -122,7 +122,7 @@ def _areas(
     missing = ~grow(~expected, slack) & ~observed & judged
     extra = ~grow(expected, slack) & observed & judged
     found: list[Finding] = []
-    for wrong, kind in ((missing, Kind.MISSING), (extra, Kind.EXTRA)):
+    for wrong, kind in ((missing, FindingKind.MISSING), (extra, FindingKind.EXTRA)):
         kernel = np.ones((KERNEL_PX, KERNEL_PX), np.uint8)
         opened = cv2.morphologyEx(wrong.astype(np.uint8), cv2.MORPH_OPEN, kernel) > 0
         found += connected_findings(
@@ -149,8 +149,8 @@ def _runs(
     # beside what is not judged the observed outline ends
     lost = np.isnan(gap) & ~grow(~valid, NEAR_PX)[y, x]
     for off, kind in (
-        (gap > slack, Kind.EXTRA),
-        ((gap < -slack) | lost, Kind.MISSING),
+        (gap > slack, FindingKind.EXTRA),
+        ((gap < -slack) | lost, FindingKind.MISSING),
     ):
         mask = np.zeros((y1 - y0 + 1, x1 - x0 + 1), dtype=np.uint8)
         u, v = np.clip(np.round(fit.edge_px[off]).astype(int) - [x0, y0], 0, [x1 - x0, y1 - y0]).T

@@ -40,7 +40,7 @@ class Unjudged(StrEnum):
         return 1 + list(Unjudged).index(self)
 
 
-class Kind(StrEnum):
+class FindingKind(StrEnum):
     """What a finding is."""
 
     MISSING = "missing material"
@@ -49,7 +49,7 @@ class Kind(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class InspectionLimits:
     """When a difference is a finding; each with its reason.
 
     Attributes
@@ -118,7 +118,7 @@ class ViewTask:
     holder: tuple[WorldBox, ...]
     panel_mm: FloatArray
     lamps: tuple[PointLamp, ...]
-    limits: Limits
+    limits: InspectionLimits
     is_hold_seen: bool = False
 
 
@@ -145,7 +145,7 @@ class Finding:
     face_ids : surfaces it lies on, largest share first
     """
 
-    kind: Kind
+    kind: FindingKind
     lamp: str
     area_mm2: float
     size_mm: float

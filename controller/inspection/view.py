@@ -21,7 +21,7 @@ from controller.recognition.fitting import OutlineMeasure
 from ._outline import compare_outline
 from ._pose import PosedPart, PoseFit, measure_pose, moved, poses_as_good
 from ._scene import Scene, make_scene, samples_in_sight
-from ._types import Kind, Limits, ViewPictures, ViewResult, ViewTask
+from ._types import FindingKind, InspectionLimits, ViewPictures, ViewResult, ViewTask
 from .lit import BURNT_GREY, LitPictures
 from .registration import Registration, register
 
@@ -71,7 +71,7 @@ def inspect_view(
         return _not_evaluated(task, samples, f"no picture under {missing[0]}")
     view = _View(part, samples, task, pictures, scene, dark, judged, sharp)
     best = view.compare_at(fit)
-    if not any(f.kind is Kind.SURFACE for f in best.findings):
+    if not any(f.kind is FindingKind.SURFACE for f in best.findings):
         return best
     # what a lit picture shows against one pose, and not against another that the outline allows as
     # well, speaks of the pose and not of the part
@@ -146,7 +146,7 @@ class _View:
         )
 
 
-def _pose_refusal(fit: PoseFit, shift: float, turn: float, limits: Limits) -> str:
+def _pose_refusal(fit: PoseFit, shift: float, turn: float, limits: InspectionLimits) -> str:
     """Return what speaks against a fitted pose, empty if nothing does."""
     if fit.paired < limits.min_outline_share:
         return (

@@ -4,7 +4,7 @@ Arrays in, dataclasses out (references.md P3.0).
 """
 
 from .identification.hypotheses import Hypothesis, SearchLimits
-from .identification.recognise import Limits, recognise
+from .identification.recognise import RecognitionLimits, recognise
 from .identification.sighting import Alternative, Recognition, Sighting, Trace
 from .library import Entry, Library, make_library, pose_on_table
 
@@ -13,8 +13,8 @@ __all__ = [
     "Entry",
     "Hypothesis",
     "Library",
-    "Limits",
     "Recognition",
+    "RecognitionLimits",
     "SearchLimits",
     "Sighting",
     "Trace",

@@ -22,7 +22,7 @@ from controller.planning import (
 )
 
 
-class Kind(StrEnum):
+class MomentKind(StrEnum):
     """What a step does."""
 
     PICK = "pick"
@@ -57,7 +57,7 @@ class Moment:
     """
 
     step: Step
-    kind: Kind
+    kind: MomentKind
     seat: Seat
     q: FloatArray
     arm_opening_mm: float
@@ -80,12 +80,14 @@ def _moments(plan: Plan, layout: CellLayout) -> Iterator[Moment]:
         if isinstance(step, Pick):
             q, grasp = step.motion_down[-1], step.grasp
             T = shown_pose(layout, q, grasp.T_part_tcp)
-            yield Moment(step, Kind.PICK, Seat.OVERHEAD, q, grasp.opening_mm, idle, T, grasp=grasp)
+            yield Moment(
+                step, MomentKind.PICK, Seat.OVERHEAD, q, grasp.opening_mm, idle, T, grasp=grasp
+            )
             q = step.motion_up[-1]
         elif isinstance(step, Present):
             yield Moment(
                 step,
-                Kind.PRESENT,
+                MomentKind.PRESENT,
                 Seat.INSPECTION,
                 step.q,
                 step.grasp.opening_mm,
@@ -101,7 +103,7 @@ def _moments(plan: Plan, layout: CellLayout) -> Iterator[Moment]:
             q = step.motion[-1] if isinstance(step, GiveStep) else step.approach[-1]
             yield Moment(
                 step,
-                Kind.GIVE if is_giving else Kind.RECEIVE,
+                MomentKind.GIVE if is_giving else MomentKind.RECEIVE,
                 Seat.BESIDE,
                 q,
                 step.grasp.opening_mm,
@@ -114,7 +116,7 @@ def _moments(plan: Plan, layout: CellLayout) -> Iterator[Moment]:
         elif isinstance(step, SetDown):
             yield Moment(
                 step,
-                Kind.SET_DOWN,
+                MomentKind.SET_DOWN,
                 Seat.OVERHEAD,
                 step.motion_down[-1],
                 step.grasp.opening_mm,
@@ -126,7 +128,7 @@ def _moments(plan: Plan, layout: CellLayout) -> Iterator[Moment]:
         elif isinstance(step, Look):
             yield Moment(
                 step,
-                Kind.LOOK,
+                MomentKind.LOOK,
                 Seat.OVERHEAD,
                 q,
                 wide,
@@ -140,7 +142,7 @@ def _moments(plan: Plan, layout: CellLayout) -> Iterator[Moment]:
     place, park = slowest_tray(plan)
     yield Moment(
         place,
-        Kind.PLACE,
+        MomentKind.PLACE,
         Seat.BESIDE,
         place.motion_down[-1],
         place.grasp.opening_mm,
@@ -149,7 +151,13 @@ def _moments(plan: Plan, layout: CellLayout) -> Iterator[Moment]:
         grasp=place.grasp,
     )
     yield Moment(
-        park, Kind.PARK, Seat.OVERHEAD, park.motion[-1], place.open_mm, idle, place.T_world_part
+        park,
+        MomentKind.PARK,
+        Seat.OVERHEAD,
+        park.motion[-1],
+        place.open_mm,
+        idle,
+        place.T_world_part,
     )
 
 

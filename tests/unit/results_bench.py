@@ -49,7 +49,7 @@ def rectangle_border(box: tuple[int, int, int, int]) -> np.ndarray:
 
 
 def finding(
-    kind: inspecting.Kind = inspecting.Kind.MISSING,
+    kind: inspecting.FindingKind = inspecting.FindingKind.MISSING,
     lamp: str = "backlit",
     box: tuple[int, int, int, int] = (700, 400, 740, 430),
     faces: tuple[int, ...] = (1,),
@@ -232,7 +232,7 @@ class RunWriter:
     def show(self, label: str, result: inspecting.ViewResult, seconds: float) -> None:
         lamps = (("station_backlight", 210), ("station_ring", 40), ("station_side", 40))
         names = {lamp: self.picture(f"{result.view_id}_{lamp}", level) for lamp, level in lamps}
-        self.write(rows.ViewPictures(view=result.view_id, pictures=names, q=(0.0,) * 6))
+        self.write(rows.ViewPicturesTaken(view=result.view_id, pictures=names, q=(0.0,) * 6))
         self.step(label, 4.0, seconds, view=result.view_id)
 
     def judge_view(self, result: inspecting.ViewResult) -> None:
@@ -291,7 +291,7 @@ def bad_run(runs_dir: Path, run_id: str = "20260302-120000-000-featuretype", **k
     first = view(
         "G1-V0",
         finding(),
-        finding(inspecting.Kind.SURFACE, "station_ring", (600, 500, 640, 560), (2, 1)),
+        finding(inspecting.FindingKind.SURFACE, "station_ring", (600, 500, 640, 560), (2, 1)),
     )
     faces = (
         face(0, "F0 plane", 5000.0),

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from controller.cad import Solid, SurfaceSamples, sample_surface
 from controller.imaging import Camera, PointLamp
-from controller.inspection import Limits, PosedPart, ViewPictures, ViewTask, WorldBox
+from controller.inspection import InspectionLimits, PosedPart, ViewPictures, ViewTask, WorldBox
 
 Array = NDArray[np.float64]
-LIMITS = Limits()
+LIMITS = InspectionLimits()
 # camera 700 mm in front of the station, looking along +y; 0.19 mm to a pixel
 CAMERA = Camera(
     (640, 512),

@@ -22,7 +22,7 @@ from controller.cache import DiskCache
 from controller.cache.file import DIGEST_BYTES, MAX_BYTES, pack, sealed, unpack
 from controller.cad.compiled import CompileOptions, load_part
 from controller.cad.compiled.cache import part_cache
-from controller.cell.plans import Planning
+from controller.cell.plans import PlanCache
 from controller.cell.plans.stored import Kept
 from controller.config import load_cell
 from controller.planning import GraspRules, PlanOptions
@@ -76,7 +76,7 @@ def filled(tmp_path_factory: pytest.TempPathFactory) -> dict[str, User]:
         patch.setenv("XDG_CACHE_HOME", str(folder))
         part = load_part(path)
         open_library([(path, CompileOptions())], layout.overhead).model(0)
-        Planning(part, layout, FEW).plan_at(part.poses[0], 360.0, 0.0, 0.4)
+        PlanCache(part, layout, FEW).plan_at(part.poses[0], 360.0, 0.0, 0.4)
     kept = Kept(part)
     caches: dict[str, DiskCache[Any]] = {
         "part": part_cache(),

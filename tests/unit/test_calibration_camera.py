@@ -13,9 +13,9 @@ from controller.commissioning.calibration import (
     PARAMETERS,
     Calibration,
     CalibrationError,
+    CalibrationLimits,
     Chessboard,
     FoundBoard,
-    Limits,
     Placed,
     View,
     WorldFrame,
@@ -285,24 +285,26 @@ def test_oblong_squares_are_refused() -> None:
 
 
 def test_too_uncertain_a_table_is_refused_with_the_place(usual: Calibration) -> None:
-    check_uncertainty(usual, Limits())
+    check_uncertainty(usual, CalibrationLimits())
     with pytest.raises(
         CalibrationError, match=r"uncertain by .* mm at the .* limits are .* Add pictures"
     ):
-        check_uncertainty(usual, replace(Limits(), table_std_max_mm=0.01, table_std_max_px=0.01))
+        check_uncertainty(
+            usual, replace(CalibrationLimits(), table_std_max_mm=0.01, table_std_max_px=0.01)
+        )
 
 
 def test_a_corner_nobody_measured_is_told_and_not_refused(usual: Calibration) -> None:
     plane = replace(usual.table[0], worst_mm=1.0)  # the limit between the boards is 0.25 mm
-    check_uncertainty(replace(usual, table=(plane, usual.table[1])), Limits())
+    check_uncertainty(replace(usual, table=(plane, usual.table[1])), CalibrationLimits())
     plane = replace(usual.table[0], worst_mm=50.0)
     with pytest.raises(CalibrationError, match=r"by 50\.00 mm at the"):
-        check_uncertainty(replace(usual, table=(plane, usual.table[1])), Limits())
+        check_uncertainty(replace(usual, table=(plane, usual.table[1])), CalibrationLimits())
 
 
 def test_too_uncertain_a_focal_length_is_refused(usual: Calibration) -> None:
     with pytest.raises(CalibrationError, match="focal length and height"):
-        check_uncertainty(usual, replace(Limits(), focal_std_max=1e-5))
+        check_uncertainty(usual, replace(CalibrationLimits(), focal_std_max=1e-5))
 
 
 def test_a_few_corners_of_one_board_are_too_few() -> None:

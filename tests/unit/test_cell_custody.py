@@ -19,7 +19,7 @@ from controller.cell.custody import (
     Held,
     fold_custody,
 )
-from controller.cell.custody.openings import Finding, Opening, judge_arm, judge_fixed
+from controller.cell.custody.openings import Occupancy, Opening, judge_arm, judge_fixed
 from controller.cell.custody.start_check import PartMayBeHeldError, require_empty_grippers
 from controller.cell.journal import Journal, Row, read_rows, read_rows_of_kinds
 from controller.cell.journal.rows import RunBegan
@@ -174,22 +174,22 @@ KNOWN = ArmIdentity({Ip.ARM: (1, 1), Ip.WRIST: (1, 1)}, frozenset())
 @pytest.mark.parametrize(
     ("identity", "jaws", "expected"),
     [
-        (KNOWN, JawReading(is_pressing=True, opening_mm=22.0), Finding.MAY_HOLD),
-        (KNOWN, JawReading(is_pressing=True, opening_mm=0.4), Finding.EMPTY),
-        (KNOWN, JawReading(is_pressing=True, opening_mm=85.3), Finding.EMPTY),  # its own end
+        (KNOWN, JawReading(is_pressing=True, opening_mm=22.0), Occupancy.MAY_HOLD),
+        (KNOWN, JawReading(is_pressing=True, opening_mm=0.4), Occupancy.EMPTY),
+        (KNOWN, JawReading(is_pressing=True, opening_mm=85.3), Occupancy.EMPTY),  # its own end
         # a stop may have taken the pressure: no proof
-        (KNOWN, JawReading(is_pressing=False, opening_mm=22.0), Finding.UNREADABLE),
+        (KNOWN, JawReading(is_pressing=False, opening_mm=22.0), Occupancy.UNREADABLE),
         (
             ArmIdentity({}, frozenset({Ip.ARM})),
             JawReading(is_pressing=True, opening_mm=22.0),
-            Finding.UNREADABLE,
+            Occupancy.UNREADABLE,
         ),
     ],
 )
 def test_the_arm_gripper_says_what_it_can(
-    identity: ArmIdentity, jaws: JawReading, expected: Finding
+    identity: ArmIdentity, jaws: JawReading, expected: Occupancy
 ) -> None:
-    assert judge_arm(jaws, identity, 85.5).finding is expected
+    assert judge_arm(jaws, identity, 85.5).occupancy is expected
 
 
 def status(opening_mm: float, what: ObjectState, *, going: bool = True, active: bool = True) -> Any:
@@ -211,26 +211,26 @@ def status(opening_mm: float, what: ObjectState, *, going: bool = True, active: 
 @pytest.mark.parametrize(
     ("reading", "barrier", "expected"),
     [
-        (status(30, ObjectState.CONTACT_CLOSING), Signal.NOT_OK, Finding.HOLDS),
-        (status(30, ObjectState.CONTACT_OPENING), Signal.NOT_OK, Finding.HOLDS),
-        (status(0.3, ObjectState.CONTACT_CLOSING), Signal.NOT_OK, Finding.EMPTY),
-        (status(85, ObjectState.AT_POSITION), Signal.NOT_OK, Finding.EMPTY),
-        (status(40, ObjectState.AT_POSITION), Signal.NOT_OK, Finding.EMPTY),
+        (status(30, ObjectState.CONTACT_CLOSING), Signal.NOT_OK, Occupancy.HOLDS),
+        (status(30, ObjectState.CONTACT_OPENING), Signal.NOT_OK, Occupancy.HOLDS),
+        (status(0.3, ObjectState.CONTACT_CLOSING), Signal.NOT_OK, Occupancy.EMPTY),
+        (status(85, ObjectState.AT_POSITION), Signal.NOT_OK, Occupancy.EMPTY),
+        (status(40, ObjectState.AT_POSITION), Signal.NOT_OK, Occupancy.EMPTY),
         # Ctrl-C stops the jaws on the part: contact says nothing any more, the width does
-        (status(30, ObjectState.AT_POSITION, going=False), Signal.NOT_OK, Finding.MAY_HOLD),
-        (status(85, ObjectState.AT_POSITION, going=False), Signal.NOT_OK, Finding.EMPTY),
-        (status(30, ObjectState.MOVING), Signal.NOT_OK, Finding.MAY_HOLD),
-        (status(30, ObjectState.MOVING, active=False), Signal.NOT_OK, Finding.UNREADABLE),
+        (status(30, ObjectState.AT_POSITION, going=False), Signal.NOT_OK, Occupancy.MAY_HOLD),
+        (status(85, ObjectState.AT_POSITION, going=False), Signal.NOT_OK, Occupancy.EMPTY),
+        (status(30, ObjectState.MOVING), Signal.NOT_OK, Occupancy.MAY_HOLD),
+        (status(30, ObjectState.MOVING, active=False), Signal.NOT_OK, Occupancy.UNREADABLE),
         # the light barrier is believed whatever the jaws say
-        (status(85, ObjectState.AT_POSITION), Signal.OK, Finding.HOLDS),
-        (status(30, ObjectState.MOVING, active=False), Signal.OK, Finding.HOLDS),
-        (status(85, ObjectState.AT_POSITION), Signal.UNKNOWN, Finding.EMPTY),
+        (status(85, ObjectState.AT_POSITION), Signal.OK, Occupancy.HOLDS),
+        (status(30, ObjectState.MOVING, active=False), Signal.OK, Occupancy.HOLDS),
+        (status(85, ObjectState.AT_POSITION), Signal.UNKNOWN, Occupancy.EMPTY),
     ],
 )  # fmt: skip
 def test_the_fixed_gripper_says_what_it_can(
-    reading: GripperStatus, barrier: Signal, expected: Finding
+    reading: GripperStatus, barrier: Signal, expected: Occupancy
 ) -> None:
-    assert judge_fixed(reading, barrier, 85.0).finding is expected
+    assert judge_fixed(reading, barrier, 85.0).occupancy is expected
 
 
 # ---- the decision ----
@@ -238,11 +238,11 @@ def test_the_fixed_gripper_says_what_it_can(
 HELD = Held(ARM, Custody.IN_ARM, "run-1", 2, "2026-01-02T03:04:05+00:00", "jaws at 20.0 mm")
 
 
-def says(arm: Finding, fixed: Finding) -> tuple[Opening, Opening]:
+def says(arm: Occupancy, fixed: Occupancy) -> tuple[Opening, Opening]:
     return Opening(ARM, arm, "arm's reason"), Opening(FIXED, fixed, "fixed's reason")
 
 
-SILENT = says(Finding.UNREADABLE, Finding.UNREADABLE)
+SILENT = says(Occupancy.UNREADABLE, Occupancy.UNREADABLE)
 
 
 @pytest.fixture
@@ -302,7 +302,7 @@ async def test_a_needless_word_is_no_change_of_custody(check: Callable[..., Any]
 @pytest.mark.parametrize("removed", [False, True])
 @pytest.mark.parametrize(
     "openings",
-    [says(Finding.HOLDS, Finding.EMPTY), says(Finding.UNREADABLE, Finding.HOLDS)],
+    [says(Occupancy.HOLDS, Occupancy.EMPTY), says(Occupancy.UNREADABLE, Occupancy.HOLDS)],
 )
 async def test_a_gripper_that_reports_an_object_is_believed_more_than_anybody(
     check: Callable[..., Any], openings: Any, removed: bool
@@ -312,7 +312,7 @@ async def test_a_gripper_that_reports_an_object_is_believed_more_than_anybody(
 
 
 async def test_a_doubtful_opening_asks_for_the_operators_word(check: Callable[..., Any]) -> None:
-    doubtful = says(Finding.UNREADABLE, Finding.MAY_HOLD)
+    doubtful = says(Occupancy.UNREADABLE, Occupancy.MAY_HOLD)
     with pytest.raises(PartMayBeHeldError, match="The fixed gripper may hold a part"):
         await check((), doubtful, removed=False)
     rows = await check((), doubtful, removed=True)
@@ -322,7 +322,7 @@ async def test_a_doubtful_opening_asks_for_the_operators_word(check: Callable[..
 async def test_stalled_jaws_are_pressed_once_more_after_the_operators_word(
     check: Callable[..., Any],
 ) -> None:
-    stalled = says(Finding.MAY_HOLD, Finding.EMPTY)
+    stalled = says(Occupancy.MAY_HOLD, Occupancy.EMPTY)
     with pytest.raises(PartMayBeHeldError, match="may hold a part"):
         await check((HELD,), stalled, removed=False)
     with pytest.raises(PartMayBeHeldError, match=r"holds a part.*stay open"):
@@ -332,9 +332,9 @@ async def test_stalled_jaws_are_pressed_once_more_after_the_operators_word(
 
 
 async def test_an_opening_that_cannot_be_read_is_not_empty(check: Callable[..., Any]) -> None:
-    for finding in (Finding.UNREADABLE, Finding.EMPTY):
+    for occupancy in (Occupancy.UNREADABLE, Occupancy.EMPTY):
         with pytest.raises(PartMayBeHeldError):
-            await check((HELD,), says(finding, Finding.EMPTY), removed=False)
+            await check((HELD,), says(occupancy, Occupancy.EMPTY), removed=False)
 
 
 def test_both_grippers_are_named_once(tmp_path: Path) -> None:

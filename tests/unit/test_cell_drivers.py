@@ -15,7 +15,7 @@ import six_axis_arm
 from acme_device import acme_device
 
 from controller.cell.batch import Dispatcher
-from controller.cell.custody.openings import Finding, judge_fixed
+from controller.cell.custody.openings import Occupancy, judge_fixed
 from controller.cell.devices import DeviceBuilder, resolve
 from controller.cell.machine import Effect
 from controller.cell.plans.planning import model_hash
@@ -80,18 +80,18 @@ def test_a_gripper_of_somebody_else_is_opened_and_driven_by_the_cell(cell_file: 
             gripper = DeviceBuilder(cell, where, CellClock(min_timeout_wall_s=60.0)).gripper()
             status = await gripper.connect()
             opening = judge_fixed(status, Signal.NOT_OK, gripper.max_opening_mm)
-            assert opening.finding is Finding.UNREADABLE  # never activated
+            assert opening.occupancy is Occupancy.UNREADABLE  # never activated
             await gripper.activate()
             await gripper.open_to(50.0)
             assert device.opening_mm == 50.0
             opening = judge_fixed(await gripper.status(), Signal.NOT_OK, gripper.max_opening_mm)
-            assert opening.finding is Finding.EMPTY
+            assert opening.occupancy is Occupancy.EMPTY
             device.part_mm = 30.0
             grasp = await gripper.close_on(30.0, force_n=40.0)
             assert (grasp.object_detected, grasp.opening_mm) == (True, 30.0)
             assert await gripper.hold() is Hold.HELD
             opening = judge_fixed(await gripper.status(), Signal.NOT_OK, gripper.max_opening_mm)
-            assert opening.finding is Finding.HOLDS
+            assert opening.occupancy is Occupancy.HOLDS
             device.part_mm = None
             await gripper.wait_lost()
             assert await gripper.hold() is Hold.LOST

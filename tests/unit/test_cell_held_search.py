@@ -38,7 +38,8 @@ def task_of(part: PosedPart) -> inspecting.ViewTask:
     T[:3, 3] = LAYOUT.station_mm - T[:3, :3] @ part.solid.centroid_mm
     return inspecting.ViewTask(
         view_id="v", camera=LAYOUT.inspection, T_world_part=T, holder=(),
-        panel_mm=panel_corners(CELL, "station_backlight"), lamps=(), limits=inspecting.Limits(),
+        panel_mm=panel_corners(CELL, "station_backlight"), lamps=(),
+        limits=inspecting.InspectionLimits(),
     )  # fmt: skip
 
 

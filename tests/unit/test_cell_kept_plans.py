@@ -15,7 +15,7 @@ from same_values import assert_same
 
 from controller.cache.file import pack, read_file, unpack
 from controller.cad.compiled import CompiledPart, load_part
-from controller.cell.plans import KeptPlan, Planning
+from controller.cell.plans import KeptPlan, PlanCache
 from controller.cell.plans.stored import Kept, check_prepared, is_pose
 from controller.config import load_cell
 from controller.planning import GraspRules, PlanOptions, PreparedPart, Present
@@ -41,7 +41,7 @@ def part(tmp_path_factory: pytest.TempPathFactory) -> CompiledPart:
 @pytest.fixture(scope="module")
 def made(part: CompiledPart) -> tuple[KeptPlan, PreparedPart]:
     """A plan and what it was made from, by no cache."""
-    planning = Planning(part, build_layout(load_cell(CELL)), FEW, use_cache=False)
+    planning = PlanCache(part, build_layout(load_cell(CELL)), FEW, use_cache=False)
     kept = planning.plan_at(part.poses[0], 360.0, 0.0, 0.4)
     assert kept.plan is not None
     return kept, planning.prepared()
@@ -89,9 +89,9 @@ def test_the_second_start_takes_what_the_first_has_kept(
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     layout = build_layout(load_cell(CELL))
-    first = Planning(part, layout, FEW)
+    first = PlanCache(part, layout, FEW)
     plan = first.plan_at(part.poses[0], 360.0, 0.0, 0.0)
-    second = Planning(part, layout, FEW)
+    second = PlanCache(part, layout, FEW)
     assert_same(second.plan_at(part.poses[0], 360.0, 0.0, 0.0), plan)
     second.prepared()
     assert second.is_from_cache

@@ -173,7 +173,7 @@ def test_without_a_pose_all_are_told_and_the_likeliest_with_a_plan_is_taken(
 ) -> None:
     part = load_part(block)
     setup = planner.planner_setup(None, load_cell(CELL), part)
-    planning = plans.Planning(part, setup.layout, setup.options)
+    planning = plans.PlanCache(part, setup.layout, setup.options)
     made = planning.plan_at(part.poses[0], told["x_mm"], told["y_mm"], 0.0).plan
     assert planning.is_from_cache
 

@@ -14,7 +14,7 @@ from controller.cad.compiled import load_part
 from controller.cell import compute
 from controller.cell.compute import answers
 from controller.cell.compute.checking import check_job
-from controller.cell.plans import Planning
+from controller.cell.plans import PlanCache
 from controller.cli import main
 from controller.cli.planning.plan_json import certificate_json, plan_json
 from controller.config import load_cell, load_recipe
@@ -228,7 +228,7 @@ def test_the_cache_of_one_density_is_not_taken_for_another(folder: Path) -> None
     cell = load_cell(CELL)
     part = load_part(folder / "block.stl")
     light, heavy = (planner_setup(None, cell, part, density) for density in (2.7, 7.85))
-    Planning(part, light.layout, light.options).plan_at(part.poses[0], 360.0, 0.0, 0.0)
-    planning = Planning(part, heavy.layout, heavy.options)
+    PlanCache(part, light.layout, light.options).plan_at(part.poses[0], 360.0, 0.0, 0.0)
+    planning = PlanCache(part, heavy.layout, heavy.options)
     planning.plan_at(part.poses[0], 360.0, 0.0, 0.0)
     assert not planning.is_from_cache

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from controller.recognition.grey import (
-    Hypothesis,
+    ViewHypothesis,
     feature_index,
     image_features,
     matches,
@@ -46,12 +46,12 @@ PARTS = [
 INDEX = feature_index([model_features(drawing(p), v_down=False) for p in PARTS])
 
 
-def look(cover: Array, seed: int = 1) -> tuple[Hypothesis, ...]:
+def look(cover: Array, seed: int = 1) -> tuple[ViewHypothesis, ...]:
     grey = shown(cover, table=45, part=170, noise=1.0, seed=seed)
     return propose(image_features(grey, PLANE), INDEX)
 
 
-def assert_is(found: Hypothesis, part: int, turn: float, shift: Array) -> None:
+def assert_is(found: ViewHypothesis, part: int, turn: float, shift: Array) -> None:
     assert found.model_index == part
     # 4 deg and 3 mm are asked of a hypothesis; a wavy rim says less of the turn than sides do
     assert abs((found.turn_rad - turn + np.pi) % (2 * np.pi) - np.pi) < np.radians(3.0)

@@ -17,8 +17,8 @@ from controller.inspection import (
     OUTLINE,
     Check,
     Finding,
-    Kind,
-    Limits,
+    FindingKind,
+    InspectionLimits,
     PartVerdict,
     Unjudged,
     Verdict,
@@ -27,7 +27,7 @@ from controller.inspection import (
 )
 
 Array = NDArray[np.float64]
-LIMITS = Limits(smallest_defect_mm=3.0)
+LIMITS = InspectionLimits(smallest_defect_mm=3.0)
 # half the disc of 3 mm
 SMALLEST_MM2 = np.pi * 9 / 8
 
@@ -83,7 +83,7 @@ def finding(
     at: tuple[float, float, float] = (0.0, 0.0, 5.0),
     lamp: str = "ring",
     faces: tuple[int, ...] = (0,),
-    kind: Kind = Kind.SURFACE,
+    kind: FindingKind = FindingKind.SURFACE,
 ) -> Finding:
     return Finding(kind, lamp, area_mm2, 3.0, (10.0, 10.0), (5, 5, 15, 15), np.array(at), faces)
 
@@ -348,18 +348,22 @@ def test_a_second_look_is_of_the_same_place_from_elsewhere(
 @pytest.mark.parametrize(
     ("misfit", "kind", "expected"),
     [
-        (0.01, Kind.SURFACE, Verdict.FAIL),
-        (0.08, Kind.SURFACE, Verdict.INDETERMINATE),  # an uneven finish looks odd from all sides
-        (0.08, Kind.MISSING, Verdict.FAIL),  # which no finish explains
+        (0.01, FindingKind.SURFACE, Verdict.FAIL),
+        (
+            0.08,
+            FindingKind.SURFACE,
+            Verdict.INDETERMINATE,
+        ),  # an uneven finish is odd from all sides
+        (0.08, FindingKind.MISSING, Verdict.FAIL),  # which no finish explains
     ],
 )
 def test_lit_pictures_alone_fail_a_part_only_where_they_are_predicted_well(
-    misfit: float, kind: Kind, expected: Verdict
+    misfit: float, kind: FindingKind, expected: Verdict
 ) -> None:
     one, two = everywhere(2.0)
     poor = Check("ring", "", everything(), 3.0, misfit=misfit)
     one, two = (replace(v, checks=(poor,)) for v in (one, two))
-    other = "ring" if kind is Kind.SURFACE else "backlit"
+    other = "ring" if kind is FindingKind.SURFACE else "backlit"
     two = replace(two, findings=(replace(two.findings[0], kind=kind, lamp=other),))
     assert verdict(one, two).verdict is expected
 
@@ -367,13 +371,23 @@ def test_lit_pictures_alone_fail_a_part_only_where_they_are_predicted_well(
 @pytest.mark.parametrize(
     ("kind", "lamp", "size", "expected"),
     [
-        (Kind.SURFACE, "side", 3.0, Verdict.INDETERMINATE),  # two lamps share the pose's error
-        (Kind.MISSING, "backlit", 1.2, Verdict.INDETERMINATE),  # as small as such an error makes
-        (Kind.MISSING, "backlit", 3.0, Verdict.FAIL),
+        (
+            FindingKind.SURFACE,
+            "side",
+            3.0,
+            Verdict.INDETERMINATE,
+        ),  # lamps share the pose's error
+        (
+            FindingKind.MISSING,
+            "backlit",
+            1.2,
+            Verdict.INDETERMINATE,
+        ),  # such an error makes that
+        (FindingKind.MISSING, "backlit", 3.0, Verdict.FAIL),
     ],
 )
 def test_two_pictures_of_one_view_agree_only_as_outline_and_shading_and_both_large(
-    kind: Kind, lamp: str, size: float, expected: Verdict
+    kind: FindingKind, lamp: str, size: float, expected: Verdict
 ) -> None:
     first = finding(size * SMALLEST_MM2)
     second = finding(size * SMALLEST_MM2, at=(3.0, 0, 5.0), lamp=lamp, kind=kind)
@@ -401,7 +415,7 @@ def test_a_fail_outweighs_doubt_and_poor_coverage() -> None:
 
 def test_the_smallest_area_is_half_the_disc_of_the_smallest_defect() -> None:
     assert LIMITS.min_area_mm2 == pytest.approx(SMALLEST_MM2)
-    assert Limits(smallest_defect_mm=1.0).min_area_mm2 == pytest.approx(np.pi / 8)
+    assert InspectionLimits(smallest_defect_mm=1.0).min_area_mm2 == pytest.approx(np.pi / 8)
 
 
 faces = st.integers(0, 6)
@@ -412,7 +426,7 @@ some_findings = st.lists(
         st.tuples(st.floats(-30, 30), st.floats(-20, 20), st.floats(-5, 5)),
         st.sampled_from(["backlit", "ring", "side"]),
         st.lists(faces, min_size=1, max_size=3, unique=True).map(tuple),
-        st.sampled_from(list(Kind)),
+        st.sampled_from(list(FindingKind)),
     ),
     max_size=3,
 ).map(tuple)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shown_part import FRONT, photograph, task
 
 from controller.cad import SurfaceSamples, sample_surface
-from controller.inspection import Kind, PosedPart, ViewResult, inspect_view
+from controller.inspection import FindingKind, PosedPart, ViewResult, inspect_view
 from controller.inspection import view as _view
 from controller.recognition.fitting import twist
 
@@ -73,7 +73,7 @@ def test_no_turn_explains_a_pocket_that_is_missing() -> None:
     filled = disc() - box(7, 12, 8).translate((-10, 13, 7))
     result = look(filled, turned(facing(), 5.0))
     assert result.evaluated, result.reason
-    found = [f for f in result.findings if f.kind is Kind.SURFACE]
+    found = [f for f in result.findings if f.kind is FindingKind.SURFACE]
     assert found
     at = np.array([17.0, 0.0, 7.0])
     assert min(float(np.linalg.norm(f.p_part_mm - at)) for f in found) < 7.0

@@ -35,7 +35,7 @@ from shown_part import (
 from controller.imaging import inverse_pose, transform
 from controller.inspection import (
     Finding,
-    Kind,
+    FindingKind,
     Verdict,
     ViewPictures,
     ViewResult,
@@ -86,7 +86,7 @@ def darkness(seed: int = 0) -> NDArray[np.uint8]:
     return np.clip(np.round(noise), 0, 255).astype(np.uint8)
 
 
-def of_kind(result: ViewResult, kind: Kind) -> list[Finding]:
+def of_kind(result: ViewResult, kind: FindingKind) -> list[Finding]:
     return [f for f in result.findings if f.kind is kind]
 
 
@@ -120,21 +120,21 @@ def test_a_perfect_part_that_sits_a_little_askew_has_no_findings(view: str) -> N
 
 def test_a_filled_bore_keeps_the_light_out() -> None:
     result = inspect((blank() + boss()) - cross_bore() - pocket())
-    (dark,) = of_kind(result, Kind.EXTRA)
+    (dark,) = of_kind(result, FindingKind.EXTRA)
     assert dark.lamp == "backlit"
     assert away_mm(dark, (-11, 3, 12)) < 5
     assert face_id("cylinder", (-11, 3, 0)) in dark.face_ids
     # seen at 10 degrees the 24 mm bore of 10 mm lets a lens of 5.8 mm through
     assert 20 < dark.area_mm2 < 45
     # and under the lamp there is a surface where a wall in the dark was expected
-    assert any(away_mm(f, (-11, 3, 0)) < 14 for f in of_kind(result, Kind.SURFACE))
-    assert of_kind(result, Kind.MISSING) == []
+    assert any(away_mm(f, (-11, 3, 0)) < 14 for f in of_kind(result, FindingKind.SURFACE))
+    assert of_kind(result, FindingKind.MISSING) == []
 
 
 def test_a_filled_pocket_that_no_outline_shows_is_found_by_its_shadow() -> None:
     result = inspect((blank() + boss()) - bore() - cross_bore())
-    assert of_kind(result, Kind.EXTRA) == of_kind(result, Kind.MISSING) == []
-    surface = of_kind(result, Kind.SURFACE)
+    assert of_kind(result, FindingKind.EXTRA) == of_kind(result, FindingKind.MISSING) == []
+    surface = of_kind(result, FindingKind.SURFACE)
     assert surface
     floor = face_id("plane", (8, -9, 6))
     assert any(floor in f.face_ids for f in surface)
@@ -143,15 +143,15 @@ def test_a_filled_pocket_that_no_outline_shows_is_found_by_its_shadow() -> None:
 
 def test_a_missing_boss_lacks_its_shadow_seen_from_the_front() -> None:
     result = inspect(blank() - bore() - cross_bore() - pocket())
-    assert of_kind(result, Kind.EXTRA) == of_kind(result, Kind.MISSING) == []
-    surface = of_kind(result, Kind.SURFACE)
+    assert of_kind(result, FindingKind.EXTRA) == of_kind(result, FindingKind.MISSING) == []
+    surface = of_kind(result, FindingKind.SURFACE)
     assert surface
     assert all(away_mm(f, (12, 8, 12)) < 14 for f in surface)
 
 
 def test_a_missing_boss_leaves_the_outline_empty_seen_from_the_side() -> None:
     result = inspect(blank() - bore() - cross_bore() - pocket(), VIEWS["side"])
-    (gap,) = of_kind(result, Kind.MISSING)
+    (gap,) = of_kind(result, FindingKind.MISSING)
     assert gap.lamp == "backlit"
     assert set(gap.face_ids) & {
         face_id("cylinder", (12, 8, 15)),
@@ -166,24 +166,24 @@ def test_a_corner_cut_off_by_five_millimetres_is_missing() -> None:
     # a prism of 5 x 5 mm off the lower left edge, all along the part's depth
     wedge = Body.cube((5 * np.sqrt(2), 5 * np.sqrt(2), 60), True).rotate((0, 0, 45))
     result = inspect(perfect() - wedge.translate((-23, -17, 0)))
-    (gap,) = of_kind(result, Kind.MISSING)
+    (gap,) = of_kind(result, FindingKind.MISSING)
     assert gap.lamp == "backlit"
     assert away_mm(gap, (-21.3, -15.3, 12)) < 5
     # 12.5 mm2 of each cross-section, drawn out over 24 mm of depth seen at 10 degrees
     assert 8 < gap.area_mm2 < 25
-    assert of_kind(result, Kind.EXTRA) == []
+    assert of_kind(result, FindingKind.EXTRA) == []
     assert set(gap.face_ids) & {face_id("plane", (0, 0, 12)), face_id("plane", (-23, 0, 0))}
 
 
 def test_a_block_too_much_is_extra_material() -> None:
     result = with_a_lump()
-    (lump,) = of_kind(result, Kind.EXTRA)
+    (lump,) = of_kind(result, FindingKind.EXTRA)
     assert lump.lamp == "backlit"
     # 5 mm wide, 5 mm beyond the lower face
     assert 15 < lump.area_mm2 < 25
     assert lump.p_part_mm[0] == pytest.approx(5, abs=3)
     assert lump.p_part_mm[1] < -14
-    assert of_kind(result, Kind.MISSING) == []
+    assert of_kind(result, FindingKind.MISSING) == []
 
 
 def test_a_defect_smaller_than_asked_is_no_finding() -> None:
@@ -193,7 +193,7 @@ def test_a_defect_smaller_than_asked_is_no_finding() -> None:
 
 
 def test_a_finding_tells_where_it_is_in_the_picture_and_on_the_part() -> None:
-    (lump,) = of_kind(with_a_lump(), Kind.EXTRA)
+    (lump,) = of_kind(with_a_lump(), FindingKind.EXTRA)
     x0, y0, x1, y1 = lump.box_px
     assert x0 < lump.at_px[0] < x1
     assert y0 < lump.at_px[1] < y1
@@ -406,7 +406,7 @@ def test_a_defect_behind_a_finger_is_not_judged_and_not_seen() -> None:
 def test_a_hand_the_task_does_not_know_of_is_extra_material() -> None:
     pictures = right_pictures()
     result = inspect_view(part(), samples(), task(FRONT, ()), pictures)
-    assert not result.evaluated or any(f.kind is Kind.EXTRA for f in result.findings)
+    assert not result.evaluated or any(f.kind is FindingKind.EXTRA for f in result.findings)
 
 
 def test_the_measured_pose_can_stand_in_for_the_expected_one() -> None:

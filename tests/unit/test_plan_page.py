@@ -41,7 +41,7 @@ from controller.planning import (
     resting_pose,
     shown_pose,
 )
-from controller.results.moments import Kind, moments
+from controller.results.moments import MomentKind, moments
 from controller.results.plan_page import PlanFacts, coverage, render_plan, strip, write_plan_page
 from controller.results.plan_page.bodies import (
     box_body,
@@ -328,9 +328,9 @@ def test_moments_hold_the_part_where_the_hand_has_it(
 ) -> None:
     plan = every_kind(block, layout)
     drawn = moments(plan, layout)
-    assert [m.kind for m in drawn] == list(Kind)
+    assert [m.kind for m in drawn] == list(MomentKind)
     for moment in drawn:
-        if moment.kind in (Kind.PICK, Kind.GIVE, Kind.RECEIVE):
+        if moment.kind in (MomentKind.PICK, MomentKind.GIVE, MomentKind.RECEIVE):
             assert moment.grasp is not None
             expected = shown_pose(layout, moment.q, moment.grasp.T_part_tcp)
             assert np.allclose(moment.T_world_part, expected)

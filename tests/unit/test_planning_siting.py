@@ -12,8 +12,8 @@ from planning_cell import emulated_layout
 
 from controller.cad import Solid, make_solid, sample_surface
 from controller.commissioning.siting import (
+    CellSite,
     PartScore,
-    Site,
     SiteOptions,
     SiteScore,
     find_sites,
@@ -72,7 +72,7 @@ def prepared_block() -> PreparedPart:
 
 def seen_from(side: np.ndarray) -> float:
     """Share of the view sphere that one free hand at the station turns towards a side."""
-    site = Site(np.array([350.0, 0.0, 450.0]), side, None)
+    site = CellSite(np.array([350.0, 0.0, 450.0]), side, None)
     return float(shown_directions(LAYOUT, site, sphere(300), AT_TIPS).mean())
 
 
@@ -87,7 +87,7 @@ def test_a_hand_shows_most_to_a_camera_at_its_side_and_least_to_one_overhead() -
 
 def test_the_fingers_ends_are_never_shown_to_a_camera_overhead() -> None:
     # the hand would have to point up: pitch ends at +4 degrees (umi_rtx.md 5.2)
-    site = Site(np.array([350.0, 0.0, 450.0]), direction(0.0, 90.0), None)
+    site = CellSite(np.array([350.0, 0.0, 450.0]), direction(0.0, 90.0), None)
     hand = sphere(300)
     shown = shown_directions(LAYOUT, site, hand, AT_TIPS)
     pitch = np.degrees(np.arcsin(hand[:, 0]))  # of the approach, when that direction is up
@@ -106,7 +106,7 @@ def test_both_sides_of_the_arm_are_alike() -> None:
         shown = [
             shown_directions(
                 LAYOUT,
-                Site(np.array([x, sign * y, 450.0]), direction(sign * a, e), None),
+                CellSite(np.array([x, sign * y, 450.0]), direction(sign * a, e), None),
                 hand,
                 AT_TIPS,
             )
@@ -128,7 +128,7 @@ def test_obstacles_go_with_what_they_belong_to() -> None:
 
 @pytest.mark.parametrize("side", [(90.0, 0.0), (0.0, 45.0), (-30.0, -20.0), (0.0, 90.0)])
 def test_a_moved_camera_sees_the_station_and_its_panel_as_before(side: tuple[float, float]) -> None:
-    site = Site(np.array([300.0, 120.0, 500.0]), direction(*side), LAYOUT.T_world_fixed_tcp)
+    site = CellSite(np.array([300.0, 120.0, 500.0]), direction(*side), LAYOUT.T_world_fixed_tcp)
     moved = placed_at(LAYOUT, site, FELLOWS)
     assert standoff_mm(moved) == pytest.approx(standoff_mm(LAYOUT))
     before = LAYOUT.inspection.project(LAYOUT.station_mm[None])
@@ -218,7 +218,7 @@ def test_no_allowed_site_stands_where_something_has_to_stay_free() -> None:
 def test_what_stands_in_the_way_is_named() -> None:
     now = site_of(LAYOUT)
 
-    def why(site: Site, cell: CellLayout = LAYOUT) -> str:
+    def why(site: CellSite, cell: CellLayout = LAYOUT) -> str:
         return why_not_here(placed_at(cell, site, FELLOWS), FELLOWS) or "allowed"
 
     assert "glowing table" in why(replace(now, towards=direction(0.0, 90.0)))
@@ -239,7 +239,7 @@ def test_a_hand_hanging_under_the_forearm_is_hidden_from_above_and_not_from_the_
     q = np.array([[np.radians(40.0), np.radians(-80.0), 0.0, -200.0, -np.pi / 2, 0.0]])
     tip = tcp_pose(LAYOUT, q)[0, :3, 3]
     for side, hidden in ((direction(0.0, 90.0), True), (direction(-90.0, 0.0), False)):
-        cell = placed_at(LAYOUT, Site(tip, side, LAYOUT.T_world_fixed_tcp), FELLOWS)
+        cell = placed_at(LAYOUT, CellSite(tip, side, LAYOUT.T_world_fixed_tcp), FELLOWS)
         assert links_in_sight(cell, q, 20.0).tolist() == [hidden]
 
 
@@ -423,7 +423,7 @@ def test_the_mirrored_cell_allows_the_mirrored_sites() -> None:
     ]
     allowed = 0
     for site in sites:
-        there = Site(
+        there = CellSite(
             MIRROR[:3, :3] @ site.station_mm,
             MIRROR[:3, :3] @ site.towards,
             mirrored_jaws(site.T_world_fixed_tcp),

@@ -31,7 +31,7 @@ from controller.planning.motion import Scene, connect
 from controller.setup.optics import build_lamps, panel_corners, table_corners
 
 from ..devices.lamps import TABLE_LAMPS
-from ..plans import Planning
+from ..plans import PlanCache
 from . import held_search
 from .job import Job, context, inspection_limits, part_files
 
@@ -160,7 +160,7 @@ def surface_share(job: Job, samples: BoolArray) -> float:
 @lru_cache(maxsize=2)
 def _prepared(job: Job) -> PreparedPart:
     c = context(job)
-    return Planning(c.part, c.layout, c.setup.options).prepared()
+    return PlanCache(c.part, c.layout, c.setup.options).prepared()
 
 
 def inspect(

@@ -15,7 +15,7 @@ from controller.config import Cell, ConfigError, Recipe, line_in, load_cell, loa
 from controller.setup.drivers import require_drivers
 from controller.setup.planner import PlannerSetup
 
-from ..plans import Certified, Planning
+from ..plans import Certified, PlanCache
 from . import Job, context, part_files
 
 # A stable pose less probable than this is no reason to refuse a recipe.
@@ -111,7 +111,7 @@ def check_plans(job: Job, progress: Callable[[str], None] | None = None) -> Chec
     ConfigError, CadError : a file is wrong
     """
     c = context(job)
-    planning = Planning(c.part, c.layout, c.setup.options)
+    planning = PlanCache(c.part, c.layout, c.setup.options)
     wanted = c.recipe.inspection.min_coverage
     poses, problems = [], []
     for pose in c.poses:

@@ -140,6 +140,6 @@ def glowing_mask(camera: Camera, corners_mm: FloatArray) -> BoolArray:
     return np.asarray(shrunk)
 
 
-def inspection_limits(recipe: Recipe) -> inspecting.Limits:
+def inspection_limits(recipe: Recipe) -> inspecting.InspectionLimits:
     """Return the tolerances that a recipe sets for inspection."""
-    return inspecting.Limits(smallest_defect_mm=recipe.inspection.smallest_defect_mm)
+    return inspecting.InspectionLimits(smallest_defect_mm=recipe.inspection.smallest_defect_mm)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-from ..journal import Kind, Once, Row, is_of, rows
+from ..journal import Once, Row, RowKind, is_of, rows
 
 
 class Custody(StrEnum):
@@ -68,7 +68,7 @@ TOUCHED: Final[Mapping[str, frozenset[GripperName]]] = {
     Once.OPEN_FIXED_GRIPPER: frozenset({GripperName.FIXED}),
 }
 # The kinds of rows that `fold_custody` reads.
-FOLDED_KINDS: Final[tuple[Kind, ...]] = ("custody", "intent")
+FOLDED_KINDS: Final[tuple[RowKind, ...]] = ("custody", "intent")
 _UNTRUSTED: Final = "the journal before this one cannot be trusted"
 FOLDED_EVENTS: Final = (rows.RunBegan.row_name, rows.JournalSetAside.row_name)
 

@@ -19,7 +19,7 @@ from .release_guard import LOST_MM, NOTHING_MM
 SLACK_MM: Final = 2.0
 
 
-class Finding(StrEnum):
+class Occupancy(StrEnum):
     """Whether a gripper holds something, judged by its opening."""
 
     HOLDS = "holds something"
@@ -33,7 +33,7 @@ class Opening:
     """Whether one gripper holds something, and the reading that shows it."""
 
     gripper: GripperName
-    finding: Finding
+    occupancy: Occupancy
     reason: str
 
 
@@ -83,18 +83,18 @@ def judge_arm(jaws: JawReading, identity: ArmIdentity, open_mm: float) -> Openin
     open_mm : its widest opening, where it stalls on its own end [mm]
     """
 
-    def opening(finding: Finding, reason: str) -> Opening:
-        return Opening(GripperName.ARM, finding, reason)
+    def opening(occupancy: Occupancy, reason: str) -> Opening:
+        return Opening(GripperName.ARM, occupancy, reason)
 
     if identity.was_restarted:
-        return opening(Finding.UNREADABLE, "the arm has lost its positions")
+        return opening(Occupancy.UNREADABLE, "the arm has lost its positions")
     if not jaws.is_pressing:
-        return opening(Finding.UNREADABLE, "its jaws press on nothing")
+        return opening(Occupancy.UNREADABLE, "its jaws press on nothing")
     if jaws.opening_mm < NOTHING_MM:
-        return opening(Finding.EMPTY, "its jaws press on each other")
+        return opening(Occupancy.EMPTY, "its jaws press on each other")
     if jaws.opening_mm > open_mm - SLACK_MM:
-        return opening(Finding.EMPTY, f"its jaws stand at {jaws.opening_mm:.1f} mm")
-    return opening(Finding.MAY_HOLD, f"its jaws stalled at {jaws.opening_mm:.1f} mm")
+        return opening(Occupancy.EMPTY, f"its jaws stand at {jaws.opening_mm:.1f} mm")
+    return opening(Occupancy.MAY_HOLD, f"its jaws stalled at {jaws.opening_mm:.1f} mm")
 
 
 def judge_fixed(status: GripperReading, barrier: Signal, open_mm: float) -> Opening:
@@ -107,18 +107,18 @@ def judge_fixed(status: GripperReading, barrier: Signal, open_mm: float) -> Open
     open_mm : its widest opening [mm]
     """
 
-    def opening(finding: Finding, reason: str) -> Opening:
-        return Opening(GripperName.FIXED, finding, reason)
+    def opening(occupancy: Occupancy, reason: str) -> Opening:
+        return Opening(GripperName.FIXED, occupancy, reason)
 
     opening_mm = status.opening_mm
     if barrier is Signal.OK:
-        return opening(Finding.HOLDS, "its light barrier sees something between the jaws")
+        return opening(Occupancy.HOLDS, "its light barrier sees something between the jaws")
     if not status.is_activated:
-        return opening(Finding.UNREADABLE, "it was switched off or never activated")
+        return opening(Occupancy.UNREADABLE, "it was switched off or never activated")
     if status.has_contact and opening_mm >= NOTHING_MM:
-        return opening(Finding.HOLDS, f"its jaws met something at {opening_mm:.1f} mm")
+        return opening(Occupancy.HOLDS, f"its jaws met something at {opening_mm:.1f} mm")
     if opening_mm < NOTHING_MM or opening_mm > open_mm - SLACK_MM:
-        return opening(Finding.EMPTY, f"its jaws stand at {opening_mm:.1f} mm")
+        return opening(Occupancy.EMPTY, f"its jaws stand at {opening_mm:.1f} mm")
     if status.has_arrived:
-        return opening(Finding.EMPTY, f"its jaws went to {opening_mm:.1f} mm and met nothing")
-    return opening(Finding.MAY_HOLD, f"its jaws were stopped at {opening_mm:.1f} mm")
+        return opening(Occupancy.EMPTY, f"its jaws went to {opening_mm:.1f} mm and met nothing")
+    return opening(Occupancy.MAY_HOLD, f"its jaws were stopped at {opening_mm:.1f} mm")

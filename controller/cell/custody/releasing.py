@@ -51,7 +51,7 @@ class Standing:
     notice: str
 
 
-class Recovery:
+class ReleaseVisit:
     """One visit to a cell at rest, journaled like a run; usable as ``async with``.
 
     Parameters
@@ -66,7 +66,7 @@ class Recovery:
         self._found_clock = clock
         self._runs_dir = runs_dir
 
-    async def __aenter__(self) -> "Recovery":
+    async def __aenter__(self) -> "ReleaseVisit":
         """Open the journal, connect the grippers, halt what still moves."""
         now = datetime.now(UTC)
         run = f"{now:%Y%m%d-%H%M%S}-{now.microsecond // 1000:03d}-recover"

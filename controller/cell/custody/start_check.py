@@ -12,7 +12,7 @@ from typing import NoReturn
 from ..errors import CellError
 from ..journal import Journal, rows
 from .fold import Custody, GripperName, Held
-from .openings import Finding, Opening
+from .openings import Occupancy, Opening
 
 Press = Callable[[], Awaitable[bool]]
 
@@ -58,16 +58,18 @@ async def require_empty_grippers(
         await journal.write_secured(
             rows.StartRefused(message=message, part_removed=is_part_removed)
         )
-        sure = [one for one in against if one.finding is Finding.HOLDS]
+        sure = [one for one in against if one.occupancy is Occupancy.HOLDS]
         raise PartMayBeHeldError(message, _custody_of(known, sure))
 
     journal.write(openings_row(openings))
-    holding = [one for one in openings if one.finding is Finding.HOLDS]
-    uncertain = [one for one in openings if one.finding is Finding.MAY_HOLD]
+    holding = [one for one in openings if one.occupancy is Occupancy.HOLDS]
+    uncertain = [one for one in openings if one.occupancy is Occupancy.MAY_HOLD]
     if holding or ((known or uncertain) and not is_part_removed):
         await refuse(holding or uncertain)
     if any(one.gripper is GripperName.ARM for one in uncertain) and await press():
-        stopped = Opening(GripperName.ARM, Finding.HOLDS, "its jaws, pressed once more, stay open")
+        stopped = Opening(
+            GripperName.ARM, Occupancy.HOLDS, "its jaws, pressed once more, stay open"
+        )
         await refuse([stopped])
     if known or uncertain:
         said = "stated with --part-removed"
@@ -80,7 +82,7 @@ async def require_empty_grippers(
 def openings_row(openings: Sequence[Opening]) -> rows.Openings:
     """Return the openings as the row that the journal keeps."""
     return rows.Openings(
-        {one.gripper.value: f"{one.finding.value}: {one.reason}" for one in openings}
+        {one.gripper.value: f"{one.occupancy.value}: {one.reason}" for one in openings}
     )
 
 
@@ -99,7 +101,7 @@ def _refusal(known: Sequence[Held], openings: Sequence[Opening], *, is_part_remo
     """Return three sentences: what is where and since when; nothing has moved; what to do."""
     named = {one.gripper for one in known} | {one.gripper for one in openings}
     holders = " and ".join(f"the {name.value}" for name in GripperName if name in named)
-    is_sure = any(one.finding is Finding.HOLDS for one in openings)
+    is_sure = any(one.occupancy is Occupancy.HOLDS for one in openings)
     verb = ("hold" if len(named) > 1 else "holds") if is_sure else "may hold"
     reasons = [
         *dict.fromkeys(known_words(one) for one in known),

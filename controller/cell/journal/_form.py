@@ -5,7 +5,7 @@ import json
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
-Kind = Literal["event", "intent", "outcome", "observation", "decision", "custody", "config"]
+RowKind = Literal["event", "intent", "outcome", "observation", "decision", "custody", "config"]
 
 SCHEMA: Final = """
 CREATE TABLE IF NOT EXISTS journal (

@@ -5,7 +5,7 @@ import sqlite3
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from ._form import GENESIS, JournalError, Kind, Row, digest_of
+from ._form import GENESIS, JournalError, Row, RowKind, digest_of
 from ._writer import require_known_version
 
 
@@ -19,7 +19,9 @@ def read_rows(path: Path, run: str | None = None) -> Iterator[Row]:
     yield from _rows(path, "" if run is None else " WHERE run = ?", () if run is None else (run,))
 
 
-def read_rows_of_kinds(path: Path, kinds: Sequence[Kind], events: Sequence[str]) -> Iterator[Row]:
+def read_rows_of_kinds(
+    path: Path, kinds: Sequence[RowKind], events: Sequence[str]
+) -> Iterator[Row]:
     """Yield the rows of some kinds, and the events of some names, of all runs, in order.
 
     Parameters

@@ -16,7 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
-from ._form import GENESIS, SCHEMA, SCHEMA_VERSION, JournalError, Kind, digest_of
+from ._form import GENESIS, SCHEMA, SCHEMA_VERSION, JournalError, RowKind, digest_of
 from ._head import Head, HeadFile
 from .rows import Body, name_of
 
@@ -73,7 +73,11 @@ class Journal:
         return await self.secure(row.kind, name_of(row), row.as_json(), part)
 
     def record(
-        self, kind: Kind, name: str, body: Mapping[str, Any] | None = None, part: int | None = None
+        self,
+        kind: RowKind,
+        name: str,
+        body: Mapping[str, Any] | None = None,
+        part: int | None = None,
     ) -> int:
         """Append any body as `write` does; its content is not checked here.
 
@@ -86,7 +90,11 @@ class Journal:
         return self._write(kind, name, body or {}, part, full=False)
 
     async def secure(
-        self, kind: Kind, name: str, body: Mapping[str, Any] | None = None, part: int | None = None
+        self,
+        kind: RowKind,
+        name: str,
+        body: Mapping[str, Any] | None = None,
+        part: int | None = None,
     ) -> int:
         """Append any body as `write_secured` does.
 
@@ -99,7 +107,7 @@ class Journal:
         return await asyncio.to_thread(self._write, kind, name, body or {}, part, full=True)
 
     def _write(
-        self, kind: Kind, name: str, body: Mapping[str, Any], part: int | None, *, full: bool
+        self, kind: RowKind, name: str, body: Mapping[str, Any], part: int | None, *, full: bool
     ) -> int:
         text = json.dumps(body, separators=(",", ":"), ensure_ascii=False)
         # File names may have bytes that are not text; the row matters more than their spelling.
@@ -125,7 +133,7 @@ class Journal:
                 raise JournalError(f"journal {self.path}: {error}") from error
         return head.seq
 
-    def _append(self, kind: Kind, name: str, text: str, part: int | None) -> Head:
+    def _append(self, kind: RowKind, name: str, text: str, part: int | None) -> Head:
         t_utc = datetime.now(UTC).isoformat(timespec="microseconds")
         t_mono = time.monotonic()
         last = last_row(self._db)

@@ -16,7 +16,7 @@ from typing import Annotated, Any, ClassVar, Final
 
 from pydantic import BaseModel, ConfigDict, Field, RootModel
 
-from ._form import Kind, Row
+from ._form import Row, RowKind
 
 Json = Mapping[str, Any]
 Text = Annotated[str, Field(coerce_numbers_to_str=True)]
@@ -47,7 +47,7 @@ class Body(BaseModel):
     """What a row says."""
 
     model_config = ConfigDict(frozen=True, populate_by_name=True)
-    kind: ClassVar[Kind]
+    kind: ClassVar[RowKind]
     row_name: ClassVar[str]
 
     def as_json(self) -> dict[str, Any]:
@@ -316,7 +316,7 @@ class Sightings(Body):
     sightings: tuple[Sighting, ...]
 
 
-class ViewPictures(Body):
+class ViewPicturesTaken(Body):
     """The pictures of a view, file by lamp, and the arm's joint values (6,)."""
 
     kind = "observation"
@@ -476,8 +476,8 @@ ROWS: Final[Mapping[tuple[str, str], type[Body]]] = {
     for model in (
         RunBegan, Connected, EmulatedCellEnded, Overtaken, AtRest, RunBrokeOff, RunEnded,
         JournalSetAside, JournalNotReadable, Homed, StepDone, GraspMissed, PartDone, Stopped,
-        StopNotConfirmed, Openings, TablePictures, Sightings, ViewPictures, ViewJudged, PlanMade,
-        PlanKept, RecoveryBegun, AmbiguityResolved, PartJudged, StartRefused,
+        StopNotConfirmed, Openings, TablePictures, Sightings, ViewPicturesTaken, ViewJudged,
+        PlanMade, PlanKept, RecoveryBegun, AmbiguityResolved, PartJudged, StartRefused,
     )
 }  # fmt: skip
 # By kind: the model of every name that has no model of its own.

@@ -4,12 +4,12 @@
 when they are read.
 """
 
-from .planning import Planning, planner_hash
+from .planning import PlanCache, planner_hash
 from .stored import Certified, KeptPlan
 
 __all__ = [
     "Certified",
     "KeptPlan",
-    "Planning",
+    "PlanCache",
     "planner_hash",
 ]

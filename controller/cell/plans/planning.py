@@ -31,14 +31,14 @@ from controller.planning.model import ArmModel
 
 from .stored import FORMAT, Certified, Kept, KeptPlan
 
-__all__ = ["Certified", "KeptPlan", "Planning", "planner_hash"]
+__all__ = ["Certified", "KeptPlan", "PlanCache", "planner_hash"]
 
 
 SOURCES = ("controller/cad", "controller/imaging", "controller/planning", "drivers/umi_scara")
 DECIDING = ("numpy", "scipy", "shapely", "trimesh", "embreex", "python-fcl", "rtree")
 
 
-class Planning:
+class PlanCache:
     """Plans of one part in one cell, from the cache where they are there.
 
     Parameters

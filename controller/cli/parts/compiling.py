@@ -18,7 +18,7 @@ from controller.cad.compiled import (
     compile_part,
     make_part,
 )
-from controller.cell.plans import Certified, Planning
+from controller.cell.plans import Certified, PlanCache
 from controller.config import ConfigError, load_cell
 from controller.results.sheet import write_sheet
 from controller.setup.planner import planner_setup
@@ -81,7 +81,7 @@ def compile_parts(
             setup = planner_setup(file.recipe, planned_in, part, on_command_line)
             if not as_json:
                 print_line(setup.sentence)
-            planning = Planning(part, setup.layout, setup.options, use_cache=use_cache)
+            planning = PlanCache(part, setup.layout, setup.options, use_cache=use_cache)
             certified = [planning.certified(pose) for pose in part.poses]
             body |= {"planned_with": setup.as_json()} | certified_json(certified)
         if as_json:

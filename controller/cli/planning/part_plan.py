@@ -9,7 +9,7 @@ import numpy as np
 
 from controller.cad import StablePose
 from controller.cad.compiled import CompiledPart, load_part
-from controller.cell.plans import KeptPlan, Planning
+from controller.cell.plans import KeptPlan, PlanCache
 from controller.config import Cell, ConfigError, load_cell
 from controller.planning import Certificate
 from controller.results.moments import view_count
@@ -60,7 +60,7 @@ def plan_part_file(
     setup = planner_setup(part.recipe, cell, compiled)
     poses = _asked(compiled, pose_index)
     started = time.monotonic()
-    planning = Planning(compiled, setup.layout, setup.options, use_cache=use_cache)
+    planning = PlanCache(compiled, setup.layout, setup.options, use_cache=use_cache)
     report_plan = None if as_json else (lambda kept: _print(compiled, cell, kept, place))
     if not as_json:
         print_line(setup.sentence)
@@ -100,7 +100,7 @@ def _report_coarse(part: CompiledPart, setup: PlannerSetup, pose: StablePose, pl
     """Print an estimate from few candidates, seconds before the full plan is ready."""
     started = time.monotonic()
     x_mm, y_mm, theta_deg = place
-    quick = Planning(part, setup.layout, setup.options.coarse(), use_cache=False)
+    quick = PlanCache(part, setup.layout, setup.options.coarse(), use_cache=False)
     plan = quick.plan_at(pose, x_mm, y_mm, float(np.radians(theta_deg))).plan
     if plan is None:
         return  # few candidates prove nothing; the full plan has the reason
@@ -124,7 +124,7 @@ def _asked(part: CompiledPart, pose_index: int | None) -> tuple[StablePose, ...]
 
 
 def _plan_all(
-    planning: Planning,
+    planning: PlanCache,
     poses: Sequence[StablePose],
     place: Place,
     report_plan: Callable[[KeptPlan], None] | None,

@@ -10,8 +10,14 @@ from rich.box import SIMPLE
 from rich.table import Table
 
 from controller.cad.compiled import load_part
-from controller.cell.plans import Planning
-from controller.commissioning.siting import Site, SiteOptions, SiteReport, SiteScore, site_report
+from controller.cell.plans import PlanCache
+from controller.commissioning.siting import (
+    CellSite,
+    SiteOptions,
+    SiteReport,
+    SiteScore,
+    site_report,
+)
 from controller.config import load_cell
 from controller.setup.layout import build_layout
 from controller.setup.planner import planner_setup
@@ -48,7 +54,7 @@ def site_parts(
     started = time.monotonic()
     with stderr.status("preparing parts") as status:
         prepared = [
-            Planning(part, setup.layout, setup.options, use_cache=use_cache).prepared()
+            PlanCache(part, setup.layout, setup.options, use_cache=use_cache).prepared()
             for part, setup in zip(parts, setups, strict=True)
         ]
 
@@ -116,7 +122,7 @@ def _score_json(score: SiteScore) -> dict[str, Any]:
     }
 
 
-def _site_json(site: Site) -> dict[str, Any]:
+def _site_json(site: CellSite) -> dict[str, Any]:
     T = site.T_world_fixed_tcp
     return {
         "station_mm": site.station_mm.tolist(),

@@ -5,8 +5,8 @@ import sys
 from pathlib import Path
 
 from controller.cell.custody import GripperName
-from controller.cell.custody.openings import Finding
-from controller.cell.custody.releasing import Recovery, Standing
+from controller.cell.custody.openings import Occupancy
+from controller.cell.custody.releasing import ReleaseVisit, Standing
 from controller.cell.custody.start_check import known_words
 from controller.cell.devices.clocks import find_clock
 from controller.cell.devices.lock import hold_cell
@@ -54,7 +54,7 @@ def recover_cell(
         )
 
     async def visit() -> int:
-        async with Recovery(cell, find_clock(cell, {}), runs_dir) as recovery:
+        async with ReleaseVisit(cell, find_clock(cell, {}), runs_dir) as recovery:
             standing = await recovery.look()
             if not as_json:
                 _report(standing)
@@ -77,9 +77,9 @@ def recover_cell(
 
 
 def _may_hold(standing: Standing) -> set[GripperName]:
-    holding = (Finding.HOLDS, Finding.MAY_HOLD)
+    holding = (Occupancy.HOLDS, Occupancy.MAY_HOLD)
     return {one.gripper for one in standing.known} | {
-        one.gripper for one in standing.openings if one.finding in holding
+        one.gripper for one in standing.openings if one.occupancy in holding
     }
 
 
@@ -91,7 +91,7 @@ def _report(standing: Standing) -> None:
     if not standing.known:
         print_line("journal: no gripper holds a part")
     for opening in standing.openings:
-        print_line(f"{opening.gripper.value}: {opening.finding.value}; {opening.reason}")
+        print_line(f"{opening.gripper.value}: {opening.occupancy.value}; {opening.reason}")
     names = sorted(OPTION[gripper] for gripper in _may_hold(standing))
     if not names:
         print_line("Nothing is held: `cellctl run` may start.")
@@ -126,7 +126,7 @@ def _json(standing: Standing, custody: str | None) -> dict[str, object]:
             for one in standing.known
         ],
         "openings": [
-            {"gripper": one.gripper.value, "finding": one.finding.value, "reason": one.reason}
+            {"gripper": one.gripper.value, "finding": one.occupancy.value, "reason": one.reason}
             for one in standing.openings
         ],
         "notice": standing.notice,

@@ -14,7 +14,7 @@ from ._types import (
     PARAMETERS,
     Calibration,
     CalibrationError,
-    Limits,
+    CalibrationLimits,
     View,
     ViewResidual,
     WorldFrame,
@@ -41,7 +41,7 @@ def calibrate(
     views: Sequence[View],
     size_px: tuple[int, int],
     world: WorldFrame,
-    limits: Limits = Limits(),  # noqa: B008 - frozen
+    limits: CalibrationLimits = CalibrationLimits(),  # noqa: B008 - frozen
 ) -> Calibration:
     """Return the camera that agrees best with the boards of all views.
 
@@ -89,7 +89,7 @@ def _even(views: Sequence[View]) -> tuple[FloatArray, ...]:
     return tuple(np.ones(len(view.board.pixels)) for view in views)
 
 
-def _weigh(fit: Fit, limits: Limits) -> _Weights:
+def _weigh(fit: Fit, limits: CalibrationLimits) -> _Weights:
     """Return weights by each picture's own noise; outliers have weight 0."""
     # of a two-dimensional normal distribution the median distance is 1.177 standard deviations
     distances = [np.linalg.norm(r, axis=1) for r in fit.residuals_px]

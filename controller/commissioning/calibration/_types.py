@@ -107,7 +107,7 @@ class WorldFrame:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class CalibrationLimits:
     """When a calibration is refused, each with its reason."""
 
     boards_min: int = 4  # fewer cannot contradict each other

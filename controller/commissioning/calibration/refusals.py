@@ -10,7 +10,7 @@ from controller.arrays import FloatArray
 from ._types import (
     Calibration,
     CalibrationError,
-    Limits,
+    CalibrationLimits,
     Placed,
     View,
     ViewResidual,
@@ -32,7 +32,7 @@ def area_px(hull_px: FloatArray) -> float:
 
 
 def check_views(
-    views: Sequence[View], size_px: tuple[int, int], world: WorldFrame, limits: Limits
+    views: Sequence[View], size_px: tuple[int, int], world: WorldFrame, limits: CalibrationLimits
 ) -> None:
     """Check before any fit that the boards are enough, flat and tilted, all over the picture.
 
@@ -81,7 +81,9 @@ def check_views(
         )
 
 
-def check_placed(views: Sequence[View], T_cam_boards: Sequence[FloatArray], limits: Limits) -> None:
+def check_placed(
+    views: Sequence[View], T_cam_boards: Sequence[FloatArray], limits: CalibrationLimits
+) -> None:
     """Check that flat boards lie flat, and that tilted ones do not.
 
     Parameters
@@ -117,7 +119,9 @@ def check_placed(views: Sequence[View], T_cam_boards: Sequence[FloatArray], limi
         )
 
 
-def check_fit(views: Sequence[View], residuals: Sequence[ViewResidual], limits: Limits) -> None:
+def check_fit(
+    views: Sequence[View], residuals: Sequence[ViewResidual], limits: CalibrationLimits
+) -> None:
     """Check that the pictures agree with the camera.
 
     Parameters
@@ -157,7 +161,7 @@ def check_fit(views: Sequence[View], residuals: Sequence[ViewResidual], limits: 
         )
 
 
-def check_uncertainty(calibration: Calibration, limits: Limits) -> None:
+def check_uncertainty(calibration: Calibration, limits: CalibrationLimits) -> None:
     """Check that the pictures determine the camera.
 
     Raises

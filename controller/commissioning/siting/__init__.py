@@ -7,11 +7,11 @@ planning-facts.md 3.1 (which side to look from) and 1.3 (what a plan needs).
 from .report import SiteReport, reasons_to_move, site_report
 from .score import PartScore, SiteOptions, SiteScore
 from .search.sites import find_sites
-from .site import Site, placed_at, site_of
+from .site import CellSite, placed_at, site_of
 
 __all__ = [
+    "CellSite",
     "PartScore",
-    "Site",
     "SiteOptions",
     "SiteReport",
     "SiteScore",

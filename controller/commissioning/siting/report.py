@@ -13,7 +13,7 @@ from controller.planning.model import CellLayout, PreparedPart
 
 from .score import SiteOptions, SiteScore
 from .search.sites import search_sites
-from .site import Site, carried, fellows_of, placed_at, site_of
+from .site import CellSite, carried, fellows_of, placed_at, site_of
 from .survey import Progress, site_key, survey
 
 SAME_MM, SAME_DEG = 1.0, 0.5  # nobody places a camera or a gripper more exactly by hand
@@ -161,7 +161,7 @@ def least_moved(found: Sequence[SiteScore], present: SiteScore, as_good: float) 
     return min(equals, key=lambda s: (moved_mm(present.site, s.site), -s.value))
 
 
-def moved_mm(a: Site, b: Site) -> float:
+def moved_mm(a: CellSite, b: CellSite) -> float:
     """Return how far station, camera and fixed gripper move; a degree of turn counts as 5 mm."""
     moved = float(np.linalg.norm(a.station_mm - b.station_mm))
     moved += TURN_MM * _angle_deg(float(a.towards @ b.towards))
@@ -188,7 +188,7 @@ def _unlike_best(
     return tuple(kept[1:])
 
 
-def _close(a: Site, b: Site, mm: float = 100.0, deg: float = 30.0) -> bool:
+def _close(a: CellSite, b: CellSite, mm: float = 100.0, deg: float = 30.0) -> bool:
     near = bool(np.linalg.norm(a.station_mm - b.station_mm) < mm)
     near &= bool(a.towards @ b.towards > np.cos(np.radians(deg)))
     if a.T_world_fixed_tcp is not None and b.T_world_fixed_tcp is not None:
@@ -198,7 +198,7 @@ def _close(a: Site, b: Site, mm: float = 100.0, deg: float = 30.0) -> bool:
     return near
 
 
-def camera_words(site: Site) -> str:
+def camera_words(site: CellSite) -> str:
     """Return in words which way the camera looks, and at which point."""
     return f"look along {along(site.looks_along)} at {_at(site.station_mm)}"
 

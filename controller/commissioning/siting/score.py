@@ -10,7 +10,7 @@ import numpy as np
 
 from controller.arrays import FloatArray
 
-from .site import Site
+from .site import CellSite
 
 Stage = Literal["joints", "checked"]
 
@@ -90,7 +90,7 @@ class SiteScore:
         cannot be served
     """
 
-    site: Site
+    site: CellSite
     parts: tuple[PartScore, ...]
     stage: Stage
     value: float

@@ -24,7 +24,7 @@ SAME_MM = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Site:
+class CellSite:
     """The station, the side of the camera, and the pose of the fixed gripper.
 
     Attributes
@@ -52,10 +52,10 @@ class Fellows:
     fixed_gripper: tuple[str, ...]
 
 
-def site_of(layout: CellLayout) -> Site:
+def site_of(layout: CellLayout) -> CellSite:
     """Return the site of a layout's camera and fixed gripper."""
     towards = layout.inspection.position_mm - layout.station_mm
-    return Site(
+    return CellSite(
         np.asarray(layout.station_mm, dtype=float),
         towards / np.linalg.norm(towards),
         None if layout.fixed_gripper is None else np.asarray(layout.T_world_fixed_tcp, dtype=float),
@@ -124,7 +124,7 @@ def camera_frame(station_mm: FloatArray, towards: FloatArray, distance_mm: float
     return T
 
 
-def carried(layout: CellLayout, site: Site) -> FloatArray:
+def carried(layout: CellLayout, site: CellSite) -> FloatArray:
     """Return the rigid motion (4, 4) that takes station and camera from the layout to the site."""
     now = site_of(layout)
     if (
@@ -138,7 +138,7 @@ def carried(layout: CellLayout, site: Site) -> FloatArray:
     )
 
 
-def placed_at(layout: CellLayout, site: Site, fellows: Fellows | None = None) -> CellLayout:
+def placed_at(layout: CellLayout, site: CellSite, fellows: Fellows | None = None) -> CellLayout:
     """Return the cell with camera, boxes, station, fixed gripper and post moved to a site.
 
     Parameters

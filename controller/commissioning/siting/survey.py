@@ -13,7 +13,7 @@ from ._family import FamilyMember, family_member
 from .checks.checked import score_site
 from .checks.keepouts import why_not_here
 from .score import SiteOptions, SiteScore
-from .site import Fellows, Site, fellows_of, placed_at
+from .site import CellSite, Fellows, fellows_of, placed_at
 
 Progress = Callable[[str, int, int], None]  # name of the step, steps done, steps in all
 
@@ -37,7 +37,7 @@ class Survey:
     checked: dict[tuple[int, ...], SiteScore] = field(default_factory=dict)
     tried_count: int = 0
 
-    def forbidden(self, site: Site) -> str | None:
+    def forbidden(self, site: CellSite) -> str | None:
         """Return why a site is forbidden, None if it is allowed."""
         keep = self.options.keep_free_mm
         return why_not_here(
@@ -46,7 +46,7 @@ class Survey:
             None if keep is None else np.array(keep),
         )
 
-    def check(self, site: Site) -> SiteScore:
+    def check(self, site: CellSite) -> SiteScore:
         """Return the full score of a site, computed once."""
         key = site_key(site)
         if key not in self.checked:
@@ -89,7 +89,7 @@ def survey(
     return Survey(layout, tuple(members), options, fellows_of(layout), progressed)
 
 
-def site_key(site: Site) -> tuple[int, ...]:
+def site_key(site: CellSite) -> tuple[int, ...]:
     """Return whole numbers that are equal for the same site and different for any other."""
     values = [*site.station_mm * 100.0, *site.towards * 1e5]
     if site.T_world_fixed_tcp is not None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from controller.arrays import BoolArray, Float32Array, Int32Array
 from controller.cad import Face
 
-from .._types import Limits, Unjudged
+from .._types import InspectionLimits, Unjudged
 from .light import Light, Surface
 
 STRENGTHS: Final = (0.0, 0.1, 0.2, 0.3, 0.45, 0.7, 1.0)  # of a highlight, in lit matt surfaces
@@ -73,7 +73,7 @@ def compare(
     valid: BoolArray,
     ground: float,
     faces: tuple[Face, ...],
-    limits: Limits,
+    limits: InspectionLimits,
     flattest: float,
 ) -> Compared | str:
     """Compare a lit picture with its prediction; a sentence where the picture fails a self-check.
@@ -207,7 +207,7 @@ def _weigh(
     inside: BoolArray,
     valid: BoolArray,
     ground: float,
-    limits: Limits,
+    limits: InspectionLimits,
     middle: Float32Array,
     low: Float32Array,
     high: Float32Array,

@@ -13,7 +13,7 @@ from controller.imaging import ViewMaps, transform
 from .._connected import connected_findings, grow
 from .._pose import PosedPart, PoseFit
 from .._scene import HOLDER_MARGIN_PX, Scene, Visibility
-from .._types import Check, Finding, Kind, Unjudged, ViewTask
+from .._types import Check, Finding, FindingKind, Unjudged, ViewTask
 from ..registration import Registration, register
 from .compare import Compared, compare
 from .light import Light, Surface, bound_light, find_surface
@@ -96,7 +96,7 @@ class LitPictures:
             for a in (opened > 0, area)
         )
         found = connected_findings(
-            full, Kind.SURFACE, lamp_name, self._part, self._fit.maps, task.camera,
+            full, FindingKind.SURFACE, lamp_name, self._part, self._fit.maps, task.camera,
             self._fit.T_world_part, (x0, y0), areas, limits.min_area_mm2,
         )  # fmt: skip
         return check, found, code

@@ -8,7 +8,7 @@ from ._tolerances import GreyTolerances
 from .features.arcs import Circles
 from .features.corners import Corners, Junctions
 from .features.extract import Edgelets, ImageFeatures, image_features
-from .matching.hypotheses import Hypothesis, propose, rate
+from .matching.hypotheses import ViewHypothesis, propose, rate
 from .matching.index import FeatureIndex, feature_index
 from .matching.matches import Matches, matches
 from .matching.model import ModelFeatures, model_features
@@ -19,11 +19,11 @@ __all__ = [
     "Edgelets",
     "FeatureIndex",
     "GreyTolerances",
-    "Hypothesis",
     "ImageFeatures",
     "Junctions",
     "Matches",
     "ModelFeatures",
+    "ViewHypothesis",
     "feature_index",
     "image_features",
     "matches",

@@ -30,7 +30,7 @@ FAR_FRONT = 1.5  # one with shaded sides missing may be farther off
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class RecognitionLimits:
     """Tolerances of recognition, each with its reason.
 
     Attributes
@@ -50,7 +50,7 @@ def recognise(
     lighting: Literal["backlit", "front", "auto"] = "auto",
     usable: BoolArray | None = None,
     lit: Sequence[Grey] = (),
-    limits: Limits | None = None,
+    limits: RecognitionLimits | None = None,
 ) -> Recognition:
     """Return what lies on the table, largest object first.
 
@@ -73,7 +73,7 @@ def recognise(
     width, height = camera.size_px
     if picture.shape != (height, width):
         raise ValueError(f"a picture {picture.shape[::-1]} from a camera of {camera.size_px}")
-    limits = limits or Limits()
+    limits = limits or RecognitionLimits()
     middle = camera.on_plane(np.array([[width / 2, height / 2], [width / 2 + 1, height / 2 + 1]]))
     pixel_mm2 = float(np.prod(np.abs(middle[1, :2] - middle[0, :2])))
     found = segment(picture, lighting, usable, limits.min_area_mm2 / pixel_mm2)
@@ -93,7 +93,7 @@ def _identify(
     camera: Camera,
     library: Library,
     is_backlit: bool,
-    limits: Limits,
+    limits: RecognitionLimits,
 ) -> tuple[Sighting, Trace]:
     seen = _silhouettes(region, camera)
     if not seen:

@@ -12,7 +12,7 @@ from controller.cad import Solid
 from controller.imaging import Camera
 from controller.planning import CellLayout
 
-from ..moments import Kind, Moment, Seat
+from ..moments import Moment, MomentKind, Seat
 from ..ray_drawing import FINER, smaller
 from .bodies import PART, Body, Stage, moment_stage, not_round, standing_bodies
 from .paint import Painter
@@ -135,12 +135,12 @@ class Strip:
     ) -> tuple[Float32Array, str]:
         if moment.seat is Seat.BESIDE:
             words = "from beside, arm transparent"
-            if moment.kind is Kind.PLACE:
+            if moment.kind is MomentKind.PLACE:
                 words += "; of the trays, the one that takes longest"
             return self._beside(moment, stage, colours), words
         camera = self._camera(moment.seat)
         corners = stage.bodies[-1].vertices_mm
-        if moment.kind is Kind.PRESENT or not _is_in_sight(camera, corners):
+        if moment.kind is MomentKind.PRESENT or not _is_in_sight(camera, corners):
             eye, words = self._full[moment.seat], moment.seat.value
         else:
             size = self._camera_size(camera)
@@ -148,7 +148,7 @@ class Strip:
             eye, words = camera_eye(camera, window, _fine(size)), f"{moment.seat.value}, enlarged"
         standing = not_round(self._standing, camera.position_mm)
         stage = moment_stage(self._layout, self._solid, moment, standing)
-        if moment.seat is Seat.INSPECTION or moment.kind in (Kind.LOOK, Kind.PARK):
+        if moment.seat is Seat.INSPECTION or moment.kind in (MomentKind.LOOK, MomentKind.PARK):
             return smaller(self._drawn(stage, eye, colours)), words
         words = f"{words}, arm transparent"
         return self._through_links(moment, standing, stage, eye, colours), words

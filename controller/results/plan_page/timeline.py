@@ -3,19 +3,19 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..moments import Kind
+from ..moments import MomentKind
 from .strip import Frame
 
 # The word and the colour of each kind of step, in the order of the key.
-KEY: dict[Kind, tuple[str, str]] = {
-    Kind.PICK: ("pick", "#3f7fbf"),
-    Kind.PRESENT: ("show", "#2a9d62"),
-    Kind.GIVE: ("hand off", "#d98a1f"),
-    Kind.RECEIVE: ("receive back", "#b8631b"),
-    Kind.SET_DOWN: ("set down", "#a05aa8"),
-    Kind.LOOK: ("look at the table", "#6abf8e"),
-    Kind.PLACE: ("place", "#58728f"),
-    Kind.PARK: ("park", "#9aa7b3"),
+KEY: dict[MomentKind, tuple[str, str]] = {
+    MomentKind.PICK: ("pick", "#3f7fbf"),
+    MomentKind.PRESENT: ("show", "#2a9d62"),
+    MomentKind.GIVE: ("hand off", "#d98a1f"),
+    MomentKind.RECEIVE: ("receive back", "#b8631b"),
+    MomentKind.SET_DOWN: ("set down", "#a05aa8"),
+    MomentKind.LOOK: ("look at the table", "#6abf8e"),
+    MomentKind.PLACE: ("place", "#58728f"),
+    MomentKind.PARK: ("park", "#9aa7b3"),
 }
 WIDTH, ROW, LEFT, RIGHT, TOP = 1080.0, 19.0, 300.0, 96.0, 26.0
 # Mean width of a letter [px].

@@ -16,9 +16,9 @@ from .model import (
     DeviceReport,
     End,
     LogEntry,
-    Outcome,
     PartReport,
     ResultsError,
+    RunOutcome,
     RunRecord,
     StageReport,
 )
@@ -149,19 +149,19 @@ def _outcome(
     parts: Sequence[PartReport],
     at_rest: rows.AtRest | None,
     broke_off: rows.RunBrokeOff | None,
-) -> Outcome:
+) -> RunOutcome:
     last = parts[-1] if parts else None
     custody = last.custody if last else Custody.NONE
     where = _where(last)
     # a run may come to rest and still break off while it ends: then the later row counts
     if broke_off is not None:
-        return Outcome("broke_off", broke_off.error, "broke_off", custody, where)
+        return RunOutcome("broke_off", broke_off.error, "broke_off", custody, where)
     if at_rest is not None:
         if at_rest.state not in ENDS:
             raise ResultsError(
                 f"the journal has the run end as {at_rest.state!r}, which is not a state"
             )
-        return Outcome(
+        return RunOutcome(
             cast(End, at_rest.state),
             at_rest.message,
             at_rest.code,
@@ -173,7 +173,7 @@ def _outcome(
         f"the run has no end in the journal: it was cut off after “{row_words(log[-1])}” at "
         f"{log[-1].at:%H:%M:%S} UTC (unless it is still running); {then}"
     )
-    return Outcome("cut_off", message, "cut_off", custody, where)
+    return RunOutcome("cut_off", message, "cut_off", custody, where)
 
 
 def _held(part: PartReport) -> str:

@@ -63,7 +63,7 @@ class PartFold:
                 self.steps.append(_step(row))
             case rows.GraspMissed():
                 self.grasps_missed.append(row.message)
-            case rows.ViewPictures():
+            case rows.ViewPicturesTaken():
                 self.views.append(ViewReport(row.view, row.pictures, None))
             case rows.ViewJudged():
                 self._judged(row)

@@ -271,7 +271,7 @@ class StageReport:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class RunOutcome:
     """How the run ended.
 
     Attributes
@@ -318,7 +318,7 @@ class RunRecord:
     start: datetime
     end: datetime
     wall_s: float
-    outcome: Outcome
+    outcome: RunOutcome
     parts: tuple[PartReport, ...]
     stages: tuple[StageReport, ...]
     log: tuple[LogEntry, ...]

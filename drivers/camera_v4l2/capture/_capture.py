@@ -54,7 +54,7 @@ _MAX_LOOKS: Final = 64  # buffers looked at in one go, so that a deadline is met
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class Dequeued:
     """What one look into the queue gave.
 
     Attributes
@@ -239,7 +239,7 @@ class Capture:
             self._exposure_bound_s() + (2 * period_s if margin_s is None else margin_s)
         )
 
-    def look(self, after_s: float) -> Look:
+    def look(self, after_s: float) -> Dequeued:
         """Empty the queue up to the first frame exposed wholly after ``after_s`` [cell s].
 
         Raises
@@ -263,9 +263,9 @@ class Capture:
         with explained(device.path, "restart of the stream"):
             self._open_stream().restart()
         self.stats.restart_count += 1  # once it is done: whoever counts may go on then
-        return Look(None, 0, is_empty=True)
+        return Dequeued(None, 0, is_empty=True)
 
-    def _look(self, device: Device, after_s: float) -> Look:
+    def _look(self, device: Device, after_s: float) -> Dequeued:
         device.acknowledge()
         for count in range(_MAX_LOOKS):
             asked_s = self._clock.now_s()
@@ -274,11 +274,11 @@ class Capture:
                 self._last_empty_s = asked_s
                 if self._backlog_count is not None and self._backlog_count < self._ring_count():
                     self._backlog_count = None  # never full: no frame was turned away
-                return Look(None, count, is_empty=True)
+                return Dequeued(None, count, is_empty=True)
             frame = self._consider(device, buffer, after_s)
             if frame is not None:
-                return Look(frame, count + 1, is_empty=False)
-        return Look(None, _MAX_LOOKS, is_empty=False)
+                return Dequeued(frame, count + 1, is_empty=False)
+        return Dequeued(None, _MAX_LOOKS, is_empty=False)
 
     def _ring_count(self) -> int:
         return self._open_stream().buffer_count

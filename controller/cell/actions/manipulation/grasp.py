@@ -9,7 +9,7 @@ from controller.cell.errors import PartFaultError
 from controller.cell.journal.rows import GraspMissed, Once
 from controller.cell.machine import Event, PartFault
 from controller.cell.services import Grippers, Motion, PlanSteps, Views
-from controller.cell.services.records import BatchRecord, Hold
+from controller.cell.services.records import BatchRecord, PartInGripper
 from controller.planning import Look, Pick
 from controller.planning.model import CellLayout
 
@@ -47,7 +47,7 @@ class GraspAction:
         await self.motion.follow(step.motion_down)
         opening_mm = await self.grippers.close_arm(Once.GRASP, step.expected_opening_mm)
         await self._check_opening(step, opening_mm)
-        self.record.part.hold = Hold(step.grasp, step.grasp.T_part_tcp, opening_mm)
+        self.record.part.hold = PartInGripper(step.grasp, step.grasp.T_part_tcp, opening_mm)
         await self.record.set_custody(Custody.IN_ARM, f"jaws at {opening_mm:.1f} mm")
         await self.motion.follow(step.motion_up)
         await self.grippers.require_arm_holds()

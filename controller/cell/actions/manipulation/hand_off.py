@@ -11,7 +11,7 @@ from controller.cell.errors import PartFaultError
 from controller.cell.journal import Once
 from controller.cell.machine import Event, PartFault
 from controller.cell.services import Grippers, Motion, PlanSteps
-from controller.cell.services.records import BatchRecord, Hold
+from controller.cell.services.records import BatchRecord, PartInGripper
 from controller.imaging import inverse_pose
 from controller.planning import GiveStep, ReceiveStep, shown_pose
 from controller.planning.model import CellLayout
@@ -104,7 +104,7 @@ class HandOffAction:
         opening_mm = await self.grippers.close_arm(Once.RECEIVE, step.expected_opening_mm)
         if abs(opening_mm - step.expected_opening_mm) > self.grippers.tolerance_mm:
             await self._leave_in_fixed(step, opening_mm)
-        record.part.hold = Hold(step.grasp, step.grasp.T_part_tcp, opening_mm)
+        record.part.hold = PartInGripper(step.grasp, step.grasp.T_part_tcp, opening_mm)
         await record.set_custody(Custody.IN_BOTH)
         await self.grippers.release_to_arm(step.fixed_open_mm)
         await record.set_custody(Custody.IN_ARM, f"jaws at {opening_mm:.1f} mm")

@@ -12,7 +12,7 @@ from controller.cell.services import (
     PlanSteps,
     Views,
 )
-from controller.cell.services.records import BatchRecord, Hold
+from controller.cell.services.records import BatchRecord, PartInGripper
 from controller.planning import Present
 
 
@@ -62,7 +62,7 @@ class PresentAction:
             await self.imaging.pause("inspection")
         return Event.SHOWN
 
-    async def _show(self, step: Present, hold: Hold) -> str:
+    async def _show(self, step: Present, hold: PartInGripper) -> str:
         """Take the pictures of a view, have them judged in the background, return its name."""
         await self.motion.ring_down()
         view = self.views.name(step)

@@ -6,12 +6,12 @@ of it, `describe.py` turns results into rows.
 
 from .batch import BatchRecord
 from .describe import plan_row, sightings_row, verdict_row, view_row
-from .part import Hold, PartRecord, Shown, merged
+from .part import PartInGripper, PartRecord, Shown, merged
 from .progress import Progress
 
 __all__ = [
     "BatchRecord",
-    "Hold",
+    "PartInGripper",
     "PartRecord",
     "Progress",
     "Shown",

@@ -10,7 +10,7 @@ from contextlib import asynccontextmanager
 from controller.cell.custody import Custody
 from controller.cell.journal import Body, Journal, rows
 
-from .part import Hold, PartRecord
+from .part import PartInGripper, PartRecord
 from .progress import Progress
 
 
@@ -55,7 +55,7 @@ class BatchRecord:
         self._finished.append(self.part)
         self.parts_left -= 1
 
-    def held(self) -> Hold:
+    def held(self) -> PartInGripper:
         """Return how the arm gripper holds the part; it must hold it."""
         hold = self.part.hold
         assert hold is not None, "the arm gripper is empty"

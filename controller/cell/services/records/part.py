@@ -15,7 +15,7 @@ from controller.recognition import Alternative, Sighting
 
 
 @dataclass(slots=True, eq=False)
-class Hold:
+class PartInGripper:
     """How the arm gripper holds the part, from one grasp to its release.
 
     Attributes
@@ -46,7 +46,7 @@ class Shown:
     """
 
     view: str
-    hold: Hold | None
+    hold: PartInGripper | None
     q: FloatArray
     expected: FloatArray
     holder: tuple[inspecting.WorldBox, ...]
@@ -83,7 +83,7 @@ class PartRecord:
     plan: Plan | None = None
     plan_count: int = 0
     next_step: int = 0
-    hold: Hold | None = None
+    hold: PartInGripper | None = None
     fixed_grasp: Grasp | None = None
     pending: list[Shown] = field(default_factory=list)
     results: list[inspecting.ViewResult] = field(default_factory=list)

@@ -7,7 +7,7 @@ from controller.cell.compute import Compute
 from controller.cell.errors import PartFaultError, PartProblemError
 from controller.cell.journal.rows import AmbiguityResolved
 from controller.cell.machine import PartFault
-from controller.cell.services.records import BatchRecord, Hold
+from controller.cell.services.records import BatchRecord, PartInGripper
 from controller.imaging import inverse_pose
 from controller.planning import Ambiguity
 
@@ -20,7 +20,12 @@ class Disambiguation:
     record: BatchRecord
 
     async def resolve(
-        self, ambiguity: Ambiguity, hold: Hold, q: FloatArray, backlit: Grey, lit: tuple[Grey, ...]
+        self,
+        ambiguity: Ambiguity,
+        hold: PartInGripper,
+        q: FloatArray,
+        backlit: Grey,
+        lit: tuple[Grey, ...],
     ) -> None:
         """Check that the view leaves one hypothesis, the one that the plan was made for.
 

@@ -9,7 +9,7 @@ from controller.arrays import FloatArray
 from controller.cell.compute import Compute
 from controller.cell.errors import PartFaultError
 from controller.cell.machine import PartFault, is_held_otherwise
-from controller.cell.services.records import BatchRecord, Hold, Shown
+from controller.cell.services.records import BatchRecord, PartInGripper, Shown
 from controller.imaging import inverse_pose, rotation_angle
 from controller.planning import shown_pose
 from controller.planning.model import CellLayout
@@ -75,7 +75,7 @@ class HeldPose:
         hold.T_part_tcp = inverse_pose(found) @ tcp_pose(self.layout, q)
         hold.is_seen = True
 
-    async def learn(self, shown: Shown, hold: Hold, result: inspecting.ViewResult) -> None:
+    async def learn(self, shown: Shown, hold: PartInGripper, result: inspecting.ViewResult) -> None:
         """Take a view as proof of the hold, and its pose as the measured one.
 
         Parameters
@@ -109,7 +109,7 @@ class HeldPose:
                 + ("where it was in the gripper" if was_seen else "where the grasp was planned"),
             )
 
-    async def _search(self, shown: Shown, hold: Hold, reason: str) -> FloatArray | None:
+    async def _search(self, shown: Shown, hold: PartInGripper, reason: str) -> FloatArray | None:
         """Search for the part that a view missed; return T_world_part, or None for one bad view."""
         found = await self.compute.find_hold(
             shown.expected, hold.T_part_tcp, shown.holder, shown.backlit

@@ -9,8 +9,8 @@ import numpy as np
 from controller import inspection as inspecting
 from controller.arrays import FloatArray, Grey
 from controller.cell.compute import Compute
-from controller.cell.journal.rows import ViewPictures
-from controller.cell.services.records import BatchRecord, Hold, Shown, merged, view_row
+from controller.cell.journal.rows import ViewPicturesTaken
+from controller.cell.services.records import BatchRecord, PartInGripper, Shown, merged, view_row
 from controller.planning import Look, Present, shown_pose
 from controller.planning.model import CellLayout
 
@@ -58,12 +58,12 @@ class Views:
         """
         view = self.name(step)
         self._record.note(
-            ViewPictures(view=view, pictures=files, q=() if q is None else tuple(q.tolist()))
+            ViewPicturesTaken(view=view, pictures=files, q=() if q is None else tuple(q.tolist()))
         )
         self._record.part.planned[view] = step.seen
 
     def judge_held(
-        self, view: str, hold: Hold, q: FloatArray, backlit: Grey, lit: Mapping[str, Grey]
+        self, view: str, hold: PartInGripper, q: FloatArray, backlit: Grey, lit: Mapping[str, Grey]
     ) -> None:
         """Start judging a view of the held part.
 

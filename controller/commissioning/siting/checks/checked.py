@@ -15,7 +15,7 @@ from controller.planning.regrasps import hand_offs
 
 from .._family import FamilyMember
 from ..score import PartScore, SiteScore, value_of
-from ..site import Fellows, Site, carried, placed_at
+from ..site import CellSite, Fellows, carried, placed_at
 from ._seconds import forecast
 from .reach import covered_bits, hand_off_shares, shown_share
 from .visibility import links_in_sight
@@ -195,7 +195,7 @@ def passed_on(start: BoolArray, met: BoolArray) -> BoolArray:
 
 def score_site(
     layout: CellLayout,
-    site: Site,
+    site: CellSite,
     fellows: Fellows,
     members: Sequence[FamilyMember],
 ) -> SiteScore:

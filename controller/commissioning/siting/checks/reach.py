@@ -17,7 +17,7 @@ from controller.planning.model import CellLayout
 from controller.planning.motion import inverse_rows
 
 from .._family import FamilyMember
-from ..site import Site, camera_frame, standoff_mm
+from ..site import CellSite, camera_frame, standoff_mm
 
 TCP_DIRECTION_COUNT = 200  # 7 degrees apart, half the angle between neighbouring view directions
 ROLL_COUNT = 12
@@ -42,7 +42,7 @@ def _frames(vectors: FloatArray) -> FloatArray:
 
 
 def shown_directions(
-    layout: CellLayout, site: Site, to_camera: FloatArray, centre_mm: FloatArray
+    layout: CellLayout, site: CellSite, to_camera: FloatArray, centre_mm: FloatArray
 ) -> BoolArray:
     """Return which directions of the TCP frame (h, 3) the arm can turn to the camera: (h,) bool.
 

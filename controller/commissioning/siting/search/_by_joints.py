@@ -24,7 +24,7 @@ from ..checks.reach import (
     table_views,
 )
 from ..score import PartScore, SiteScore, value_of
-from ..site import Fellows, Site, placed_at, site_of, standoff_mm
+from ..site import CellSite, Fellows, placed_at, site_of, standoff_mm
 from ..survey import Survey, site_key
 from .grids import camera_grid, fixed_gripper_grid
 
@@ -172,7 +172,7 @@ def joined(
     return sorted(found, key=lambda s: (s.forbidden is not None, -s.value))
 
 
-def _stands(fixed_gripper: FixedGripperScore, site: Site) -> bool:
+def _stands(fixed_gripper: FixedGripperScore, site: CellSite) -> bool:
     return site.T_world_fixed_tcp is not None and bool(
         np.allclose(fixed_gripper.T_world_fixed_tcp, site.T_world_fixed_tcp)
     )
@@ -199,16 +199,16 @@ def _without_fixed_gripper(layout: CellLayout, fellows: Fellows) -> CellLayout:
     return replace(layout, fixed_gripper=None, obstacles=kept)
 
 
-def _far_mm(layout: CellLayout, a: Site, b: Site) -> float:
+def _far_mm(layout: CellLayout, a: CellSite, b: CellSite) -> float:
     """Return how far station and camera of a site are from those of another one."""
     far = standoff_mm(layout)
     apart = np.linalg.norm(a.station_mm - b.station_mm)
     return round(float(apart + far * np.linalg.norm(a.towards - b.towards)), 3)
 
 
-def unlike(sites: Sequence[Site], count: int) -> list[Site]:
+def unlike(sites: Sequence[CellSite], count: int) -> list[CellSite]:
     """Return the first sites that are not near an earlier one."""
-    kept: list[Site] = []
+    kept: list[CellSite] = []
     for site in sites:
         if len(kept) >= count:
             break

@@ -10,7 +10,7 @@ import numpy as np
 from controller.arrays import FloatArray
 from controller.planning.model import CellLayout
 
-from ..site import STEEP, Site, site_of
+from ..site import STEEP, CellSite, site_of
 
 STATION_AZIMUTHS_DEG = (-50.0, -25.0, 0.0, 25.0, 50.0)
 STATION_RADII_MM = (250.0, 350.0, 430.0)
@@ -34,7 +34,7 @@ def _about_arm(layout: CellLayout, radius: float, azimuth_deg: float, z: float) 
     return np.asarray((layout.T_world_arm @ in_arm)[:3])
 
 
-def camera_grid(layout: CellLayout) -> Iterator[Site]:
+def camera_grid(layout: CellLayout) -> Iterator[CellSite]:
     """Yield stations about the arm, the present one first, each seen from all sides."""
     now = site_of(layout)
     stations = [now.station_mm] + [
@@ -96,7 +96,7 @@ def fixed_gripper_grid(layout: CellLayout) -> Iterator[FloatArray]:
                     yield fixed_gripper_frame(at, up, direction(turn, 0.0))
 
 
-def camera_steps(site: Site, step_mm: float, step_deg: float) -> Iterator[Site]:
+def camera_steps(site: CellSite, step_mm: float, step_deg: float) -> Iterator[CellSite]:
     """Yield sites with the station or the camera's side a small step away.
 
     Parameters
@@ -115,7 +115,7 @@ def camera_steps(site: Site, step_mm: float, step_deg: float) -> Iterator[Site]:
         yield replace(site, towards=direction(azimuth, min(elevation + turn, 90.0)))
 
 
-def fixed_gripper_steps(site: Site, step_mm: float, step_deg: float) -> Iterator[Site]:
+def fixed_gripper_steps(site: CellSite, step_mm: float, step_deg: float) -> Iterator[CellSite]:
     """Yield sites with the fixed gripper a small step or turn away; none without a fixed gripper.
 
     Parameters

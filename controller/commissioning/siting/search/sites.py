@@ -10,7 +10,7 @@ import numpy as np
 from controller.planning.model import CellLayout, PreparedPart
 
 from ..score import SiteOptions, SiteScore
-from ..site import Site, site_of
+from ..site import CellSite, site_of
 from ..survey import Progress, Survey, survey
 from ._by_joints import cameras_by_joints, fixed_grippers_by_joints, joined, unlike, unlike_poses
 from .grids import camera_steps, fixed_gripper_steps
@@ -106,7 +106,7 @@ def _step_about(
     return best
 
 
-def _onward(before: Site, after: Site) -> Site | None:
+def _onward(before: CellSite, after: CellSite) -> CellSite | None:
     """Return the site one more equal shift along; None if the step was a turn."""
     shift = after.station_mm - before.station_mm
     if np.linalg.norm(shift) > 1e-6:

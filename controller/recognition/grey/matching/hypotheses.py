@@ -34,7 +34,7 @@ TURNS_OF_A_CIRCLE = 24  # tried where nothing says which way
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Hypothesis:
+class ViewHypothesis:
     """A view placed on the picture.
 
     Attributes
@@ -62,7 +62,7 @@ def propose(
     foot_mm: tuple[float, float] = (0.0, 0.0),
     most: int = 10,
     tol: GreyTolerances | None = None,
-) -> tuple[Hypothesis, ...]:
+) -> tuple[ViewHypothesis, ...]:
     """Return what a picture may show, best first; references.md P3.2.
 
     Parameters
@@ -97,7 +97,7 @@ def rate(
     foot_mm: tuple[float, float] = (0.0, 0.0),
     most: int = 10,
     tol: GreyTolerances | None = None,
-) -> tuple[Hypothesis, ...]:
+) -> tuple[ViewHypothesis, ...]:
     """Return what somebody else proposes, fitted and scored, best first.
 
     Parameters
@@ -122,7 +122,7 @@ def _best(
     foot: FloatArray,
     most: int,
     tol: GreyTolerances,
-) -> tuple[Hypothesis, ...]:
+) -> tuple[ViewHypothesis, ...]:
     if len(coarse) == 0:
         return ()
     seen = edge_map(image.edgelets, foot, tol)
@@ -255,8 +255,8 @@ def _distinct(poses: FloatArray, scores: FloatArray, most: int) -> IntArray:
     return order[kept]
 
 
-def _hypothesis(pose: FloatArray, score: FloatArray, foot: FloatArray) -> Hypothesis:
-    return Hypothesis(
+def _hypothesis(pose: FloatArray, score: FloatArray, foot: FloatArray) -> ViewHypothesis:
+    return ViewHypothesis(
         int(pose[0]),
         float((pose[1] + np.pi) % (2 * np.pi) - np.pi),
         pose[2:] + foot,
