@@ -43,7 +43,7 @@ def journal(tmp_path: Path) -> Any:
 @pytest.fixture
 def record(journal: Journal) -> BatchRecord:
     made = BatchRecord(journal, Progress(), lambda: None)
-    made.begin_look()
+    made.begin_part()
     return made
 
 
@@ -107,7 +107,7 @@ class Gripper:
     async def open_fixed(self, opening_mm: float | None = None) -> None:
         self.done.append("open fixed")
 
-    async def require_arm_holds(self) -> None:
+    async def press_and_require_hold(self) -> None:
         self.done.append("check")
 
     async def let_go(self, intent: Intent, opening_mm: float) -> None:
@@ -197,7 +197,7 @@ async def test_the_lamps_stay_on_until_the_last_part_is_done(record: BatchRecord
         record.part.verdict = PartVerdict(Verdict.PASS, ("fine",), (), 1.0, ())
         record.part.tray = "accept"
         events.append(await action.run())
-        record.begin_look()
+        record.begin_part()
     assert events == [Event.PART_DONE, Event.BATCH_DONE]
     assert dark == [0]
     assert [part.number for part in record.finished] == [1, 2]

@@ -99,7 +99,7 @@ class Grippers:
         async with self._record.once(Intent(name=Once.HAND_OFF, expected_mm=expected_mm)):
             return await self._fixed.close_on(expected_mm, force_n=self._force_n)
 
-    async def require_arm_holds(self) -> None:
+    async def press_and_require_hold(self) -> None:
         """Check that the arm gripper holds the part: press once more, and read the opening.
 
         The opening alone proves nothing: a jaw that stalled on the part stays where it stalled even

@@ -50,7 +50,7 @@ class GraspAction:
         self.record.part.hold = PartInGripper(step.grasp, step.grasp.T_part_tcp, opening_mm)
         await self.record.set_custody(Custody.IN_ARM, f"jaws at {opening_mm:.1f} mm")
         await self.motion.follow(step.motion_up)
-        await self.grippers.require_arm_holds()
+        await self.grippers.press_and_require_hold()
         self.steps.end(
             step, started_s, jaw_mm=round(opening_mm, 2), expected_mm=step.expected_opening_mm
         )
@@ -62,7 +62,7 @@ class GraspAction:
         while (look := self.steps.next(Look)) is not None:
             started_s = self.steps.begin(look)
             view = self.views.name(look)
-            self.views.announce(look, part.picture_names)
+            self.views.record_pictures(look, part.picture_names)
             # only the ring: things around the table cast shadows in the side lamp's light, and no
             # prediction has them
             lit = {lamp: part.pictures[lamp] for lamp in TABLE_LAMPS[:1]}

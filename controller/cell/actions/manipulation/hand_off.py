@@ -52,7 +52,7 @@ class HandOffAction:
         started_s, record = self.steps.begin(step), self.record
         await self.grippers.open_fixed(step.fixed_pre_open_mm)
         await self.motion.follow(step.motion)
-        await self.grippers.require_arm_holds()
+        await self.grippers.press_and_require_hold()
         await self._close_fixed(step)
         await record.set_custody(Custody.IN_BOTH)
         if not await self.grippers.does_fixed_hold():
@@ -85,7 +85,7 @@ class HandOffAction:
         part, hold = self.record.part, self.record.held()
         await self.record.set_custody(Custody.IN_ARM, "the fixed gripper did not get it")
         await self.grippers.open_fixed()
-        await self.grippers.require_arm_holds()
+        await self.grippers.press_and_require_hold()
         # the fixed gripper may have turned the part by closing on the wrong faces
         hold.is_seen = False
         await self.motion.go_back(len(step.motion))
@@ -108,11 +108,11 @@ class HandOffAction:
         await record.set_custody(Custody.IN_BOTH)
         await self.grippers.release_to_arm(step.fixed_open_mm)
         await record.set_custody(Custody.IN_ARM, f"jaws at {opening_mm:.1f} mm")
-        await self.grippers.require_arm_holds()
+        await self.grippers.press_and_require_hold()
         await self.motion.follow(step.motion_out)
         # paths after this one are planned past an empty fixed gripper that stands wide open
         await self.grippers.open_fixed()
-        await self.grippers.require_arm_holds()
+        await self.grippers.press_and_require_hold()
         self.steps.end(
             step, started_s, jaw_mm=round(opening_mm, 2), expected_mm=step.expected_opening_mm
         )

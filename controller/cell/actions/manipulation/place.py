@@ -44,7 +44,7 @@ class PlaceAction:
         started_s = self.steps.begin(step)
         await self.motion.follow(step.motion)
         await self.motion.follow(step.motion_down)
-        await self.grippers.require_arm_holds()
+        await self.grippers.press_and_require_hold()
         await self.grippers.let_go(Intent(name=Once.SORT, tray=tray), step.open_mm)
         part.tray = tray
         await self.record.set_custody(Custody.PLACED, tray)

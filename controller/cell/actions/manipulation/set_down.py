@@ -36,7 +36,7 @@ class SetDownAction:
         started_s = self.steps.begin(step)
         await self.motion.follow(step.motion)
         await self.motion.follow(step.motion_down)
-        await self.grippers.require_arm_holds()
+        await self.grippers.press_and_require_hold()
         intent = Intent(name=Once.SET_DOWN, pose_index=step.pose_index)
         await self.grippers.let_go(intent, step.open_mm)
         await self.record.set_custody(Custody.ON_TABLE, "set down")

@@ -30,7 +30,7 @@ class AcquireAction:
         ------
         CellError : the table does not glow
         """
-        self.record.begin_look()
+        self.record.begin_part()
         self.record.show("taking pictures of the table", step=0, step_count=0, remaining_s=None)
         part = self.record.part
         try:

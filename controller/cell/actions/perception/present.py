@@ -49,7 +49,7 @@ class PresentAction:
             while (step := self.steps.next(Present)) is not None:
                 started_s = self.steps.begin(step)
                 await self.motion.follow(step.motion)
-                await self.grippers.require_arm_holds()
+                await self.grippers.press_and_require_hold()
                 hold = self.record.held()
                 if hold.is_seen and not await self.views.is_worth_showing(step):
                     self.steps.end(step, started_s, passed_by=step.view_id)
@@ -75,7 +75,7 @@ class PresentAction:
             lamp: await self.imaging.save(self.record.part.number, f"{view}_{lamp}", image)
             for lamp, image in {"station_backlight": backlit, **lit}.items()
         }
-        self.views.announce(step, files, q)
+        self.views.record_pictures(step, files, q)
         if step.ambiguity is not None:
             await self.disambiguation.resolve(step.ambiguity, hold, q, backlit, tuple(lit.values()))
         self.views.judge_held(view, hold, q, backlit, lit)

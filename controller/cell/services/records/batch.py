@@ -44,7 +44,7 @@ class BatchRecord:
         is_begun = self.part.number > 0 and self.part not in self._finished
         return (*self._finished, *([self.part] if is_begun else []))
 
-    def begin_look(self) -> None:
+    def begin_part(self) -> None:
         """Begin the next part if the last one is done; drop a plan made from earlier pictures."""
         if self.part.tray is not None or self.part.number == 0:
             self.part = PartRecord(number=self.part.number + 1)

@@ -45,7 +45,7 @@ class Views:
         plan_count = self._record.part.plan_count
         return step.view_id if plan_count < 2 else f"{step.view_id}~{plan_count}"
 
-    def announce(
+    def record_pictures(
         self, step: Present | Look, files: Mapping[str, str], q: FloatArray | None = None
     ) -> None:
         """Journal the pictures of a view, and keep what it is planned to show.
