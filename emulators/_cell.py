@@ -1,11 +1,15 @@
 """All devices of one emulated cell, the world behind them, and where each is to be found."""
 
 import logging
+import math
 import os
 from collections.abc import Hashable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from emulators.camera_v4l2 import CameraConfig, CameraServer, PixelFormat, V4l2Device
 from emulators.clock import SharedClock
@@ -21,16 +25,18 @@ from emulators.modbus import (
     TcpServer,
 )
 from emulators.umi_scara import ArmModel, ArmServer, ArmWire, Axis
-from emulators.world import LayoutError as LayoutError
 from emulators.world import (
+    MAX_REST_OFF_RAD,
     Picture,
     PictureDesk,
+    Rest,
     World,
     build_scene,
     load_solid,
     read_layout,
     tray_of,
 )
+from emulators.world import LayoutError as LayoutError
 
 log = logging.getLogger(__name__)
 
@@ -54,7 +60,8 @@ class CellOptions:
 
     Attributes
     ----------
-    rest : number of a part's stable pose, None for a likely one at random
+    rest : number in each part's own ``rests``, None for a likely one at random
+    orientation : (3, 3) CAD -> upright, of the first part at rest; None to take ``rest``
     at : x, y [mm] and turn [rad] of the first part, None for anywhere
     feed : how often the first part is put back once it is in a tray, as if someone emptied the
         tray and brought the next part of its kind
@@ -66,6 +73,7 @@ class CellOptions:
     seed: int = 0
     speed: float = 1.0
     rest: int | None = None
+    orientation: NDArray[np.float64] | None = None
     at: tuple[float, float, float] | None = None
     lines: Literal["tcp", "rtu-pty", "rtu-tcp"] = "tcp"
     camera_transport: Literal["auto", "fuse", "socket"] = "auto"
@@ -165,10 +173,27 @@ class Cell:
                     f"--pose {options.rest}: {solid.name} has the numbers 0 to "
                     f"{len(solid.rests) - 1}"
                 )
-            x_mm, y_mm, theta_rad = options.at if options.at and index == 0 else (None,) * 3
-            self.world.drop(index, x_mm, y_mm, options.rest, theta_rad)
+            is_first = index == 0
+            x_mm, y_mm, theta_rad = options.at if options.at and is_first else (None,) * 3
+            rest: int | Rest | None = options.rest
+            if is_first and options.orientation is not None:
+                rest = solid.rest_near(options.orientation)
+            self.world.drop(index, x_mm, y_mm, rest, theta_rad)
             self.world.settle()
+            if isinstance(rest, Rest):
+                self._require_kept(index, rest)
             self._keep_apart(index)
+
+    def _require_kept(self, index: int, rest: Rest) -> None:
+        """Raise LayoutError if a part that was put down in a rest has tipped out of it."""
+        part = self.world.parts[index]
+        down = part.T_world_part[:3, :3] @ rest.down
+        off_rad = math.acos(max(-1.0, min(1.0, -float(down[2]))))
+        if off_rad > MAX_REST_OFF_RAD:
+            raise LayoutError(
+                f"{part.solid.name} does not stay in this stable pose on the emulated table: it "
+                f"tips or rolls by {math.degrees(off_rad):.0f} deg; name another with --pose"
+            )
 
     def _keep_apart(self, index: int) -> None:
         """Drop a part elsewhere for as long as it is on top of another one."""

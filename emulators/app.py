@@ -21,7 +21,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from emulators._cell import Cell, CellOptions
+import numpy as np
+from numpy.typing import NDArray
+
+from emulators._cell import Cell as Cell
+from emulators._cell import CellOptions
 from emulators._control import ControlPort
 from emulators.register import registered
 from emulators.world import LayoutError
@@ -54,7 +58,18 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of everything random")
     parser.add_argument("--speed", type=float, default=1.0, help="world seconds per second")
-    parser.add_argument("--pose", type=int, help="stable pose, by number (default: by the seed)")
+    at_rest = parser.add_mutually_exclusive_group()
+    at_rest.add_argument(
+        "--pose",
+        type=int,
+        help="stable pose of every part, by the emulator's own numbers, which are not those of "
+        "`cellctl compile` (default: by the seed)",
+    )
+    at_rest.add_argument(
+        "--orientation",
+        help="orientation of the first part at rest: nine numbers, row by row, of the rotation "
+        "from CAD to upright",
+    )
     parser.add_argument(
         "--at", help="pose of the first part on the table, X,Y,THETA_DEG (default: by the seed)"
     )
@@ -86,6 +101,7 @@ def options_of(args: argparse.Namespace) -> CellOptions:
         except ValueError as error:
             raise LayoutError(f"--at {args.at}: three numbers X,Y,THETA_DEG") from error
         at = (x_mm, y_mm, math.radians(theta_deg))
+    orientation = None if args.orientation is None else _rotation(args.orientation)
     return CellOptions(
         cell=args.cell,
         parts=tuple(args.part),
@@ -93,11 +109,22 @@ def options_of(args: argparse.Namespace) -> CellOptions:
         seed=args.seed,
         speed=args.speed,
         rest=args.pose,
+        orientation=orientation,
         at=at,
         lines=args.lines,
         camera_transport=args.camera_transport,
         feed=args.feed,
     )
+
+
+def _rotation(text: str) -> NDArray[np.float64]:
+    try:
+        R = np.array([float(word) for word in text.split(",")]).reshape(3, 3)
+    except ValueError as error:
+        raise LayoutError(f"--orientation {text:.80}: nine numbers, row by row") from error
+    if not (np.allclose(R @ R.T, np.eye(3), atol=1e-6) and np.linalg.det(R) > 0.0):
+        raise LayoutError(f"--orientation {text:.80}: not a rotation")
+    return R
 
 
 async def step_world(cell: Cell) -> None:

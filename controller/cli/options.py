@@ -71,13 +71,17 @@ SeedOption = Annotated[
 EmulatedPoseOption = Annotated[
     int | None,
     typer.Option(
-        "--pose", min=0, help="stable pose of the emulated part, by index (default: by the seed)"
+        "--pose",
+        min=0,
+        help="stable pose of the first emulated part, by the index that `cellctl compile` lists "
+        "(default: by the seed)",
     ),
 ]
 EmulatedAtOption = Annotated[
     str | None,
     typer.Option(
-        "--at", help="pose of the emulated part on the table, X,Y,THETA_DEG (default: by the seed)"
+        "--at",
+        help="pose of the first emulated part on the table, X,Y,THETA_DEG (default: by the seed)",
     ),
 ]
 ControlOption = Annotated[

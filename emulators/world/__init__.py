@@ -9,10 +9,11 @@ from ._world import World
 from .ground_truth import tray_of, truth
 from .layout import Layout, LayoutError, read_layout
 from .matter.collide import Collision
-from .matter.solid import Solid, load_solid
+from .matter.solid import MAX_REST_OFF_RAD, Rest, Solid, load_solid
 from .pictures import Picture, PictureDesk, PictureMaker, Scene, build_scene
 
 __all__ = [
+    "MAX_REST_OFF_RAD",
     "Collision",
     "Event",
     "Layout",
@@ -20,6 +21,7 @@ __all__ = [
     "Picture",
     "PictureDesk",
     "PictureMaker",
+    "Rest",
     "Scene",
     "Snapshot",
     "Solid",

@@ -19,7 +19,7 @@ from .matter.boxes import CellBoxes
 from .matter.collide import Collision, Obstruct, Stall, values_of
 from .matter.grasp import TEAR_MM, TEAR_RAD, Gripper, apart, bears, make_gripper, relative
 from .matter.parts import AWAY, FALLING, HELD, RESTING, Part
-from .matter.solid import Solid
+from .matter.solid import Rest, Solid
 from .poses import JointValues, forward, rotation_about
 
 log = logging.getLogger(__name__)
@@ -354,7 +354,7 @@ class World:
         index: int,
         x_mm: float | None = None,
         y_mm: float | None = None,
-        rest: int | None = None,
+        rest: int | Rest | None = None,
         theta_rad: float | None = None,
     ) -> None:
         """Let a part fall a few millimetres onto the table.
@@ -363,14 +363,16 @@ class World:
         ----------
         index : number of the part
         x_mm, y_mm : its centre of mass; in the layout's drop area at random where None
-        rest : number in ``solid.rests``; by default a stable one, by its solid angle
+        rest : a rest or its number in ``solid.rests``; None for a stable one, by its solid angle
         theta_rad : turn about z; at random where None
         """
         low, high = self.layout.drop_low_mm, self.layout.drop_high_mm
         # the same draws whatever is given: an order for one part does not move the next one
         spot, turn, choice = self._rng.uniform(low, high), self._rng.uniform(), self._rng.uniform()
         solid = self.parts[index].solid
-        chosen = solid.likely_rest(choice) if rest is None else solid.rests[rest]
+        if isinstance(rest, int):
+            rest = solid.rests[rest]
+        chosen = solid.likely_rest(choice) if rest is None else rest
         theta = math.tau * turn if theta_rad is None else theta_rad
         x = float(spot[0]) if x_mm is None else x_mm
         y = float(spot[1]) if y_mm is None else y_mm

@@ -232,7 +232,7 @@ def test_compile_tells_how_a_part_is_held_and_shown_in_a_cell(
 @pytest.mark.parametrize(
     ("more", "needed"),
     [
-        (["--pose", "77"], "has poses [0, 1, 2]"),
+        (["--pose", "77"], "has stable poses 0 to 2"),
         (["--at", "300,20"], "X,Y,THETA"),
         (["--at", "a,b,c"], "X,Y,THETA"),
         (["--at", "nan,0,0"], "X,Y,THETA"),

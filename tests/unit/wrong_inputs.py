@@ -713,7 +713,7 @@ ROWS: tuple[Row, ...] = (
         "no such pose",
         nothing,
         ("plan", "block.stl", "--unit", "mm", "--pose", "99", "--cell", "cells/emulated.yaml"),
-        "--pose 99: block has poses",
+        "--pose 99: block has stable poses",
     ),
     Row("part to lay is not there", nothing, (*RUN, "--lay", "none.stl"), "none.stl"),
     Row(

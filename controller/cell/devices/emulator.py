@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
+from controller.arrays import FloatArray
 from controller.config import ConfigError
 
 # Guards against a hang. The first use of a part takes minutes on a busy machine, because the part
@@ -57,18 +58,22 @@ def emulator_command(
     return [*command, *more]
 
 
-def emulator_args(pose: int | None, at: str | None, control: Path | None) -> tuple[str, ...]:
+def emulator_args(
+    orientation: FloatArray | None, at: str | None, control: Path | None
+) -> tuple[str, ...]:
     """Return the emulator's options for the pose of the first part, and for causing faults.
 
     Parameters
     ----------
-    pose : stable pose of the first part by index, None to draw it by the seed
+    orientation : (3, 3) CAD -> upright, of the first part at rest; None to draw it by the seed. The
+        emulator numbers stable poses in its own order, so it is given the rotation, not the index
     at : planar pose of the first part, "X,Y,THETA_DEG" [mm, degrees]; None to draw it by the seed
     control : unix socket on which tests inject faults, None for none
     """
     more: list[str] = []
-    if pose is not None:
-        more += ["--pose", str(pose)]
+    if orientation is not None:
+        numbers = ",".join(f"{float(number):.9f}" for number in orientation.ravel())
+        more += [f"--orientation={numbers}"]
     if at is not None:
         more += [f"--at={at}"]  # in one word, since the value may begin with a minus
     if control is not None:

@@ -9,6 +9,7 @@ from controller.cell.devices.emulator import emulated_cell, emulator_args, emula
 from controller.config import load_cell
 
 from ..inputs.checks import check_control, parse_place
+from ..inputs.part_files import emulated_orientation
 from ..terminal.output import emit, print_line
 
 
@@ -32,8 +33,8 @@ def serve(
     parts : CAD files of the parts on the emulated table
     speed : times real time
     seed : seed of the emulated world, None to draw one
-    pose : stable pose of the part by index, None to draw it by the seed
-    at : planar pose of the part, "X,Y,THETA_DEG"; None to draw it by the seed
+    pose : stable pose of the first part by index, None to draw it by the seed
+    at : planar pose of the first part, "X,Y,THETA_DEG"; None to draw it by the seed
     control : unix socket on which tests inject faults, None for none
     lines : transport of the Modbus lines, None for tcp
     as_json : print addresses as one JSON object
@@ -46,12 +47,11 @@ def serve(
     check_control(control)
     if at is not None:
         parse_place(at, cell)
-    for part in parts:
-        load_part(part)
+    orientation = emulated_orientation([load_part(part) for part in parts], pose)
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: ended.set())
-    more = emulator_args(pose, at, control)
+    more = emulator_args(orientation, at, control)
     if lines is not None:
         more = (*more, "--lines", lines)
     command = emulator_command(cell_path, parts, speed=speed, seed=seed, more=more)

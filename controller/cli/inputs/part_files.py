@@ -1,9 +1,12 @@
 """Recipes and options -> CAD files, how each is compiled, and the cell they are planned in."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from controller.cad.compiled import CompileOptions, options_among
+from controller.arrays import FloatArray
+from controller.cad import StablePose
+from controller.cad.compiled import CompiledPart, CompileOptions, options_among
 from controller.config import (
     EMULATED_CELL,
     ConfigError,
@@ -65,6 +68,42 @@ def part_files(
         ]
         return files, cell
     return [PartFile(r.part, CompileOptions(unit=r.unit), r) for r in recipes], cell
+
+
+def stable_pose(part: CompiledPart, index: int) -> StablePose:
+    """Return the stable pose that ``--pose`` names, by the index that `cellctl compile` lists.
+
+    Raises
+    ------
+    ConfigError : the part has no such pose
+    """
+    for pose in part.poses:
+        if pose.index == index:
+            return pose
+    name, known = part.solid.name, sorted(pose.index for pose in part.poses)
+    if not known:
+        raise ConfigError(f"{name} has no stable pose: it rolls in every one")
+    have = f"poses {known[0]} to {known[-1]}" if len(known) > 1 else f"pose {known[0]} alone"
+    raise ConfigError(f"--pose {index}: {name} has stable {have} (`cellctl compile` lists them)")
+
+
+def emulated_orientation(parts: Sequence[CompiledPart], pose: int | None) -> FloatArray | None:
+    """Return the rotation CAD -> upright (3, 3) in which the first emulated part rests.
+
+    Parameters
+    ----------
+    parts : on the emulated table, the one that ``--pose`` is for first
+    pose : index of its stable pose; None leaves it to the emulator's seed
+
+    Raises
+    ------
+    ConfigError : no part is on the table, or the part has no such pose
+    """
+    if pose is None:
+        return None
+    if not parts:
+        raise ConfigError(f"--pose {pose}: no part is on the emulated table; leave it out")
+    return stable_pose(parts[0], pose).R
 
 
 def cell_of_this_folder() -> Path:

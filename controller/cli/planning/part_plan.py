@@ -16,7 +16,7 @@ from controller.results.moments import view_count
 from controller.setup.planner import PlannerSetup, planner_setup
 
 from ..inputs.checks import Place, check_writable_folder, parse_place
-from ..inputs.part_files import PartFile
+from ..inputs.part_files import PartFile, stable_pose
 from ..terminal.output import emit, print_line, warn
 from .certificates import print_certificates, proof_words
 from .plan_json import certificate_json, plan_json
@@ -116,11 +116,7 @@ def _asked(part: CompiledPart, pose_index: int | None) -> tuple[StablePose, ...]
     poses = sorted(part.poses, key=lambda p: (-p.probability, p.index))
     if not poses:
         raise ConfigError(f"{part.solid.name} has no stable pose: it rolls in every one")
-    found = tuple(p for p in poses if pose_index in (None, p.index))
-    if not found:
-        known = sorted(pose.index for pose in part.poses)
-        raise ConfigError(f"--pose {pose_index}: {part.solid.name} has poses {known}")
-    return found
+    return tuple(poses) if pose_index is None else (stable_pose(part, pose_index),)
 
 
 def _plan_all(

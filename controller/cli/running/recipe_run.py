@@ -23,6 +23,7 @@ from controller.results import ResultsError, load_run, write_html
 from controller.setup.drivers import require_drivers
 
 from ..inputs.checks import MIN_FREE_BYTES, check_control, check_writable_folder, parse_place
+from ..inputs.part_files import emulated_orientation
 from ..planning.recipe_check import warn_of
 from ..terminal.output import warn
 from .ends import Ends
@@ -46,8 +47,8 @@ class RunOptions:
     seed : seed of the emulated cell, None to draw one
     lay : CAD files of the parts on the emulated table; empty for the recipe's part
     empty : leave the emulated table empty
-    pose : stable pose of the emulated part by index, None to draw it by the seed
-    at : planar pose of the emulated part, "X,Y,THETA_DEG"; None to draw it by the seed
+    pose : stable pose of the first emulated part by index, None to draw it by the seed
+    at : planar pose of the first emulated part, "X,Y,THETA_DEG"; None to draw it by the seed
     control : unix socket on which tests inject faults, None for none
     runs_dir : folder of all runs and of the journal
     is_part_removed : the operator states that no gripper holds a part
@@ -88,6 +89,8 @@ def run_recipe(options: RunOptions) -> int:
     first, *_ = load_parts(recipe)
     laid = [(path, load_part(path, options_among(path, recipe.unit))) for path in options.lay]
     job = Job(recipe_path, cell_file)
+    on_table = [] if options.empty else laid or [(recipe.part, first)]
+    orientation = emulated_orientation([part for _, part in on_table], options.pose)
     checked = check_plans(job, None if as_json else warn)
     if checked.problems:
         warn_of(recipe_path, checked)
@@ -97,11 +100,10 @@ def run_recipe(options: RunOptions) -> int:
     folder = runs_dir / run_id
     emulated = cell.emulated_devices
     _warn_of_emulation(emulated, clock, options.speed, seed)
-    on_table = [] if options.empty else laid or [(recipe.part, first)]
     parts = tuple(_for_emulator(path, part, folder) for path, part in on_table if emulated)
     part_count = options.count or recipe.count
     fed = ("--feed", str(part_count - 1)) if part_count > 1 and parts else ()
-    more = (*emulator_args(options.pose, options.at, options.control), *fed)
+    more = (*emulator_args(orientation, options.at, options.control), *fed)
     command = emulator_command(cell_file, parts, speed=options.speed, seed=seed, more=more)
     with Ends().heard() as ends, hold_cell(runs_dir, cell, run_id), worker_pool() as pool:
         # the worker reads the CAD while the emulated cell comes up

@@ -12,7 +12,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -38,6 +38,8 @@ _SNAP_VOXELS: Final = 2.0
 MIN_TOPPLE_RAD: Final = math.radians(5.0)
 MIN_SOLID_ANGLE: Final = 0.01  # no part comes to rest on a smaller facet by itself
 DROP_HEIGHT_MM: Final = 2.0
+# two readings of one CAD file find the same facet; neighbouring facets of a curve are further apart
+MAX_REST_OFF_RAD: Final = math.radians(1.0)
 _COPLANAR: Final = 1.0 - 0.5 * math.radians(0.3) ** 2
 
 
@@ -95,6 +97,25 @@ class Solid:
         rests = self.stable_rests or self.rests
         sums = np.cumsum([rest.solid_angle for rest in rests])
         return rests[min(int(np.searchsorted(sums, choice * sums[-1])), len(rests) - 1)]
+
+    def rest_near(self, R: Array) -> Rest:
+        """Return the rest nearest to an orientation, turned about the vertical as that is.
+
+        Parameters
+        ----------
+        R : (3, 3) CAD -> upright
+
+        Raises
+        ------
+        LayoutError : no rest is within `MAX_REST_OFF_RAD`
+        """
+        down = [R @ rest.down for rest in self.rests]
+        off_rad = [math.acos(max(-1.0, min(1.0, -float(one[2])))) for one in down]
+        best = int(np.argmin(off_rad)) if off_rad else -1
+        if best < 0 or off_rad[best] > MAX_REST_OFF_RAD:
+            nearest = f"; its nearest is {math.degrees(off_rad[best]):.1f} deg off" if down else ""
+            raise LayoutError(f"{self.name} has no such stable pose on the emulated table{nearest}")
+        return replace(self.rests[best], R=upright(down[best]) @ R)
 
     def pose_at_rest(self, rest: Rest, x_mm: float, y_mm: float, theta_rad: float) -> Array:
         """Return T_world_part just above the table, the centre of mass over (x, y).
