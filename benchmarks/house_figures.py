@@ -15,6 +15,9 @@ Parameters section. A command of the command line is documented by its help: eac
 and arguments must have one, and its errors are messages, so that it needs no sections.
 Raises: exceptions that a public function raises by name in its own body and does not catch there,
 and whether its Raises section names them or a class above them that is defined in the checkout.
+Returns: public functions that return a value, and whether the docstring says which: "Return" or
+"Yield" in its first line, or a section. Commands, fields checked by pydantic and names like
+`__len__` apart. A property is named like a thing: its docstring does not begin with "Return".
 Underscores: modules, or names of modules, with a leading underscore that tests, benchmarks, or a
 package other than their own imports; or that a test names in a string, to replace it.
 """
@@ -25,6 +28,7 @@ import argparse
 import ast
 import io
 import json
+import re
 import sys
 import tokenize
 from collections import Counter, defaultdict
@@ -41,6 +45,9 @@ PLANNING = "controller.planning"
 WINDOW_LINES = 8
 MAX_MODULES = 8
 MIN_PARAMETERS = 3
+
+PROPERTIES = {"property", "cached_property"}
+CHECKED_BY_OTHERS = {"overload", "field_validator", "model_validator", "field_serializer"}
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -449,6 +456,46 @@ def raises_documented(sources: list[Source]) -> dict[str, Any]:
     return {**_with_and_without(per_room), "missing": missing}
 
 
+def _returns_a_value(function: Function) -> bool:
+    """Return whether the annotation promises a value; a block that yields nothing has none."""
+    if function.returns is None:
+        return False
+    promised = ast.unparse(function.returns).strip("'")
+    return promised not in {"None", "NoReturn", "Never"} and not promised.endswith("Iterator[None]")
+
+
+def _says_what_it_returns(function: Function) -> bool:
+    first = (ast.get_docstring(function) or "").partition("\n")[0]
+    is_in_first = re.search(r"\b(return|yield)s?\b", first, re.IGNORECASE) is not None
+    return is_in_first or any(_section(function, title) for title in ("Returns", "Yields"))
+
+
+def returns_documented(sources: list[Source]) -> dict[str, Any]:
+    """Return how many public functions say what they return, and the names of the others."""
+    shared = shared_options(sources)
+    per_room: dict[str, Counter[str]] = defaultdict(Counter)
+    missing = []
+    for source in sources:
+        if source.module.split(".")[0] not in PRODUCTION:
+            continue
+        room = ".".join(source.module.split(".")[:2])
+        for name, function, _ in public_functions(source):
+            decorators = _decorators(function)
+            if decorators & CHECKED_BY_OTHERS or not _returns_a_value(function):
+                continue
+            if command_options(function, shared) is not None:
+                continue
+            if decorators & PROPERTIES:
+                first = ast.get_docstring(function) or ""
+                is_said = not first.startswith(("Return", "Yield"))
+            else:
+                is_said = _says_what_it_returns(function)
+            per_room[room]["with" if is_said else "without"] += 1
+            if not is_said:
+                missing.append(f"{source.path}:{function.lineno} {name}")
+    return {**_with_and_without(per_room), "missing": missing}
+
+
 # -- what an underscore promises
 
 
@@ -540,6 +587,7 @@ def house_figures(root: Path) -> dict[str, Any]:
         },
         "parameters": parameters_documented(sources),
         "raises": raises_documented(sources),
+        "returns": returns_documented(sources),
         "underscores": underscores(sources),
     }
 
@@ -570,7 +618,7 @@ def print_table(figures: dict[str, Any]) -> None:
         )
         for run in found["longest"][:3]:
             print(f"    {run['lines']:3} {run['where']}")
-    for what in ("parameters", "raises"):
+    for what in ("parameters", "raises", "returns"):
         f = figures[what]
         print(f"{what} documented: {f['with']} of {f['with'] + f['without']}")
         for room, c in f["rooms"].items():

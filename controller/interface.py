@@ -206,7 +206,7 @@ async def open_cell(
     seed: int = 1,
     speed: float = 1.0,
 ) -> AsyncIterator[OpenCell]:
-    """Open a cell; emulated devices start beside the script and end with it.
+    """Open a cell and yield it; emulated devices start beside the script and end with it.
 
     Until it is closed, no other controller on this machine can use the cell. Nothing moves.
 

@@ -204,7 +204,7 @@ async def _stdin_closed() -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run ``python -m emulators``; exit code 0, 1 (it broke) or 2 (command line or files).
+    """Run ``python -m emulators``; return 0, 1 (it broke) or 2 (command line or files).
 
     The line on stdout: ``{"event": "ready", "speed", "seed", "devices": {"arm", "gripper",
     "lights", "io", <camera>...}, "camera_transport", "why_not_fuse", "pid", "started_wall_s",

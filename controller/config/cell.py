@@ -449,7 +449,7 @@ class Cell(Section):
 
     @property
     def emulated_devices(self) -> tuple[str, ...]:
-        """Return the names of the devices to be emulated."""
+        """The names of the devices to be emulated."""
         devices = self.devices
         return tuple(
             name
@@ -469,7 +469,7 @@ REQUIRED_LAMPS = (
 
 
 def load_cell(path: Path) -> Cell:
-    """Read a cell file.
+    """Return the cell that a cell file describes.
 
     Raises
     ------

@@ -93,7 +93,7 @@ def judge(
     not_inspected: Mapping[int, str] = NOTHING,
     planned: Mapping[str, BoolArray] = NO_PLAN,
 ) -> PartVerdict:
-    """Weigh all views of a part.
+    """Return the verdict on a part, from all its views.
 
     Parameters
     ----------

@@ -44,7 +44,7 @@ def compare_outline(
     task: ViewTask,
     samples: SurfaceSamples,
 ) -> OutlineResult:
-    """Compare the silhouette of a view.
+    """Return where the silhouette of a view differs from the CAD, and what it compared.
 
     Parameters
     ----------

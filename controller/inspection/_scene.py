@@ -44,6 +44,7 @@ def box_mesh(boxes: tuple[WorldBox, ...]) -> trimesh.Trimesh:
 
 
 def make_scene(task: ViewTask) -> Scene:
+    """Return what stands in a view besides the part."""
     width, height = task.camera.size_px
     holder: RayCaster | None = None
     holder_mask = np.zeros((height, width), dtype=bool)

@@ -83,7 +83,7 @@ class InspectionLimits:
 
     @property
     def min_area_mm2(self) -> float:
-        """Return the smallest area that counts: half the disc of the smallest defect."""
+        """The smallest area that counts: half the disc of the smallest defect."""
         return 0.5 * np.pi / 4 * self.smallest_defect_mm**2
 
 
@@ -219,7 +219,7 @@ class ViewResult:
 
     @property
     def in_sight(self) -> BoolArray:
-        """Return which samples (n,) were in sight of this view in pictures that were judged."""
+        """Which samples (n,) were in sight of this view in pictures that were judged."""
         if not self.evaluated:
             return np.zeros_like(self.compared)
         is_lit = any(not c.reason for c in self.checks if c.name != OUTLINE)
@@ -229,7 +229,7 @@ class ViewResult:
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """Return what failed its self-check: the whole view, or lamps, with the reason."""
+        """What failed its self-check: the whole view, or lamps, with the reason."""
         if not self.evaluated:
             return (f"view {self.view_id} not evaluated: {self.reason}",)
         return tuple(

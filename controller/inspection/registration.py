@@ -36,7 +36,8 @@ class Registration:
     Attributes
     ----------
     shift_px : (2,) of the picture against the prediction, x before y
-    width_px : median standard deviation of the steps' blur; growth_px : how much more it is than
+    width_px : median standard deviation of the steps' blur
+    growth_px : how much more it is than
         in the picture expected, 0 without one
     """
 

@@ -29,7 +29,7 @@ from .registration import Registration, register
 def inspect_view(
     part: PosedPart, samples: SurfaceSamples, task: ViewTask, pictures: ViewPictures
 ) -> ViewResult:
-    """Judge one view of a held part.
+    """Return what one view of a held part showed: findings, and what each check compared.
 
     Parameters
     ----------

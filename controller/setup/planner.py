@@ -72,7 +72,7 @@ class PlannerSetup:
 
     @property
     def sentence(self) -> str:
-        """Return in one sentence what plans depend on."""
+        """What plans depend on, in one sentence."""
         density = _DENSITY_WORDS[self.density_from].format(f"{self.density_g_cm3:g}")
         fixed_gripper = self.layout.fixed_gripper
         fixed = (

@@ -109,7 +109,7 @@ class Gripper:
         return self.config.open_mm
 
     async def connect(self) -> GripperStatus:
-        """Read the status, check as far as the map allows that this is a 2F, keep it awake.
+        """Check as far as the map allows that this is a 2F, keep it awake; return its status.
 
         Moves nothing. A gripper that is already holding a part is taken over as it is.
 
@@ -159,7 +159,7 @@ class Gripper:
         await self._monitor.lost.wait()
 
     async def activate(self) -> GripperStatus:
-        """Make the gripper ready to move; nothing happens when it is.
+        """Make the gripper ready to move, unless it is; return its status.
 
         **Moves the jaws** unless it is already active, and so drops what they hold. Also the way
         out of a major fault. Cancelling it deactivates the gripper, which is what stops it.
@@ -184,7 +184,7 @@ class Gripper:
     async def open_to(
         self, opening_mm: float, speed_mm_s: float | None = None, force_n: float | None = None
     ) -> GripperStatus:
-        """Move the jaws to an opening, wider or narrower, with nothing between them.
+        """Move the jaws, nothing between them, to an opening; return the status there.
 
         Parameters
         ----------
@@ -211,7 +211,7 @@ class Gripper:
     async def close_on(
         self, opening_mm: float = 0.0, speed_mm_s: float | None = None, force_n: float | None = None
     ) -> GraspResult:
-        """Close on a part and hold it.
+        """Close on a part and hold it; return what the jaws met.
 
         Parameters
         ----------
@@ -232,7 +232,7 @@ class Gripper:
     async def open_on(
         self, opening_mm: float, speed_mm_s: float | None = None, force_n: float | None = None
     ) -> GraspResult:
-        """Open inside a part, such as a ring, and hold it from within; else as `close_on`.
+        """Open inside a part, such as a ring, and hold it from within; return as `close_on`.
 
         Parameters
         ----------
@@ -247,7 +247,7 @@ class Gripper:
         )
 
     async def stop(self) -> GripperStatus:
-        """Stop the jaws where they are, and confirm it; what they hold they keep holding.
+        """Stop the jaws, which keep what they hold; return the status that confirms it.
 
         A gripper without activation is left alone: the stop command carries rACT = 1, which
         would start one. One that is activating is deactivated, since nothing else stops it.

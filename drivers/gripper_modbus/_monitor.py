@@ -69,7 +69,7 @@ class GripperMonitor:
                 raise outcome  # a bug ended it early
 
     async def status(self) -> GripperStatus:
-        """Read the input block."""
+        """Read the input block and return the status."""
         at_s = self._clock.now_s()
         self._request_at_s = at_s
         registers = await self._unit.read_holding_registers(INPUT_REGISTER, INPUT_COUNT)
@@ -92,7 +92,7 @@ class GripperMonitor:
         *,
         stop_at_major: bool = False,
     ) -> GripperStatus:
-        """Read the status until a claim about it holds, for at most ``limit_s`` [cell s].
+        """Read until a claim about the status holds, for ``limit_s`` [cell s]; return the status.
 
         Parameters
         ----------

@@ -108,7 +108,7 @@ class Inputs:
 
 
 def decode_inputs(registers: tuple[int, ...]) -> Inputs:
-    """Take the input registers apart.
+    """Return the fields of the input registers.
 
     Raises
     ------

@@ -50,7 +50,7 @@ class GripperStatus:
 
     @classmethod
     def of(cls, inputs: Inputs, config: GripperConfig, at_s: float) -> "GripperStatus":
-        """Build it from the registers.
+        """Return the status that the registers hold.
 
         Parameters
         ----------
@@ -137,7 +137,7 @@ class GraspResult:
 def judge_grasp(
     status: GripperStatus, contact: ObjectState, expected_mm: float, config: GripperConfig
 ) -> GraspResult:
-    """Judge the end of a gripping move; modbus_devices.md 2.3: use gOBJ *and* gPO.
+    """Return the end of a gripping move, judged by gOBJ *and* gPO (modbus_devices.md 2.3).
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def judge_grasp(
 
 
 def judge_hold(grasp: GraspResult | None, status: GripperStatus, config: GripperConfig) -> Hold:
-    """Judge whether the part of a grip is still held.
+    """Return whether the part of a grasp is still held.
 
     Parameters
     ----------

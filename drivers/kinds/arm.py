@@ -68,7 +68,7 @@ class Arm(Protocol):
     def max_opening_mm(self) -> float: ...  # noqa: D102  (an attribute)
 
     async def connect(self) -> ArmIdentity:
-        """Open the line and check who answers; nothing moves."""
+        """Open the line and return who answers; nothing moves."""
         ...
 
     async def enable_power(self) -> None:

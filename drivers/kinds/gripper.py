@@ -77,7 +77,7 @@ class FixedGripper(Protocol):
     def max_opening_mm(self) -> float: ...  # noqa: D102  (an attribute)
 
     async def connect(self) -> GripperReading:
-        """Open the line, check who answers, move nothing; a part that is held stays held."""
+        """Open the line and return the first reading; nothing moves, a held part stays held."""
         ...
 
     async def status(self) -> GripperReading:
@@ -93,7 +93,7 @@ class FixedGripper(Protocol):
         ...
 
     async def activate(self) -> object:
-        """Make it ready to move; may move the jaws unless it is ready already."""
+        """Make it ready to move, which may move the jaws; return when it is."""
         ...
 
     async def open_to(self, opening_mm: float) -> object:
@@ -105,7 +105,7 @@ class FixedGripper(Protocol):
         ...
 
     async def stop(self) -> object:
-        """Stop the jaws where they are, and confirm it; what they hold they keep holding."""
+        """Stop the jaws where they are; return once it is confirmed. A held part stays held."""
         ...
 
     async def aclose(self) -> None:

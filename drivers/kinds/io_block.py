@@ -78,7 +78,7 @@ class IoBlock(Protocol):
     def model(self) -> str: ...  # noqa: D102  (an attribute)
 
     async def connect(self) -> object:
-        """Check who answers, begin to read the inputs; switch nothing."""
+        """Begin to read the inputs, switch nothing; return what answers, for the log."""
         ...
 
     def signal(self, name: str) -> Signal:

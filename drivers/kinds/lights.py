@@ -36,11 +36,11 @@ class LampUnit(Protocol):
     def names(self) -> tuple[str, ...]: ...  # noqa: D102  (an attribute)
 
     async def connect(self) -> object:
-        """Check who answers; switch nothing."""
+        """Check who answers, switch nothing; return what it is, for the log."""
         ...
 
     async def set(self, levels: Mapping[str, float], *, settle: bool = False) -> float:
-        """Set lamps by name to levels 0 (dark) to 1; the others stay as they are.
+        """Set lamps by name to levels 0 (dark) to 1, not the others; return when it is so.
 
         Returns the cell instant from which on the light is so [s]. With ``settle`` it waits until
         the light is steady.

@@ -145,7 +145,7 @@ class Lights:
             return await self._apply(outputs_mv, closed, was_closed, settle=settle, force=force)
 
     async def all_off(self, *, settle: bool = False) -> float:
-        """Open every relay and set every output to 0 mV, also those without a lamp of ours.
+        """Open every relay, set every output to 0 mV, lamp or not; return what `set` returns.
 
         Always writes, whatever is known, and tries either module even if the other is silent.
         Returns what `set` returns.

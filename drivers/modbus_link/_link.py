@@ -383,20 +383,20 @@ class ModbusUnit:
         return f"{self.name} (unit {self.unit} at {self.link.address})"
 
     async def read_coils(self, address: int, count: int) -> tuple[bool, ...]:
-        """Read coils (FC01)."""
+        """Return the values of coils (FC01)."""
         return await self._bits(FunctionCode.READ_COILS, address, count)
 
     async def read_discrete_inputs(self, address: int, count: int) -> tuple[bool, ...]:
-        """Read discrete inputs (FC02)."""
+        """Return the values of discrete inputs (FC02)."""
         return await self._bits(FunctionCode.READ_DISCRETE_INPUTS, address, count)
 
     async def read_holding_registers(self, address: int, count: int) -> tuple[int, ...]:
-        """Read holding registers (FC03)."""
+        """Return the values of holding registers (FC03)."""
         request = Request(FunctionCode.READ_HOLDING_REGISTERS, address, count)
         return await self.link.exchange(request, self)
 
     async def read_input_registers(self, address: int, count: int) -> tuple[int, ...]:
-        """Read input registers (FC04)."""
+        """Return the values of input registers (FC04)."""
         request = Request(FunctionCode.READ_INPUT_REGISTERS, address, count)
         return await self.link.exchange(request, self)
 

@@ -80,7 +80,7 @@ class UmiScara:
 
     # ---- connection and power ------------------------------------------------------------------
     async def connect(self) -> ArmIdentity:
-        """Open the line and bring both IPs to running (§1.6, steps 1-7); nothing moves.
+        """Bring both IPs to running (§1.6, steps 1-7), nothing moves; return who answers.
 
         Raises
         ------

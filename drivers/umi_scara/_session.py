@@ -92,7 +92,7 @@ class ArmSession:
 
     # ---- connection ----------------------------------------------------------------------------
     async def connect(self) -> ArmIdentity:
-        """Open the line and bring both IPs to running (§1.6, steps 1-7); nothing moves.
+        """Bring both IPs to running (§1.6, steps 1-7), nothing moves; return who answers.
 
         Raises
         ------
@@ -209,7 +209,7 @@ class ArmSession:
 
     @asynccontextmanager
     async def motion(self, *, needs_home: bool = True) -> AsyncIterator[Guard]:
-        """Hold the arm for one motion; if it fails or is cancelled, both IPs are stopped.
+        """Yield a guard and hold the arm for one motion; if that fails, both IPs are stopped.
 
         A refusal before any byte has gone out needs no stop. Yields a guard that raises once `stop`
         has been called, which also ends those motions that were still waiting for the arm.

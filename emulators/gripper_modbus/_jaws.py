@@ -54,7 +54,7 @@ class JawModel:
 
     @property
     def touches_while_closing(self) -> bool:
-        """Return whether something between the jaws keeps them from closing on."""
+        """Whether something between the jaws keeps them from closing on."""
         if self.target_mm >= self.opening_mm - TOUCH_MM:
             return False
         limit_mm = self.grasp_limit_mm
@@ -62,7 +62,7 @@ class JawModel:
 
     @property
     def touches_while_opening(self) -> bool:
-        """Return whether a part around the jaws keeps them from opening on."""
+        """Whether a part around the jaws keeps them from opening on."""
         if self.target_mm <= self.opening_mm + TOUCH_MM:
             return False
         limit_mm = self.inner_limit_mm
@@ -70,17 +70,17 @@ class JawModel:
 
     @property
     def is_pressing(self) -> bool:
-        """Return whether the jaws press on a part, from outside or inside."""
+        """Whether the jaws press on a part, from outside or inside."""
         return self.touches_while_closing or self.touches_while_opening
 
     @property
     def is_holding(self) -> bool:
-        """Return whether the jaws press with all the force asked for."""
+        """Whether the jaws press with all the force asked for."""
         return self.force_n > 0.0 and self.force_n >= self.force_limit_n
 
     @property
     def is_at_target(self) -> bool:
-        """Return whether the jaws are where they were sent."""
+        """Whether the jaws are where they were sent."""
         return abs(self.target_mm - self.opening_mm) <= TOUCH_MM
 
     def drive(self, target_mm: float, speed_mm_per_s: float, force_limit_n: float) -> None:

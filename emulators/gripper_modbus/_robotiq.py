@@ -98,7 +98,7 @@ class RobotiqDevice:
 
     @property
     def is_powered(self) -> bool:
-        """Return whether the supply is on."""
+        """Whether the supply is on."""
         return self._is_powered
 
     @is_powered.setter
@@ -127,7 +127,7 @@ class RobotiqDevice:
     # --- the wire -------------------------------------------------------------------------------
 
     def request(self, pdu: bytes, now_s: float) -> bytes | None:
-        """Carry out one request; None, silence, for all that the gripper does not know."""
+        """Return the reply to one request; None, silence, to all that the gripper does not know."""
         if not self._is_powered:
             return None
         try:

@@ -61,7 +61,7 @@ class E1214Device:
 
     @property
     def is_powered(self) -> bool:
-        """Return whether the supply is on."""
+        """Whether the supply is on."""
         return self._is_powered
 
     @is_powered.setter
@@ -76,7 +76,7 @@ class E1214Device:
 
     @property
     def stack_light(self) -> StackLight:
-        """Return the stack light as it shows."""
+        """The stack light as it shows."""
         config = self._config
         return StackLight(
             is_red=self.is_closed(config.stack_red),
@@ -100,7 +100,7 @@ class E1214Device:
         return tuple(on and n not in self.broken_wires for n, on in enumerate(contacts))
 
     def request(self, pdu: bytes, now_s: float) -> bytes | None:
-        """Carry out one request; None without power."""
+        """Return the reply to one request; None without power."""
         if not self._is_powered:
             return None
         self._state.idle_s = 0.0

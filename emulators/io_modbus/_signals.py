@@ -28,7 +28,7 @@ class CellSignals:
 
     @property
     def is_estop_chain_ok(self) -> bool:
-        """Return whether the safety relay is in; a released button alone does not pull it in."""
+        """Whether the safety relay is in; a released button alone does not pull it in."""
         return self._is_estop_chain_ok
 
     def press_estop(self) -> None:

@@ -42,5 +42,5 @@ class AnalogOutput8Device(WaveshareModule):
         self._output_mv = [0.0] * CHANNEL_COUNT
 
     def request(self, pdu: bytes, now_s: float) -> bytes | None:
-        """Carry out one request; None without power."""
+        """Return the reply to one request; None without power."""
         return self._points.answer(pdu) if self.is_powered else None

@@ -81,7 +81,7 @@ class LampModel:
 
     @property
     def level(self) -> float:
-        """Return the light as a fraction of the cold lamp's full light."""
+        """The light as a fraction of the cold lamp's full light."""
         if self.is_dead:
             return 0.0
         return self._drive * (1.0 - self._character.droop_fraction * self._warmth)

@@ -46,7 +46,7 @@ class Relay8Device(WaveshareModule):
         self._flash_left_s.clear()
 
     def request(self, pdu: bytes, now_s: float) -> bytes | None:
-        """Carry out one request; None without power."""
+        """Return the reply to one request; None without power."""
         return self._points.answer(pdu) if self.is_powered else None
 
     def advance(self, dt_s: float) -> None:

@@ -39,7 +39,7 @@ class WaveshareModule:
 
     @property
     def is_powered(self) -> bool:
-        """Return whether the supply is on; off, the module is silent and forgets its outputs."""
+        """Whether the supply is on; off, the module is silent and forgets its outputs."""
         return self._is_powered
 
     @is_powered.setter

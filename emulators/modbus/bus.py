@@ -71,7 +71,7 @@ class BusReply:
 
     @property
     def is_sound(self) -> bool:
-        """Return whether a master on the line can read it."""
+        """Whether a master on the line can read it."""
         return not self.is_corrupt and self.byte_count is None
 
 

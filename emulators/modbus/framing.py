@@ -137,12 +137,12 @@ class RtuReader:
 
     @property
     def byte_count(self) -> int:
-        """Return how many bytes came since the last silence."""
+        """How many bytes came since the last silence."""
         return len(self._data)
 
     @property
     def is_complete(self) -> bool:
-        """Return whether the bytes so far have the length their function code announces."""
+        """Whether the bytes so far have the length their function code announces."""
         length = request_length(self._data)
         return length is not None and len(self._data) >= length
 

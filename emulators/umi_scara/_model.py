@@ -203,7 +203,7 @@ class ArmModel:
                 motor.is_stopped = True
 
     def is_busy(self, ip: int, ctl: int) -> bool:
-        """Whether a controller has a move in progress."""
+        """Return whether a controller has a move in progress."""
         motor = self.motors[ip][ctl]
         return motor.exists and (motor.is_busy or self._routines[ip] is not None)
 

@@ -436,7 +436,7 @@ class World:
         gripper.misses = True
 
     def settle(self, limit_s: float = 10.0) -> bool:
-        """Advance until nothing falls any more; False if that takes longer than ``limit_s``."""
+        """Advance until nothing falls any more; return whether that took at most ``limit_s``."""
         end_s = self.time_s + limit_s
         while self._awake and self.time_s < end_s:
             self.advance(STEP_S)

@@ -167,7 +167,7 @@ class Layout:
 
 
 def read_layout(path: Path) -> Layout:
-    """Read a cell file.
+    """Return the layout of the cell that a cell file describes.
 
     Raises
     ------

@@ -56,7 +56,7 @@ class JointValues:
 
     @property
     def of_links(self) -> tuple[float, ...]:
-        """Return all but the jaws."""
+        """All but the jaws."""
         return (
             self.shoulder_rad, self.elbow_rad, self.yaw_rad,
             self.zed_mm, self.pitch_rad, self.roll_rad,

@@ -106,6 +106,29 @@ def test_an_error_is_documented_by_its_name_or_by_a_class_above_it(checkout: Pat
     assert found["missing"] == ["controller/planning/_hidden.py:2 find: KeyError"]
 
 
+@pytest.mark.parametrize(
+    ("head", "first", "is_missing"),
+    [
+        ("def work(a) -> int:", "Return one.", False),
+        ("def work(a) -> int:", "Add; return the sum.", False),
+        ("def work(a) -> int:", "Add one.", True),
+        ("def work(a) -> int:", "Add.\n\n    Returns\n    -------\n    a sum", False),
+        ("def work(a) -> None:", "Add one.", False),
+        ("def work(a) -> Iterator[int]:", "Yield sums.", False),
+        ("def work(a) -> Iterator[None]:", "Add while the block runs.", False),
+        ("@property\ndef work(a) -> int:", "The sum.", False),
+        ("@property\ndef work(a) -> int:", "Return the sum.", True),
+    ],
+)
+def test_what_a_function_returns_is_said_first_or_in_a_section(
+    checkout: Path, head: str, first: str, is_missing: bool
+) -> None:
+    text = f'{head}\n    """{first}\n    """\n'
+    (checkout / "controller" / "work.py").write_text(text)
+    missing = house.returns_documented(sources_of(checkout))["missing"]
+    assert any("work" in where for where in missing) is is_missing
+
+
 COMMAND = '''
 from pathlib import Path
 from typing import Annotated
@@ -224,14 +247,17 @@ def test_a_room_of_cell_and_results_can_be_looked_over() -> None:
     ] == []
 
 
-def test_every_public_function_says_what_it_takes_and_raises() -> None:
+def test_every_public_function_says_what_it_takes_returns_and_raises() -> None:
     sources = ours(house.PRODUCTION)
     parameters = house.parameters_documented(sources)
     raises = house.raises_documented(sources)
+    returns = house.returns_documented(sources)
     assert parameters["with"] > 400  # a walk that found nothing would prove nothing
     assert raises["with"] > 200
+    assert returns["with"] > 1000
     assert parameters["missing"] == []
     assert raises["missing"] == []
+    assert returns["missing"] == []
 
 
 def test_arrays_have_their_names_in_one_place() -> None:

@@ -137,7 +137,7 @@ class Boundary:
         return len(self.curve)
 
     def loop_edges(self, loop: int) -> Iterator[int]:
-        """Walk the half-edges of a loop once round (references.md P2.0)."""
+        """Yield the half-edges of a loop, once round (references.md P2.0)."""
         start = here = int(self.first[loop])
         while True:
             yield here

@@ -62,7 +62,7 @@ def cached_part(
 def make_part(
     path: Path, options: CompileOptions | None = None, cache: Path | None = None
 ) -> CompiledPart:
-    """Compile a part and keep it.
+    """Compile a part, keep it in the cache and return it.
 
     Parameters
     ----------

@@ -159,7 +159,7 @@ def _few(poses: Sequence[int]) -> str:
 
 
 def compile_part(path: Path, options: CompileOptions | None = None) -> CompiledPart:
-    """Read a CAD file and work out all that follows from it.
+    """Read a CAD file and return all that follows from it.
 
     Raises
     ------
@@ -176,7 +176,7 @@ def compile_solid(
     tolerances: tuple[Tolerance, ...] = (),
     warnings: tuple[str, ...] = (),
 ) -> CompiledPart:
-    """Work out all that follows from a solid.
+    """Return all that follows from a solid.
 
     Parameters
     ----------

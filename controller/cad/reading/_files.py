@@ -30,7 +30,7 @@ FORMAT_NAMES: Final = "STL, OBJ, PLY, OFF, 3MF, STEP, CSG text (.csg.yaml)"
 
 
 def load_solid(path: Path, *, unit: str | None = None) -> Solid:
-    """Read a CAD file and prove that it is one closed solid.
+    """Return the solid of a CAD file, proven to be one closed solid.
 
     Parameters
     ----------

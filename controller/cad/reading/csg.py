@@ -39,7 +39,7 @@ SET_OPERATIONS: Final = {
 
 
 def read_csg(path: Path) -> Solid:
-    """Read a CSG text and build its solid.
+    """Return the solid that a CSG text describes.
 
     Raises
     ------

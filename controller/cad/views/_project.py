@@ -75,7 +75,7 @@ class Projection:
 
 
 def seen_from_above(model: ViewModel, R: FloatArray) -> Projection:
-    """Project a part turned by ``R`` (3, 3), CAD to upright, straight down."""
+    """Return a part turned by ``R`` (3, 3), CAD to upright, projected straight down."""
     matrix = np.zeros((3, 4))
     matrix[:2, :3] = R[:2]
     matrix[:2, 3] = -R[:2] @ model.solid.centroid_mm
@@ -90,7 +90,7 @@ def seen_from_above(model: ViewModel, R: FloatArray) -> Projection:
 
 
 def seen_by_camera(model: ViewModel, T_world_part: FloatArray, camera: Camera) -> Projection:
-    """Project a posed part through a camera, lens distortion left out.
+    """Return a posed part projected through a camera, lens distortion left out.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ class CompleteAction:
     imaging: Imaging
 
     async def run(self) -> Event:
-        """Count the part as done; switch the lamps off after the last one."""
+        """Count the part, at the end switch lamps off; return ``PART_DONE`` or ``BATCH_DONE``."""
         self.record.finish_part()
         part = self.record.part
         assert part.verdict is not None

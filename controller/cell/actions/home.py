@@ -38,7 +38,7 @@ class HomeAction:
     journal: Journal
 
     async def run(self) -> Event:
-        """Check the interlocks and the fixed gripper, then home both grippers side by side.
+        """Check interlocks and fixed gripper, home both grippers at once; return ``RESET_DONE``.
 
         Raises
         ------

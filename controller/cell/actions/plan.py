@@ -49,7 +49,7 @@ class PlanAction:
     record: BatchRecord
 
     async def run(self) -> Event:
-        """Collect all views, measure how the part is held where unknown, and plan.
+        """Collect all views, measure an unknown grasp, plan; return ``PLANNED`` or ``PLANNED_ON``.
 
         Raises
         ------

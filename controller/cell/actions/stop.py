@@ -24,7 +24,7 @@ class HoldAction:
     views: Views
 
     async def run(self) -> Event:
-        """Stop the arm on a ramp."""
+        """Stop the arm on a ramp; return ``HOLD_DONE``."""
         self.views.drop_pending()
         await self.stopping.stop_arm(Stop.RAMP)
         return Event.HOLD_DONE
@@ -38,7 +38,7 @@ class StopMotionAction:
     views: Views
 
     async def run(self) -> Event:
-        """Stop every device; raise the error of the first that did not confirm."""
+        """Stop every device; return ``STOP_DONE``, or raise the error of the first unconfirmed."""
         self.views.drop_pending()
         failures = await self.stopping.stop_all(Stop.RAMP)
         for error in failures.values():
@@ -62,7 +62,7 @@ class AbortMotionAction:
     journal: Journal
 
     async def run(self) -> Event:
-        """Stop every device; journal which ones confirmed it."""
+        """Stop every device, journal which confirmed it; return ``ABORT_DONE``."""
         self.views.drop_pending()
         failures = await self.stopping.stop_all(Stop.DEAD)
         for name in self.stopping.names:
@@ -83,7 +83,7 @@ class ClearFaultAction:
     io: IoBlock
 
     async def run(self) -> Event:
-        """Check the interlocks.
+        """Check the interlocks; return ``CLEAR_DONE``.
 
         Raises
         ------

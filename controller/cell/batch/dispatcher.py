@@ -112,7 +112,7 @@ class Dispatcher:
         self._inbox.put_nowait(_Note(event, message=message, code=code))
 
     async def run(self, count: int) -> Outcome:
-        """Reset the cell, work through ``count`` parts, come to rest."""
+        """Reset the cell, work through ``count`` parts, come to rest; return how it ended."""
         self._has_begun = True
         if self._before is not None:
             self._message, self._code = self._before.message, self._before.code

@@ -80,7 +80,7 @@ async def run_batch(
     on_dispatcher: Callable[[Dispatcher], None],
     on_notice: Callable[[str], None] = lambda text: None,
 ) -> RunResult:
-    """Run a batch to rest; everything from here on is in the journal.
+    """Run a batch to rest and return its result; everything from here on is in the journal.
 
     Parameters
     ----------

@@ -172,7 +172,7 @@ def inspect(
     lit: Mapping[str, Grey],
     is_hold_seen: bool,
 ) -> inspecting.ViewResult:
-    """Judge one view of the part in the arm gripper.
+    """Return what one view of the part in the arm gripper showed.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def inspect(
 def inspect_on_table(
     job: Job, view_id: str, T_world_part: FloatArray, backlit: Grey, lit: Mapping[str, Grey]
 ) -> inspecting.ViewResult:
-    """Judge the pictures of the table as a view; nothing hides the part there.
+    """Return what the pictures of the table showed as a view; nothing hides the part there.
 
     Parameters
     ----------

@@ -87,7 +87,7 @@ def _solid(path: Path, options: CompileOptions) -> Solid:
 
 
 def check_job(job: Job) -> Checked:
-    """Check files and CAD, and whether every likely stable pose has a plan.
+    """Check files, CAD and a plan for every likely stable pose; return plans and problems.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def check_job(job: Job) -> Checked:
 
 
 def check_plans(job: Job, progress: Callable[[str], None] | None = None) -> Checked:
-    """Check whether every likely stable pose has a plan; the files were checked before.
+    """Plan every likely stable pose, the files checked before; return plans and problems.
 
     Parameters
     ----------

@@ -50,32 +50,32 @@ class Context:
 
     @property
     def layout(self) -> CellLayout:
-        """Return the cell as planning sees it."""
+        """The cell as planning sees it."""
         return self.setup.layout
 
     @property
     def overhead(self) -> Camera:
-        """Return the camera over the table."""
+        """The camera over the table."""
         return self.layout.overhead
 
     @property
     def inspection(self) -> Camera:
-        """Return the camera of the station."""
+        """The camera of the station."""
         return self.layout.inspection
 
     @property
     def solid(self) -> Solid:
-        """Return the recipe's part."""
+        """The recipe's part."""
         return self.part.solid
 
     @property
     def samples(self) -> SurfaceSamples:
-        """Return the points by which the part's surface is counted."""
+        """The points by which the part's surface is counted."""
         return self.part.samples
 
     @property
     def poses(self) -> tuple[StablePose, ...]:
-        """Return the part's stable poses."""
+        """The part's stable poses."""
         return self.part.poses
 
 

@@ -28,7 +28,7 @@ class Custody(StrEnum):
 
     @property
     def key(self) -> str:
-        """Return its word in journals and reports, which stays when the constant is renamed."""
+        """Its word in journals and reports, which stays when the constant is renamed."""
         return "in_fixture" if self is Custody.IN_FIXED else self.name.lower()
 
     @classmethod

@@ -100,7 +100,7 @@ class DeviceBuilder:
 
     @property
     def links(self) -> tuple[ModbusLink, ...]:
-        """Return the lines of the devices made so far; close them together with the devices."""
+        """The lines of the devices made so far; close them together with the devices."""
         return tuple(self._links.values())
 
     def arm(self) -> Arm:

@@ -79,7 +79,7 @@ class Journal:
         body: Mapping[str, Any] | None = None,
         part: int | None = None,
     ) -> int:
-        """Append any body as `write` does; its content is not checked here.
+        """Append any body as `write` does, content unchecked; return the row's number.
 
         Parameters
         ----------
@@ -96,7 +96,7 @@ class Journal:
         body: Mapping[str, Any] | None = None,
         part: int | None = None,
     ) -> int:
-        """Append any body as `write_secured` does.
+        """Append any body as `write_secured` does; return the row's number.
 
         Parameters
         ----------

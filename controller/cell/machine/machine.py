@@ -82,7 +82,7 @@ class CellMachine:
         self._ignored_because = reason
 
     def dispatch(self, event: Event) -> Decision:
-        """Take one event; a pair that the table does not have is refused, not raised."""
+        """Take one event, return the decision; a pair not in the table is refused, not raised."""
         source, self._effects, self._ignored_because = self.state, [], ""
         try:
             self.trigger(event.value)  # type: ignore[attr-defined]  # added by transitions

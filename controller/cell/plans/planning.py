@@ -78,12 +78,12 @@ class PlanCache:
 
     @property
     def is_from_cache(self) -> bool:
-        """Return whether the cache had everything so far."""
+        """Whether the cache had everything so far."""
         return self._made == 0
 
     @property
     def is_prepared(self) -> bool:
-        """Return whether the long work is already done."""
+        """Whether the long work is already done."""
         if self._prepared is not None:
             return True
         return (

@@ -95,7 +95,7 @@ class Grippers:
             return await self._arm.grasp(self._arm_force)
 
     async def close_fixed(self, expected_mm: float) -> GraspReading:
-        """Close the fixed gripper on the part that the arm gripper holds."""
+        """Close the fixed gripper on the part in the arm gripper; return its reading."""
         async with self._record.once(Intent(name=Once.HAND_OFF, expected_mm=expected_mm)):
             return await self._fixed.close_on(expected_mm, force_n=self._force_n)
 

@@ -36,7 +36,7 @@ from ..terminal.output import emit, print_line, stdout
 
 
 def calibrate_camera(images: list[Path], target_file: Path, output: Path, *, as_json: bool) -> int:
-    """Calibrate the camera that took the pictures and write the calibration file.
+    """Calibrate a camera by its pictures, write the file; return the exit code.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ def serve(
     lines: str | None,
     as_json: bool,
 ) -> int:
-    """Start the emulated cell, print its addresses, keep it until Ctrl-C.
+    """Start the emulated cell, print its addresses, keep it until Ctrl-C; return the exit code.
 
     Parameters
     ----------

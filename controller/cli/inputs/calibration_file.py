@@ -24,7 +24,7 @@ MAX_BYTES = 16 * 2**20  # a calibration from hundreds of pictures lists each of 
 
 
 def load_calibration(path: Path) -> Camera:
-    """Read a camera from JSON: size_px, K, distortion, T_world_cam.
+    """Return a camera read from JSON: size_px, K, distortion, T_world_cam.
 
     Raises
     ------

@@ -75,7 +75,7 @@ def _pictures_in(folder: Path) -> list[Path]:
 
 
 def read_picture(path: Path, size_px: tuple[int, int]) -> StoredPicture:
-    """Read a picture of a camera.
+    """Return a camera's picture, read from a file.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ from ..terminal.output import emit, print_line, stderr, stdout
 def site_parts(
     files: Sequence[PartFile], cell_path: Path, *, use_cache: bool, as_json: bool
 ) -> int:
-    """Search and report where camera and fixed gripper should stand.
+    """Search and print where camera and fixed gripper should stand; return the exit code.
 
     Parameters
     ----------

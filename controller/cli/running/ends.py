@@ -47,7 +47,7 @@ class Ends:
 
     @contextmanager
     def heard(self) -> Iterator["Ends"]:
-        """Catch signals; restore their former handlers at the end."""
+        """Catch signals and yield these ends; restore the former handlers afterwards."""
         before = {number: signal.getsignal(number) for number in (*ENDS, *UNHEARD)}
         for number in ENDS:
             if number is not signal.SIGHUP or not self._is_detached:

@@ -88,17 +88,17 @@ class FamilyMember:
 
     @property
     def name(self) -> str:
-        """Return the part's name."""
+        """The part's name."""
         return self.prepared.solid.name
 
     @property
     def base_count(self) -> int:
-        """Return the count of grasps without the turned-over ones."""
+        """The count of grasps without the turned-over ones."""
         return len(self.shown)
 
     @property
     def showable(self) -> float:
-        """Return the share of the surface that some grasp and some direction show."""
+        """The share of the surface that some grasp and some direction show."""
         return float(self.weights[self.shown.any(axis=(0, 1))].sum())
 
     def share(self, packed: NDArray[np.uint8]) -> FloatArray:

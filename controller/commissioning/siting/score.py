@@ -99,17 +99,17 @@ class SiteScore:
 
     @property
     def shown_mean(self) -> float:
-        """Return the mean share of the surface shown, over the parts."""
+        """The mean share of the surface shown, over the parts."""
         return float(np.mean([p.shown for p in self.parts])) if self.parts else 0.0
 
     @property
     def shown_worst(self) -> float:
-        """Return the share of the surface shown of the worst part in its worst pose."""
+        """The share of the surface shown of the worst part in its worst pose."""
         return min((p.shown_worst for p in self.parts), default=0.0)
 
     @property
     def joints_allow(self) -> float:
-        """Return the mean over the parts of what the joints alone allow here."""
+        """The mean over the parts of what the joints alone allow here."""
         return float(np.mean([p.joints_allow for p in self.parts])) if self.parts else 0.0
 
     def mean(self, what: str) -> float:

@@ -40,7 +40,7 @@ class CellSite:
 
     @property
     def looks_along(self) -> FloatArray:
-        """Return the camera's line of sight (3,)."""
+        """The camera's line of sight (3,)."""
         return -self.towards
 
 

@@ -76,7 +76,7 @@ def compare(
     limits: InspectionLimits,
     flattest: float,
 ) -> Compared | str:
-    """Compare a lit picture with its prediction; a sentence where the picture fails a self-check.
+    """Return a lit picture compared with its prediction, or why it fails a self-check.
 
     Parameters
     ----------

@@ -155,7 +155,7 @@ class LitPictures:
 
     @property
     def _flattest(self) -> float:
-        """Return the cosine below which the smallest defect is too narrow in the picture."""
+        """The cosine below which the smallest defect is too narrow in the picture."""
         return float(MIN_WIDTH_PX * self._mm / self._task.limits.smallest_defect_mm)
 
     def _per_sample(self, outcome: Compared) -> tuple[BoolArray, NDArray[np.uint8]]:

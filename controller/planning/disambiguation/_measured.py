@@ -27,7 +27,8 @@ def measured_picture(predicted: Predicted, backlit: Grey, lit: Sequence[Grey] = 
     Parameters
     ----------
     predicted : of `predict_view` with a grid of every pixel
-    backlit : (height, width) against the glowing panel; lit : under one lamp each
+    backlit : (height, width) against the glowing panel
+    lit : under one lamp each
 
     Raises
     ------

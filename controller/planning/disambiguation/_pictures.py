@@ -46,7 +46,8 @@ class Picture:
 
     Attributes
     ----------
-    mask : where the part is; edges : its outline and the edges inside it that show
+    mask : where the part is
+    edges : its outline and the edges inside it that show
     behind, before : what the arm gripper or the arm covers from the light behind, and of the part's
         face
     """

@@ -33,7 +33,8 @@ def why_alike(
     ----------
     a, b : the two candidates
     layout : the cell
-    q : (k, 6) the views offered; margin : the best of them
+    q : (k, 6) the views offered
+    margin : the best of them
     opening_mm : between the inner sides of the fingers
     """
     samples = [sample_surface(c.solid, SPACING_MM) for c in (a, b)]

@@ -122,7 +122,8 @@ def separations(
     ----------
     candidates : what the part in the gripper may be
     layout : the cell
-    q : reachable and free of contact for every candidate; seconds : (k,) what each costs
+    q : reachable and free of contact for every candidate
+    seconds : (k,) what each costs
     opening_mm : between the inner sides of the fingers, the same for all
     rules : how well the hold is known and how much must differ; None for the defaults
     """

@@ -25,7 +25,8 @@ class DecidingView:
 
     Attributes
     ----------
-    view : row of the configurations offered; light : how to light it
+    view : row of the configurations offered
+    light : how to light it
     margin : the least of the pairs it parts, 1 being just enough
     groups : the candidates that it leaves, one group per outcome; they may overlap
     then : per group the next view, None where the ambiguity is over or stays
@@ -39,7 +40,7 @@ class DecidingView:
 
     @property
     def view_count(self) -> int:
-        """Return how many views are taken at most."""
+        """How many views are taken at most."""
         return 1 + max((t.view_count for t in self.then if t is not None), default=0)
 
     def after(self, left: Sequence[int]) -> tuple[tuple[int, ...], DecidingView | None] | None:
@@ -61,7 +62,8 @@ class Indistinguishable:
 
     Attributes
     ----------
-    best_margin : of all views, less than 1; reason : a sentence for people
+    best_margin : of all views, less than 1
+    reason : a sentence for people
     """
 
     pair: tuple[int, int]

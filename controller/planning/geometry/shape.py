@@ -25,7 +25,8 @@ class PartShape:
 
     Parameters
     ----------
-    vertices_mm : (v, 3); faces : (f, 3) indices into them, closed and wound outwards
+    vertices_mm : (v, 3)
+    faces : (f, 3) indices into them, closed and wound outwards
 
     Attributes
     ----------
@@ -52,7 +53,7 @@ class PartShape:
 
     @property
     def model(self) -> fcl.BVHModel:
-        """Return FCL's tree over the triangles; the same one each time."""
+        """FCL's tree over the triangles; the same one each time."""
         if self._model is None:
             self._model = fcl.BVHModel()
             self._model.beginModel(len(self._vertices_mm), len(self._faces))
@@ -82,7 +83,7 @@ class PlacedShape:
 
     @property
     def box(self) -> Box:
-        """Return the box round the part, in that frame."""
+        """The box round the part, in that frame."""
         return self.shape.box.placed(self.T)
 
 

@@ -109,7 +109,8 @@ def lifts_off_table(
     T : (n, 4, 4) TCP poses in the part frame
     gap_open : (n,) between the pads while open
     jaw : the gripper, with fingers and body
-    hull : (h, 3) corners of the part; down : (3,) which way is down, both in the part frame
+    hull : (h, 3) corners of the part, in the part frame
+    down : (3,) which way is down, in the part frame
     """
     table = float((hull @ down).max()) - TABLE_MARGIN_MM
     sinks = np.einsum("j,njk->nk", down, T[:, :3, :3])  # of each axis of the TCP, along down

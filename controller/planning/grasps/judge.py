@@ -34,7 +34,7 @@ class Stage:
 
     @property
     def phrase(self) -> str:
-        """Return the stage as messages put it."""
+        """The stage as messages put it."""
         if not np.isfinite(self.limit):
             return f"{self.name} {self.left}"
         best = f"best {self.best:.3g}" if np.isfinite(self.best) else "none came so far"
@@ -75,7 +75,7 @@ class Tally:
 
     @property
     def stages(self) -> tuple[Stage, ...]:
-        """Return the stages so far, in the order they were first asked."""
+        """The stages so far, in the order they were first asked."""
         return tuple(self._stages.values())
 
 

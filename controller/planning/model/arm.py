@@ -43,7 +43,7 @@ class ArmLink(SolidBox, Protocol):
 
     @property
     def keeps_clear_of(self) -> Literal["gripper", "fingers", "nothing"]:
-        """Return what of the arm gripper it may touch.
+        """What of the arm gripper it may touch.
 
         `gripper`: body, fingers and held part; `fingers`: these without the body, which is its
         neighbour; `nothing`: none of them.
@@ -103,7 +103,7 @@ class ArmModel(Protocol):
 
     @property
     def link_pairs(self) -> Sequence[tuple[int, int]]:
-        """Return links by index that may touch each other."""
+        """Links by index that may touch each other."""
 
     @property
     def swept(self) -> Mapping[str, SolidBox]:

@@ -23,7 +23,8 @@ class OutOfReachError(NoPlanError):
 
     Attributes
     ----------
-    reach_mm, limit_mm : what was asked of the wrist, and what the arm has; where : what for
+    reach_mm, limit_mm : what was asked of the wrist, and what the arm has
+    where : what for
     """
 
     def __init__(self, message: str, *, reach_mm: float, limit_mm: float, where: str) -> None:

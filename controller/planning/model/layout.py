@@ -94,17 +94,17 @@ class CellTimes:
 
     @property
     def give_step_s(self) -> float:
-        """Return the time both jaws take to give the part to the fixed gripper."""
+        """The time both jaws take to give the part to the fixed gripper."""
         return self.fixed_grasp_s + self.release_s
 
     @property
     def receive_s(self) -> float:
-        """Return the time both jaws take to give it back to the arm gripper."""
+        """The time both jaws take to give it back to the arm gripper."""
         return self.grasp_s + self.fixed_release_s
 
     @property
     def hand_off_s(self) -> float:
-        """Return the time the jaws take for a regrasp over the fixed gripper."""
+        """The time the jaws take for a regrasp over the fixed gripper."""
         return self.give_step_s + self.receive_s
 
 
@@ -147,5 +147,5 @@ class CellLayout:
 
     @property
     def fixed_open_mm(self) -> float:
-        """Return the width at which the fixed gripper waits; 0 where there is none."""
+        """The width at which the fixed gripper waits; 0 where there is none."""
         return 0.0 if self.fixed_gripper is None else self.fixed_gripper.max_mm

@@ -45,7 +45,8 @@ class Ambiguity:
     Attributes
     ----------
     candidates : the part that was planned for comes first
-    light : the picture that tells; margin : how much more it differs than is needed, 1 is enough
+    light : the picture that tells
+    margin : how much more it differs than is needed, 1 is enough
     """
 
     candidates: tuple[Candidate, ...]
@@ -59,7 +60,8 @@ class Present(Step):
 
     Attributes
     ----------
-    q : (6,) where the arm stands; T_world_part : (4, 4) where the part then is
+    q : (6,) where the arm stands
+    T_world_part : (4, 4) where the part then is
     direction_part : (3,) unit, from the centre of mass to the camera, in the part frame
     seen : (n,) bool, per sample
     square_to : id of the planar face or bore this view is square to, -1 if none
@@ -114,7 +116,8 @@ class SetDown(Step):
 
     Attributes
     ----------
-    pose_index : of the stable pose it is put down in; T_world_part : (4, 4) where
+    pose_index : of the stable pose it is put down in
+    T_world_part : (4, 4) where
     """
 
     grasp: Grasp
@@ -132,7 +135,8 @@ class Look(Step):
 
     Attributes
     ----------
-    seen : (n,) bool, per sample; T_world_part : (4, 4) where it lies
+    seen : (n,) bool, per sample
+    T_world_part : (4, 4) where it lies
     """
 
     view_id: str
@@ -186,7 +190,8 @@ class Unseen:
     ----------
     area_fraction : share of all surface
     reason : a sentence for people, with the evidence
-    kind : which of the five; advice : the smallest change found that would show it, or ""
+    kind : which of the five
+    advice : the smallest change found that would show it, or ""
     samples : which samples it is
     """
 
@@ -217,12 +222,12 @@ class Proof:
 
     @property
     def gap(self) -> float:
-        """Return by how much of its cost the plan may still be improved."""
+        """Share of its cost by which the plan may still be improved."""
         return max(0.0, self.cost_s - self.bound_s) / self.cost_s if self.cost_s > 0 else 0.0
 
     @property
     def is_optimal(self) -> bool:
-        """Return whether no plan of the scope is cheaper."""
+        """Whether no plan of the scope is cheaper."""
         return self.gap < 1e-9
 
 
@@ -251,17 +256,17 @@ class Plan:
 
     @property
     def seconds_by_step(self) -> tuple[tuple[str, float], ...]:
-        """Return the forecast step by step, the slowest tray last."""
+        """The forecast step by step, the slowest tray last."""
         last = max(self.place, key=lambda t: self.place[t].seconds + self.park[t].seconds)
         steps = (*self.steps, self.place[last], self.park[last])
         return tuple((s.label, s.seconds) for s in steps)
 
     @property
     def presents(self) -> tuple[Present, ...]:
-        """Return the views in order."""
+        """The views in order."""
         return tuple(s for s in self.steps if isinstance(s, Present))
 
     @property
     def regrasp_count(self) -> int:
-        """Return how often the part changes grasp."""
+        """How often the part changes grasp."""
         return sum(isinstance(s, ReceiveStep | SetDown) for s in self.steps)

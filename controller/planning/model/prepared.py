@@ -112,23 +112,23 @@ class PreparedPart:
 
     @property
     def weights(self) -> FloatArray:
-        """Return each sample's share of the surface (n,)."""
+        """Each sample's share of the surface (n,)."""
         areas = self.samples.areas_mm2
         return np.asarray(areas / areas.sum())
 
     @property
     def directions(self) -> Directions:
-        """Return the directions (v) from which the part may be looked at."""
+        """The directions (v) from which the part may be looked at."""
         return self.visibility_table.directions
 
     @property
     def visible(self) -> BoolArray:
-        """Return the samples that the bare part shows in each direction (v, n)."""
+        """The samples that the bare part shows in each direction (v, n)."""
         return self.visibility_table.visible
 
     @property
     def part_box(self) -> Box:
-        """Return the box round the part, along the axes of the CAD frame."""
+        """The box round the part, along the axes of the CAD frame."""
         return self.shape.box
 
     def carried(self, grasp: Grasp) -> PlacedShape:

@@ -15,7 +15,8 @@ class OnTable:
 
     Attributes
     ----------
-    pose_index : of the stable pose, -1 if it leans; T_world_part : (4, 4) as seen
+    pose_index : of the stable pose, -1 if it leans
+    T_world_part : (4, 4) as seen
     q : (6,) where the arm stands, None for its park position
     """
 
@@ -44,7 +45,8 @@ class InFixedGripper:
 
     Attributes
     ----------
-    grasp : of the fixed gripper, as measured; q : (6,) where the empty arm stands
+    grasp : of the fixed gripper, as measured
+    q : (6,) where the empty arm stands
     """
 
     grasp: Grasp

@@ -41,7 +41,7 @@ class Certificate:
 
     @property
     def is_complete(self) -> bool:
-        """Return whether all is shown that any grasp and any view of this cell could show."""
+        """Whether all is shown that any grasp and any view of this cell could show."""
         plan = self.plan
         return plan is not None and plan.covered_fraction >= plan.reachable_fraction - 1e-9
 

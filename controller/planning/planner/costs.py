@@ -31,7 +31,8 @@ class RegraspSite:
 
     Attributes
     ----------
-    fixed_grasp_index : of the fixed gripper, -1 on the table; rest : index of the place, -1 if none
+    fixed_grasp_index : of the fixed gripper, -1 on the table
+    rest : index of the place, -1 if none
     paths : arm grasp -> how it meets the site
     """
 
@@ -51,7 +52,8 @@ class EdgeCosts:
     ----------
     views : per arm grasp, the direction of each row of `problem.shows`
     square_faces : (f,) the faces whose square view is an element after the samples
-    site_s : (k, g, g) cost of each regrasp over each site; sites : (k,)
+    site_s : (k, g, g) cost of each regrasp over each site
+    sites : (k,)
     """
 
     problem: Problem

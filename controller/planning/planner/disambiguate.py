@@ -144,7 +144,8 @@ def identify(
     ----------
     ambiguity : of the view
     layout : the cell
-    q : (6,) where the arm stood; opening_mm : of the arm gripper
+    q : (6,) where the arm stood
+    opening_mm : of the arm gripper
     backlit, lit : (h, w) pictures of the inspection camera, for
         `disambiguation.measured_picture`
     """

@@ -59,7 +59,8 @@ def plan_part(
     ----------
     solid : the part
     samples : of its surface
-    stable_pose : of the part on the table; T_world_part : (4, 4)
+    stable_pose : of the part on the table
+    T_world_part : (4, 4)
     layout : the cell
     rng_seed : of the random trees; the same one gives the same plan
     options : what is asked of a plan; None for the defaults

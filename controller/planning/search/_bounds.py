@@ -34,7 +34,8 @@ class LowerBounds:
 
     Attributes
     ----------
-    u : (k, m) costs; sums : (k,) their sums
+    u : (k, m) costs
+    sums : (k,) their sums
     below : (k, n) what each grasp's views take off the sum, <= 0
     """
 
@@ -134,8 +135,10 @@ def raise_lower_bounds(
     Parameters
     ----------
     core : the elements that matter, and the views that show them
-    sets : (s, w) grasps, padded with n; u : (m,) costs to start from
-    goals : (s,) a lower bound of so many units is enough; steps : how many at most
+    sets : (s, w) grasps, padded with n
+    u : (m,) costs to start from
+    goals : (s,) a lower bound of so many units is enough
+    steps : how many at most
 
     Returns
     -------

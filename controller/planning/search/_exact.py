@@ -22,8 +22,11 @@ class Stacked:
 
     Attributes
     ----------
-    rows : (v, m); costs_s : (v,); units : (v,)
-    owner : (v,) grasp; index : (v,) row of the grasp's own table
+    rows : (v, m)
+    costs_s : (v,)
+    units : (v,)
+    owner : (v,) grasp
+    index : (v,) row of the grasp's own table
     """
 
     rows: BoolArray

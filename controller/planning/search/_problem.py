@@ -65,7 +65,7 @@ class Problem:
 
     @property
     def grasp_count(self) -> int:
-        """Return the number of grasps."""
+        """The number of grasps."""
         return len(self.shows)
 
 
@@ -94,22 +94,22 @@ class Solution:
 
     @property
     def is_complete(self) -> bool:
-        """Return whether all that is needed is shown."""
+        """Whether all that is needed is shown."""
         return not bool((self.needed & ~self.covered).any())
 
     @property
     def is_optimal(self) -> bool:
-        """Return whether all is shown and nothing cheaper does."""
+        """Whether all is shown and nothing cheaper does."""
         return self.is_complete and self.cost_s <= self.bound_s
 
     @property
     def gap(self) -> float:
-        """Return by how much of its cost the solution may still be improved."""
+        """Share of its cost by which the solution may still be improved."""
         return max(0.0, self.cost_s - self.bound_s) / self.cost_s if self.cost_s > 0.0 else 0.0
 
     @property
     def view_count(self) -> int:
-        """Return the number of views."""
+        """The number of views."""
         return sum(map(len, self.views))
 
 

@@ -32,7 +32,8 @@ class Effort:
 
     Attributes
     ----------
-    lower_bounds : sets of grasps whose lower bound may be raised; covers : exact covers
+    lower_bounds : sets of grasps whose lower bound may be raised
+    covers : exact covers
     nodes : of branch and bound within one cover
     paths : of equal length kept at most
     """

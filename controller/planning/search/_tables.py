@@ -30,7 +30,8 @@ class Tables:
     ----------
     grasps : (n,) the live grasps, as the problem numbers them; below they are 0..n-1
     elements : (m,) the elements needed, as the problem numbers them; below they are 0..m-1
-    rows : per grasp (v, m) what its views show; view_ids : per grasp (v,) which views these are
+    rows : per grasp (v, m) what its views show
+    view_ids : per grasp (v,) which views these are
     costs_s : per grasp (v,) cost [s]
     units : per grasp (v,) cost over the dearest view's, rounded down to 1/1024
     covered : (n, m) what each grasp shows at all
@@ -62,7 +63,8 @@ class Core:
     Attributes
     ----------
     elements : (c,) of the tables' elements
-    rows : per grasp (v, c) 0/1; units : per grasp (v,)
+    rows : per grasp (v, c) 0/1
+    units : per grasp (v,)
     """
 
     elements: IndexArray

@@ -79,7 +79,8 @@ def exact_order(
     Parameters
     ----------
     first, last : (c,) segment from the start to each configuration, and to the end
-    segments : (c, c); stop_of : (c,) ascending, whose configuration it is
+    segments : (c, c)
+    stop_of : (c,) ascending, whose configuration it is
     """
     n, c = int(stop_of[-1]) + 1, len(stop_of)
     masks = np.arange(1 << n)

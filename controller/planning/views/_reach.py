@@ -122,7 +122,9 @@ def _free_rows(
 
     Parameters
     ----------
-    q : (m, 6); v_of : (m,) direction of each; between : (m,) the arm may stand before the part
+    q : (m, 6)
+    v_of : (m,) direction of each
+    between : (m,) the arm may stand before the part
     order : (m,) rows by direction, the best ones first
     """
     of_view = v_of[order]

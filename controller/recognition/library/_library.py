@@ -204,7 +204,7 @@ def _turns_over(symmetry: PartSymmetry, up: FloatArray) -> bool:
 def make_library(
     parts: Sequence[CompiledPart], camera: Camera, min_probability: float = MIN_PROBABILITY
 ) -> Library:
-    """Prepare parts for a camera, all of them in memory; for a handful of parts.
+    """Return a handful of parts prepared for a camera, all of them in memory.
 
     Parameters
     ----------

@@ -90,7 +90,7 @@ def render_plan(facts: PlanFacts) -> str:
 
 
 def draw_plan(facts: PlanFacts, plan: Plan) -> Drawn:
-    """Draw a plan."""
+    """Return the drawings of a plan."""
     solid, samples = facts.part.solid, facts.part.samples
     weights = np.asarray(samples.areas_mm2 / samples.areas_mm2.sum())
     painter = Painter(solid, samples)

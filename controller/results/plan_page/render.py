@@ -52,7 +52,7 @@ class Paint:
 
 
 def look(stage: Stage, eye: Eye) -> RayHits:
-    """Cast a picture's rays."""
+    """Return what the rays of a picture meet."""
     triangle, distance = cast(stage.caster, eye.origins_mm, eye.directions, eye.size)
     reach = np.where(triangle >= 0, distance, 0.0).reshape(-1, 1)
     points = eye.origins_mm + reach * eye.directions

@@ -53,7 +53,7 @@ class ViewPanel:
 
     @property
     def first(self) -> int | None:
-        """Return the panel that defines the outline; the others refer to it."""
+        """The panel that defines the outline; the others refer to it."""
         return next((i for i, panel in enumerate(self.panels) if not panel.shot.why_missing), None)
 
 
@@ -83,7 +83,7 @@ class PartPage:
 
     @property
     def evaluated(self) -> int:
-        """Return how many views were evaluated."""
+        """How many views were evaluated."""
         return sum(view.evaluated is True for view in self.part.views)
 
 

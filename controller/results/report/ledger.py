@@ -39,7 +39,7 @@ class Ledger:
 
 
 def rounded_to_whole(shares: Sequence[float], whole: float = 100.0) -> list[float]:
-    """Round shares so that they add up to ``whole`` exactly: the largest remainders go up."""
+    """Return shares rounded so that their sum is ``whole``: the largest remainders go up."""
     unit = 10**DECIMALS
     lower_bounds = [int(share * unit) for share in shares]
     missing = round(whole * unit) - sum(lower_bounds)

@@ -192,7 +192,8 @@ class VerdictReport:
     Attributes
     ----------
     reasons : most important first
-    compared_fraction : of all surface, compared; in_sight_fraction : in sight, compared or not
+    compared_fraction : of all surface, compared
+    in_sight_fraction : in sight, compared or not
     claim : what was looked for on the compared surface
     """
 
@@ -235,7 +236,7 @@ class PartReport:
 
     @property
     def findings(self) -> tuple[FindingReport, ...]:
-        """Return the findings of all views."""
+        """The findings of all views."""
         return tuple(f for view in self.views for f in view.findings)
 
 
@@ -326,15 +327,15 @@ class RunRecord:
 
     @property
     def recipe_name(self) -> str:
-        """Return the recipe's name."""
+        """The recipe's name."""
         return str(self.recipe.get("name", "unknown"))
 
     @property
     def cell_name(self) -> str:
-        """Return the cell's name."""
+        """The cell's name."""
         return str(self.cell.get("name", "unknown"))
 
     @property
     def emulated_devices(self) -> tuple[str, ...]:
-        """Return the names of the devices that were not real."""
+        """The names of the devices that were not real."""
         return tuple(device.name for device in self.devices if device.is_emulated)

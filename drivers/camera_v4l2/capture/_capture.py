@@ -240,7 +240,7 @@ class Capture:
         )
 
     def look(self, after_s: float) -> Dequeued:
-        """Empty the queue up to the first frame exposed wholly after ``after_s`` [cell s].
+        """Empty the queue and return the first frame exposed wholly after ``after_s`` [cell s].
 
         Raises
         ------

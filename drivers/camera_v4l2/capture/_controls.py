@@ -84,7 +84,7 @@ def exposure_counts(exposure_s: float) -> int:
 def lock_controls(
     device: Device, exposure_s: float | None, gain: int | None, white_balance_k: int | None
 ) -> tuple[ControlSetting, ...]:
-    """Switch the automatics off and set the values given; None leaves a value as it is.
+    """Switch automatics off, set the values that are not None; return what became of each.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def lock_controls(
 def set_and_compare(
     device: Device, control: ControlId, wanted: int, *, is_needed: bool = True
 ) -> ControlSetting:
-    """Set a control, read it back and say what became of it.
+    """Set a control, read it back and return what became of it.
 
     Parameters
     ----------

@@ -77,7 +77,7 @@ class Stream:
         self.start()
 
     def read(self, buffer: Buffer) -> bytes:
-        """Copy a dequeued buffer's bytes out of the map."""
+        """Return a copy of a dequeued buffer's bytes."""
         return self._maps[buffer.index][: buffer.bytesused]
 
     def unmap(self) -> None:

@@ -39,7 +39,7 @@ class Device:
         self._calls.acknowledge(self._fd)
 
     def mmap(self, length: int, offset: int) -> mmap.mmap:
-        """Map one buffer."""
+        """Return the map of one buffer."""
         return self._calls.mmap(self._fd, length, offset)
 
     def query_capability(self) -> abi.Capability:
@@ -80,7 +80,7 @@ class Device:
         self._ask(abi.VIDIOC_QBUF, abi.Buffer.query(index))
 
     def dequeue(self) -> abi.Buffer | None:
-        """Take the oldest finished buffer, None if there is none."""
+        """Take the oldest finished buffer and return it, None if there is none."""
         try:
             return abi.Buffer.unpack(self._ask(abi.VIDIOC_DQBUF, abi.Buffer.query()))
         except BlockingIOError:
@@ -132,7 +132,7 @@ class Device:
             yield index, abi.unpack_querymenu(raw, control.type)
 
     def get_control(self, control: int) -> int:
-        """Read a control."""
+        """Return the value of a control."""
         return abi.unpack_control(self._ask(abi.VIDIOC_G_CTRL, abi.pack_control(control)))
 
     def set_control(self, control: int, value: int) -> None:

@@ -88,7 +88,7 @@ class SocketCalls:
         buffer[:] = answer
 
     def mmap(self, fd: int, length: int, offset: int) -> mmap.mmap:
-        """Map the memfd that the camera writes this buffer's pictures into.
+        """Return a map of the memfd that the camera writes this buffer's pictures into.
 
         Parameters
         ----------

@@ -30,7 +30,7 @@ class SysCalls(Protocol):
         ...
 
     def mmap(self, fd: int, length: int, offset: int) -> mmap.mmap:
-        """Map one buffer for reading.
+        """Return a map of one buffer, for reading.
 
         Parameters
         ----------
@@ -57,7 +57,7 @@ class KernelCalls:
     """A node of the kernel's: /dev/video*, or a file that a FUSE server gives that behaviour."""
 
     def open(self, path: str) -> int:
-        """Open the node for reading and writing, non-blocking."""
+        """Open the node for reading and writing, non-blocking; return its descriptor."""
         return os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
 
     def ioctl(self, fd: int, request: int, buffer: bytearray) -> None:
@@ -72,7 +72,7 @@ class KernelCalls:
         fcntl.ioctl(fd, request, buffer, True)
 
     def mmap(self, fd: int, length: int, offset: int) -> mmap.mmap:
-        """Map a buffer; the map holds a duplicate of ``fd`` until it is closed.
+        """Return a map of a buffer; it holds a duplicate of ``fd`` until it is closed.
 
         Parameters
         ----------

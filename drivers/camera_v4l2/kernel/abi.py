@@ -176,7 +176,7 @@ class Capability:
 
     @classmethod
     def unpack(cls, raw: bytes | bytearray) -> Self:
-        """Read the struct."""
+        """Return the struct that the bytes hold."""
         driver, card, bus, version, caps, device_caps = _CAPABILITY.unpack(raw)
         return cls(_text(driver), _text(card), _text(bus), version, caps, device_caps)
 
@@ -219,7 +219,7 @@ class PixFormat:
 
     @classmethod
     def unpack(cls, raw: bytes | bytearray) -> Self:
-        """Read the pixel format out of ``struct v4l2_format``."""
+        """Return the pixel format in ``struct v4l2_format``."""
         return cls(*_PIX_FORMAT.unpack(raw)[1:7])
 
 
@@ -256,7 +256,7 @@ class Buffer:
 
     @classmethod
     def unpack(cls, raw: bytes | bytearray) -> Self:
-        """Read the struct; the time stamp stays whole microseconds."""
+        """Return the struct that the bytes hold; the time stamp stays whole microseconds."""
         fields = _BUFFER.unpack(raw)
         index, _, bytesused, flags, _, seconds, microseconds, _, sequence, _, m, length = fields[
             :12
@@ -312,7 +312,7 @@ class QueryCtrl:
 
     @classmethod
     def unpack(cls, raw: bytes | bytearray) -> Self:
-        """Read the struct."""
+        """Return the struct that the bytes hold."""
         control, kind, name, *rest = _QUERYCTRL.unpack(raw)
         return cls(control, kind, _text(name), *rest)
 

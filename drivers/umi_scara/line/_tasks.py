@@ -9,7 +9,7 @@ T = TypeVar("T")
 
 
 async def run_to_end(work: Coroutine[Any, Any, T]) -> T:
-    """Await `work` to its end even when the caller is cancelled, and cancel the caller then.
+    """Await `work` to its end, then cancel a caller that was cancelled; return its result.
 
     `work` must be bounded in time. If it fails while the caller is being cancelled, the
     cancellation wins.

@@ -171,7 +171,7 @@ class Wire:
         self._heard_nothing, self._is_silent = self._is_silent, False
 
     async def exchange(self, request: bytes) -> Reply:
-        """Send one request and read its reply; repeat a query after 01, 02 or 04 (§2.9).
+        """Send one request, return its reply; repeat a query after 01, 02 or 04 (§2.9).
 
         Raises
         ------

@@ -173,7 +173,7 @@ class Sensor:
             self._able()
 
     def advance(self, now_s: float) -> float | None:
-        """See `V4l2Device.advance`."""
+        """Return what `V4l2Device.advance` returns; see there."""
         with self._lock:
             if self._able_since_s is None:
                 return None

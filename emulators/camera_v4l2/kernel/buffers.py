@@ -83,7 +83,7 @@ class BufferQueue:
     # -- the sensor's side ----------------------------------------------------------------
 
     def take(self) -> Buffer:
-        """Take the buffer that was queued first; it comes back by `finish` or `give_back`."""
+        """Take the buffer queued first and return it; it comes back by `finish` or `give_back`."""
         buffer = self._queued.popleft()
         buffer.state = _State.EXPOSING
         return buffer
@@ -205,7 +205,7 @@ class BufferQueue:
         self._describe(buffer, data)
 
     def streamon(self, handle: Handle, data: bytearray) -> bool:
-        """Answer VIDIOC_STREAMON; True if frames start now.
+        """Answer VIDIOC_STREAMON; return True if frames start now.
 
         Raises
         ------

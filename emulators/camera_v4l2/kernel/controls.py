@@ -76,7 +76,7 @@ class ControlBank:
     def change(
         self, cid: int, value: int, first_frame: int, handles: Iterable[Handle], by: Handle | None
     ) -> bool:
-        """Set a checked value from a frame on; True if a handle has an event to fetch for it.
+        """Set a checked value from a frame on; return whether a handle has an event to fetch.
 
         Parameters
         ----------
@@ -319,7 +319,7 @@ class ControlBank:
     # -- events ---------------------------------------------------------------------------
 
     def subscribe_event(self, handle: Handle, data: bytearray) -> bool:
-        """Answer VIDIOC_SUBSCRIBE_EVENT; True if the first event is there already.
+        """Answer VIDIOC_SUBSCRIBE_EVENT; return whether the first event is there already.
 
         Raises
         ------

@@ -81,7 +81,7 @@ class RtuPtyServer:
 
     @property
     def path(self) -> str:
-        """Return the terminal that a client opens.
+        """The terminal that a client opens.
 
         Raises
         ------

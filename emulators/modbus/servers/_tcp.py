@@ -47,7 +47,7 @@ class TcpListener(ABC):
 
     @property
     def address(self) -> tuple[str, int]:
-        """Return host and port.
+        """Host and port.
 
         Raises
         ------
@@ -59,7 +59,7 @@ class TcpListener(ABC):
 
     @property
     def client_count(self) -> int:
-        """Return how many clients are connected."""
+        """How many clients are connected."""
         return len(self._clients)
 
     def drop_connections(self) -> None:

@@ -15,7 +15,7 @@ MAX_VERTICES: Final = 64
 
 
 def main(argv: list[str]) -> int:
-    """Decompose ``argv[0]`` into ``argv[1]``, V-HACD's own log in ``argv[2]``."""
+    """Decompose ``argv[0]`` into ``argv[1]``, log in ``argv[2]``; return the exit code."""
     mesh_path, pieces_path, log_path = argv
     pybullet.vhacd(
         mesh_path,

@@ -60,7 +60,7 @@ class Bodies:
         )
 
     def add_box(self, box: Box, T_world_frame: Array) -> int:
-        """Add a box that stays where it is put; its frame is the box's own, see `place_box`."""
+        """Add a box that stays put, its frame its own (see `place_box`); return its body."""
         half = [float(v) / MM_PER_M for v in box.half_mm]
         shape = pybullet.createCollisionShape(
             pybullet.GEOM_BOX, halfExtents=half, physicsClientId=self._client
@@ -83,7 +83,7 @@ class Bodies:
         self._reset(body, centre, T_world_frame[:3, :3])
 
     def add_part(self, solid: Solid) -> tuple[int, int]:
-        """Add a part twice, far away: the one that falls, and the one that is carried."""
+        """Add a part twice, far away; return the body that falls and the one that is carried."""
         shape = pybullet.createCollisionShape(
             pybullet.GEOM_MESH, fileName=str(solid.pieces_path), physicsClientId=self._client
         )

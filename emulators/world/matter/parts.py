@@ -85,12 +85,12 @@ class Part:
         return point
 
     def is_within(self, centre_mm: Array, radius_mm: float) -> bool:
-        """Whether the part may be inside a sphere."""
+        """Return whether the part may be inside a sphere."""
         gap_mm = float(np.linalg.norm(self.centre_mm - centre_mm)) - self._radius_mm
         return gap_mm < radius_mm
 
     def overlaps(self, box: Box, T_world_box: Array) -> bool:
-        """Whether a box reaches into the exact mesh."""
+        """Return whether a box reaches into the exact mesh."""
         self._exact.setTransform(_fcl_pose(self.T_world_part))
         shape = fcl.CollisionObject(fcl.Box(*(2.0 * box.half_mm)), _fcl_pose(T_world_box, box))
         request, result = fcl.CollisionRequest(), fcl.CollisionResult()

@@ -162,7 +162,7 @@ def cache_dir() -> Path:
 
 
 def load_solid(path: Path, density_kg_per_mm3: float = ALUMINIUM_KG_PER_MM3) -> Solid:
-    """Read a part.
+    """Return the solid of a part, read from its file.
 
     Raises
     ------

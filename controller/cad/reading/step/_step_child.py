@@ -89,17 +89,20 @@ class Weld:
         self.parent: list[int] = []
 
     def add(self, point: tuple[float, float, float]) -> int:
+        """Add a corner and return its number."""
         self.points.append(point)
         self.parent.append(len(self.parent))
         return len(self.parent) - 1
 
     def root(self, i: int) -> int:
+        """Return the number of the corner that a corner has turned out to be."""
         while self.parent[i] != i:
             self.parent[i] = self.parent[self.parent[i]]
             i = self.parent[i]
         return i
 
     def join(self, i: int, j: int) -> None:
+        """Make two corners one."""
         i, j = self.root(i), self.root(j)
         self.parent[max(i, j)] = min(i, j)
 
@@ -342,7 +345,7 @@ def extent_of(solid: Any) -> float:  # noqa: ANN401
 
 
 def main(argv: list[str]) -> int:
-    """Read, measure, tessellate, write; or say why not."""
+    """Read, measure, tessellate, write; return the exit code, 0 unless it refuses."""
     source, out, memory, cpu, chord, share, angle = argv
     limit_resources(int(memory), int(cpu))
     import numpy as np

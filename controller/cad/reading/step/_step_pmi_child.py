@@ -196,7 +196,7 @@ def datum(label: Any, surfaces: Surfaces) -> dict[str, Any]:  # noqa: ANN401
 
 
 def main(argv: list[str]) -> int:
-    """Read and tell, or say why not."""
+    """Read the tolerances and write them; return the exit code, 0 unless it refuses."""
     source, out, memory, cpu = argv
     resource.setrlimit(resource.RLIMIT_DATA, (int(memory), int(memory)))
     resource.setrlimit(resource.RLIMIT_CPU, (int(cpu), int(cpu) + 1))

@@ -101,7 +101,7 @@ class StepPart:
 
 
 def read_step(path: Path) -> Solid:
-    """Read a STEP file and prove that it is one closed solid.
+    """Return the solid of a STEP file, proven to be one closed solid.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def read_step(path: Path) -> Solid:
 
 
 def read_step_part(path: Path, limits: KernelLimits | None = None) -> StepPart:
-    """Read all a STEP file says of a part; raises as `read_step`."""
+    """Return all a STEP file says of a part; raises as `read_step`."""
     where = str(path)
     data = _read_text(path)
     check_installed(where)

@@ -20,7 +20,7 @@ KINDS: tuple[LineKind, ...] = ("sharp", "smooth", "silhouette")
 def draw(
     model: ViewModel, view: Projection, pieces: Pieces, rings: list[Ring]
 ) -> tuple[DrawnEdge, ...]:
-    """Join pieces to drawn edges.
+    """Return pieces joined to drawn edges.
 
     A run ends at a vertex of the part, where it goes out of sight, and where it joins or leaves
     the outline.

@@ -56,7 +56,7 @@ def candidate_edges(model: ViewModel, view: Projection) -> Int32Array:
 def cut_edges(
     view: Projection, model: ViewModel, edges: Int32Array, rims: Int32Array, rim_tree: STRtree
 ) -> Pieces:
-    """Cut edges (n,) wherever a rim crosses them in the plane, unless it does so behind them.
+    """Return edges (n,) cut where a rim crosses them in the plane and does not pass behind them.
 
     Parameters
     ----------

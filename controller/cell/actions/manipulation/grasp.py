@@ -32,7 +32,7 @@ class GraspAction:
     layout: CellLayout
 
     async def run(self) -> Event:
-        """Go to the part, close on it, lift it.
+        """Go to the part, close on it, lift it; return ``GRASPED``.
 
         Raises
         ------

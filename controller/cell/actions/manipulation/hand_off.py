@@ -34,7 +34,7 @@ class HandOffAction:
     layout: CellLayout
 
     async def run(self) -> Event:
-        """Give, then receive; a plan that starts in the fixed gripper only receives.
+        """Give and receive, or only receive if the fixed gripper has it; return ``HANDED_OFF``.
 
         Raises
         ------

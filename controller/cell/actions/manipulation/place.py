@@ -29,7 +29,7 @@ class PlaceAction:
     record: BatchRecord
 
     async def run(self) -> Event:
-        """Move over the tray, release, park the arm.
+        """Move over the tray, release, park the arm; return ``PLACED``.
 
         Raises
         ------

@@ -25,7 +25,7 @@ class SetDownAction:
     record: BatchRecord
 
     async def run(self) -> Event:
-        """Move to the table, release, rise.
+        """Move to the table, release, rise; return ``SET_DOWN``.
 
         Raises
         ------

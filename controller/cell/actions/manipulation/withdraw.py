@@ -29,7 +29,7 @@ class WithdrawAction:
     record: BatchRecord
 
     async def run(self) -> Event:
-        """Move back along the arm's own path until a path home is found; follow that.
+        """Go back along the arm's own path until it finds one home; return ``WITHDRAWN``.
 
         Raises
         ------

@@ -24,7 +24,7 @@ class AcquireAction:
     record: BatchRecord
 
     async def run(self) -> Event:
-        """Take the pictures of the next part, or of the present one again.
+        """Take the pictures of the next part, or of this one again; return ``PICTURE_TAKEN``.
 
         Raises
         ------

@@ -35,7 +35,7 @@ class PresentAction:
     record: BatchRecord
 
     async def run(self) -> Event:
-        """Present one view after another.
+        """Present one view after another; return ``SHOWN``.
 
         After each new grasp the first view is judged before the second: it verifies the grasp. In
         a plan made after a recovery, views that would show nothing new are skipped.

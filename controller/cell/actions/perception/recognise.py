@@ -31,7 +31,7 @@ class RecogniseAction:
     record: BatchRecord
 
     async def run(self) -> Event:
-        """Recognise what the pictures of the table show.
+        """Recognise what the pictures of the table show; return ``PART_RECOGNISED``.
 
         Raises
         ------

@@ -41,7 +41,8 @@ class Shown:
     Attributes
     ----------
     hold : in which it was taken, None for a part on the table
-    q : (6,) where the arm stood; expected : (4, 4) where the part should have been
+    q : (6,) where the arm stood
+    expected : (4, 4) where the part should have been
     backlit : its picture before the glowing panel
     """
 
@@ -95,7 +96,7 @@ class PartRecord:
 
     @property
     def in_sight(self) -> BoolArray | None:
-        """Return which samples (n,) were in sight of views; None before the first view.
+        """Which samples (n,) were in sight of views; None before the first view.
 
         In sight, compared or not: where no check could compare, another such view could not either.
         """
@@ -103,7 +104,7 @@ class PartRecord:
 
     @property
     def promised(self) -> BoolArray | None:
-        """Return which samples (n,) the views of the present plan are to show."""
+        """Which samples (n,) the views of the present plan are to show."""
         plan = self.plan
         if plan is None:
             return None

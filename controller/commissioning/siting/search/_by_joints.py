@@ -86,7 +86,7 @@ class FixedGripperScore:
 
     @property
     def value(self) -> float:
-        """Return its value: half the mean over the parts, half the worst part's."""
+        """Its value: half the mean over the parts, half the worst part's."""
         each = 0.5 * (np.array(self.partners) + np.array(self.joined))
         return float(0.5 * each.mean() + 0.5 * each.min())
 

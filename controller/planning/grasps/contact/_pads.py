@@ -89,7 +89,7 @@ class Contacts:
 
     @property
     def offset(self) -> FloatArray:
-        """Return how far apart the contacts' centres are along the pads (n,) [mm]."""
+        """How far apart the contacts' centres are along the pads (n,) [mm]."""
         return np.asarray(np.linalg.norm(self.middle[0] - self.middle[1], axis=1))
 
     def take(self, rows: IntArray) -> Contacts:

@@ -181,7 +181,9 @@ def _chosen(shows: BoolArray, short: IntArray, bare: BoolArray, most: int) -> li
 
     Parameters
     ----------
-    shows : (d, n); short : (n,) how many more a spot wants; bare : (n,) it has none yet
+    shows : (d, n)
+    short : (n,) how many more a spot wants
+    bare : (n,) it has none yet
     most : directions to add for spots that have one; those that have none get theirs regardless
     """
     table = shows.astype(np.float32)

@@ -78,7 +78,8 @@ class VisibilityRules:
 
         Parameters
         ----------
-        cosine : (...) of the incidence; depth_mm : (2, ...) least and greatest depth
+        cosine : (...) of the incidence
+        depth_mm : (2, ...) least and greatest depth
         """
         return np.asarray(
             self.is_square_enough(cosine) & self.is_fine(cosine, depth_mm) & self.is_sharp(depth_mm)

@@ -116,7 +116,7 @@ class Lamps:
         return None
 
     def any_source(self, lit: Iterable[int]) -> bool:
-        """Whether any of some lamps throws shadows."""
+        """Return whether any of some lamps throws shadows."""
         return any(self.sources[lamp] is not None for lamp in lit)
 
     def from_panel(
