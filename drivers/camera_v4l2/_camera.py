@@ -260,7 +260,7 @@ class Camera:
             except TimeoutError as error:
                 raise ReplyTimeoutError(
                     f"camera {self._config.device}: no frame exposed after {t_s:.3f} s within "
-                    f"{timeout_s:.3f} s: {_told(before, self._stats)}"
+                    f"{timeout_s:.3f} s: {_tally_words(before, self._stats)}"
                 ) from error
 
     async def _first_frame(self, capture: Capture, t_s: float) -> Frame:
@@ -347,7 +347,7 @@ class Camera:
         worker.shutdown(wait=True)  # the thread has nothing left to do
 
 
-def _told(before: CameraStats, after: CameraStats) -> str:
+def _tally_words(before: CameraStats, after: CameraStats) -> str:
     """Return in words what arrived between two tallies."""
     seen = [
         f"{count} {field.name.removesuffix('_count')}"

@@ -351,7 +351,7 @@ async def test_a_stall_names_axis_asked_and_got_and_stops_both_boards() -> None:
     bench.wire.motor(1, 1).high = 400
     with pytest.raises(AxisStalledError, match="shoulder stalled: 1000 counts required") as stall:
         await bench.arm.move_counts({Axis.SHOULDER: 1000, Axis.WRIST1: -2000})
-    assert (stall.value.axis, stall.value.asked_counts, stall.value.got_counts) == (
+    assert (stall.value.axis, stall.value.required_counts, stall.value.got_counts) == (
         Axis.SHOULDER,
         1000,
         400,

@@ -359,7 +359,7 @@ class Link:
         lost: PositionLostError | None = None
         for _ in range(_ATTEMPT_COUNT):
             try:
-                await self._ask_to_halt(ip, request)
+                await self._request_halt(ip, request)
                 break
             except PositionLostError as error:
                 # an IP that has restarted does not hand the line over (§1.5): without GO, the
@@ -369,7 +369,7 @@ class Link:
         if lost is not None:
             raise lost
 
-    async def _ask_to_halt(self, ip: Ip, request: bytes) -> None:
+    async def _request_halt(self, ip: Ip, request: bytes) -> None:
         """Send a stop to one IP; uncertainty on the way is no reason to leave it moving."""
         for _ in range(_ATTEMPT_COUNT):
             try:

@@ -24,15 +24,16 @@ class AxisStalledError(ArmStalledError):
     Attributes
     ----------
     axis : the axis
-    asked_counts, got_counts : where it should be, where it is
+    required_counts, got_counts : where it should be, where it is
     """
 
-    def __init__(self, axis: Axis, asked_counts: int, got_counts: int, why: str) -> None:
+    def __init__(self, axis: Axis, required_counts: int, got_counts: int, why: str) -> None:
         super().__init__(
-            f"arm: {axis.name.lower()} {why}: {asked_counts} counts required, it is at {got_counts}"
+            f"arm: {axis.name.lower()} {why}: {required_counts} counts required, "
+            f"it is at {got_counts}"
         )
         self.axis = axis
-        self.asked_counts = asked_counts
+        self.required_counts = required_counts
         self.got_counts = got_counts
 
 
