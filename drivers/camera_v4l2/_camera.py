@@ -49,7 +49,8 @@ class Camera:
     """One V4L2 camera.
 
     Every call to the camera is made on one thread of its own, in order; so the event loop never
-    waits for a device, and a cancelled call leaves the camera as the next one finds it.
+    waits for a device, and a cancelled call leaves the camera as the next one finds it. `reconnect`
+    and `set_exposure` are for scripts and commissioning.
 
     Parameters
     ----------

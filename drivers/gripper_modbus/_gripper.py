@@ -59,7 +59,8 @@ class Gripper:
     """A Robotiq 2F gripper behind a Modbus link that others may share.
 
     Usable as ``async with``; leaving it ends the keep-alive and moves nothing. Every verb may
-    raise what `ModbusUnit` raises besides its own errors.
+    raise what `ModbusUnit` raises besides its own errors. `open_on` is for scripts and
+    commissioning.
 
     Parameters
     ----------

@@ -49,6 +49,9 @@ _STILL_POLL_COUNT = 3  # §9.17
 class UmiScara:
     """One arm on one line. All verbs are coroutines of one event loop.
 
+    The cell moves it by joints. `open_jaws`, `close_jaws`, `set_speed`, `set_force`,
+    `read_parameter` and `write_parameter` are for scripts and commissioning.
+
     A moving verb that is cancelled or fails sends a dead stop to both IPs before it ends. Any
     answer 0E or 0F raises PositionLostError; from then on `is_homed` is False, motors have no
     power as far as this object is concerned, and no position is reported, until `connect`,
