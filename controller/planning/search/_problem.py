@@ -49,19 +49,28 @@ class Problem:
     def __post_init__(self) -> None:
         n, m = len(self.shows), len(self.weights)
         if len(self.view_s) != n or self.seen.shape != (m,):
-            raise ValueError("costs of views per grasp, what is seen per element")
+            raise ValueError(
+                f"expected costs of views for {n} grasps and `seen` ({m},), found "
+                f"{len(self.view_s)} and {self.seen.shape}"
+            )
         if (
             self.first_s.shape != (n,)
             or self.last_s.shape != (n,)
             or self.regrasp_s.shape != (n, n)
         ):
-            raise ValueError(f"first (g,), regrasps (g, g) and last (g,) of {n} grasps")
+            raise ValueError(
+                f"expected first_s ({n},), regrasp_s ({n}, {n}) and last_s ({n},) for {n} grasps, "
+                f"found {self.first_s.shape}, {self.regrasp_s.shape} and {self.last_s.shape}"
+            )
         for g, (table, costs) in enumerate(zip(self.shows, self.view_s, strict=True)):
             if table.shape != (len(costs), m) or table.dtype != np.bool_:
-                raise ValueError(f"grasp {g}: views (v, {m}) bool and one cost each")
+                raise ValueError(
+                    f"grasp {g}: expected views ({len(costs)}, {m}) bool and one cost each, found "
+                    f"{table.shape} {table.dtype}"
+                )
         for costs in (self.first_s, self.regrasp_s, self.last_s, *self.view_s):
             if not (costs >= 0.0).all():
-                raise ValueError("costs are seconds from 0 up")
+                raise ValueError(f"expected costs from 0 s up, found {costs[~(costs >= 0.0)][0]}")
 
     @property
     def grasp_count(self) -> int:

@@ -77,7 +77,10 @@ class LinkConfig:
 
     def __post_init__(self) -> None:
         if self.spacing_s < c.MIN_SPACING_S:
-            raise ValueError(f"the arm wants {c.MIN_SPACING_S} s between requests (1.2)")
+            raise ValueError(
+                f"spacing_s: {self.spacing_s} s between requests, the arm wants at least "
+                f"{c.MIN_SPACING_S} s (umi_rtx.md 1.2)"
+            )
 
 
 Trace = Callable[[WireExchange], None]
