@@ -47,6 +47,18 @@ def record(journal: Journal) -> BatchRecord:
     return made
 
 
+def test_a_state_begins_without_the_label_of_the_one_before(journal: Journal) -> None:
+    shown = Progress()
+    lines: list[tuple[str, str]] = []
+    record = BatchRecord(journal, shown, lambda: lines.append((shown.state, shown.label)))
+    record.show_state("planning")
+    record.show("planning")
+    record.show_state("grasping")
+    record.show("pick it up")
+    record.show_state("grasping")  # no change: what the operator sees still holds
+    assert lines[-3:] == [("grasping", ""), ("grasping", "pick it up"), ("grasping", "pick it up")]
+
+
 class Arm:
     """Goes wherever it is sent."""
 

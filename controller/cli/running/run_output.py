@@ -28,7 +28,7 @@ def display(*, as_json: bool) -> Iterator[Callable[[Progress], None]]:
         last = [""]
 
         def plain(progress: Progress) -> None:
-            line = _line(progress)
+            line = progress_line(progress)
             if line != last[0]:
                 last[0] = line
                 warn(line)
@@ -52,11 +52,13 @@ def _json_progress(progress: Progress) -> None:
     )
 
 
-def _line(progress: Progress) -> str:
+def progress_line(progress: Progress) -> str:
+    """Return what the operator sees of the run at a moment, in one line."""
     step = f" {progress.step}/{progress.step_count}" if progress.step_count else ""
     left = f" ({progress.remaining_s:.0f} s left)" if progress.remaining_s is not None else ""
     pose = f" | {progress.part_pose}" if progress.part_pose else ""
-    return f"{progress.state}{step}: {progress.label}{left}{pose}"
+    label = f": {progress.label}" if progress.label else ""
+    return f"{progress.state}{step}{label}{left}{pose}"
 
 
 def _table(progress: Progress, elapsed_s: float) -> Table:

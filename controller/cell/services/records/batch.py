@@ -70,7 +70,9 @@ class BatchRecord:
         self._on_progress()
 
     def show_state(self, state: str) -> None:
-        """Show the operator which state the cell has entered."""
+        """Show the operator which state the cell has entered; its label is shown by its action."""
+        if state != self._progress.state:
+            self._progress.label = ""
         self._progress.state = state
         self._on_progress()
 
