@@ -5,13 +5,21 @@ signs, `report_json` the same for machines. `plan_page` and `sheet` draw a plan 
 """
 
 from .report import SCHEMA_VERSION, report_json, write_html
-from .run import ResultsError, RunRecord, RunSummary, list_runs, load_run
+from .run import (
+    ResultsError,
+    RunRecord,
+    RunSummary,
+    UnknownRunError,
+    list_runs,
+    load_run,
+)
 
 __all__ = [
     "SCHEMA_VERSION",
     "ResultsError",
     "RunRecord",
     "RunSummary",
+    "UnknownRunError",
     "list_runs",
     "load_run",
     "report_json",

@@ -31,11 +31,12 @@ def test_the_newest_run_is_read_unless_another_is_named(tmp_path: Path) -> None:
 
 def test_an_unknown_run_is_answered_with_the_runs_there_are(tmp_path: Path) -> None:
     good, bad = good_run(tmp_path), bad_run(tmp_path)
-    with pytest.raises(ResultsError, match="no run 'fletcher'") as error:
+    with pytest.raises(ResultsError, match="no run `fletcher`") as error:
         load_run(tmp_path, "fletcher")
     assert good.name in str(error.value)
     assert bad.name in str(error.value)
-    with pytest.raises(ResultsError, match="2 runs begin with '2026030'"):
+    assert "--runs" in str(error.value)
+    with pytest.raises(ResultsError, match="2 runs begin with `2026030`"):
         load_run(tmp_path, "2026030")
 
 

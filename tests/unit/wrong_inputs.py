@@ -769,12 +769,12 @@ ROWS: tuple[Row, ...] = (
     ),
     # reports
     Row("report of no runs", nothing, ("report", "--runs", "none"), "no journal at none", 1),
+    Row("report of no run", nothing, ("report", "nonsense"), "no run `nonsense` in runs"),
     Row(
         "report of a path",
         nothing,
         ("report", "../../etc/passwd", "--runs", "runs"),
-        "no journal",
-        1,
+        "no run `../../etc/passwd` in runs: there is no journal; name the folder with --runs",
     ),
     Row(
         "journal is no database",

@@ -12,13 +12,13 @@ from controller.cell.errors import CellError
 from controller.cell.journal import JournalError
 from controller.config import ConfigError
 from controller.planning import NoPlanError
-from controller.results import ResultsError
+from controller.results import ResultsError, UnknownRunError
 from drivers.errors import DeviceError
 
 from ._bug import report_bug
 from .output import warn
 
-WRONG_INPUT = (ConfigError, CadError)
+WRONG_INPUT = (ConfigError, CadError, UnknownRunError)  # exit code 2; all others 1
 SAID_NO = (CellError, DeviceError, EmulatorError, JournalError, NoPlanError, ResultsError)
 
 

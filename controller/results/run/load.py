@@ -8,7 +8,7 @@ from pathlib import Path
 from controller.cell.journal import JOURNAL_NAME, JournalError, first_broken_row, read_rows
 
 from ._fold import fold
-from .model import ResultsError, RunRecord
+from .model import ResultsError, RunRecord, UnknownRunError
 
 # How many runs an error names, newest first.
 NAMED_COUNT = 12
@@ -33,7 +33,7 @@ def list_runs(runs_dir: Path) -> tuple[RunSummary, ...]:
     path = runs_dir / JOURNAL_NAME
     if not path.is_file():
         raise ResultsError(
-            f"no journal at {path}: nothing ran here yet, or it is not the folder of runs"
+            f"no journal at {path}: nothing ran here yet; name the folder of runs with --runs"
         )
     try:
         # without the bodies of the rows, which a list of runs does not need
@@ -60,7 +60,8 @@ def load_run(runs_dir: Path, run: str | None = None) -> RunRecord:
 
     Raises
     ------
-    ResultsError : no such run (the message names the runs there are), or an unreadable journal
+    UnknownRunError : no such run; the message names the runs there are
+    ResultsError : none is named and there is none, or several begin so, or an unreadable journal
     """
     if run is not None and (Path(run).parent / JOURNAL_NAME).is_file() and Path(run).is_dir():
         runs_dir, run = Path(run).parent, Path(run).resolve().name
@@ -77,18 +78,30 @@ def load_run(runs_dir: Path, run: str | None = None) -> RunRecord:
 
 
 def _choose(runs_dir: Path, run: str | None) -> str:
+    if run is not None and not (runs_dir / JOURNAL_NAME).is_file():
+        raise UnknownRunError(
+            f"no run `{run}` in {runs_dir}: there is no journal; name the folder with --runs"
+        )
     runs = [summary.run_id for summary in list_runs(runs_dir)]
-    if not runs:
-        raise ResultsError(f"the journal in {runs_dir} is empty: nothing ran here yet")
     if run is None:
+        if not runs:
+            raise ResultsError(f"the journal in {runs_dir} is empty: nothing ran here yet")
         return runs[0]
     if run in runs:
         return run
     fitting = [name for name in runs if run and name.startswith(run)]
     if len(fitting) == 1:
         return fitting[0]
-    what = f"{len(fitting)} runs begin with {run!r}" if fitting else f"no run {run!r}"
-    named = fitting or runs
-    shown = ", ".join(named[:NAMED_COUNT])
-    more = f" and {len(named) - NAMED_COUNT} more" if len(named) > NAMED_COUNT else ""
-    raise ResultsError(f"{what} in {runs_dir}; there are: {shown}{more}")
+    if fitting:
+        raise ResultsError(
+            f"{len(fitting)} runs begin with `{run}` in {runs_dir}; name one: {_listed(fitting)}"
+        )
+    known = f"name one of {_listed(runs)}" if runs else "it has none yet"
+    raise UnknownRunError(
+        f"no run `{run}` in {runs_dir}: {known}, or name another folder with --runs"
+    )
+
+
+def _listed(runs: list[str]) -> str:
+    more = f" and {len(runs) - NAMED_COUNT} more" if len(runs) > NAMED_COUNT else ""
+    return f"{', '.join(runs[:NAMED_COUNT])}{more}"

@@ -19,7 +19,11 @@ Points = tuple[tuple[float, float], ...]
 
 
 class ResultsError(Exception):
-    """There is no such run, or its journal cannot be read; the message names what was found."""
+    """A run's journal cannot be read; the message names what was found."""
+
+
+class UnknownRunError(ResultsError):
+    """There is no run of the name given."""
 
 
 @dataclass(frozen=True, slots=True)
