@@ -25,10 +25,10 @@ ARM_COUNTED_FORCE_N = 40.0
 
 DensityFrom = Literal["recipe", "command line", "CAD file", "assumed"]
 _DENSITY_WORDS: dict[DensityFrom, str] = {
-    "recipe": "density {} g/cm3 (recipe)",
-    "command line": "density {} g/cm3 (command line)",
-    "CAD file": "density {} g/cm3 (CAD file)",
-    "assumed": "density assumed {} g/cm3 (aluminium)",
+    "recipe": "{} g/cm3 (recipe)",
+    "command line": "{} g/cm3 (command line)",
+    "CAD file": "{} g/cm3 (CAD file)",
+    "assumed": "{} g/cm3 (aluminium, assumed)",
 }
 
 
@@ -74,18 +74,14 @@ class PlannerSetup:
     def sentence(self) -> str:
         """What plans depend on, in one sentence."""
         density = _DENSITY_WORDS[self.density_from].format(f"{self.density_g_cm3:g}")
-        fixed_gripper = self.layout.fixed_gripper
-        fixed = (
-            ""
-            if fixed_gripper is None
-            else f" and {fixed_gripper.force_n:g} N of the fixed gripper"
-        )
+        fixed_gripper, gain = self.layout.fixed_gripper, self.options.least_gain
+        fixed = "" if fixed_gripper is None else f", {fixed_gripper.force_n:g} N (fixed gripper)"
+        least = f"; each view adds {gain:.2%} of the surface or more" if gain else ""
         words = (
             f"{density}, {self.mass_g:.0f} g; incidence up to "
-            f"{self.options.max_incidence_deg:g} deg; defects from {self.smallest_defect_mm:g} mm; "
-            f"views that add {self.options.least_gain:g} of the surface or more; "
-            f"{self.layout.arm_gripper.force_n:g} N of the arm gripper{fixed}; openings to "
-            f"{self.options.width_tolerance_mm:g} mm"
+            f"{self.options.max_incidence_deg:g} deg; smallest defect {self.smallest_defect_mm:g} "
+            f"mm{least}; grasp force {self.layout.arm_gripper.force_n:g} N (arm gripper){fixed}; "
+            f"opening tolerance {self.options.width_tolerance_mm:g} mm"
         )
         return f"planned with {words}" if self.has_recipe else f"planned without a recipe: {words}"
 
@@ -108,15 +104,15 @@ def planner_setup(
     """
     wanted = InspectionSection() if recipe is None else recipe.inspection
     grasp = GraspSection() if recipe is None else recipe.grasp
-    said = None if recipe is None else recipe.density_g_cm3
+    of_recipe = None if recipe is None else recipe.density_g_cm3
     source: DensityFrom = "assumed"
     if density_g_cm3 is not None:
         source = "command line"
-    elif said is not None:
+    elif of_recipe is not None:
         source = "recipe"
     elif part.solid.density_g_cm3:
         source = "CAD file"
-    density = part.density_g_cm3(density_g_cm3 or said)
+    density = part.density_g_cm3(density_g_cm3 or of_recipe)
     layout = build_layout(cell)
     fixed_gripper = layout.fixed_gripper
     layout = replace(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -130,6 +131,8 @@ def test_plan_check_compile_and_run_agree_to_the_byte(
     assert likely
     assert [c for c in planned["certificates"] if c["pose"] in likely] == checked["certificates"]
     assert planned["certificates"] == compiled["certificates"]
+    views = {c["pose"]: c["views"] for c in checked["certificates"]}
+    assert {pose["pose_index"]: pose["views"] for pose in checked["poses"]} == views
     assert planned["planned_with"] == checked["planned_with"] == compiled["planned_with"]
     # what a run plans with, for the same part at the same place
     job = compute.Job(path, CELL)
@@ -178,13 +181,28 @@ def test_without_a_recipe_what_is_assumed_is_said(
 ) -> None:
     words = ["plan", str(folder / "block.stl"), "--cell", str(CELL), "--pose", "0"]
     assert main(words) == 0
-    assert "density assumed 2.7 g/cm3 (aluminium)" in capsys.readouterr().out
+    assert "2.7 g/cm3 (aluminium, assumed)" in capsys.readouterr().out
     figures = told([*words[:2], "--pose", "0"], capsys)["planned_with"]
     assert (figures["density_g_cm3"], figures["density_from"]) == (2.7, "assumed")
     assert figures["from_recipe"] is False
     words = ["compile", str(folder / "block.stl"), "--cell", str(CELL)]
     assert main(words) == 0
-    assert "density assumed 2.7 g/cm3 (aluminium)" in capsys.readouterr().out
+    assert "2.7 g/cm3 (aluminium, assumed)" in capsys.readouterr().out
+
+
+def test_what_is_in_sight_is_not_called_inspected(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = str(folder / "block.yaml")
+    assert main(["check", path, "--cell", str(CELL)]) == 0
+    checked = capsys.readouterr().out
+    assert "% of the surface in sight, " in checked
+    assert "1 regrasps" not in checked
+    assert checked.endswith("ready (how much can be compared shows in the pictures)\n")
+    assert main(["plan", "--recipe", path, "--cell", str(CELL)]) == 0
+    planned = capsys.readouterr().out
+    assert re.search(r"% of the surface in sight; at most \d+\.\d% is possible in this", planned)
+    assert re.search(r"proven optimal in regrasp time, .* per view over \d+ arm grasps, ", planned)
 
 
 def test_a_bare_recipe_plans_as_no_recipe_does(

@@ -126,8 +126,9 @@ def check_plans(job: Job, progress: Callable[[str], None] | None = None) -> Chec
             problems.append(f"{where} ({pose.probability:.0%}): {certified.certificate.reason}")
         elif plan.covered_fraction < wanted:
             problems.append(
-                f"{where}: {plan.covered_fraction:.1%} of the surface can be shown, but the recipe "
-                f"requires {wanted:.1%} (`min_coverage`)"
+                f"{where}: {plan.covered_fraction:.1%} of the surface comes in sight, but the "
+                f"recipe requires {wanted:.1%} to be compared (`min_coverage`); require less, or "
+                "see in `cellctl plan --recipe` what hides the rest"
             )
     if not poses:
         problems.append("the part has no stable pose in which it is likely to rest")

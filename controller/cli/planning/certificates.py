@@ -17,8 +17,13 @@ def proof_words(plan: Plan) -> str:
     if proof.cost_s <= 0:
         return "not proven: no exact search was made"
     if proof.is_optimal:
-        return f"proven optimal: {proof.scope}"
-    return f"within {proof.gap:.1%} of the optimum: {proof.scope}"
+        return f"proven optimal in {proof.scope}"
+    return f"within {proof.gap:.1%} of the optimum in {proof.scope}"
+
+
+def counted(count: int, what: str) -> str:
+    """Return a count with what it counts: 1 view, 2 views."""
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
 def certificate_words(certificate: Certificate) -> str:
@@ -27,9 +32,7 @@ def certificate_words(certificate: Certificate) -> str:
     if plan is None:
         return certificate.reason
     shown = plan.covered_fraction / plan.reachable_fraction if plan.reachable_fraction else 1.0
-    count = view_count(plan)
-    views = f"{count} view{'' if count == 1 else 's'}"
-    regrasps = f"{plan.regrasp_count} regrasp{'' if plan.regrasp_count == 1 else 's'}"
+    views, regrasps = counted(view_count(plan), "view"), counted(plan.regrasp_count, "regrasp")
     return f"{views}, {regrasps}, {plan.forecast_s:.0f} s, {shown:.1%} of what can be shown"
 
 

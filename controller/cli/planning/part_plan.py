@@ -18,7 +18,7 @@ from controller.setup.planner import PlannerSetup, planner_setup
 from ..inputs.checks import Place, check_writable_folder, parse_place
 from ..inputs.part_files import PartFile, stable_pose
 from ..terminal.output import emit, print_line, warn
-from .certificates import print_certificates, proof_words
+from .certificates import counted, print_certificates, proof_words
 from .plan_json import certificate_json, plan_json
 
 
@@ -105,9 +105,10 @@ def _report_coarse(part: CompiledPart, setup: PlannerSetup, pose: StablePose, pl
     if plan is None:
         return  # few candidates prove nothing; the full plan has the reason
     print_line(
-        f"first estimate, after {time.monotonic() - started:.1f} s: {view_count(plan)} views, "
-        f"{plan.regrasp_count} x regrasp, {plan.forecast_s:.0f} s, {plan.covered_fraction:.1%} of "
-        "the surface; the full plan follows"
+        f"first estimate, after {time.monotonic() - started:.1f} s: "
+        f"{counted(view_count(plan), 'view')}, {counted(plan.regrasp_count, 'regrasp')}, "
+        f"{plan.forecast_s:.0f} s, {plan.covered_fraction:.1%} of the surface in sight; the full "
+        "plan follows"
     )
 
 
@@ -185,11 +186,11 @@ def _print(part: CompiledPart, cell: Cell, kept: KeptPlan, place: Place) -> None
     for i, (label, step_s) in enumerate(plan.seconds_by_step, 1):
         print_line(f"{i:3}  {step_s:6.1f} s  {label}")
     print_line(
-        f"forecast {plan.forecast_s:.0f} s; {plan.covered_fraction:.1%} of the surface seen, "
-        f"{plan.reachable_fraction:.1%} could be"
+        f"forecast {plan.forecast_s:.0f} s; {plan.covered_fraction:.1%} of the surface in sight; "
+        f"at most {plan.reachable_fraction:.1%} is possible in this cell"
     )
     print_line(proof_words(plan))
     for u in plan.unseen:
         advice = f"; {u.advice}" if u.advice else ""
         label = part.solid.faces[u.face_id].label
-        print_line(f"  {label}: {u.area_fraction:.2%} unseen, {u.reason}{advice}")
+        print_line(f"  {label}: {u.area_fraction:.2%} not in sight, {u.reason}{advice}")

@@ -7,8 +7,10 @@ from typing import Any
 from controller.cell.compute import Job
 from controller.cell.compute.checking import Checked, CheckedPose, check_job
 from controller.config import load_recipe
+from controller.results.moments import view_count
 
 from ..terminal.output import emit, print_line, warn
+from .certificates import counted
 from .plan_json import certificate_json
 
 
@@ -51,12 +53,16 @@ def _print(recipe_path: Path, checked: Checked) -> None:
         entry = _pose_json(pose)
         if entry["planned"]:
             print_line(
-                f"pose {entry['pose_index']} ({entry['probability']:.0%}): {entry['views']} views, "
-                f"{entry['regrips']} regrasps, {entry['covered_fraction']:.1%} of the surface, "
+                f"pose {entry['pose_index']} ({entry['probability']:.0%}): "
+                f"{counted(entry['views'], 'view')}, {counted(entry['regrips'], 'regrasp')}, "
+                f"{entry['covered_fraction']:.1%} of the surface in sight, "
                 f"{entry['forecast_s']:.0f} s"
             )
     warn_of(recipe_path, checked)
-    print_line(f"{recipe_path}: {'not ready' if checked.problems else 'ready'}")
+    if checked.problems:
+        print_line(f"{recipe_path}: not ready")
+    else:
+        print_line(f"{recipe_path}: ready (how much can be compared shows in the pictures)")
 
 
 def warn_of(recipe_path: Path, checked: Checked) -> None:
@@ -75,7 +81,7 @@ def _pose_json(checked: CheckedPose) -> dict[str, Any]:
         return entry | {"planned": False, "reason": certificate.reason}
     return entry | {
         "planned": True,
-        "views": len(plan.presents),
+        "views": view_count(plan),
         "regrips": plan.regrasp_count,
         "forecast_s": plan.forecast_s,
         "covered_fraction": plan.covered_fraction,

@@ -337,13 +337,11 @@ def _scope(task: _Task, costs: EdgeCosts) -> str:
     fixed = sum(s.fixed_grasp_index >= 0 for s in costs.sites)
     set_down_count = len(costs.sites) - fixed
     gain = part.options.least_gain
-    left_out = f"; views that add less than {gain:.2%} of the surface left out" if gain else ""
+    left_out = f"; views that add less than {gain:.2%} of the surface are left out" if gain else ""
     return (
-        "seconds of regrasps with their risk, and "
-        f"{task.layout.cell_times.look_s:.1f} s a view "
-        f"with the path to it, among {len(part.arm_grasps)} grasps of the arm gripper, "
-        f"{fixed} of the fixed gripper, {set_down_count} poses on the table and "
-        f"{len(part.directions.vectors)} directions{left_out}"
+        f"regrasp time, regrasp risk and {task.layout.cell_times.look_s:.1f} s per view over "
+        f"{len(part.arm_grasps)} arm grasps, {fixed} fixed-gripper grasps, {set_down_count} poses "
+        f"on the table, {len(part.directions.vectors)} directions{left_out}"
     )
 
 
