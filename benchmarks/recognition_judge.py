@@ -52,7 +52,7 @@ class Thing:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Reading:
+class Alternative:
     """Another part or pose that an answer allows; R is None where it names the part alone."""
 
     part: str
@@ -70,7 +70,7 @@ class Answer:
     y_mm: float
     theta_deg: float
     score: float
-    alternatives: tuple[Reading, ...]
+    alternatives: tuple[Alternative, ...]
     seconds: float
     reason: str
 
@@ -130,7 +130,7 @@ def read_answer(
         turned = other.get("stable_pose_R")
         if turned is None and poses is not None and other.get("pose_index") is not None:
             turned = poses(other["part"], int(other["pose_index"]))
-        readings.append(Reading(other["part"], None if turned is None else np.asarray(turned)))
+        readings.append(Alternative(other["part"], None if turned is None else np.asarray(turned)))
     return Answer(
         body["image"],
         body["part"],

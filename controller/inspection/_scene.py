@@ -20,7 +20,7 @@ MAX_INCIDENCE_COS: Final = float(np.cos(np.radians(75.0)))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Scene:
+class ViewScene:
     """What the prediction needs besides the part."""
 
     holder: RayCaster | None
@@ -43,7 +43,7 @@ def box_mesh(boxes: tuple[WorldBox, ...]) -> trimesh.Trimesh:
     return cast("trimesh.Trimesh", trimesh.util.concatenate(meshes))
 
 
-def make_scene(task: ViewTask) -> Scene:
+def make_scene(task: ViewTask) -> ViewScene:
     """Return what stands in a view besides the part."""
     width, height = task.camera.size_px
     holder: RayCaster | None = None
@@ -64,11 +64,11 @@ def make_scene(task: ViewTask) -> Scene:
     outline = task.camera.project(np.array(edges))
     cv2.fillPoly(panel, [np.round(outline).astype(np.int32)], 1)
     inner = cv2.erode(panel, np.ones((9, 9), np.uint8), borderValue=1)
-    return Scene(holder, holder_mask, inner > 0)
+    return ViewScene(holder, holder_mask, inner > 0)
 
 
 def samples_in_sight(
-    part: PosedPart, samples: SurfaceSamples, camera: Camera, T: FloatArray, scene: Scene
+    part: PosedPart, samples: SurfaceSamples, camera: Camera, T: FloatArray, scene: ViewScene
 ) -> Visibility:
     """Return which surface samples are in sight, and which of them beside the gripper.
 

@@ -20,7 +20,7 @@ from controller.recognition.fitting import OutlineMeasure
 
 from ._outline import compare_outline
 from ._pose import PosedPart, PoseFit, measure_pose, moved, poses_as_good
-from ._scene import Scene, make_scene, samples_in_sight
+from ._scene import ViewScene, make_scene, samples_in_sight
 from ._types import FindingKind, InspectionLimits, ViewPictures, ViewResult, ViewTask
 from .lit import BURNT_GREY, LitPictures
 from .registration import Registration, register
@@ -102,7 +102,7 @@ class _View:
     samples: SurfaceSamples
     task: ViewTask
     pictures: ViewPictures
-    scene: Scene
+    scene: ViewScene
     dark: BoolArray
     judged: BoolArray
     sharp: Registration | None

@@ -18,7 +18,7 @@ from controller.planning import (
     PlanOptions,
     PreparedPart,
     Present,
-    Reading,
+    TableHypothesis,
     identify,
     plan_under_ambiguity,
     prepare_part,
@@ -48,12 +48,12 @@ def pose_on_table(solid: Solid, down: tuple[float, float, float]) -> OnTable:
     return OnTable(pose.index, resting_pose(solid, pose, 360.0, 10.0, 0.3))
 
 
-def as_reading(solid: Solid, start: OnTable, of: Solid) -> Reading:
+def as_hypothesis(solid: Solid, start: OnTable, of: Solid) -> TableHypothesis:
     """Another solid where the first one lies: all but the notch is the same."""
     centred = start.T_world_part @ np.array([0.0, 0.0, 0.0, 1.0])
     T = start.T_world_part.copy()
     T[:3, 3] = centred[:3]
-    return Reading(of.name, of, T)
+    return TableHypothesis(of.name, of, T)
 
 
 TWIN = stepped((-1.0, 1.0, -1.0))
@@ -62,7 +62,7 @@ TWIN = stepped((-1.0, 1.0, -1.0))
 @pytest.fixture(scope="module")
 def plan(left: PreparedPart) -> Plan:
     start = pose_on_table(left.solid, (0.0, 0.0, -1.0))
-    return plan_under_ambiguity(left, LAYOUT, start, [as_reading(left.solid, start, TWIN)])
+    return plan_under_ambiguity(left, LAYOUT, start, [as_hypothesis(left.solid, start, TWIN)])
 
 
 def test_the_view_that_tells_comes_first_and_the_rest_follows(
@@ -73,7 +73,7 @@ def test_the_view_that_tells_comes_first_and_the_rest_follows(
     assert isinstance(view, Present)
     assert view.ambiguity is not None
     assert view.ambiguity.margin >= 1.0
-    assert [c.solid for c in view.ambiguity.candidates] == [left.solid, TWIN]
+    assert [c.solid for c in view.ambiguity.hypotheses] == [left.solid, TWIN]
     assert all(s.ambiguity is None for s in rest if isinstance(s, Present))
     assert plan.covered_fraction > 0.99
 
@@ -95,7 +95,7 @@ def test_the_pictures_of_that_view_tell_which_it_is(plan: Plan, truth: int) -> N
     assert ambiguity is not None
     camera = LAYOUT.inspection
     tip = view.T_world_part @ view.grasp.T_part_tcp
-    held = ambiguity.candidates[truth]
+    held = ambiguity.hypotheses[truth]
     # drawn from the triangles' corners alone: dark before a bright panel, under lamps a bright part
     T = tip @ held.T_tcp_part
     corners = np.asarray(held.solid.mesh.triangles).reshape(-1, 3) @ T[:3, :3].T + T[:3, 3]
@@ -116,12 +116,12 @@ def test_what_no_grip_holds_both_ways_is_refused(left: PreparedPart) -> None:
     start = pose_on_table(left.solid, (0.0, 0.0, -1.0))
     large = make_solid(make_box(extents=(84.0, 84.0, 30.0)), "large", "5eed" * 16, "test")
     with pytest.raises(NoPlanError, match="no grasp from above holds both"):
-        plan_under_ambiguity(left, LAYOUT, start, [as_reading(left.solid, start, large)])
+        plan_under_ambiguity(left, LAYOUT, start, [as_hypothesis(left.solid, start, large)])
 
 
 def test_the_same_part_read_twice_needs_no_view_to_tell(left: PreparedPart) -> None:
     start = pose_on_table(left.solid, (0.0, 0.0, -1.0))
-    same = Reading(left.solid.name, left.solid, start.T_world_part)
+    same = TableHypothesis(left.solid.name, left.solid, start.T_world_part)
     plan = plan_under_ambiguity(left, LAYOUT, start, [same])
     assert all(s.ambiguity is None for s in plan.steps if isinstance(s, Present))
     assert plan.covered_fraction > 0.99
@@ -131,4 +131,4 @@ def test_another_part_of_the_same_shape_is_refused_with_the_reason(left: Prepare
     start = pose_on_table(left.solid, (0.0, 0.0, -1.0))
     copy = stepped((1.0, 1.0, -1.0))
     with pytest.raises(NoPlanError, match="no view distinguishes"):
-        plan_under_ambiguity(left, LAYOUT, start, [as_reading(left.solid, start, copy)])
+        plan_under_ambiguity(left, LAYOUT, start, [as_hypothesis(left.solid, start, copy)])

@@ -35,7 +35,7 @@ from controller.planning.disambiguation import (
     predict_view,
     separating_views,
 )
-from controller.planning.model import LIGHTS, Candidate, Light
+from controller.planning.model import LIGHTS, HeldHypothesis, Light
 from controller.planning.motion import Scene, tcp_pose
 
 LAYOUT = emulated_layout()
@@ -73,9 +73,9 @@ def in_hand() -> np.ndarray:
     return T
 
 
-def held(name: str, turn: np.ndarray | None = None, called: str = "") -> Candidate:
+def held(name: str, turn: np.ndarray | None = None, called: str = "") -> HeldHypothesis:
     T = inverse_pose(in_hand())
-    return Candidate(called or name, solid(name), T if turn is None else T @ turn)
+    return HeldHypothesis(called or name, solid(name), T if turn is None else T @ turn)
 
 
 @cache
@@ -96,19 +96,19 @@ def towards(direction: tuple[float, float, float]) -> np.ndarray:
     return max(plate_views().items(), key=lambda item: float(np.dot(item[0], direction)))[1]
 
 
-def look(candidates: list[Candidate], q: np.ndarray, step_px: int = 2) -> Predicted:
-    models = [model_of(c) for c in candidates]
-    seen = predict_view(candidates, models, LAYOUT, q, OPENING_MM, step_px, RULES)
+def look(hypotheses: list[HeldHypothesis], q: np.ndarray, step_px: int = 2) -> Predicted:
+    models = [model_of(c) for c in hypotheses]
+    seen = predict_view(hypotheses, models, LAYOUT, q, OPENING_MM, step_px, RULES)
     assert seen is not None
     return seen
 
 
-def settle(candidates: list[Candidate], q: np.ndarray | None = None):  # noqa: ANN201
+def settle(hypotheses: list[HeldHypothesis], q: np.ndarray | None = None):  # noqa: ANN201
     offered = np.stack(list(plate_views().values())) if q is None else q
-    return separating_views(candidates, LAYOUT, offered, np.full(len(offered), 5.0), OPENING_MM)
+    return separating_views(hypotheses, LAYOUT, offered, np.full(len(offered), 5.0), OPENING_MM)
 
 
-def moved(candidate: Candidate, seed: int, share: float = 0.95) -> Candidate:
+def moved(hypothesis: HeldHypothesis, seed: int, share: float = 0.95) -> HeldHypothesis:
     """The same part, as far off in the hand as it may be, any which way."""
     rng = np.random.default_rng(seed)
     axis, shift = rng.normal(size=3), rng.normal(size=3)
@@ -118,7 +118,7 @@ def moved(candidate: Candidate, seed: int, share: float = 0.95) -> Candidate:
     T = np.eye(4)
     T[:3, :3] = np.eye(3) - np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
     T[:3, 3] = share * RULES.shift_mm * shift
-    return Candidate(candidate.name, candidate.solid, T @ candidate.T_tcp_part)
+    return HeldHypothesis(hypothesis.name, hypothesis.solid, T @ hypothesis.T_tcp_part)
 
 
 @settings(max_examples=6, deadline=None)
@@ -194,7 +194,7 @@ def test_a_part_turned_into_itself_is_never_told_from_itself_and_that_is_said() 
 
 
 def test_a_difference_too_small_for_the_hold_is_said_to_be_in_sight_but_too_small() -> None:
-    slightly = Candidate(
+    slightly = HeldHypothesis(
         "slightly longer", solid_of(box(61.2, 40, 12), "slightly"), inverse_pose(in_hand())
     )
     found = settle([held("plain"), slightly])
@@ -362,13 +362,13 @@ def test_a_gear_is_told_from_its_mirror_image() -> None:
     T[:3, :3] = np.column_stack([x, y, np.cross(x, y)])
     T[:3, 3] = gear.centroid_mm - x * (extent[(thin + 1) % 3] / 2 - 15)
     opening = float(extent[thin])
-    held_gear = Candidate("gear", gear, inverse_pose(T))
+    held_gear = HeldHypothesis("gear", gear, inverse_pose(T))
     # end for end about its middle the mirror image lies best in the gear, of all turns about it
     over = np.eye(4)
     over[:3, :3] = np.diag([1.0, -1.0, -1.0])
     over[:3, 3] = gear.centroid_mm - over[:3, :3] @ mirror.centroid_mm
     for twin in (inverse_pose(T), inverse_pose(T) @ over):
-        pair = [held_gear, Candidate("mirror image", mirror, twin)]
+        pair = [held_gear, HeldHypothesis("mirror image", mirror, twin)]
         q, seconds = offered_views(pair, LAYOUT, opening, LAYOUT.park_q, 30)
         found = separating_views(pair, LAYOUT, q, seconds, opening)
         assert found.first is not None

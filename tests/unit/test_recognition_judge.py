@@ -20,9 +20,9 @@ from scipy.spatial.transform import Rotation
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 from recognition_judge import (
+    Alternative,
     Answer,
     Judge,
-    Reading,
     Thing,
     confusion,
     failures,
@@ -236,8 +236,8 @@ def test_an_unknown_blob_is_paired_further_away_than_a_named_part(judge: Judge) 
 
 def test_alternatives_are_judged_beside_the_answer_not_instead_of_it(judge: Judge) -> None:
     lies = thing("l")
-    flipped = replace(told(lies), R=about("x", 180), alternatives=(Reading("l", UPRIGHT),))
-    other = replace(told(lies), part="tile", alternatives=(Reading("l", about("x", 180)),))
+    flipped = replace(told(lies), R=about("x", 180), alternatives=(Alternative("l", UPRIGHT),))
+    other = replace(told(lies), part="tile", alternatives=(Alternative("l", about("x", 180)),))
     for answer, strict, loose in (
         (flipped, "wrong pose", "right"),
         (other, "wrong part", "wrong pose"),

@@ -65,7 +65,7 @@ class PlanAction:
         try:
             await self.preparation.wait()
             plan = await self.compute.plan(
-                start, part.in_sight, frozenset(part.avoid), part.candidates
+                start, part.in_sight, frozenset(part.avoid), part.alternatives
             )
         except NoPlanError as error:
             return self._keep_plan(error, start, before)

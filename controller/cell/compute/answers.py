@@ -20,12 +20,12 @@ from controller.imaging import inverse_pose
 from controller.planning import (
     Ambiguity,
     Box,
-    Motion,
+    JointPath,
     OnTable,
     Plan,
     PreparedPart,
-    Reading,
     Start,
+    TableHypothesis,
 )
 from controller.planning.motion import Scene, connect
 from controller.setup.optics import build_lamps, panel_corners, table_corners
@@ -67,7 +67,7 @@ def plan(
     start: Start,
     seen: BoolArray | None,
     avoid: frozenset[str],
-    candidates: tuple[recognising.Alternative, ...],
+    alternatives: tuple[recognising.Alternative, ...],
 ) -> Plan:
     """Return a plan for the part, which a gripper or the table has.
 
@@ -77,27 +77,29 @@ def plan(
     start : where the part is
     seen : (n,) bool, samples that need not be shown again
     avoid : ids of grasps that have failed
-    candidates : the other parts and poses that recognition has not excluded
+    alternatives : the other parts and poses that recognition has not excluded
 
     Raises
     ------
     NoPlanError : there is no plan; the message gives the reason
     """
     prepared, layout = _prepared(job), context(job).layout
-    if isinstance(start, OnTable) and candidates:
-        others = _readings(job, candidates)
+    if isinstance(start, OnTable) and alternatives:
+        others = _hypotheses(job, alternatives)
         return planning.plan_under_ambiguity(
             prepared, layout, start, others, seen=seen, avoid=avoid
         )
     return planning.plan_from(prepared, layout, start, seen=seen, avoid=avoid)
 
 
-def _readings(job: Job, candidates: tuple[recognising.Alternative, ...]) -> list[Reading]:
-    """Return each other reading of the picture, with the solid of its part."""
+def _hypotheses(
+    job: Job, alternatives: tuple[recognising.Alternative, ...]
+) -> list[TableHypothesis]:
+    """Return each other hypothesis about the picture, with the solid of its part."""
     c = context(job)
     others = (load_part(*file) for file in part_files(c.recipe)[1:])
     solids = {part.solid.name: part.solid for part in (*others, c.part)}
-    return [Reading(a.part, solids[a.part], a.T_world_part) for a in candidates]
+    return [TableHypothesis(a.part, solids[a.part], a.T_world_part) for a in alternatives]
 
 
 def identify(
@@ -127,7 +129,7 @@ def path_home(
     arm_opening_mm: float,
     fixed_opening_mm: float,
     T_part_tcp: FloatArray | None,
-) -> Motion:
+) -> JointPath:
     """Return a joint path from any configuration to the park position.
 
     Parameters

@@ -282,7 +282,7 @@ class TablePictures(TextByName):
     row_name = "table_pictures"
 
 
-class OtherReading(Fields):
+class OtherHypothesis(Fields):
     """Another part or pose that an object on the table may be."""
 
     part: str
@@ -303,7 +303,7 @@ class Sighting(Fields):
     sigma_mm: float | None = None
     sigma_deg: float | None = None
     residual_px: float | None = None
-    ambiguous_with: tuple[OtherReading, ...] = ()
+    ambiguous_with: tuple[OtherHypothesis, ...] = ()
     box_px: Box
     reason: str = ""
 

@@ -2,10 +2,9 @@
 
 from controller.arrays import FloatArray
 from controller.cell.devices.interlocks import check_interlocks
+from controller.planning import JointPath
 from drivers.clock import CellClock
 from drivers.kinds import Arm, IoBlock
-
-JointPath = tuple[FloatArray, ...]
 
 # How long the arm vibrates after it stops.
 RINGING_S = 0.3

@@ -170,10 +170,10 @@ def _sentence(body: dict[str, Any]) -> str:
     others = body["ambiguous_with"]
     also = ""
     if others:
-        readings = "; ".join(
+        others_text = "; ".join(
             f"{a['part']}, pose {a['pose_index']}, {a['theta_deg']:.1f} deg" for a in others
         )
-        also = f"; could also be {readings}"
+        also = f"; could also be {others_text}"
     return (
         f"{body['image']}: {body['part']}, pose {body['pose_index']}, at {where}, "
         f"{body['theta_deg']:.1f} deg, score {body['score']:.3f}{also}"

@@ -12,7 +12,7 @@ from controller.imaging import ViewMaps, transform
 
 from .._connected import connected_findings, grow
 from .._pose import PosedPart, PoseFit
-from .._scene import HOLDER_MARGIN_PX, Scene, Visibility
+from .._scene import HOLDER_MARGIN_PX, ViewScene, Visibility
 from .._types import Check, Finding, FindingKind, Unjudged, ViewTask
 from ..registration import Registration, register
 from .compare import Compared, compare
@@ -44,7 +44,7 @@ class LitPictures:
         part: PosedPart,
         samples: SurfaceSamples,
         task: ViewTask,
-        scene: Scene,
+        scene: ViewScene,
         fit: PoseFit,
         visible: Visibility,
         sharp: Registration | None,
@@ -178,7 +178,7 @@ class LitPictures:
         return compared, code
 
 
-def _ground_level(picture: Grey, maps: ViewMaps, scene: Scene) -> float:
+def _ground_level(picture: Grey, maps: ViewMaps, scene: ViewScene) -> float:
     """Return how bright the wall behind the part is under a lamp, where no shadow falls."""
     clear = scene.panel & ~scene.holder_mask
     x0, y0, x1, y1 = maps.roi

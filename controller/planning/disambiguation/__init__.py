@@ -1,11 +1,11 @@
-"""Views that resolve an ambiguity: which of several candidates is in the arm gripper.
+"""Views that resolve an ambiguity: which of several hypotheses is in the arm gripper.
 
 Recognition may leave a part ambiguous with its mirror twin, or with a pose that looks alike from
-above. Pictures of all candidates are predicted for the views a common grasp can reach; the cheapest
+above. Pictures of all hypotheses are predicted for the views a common grasp can reach; the cheapest
 views whose pictures differ, however the part may sit in the arm gripper, settle it.
 """
 
-from ..model import LIGHTS, Candidate, Light
+from ..model import LIGHTS, HeldHypothesis, Light
 from ._difference import difference
 from ._identify import Identification, apart, compare, discriminate, edges_shown
 from ._measured import measured_picture
@@ -23,10 +23,10 @@ from ._tree import (
 
 __all__ = [
     "LIGHTS",
-    "Candidate",
     "DecidingView",
     "DisambiguationRules",
     "DisambiguationTree",
+    "HeldHypothesis",
     "Identification",
     "Indistinguishable",
     "Light",

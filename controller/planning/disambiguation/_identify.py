@@ -1,4 +1,4 @@
-"""Which candidate a picture shows, or that the ambiguity stays."""
+"""Which hypothesis a picture shows, or that the ambiguity stays."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Identification:
 
     Attributes
     ----------
-    left : candidates that it may be, the likeliest first; empty if the picture fits none of them
+    left : hypotheses that it may be, the likeliest first; empty if the picture fits none of them
     differs_px : (n,) of the picture from each prediction
     """
 
@@ -35,14 +35,14 @@ class Identification:
 def compare(
     measured: Picture, predicted: Predicted, light: Light, among: Sequence[int]
 ) -> FloatArray:
-    """Return by how many pixels a picture differs from what each candidate would look like.
+    """Return by how many pixels a picture differs from what each hypothesis would look like.
 
     Parameters
     ----------
     measured : on the grid of the predictions: mask against the backlight, or edges under the lamps
-    predicted : of all candidates, in the configuration the picture was taken in
+    predicted : of all hypotheses, in the configuration the picture was taken in
     light : in which the picture was taken
-    among : the candidates still possible; others get inf
+    among : the hypotheses still possible; others get inf
     """
     found = np.full(len(predicted.pictures), np.inf)
     for c in among:
@@ -58,7 +58,7 @@ def discriminate(
     edges_px: FloatArray | None = None,
     rules: DisambiguationRules | None = None,
 ) -> Identification:
-    """Return which candidates a picture leaves.
+    """Return which hypotheses a picture leaves.
 
     One that fits worse than the best one is out when it fits worse by half of what the two of them
     look different by, and that is enough for a picture to tell: what a picture lacks or has too
@@ -68,10 +68,10 @@ def discriminate(
 
     Parameters
     ----------
-    differs_px : (n,) of the picture from each candidate's prediction, of `compare`
+    differs_px : (n,) of the picture from each hypothesis's prediction, of `compare`
     apart_px : (n, n) of each prediction from each other one, of `apart`
     light : in which the picture was taken
-    among : the candidates still possible
+    among : the hypotheses still possible
     edges_px : (n,) edges that each prediction shows, of `edges_shown`; for pictures under lamps
     rules : how much of a picture must differ; None for the defaults
     """

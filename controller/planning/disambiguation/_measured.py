@@ -21,7 +21,7 @@ MIN_STEP_GREY = 8.0
 def measured_picture(predicted: Predicted, backlit: Grey, lit: Sequence[Grey] = ()) -> Picture:
     """Return outline and edges of a photographed part.
 
-    Edges far from those of every candidate, on the arm gripper or behind the part, say nothing
+    Edges far from those of every hypothesis, on the arm gripper or behind the part, say nothing
     about which it is and are left out.
 
     Parameters

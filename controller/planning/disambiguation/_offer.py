@@ -1,4 +1,4 @@
-"""Views to choose from: configurations that hold the part up whichever candidate it is."""
+"""Views to choose from: configurations that hold the part up whichever hypothesis it is."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from controller.cad import Solid, sample_surface
 from controller.imaging import inverse_pose
 
 from ..geometry import Box
-from ..model import Candidate, CellLayout
+from ..model import CellLayout, HeldHypothesis
 from ..motion import Scene, segment_seconds
 from ..views import candidate_directions, hold_up, reachable_views
 
@@ -20,7 +20,7 @@ SPACING_MM = 6.0
 
 
 def offered_views(
-    candidates: Sequence[Candidate],
+    hypotheses: Sequence[HeldHypothesis],
     layout: CellLayout,
     opening_mm: float,
     q_from: FloatArray,
@@ -28,24 +28,24 @@ def offered_views(
 ) -> tuple[FloatArray, FloatArray]:
     """Return configurations (k, 6) before the inspection camera, and what each costs [s] (k,).
 
-    One per direction, evenly spread about the first candidate: the nearest to `q_from` that the
+    One per direction, evenly spread about the first hypothesis: the nearest to `q_from` that the
     arm can reach free of contact with any of them in the arm gripper, with nothing standing before
     it if that can be had.
 
     Parameters
     ----------
-    candidates : what the part in the gripper may be, at least one
+    hypotheses : what the part in the gripper may be, at least one
     layout : the cell
     opening_mm : between the inner sides of the fingers
     q_from : (6,) where the arm stands
     direction_count : directions tried
     """
-    first = candidates[0]
+    first = hypotheses[0]
     vectors = candidate_directions(first.solid, direction_count).vectors
     samples = sample_surface(first.solid, SPACING_MM)
     scenes = [
         Scene(layout, opening_mm, layout.fixed_open_mm, _box_of(c.solid).placed(c.T_tcp_part))
-        for c in candidates
+        for c in hypotheses
     ]
     found = reachable_views(
         layout,

@@ -1,4 +1,4 @@
-"""What a camera would see of each candidate: outline, edges that show, the arm gripper."""
+"""What a camera would see of each hypothesis: outline, edges that show, the arm gripper."""
 
 from __future__ import annotations
 
@@ -87,12 +87,12 @@ def outer_points(solid: Solid) -> FloatArray:
 def region_of(
     outer_mm: Sequence[FloatArray], T_world_part: Sequence[FloatArray], camera: Camera, margin: int
 ) -> Roi | None:
-    """Return the region that holds all candidates with a margin [px], None if one is out of sight.
+    """Return the region that holds all hypotheses with a margin [px], None if one is out of sight.
 
     Parameters
     ----------
     outer_mm : of `outer_points`
-    T_world_part : of each candidate (4, 4), as it is held up
+    T_world_part : of each hypothesis (4, 4), as it is held up
     camera : of the view
     margin : in pixels, on all sides
     """
@@ -114,11 +114,11 @@ def predict(
     arm_gripper: ViewMaps | None,
     rules: DisambiguationRules,
 ) -> Picture:
-    """Return what the camera would see of one candidate.
+    """Return what the camera would see of one hypothesis.
 
     Parameters
     ----------
-    solid : the candidate's part
+    solid : the hypothesis's part
     caster : rays against its mesh
     T_world_part : (4, 4) as it is held up
     camera : of the view
@@ -185,15 +185,15 @@ def stance_of(
     roi: Roi,
     rules: DisambiguationRules,
 ) -> Stance:
-    """Return how candidates held by one gripper may be off in one view.
+    """Return how hypotheses held by one gripper may be off in one view.
 
     To first order: what lies at depth z from the gripper's TCP moves by the tilt times z across the
     picture. The mean of it is a shift of all; what is left is tolerated.
 
     Parameters
     ----------
-    outer_mm : of each candidate, `outer_points` (n, 3), CAD frame
-    T_world_part : of each candidate (4, 4), as it is held up
+    outer_mm : of each hypothesis, `outer_points` (n, 3), CAD frame
+    T_world_part : of each hypothesis (4, 4), as it is held up
     T_world_tcp : (4, 4) pose of the TCP
     camera : of the view
     roi : region of the picture; the pivot is counted from its corner

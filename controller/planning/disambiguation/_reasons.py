@@ -1,4 +1,4 @@
-"""Why no view tells two candidates apart."""
+"""Why no view tells two hypotheses apart."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from controller.cad import SurfaceSamples, sample_surface
 from controller.imaging import RayCaster, inverse_pose, transform
 
 from ..geometry import segments_hit
-from ..model import Candidate, CellLayout
+from ..model import CellLayout, HeldHypothesis
 from ..motion import Scene, tcp_pose
 
 SAME_MM = 0.15  # as in cad/resting: bores are drawn this far off the axis of symmetric parts
@@ -20,8 +20,8 @@ NAMED_COUNT = 3
 
 
 def why_alike(
-    a: Candidate,
-    b: Candidate,
+    a: HeldHypothesis,
+    b: HeldHypothesis,
     layout: CellLayout,
     q: FloatArray,
     opening_mm: float,
@@ -31,7 +31,7 @@ def why_alike(
 
     Parameters
     ----------
-    a, b : the two candidates
+    a, b : the two hypotheses
     layout : the cell
     q : (k, 6) the views offered
     margin : the best of them
@@ -70,12 +70,12 @@ def why_alike(
     )
 
 
-def distance_mm(a: Candidate, samples: SurfaceSamples, b: Candidate) -> FloatArray:
-    """Return how far each sample (n,) of one candidate is from the surface of another [mm].
+def distance_mm(a: HeldHypothesis, samples: SurfaceSamples, b: HeldHypothesis) -> FloatArray:
+    """Return how far each sample (n,) of one hypothesis is from the surface of another [mm].
 
     Parameters
     ----------
-    a : the candidate the samples are of
+    a : the hypothesis the samples are of
     samples : n, CAD frame of ``a``
     b : another one, held by the same gripper
     """
@@ -85,7 +85,7 @@ def distance_mm(a: Candidate, samples: SurfaceSamples, b: Candidate) -> FloatArr
 
 
 def _shown(
-    c: Candidate,
+    c: HeldHypothesis,
     samples: SurfaceSamples,
     members: BoolArray,
     layout: CellLayout,

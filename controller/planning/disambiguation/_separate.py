@@ -1,4 +1,4 @@
-"""How well each reachable view tells each pair of candidates apart."""
+"""How well each reachable view tells each pair of hypotheses apart."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from controller.arrays import FloatArray
 from controller.imaging import Camera, RayCaster, Roi
 
-from ..model import LIGHTS, Candidate, CellLayout, Light
+from ..model import LIGHTS, CellLayout, HeldHypothesis, Light
 from ..motion import Scene, tcp_pose
 from ._difference import difference
 from ._pictures import Picture, Stance, outer_points, predict, region_of, see_boxes, stance_of
@@ -30,7 +30,7 @@ class Separations:
 
     Attributes
     ----------
-    pairs : (i, j) candidates, i < j
+    pairs : (i, j) hypotheses, i < j
     margins : (k, 2, p) pixels that differ at least, however the part sits in the arm gripper, over
         the pixels it takes; 1 and more tells them apart. Per configuration, light (`LIGHTS`), pair
     is_fine : (k,) looked at on the finer grid; what is not decides nothing and counts 0
@@ -43,7 +43,7 @@ class Separations:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Predicted:
-    """The pictures of all candidates in one view, on one grid, and how they may be off."""
+    """The pictures of all hypotheses in one view, on one grid, and how they may be off."""
 
     roi: Roi
     pictures: tuple[Picture, ...]
@@ -52,19 +52,19 @@ class Predicted:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Model:
-    """What predicting pictures of a candidate takes: a caster of its mesh, its outer points."""
+    """What predicting pictures of a hypothesis takes: a caster of its mesh, its outer points."""
 
     caster: RayCaster
     outer_mm: FloatArray
 
 
-def model_of(candidate: Candidate) -> Model:
-    """Return what predicting pictures of a candidate takes."""
-    return Model(RayCaster(candidate.solid.mesh), outer_points(candidate.solid))
+def model_of(hypothesis: HeldHypothesis) -> Model:
+    """Return what predicting pictures of a hypothesis takes."""
+    return Model(RayCaster(hypothesis.solid.mesh), outer_points(hypothesis.solid))
 
 
 def predict_view(
-    candidates: Sequence[Candidate],
+    hypotheses: Sequence[HeldHypothesis],
     models: Sequence[Model],
     layout: CellLayout,
     q: FloatArray,
@@ -73,12 +73,12 @@ def predict_view(
     rules: DisambiguationRules,
     camera: Camera | None = None,
 ) -> Predicted | None:
-    """Return the pictures of all candidates in one configuration (6,), None if out of sight.
+    """Return the pictures of all hypotheses in one configuration (6,), None if out of sight.
 
     Parameters
     ----------
-    candidates : what the part in the gripper may be
-    models : of `model_of`, one per candidate
+    hypotheses : what the part in the gripper may be
+    models : of `model_of`, one per hypothesis
     layout : the cell
     q : (6,) row of joints
     opening_mm : of the arm gripper that holds it
@@ -88,7 +88,7 @@ def predict_view(
     """
     camera = camera or layout.inspection
     T_tcp = tcp_pose(layout, q)
-    T_parts = [T_tcp @ c.T_tcp_part for c in candidates]
+    T_parts = [T_tcp @ c.T_tcp_part for c in hypotheses]
     outer = [m.outer_mm for m in models]
     # how far one picture may be moved over the other, and some more
     coarse = stance_of(outer, T_parts, T_tcp, camera, (0, 0, 1, 1), rules)
@@ -99,20 +99,20 @@ def predict_view(
     arm_gripper = see_boxes(Scene(layout, opening_mm, 0.0).arm_boxes(q), camera, roi, step_px)
     pictures = tuple(
         predict(c.solid, m.caster, T, camera, roi, step_px, arm_gripper, rules)
-        for c, m, T in zip(candidates, models, T_parts, strict=True)
+        for c, m, T in zip(hypotheses, models, T_parts, strict=True)
     )
     return Predicted(roi, pictures, stance)
 
 
 def separations(
-    candidates: Sequence[Candidate],
+    hypotheses: Sequence[HeldHypothesis],
     layout: CellLayout,
     q: FloatArray,
     seconds: FloatArray,
     opening_mm: float,
     rules: DisambiguationRules | None = None,
 ) -> Separations:
-    """Return how well each of some configurations (k, 6) separates the candidates.
+    """Return how well each of some configurations (k, 6) separates the hypotheses.
 
     The gripper holds whichever it is. They are looked at in thinned pictures, the cheapest ones
     first, until a dearer one cannot begin a cheaper tree; the cheapest and the clearest of each
@@ -120,16 +120,16 @@ def separations(
 
     Parameters
     ----------
-    candidates : what the part in the gripper may be
+    hypotheses : what the part in the gripper may be
     layout : the cell
-    q : reachable and free of contact for every candidate
+    q : reachable and free of contact for every hypothesis
     seconds : (k,) what each costs
     opening_mm : between the inner sides of the fingers, the same for all
     rules : how well the hold is known and how much must differ; None for the defaults
     """
     rules = rules or DisambiguationRules()
-    pairs = tuple(combinations(range(len(candidates)), 2))
-    models = [model_of(c) for c in candidates]
+    pairs = tuple(combinations(range(len(hypotheses)), 2))
+    models = [model_of(c) for c in hypotheses]
     margins = np.zeros((len(q), len(LIGHTS), len(pairs)))
     is_fine = np.zeros(len(q), dtype=bool)
     looked = np.arange(len(q))
@@ -140,7 +140,7 @@ def separations(
         if seconds[k] >= enough_s:
             break  # no dearer view can begin a cheaper tree
         margins[k] = _margins(
-            candidates, models, layout, q[k], opening_mm, pairs, rules.coarse_px, rules
+            hypotheses, models, layout, q[k], opening_mm, pairs, rules.coarse_px, rules
         )
         weakest = np.array([margins[k].min(axis=1).max(initial=0.0) / DOUBTED])
         if weakest[0] >= 1.0:
@@ -157,7 +157,7 @@ def separations(
             ].tolist()
     for k in looked[np.isin(looked, again)]:
         margins[k] = _margins(
-            candidates, models, layout, q[k], opening_mm, pairs, rules.fine_px, rules
+            hypotheses, models, layout, q[k], opening_mm, pairs, rules.fine_px, rules
         )
         is_fine[k] = True
     margins[~is_fine] = np.minimum(margins[~is_fine], 0.0)  # thinned pictures decide nothing
@@ -165,7 +165,7 @@ def separations(
 
 
 def _margins(
-    candidates: Sequence[Candidate],
+    hypotheses: Sequence[HeldHypothesis],
     models: Sequence[Model],
     layout: CellLayout,
     q: FloatArray,
@@ -176,7 +176,7 @@ def _margins(
 ) -> FloatArray:
     """Return the margins of one configuration (lights, pairs)."""
     found = np.zeros((len(LIGHTS), len(pairs)))
-    view = predict_view(candidates, models, layout, q, opening_mm, step_px, rules)
+    view = predict_view(hypotheses, models, layout, q, opening_mm, step_px, rules)
     if view is None:
         return found
     for p, (i, j) in enumerate(pairs):
@@ -192,5 +192,5 @@ def cost_s(seconds: FloatArray, margin: FloatArray) -> FloatArray:
 
 
 def needed_px(light: Light, rules: DisambiguationRules) -> float:
-    """Return how many pixels must differ to tell two candidates apart under a light."""
+    """Return how many pixels must differ to tell two hypotheses apart under a light."""
     return rules.least_area_px if light == "backlight" else rules.least_edge_px

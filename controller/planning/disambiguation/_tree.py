@@ -11,7 +11,7 @@ import numpy as np
 
 from controller.arrays import FloatArray
 
-from ..model import LIGHTS, Candidate, CellLayout, Light
+from ..model import LIGHTS, CellLayout, HeldHypothesis, Light
 from ._reasons import why_alike
 from ._rules import DisambiguationRules
 from ._separate import Separations, cost_s, separations
@@ -28,7 +28,7 @@ class DecidingView:
     view : row of the configurations offered
     light : how to light it
     margin : the least of the pairs it parts, 1 being just enough
-    groups : the candidates that it leaves, one group per outcome; they may overlap
+    groups : the hypotheses that it leaves, one group per outcome; they may overlap
     then : per group the next view, None where the ambiguity is over or stays
     """
 
@@ -73,7 +73,7 @@ class Indistinguishable:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DisambiguationTree:
-    """What to look at to know which candidate it is.
+    """What to look at to know which hypothesis it is.
 
     Attributes
     ----------
@@ -90,34 +90,34 @@ class DisambiguationTree:
 
 
 def separating_views(
-    candidates: Sequence[Candidate],
+    hypotheses: Sequence[HeldHypothesis],
     layout: CellLayout,
     q: FloatArray,
     seconds: FloatArray,
     opening_mm: float,
     rules: DisambiguationRules | None = None,
 ) -> DisambiguationTree:
-    """Return the views that tell apart all candidates that can be, the cheapest in the worst case.
+    """Return the views that tell apart all hypotheses that can be, the cheapest in the worst case.
 
     Parameters
     ----------
-    candidates : what the part in the gripper may be
+    hypotheses : what the part in the gripper may be
     layout : the cell
-    q : (k, 6) reachable configurations, free of contact whichever candidate it is
+    q : (k, 6) reachable configurations, free of contact whichever hypothesis it is
     seconds : (k,) what each costs
     opening_mm : of the arm gripper, the same for all
     rules : how well the hold is known and how much must differ; None for the defaults
     """
     rules = rules or DisambiguationRules()
-    found = separations(candidates, layout, q, seconds, opening_mm, rules)
+    found = separations(hypotheses, layout, q, seconds, opening_mm, rules)
     best = found.margins.max(axis=(0, 1), initial=0.0)
     ambiguous = [(pair, float(best[p])) for p, pair in enumerate(found.pairs) if best[p] < 1.0]
     indistinguishable = []
     for (i, j), margin in ambiguous:
-        a, b = candidates[i], candidates[j]
+        a, b = hypotheses[i], hypotheses[j]
         reason = why_alike(a, b, layout, q, opening_mm, margin)
         indistinguishable.append(Indistinguishable((i, j), margin, reason))
-    first, worst_s = cheapest_tree(len(candidates), found, seconds)
+    first, worst_s = cheapest_tree(len(hypotheses), found, seconds)
     return DisambiguationTree(first, worst_s, tuple(indistinguishable), found)
 
 
@@ -126,7 +126,7 @@ def cheapest_tree(
 ) -> tuple[DecidingView | None, float]:
     """Return the tree of views whose dearest branch is cheapest, and what that costs [s].
 
-    If candidate t is the truth, a view leaves those that it cannot tell from t; what is left may
+    If hypothesis t is the truth, a view leaves those that it cannot tell from t; what is left may
     overlap from one truth to the next. Exact over the views offered. The tree is None where no view
     decides anything.
 

@@ -4,15 +4,15 @@ Dataclasses and names; nothing here plans. mm, rad and seconds; poses in the wor
 """
 
 from .arm import JOINT_COUNT, ArmLink, ArmModel, TimingModel
-from .candidates import LIGHTS, Candidate, Light
 from .errors import NoMotionError, NoPlanError, NotGraspableError, OutOfReachError
 from .grasp import TABLE_MARGIN_MM, Grasp, GraspRules, Holder
+from .hypotheses import LIGHTS, HeldHypothesis, Light
 from .layout import CellLayout, CellTimes, Jaw, Tray
 from .plan import (
     Ambiguity,
     GiveStep,
+    JointPath,
     Look,
-    Motion,
     Park,
     Pick,
     Place,
@@ -36,7 +36,6 @@ __all__ = [
     "Ambiguity",
     "ArmLink",
     "ArmModel",
-    "Candidate",
     "CellLayout",
     "CellTimes",
     "Directions",
@@ -44,13 +43,14 @@ __all__ = [
     "Grasp",
     "GraspRules",
     "HandOff",
+    "HeldHypothesis",
     "Holder",
     "InArm",
     "InFixedGripper",
     "Jaw",
+    "JointPath",
     "Light",
     "Look",
-    "Motion",
     "NoMotionError",
     "NoPlanError",
     "NotGraspableError",

@@ -12,10 +12,10 @@ from enum import StrEnum
 
 from controller.arrays import BoolArray, FloatArray
 
-from .candidates import Candidate, Light
 from .grasp import Grasp
+from .hypotheses import HeldHypothesis, Light
 
-Motion = tuple[FloatArray, ...]
+JointPath = tuple[FloatArray, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -31,11 +31,11 @@ class Pick(Step):
     """Take the part off the table: go above it, open, come down, close, lift."""
 
     grasp: Grasp
-    motion_in: Motion
+    motion_in: JointPath
     pre_open_mm: float
-    motion_down: Motion
+    motion_down: JointPath
     expected_opening_mm: float
-    motion_up: Motion
+    motion_up: JointPath
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,12 +44,12 @@ class Ambiguity:
 
     Attributes
     ----------
-    candidates : the part that was planned for comes first
+    hypotheses : the part that was planned for comes first
     light : the picture that tells
     margin : how much more it differs than is needed, 1 is enough
     """
 
-    candidates: tuple[Candidate, ...]
+    hypotheses: tuple[HeldHypothesis, ...]
     light: Light
     margin: float
 
@@ -70,7 +70,7 @@ class Present(Step):
 
     view_id: str
     grasp: Grasp
-    motion: Motion
+    motion: JointPath
     q: FloatArray
     T_world_part: FloatArray
     direction_part: FloatArray
@@ -87,10 +87,10 @@ class GiveStep(Step):
     grasp: Grasp
     fixed_grasp: Grasp
     fixed_pre_open_mm: float
-    motion: Motion
+    motion: JointPath
     fixed_expected_opening_mm: float
     arm_open_mm: float
-    retreat: Motion
+    retreat: JointPath
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -99,12 +99,12 @@ class ReceiveStep(Step):
 
     grasp: Grasp
     fixed_grasp: Grasp
-    motion_in: Motion
+    motion_in: JointPath
     pre_open_mm: float
-    approach: Motion
+    approach: JointPath
     expected_opening_mm: float
     fixed_open_mm: float
-    motion_out: Motion
+    motion_out: JointPath
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -121,10 +121,10 @@ class SetDown(Step):
     """
 
     grasp: Grasp
-    motion: Motion
-    motion_down: Motion
+    motion: JointPath
+    motion_down: JointPath
     open_mm: float
-    motion_up: Motion
+    motion_up: JointPath
     T_world_part: FloatArray
     pose_index: int
 
@@ -156,10 +156,10 @@ class Place(Step):
 
     tray: str
     grasp: Grasp
-    motion: Motion
-    motion_down: Motion
+    motion: JointPath
+    motion_down: JointPath
     open_mm: float
-    motion_up: Motion
+    motion_up: JointPath
     T_world_part: FloatArray
     tilt_rad: float
 
@@ -168,7 +168,7 @@ class Place(Step):
 class Park(Step):
     """Go to the park position, where the arm is in nobody's way."""
 
-    motion: Motion
+    motion: JointPath
 
 
 class Reason(StrEnum):

@@ -20,7 +20,7 @@ from ..model import (
     GiveStep,
     Grasp,
     HandOff,
-    Motion,
+    JointPath,
     NoMotionError,
     NoPlanError,
     OutOfReachError,
@@ -92,7 +92,7 @@ class Builder:
         self._segment_s = partial(segment_seconds, layout)
         self._tray_paths: dict[tuple[int, str], list[PlacePath]] = {}
 
-    def _connect(self, build: Build, q: FloatArray, scene: Scene, what: str) -> Motion:
+    def _connect(self, build: Build, q: FloatArray, scene: Scene, what: str) -> JointPath:
         return connect(build.q, q, scene, f"{self._part.solid.name}: {what}", self._seed)
 
     def _seconds(self, start: FloatArray, *motions: Sequence[FloatArray]) -> float:
@@ -310,7 +310,7 @@ class Builder:
             del todo[v]
             self._present(build, g, v, q, motion)
 
-    def _present(self, build: Build, g: int, v: int, q: FloatArray, motion: Motion) -> None:
+    def _present(self, build: Build, g: int, v: int, q: FloatArray, motion: JointPath) -> None:
         part, layout = self._part, self._layout
         grasp = part.arm_grasps[g]
         # true of every configuration kept: what the arm hides in them has been taken off

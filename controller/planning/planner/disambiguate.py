@@ -2,7 +2,7 @@
 
 A part may be ambiguous to recognition: its mirror twin, or a pose that looks alike from above.
 The part is taken with a grasp that holds whichever it is; the cheapest view that separates the
-candidates comes first, and the plan goes on by what it shows. If it is the part that was planned
+hypotheses comes first, and the plan goes on by what it shows. If it is the part that was planned
 for, the plan just goes on; if it is that part in another pose, a new plan starts from the arm
 gripper; another part is set down (ADR 12).
 """
@@ -34,9 +34,9 @@ from ..disambiguation import (
 )
 from ..model import (
     Ambiguity,
-    Candidate,
     CellLayout,
     Grasp,
+    HeldHypothesis,
     InArm,
     Jaw,
     NoPlanError,
@@ -51,7 +51,7 @@ from ..regrasps import PickPath, pick_paths
 from .build import Build, Builder, RefutedError
 from .planner import plan_from
 
-GRASP_COUNT = 6  # that hold every candidate, tried for a view that tells
+GRASP_COUNT = 6  # that hold every hypothesis, tried for a view that tells
 SAME_WIDTH_MM = 1.0  # jaws this alike could not tell what they hold
 MIN_SHARE = 0.5  # of the pads' contact on the part planned for, that the others must give too
 PAD_STEP_MM = 2.0
@@ -59,7 +59,7 @@ PAD_GIVES_MM = 0.4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reading:
+class TableHypothesis:
     """What the part may be as well: which solid, and T_world_part (4, 4) if it is that."""
 
     name: str
@@ -71,7 +71,7 @@ def plan_under_ambiguity(
     part: PreparedPart,
     layout: CellLayout,
     start: OnTable,
-    others: Sequence[Reading],
+    others: Sequence[TableHypothesis],
     *,
     seen: BoolArray | None = None,
     avoid: frozenset[str] = frozenset(),
@@ -85,7 +85,7 @@ def plan_under_ambiguity(
 
     Parameters
     ----------
-    part : prepared for this cell: the reading that is planned for
+    part : prepared for this cell: the hypothesis that is planned for
     layout : the cell
     start : where it lies, read as that part
     others : what it may be beside the part; seen, avoid : as `plan_from`
@@ -93,7 +93,7 @@ def plan_under_ambiguity(
 
     Raises
     ------
-    NoPlanError : as `plan_from`, or no view that can be had tells the readings apart
+    NoPlanError : as `plan_from`, or no view that can be had tells the hypotheses apart
     """
     failure: NoPlanError | None = None
     alike: DisambiguationTree | None = None
@@ -138,7 +138,7 @@ def identify(
     backlit: Grey,
     lit: Sequence[Grey],
 ) -> Identification:
-    """Return which candidates the pictures of a `Present.ambiguity` leave.
+    """Return which hypotheses the pictures of a `Present.ambiguity` leave.
 
     Parameters
     ----------
@@ -150,11 +150,11 @@ def identify(
         `disambiguation.measured_picture`
     """
     rules = DisambiguationRules()
-    among = range(len(ambiguity.candidates))
-    models = [model_of(c) for c in ambiguity.candidates]
-    predicted = predict_view(ambiguity.candidates, models, layout, q, opening_mm, 1, rules)
+    among = range(len(ambiguity.hypotheses))
+    models = [model_of(c) for c in ambiguity.hypotheses]
+    predicted = predict_view(ambiguity.hypotheses, models, layout, q, opening_mm, 1, rules)
     if predicted is None:
-        return Identification(tuple(among), np.full(len(ambiguity.candidates), np.inf))
+        return Identification(tuple(among), np.full(len(ambiguity.hypotheses), np.inf))
     measured = measured_picture(predicted, backlit, lit)
     return discriminate(
         compare(measured, predicted, ambiguity.light, among),
@@ -170,7 +170,7 @@ def _common_paths(
     part: PreparedPart,
     layout: CellLayout,
     start: OnTable,
-    others: Sequence[Reading],
+    others: Sequence[TableHypothesis],
     avoid: frozenset[str],
 ) -> list[PickPath]:
     """Return pick paths with grasps that hold whichever it is, the quickest first."""
@@ -244,7 +244,7 @@ def _up_to_deciding_view(
     part: PreparedPart,
     layout: CellLayout,
     start: OnTable,
-    others: Sequence[Reading],
+    others: Sequence[TableHypothesis],
     path: PickPath,
     rng_seed: int,
 ) -> tuple[tuple[Step, ...], InArm] | DisambiguationTree:
@@ -258,12 +258,12 @@ def _up_to_deciding_view(
     """
     grasp = part.arm_grasps[path.grasp]
     T_world_tcp = start.T_world_part @ grasp.T_part_tcp
-    candidates = [
-        Candidate.taken(part.solid.name, part.solid, start.T_world_part, T_world_tcp),
-        *(Candidate.taken(o.name, o.solid, o.T_world_part, T_world_tcp) for o in others),
+    hypotheses = [
+        HeldHypothesis.taken(part.solid.name, part.solid, start.T_world_part, T_world_tcp),
+        *(HeldHypothesis.taken(o.name, o.solid, o.T_world_part, T_world_tcp) for o in others),
     ]
-    q, seconds = offered_views(candidates, layout, grasp.opening_mm, path.up[-1])
-    tree = separating_views(candidates, layout, q, seconds, grasp.opening_mm)
+    q, seconds = offered_views(hypotheses, layout, grasp.opening_mm, path.up[-1])
+    tree = separating_views(hypotheses, layout, q, seconds, grasp.opening_mm)
     first = tree.first
     if first is None:
         return tree
@@ -293,6 +293,6 @@ def _up_to_deciding_view(
         seen=np.zeros(len(part.samples.points_mm), dtype=bool),
         square_to=-1,
         expected_opening_mm=grasp.opening_mm,
-        ambiguity=Ambiguity(tuple(candidates), first.light, first.margin),
+        ambiguity=Ambiguity(tuple(hypotheses), first.light, first.margin),
     )
     return (*build.steps, view), InArm(grasp, target)

@@ -67,7 +67,7 @@ class EdgeState:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Other:
-    """A reading that was not taken: what it is, how good, and its outline's samples."""
+    """A hypothesis that was not taken: what it is, how good, and its outline's samples."""
 
     caption: str
     edges: EdgePoints
@@ -92,7 +92,7 @@ class ObjectFacts:
     shown : the one that was taken, or that came nearest; -1 if none was fitted
     scores : (h,) of each hypothesis alone: how likely its evidence makes it
     edges : what became of the predicted edges of the shown one
-    others : the best readings besides the shown one: fitted ones, then silhouettes
+    others : the best hypotheses besides the shown one: fitted ones, then silhouettes
     like_size : views of the library whose area is that of the object, within tolerance
     """
 
@@ -255,9 +255,9 @@ def _others(
     camera: Camera,
     library: Library,
 ) -> tuple[Other, ...]:
-    def name(reading: Hypothesis | Candidate) -> str:
-        turn = degrees_text(reading.theta_rad, 1)
-        return f"{library.entries[reading.part].name}, pose {reading.pose}, {turn} deg"
+    def name(hypothesis: Hypothesis | Candidate) -> str:
+        turn = degrees_text(hypothesis.theta_rad, 1)
+        return f"{library.entries[hypothesis.part].name}, pose {hypothesis.pose}, {turn} deg"
 
     out = [
         Other(f"{name(h)}: score {scores[k]:.3f}", h.fit.edges)

@@ -272,7 +272,7 @@ def draw_place(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
 
 
 def draw_others(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
-    """Draw the outlines of the readings that were not taken, each with its score.
+    """Draw the outlines of the hypotheses that were not taken, each with its score.
 
     Parameters
     ----------
@@ -281,13 +281,13 @@ def draw_others(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
     camera : that took the picture
     """
     draw_contour(sheet, facts)
-    readings = list(zip(facts.others, RUNNER_UPS, strict=False))[::-1]  # the best on top
-    for other, colour in readings:
+    others = list(zip(facts.others, RUNNER_UPS, strict=False))[::-1]  # the best on top
+    for other, colour in others:
         begin, end = _pieces(other.edges, camera)
         on = other.edges.on_outline
         sheet.strokes(begin[on], end[on], colour, 1)
     y = sheet.canvas.shape[0] - 20
-    for other, colour in readings:
+    for other, colour in others:
         tag(sheet.canvas, other.caption, (0, y), colour)
         y -= 20
     if not facts.others:

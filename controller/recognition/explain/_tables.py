@@ -123,7 +123,7 @@ def _objects(facts: Sequence[ObjectFacts]) -> StageTable:
 def _survivors(facts: Sequence[ObjectFacts], library: Library) -> StageTable:
     columns = [
         ("object", 0), ("views in library", 0), ("of like area", 0), ("poses by outline", 0),
-        ("readings", 0), ("fitted", 0),
+        ("candidates", 0), ("fitted", 0),
     ]  # fmt: skip
     rows = [
         (

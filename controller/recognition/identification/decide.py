@@ -13,14 +13,14 @@ SAME_OUTLINE_PX = 0.6  # two predicted outlines this near each other are one in 
 SAME_SHARE = 0.97  # of an outline's length; the rest is where samples end
 SHOWN_LIFT = 0.2  # of brightness (cosines) beside an edge inside that anyone sees
 SHOWN_JUMP_MM = 1.5  # a step that does, by its shadow
-# of 596 right readings of path-traced silhouettes one was off by more, of wrong ones that come near
-# nine in ten: a part with its end cut off is another part
+# of 596 right hypotheses about path-traced silhouettes one was off by more, of wrong ones that
+# come near nine in ten: a part with its end cut off is another part
 MAX_MISFIT_PX = 0.65
 KNOWN = 0.5  # an answer less likely than not is no answer
 LOG_ODDS_SCALE = 3.0  # benchmarks/fit_scores.py: probabilities come out too sure by about so much
 CONVINCING = 0.9
-CONVINCING_PX = 0.6  # with a worse fit another reading may lie near by
-DECIDES = 3.0  # log-odds from which a reading is ruled out: 20 to 1
+CONVINCING_PX = 0.6  # with a worse fit another hypothesis may lie near by
+DECIDES = 3.0  # log-odds from which a hypothesis is ruled out: 20 to 1
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -31,7 +31,7 @@ class Decision:
     ----------
     best : None for an unknown object
     score : probability that best is right, or that the object is unknown
-    rivals : readings the picture cannot tell from the best
+    rivals : hypotheses the picture cannot tell from the best
     nearest : the hypothesis that came nearest, for the reason why it is unknown
     """
 
@@ -65,7 +65,7 @@ def decide(hypotheses: Sequence[Hypothesis], *, is_backlit: bool) -> Decision:
 
 
 def _claims(best: Hypothesis, others: Sequence[Hypothesis]) -> float:
-    """Return what other readings claim of the best one's score: all of it where equally likely."""
+    """Return what other hypotheses claim of the best one's score: all where equally likely."""
     was_looked_into = best.evidence.area_mm2 > 0
     gaps = [
         best.log_odds - h.log_odds for h in others if (h.evidence.area_mm2 > 0) == was_looked_into
@@ -74,7 +74,7 @@ def _claims(best: Hypothesis, others: Sequence[Hypothesis]) -> float:
 
 
 def is_convincing(hypotheses: Sequence[Hypothesis]) -> bool:
-    """Return whether one of the readings of a front-lit object needs no others beside it."""
+    """Return whether one of the hypotheses about a front-lit object needs no others beside it."""
     return any(
         h.probability > CONVINCING and h.evidence.misfit_px < CONVINCING_PX for h in hypotheses
     )

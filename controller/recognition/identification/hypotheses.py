@@ -80,7 +80,7 @@ class SearchLimits:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Hypothesis:
-    """A reading of an object that has been fitted to the picture.
+    """What an object may be, fitted to the picture.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class Hypothesis:
     place_mm : (2,) of the centre of mass
     fit, evidence : its pose, and the evidence for it
     probability : that it is right, by itself
-    log_odds : up to a constant, to compare it with other readings of the same object
+    log_odds : up to a constant, to compare it with other hypotheses about the same object
     overlap : of the silhouettes it was found by, or score of the lines
     source : "outline" or "lines": what proposed it
     """
@@ -198,7 +198,7 @@ def is_same_reading(
     library: Library,
     within_mm: float = SAME_PLACE_MM,
 ) -> bool:
-    """Return whether two readings are one part, in one stable pose, at one position.
+    """Return whether two hypotheses are one part, in one stable pose, at one position.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
 """Which part, which way up, where: a picture of the table -> sightings.
 
 The order is the paper's (references.md P3.0): what lies there is cut out, its size and outline
-search the library, the best readings are fitted edge by edge under full perspective, and what
+search the library, the best hypotheses are fitted edge by edge under full perspective, and what
 speaks for them decides. Under lamps, or where silhouettes say nothing, grey-level features propose
-readings of their own.
+hypotheses of their own.
 """
 
 from collections.abc import Sequence
@@ -141,7 +141,7 @@ def _by_lines(cutout: ObjectCutout, camera: Camera, library: Library) -> list[Ca
 
 
 def _silhouettes(region: Region, camera: Camera) -> list[Silhouette]:
-    """Return the readings of a region's outline in the table plane, the likeliest first."""
+    """Return the hypotheses about a region's outline in the table plane, the likeliest first."""
     found = []
     for loops_px in (region.loops_px, *(_loops(m, region) for m in region.alternatives)):
         loops = tuple(camera.on_plane(loop)[:, :2] for loop in loops_px if len(loop) > 8)

@@ -1,4 +1,4 @@
-"""Evidence -> probability that a reading is right, by a logistic curve fitted to pictures."""
+"""Evidence -> probability that a hypothesis is right, by a logistic curve fitted to pictures."""
 
 from dataclasses import dataclass
 
@@ -39,7 +39,7 @@ INNER_HALF_MM = 20.0  # of inner edges, that count half beside the outline
 
 
 def probability(evidence: Evidence, weights: Weights) -> float:
-    """Return how likely a reading with this evidence is right, 0..1."""
+    """Return how likely a hypothesis with this evidence is right, 0..1."""
     share = evidence.inner_mm / (evidence.inner_mm + INNER_HALF_MM)
     inner = share * evidence.inner + (1 - share) * evidence.outline
     logit = (
@@ -55,7 +55,7 @@ def probability(evidence: Evidence, weights: Weights) -> float:
 
 
 def log_odds(evidence: Evidence, *, is_lit: bool) -> float:
-    """Return the evidence for a reading, up to a constant of the object's; to compare readings."""
+    """Return the evidence for a hypothesis, up to a constant of the object's; to compare them."""
     stretches = evidence.inner_mm / STRETCH_MM
     absent = ABSENT_LIT if is_lit else ABSENT_DARK
     edges = stretches * (FOUND * evidence.inner + absent * (1.0 - evidence.inner))

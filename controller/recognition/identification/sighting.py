@@ -13,7 +13,7 @@ from .hypotheses import Hypothesis
 
 @dataclass(frozen=True, slots=True)
 class Alternative:
-    """Another reading of a sighting that the pictures do not rule out.
+    """Another hypothesis about a sighting that the pictures do not rule out.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Sighting:
     score : probability that part and pose are right, 0..1; of an unknown object, that it is one
     sigma_mm, sigma_rad : standard deviations of the place (the larger of x and y) and of the turn
     covariance : (3, 3) of x [mm], y [mm], theta [rad], None if unknown
-    ambiguous_with : readings the pictures cannot tell from this one
+    ambiguous_with : hypotheses the pictures cannot tell from this one
     area_mm2, box_px : of the object in the picture (x0, y0, x1, y1)
     residual_px : robust standard deviation of the edges from their predictions
     reason : why it is unknown

@@ -98,7 +98,7 @@ def regions_of(
     field: Float32Array,
     wanted: BoolArray | None,
     min_area_px: float,
-    readings: tuple[BoolArray, ...] = (),
+    alternatives: tuple[BoolArray, ...] = (),
 ) -> tuple[list[Region], int]:
     """Return the connected things of a mask, and how many were too small to be one.
 
@@ -109,7 +109,7 @@ def regions_of(
     field : (h, w) of the crop, its zero line is their border; of `sharpen`
     wanted : (h, w) only what has a pixel there; None for everything
     min_area_px : of the picture's pixels, below which something is a speck
-    readings : other masks of the whole crop, cut to each thing's surroundings
+    alternatives : other masks of the whole crop, cut to each thing's surroundings
     """
     found, tree = cv2.findContours(mask.view(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     if not found:
@@ -145,7 +145,7 @@ def regions_of(
                 loops_px=tuple(evenly(loop) for loop in fine),
                 touches_edge=_is_cut(thing, window, crop),
                 area_px=area_px,
-                alternatives=_others(readings, window, thing, elsewhere, 0.01 * area),
+                alternatives=_others(alternatives, window, thing, elsewhere, 0.01 * area),
             )
         )
     return kept, specks
@@ -167,16 +167,16 @@ def _apart(
 
 
 def _others(
-    readings: tuple[BoolArray, ...],
+    alternatives: tuple[BoolArray, ...],
     window: tuple[slice, slice],
     thing: BoolArray,
     elsewhere: BoolArray | None,
     least: float,
 ) -> tuple[BoolArray, ...]:
-    """Return the readings of a thing that are something, and something else."""
+    """Return the alternatives to a mask that are something, and something else."""
     out = []
-    for reading in readings:
-        other = reading[window].copy() if elsewhere is None else reading[window] & ~elsewhere
+    for other_mask in alternatives:
+        other = other_mask[window].copy() if elsewhere is None else other_mask[window] & ~elsewhere
         if other.any() and cv2.countNonZero((other ^ thing).view(np.uint8)) > least:
             out.append(other)
     return tuple(out)

@@ -22,7 +22,7 @@ class Region:
         one first, then holes, longest first
     touches_edge : cut by the picture's edge or by that of the usable area
     area_px : within the outer loop, holes taken out
-    alternatives : other readings of the same silhouette, as ``mask``, where a front-lit picture
+    alternatives : other silhouettes it may have, as ``mask``, where a front-lit picture
         leaves them open, each where it differs by 1 % and more: the bright part without dark
         walls, holes filled, walls with wider gaps in their borders, no narrow dark fringes
     """

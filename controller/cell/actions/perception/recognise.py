@@ -43,7 +43,7 @@ class RecogniseAction:
         sightings = await self.compute.recognise(part.pictures["table_backlight"], lit)
         self.record.note(sightings_row(sightings))
         part.sighting = s = self._choose(sightings)
-        part.candidates = s.ambiguous_with
+        part.alternatives = s.ambiguous_with
         if part.custody is not Custody.ON_TABLE:
             part.hold = None
             await self.record.set_custody(Custody.ON_TABLE, "found again")

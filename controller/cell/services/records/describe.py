@@ -42,7 +42,7 @@ def _sighting(s: Sighting) -> rows.Sighting:
         sigma_deg=round(float(np.degrees(s.sigma_rad)), 4) if is_measured else None,
         residual_px=round(s.residual_px, 3) if np.isfinite(s.residual_px) else None,
         ambiguous_with=tuple(
-            rows.OtherReading(
+            rows.OtherHypothesis(
                 part=a.part, pose_index=a.pose_index, theta_deg=float(np.degrees(a.theta_rad))
             )
             for a in s.ambiguous_with

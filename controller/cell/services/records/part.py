@@ -63,7 +63,7 @@ class PartRecord:
     ----------
     pictures, picture_names : of the last look at the table
     look_count : how often the table was looked at
-    candidates : what else it may be, by the pictures of the table
+    alternatives : what else it may be, by the pictures of the table
     plan, next_step : the plan being followed, and the number of its next step
     plan_count : how many plans were made
     hold : how the arm gripper holds it, None where that is empty
@@ -80,7 +80,7 @@ class PartRecord:
     picture_names: dict[str, str] = field(default_factory=dict)
     look_count: int = 0
     sighting: Sighting | None = None
-    candidates: tuple[Alternative, ...] = ()
+    alternatives: tuple[Alternative, ...] = ()
     plan: Plan | None = None
     plan_count: int = 0
     next_step: int = 0

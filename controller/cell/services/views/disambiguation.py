@@ -41,9 +41,9 @@ class Disambiguation:
         PartFaultError : the part, in another stable pose than the plan's
         PartProblemError : another part, or not exactly one hypothesis is left
         """
-        part, names = self.record.part, [c.name for c in ambiguity.candidates]
+        part, names = self.record.part, [c.name for c in ambiguity.hypotheses]
         left = await self.compute.identify(ambiguity, q, hold.opening_mm, backlit, lit)
-        part.candidates = ()
+        part.alternatives = ()
         self.record.note(
             AmbiguityResolved(
                 between=tuple(names), left=tuple(names[k] for k in left), light=ambiguity.light
@@ -61,7 +61,7 @@ class Disambiguation:
                 f"it may still be {' or '.join(names[k] for k in left)}; look at what "
                 "the arm gripper holds",
             )
-        found = ambiguity.candidates[left[0]]
+        found = ambiguity.hypotheses[left[0]]
         if found.name != names[0]:
             raise PartProblemError(
                 "wrong_part", f"the view shows {found.name}, the recipe is for {names[0]}"

@@ -15,7 +15,7 @@ LIGHTS: tuple[Light, ...] = ("backlight", "front")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Candidate:
+class HeldHypothesis:
     """One thing the part in the arm gripper may be, and how it then lies in the arm gripper.
 
     Attributes
@@ -31,8 +31,8 @@ class Candidate:
     @classmethod
     def taken(
         cls, name: str, solid: Solid, T_world_part: FloatArray, T_world_tcp: FloatArray
-    ) -> Candidate:
-        """Return the candidate as a gripper takes it from where it is.
+    ) -> HeldHypothesis:
+        """Return the hypothesis as a gripper takes it from where it is.
 
         Parameters
         ----------
