@@ -1,7 +1,7 @@
 """Every way to lie, all over the table: is a part recognised wherever it was put down?
 
 For each stable pose of 1 % or more (those that look the same by symmetry once), places and turns
-by chance, the whole part over the glowing table; backlit pictures of the emulated world with its
+by chance, the whole part over the light table; backlit pictures of the emulated world with its
 noise and blur. Right: the pose, or one that the answer names as looking the same, and the centre
 of mass within 1 mm. Tall poses are those whose outline changes most with the place.
 
@@ -37,7 +37,7 @@ RIGHT_MM = 1.0
 
 
 def is_on_table(part: CompiledPart, T: Array) -> bool:
-    """Tell whether all of a posed part is seen before the glowing table."""
+    """Tell whether all of a posed part is seen before the light table."""
     p = part.solid.mesh.vertices @ T[:3, :3].T + T[:3, 3]
     u, v = np.round(CAMERA.project(p)).astype(int).T
     inside = (u >= 3) & (u < CAMERA.size_px[0] - 3) & (v >= 3) & (v < CAMERA.size_px[1] - 3)

@@ -182,7 +182,7 @@ def _grown(mask: Bools, px: int) -> Bools:
 
 
 def _table_level(picture: Array, parts: Bools) -> tuple[Array, bool]:
-    """Return the level (height, width) of the glowing table, also under parts and beyond white.
+    """Return the level (height, width) of the light table, also under parts and beyond white.
 
     Most of these pictures are white outside the part, and half of white is less than half of the
     table's light: cut there, an edge blurred over 2 px moves by 0.15 px. What the corners leave

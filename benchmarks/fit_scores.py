@@ -7,7 +7,7 @@ python benchmarks/fit_scores.py --set FOLDER [--parts PATH...] [--set FOLDER [--
 A set is a folder as `bench_recognition` reads it; --parts are those of the set named before it,
 the shared ones otherwise. The sets held out are only reported. Every reading of every object is
 compared with what truly lay there: right is what `recognition_judge` calls the right pose, in its
-place and turned as it lay. Two steps make a curve, one for a glowing table, one for lamps:
+place and turned as it lay. Two steps make a curve, one for a light table, one for lamps:
 
 - A logistic curve, its signs given, over the best readings, those of strangers, and wrong ones
   that fit clearly worse than the best: what evidence tells right from wrong. Where the best is

@@ -11,7 +11,7 @@ Writes into FOLDER, picture by picture, so that others may read while it grows:
 A folder begun earlier is continued: pictures that truth.json lists are kept, so the same seed and
 parts with a larger --count add to it. Picture N depends on the seed and N only.
 
-Modes: `back` is a glowing table (0.8 to 1.25 times white, uneven), `front` a ring lamp, often with
+Modes: `back` is a light table (0.8 to 1.25 times white, uneven), `front` a ring lamp, often with
 a side lamp, above a matte table. `--unknown` names parts that are in no catalogue: about every
 seventh picture shows one of them (`known` false). `--multi` is the share of pictures of two to five
 parts. A part lies in one of its stable poses of 1 % or more, drawn by the square root of their

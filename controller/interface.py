@@ -278,7 +278,7 @@ def recognise_picture(
     ----------
     picture : of the table
     parts : CAD files of the parts it may show; any other object has ``part`` None
-    lighting : ``backlit`` for a glowing table, ``front`` for lamps above a matt one, ``auto`` to
+    lighting : ``backlit`` for a light table, ``front`` for lamps above a matt one, ``auto`` to
         decide by the picture
 
     Raises

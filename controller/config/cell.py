@@ -166,7 +166,7 @@ class Range2(Section):
 
 
 class TableSection(Section):
-    """The glowing plate, and the area on it where parts can be expected."""
+    """The light table, and the area on it where parts can be expected."""
 
     glowing_area: Range2
     drop_area: Range2

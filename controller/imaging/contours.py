@@ -14,7 +14,7 @@ from controller.arrays import BoolArray, FloatArray, Grey
 from .loops import evenly, loop_normals, trace_loops
 
 MIN_CHAIN_PX = 8  # a shorter outline belongs to a speck
-# Share of the ground's level: a glowing plate stays above it at its rim, an object below it.
+# Share of the ground's level: a light table stays above it at its rim, an object below it.
 DARK_SHARE = 0.6
 
 

@@ -1,6 +1,6 @@
 """Grey levels of a picture: the table's level at each point, and the two humps of the histogram.
 
-A glowing plate fades towards its rim and a lens darkens the corners. So levels are taken relative
+A light table fades towards its rim and a lens darkens the corners. So levels are taken relative
 to the ground: a polynomial of low degree over the picture, fitted to what belongs to the table. The
 threshold comes from the histogram of the picture divided by it (references.md P3.1).
 """

@@ -1,4 +1,4 @@
-"""The silhouette before the glowing panel against the CAD: what sticks out, what is missing.
+"""The silhouette before the backlight panel against the CAD: what sticks out, what is missing.
 
 Two looks at one thing: areas of material too much or too little, and runs of the outline that are
 off. Both let `slack_px` pass. The pose was fitted to this outline, so that a part that is too large
@@ -51,7 +51,7 @@ def compare_outline(
     part : the solid, with rays against it
     fit : the pose measured
     dark : (height, width) darker than half the panel
-    valid : (height, width) the panel glows there, and neither gripper nor arm stands near
+    valid : (height, width) the panel is in sight there, and neither gripper nor arm stands near
     task : the view; with its camera
     samples : of the surface, to know what the outline covers
     """

@@ -25,7 +25,7 @@ class ViewScene:
 
     holder: RayCaster | None
     holder_mask: BoolArray  # (height, width), grown
-    panel: BoolArray  # (height, width), where the panel glows, shrunk
+    panel: BoolArray  # (height, width), where the backlight panel is seen, shrunk
 
 
 @dataclass(frozen=True, eq=False, slots=True)

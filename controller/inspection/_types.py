@@ -105,7 +105,7 @@ class ViewTask:
     camera : the inspection camera
     T_world_part : (4, 4) where the part is expected
     holder : boxes of what holds it and may stand in the picture
-    panel_mm : (4, 3) corners of the glowing panel behind the part, world
+    panel_mm : (4, 3) corners of the backlight panel behind the part, world
     lamps : lamps of the lit pictures
     limits : tolerances
     is_hold_seen : the expected pose was measured in an earlier view under this grip, so that it is
@@ -124,7 +124,7 @@ class ViewTask:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ViewPictures:
-    """Pictures of one view, all of one pose: before the glowing panel, and by lamp name."""
+    """Pictures of one view, all of one pose: before the backlight panel, and by lamp name."""
 
     backlit: Grey
     lit: Mapping[str, Grey]

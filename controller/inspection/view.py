@@ -1,6 +1,6 @@
 """One view against the CAD: measure the pose, then look for what should not be or is not there.
 
-Two kinds of comparison: the silhouette before the glowing panel (`_outline`), and the brightness
+Two kinds of comparison: the silhouette before the backlight panel (`_outline`), and the brightness
 under each lamp (`lit`). Each returns which surface samples it compared, so that a defect of the
 smallest size there would have been a finding; samples in sight that none compared keep the reason.
 A picture that does not lie where the pose says, or is not sharp (`registration`), proves nothing

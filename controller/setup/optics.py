@@ -1,4 +1,4 @@
-"""Build cameras, lamps and glowing areas from the cell file."""
+"""Build cameras, lamps and backlit areas from the cell file."""
 
 from collections.abc import Sequence
 
@@ -37,7 +37,7 @@ def _lamp(name: str, lamp: LampSection, cell: Cell) -> PointLamp:
 
 
 def panel_corners(cell: Cell, name: str) -> FloatArray:
-    """Return the corners of a glowing panel in the world, (4, 3) [mm], in order round it.
+    """Return the corners of a backlight panel in the world, (4, 3) [mm], in order round it.
 
     Raises
     ------
@@ -59,6 +59,6 @@ def panel_corners(cell: Cell, name: str) -> FloatArray:
 
 
 def table_corners(cell: Cell) -> FloatArray:
-    """Return the corners of the glowing area, (4, 3) [mm], in order round it."""
+    """Return the corners of the backlit area, (4, 3) [mm], in order round it."""
     (x0, x1), (y0, y1) = cell.table.glowing_area.x, cell.table.glowing_area.y
     return np.array([[x0, y0, 0.0], [x1, y0, 0.0], [x1, y1, 0.0], [x0, y1, 0.0]])

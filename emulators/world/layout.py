@@ -81,7 +81,7 @@ class CameraLayout:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LampLayout:
-    """A lamp: a glowing panel, a ring of light, or a spot.
+    """A lamp: a backlight panel, a ring of light, or a spot.
 
     Attributes
     ----------

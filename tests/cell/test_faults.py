@@ -185,7 +185,7 @@ def test_a_dead_backlight_is_no_empty_table(start: Callable[..., Run]) -> None:
     ran = start("recipes/holder.yaml", "--seed", "4").follow(
         once_in("resetting", lambda run: run.control("lamp", name="table_backlight", dead=True))
     )
-    has_ended_well(ran, "cell", "does not glow", "table_backlight")
+    has_ended_well(ran, "cell", "light table is dark", "table_backlight")
 
 
 def has_recovered(ran: Ran, *troubles: str) -> None:

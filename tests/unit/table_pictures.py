@@ -92,7 +92,7 @@ def picture(
     dark: float = 18.0,
     size: tuple[int, int] = SIZE,
 ) -> NDArray[np.uint8]:
-    """Dark objects before a glowing table."""
+    """Dark objects before a light table."""
     cover = coverage(shapely.union_all(shapes), size) if shapes else np.zeros(size[::-1])
     grey = cv2.GaussianBlur(ground + (dark - ground) * cover, (0, 0), blur_px)
     grey += np.random.default_rng(seed).normal(0.0, noise, grey.shape)

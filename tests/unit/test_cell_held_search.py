@@ -1,4 +1,4 @@
-"""A part that slipped in the jaws is found again in the picture before the glowing panel."""
+"""A part that slipped in the jaws is found again in the picture before the backlight panel."""
 
 from __future__ import annotations
 

@@ -221,7 +221,7 @@ def test_what_stands_in_the_way_is_named() -> None:
     def why(site: CellSite, cell: CellLayout = LAYOUT) -> str:
         return why_not_here(placed_at(cell, site, FELLOWS), FELLOWS) or "allowed"
 
-    assert "glowing table" in why(replace(now, towards=direction(0.0, 90.0)))
+    assert "light table" in why(replace(now, towards=direction(0.0, 90.0)))
     T = fixed_gripper_frame(
         np.array([100.0, 390.0, 430.0]), direction(0, 0), np.array([0.0, 0.0, 1.0])
     )

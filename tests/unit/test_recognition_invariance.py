@@ -87,7 +87,7 @@ def assert_seen(
     assert gap(one.theta_rad, theta) < np.radians(within_deg)
 
 
-# --- on a glowing table -------------------------------------------------------------------------
+# --- on a light table -------------------------------------------------------------------------
 
 
 def check_backlit_anywhere(

@@ -148,7 +148,7 @@ def test_an_outcome_without_its_change_of_custody_leaves_a_cut_off_run_in_doubt(
 def test_a_run_that_found_no_part_keeps_the_cells_own_words(tmp_path: Path) -> None:
     writer = RunWriter(tmp_path)
     writer.look()
-    writer.end("held", "no part on the table: lay one on the glowing area", "no_part", "ON_TABLE")
+    writer.end("held", "no part on the table: lay one on the backlit area", "no_part", "ON_TABLE")
     record = load_run(tmp_path)
     assert (record.outcome.end, record.outcome.code) == ("held", "no_part")
     assert record.parts[0].sightings == ()

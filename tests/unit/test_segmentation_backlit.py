@@ -1,4 +1,4 @@
-"""Dark objects on a glowing table: areas, outlines, what is ignored, which remarks are made."""
+"""Dark objects on a light table: areas, outlines, what is ignored, which remarks are made."""
 
 from __future__ import annotations
 

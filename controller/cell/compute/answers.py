@@ -44,7 +44,7 @@ def recognise(job: Job, backlit: Grey, lit: Mapping[str, Grey]) -> tuple[recogni
     Parameters
     ----------
     job : which recipe on which cell
-    backlit : picture of the glowing table
+    backlit : picture of the light table
     lit : by lamp, pictures of the same
     """
     c = context(job)
@@ -182,7 +182,7 @@ def inspect(
     view_id : what the view is called
     T_world_part : (4, 4) where the part should be
     holder : what of the cell may be in the picture
-    backlit, lit : pictures in front of the glowing panel, and by lamp
+    backlit, lit : pictures in front of the backlight panel, and by lamp
     is_hold_seen : an earlier view has confirmed how the part is held
     """
     c = context(job)
@@ -211,7 +211,7 @@ def inspect_on_table(
     job : which recipe on which cell
     view_id : what the view is called
     T_world_part : (4, 4) where the part is
-    backlit, lit : pictures of the glowing table, and by lamp
+    backlit, lit : pictures of the light table, and by lamp
     """
     c = context(job)
     task = inspecting.ViewTask(
@@ -244,7 +244,7 @@ def find_hold(
     T_world_part : (4, 4) where it should be
     T_part_tcp : (4, 4) how it should be held
     holder : what of the cell may be in the picture
-    backlit : picture in front of the glowing panel
+    backlit : picture in front of the backlight panel
     """
     c = context(job)
     task = inspecting.ViewTask(

@@ -54,7 +54,7 @@ def check_sizes(recipe_path: Path, recipe: Recipe, cell: Cell) -> None:
     ----------
     recipe_path : recipe file, for the message
     recipe : its parts are read, and their meshes measured
-    cell : its glowing area must have room for them
+    cell : its backlit area must have room for them
 
     Raises
     ------

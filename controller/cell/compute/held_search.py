@@ -40,7 +40,7 @@ def find_hold(
     samples : its surface samples, in the part frame
     task : the view, with the pose the part should have
     T_part_tcp : (4, 4) how the arm gripper should hold it
-    backlit : picture in front of the glowing panel
+    backlit : picture in front of the backlight panel
     """
     width, height = task.camera.size_px
     low, level, high = threshold_levels(backlit, np.ones(backlit.shape, dtype=bool))

@@ -125,7 +125,7 @@ def part_files(recipe: Recipe) -> list[tuple[Path, CompileOptions]]:
 
 
 def glowing_mask(camera: Camera, corners_mm: FloatArray) -> BoolArray:
-    """Return the mask of a glowing rectangle (4, 3) in the picture, shrunk by a few pixels."""
+    """Return the mask of a backlit rectangle (4, 3) in the picture, shrunk by a few pixels."""
     width, height = camera.size_px
     mask = np.zeros((height, width), dtype=np.uint8)
     along = np.linspace(0, 1, 30, endpoint=False)

@@ -60,7 +60,7 @@ def parse_place(at: str | None, cell: Cell, *, is_on_table: bool = True) -> Plac
     Parameters
     ----------
     at : "X,Y,THETA_DEG", None for the middle of the drop area
-    cell : gives the drop area and the glowing area
+    cell : gives the drop area and the backlit area
     is_on_table : require a position on the table, since a part is put there
 
     Raises

@@ -40,7 +40,7 @@ def recognise_images(
     images : picture files, or folders of them
     parts : CAD files or folders of the parts that may be in the pictures
     calibration : calibration file of the camera that took them
-    lighting : whether the table glows behind the parts
+    lighting : whether the parts are on a light table
     unit : of CAD files that name none, None for mm
     as_json : print one JSON object for each object found
     explain_in : folder for a drawing and tables of each picture, None for none

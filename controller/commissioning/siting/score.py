@@ -23,7 +23,7 @@ class SiteOptions:
     ----------
     as_good : sites whose values differ by less are equally good; of these, the one that needs the
         smallest moves is chosen
-    keep_free_mm : ((x, x), (y, y)) of the glowing area; None for what the overhead camera sees
+    keep_free_mm : ((x, x), (y, y)) of the backlit area; None for what the overhead camera sees
     move_camera, move_fixed_gripper : False if it is bolted down
     joints_only : a coarse result within a minute, without any check for collisions
     """

@@ -27,7 +27,7 @@ def measured_picture(predicted: Predicted, backlit: Grey, lit: Sequence[Grey] = 
     Parameters
     ----------
     predicted : of `predict_view` with a grid of every pixel
-    backlit : (height, width) against the glowing panel
+    backlit : (height, width) against the backlight panel
     lit : under one lamp each
 
     Raises
@@ -51,7 +51,7 @@ def measured_picture(predicted: Predicted, backlit: Grey, lit: Sequence[Grey] = 
 
 
 def _dark(grey: Grey) -> BoolArray:
-    """Return what stands before the glow."""
+    """Return what stands before the backlight."""
     level, _ = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
     dark = np.asarray(grey <= level)
     if not 0 < dark.sum() < dark.size:

@@ -85,7 +85,7 @@ class ObjectFacts:
     curvature : (n,) its filtered curvature code
     corners : of that, as in the paper's Table 2
     string : primitives of the sub-pixel outline and holes, table plane [mm]
-    features : grey lines, corners and circles, where the table does not glow; box pixels
+    features : grey lines, corners and circles, where there is no light table; box pixels
     candidates : the best of the silhouette, symmetric ones once
     matches : of each, how its boundary string correlates with the object's
     chosen : which hypothesis was taken, -1 for none

@@ -145,7 +145,7 @@ def on_picture(points_mm: FloatArray, camera: Camera) -> FloatArray:
 
 
 def draw_grey(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
-    """Draw grey lines, corners, junctions and circles; nothing over a table that glows.
+    """Draw grey lines, corners, junctions and circles; nothing over a light table.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ ORANGE: Colour = (0, 143, 250)
 PINK: Colour = (166, 97, 255)
 
 TONE_LOW, TONE_HIGH = 24.0, 150.0  # what the grey levels are drawn as
-TONE_POWER = 0.5  # dark parts before a glowing table still show what is on them
+TONE_POWER = 0.5  # dark parts before a light table still show what is on them
 SHIFT = 4  # bits of a pixel that OpenCV draws by
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 SIZE = 0.45  # of letters, whatever the picture's size

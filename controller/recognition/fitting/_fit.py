@@ -65,7 +65,7 @@ class FitOptions:
     prior : what may move, and by how much
     noise : how far off an edge may be when it is weighed against the prior, as a share of what
         Huber's weights take for much. On a table edges err by whole pixels together, by a wall's
-        dark foot or by light that leaks; before a glowing panel they do not
+        dark foot or by light that leaks; before a backlight panel they do not
     most : edge samples looked at
     """
 

@@ -1,6 +1,6 @@
 """Where in the picture the edge is that a prediction puts at a place: two ways of looking.
 
-Before what glows the outline is known whole. Elsewhere an edge is looked for in the grey
+Before a backlight the outline is known whole. Elsewhere an edge is looked for in the grey
 levels, along the normal of the predicted one.
 """
 

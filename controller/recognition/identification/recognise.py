@@ -61,8 +61,8 @@ def recognise(
     picture : (height, width) grey
     camera : overhead, calibrated
     library : of the parts that may lie there, made for this camera
-    lighting : a glowing table, lamps above a matt one, or "auto" to tell from the picture
-    usable : (height, width) where parts may lie (where the table glows); elsewhere nothing is seen
+    lighting : a light table, lamps above a matt one, or "auto" to tell from the picture
+    usable : (height, width) where parts may lie (the backlit area); elsewhere nothing is seen
     lit : pictures of the same scene under lamps, for what silhouettes cannot decide
     limits : how much is tried and how much has to agree; None for the defaults
 
@@ -100,7 +100,7 @@ def _identify(
         return _unknown(region, camera, 0.0, 1.0, "too small to recognise"), Trace(region, (), ())
     main = seen[0]
     if region.touches_edge:
-        reason = "partly outside the picture or the glowing area; move it inwards"
+        reason = "partly outside the picture or the backlit area; move it inwards"
         return _unknown(region, camera, main.area_mm2, 1.0, reason), Trace(region, (), ())
     candidates: list[Candidate] = []
     for silhouette in seen:

@@ -1,6 +1,6 @@
 """Picture of the table -> what lies on it: masks and outlines to a fraction of a pixel.
 
-Dark things before a glowing table, or things under lamps on a matt one (references.md P3.1).
+Dark things before a light table, or things under lamps on a matt one (references.md P3.1).
 """
 
 from ._segment import segment

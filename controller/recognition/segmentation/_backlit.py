@@ -1,8 +1,8 @@
-"""Dark things before a glowing table.
+"""Dark things before a light table.
 
 The cut is half-way between the table's level at the place and that of what lies there. Walls
-that stand on the glow mirror it and look lighter; they stay part of the thing, because the half
-level at a border is that of the thing's own level next to it.
+that stand on the light table mirror it and look lighter; they stay part of the thing, because the
+half level at a border is that of the thing's own level next to it.
 """
 
 import cv2
@@ -29,7 +29,7 @@ def find_backlit(
     usable: BoolArray | None,
     min_area_px: float,
 ) -> tuple[list[Region], int]:
-    """Return the things darker than the glow, and how many specks were ignored.
+    """Return the things darker than the backlight, and how many specks were ignored.
 
     Parameters
     ----------

@@ -174,7 +174,7 @@ def _view(key: str, view: ViewReport, pictures: Pictures, optics: Optics | None)
 
 
 def _picture_of(view: ViewReport, lamp: str) -> str | None:
-    """Return the picture of a finding; ``backlit`` is the one before the glowing panel."""
+    """Return the picture of a finding; ``backlit`` is the one before the backlight panel."""
     if lamp in view.pictures:
         return view.pictures[lamp]
     if lamp == "backlit":

@@ -48,7 +48,7 @@ def develop(
 
     Parameters
     ----------
-    radiance : (height, width) light on each pixel, 1 as from the middle of a glowing panel at
+    radiance : (height, width) light on each pixel, 1 as from the middle of a backlight panel at
         level 1
     exposure : its time, gain, depth in bits, and the seed of its noise
     noisy : add shot and read noise

@@ -12,13 +12,13 @@ from controller.cell.machine import Event
 from controller.cell.services import Imaging
 from controller.cell.services.records import BatchRecord
 
-# Grey level, 0..255; a glowing table is at 150 and more.
+# Grey level, 0..255; a light table is at 150 and more.
 MIN_GLOW = 60
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AcquireAction:
-    """Takes the pictures of the table: glowing, then under each of its lamps."""
+    """Takes the pictures of the table: backlit, then under each of its lamps."""
 
     imaging: Imaging
     record: BatchRecord
@@ -28,7 +28,7 @@ class AcquireAction:
 
         Raises
         ------
-        CellError : the table does not glow
+        CellError : the light table is dark
         """
         self.record.begin_part()
         self.record.show("taking pictures of the table", step=0, step_count=0, remaining_s=None)
@@ -52,10 +52,10 @@ class AcquireAction:
 
 
 def _require_glow(picture: Grey) -> None:
-    """Raise CellError where the table does not glow: a dark table is not an empty one."""
+    """Raise CellError where the light table is dark: a dark table is not an empty one."""
     level = float(np.quantile(picture[::8, ::8], 0.9))
     if level < MIN_GLOW:
         raise CellError(
-            f"the table does not glow (grey level {level:.0f}, {MIN_GLOW} is the least): "
+            f"the light table is dark (grey level {level:.0f}, {MIN_GLOW} is the least): "
             "check the lamp table_backlight, its relay and its supply, and the lens cap"
         )

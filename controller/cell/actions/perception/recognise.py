@@ -85,7 +85,7 @@ class RecogniseAction:
         part = self.record.part
         if part.custody is Custody.ON_TABLE:
             return PartProblemError(
-                "no_part", "no part on the table: lay one on the glowing area and start again"
+                "no_part", "no part on the table: lay one on the backlit area and start again"
             )
         lost = part.recoveries[-1]
         return PartProblemError(

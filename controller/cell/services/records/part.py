@@ -43,7 +43,7 @@ class Shown:
     hold : in which it was taken, None for a part on the table
     q : (6,) where the arm stood
     expected : (4, 4) where the part should have been
-    backlit : its picture before the glowing panel
+    backlit : its picture before the backlight panel
     """
 
     view: str

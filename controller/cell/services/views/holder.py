@@ -21,7 +21,7 @@ def holder_boxes(layout: CellLayout, q: FloatArray, opening_mm: float) -> tuple[
         *fixed_gripper_boxes(layout),
         *layout.obstacles.values(),
     ]
-    # the panel stands behind the part and glows: it hides nothing; the camera does not see itself
+    # the backlight panel stands behind the part: it hides nothing; the camera does not see itself
     panel = layout.obstacles.get("station_panel")
     camera = layout.obstacles.get("inspection_camera")
     return tuple(

@@ -72,7 +72,7 @@ class Views:
         view : its name
         hold : in which it was taken
         q : (6,) where the arm stood
-        backlit, lit : pictures before the glowing panel, and by lamp
+        backlit, lit : pictures before the backlight panel, and by lamp
         """
         expected = shown_pose(self._layout, q, hold.T_part_tcp)
         holder = holder_boxes(self._layout, q, hold.opening_mm)
@@ -91,7 +91,7 @@ class Views:
         ----------
         view : its name
         step : of the plan
-        backlit, lit : pictures of the glowing table, and by lamp
+        backlit, lit : pictures of the light table, and by lamp
         """
         sighting = self._record.part.sighting
         assert sighting is not None

@@ -60,7 +60,7 @@ def why_not_here(
     ----------
     layout : with camera and fixed gripper where they are to stand
     fellows : obstacles that move with camera and fixed gripper
-    keep_free_mm : (2, 2) rows x and y of the table's glowing area; None for the area of the table
+    keep_free_mm : (2, 2) rows x and y of the table's backlit area; None for the area of the table
         that the overhead camera sees
     look : whether the inspection camera's picture must be free
     """
@@ -136,7 +136,7 @@ def _over_what_is_kept_free(
     glowing = box(area[0, 0], area[1, 0], area[0, 1], area[1, 1])
     for name, b in posts:
         if _shadow(b).intersects(glowing):
-            return f"{name} would stand over the glowing table"
+            return f"{name} would stand over the light table"
     for tray_name, tray in layout.trays.items():
         (x, y), (w, h) = tray.centre_mm, tray.size_mm
         w, h = w / 2 + TRAY_GAP_MM, h / 2 + TRAY_GAP_MM

@@ -41,7 +41,7 @@ MACHINED: Final = Material(albedo=0.60, gloss=0.18, shine=24.0)
 PAINTED: Final = Material(albedo=0.12, gloss=0.03)
 STEEL: Final = Material(albedo=0.22, gloss=0.08)
 TABLE: Final = Material(albedo=0.18)
-OPAL: Final = Material(albedo=0.20)  # a panel that does not glow
+OPAL: Final = Material(albedo=0.20)  # a backlight panel that is off
 TRAY: Final = Material(albedo=0.30)
 
 
@@ -55,7 +55,7 @@ class Surface:
     vertices_mm, faces : in its own frame
     normals : (m, 3, 3) at the corners of each face, smooth across curved faces
     material : (m,) index into ``materials``
-    panel : (m,) number of the lamp that glows there, -1 for none
+    panel : (m,) number of the lamp whose backlight panel is there, -1 for none
     """
 
     name: str
@@ -166,7 +166,7 @@ def _panel_corners(lamp: LampLayout) -> Array:
 
 
 def _table(holes: Sequence[tuple[Array, Array]]) -> list[Array]:
-    """Return the table's plate as rectangles that leave out one glowing window."""
+    """Return the table's plate as rectangles that leave out one backlit window."""
     x0, x1, y0, y1 = _TABLE_MM
     if not holes:
         return [_rectangle(x0, x1, y0, y1)]

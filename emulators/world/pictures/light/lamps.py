@@ -1,6 +1,6 @@
 """Lamps: what unit level of each gives back from a point of a surface, towards a camera.
 
-Radiance is in units of a glowing panel's middle at level 1. It adds up linearly over lamps.
+Radiance is in units of a backlight panel's middle at level 1. It adds up linearly over lamps.
 A ring and a spot are flat sources of some extent that face what the lamp points at: light,
 highlight and shadow are means over the same points of the source.
 """
