@@ -16,8 +16,10 @@ from .planning import check, plan
 from .project import init
 from .recognising import recognise
 from .running import recover, report, run
+from .terminal.help import PlainCommand, PlainGroup
 
 app = typer.Typer(
+    cls=PlainGroup,
     name="cellctl",
     help="Run a robotic inspection cell: recognise, grasp, present, inspect and sort machined "
     "parts from their CAD models.",
@@ -27,7 +29,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 calibration = typer.Typer(
-    help="Measure what the cell must know about itself.",
+    cls=PlainGroup,
+    help="Calibrate the cell's cameras.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -68,9 +71,12 @@ for _command, _example in (
     (report, "cellctl report --format json"),
     (doctor, "cellctl doctor --cell cell.yaml"),
 ):
-    app.command(name=_command.__name__.rstrip("_"), epilog=f"Example: {_example}")(_command)
+    app.command(
+        name=_command.__name__.rstrip("_"), cls=PlainCommand, epilog=f"Example: {_example}"
+    )(_command)
 calibration.command(
     name="camera",
+    cls=PlainCommand,
     epilog="Example: cellctl calibrate camera board_*.png --target board.json -o camera.json",
 )(camera)
 app.add_typer(calibration, name="calibrate")

@@ -38,12 +38,14 @@ RecipeArg = Annotated[
     ),
 ]
 RecipeCellOption = Annotated[
-    Path | None, typer.Option("--cell", help="cell file (YAML) (default: the recipe's)")
+    Path | None,
+    typer.Option("--cell", metavar="FILE", help="cell file (YAML) (default: the recipe's)"),
 ]
 CellOption = Annotated[
     Path | None,
     typer.Option(
         "--cell",
+        metavar="FILE",
         help="cell file (YAML) (default: the cell of recipe.yaml in this folder, else the "
         "emulated cell)",
     ),
@@ -51,11 +53,14 @@ CellOption = Annotated[
 JsonOption = Annotated[
     bool, typer.Option("--json", help="print JSON on stdout, one object per line")
 ]
-RunsOption = Annotated[Path, typer.Option("--runs", help="folder of all runs and of the journal")]
+RunsOption = Annotated[
+    Path, typer.Option("--runs", metavar="FOLDER", help="folder of all runs and of the journal")
+]
 SpeedOption = Annotated[
     float,
     typer.Option(
         "--speed",
+        metavar="X",
         min=0.1,
         max=100,
         callback=finite,
@@ -65,13 +70,18 @@ SpeedOption = Annotated[
 SeedOption = Annotated[
     int | None,
     typer.Option(
-        "--seed", min=0, max=2**32 - 1, help="seed of the emulated cell: same seed, same world"
+        "--seed",
+        metavar="N",
+        min=0,
+        max=2**32 - 1,
+        help="seed of the emulated cell: same seed, same world",
     ),
 ]
 EmulatedPoseOption = Annotated[
     int | None,
     typer.Option(
         "--pose",
+        metavar="N",
         min=0,
         help="stable pose of the first emulated part, by the index that `cellctl compile` lists "
         "(default: by the seed)",
@@ -81,12 +91,13 @@ EmulatedAtOption = Annotated[
     str | None,
     typer.Option(
         "--at",
-        help="pose of the first emulated part on the table, X,Y,THETA_DEG (default: by the seed)",
+        metavar="X,Y,THETA_DEG",
+        help="pose of the first emulated part on the table (default: by the seed)",
     ),
 ]
 ControlOption = Annotated[
     Path | None,
-    typer.Option("--control", help="unix socket on which tests inject faults"),
+    typer.Option("--control", metavar="FILE", help="unix socket on which tests inject faults"),
 ]
 UnitOption = Annotated[
     Unit | None,

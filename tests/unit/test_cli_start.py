@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from importlib.metadata import version
@@ -57,6 +58,15 @@ def test_the_probe_would_notice(tmp_path: Path) -> None:
     ((_, code, heavy),) = json.loads(done.stderr.splitlines()[-1])
     assert code == 2
     assert "numpy" in heavy
+
+
+@pytest.mark.parametrize("name", ["", *(" ".join(name) for name in command_names())])
+def test_help_shows_no_types_of_python(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*name.split(), "--help"]) == 0
+    shown = capsys.readouterr().out
+    assert not re.search(r"<(list|path|str|int|float)|\{", shown), shown
+    assert "Show this" not in shown
+    assert "Install completion" not in shown
 
 
 def test_the_version_is_the_one_installed(capsys: pytest.CaptureFixture[str]) -> None:

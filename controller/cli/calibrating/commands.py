@@ -9,11 +9,18 @@ from ..options import JsonOption
 
 
 def camera(
-    images: Annotated[list[Path], typer.Argument(help="pictures of the board, flat and tilted")],
-    target: Annotated[
-        Path, typer.Option("--target", help="board, and its position in each picture (JSON)")
+    images: Annotated[
+        list[Path], typer.Argument(metavar="IMAGE", help="pictures of the board, flat and tilted")
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="calibration file to write")],
+    target: Annotated[
+        Path,
+        typer.Option(
+            "--target", metavar="FILE", help="board, and its position in each picture (JSON)"
+        ),
+    ],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help="calibration file to write")
+    ],
     json: JsonOption = False,
 ) -> None:
     """Calibrate a camera from pictures of a board.

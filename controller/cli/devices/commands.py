@@ -38,7 +38,9 @@ def emulate(
     part: Annotated[
         list[Path] | None,
         typer.Option(
-            "--part", help="CAD file of a part to put on the table; may be repeated (default: none)"
+            "--part",
+            metavar="PART",
+            help="CAD file of a part to put on the table; may be repeated (default: none)",
         ),
     ] = None,
     speed: SpeedOption = 1.0,

@@ -11,12 +11,13 @@ from ..options import JsonOption, UnitOption, finite
 def compile_(
     parts: Annotated[
         list[Path] | None,
-        typer.Argument(help="CAD files (default: the recipe's part)"),
+        typer.Argument(metavar="PART", help="CAD files (default: the recipe's part)"),
     ] = None,
     recipe: Annotated[
         Path | None,
         typer.Option(
             "--recipe",
+            metavar="RECIPE",
             help="recipe (YAML, or a name as in `run`) with the cell, density, grasp and views to "
             "plan with (default without a CAD file: recipe.yaml in this folder)",
         ),
@@ -26,6 +27,7 @@ def compile_(
         float | None,
         typer.Option(
             "--density",
+            metavar="X",
             min=0.01,
             max=25,
             callback=finite,
@@ -34,10 +36,13 @@ def compile_(
     ] = None,
     cell: Annotated[
         Path | None,
-        typer.Option("--cell", help="cell file (YAML): add grasps and plans in this cell"),
+        typer.Option(
+            "--cell", metavar="FILE", help="cell file (YAML): add grasps and plans in this cell"
+        ),
     ] = None,
     report: Annotated[
-        Path | None, typer.Option("--report", help="HTML page to write, with every stable pose")
+        Path | None,
+        typer.Option("--report", metavar="FILE", help="HTML page to write, with every stable pose"),
     ] = None,
     no_cache: Annotated[
         bool, typer.Option("--no-cache", help="compile again; do not use the cache")

@@ -11,7 +11,7 @@ from ..options import JsonOption, RecipeArg, RecipeCellOption, UnitOption
 def check(
     recipe: RecipeArg = None, cell: RecipeCellOption = None, json: JsonOption = False
 ) -> None:
-    """Check all that can be wrong before anything moves.
+    """Check all that the files alone can show, before anything moves.
 
     Files, CAD, grasps, views, reach: for every likely stable pose of the recipe's part.
     """
@@ -25,12 +25,15 @@ def check(
 def plan(
     parts: Annotated[
         list[Path] | None,
-        typer.Argument(help="CAD file; several with --site (default: the recipe's part)"),
+        typer.Argument(
+            metavar="PART", help="CAD file; several with --site (default: the recipe's part)"
+        ),
     ] = None,
     recipe: Annotated[
         list[Path] | None,
         typer.Option(
             "--recipe",
+            metavar="RECIPE",
             help="recipe (YAML, or a name as in `run`) with the density, grasp and views to plan "
             "with; may be repeated with --site (default without a CAD file: recipe.yaml in this "
             "folder)",
@@ -39,21 +42,28 @@ def plan(
     cell: Annotated[
         Path | None,
         typer.Option(
-            "--cell", help="cell file (YAML) (default: the recipe's, else the emulated cell)"
+            "--cell",
+            metavar="FILE",
+            help="cell file (YAML) (default: the recipe's, else the emulated cell)",
         ),
     ] = None,
     pose: Annotated[
         int | None,
-        typer.Option("--pose", help="stable pose to plan for, by index (default: all)"),
+        typer.Option(
+            "--pose", metavar="N", help="stable pose to plan for, by index (default: all)"
+        ),
     ] = None,
     at: Annotated[
         str | None,
         typer.Option(
-            "--at", help="pose on the table, X,Y,THETA_DEG (default: middle of the drop area)"
+            "--at",
+            metavar="X,Y,THETA_DEG",
+            help="pose on the table (default: middle of the drop area)",
         ),
     ] = None,
     report: Annotated[
-        Path | None, typer.Option("--report", help="HTML page to write, with every step")
+        Path | None,
+        typer.Option("--report", metavar="FILE", help="HTML page to write, with every step"),
     ] = None,
     unit: UnitOption = None,
     site: Annotated[

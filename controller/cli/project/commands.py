@@ -9,7 +9,7 @@ from ..options import JsonOption
 
 
 def init(
-    folder: Annotated[Path, typer.Argument(help="new or empty folder")],
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="new or empty folder")],
     json: JsonOption = False,
 ) -> None:
     """Lay out a new project: recipe, cell file, part, script.

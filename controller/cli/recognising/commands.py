@@ -18,15 +18,26 @@ class Lighting(StrEnum):
 
 
 def recognise(
-    images: Annotated[list[Path], typer.Argument(help="pictures of the table, or folders of them")],
-    parts: Annotated[list[Path], typer.Option("--parts", help="CAD files, or folders of them")],
-    calibration: Annotated[Path, typer.Option("--calibration", help="camera calibration (JSON)")],
+    images: Annotated[
+        list[Path],
+        typer.Argument(metavar="IMAGE", help="pictures of the table, or folders of them"),
+    ],
+    parts: Annotated[
+        list[Path], typer.Option("--parts", metavar="PART", help="CAD files, or folders of them")
+    ],
+    calibration: Annotated[
+        Path, typer.Option("--calibration", metavar="FILE", help="camera calibration (JSON)")
+    ],
     lighting: Annotated[
         Lighting, typer.Option("--lighting", help="lighting of the pictures")
     ] = Lighting.AUTO,
     explain: Annotated[
         Path | None,
-        typer.Option("--explain", help="folder for a drawing and tables that explain each answer"),
+        typer.Option(
+            "--explain",
+            metavar="FOLDER",
+            help="folder for a drawing and tables that explain each answer",
+        ),
     ] = None,
     unit: UnitOption = None,
     json: JsonOption = False,

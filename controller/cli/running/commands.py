@@ -28,7 +28,11 @@ def run(
     count: Annotated[
         int | None,
         typer.Option(
-            "--count", min=1, max=MAX_PART_COUNT, help="number of parts (default: the recipe's)"
+            "--count",
+            metavar="N",
+            min=1,
+            max=MAX_PART_COUNT,
+            help="number of parts (default: the recipe's)",
         ),
     ] = None,
     speed: SpeedOption = 1.0,
@@ -37,6 +41,7 @@ def run(
         list[Path] | None,
         typer.Option(
             "--lay",
+            metavar="PART",
             help="CAD file of a part to put on the emulated table; may be repeated "
             "(default: the recipe's part)",
         ),
@@ -54,7 +59,12 @@ def run(
     ] = False,
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="log to stderr")] = False,
+    verbose: Annotated[
+        bool,
+        typer.Option(
+            "--verbose", "-v", help="log to stderr, with the details of an unexpected error"
+        ),
+    ] = False,
 ) -> None:
     """Inspect and sort parts: the main job. Emulated devices start beside it."""
     from controller.config import find_recipe
@@ -135,6 +145,7 @@ def report(
         typer.Option(
             "--output",
             "-o",
+            metavar="FILE",
             help="file to write (default: report.html in the run's folder; JSON to stdout)",
         ),
     ] = None,
