@@ -77,7 +77,7 @@ def show(c: compute.Context, plan: Plan, station: Station, seed: int) -> list[Vi
             panel_mm=panel_corners(c.cell, "station_backlight"),
             lamps=build_lamps(c.cell, lamps),
             limits=limits,
-            is_hold_seen=is_seen,
+            is_hold_measured=is_seen,
         )
         result = inspect_view(held.part, c.samples, task, pictures)
         if result.evaluated and not is_seen:
@@ -107,7 +107,7 @@ def look(
             panel_mm=table_corners(c.cell),
             lamps=build_lamps(c.cell, (lamp,)),
             limits=compute.inspection_limits(c.recipe),
-            is_hold_seen=True,
+            is_hold_measured=True,
         )
         results.append(inspect_view(c.posed, c.samples, task, pictures).within(step.seen))
     return results

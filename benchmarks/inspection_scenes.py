@@ -185,7 +185,7 @@ class Station:
         opening_mm: float,
         lamps: tuple[str, ...],
         limits: InspectionLimits,
-        is_hold_seen: bool,
+        is_hold_measured: bool,
     ) -> ViewTask:
         """Return the view as the controller expects it."""
         hand = self.layout.arm_gripper
@@ -201,7 +201,7 @@ class Station:
             panel_mm=panel_corners(self._cell, "station_backlight"),
             lamps=build_lamps(self._cell, lamps),
             limits=limits,
-            is_hold_seen=is_hold_seen,
+            is_hold_measured=is_hold_measured,
         )
 
 

@@ -236,7 +236,7 @@ class StandIns(Compute):
         holder: Holder,
         backlit: Grey,
         lit: Mapping[str, Grey],
-        is_hold_seen: bool,
+        is_hold_measured: bool,
     ) -> inspecting.ViewResult:
         """Return what the camera sees of the part where it truly is in the hand."""
         T, custody = read_truth(backlit)
@@ -250,7 +250,9 @@ class StandIns(Compute):
         else:
             seen = await asyncio.to_thread(self._in_sight, T, holder, self._context.inspection)
             planned = self._promised[_planned_name(view_id)]
-            self.views.append(Seen(view_id, seen, planned, not is_hold_seen, self.has_recovered))
+            self.views.append(
+                Seen(view_id, seen, planned, not is_hold_measured, self.has_recovered)
+            )
         return inspecting.ViewResult(
             view_id=view_id,
             evaluated=not reason,

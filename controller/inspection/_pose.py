@@ -40,7 +40,7 @@ from controller.recognition.fitting import (
 from ._types import ViewTask
 
 PLANNED_HOLD: Final = (1.5, 0.03)  # [mm, rad] how far a fresh grip may be from the planned one
-SEEN_HOLD: Final = (0.3, 0.005)  # the same once a view has measured it
+MEASURED_HOLD: Final = (0.3, 0.005)  # the same once a view has measured it
 AS_PLACED: Final = (0.05, 0.001)  # a pose that is tried is fitted on by no more
 # how far off the outline may be; one step each, as what shows changes while a held part tilts
 REACH_PX: Final = (25.0, 12.5, 8.0, 6.0, 5.0)
@@ -114,7 +114,7 @@ def measure_pose(part: PosedPart, task: ViewTask, outline: OutlineMeasure) -> Po
     outline : observed
     """
     expected = task.T_world_part
-    prior = SEEN_HOLD if task.is_hold_seen else PLANNED_HOLD
+    prior = MEASURED_HOLD if task.is_hold_measured else PLANNED_HOLD
     fit = _fit(part, task, expected, outline, expected, prior)
     for _ in range(MAX_FITS):
         if fit is None or (fit.residual_px <= HELD_BACK_PX and _off_share(fit) <= OFF_SHARE):

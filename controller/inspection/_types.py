@@ -108,8 +108,8 @@ class ViewTask:
     panel_mm : (4, 3) corners of the backlight panel behind the part, world
     lamps : lamps of the lit pictures
     limits : tolerances
-    is_hold_seen : the expected pose was measured in an earlier view under this grip, so that it is
-        good to a fraction of a millimetre; else it is the plan's
+    is_hold_measured : the expected pose was measured in an earlier view under this grasp, so that
+        it is good to a fraction of a millimetre; else it is the plan's
     """
 
     view_id: str
@@ -119,7 +119,7 @@ class ViewTask:
     panel_mm: FloatArray
     lamps: tuple[PointLamp, ...]
     limits: InspectionLimits
-    is_hold_seen: bool = False
+    is_hold_measured: bool = False
 
 
 @dataclass(frozen=True, eq=False, slots=True)

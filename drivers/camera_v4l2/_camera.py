@@ -25,7 +25,7 @@ from .capture import (
     CameraConfig,
     CameraIdentity,
     CameraStats,
-    Capture,
+    CaptureSession,
     ControlInfo,
     ControlSetting,
     Frame,
@@ -67,7 +67,7 @@ class Camera:
         self._lock = asyncio.Lock()
         self._stats = CameraStats()
         self._exposure_s = config.exposure_s
-        self._capture: Capture | None = None
+        self._capture: CaptureSession | None = None
         self._worker: ThreadPoolExecutor | None = None
         self._waiter: asyncio.Future[None] | None = None
         self._is_paused = False
@@ -98,7 +98,7 @@ class Camera:
             if self._capture is not None:
                 raise ValueError(f"camera {self._config.device}: already connected")
             self._worker = ThreadPoolExecutor(1, thread_name_prefix="camera")
-            self._capture = Capture(self._config, self._clock, self._calls, self._stats)
+            self._capture = CaptureSession(self._config, self._clock, self._calls, self._stats)
             self._is_paused = False
             try:
                 await self._run(self._capture.open, self._exposure_s)
@@ -264,7 +264,7 @@ class Camera:
                     f"{timeout_s:.3f} s: {_tally_words(before, self._stats)}"
                 ) from error
 
-    async def _first_frame(self, capture: Capture, t_s: float) -> Frame:
+    async def _first_frame(self, capture: CaptureSession, t_s: float) -> Frame:
         await self._call(capture.begin_wait)
         backoff_s, has_woken = capture.period_s / 8, False
         while True:
@@ -283,7 +283,7 @@ class Camera:
             await self._wait_until_ready(capture)
             has_woken = True
 
-    async def _wait_until_ready(self, capture: Capture) -> None:
+    async def _wait_until_ready(self, capture: CaptureSession) -> None:
         loop, fd = asyncio.get_running_loop(), capture.readiness_fd()
         waiter: asyncio.Future[None] = loop.create_future()
 
@@ -315,7 +315,7 @@ class Camera:
         if self._is_closing:
             raise LinkError(f"camera {self._config.device}: closed during a wait")
 
-    def _open(self) -> Capture:
+    def _open(self) -> CaptureSession:
         if self._capture is None:
             raise LinkError(f"camera {self._config.device}: not connected")
         return self._capture

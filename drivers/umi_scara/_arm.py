@@ -24,7 +24,7 @@ from .motion import (
     Axes,
     AxisStalledError,
     Homing,
-    Watch,
+    MoveWatch,
     axes_in_turn,
     forecast_s,
     start,
@@ -475,7 +475,7 @@ class UmiScara:
                     self.positions.note_range(axis, starts[axis], target)
 
             await start(self.axes, moved, new_speeds, guard, on_go=on_go)
-            await Watch(self.axes, moved, deadline_s, guard).until_rest()
+            await MoveWatch(self.axes, moved, deadline_s, guard).until_rest()
             guard()
             got = await self._arrive(moved)
             guard()

@@ -203,7 +203,7 @@ class RunWriter:
 
     def plan(self, *labels: str) -> None:
         labels = labels or STEPS
-        unseen = rows.Unseen(face=1, area_fraction=0.03, reason="in the jaws' shadow")
+        unseen = rows.UnseenFields(face=1, area_fraction=0.03, reason="in the jaws' shadow")
         self.write(
             rows.PlanMade(
                 steps=(*labels, "place in tray reject", "park"),

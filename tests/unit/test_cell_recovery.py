@@ -303,7 +303,7 @@ class PaperCompute:
         return (LAYOUT.park_q,)
 
     async def inspect(
-        self, view: str, expected: Any, holder: Any, backlit: Any, lit: Any, is_seen: bool
+        self, view: str, expected: Any, holder: Any, backlit: Any, lit: Any, is_measured: bool
     ) -> ViewResult:
         name = re.sub(r"~\d+$", "", view)
         self.shown.append(name)

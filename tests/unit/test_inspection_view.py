@@ -426,7 +426,7 @@ def test_a_hold_that_was_measured_badly_does_not_hold_a_later_view_back() -> Non
     T = VIEWS["side"]
     T_true = moved(T, (2.5, 0.0, -1.5), 5.0)
     pictures = photograph(perfect(), T_true, hand(T), lamps=())
-    seen = replace(task(T), is_hold_seen=True, lamps=())
+    seen = replace(task(T), is_hold_measured=True, lamps=())
     result = inspect_view(part(), samples(), seen, pictures)
     assert result.evaluated, result.reason
     assert result.residual_px < 0.12

@@ -1,12 +1,12 @@
 """What has to be inspected: points on every surface, features, tolerances."""
 
 from ._samples import SurfaceSamples, sample_surface
-from .features import Feature, FeatureKind, Step, find_features
+from .features import Feature, FeatureKind, FeatureWall, find_features
 
 __all__ = [
     "Feature",
     "FeatureKind",
-    "Step",
+    "FeatureWall",
     "SurfaceSamples",
     "find_features",
     "sample_surface",

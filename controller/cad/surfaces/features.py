@@ -21,7 +21,7 @@ FeatureKind = Literal["hole", "slot", "boss", "chamfer", "fillet"]
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class FeatureWall:
     """One wall of a hole or a boss: diameter where it is widest, and how far it reaches."""
 
     kind: Literal["cylinder", "cone", "torus"]
@@ -63,7 +63,7 @@ class Feature:
     position_mm: FloatArray
     is_through: bool = False
     is_concave: bool = False
-    steps: tuple[Step, ...] = field(default=())
+    steps: tuple[FeatureWall, ...] = field(default=())
 
     @property
     def label(self) -> str:
@@ -182,7 +182,7 @@ def _ledges(solid: Solid, stack: list[Wall]) -> list[int]:
     return [i for i in set(beyond) if beyond.count(i) > 1 and solid.faces[i].kind == "plane"]
 
 
-def _steps(stack: list[Wall], mouth: End, inward: FloatArray) -> tuple[Step, ...]:
+def _steps(stack: list[Wall], mouth: End, inward: FloatArray) -> tuple[FeatureWall, ...]:
     steps = []
     for wall in stack:
         levels = [float((rim.point_mm - mouth.point_mm) @ inward) for rim in wall.rims]
@@ -194,12 +194,12 @@ def _steps(stack: list[Wall], mouth: End, inward: FloatArray) -> tuple[Step, ...
             apex = face.centre_mm - face.axis * face.radius_mm / np.tan(face.half_angle_rad)
             levels.append(float((apex - mouth.point_mm) @ inward))
         depth = max(levels) - min(levels)
-        step = Step(face.kind, face.id, 2 * radius, depth, face.half_angle_rad)  # type: ignore[arg-type]  # walls are round
+        step = FeatureWall(face.kind, face.id, 2 * radius, depth, face.half_angle_rad)  # type: ignore[arg-type]  # walls are round
         steps.append((min(levels), step))
     return tuple(step for _, step in sorted(steps, key=lambda pair: pair[0]))
 
 
-def _diameter(steps: tuple[Step, ...]) -> float:
+def _diameter(steps: tuple[FeatureWall, ...]) -> float:
     straight = [step.diameter_mm for step in steps if step.kind == "cylinder"]
     return min(straight) if straight else max(step.diameter_mm for step in steps)
 

@@ -172,7 +172,7 @@ def inspect(
     holder: Holder,
     backlit: Grey,
     lit: Mapping[str, Grey],
-    is_hold_seen: bool,
+    is_hold_measured: bool,
 ) -> inspecting.ViewResult:
     """Return what one view of the part in the arm gripper showed.
 
@@ -183,7 +183,7 @@ def inspect(
     T_world_part : (4, 4) where the part should be
     holder : what of the cell may be in the picture
     backlit, lit : pictures in front of the backlight panel, and by lamp
-    is_hold_seen : an earlier view has confirmed how the part is held
+    is_hold_measured : an earlier view has confirmed how the part is held
     """
     c = context(job)
     task = inspecting.ViewTask(
@@ -194,7 +194,7 @@ def inspect(
         panel_mm=panel_corners(c.cell, "station_backlight"),
         lamps=build_lamps(c.cell, tuple(lit)),
         limits=inspection_limits(c.recipe),
-        is_hold_seen=is_hold_seen,
+        is_hold_measured=is_hold_measured,
     )
     return inspecting.inspect_view(
         c.posed, c.samples, task, inspecting.ViewPictures(backlit=backlit, lit=lit)
@@ -222,7 +222,7 @@ def inspect_on_table(
         panel_mm=table_corners(c.cell),
         lamps=build_lamps(c.cell, tuple(lit)),
         limits=inspection_limits(c.recipe),
-        is_hold_seen=True,
+        is_hold_measured=True,
     )
     return inspecting.inspect_view(
         c.posed, c.samples, task, inspecting.ViewPictures(backlit=backlit, lit=lit)

@@ -62,7 +62,7 @@ def find_hold(
         if overlap >= MIN_OVERLAP:
             ranked.append((-overlap, number, T))
     for _, _, T in sorted(ranked, key=lambda item: item[:2])[:FITTED_COUNT]:
-        near = replace(task, T_world_part=T, is_hold_seen=False)
+        near = replace(task, T_world_part=T, is_hold_measured=False)
         pictures = inspecting.ViewPictures(backlit=backlit, lit={})
         result = inspecting.inspect_view(part, samples, near, pictures)
         if result.evaluated:

@@ -290,7 +290,7 @@ class OtherHypothesis(Fields):
     theta_deg: float
 
 
-class Sighting(Fields):
+class SightingFields(Fields):
     """An object on the table."""
 
     part: str | None
@@ -313,7 +313,7 @@ class Sightings(Body):
 
     kind = "observation"
     row_name = "sightings"
-    sightings: tuple[Sighting, ...]
+    sightings: tuple[SightingFields, ...]
 
 
 class ViewPicturesTaken(Body):
@@ -337,7 +337,7 @@ class CheckMade(Fields):
     misfit: float | None = None
 
 
-class Finding(Fields):
+class FindingFields(Fields):
     """A place where picture and CAD differ."""
 
     kind: str
@@ -366,13 +366,13 @@ class ViewJudged(Body):
     in_sight_samples: int = 0
     checks: tuple[CheckMade, ...] = ()
     outline_px: tuple[tuple[int, int], ...] = ()
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[FindingFields, ...] = ()
 
 
 # --- what is decided ------------------------------------------------------------------------------
 
 
-class Unseen(Fields):
+class UnseenFields(Fields):
     """What the plan cannot show of a surface: its share of all surface, and the reason."""
 
     face: int
@@ -390,7 +390,7 @@ class PlanMade(Body):
     forecast_s: float
     covered_fraction: float
     reachable_fraction: float
-    unseen: tuple[Unseen, ...] = ()
+    unseen: tuple[UnseenFields, ...] = ()
 
 
 class PlanKept(Body):

@@ -10,7 +10,7 @@ from ._difference import difference
 from ._identify import Identification, apart, compare, discriminate, edges_shown
 from ._measured import measured_picture
 from ._offer import offered_views
-from ._pictures import Picture, Stance, predict
+from ._pictures import EdgePicture, Stance, predict
 from ._rules import DisambiguationRules
 from ._separate import Model, Predicted, Separations, model_of, predict_view, separations
 from ._tree import (
@@ -26,12 +26,12 @@ __all__ = [
     "DecidingView",
     "DisambiguationRules",
     "DisambiguationTree",
+    "EdgePicture",
     "HeldHypothesis",
     "Identification",
     "Indistinguishable",
     "Light",
     "Model",
-    "Picture",
     "Predicted",
     "Separations",
     "Stance",

@@ -11,7 +11,7 @@ from controller.arrays import BoolArray, Float32Array, FloatArray
 from controller.imaging import mask_rim
 
 from ..model import Light
-from ._pictures import Picture, Stance
+from ._pictures import EdgePicture, Stance
 
 TURN_COUNT = 9
 SHIFT_COUNT = 9
@@ -23,7 +23,7 @@ NEARER_COUNTS = 20.0  # a point without a partner counts this much more than one
 _NEAR = np.stack(np.meshgrid(*[[0.0, -1.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def difference(a: Picture, b: Picture, stance: Stance, light: Light) -> float:
+def difference(a: EdgePicture, b: EdgePicture, stance: Stance, light: Light) -> float:
     """Return by how many pixels two pictures on one grid differ at least.
 
     One is moved over the other as far as the hold is uncertain, to where they agree best. Against

@@ -11,7 +11,7 @@ from controller.arrays import FloatArray
 
 from ..model import Light
 from ._difference import difference
-from ._pictures import Picture
+from ._pictures import EdgePicture
 from ._rules import DisambiguationRules
 from ._separate import Predicted, needed_px
 
@@ -33,7 +33,7 @@ class Identification:
 
 
 def compare(
-    measured: Picture, predicted: Predicted, light: Light, among: Sequence[int]
+    measured: EdgePicture, predicted: Predicted, light: Light, among: Sequence[int]
 ) -> FloatArray:
     """Return by how many pixels a picture differs from what each hypothesis would look like.
 

@@ -10,7 +10,7 @@ import numpy as np
 from controller.arrays import BoolArray, Grey
 from controller.imaging import mask_rim
 
-from ._pictures import Picture
+from ._pictures import EdgePicture
 from ._separate import Predicted
 
 SMOOTH_PX = 1.2
@@ -18,7 +18,7 @@ EDGE_NOISES = 8.0  # a step so many times the picture's noise is an edge, half o
 MIN_STEP_GREY = 8.0
 
 
-def measured_picture(predicted: Predicted, backlit: Grey, lit: Sequence[Grey] = ()) -> Picture:
+def measured_picture(predicted: Predicted, backlit: Grey, lit: Sequence[Grey] = ()) -> EdgePicture:
     """Return outline and edges of a photographed part.
 
     Edges far from those of every hypothesis, on the arm gripper or behind the part, say nothing
@@ -47,7 +47,7 @@ def measured_picture(predicted: Predicted, backlit: Grey, lit: Sequence[Grey] = 
     near = predicted.stance.shift_px + predicted.stance.tolerance_px
     away = cv2.distanceTransform((~known).astype(np.uint8), cv2.DIST_L2, 5)
     none = np.zeros_like(mask)
-    return Picture(1, mask, edges & (away <= near), none, none)
+    return EdgePicture(1, mask, edges & (away <= near), none, none)
 
 
 def _dark(grey: Grey) -> BoolArray:

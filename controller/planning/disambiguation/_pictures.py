@@ -38,7 +38,7 @@ _TRIANGLES = np.array(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Picture:
+class EdgePicture:
     """A region of a picture on a grid of every `step_px`-th pixel, (height, width) each.
 
     A measured one has the same fields: the mask from a picture against the backlight, edges from
@@ -113,7 +113,7 @@ def predict(
     step_px: int,
     arm_gripper: ViewMaps | None,
     rules: DisambiguationRules,
-) -> Picture:
+) -> EdgePicture:
     """Return what the camera would see of one hypothesis.
 
     Parameters
@@ -155,10 +155,10 @@ def predict(
         edges[ahead] |= found & ~nearer
     if arm_gripper is None:
         none = np.zeros_like(mask)
-        return Picture(step_px, mask, edges, none, none)
+        return EdgePicture(step_px, mask, edges, none, none)
     grow = np.ones((2 * int(np.ceil(rules.gripper_px / step_px)) + 1,) * 2, np.uint8)
     before = arm_gripper.mask & (arm_gripper.depth_mm < maps.depth_mm)
-    return Picture(step_px, mask, edges, _grown(arm_gripper.mask, grow), _grown(before, grow))
+    return EdgePicture(step_px, mask, edges, _grown(arm_gripper.mask, grow), _grown(before, grow))
 
 
 def see_boxes(boxes: Sequence[Box], camera: Camera, roi: Roi, step_px: int) -> ViewMaps:

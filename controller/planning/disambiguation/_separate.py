@@ -14,7 +14,15 @@ from controller.imaging import Camera, RayCaster, Roi
 from ..model import LIGHTS, CellLayout, HeldHypothesis, Light
 from ..motion import Scene, tcp_pose
 from ._difference import difference
-from ._pictures import Picture, Stance, outer_points, predict, region_of, see_boxes, stance_of
+from ._pictures import (
+    EdgePicture,
+    Stance,
+    outer_points,
+    predict,
+    region_of,
+    see_boxes,
+    stance_of,
+)
 from ._rules import DisambiguationRules
 
 HOPEFUL = 0.5  # of what it takes, in a thinned picture
@@ -46,7 +54,7 @@ class Predicted:
     """The pictures of all hypotheses in one view, on one grid, and how they may be off."""
 
     roi: Roi
-    pictures: tuple[Picture, ...]
+    pictures: tuple[EdgePicture, ...]
     stance: Stance
 
 

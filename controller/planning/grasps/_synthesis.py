@@ -19,7 +19,7 @@ from ..model import Grasp, GraspRules, Holder, Jaw, NotGraspableError
 from ._select import cover
 from .clearance import PartTriangles, clear_of_part, lifts_off_table
 from .contact import Contacts, least_load
-from .judge import Judge, Stage, closed, score_of
+from .judge import FilterStage, Judge, closed, score_of
 from .robust import margins
 from .seeds import (
     Candidates,
@@ -60,7 +60,7 @@ class Synthesis:
     """Every grasp of a jaw on a part, and what each stage left."""
 
     grasps: tuple[Grasp, ...]
-    stages: tuple[Stage, ...]
+    stages: tuple[FilterStage, ...]
 
 
 def synthesise_grasps(
@@ -85,7 +85,7 @@ def synthesise_grasps(
     return found.grasps
 
 
-def _refusal(problem: GraspProblem, jaw: Jaw, holder: Holder, stages: Sequence[Stage]) -> str:
+def _refusal(problem: GraspProblem, jaw: Jaw, holder: Holder, stages: Sequence[FilterStage]) -> str:
     """Return which stage left no grasp, with the number that fails."""
     solid, rules = problem.solid, problem.rules
     last = next(s for s in stages if s.left == 0)

@@ -20,7 +20,7 @@ NO_OFFSET_MM = 12.0  # contacts this far apart leave nothing of a grasp's score
 
 
 @dataclass(frozen=True, slots=True)
-class Stage:
+class FilterStage:
     """What one requirement left: how many grasps, and the best value of what it measures.
 
     `best` and `limit` are nan for a requirement without a limit.
@@ -45,12 +45,12 @@ class Tally:
     """Stages in the order first asked, added up over batches."""
 
     def __init__(self) -> None:
-        self._stages: dict[str, Stage] = {}
+        self._stages: dict[str, FilterStage] = {}
 
     def count(self, name: str, left: int) -> None:
         """Add to the tally of a stage that has no limit."""
         before = self._stages.get(name)
-        self._stages[name] = Stage(name, left + (before.left if before else 0))
+        self._stages[name] = FilterStage(name, left + (before.left if before else 0))
 
     def require(
         self, name: str, values: FloatArray, limit: float, unit: str = "", *, most: bool = False
@@ -66,15 +66,17 @@ class Tally:
         most : the limit is the most allowed, not the least
         """
         good = values <= limit + 1e-9 if most else values >= limit - 1e-9
-        before = self._stages.get(name, Stage(name, 0))
+        before = self._stages.get(name, FilterStage(name, 0))
         best = values.min(initial=np.inf) if most else values.max(initial=-np.inf)
         if np.isfinite(before.best):
             best = min(best, before.best) if most else max(best, before.best)
-        self._stages[name] = Stage(name, before.left + int(good.sum()), float(best), limit, unit)
+        self._stages[name] = FilterStage(
+            name, before.left + int(good.sum()), float(best), limit, unit
+        )
         return np.asarray(good)
 
     @property
-    def stages(self) -> tuple[Stage, ...]:
+    def stages(self) -> tuple[FilterStage, ...]:
         """The stages so far, in the order they were first asked."""
         return tuple(self._stages.values())
 

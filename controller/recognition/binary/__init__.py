@@ -1,7 +1,7 @@
 """The paper's binary chain: boundary codes, corners, strings of primitives, their correlation."""
 
 from ._chain import Chain, chain_code, curvature_code
-from ._corners import Corners, corner_table, find_corners, triangular
+from ._corners import BoundaryCorners, corner_table, find_corners, triangular
 from ._correlate import StringMatch, correlate
 from ._size import Size, chain_length_px, size_of_chains, size_of_string
 from ._strings import BoundaryString, NoOutlineError, boundary_string, model_string
@@ -9,9 +9,9 @@ from ._tolerances import BinaryTolerances
 
 __all__ = [
     "BinaryTolerances",
+    "BoundaryCorners",
     "BoundaryString",
     "Chain",
-    "Corners",
     "NoOutlineError",
     "Size",
     "StringMatch",

@@ -17,7 +17,7 @@ Number = TypeVar("Number", np.int64, np.float64)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Corners:
+class BoundaryCorners:
     """Corners in the order of the boundary.
 
     Attributes
@@ -69,7 +69,7 @@ def _box_car(values: NDArray[Number], length: int) -> NDArray[Number]:
 
 def find_corners(
     filtered: IntArray | FloatArray, threshold: float = 10, reach: int = 15
-) -> Corners:
+) -> BoundaryCorners:
     """Return where a filtered curvature is a peak of either sign.
 
     Parameters
@@ -94,7 +94,7 @@ def find_corners(
             found += [(m, height[round(m) % count], sign) for m in _plateaus(at, reach, count)]
     found.sort()
     distance = np.array([m for m, _, _ in found])
-    return Corners(
+    return BoundaryCorners(
         distance_px=distance,
         size=np.array([s for _, s, _ in found]),
         sign=np.array([s for _, _, s in found], dtype=np.int8),
@@ -115,7 +115,7 @@ def _plateaus(at: IntArray, reach: int, count: int) -> list[float]:
     return [float(m) for m in np.sort(middle % count)]
 
 
-def corner_table(corners: Corners) -> str:
+def corner_table(corners: BoundaryCorners) -> str:
     """Return the paper's Table 2 of some corners."""
     rows = ["Corner No.  Distance  Size"]
     rows += [

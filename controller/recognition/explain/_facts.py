@@ -16,9 +16,9 @@ from controller.imaging import Camera
 
 from ..binary import (
     BinaryTolerances,
+    BoundaryCorners,
     BoundaryString,
     Chain,
-    Corners,
     NoOutlineError,
     StringMatch,
     boundary_string,
@@ -101,7 +101,7 @@ class ObjectFacts:
     trace: Trace
     chain: Chain | None
     curvature: IntArray
-    corners: Corners
+    corners: BoundaryCorners
     string: BoundaryString | None
     features: ImageFeatures | None
     candidates: tuple[Candidate, ...]

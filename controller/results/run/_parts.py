@@ -134,7 +134,7 @@ def _unconfirmed(name: str, custody: Custody) -> str:
     )
 
 
-def _sighting(s: rows.Sighting) -> SightingReport:
+def _sighting(s: rows.SightingFields) -> SightingReport:
     return SightingReport(
         part=s.part,
         pose_index=s.pose_index,

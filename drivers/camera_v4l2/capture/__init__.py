@@ -1,6 +1,6 @@
 """The blocking half of a camera: format and controls locked, buffers read, frames chosen."""
 
-from ._capture import Capture
+from ._capture import CaptureSession
 from ._controls import ControlInfo, ControlSetting
 from ._decode import BrokenPictureError, decode
 from ._types import CameraConfig, CameraIdentity, CameraStats, Frame
@@ -11,7 +11,7 @@ __all__ = [
     "CameraConfig",
     "CameraIdentity",
     "CameraStats",
-    "Capture",
+    "CaptureSession",
     "ControlInfo",
     "ControlSetting",
     "Frame",

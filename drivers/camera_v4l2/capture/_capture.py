@@ -69,7 +69,7 @@ class Dequeued:
     is_empty: bool
 
 
-class Capture:
+class CaptureSession:
     """One camera from open to close.
 
     Parameters

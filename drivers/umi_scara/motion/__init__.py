@@ -9,7 +9,7 @@ from ._homing import Homing, HomingConfig, HomingError
 from ._moves import (
     AxisStalledError,
     MotionStoppedError,
-    Watch,
+    MoveWatch,
     forecast_s,
     on_ip,
     start,
@@ -25,8 +25,8 @@ __all__ = [
     "HomingConfig",
     "HomingError",
     "MotionStoppedError",
+    "MoveWatch",
     "Positions",
-    "Watch",
     "axes_in_turn",
     "forecast_s",
     "judge_counters",

@@ -16,7 +16,7 @@ from ..line import Guard
 from ..protocol import constants as c
 from ..protocol.constants import ADDRESSES, Axis, Drive, Ip, Mode, Parameter, Simple, StatusBits
 from ._axes import Axes
-from ._moves import Watch, on_ip, start
+from ._moves import MoveWatch, on_ip, start
 
 log = logging.getLogger(__name__)
 
@@ -83,7 +83,7 @@ class Homing:
         await self._label()
         park = self._config.park_counts
         await start(self._axes, park, {}, self._guard, in_turn=True)
-        watch = Watch(self._axes, park, self._config.zed_timeout_s, self._guard)
+        watch = MoveWatch(self._axes, park, self._config.zed_timeout_s, self._guard)
         await watch.until_rest(in_turn=True)
 
     async def _clear(self) -> None:

@@ -120,7 +120,7 @@ def on_ip(axes: Iterable[Axis], ip: Ip) -> list[Axis]:
     return sorted(mine, key=lambda axis: ADDRESSES[axis].ctl)
 
 
-class Watch:
+class MoveWatch:
     """Watches started axes until all rest.
 
     Of one axis on an IP its own status is read (§3.5), of several the IP's general status (§3.4),

@@ -87,7 +87,7 @@ class HandOffAction:
         await self.grippers.open_fixed()
         await self.grippers.press_and_require_hold()
         # the fixed gripper may have turned the part by closing on the wrong faces
-        hold.is_seen = False
+        hold.is_measured = False
         await self.motion.go_back(len(step.motion))
         if part.has_had(PartFault.HAND_OFF_FAILED):
             part.avoid.add(step.fixed_grasp.id)

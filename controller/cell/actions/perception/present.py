@@ -51,12 +51,12 @@ class PresentAction:
                 await self.motion.follow(step.motion)
                 await self.grippers.press_and_require_hold()
                 hold = self.record.held()
-                if hold.is_seen and not await self.views.is_worth_showing(step):
+                if hold.is_measured and not await self.views.is_worth_showing(step):
                     self.steps.end(step, started_s, passed_by=step.view_id)
                     continue
                 view = await self._show(step, hold)
                 self.steps.end(step, started_s, view=view)
-                if not hold.is_seen or self.views.is_hold_questioned():
+                if not hold.is_measured or self.views.is_hold_questioned():
                     break
         finally:
             await self.imaging.pause("inspection")

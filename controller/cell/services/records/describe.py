@@ -17,7 +17,7 @@ def plan_row(plan: Plan) -> rows.PlanMade:
         covered_fraction=round(plan.covered_fraction, 4),
         reachable_fraction=round(plan.reachable_fraction, 4),
         unseen=tuple(
-            rows.Unseen(face=u.face_id, area_fraction=u.area_fraction, reason=u.reason)
+            rows.UnseenFields(face=u.face_id, area_fraction=u.area_fraction, reason=u.reason)
             for u in plan.unseen
         ),
     )
@@ -28,9 +28,9 @@ def sightings_row(sightings: tuple[Sighting, ...]) -> rows.Sightings:
     return rows.Sightings(sightings=tuple(_sighting(s) for s in sightings))
 
 
-def _sighting(s: Sighting) -> rows.Sighting:
+def _sighting(s: Sighting) -> rows.SightingFields:
     is_measured = s.covariance is not None
-    return rows.Sighting(
+    return rows.SightingFields(
         part=s.part,
         pose_index=s.pose_index,
         R=None if s.R is None else s.R.tolist(),
@@ -77,7 +77,7 @@ def view_row(r: inspecting.ViewResult) -> rows.ViewJudged:
         ),
         outline_px=np.round(r.outline_px[::3]).astype(int).tolist(),
         findings=tuple(
-            rows.Finding(
+            rows.FindingFields(
                 kind=f.kind.value,
                 lamp=f.lamp,
                 area_mm2=round(f.area_mm2, 2),

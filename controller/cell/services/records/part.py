@@ -21,16 +21,16 @@ class PartInGripper:
     Attributes
     ----------
     grasp : as planned
-    T_part_tcp : (4, 4) as planned, or as measured once `is_seen`
+    T_part_tcp : (4, 4) as planned, or as measured once `is_measured`
     opening_mm : opening of the jaws on the part
-    is_seen : whether a view has confirmed it
+    is_measured : whether a view has confirmed it
     unconfirmed_count : how many views in a row could not confirm it
     """
 
     grasp: Grasp
     T_part_tcp: FloatArray
     opening_mm: float
-    is_seen: bool = False
+    is_measured: bool = False
     unconfirmed_count: int = 0
 
 

@@ -58,7 +58,7 @@ class HeldPose:
         PartFaultError : it is not seen in the arm gripper
         """
         hold, shown = self.record.part.hold, self.views.last_held
-        if hold is None or hold.is_seen or shown is None:
+        if hold is None or hold.is_measured or shown is None:
             return
         q = await self.motion.read_q()
         if (np.abs(q - shown.q) > SAME_CONFIGURATION).any():
@@ -73,7 +73,7 @@ class HeldPose:
                 PartFault.HOLD_NOT_SEEN, "the camera does not see the part in the arm gripper"
             )
         hold.T_part_tcp = inverse_pose(found) @ tcp_pose(self.layout, q)
-        hold.is_seen = True
+        hold.is_measured = True
 
     async def learn(self, shown: Shown, hold: PartInGripper, result: inspecting.ViewResult) -> None:
         """Take a view as proof of the hold, and its pose as the measured one.
@@ -88,7 +88,7 @@ class HeldPose:
         ------
         PartFaultError : the part is held otherwise than planned, or not seen in the gripper
         """
-        T_world_part, was_seen = result.T_world_part, hold.is_seen
+        T_world_part, was_known = result.T_world_part, hold.is_measured
         if not result.evaluated:
             found = await self._search(shown, hold, result.reason)
             if found is None:
@@ -97,16 +97,16 @@ class HeldPose:
         hold.unconfirmed_count = 0
         measured = inverse_pose(T_world_part) @ tcp_pose(self.layout, shown.q)
         shift_mm, turn_rad = _difference(measured, hold.T_part_tcp)
-        if was_seen and not is_held_otherwise(shift_mm, turn_rad):
+        if was_known and not is_held_otherwise(shift_mm, turn_rad):
             return
-        hold.T_part_tcp, hold.is_seen = measured, True
+        hold.T_part_tcp, hold.is_measured = measured, True
         # inspection accepted the view, and no further plan is allowed: go on as it is
         is_bearable = result.evaluated and not self.recoveries.may_recover(PartFault.HELD_OTHERWISE)
         if is_held_otherwise(shift_mm, turn_rad) and not is_bearable:
             raise PartFaultError(
                 PartFault.HELD_OTHERWISE,
                 f"the part sits {shift_mm:.1f} mm and {np.degrees(turn_rad):.1f} degrees from "
-                + ("where it was in the gripper" if was_seen else "where the grasp was planned"),
+                + ("where it was in the gripper" if was_known else "where the grasp was planned"),
             )
 
     async def _search(self, shown: Shown, hold: PartInGripper, reason: str) -> FloatArray | None:
@@ -116,7 +116,7 @@ class HeldPose:
         )
         hold.unconfirmed_count += 1
         # where other views have confirmed the hold, a single bad one is only left out
-        if found is None and not (hold.is_seen and hold.unconfirmed_count < BAD_VIEW_COUNT):
+        if found is None and not (hold.is_measured and hold.unconfirmed_count < BAD_VIEW_COUNT):
             raise PartFaultError(
                 PartFault.HOLD_NOT_SEEN,
                 f"the camera does not confirm how the part is held: {reason}",

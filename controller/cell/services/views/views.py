@@ -77,7 +77,7 @@ class Views:
         expected = shown_pose(self._layout, q, hold.T_part_tcp)
         holder = holder_boxes(self._layout, q, hold.opening_mm)
         task = asyncio.ensure_future(
-            self._compute.inspect(view, expected, holder, backlit, lit, hold.is_seen)
+            self._compute.inspect(view, expected, holder, backlit, lit, hold.is_measured)
         )
         self._last_held = Shown(view, hold, q, expected, holder, backlit, task)
         self._record.part.pending.append(self._last_held)
