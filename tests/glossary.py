@@ -1,4 +1,4 @@
-"""Find words that `docs/glossary.md` replaces: in prose, in help texts, in public names.
+"""Find words that `docs/glossary.md` replaces: in prose, help texts, docstrings, public names.
 
 python tests/glossary.py              what is found now
 python tests/glossary.py --shrink     take names that are gone off tests/data/names_to_rename.toml
@@ -147,6 +147,20 @@ def comments_of(yaml: str) -> str:
         match[1] if (match := re.search(r"(?:^|\s)#(.*)$", line)) else ""
         for line in yaml.splitlines()
     )
+
+
+def docstrings_of(source: str) -> str:
+    """Return all docstrings of a module, each in its lines; without code spans and paths."""
+    tree = ast.parse(source)
+    lines = [""] * (source.count("\n") + 2)
+    for node in ast.walk(tree):
+        kinds = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+        if isinstance(node, kinds) and ast.get_docstring(node) is not None:
+            text = node.body[0]
+            for number in range(text.lineno, (text.end_lineno or text.lineno) + 1):
+                lines[number - 1] = source.splitlines()[number - 1]
+    plain = re.sub(r"\S+\.(?:md|py|yaml)\b", "", "\n".join(lines))
+    return re.sub(r"(`+)[^`]*\1", lambda match: "`" + re.sub(r"[^\n]", "", match[0]), plain)
 
 
 def tokens(name: str) -> list[str]:

@@ -301,7 +301,7 @@ def _hits(
     step: FloatArray,
     limit: FloatArray,
 ) -> Iterator[tuple[IntArray, IntArray]]:
-    """Walk all that rays meet, in turns: which rays, and the triangle each meets next.
+    """Yield all that rays meet, in turns: which rays, and the triangle each meets next.
 
     ``step`` (n,) is how far a ray starts behind its origin and goes on behind each hit, ``limit``
     (n,) where it ends, both in units of its direction's length. A ray within a triangle's plane

@@ -146,7 +146,7 @@ def fit_ground(
     factor : by which the reduced picture is smaller
     size_px : (width, height) of the whole picture
     white : level of saturated pixels, whose true level is higher; 256 for none
-    tolerance : share of the level by which the table may differ at first; halved as the fit gets
+    tolerance : share of the level by which the table can differ at first; halved as the fit gets
         better
     """
     stride = max(1, round((reduced.size / FITTED_PX) ** 0.5))

@@ -16,7 +16,7 @@ class GripperConfig:
     counts_open, counts_closed : what the encoder says fully open, and with the fingertips
         touching; modbus_devices.md 2.5
     min_speed_mm_s, max_speed_mm_s : jaw speed at rSP 0 and 255 [mm/s]
-    min_force_n, max_force_n : grip force at rFR 0 and 255 [N]
+    min_force_n, max_force_n : force of a grasp at rFR 0 and 255 [N]
     default_speed_mm_s, default_force_n : of a verb that names none
     over_travel_mm : how much further than the expected opening the jaws are sent, so that the part
         and not the target stops them [mm]

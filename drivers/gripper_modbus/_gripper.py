@@ -1,4 +1,4 @@
-"""The verbs of a Robotiq 2F gripper: open, grip, stop, in millimetres and newtons.
+"""The verbs of a Robotiq 2F gripper: open, close, stop, in millimetres and newtons.
 
 Sequences after modbus_devices.md 2.6. It does not know which part it holds, and it never decides
 to drop one: activating, which moves the jaws, happens only on request.

@@ -118,7 +118,7 @@ class GraspEvidence(Enum):
 
 @dataclass(frozen=True, slots=True)
 class GraspResult:
-    """How a grip ended. An empty grip is a result, not an error.
+    """How a grasp ended. An empty one is a result, not an error.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ class GraspResult:
 def judge_grasp(
     status: GripperStatus, contact: ObjectState, expected_mm: float, config: GripperConfig
 ) -> GraspResult:
-    """Return the end of a gripping move, judged by gOBJ *and* gPO (modbus_devices.md 2.3).
+    """Return the end of a grasping move, judged by gOBJ *and* gPO (modbus_devices.md 2.3).
 
     Parameters
     ----------

@@ -5,7 +5,7 @@ from typing import Protocol
 
 
 class Hold(Enum):
-    """Whether the part of the last grip is still there."""
+    """Whether the part of the last grasp is still there."""
 
     NOTHING = "nothing"  # no part was gripped
     HELD = "held"
@@ -48,7 +48,7 @@ class GripperReading(Protocol):
 
 
 class GraspReading(Protocol):
-    """How a grip ended. An empty grip is a result, not an error."""
+    """How a grasp ended. An empty one is a result, not an error."""
 
     @property
     def object_detected(self) -> bool:

@@ -353,7 +353,7 @@ class ModbusLink:
 
 @dataclass(frozen=True, slots=True)
 class ModbusUnit:
-    """One device on a link: its unit id, its pace, reads and writes in its name.
+    """One device on a link: its unit id, its timing, reads and writes in its name.
 
     Got from `ModbusLink.unit`. Each method raises what `ModbusLink.exchange` raises. Addresses are
     zero based, as on the wire.

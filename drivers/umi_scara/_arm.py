@@ -1,4 +1,4 @@
-"""The UMI RTX arm as the cell uses it: connect, power, home, move, grip, stop.
+"""The UMI RTX arm as the cell uses it: connect, power, home, move, grasp, stop.
 
 It does not know what it holds, plans no path and avoids no obstacle. Targets are checked against
 the joint limits of §5.2 before any byte goes out. Soak tests, built-in INIT and interpolation exist

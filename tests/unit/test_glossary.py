@@ -15,6 +15,7 @@ from glossary import (
     Word,
     as_toml,
     comments_of,
+    docstrings_of,
     in_prose,
     listed_names,
     names_found,
@@ -30,6 +31,15 @@ from glossary import (
 from controller.cli.app import app
 
 ROOT = Path(__file__).resolve().parents[2]
+
+# Words that docstrings also use rightly, and why no list of phrases would do.
+RIGHT_IN_DOCSTRINGS = {
+    "way": "both ways, the other way round, on the way to: directions and progress",
+    "tip": "the verb: a part tips; the end of a drilled hole or a finger",
+    "hand": "hand off, hand out, hand the line over, in our hands",
+    "hand over": "which board of the arm has the line",
+    "handing": "the same; handing off",
+}
 
 TABLES = """
 | use | meaning | not |
@@ -98,6 +108,23 @@ def test_comments_in_recipes_use_them(replaced: list[Word]) -> None:
         f
         for path in files
         for f in in_prose(comments_of(path.read_text(encoding="utf-8")), replaced, path.name)
+    ]
+    assert not findings, "\n" + "\n".join(map(str, findings))
+
+
+def test_docstrings_use_them(replaced: list[Word]) -> None:
+    looked_for = [word for word in replaced if word.text not in RIGHT_IN_DOCSTRINGS]
+    assert len(looked_for) == len(replaced) - len(RIGHT_IN_DOCSTRINGS)
+    files = [path for top in PACKAGES for path in sorted((ROOT / top).rglob("*.py"))]
+    assert len(files) > 300
+    findings = [
+        f
+        for path in files
+        for f in in_prose(
+            docstrings_of(path.read_text(encoding="utf-8")),
+            looked_for,
+            str(path.relative_to(ROOT)),
+        )
     ]
     assert not findings, "\n" + "\n".join(map(str, findings))
 
@@ -189,6 +216,21 @@ def test_comments_are_read_and_values_are_not(planted: list[Word]) -> None:
 )
 def test_planted_words_are_found_in_names(name: str, found: list[str], planted: list[Word]) -> None:
     assert [word.text for word in replaced_in_name(name, planted)] == found
+
+
+def test_docstrings_are_read_and_code_is_not(planted: list[Word]) -> None:
+    source = '''"""The tip, `tip`, docs/tip.md and ``a
+tip``."""
+tip = "the tip"  # the tip
+
+def work():
+    """Return.
+
+    The grip.
+    """
+'''
+    found = in_prose(docstrings_of(source), planted)
+    assert [(finding.line, finding.word.text) for finding in found] == [(1, "tip"), (8, "grip")]
 
 
 def test_public_names_are_those_others_see() -> None:

@@ -68,7 +68,7 @@ class CompiledPart:
     Attributes
     ----------
     solid : the part
-    resting : the ways it can lie
+    resting : its stable poses
     symmetry : the turns that leave it as it is
     views : of each pose of ``poses``, seen straight from above
     look_alikes : pairs of poses that look the same from above
@@ -90,7 +90,7 @@ class CompiledPart:
 
     @property
     def poses(self) -> tuple[StablePose, ...]:
-        """The ways it can lie, likeliest first."""
+        """The stable poses, likeliest first."""
         return self.resting.poses
 
     @property

@@ -1,4 +1,4 @@
-"""The ways a solid can lie on a table, how likely each is, and which cannot be told apart."""
+"""The stable poses of a solid on a table, how likely each is, and which cannot be told apart."""
 
 from ._alike import LookAlike, look_alikes
 from ._families import RollingFamily

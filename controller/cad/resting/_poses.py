@@ -24,13 +24,13 @@ MARGINAL_LIFT_MM = 0.5  # planning-facts.md 4: a pose of 0.16 mm never occurred 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class StablePose:
-    """A way the part can lie.
+    """A stable pose of the part.
 
     Attributes
     ----------
     index : rank, likeliest first
     R : (3, 3) rotation CAD -> upright, z up
-    probability : quasi-static, of a part laid down at random; of a rolling family all of it
+    probability : quasi-static, of a part dropped at random; of a rolling family all of it
     tip_energy_mj_per_kg : work to tip it over its easiest edge, and on over what is round behind
         that edge; for a part that rolls or rocks, work to leave the curve; 0 for a ball, which
         has no other stable pose
@@ -60,7 +60,7 @@ class StablePose:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Resting:
-    """All ways a solid can lie.
+    """All stable poses of a solid.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ def stable_poses(
 def find_resting(
     solid: Solid, min_probability: float = 0.002, centre_of_mass_mm: FloatArray | None = None
 ) -> Resting:
-    """Return the ways a solid can lie, and the curves it rolls on.
+    """Return the stable poses of a solid, and the curves it rolls on.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ from ._hull import SHORT, Hull
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Landscape:
-    """The height of the centre of mass over all ways down, as far as resting needs it.
+    """The height of the centre of mass over all paths down, as far as resting needs it.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ def _settle(hull: Hull, stays: BoolArray) -> IntArray:
 
     A triangle topples over the side that the line from its middle to the point under the centre
     crosses. Each step lowers the centre; among triangles of one plane, or nearly so, rounding can
-    lead in a circle, and there the way goes straight down to the lowest facet beside.
+    lead in a circle, and there the path goes straight down to the lowest facet beside.
     """
     step = np.where(stays[hull.facet], np.arange(len(hull.facet)), _over(hull))
     last = _follow(step)

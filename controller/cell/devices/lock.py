@@ -59,7 +59,7 @@ def require_free_cell(runs_dir: Path, cell: Cell) -> None:
 
 @contextmanager
 def hold_cell(runs_dir: Path, cell: Cell, run_id: str) -> Iterator[None]:
-    """Hold a cell's locks, or raise an error that names who holds them.
+    """Hold a cell's locks, or raise an error that names who has them.
 
     Parameters
     ----------

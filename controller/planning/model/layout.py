@@ -81,7 +81,7 @@ class CellTimes:
     ----------
     grasp_s, release_s : the arm's jaws close until they stall, width read back; they open
     fixed_grasp_s, fixed_release_s : the same of the fixed gripper
-    look_s : a view of three pictures: lamps, exposure after the change, transfer. An emulated
+    look_s : a view of three pictures: lamps, exposure after the change, download. An emulated
         cell's time waits for its pictures to be drawn
     """
 

@@ -151,7 +151,7 @@ class Place(Step):
 
     Attributes
     ----------
-    tilt_rad : how far from lying flat the part is when it is let go; 0 where it is set down
+    tilt_rad : how far from flat the part is when it is let go; 0 where it is set down
     """
 
     tray: str

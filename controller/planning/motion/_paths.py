@@ -1,8 +1,7 @@
 """Collision-free paths between configurations, as few whole joint moves as will do.
 
 Tried in turn: one joint line, the arm's own detours, two random trees. Whatever is answered has
-been checked segment by segment against the tube of where the arm will really be (planning-facts.md
-3.3).
+been checked segment by segment, with the space the arm may stray into (planning-facts.md 3.3).
 """
 
 from __future__ import annotations

@@ -304,7 +304,7 @@ def _matched(
     Parameters
     ----------
     mine, my_size : (o, 2), (o,) features of the object
-    theirs : of each model the same, and how far sizes may differ
+    theirs : of each model the same, and how far sizes can differ
     moves : (n,) which model, turn as a complex number, shift
     """
     model, turn, shift = moves

@@ -243,7 +243,7 @@ def visibility(edges: EdgePoints) -> FloatArray:
     """Return how surely predicted edges show under lamps, (n,) 0..1.
 
     What is turned another way is lit another way; a step throws a shadow or hides light. An
-    outline shows by the surface beside it: a wall that is seen at a glance is as dark as a table.
+    outline shows by the surface beside it: a wall that is seen edge-on is as dark as a table.
     """
     turned = np.abs(edges.lift) / PLAIN_LIFT
     stepped = edges.jump_mm / PLAIN_JUMP_MM

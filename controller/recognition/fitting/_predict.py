@@ -210,7 +210,7 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _seen_length(model: EdgeModel, chosen: IntArray, eye: FloatArray) -> FloatArray:
-    """Return how long edges look from the eye [mm]: upright ones are seen at a glance."""
+    """Return how long edges look from the eye [mm]: upright ones are seen end-on."""
     ahead = model.start_mm[chosen] + 0.5 * model.along_mm[chosen] - eye
     across = _cross(ahead, model.along_mm[chosen])
     squares = np.einsum("ij,ij->i", across, across) / np.einsum("ij,ij->i", ahead, ahead)
@@ -220,7 +220,7 @@ def _seen_length(model: EdgeModel, chosen: IntArray, eye: FloatArray) -> FloatAr
 def _spread(
     length_mm: FloatArray, most: float, least_step_mm: float
 ) -> tuple[IntArray, FloatArray, float]:
-    """Return samples at even steps along edges laid end to end: edge, share of it, step."""
+    """Return samples at even steps along edges put end to end: edge, share of it, step."""
     end = np.cumsum(length_mm)
     total = float(end[-1]) if len(end) else 0.0
     step = max(total / most, least_step_mm)

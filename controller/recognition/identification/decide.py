@@ -1,4 +1,4 @@
-"""From fitted hypotheses to an answer: which, how sure, what else, or "unknown"."""
+"""From fitted hypotheses to an answer: which, its score, what else, or "unknown"."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

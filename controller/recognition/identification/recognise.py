@@ -1,9 +1,9 @@
 """Which part, which way up, where: a picture of the table -> sightings.
 
 The order is the paper's (references.md P3.0): what lies there is cut out, its size and outline
-search the library, the best hypotheses are fitted edge by edge under full perspective, and what
-speaks for them decides. Under lamps, or where silhouettes say nothing, grey-level features propose
-hypotheses of their own.
+search the library, the best hypotheses are fitted edge by edge under full perspective, and the
+evidence for each decides. Under lamps, or where silhouettes say nothing, grey-level features
+propose hypotheses of their own.
 """
 
 from collections.abc import Sequence

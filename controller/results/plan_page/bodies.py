@@ -57,7 +57,7 @@ _TRIANGLES = np.array(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """A body of one colour, in the world; a glowing one is evenly bright."""
+    """A body of one colour, in the world; a lit one is evenly bright."""
 
     name: str
     colour: Colour

@@ -4,7 +4,7 @@ A move is one command: target and speed per motor, the speeds such that all moto
 (`synchronised_speeds` of `..motion`). Every motor then follows the same trapezoid, stretched; the
 servo's lag is linear and the same for all, so that it keeps the arm on the line. Two things take
 it off: speeds are whole numbers, rounded up, and the wrist's motors hang on another processor,
-which is told to go a little earlier or later (umi_rtx.md 1.3, 2.5).
+which starts a little earlier or later (umi_rtx.md 1.3, 2.5).
 """
 
 from dataclasses import dataclass

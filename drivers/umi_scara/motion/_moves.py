@@ -87,7 +87,7 @@ async def start(
 ) -> None:
     """Set targets and go, all motors within a few requests of each other.
 
-    With `in_turn` the first IP starts before the second is told its targets (§3.4): one hand-over
+    With `in_turn` the first IP starts before the second gets its targets (§3.4): one hand-over
     less. Without, `on_go` is called once all is set and nothing moves yet.
 
     Parameters

@@ -1,7 +1,7 @@
 """Half-edges of a triangle mesh, and the ones that run between two surfaces.
 
 Half-edge ``3 t + k`` runs from corner k of triangle t to its next corner, the triangle to its
-left. All steps are array steps: long walks (round a vertex, along an edge) are done by pointer
+left. All steps are array steps: long runs (round a vertex, along an edge) are done by pointer
 doubling, so that a fan of many thousand triangles costs no more than a short one.
 """
 

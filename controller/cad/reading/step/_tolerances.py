@@ -1,4 +1,4 @@
-"""Semantic tolerances: the kernel's account and the file's text laid side by side.
+"""Semantic tolerances: the kernel's account and the file's text, side by side.
 
 The kernel knows what each tolerance is and which surfaces it is of. Of its numbers it loses the
 sign of lower deviations, the unit of nominal values (it converts tolerances, but nominal values

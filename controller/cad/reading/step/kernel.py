@@ -1,4 +1,4 @@
-"""The STEP kernel as a process of its own: started with limits, its end told as a CadError.
+"""The STEP kernel as a process of its own: started with limits, its end reported as a CadError.
 
 Nothing of the kernel is imported here. It may crash, hang or take all memory on a damaged file;
 what comes of it is a typed error with the reason, in bounded time.

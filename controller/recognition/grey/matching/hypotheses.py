@@ -1,10 +1,10 @@
 """Which view, turned and shifted how, explains a picture's features: best first.
 
-The paper (references.md P3.2): a feature of the model on one of the picture fixes the
-transformation, scale being known; its worth is how much of the one is then found in the other. The
-paper tried all pairs. Here an index finds the pairs whose sizes agree, pairs that agree with each
-other are one hypothesis, and a hypothesis is dropped when what it has not yet been asked about
-cannot bring it among the best.
+The method is the paper's (references.md P3.2). The scale is known, so one feature of the model put
+on one feature of the picture fixes the whole transformation. A transformation is scored by the
+share of the model's features that are then found in the picture. The paper tried all pairs. Here
+an index finds pairs of equal size; pairs that give nearly the same transformation are one
+hypothesis; and scoring stops as soon as a hypothesis can no longer be among the best.
 """
 
 from collections.abc import Sequence
@@ -26,11 +26,11 @@ MAX_PAIRS = 20_000  # of features looked at, per kind
 MAX_COARSE = 240  # hypotheses scored coarsely
 MAX_OF_HULL = 200
 MAX_FITTED = 28
-PLAIN_ENOUGH = 0.5  # edgelets that are the part's and not its shadow's
+PLAIN_ENOUGH = 0.5  # share of the edgelets that must be the part's and not its shadow's
 BIN_RAD = np.pi / 30  # hypotheses nearer than this are one
 BIN_MM = 3.0
-ENOUGH = 50  # pairs of other features, for circles alone not to be asked
-TURNS_OF_A_CIRCLE = 24  # tried where nothing says which way
+ENOUGH = 50  # pairs of other features; from here on circles alone give no hypotheses
+TURNS_OF_A_CIRCLE = 24  # turns tried, since a circle fixes none
 
 
 @dataclass(frozen=True, eq=False, slots=True)
