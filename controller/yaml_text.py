@@ -12,7 +12,8 @@ from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Final, Union, get_args, get_origin
 
-from pydantic import BaseModel
+from pydantic import AliasChoices, BaseModel
+from pydantic.fields import FieldInfo
 from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.events import (
@@ -130,6 +131,8 @@ class YamlText:
             location += own.location
         kind, words, hint = error["type"], self.dialect.words, ""
         if kind == "extra_forbidden":
+            if (twin := self._twin(model, location)) is not None:
+                return f"{self._at(location)}: `{self.dialect.key(location)}` {twin}"
             known = keys_at(model, location[:-1])
             known = sorted(known) if self.dialect.sorts_keys else known
             hint = _nearest(str(location[-1]), known)
@@ -143,6 +146,16 @@ class YamlText:
             return f"{self._at(tuple(error['loc']))}: {message}"
         found = f"(found {error['input']!r:.60})"
         return self.sentence(location, f"{words.get(kind, error['msg'])} {found}")
+
+    def _twin(self, model: type[BaseModel], location: Location) -> str | None:
+        """Return the message on a key that stands in the text under its new name, too."""
+        *section, key = location
+        for one in _models_at(model, tuple(section)):
+            for name, *old in map(_spellings, one.model_fields, one.model_fields.values()):
+                line = self.lines.get((*section, name))
+                if key in old and line is not None:
+                    return f"is the old name of `{name}` on line {line}; leave one out"
+        return None
 
 
 def read_yaml(text: str, path: Path, dialect: Dialect) -> YamlText:
@@ -180,7 +193,15 @@ def read_yaml(text: str, path: Path, dialect: Dialect) -> YamlText:
 
 
 def keys_at(model: type[BaseModel], location: Location) -> list[str]:
-    """Return the keys that the section at a location may have, by the models on the way to it."""
+    """Return the keys that the section at a location may have, by the models on the way to it.
+
+    A key that was renamed has both names, the new one first.
+    """
+    return list(dict.fromkeys(key for one in _models_at(model, location) for key in _fields(one)))
+
+
+def _models_at(model: type[BaseModel], location: Location) -> list[type[BaseModel]]:
+    """Return the models that the section at a location may be of."""
     current: Any = model
     either: list[type[BaseModel]] = [model]
     for key in location:
@@ -196,12 +217,23 @@ def keys_at(model: type[BaseModel], location: Location) -> list[str]:
             return []
     if isinstance(current, type) and issubclass(current, BaseModel) and not either:
         either = [current]
-    return list(dict.fromkeys(key for one in either for key in _fields(one)))
+    return either
 
 
 def _fields(model: type[BaseModel]) -> dict[str, Any]:
     """Return the annotations of a model's fields, by their names in a text."""
-    return {found.alias or name: found.annotation for name, found in model.model_fields.items()}
+    return {
+        spelling: found.annotation
+        for name, found in model.model_fields.items()
+        for spelling in _spellings(name, found)
+    }
+
+
+def _spellings(name: str, field: FieldInfo) -> list[str]:
+    """Return the names that a field may have in a text, the one in use first."""
+    if isinstance(field.validation_alias, AliasChoices):
+        return [str(choice) for choice in field.validation_alias.choices]
+    return [field.alias or name]
 
 
 def _section_in(annotation: Any) -> Any:  # noqa: ANN401 - an annotation is any value

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, AliasChoices, BeforeValidator, Field, model_validator
 
 from controller.arrays import FloatArray
 
@@ -287,7 +287,9 @@ class ArmSection(Section):
 
     pose: Pose
     jaw_max_mm: Width
-    arm_gripper: dict[str, Box] = Field(alias="hand")  # the key in the file
+    arm_gripper: dict[str, Box] = Field(
+        validation_alias=AliasChoices("arm_gripper", "hand"), serialization_alias="hand"
+    )
     fingers: FingersSection
 
 
@@ -356,13 +358,19 @@ class InterlocksSection(Section):
     emergency_stop: Annotated[int, Field(ge=0, le=5)] = 0
     door: Annotated[int, Field(ge=0, le=5)] = 1
     part_in_nest: Annotated[int, Field(ge=0, le=5)] = 2
-    part_in_fixed_gripper: Annotated[int, Field(alias="part_in_fixture", ge=0, le=5)] = 3
+    part_in_fixed_gripper: int = Field(
+        3,
+        ge=0,
+        le=5,
+        validation_alias=AliasChoices("part_in_fixed_gripper", "part_in_fixture"),
+        serialization_alias="part_in_fixture",
+    )
     supply: Annotated[int, Field(ge=0, le=5)] = 4
     acknowledge: Annotated[int, Field(ge=0, le=5)] = 5
 
     @model_validator(mode="after")
     def _inputs_differ(self) -> "InterlocksSection":
-        _all_different("input", self.model_dump(by_alias=True))
+        _all_different("input", self.model_dump())
         return self
 
 
@@ -412,7 +420,9 @@ class Cell(Section):
     station: StationSection
     lamps: dict[str, LampSection]
     arm: Annotated[UmiSection | OtherArmSection, BeforeValidator(_arm_section)]
-    fixed_gripper: FixedGripperSection = Field(alias="fixture")  # the key in the file
+    fixed_gripper: FixedGripperSection = Field(
+        validation_alias=AliasChoices("fixed_gripper", "fixture"), serialization_alias="fixture"
+    )
     obstacles: dict[str, Box] = Field(default_factory=dict)
     trays: TraysSection
     interlocks: InterlocksSection = InterlocksSection()

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, AliasChoices, Field, model_validator
 
 from .cad_files import is_cad_file
 from .errors import ConfigError
@@ -75,7 +75,12 @@ class Recipe(Section):
     density_g_cm3: float | None = Field(None, gt=0, le=25)
     cell: Path = DEFAULT_CELL
     inspection: InspectionSection = InspectionSection()
-    grasp: GraspSection = Field(GraspSection(), alias="grip")  # the key in the file
+    # files may have the old name, and JSON keeps it
+    grasp: GraspSection = Field(
+        GraspSection(),
+        validation_alias=AliasChoices("grasp", "grip"),
+        serialization_alias="grip",
+    )
     count: Annotated[int, Field(ge=1, le=100_000)] = 1
 
     @model_validator(mode="before")

@@ -195,7 +195,7 @@ def read_layout(path: Path) -> Layout:
 
 
 def _layout(raw: dict[str, Any]) -> Layout:
-    drop = raw["table"]["drop_area"]
+    drop, fixed = raw["table"]["drop_area"], _renamed(raw, "fixed_gripper", "fixture")
     return Layout(
         name=str(raw["name"]),
         drop_low_mm=np.array([drop["x"][0], drop["y"][0]], dtype=float),
@@ -205,12 +205,12 @@ def _layout(raw: dict[str, Any]) -> Layout:
         lamps={name: _lamp(name, one) for name, one in raw["lamps"].items()},
         arm=_arm(raw["arm"]),
         fixed_gripper=GripperLayout(
-            T_world_tcp=_pose(raw["fixture"]["pose"]),
-            boxes=_boxes(raw["fixture"]["body"]),
-            fingers=_fingers(raw["fixture"]["fingers"]),
-            jaw_max_mm=float(raw["fixture"]["jaw_max_mm"]),
+            T_world_tcp=_pose(fixed["pose"]),
+            boxes=_boxes(fixed["body"]),
+            fingers=_fingers(fixed["fingers"]),
+            jaw_max_mm=float(fixed["jaw_max_mm"]),
         ),
-        post=_box("post", raw["fixture"]["post"]),
+        post=_box("post", fixed["post"]),
         obstacles=_boxes(raw["obstacles"]),
         trays=tuple(
             TrayLayout(name, np.array(one["centre"], float), np.array(one["size"], float))
@@ -218,6 +218,13 @@ def _layout(raw: dict[str, Any]) -> Layout:
         ),
         inputs={name: int(channel) for name, channel in raw["interlocks"].items()},
     )
+
+
+def _renamed(raw: dict[str, Any], name: str, old: str) -> Any:  # noqa: ANN401  (a value of the file)
+    """Return the entry of a name; files may have the old name in its place."""
+    if name in raw and old in raw:
+        raise ValueError(f"`{old}` is the old name of `{name}`; leave one out")
+    return raw[old] if old in raw else raw[name]
 
 
 def _arm(raw: dict[str, Any]) -> ArmLayout:
@@ -234,7 +241,7 @@ def _arm(raw: dict[str, Any]) -> ArmLayout:
         fore=_box("fore", links["fore"]),
         gripper=GripperLayout(
             T_world_tcp=np.eye(4),
-            boxes=_boxes(raw["hand"]),
+            boxes=_boxes(_renamed(raw, "arm_gripper", "hand")),
             fingers=_fingers(raw["fingers"]),
             jaw_max_mm=float(raw["jaw_max_mm"]),
         ),

@@ -55,11 +55,11 @@ arm:
     carriage: [-70, 50, -60, 60, 45, 125]
     upper:    [-45, 300, -45, 45, 45, 125]
     fore:     [-45, 285, -38, 38, -30, 40]
-  hand:
+  arm_gripper:
     neck:     [-177, -138, -20, 20, -20, 20]
     palm:     [-140, -76, -52, 52, -22, 22]
   fingers:  {length_mm: 78, width_mm: 12, thickness_mm: 8, pad_length_mm: 24}
-fixture:
+fixed_gripper:
   pose: {position: [150, -330, 430], x_axis: [0, 1, 0], y_axis: [0, 0, 1]}
   jaw_max_mm: 85.0
   body:
@@ -77,7 +77,7 @@ interlocks:
   emergency_stop: 0
   door: 1
   part_in_nest: 2
-  part_in_fixture: 3
+  part_in_fixed_gripper: 3
   supply: 4
   acknowledge: 5
 """

@@ -56,14 +56,14 @@ def arm_model(arm: Any) -> UmiModel:
 
 
 def layout_of(cell: Any) -> CellLayout:
-    arm, fixture, park = cell["arm"], cell["fixture"], cell["arm"]["park_deg"]
+    arm, fixture, park = cell["arm"], cell["fixed_gripper"], cell["arm"]["park_deg"]
     q = np.radians([park["shoulder"], park["elbow"], park["yaw"], 0.0, park["pitch"], park["roll"]])
     q[3] = -10.0  # as high as the soft limit below the top stop lets it (umi_rtx.md 5.2)
     return CellLayout(
         arm=arm_model(arm),
         T_world_arm=pose(arm["pose"]),
         column=Box.from_bounds(*arm["links"]["column"]),
-        arm_gripper=jaw(arm["hand"], arm["fingers"], arm["jaw_max_mm"]),
+        arm_gripper=jaw(arm["arm_gripper"], arm["fingers"], arm["jaw_max_mm"]),
         fixed_gripper=jaw(fixture["body"], fixture["fingers"], fixture["jaw_max_mm"]),
         T_world_fixed_tcp=pose(fixture["pose"]),
         obstacles={

@@ -212,13 +212,13 @@ def six_axis_file(tmp_path: Path) -> CellFile:
         first = lines.index("arm:")
         last = next(i for i in range(first + 1, len(lines)) if lines[i][:1].strip())
         kept = "\n".join(lines[first + 1 : last])
-        hand = kept[kept.index("  hand:") :]
+        gripper = kept[kept.index("  arm_gripper:") :]
         arm = (
             "arm:\n"
             "  pose: {position: [-120, 0, 0], x_axis: [1, 0, 0], y_axis: [0, 1, 0]}\n"
             "  jaw_max_mm: 85.0\n"
             "  column: [-210, -30, -90, 90, 0, 310]\n"
-            f"  shape: {shape}\n{more}{hand}"
+            f"  shape: {shape}\n{more}{gripper}"
         )
         text = "\n".join([*lines[:first], arm, *lines[last:]])
         own = next(line for line in lines if line.startswith("  arm:"))

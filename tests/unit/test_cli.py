@@ -55,7 +55,7 @@ def test_a_missing_recipe_is_named(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_wrong_key_is_answered_with_line_and_right_key(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = recipe(tmp_path, f"name: x\npart: {HOLDER}\ngrip:\n  forse_n: 3\n")
+    path = recipe(tmp_path, f"name: x\npart: {HOLDER}\ngrasp:\n  forse_n: 3\n")
     assert main(["run", path]) == 2
     said = capsys.readouterr().err
     assert f"{path}:4" in said

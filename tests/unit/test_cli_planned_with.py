@@ -39,7 +39,7 @@ part: {name}.stl
 unit: mm
 density_g_cm3: {density}
 inspection: {{max_incidence_deg: 65, min_coverage: 0.5, smallest_defect_mm: 2.5, least_gain: 0.01}}
-grip: {{force_n: 30, width_tolerance_mm: 0.5}}
+grasp: {{force_n: 30, width_tolerance_mm: 0.5}}
 """
 
 pytestmark = pytest.mark.xdist_group("cli_planned_with")  # plans are made once and asked for often

@@ -16,7 +16,7 @@ name: block
 part: block.stl        # line 2
 inspection:
   min_coverage: 0.9    # line 4
-grip:
+grasp:
   force_n: 60
 count: 3
 """
@@ -61,13 +61,61 @@ def test_the_recipe_the_tests_begin_with_is_right(folder: Path) -> None:
     assert (recipe.name, recipe.count, recipe.grasp.force_n) == ("block", 3, 60.0)
 
 
+OLD_NAMES = {  # of keys that files may still have: by the new name, with the line that begins it
+    "grasp": ("grip", "grasp:"),
+    "arm_gripper": ("hand", "  arm_gripper:"),
+    "fixed_gripper": ("fixture", "fixed_gripper:"),
+    "part_in_fixed_gripper": ("part_in_fixture", "  part_in_fixed_gripper:"),
+}
+
+
+def in_old_names(text: str) -> str:
+    """Return a file as it was written before its keys were renamed."""
+    for name, (old, key) in OLD_NAMES.items():
+        text = text.replace(f"\n{key}", f"\n{key.replace(name, old)}")
+    return text
+
+
+def test_files_with_the_old_names_of_keys_mean_the_same(folder: Path) -> None:
+    new, old = folder / "new.yaml", folder / "old.yaml"
+    new.write_text(RECIPE_TEXT)
+    old.write_text(in_old_names(RECIPE_TEXT))
+    assert "\ngrip:" in old.read_text()
+    assert load_recipe(old) == load_recipe(new)
+    assert load_recipe(new).model_dump(by_alias=True)["grip"]["force_n"] == 60.0  # JSON keeps it
+    new.write_text(CELL_TEXT)
+    old.write_text(in_old_names(CELL_TEXT))
+    assert not any(name in old.read_text() for name in OLD_NAMES)
+    assert load_cell(old) == load_cell(new)
+    body = load_cell(new).model_dump(by_alias=True)
+    assert {"fixture", "hand", "part_in_fixture"} <= {*body, *body["arm"], *body["interlocks"]}
+
+
+@pytest.mark.parametrize("name", ["arm_gripper", "fixed_gripper", "part_in_fixed_gripper"])
+def test_a_key_under_its_old_and_its_new_name_is_refused_with_both_lines(
+    folder: Path, name: str
+) -> None:
+    old, key = OLD_NAMES[name]
+    (begun,) = (row for row in CELL_TEXT.splitlines() if row.startswith(key))
+    twin = begun.replace(name, old) + (" {}\n" if begun.endswith(":") else "\n")
+    (message,) = wrong_cell(folder, begun, twin + begun)
+    line = line_of(f"\n{begun}") + 1
+    assert message.startswith(f":{line}: `"), message
+    assert f"{old}` is the old name of `{name}` on line {line + 1}; leave one out" in message
+
+
+def test_a_recipe_with_both_names_of_a_key_is_refused_with_both_lines(folder: Path) -> None:
+    (message,) = wrong_recipe(folder, "count: 3", "grip:\n  force_n: 50\ncount: 3")
+    assert message == ":7: `grip` is the old name of `grasp` on line 5; leave one out"
+
+
 @pytest.mark.parametrize(
     ("old", "new", "line", "key", "near"),
     [
         ("count: 3", "cout: 3", 7, "cout", "count"),
         ("part: block.stl", "part: block.stl\nothrs: []", 3, "othrs", "others"),
         ("min_coverage: 0.9", "min_coverag: 0.9", 4, "inspection.min_coverag", "min_coverage"),
-        ("force_n: 60", "force: 60", 6, "grip.force", "force_n"),
+        ("force_n: 60", "force: 60", 6, "grasp.force", "force_n"),
     ],
 )
 def test_an_unknown_key_of_a_recipe_is_answered_with_the_nearest(
@@ -84,7 +132,7 @@ def test_an_unknown_key_of_a_recipe_is_answered_with_the_nearest(
         ("unit: 9", "units: 9", "devices.gripper.units", "unit"),
         ("exposure_s: 0.010", "exposure: 0.010", "cameras.overhead.exposure", "exposure_s"),
         ("radius: 60", "radus: 60", "lamps.table_ring.radus", "radius"),
-        ("post: ", "posts: [0, 1, 0, 1, 0, 1]\n  post: ", "fixture.posts", "post"),
+        ("post: ", "posts: [0, 1, 0, 1, 0, 1]\n  post: ", "fixed_gripper.posts", "post"),
         ("x: [180, 540],", "x: [180, 540], yy: 1,", "table.glowing_area.yy", "y"),
         ("thickness_mm: 8,", "thickness_mm: 8, widht_mm: 1,", "arm.fingers.widht_mm", "width_mm"),
         ("roll: 0}", "roll: 0, rol: 1}", "arm.park_deg.rol", "roll"),
@@ -113,7 +161,7 @@ def test_an_unknown_key_of_a_cell_is_answered_at_every_level(
 
 def test_a_key_like_no_other_is_answered_with_all_there_are(folder: Path) -> None:
     (message,) = wrong_recipe(folder, "force_n: 60", "qqq: 60")
-    assert message == ":6: unknown key `grip.qqq`; known here: force_n, width_tolerance_mm"
+    assert message == ":6: unknown key `grasp.qqq`; known here: force_n, width_tolerance_mm"
 
 
 def test_a_misspelt_key_that_must_be_there_is_missing_and_unknown(folder: Path) -> None:
@@ -158,7 +206,12 @@ def test_a_link_of_the_arm_that_is_not_there_is_named(folder: Path) -> None:
         ("name: block", "name: a/b", 1, "folder"),
         ("name: block", "name: ''", 1, "folder"),
         ("part: block.stl", "part:", 2, "`part`: must be the name of a file (found None)"),
-        ("grip:\n  force_n: 60", "grip: 60", 5, "`grip`: must be a section of `key: value` lines"),
+        (
+            "grasp:\n  force_n: 60",
+            "grasp: 60",
+            5,
+            "`grasp`: must be a section of `key: value` lines",
+        ),
         ("count: 3", "others: a.stl", 7, "`others`: must be a list, as in [a, b]"),
         ("count: 3", "density_g_cm3: -1", 7, "greater than 0 (found -1)"),
     ],
@@ -232,7 +285,7 @@ def test_two_lamps_on_one_channel_are_named(folder: Path, old: str, new: str, wh
 def test_all_troubles_are_told_at_once_in_the_order_of_the_file(folder: Path) -> None:
     path = folder / "many.yaml"
     path.write_text(
-        "part: block.stl\ninspection:\n  min_coverage: 7\n  colour: red\ngrip: 3\ncount: x\n"
+        "part: block.stl\ninspection:\n  min_coverage: 7\n  colour: red\ngrasp: 3\ncount: x\n"
     )
     messages = told(load_recipe, path)
     assert [m.split(":")[1].strip() for m in messages] == ["`name` is missing", "3", "4", "5", "6"]

@@ -213,6 +213,24 @@ def test_a_cell_file_that_cannot_be_used_says_why(tmp_path: Path, text: str, wor
         read_layout(path)
 
 
+def in_old_names(text: str) -> str:
+    """Return a cell file as it was written before its keys were renamed."""
+    text = text.replace("\nfixed_gripper:", "\nfixture:").replace("  arm_gripper:", "  hand:")
+    return text.replace("part_in_fixed_gripper:", "part_in_fixture:")
+
+
+def test_a_cell_file_with_the_old_names_of_keys_means_the_same(tmp_path: Path) -> None:
+    text, path = CELL.read_text(), tmp_path / "old.yaml"
+    path.write_text(in_old_names(text))
+    assert "fixed_gripper" not in path.read_text()
+    old, new = read_layout(path), read_layout(CELL)
+    assert repr(old.fixed_gripper) == repr(new.fixed_gripper)
+    assert repr((old.post, old.arm.gripper)) == repr((new.post, new.arm.gripper))
+    path.write_text(text + "fixture: {}\n")
+    with pytest.raises(LayoutError, match="`fixture` is the old name of `fixed_gripper`"):
+        read_layout(path)
+
+
 def test_parts_that_cannot_be_used_say_why(tmp_path: Path) -> None:
     with pytest.raises(LayoutError, match=r"no\.stl"):
         load_solid(tmp_path / "no.stl")

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import pytest
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import AliasChoices, BaseModel, Field, ValidationError
 
 from controller.cad.reading import csg_text as _csg_text
 from controller.config import yaml_models as config_yaml
@@ -116,6 +116,25 @@ def test_the_keys_of_a_section_are_found_along_the_models(
     location: tuple[int | str, ...], expected: list[str]
 ) -> None:
     assert keys_at(Root, location) == expected
+
+
+class Renamed(BaseModel, extra="forbid"):
+    leaf: Leaf = Field(Leaf(), validation_alias=AliasChoices("leaf", "sheet"))
+
+
+def test_a_renamed_key_is_known_by_both_names(dialect: Dialect) -> None:
+    assert keys_at(Renamed, ()) == ["leaf", "sheet"]
+    assert keys_at(Renamed, ("sheet",)) == keys_at(Renamed, ("leaf",)) == ["size", "from", "inner"]
+    for text, problem in (
+        ("sheet:\n  sise: 1\n", "did you mean `size`?"),
+        ("sheat:\n  size: 1\n", "did you mean `sheet`?"),
+        ("leaf:\n  size: 1\nsheet:\n  size: 1\n", "some.yaml:3: "),
+        ("sheet:\n  size: 1\nleaf:\n  size: 1\n", "the old name of `leaf` on line 3; leave"),
+    ):
+        found = read_yaml(text, PATH, dialect)
+        with pytest.raises(ValidationError) as caught:
+            Renamed.model_validate(found.tree)
+        assert problem in found.problems(Renamed, list(caught.value.errors()))
 
 
 def test_problems_come_in_the_order_of_the_text_and_not_all_of_many(dialect: Dialect) -> None:

@@ -32,7 +32,7 @@ density_g_cm3: 2.7
 inspection:
   min_coverage: 0.5
   smallest_defect_mm: 3.0
-grip:
+grasp:
   force_n: 60
 """
 CALIBRATION = {
@@ -453,7 +453,7 @@ ROWS: tuple[Row, ...] = (
         "unknown key",
         recipe("force_n", "forse_n"),
         RUN,
-        "recipe.yaml:9: unknown key `grip.forse_n`",
+        "recipe.yaml:9: unknown key `grasp.forse_n`",
     ),
     Row("unknown unit", recipe("unit: mm", "unit: parsec"), RUN, "recipe.yaml:3: `unit`"),
     Row(
@@ -472,7 +472,7 @@ ROWS: tuple[Row, ...] = (
     Row("infinite density", recipe("2.7", ".inf"), CHECK, "recipe.yaml:4: `density_g_cm3`"),
     Row("density of nothing", recipe("2.7", "0"), CHECK, "recipe.yaml:4: `density_g_cm3`"),
     Row("negative force", recipe("force_n: 60", "force_n: -60"), CHECK, "recipe.yaml:9: "),
-    Row("section is a number", recipe("  force_n: 60", " 60"), CHECK, "recipe.yaml:8: `grip`"),
+    Row("section is a number", recipe("  force_n: 60", " 60"), CHECK, "recipe.yaml:8: `grasp`"),
     Row("no name", recipe("name: block\n", ""), CHECK, "`name` is missing"),
     Row("name with a slash", recipe("name: block", "name: ../x"), RUN, "recipe.yaml:1: `name`"),
     Row("count 0 in the recipe", recipe("unit: mm", "unit: mm\ncount: 0"), RUN, "recipe.yaml:4: "),
