@@ -219,7 +219,7 @@ def test_planted_words_are_found_in_names(name: str, found: list[str], planted: 
 
 
 def test_docstrings_are_read_and_code_is_not(planted: list[Word]) -> None:
-    source = '''"""The tip, `tip`, docs/tip.md and ``a
+    source = '''"""The tip, `tip`, parts/tip.yaml and ``a
 tip``."""
 tip = "the tip"  # the tip
 
