@@ -61,9 +61,9 @@ class Recipe(Section):
     name : of the product, for people
     part : CAD file, relative to the recipe
     others : CAD files of other parts that may turn up on the table
-    unit : of the lengths in CAD files that name no unit, such as STL; files that name one keep it
-    density_g_cm3 : of the material, for the load on the grasps (default: that of the CAD file, else
-        that of aluminium)
+    unit : of CAD files that name none, such as STL; a file that names its unit keeps it
+    density_g_cm3 : of the material, for the part's weight (default: the CAD file's, else 2.7,
+        aluminium)
     cell : cell file, relative to the recipe (default: `DEFAULT_CELL` beside the recipe, else the
         emulated cell that comes with cellctl)
     """

@@ -167,9 +167,9 @@ class Shape(_Section):
 
     @model_validator(mode="after")
     def _is_of_one_kind(self) -> Self:
-        said = [kind for kind in KINDS if getattr(self, kind) is not None]
-        if len(said) != 1:
-            found = " and ".join(f"`{kind}`" for kind in said) or "none"
+        given = [kind for kind in KINDS if getattr(self, kind) is not None]
+        if len(given) != 1:
+            found = " and ".join(f"`{kind}`" for kind in given) or "none"
             raise ValueError(f"is of one kind, {found} found; use one of {', '.join(KINDS)}")
         return self
 

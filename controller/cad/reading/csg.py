@@ -49,9 +49,9 @@ def read_csg(path: Path) -> Solid:
     check_ahead(path, path.suffix.lower(), size_of(path))
     with path.open("rb") as file:
         data = file.read(MAX_BYTES + 1)  # one more shows that it is too long
-    said, text = read_csg_text(data, path)
-    unit, mm_per_unit = read_unit(said.unit, path)
-    body = _Builder(said, text, mm_per_unit).build()
+    model, yaml = read_csg_text(data, path)
+    unit, mm_per_unit = read_unit(model.unit, path)
+    body = _Builder(model, yaml, mm_per_unit).build()
     mesh = body.to_mesh64()
     return make_solid(
         trimesh.Trimesh(
@@ -63,33 +63,33 @@ def read_csg(path: Path) -> Solid:
         hashlib.sha256(data).hexdigest(),
         where=str(path),
         unit=unit,
-        density_g_cm3=said.density_g_cm3,
+        density_g_cm3=model.density_g_cm3,
     )
 
 
 class _Builder:
     """Builds a text's part; named shapes are built once."""
 
-    def __init__(self, said: CsgText, text: YamlText, mm_per_unit: float) -> None:
-        self._said = said
-        self._text = text
+    def __init__(self, model: CsgText, yaml: YamlText, mm_per_unit: float) -> None:
+        self._model = model
+        self._yaml = yaml
         self._mm_per_unit = mm_per_unit
         self._named: dict[str, Body] = {}
         self._costs: dict[str, tuple[int, int]] = {}
 
     def _problem(self, at: Location, reason: str) -> CsgCadError:
-        return CsgCadError(self._text.sentence(at, reason))
+        return CsgCadError(self._yaml.sentence(at, reason))
 
     def build(self) -> Body:
         """Return the part [mm]; what it will cost is summed up first."""
-        shapes, triangles = self._cost(self._said.part, ("part",), ())
+        shapes, triangles = self._cost(self._model.part, ("part",), ())
         if shapes > MAX_SHAPES or triangles > MAX_TRIANGLES:
             raise self._problem(
                 ("part",),
                 f"is {shapes:,} shapes of {triangles:,} triangles, the most is {MAX_SHAPES:,} of "
                 f"{MAX_TRIANGLES:,}; use fewer shapes or a coarser `tolerance_mm`",
             )
-        return self._make(self._said.part, ("part",))
+        return self._make(self._model.part, ("part",))
 
     def _cost(self, shape: Shape, at: Location, users: tuple[str, ...]) -> tuple[int, int]:
         """Return how many shapes a shape unfolds into and how many triangles these have."""
@@ -101,9 +101,9 @@ class _Builder:
         return 1, self._triangles(shape, at)
 
     def _cost_of_named(self, name: str, at: Location, users: tuple[str, ...]) -> tuple[int, int]:
-        if name not in self._said.shapes:
-            near = difflib.get_close_matches(name, self._said.shapes, n=1, cutoff=0.5)
-            known = ", ".join(list(self._said.shapes)[:20]) or "none"
+        if name not in self._model.shapes:
+            near = difflib.get_close_matches(name, self._model.shapes, n=1, cutoff=0.5)
+            known = ", ".join(list(self._model.shapes)[:20]) or "none"
             hint = f"did you mean `{near[0]}`?" if near else f"known: {known}"
             raise self._problem(at, f"no shape is named `{name:.40}`; {hint}")
         if name in users:
@@ -111,7 +111,7 @@ class _Builder:
             raise self._problem(at, f"a shape cannot use itself: {round_trip}; break the ring")
         if name not in self._costs:
             self._costs[name] = self._cost(
-                self._said.shapes[name], ("shapes", name), (*users, name)
+                self._model.shapes[name], ("shapes", name), (*users, name)
             )
         return self._costs[name]
 
@@ -137,14 +137,14 @@ class _Builder:
             radius = max(r for r, _ in shape.revolve.outline)
         else:
             raise ValueError(f"a {shape.kind} is not round")
-        sagitta = min(self._said.tolerance_mm / max(radius * self._mm_per_unit, 1e-12), 1.0)
+        sagitta = min(self._model.tolerance_mm / max(radius * self._mm_per_unit, 1e-12), 1.0)
         sides = max(float(np.pi / np.arccos(1.0 - sagitta)), MIN_SIDES)
         if shape.sphere is not None:
             sides *= GLOBE_SIDES
         if sides > MAX_SIDES:
             raise self._problem(
                 (*at, shape.kind),
-                f"takes {sides:,.0f} sides at `tolerance_mm: {self._said.tolerance_mm:g}`, the "
+                f"takes {sides:,.0f} sides at `tolerance_mm: {self._model.tolerance_mm:g}`, the "
                 f"most is {MAX_SIDES:,}; choose a coarser tolerance",
             )
         return 4 * int(np.ceil(sides / 4))  # so that the points on the axes are corners
@@ -169,7 +169,7 @@ class _Builder:
         if shape.use is not None:
             if shape.use not in self._named:
                 self._named[shape.use] = self._make(
-                    self._said.shapes[shape.use], ("shapes", shape.use)
+                    self._model.shapes[shape.use], ("shapes", shape.use)
                 )
             return self._named[shape.use]
         if shape.kind in SET_OPERATIONS:

@@ -1,8 +1,8 @@
 """Whether one joint move is free of contact all the way, for the arm as it will really go.
 
-The line is cut into pieces. A piece is free if the arm, put in its middle, has that much room
-round it that it cannot touch anything while it covers the piece; else the piece is cut smaller.
-So nothing is missed between two states that were looked at, and open space costs little.
+The move is cut into pieces. A piece is free if the arm, at its middle, has more clearance than any
+of its points travels to either end; else the piece is cut into four. So no contact between two
+checked configurations is missed, and open space takes few checks.
 """
 
 from __future__ import annotations
