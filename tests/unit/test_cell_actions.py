@@ -23,7 +23,7 @@ from controller.cell.errors import InterlockError, PartFaultError, PartProblemEr
 from controller.cell.journal import Journal, read_rows
 from controller.cell.journal.rows import Intent
 from controller.cell.machine import Effect, Event, PartFault
-from controller.cell.services import Motion, Recoveries
+from controller.cell.services import Disambiguation, Motion, Recoveries
 from controller.cell.services.records import BatchRecord
 from controller.inspection import PartVerdict, Verdict
 from controller.planning import NoMotionError
@@ -165,6 +165,27 @@ async def test_an_arm_that_no_path_leads_home_is_a_persons(record: BatchRecord) 
         await action.run()
     assert error.value.code == "no_way_home"
     assert arm.been == [0, 1, 0]
+
+
+@pytest.mark.parametrize(
+    ("names", "left", "says"),
+    [
+        (("holder", "widget"), (), "looks like none of holder, widget; take it out with"),
+        (("holder", "widget"), (1,), "is widget, the recipe is for holder; take it out with"),
+        (("holder", "widget"), (0, 1), "decide between holder and widget; take it out with"),
+        (("holder", "holder"), (0, 1), "decide between 2 poses of holder; take it out with"),
+    ],
+)
+async def test_a_view_that_does_not_show_the_recipes_part_is_a_persons(
+    record: BatchRecord, names: tuple[str, ...], left: tuple[int, ...], says: str
+) -> None:
+    async def identify(*_: object) -> tuple[int, ...]:
+        return left
+
+    ambiguity = ANY(hypotheses=[ANY(name=name) for name in names], light="backlit")
+    view = Disambiguation(ANY(identify=identify), record)
+    with pytest.raises(PartProblemError, match=says):
+        await view.resolve(ambiguity, ANY(width_mm=20.0, opening_mm=20.0), at(0), ANY(), ())
 
 
 @pytest.mark.parametrize(

@@ -92,7 +92,11 @@ class PlanAction:
                 return InArm(grasp, await self.motion.read_q())
             case Custody.IN_FIXED if part.fixed_grasp is not None:
                 return InFixedGripper(part.fixed_grasp, await self.motion.read_q())
-        raise PartProblemError("no_plan", f"the part is {part.custody.value}: nothing to plan from")
+        raise PartProblemError(
+            "no_plan",
+            f"no plan begins with a part that is {part.custody.value}; take it out of the cell and "
+            "start again",
+        )
 
     def _keep_plan(self, error: NoPlanError, start: Start, before: Plan | None) -> Event:
         """Keep the old plan while a gripper has the part; otherwise call for a person.

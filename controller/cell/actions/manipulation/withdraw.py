@@ -48,7 +48,8 @@ class WithdrawAction:
             if not self.motion.can_go_back:
                 raise PartProblemError(
                     "no_way_home",
-                    "no path free of contact leads the arm out of the camera's sight; jog it there",
+                    "no path free of contact leads the arm out of the camera's sight; clear the "
+                    "space about it and start again",
                 )
             await self.motion.go_back(1)
         await self.motion.follow(path)

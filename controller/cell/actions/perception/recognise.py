@@ -64,20 +64,22 @@ class RecogniseAction:
                 for s in sightings
             )
             raise PartProblemError(
-                "many_parts", f"{len(sightings)} objects on the table, one is allowed: {where}"
+                "many_parts",
+                f"{len(sightings)} objects on the table: {where}; leave one part and start again",
             )
         (seen,) = sightings
         expected = part_name(self.recipe.part)
         if seen.part is None:
             raise PartProblemError(
                 "unknown_object",
-                f"the object at x {seen.x_mm:.0f}, y {seen.y_mm:.0f} mm: {seen.reason}",
+                f"the object at x {seen.x_mm:.0f}, y {seen.y_mm:.0f} mm: {seen.reason}; "
+                "take it away, or check the recipe's `part:`",
             )
         if seen.part != expected:
             raise PartProblemError(
                 "wrong_part",
                 f"{seen.part} is at x {seen.x_mm:.0f}, y {seen.y_mm:.0f} mm, the recipe is for "
-                f"{expected}",
+                f"{expected}; put that there, or start with a recipe for {seen.part}",
             )
         return seen
 

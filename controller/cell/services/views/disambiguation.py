@@ -11,6 +11,8 @@ from controller.cell.services.records import BatchRecord, PartInGripper
 from controller.imaging import inverse_pose
 from controller.planning import Ambiguity
 
+TAKE_OUT = "take it out with `cellctl recover --open arm`"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Disambiguation:
@@ -53,20 +55,30 @@ class Disambiguation:
             return
         if not left:
             raise PartProblemError(
-                "unknown_object", f"the part in the gripper looks like none of {', '.join(names)}"
+                "unknown_object",
+                f"the part in the arm gripper looks like none of {', '.join(names)}; {TAKE_OUT}, "
+                "check it for damage and the recipe's `part:`",
             )
         if len(left) > 1:
             raise PartProblemError(
                 "ambiguous",
-                f"it may still be {' or '.join(names[k] for k in left)}; look at what "
-                "the arm gripper holds",
+                f"the view does not decide between {_listed([names[k] for k in left])}; "
+                f"{TAKE_OUT} and sort it by hand",
             )
         found = ambiguity.hypotheses[left[0]]
         if found.name != names[0]:
             raise PartProblemError(
-                "wrong_part", f"the view shows {found.name}, the recipe is for {names[0]}"
+                "wrong_part",
+                f"the part in the arm gripper is {found.name}, the recipe is for {names[0]}; "
+                f"{TAKE_OUT}, and start with a recipe for {found.name}",
             )
         hold.T_part_tcp = inverse_pose(found.T_tcp_part)
         raise PartFaultError(
             PartFault.HELD_OTHERWISE, "the view shows another stable pose than it seemed"
         )
+
+
+def _listed(names: list[str]) -> str:
+    """Return the parts that are left, in words; hypotheses of one part differ by its pose."""
+    parts = list(dict.fromkeys(names))
+    return " and ".join(parts) if len(parts) > 1 else f"{len(names)} poses of {parts[0]}"
