@@ -32,7 +32,7 @@ CELL = load_cell(ROOT / "recipes" / "cells" / "emulated.yaml")
 CAMERA = build_layout(CELL).overhead
 GLOWING = glowing_mask(CAMERA, table_corners(CELL))
 DEFAULT = sorted(p for p in (ROOT / "recipes" / "parts").iterdir() if p.suffix in (".stl", ".yaml"))
-LEAST = 0.01
+MIN_PROBABILITY = 0.01
 RIGHT_MM = 1.0
 
 
@@ -85,7 +85,7 @@ def run(path: Path, places: int, seed: int, least_mm: float) -> list[dict[str, A
     library = make_library([part], CAMERA)
     rows = []
     for pose in part.poses:
-        if same(pose.index, part) != pose.index or pose.probability < LEAST:
+        if same(pose.index, part) != pose.index or pose.probability < MIN_PROBABILITY:
             continue
         height = float(np.ptp(part.solid.mesh.vertices @ pose.R[2]))
         if height < least_mm:

@@ -43,7 +43,7 @@ ALL_PARTS = ("featuretype", "flange_xy", "holder", "angle_block")
 SHAPES: dict[str, dict[str, Any]] = {
     "80 grips, 1500 samples": {},
     "160 grips, 3000 samples": {"grasps": 160, "samples": 3000},
-    "120 grips, steep views hidden": {"grasps": 120, "samples": 2500, "least_cos": 0.7},
+    "120 grips, steep views hidden": {"grasps": 120, "samples": 2500, "min_cos": 0.7},
     "120 grips, every hop possible": {"grasps": 120, "no_hop": 0.0},
 }
 SHOWN = (
@@ -77,7 +77,7 @@ def random_problem(
     grasps: int = 80,
     views: int = 200,
     samples: int = 1500,
-    least_cos: float = 0.5,
+    min_cos: float = 0.5,
     no_hop: float = 0.6,
 ) -> Problem:
     """A body of ten faces with lumps; each hand shows twice, with its flange on either side."""
@@ -87,7 +87,7 @@ def random_problem(
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     face = rng.integers(10, size=samples)
     points = normals[face] * BODY_MM + rng.normal(0.0, 12.0, (samples, 3))
-    visible = normals[face] @ directions.T > least_cos
+    visible = normals[face] @ directions.T > min_cos
     for _ in range(6):
         visible &= ~behind(points, directions, rng.normal(0.0, 25.0, 3), rng.uniform(4.0, 10.0))
     left, hands = [], []

@@ -28,7 +28,7 @@ from controller.cad.compiled import part_name  # noqa: E402
 
 Array = NDArray[np.float64]
 
-LEAST, MOST = 0.8, 1.25
+MIN_FACTOR, MAX_FACTOR = 0.8, 1.25
 APART = 0.005
 APART_FROM_ORIGINAL = 0.03
 LONGEST_MM = 190.0  # fits into the picture whichever way it is turned
@@ -49,7 +49,7 @@ def make_library(folder: Path, originals: list[Path], count: int, seed: int) -> 
         "bytes": [p.stat().st_size for p in originals],
         "count": count,
         "seed": seed,
-        "span": [LEAST, MOST, APART, APART_FROM_ORIGINAL],
+        "span": [MIN_FACTOR, MAX_FACTOR, APART, APART_FROM_ORIGINAL],
     }
     note = folder / "library.json"
     if note.is_file():
@@ -95,7 +95,7 @@ def _new_factors(size: Array, family: list[tuple[Array, float]], rng: np.random.
     sizes = np.log(np.array([known for known, _ in family]))
     apart = np.array([least for _, least in family])
     for _ in range(TRIES):
-        factors = np.exp(rng.uniform(np.log(LEAST), np.log(MOST), 3))
+        factors = np.exp(rng.uniform(np.log(MIN_FACTOR), np.log(MAX_FACTOR), 3))
         varied = np.sort(size * factors)
         if np.linalg.norm(varied) > LONGEST_MM:
             continue

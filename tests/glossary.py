@@ -227,8 +227,12 @@ def public_names(source: str) -> set[str]:
     return {name for name in _defined(ast.parse(source).body) if not name.startswith("_")}
 
 
-def unnamed_counts(source: str) -> set[str]:
-    """Return the names a module gives that end in `_n` and are no force: `_count` is for counts."""
+def misnamed(source: str) -> set[str]:
+    """Return the names a module gives that break the rules of names in the page's grammar.
+
+    They end in `_n` and are no force, since a count ends in `_count`; or they are constants with
+    MOST or LEAST, since a limit is MAX or MIN.
+    """
     given = set()
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
@@ -240,7 +244,8 @@ def unnamed_counts(source: str) -> set[str]:
         elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
             given.add(node.attr)
     ending = {name for name in given if name.lower().endswith("_n")}
-    return {name for name in ending if not FORCES & set(tokens(name))}
+    counts = {name for name in ending if not FORCES & set(tokens(name))}
+    return counts | {n for n in given if n.isupper() and {"most", "least"} & set(tokens(n))}
 
 
 def names_found(root: Path, replaced: Iterable[Word]) -> dict[str, set[str]]:

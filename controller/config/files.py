@@ -10,13 +10,13 @@ MAX_TEXT_BYTES = 128 * 1024  # recipes and cell files have a tenth of it
 CHUNK_BYTES = 1 << 20
 
 
-def read_bytes(path: Path, most_bytes: int, what: str) -> bytes:
+def read_bytes(path: Path, max_bytes: int, what: str) -> bytes:
     """Return the bytes of a plain file; no more than the limit is ever read.
 
     Parameters
     ----------
     path : the file
-    most_bytes : a larger file is refused
+    max_bytes : a larger file is refused
     what : the kind of file, for the message
 
     Raises
@@ -36,38 +36,38 @@ def read_bytes(path: Path, most_bytes: int, what: str) -> bytes:
             raise ConfigError(f"{path}: is not a plain file; copy it to one")
         data = bytearray()
         # read to the end, whatever size is reported: files in /proc report no bytes
-        is_too_large = status.st_size > most_bytes
+        is_too_large = status.st_size > max_bytes
         while (
-            not is_too_large and len(data) <= most_bytes and (chunk := os.read(handle, CHUNK_BYTES))
+            not is_too_large and len(data) <= max_bytes and (chunk := os.read(handle, CHUNK_BYTES))
         ):
             data += chunk
     except OSError as error:
         raise ConfigError(f"{path}: {reason_of(error)}; check the file") from error
     finally:
         os.close(handle)
-    if is_too_large or len(data) > most_bytes:
+    if is_too_large or len(data) > max_bytes:
         raise ConfigError(
-            f"{path}: has more than {most_bytes / 1024:,.0f} KiB; {what} is smaller. Is it the "
+            f"{path}: has more than {max_bytes / 1024:,.0f} KiB; {what} is smaller. Is it the "
             "right file?"
         )
     return bytes(data)
 
 
-def read_text(path: Path, what: str, most_bytes: int = MAX_TEXT_BYTES) -> str:
+def read_text(path: Path, what: str, max_bytes: int = MAX_TEXT_BYTES) -> str:
     """Return the text of a plain file.
 
     Parameters
     ----------
     path : the file
     what : the kind of file, for the message
-    most_bytes : a larger file is refused
+    max_bytes : a larger file is refused
 
     Raises
     ------
     ConfigError : as `read_bytes`, or not UTF-8
     """
     try:
-        return read_bytes(path, most_bytes, what).decode("utf-8-sig")
+        return read_bytes(path, max_bytes, what).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: is not a text file (UTF-8); is it the right file?") from error
 

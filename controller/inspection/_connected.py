@@ -27,7 +27,7 @@ def connected_findings(
     T_world_part: FloatArray,
     corner: tuple[int, int],
     area_mm2: Float32Array,
-    least_mm2: float,
+    min_area_mm2: float,
 ) -> list[Finding]:
     """Return the connected differences that are large enough.
 
@@ -41,7 +41,7 @@ def connected_findings(
     T_world_part : (4, 4) the pose measured
     corner : (x0, y0) of the window in the picture
     area_mm2 : (h, w) what a pixel stands for
-    least_mm2 : smallest area that is a finding
+    min_area_mm2 : smallest area that is a finding
     """
     com = transform(T_world_part, part.solid.centroid_mm[None])[0]
     mm = camera.mm_per_px(com)
@@ -51,7 +51,7 @@ def connected_findings(
     areas = np.bincount(labels.ravel(), weights=area_mm2.ravel(), minlength=count)
     found = []
     for i in range(1, count):
-        if areas[i] < least_mm2:
+        if areas[i] < min_area_mm2:
             continue
         x, y, w, h, _ = (int(v) for v in stats[i])
         at = (float(centres[i][0] + corner[0]), float(centres[i][1] + corner[1]))

@@ -18,13 +18,13 @@ from glossary import (
     docstrings_of,
     in_prose,
     listed_names,
+    misnamed,
     names_found,
     newest_section,
     prose_of,
     public_names,
     replaced_in_name,
     shrunk,
-    unnamed_counts,
     words,
 )
 
@@ -266,13 +266,13 @@ def test_names_are_found_by_room(tmp_path: Path, planted: list[Word]) -> None:
     assert len(found) == 6
 
 
-def test_counts_end_in_count_and_n_is_newtons() -> None:
+def test_counts_end_in_count_and_limits_are_min_and_max() -> None:
     sources = [path for package in PACKAGES for path in (ROOT / package).rglob("*.py")]
     assert len(sources) > 300
     found = {
         str(path.relative_to(ROOT)): names
         for path in sources
-        if (names := unnamed_counts(path.read_text(encoding="utf-8")))
+        if (names := misnamed(path.read_text(encoding="utf-8")))
     }
     assert not found
 
@@ -286,10 +286,12 @@ def test_counts_end_in_count_and_n_is_newtons() -> None:
         ("class A:\n    def views_n(self): self.lost_n += 1", {"views_n", "lost_n"}),
         ("MAX_FORCE_N = min_force_n = weight_n = ma_per_n = 1", set()),
         ("turn_count = given.others_n", set()),
+        ("MOST_BYTES, _LEAST_MM, CORE_MOST = 1, 2, 3", {"MOST_BYTES", "_LEAST_MM", "CORE_MOST"}),
+        ("MAX_BYTES = least_moved = 3", set()),
     ],
 )
-def test_planted_counts_are_found(source: str, found: set[str]) -> None:
-    assert unnamed_counts(source) == found
+def test_planted_misnomers_are_found(source: str, found: set[str]) -> None:
+    assert misnamed(source) == found
 
 
 def test_the_list_only_gets_shorter() -> None:

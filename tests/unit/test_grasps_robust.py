@@ -86,7 +86,7 @@ def test_the_share_of_wrong_poses_is_what_the_overlap_says() -> None:
     )
     long_bar = solid_of(box(200, 40, 60), "bar")
     T = stood((0.0, 0.0, 30.0 - 4.0), (0, 0, -1), (0, 1, 0))
-    assert rules.least_contact_mm2 == 2.0 * 12.0
+    assert rules.min_line_contact_mm2 == 2.0 * 12.0
     assert share_of(long_bar, T, 40.0, replace(rules, max_offset_mm=12.0)) == pytest.approx(
         0.75, abs=0.03
     )

@@ -287,7 +287,7 @@ def test_photographs_under_lamps_say_which_one_is_in_the_hand(truth: int, seed: 
     )
     assert identify.left == (truth,)
     dark = compare(measured, predicted, "backlight", (0, 1, 2))
-    assert (dark[[0, 1, 2]] < RULES.least_area_px).all()  # the outline fits all three
+    assert (dark[[0, 1, 2]] < RULES.min_area_px).all()  # the outline fits all three
 
 
 def made_up(*rows: tuple[float, float, float]) -> Separations:

@@ -127,7 +127,7 @@ def test_a_ball_is_held_on_two_caps_as_deep_as_the_pads_give() -> None:
 def test_a_small_ball_is_refused_with_the_contact_it_offers() -> None:
     mesh = trimesh.creation.icosphere(subdivisions=4, radius=8.0)
     cap_mm2 = np.pi * (2 * 8.0 * RULES.compliance_mm - RULES.compliance_mm**2)
-    assert cap_mm2 < RULES.least_contact_mm2
+    assert cap_mm2 < RULES.min_line_contact_mm2
     with pytest.raises(NotGraspableError, match="mm2 required") as refusal:
         grips_of(solid_of(mesh, "pea"))
     last = str(refusal.value).rsplit("(best ", 1)[1]
@@ -186,7 +186,7 @@ def test_a_thin_plate_lying_flat_is_taken_by_what_its_rim_offers() -> None:
     flat = [g for g in judged(plate, RULES, HAND, down).grasps if g.T_part_tcp[2, 0] < -0.99]
     assert flat
     for grasp in flat:
-        assert RULES.least_contact_mm2 <= grasp.contact_mm2 <= 12 * 5.5
+        assert RULES.min_line_contact_mm2 <= grasp.contact_mm2 <= 12 * 5.5
         assert grasp.opening_mm == pytest.approx(60.0, abs=0.01)
     assert any(g.on_table for g in flat)
 
@@ -361,6 +361,6 @@ def test_a_heavy_part_leaves_only_grips_near_its_centre_of_mass() -> None:
     grasps = synthesise_grasps(GraspProblem(solid, seeds, caster, DOWN, rules), HAND, "arm")
     weight_n = 200 * 30 * 20 * 7.85e-6 * 9.81
     # the friction couple of two whole pads cannot exceed force x friction x half the diagonal
-    most_nmm = 2 * 0.6 * 40.0 * np.hypot(12, 24) / 2
+    max_nmm = 2 * 0.6 * 40.0 * np.hypot(12, 24) / 2
     for grasp in grasps:
-        assert abs(grasp.T_part_tcp[0, 3]) - 12.0 < most_nmm / weight_n
+        assert abs(grasp.T_part_tcp[0, 3]) - 12.0 < max_nmm / weight_n

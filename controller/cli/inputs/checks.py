@@ -13,14 +13,14 @@ MAX_SOCKET_NAME_BYTES = 100  # of a unix socket's path; the system allows 107
 Place = tuple[float, float, float]  # x [mm], y [mm], theta [deg]
 
 
-def check_writable_folder(folder: Path, option: str, least_free_bytes: int = 0) -> None:
+def check_writable_folder(folder: Path, option: str, min_free_bytes: int = 0) -> None:
     """Check that a folder is writable, or can be made, and has free space; create nothing.
 
     Parameters
     ----------
     folder : may not exist yet; then its nearest parent is checked
     option : the option that names it, for the message
-    least_free_bytes : free space that is required
+    min_free_bytes : free space that is required
 
     Raises
     ------
@@ -34,10 +34,10 @@ def check_writable_folder(folder: Path, option: str, least_free_bytes: int = 0) 
             probe.write(b"\0" * 4096)
             os.fsync(probe.fileno())
         free_bytes = shutil.disk_usage(there).free
-        if free_bytes < least_free_bytes:
+        if free_bytes < min_free_bytes:
             raise ConfigError(
                 f"{option} {folder}: {free_bytes / 1e6:.0f} MB are free there, "
-                f"{least_free_bytes / 1e6:.0f} MB are required; make room or name another folder"
+                f"{min_free_bytes / 1e6:.0f} MB are required; make room or name another folder"
             )
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else None

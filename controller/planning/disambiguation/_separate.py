@@ -141,8 +141,8 @@ def separations(
     margins = np.zeros((len(q), len(LIGHTS), len(pairs)))
     is_fine = np.zeros(len(q), dtype=bool)
     looked = np.arange(len(q))
-    if len(q) > rules.most_views:
-        looked = np.unique(np.linspace(0, len(q) - 1, rules.most_views).round().astype(int))
+    if len(q) > rules.max_view_count:
+        looked = np.unique(np.linspace(0, len(q) - 1, rules.max_view_count).round().astype(int))
     enough_s = np.inf  # what one view that separates all of them costs
     for k in looked[np.argsort(seconds[looked], kind="stable")]:
         if seconds[k] >= enough_s:
@@ -201,4 +201,4 @@ def cost_s(seconds: FloatArray, margin: FloatArray) -> FloatArray:
 
 def needed_px(light: Light, rules: DisambiguationRules) -> float:
     """Return how many pixels must differ to tell two hypotheses apart under a light."""
-    return rules.least_area_px if light == "backlight" else rules.least_edge_px
+    return rules.min_area_px if light == "backlight" else rules.min_edge_px

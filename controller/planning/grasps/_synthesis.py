@@ -254,7 +254,7 @@ def _sorted_out(
         batch = batch.take(approach_seems_free(batch, seeds, jaw, rules))
         judge.tally.count("approach seems free", len(batch.T))
         found = judge.close(batch.T, batch.gap, batch.inner, judge.coarse)
-        good = judge.sort_out(found, batch.inner, judge.coarse, rules.least_contact_mm2)
+        good = judge.sort_out(found, batch.inner, judge.coarse, rules.min_line_contact_mm2)
         shut = closed(batch, found, good)
         clear = clear_of_part(part, shut.T, shut.gap, shut.inner, jaw, rules)
         judge.tally.count("clear of the part", int(clear.sum()))
@@ -302,7 +302,7 @@ def _measured(
     """
     rules, table = judge.rules, down is not None
     prefix = "on the table: " if table else "measured finely: "
-    contact_mm2 = rules.least_contact_mm2 if table else rules.min_contact_mm2
+    contact_mm2 = rules.min_line_contact_mm2 if table else rules.min_contact_mm2
     tried = able.take(numbers)
     found = judge.close(tried.T, tried.gap, tried.inner, judge.fine)
     rows = judge.sort_out(found, tried.inner, judge.fine, contact_mm2, prefix)

@@ -83,7 +83,7 @@ def margins(
         at = which[rows]
         touched = judge.close(T, found.opening[at], inner[at], look, slopes=settle is not None)
         if look is judge.coarse:
-            held[rows] = judge.holds(touched, inner[at], rules.least_contact_mm2)
+            held[rows] = judge.holds(touched, inner[at], rules.min_line_contact_mm2)
         if settle is None:
             break
         open_ = np.flatnonzero(touched.touched & ~held[rows])

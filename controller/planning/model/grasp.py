@@ -24,7 +24,7 @@ class GraspRules:
     compliance_mm: float = 0.4  # pads give this much, so that near-touching cells carry
     min_contact_mm2: float = 40.0  # per pad; less is a line or a corner
     # where the pose was wrong, or where a part on the table shows no more: two lines 1 mm wide
-    least_contact_mm2: float = 24.0
+    min_line_contact_mm2: float = 24.0
     max_offset_mm: float = 4.0  # between the two contacts along the pads: more tips the part
     clearance_mm: float = 4.0  # per finger while open, for 1-2 mm of pose error
     bore_clearance_mm: float = 1.5  # per finger that goes into a bore: at least; rather the above
@@ -73,7 +73,7 @@ class Grasp:
     is_inner : the fingers spread inside a bore or a channel; `opening_mm` is then the distance of
         their backs, and `pre_open_mm` is narrower
     on_table : `margin` counts for taking the part from a table, which gives its height and tilt;
-        contact may then be as little as `GraspRules.least_contact_mm2`
+        contact may then be as little as `GraspRules.min_line_contact_mm2`
     """
 
     id: str

@@ -116,7 +116,7 @@ def predict_outline(
     T_world_part: FloatArray,
     camera: Camera,
     most: float = 600,
-    least_step_mm: float = MIN_STEP_MM,
+    min_step_mm: float = MIN_STEP_MM,
 ) -> EdgePoints:
     """Return the outline of a posed part alone: a part of `predict_edges` for a third of it.
 
@@ -126,11 +126,11 @@ def predict_outline(
     T_world_part : (4, 4) pose of the CAD frame in the world [mm]
     camera : calibrated, in the world's frame
     most : about so many samples are looked at, those that turn out hidden among them
-    least_step_mm : between samples, however few they are
+    min_step_mm : between samples, however few they are
     """
     eye = _eye(T_world_part, camera)
     is_rim, _ = _rims(model, eye)
-    samples, step = _sample(model, np.flatnonzero(is_rim), eye, most, least_step_mm)
+    samples, step = _sample(model, np.flatnonzero(is_rim), eye, most, min_step_mm)
     ahead, close = samples.points - eye, CLOSE_MM * samples.across
     triangle, _ = _look(model, eye, np.concatenate([ahead + close, ahead - close]))
     free_a, free_b = (triangle < 0).reshape(2, -1)
@@ -154,9 +154,9 @@ def _rims(model: EdgeModel, eye: FloatArray) -> tuple[BoolArray, BoolArray]:
 
 
 def _sample(
-    model: EdgeModel, chosen: IntArray, eye: FloatArray, most: float, least_step_mm: float
+    model: EdgeModel, chosen: IntArray, eye: FloatArray, most: float, min_step_mm: float
 ) -> tuple[_Samples, float]:
-    edge, share, step = _spread(_seen_length(model, chosen, eye), most, least_step_mm)
+    edge, share, step = _spread(_seen_length(model, chosen, eye), most, min_step_mm)
     edge = chosen[edge]
     points = model.start_mm[edge] + share[:, None] * model.along_mm[edge]
     along = model.along_mm[edge] / np.maximum(model.length_mm[edge], 1e-12)[:, None]
@@ -218,12 +218,12 @@ def _seen_length(model: EdgeModel, chosen: IntArray, eye: FloatArray) -> FloatAr
 
 
 def _spread(
-    length_mm: FloatArray, most: float, least_step_mm: float
+    length_mm: FloatArray, most: float, min_step_mm: float
 ) -> tuple[IntArray, FloatArray, float]:
     """Return samples at even steps along edges put end to end: edge, share of it, step."""
     end = np.cumsum(length_mm)
     total = float(end[-1]) if len(end) else 0.0
-    step = max(total / most, least_step_mm)
+    step = max(total / most, min_step_mm)
     at = np.arange(step / 2, total, step)
     edge = np.minimum(np.searchsorted(end, at, side="right"), len(length_mm) - 1)
     share = 1.0 - (end[edge] - at) / np.maximum(length_mm[edge], 1e-12)

@@ -42,10 +42,10 @@ class SearchLimits:
 
     Attributes
     ----------
-    most_coarse, most_lit : candidates fitted coarsely: to an outline, which is soon done; under
+    max_coarse, max_lit : candidates fitted coarsely: to an outline, which is soon done; under
         lamps, where lines propose others
     sure_coarse : coarse score from which a candidate is fitted in full at once
-    most_fine : of the others, the best ones, if none fits perfectly
+    max_fine : of the others, the best ones, if none fits perfectly
     coarse_samples : edge samples of a coarse fit: enough to tell a turn that is off
     fine_samples, fine_outline : of a full one; of one to an outline
     first_reach_mm : how far off a candidate may lie: its place comes from a centroid
@@ -59,10 +59,10 @@ class SearchLimits:
         its lowest place; under lamps
     """
 
-    most_coarse: int = 14
-    most_lit: int = 9
+    max_coarse: int = 14
+    max_lit: int = 9
     sure_coarse: float = 0.8
-    most_fine: int = 4
+    max_fine: int = 4
     coarse_samples: int = 300
     fine_samples: int = 1000
     fine_outline: int = 600
@@ -128,7 +128,7 @@ def weigh(
     fine: list[Hypothesis] = []
     held: list[tuple[float, Candidate, EdgeFit]] = []
     bound = -np.inf
-    most = limits.most_coarse if cutout.is_backlit else limits.most_lit
+    most = limits.max_coarse if cutout.is_backlit else limits.max_lit
     for candidate in distinct(candidates, library)[:most]:
         if candidate.overlap < bound:
             break  # one fits perfectly, and this one's outline is another
@@ -146,7 +146,7 @@ def weigh(
     # what lies inside may yet decide against an outline that fits under lamps
     if not cutout.is_backlit or not any(_is_perfect(h, limits) for h in fine):
         held.sort(key=lambda item: -item[0])
-        for score, candidate, coarse in held[: limits.most_fine]:
+        for score, candidate, coarse in held[: limits.max_fine]:
             if score < limits.coarse_share * held[0][0]:
                 break
             refined = _refine(candidate, coarse, cutout, camera, library, limits, source)

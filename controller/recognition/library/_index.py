@@ -120,7 +120,7 @@ class ViewIndex:
     def search(
         self,
         seen: Silhouette,
-        most_views: int = 48,
+        max_view_count: int = 48,
         turns_each: int = 4,
         within: float = 0.05,
         far: float = 0.6,
@@ -130,7 +130,7 @@ class ViewIndex:
         Parameters
         ----------
         seen : the silhouette, table plane [mm]
-        most_views : so many nearest views are compared turn by turn
+        max_view_count : so many nearest views are compared turn by turn
         turns_each : so many turns of one view at most, for near-symmetric outlines
         within : overlap a turn may fall short of the view's best one
         far : distance in the index beyond which nothing is looked at
@@ -141,7 +141,7 @@ class ViewIndex:
             np.array([seen.area_mm2]),
             np.array([seen.perimeter_mm]),
         )[0]
-        distance, nearest = self._tree.query(point, k=min(most_views, self.view_count))
+        distance, nearest = self._tree.query(point, k=min(max_view_count, self.view_count))
         distance, nearest = np.atleast_1d(distance), np.atleast_1d(nearest)
         near = distance < far
         distance, nearest = distance[near], nearest[near]

@@ -157,7 +157,7 @@ def _data_uri(image: Grey, jpeg: int) -> str:
     return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii")
 
 
-def window_round(boxes: Iterable[Box], size: tuple[int, int], margin: float, least_px: int) -> Box:
+def window_round(boxes: Iterable[Box], size: tuple[int, int], margin: float, min_px: int) -> Box:
     """Return the cut-out around boxes, in the proportions of the picture.
 
     Parameters
@@ -165,7 +165,7 @@ def window_round(boxes: Iterable[Box], size: tuple[int, int], margin: float, lea
     boxes : x0, y0, x1, y1 of each [px]; without any, the whole picture is returned
     size : width and height of the picture [px]
     margin : border on every side, as a share of the boxes' extent
-    least_px : smallest width of the cut-out
+    min_px : smallest width of the cut-out
     """
     width, height = size
     corners = np.array(list(boxes), dtype=float).reshape(-1, 4)
@@ -173,7 +173,7 @@ def window_round(boxes: Iterable[Box], size: tuple[int, int], margin: float, lea
         return 0, 0, width, height
     x0, y0 = corners[:, 0].min(), corners[:, 1].min()
     x1, y1 = corners[:, 2].max(), corners[:, 3].max()
-    wide = max((x1 - x0) * (1 + 2 * margin), (y1 - y0) * (1 + 2 * margin) * ASPECT, least_px)
+    wide = max((x1 - x0) * (1 + 2 * margin), (y1 - y0) * (1 + 2 * margin) * ASPECT, min_px)
     wide = min(wide, width, height * ASPECT)
     tall = wide / ASPECT
     left = np.clip((x0 + x1 - wide) / 2, 0, width - wide)

@@ -178,17 +178,17 @@ def _rows(p: FloatArray, axis: FloatArray, width: FloatArray) -> FloatArray:
     return np.hstack([p - axis * width[:, None] / 2, axis, width[:, None]])
 
 
-def bisectors(samples: SurfaceSamples, most_rad: float) -> tuple[IntArray, FloatArray]:
+def bisectors(samples: SurfaceSamples, max_rad: float) -> tuple[IntArray, FloatArray]:
     """Return sample numbers (k,) and axes (k, 3) halfway between a sample's normal and a wall's.
 
     The angle of the axis to both normals, which is the friction angle the two walls need, is
-    between 1 degree and `most_rad`. Walls are the main directions of the surface, by area.
+    between 1 degree and `max_rad`. Walls are the main directions of the surface, by area.
     """
     directions = _main_directions(samples)
     towards = samples.normals[:, None, :] - directions[None]
     length = np.linalg.norm(towards, axis=2)  # 2 cos of the angle needed
     need = np.arccos(np.clip(length / 2, 0.0, 1.0))
-    at, wall = np.nonzero((need > np.radians(1.0)) & (need <= most_rad))
+    at, wall = np.nonzero((need > np.radians(1.0)) & (need <= max_rad))
     return np.asarray(at, dtype=np.int64), towards[at, wall] / length[at, wall][:, None]
 
 

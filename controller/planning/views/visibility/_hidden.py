@@ -9,7 +9,7 @@ from controller.cad import Solid
 
 from ...model import VisibilityTable
 
-MOST = 0.5  # of a piece's samples
+MAJORITY = 0.5  # of a piece's samples
 NEVER_RAD = np.radians(89.5)  # seen flatter than this is not seen
 
 
@@ -29,13 +29,13 @@ def why_hidden(
     before = visibility_table.blocker[piece]
     faces, counts = np.unique(before[before >= 0], return_counts=True)
     blocker = solid.faces[int(faces[np.argmax(counts)])].label if len(faces) else ""
-    if visibility_table.too_coarse[piece].mean() >= MOST:
+    if visibility_table.too_coarse[piece].mean() >= MAJORITY:
         return (
             f"too coarse in every picture: seen past the part {np.median(best):.0f} degrees from "
             "its normal at best, with fewer pixels to the millimetre than are required",
             "a longer focal length, a camera nearer by, or fewer pixels required in the recipe",
         )
-    if visibility_table.blurred[piece].mean() >= MOST:
+    if visibility_table.blurred[piece].mean() >= MAJORITY:
         return (
             f"out of focus in every picture: seen past the part {np.median(best):.0f} degrees "
             "from its normal at best, but nearer or farther than the picture is sharp",
@@ -43,7 +43,7 @@ def why_hidden(
         )
     stands = f"; {blocker} stands before a look straight at it" if blocker else ""
     seen = visibility_table.best_incidence_rad[piece] < NEVER_RAD
-    if seen.mean() >= MOST:
+    if seen.mean() >= MAJORITY:
         flattest = float(np.quantile(best[seen], 0.9))
         return (
             f"hidden by the part itself: seen {np.median(best[seen]):.0f} degrees from its normal "

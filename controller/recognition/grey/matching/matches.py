@@ -10,7 +10,7 @@ from .._tolerances import GreyTolerances
 from ..features.extract import ImageFeatures
 from .model import ModelFeatures
 
-MOST = 60  # features of either side that are matched, the largest
+MAX_FEATURE_COUNT = 60  # features of either side that are matched, the largest
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -51,17 +51,29 @@ def matches(
         return np.asarray(points @ R.T + spread[:, None] * away + foot)
 
     reach = 2 * tol.match_mm
-    ends = aligned(model.lines_mm[:MOST].reshape(-1, 2), model.line_spread[:MOST].ravel())
-    lines = nearest_pairs(_beside(image.lines_mm[:MOST], ends.reshape(-1, 4)), reach)
-    at = model.corners
-    k = model.line_spread[at.lines[:MOST, 0], at.ends[:MOST, 0]]
-    corners = nearest_pairs(
-        _gaps(image.corners.positions[:MOST], aligned(at.positions[:MOST], k)), 2 * reach
+    ends = aligned(
+        model.lines_mm[:MAX_FEATURE_COUNT].reshape(-1, 2),
+        model.line_spread[:MAX_FEATURE_COUNT].ravel(),
     )
-    centres = aligned(model.circles_mm[:MOST, :2], model.circle_spread[:MOST])
+    lines = nearest_pairs(_beside(image.lines_mm[:MAX_FEATURE_COUNT], ends.reshape(-1, 4)), reach)
+    at = model.corners
+    k = model.line_spread[at.lines[:MAX_FEATURE_COUNT, 0], at.ends[:MAX_FEATURE_COUNT, 0]]
+    corners = nearest_pairs(
+        _gaps(
+            image.corners.positions[:MAX_FEATURE_COUNT],
+            aligned(at.positions[:MAX_FEATURE_COUNT], k),
+        ),
+        2 * reach,
+    )
+    centres = aligned(
+        model.circles_mm[:MAX_FEATURE_COUNT, :2], model.circle_spread[:MAX_FEATURE_COUNT]
+    )
     circles = nearest_pairs(
-        _gaps(image.circles.centres[:MOST], centres)
-        + np.abs(image.circles.radii[:MOST, None] - model.circles_mm[None, :MOST, 2]),
+        _gaps(image.circles.centres[:MAX_FEATURE_COUNT], centres)
+        + np.abs(
+            image.circles.radii[:MAX_FEATURE_COUNT, None]
+            - model.circles_mm[None, :MAX_FEATURE_COUNT, 2]
+        ),
         reach,
     )
     return Matches(lines, corners, circles)
