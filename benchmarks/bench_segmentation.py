@@ -71,7 +71,7 @@ class TrueShape:
         self.mask: Bools = share >= 0.5
 
     def overlap(self, region: Region, mask: Bools | None = None) -> float:
-        """Return the IoU with a region, or with another reading of it."""
+        """Return the IoU with a region, or with another mask of it."""
         mask = region.mask if mask is None else mask
         x0, y0 = (int(c) for c in self.origin)
         h, w = self.mask.shape
@@ -299,7 +299,7 @@ def main() -> int:
         for iou, row, k in sorted(flat, key=lambda f: f[0])[: args.worst]:
             best = row["objects"][k].get("iou_best", 0.0)
             where = f"{row['folder']}/{row['image']} {row['size']} {k}"
-            print(f"{iou:.3f} (best reading {best:.3f}) {where}")
+            print(f"{iou:.3f} (best mask {best:.3f}) {where}")
     return 0
 
 

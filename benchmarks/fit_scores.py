@@ -5,16 +5,16 @@ python benchmarks/fit_scores.py --set FOLDER [--parts PATH...] [--set FOLDER [--
     [--most N] [--json]
 
 A set is a folder as `bench_recognition` reads it; --parts are those of the set named before it,
-the shared ones otherwise. The sets held out are only reported. Every reading of every object is
+the shared ones otherwise. The sets held out are only reported. Every hypothesis of every object is
 compared with what truly lay there: right is what `recognition_judge` calls the right pose, in its
 place and turned as it lay. Two steps make a curve, one for a light table, one for lamps:
 
-- A logistic curve, its signs given, over the best readings, those of strangers, and wrong ones
+- A logistic curve, its signs given, over the best hypotheses, those of strangers, and wrong ones
   that fit clearly worse than the best: what evidence tells right from wrong. Where the best is
   wrong and one of the next ones right, the order went wrong, which is `log_odds`' matter: left out.
-- An offset and a slope over the best readings alone, which are what is answered: how much.
+- An offset and a slope over the best hypotheses alone, which are what is answered: how much.
 
-The scores reported are those that answers would get: shared by readings that look the same.
+The scores reported are those that answers would get: shared by hypotheses that look the same.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class Gathered:
 
 
 def gather(pictures: Pictures, most: int | None, *, is_held_out: bool) -> Gathered:
-    """Recognise a set, large pictures and small ones, and compare every reading with the truth."""
+    """Recognise a set, pictures large and small, and compare each hypothesis with the truth."""
     files = [(f, options_among(f, None)) for _, f in sorted(cad_files(pictures.parts).items())]
     judge = Judge(surfaces(pictures.parts))
     images = [entry["image"] for entry in pictures.truth["images"]]
@@ -98,8 +98,8 @@ def gather(pictures: Pictures, most: int | None, *, is_held_out: bool) -> Gather
                 if trace.hypotheses:
                     thing = truth.get(j)
                     what = f"{light} {path.name} {thing.part if thing is not None else 'nothing'}"
-                    readings = compare(trace.hypotheses, thing, judge, library, PLACE_MM[size])
-                    seen.append(_seen(what, mode, thing, trace.hypotheses, readings))
+                    compared = compare(trace.hypotheses, thing, judge, library, PLACE_MM[size])
+                    seen.append(_seen(what, mode, thing, trace.hypotheses, compared))
     return Gathered(pictures.name, is_held_out, tried, len(files), missed, seen)
 
 
@@ -115,13 +115,13 @@ def compare(
     library: Library,
     place_mm: float,
 ) -> tuple[Compared, ...]:
-    """Return the readings of an object, each right or wrong.
+    """Return the hypotheses of an object, each right or wrong.
 
     Parameters
     ----------
     place_mm : how far from its place a right one may be
     """
-    readings = []
+    compared = []
     for h in hypotheses:
         is_right = is_turned = False
         if thing is not None and thing.is_known:
@@ -133,8 +133,8 @@ def compare(
             if verdict.kind == "right" and (verdict.position_mm or 0.0) <= place_mm:
                 is_turned = (verdict.angle_deg or 0.0) > TURN_DEG
                 is_right = not is_turned
-        readings.append(Compared(h.evidence, is_right, is_turned))
-    return tuple(readings)
+        compared.append(Compared(h.evidence, is_right, is_turned))
+    return tuple(compared)
 
 
 def _seen(
@@ -142,26 +142,26 @@ def _seen(
     mode: str,
     thing: Thing | None,
     hypotheses: Sequence[Hypothesis],
-    readings: tuple[Compared, ...],
+    compared: tuple[Compared, ...],
 ) -> Seen:
     # what looks the same is so whatever the score: as if the best were sure
     sure = [replace(hypotheses[0], probability=1.0), *hypotheses[1:]]
     alike = {id(h) for h in decide(sure, is_backlit=mode == "back").rivals}
-    rivals = tuple(r for h, r in zip(hypotheses, readings, strict=True) if id(h) in alike)
-    return Seen(what, mode, thing is not None and thing.is_known, readings, rivals)
+    rivals = tuple(r for h, r in zip(hypotheses, compared, strict=True) if id(h) in alike)
+    return Seen(what, mode, thing is not None and thing.is_known, compared, rivals)
 
 
 def report(seen: Sequence[Seen], weights: Weights) -> dict[str, Any]:
     """Return how far the scores of a curve can be trusted, on objects of one kind of light."""
-    scores = np.array([probability(one.readings[0].evidence, weights) for one in seen])
-    right = np.array([one.readings[0].is_right for one in seen], dtype=np.bool_)
+    scores = np.array([probability(one.compared[0].evidence, weights) for one in seen])
+    right = np.array([one.compared[0].is_right for one in seen], dtype=np.bool_)
     strangers = np.array([not one.is_known for one in seen], dtype=np.bool_)
     verdicts = [
         _verdict(one, score / (1 + len(one.rivals)))
         for one, score in zip(seen, scores, strict=True)
     ]
     wrong = [
-        {"what": one.what, "score": round(v.answer.score, 3), "turned": one.readings[0].is_turned}
+        {"what": one.what, "score": round(v.answer.score, 3), "turned": one.compared[0].is_turned}
         for one, v in zip(seen, verdicts, strict=True)
         if v.answer is not None and v.answer.score >= 0.5 and v.kind != "right"
     ]
@@ -179,8 +179,8 @@ def report(seen: Sequence[Seen], weights: Weights) -> dict[str, Any]:
 
 
 def _verdict(one: Seen, score: float) -> Verdict:
-    """Return the best reading as the judge's tables take it."""
-    kind = "right" if one.readings[0].is_right else "wrong pose"
+    """Return the best hypothesis as the judge's tables take it."""
+    kind = "right" if one.compared[0].is_right else "wrong pose"
     told = Answer("", "", None, 0.0, 0.0, 0.0, score, (), 0.0, "")
     loose = "right" if any(r.is_right for r in one.rivals) else kind
     return Verdict(None, told, kind, loose, None)
@@ -195,9 +195,9 @@ def told_of(sets: Sequence[Gathered]) -> dict[str, Any]:
                 "pictures": s.pictures,
                 "parts": s.parts,
                 "objects": len(s.seen),
-                "readings": sum(len(one.readings) for one in s.seen),
+                "hypotheses": sum(len(one.compared) for one in s.seen),
                 "missed": s.missed,
-                "turned": sum(r.is_turned for one in s.seen for r in one.readings),
+                "turned": sum(r.is_turned for one in s.seen for r in one.compared),
             }
             for s in sets
         },
@@ -232,7 +232,7 @@ def print_told(told: dict[str, Any]) -> None:
     for name, s in told["sets"].items():
         print(
             f"{name:12} {s['pictures']} pictures of {s['parts']} parts: {s['objects']} objects "
-            f"with {s['readings']} readings ({s['turned']} in place but turned), "
+            f"with {s['hypotheses']} hypotheses ({s['turned']} in place but turned), "
             f"{s['missed']} missed" + ("; held out" if s["held_out"] else "")
         )
     for name, curve in told["curves"].items():
@@ -241,7 +241,7 @@ def print_told(told: dict[str, Any]) -> None:
         if "error" in curve:
             continue
         print(
-            f"  from {curve['examples']} readings, {curve['right']} of them right; "
+            f"  from {curve['examples']} hypotheses, {curve['right']} of them right; "
             f"{curve['best']} are the best of their objects"
         )
         for group, by in curve["reports"].items():
@@ -254,9 +254,9 @@ def print_told(told: dict[str, Any]) -> None:
 def _print_report(which: str, r: dict[str, Any], *, with_wrong: bool) -> None:
     best, answers = r["best_readings"], r["answers"]
     print(
-        f"     {which:6} {r['objects']} objects, best reading right {r['right']}, misordered "
+        f"     {which:6} {r['objects']} objects, best hypothesis right {r['right']}, misordered "
         f"{r['misordered']}; told apart at 0.5: {r['told_apart_at_half']:.3f}; expected error "
-        f"{_error(best)} of best readings, {_error(answers)} of answers"
+        f"{_error(best)} of best hypotheses, {_error(answers)} of answers"
     )
     if which == "fitted":
         for b in best["bins"]:

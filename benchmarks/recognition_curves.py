@@ -1,4 +1,4 @@
-"""Logistic curves over evidence, fitted to readings known to be right or wrong.
+"""Logistic curves over evidence, fitted to hypotheses known to be right or wrong.
 
 Knows the weights and the evidence of controller/recognition, and no pictures.
 """
@@ -24,11 +24,11 @@ from controller.recognition.identification.scores import INNER_HALF_MM, Weights 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-WORSE_PX = 0.25  # misfit by which a wrong reading is clearly worse; nearer ones may look the same
-NEXT = 3  # readings after the best among which the right one may have been
+WORSE_PX = 0.25  # misfit by which a wrong one is clearly worse; nearer ones may look the same
+NEXT = 3  # hypotheses after the best among which the right one may have been
 RIDGE = 0.005  # on the summed loss: keeps weights finite where right and wrong do not mix
 
-# what may count, and which way: more of it makes a reading likelier, or less likely
+# what may count, and which way: more of it makes a hypothesis likelier, or less likely
 SIGNS = {"outline": 1, "explained": 1, "inner": 1, "misfit": -1, "sigma": -1, "shading": 1}
 # an outline that is known whole is judged without what lies inside it
 COUNTS = {"back": ("outline", "explained", "misfit", "sigma"), "front": tuple(SIGNS)}
@@ -36,7 +36,7 @@ COUNTS = {"back": ("outline", "explained", "misfit", "sigma"), "front": tuple(SI
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Compared:
-    """A reading of an object, compared with what truly lay there.
+    """A hypothesis of an object, compared with what truly lay there.
 
     Attributes
     ----------
@@ -50,28 +50,28 @@ class Compared:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Seen:
-    """An object that was found, and its readings.
+    """An object that was found, and its hypotheses.
 
     Attributes
     ----------
     what : for people
     mode : "back" or "front"
     is_known : it is one of the library's; neither a stranger nor nothing at all
-    readings : best first
+    compared : best first
     rivals : those of them that the picture cannot tell from the best; they share its score
     """
 
     what: str
     mode: str
     is_known: bool
-    readings: tuple[Compared, ...]
+    compared: tuple[Compared, ...]
     rivals: tuple[Compared, ...]
 
     @property
     def is_misordered(self) -> bool:
-        """Say whether the best reading is wrong and one of the next ones right."""
-        rest = self.readings[1 : 1 + NEXT]
-        return not self.readings[0].is_right and any(r.is_right for r in rest)
+        """Say whether the best hypothesis is wrong and one of the next ones right."""
+        rest = self.compared[1 : 1 + NEXT]
+        return not self.compared[0].is_right and any(r.is_right for r in rest)
 
 
 def terms(evidence: Evidence) -> Array:
@@ -124,18 +124,18 @@ def rescaled(curve: Array, evidence: Array, is_right: Bools) -> Array:
 
 
 def examples(seen: Sequence[Seen]) -> tuple[Array, Bools, Bools]:
-    """Return evidence (n, 6), whether it is right (n,) and whether it is a best reading's (n,)."""
+    """Return evidence (n, 6), whether it is right (n,) and whether it is a best one (n,)."""
     chosen: list[tuple[Compared, bool]] = []
     for one in seen:
-        best = one.readings[0]
+        best = one.compared[0]
         if not one.is_misordered:
             chosen.append((best, True))
-        for other in one.readings[1:]:
+        for other in one.compared[1:]:
             is_worse = other.evidence.misfit_px >= best.evidence.misfit_px + WORSE_PX
             if not one.is_known or (is_worse and not other.is_right):
                 chosen.append((other, False))
-    evidence = np.array([terms(reading.evidence) for reading, _ in chosen]).reshape(-1, len(SIGNS))
-    is_right = np.array([reading.is_right for reading, _ in chosen], dtype=np.bool_)
+    evidence = np.array([terms(one.evidence) for one, _ in chosen]).reshape(-1, len(SIGNS))
+    is_right = np.array([one.is_right for one, _ in chosen], dtype=np.bool_)
     return evidence, is_right, np.array([is_best for _, is_best in chosen], dtype=np.bool_)
 
 

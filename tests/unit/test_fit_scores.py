@@ -30,17 +30,17 @@ def some_evidence(rng: np.random.Generator) -> Evidence:
 
 
 def seen(rng: np.random.Generator, weights: Weights, mode: str, count: int) -> list[Seen]:
-    """Return objects with one reading each, right as often as the weights say."""
+    """Return objects with one hypothesis each, right as often as the weights say."""
     objects = []
     for _ in range(count):
         evidence = some_evidence(rng)
         is_right = bool(rng.random() < probability(evidence, weights))
-        reading = Compared(evidence, is_right, is_turned=False)
-        objects.append(Seen("", mode, is_known=True, readings=(reading,), rivals=()))
+        hypothesis = Compared(evidence, is_right, is_turned=False)
+        objects.append(Seen("", mode, is_known=True, compared=(hypothesis,), rivals=()))
     return objects
 
 
-def reading(misfit_px: float, *, is_right: bool) -> Compared:
+def hypothesis(misfit_px: float, *, is_right: bool) -> Compared:
     values = dict(zip((f.name for f in fields(Evidence)), astuple(LOW), strict=True))
     return Compared(Evidence(**(values | {"misfit_px": misfit_px})), is_right, is_turned=False)
 
@@ -81,7 +81,7 @@ def test_weights_fitted_to_objects_give_the_probabilities_they_were_drawn_by(
     found = fitted(seen(rng, true, mode, 6000), mode)
     others = [some_evidence(rng) for _ in range(300)]
     off = [probability(e, found) - probability(e, true) for e in others]
-    # of some 6000 readings a probability is known to sqrt(7 weights / 6000) / 2 = 0.017
+    # of some 6000 hypotheses a probability is known to sqrt(7 weights / 6000) / 2 = 0.017
     assert np.sqrt(np.mean(np.square(off))) < 0.03
 
 
@@ -123,9 +123,9 @@ def test_nothing_is_fitted_to_readings_that_are_all_right() -> None:
 
 
 def test_only_wrong_readings_that_fit_clearly_worse_teach_beside_the_best() -> None:
-    best, near = reading(0.3, is_right=True), reading(0.4, is_right=False)
-    far, twin = reading(0.9, is_right=False), reading(0.9, is_right=True)
-    known = Seen("", "back", is_known=True, readings=(best, near, far, twin), rivals=())
+    best, near = hypothesis(0.3, is_right=True), hypothesis(0.4, is_right=False)
+    far, twin = hypothesis(0.9, is_right=False), hypothesis(0.9, is_right=True)
+    known = Seen("", "back", is_known=True, compared=(best, near, far, twin), rivals=())
     evidence, is_right, is_best = examples([known])
     assert evidence[:, 3].tolist() == [0.3, 0.9]
     assert is_right.tolist() == [True, False]
@@ -133,16 +133,16 @@ def test_only_wrong_readings_that_fit_clearly_worse_teach_beside_the_best() -> N
 
 
 def test_every_reading_of_a_stranger_teaches() -> None:
-    readings = tuple(reading(m, is_right=False) for m in (0.3, 0.4, 0.9))
-    stranger = Seen("", "back", is_known=False, readings=readings, rivals=())
+    compared = tuple(hypothesis(m, is_right=False) for m in (0.3, 0.4, 0.9))
+    stranger = Seen("", "back", is_known=False, compared=compared, rivals=())
     _, is_right, is_best = examples([stranger])
     assert not is_right.any()
     assert is_best.tolist() == [True, False, False]
 
 
 def test_a_best_reading_that_should_have_come_later_teaches_nothing() -> None:
-    wrong, right = reading(0.3, is_right=False), reading(0.4, is_right=True)
-    misordered = Seen("", "back", is_known=True, readings=(wrong, right), rivals=())
+    wrong, right = hypothesis(0.3, is_right=False), hypothesis(0.4, is_right=True)
+    misordered = Seen("", "back", is_known=True, compared=(wrong, right), rivals=())
     assert len(examples([misordered])[1]) == 0
 
 

@@ -75,7 +75,7 @@ BETTER = [
 
 
 def improved(evidence: Evidence, field: str, limit: float, share: float) -> Evidence:
-    """Evidence with one of its parts nearer to what it is for a perfect reading."""
+    """Evidence with one of its parts nearer to what it is for a perfect hypothesis."""
     now = getattr(evidence, field)
     return replace(evidence, **{field: now + share * (limit - now)})
 
@@ -258,7 +258,7 @@ def test_looking_the_same_is_mutual(
 # --- decisions ----------------------------------------------------------------------------------
 
 
-def reading(edges: EdgePoints, T: Array, **more: Any) -> Hypothesis:
+def hypothesis(edges: EdgePoints, T: Array, **more: Any) -> Hypothesis:
     n = len(edges.pixels)
     fit = EdgeFit(T, edges, Gaps(np.zeros(n), np.ones(n)), 0.05, np.diag([1e-4, 1e-4, 1e-6]))
     told: dict[str, Any] = {
@@ -278,7 +278,7 @@ def reading(edges: EdgePoints, T: Array, **more: Any) -> Hypothesis:
 
 def pocket(turn: bool = False, **more: Any) -> Hypothesis:
     T = lying_at("pocket") @ (HALF_TURN if turn else np.eye(4))
-    return reading(drawing("pocket", T), T, **{"theta_rad": 0.5 + np.pi * turn, **more})
+    return hypothesis(drawing("pocket", T), T, **{"theta_rad": 0.5 + np.pi * turn, **more})
 
 
 def test_nothing_proposed_is_an_unknown_object_for_sure() -> None:
@@ -339,7 +339,7 @@ def test_what_the_picture_rules_out_is_no_rival() -> None:
 
 def test_what_looks_different_is_no_rival_however_likely() -> None:
     T = lying_at("elbow")
-    other = reading(drawing("elbow", T), T, part=1, log_odds=40.0)
+    other = hypothesis(drawing("elbow", T), T, part=1, log_odds=40.0)
     answer = decide([pocket(), other], is_backlit=True)
     assert answer.rivals == ()
 
@@ -350,7 +350,7 @@ def test_one_reading_that_is_surely_right_convinces() -> None:
     assert is_convincing([pocket(probability=0.7), pocket(probability=0.95)])
 
 
-# --- the same reading twice ---------------------------------------------------------------------
+# --- the same hypothesis twice -------------------------------------------------------------------
 
 
 def library_with(turns: dict[tuple[int, int], list[float]]) -> Any:

@@ -26,9 +26,9 @@ FAR_SIZES = 3.0
 
 # From how many views on, in words, and the colour.
 OFTEN = (
-    (1, "seen in 1 view", (168.0, 206.0, 238.0)),
-    (2, "seen in 2 views", (92.0, 158.0, 214.0)),
-    (3, "seen in 3 views or more", (28.0, 98.0, 168.0)),
+    (1, "in sight in 1 view", (168.0, 206.0, 238.0)),
+    (2, "in sight in 2 views", (92.0, 158.0, 214.0)),
+    (3, "in sight in 3 views or more", (28.0, 98.0, 168.0)),
 )
 WHY: dict[Reason, Colour] = {
     Reason.HIDDEN_BY_PART: (128.0, 88.0, 160.0),
@@ -95,7 +95,7 @@ def coverage_map(
     names = [name for _, name, _ in OFTEN] + [kind.value for kind in WHY] + [SPECKS_WORDS]
     table = [c for _, _, c in OFTEN] + list(WHY.values()) + [SPECKS]
     keys = tuple(
-        Key(name if i < len(OFTEN) or i == len(names) - 1 else f"not seen: {name}",
+        Key(name if i < len(OFTEN) or i == len(names) - 1 else f"not in sight: {name}",
             "#" + "".join(f"{round(v):02x}" for v in table[i]), float(weights[words == i].sum()))
         for i, name in enumerate(names)
         if (words == i).any()
