@@ -305,6 +305,28 @@ def _section(function: Function, title: str) -> str | None:
     return None
 
 
+def unlisted_parameters(sources: list[Source]) -> list[str]:
+    """Return the parameters that a Parameters section of their function leaves out or hides."""
+    missing = []
+    for source in sources:
+        if source.module.split(".")[0] not in PRODUCTION:
+            continue
+        for name, function, _ in public_functions(source):
+            section = _section(function, "Parameters")
+            if section is None:
+                continue
+            heads = re.findall(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*) :", section, re.MULTILINE)
+            listed = {part.strip(" *") for head in heads for part in head.split(",")}
+            every = function.args
+            given = [*every.posonlyargs, *every.args, every.vararg, *every.kwonlyargs, every.kwarg]
+            missing += [
+                f"{source.path}:{function.lineno} {name}: {one.arg}"
+                for one in given
+                if one is not None and one.arg not in {"self", "cls", *listed}
+            ]
+    return missing
+
+
 def _typer_calls(annotation: ast.expr | None) -> list[ast.Call]:
     """Return the `typer.Option(...)` and `typer.Argument(...)` within an annotation."""
     return [

@@ -227,6 +227,7 @@ class ArmModel:
 
         Parameters
         ----------
+        ip : its number
         actions : (5,) per controller 0 hold, 1 forward, 2 reverse, 3 free
         """
         self._routines[ip] = None

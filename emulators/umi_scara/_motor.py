@@ -231,6 +231,7 @@ class Motor:
 
         Parameters
         ----------
+        dt_s : time to advance by [s]
         decay : exp(-dt_s / LAG_S), handed in because every motor needs the same one
         """
         before = self.set_point

@@ -260,6 +260,17 @@ def test_every_public_function_says_what_it_takes_returns_and_raises() -> None:
     assert returns["missing"] == []
 
 
+def test_a_parameters_section_lists_every_parameter_in_a_line_of_its_own(checkout: Path) -> None:
+    text = 'def work(a, b, *c, d):\n    """Work.\n\n    Parameters\n    ----------\n'
+    text += '    a : one; b : two\n    *c : more\n    """\n'
+    (checkout / "controller" / "work.py").write_text(text)
+    assert house.unlisted_parameters(sources_of(checkout)) == [
+        "controller/work.py:1 work: b",
+        "controller/work.py:1 work: d",
+    ]
+    assert house.unlisted_parameters(ours(house.PRODUCTION)) == []
+
+
 def test_arrays_have_their_names_in_one_place() -> None:
     named = {
         (source.module, line.split(" = ")[0])

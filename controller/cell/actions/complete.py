@@ -11,7 +11,13 @@ from ..services.records import BatchRecord
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompleteAction:
-    """Counts the part among those done."""
+    """Counts the part among those done.
+
+    Attributes
+    ----------
+    record : the part and the batch
+    imaging : its lamps are switched off at the end
+    """
 
     record: BatchRecord
     imaging: Imaging

@@ -18,7 +18,13 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HoldAction:
-    """Stops the arm; grippers keep their grasp."""
+    """Stops the arm; grippers keep their grasp.
+
+    Attributes
+    ----------
+    stopping : stops devices and waits until they confirm it
+    views : of the part; those still being judged are dropped
+    """
 
     stopping: Stopping
     views: Views
@@ -32,7 +38,13 @@ class HoldAction:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StopMotionAction:
-    """Stops every device on request."""
+    """Stops every device on request.
+
+    Attributes
+    ----------
+    stopping : stops devices and waits until they confirm it
+    views : of the part; those still being judged are dropped
+    """
 
     stopping: Stopping
     views: Views
@@ -50,7 +62,7 @@ class StopMotionAction:
 class AbortMotionAction:
     """Stops at once every device that still answers.
 
-    Parameters
+    Attributes
     ----------
     stopping : stops the devices
     views : of the part; those still being judged are dropped
@@ -78,7 +90,12 @@ class AbortMotionAction:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClearFaultAction:
-    """Checks that what stopped the cell is gone."""
+    """Checks that what stopped the cell is gone.
+
+    Attributes
+    ----------
+    io : the interlocks
+    """
 
     io: IoBlock
 

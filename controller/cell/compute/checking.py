@@ -104,6 +104,7 @@ def check_plans(job: Job, progress: Callable[[str], None] | None = None) -> Chec
 
     Parameters
     ----------
+    job : which recipe on which cell
     progress : called before each step with what it does
 
     Raises

@@ -47,6 +47,7 @@ def note_journal(journal: Path, began: RunBegan) -> None:
 
     Parameters
     ----------
+    journal : its file
     began : the body of the run's first row
 
     Raises

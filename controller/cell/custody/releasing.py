@@ -117,6 +117,7 @@ class ReleaseVisit:
 
         Parameters
         ----------
+        gripper : which one to open
         known : which grippers may hold it now
 
         Raises

@@ -53,6 +53,7 @@ def resolve(cell: Cell, emulated: Addresses) -> dict[str, dict[str, Any]]:
 
     Parameters
     ----------
+    cell : the cell file
     emulated : the emulator's output under ``devices``
 
     Raises

@@ -56,6 +56,7 @@ def find_clock(cell: Cell, emulated: Mapping[str, Any]) -> FoundClock:
 
     Parameters
     ----------
+    cell : the cell file
     emulated : output of the emulator that the command started; empty without one
 
     Raises

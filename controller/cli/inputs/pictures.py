@@ -79,6 +79,7 @@ def read_picture(path: Path, size_px: tuple[int, int]) -> StoredPicture:
 
     Parameters
     ----------
+    path : the picture's file
     size_px : (width, height) of the calibration
 
     Raises

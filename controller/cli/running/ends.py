@@ -75,6 +75,7 @@ class Ends:
 
         Parameters
         ----------
+        dispatcher : of the batch to stop
         emulator : process id of the emulated cell, None if this command has started none
         """
         loop, task = asyncio.get_running_loop(), asyncio.current_task()

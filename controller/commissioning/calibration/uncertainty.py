@@ -57,6 +57,7 @@ def spread(fit: Fit, held_std: Mapping[str, float]) -> Spread:
 
     Parameters
     ----------
+    fit : of the camera and the views
     held_std : how large each held parameter may be, one standard deviation
 
     Raises

@@ -220,6 +220,7 @@ def completing(shown_by_grasp: BoolArray, weights: FloatArray) -> BoolArray:
     Parameters
     ----------
     shown_by_grasp : (g, n) samples each grasp shows from some side
+    weights : (n,) each sample's share of the surface
     """
     total = float(weights[shown_by_grasp.any(axis=0)].sum())
     both = shown_by_grasp[:, None] | shown_by_grasp[None]

@@ -51,6 +51,8 @@ class PartScore:
 
     Attributes
     ----------
+    name : of the part
+    showable : share that some grasp and some direction show, whatever the site
     shown : mean over the stable poses it may start in, weighted by their probabilities
     shown_worst : in the worst of these poses
     joints_allow : by kinematics alone at this site, as if every grasp were reachable

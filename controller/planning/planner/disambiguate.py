@@ -88,7 +88,8 @@ def plan_under_ambiguity(
     part : prepared for this cell: the hypothesis that is planned for
     layout : the cell
     start : where it lies, read as that part
-    others : what it may be beside the part; seen, avoid : as `plan_from`
+    others : what it may be beside the part
+    seen, avoid : as `plan_from`
     rng_seed : of the random trees; the same one gives the same plan
 
     Raises

@@ -127,6 +127,7 @@ class Link:
 
         Parameters
         ----------
+        request : the bytes of the stop
         verifies : check that nothing moves on either IP, and stop it again if it does
         """
         async with self._turns.take(urgent=True):

@@ -156,6 +156,7 @@ def forward(q: ArrayLike, geometry: ArmGeometry = _DEFAULT) -> Floats:
     Parameters
     ----------
     q : (..., 6) joints; limits are not checked
+    geometry : lengths of the arm
 
     Returns
     -------

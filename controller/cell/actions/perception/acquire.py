@@ -18,7 +18,13 @@ MIN_GLOW = 60
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AcquireAction:
-    """Takes the pictures of the table: backlit, then under each of its lamps."""
+    """Takes the pictures of the table: backlit, then under each of its lamps.
+
+    Attributes
+    ----------
+    imaging : lamps and camera
+    record : keeps the pictures with the part
+    """
 
     imaging: Imaging
     record: BatchRecord

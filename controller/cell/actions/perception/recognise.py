@@ -19,7 +19,7 @@ from controller.recognition import Sighting
 class RecogniseAction:
     """Finds the recipe's part, and it alone, on the table.
 
-    Parameters
+    Attributes
     ----------
     compute : recognises, in the worker process
     recipe : says which part is wanted

@@ -101,6 +101,7 @@ def meetings(member: FamilyMember, fixed_count: int) -> FloatArray:
 
     Parameters
     ----------
+    member : the part, with its grasps
     fixed_count : grasps of the fixed gripper to use; the most different first, each turned over too
     """
     if not member.fixed_grasps:
@@ -145,6 +146,7 @@ def hand_off_shares(member: FamilyMember, met: BoolArray) -> tuple[float, float]
 
     Parameters
     ----------
+    member : the part, with its grasps
     met : (f, base_count) which grasps can meet which of the fixed gripper's
     """
     pairs = (met.T.astype(int) @ met.astype(int)) > 0
