@@ -66,7 +66,7 @@ class PlannerSetup:
             "force_n": self.force_n,
             "arm_gripper_n": self.layout.arm_gripper.force_n,
             "fixed_gripper_n": None if fixed_gripper is None else fixed_gripper.force_n,
-            "width_tolerance_mm": self.options.width_tolerance_mm,
+            "width_tolerance_mm": self.options.opening_tolerance_mm,
             "from_recipe": self.has_recipe,
         }
 
@@ -81,7 +81,7 @@ class PlannerSetup:
             f"{density}, {self.mass_g:.0f} g; incidence up to "
             f"{self.options.max_incidence_deg:g} deg; smallest defect {self.smallest_defect_mm:g} "
             f"mm{least}; grasp force {self.layout.arm_gripper.force_n:g} N (arm gripper){fixed}; "
-            f"opening tolerance {self.options.width_tolerance_mm:g} mm"
+            f"opening tolerance {self.options.opening_tolerance_mm:g} mm"
         )
         return f"planned with {words}" if self.has_recipe else f"planned without a recipe: {words}"
 
@@ -128,7 +128,7 @@ def planner_setup(
         max_incidence_deg=wanted.max_incidence_deg,
         min_px_per_mm=DEFECT_PX / wanted.smallest_defect_mm,
         least_gain=wanted.least_gain,
-        width_tolerance_mm=grasp.width_tolerance_mm,
+        opening_tolerance_mm=grasp.width_tolerance_mm,
         rules=replace(options.rules, density_kg_mm3=density * 1e-6),
     )
     return PlannerSetup(

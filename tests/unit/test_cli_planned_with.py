@@ -80,7 +80,7 @@ def test_all_figures_of_a_recipe_reach_the_planner(folder: Path) -> None:
     assert (options.max_incidence_deg, options.least_gain) == (65.0, 0.01)
     # what is planned to be shown must be compared: a defect of 2.5 mm spans what inspection needs
     assert MIN_WIDTH_PX < 2.5 * options.min_px_per_mm < 1.3 * MIN_WIDTH_PX
-    assert options.width_tolerance_mm == 0.5
+    assert options.opening_tolerance_mm == 0.5
     assert layout.fixed_gripper is not None
     assert (layout.arm_gripper.force_n, layout.fixed_gripper.force_n) == (30.0, 30.0)
     assert setup.mass_g == pytest.approx(part.solid.volume_mm3 * 7.85e-3)

@@ -58,7 +58,7 @@ class PlanOptions:
     # the first solution of the search is taken, with its gap
     is_coarse: bool = False
     # the cell takes jaws that stop further off than this for another grasp (recipe's grasp section)
-    width_tolerance_mm: float = 2.0
+    opening_tolerance_mm: float = 2.0
     square_share: float = 0.5  # of a face must show for a view to count as its square view
     rules: GraspRules = field(default_factory=GraspRules)
 

@@ -52,7 +52,7 @@ from .build import Build, Builder, RefutedError
 from .planner import plan_from
 
 GRASP_COUNT = 6  # that hold every hypothesis, tried for a view that tells
-SAME_WIDTH_MM = 1.0  # jaws this alike could not tell what they hold
+SAME_OPENING_MM = 1.0  # jaws this alike could not tell what they hold
 MIN_SHARE = 0.5  # of the pads' contact on the part planned for, that the others must give too
 PAD_STEP_MM = 2.0
 PAD_GIVES_MM = 0.4
@@ -196,7 +196,7 @@ def _common_paths(
                 layout,
                 grasp,
                 own_area,
-                min(SAME_WIDTH_MM, part.options.width_tolerance_mm),
+                min(SAME_OPENING_MM, part.options.opening_tolerance_mm),
             )
             for c, o in zip(casters, others, strict=True)
         ):
