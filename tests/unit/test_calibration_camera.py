@@ -22,7 +22,7 @@ from controller.commissioning.calibration import (
     calibrate,
 )
 from controller.commissioning.calibration.refusals import check_uncertainty
-from controller.commissioning.calibration.solve import Solution, solve
+from controller.commissioning.calibration.solve import CalibrationSolution, solve
 from controller.commissioning.calibration.uncertainty import spread
 from controller.imaging import Camera, inverse_pose
 
@@ -171,7 +171,7 @@ def _unlikeliness(error: np.ndarray, cov: np.ndarray, free: tuple[str, ...]) -> 
 def test_errors_of_many_noisy_calibrations_spread_as_the_covariance_says() -> None:
     placed = [np.asarray(T) for _, _, T in SCENE.boards]
     T_cam_world = inverse_pose(CAMERA.T_world_cam)
-    first = Solution(
+    first = CalibrationSolution(
         np.array([CAMERA.K[0, 0], CAMERA.K[1, 1], CAMERA.K[0, 2], CAMERA.K[1, 2], *LENS]),
         T_cam_world,
         tuple(

@@ -94,7 +94,7 @@ def run(
     raise typer.Exit(run_recipe(options))
 
 
-class Gripper(StrEnum):
+class GripperOption(StrEnum):
     """The gripper to open."""
 
     ARM = "arm"
@@ -104,7 +104,7 @@ class Gripper(StrEnum):
 def recover(
     cell: CellOption = None,
     open_: Annotated[
-        Gripper | None,
+        GripperOption | None,
         typer.Option(
             "--open", help="gripper to open while you hold the part; the arm does not move"
         ),

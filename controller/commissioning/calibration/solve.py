@@ -26,7 +26,7 @@ _FIRST_STEP: Final = 1e4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Solution:
+class CalibrationSolution:
     """Values of all unknowns.
 
     Attributes
@@ -53,7 +53,7 @@ class Fit:
     cost : weighted sum of squares
     """
 
-    solution: Solution
+    solution: CalibrationSolution
     free: tuple[str, ...]
     residuals_px: tuple[FloatArray, ...]
     jac: FloatArray
@@ -83,7 +83,7 @@ def project(
 
 def start(
     views: Sequence[View], size_px: tuple[int, int], world: WorldFrame
-) -> tuple[Solution, list[FloatArray]]:
+) -> tuple[CalibrationSolution, list[FloatArray]]:
     """Return a first solution, and the pose T_cam_board of each board fitted by itself.
 
     The solution is OpenCV's calibration with one distortion term. It does not use the common table.
@@ -132,12 +132,12 @@ def start(
             placed.append(_on_table(angle, T[0, 3], T[1, 3], world.origin_mm[2]))
         else:
             placed.append(T_cam_board)
-    return Solution(intrinsics, T_cam_world, tuple(placed)), T_cam_boards
+    return CalibrationSolution(intrinsics, T_cam_world, tuple(placed)), T_cam_boards
 
 
 def solve(
     views: Sequence[View],
-    first: Solution,
+    first: CalibrationSolution,
     free: tuple[str, ...],
     world: WorldFrame,
     weights: Sequence[FloatArray],
@@ -211,7 +211,7 @@ class _Layout:
             at += {"anchor": 0, Placed.FLAT.value: 3}.get(kind, 6)
         self.size = at
 
-    def apply(self, x: FloatArray, origin: Solution) -> Solution:
+    def apply(self, x: FloatArray, origin: CalibrationSolution) -> CalibrationSolution:
         """Return the solution at the step x from another solution."""
         intrinsics = origin.intrinsics.copy()
         intrinsics[self._free] += x[: self._camera]
@@ -225,10 +225,12 @@ class _Layout:
             else:
                 placed.append(_moved(T, x[at : at + 6]))
         c = self._camera
-        return Solution(intrinsics, _moved(origin.T_cam_world, x[c : c + 6]), tuple(placed))
+        return CalibrationSolution(
+            intrinsics, _moved(origin.T_cam_world, x[c : c + 6]), tuple(placed)
+        )
 
     def evaluate(
-        self, x: FloatArray, origin: Solution, weights: Sequence[FloatArray]
+        self, x: FloatArray, origin: CalibrationSolution, weights: Sequence[FloatArray]
     ) -> tuple[FloatArray, FloatArray]:
         """Return weighted residuals (2 n,), predicted less observed, and Jacobian (2 n, m)."""
         at_x = self.apply(x, origin)

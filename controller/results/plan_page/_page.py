@@ -14,7 +14,7 @@ from ..moments import moments, view_count
 from ..pages import make_environment, write_page
 from .coverage import CoverageMap, coverage_map
 from .paint import Painter
-from .strip import AGAIN, BEFORE, NEW, OUTLINE, Frame, Strip, width_for
+from .strip import AGAIN, BEFORE, NEW, OUTLINE, Strip, StripFrame, width_for
 from .timeline import Timeline, timeline
 
 TEMPLATES = ("plan.html.j2", "plan.css")
@@ -59,7 +59,7 @@ class ReasonRow:
 class Drawn:
     """A plan as the page shows it."""
 
-    frames: tuple[Frame, ...]
+    frames: tuple[StripFrame, ...]
     map: CoverageMap
     timeline: Timeline
     reasons: tuple[ReasonRow, ...]

@@ -39,7 +39,7 @@ OUTLINE = (214.0, 40.0, 110.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class StripFrame:
     """A step on the page.
 
     Attributes
@@ -80,10 +80,10 @@ class Strip:
         self._square = (width_px, width_px)
         self._standing = standing_bodies(layout)
 
-    def frames(self, moments: Sequence[Moment], weights: FloatArray) -> list[Frame]:
+    def frames(self, moments: Sequence[Moment], weights: FloatArray) -> list[StripFrame]:
         """Return all steps drawn; `weights` are the samples' shares of the surface."""
         seen = np.zeros(len(weights), dtype=bool)
-        frames: list[Frame] = []
+        frames: list[StripFrame] = []
         from_s = 0.0
         for number, moment in enumerate(moments, start=1):
             colours = _colours(moment, seen)
@@ -91,7 +91,7 @@ class Strip:
             near, words = self._near(moment, stage, colours)
             new = np.zeros_like(seen) if moment.in_sight is None else moment.in_sight & ~seen
             frames.append(
-                Frame(
+                StripFrame(
                     moment=moment,
                     number=number,
                     from_s=from_s,

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..moments import MomentKind
-from .strip import Frame
+from .strip import StripFrame
 
 # The word and the colour of each kind of step, in the order of the key.
 KEY: dict[MomentKind, tuple[str, str]] = {
@@ -57,7 +57,7 @@ class Timeline:
     totals: tuple[tuple[str, str, float], ...]
 
 
-def timeline(frames: Sequence[Frame]) -> Timeline:
+def timeline(frames: Sequence[StripFrame]) -> Timeline:
     """Return the time line of drawn steps."""
     total_s = max(frames[-1].to_s, 1e-3)
     scale = (WIDTH - LEFT - RIGHT) / total_s

@@ -21,7 +21,7 @@ ARROW_AT = 0.12
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class DrawingFrame:
     """The region every view of a part is drawn in, so that all have one scale.
 
     Attributes
@@ -68,7 +68,7 @@ class Drawing:
     phantoms: tuple[tuple[float, float], ...]
 
 
-def frame_of(views: Sequence[LineView]) -> Frame:
+def frame_of(views: Sequence[LineView]) -> DrawingFrame:
     """Return the region that holds every view; the centre of mass is at (0, 0) in each."""
     corners = [loop.points for view in views for loop in view.loops]
     points = np.vstack(corners) if corners else np.array([[-1.0, -1.0], [1.0, 1.0]])
@@ -79,7 +79,7 @@ def frame_of(views: Sequence[LineView]) -> Frame:
     height += room  # for the scale bar
     width, height = max(width, ASPECT * height), max(height, width / ASPECT)
     larger = max(width, height)
-    return Frame(
+    return DrawingFrame(
         x=float(middle[0] - width / 2),
         y=float(-middle[1] + room / 2 - height / 2),
         width=width,

@@ -12,7 +12,7 @@ from controller.imaging import RayCaster
 
 from ..pages import make_environment, write_page
 from ._words_of import vector
-from .drawings import Drawing, Frame, draw, frame_of
+from .drawings import Drawing, DrawingFrame, draw, frame_of
 from .picture import rest_picture
 from .tables import Row, feature_rows, tolerance_rows
 
@@ -59,7 +59,7 @@ class PartSheet:
     part: CompiledPart
     mass_g: float
     density_g_cm3: float
-    frame: Frame
+    frame: DrawingFrame
     poses: tuple[PoseSheet, ...]
     edges_in_words: str
     features: tuple[Row, ...]
