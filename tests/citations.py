@@ -1,7 +1,7 @@
 """Which sources the files of a checkout cite, and which of these citations lead nowhere.
 
 The forms are those of `docs/references.md`: a page with numbers, § with a number where the file
-names the page, an ADR by its number, a table of the paper the method is from, a standard that is listed.
+names the page, an ADR by its number, a table of the paper, a standard that is listed.
 """
 
 from __future__ import annotations
