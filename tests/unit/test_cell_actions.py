@@ -59,6 +59,16 @@ def test_a_state_begins_without_the_label_of_the_one_before(journal: Journal) ->
     assert lines[-3:] == [("grasping", ""), ("grasping", "pick it up"), ("grasping", "pick it up")]
 
 
+def test_how_long_a_plan_takes_is_shown_while_it_is_followed_only(journal: Journal) -> None:
+    shown = Progress()
+    record = BatchRecord(journal, shown, lambda: None)
+    record.show("place in tray accept", remaining_s=25.0)
+    record.show_state("placing")
+    assert shown.remaining_s == 25.0
+    record.show_state("complete", is_at_work=False)
+    assert shown.remaining_s is None
+
+
 class Arm:
     """Goes wherever it is sent."""
 

@@ -160,7 +160,8 @@ class Dispatcher:
             return
         if note.message:
             self._message, self._code = note.message, note.code
-        self._record.show_state(decision.target.removeprefix("execute_"))
+        state = decision.target.removeprefix("execute_")
+        self._record.show_state(state, is_at_work=state != decision.target)
         if self._running is not None and self._running[0] is not note.of:
             stops = {Effect.STOP_MOTION, Effect.ABORT_MOTION} & set(decision.effects)
             await asyncio.gather(

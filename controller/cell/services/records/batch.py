@@ -69,10 +69,18 @@ class BatchRecord:
             setattr(self._progress, name, value)
         self._on_progress()
 
-    def show_state(self, state: str) -> None:
-        """Show the operator which state the cell has entered; its label is shown by its action."""
+    def show_state(self, state: str, *, is_at_work: bool = True) -> None:
+        """Show the operator which state the cell has entered; its label is shown by its action.
+
+        Parameters
+        ----------
+        state : its name
+        is_at_work : whether the plan goes on in it; otherwise how long it takes is not shown
+        """
         if state != self._progress.state:
             self._progress.label = ""
+        if not is_at_work:
+            self._progress.remaining_s = None
         self._progress.state = state
         self._on_progress()
 
