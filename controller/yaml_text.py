@@ -204,22 +204,25 @@ def keys_at(model: type[BaseModel], location: Location) -> list[str]:
 
 def _models_at(model: type[BaseModel], location: Location) -> list[type[BaseModel]]:
     """Return the models that the section at a location may be of."""
-    current: Any = model
-    either: list[type[BaseModel]] = [model]
+    here: list[Any] = [model]
     for key in location:
-        either = []
-        if isinstance(current, type) and issubclass(current, BaseModel):
-            found = _fields(current).get(str(key))
-            if found is None:
-                return []
-            current, either = _section_in(found), _models_in(found)
-        elif get_origin(current) in (dict, tuple, list):
-            current = _section_in(get_args(current)[0 if len(get_args(current)) == 1 else -1])
-        else:
-            return []
-    if isinstance(current, type) and issubclass(current, BaseModel) and not either:
-        either = [current]
-    return either
+        here = [section for one in here for section in _below(one, key)]
+    return [one for one in here if _is_model(one)]
+
+
+def _below(section: Any, key: int | str) -> list[Any]:  # noqa: ANN401 - a type is any value
+    """Return the types that what stands under a key of a section may have."""
+    if _is_model(section):
+        found = _fields(section).get(str(key))
+        return [] if found is None else _types_in(found)
+    if get_origin(section) in (dict, tuple, list):
+        of = get_args(section)
+        return _types_in(of[0] if len(of) == 1 else of[-1])
+    return []
+
+
+def _is_model(section: Any) -> bool:  # noqa: ANN401 - as above
+    return isinstance(section, type) and issubclass(section, BaseModel)
 
 
 def _fields(model: type[BaseModel]) -> dict[str, Any]:
@@ -238,24 +241,15 @@ def _spellings(name: str, field: FieldInfo) -> list[str]:
     return [field.alias or name]
 
 
-def _section_in(annotation: Any) -> Any:  # noqa: ANN401 - an annotation is any value
-    """Return the type of an optional or annotated section without its `None` and its limits."""
-    if get_origin(annotation) in (Union, UnionType, Annotated):
-        for inner in map(_section_in, get_args(annotation)):
-            is_model = isinstance(inner, type) and issubclass(inner, BaseModel)
-            if is_model or get_origin(inner) in (dict, tuple, list):
-                return inner
+def _types_in(annotation: Any) -> list[Any]:  # noqa: ANN401 - an annotation is any value
+    """Return the types that an annotation allows, without their limits."""
+    if get_origin(annotation) in (Union, UnionType):
+        return [one for inner in get_args(annotation) for one in _types_in(inner)]
+    if get_origin(annotation) is Annotated:
+        return _types_in(get_args(annotation)[0])
     if get_args(annotation)[-1:] == (Ellipsis,):
-        return list[get_args(annotation)[0]]  # type: ignore[misc]  # a type made at run time
-    return annotation
-
-
-def _models_in(annotation: Any) -> list[type[BaseModel]]:  # noqa: ANN401 - as above
-    """Return the models that a section may be of; several for a union."""
-    if get_origin(annotation) in (Union, UnionType, Annotated):
-        return [model for inner in get_args(annotation) for model in _models_in(inner)]
-    is_model = isinstance(annotation, type) and issubclass(annotation, BaseModel)
-    return [annotation] if is_model else []
+        return [list[get_args(annotation)[0]]]  # type: ignore[misc]  # a type made at run time
+    return [annotation]
 
 
 def _nearest(key: str, known: Sequence[str]) -> str:
