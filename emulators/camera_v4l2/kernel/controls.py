@@ -147,6 +147,11 @@ class ControlBank:
             return ControlFlag.READ_ONLY | ControlFlag.WRITE_ONLY
         return 0 if self.is_active(spec.cid) else ControlFlag.INACTIVE
 
+    def _described(self, spec: ControlSpec) -> tuple[int | bytes, ...]:
+        """Return the fields that both kinds of query begin with."""
+        limits = (spec.minimum, spec.maximum, spec.step, spec.default)
+        return (spec.cid, spec.kind, spec.name.encode()[:31], *limits, self._flags(spec))
+
     def _find(self, cid: int) -> _Control:
         if cid & _NEXT_CTRL:
             above = [known for known in self._controls if known > cid & 0x0FFFFFFF]
@@ -186,34 +191,13 @@ class ControlBank:
     def queryctrl(self, data: bytearray) -> None:
         """Answer VIDIOC_QUERYCTRL."""
         spec = self._find(abi.U32.unpack_from(data)[0]).spec
-        data[:] = abi.QUERYCTRL.pack(
-            spec.cid,
-            spec.kind,
-            spec.name.encode()[:31],
-            spec.minimum,
-            spec.maximum,
-            spec.step,
-            spec.default,
-            self._flags(spec),
-        )
+        data[:] = abi.QUERYCTRL.pack(*self._described(spec))
 
     def query_ext_ctrl(self, data: bytearray) -> None:
         """Answer VIDIOC_QUERY_EXT_CTRL."""
         spec = self._find(abi.U32.unpack_from(data)[0]).spec
         has_value = spec.kind is not Kind.CLASS
-        data[:] = abi.QUERY_EXT_CTRL.pack(
-            spec.cid,
-            spec.kind,
-            spec.name.encode()[:31],
-            spec.minimum,
-            spec.maximum,
-            spec.step,
-            spec.default,
-            self._flags(spec),
-            4 * has_value,
-            1 * has_value,
-            0,
-        )
+        data[:] = abi.QUERY_EXT_CTRL.pack(*self._described(spec), 4 * has_value, 1 * has_value, 0)
 
     def querymenu(self, data: bytearray) -> None:
         """Answer VIDIOC_QUERYMENU.
