@@ -369,37 +369,53 @@ def has_help(option: list[ast.Call]) -> bool:
 
 def parameters_documented(sources: list[Source]) -> dict[str, Any]:
     shared = shared_options(sources)
-    per_room: dict[str, Counter[str]] = defaultdict(Counter)
-    missing = []
-    for source in sources:
-        if source.module.split(".")[0] not in PRODUCTION:
+    tally = _Tally()
+    for source, name, function, is_method in _functions_of_production(sources):
+        if "overload" in _decorators(function):
             continue
+        options = command_options(function, shared)
+        if options is None and _parameter_count(function, is_method) < MIN_PARAMETERS:
+            continue
+        if options is None:
+            has_section = _section(function, "Parameters") is not None
+        else:
+            has_section = all(has_help(option) for option in options)
+        tally.add(source, function, name, is_there=has_section)
+    return tally.figures()
+
+
+def _functions_of_production(
+    sources: list[Source],
+) -> Iterator[tuple[Source, str, Function, bool]]:
+    """Yield (file, name, function, is a method) of what others may call in production."""
+    for source in sources:
+        if source.module.split(".")[0] in PRODUCTION:
+            yield from ((source, *found) for found in public_functions(source))
+
+
+class _Tally:
+    """How many functions have something, package by package, and which have not."""
+
+    def __init__(self) -> None:
+        self._per_room: dict[str, Counter[str]] = defaultdict(Counter)
+        self._missing: list[str] = []
+
+    def add(self, source: Source, function: Function, words: str, *, is_there: bool) -> None:
+        """Count one."""
         room = ".".join(source.module.split(".")[:2])
-        for name, function, is_method in public_functions(source):
-            if "overload" in _decorators(function):
-                continue
-            options = command_options(function, shared)
-            if options is None and _parameter_count(function, is_method) < MIN_PARAMETERS:
-                continue
-            if options is None:
-                has_section = _section(function, "Parameters") is not None
-            else:
-                has_section = all(has_help(option) for option in options)
-            per_room[room]["with" if has_section else "without"] += 1
-            if not has_section:
-                missing.append(f"{source.path}:{function.lineno} {name}")
-    return {**_with_and_without(per_room), "missing": missing}
+        self._per_room[room]["with" if is_there else "without"] += 1
+        if not is_there:
+            self._missing.append(f"{source.path}:{function.lineno} {words}")
 
-
-def _with_and_without(per_room: dict[str, Counter[str]]) -> dict[str, Any]:
-    return {
-        "with": sum(c["with"] for c in per_room.values()),
-        "without": sum(c["without"] for c in per_room.values()),
-        "rooms": {
-            room: {"with": c["with"], "without": c["without"]}
-            for room, c in sorted(per_room.items())
-        },
-    }
+    def figures(self) -> dict[str, Any]:
+        """Return the sums, the figures of each package, and where something is missing."""
+        rooms = sorted(self._per_room.items())
+        return {
+            "with": sum(c["with"] for _, c in rooms),
+            "without": sum(c["without"] for _, c in rooms),
+            "rooms": {room: {"with": c["with"], "without": c["without"]} for room, c in rooms},
+            "missing": self._missing,
+        }
 
 
 def _own_raises(nodes: Iterable[ast.AST]) -> Iterator[str]:
@@ -460,22 +476,15 @@ def _parents(sources: list[Source]) -> dict[str, set[str]]:
 def raises_documented(sources: list[Source]) -> dict[str, Any]:
     above = _parents(sources)
     shared = shared_options(sources)
-    per_room: dict[str, Counter[str]] = defaultdict(Counter)
-    missing = []
-    for source in sources:
-        if source.module.split(".")[0] not in PRODUCTION:
+    tally = _Tally()
+    for source, name, function, _ in _functions_of_production(sources):
+        if command_options(function, shared) is not None:
             continue
-        room = ".".join(source.module.split(".")[:2])
-        for name, function, _ in public_functions(source):
-            if command_options(function, shared) is not None:
-                continue
-            section = _section(function, "Raises") or ""
-            for error in sorted(_raised(function)):
-                is_named = any(known in section for known in above.get(error, {error}))
-                per_room[room]["with" if is_named else "without"] += 1
-                if not is_named:
-                    missing.append(f"{source.path}:{function.lineno} {name}: {error}")
-    return {**_with_and_without(per_room), "missing": missing}
+        section = _section(function, "Raises") or ""
+        for error in sorted(_raised(function)):
+            is_named = any(known in section for known in above.get(error, {error}))
+            tally.add(source, function, f"{name}: {error}", is_there=is_named)
+    return tally.figures()
 
 
 def _returns_a_value(function: Function) -> bool:
@@ -495,27 +504,20 @@ def _says_what_it_returns(function: Function) -> bool:
 def returns_documented(sources: list[Source]) -> dict[str, Any]:
     """Return how many public functions say what they return, and the names of the others."""
     shared = shared_options(sources)
-    per_room: dict[str, Counter[str]] = defaultdict(Counter)
-    missing = []
-    for source in sources:
-        if source.module.split(".")[0] not in PRODUCTION:
+    tally = _Tally()
+    for source, name, function, _ in _functions_of_production(sources):
+        decorators = _decorators(function)
+        if decorators & CHECKED_BY_OTHERS or not _returns_a_value(function):
             continue
-        room = ".".join(source.module.split(".")[:2])
-        for name, function, _ in public_functions(source):
-            decorators = _decorators(function)
-            if decorators & CHECKED_BY_OTHERS or not _returns_a_value(function):
-                continue
-            if command_options(function, shared) is not None:
-                continue
-            if decorators & PROPERTIES:
-                first = ast.get_docstring(function) or ""
-                is_said = not first.startswith(("Return", "Yield"))
-            else:
-                is_said = _says_what_it_returns(function)
-            per_room[room]["with" if is_said else "without"] += 1
-            if not is_said:
-                missing.append(f"{source.path}:{function.lineno} {name}")
-    return {**_with_and_without(per_room), "missing": missing}
+        if command_options(function, shared) is not None:
+            continue
+        if decorators & PROPERTIES:
+            first = ast.get_docstring(function) or ""
+            is_said = not first.startswith(("Return", "Yield"))
+        else:
+            is_said = _says_what_it_returns(function)
+        tally.add(source, function, name, is_there=is_said)
+    return tally.figures()
 
 
 # -- what an underscore promises
