@@ -20,6 +20,14 @@ from ._types import (
     WorldBox,
 )
 from .lit import MIN_WIDTH_PX
+from .part import (
+    HeldView,
+    PartFinding,
+    PartInspection,
+    PartSettings,
+    ViewSet,
+    inspect_part,
+)
 from .view import inspect_view
 
 __all__ = [
@@ -29,16 +37,22 @@ __all__ = [
     "FaceVerdict",
     "Finding",
     "FindingKind",
+    "HeldView",
     "InspectionLimits",
+    "PartFinding",
+    "PartInspection",
+    "PartSettings",
     "PartVerdict",
     "PosedPart",
     "Unjudged",
     "Verdict",
     "ViewPictures",
     "ViewResult",
+    "ViewSet",
     "ViewTask",
     "WorldBox",
     "box_mesh",
+    "inspect_part",
     "inspect_view",
     "judge",
 ]

@@ -1,0 +1,187 @@
+"""What a drawing asks of a part, and what was measured of it: the words of a characteristic.
+
+A characteristic is measured at edges of the part that show in pictures: rims of holes and bosses,
+straight edges. So its geometry is given by those edges, in the CAD frame, nominal.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from types import MappingProxyType
+from typing import Final
+
+from controller.arrays import FloatArray
+
+from .._types import Verdict
+
+NO_BUDGET: Final[Mapping[str, float]] = MappingProxyType({})
+
+
+class CharacteristicKind(StrEnum):
+    """What is asked for; the value is what files and JSON call it."""
+
+    DIAMETER = "diameter"
+    POSITION = "position"
+    DISTANCE = "distance"
+    LENGTH = "length"
+    WIDTH = "width"
+    RADIUS = "radius"
+    ANGLE = "angle"
+    STRAIGHTNESS = "straightness"
+    ROUNDNESS = "roundness"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Rim:
+    """A circular edge: where a round wall meets what is beyond it.
+
+    Attributes
+    ----------
+    centre_mm : (3,) CAD frame, nominal
+    axis : (3,) unit, out of the material that the rim's mouth opens in
+    radius_mm : nominal
+    start, sweep_rad : (3,) unit, towards the begin of the arc, and how far it goes round, 2 pi for
+        a whole circle
+    wall, beyond : faces that meet in it
+    is_hole : the wall faces its axis
+    """
+
+    centre_mm: FloatArray
+    axis: FloatArray
+    radius_mm: float
+    start: FloatArray
+    sweep_rad: float
+    wall: int
+    beyond: int
+    is_hole: bool
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class EdgeLine:
+    """A straight edge: start and end (3,) CAD frame, nominal; the two faces that meet in it."""
+
+    start_mm: FloatArray
+    end_mm: FloatArray
+    faces: tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class RimGeometry:
+    """A hole or a boss, by the rims that show it.
+
+    Attributes
+    ----------
+    rims : one or more, the widest open one first
+    datum : rims of other features that the place is given from, for a position; may be empty: then
+        the part's outline is the datum
+    """
+
+    rims: tuple[Rim, ...]
+    datum: tuple[Rim, ...] = ()
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class EdgePairGeometry:
+    """A distance between two faces, by the straight edges that show each of them.
+
+    Attributes
+    ----------
+    one, other : edges of the first and of the second face
+    direction : (3,) unit, from the first to the second face, square to both
+    one_face, other_face : ids of the faces
+    """
+
+    one: tuple[EdgeLine, ...]
+    other: tuple[EdgeLine, ...]
+    direction: FloatArray
+    one_face: int
+    other_face: int
+
+
+Geometry = RimGeometry | EdgePairGeometry
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Characteristic:
+    """One thing that is asked of a part.
+
+    Attributes
+    ----------
+    id : unique in a part, stable from one compile to the next, as ``hole 6.8 mm (2) diameter``
+    balloon : number on the drawing and in the table, from 1
+    kind : what
+    label : for people
+    nominal_mm : rad for an angle
+    lower_mm, upper_mm : limits of the value itself, not of its deviation
+    source : where the limits come from, as ``ISO 2768-m``, ``recipe`` or ``AP242``
+    geometry : the edges that show it
+    faces : ids of the faces it is of
+    is_critical : two independent looks must agree
+    """
+
+    id: str
+    balloon: int
+    kind: CharacteristicKind
+    label: str
+    nominal_mm: float
+    lower_mm: float
+    upper_mm: float
+    source: str
+    geometry: Geometry
+    faces: tuple[int, ...]
+    is_critical: bool = False
+
+    @property
+    def tolerance_mm(self) -> float:
+        """Width of the tolerance."""
+        return self.upper_mm - self.lower_mm
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Look:
+    """What one picture says of a characteristic.
+
+    Attributes
+    ----------
+    view_id, lamp : which picture; the lamp is ``backlit`` before the panel
+    measured_mm : value
+    u_mm : its standard uncertainty
+    reason : why it does not count; empty where it does
+    budget : standard uncertainties that `u_mm` is made of, by name [mm]
+    points_px, accepted : (n, 2) edge points found, and (n,) bool as int 0 or 1, for the report
+    shape_px : (k, 2) the fitted shape in the picture, for the report
+    """
+
+    view_id: str
+    lamp: str
+    measured_mm: float
+    u_mm: float
+    reason: str = ""
+    budget: Mapping[str, float] = field(default_factory=lambda: NO_BUDGET)
+    points_px: FloatArray | None = None
+    accepted: FloatArray | None = None
+    shape_px: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Measured:
+    """A characteristic with its result.
+
+    Attributes
+    ----------
+    characteristic : what was asked
+    measured_mm : value; None where it was not evaluated
+    U_mm : expanded uncertainty, k = 2; None likewise
+    verdict : by guard bands (ISO 14253-1), see `controller.inspection.characteristics.decide`
+    views : views it comes from
+    reason : why it was not evaluated or stays open, or which limit it is beyond
+    looks : picture by picture
+    """
+
+    characteristic: Characteristic
+    measured_mm: float | None
+    U_mm: float | None
+    verdict: Verdict
+    views: tuple[str, ...]
+    reason: str
+    looks: tuple[Look, ...] = ()

@@ -1,0 +1,157 @@
+"""A part from all its views: what the cell, the offline door and a replay all ask.
+
+Views come with their pictures, so that what one view alone cannot tell (where the part is in the
+jaws, what a dimension is) is found from all of them.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from controller.arrays import FloatArray
+from controller.cad import SurfaceSamples
+
+from ._judge import NOTHING, PartVerdict, judge
+from ._pose import PosedPart
+from ._types import InspectionLimits, Verdict, ViewPictures, ViewResult, ViewTask
+from .characteristics import Characteristic, Measured
+from .view import inspect_view
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class HeldView:
+    """One view of a part in a gripper, with its pictures.
+
+    Attributes
+    ----------
+    task : the view: camera, pose expected, gripper, lamps
+    pictures : taken there
+    grasp : number of the grasp; views with the same number share how the part lies in the jaws
+    prior_mm, prior_rad : standard deviations of the expected pose, the grasp's and the arm's
+        together
+    """
+
+    task: ViewTask
+    pictures: ViewPictures
+    grasp: int = 0
+    prior_mm: float = 1.5
+    prior_rad: float = 0.03
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ViewSet:
+    """All views of one part.
+
+    Attributes
+    ----------
+    part, samples : the CAD model and its surface samples
+    views : in the order taken
+    """
+
+    part: PosedPart
+    samples: SurfaceSamples
+    views: tuple[HeldView, ...]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PartSettings:
+    """How strictly a part is judged.
+
+    Attributes
+    ----------
+    limits : of differences
+    min_coverage : share of the surface that must have been compared for a pass
+    not_inspected : by face id, why the recipe leaves it out
+    unseen_reasons : by face id, why the plan could not show all of it
+    """
+
+    limits: InspectionLimits
+    min_coverage: float = 0.5
+    not_inspected: Mapping[int, str] = field(default_factory=lambda: NOTHING)
+    unseen_reasons: Mapping[int, str] = field(default_factory=lambda: NOTHING)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PartFinding:
+    """Something on the part that the CAD model has not, or lacks.
+
+    Attributes
+    ----------
+    kind : missing, extra, chip, burr, dent, scratch, stain, surface or identity
+    view_id, lamp : picture it shows best in
+    p_part_mm : (3,) CAD frame
+    size_mm : longest extent
+    faces : ids of the surfaces it lies on
+    verdict : FAIL where it is proven, INDETERMINATE where it may be something else
+    """
+
+    kind: str
+    view_id: str
+    lamp: str
+    p_part_mm: FloatArray
+    size_mm: float
+    faces: tuple[int, ...]
+    verdict: Verdict
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PartInspection:
+    """What all views of a part come to.
+
+    Attributes
+    ----------
+    verdict : the worst that is proven; PASS where nothing is left open
+    reasons : sentences, most important first
+    views : one by one
+    measured : characteristics with their results
+    findings : differences
+    ledger : per surface what was compared, and why the rest was not
+    """
+
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    views: tuple[ViewResult, ...]
+    measured: tuple[Measured, ...]
+    findings: tuple[PartFinding, ...]
+    ledger: PartVerdict
+
+
+def inspect_part(
+    views: ViewSet, characteristics: tuple[Characteristic, ...], settings: PartSettings
+) -> PartInspection:
+    """Return what all views of a part come to.
+
+    Parameters
+    ----------
+    views : with their pictures
+    characteristics : to be measured
+    settings : how strictly
+    """
+    results = tuple(
+        inspect_view(views.part, views.samples, view.task, view.pictures) for view in views.views
+    )
+    ledger = judge(
+        views.part.solid,
+        views.samples,
+        results,
+        settings.unseen_reasons,
+        settings.min_coverage,
+        settings.limits,
+        settings.not_inspected,
+    )
+    confirmed = {id(finding) for _, finding in ledger.confirmed}
+    findings = tuple(
+        PartFinding(
+            kind=finding.kind.name.lower(),
+            view_id=result.view_id,
+            lamp=finding.lamp,
+            p_part_mm=np.asarray(finding.p_part_mm),
+            size_mm=finding.size_mm,
+            faces=finding.face_ids,
+            verdict=Verdict.FAIL if id(finding) in confirmed else Verdict.INDETERMINATE,
+        )
+        for result in results
+        for finding in result.findings
+    )
+    return PartInspection(ledger.verdict, ledger.reasons, results, (), findings, ledger)
