@@ -28,6 +28,20 @@ def test_the_emulated_cell_is_the_one_in_the_house() -> None:
     assert load_cell(EMULATED_CELL) == load_cell(ROOT / "recipes/cells/emulated.yaml")
 
 
+def test_the_metrology_cell_is_the_emulated_one_with_a_finer_camera() -> None:
+    plain, fine = (load_cell(ROOT / f"recipes/cells/{n}.yaml") for n in ("emulated", "metrology"))
+    named = {"name": "", "inspection": None}
+    same = [
+        {**cell.model_dump(), "name": "", "cameras": {**cell.model_dump()["cameras"], **named}}
+        for cell in (plain, fine)
+    ]
+    assert same[0] == same[1]
+    camera = fine.cameras.inspection
+    assert camera.size_px == (2448, 2048)
+    away_mm = fine.station.position[1] - camera.pose.position[1]
+    assert 1e3 * away_mm / camera.focal_px == pytest.approx(41.0, abs=0.5)  # um a pixel
+
+
 def test_a_bare_name_means_a_recipe_that_comes_with_cellctl() -> None:
     recipe = load_recipe(find_recipe(Path("holder")))
     assert recipe.name == "holder"

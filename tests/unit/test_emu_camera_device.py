@@ -125,7 +125,7 @@ def test_another_buffer_type_than_capture_is_refused(bench: Bench) -> None:
 
 def test_a_frame_that_no_buffer_could_hold_is_a_mistake_of_the_config() -> None:
     with pytest.raises(ValueError, match="exceeds"):
-        CameraConfig(sizes_px=((4000, 3000),), formats=(PixelFormat.Y16,))
+        CameraConfig(sizes_px=((8000, 6000),), formats=(PixelFormat.Y16,))
 
 
 # -- controls ---------------------------------------------------------------------------------

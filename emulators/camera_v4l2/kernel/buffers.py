@@ -14,7 +14,7 @@ from .abi import BufferFlag, Poll
 from .handle import Handle, NotYet, Refused
 
 # buffer i is at i * SLOT_BYTES, whatever the format, so that offsets never change
-SLOT_BYTES: Final = 8 << 20
+SLOT_BYTES: Final = 32 << 20
 BUFFERS_MAX: Final = 8
 
 
