@@ -26,7 +26,6 @@ import pybullet  # noqa: E402
 
 from emulators.world import build_scene, load_solid, read_layout  # noqa: E402
 from emulators.world.layout import Array  # noqa: E402
-from emulators.world.pictures.geometry import Scene  # noqa: E402
 from emulators.world.pictures.picture import Eye  # noqa: E402
 from emulators.world.pictures.sensor import Exposure, blurred, develop  # noqa: E402
 from emulators.world.poses import JointValues, forward, rotation_about  # noqa: E402
