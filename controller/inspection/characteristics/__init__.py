@@ -12,9 +12,12 @@ from ._types import (
     Rim,
     RimGeometry,
 )
+from .derive import derive
+from .limits import TOLERANCE_CLASSES, ToleranceClass
 
 __all__ = [
     "NO_BUDGET",
+    "TOLERANCE_CLASSES",
     "Characteristic",
     "CharacteristicKind",
     "EdgeLine",
@@ -24,4 +27,6 @@ __all__ = [
     "Measured",
     "Rim",
     "RimGeometry",
+    "ToleranceClass",
+    "derive",
 ]

@@ -40,8 +40,8 @@ class Rim:
     centre_mm : (3,) CAD frame, nominal
     axis : (3,) unit, out of the material that the rim's mouth opens in
     radius_mm : nominal
-    start, sweep_rad : (3,) unit, towards the begin of the arc, and how far it goes round, 2 pi for
-        a whole circle
+    start, sweep_rad : (3,) unit, towards the begin of the arc, and how far it goes round from
+        there, anticlockwise seen against `axis`; 2 pi for a whole circle
     wall, beyond : faces that meet in it
     is_hole : the wall faces its axis
     """
@@ -67,7 +67,10 @@ class EdgeLine:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RimGeometry:
-    """A hole or a boss, by the rims that show it.
+    """A hole, a boss or a round, by the rims that show it.
+
+    Of a round's radius they are arcs. Of the length of a slot with round ends they are the arcs of
+    both ends: the length is the distance of their axes and both radii.
 
     Attributes
     ----------
@@ -82,13 +85,17 @@ class RimGeometry:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class EdgePairGeometry:
-    """A distance between two faces, by the straight edges that show each of them.
+    """A distance between two planes, by the edges that show each of them.
+
+    Each plane may be of several faces at one level. A round plane, as the end of a disc, shows by
+    its rims alone.
 
     Attributes
     ----------
-    one, other : edges of the first and of the second face
-    direction : (3,) unit, from the first to the second face, square to both
-    one_face, other_face : ids of the faces
+    one, other : straight edges in the first and in the second plane, longest first
+    direction : (3,) unit, from the first to the second plane, square to both
+    one_face, other_face : id of the largest face of each
+    one_rims, other_rims : circular edges in them
     """
 
     one: tuple[EdgeLine, ...]
@@ -96,6 +103,8 @@ class EdgePairGeometry:
     direction: FloatArray
     one_face: int
     other_face: int
+    one_rims: tuple[Rim, ...] = ()
+    other_rims: tuple[Rim, ...] = ()
 
 
 Geometry = RimGeometry | EdgePairGeometry

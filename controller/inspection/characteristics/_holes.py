@@ -1,0 +1,115 @@
+"""Holes and outer cylinders of a part: walls on one axis, their name, where they open."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from controller.arrays import FloatArray
+from controller.cad import Solid
+
+from ._sheet import size_text
+from ._types import Rim
+from .edges import RoundWall
+from .edges.rims import are_coaxial
+
+MIN_DIAMETER_RAD: Final = np.radians(190.0)  # drawings dimension arcs up to a half by their radius
+MIN_DEPTH_MM: Final = 0.5  # shallower walls are marks and letters
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class RoundFeature:
+    """A hole or an outer cylinder, all walls on its axis.
+
+    Attributes
+    ----------
+    walls : narrowest first, outer ones widest first; each has a rim of more than half a circle
+    axis : (3,) unit, out of its mouth: the side where its widest rim is, of two alike the one
+        towards the positive side of the axis
+    centre_mm : (3,) of the rim at the mouth
+    is_hole : else it is an outer cylinder
+    """
+
+    walls: tuple[RoundWall, ...]
+    axis: FloatArray
+    centre_mm: FloatArray
+    is_hole: bool
+
+    @property
+    def rims(self) -> tuple[Rim, ...]:
+        """Rims of all walls, the widest first."""
+        rims = [rim for wall in self.walls for rim in diameter_rims(wall)]
+        return tuple(sorted(rims, key=lambda rim: -round(rim.radius_mm, 3)))
+
+    @property
+    def name(self) -> str:
+        """What it is and how large, as in ``hole 6.76 mm``."""
+        return f"{'hole' if self.is_hole else 'boss'} {size_text(2 * self.walls[0].radius_mm)}"
+
+
+def diameter_rims(wall: RoundWall) -> tuple[Rim, ...]:
+    """Return the rims of a wall that go round by more than a half."""
+    return tuple(rim for rim in wall.rims if rim.sweep_rad > MIN_DIAMETER_RAD)
+
+
+def round_features(solid: Solid, walls: tuple[RoundWall, ...]) -> tuple[RoundFeature, ...]:
+    """Return the holes and outer cylinders that have a diameter to measure."""
+    usable = [
+        wall
+        for wall in walls
+        if diameter_rims(wall) and wall_height_mm(solid, wall) >= MIN_DEPTH_MM
+    ]
+    neighbours = _neighbours(solid)
+    root = list(range(len(usable)))
+
+    def first(i: int) -> int:
+        while root[i] != i:
+            i = root[i]
+        return i
+
+    for i, one in enumerate(usable):
+        beside = set().union(*(neighbours[face] for face in one.faces))
+        for j in range(i):
+            other = usable[j]
+            if one.is_hole != other.is_hole or not one.is_hole:
+                continue
+            if not are_coaxial(one.axis, one.centre_mm, other.axis, other.centre_mm):
+                continue
+            beside_other = set().union(*(neighbours[face] for face in other.faces))
+            shared = beside & beside_other
+            if shared or beside & set(other.faces):
+                low, high = sorted((first(i), first(j)))
+                root[high] = low
+    grouped: dict[int, list[RoundWall]] = {}
+    for i, wall in enumerate(usable):
+        grouped.setdefault(first(i), []).append(wall)
+    return tuple(_feature(group) for group in grouped.values())
+
+
+def wall_height_mm(solid: Solid, wall: RoundWall) -> float:
+    """Return how far a wall reaches along its axis."""
+    of_wall = np.isin(solid.face_of_triangle, wall.faces)
+    heights = np.asarray(solid.mesh.triangles)[of_wall].reshape(-1, 3) @ wall.axis
+    return float(np.ptp(heights))
+
+
+def _neighbours(solid: Solid) -> list[set[int]]:
+    b = solid.boundary
+    beside: list[set[int]] = [set() for _ in solid.faces]
+    for half_edge, face in enumerate(b.face.tolist()):
+        beside[face].add(int(b.face[half_edge ^ 1]))
+    return beside
+
+
+def _feature(walls: list[RoundWall]) -> RoundFeature:
+    is_hole = walls[0].is_hole
+    ordered = sorted(walls, key=lambda wall: wall.radius_mm * (1 if is_hole else -1))
+    rims = [rim for wall in ordered for rim in diameter_rims(wall)]
+    mouth = max(rims, key=_mouth_rank)
+    return RoundFeature(tuple(ordered), mouth.axis, mouth.centre_mm, is_hole)
+
+
+def _mouth_rank(rim: Rim) -> tuple[float, bool, float]:
+    axis = rim.axis
+    main = int(np.abs(axis).argmax())
+    return round(rim.radius_mm, 2), bool(axis[main] > 0), float(rim.centre_mm @ axis)

@@ -1,0 +1,227 @@
+"""Round walls of a part, and the circular edges in which they end.
+
+A wall here is what a machinist calls one cylinder: STEP files cut it in halves, and other faces may
+cut into its rim, so that it has several faces and arcs of rims.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from controller.arrays import FloatArray
+from controller.cad import Boundary, Crease, Curve, Face, Solid
+
+from .._types import Rim
+
+COAXIAL_COS: Final = 1 - 1e-5  # 0.26 degrees, as the CAD's features have it
+SAME_MM: Final = 0.02  # a tessellated wall's axis and radius are right to a few microns
+LEVEL_MM: Final = 0.01
+FULL_RAD: Final = 2 * np.pi - 1e-3
+GAP_RAD: Final = 1e-3  # arcs that are closer follow on each other
+MIN_ARC_RAD: Final = np.radians(10.0)  # a shorter arc of a rim fixes neither centre nor radius
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class RoundWall:
+    """A cylinder, or as much of it as there is.
+
+    Attributes
+    ----------
+    faces : its faces, lowest id first
+    axis, centre_mm : (3,) unit and a point on it, CAD frame
+    radius_mm : nominal
+    is_hole : it faces its axis
+    rims : arcs in which it ends openly, the longest first; none where its ends are rounded, or end
+        in corners
+    area_mm2 : of all its faces
+    """
+
+    faces: tuple[int, ...]
+    axis: FloatArray
+    centre_mm: FloatArray
+    radius_mm: float
+    is_hole: bool
+    rims: tuple[Rim, ...]
+    area_mm2: float
+
+    @property
+    def sweep_rad(self) -> float:
+        """How far its longest rim goes round."""
+        return max((rim.sweep_rad for rim in self.rims), default=0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class _Arc:
+    level_mm: float
+    start_rad: float
+    sweep_rad: float
+    wall: int
+    beyond: int
+
+
+def round_walls(solid: Solid) -> tuple[RoundWall, ...]:
+    """Return the cylinders of a part with their open rims, by their lowest face."""
+    b = solid.boundary
+    sides: list[list[int]] = [[] for _ in solid.faces]
+    for half_edge, face in enumerate(b.face.tolist()):
+        sides[face].append(half_edge)
+    walls = []
+    for group in _pieces(solid, sides):
+        faces = [solid.faces[i] for i in group]
+        largest = max(faces, key=lambda face: face.area_mm2)
+        area = sum(face.area_mm2 for face in faces)
+        radius = sum(face.radius_mm * face.area_mm2 for face in faces) / area
+        reach = [
+            float((f.centre_mm - largest.centre_mm) @ largest.axis) * f.area_mm2 for f in faces
+        ]
+        centre = largest.centre_mm + largest.axis * sum(reach) / area
+        wall = RoundWall(
+            tuple(group), largest.axis, centre, radius, largest.concave, (), float(area)
+        )
+        arcs = [
+            arc
+            for face in group
+            for half_edge in sides[face]
+            if (arc := _arc(solid, wall, half_edge)) is not None
+        ]
+        walls.append(
+            RoundWall(
+                wall.faces,
+                wall.axis,
+                wall.centre_mm,
+                wall.radius_mm,
+                wall.is_hole,
+                tuple(_rims(wall, arcs)),
+                wall.area_mm2,
+            )
+        )
+    return tuple(walls)
+
+
+def _pieces(solid: Solid, sides: list[list[int]]) -> list[list[int]]:
+    """Return the cylindrical faces, those together that are pieces of one cylinder."""
+    b = solid.boundary
+    root = {face.id: face.id for face in solid.faces if face.kind == "cylinder"}
+
+    def first(i: int) -> int:
+        while root[i] != i:
+            i = root[i]
+        return i
+
+    for i in root:
+        for half_edge in sides[i]:
+            j = int(b.face[half_edge ^ 1])
+            if j in root and _is_same_cylinder(solid.faces[i], solid.faces[j]):
+                low, high = sorted((first(i), first(j)))
+                root[high] = low
+    grouped: dict[int, list[int]] = {}
+    for i in sorted(root):
+        grouped.setdefault(first(i), []).append(i)
+    return list(grouped.values())
+
+
+def _is_same_cylinder(one: Face, other: Face) -> bool:
+    return (
+        one.concave == other.concave
+        and abs(one.radius_mm - other.radius_mm) < SAME_MM
+        and are_coaxial(one.axis, one.centre_mm, other.axis, other.centre_mm)
+    )
+
+
+def are_coaxial(
+    axis: FloatArray, centre_mm: FloatArray, other_axis: FloatArray, other_mm: FloatArray
+) -> bool:
+    """Return whether two axes are one.
+
+    Parameters
+    ----------
+    axis, centre_mm : (3,) unit, and a point on it
+    other_axis, other_mm : of the other
+    """
+    if abs(float(axis @ other_axis)) < COAXIAL_COS:
+        return False
+    offset = other_mm - centre_mm
+    return bool(np.linalg.norm(offset - (offset @ axis) * axis) < SAME_MM)
+
+
+def _arc(solid: Solid, wall: RoundWall, half_edge: int) -> _Arc | None:
+    """Return an edge of a wall as an arc of its rim; None where it is none that shows."""
+    b: Boundary = solid.boundary
+    edge = half_edge // 2
+    if b.curve[edge] != Curve.CIRCLE or b.crease[edge] != Crease.CONVEX:
+        return None
+    if not are_coaxial(wall.axis, wall.centre_mm, b.axis[edge], b.centre_mm[edge]):
+        return None
+    if abs(float(b.radius_mm[edge]) - wall.radius_mm) > SAME_MM:
+        return None
+    level = float((b.centre_mm[edge] - wall.centre_mm) @ wall.axis)
+    u, v = _across(wall.axis)
+    offset = np.asarray(solid.mesh.vertices)[b.chain_of(edge)] - wall.centre_mm
+    angle = np.unwrap(np.arctan2(offset @ v, offset @ u))
+    start, end = float(angle[0]), float(angle[-1])
+    return _Arc(
+        level,
+        min(start, end) % (2 * np.pi),
+        abs(end - start),
+        int(b.face[half_edge]),
+        int(b.face[half_edge ^ 1]),
+    )
+
+
+def _across(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return two unit vectors square to an axis, right-handed with it."""
+    least = np.eye(3)[int(np.abs(axis).argmin())]
+    u = np.cross(axis, least)
+    u = u / np.linalg.norm(u)
+    return u, np.cross(axis, u)
+
+
+def _rims(wall: RoundWall, arcs: Iterable[_Arc]) -> list[Rim]:
+    by_level: dict[int, list[_Arc]] = {}
+    for arc in arcs:
+        by_level.setdefault(round(arc.level_mm / LEVEL_MM), []).append(arc)
+    rims = []
+    for at_level in by_level.values():
+        for run in _runs(sorted(at_level, key=lambda arc: arc.start_rad)):
+            sweep = sum(arc.sweep_rad for arc in run)
+            if sweep >= MIN_ARC_RAD:
+                rims.append(_rim(wall, run, sweep))
+    return sorted(rims, key=lambda rim: (-round(rim.sweep_rad, 3), rim.beyond, rim.wall))
+
+
+def _runs(arcs: list[_Arc]) -> list[list[_Arc]]:
+    """Return arcs of one circle, those together that follow on each other."""
+    runs: list[list[_Arc]] = []
+    for arc in arcs:
+        if runs and _meet(runs[-1][-1], arc):
+            runs[-1].append(arc)
+        else:
+            runs.append([arc])
+    if len(runs) > 1 and _meet(runs[-1][-1], runs[0][0]):
+        runs[0] = [*runs.pop(), *runs[0]]
+    return runs
+
+
+def _meet(one: _Arc, other: _Arc) -> bool:
+    gap = (other.start_rad - one.start_rad - one.sweep_rad) % (2 * np.pi)
+    return min(gap, 2 * np.pi - gap) < GAP_RAD
+
+
+def _rim(wall: RoundWall, run: list[_Arc], sweep_rad: float) -> Rim:
+    longest = max(run, key=lambda arc: arc.sweep_rad)
+    level = longest.level_mm
+    axis = wall.axis if level > 0 else -wall.axis
+    u, v = _across(wall.axis)
+    begin = run[0].start_rad if level > 0 else run[0].start_rad + sweep_rad
+    return Rim(
+        centre_mm=wall.centre_mm + level * wall.axis,
+        axis=axis,
+        radius_mm=wall.radius_mm,
+        start=np.cos(begin) * u + np.sin(begin) * v,
+        sweep_rad=2 * np.pi if sweep_rad > FULL_RAD else sweep_rad,
+        wall=longest.wall,
+        beyond=longest.beyond,
+        is_hole=wall.is_hole,
+    )

@@ -1,0 +1,119 @@
+"""Characteristics of solids known on paper: what is dimensioned, from where, with which limits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from cad_solids import Body, box, rod, solid_of
+from data_files import part_file
+
+from controller.cad import Solid, load_solid
+from controller.inspection.characteristics import (
+    Characteristic,
+    RimGeometry,
+    derive,
+)
+from controller.inspection.characteristics.edges import round_walls
+
+
+def by_id(part: Solid, tolerance_class: str = "m") -> dict[str, Characteristic]:
+    return {c.id: c for c in derive(part, tolerance_class)}  # type: ignore[arg-type]  # as read
+
+
+def rims_of(characteristic: Characteristic) -> RimGeometry:
+    assert isinstance(characteristic.geometry, RimGeometry)
+    return characteristic.geometry
+
+
+def plate(*holes: tuple[float, float, float]) -> Body:
+    """A plate 80 x 50 x 8 round the origin with through holes (x, y, diameter)."""
+    body = box(80, 50, 8)
+    for x, y, diameter in holes:
+        body = body - rod(diameter / 2, 20, 96).translate((x, y, 0))
+    return body
+
+
+def test_a_through_hole_has_a_diameter_and_a_position_with_both_its_rims() -> None:
+    found = by_id(solid_of(plate((10, -5, 8))))
+    diameter, position = found["hole 8 mm diameter"], found["hole 8 mm position"]
+    assert (diameter.nominal_mm, diameter.lower_mm, diameter.upper_mm) == pytest.approx(
+        (8, 7.8, 8.2)  # ISO 2768-m: above 6 up to 30, 0.2
+    )
+    assert diameter.source == "ISO 2768-m"
+    rims = rims_of(diameter).rims
+    assert sorted(rim.centre_mm[2] for rim in rims) == pytest.approx([-4, 4])
+    for rim in rims:
+        assert rim.centre_mm[:2] == pytest.approx([10, -5], abs=1e-3)
+        assert rim.axis[2] * rim.centre_mm[2] > 3.9  # out of its mouth
+        assert rim.sweep_rad == pytest.approx(2 * np.pi)
+        assert rim.is_hole
+    # 20 mm and 30 mm from the nearest sides: 0.2
+    assert (position.nominal_mm, position.lower_mm, position.upper_mm) == pytest.approx((0, 0, 0.2))
+    assert rims_of(position).datum == ()
+
+
+def test_places_are_given_from_the_largest_feature_that_is_the_only_one_of_its_size() -> None:
+    part = solid_of(plate((0, 0, 20), (-30, 0, 6), (30, 0, 6), (0, 15, 6)))
+    found = by_id(part)
+    far = found["hole 6 mm (3) position"]
+    datum = rims_of(far).datum
+    assert {round(rim.radius_mm, 3) for rim in datum} == {10}
+    assert rims_of(found["hole 20 mm position"]).datum == ()
+    # holes in the order they are read: the upper one first, then from left to right
+    places = [rims_of(found[f"hole 6 mm ({i}) diameter"]).rims[0].centre_mm for i in (1, 2, 3)]
+    assert [p[0] for p in places] == pytest.approx([0, -30, 30], abs=1e-3)
+    assert found["hole 6 mm (1) position"].upper_mm == pytest.approx(0.2)  # 15 mm away
+    assert far.upper_mm == pytest.approx(0.2)  # 30 mm away
+
+
+def test_a_hole_on_its_datum_is_held_to_the_tolerance_of_its_own_size() -> None:
+    turned = rod(40, 10, 128) - rod(4, 30, 96)
+    found = by_id(solid_of(turned))
+    assert found["hole 8 mm position"].upper_mm == pytest.approx(0.2)
+    datum = rims_of(found["hole 8 mm position"]).datum
+    assert [rim.radius_mm for rim in datum] == pytest.approx([40, 40])
+    assert "boss 80 mm position" not in found  # it is the outline
+
+
+def test_each_wall_of_a_stepped_hole_is_one_that_is_measured() -> None:
+    body = plate((0, 0, 6)) - rod(6, 6, 96).translate((0, 0, 4))  # counterbore 12, down to z = 1
+    found = by_id(solid_of(body))
+    narrow, wide = found["hole 6 mm diameter"], found["hole 6 mm step 12 mm diameter"]
+    assert sorted(rim.centre_mm[2] for rim in rims_of(narrow).rims) == pytest.approx([-4, 1])
+    # at its bottom the wide wall has no edge that shows
+    assert [rim.centre_mm[2] for rim in rims_of(wide).rims] == pytest.approx([4])
+
+
+def test_a_class_without_a_tolerance_for_a_size_asks_nothing_of_it() -> None:
+    part = solid_of(plate((0, 0, 2.5)))
+    assert "hole 2.5 mm diameter" in by_id(part, "c")
+    assert "hole 2.5 mm diameter" not in by_id(part, "v")
+
+
+def test_balloons_count_from_one_and_ids_are_unique() -> None:
+    found = derive(load_solid(part_file("holder.stl"), unit="mm"))
+    assert [c.balloon for c in found] == list(range(1, len(found) + 1))
+    assert len({c.id for c in found}) == len(found)
+
+
+def test_a_turned_part_has_the_same_characteristics() -> None:
+    """Ids and limits do not depend on where the CAD frame has its origin."""
+    body = plate((0, 0, 20), (-30, 0, 6), (30, 0, 6), (0, 15, 6))
+    here, there = solid_of(body), solid_of(body.translate((100.3, -40.7, 12.1)))
+    for one, other in zip(derive(here), derive(there), strict=True):
+        assert (one.id, one.nominal_mm) == (other.id, other.nominal_mm)
+        assert (one.lower_mm, one.upper_mm) == pytest.approx((other.lower_mm, other.upper_mm))
+
+
+def test_a_rim_cut_by_a_slot_is_an_arc_from_its_begin_on() -> None:
+    # a notch from the side, 45 degrees of the rim wide, takes the rim away towards +x
+    body = plate((0, 0, 20)) - box(40, 2 * 10 * np.sin(np.radians(22.5)), 20).translate((20, 0, 0))
+    wall = next(w for w in round_walls(solid_of(body)) if w.is_hole)
+    rim = wall.rims[0]
+    assert np.degrees(rim.sweep_rad) == pytest.approx(315, abs=8)  # segments are 3.75 deg
+    end = np.cross(rim.axis, rim.start)
+    last = np.cos(rim.sweep_rad) * rim.start + np.sin(rim.sweep_rad) * end
+    assert rim.start[0] == pytest.approx(last[0], abs=0.06)
+    assert rim.start[1] == pytest.approx(-last[1], abs=0.06)
+    half = np.cos(rim.sweep_rad / 2) * rim.start + np.sin(rim.sweep_rad / 2) * end
+    assert half[0] == pytest.approx(-1, abs=0.01)  # it goes round the far side
