@@ -26,9 +26,7 @@ from controller.inspection.characteristics.limits import (
         (2500, None, 2.0, 4.0, 8.0),
     ],
 )
-def test_lengths(
-    size_mm: float, f: float | None, m: float, c: float, v: float | None
-) -> None:
+def test_lengths(size_mm: float, f: float | None, m: float, c: float, v: float | None) -> None:
     assert linear_tolerance_mm(size_mm, "f") == f
     assert linear_tolerance_mm(size_mm, "m") == m
     assert linear_tolerance_mm(size_mm, "c") == c
