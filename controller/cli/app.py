@@ -11,6 +11,7 @@ import typer
 
 from .calibrating import camera
 from .devices import doctor, emulate
+from .inspecting import inspect
 from .parts import compile_
 from .planning import check, plan
 from .project import init
@@ -66,6 +67,7 @@ for _command, _example in (
     (check, "cellctl check flange_xy"),
     (compile_, "cellctl compile recipes/parts/featuretype.stl --report featuretype.html"),
     (recognise, "cellctl recognise table.png --parts recipes/parts --calibration camera.json"),
+    (inspect, "cellctl inspect part_17/SET.json --report part_17.html"),
     (plan, "cellctl plan --recipe featuretype --report featuretype.html"),
     (emulate, "cellctl emulate --part recipes/parts/holder.stl --speed 5"),
     (report, "cellctl report --format json"),

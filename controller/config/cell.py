@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, AliasChoices, BeforeValidator, Field, model_validator
@@ -228,11 +228,9 @@ class StationSection(Section):
     position: Vec3
 
 
-class LampSection(Section):
-    """A lamp: its channels, and the place and shape of its light."""
+class LightSection(Section):
+    """The light of a lamp: where it comes from."""
 
-    analog: int = Field(ge=0, le=7)
-    relay: int = Field(ge=0, le=7)
     kind: Literal["panel", "ring", "spot"]
     centre: Vec3
     normal: Vec3 | None = None
@@ -243,7 +241,7 @@ class LampSection(Section):
     diameter: float | None = Field(None, gt=0)  # of a spot
 
     @model_validator(mode="after")
-    def _panels_are_whole(self) -> "LampSection":
+    def _panels_are_whole(self) -> Self:
         if self.kind != "panel":
             return self
         if self.normal is None or self.up is None or self.size is None:
@@ -252,6 +250,13 @@ class LampSection(Section):
         if abs(normal @ up) > 1e-6 or abs(normal @ normal - 1) > 1e-6 or abs(up @ up - 1) > 1e-6:
             raise ValueError("normal and up must be of length 1 and at right angles")
         return self
+
+
+class LampSection(LightSection):
+    """A lamp: its channels, and the place and shape of its light."""
+
+    analog: int = Field(ge=0, le=7)
+    relay: int = Field(ge=0, le=7)
 
 
 class FingersSection(Section):

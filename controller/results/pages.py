@@ -24,17 +24,25 @@ def write_page(text: str, path: Path) -> Path:
     ------
     OSError : the file cannot be written
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(
-        "w", encoding="utf-8", dir=path.parent, suffix=".part", delete=False
-    ) as file:
-        file.write(text)
-    part = Path(file.name)
-    # a temporary file is private to its owner; a page is for everybody who may read the folder
-    umask = os.umask(0)
-    os.umask(umask)
-    part.chmod(0o666 & ~umask)
-    return part.replace(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(
+            "w", encoding="utf-8", dir=path.parent, suffix=".part", delete=False
+        ) as file:
+            part = Path(file.name)
+            try:
+                file.write(text)
+                file.flush()
+            except OSError:
+                part.unlink(missing_ok=True)
+                raise
+        # a temporary file is private to its owner; a page is for everybody who may read the folder
+        umask = os.umask(0)
+        os.umask(umask)
+        part.chmod(0o666 & ~umask)
+        return part.replace(path)
+    except OSError as error:  # a full disk does not name the file
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def make_environment(

@@ -1,12 +1,15 @@
 """Build cameras, lamps and backlit areas from the cell file."""
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.config.cell import CameraSection, Cell, LampSection
+from controller.config.cell import CameraSection, Cell, LampSection, LightSection
 from controller.imaging import Camera, PointLamp
+
+DEFAULT_RADIUS_MM: Final = 50.0  # of a ring that names none
 
 
 def build_camera(camera: CameraSection) -> Camera:
@@ -27,12 +30,25 @@ def build_lamps(cell: Cell, names: Sequence[str]) -> tuple[PointLamp, ...]:
 
 
 def _lamp(name: str, lamp: LampSection, cell: Cell) -> PointLamp:
+    # a ring sits round the lens of the nearest camera
     centre = np.array(lamp.centre, dtype=float)
-    if lamp.kind == "ring":
-        # a ring sits round the lens of the nearest camera
-        cameras = (cell.cameras.overhead, cell.cameras.inspection)
-        nearest = min(cameras, key=lambda c: np.linalg.norm(np.array(c.pose.position) - centre))
-        return PointLamp.ring(name, centre, nearest.pose.build()[:3, 2], lamp.radius or 50.0)
+    cameras = (cell.cameras.overhead, cell.cameras.inspection)
+    nearest = min(cameras, key=lambda c: np.linalg.norm(np.array(c.pose.position) - centre))
+    return build_light(name, lamp, nearest.pose.build()[:3, 2])
+
+
+def build_light(name: str, light: LightSection, axis: FloatArray) -> PointLamp:
+    """Return a ring or a spot as the points where its light comes from.
+
+    Parameters
+    ----------
+    name : of the lamp
+    light : its kind and place
+    axis : (3,) of the camera that a ring sits round
+    """
+    centre = np.array(light.centre, dtype=float)
+    if light.kind == "ring":
+        return PointLamp.ring(name, centre, axis, light.radius or DEFAULT_RADIUS_MM)
     return PointLamp(name, centre[None])
 
 
@@ -43,13 +59,22 @@ def panel_corners(cell: Cell, name: str) -> FloatArray:
     ------
     ValueError : the lamp is no panel
     """
-    lamp = cell.lamps[name]
-    if lamp.kind != "panel" or lamp.normal is None or lamp.up is None or lamp.size is None:
+    return light_corners(name, cell.lamps[name])
+
+
+def light_corners(name: str, light: LightSection) -> FloatArray:
+    """Return the corners of a panel in the world, (4, 3) [mm], in order round it.
+
+    Raises
+    ------
+    ValueError : the lamp is no panel
+    """
+    if light.kind != "panel" or light.normal is None or light.up is None or light.size is None:
         raise ValueError(f"{name} is not a panel with normal, up and size")
-    up = np.array(lamp.up, dtype=float)
-    right = np.cross(up, np.array(lamp.normal, dtype=float))
-    half_w, half_h = lamp.size[0] / 2, lamp.size[1] / 2
-    centre = np.array(lamp.centre, dtype=float)
+    up = np.array(light.up, dtype=float)
+    right = np.cross(up, np.array(light.normal, dtype=float))
+    half_w, half_h = light.size[0] / 2, light.size[1] / 2
+    centre = np.array(light.centre, dtype=float)
     return np.array(
         [
             centre + sx * half_w * right + sy * half_h * up

@@ -86,16 +86,52 @@ def read_picture(path: Path, size_px: tuple[int, int]) -> StoredPicture:
     ------
     ConfigError : it is missing, cannot be read, or has not the camera's size
     """
+    stored = _stored(path, size_px)
+    notes: list[str] = []
+    levels = _single(stored, notes)
+    return StoredPicture(_eight_bits(path, levels, notes), tuple(notes))
+
+
+def read_grey(path: Path, size_px: tuple[int, int]) -> Grey:
+    """Return a camera's picture as it is measured in: grey, 8 bits, no level changed.
+
+    Three equal channels are one. Colours are refused, as those of a colour sensor are guessed
+    between its pixels; so are more bits, as each picture would be scaled by its own brightest.
+
+    Parameters
+    ----------
+    path : the picture's file
+    size_px : (width, height) of the calibration
+
+    Raises
+    ------
+    ConfigError : it is missing, cannot be read, has not the camera's size, or is not grey of 8 bits
+    """
+    stored = _stored(path, size_px)
+    if stored.dtype != np.uint8:
+        raise ConfigError(
+            f"{path}: {8 * stored.dtype.itemsize} bits a pixel; grey of 8 bits is expected: "
+            "convert all pictures of the set alike"
+        )
+    notes: list[str] = []
+    levels = _single(stored, notes)
+    if notes:
+        raise ConfigError(
+            f"{path}: has colour or transparency; grey of 8 bits is expected: what a colour camera "
+            "fills in between its pixels moves edges"
+        )
+    return np.ascontiguousarray(levels, dtype=np.uint8)
+
+
+def _stored(path: Path, size_px: tuple[int, int]) -> NDArray[Any]:
+    """Return a picture's pixels as stored, of the camera's size."""
     data = read_whole(path)
     width, height = size_of(path, data)
     if (width, height) != size_px:
         raise ConfigError(
             f"{path}: {width} x {height} px, the calibration is for {size_px[0]} x {size_px[1]} px"
         )
-    stored = decoded(path, data, cv2.IMREAD_UNCHANGED)
-    notes: list[str] = []
-    levels = _single(stored, notes)
-    return StoredPicture(_eight_bits(path, levels, notes), tuple(notes))
+    return decoded(path, data, cv2.IMREAD_UNCHANGED)
 
 
 def read_whole(path: Path) -> bytes:

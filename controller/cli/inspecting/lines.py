@@ -1,0 +1,88 @@
+"""A part's inspection as JSON lines: characteristics, findings, the verdict (docs/inspect.md)."""
+
+from collections.abc import Iterator
+from math import degrees
+from typing import Any
+
+import numpy as np
+
+from controller.arrays import FloatArray
+from controller.inspection import PartFinding, PartInspection
+from controller.inspection.characteristics import (
+    CharacteristicKind,
+    Geometry,
+    Measured,
+    RimGeometry,
+)
+
+
+def json_lines(part: PartInspection, seconds: float) -> Iterator[dict[str, Any]]:
+    """Yield the lines of a part: each characteristic, each finding, at the end the verdict."""
+    for measured in part.measured:
+        yield _characteristic(measured)
+    for finding in part.findings:
+        yield _finding(finding)
+    yield {
+        "event": "verdict",
+        "verdict": part.verdict.value,
+        "covered_fraction": part.ledger.compared_fraction,
+        "reasons": list(part.reasons),
+        "seconds": round(seconds, 3),
+    }
+
+
+def in_unit(measured: Measured, value: float | None) -> float | None:
+    """Return a value of a characteristic in the unit of files: mm, degrees for an angle."""
+    if value is None or measured.characteristic.kind is not CharacteristicKind.ANGLE:
+        return value
+    return degrees(value)
+
+
+def place_of(geometry: Geometry) -> tuple[FloatArray, FloatArray]:
+    """Return where a characteristic is, (3,) CAD frame, and its axis, (3,) unit."""
+    if isinstance(geometry, RimGeometry):
+        return np.mean([rim.centre_mm for rim in geometry.rims], axis=0), geometry.rims[0].axis
+    ends = [p for edge in (*geometry.one, *geometry.other) for p in (edge.start_mm, edge.end_mm)]
+    return np.mean(ends, axis=0), geometry.direction
+
+
+def _characteristic(measured: Measured) -> dict[str, Any]:
+    asked = measured.characteristic
+    p_part_mm, axis = place_of(asked.geometry)
+    line: dict[str, Any] = {
+        "event": "characteristic",
+        "id": asked.id,
+        "kind": asked.kind.value,
+        "p_part_mm": _numbers(p_part_mm),
+        "axis": _numbers(axis),
+        "nominal_mm": in_unit(measured, asked.nominal_mm),
+        "measured_mm": in_unit(measured, measured.measured_mm),
+        "U_mm": in_unit(measured, measured.U_mm),
+        "lower": in_unit(measured, asked.lower_mm),
+        "upper": in_unit(measured, asked.upper_mm),
+        "verdict": measured.verdict.value,
+        "views": list(measured.views),
+        "reason": measured.reason,
+        "balloon": asked.balloon,
+        "source": asked.source,
+    }
+    if asked.kind is CharacteristicKind.ANGLE:
+        line["unit"] = "deg"  # of all values of this line, whatever the keys end in
+    return line
+
+
+def _finding(finding: PartFinding) -> dict[str, Any]:
+    return {
+        "event": "finding",
+        "kind": finding.kind,
+        "view": finding.view_id,
+        "lamp": finding.lamp,
+        "p_part_mm": _numbers(finding.p_part_mm),
+        "size_mm": float(finding.size_mm),
+        "faces": [int(face) for face in finding.faces],
+        "verdict": finding.verdict.value,
+    }
+
+
+def _numbers(values: FloatArray) -> list[float]:
+    return [float(value) for value in values]

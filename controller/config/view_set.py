@@ -1,0 +1,252 @@
+"""SET.json, `cellctl.views/1`: stored pictures of one part, and where part and lamps were.
+
+Millimetres and degrees; files are named relative to the set's own file (docs/inspect.md).
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
+
+from controller.yaml_text import WrongKeyError, YamlText
+
+from .cell import MAX_SIZE_PX, LightSection
+from .errors import ConfigError
+from .files import read_text
+from .recipe import Unit
+from .yaml_models import DIALECT, Section
+
+SCHEMA: Final = "cellctl.views/1"
+MAX_SET_BYTES: Final = 16 * 2**20  # a view takes 3 KB
+MAX_VIEW_COUNT: Final = 1000
+SQUARE: Final = 1e-3  # axes of a pose written with four digits are square by this
+JSON_DIALECT: Final = replace(
+    DIALECT,
+    words={
+        **DIALECT.words,
+        "model_type": 'must be an object, as in {"key": value}',
+        "dict_type": 'must be an object, as in {"name": value}',
+        "string_type": "must be text in quotes",
+    },
+)
+MAX_NUMBER: Final = 1e9  # of a matrix: beyond any focal length and any place in a cell
+
+Rows = tuple[tuple[float, ...], ...]
+
+
+def _matrix(row_count: int, column_count: int) -> BeforeValidator:
+    """Return the check that a value is a matrix of this size, of finite numbers."""
+
+    def check(value: Any) -> Rows:  # noqa: ANN401 - whatever the file has there
+        expected = f"must be {row_count} rows of {column_count} numbers"
+        if not _is_list(value, row_count):
+            raise ValueError(f"{expected}, found {value!r:.60}")
+        for row in value:
+            if not _is_list(row, column_count) or not all(map(_is_finite, row)):
+                raise ValueError(f"{expected}, found the row {row!r:.60}")
+        return tuple(tuple(float(number) for number in row) for row in value)
+
+    return BeforeValidator(check)
+
+
+def _is_list(value: object, count: int) -> bool:
+    return isinstance(value, list | tuple) and len(value) == count
+
+
+def _is_finite(number: object) -> bool:
+    if isinstance(number, bool) or not isinstance(number, int | float):
+        return False
+    return abs(number) < MAX_NUMBER
+
+
+def _rigid(rows: Rows) -> Rows:
+    """Return a pose; raise ValueError if it is none."""
+    T = np.array(rows)
+    R = T[:3, :3]
+    if not np.array_equal(T[3], [0, 0, 0, 1]):
+        raise ValueError(f"must be a pose: its last row is [0, 0, 0, 1], not {rows[3]}")
+    off = float(np.abs(R.T @ R - np.eye(3)).max())
+    if off > SQUARE:
+        raise ValueError(
+            f"must be a pose: its axes are of length 1 and square, these are off by {off:.2g}; "
+            "write six digits"
+        )
+    if np.linalg.det(R) < 0:
+        raise ValueError("must be a pose: its axes are left-handed, as in a mirror")
+    return rows
+
+
+def _camera_matrix(rows: Rows) -> Rows:
+    """Return a camera matrix; raise ValueError if it is none."""
+    (fx, skew, _), (lower, fy, _), last = rows
+    if not (fx > 0 and fy > 0 and skew == lower == 0 and last == (0, 0, 1)):
+        raise ValueError("must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with fx and fy above 0")
+    return rows
+
+
+PoseRows = Annotated[Rows, _matrix(4, 4), AfterValidator(_rigid)]
+Name = Annotated[str, Field(min_length=1, max_length=80)]
+HalfEdge = Annotated[float, Field(gt=0, le=5000)]
+
+
+class SetCamera(Section):
+    """The calibrated camera of a set, or of one view."""
+
+    size_px: tuple[
+        Annotated[int, Field(ge=16, le=MAX_SIZE_PX)], Annotated[int, Field(ge=16, le=MAX_SIZE_PX)]
+    ]
+    K: Annotated[Rows, _matrix(3, 3), AfterValidator(_camera_matrix)]
+    distortion: tuple[float, float, float, float, float]
+    T_world_cam: PoseRows
+
+
+class SetBox(Section):
+    """A box of the gripper: pose of its centre, half edges."""
+
+    T: PoseRows
+    half_mm: tuple[HalfEdge, HalfEdge, HalfEdge]
+
+
+class SetView(Section):
+    """One view.
+
+    Attributes
+    ----------
+    T_world_part : where the part is expected
+    prior_mm, prior_deg : standard deviations of that
+    gripper_boxes : what holds the part and may stand in the picture
+    pictures : files by lamp, exactly one of them before a panel
+    grasp : number of the grasp (default: by the boxes' poses at the part)
+    camera : that took it (default: the set's)
+    """
+
+    id: Name
+    T_world_part: PoseRows
+    prior_mm: float = Field(1.5, gt=0, le=50)
+    prior_deg: float = Field(1.7, gt=0, le=45)
+    gripper_boxes: tuple[SetBox, ...] = ()
+    pictures: dict[Name, Path]
+    grasp: int | None = Field(None, ge=0)
+    camera: SetCamera | None = None
+
+
+class ViewSetFile(Section):
+    """Stored pictures of one part.
+
+    Attributes
+    ----------
+    schema_ : name and version of the form
+    part : CAD file
+    unit : of a CAD file that names none; all other lengths are in mm
+    camera : of all views that name none
+    lamps : by name; panels, rings and spots
+    views : in the order taken
+    characteristics : to be measured (default: those that follow from the CAD file)
+    """
+
+    schema_: Literal["cellctl.views/1"] = Field(alias="schema")
+    part: Path
+    unit: Unit = "mm"
+    camera: SetCamera
+    lamps: dict[Name, LightSection]
+    views: Annotated[tuple[SetView, ...], Field(max_length=MAX_VIEW_COUNT)]
+    characteristics: tuple[dict[str, Any], ...] | None = None
+
+    @model_validator(mode="after")
+    def _rings_have_a_radius(self) -> "ViewSetFile":
+        for name, light in self.lamps.items():
+            if light.kind == "ring" and light.radius is None:
+                raise WrongKeyError(("lamps", name, "radius"), "a ring needs its radius")
+        return self
+
+    @model_validator(mode="after")
+    def _views_fit(self) -> "ViewSetFile":
+        ids: dict[str, int] = {}
+        for i, view in enumerate(self.views):
+            first = ids.setdefault(view.id, i)
+            if first != i:
+                raise WrongKeyError(
+                    ("views", i, "id"), f"is {view.id!r}, as that of `views.{first}`"
+                )
+            unknown = [name for name in view.pictures if name not in self.lamps]
+            if unknown:
+                raise WrongKeyError(
+                    ("views", i, "pictures", unknown[0]),
+                    f"no such lamp; `lamps` has {', '.join(self.lamps) or 'none'}",
+                )
+            if self.panel_of(view) is None:
+                raise WrongKeyError(
+                    ("views", i, "pictures"),
+                    "exactly one picture before a lamp of kind panel is required, found "
+                    f"{len(self._panels(view))}",
+                )
+        return self
+
+    def panel_of(self, view: SetView) -> str | None:
+        """Return the name of the panel before which a view was taken; None if not exactly one."""
+        panels = self._panels(view)
+        return panels[0] if len(panels) == 1 else None
+
+    def _panels(self, view: SetView) -> list[str]:
+        return [name for name in view.pictures if self.lamps[name].kind == "panel"]
+
+
+def load_view_set(path: Path) -> ViewSetFile:
+    """Return a set of views, with file names relative to the working directory.
+
+    Raises
+    ------
+    ConfigError : unreadable, not JSON, unknown or missing keys, values that cannot be; the message
+        names file and key
+    """
+    tree = _tree(path, read_text(path, "a set of views", MAX_SET_BYTES))
+    try:
+        found = ViewSetFile.model_validate(tree)
+    except ValidationError as error:
+        text = YamlText(path, JSON_DIALECT, tree, {})
+        raise ConfigError(text.problems(ViewSetFile, [dict(e) for e in error.errors()])) from error
+    views = tuple(
+        view.model_copy(
+            update={"pictures": {lamp: path.parent / file for lamp, file in view.pictures.items()}}
+        )
+        for view in found.views
+    )
+    return found.model_copy(update={"part": path.parent / found.part, "views": views})
+
+
+def _tree(path: Path, text: str) -> dict[str, Any]:
+    """Return the object that a JSON text holds."""
+    if not text.strip():
+        raise ConfigError(f"{path}: is empty; a set of views ({SCHEMA}) is expected")
+    try:
+        tree = json.loads(text, parse_constant=_no_number, object_pairs_hook=_once_each)
+    except json.JSONDecodeError as error:
+        raise ConfigError(f"{path}:{error.lineno}: not valid JSON: {error.msg}") from error
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: not valid JSON: {error!s:.120}") from error
+    if not isinstance(tree, dict):
+        raise ConfigError(f"{path}: is no JSON object; a set of views ({SCHEMA}) is expected")
+    if tree.get("schema") != SCHEMA:
+        raise ConfigError(
+            f'{path}: `schema`: "{SCHEMA}" is expected, found {tree.get("schema")!r:.60}; '
+            "is it the right file?"
+        )
+    return tree
+
+
+def _no_number(name: str) -> float:
+    raise ValueError(f"{name} is no number")
+
+
+def _once_each(pairs: Sequence[tuple[str, Any]]) -> Mapping[str, Any]:
+    """Return the pairs of an object; raise ValueError where a key stands twice."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise ValueError(f"the key {twice!r:.60} stands twice in one object")
+    return found

@@ -1,0 +1,138 @@
+"""Build the views of a part from a set's file and its pictures; find which views share a grasp."""
+
+from collections.abc import Mapping, Sequence
+from math import radians
+from typing import Final
+
+import numpy as np
+
+from controller.arrays import FloatArray, Grey
+from controller.cad.compiled import CompiledPart
+from controller.config.view_set import PoseRows, SetCamera, SetView, ViewSetFile
+from controller.imaging import Camera, inverse_pose, rotation_angle
+from controller.inspection import (
+    HeldView,
+    InspectionLimits,
+    PosedPart,
+    ViewPictures,
+    ViewSet,
+    ViewTask,
+    WorldBox,
+)
+
+from .optics import build_light, light_corners
+
+# The part's pose expected and the gripper's boxes come from the same joints, so that they agree
+# within one grasp by the arm's errors, some tenths at most. A regrasp moves a gripper by
+# millimetres. To take one grasp for two only loses what both know together.
+SAME_GRASP_MM: Final = 0.6
+SAME_GRASP_RAD: Final = radians(0.6)
+ROUNDED: Final = 1e-9  # axes off square by more were rounded when they were written
+
+Pictures = Mapping[str, Mapping[str, Grey]]
+
+
+def build_view_set(
+    file: ViewSetFile, part: CompiledPart, pictures: Pictures, limits: InspectionLimits
+) -> ViewSet:
+    """Return the views of a part with their pictures.
+
+    Parameters
+    ----------
+    file : the set
+    part : its part
+    pictures : by view id and lamp
+    limits : of differences
+    """
+    tasks = [_task(file, view, limits) for view in file.views]
+    grasps = _grasps(file.views, tasks)
+    views = tuple(
+        HeldView(
+            task,
+            _pictures(file, view, pictures[view.id]),
+            grasp,
+            prior_mm=view.prior_mm,
+            prior_rad=radians(view.prior_deg),
+        )
+        for view, task, grasp in zip(file.views, tasks, grasps, strict=True)
+    )
+    return ViewSet(PosedPart(part.solid), part.samples, views)
+
+
+def build_pose(rows: PoseRows) -> FloatArray:
+    """Return a pose (4, 4); one that was rounded when it was written is made rigid again."""
+    T = np.array(rows, dtype=float)
+    R = T[:3, :3]
+    if np.abs(R.T @ R - np.eye(3)).max() > ROUNDED:
+        left, _, right = np.linalg.svd(R)
+        T[:3, :3] = left @ right
+    return T
+
+
+def _camera(camera: SetCamera) -> Camera:
+    return Camera(
+        camera.size_px,
+        np.array(camera.K),
+        np.array(camera.distortion),
+        build_pose(camera.T_world_cam),
+    )
+
+
+def _task(file: ViewSetFile, view: SetView, limits: InspectionLimits) -> ViewTask:
+    camera = _camera(view.camera or file.camera)
+    panel = file.panel_of(view)
+    assert panel is not None
+    axis = camera.T_world_cam[:3, 2]
+    return ViewTask(
+        view_id=view.id,
+        camera=camera,
+        T_world_part=build_pose(view.T_world_part),
+        holder=tuple(
+            WorldBox(build_pose(box.T), np.array(box.half_mm)) for box in view.gripper_boxes
+        ),
+        panel_mm=light_corners(panel, file.lamps[panel]),
+        lamps=tuple(
+            build_light(name, file.lamps[name], axis) for name in view.pictures if name != panel
+        ),
+        limits=limits,
+    )
+
+
+def _pictures(file: ViewSetFile, view: SetView, of_view: Mapping[str, Grey]) -> ViewPictures:
+    panel = file.panel_of(view)
+    assert panel is not None
+    return ViewPictures(
+        backlit=of_view[panel],
+        lit={lamp: picture for lamp, picture in of_view.items() if lamp != panel},
+    )
+
+
+def _grasps(views: Sequence[SetView], tasks: Sequence[ViewTask]) -> list[int]:
+    """Return the number of the grasp of each view: the file's, else by the gripper's boxes."""
+    taken = [view.grasp for view in views if view.grasp is not None]
+    first_free = max(taken, default=-1) + 1
+    known: list[ViewTask] = []  # the first view of each grasp
+    numbers = []
+    for view, task in zip(views, tasks, strict=True):
+        if view.grasp is not None:
+            numbers.append(view.grasp)
+            continue
+        same = [k for k, other in enumerate(known) if _is_same_grasp(task, other)]
+        if not same:
+            known.append(task)
+        numbers.append(first_free + (same[0] if same else len(known) - 1))
+    return numbers
+
+
+def _is_same_grasp(one: ViewTask, other: ViewTask) -> bool:
+    """Return whether the boxes of two views stand alike to the part."""
+    if len(one.holder) != len(other.holder):
+        return False
+    to_one, to_other = inverse_pose(one.T_world_part), inverse_pose(other.T_world_part)
+    for box, twin in zip(one.holder, other.holder, strict=True):
+        T, T_twin = to_one @ box.T, to_other @ twin.T
+        if np.linalg.norm(T[:3, 3] - T_twin[:3, 3]) > SAME_GRASP_MM:
+            return False
+        if rotation_angle(T[:3, :3].T @ T_twin[:3, :3]) > SAME_GRASP_RAD:
+            return False
+    return True

@@ -1,0 +1,155 @@
+"""`cellctl inspect`: stored pictures of a part are judged; wrong files end with exit code 2."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import view_sets
+
+from controller.cli import main
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the set of a perfect part; tests copy it."""
+    folder = tmp_path_factory.mktemp("stored") / "perfect"
+    view_sets.write(folder)
+    return folder
+
+
+@pytest.fixture
+def folder(stored: Path, tmp_path: Path) -> Path:
+    shutil.copytree(stored, tmp_path / "set")
+    return tmp_path / "set"
+
+
+def lines_of(text: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def test_the_last_line_is_the_verdict(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code = main(["inspect", str(folder / "SET.json"), "--json"])
+    lines = lines_of(capsys.readouterr().out)
+    assert [line["event"] for line in lines].count("verdict") == 1
+    end = lines[-1]
+    assert set(end) == {"event", "verdict", "covered_fraction", "reasons", "seconds"}
+    # three views from one side cannot have shown the back
+    assert end["verdict"] == "indeterminate"
+    assert code == 1
+    assert 0 < end["covered_fraction"] < 0.9
+
+
+def test_a_missing_bore_is_a_finding_where_it_should_be(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = view_sets.write(tmp_path / "set", real="blank")
+    assert main(["inspect", str(path), "--json"]) == 1
+    lines = lines_of(capsys.readouterr().out)
+    assert lines[-1]["verdict"] == "fail"
+    extra = [line for line in lines if line["event"] == "finding" and line["kind"] == "extra"]
+    mouth = np.array([-11.0, 3.0, 12.0])  # of the bore that light falls through, CAD frame
+    assert min(np.linalg.norm(np.array(line["p_part_mm"]) - mouth) for line in extra) < 5.0
+
+
+def test_a_person_gets_words(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["inspect", str(folder / "SET.json")]) == 1
+    out = capsys.readouterr().out
+    assert "shown: INDETERMINATE" in out
+    assert not out.startswith("{")
+
+
+def test_a_set_without_views_is_open_not_wrong(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tree = view_sets.tree() | {"views": []}
+    (folder / "SET.json").write_text(json.dumps(tree), encoding="utf-8")
+    assert main(["inspect", str(folder / "SET.json"), "--json"]) == 1
+    end = lines_of(capsys.readouterr().out)[-1]
+    assert end["verdict"] == "indeterminate"
+    assert end["covered_fraction"] == 0
+
+
+def cut_off(folder: Path) -> None:
+    path = folder / "v01_ring.png"
+    path.write_bytes(path.read_bytes()[:2000])
+
+
+def colour(folder: Path) -> None:
+    picture = np.zeros((512, 640, 3), np.uint8)
+    picture[..., 2] = 200
+    cv2.imwrite(str(folder / "v01_ring.png"), picture)
+
+
+WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
+    "a picture missing": (lambda f: (f / "v01_ring.png").unlink(), "views.1.pictures.ring"),
+    "a picture cut off": (cut_off, "cut off or damaged"),
+    "a picture empty": (lambda f: (f / "v01_ring.png").write_bytes(b""), "the file is empty"),
+    "a picture of another size": (
+        lambda f: cv2.imwrite(str(f / "v01_ring.png"), np.zeros((100, 120), np.uint8)),
+        "120 x 100 px, the calibration is for 640 x 512 px",
+    ),
+    "a picture in colour": (colour, "grey of 8 bits is expected"),
+    "a picture of 16 bits": (
+        lambda f: cv2.imwrite(str(f / "v01_ring.png"), np.zeros((512, 640), np.uint16)),
+        "16 bits a pixel",
+    ),
+    "a picture is text": (lambda f: (f / "v01_ring.png").write_text("no picture"), "readable"),
+    "the part missing": (lambda f: (f / "shown.stl").unlink(), "`part`: no file"),
+    "the part is text": (lambda f: (f / "shown.stl").write_text("no part"), "shown.stl"),
+    "the set is empty": (lambda f: (f / "SET.json").write_bytes(b""), "SET.json: is empty"),
+    "the set missing": (lambda f: (f / "SET.json").unlink(), "SET.json: No such file"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_file_is_named(folder: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    spoil, words = WRONG[name]
+    spoil(folder)
+    assert main(["inspect", str(folder / "SET.json"), "--json"]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert words in printed.err
+    assert "Traceback" not in printed.err
+    assert "bug" not in printed.err
+
+
+def test_three_equal_channels_are_grey(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["inspect", str(folder / "SET.json"), "--json"])
+    before = lines_of(capsys.readouterr().out)
+    for path in folder.glob("*.png"):
+        cv2.imwrite(str(path), cv2.cvtColor(cv2.imread(str(path), -1), cv2.COLOR_GRAY2BGR))
+    main(["inspect", str(folder / "SET.json"), "--json"])
+    after = lines_of(capsys.readouterr().out)
+    assert after[:-1] == before[:-1]
+    assert after[-1] | {"seconds": 0} == before[-1] | {"seconds": 0}
+
+
+def test_the_recipe_sets_how_much_must_be_compared(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recipe = folder / "shown.yaml"
+    recipe.write_text("name: shown\npart: shown.stl\ninspection: {min_coverage: 0.99}\n")
+    assert main(["inspect", str(folder / "SET.json"), "--recipe", str(recipe), "--json"]) == 1
+    end = lines_of(capsys.readouterr().out)[-1]
+    assert any("99.0 % is required" in reason for reason in end["reasons"])
+
+
+def test_a_recipe_for_another_part_is_refused(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["inspect", str(folder / "SET.json"), "--recipe", "holder"]) == 2
+    assert "the recipe is for holder, the set shows shown" in capsys.readouterr().err
+
+
+def test_the_report_has_the_same_lines(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    report = folder / "out" / "part.json"
+    main(["inspect", str(folder / "SET.json"), "--json", "--report", str(report)])
+    assert json.loads(report.read_text()) == lines_of(capsys.readouterr().out)
+    assert [path.name for path in report.parent.iterdir()] == ["part.json"]
