@@ -1,4 +1,4 @@
-"""Pictures and rays, without a part: cameras, lamps, what a line of sight meets, levels, outlines.
+"""Pictures and rays, without a part: cameras, lamps, lines of sight, levels, outlines, edges.
 
 All rooms that look at a picture stand on this one. Camera frames are OpenCV's; pixel (0, 0) is the
 centre of the first pixel; lengths are in millimetres, angles in radians.
@@ -6,6 +6,7 @@ centre of the first pixel; lengths are in millimetres, angles in radians.
 
 from .camera import Camera, inverse_pose, rotation_angle, transform
 from .contours import Contour, mask_contour, mask_rim, subpixel_contour, threshold_levels
+from .edges import EdgeFits, blur_shift_px, measure_edges
 from .lamp import PointLamp
 from .levels import Ground, Levels, fit_ground
 from .loops import evenly, loop_normals, signed_area, trace_loops
@@ -15,18 +16,21 @@ from .rays import RayCaster
 __all__ = [
     "Camera",
     "Contour",
+    "EdgeFits",
     "Ground",
     "Levels",
     "PointLamp",
     "RayCaster",
     "Roi",
     "ViewMaps",
+    "blur_shift_px",
     "evenly",
     "fit_ground",
     "inverse_pose",
     "loop_normals",
     "mask_contour",
     "mask_rim",
+    "measure_edges",
     "meet_part",
     "render_maps",
     "rotation_angle",

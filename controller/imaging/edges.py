@@ -1,0 +1,230 @@
+"""Where an edge crosses a short ray of a picture, to a hundredth of a pixel.
+
+Along each ray the grey levels are fitted with ``a + b Phi((t - m) / s)``: a step blurred by lens
+and pixel (references.md L18). The picture is sampled by a cubic spline, which adds no blur of its
+own. All rays are fitted at once.
+
+What else finds edges, and for what: `contours` traces the outline of a backlit part whole, for
+poses; `controller.recognition.fitting` looks for predicted edges pixels away, for poses; the
+registration of `controller.inspection` compares pictures with predictions. None of them measures.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy.ndimage import map_coordinates, spline_filter
+from scipy.special import ndtr
+
+from controller.arrays import BoolArray, FloatArray, Grey, IndexArray
+
+STEP_PX: Final = 0.5  # between samples of a ray
+SPAN: Final = 2  # steps to either side of the slope that the search takes
+FIT_PX: Final = 4.0  # to either side of the step first found, what is fitted
+MARGIN_PX: Final = 12  # of the region for the spline: its filter forgets by 0.27 a pixel
+START_WIDTH_PX: Final = 0.8
+MIN_WIDTH_PX: Final = 0.2  # of a pixel's box alone it is 0.29
+MAX_WIDTH_PX: Final = 3.0  # wider steps do not end within the fitted window
+FAR: Final = 0.5  # what a step at the end of the reach counts, against one where it is expected
+ROUNDS: Final = 14
+DONE_PX: Final = 2e-4
+ROUNDING: Final = 0.29  # rms of a level that is rounded to a whole number
+WHITE: Final = 254.5  # from here on a level may be any
+SQRT_2PI: Final = float(np.sqrt(2.0 * np.pi))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class EdgeFits:
+    """Steps found along rays.
+
+    Attributes
+    ----------
+    offset_px : (n,) where the step is, along the ray from its origin; NaN where there is none
+    width_px : (n,) its standard deviation, lens and pixel together
+    level, contrast : (n,) grey before it, and how much brighter it is after
+    residual : (n,) rms of the fit [grey]
+    sigma_px : (n,) standard error of the offset, from the residual or the noise, the larger one.
+        Rays nearer to each other than a pixel see the same noise
+    burnt : (n,) share of the fitted samples that are white
+    """
+
+    offset_px: FloatArray
+    width_px: FloatArray
+    level: FloatArray
+    contrast: FloatArray
+    residual: FloatArray
+    sigma_px: FloatArray
+    burnt: FloatArray
+
+    @property
+    def is_found(self) -> BoolArray:
+        """Which rays (n,) crossed a step."""
+        return np.isfinite(self.offset_px)
+
+
+def measure_edges(
+    picture: Grey,
+    origins_px: FloatArray,
+    directions: FloatArray,
+    reach_px: float,
+    noise: float = 0.5,
+    rising: FloatArray | None = None,
+) -> EdgeFits:
+    """Return the steps that rays of a picture cross.
+
+    Parameters
+    ----------
+    picture : (height, width)
+    origins_px : (n, 2) where the steps are expected, x before y
+    directions : (n, 2) unit, square to the edge
+    reach_px : how far from there they are looked for, to both sides
+    noise : rms of a pixel [grey], at least that of rounding is taken
+    rising : (n,) 1 where it must get brighter along the ray, -1 darker, 0 either; None for either
+    """
+    count = len(origins_px)
+    if count == 0:
+        nothing = np.zeros(0)
+        return EdgeFits(nothing, nothing, nothing, nothing, nothing, nothing, nothing)
+    half = round(FIT_PX / STEP_PX)
+    steps = half + int(np.ceil(reach_px / STEP_PX))
+    offsets = STEP_PX * np.arange(-steps, steps + 1)
+    profiles, is_inside = sample_rays(picture, origins_px, directions, offsets)
+    start = _strongest(profiles, reach_px, rising)
+    # the fitted window is cut out about the start, so that all rays have equally many samples
+    columns = start[:, None] + np.arange(-half, half + 1)
+    values = np.take_along_axis(profiles, columns, axis=1)
+    fits = _fit(values, STEP_PX * np.arange(-half, half + 1), noise)
+    offset = offsets[start] + fits.offset_px
+    good = np.take_along_axis(is_inside, columns, axis=1).all(axis=1) & fits.is_found
+    good &= np.abs(offset) <= reach_px
+    if rising is not None:
+        good &= fits.contrast * rising >= 0
+    return replace(fits, offset_px=np.where(good, offset, np.nan))
+
+
+def sample_rays(
+    picture: Grey, origins_px: FloatArray, directions: FloatArray, offsets_px: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """Return a picture's levels (n, k) along rays, and which of the samples lie within it.
+
+    Parameters
+    ----------
+    picture : (height, width)
+    origins_px, directions : (n, 2) x before y
+    offsets_px : (k,) along each ray
+    """
+    at = origins_px[:, None, :] + offsets_px[None, :, None] * directions[:, None, :]
+    height, width = picture.shape
+    is_inside = ((at >= 0) & (at <= [width - 1, height - 1])).all(axis=2)
+    low = np.clip(np.floor(at.min(axis=(0, 1))).astype(np.intp) - MARGIN_PX, 0, [width, height])
+    high = np.clip(np.ceil(at.max(axis=(0, 1))).astype(np.intp) + MARGIN_PX, 0, [width, height])
+    region = picture[low[1] : high[1], low[0] : high[0]]
+    if min(region.shape) < 2:
+        return np.zeros(is_inside.shape), np.zeros_like(is_inside)
+    weights = spline_filter(region, order=3, output=np.float32, mode="mirror")
+    where = (at - low)[..., ::-1].reshape(-1, 2).T
+    values = map_coordinates(weights, where, order=3, prefilter=False, mode="mirror")
+    return values.reshape(is_inside.shape).astype(np.float64), is_inside
+
+
+def blur_shift_px(width_px: FloatArray | float, curvature: FloatArray | float) -> FloatArray:
+    """Return how far blur moves a curved edge towards its centre of curvature.
+
+    A blurred disc is smaller than the disc, a blurred hole than the hole (references.md L19).
+
+    Parameters
+    ----------
+    width_px : standard deviation of the blurred step
+    curvature : of the edge [1/px]
+    """
+    return np.asarray(0.5 * np.square(width_px) * curvature, dtype=np.float64)
+
+
+def _strongest(profiles: FloatArray, reach_px: float, rising: FloatArray | None) -> IndexArray:
+    """Return per ray the sample (n,) where it is steepest, near ones preferred."""
+    slope = profiles[:, 2 * SPAN :] - profiles[:, : -2 * SPAN]
+    steps = profiles.shape[1] // 2
+    place = STEP_PX * np.abs(np.arange(-steps + SPAN, steps - SPAN + 1))
+    worth = 1.0 - FAR * place / max(reach_px, 1.0)
+    # a step is looked for within the reach; what lies beyond is there to be fitted
+    worth = np.where(place <= reach_px, worth, 0.0)
+    size = np.abs(slope)
+    if rising is not None:
+        size = np.where(rising[:, None] * slope < 0, 0.0, size)
+    half = round(FIT_PX / STEP_PX)
+    best = np.argmax(size * worth, axis=1) + SPAN
+    return np.asarray(np.clip(best, half, profiles.shape[1] - 1 - half), dtype=np.intp)
+
+
+def _fit(values: FloatArray, at_px: FloatArray, noise: float) -> EdgeFits:
+    """Return steps fitted to profiles (n, k) at places (k,), by Levenberg and Marquardt."""
+    count = len(values)
+    ends = max(2, len(at_px) // 6)
+    before, after = values[:, :ends].mean(axis=1), values[:, -ends:].mean(axis=1)
+    p = np.column_stack(
+        [before, after - before, np.zeros(count), np.full(count, np.log(START_WIDTH_PX))]
+    )
+    damping = np.full(count, 1e-3)
+    open_ = np.arange(count)
+    cost = _cost(values, at_px, p)
+    identity = np.eye(4)
+    for _ in range(ROUNDS):
+        normal, gradient = _normal(values[open_], at_px, p[open_])
+        scale = np.einsum("nii->ni", normal)
+        damped = normal + (damping[open_, None] * scale + 1e-9)[:, :, None] * identity
+        step = np.linalg.solve(damped, gradient[..., None])[..., 0]
+        step[:, 2] = np.clip(step[:, 2], -1.0, 1.0)
+        step[:, 3] = np.clip(step[:, 3], -0.5, 0.5)
+        tried = p[open_] + step
+        tried[:, 3] = np.clip(tried[:, 3], np.log(0.5 * MIN_WIDTH_PX), np.log(2 * MAX_WIDTH_PX))
+        new = _cost(values[open_], at_px, tried)
+        is_better = new <= cost[open_]
+        taken = open_[is_better]
+        p[taken], cost[taken] = tried[is_better], new[is_better]
+        damping[open_] = np.clip(damping[open_] * np.where(is_better, 0.2, 8.0), 1e-7, 1e7)
+        moves = np.abs(step[:, 2]) + np.abs(step[:, 3])
+        open_ = open_[(moves > DONE_PX) | ~is_better]
+        if len(open_) == 0:
+            break
+    width = np.exp(p[:, 3])
+    residual = np.sqrt(cost / max(len(at_px) - 4, 1))
+    normal, _ = _normal(values, at_px, p)
+    # neighbouring samples share the noise of a pixel: of those within one, one counts
+    spread = _third_variance(normal) / STEP_PX
+    sigma = np.maximum(residual, max(noise, ROUNDING)) * np.sqrt(spread)
+    good = (np.abs(p[:, 2]) < at_px[-1] - 1.0) & (np.abs(p[:, 1]) > 3.0 * residual)
+    good &= (width > MIN_WIDTH_PX) & (width < MAX_WIDTH_PX) & np.isfinite(sigma)
+    return EdgeFits(
+        offset_px=np.where(good, p[:, 2], np.nan),
+        width_px=width,
+        level=p[:, 0],
+        contrast=p[:, 1],
+        residual=residual,
+        sigma_px=sigma,
+        burnt=(values > WHITE).mean(axis=1),
+    )
+
+
+def _cost(values: FloatArray, at_px: FloatArray, p: FloatArray) -> FloatArray:
+    z = (at_px - p[:, 2:3]) / np.exp(p[:, 3:4])
+    off = values - p[:, :1] - p[:, 1:2] * ndtr(z)
+    return np.einsum("nk,nk->n", off, off)
+
+
+def _normal(values: FloatArray, at_px: FloatArray, p: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the normal equations (n, 4, 4), (n, 4) of a, b, m and log s."""
+    width = np.exp(p[:, 3:4])
+    z = (at_px - p[:, 2:3]) / width
+    share = ndtr(z)
+    bell = -p[:, 1:2] / SQRT_2PI * np.exp(-0.5 * z * z)
+    design = np.stack([np.ones_like(z), share, bell / width, bell * z], axis=2)
+    off = values - p[:, :1] - p[:, 1:2] * share
+    turned = design.transpose(0, 2, 1)
+    return turned @ design, (turned @ off[..., None])[..., 0]
+
+
+def _third_variance(normal: FloatArray) -> FloatArray:
+    """Return the variance (n,) of the third unknown for unit noise, inf where it is not known."""
+    scale = np.sqrt(np.maximum(np.einsum("nii->ni", normal), 1e-12))
+    unit = normal / (scale[:, :, None] * scale[:, None, :]) + 1e-9 * np.eye(4)
+    return np.asarray(np.linalg.inv(unit)[:, 2, 2] / scale[:, 2] ** 2)
