@@ -87,13 +87,13 @@ def measure_edges(
         return EdgeFits(nothing, nothing, nothing, nothing, nothing, nothing, nothing)
     half = round(FIT_PX / STEP_PX)
     steps = half + int(np.ceil(reach_px / STEP_PX))
-    offsets = STEP_PX * np.arange(-steps, steps + 1)
+    offsets = np.arange(-steps, steps + 1, dtype=np.float64) * STEP_PX
     profiles, is_inside = sample_rays(picture, origins_px, directions, offsets)
     start = _strongest(profiles, reach_px, rising)
     # the fitted window is cut out about the start, so that all rays have equally many samples
     columns = start[:, None] + np.arange(-half, half + 1)
     values = np.take_along_axis(profiles, columns, axis=1)
-    fits = _fit(values, STEP_PX * np.arange(-half, half + 1), noise)
+    fits = _fit(values, offsets[steps - half : steps + half + 1], noise)
     offset = offsets[start] + fits.offset_px
     good = np.take_along_axis(is_inside, columns, axis=1).all(axis=1) & fits.is_found
     good &= np.abs(offset) <= reach_px
@@ -115,7 +115,8 @@ def sample_rays(
     """
     at = origins_px[:, None, :] + offsets_px[None, :, None] * directions[:, None, :]
     height, width = picture.shape
-    is_inside = ((at >= 0) & (at <= [width - 1, height - 1])).all(axis=2)
+    within = (at >= 0) & (at <= [width - 1, height - 1])
+    is_inside = within[..., 0] & within[..., 1]
     low = np.clip(np.floor(at.min(axis=(0, 1))).astype(np.intp) - MARGIN_PX, 0, [width, height])
     high = np.clip(np.ceil(at.max(axis=(0, 1))).astype(np.intp) + MARGIN_PX, 0, [width, height])
     region = picture[low[1] : high[1], low[0] : high[0]]
@@ -124,7 +125,7 @@ def sample_rays(
     weights = spline_filter(region, order=3, output=np.float32, mode="mirror")
     where = (at - low)[..., ::-1].reshape(-1, 2).T
     values = map_coordinates(weights, where, order=3, prefilter=False, mode="mirror")
-    return values.reshape(is_inside.shape).astype(np.float64), is_inside
+    return np.asarray(values, np.float64).reshape(is_inside.shape), is_inside
 
 
 def blur_shift_px(width_px: FloatArray | float, curvature: FloatArray | float) -> FloatArray:
@@ -208,7 +209,7 @@ def _fit(values: FloatArray, at_px: FloatArray, noise: float) -> EdgeFits:
 def _cost(values: FloatArray, at_px: FloatArray, p: FloatArray) -> FloatArray:
     z = (at_px - p[:, 2:3]) / np.exp(p[:, 3:4])
     off = values - p[:, :1] - p[:, 1:2] * ndtr(z)
-    return np.einsum("nk,nk->n", off, off)
+    return np.asarray(np.einsum("nk,nk->n", off, off), dtype=np.float64)
 
 
 def _normal(values: FloatArray, at_px: FloatArray, p: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -220,7 +221,7 @@ def _normal(values: FloatArray, at_px: FloatArray, p: FloatArray) -> tuple[Float
     design = np.stack([np.ones_like(z), share, bell / width, bell * z], axis=2)
     off = values - p[:, :1] - p[:, 1:2] * share
     turned = design.transpose(0, 2, 1)
-    return turned @ design, (turned @ off[..., None])[..., 0]
+    return np.asarray(turned @ design), np.asarray((turned @ off[..., None])[..., 0])
 
 
 def _third_variance(normal: FloatArray) -> FloatArray:
