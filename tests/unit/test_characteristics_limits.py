@@ -1,13 +1,19 @@
-"""General tolerances against cells of the standard's tables."""
+"""General tolerances against cells of the standard's tables; decisions at and about limits."""
 
 from __future__ import annotations
 
+import math
 from math import degrees
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from controller.inspection import Verdict
 from controller.inspection.characteristics.limits import (
     angle_tolerance_rad,
+    decide,
     linear_tolerance_mm,
     radius_tolerance_mm,
 )
@@ -50,3 +56,97 @@ def test_radii(radius_mm: float, m: float, v: float) -> None:
 def test_angles(side_mm: float, m_deg: float, c_deg: float) -> None:
     assert degrees(angle_tolerance_rad(side_mm, "m")) == pytest.approx(m_deg)
     assert degrees(angle_tolerance_rad(side_mm, "c")) == pytest.approx(c_deg)
+
+
+U_MM = 0.08  # of the examples: u = 0.04, a guard band of 1.645 u = 0.0658
+finite = st.floats(-100, 100)
+uncertain = st.floats(0, 50)
+
+
+@pytest.mark.parametrize(
+    ("value", "verdict"),
+    [
+        (10.0, Verdict.PASS),
+        (10.3 - 0.0659, Verdict.PASS),
+        (10.3 - 0.0657, Verdict.INDETERMINATE),
+        (10.3, Verdict.INDETERMINATE),
+        (10.3 + 0.0657, Verdict.INDETERMINATE),
+        (10.3 + 0.0659, Verdict.FAIL),
+        (9.7 + 0.0659, Verdict.PASS),
+        (9.7 - 0.0659, Verdict.FAIL),
+    ],
+)
+def test_guard_bands_of_a_wide_tolerance(value: float, verdict: Verdict) -> None:
+    assert decide(value, U_MM, 9.7, 10.3) == verdict
+
+
+@pytest.mark.parametrize("value", [9.7, 10.3])
+def test_a_value_on_its_limit_conforms_when_it_is_certain_and_is_open_otherwise(
+    value: float,
+) -> None:
+    assert decide(value, 0.0, 9.7, 10.3) == Verdict.PASS
+    assert decide(value, 1e-6, 9.7, 10.3) == Verdict.INDETERMINATE
+    assert decide(np.nextafter(value, value * 2 - 10), 0.0, 9.7, 10.3) == Verdict.FAIL
+
+
+def test_a_tolerance_that_the_uncertainty_swallows_proves_nothing_in_its_middle() -> None:
+    # +-1.645 u would leave a point in the middle; both tails together leave 90 %
+    assert decide(10.0, 2.0, 10 - 1.645, 10 + 1.645) == Verdict.INDETERMINATE
+    assert decide(10.0, 2.0, 10 - 1.97, 10 + 1.97) == Verdict.PASS  # 95 % lie within 1.96 u
+    assert decide(10.0, math.inf, 9, 11) == Verdict.INDETERMINATE
+    assert decide(10.0, 1.0, 9.99, 10.01) == Verdict.INDETERMINATE
+
+
+def test_one_limit_alone() -> None:
+    assert decide(0.0, U_MM, None, 0.2) == Verdict.PASS
+    assert decide(-5.0, U_MM, None, 0.2) == Verdict.PASS
+    assert decide(0.3, U_MM, None, 0.2) == Verdict.FAIL
+    assert decide(0.3, U_MM, 0.2, None) == Verdict.PASS
+
+
+def test_more_certainty_widens_the_guard_band_to_u() -> None:
+    assert decide(10.3 - 0.079, U_MM, 9.7, 10.3, probability=0.9772) == Verdict.INDETERMINATE
+    assert decide(10.3 - 0.081, U_MM, 9.7, 10.3, probability=0.9772) == Verdict.PASS
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"value": math.nan, "U": 0.1, "lower": 0, "upper": 1},
+        {"value": 0.5, "U": -0.1, "lower": 0, "upper": 1},
+        {"value": 0.5, "U": 0.1, "lower": 1, "upper": 0},
+        {"value": 0.5, "U": 0.1, "lower": 0, "upper": 1, "probability": 0.5},
+    ],
+)
+def test_nonsense_is_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=r"cannot be decided|above the upper|no probability"):
+        decide(**wrong)
+
+
+RANK = {Verdict.PASS: 0, Verdict.INDETERMINATE: 1, Verdict.FAIL: 2}
+
+
+@given(value=finite, further=st.floats(0, 100), U=uncertain, half=st.floats(0, 50))
+def test_further_from_the_middle_is_never_better(
+    value: float, further: float, U: float, half: float
+) -> None:
+    near, far = abs(value), abs(value) + further
+    for sign in (1, -1):
+        assert RANK[decide(sign * near, U, -half, half)] <= RANK[decide(sign * far, U, -half, half)]
+
+
+@given(value=finite, less=uncertain, more=st.floats(0, 50), half=st.floats(0, 50))
+def test_more_uncertainty_never_proves_more(
+    value: float, less: float, more: float, half: float
+) -> None:
+    sharp, blunt = decide(value, less, -half, half), decide(value, less + more, -half, half)
+    assert blunt in (sharp, Verdict.INDETERMINATE)
+
+
+@given(value=finite, U=uncertain, shift=st.floats(-50, 50), half=st.floats(0.01, 50))
+def test_a_verdict_is_the_mirror_image_of_its_mirror_image(
+    value: float, U: float, shift: float, half: float
+) -> None:
+    assert decide(value, U, -half, half + shift if shift > 0 else half) == decide(
+        -value, U, -half - max(shift, 0.0), half
+    )

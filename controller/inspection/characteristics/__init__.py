@@ -13,9 +13,11 @@ from ._types import (
     RimGeometry,
 )
 from .derive import derive
-from .limits import TOLERANCE_CLASSES, ToleranceClass
+from .limits import CONFORMANCE_PROBABILITY, TOLERANCE_CLASSES, ToleranceClass, decide
+from .verdicts import verdict_of
 
 __all__ = [
+    "CONFORMANCE_PROBABILITY",
     "NO_BUDGET",
     "TOLERANCE_CLASSES",
     "Characteristic",
@@ -28,5 +30,7 @@ __all__ = [
     "Rim",
     "RimGeometry",
     "ToleranceClass",
+    "decide",
     "derive",
+    "verdict_of",
 ]

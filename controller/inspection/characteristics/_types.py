@@ -31,6 +31,11 @@ class CharacteristicKind(StrEnum):
     ROUNDNESS = "roundness"
 
 
+ONE_SIDED: Final = frozenset(
+    {CharacteristicKind.POSITION, CharacteristicKind.STRAIGHTNESS, CharacteristicKind.ROUNDNESS}
+)
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Rim:
     """A circular edge: where a round wall meets what is beyond it.
@@ -126,6 +131,8 @@ class Characteristic:
     geometry : the edges that show it
     faces : ids of the faces it is of
     is_critical : two independent looks must agree
+    exempt : why a PASS of the part does not need it; empty where it does
+    is_measured : False where the recipe leaves it out
     """
 
     id: str
@@ -139,11 +146,18 @@ class Characteristic:
     geometry: Geometry
     faces: tuple[int, ...]
     is_critical: bool = False
+    exempt: str = ""
+    is_measured: bool = True
 
     @property
     def tolerance_mm(self) -> float:
-        """Width of the tolerance."""
+        """Width of the tolerance; of a one-sided one, from 0 to its limit."""
         return self.upper_mm - self.lower_mm
+
+    @property
+    def is_one_sided(self) -> bool:
+        """Whether it is a departure from what is ideal, which cannot be below 0."""
+        return self.kind in ONE_SIDED
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -1,0 +1,62 @@
+"""From a measured value and its uncertainty to a verdict (references.md S8, S16).
+
+Conformity has to be proven, and so has non-conformity; what is neither is open. So parts near a
+limit are neither accepted nor rejected on the strength of noise.
+"""
+
+from math import erf, inf, isnan, sqrt
+from typing import Final
+
+from ..._types import Verdict
+
+CONFORMANCE_PROBABILITY: Final = 0.95  # S8: the default where nothing else was agreed
+COVERAGE_FACTOR: Final = 2.0  # of the expanded uncertainty U
+
+
+def decide(
+    value: float,
+    U: float,
+    lower: float | None,
+    upper: float | None,
+    probability: float = CONFORMANCE_PROBABILITY,
+) -> Verdict:
+    """Return PASS or FAIL where one of them is proven, else INDETERMINATE.
+
+    PASS: the true value lies within the limits with the probability required, both limits taken
+    together. FAIL: it lies beyond one of them with that probability. Where the tolerance is wide
+    against U, that is a guard band of 1.645 u = 0.82 U on either side of each limit; 97.7 % makes
+    it U. A value on its limit with no uncertainty conforms.
+
+    Parameters
+    ----------
+    value, U : measured value and its expanded uncertainty (k = 2), in one unit
+    lower, upper : limits, None where there is none; they belong to the tolerance
+    probability : how certain PASS and FAIL must be, above 0.5 and below 1
+
+    Raises
+    ------
+    ValueError : U is negative, a number is none, the limits are the wrong way round, or the
+        probability is not one that proves anything
+    """
+    low = -inf if lower is None else lower
+    high = inf if upper is None else upper
+    if any(map(isnan, (value, U, low, high))) or U < 0:
+        raise ValueError(f"{value} with U = {U} between {lower} and {upper} cannot be decided upon")
+    if low > high:
+        raise ValueError(f"the lower limit {lower} is above the upper one {upper}")
+    if not 0.5 < probability < 1:
+        raise ValueError(f"{probability} is no probability that proves anything")
+    below = _probability_below(low, value, U)
+    above = 1.0 - _probability_below(high, value, U) if U > 0 else float(value > high)
+    if max(below, above) >= probability:
+        return Verdict.FAIL
+    if 1.0 - below - above >= probability:
+        return Verdict.PASS
+    return Verdict.INDETERMINATE
+
+
+def _probability_below(limit: float, value: float, U: float) -> float:
+    """Return how probable it is that the true value is below a limit."""
+    if U == 0 or limit in (-inf, inf):
+        return float(value < limit)
+    return 0.5 * (1.0 + erf((limit - value) / (U / COVERAGE_FACTOR) / sqrt(2.0)))
